@@ -1,0 +1,4 @@
+//! Blind reflectometry: the BRDF of an object of known shape from one photograph under light that nobody measured.
+
+pub mod picture;
+pub mod reflectance;

@@ -1,0 +1,276 @@
+//! BRDF tables in the half/difference parametrisation of the MERL database.
+//!
+//! Axes (Rusinkiewicz 1998, sampled as MERL does): `theta_h = (i/90)^2 * 90` degrees, `theta_d = j` degrees,
+//! `phi_d = k` degrees with `i, j` in 0..90 and `k` in 0..180; reciprocity gives `phi_d + 180`. Values are in 1/sr.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Number of samples in `theta_h`.
+pub const THETA_H: usize = 90;
+/// Number of samples in `theta_d`.
+pub const THETA_D: usize = 90;
+/// Number of samples in `phi_d`.
+pub const PHI_D: usize = 180;
+/// Cells of a bivariate table.
+pub const CELLS: usize = THETA_H * THETA_D;
+/// Angle (radians) in `theta_h` and `theta_d` beyond which the measured tables are extrapolation.
+pub const TRUSTED: f64 = 80.0 / 180.0 * PI;
+
+/// Angle of sample `i` of the `theta_h` axis, radians: the axis is denser towards the specular peak.
+pub fn theta_h_of(i: usize) -> f64 {
+    (i as f64 / THETA_H as f64).powi(2) * FRAC_PI_2
+}
+
+/// Angle of sample `j` of the `theta_d` axis, radians.
+pub fn theta_d_of(j: usize) -> f64 {
+    (j as f64).to_radians()
+}
+
+/// Whether cell `(i, j)` lies in the measured part of the domain, both angles below [`TRUSTED`].
+pub fn is_trusted(i: usize, j: usize) -> bool {
+    theta_h_of(i) < TRUSTED && theta_d_of(j) < TRUSTED
+}
+
+/// Whether light and view are both above the surface at this half/difference direction.
+pub fn above_horizon(theta_h: f64, theta_d: f64, phi_d: f64) -> bool {
+    let vertical = theta_h.cos() * theta_d.cos();
+    let lateral = theta_h.sin() * theta_d.sin() * phi_d.cos();
+    vertical - lateral > 0.0 && vertical + lateral > 0.0
+}
+
+/// Position on an axis of `n` samples for linear interpolation: lower index and weight of the upper one.
+/// Beyond the last sample the last value is held.
+fn bracket(x: f64, n: usize) -> (usize, f64) {
+    let x = x.clamp(0.0, (n - 1) as f64);
+    let i = (x as usize).min(n - 2);
+    (i, x - i as f64)
+}
+
+fn axis_h(theta_h: f64) -> (usize, f64) {
+    bracket((theta_h.max(0.0) / FRAC_PI_2).sqrt() * THETA_H as f64, THETA_H)
+}
+
+fn axis_d(theta_d: f64) -> (usize, f64) {
+    bracket(theta_d.to_degrees(), THETA_D)
+}
+
+/// An isotropic BRDF that does not depend on `phi_d` (Romeiro et al. 2008): 90 x 90 samples over
+/// `(theta_h, theta_d)`, `theta_d` fastest, in 1/sr or relative units.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BivariateTable {
+    values: Vec<f32>,
+}
+
+impl BivariateTable {
+    /// Wraps [`CELLS`] values, row `i` holding all `theta_d` of `theta_h` sample `i`.
+    ///
+    /// # Panics
+    /// If there are not [`CELLS`] values.
+    pub fn from_vec(values: Vec<f32>) -> Self {
+        assert_eq!(values.len(), CELLS, "a bivariate table has {CELLS} cells");
+        Self { values }
+    }
+
+    /// Samples `f(theta_h, theta_d)` (radians) at the cells.
+    pub fn from_fn(mut f: impl FnMut(f64, f64) -> f64) -> Self {
+        Self::from_vec((0..CELLS).map(|c| f(theta_h_of(c / THETA_D), theta_d_of(c % THETA_D)) as f32).collect())
+    }
+
+    /// All cells, `theta_d` fastest.
+    pub fn as_slice(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// All cells, `theta_d` fastest.
+    pub fn as_mut_slice(&mut self) -> &mut [f32] {
+        &mut self.values
+    }
+
+    /// The cell of `theta_h` sample `i` and `theta_d` sample `j`.
+    pub fn cell(&self, i: usize, j: usize) -> f32 {
+        self.values[i * THETA_D + j]
+    }
+
+    /// Value at `(theta_h, theta_d)` in radians: bilinear in the sample indices, the last sample held up to 90 degrees.
+    pub fn eval(&self, theta_h: f64, theta_d: f64) -> f64 {
+        let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
+        let row = |i: usize| {
+            let v = &self.values[i * THETA_D + j..][..2];
+            f64::from(v[0]) * (1.0 - t) + f64::from(v[1]) * t
+        };
+        row(i) * (1.0 - s) + row(i + 1) * s
+    }
+
+    /// Replaces every cell beyond [`TRUSTED`] by the nearest trusted one along its axis (corner cells by the corner).
+    /// The largest values of many measured tables lie there and are extrapolation, not measurement.
+    pub fn extend_from_trusted(&mut self) {
+        let last_h = (0..THETA_H).rfind(|&i| is_trusted(i, 0)).expect("some rows are trusted");
+        let last_d = (0..THETA_D).rfind(|&j| is_trusted(0, j)).expect("some columns are trusted");
+        for i in 0..THETA_H {
+            for j in 0..THETA_D {
+                self.values[i * THETA_D + j] = self.cell(i.min(last_h), j.min(last_d));
+            }
+        }
+    }
+
+    /// Largest value over the trusted cells.
+    pub fn trusted_max(&self) -> f32 {
+        (0..CELLS)
+            .filter(|&c| is_trusted(c / THETA_D, c % THETA_D))
+            .map(|c| self.values[c])
+            .fold(f32::NEG_INFINITY, f32::max)
+    }
+}
+
+/// A measured isotropic BRDF: 90 x 90 x 180 samples of RGB reflectance in 1/sr, cells below the horizon absent.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MerlTable {
+    /// Three channels, each `THETA_H * THETA_D * PHI_D` values with `phi_d` fastest; negative where the cell lies
+    /// below the horizon.
+    channels: [Vec<f32>; 3],
+}
+
+impl MerlTable {
+    /// Samples in one channel.
+    pub const CHANNEL: usize = THETA_H * THETA_D * PHI_D;
+
+    /// Wraps three channels of [`Self::CHANNEL`] values in 1/sr, `phi_d` fastest, negative where there is no value.
+    ///
+    /// # Panics
+    /// If a channel has another length.
+    pub fn from_channels(channels: [Vec<f32>; 3]) -> Self {
+        assert!(channels.iter().all(|c| c.len() == Self::CHANNEL), "a MERL channel has {} samples", Self::CHANNEL);
+        Self { channels }
+    }
+
+    /// Spreads one bivariate table per channel over `phi_d`; cells below the horizon become -1.
+    pub fn from_bivariate(rgb: [&BivariateTable; 3]) -> Self {
+        Self::from_channels(rgb.map(|table| {
+            let mut out = Vec::with_capacity(Self::CHANNEL);
+            for c in 0..CELLS {
+                let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+                out.extend((0..PHI_D).map(|k| {
+                    let valid = above_horizon(h, d, (k as f64).to_radians());
+                    if valid { table.values[c] } else { -1.0 }
+                }));
+            }
+            out
+        }))
+    }
+
+    /// The samples of one channel (0 red, 1 green, 2 blue), `phi_d` fastest.
+    pub fn channel(&self, channel: usize) -> &[f32] {
+        &self.channels[channel]
+    }
+
+    /// Mean over the `phi_d` at which light and view are above the surface (Romeiro et al. 2008). Missing values
+    /// (negative) are skipped; a cell without any takes its neighbour's of the next smaller `theta_d`.
+    pub fn bivariate(&self, channel: usize) -> BivariateTable {
+        let samples = &self.channels[channel];
+        let mut values = vec![0.0_f32; CELLS];
+        for c in 0..CELLS {
+            let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+            let (mut sum, mut count) = (0.0_f64, 0_u32);
+            for (k, &v) in samples[c * PHI_D..][..PHI_D].iter().enumerate() {
+                if v >= 0.0 && above_horizon(h, d, (k as f64).to_radians()) {
+                    sum += f64::from(v);
+                    count += 1;
+                }
+            }
+            values[c] = match count {
+                0 if c % THETA_D > 0 => values[c - 1],
+                0 => 0.0,
+                n => (sum / f64::from(n)) as f32,
+            };
+        }
+        BivariateTable::from_vec(values)
+    }
+
+    /// RGB reflectance at a half/difference direction in radians: linear between the samples of all three axes,
+    /// `phi_d` periodic in 180 degrees; samples without a value are left out of the interpolation.
+    pub fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> [f64; 3] {
+        let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
+        let turn = phi_d.to_degrees().rem_euclid(PHI_D as f64);
+        let k = (turn as usize).min(PHI_D - 1);
+        let u = turn - k as f64;
+        let mut sum = [0.0; 3];
+        let mut total = 0.0;
+        for (di, wi) in [(0, 1.0 - s), (1, s)] {
+            for (dj, wj) in [(0, 1.0 - t), (1, t)] {
+                for (dk, wk) in [(0, 1.0 - u), (1, u)] {
+                    let at = ((i + di) * THETA_D + j + dj) * PHI_D + (k + dk) % PHI_D;
+                    let w = wi * wj * wk;
+                    if w > 0.0 && self.channels[1][at] >= 0.0 {
+                        total += w;
+                        for (sum, channel) in sum.iter_mut().zip(&self.channels) {
+                            *sum += w * f64::from(channel[at].max(0.0));
+                        }
+                    }
+                }
+            }
+        }
+        if total > 0.0 { sum.map(|x| x / total) } else { [0.0; 3] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wavy() -> BivariateTable {
+        BivariateTable::from_fn(|h, d| 1.0 + h.sin() * (3.0 * d).cos())
+    }
+
+    #[test]
+    fn samples_are_reproduced_exactly() {
+        let t = wavy();
+        for (i, j) in [(0, 0), (1, 3), (44, 60), (88, 88), (89, 89)] {
+            let got = t.eval(theta_h_of(i), theta_d_of(j));
+            assert!((got - f64::from(t.cell(i, j))).abs() < 1e-6, "{i} {j}");
+        }
+    }
+
+    #[test]
+    fn beyond_the_last_sample_the_value_is_held() {
+        let t = wavy();
+        assert_eq!(t.eval(FRAC_PI_2, FRAC_PI_2) as f32, t.cell(89, 89));
+    }
+
+    #[test]
+    fn spreading_and_reducing_is_the_identity() {
+        let t = wavy();
+        let full = MerlTable::from_bivariate([&t, &t, &t]);
+        let back = full.bivariate(1);
+        for (a, b) in t.as_slice().iter().zip(back.as_slice()) {
+            assert!((a - b).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn full_tables_interpolate_across_the_seam_of_phi() {
+        let t = wavy();
+        let full = MerlTable::from_bivariate([&t, &t, &t]);
+        let (h, d) = (0.3, 0.4);
+        for phi in [0.0, 3.12, 3.141, -0.005, 4.0] {
+            assert!((full.eval(h, d, phi)[2] - t.eval(h, d)).abs() < 1e-6, "{phi}");
+        }
+    }
+
+    #[test]
+    fn extension_holds_the_last_trusted_value() {
+        let mut t = wavy();
+        t.extend_from_trusted();
+        assert_eq!(t.cell(20, 89), t.cell(20, 79));
+        assert_eq!(t.cell(89, 20), t.cell(84, 20));
+        assert_eq!(t.cell(89, 89), t.cell(84, 79));
+        assert_eq!(t.cell(10, 10), wavy().cell(10, 10));
+    }
+
+    #[test]
+    fn every_cell_has_some_valid_phi() {
+        for c in 0..CELLS {
+            let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+            assert!(above_horizon(h, d, FRAC_PI_2), "cell {c}");
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Light on an octahedral grid: the piecewise constant function that the Haar basis spans.
+
+use glam::{DVec3, Vec3};
+
+use crate::picture::{Plane, luminance};
+use crate::sphere::{Haar, OctahedralMap, direction_of_lat_long};
+
+/// Radiance on the `side * side` texels of an octahedral map, row-major, row 0 at the top (`v` near 1, the sky).
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightGrid {
+    map: OctahedralMap,
+    side: usize,
+    texels: Vec<Vec3>,
+}
+
+impl LightGrid {
+    /// Wraps `side * side` texels.
+    ///
+    /// # Panics
+    /// If their number is another or `side` is not a power of two, at least 2.
+    pub fn from_texels(map: OctahedralMap, side: usize, texels: Vec<Vec3>) -> Self {
+        assert!(Haar::new(side).is_some(), "the side of a light grid is a power of two, not {side}");
+        assert_eq!(texels.len(), side * side);
+        Self { map, side, texels }
+    }
+
+    /// The grey light of wavelet coefficients `l` (see [`Self::coefficients`]).
+    ///
+    /// # Panics
+    /// If the number of coefficients is not the square of a power of two.
+    pub fn from_coefficients(map: OctahedralMap, coefficients: &[f64]) -> Self {
+        let side = coefficients.len().isqrt();
+        let haar = Haar::new(side).expect("the number of coefficients is the square of a power of two");
+        let scale = 1.0 / Self::texel_measure(side).sqrt();
+        let mut values: Vec<f32> = coefficients.iter().map(|&l| (l * scale) as f32).collect();
+        haar.inverse(&mut values, &mut Vec::new());
+        Self::from_texels(map, side, values.into_iter().map(Vec3::splat).collect())
+    }
+
+    /// How the sphere is laid out.
+    pub fn map(&self) -> OctahedralMap {
+        self.map
+    }
+
+    /// Texels along a side.
+    pub fn side(&self) -> usize {
+        self.side
+    }
+
+    /// All texels, row-major from the top.
+    pub fn texels(&self) -> &[Vec3] {
+        &self.texels
+    }
+
+    /// Measure of one texel, such that the square has 4 pi: its solid angle on the equal-area map.
+    pub fn texel_measure(side: usize) -> f64 {
+        4.0 * std::f64::consts::PI / (side * side) as f64
+    }
+
+    /// Centre `(u, v)` of a texel on the square -1..1.
+    pub fn centre_of(side: usize, texel: usize) -> (f64, f64) {
+        let at = |i: usize| (2 * i + 1) as f64 / side as f64 - 1.0;
+        (at(texel % side), -at(texel / side))
+    }
+
+    /// The texel on which a unit direction falls.
+    pub fn texel_of(map: OctahedralMap, side: usize, direction: DVec3) -> usize {
+        let (u, v) = map.square(direction);
+        let cell = |x: f64| ((0.5 * (x + 1.0) * side as f64) as usize).min(side - 1);
+        cell(-v) * side + cell(u)
+    }
+
+    /// Radiance of the texel on which a unit direction falls.
+    pub fn at(&self, direction: DVec3) -> Vec3 {
+        self.texels[Self::texel_of(self.map, self.side, direction)]
+    }
+
+    /// Integral over the square in the measure of [`Self::texel_measure`]: over the sphere on the equal-area map.
+    pub fn integral(&self) -> DVec3 {
+        self.texels.iter().map(|t| t.as_dvec3()).sum::<DVec3>() * Self::texel_measure(self.side)
+    }
+
+    /// Coefficients of the luminance in the Haar basis that is orthonormal in the measure of [`Self::texel_measure`]:
+    /// `l_m = sum_t L_t h_m(t) sqrt(measure)`, `h` the orthonormal wavelets of the grid. Coarse coefficients do not
+    /// depend on the side of the grid.
+    pub fn coefficients(&self) -> Vec<f64> {
+        let mut values: Vec<f32> = self.texels.iter().map(|&t| luminance(t)).collect();
+        Haar::new(self.side).expect("checked at construction").forward(&mut values, &mut Vec::new());
+        let scale = Self::texel_measure(self.side).sqrt();
+        values.into_iter().map(|x| f64::from(x) * scale).collect()
+    }
+
+    /// The DC coefficient of every light whose integral is one: `1 / sqrt(4 pi)`.
+    pub fn normalised_dc() -> f64 {
+        (4.0 * std::f64::consts::PI).sqrt().recip()
+    }
+
+    /// Coefficients of the luminance scaled so that it integrates to one: `l[0]` is [`Self::normalised_dc`].
+    /// `None` when the light is black.
+    pub fn normalised_coefficients(&self) -> Option<Vec<f64>> {
+        let mut l = self.coefficients();
+        let scale = Self::normalised_dc() / l[0];
+        if !(scale.is_finite() && scale > 0.0) {
+            return None;
+        }
+        l.iter_mut().for_each(|x| *x *= scale);
+        l[0] = Self::normalised_dc();
+        Some(l)
+    }
+
+    /// The light as a lat-long picture of `2 height` by `height`.
+    pub fn to_lat_long(&self, height: usize) -> Plane<Vec3> {
+        Plane::from_fn(2 * height, height, |x, y| {
+            let (u, v) = ((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64);
+            self.at(direction_of_lat_long(u, v))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp(side: usize) -> LightGrid {
+        let texels = (0..side * side).map(|t| Vec3::splat(1.0 + (t * 7 % 13) as f32)).collect();
+        LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
+    }
+
+    #[test]
+    fn coefficients_and_back() {
+        let light = ramp(32);
+        let back = LightGrid::from_coefficients(light.map(), &light.coefficients());
+        for (a, b) in light.texels().iter().zip(back.texels()) {
+            assert!((*a - *b).abs().max_element() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn dc_of_a_normalised_light_is_a_constant() {
+        let l = ramp(16).normalised_coefficients().unwrap();
+        assert_eq!(l[0], (4.0 * std::f64::consts::PI).sqrt().recip());
+        let light = LightGrid::from_coefficients(OctahedralMap::PraunHoppe, &l);
+        assert!((light.integral().x - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn texels_are_where_their_centres_are() {
+        for map in [OctahedralMap::EqualArea, OctahedralMap::PraunHoppe] {
+            for texel in 0..256 {
+                let (u, v) = LightGrid::centre_of(16, texel);
+                assert_eq!(LightGrid::texel_of(map, 16, map.direction(u, v)), texel);
+            }
+        }
+        let (_, v) = LightGrid::centre_of(16, 3);
+        assert!(v > 0.9, "row 0 is the top");
+    }
+}

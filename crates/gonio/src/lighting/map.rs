@@ -1,0 +1,189 @@
+//! Environment maps as people have them: lat-long pictures of radiance.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use thiserror::Error;
+
+use super::LightGrid;
+use crate::picture::Plane;
+use crate::sphere::{OctahedralMap, direction_of_lat_long, lat_long_of_direction};
+
+/// Why a picture is not an environment map.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum MapError {
+    /// A lat-long map is twice as wide as it is high.
+    #[error("a lat-long map is twice as wide as high, this picture is {0}x{1}")]
+    Shape(usize, usize),
+    /// Radiance is finite and not negative.
+    #[error("{count} pixels are negative, NaN or infinite, the first at column {column}, row {row}")]
+    BadPixels {
+        /// How many pixels.
+        count: usize,
+        /// Column of the first.
+        column: usize,
+        /// Row of the first.
+        row: usize,
+    },
+    /// The map is black.
+    #[error("the map is black everywhere")]
+    Black,
+}
+
+/// Radiance from all directions as a lat-long map: row 0 is +y, the centre looks along -z, the right half is +x
+/// (see [`direction_of_lat_long`]); constant within each pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EnvironmentMap {
+    radiance: Plane<Vec3>,
+}
+
+impl EnvironmentMap {
+    /// Takes a lat-long picture of linear radiance.
+    ///
+    /// # Errors
+    /// When it is not twice as wide as high, has negative or non-finite pixels, or is black.
+    pub fn new(radiance: Plane<Vec3>) -> Result<Self, MapError> {
+        let (width, height) = radiance.size();
+        if width != 2 * height || height == 0 {
+            return Err(MapError::Shape(width, height));
+        }
+        let is_bad = |p: &&Vec3| !(p.is_finite() && p.min_element() >= 0.0);
+        let count = radiance.as_slice().iter().filter(is_bad).count();
+        if let Some(first) = radiance.as_slice().iter().position(|p| is_bad(&p)) {
+            return Err(MapError::BadPixels { count, column: first % width, row: first / width });
+        }
+        if radiance.as_slice().iter().all(|p| *p == Vec3::ZERO) {
+            return Err(MapError::Black);
+        }
+        Ok(Self { radiance })
+    }
+
+    /// The picture, `2 h` by `h`.
+    pub fn radiance(&self) -> &Plane<Vec3> {
+        &self.radiance
+    }
+
+    /// Radiance of the pixel a direction falls on.
+    pub fn at(&self, direction: DVec3) -> Vec3 {
+        let (width, height) = self.radiance.size();
+        let (u, v) = lat_long_of_direction(direction);
+        self.radiance[(((u * width as f64) as usize).min(width - 1), ((v * height as f64) as usize).min(height - 1))]
+    }
+
+    /// The map turned about the vertical axis by whole pixels: what was at column `x` goes to column `x + columns`.
+    pub fn turned(&self, columns: usize) -> Self {
+        let (width, height) = self.radiance.size();
+        let columns = columns % width;
+        Self { radiance: Plane::from_fn(width, height, |x, y| self.radiance[((x + width - columns) % width, y)]) }
+    }
+
+    /// Mean radiance over each texel of an octahedral grid of `side` by `side`.
+    ///
+    /// Every pixel is split into sub-pixels small against a texel, each of which gives its radiance, weighted by its solid
+    /// angle, to the texel it falls into: small lamps keep their flux whatever the grid.
+    pub fn to_grid(&self, map: OctahedralMap, side: usize) -> LightGrid {
+        let (width, height) = self.radiance.size();
+        // At least 16 sub-pixels across a texel, and never fewer than 3 to a pixel, where a lamp of one pixel is split.
+        let split = (32 * side).div_ceil(height).clamp(3, 64);
+        let (fine_width, fine_height) = (width * split, height * split);
+        // Fixed bands, summed in order: the result does not depend on the number of threads.
+        const BANDS: usize = 16;
+        let partial: Vec<Vec<(DVec3, f64)>> = (0..BANDS)
+            .into_par_iter()
+            .map(|band| {
+                let mut texels = vec![(DVec3::ZERO, 0.0); side * side];
+                for fine_row in band * fine_height / BANDS..(band + 1) * fine_height / BANDS {
+                    let v = (fine_row as f64 + 0.5) / fine_height as f64;
+                    let weight = (std::f64::consts::PI * v).sin();
+                    for column in 0..width {
+                        let radiance = self.radiance[(column, fine_row / split)].as_dvec3();
+                        for fine in 0..split {
+                            let u = (column * split + fine) as f64 + 0.5;
+                            let d = direction_of_lat_long(u / fine_width as f64, v);
+                            let texel = &mut texels[LightGrid::texel_of(map, side, d)];
+                            texel.0 += weight * radiance;
+                            texel.1 += weight;
+                        }
+                    }
+                }
+                texels
+            })
+            .collect();
+        let mut texels = vec![(DVec3::ZERO, 0.0); side * side];
+        for band in partial {
+            for (sum, part) in texels.iter_mut().zip(band) {
+                sum.0 += part.0;
+                sum.1 += part.1;
+            }
+        }
+        let values = texels.into_iter().map(|(sum, weight)| (sum / weight.max(f64::MIN_POSITIVE)).as_vec3()).collect();
+        LightGrid::from_texels(map, side, values)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    fn sky() -> EnvironmentMap {
+        EnvironmentMap::new(Plane::from_fn(128, 64, |x, y| {
+            let lamp = if (x, y) == (40, 20) { 1e4 } else { 0.0 };
+            Vec3::new(lamp + (y < 32) as u8 as f32, 0.3 + 0.2 * (x as f32 / 20.0).sin(), 0.5)
+        }))
+        .unwrap()
+    }
+
+    /// Integral over the sphere.
+    fn flux(map: &EnvironmentMap) -> DVec3 {
+        let (w, h) = map.radiance().size();
+        (0..w * h)
+            .map(|i| {
+                let (top, bottom) = (PI * (i / w) as f64 / h as f64, PI * (i / w + 1) as f64 / h as f64);
+                map.radiance().as_slice()[i].as_dvec3() * (top.cos() - bottom.cos()) * 2.0 * PI / w as f64
+            })
+            .sum()
+    }
+
+    #[test]
+    fn grids_keep_the_flux_of_the_map() {
+        let sky = sky();
+        for map in [OctahedralMap::EqualArea, OctahedralMap::PraunHoppe] {
+            for side in [16, 32, 64, 128] {
+                let grid = sky.to_grid(map, side);
+                let got: DVec3 = (0..side * side)
+                    .map(|t| {
+                        let (u, v) = LightGrid::centre_of(side, t);
+                        grid.texels()[t].as_dvec3() * map.density(u, v) * 4.0 / (side * side) as f64
+                    })
+                    .sum();
+                let error = ((got - flux(&sky)) / flux(&sky)).abs().max_element();
+                assert!(error < 0.02, "{map:?} {side} {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_constant_map_stays_constant() {
+        let white = EnvironmentMap::new(Plane::from_fn(64, 32, |_, _| Vec3::ONE)).unwrap();
+        for texel in white.to_grid(OctahedralMap::EqualArea, 64).texels() {
+            assert!((*texel - Vec3::ONE).abs().max_element() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn turning_moves_columns_to_the_right() {
+        let turned = sky().turned(5);
+        assert_eq!(turned.radiance()[(45, 20)].x, 1e4 + 1.0);
+        assert_eq!(turned.turned(123), sky());
+    }
+
+    #[test]
+    fn what_is_not_a_map_is_refused() {
+        let plane = |w, h, p| Plane::from_fn(w, h, |_, _| p);
+        assert_eq!(EnvironmentMap::new(plane(10, 10, Vec3::ONE)), Err(MapError::Shape(10, 10)));
+        assert_eq!(EnvironmentMap::new(plane(4, 2, Vec3::ZERO)), Err(MapError::Black));
+        let bad = EnvironmentMap::new(plane(4, 2, Vec3::new(f32::NAN, 0.0, 0.0)));
+        assert!(matches!(bad, Err(MapError::BadPixels { count: 8, column: 0, row: 0 })));
+    }
+}

@@ -1,0 +1,15 @@
+//! Light from far away: environment maps, their octahedral grids and wavelet statistics (paper 3.1).
+
+mod grid;
+mod map;
+mod mixture;
+mod prior;
+mod rectified;
+mod studio;
+
+pub use grid::LightGrid;
+pub use map::{EnvironmentMap, MapError};
+pub use mixture::{MixtureSettings, ScaleMixture};
+pub use prior::{CoefficientPrior, LightPrior, PriorError, PriorGroup, PriorSettings};
+pub use rectified::{Moments, RectifiedGaussian};
+pub use studio::studio_light;

@@ -1,0 +1,46 @@
+//! A light of our own making, to show a recovered material in: no captured map may travel with the program.
+
+use glam::{DVec3, Vec3};
+
+use super::EnvironmentMap;
+use crate::picture::Plane;
+use crate::sphere::direction_of_lat_long;
+
+/// A photographer's studio, `2 height` by `height`: a large soft box above left of the camera, a strip light at the right, a
+/// small hot lamp behind the left shoulder, a window low at the back, over a graded room. Radiance in relative units,
+/// mean about one.
+pub fn studio_light(height: usize) -> EnvironmentMap {
+    let unit = |x: f64, y: f64, z: f64| DVec3::new(x, y, z).normalize();
+    // Centre, half width and height (radians-like, in the tangent plane), colour, softness of the edge.
+    let panels = [
+        (unit(-0.75, 0.75, 0.7), 0.42, 0.30, Vec3::new(9.0, 8.6, 8.0), 0.05),
+        (unit(1.0, 0.15, 0.35), 0.09, 0.75, Vec3::new(6.0, 6.6, 7.6), 0.02),
+        (unit(0.25, 0.35, -1.0), 0.35, 0.25, Vec3::new(5.0, 5.4, 6.2), 0.03),
+        (unit(-0.15, -0.55, 0.9), 0.5, 0.12, Vec3::new(0.9, 0.7, 0.5), 0.1),
+    ];
+    let lamp = unit(-0.55, 0.25, 0.95);
+    let radiance = Plane::from_fn(2 * height, height, |x, y| {
+        let d = direction_of_lat_long((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64);
+        let up = 0.5 * (d.y as f32 + 1.0);
+        let mut sum = Vec3::new(0.20, 0.17, 0.15).lerp(Vec3::new(0.50, 0.55, 0.62), up * up);
+        for (centre, half_width, half_height, colour, soft) in panels {
+            let right = DVec3::Y.cross(centre).normalize();
+            let top = centre.cross(right);
+            let depth = d.dot(centre);
+            if depth > 0.0 {
+                let (a, b) = (d.dot(right) / depth, d.dot(top) / depth);
+                let edge = |x: f64, half: f64| smooth((half - x.abs()) / soft);
+                sum += colour * (edge(a, half_width) * edge(b, half_height)) as f32;
+            }
+        }
+        let away = d.angle_between(lamp);
+        sum + Vec3::new(150.0, 135.0, 110.0) * smooth((0.045 - away) / 0.01) as f32
+    });
+    EnvironmentMap::new(radiance).expect("the studio is lit and has the shape of a map")
+}
+
+/// Smooth step from 0 at 0 to 1 at 1.
+fn smooth(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}

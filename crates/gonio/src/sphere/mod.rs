@@ -1,0 +1,13 @@
+//! Directions and functions on the sphere: half/difference angles, lat-long and octahedral maps, the Haar transform.
+//!
+//! Axes: right-handed, x right, y up (gravity is -y), z from the object towards the camera.
+
+mod direction;
+mod haar;
+mod octahedral;
+
+pub use direction::{
+    HalfDifference, direction_of_lat_long, fibonacci_hemisphere, half_difference, lat_long_of_direction,
+};
+pub use haar::{Haar, Orientation, Wavelet};
+pub use octahedral::OctahedralMap;

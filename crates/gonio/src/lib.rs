@@ -4,3 +4,4 @@ pub mod lighting;
 pub mod picture;
 pub mod reflectance;
 pub mod sphere;
+pub mod transfer;

@@ -1,0 +1,222 @@
+//! The bilinear operator `(l, f) -> l' A_i f` on a stack of rows, and the contractions that inference needs.
+
+use rayon::prelude::*;
+
+use super::kernels::{add_product, axpy, dispatch, dot};
+
+/// Rows are worked on in groups of this many, summed in order: results do not depend on the number of threads.
+const GROUP: usize = 32;
+
+/// Per-row matrices `A_i` (M x K) of eq. 8, kept row by row with the light coefficient fastest: `[row][k][m]`.
+#[derive(Clone, Debug)]
+pub struct Bilinear {
+    rows: usize,
+    k: usize,
+    m: usize,
+    data: Vec<f32>,
+    squares: Vec<f64>,
+}
+
+impl Bilinear {
+    /// Wraps `rows * k * m` entries, `[row][k][m]`.
+    ///
+    /// # Panics
+    /// If the length is another.
+    pub fn new(rows: usize, k: usize, m: usize, data: Vec<f32>) -> Self {
+        assert_eq!(data.len(), rows * k * m);
+        let mut bilinear = Self { rows, k, m, data, squares: Vec::new() };
+        bilinear.squares = bilinear.sum_over_rows(k * m, |_, row, sum| add_squares(row, sum));
+        bilinear
+    }
+
+    /// Number of rows: pixels, or directions of a projection.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Number of reflectance coefficients.
+    pub fn k(&self) -> usize {
+        self.k
+    }
+
+    /// Number of light coefficients.
+    pub fn m(&self) -> usize {
+        self.m
+    }
+
+    /// The matrix of one row, `[k][m]`.
+    pub fn row(&self, i: usize) -> &[f32] {
+        &self.data[i * self.k * self.m..][..self.k * self.m]
+    }
+
+    /// `W[k][m] = sum_i A_imk^2`.
+    pub fn squares(&self) -> &[f64] {
+        &self.squares
+    }
+
+    /// `a_ik = sum_m A_imk l_m` (rows x K): the image of each basis function under light `l`.
+    pub fn under_light(&self, l: &[f64]) -> Vec<f64> {
+        assert_eq!(l.len(), self.m);
+        let mut out = vec![0.0; self.rows * self.k];
+        out.par_chunks_mut(GROUP * self.k).enumerate().for_each(|(group, out)| {
+            dispatch(|| {
+                for (i, out) in out.chunks_exact_mut(self.k).enumerate() {
+                    let row = self.row(group * GROUP + i);
+                    for (out, a) in out.iter_mut().zip(row.chunks_exact(self.m)) {
+                        *out = dot(a, l);
+                    }
+                }
+            });
+        });
+        out
+    }
+
+    /// `b_im = sum_k A_imk f_k` (rows x M): the linear map from light to image for reflectance `f`.
+    pub fn of_reflectance(&self, f: &[f64]) -> Vec<f64> {
+        assert_eq!(f.len(), self.k);
+        let mut out = vec![0.0; self.rows * self.m];
+        out.par_chunks_mut(GROUP * self.m).enumerate().for_each(|(group, out)| {
+            dispatch(|| {
+                for (i, out) in out.chunks_exact_mut(self.m).enumerate() {
+                    let row = self.row(group * GROUP + i);
+                    for (a, &f) in row.chunks_exact(self.m).zip(f) {
+                        axpy(f, a, out);
+                    }
+                }
+            });
+        });
+        out
+    }
+
+    /// `y_i = l' A_i f` (eq. 8 without exposure and noise).
+    pub fn apply(&self, l: &[f64], f: &[f64]) -> Vec<f64> {
+        let a = self.under_light(l);
+        a.chunks_exact(self.k).map(|a| a.iter().zip(f).map(|(a, f)| a * f).sum()).collect()
+    }
+
+    /// `sum_i x_i A_imk` (`[k][m]`): the adjoint of the operator at `x`.
+    pub fn adjoint(&self, x: &[f64]) -> Vec<f64> {
+        assert_eq!(x.len(), self.rows);
+        self.sum_over_rows(self.k * self.m, |i, row, sum| axpy(x[i], row, sum))
+    }
+
+    /// `sum_i A_imk b_im` (`[k][m]`), with `b` rows x M.
+    pub fn contract_light(&self, b: &[f64]) -> Vec<f64> {
+        assert_eq!(b.len(), self.rows * self.m);
+        self.sum_over_rows(self.k * self.m, |i, row, sum| {
+            let b = &b[i * self.m..][..self.m];
+            for (a, sum) in row.chunks_exact(self.m).zip(sum.chunks_exact_mut(self.m)) {
+                add_product(a, b, sum);
+            }
+        })
+    }
+
+    /// `sum_i A_imk a_ik` (`[k][m]`), with `a` rows x K.
+    pub fn contract_reflectance(&self, a: &[f64]) -> Vec<f64> {
+        assert_eq!(a.len(), self.rows * self.k);
+        self.sum_over_rows(self.k * self.m, |i, row, sum| {
+            for (k, (block, sum)) in row.chunks_exact(self.m).zip(sum.chunks_exact_mut(self.m)).enumerate() {
+                axpy(a[i * self.k + k], block, sum);
+            }
+        })
+    }
+
+    /// `sum over rows of g(i, row, partial)` over groups in parallel, added up in order.
+    fn sum_over_rows(&self, length: usize, g: impl Fn(usize, &[f32], &mut [f64]) + Sync) -> Vec<f64> {
+        // Few partial sums: each is as long as a row.
+        let parts = self.rows.div_ceil(GROUP).clamp(1, 8);
+        let partial: Vec<Vec<f64>> = (0..parts)
+            .into_par_iter()
+            .map(|part| {
+                let mut sum = vec![0.0; length];
+                dispatch(|| {
+                    for i in part * self.rows / parts..(part + 1) * self.rows / parts {
+                        g(i, self.row(i), &mut sum);
+                    }
+                });
+                sum
+            })
+            .collect();
+        partial
+            .into_iter()
+            .reduce(|mut sum, part| {
+                sum.iter_mut().zip(part).for_each(|(s, p)| *s += p);
+                sum
+            })
+            .unwrap_or_else(|| vec![0.0; length])
+    }
+}
+
+#[inline(always)]
+fn add_squares(row: &[f32], sum: &mut [f64]) {
+    for (sum, &a) in sum.iter_mut().zip(row) {
+        *sum += f64::from(a) * f64::from(a);
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    pub(crate) fn random(n: usize, seed: u64) -> Vec<f64> {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
+        (0..n).map(|_| rng.random_range(-1.0..1.0)).collect()
+    }
+
+    pub(crate) fn random_bilinear(rows: usize, k: usize, m: usize) -> Bilinear {
+        Bilinear::new(rows, k, m, random(rows * k * m, 42).into_iter().map(|x| x as f32).collect())
+    }
+
+    fn inner(a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| a * b).sum()
+    }
+
+    #[test]
+    fn the_adjoint_identity_holds() {
+        // <x, A(l, f)> = <A*(x), f l'>
+        let op = random_bilinear(77, 5, 33);
+        let (l, f, x) = (random(33, 1), random(5, 2), random(77, 3));
+        let outer: Vec<f64> = f.iter().flat_map(|f| l.iter().map(move |l| f * l)).collect();
+        let (left, right) = (inner(&x, &op.apply(&l, &f)), inner(&op.adjoint(&x), &outer));
+        assert!((left - right).abs() < 1e-10 * left.abs().max(1.0), "{left} {right}");
+    }
+
+    #[test]
+    fn contractions_agree_with_the_definition() {
+        let op = random_bilinear(70, 3, 17);
+        let (l, f) = (random(17, 1), random(3, 2));
+        let entry = |i: usize, k: usize, m: usize| f64::from(op.row(i)[k * 17 + m]);
+        let (a, b) = (op.under_light(&l), op.of_reflectance(&f));
+        let (light, reflectance) = (op.contract_light(&b), op.contract_reflectance(&a));
+        for k in 0..3 {
+            for m in 0..17 {
+                let sum = |g: &dyn Fn(usize) -> f64| (0..70).map(g).sum::<f64>();
+                let at = k * 17 + m;
+                let expected = [
+                    (op.squares()[at], sum(&|i| entry(i, k, m).powi(2))),
+                    (light[at], sum(&|i| entry(i, k, m) * (0..3).map(|k| entry(i, k, m) * f[k]).sum::<f64>())),
+                    (reflectance[at], sum(&|i| entry(i, k, m) * (0..17).map(|m| entry(i, k, m) * l[m]).sum::<f64>())),
+                ];
+                for (got, want) in expected {
+                    assert!((got - want).abs() < 1e-10, "{k} {m}: {got} {want}");
+                }
+            }
+        }
+        let y = op.apply(&l, &f);
+        for i in 0..70 {
+            assert!((y[i] - inner(&b[i * 17..][..17], &l)).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn sums_do_not_depend_on_threads() {
+        let op = random_bilinear(300, 4, 64);
+        let b = random(300 * 64, 9);
+        let run = |threads| {
+            rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| op.contract_light(&b))
+        };
+        assert_eq!(run(1), run(3));
+    }
+}

@@ -1,0 +1,17 @@
+//! The bilinear operator of eq. 8: how light and reflectance coefficients make an image of a known shape (paper 3.3).
+//!
+//! * [`Quadrature`] integrates every basis function over every texel of the light grid for one point of the surface;
+//! * [`Plan::build`] does so for all points and keeps the leading left singular directions of the result;
+//! * [`Bilinear`] is the operator on those directions that the inference runs on.
+
+mod bilinear;
+mod kernels;
+mod plan;
+mod quadrature;
+mod reference;
+mod sketch;
+
+pub use bilinear::Bilinear;
+pub use plan::{Plan, PlanError, PlanSettings, Projected};
+pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint};
+pub use reference::polar_reference;

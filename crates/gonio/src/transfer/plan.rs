@@ -1,0 +1,468 @@
+//! The plan: everything about the bilinear operator that depends on shape, view, basis and grid, but not on the image.
+//!
+//! The N x (M K) stack of all rows has low numerical rank, so the plan keeps its leading left singular directions `Q`
+//! (weighted by how large light and reflectance coefficients are a priori) and `R = Q' A`. With `I_i = g l' A_i f + e_i`
+//! and white noise, `Q' I` and the energy of `I` outside `Q` are all that the likelihood sees of the image.
+
+use faer::{Mat, MatRef, Side};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::sketch::{RowBlocks, Sketch, sketch};
+use super::{Bilinear, InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint};
+use crate::lighting::{LightGrid, LightPrior};
+use crate::reflectance::BivariateTable;
+use crate::sphere::Haar;
+
+/// How a plan is made.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlanSettings {
+    /// Texels along a side of the light grid, a power of two.
+    pub side: usize,
+    /// Directions kept at most.
+    pub rank: usize,
+    /// Further directions of the random sketch.
+    pub oversampling: usize,
+    /// Quadrature of reflectance over texels.
+    pub quadrature: QuadratureSettings,
+    /// Seed of the random sketch.
+    pub seed: u64,
+    /// Rows are held in memory while they take fewer bytes than this, and made anew for each of four passes otherwise.
+    pub hold: usize,
+}
+
+impl Default for PlanSettings {
+    fn default() -> Self {
+        Self {
+            side: 32,
+            rank: 800,
+            oversampling: 64,
+            quadrature: QuadratureSettings::default(),
+            seed: 1,
+            hold: 1_200_000_000,
+        }
+    }
+}
+
+/// Why there is no plan.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum PlanError {
+    /// Too few points to learn anything from.
+    #[error("{0} points of the surface are too few, at least 50 are needed")]
+    TooFewPoints(usize),
+    /// The light prior does not reach the grid.
+    #[error("the light prior covers grids of up to {covered} texels a side, not {side}")]
+    Grid {
+        /// Side asked for.
+        side: usize,
+        /// Largest side.
+        covered: usize,
+    },
+    /// The basis has no functions.
+    #[error("the reflectance basis is empty")]
+    EmptyBasis,
+    /// The points of the image and those of the plan differ in number.
+    #[error("the plan was made for {plan} points, the image has {image}")]
+    Points {
+        /// Points of the plan.
+        plan: usize,
+        /// Observations given.
+        image: usize,
+    },
+}
+
+/// Directions of the image space that light and reflectance reach, and the operator on them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Settings it was made with.
+    pub settings: PlanSettings,
+    /// Number of points of the surface, N.
+    pub points: usize,
+    /// Number of reflectance basis functions, K.
+    pub k: usize,
+    /// `Q`, N x rank, row-major (point by point); orthonormal columns by falling energy.
+    pub q: Vec<f32>,
+    /// `R = Q' A`, `[rank][k][m]`.
+    pub r: Vec<f32>,
+    /// Prior-weighted energy of each direction.
+    pub energies: Vec<f64>,
+    /// Prior-weighted energy of all rows.
+    pub total_energy: f64,
+}
+
+/// All rows of the operator in the Haar domain, block by block.
+struct Rows<'a> {
+    points: &'a [SurfacePoint],
+    quadrature: Quadrature,
+    tables: InterleavedTables,
+    haar: Haar,
+    held: Vec<f32>,
+}
+
+/// Rows in a block.
+const BLOCK: usize = 256;
+
+impl Rows<'_> {
+    fn compute(&self, first: usize, block: &mut [f32]) {
+        let (m, k, stride) = (self.haar.coefficients(), self.tables.count(), self.tables.stride());
+        let scale = (1.0 / LightGrid::texel_measure(m.isqrt()).sqrt()) as f32;
+        let rows = block.par_chunks_mut(k * m).zip(&self.points[first..]);
+        rows.for_each_init(
+            || (vec![0.0; m * stride], Vec::new()),
+            |(texels, scratch), (row, point)| {
+                texels.fill(0.0);
+                self.quadrature.integrate(point, &self.tables, texels);
+                for (k, out) in row.chunks_exact_mut(m).enumerate() {
+                    for (out, texel) in out.iter_mut().zip(texels.chunks_exact(stride)) {
+                        *out = texel[k] * scale;
+                    }
+                    self.haar.forward(out, scratch);
+                }
+            },
+        );
+    }
+}
+
+impl RowBlocks for Rows<'_> {
+    fn rows(&self) -> usize {
+        self.points.len()
+    }
+
+    fn columns(&self) -> usize {
+        self.tables.count() * self.haar.coefficients()
+    }
+
+    fn for_each(&self, visit: &mut dyn FnMut(usize, &[f32])) {
+        let columns = self.columns();
+        if self.held.is_empty() {
+            let mut block = vec![0.0; BLOCK.min(self.rows()) * columns];
+            for first in (0..self.rows()).step_by(BLOCK) {
+                let block = &mut block[..BLOCK.min(self.rows() - first) * columns];
+                self.compute(first, block);
+                visit(first, block);
+            }
+        } else {
+            for (i, block) in self.held.chunks(4 * BLOCK * columns).enumerate() {
+                visit(4 * BLOCK * i, block);
+            }
+        }
+    }
+}
+
+/// Rows of `A` for points of a surface, `[point][k][m]`, without any projection.
+pub(crate) fn full_rows(
+    points: &[SurfacePoint],
+    tables: &[BivariateTable],
+    prior: &LightPrior,
+    settings: &PlanSettings,
+) -> Vec<f32> {
+    let rows = rows_of(points, tables, prior, settings);
+    let mut all = vec![0.0; rows.rows() * rows.columns()];
+    rows.compute(0, &mut all);
+    all
+}
+
+fn rows_of<'a>(
+    points: &'a [SurfacePoint],
+    tables: &[BivariateTable],
+    prior: &LightPrior,
+    settings: &PlanSettings,
+) -> Rows<'a> {
+    Rows {
+        points,
+        quadrature: Quadrature::new(prior.map, settings.side, settings.quadrature),
+        tables: InterleavedTables::new(tables),
+        haar: Haar::new(settings.side).expect("the side was checked"),
+        held: Vec::new(),
+    }
+}
+
+impl Plan {
+    /// Integrates the basis over the light grid for every point and keeps the leading directions.
+    ///
+    /// `typical` are root mean squares of the reflectance coefficients a priori (`1 / lambda_k` up to a common factor): with
+    /// those of the light coefficients they weigh which directions matter. `progress` is told about finished stages as a
+    /// fraction in 0..=1.
+    ///
+    /// # Errors
+    /// With fewer than 50 points, an empty basis, or a grid that the prior does not cover.
+    pub fn build(
+        points: &[SurfacePoint],
+        tables: &[BivariateTable],
+        typical: &[f64],
+        prior: &LightPrior,
+        settings: &PlanSettings,
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Result<Self, PlanError> {
+        Self::check(points.len(), tables.len(), prior, settings)?;
+        assert_eq!(typical.len(), tables.len());
+        let mut rows = rows_of(points, tables, prior, settings);
+        let bytes = rows.rows() * rows.columns() * size_of::<f32>();
+        if bytes < settings.hold {
+            let columns = rows.columns();
+            let mut held = vec![0.0; rows.rows() * columns];
+            for (i, block) in held.chunks_mut(BLOCK * columns).enumerate() {
+                rows.compute(i * BLOCK, block);
+                progress(0.5 * ((i + 1) * BLOCK).min(points.len()) as f64 / points.len() as f64);
+            }
+            rows.held = held;
+        }
+        let moments = prior.mean_and_variance(settings.side);
+        let weights: Vec<f32> = typical
+            .iter()
+            .flat_map(|f| moments.iter().map(move |(mean, variance)| (f * (mean * mean + variance).sqrt()) as f32))
+            .collect();
+        let Sketch { q, r, energies, total } =
+            sketch(&rows, &weights, settings.rank, settings.oversampling, settings.seed);
+        let rank = q.ncols();
+        let q = (0..points.len() * rank).map(|at| q[(at / rank, at % rank)]).collect();
+        progress(1.0);
+        Ok(Self { settings: *settings, points: points.len(), k: tables.len(), q, r, energies, total_energy: total })
+    }
+
+    fn check(points: usize, tables: usize, prior: &LightPrior, settings: &PlanSettings) -> Result<(), PlanError> {
+        if points < 50 {
+            return Err(PlanError::TooFewPoints(points));
+        }
+        if tables == 0 {
+            return Err(PlanError::EmptyBasis);
+        }
+        let covered = 1 << prior.scales;
+        if Haar::new(settings.side).is_none() || settings.side < 4 || settings.side > covered {
+            return Err(PlanError::Grid { side: settings.side, covered });
+        }
+        Ok(())
+    }
+
+    /// Number of directions kept.
+    pub fn rank(&self) -> usize {
+        self.energies.len()
+    }
+
+    /// Number of light coefficients, M.
+    pub fn m(&self) -> usize {
+        self.settings.side * self.settings.side
+    }
+
+    /// Share of the prior-weighted energy that the kept directions leave out.
+    pub fn left_out(&self) -> f64 {
+        (1.0 - self.energies.iter().sum::<f64>() / self.total_energy).max(0.0)
+    }
+
+    /// Projects an image onto the plan. Points without a value (`None`) are left out exactly: the remaining rows of `Q` are
+    /// made orthonormal again.
+    ///
+    /// The rank is chosen by the image: the smallest, in steps of 50, at which the energy left over is at most `slack` of
+    /// the image's above what it is at the full rank.
+    ///
+    /// # Errors
+    /// When the number of values is not that of the points, or fewer than 50 have one.
+    pub fn project(&self, image: &[Option<f64>], slack: f64) -> Result<Projected, PlanError> {
+        if image.len() != self.points {
+            return Err(PlanError::Points { plan: self.points, image: image.len() });
+        }
+        let kept: Vec<usize> = (0..image.len()).filter(|&i| image[i].is_some()).collect();
+        if kept.len() < 50 {
+            return Err(PlanError::TooFewPoints(kept.len()));
+        }
+        let full = self.rank();
+        let values = Mat::<f64>::from_fn(kept.len(), 1, |i, _| image[kept[i]].unwrap_or(0.0));
+        let energy = values.squared_norm_l2();
+        let q = Mat::<f64>::from_fn(kept.len(), full.min(kept.len()), |i, j| f64::from(self.q[kept[i] * full + j]));
+        let coordinates = q.transpose() * &values;
+        if kept.len() == self.points {
+            // Q is orthonormal as it is, to single precision.
+            let left = |r: usize| energy - coordinates.subrows(0, r).squared_norm_l2();
+            let least = left(full);
+            let rank = (1..).map(|s| (50 * s).min(full)).find(|&r| left(r) <= least + slack * energy).unwrap_or(full);
+            let columns = self.k * self.m();
+            return Ok(Projected {
+                bilinear: Bilinear::new(rank, self.k, self.m(), self.r[..rank * columns].to_vec()),
+                target: (0..rank).map(|j| coordinates[(j, 0)]).collect(),
+                outside: left(rank).max(0.0),
+                pixels: kept.len(),
+            });
+        }
+        // Q_kept = Q~ L' with L L' = Q_kept' Q_kept: target L^-1 Q_kept' I, operator L' R.
+        let mut gram = q.transpose() * &q;
+        for j in 0..gram.ncols() {
+            gram[(j, j)] += 1e-9;
+        }
+        let factor = gram.llt(Side::Lower).expect("a ridge makes the Gram matrix positive");
+        let lower = factor.L();
+        let mut target = coordinates;
+        faer::linalg::triangular_solve::solve_lower_triangular_in_place(lower, target.as_mut(), faer::Par::Seq);
+        let rank = target.nrows();
+        let columns = self.k * self.m();
+        let upper = Mat::<f32>::from_fn(rank, rank, |i, j| if i <= j { lower[(j, i)] as f32 } else { 0.0 });
+        let operator = &upper * MatRef::from_row_major_slice(&self.r[..rank * columns], rank, columns);
+        let data = (0..rank * columns).map(|at| operator[(at / columns, at % columns)]).collect();
+        Ok(Projected {
+            bilinear: Bilinear::new(rank, self.k, self.m(), data),
+            outside: (energy - target.squared_norm_l2()).max(0.0),
+            target: (0..rank).map(|j| target[(j, 0)]).collect(),
+            pixels: kept.len(),
+        })
+    }
+}
+
+/// An image as the likelihood sees it: `I_i = g l' A_i f + e_i` on a few rows, and the energy outside them.
+#[derive(Clone, Debug)]
+pub struct Projected {
+    /// The operator on the rows.
+    pub bilinear: Bilinear,
+    /// The image on the rows.
+    pub target: Vec<f64>,
+    /// Squared norm of the image outside the rows, which the model cannot explain.
+    pub outside: f64,
+    /// Number of pixels the rows stand for, N of eq. 9.
+    pub pixels: usize,
+}
+
+impl Projected {
+    /// The image on all its rows, without any projection: for images with much energy outside the leading directions.
+    ///
+    /// # Errors
+    /// As [`Plan::build`].
+    pub fn unprojected(
+        points: &[SurfacePoint],
+        image: &[Option<f64>],
+        tables: &[BivariateTable],
+        prior: &LightPrior,
+        settings: &PlanSettings,
+    ) -> Result<Self, PlanError> {
+        if image.len() != points.len() {
+            return Err(PlanError::Points { plan: points.len(), image: image.len() });
+        }
+        let kept: Vec<(SurfacePoint, f64)> =
+            points.iter().zip(image).filter_map(|(p, value)| value.map(|v| (*p, v))).collect();
+        Plan::check(kept.len(), tables.len(), prior, settings)?;
+        let (points, target): (Vec<SurfacePoint>, Vec<f64>) = kept.into_iter().unzip();
+        let rows = full_rows(&points, tables, prior, settings);
+        let bilinear = Bilinear::new(points.len(), tables.len(), settings.side * settings.side, rows);
+        Ok(Self { bilinear, pixels: target.len(), target, outside: 0.0 })
+    }
+
+    /// Share of the image's energy outside the rows.
+    pub fn left_over(&self) -> f64 {
+        let inside: f64 = self.target.iter().map(|x| x * x).sum();
+        self.outside / (inside + self.outside)
+    }
+
+    /// Squared norm of the image.
+    pub fn energy(&self) -> f64 {
+        self.target.iter().map(|x| x * x).sum::<f64>() + self.outside
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use glam::{DVec3, Vec3};
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+    use crate::lighting::PriorSettings;
+    use crate::sphere::{OctahedralMap, fibonacci_hemisphere};
+
+    /// Random lamps over a sky, and the prior learnt from them.
+    pub(crate) fn toy_prior(side: usize) -> LightPrior {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
+        let lights: Vec<LightGrid> = (0..30)
+            .map(|_| {
+                let texels = (0..side * side)
+                    .map(|t| {
+                        let lamp = if rng.random_range(0..40) == 0 { 15.0 } else { 0.0 };
+                        Vec3::splat(lamp + rng.random_range(0.2..1.0) + if t < side * side / 2 { 1.0 } else { 0.0 })
+                    })
+                    .collect();
+                LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
+            })
+            .collect();
+        LightPrior::learn(&lights, 30, &PriorSettings::default()).unwrap()
+    }
+
+    pub(crate) fn toy_tables() -> Vec<BivariateTable> {
+        let lobe = |width: f64| BivariateTable::from_fn(move |h, _| (-(h / width).powi(2)).exp());
+        vec![BivariateTable::from_fn(|_, _| 0.3), lobe(0.1), lobe(0.4)]
+    }
+
+    pub(crate) fn sphere_points(count: usize) -> Vec<SurfacePoint> {
+        fibonacci_hemisphere(count)
+            .filter(|n| n.z > 80.0_f64.to_radians().cos())
+            .map(|normal| SurfacePoint { normal, view: DVec3::Z })
+            .collect()
+    }
+
+    fn toy() -> (Vec<SurfacePoint>, Vec<BivariateTable>, LightPrior, PlanSettings) {
+        let settings = PlanSettings { side: 16, rank: 150, oversampling: 20, ..PlanSettings::default() };
+        (sphere_points(600), toy_tables(), toy_prior(16), settings)
+    }
+
+    fn build(settings: &PlanSettings) -> Plan {
+        let (points, tables, prior, _) = toy();
+        Plan::build(&points, &tables, &[1.0; 3], &prior, settings, &|_| ()).unwrap()
+    }
+
+    #[test]
+    fn rows_made_anew_and_rows_held_give_the_same_plan() {
+        let (.., settings) = toy();
+        let streamed = build(&PlanSettings { hold: 0, ..settings });
+        let held = build(&settings);
+        assert!(held.left_out() < 1e-3, "{}", held.left_out());
+        let difference = streamed.energies.iter().zip(&held.energies).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(difference < 1e-4 * held.energies[0], "{difference}");
+    }
+
+    #[test]
+    fn a_projected_image_is_what_the_rows_say() {
+        let (points, tables, prior, settings) = toy();
+        let plan = build(&settings);
+        let full = Bilinear::new(points.len(), 3, 256, full_rows(&points, &tables, &prior, &settings));
+        let mut l: Vec<f64> = prior.mean_and_variance(16).iter().map(|m| m.0).collect();
+        l[5] = 0.1;
+        l[40] = -0.05;
+        let f = [0.4, 0.3, 0.2];
+        let image: Vec<Option<f64>> = full.apply(&l, &f).into_iter().map(Some).collect();
+        let projected = plan.project(&image, 0.0).unwrap();
+        assert!(projected.left_over() < 1e-4, "{}", projected.left_over());
+        let scale = projected.energy().sqrt();
+        for (got, want) in projected.bilinear.apply(&l, &f).iter().zip(&projected.target) {
+            assert!((got - want).abs() < 1e-5 * scale, "{got} {want}");
+        }
+        // The same, with a tenth of the pixels missing.
+        let holes: Vec<Option<f64>> = image.iter().enumerate().map(|(i, v)| v.filter(|_| i % 10 != 3)).collect();
+        let partial = plan.project(&holes, 0.0).unwrap();
+        assert_eq!(partial.pixels, holes.iter().flatten().count());
+        assert!((partial.energy() - holes.iter().flatten().map(|x| x * x).sum::<f64>()).abs() < 1e-6 * scale * scale);
+        for (got, want) in partial.bilinear.apply(&l, &f).iter().zip(&partial.target) {
+            assert!((got - want).abs() < 1e-4 * scale, "{got} {want}");
+        }
+        // And without any projection.
+        let direct = Projected::unprojected(&points, &image, &tables, &prior, &settings).unwrap();
+        assert_eq!(direct.pixels, points.len());
+    }
+
+    #[test]
+    fn the_rank_follows_the_slack() {
+        let plan = build(&toy().3);
+        let image: Vec<Option<f64>> = sphere_points(600).iter().map(|p| Some(p.normal.y + 2.0)).collect();
+        let (tight, loose) = (plan.project(&image, 0.0).unwrap(), plan.project(&image, 0.5).unwrap());
+        assert_eq!((tight.bilinear.rows(), loose.bilinear.rows()), (150, 50));
+    }
+
+    #[test]
+    fn unusable_inputs_are_refused() {
+        let (points, tables, prior, settings) = toy();
+        let build = |points: &[SurfacePoint], tables: &[BivariateTable], side| {
+            let settings = PlanSettings { side, ..settings };
+            Plan::build(points, tables, &vec![1.0; tables.len()], &prior, &settings, &|_| ()).unwrap_err()
+        };
+        assert_eq!(build(&points[..10], &tables, 16), PlanError::TooFewPoints(10));
+        assert_eq!(build(&points, &[], 16), PlanError::EmptyBasis);
+        assert_eq!(build(&points, &tables, 32), PlanError::Grid { side: 32, covered: 16 });
+        let plan = Plan::build(&points, &tables, &[1.0; 3], &prior, &settings, &|_| ()).unwrap();
+        assert!(matches!(plan.project(&[Some(1.0)], 0.0), Err(PlanError::Points { image: 1, .. })));
+        assert_eq!(plan.project(&vec![None; points.len()], 0.0).unwrap_err(), PlanError::TooFewPoints(0));
+    }
+}

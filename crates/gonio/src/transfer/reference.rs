@@ -1,0 +1,50 @@
+//! An independent, slow reference for the quadrature.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use glam::DVec3;
+
+use super::SurfacePoint;
+use crate::lighting::LightGrid;
+use crate::reflectance::BivariateTable;
+use crate::sphere::OctahedralMap;
+
+/// `T[t]` of one table by polar coordinates about the normal in the space of half vectors.
+///
+/// With `h` at `(theta, phi)` about `n`, `w = 2 (h . v) h - v` and `dw = 4 (h . v) dh`: the lobe is resolved exactly
+/// whatever its width, and the texels are found by looking up where each sample falls. `rings` midpoints in
+/// `sqrt(theta)`, in which the tables are piecewise linear, times `spokes` in `phi`.
+pub fn polar_reference(
+    point: &SurfacePoint,
+    table: &BivariateTable,
+    map: OctahedralMap,
+    side: usize,
+    rings: usize,
+    spokes: usize,
+) -> Vec<f64> {
+    let SurfacePoint { normal: n, view: v } = *point;
+    let (x, y) = n.any_orthonormal_pair();
+    let mut out = vec![0.0; side * side];
+    for ring in 0..rings {
+        let s = (ring as f64 + 0.5) / rings as f64;
+        let theta = s * s * FRAC_PI_2;
+        // d theta = 2 s ds pi/2
+        let ring_area = theta.sin() * 2.0 * s * FRAC_PI_2 / rings as f64 * TAU / spokes as f64;
+        for spoke in 0..spokes {
+            // Rings are turned against each other, so that no texel border runs along a spoke of all.
+            let phi = TAU * ((spoke as f64 + 0.5) / spokes as f64 + 0.618_034 * ring as f64);
+            let h: DVec3 = theta.cos() * n + theta.sin() * (phi.cos() * x + phi.sin() * y);
+            let cos_d = h.dot(v);
+            if cos_d <= 0.0 {
+                continue;
+            }
+            let w = 2.0 * cos_d * h - v;
+            let cosine = w.dot(n);
+            if cosine > 0.0 {
+                let f = table.eval(theta, cos_d.min(1.0).acos());
+                out[LightGrid::texel_of(map, side, w)] += f * cosine * 4.0 * cos_d * ring_area;
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,262 @@
+//! The leading left singular subspace of a tall stack of rows that need not fit in memory, by randomised sketching
+//! (Halko, Martinsson and Tropp 2011).
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+/// Where the rows come from: blocks of consecutive rows, either held or made anew on each pass.
+pub(super) trait RowBlocks {
+    /// Number of rows.
+    fn rows(&self) -> usize;
+    /// Number of columns.
+    fn columns(&self) -> usize;
+    /// Calls `visit(first_row, block)` for consecutive blocks, `block` row-major.
+    fn for_each(&self, visit: &mut dyn FnMut(usize, &[f32]));
+}
+
+/// `Q` (rows x rank) with orthonormal columns, `R = Q' A`, and what they keep of `A`.
+pub(super) struct Sketch {
+    /// Orthonormal columns, by falling weighted energy.
+    pub(super) q: Mat<f32>,
+    /// `Q' A`, row-major, rank x columns.
+    pub(super) r: Vec<f32>,
+    /// Weighted energy `|q_j' A D|^2` of each direction.
+    pub(super) energies: Vec<f64>,
+    /// Weighted energy `|A D|^2` of everything.
+    pub(super) total: f64,
+}
+
+/// Splits the work of a product into fixed bands of result columns: every band is one sequential product, so the result
+/// does not depend on the number of threads.
+fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_, f32>) {
+    const BAND: usize = 256;
+    let columns = out.ncols();
+    let bands: Vec<(usize, MatMut<'_, f32>)> = out.par_col_bands(columns.div_ceil(BAND));
+    bands.into_par_iter().for_each(|(first, out)| {
+        let width = out.ncols();
+        matmul(out, accum, a, b.subcols(first, width), 1.0, Par::Seq);
+    });
+}
+
+/// Cutting a matrix into bands of columns that can be written at the same time.
+trait ColumnBands<'a> {
+    fn par_col_bands(self, count: usize) -> Vec<(usize, MatMut<'a, f32>)>;
+}
+
+impl<'a> ColumnBands<'a> for MatMut<'a, f32> {
+    fn par_col_bands(self, count: usize) -> Vec<(usize, MatMut<'a, f32>)> {
+        let columns = self.ncols();
+        let mut bands = Vec::with_capacity(count);
+        let mut rest = self;
+        let mut first = 0;
+        for band in 0..count {
+            let end = (band + 1) * columns / count;
+            let (head, tail) = rest.split_at_col_mut(end - first);
+            bands.push((first, head));
+            rest = tail;
+            first = end;
+        }
+        bands
+    }
+}
+
+/// Orthonormalises the columns in place by two passes of Cholesky QR in double precision.
+fn orthonormalise(y: &mut Mat<f32>) {
+    for _ in 0..2 {
+        let mut tall = Mat::<f64>::from_fn(y.nrows(), y.ncols(), |i, j| f64::from(y[(i, j)]));
+        let mut gram = gram(tall.as_ref());
+        // Directions that the sketch does not reach: a ridge far below the smallest kept energy keeps the factor finite.
+        let ridge = 1e-13 * (0..gram.ncols()).map(|j| gram[(j, j)]).fold(0.0, f64::max);
+        for j in 0..gram.ncols() {
+            gram[(j, j)] += ridge;
+        }
+        let Ok(factor) = gram.llt(Side::Lower) else { return };
+        // Y <- Y L^-T, as the transposed lower solve, band by band.
+        let lower = factor.L();
+        let mut transposed = tall.transpose().to_owned();
+        let columns = transposed.ncols();
+        bands_f64(transposed.as_mut(), columns.div_ceil(512)).into_par_iter().for_each(|band| {
+            faer::linalg::triangular_solve::solve_lower_triangular_in_place(lower, band, Par::Seq);
+        });
+        tall = transposed.transpose().to_owned();
+        *y = Mat::from_fn(y.nrows(), y.ncols(), |i, j| tall[(i, j)] as f32);
+    }
+}
+
+fn bands_f64(matrix: MatMut<'_, f64>, count: usize) -> Vec<MatMut<'_, f64>> {
+    let columns = matrix.ncols();
+    let (mut bands, mut rest, mut first) = (Vec::with_capacity(count), matrix, 0);
+    for band in 0..count {
+        let end = (band + 1) * columns / count;
+        let (head, tail) = rest.split_at_col_mut(end - first);
+        bands.push(head);
+        (rest, first) = (tail, end);
+    }
+    bands
+}
+
+/// `Y' Y`, band by band.
+fn gram(y: MatRef<'_, f64>) -> Mat<f64> {
+    let n = y.ncols();
+    let mut gram = Mat::zeros(n, n);
+    let mut first = 0;
+    let work: Vec<(usize, MatMut<'_, f64>)> = bands_f64(gram.as_mut(), n.div_ceil(128))
+        .into_iter()
+        .map(|band| {
+            let at = first;
+            first += band.ncols();
+            (at, band)
+        })
+        .collect();
+    work.into_par_iter().for_each(|(first, band)| {
+        let width = band.ncols();
+        matmul(band, Accum::Replace, y.transpose(), y.subcols(first, width), 1.0, Par::Seq);
+    });
+    gram
+}
+
+/// The `rank` left singular directions of `A D` with most energy, `D` the diagonal of `weights` (one per column).
+///
+/// One power iteration on a Gaussian sketch of `rank + oversampling` columns; deterministic for a seed.
+pub(super) fn sketch(source: &dyn RowBlocks, weights: &[f32], rank: usize, oversampling: usize, seed: u64) -> Sketch {
+    let (rows, columns) = (source.rows(), source.columns());
+    let width = (rank + oversampling).min(rows).min(columns);
+    let rank = rank.min(width);
+    let mut total = 0.0;
+    // Y = A D Omega.
+    let mut y = Mat::<f32>::zeros(rows, width);
+    {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
+        let mut omega = Mat::<f32>::zeros(columns, width);
+        for j in 0..width {
+            for (i, &weight) in weights.iter().enumerate() {
+                let z: f32 = StandardNormal.sample(&mut rng);
+                omega[(i, j)] = z * weight;
+            }
+        }
+        source.for_each(&mut |first, block| {
+            let count = block.len() / columns;
+            let a = MatRef::from_row_major_slice(block, count, columns);
+            product(y.as_mut().subrows_mut(first, count), Accum::Replace, a, omega.as_ref());
+            total += block
+                .chunks_exact(columns)
+                .map(|row| row.iter().zip(weights).map(|(a, w)| f64::from(a * w).powi(2)).sum::<f64>())
+                .sum::<f64>();
+        });
+    }
+    orthonormalise(&mut y);
+    // Y = A D D A' Y: the power iteration.
+    let project = |y: &Mat<f32>| {
+        let mut z = Mat::<f32>::zeros(width, columns);
+        source.for_each(&mut |first, block| {
+            let count = block.len() / columns;
+            let a = MatRef::from_row_major_slice(block, count, columns);
+            product(z.as_mut(), Accum::Add, y.as_ref().subrows(first, count).transpose(), a);
+        });
+        z
+    };
+    {
+        let mut z = project(&y);
+        for (i, w) in weights.iter().enumerate() {
+            z.col_mut(i).iter_mut().for_each(|x| *x *= w * w);
+        }
+        source.for_each(&mut |first, block| {
+            let count = block.len() / columns;
+            let a = MatRef::from_row_major_slice(block, count, columns);
+            product(y.as_mut().subrows_mut(first, count), Accum::Replace, a, z.as_ref().transpose());
+        });
+    }
+    orthonormalise(&mut y);
+    // B = Y' A; rotate to the principal axes of (B D)(B D)'.
+    let b = project(&y);
+    let weighted = Mat::<f64>::from_fn(columns, width, |i, j| f64::from(b[(j, i)] * weights[i]));
+    let eigen = gram(weighted.as_ref()).self_adjoint_eigen(Side::Lower).expect("a finite Gram matrix has eigenvectors");
+    // Eigenvalues ascend.
+    let u = Mat::<f32>::from_fn(width, rank, |i, j| eigen.U()[(i, width - 1 - j)] as f32);
+    let energies = (0..rank).map(|j| eigen.S()[width - 1 - j].max(0.0)).collect();
+    let mut q = Mat::<f32>::zeros(rows, rank);
+    product(q.as_mut(), Accum::Replace, y.as_ref(), u.as_ref());
+    let mut r = vec![0.0; rank * columns];
+    product(MatMut::from_row_major_slice_mut(&mut r, rank, columns), Accum::Replace, u.transpose(), b.as_ref());
+    Sketch { q, r, energies, total }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Held(Vec<f32>, usize, usize);
+
+    impl RowBlocks for Held {
+        fn rows(&self) -> usize {
+            self.1
+        }
+        fn columns(&self) -> usize {
+            self.2
+        }
+        fn for_each(&self, visit: &mut dyn FnMut(usize, &[f32])) {
+            for (i, block) in self.0.chunks(70 * self.2).enumerate() {
+                visit(70 * i, block);
+            }
+        }
+    }
+
+    /// Rank-20 rows with falling singular values, plus a little of everything.
+    fn rows() -> Held {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
+        let mut normal = |n: usize| -> Vec<f32> { (0..n).map(|_| StandardNormal.sample(&mut rng)).collect() };
+        let (n, m) = (300, 500);
+        let (left, right, noise) = (normal(n * 20), normal(20 * m), normal(n * m));
+        let a = (0..n * m)
+            .map(|at| {
+                let (i, j) = (at / m, at % m);
+                let low: f32 = (0..20).map(|k| left[i * 20 + k] * 0.7_f32.powi(k as i32) * right[k * m + j]).sum();
+                low + 1e-4 * noise[at]
+            })
+            .collect();
+        Held(a, n, m)
+    }
+
+    #[test]
+    fn a_sketch_keeps_nearly_what_the_singular_values_allow() {
+        let source = rows();
+        let weights: Vec<f32> = (0..source.2).map(|j| 1.0 + (j % 3) as f32).collect();
+        let a = Mat::<f64>::from_fn(source.1, source.2, |i, j| f64::from(source.0[i * source.2 + j] * weights[j]));
+        let exact = a.singular_values().unwrap();
+        let got = sketch(&source, &weights, 12, 8, 1);
+        let best: f64 = exact[..12].iter().map(|s| s * s).sum();
+        let kept: f64 = got.energies.iter().sum();
+        assert!((kept / best - 1.0).abs() < 1e-4, "{kept} {best}");
+        let everything: f64 = exact.iter().map(|s| s * s).sum();
+        assert!((got.total / everything - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_basis_is_orthonormal_and_r_is_its_projection() {
+        let source = rows();
+        let got = sketch(&source, &vec![1.0; source.2], 25, 5, 1);
+        for a in 0..25 {
+            for b in 0..25 {
+                let dot: f32 = (0..source.1).map(|i| got.q[(i, a)] * got.q[(i, b)]).sum();
+                assert!((dot - f32::from(u8::from(a == b))).abs() < 1e-4, "{a} {b} {dot}");
+            }
+            for j in (0..source.2).step_by(37) {
+                let projected: f32 = (0..source.1).map(|i| got.q[(i, a)] * source.0[i * source.2 + j]).sum();
+                assert!((projected - got.r[a * source.2 + j]).abs() < 2e-3, "{a} {j}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_result_does_not_depend_on_threads() {
+        let source = rows();
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| sketch(&source, &vec![1.0; source.2], 12, 4, 1).r)
+        };
+        assert_eq!(run(1), run(3));
+    }
+}

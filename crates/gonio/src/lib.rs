@@ -1,5 +1,6 @@
 //! Blind reflectometry: the BRDF of an object of known shape from one photograph under light that nobody measured.
 
+pub mod inference;
 pub mod lighting;
 pub mod picture;
 pub mod reflectance;

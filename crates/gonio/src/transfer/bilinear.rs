@@ -100,6 +100,32 @@ impl Bilinear {
         self.sum_over_rows(self.k * self.m, |i, row, sum| axpy(x[i], row, sum))
     }
 
+    /// `sum_ik x_ik A_imk` (M), with `x` rows x K: the adjoint of [`Self::under_light`].
+    pub fn light_adjoint(&self, x: &[f64]) -> Vec<f64> {
+        assert_eq!(x.len(), self.rows * self.k);
+        self.sum_over_rows(self.m, |i, row, sum| {
+            for (k, a) in row.chunks_exact(self.m).enumerate() {
+                axpy(x[i * self.k + k], a, sum);
+            }
+        })
+    }
+
+    /// `sum_i A_imk A_imj` (`[k][j][m]`, for `j <= k` only): how alike the basis functions look in the light of
+    /// each coefficient.
+    pub fn reflectance_grams(&self) -> Vec<f64> {
+        let (k, m) = (self.k, self.m);
+        self.sum_over_rows(k * k * m, |_, row, sum| {
+            for a in 0..k {
+                for b in 0..=a {
+                    let pair = row[a * m..(a + 1) * m].iter().zip(&row[b * m..(b + 1) * m]);
+                    for (sum, (x, y)) in sum[(a * k + b) * m..][..m].iter_mut().zip(pair) {
+                        *sum += f64::from(*x) * f64::from(*y);
+                    }
+                }
+            }
+        })
+    }
+
     /// `sum_i A_imk b_im` (`[k][m]`), with `b` rows x M.
     pub fn contract_light(&self, b: &[f64]) -> Vec<f64> {
         assert_eq!(b.len(), self.rows * self.m);
@@ -203,6 +229,13 @@ pub(crate) mod tests {
                     assert!((got - want).abs() < 1e-10, "{k} {m}: {got} {want}");
                 }
             }
+        }
+        let weights = random(70 * 3, 8);
+        let (adjoint, grams) = (op.light_adjoint(&weights), op.reflectance_grams());
+        assert!((inner(&adjoint, &l) - inner(&weights, &a)).abs() < 1e-10);
+        for (k, j, m) in [(0, 0, 3), (2, 1, 16), (1, 0, 0)] {
+            let want: f64 = (0..70).map(|i| entry(i, k, m) * entry(i, j, m)).sum();
+            assert!((grams[(k * 3 + j) * 17 + m] - want).abs() < 1e-10);
         }
         let y = op.apply(&l, &f);
         for i in 0..70 {

@@ -26,7 +26,7 @@ pub(super) fn asin_of_sqrt(x: f32) -> f32 {
     // Chebyshev fit of asin(s)/s in s^2 on 0..=0.501, relative error 1.2e-7; above, asin(s) = pi/2 - asin(sqrt(1 - s^2)).
     let low = |t: f32| {
         let p = 0.102_355_18 * t - 0.057_12;
-        let p = p * t + 0.062_079_448;
+        let p = p * t + 0.062_079_45;
         let p = p * t + 0.038_523_074;
         let p = p * t + 0.075_546_14;
         let p = p * t + 0.166_648_7;

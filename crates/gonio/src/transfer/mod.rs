@@ -15,3 +15,6 @@ pub use bilinear::Bilinear;
 pub use plan::{Plan, PlanError, PlanSettings, Projected};
 pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint};
 pub use reference::polar_reference;
+
+#[cfg(test)]
+pub(crate) use plan::tests::toy_prior;

@@ -93,7 +93,7 @@ pub struct QuadratureSettings {
 impl Default for QuadratureSettings {
     /// Chosen by `gonio-eval quadrature` (`docs/quadrature.md`).
     fn default() -> Self {
-        Self { base: 6, ratio: 0.35, core: 0.006 }
+        Self { base: 6, ratio: 0.3, core: 0.003 }
     }
 }
 

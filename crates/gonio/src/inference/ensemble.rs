@@ -1,0 +1,226 @@
+//! The approximating distributions q of eqs. 12 to 14, and the intermediate variables Phi that determine them.
+
+use rand::RngExt;
+use rand_distr::{Distribution, Exp1, StandardNormal};
+use rand_pcg::Pcg64;
+
+use super::Problem;
+use crate::lighting::{CoefficientPrior, Moments, RectifiedGaussian};
+
+/// `Phi`: natural parameters of all q. Light entries cover `m >= 1`; DC is fixed.
+///
+/// Layout of the flat vector: `Phi_1` (K), `Phi_2` (K), `Phi_3` (M - 1), `Phi_4` (M - 1), `Phi_5`, `Phi_6`, `Phi_7`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ensemble {
+    k: usize,
+    light: usize,
+    phi: Vec<f64>,
+}
+
+/// One of the factors of q.
+#[cfg(test)]
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Part {
+    F(usize),
+    L(usize),
+    G,
+    Noise,
+}
+
+/// Means and variances of everything, from [`Ensemble::moments`].
+#[derive(Clone, Debug)]
+pub(crate) struct AllMoments {
+    pub(crate) f: Vec<Moments>,
+    /// With the fixed DC first.
+    pub(crate) l: Vec<Moments>,
+    pub(crate) g: Moments,
+    /// `<sigma^-2>`.
+    pub(crate) precision: f64,
+}
+
+impl AllMoments {
+    pub(crate) fn f_means(&self) -> Vec<f64> {
+        self.f.iter().map(|m| m.mean).collect()
+    }
+
+    pub(crate) fn l_means(&self) -> Vec<f64> {
+        self.l.iter().map(|m| m.mean).collect()
+    }
+}
+
+/// Moments of an unrectified Gaussian.
+fn gaussian(mean: f64, variance: f64) -> Moments {
+    let mean_log = -0.5 * ((std::f64::consts::TAU * variance).ln() + 1.0);
+    Moments { mean, variance, mean_log }
+}
+
+impl Ensemble {
+    /// Variances of the starts (paper 3.4): "relatively large".
+    const START_VARIANCE: f64 = 0.1;
+
+    /// A random start: a random reflectance and a random light, variances of 0.1; exposure `u = 1, w = 10`;
+    /// `<sigma^-2> = 1`.
+    pub fn random(problem: &Problem<'_>, rng: &mut Pcg64) -> Self {
+        let f: Vec<f64> = if problem.examples.is_empty() {
+            problem.rates.iter().map(|rate| <Exp1 as Distribution<f64>>::sample(&Exp1, rng) / rate).collect()
+        } else {
+            problem.examples[rng.random_range(0..problem.examples.len())].clone()
+        };
+        let l: Vec<f64> = problem.light.iter().map(|prior| draw(prior, rng)).collect();
+        Self::at(&f, &l, Self::START_VARIANCE)
+    }
+
+    /// Means as given, all variances `variance`, exposure and noise as in [`Self::random`].
+    pub fn at(f: &[f64], l: &[f64], variance: f64) -> Self {
+        let precision = 1.0 / variance;
+        let log_precision = precision.ln();
+        let mut phi: Vec<f64> = f.iter().map(|f| f * precision).collect();
+        phi.extend(f.iter().map(|_| log_precision));
+        phi.extend(l.iter().map(|l| l * precision));
+        phi.extend(l.iter().map(|_| log_precision));
+        phi.extend([0.0, 1.0 / 10.0, (0.1_f64).ln()]);
+        Self { k: f.len(), light: l.len(), phi }
+    }
+
+    /// `self + alpha * direction`.
+    pub(crate) fn moved(&self, alpha: f64, direction: &[f64]) -> Self {
+        let phi = self.phi.iter().zip(direction).map(|(p, d)| p + alpha * d).collect();
+        Self { phi, ..*self }
+    }
+
+    /// `self - other`, as a direction.
+    pub(crate) fn minus(&self, other: &Self) -> Vec<f64> {
+        self.phi.iter().zip(&other.phi).map(|(a, b)| a - b).collect()
+    }
+
+    /// Position of `Phi_5` in the flat vector.
+    pub(crate) fn noise_index(&self) -> usize {
+        2 * (self.k + self.light)
+    }
+
+    /// `Phi_5 = log(b_p / a_p)`, minus the log of `<sigma^-2>`.
+    pub(crate) fn log_noise(&self) -> f64 {
+        self.phi[self.noise_index()]
+    }
+
+    pub(crate) fn set_log_noise(&mut self, value: f64) {
+        let at = self.noise_index();
+        self.phi[at] = value;
+    }
+
+    /// `u / w` and `1 / w` of reflectance coefficient `k`.
+    pub(crate) fn set_f(&mut self, k: usize, natural: f64, precision: f64) {
+        self.phi[k] = natural;
+        self.phi[self.k + k] = precision.ln();
+    }
+
+    /// `u / w` and `1 / w` of light coefficient `m >= 1`.
+    pub(crate) fn set_l(&mut self, m: usize, natural: f64, precision: f64) {
+        let at = 2 * self.k + m - 1;
+        self.phi[at] = natural;
+        self.phi[at + self.light] = precision.ln();
+    }
+
+    /// `u / w` and `1 / w` of the exposure.
+    pub(crate) fn set_g(&mut self, natural: f64, precision: f64) {
+        let at = self.noise_index() + 1;
+        self.phi[at] = natural;
+        self.phi[at + 1] = precision.ln();
+    }
+
+    /// Takes the distribution of reflectance coefficient `k` from another ensemble.
+    #[cfg(test)]
+    pub(crate) fn copy_f(&mut self, other: &Self, k: usize) {
+        for at in self.indices_of(Part::F(k)) {
+            self.phi[at] = other.phi[at];
+        }
+    }
+
+    /// Takes the distribution of the exposure from another ensemble.
+    #[cfg(test)]
+    pub(crate) fn copy_g(&mut self, other: &Self) {
+        for at in self.indices_of(Part::G) {
+            self.phi[at] = other.phi[at];
+        }
+    }
+
+    /// Places in the flat vector that determine one distribution.
+    #[cfg(test)]
+    pub(crate) fn indices_of(&self, part: Part) -> Vec<usize> {
+        let noise = self.noise_index();
+        match part {
+            Part::F(k) => vec![k, self.k + k],
+            Part::L(m) => vec![2 * self.k + m - 1, 2 * self.k + self.light + m - 1],
+            Part::G => vec![noise + 1, noise + 2],
+            Part::Noise => vec![noise],
+        }
+    }
+
+    fn rectified(&self, natural: usize, log_precision: usize, threshold: f64) -> RectifiedGaussian {
+        let variance = (-self.phi[log_precision]).exp();
+        RectifiedGaussian { location: self.phi[natural] * variance, variance, threshold }
+    }
+
+    /// Moments of reflectance coefficient `k`.
+    pub(crate) fn f_moments(&self, k: usize) -> Moments {
+        self.rectified(k, self.k + k, 0.0).moments()
+    }
+
+    /// Moments of light coefficient `m >= 1`.
+    pub(crate) fn l_moments(&self, m: usize, prior: &CoefficientPrior) -> Moments {
+        let at = 2 * self.k + m - 1;
+        match prior {
+            CoefficientPrior::Rectified(p) => self.rectified(at, at + self.light, p.threshold).moments(),
+            CoefficientPrior::Mixture(_) => {
+                let variance = (-self.phi[at + self.light]).exp();
+                gaussian(self.phi[at] * variance, variance)
+            }
+        }
+    }
+
+    /// Moments of the exposure.
+    pub(crate) fn g_moments(&self) -> Moments {
+        let at = self.noise_index() + 1;
+        self.rectified(at, at + 1, 0.0).moments()
+    }
+
+    /// All moments.
+    pub(crate) fn moments(&self, problem: &Problem<'_>) -> AllMoments {
+        let dc = Moments { mean: problem.dc, variance: 0.0, mean_log: 0.0 };
+        let l = problem.light.iter().enumerate().map(|(i, prior)| self.l_moments(i + 1, prior));
+        AllMoments {
+            f: (0..self.k).map(|k| self.f_moments(k)).collect(),
+            l: std::iter::once(dc).chain(l).collect(),
+            g: self.g_moments(),
+            precision: (-self.log_noise()).exp(),
+        }
+    }
+}
+
+/// A draw from the prior of a light coefficient.
+fn draw(prior: &CoefficientPrior, rng: &mut Pcg64) -> f64 {
+    match prior {
+        CoefficientPrior::Mixture(mixture) => {
+            let mut u: f64 = rng.random_range(0.0..1.0);
+            let component = mixture.weights.iter().position(|w| {
+                u -= w;
+                u < 0.0
+            });
+            let variance = mixture.variances[component.unwrap_or(mixture.variances.len() - 1)];
+            let z: f64 = StandardNormal.sample(rng);
+            z * variance.sqrt()
+        }
+        CoefficientPrior::Rectified(r) => loop {
+            let z: f64 = StandardNormal.sample(rng);
+            let x = r.location + z * r.variance.sqrt();
+            if x >= r.threshold {
+                return x;
+            }
+            // A location far below the threshold would reject for ever: the exponential tail is exact enough there.
+            if r.location < r.threshold - 3.0 * r.variance.sqrt() {
+                let e: f64 = Exp1.sample(rng);
+                return r.threshold + e * r.variance / (r.threshold - r.location);
+            }
+        },
+    }
+}

@@ -1,0 +1,200 @@
+//! Expected residuals under q, the cost `C_KL` (eq. 11), and the updates of Algorithm 1.
+//!
+//! Notation of the code: `a_i = A_i' <l>` (K), `b_i = A_i <f>` (M), `y_i = <l>' A_i <f>`, `v` variances,
+//! `Q_i = <(l' A_i f)^2> = y_i^2 + sum_m vl_m b_im^2 + sum_k vf_k a_ik^2 + sum_mk vl_m vf_k A_imk^2`,
+//! `E = sum_i I_i^2 - 2 <g> I_i y_i + <g^2> Q_i`.
+//!
+//! Every cross term factors through `a_i` and `b_i`; nothing is ever M x M or K x K per pixel.
+
+use puruspe::ln_gamma;
+
+use super::ensemble::AllMoments;
+use super::{Ensemble, Problem};
+use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
+
+/// What the residual of eq. 9 looks like under q, and the cost.
+#[derive(Clone, Debug)]
+pub struct Expectations {
+    pub(crate) moments: AllMoments,
+    /// rows x K.
+    pub(crate) a: Vec<f64>,
+    /// rows x M.
+    pub(crate) b: Vec<f64>,
+    pub(crate) y: Vec<f64>,
+    /// `sum_i b_im^2`.
+    pub(crate) b_square: Vec<f64>,
+    /// `sum_i a_ik^2`.
+    pub(crate) a_square: Vec<f64>,
+    /// `sum_i I_i y_i`.
+    pub(crate) iy: f64,
+    /// `sum_i Q_i`.
+    pub(crate) q: f64,
+}
+
+/// Gradient and diagonal curvature of the expected log likelihood in the light, without the factor `<sigma^-2>`.
+pub(crate) struct Pull {
+    /// `sum_i (<g> I_i - <g^2> y_i) A_imk`, `[k][m]`.
+    pub(crate) adjoint: Vec<f64>,
+    /// `sum_i { <g> I_i b_im - <g^2> [b_im y_i + sum_k vf_k A_imk a_ik] }`.
+    pub(crate) light: Vec<f64>,
+    /// `S_m = sum_i [b_im^2 + sum_k vf_k A_imk^2]`.
+    pub(crate) stiffness: Vec<f64>,
+}
+
+impl Expectations {
+    /// Under the moments of an ensemble. Two passes over the operator.
+    pub fn new(problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
+        Self::of_moments(problem, ensemble.moments(problem))
+    }
+
+    /// Under given moments; of variance zero for a point estimate.
+    pub(crate) fn of_moments(problem: &Problem<'_>, moments: AllMoments) -> Self {
+        let (op, k, m) = (problem.bilinear, problem.k(), problem.m());
+        let (mf, ml) = (moments.f_means(), moments.l_means());
+        let a = op.under_light(&ml);
+        let b = op.of_reflectance(&mf);
+        let y: Vec<f64> = a.chunks_exact(k).map(|a| a.iter().zip(&mf).map(|(a, f)| a * f).sum()).collect();
+        let b_square = columns_squared(&b, m);
+        let a_square = columns_squared(&a, k);
+        let iy = problem.target.iter().zip(&y).map(|(i, y)| i * y).sum();
+        let mut q: f64 = y.iter().map(|y| y * y).sum();
+        q += b_square.iter().zip(&moments.l).map(|(s, l)| s * l.variance).sum::<f64>();
+        q += a_square.iter().zip(&moments.f).map(|(s, f)| s * f.variance).sum::<f64>();
+        for (w, f) in op.squares().chunks_exact(m).zip(&moments.f) {
+            q += f.variance * w.iter().zip(&moments.l).map(|(w, l)| w * l.variance).sum::<f64>();
+        }
+        Self { moments, a, b, y, b_square, a_square, iy, q }
+    }
+
+    /// `E`, the expected squared residual over all pixels.
+    pub fn residual(&self, problem: &Problem<'_>) -> f64 {
+        let g = &self.moments.g;
+        (problem.energy - 2.0 * g.mean * self.iy + g.mean_square() * self.q).max(0.0)
+    }
+
+    /// `C_KL` of eq. 11. Its difference to minus the log evidence is the divergence of q from the posterior.
+    pub fn cost(&self, problem: &Problem<'_>) -> f64 {
+        let reflectance: f64 =
+            self.moments.f.iter().zip(&problem.rates).map(|(f, rate)| f.mean_log - rate.ln() + rate * f.mean).sum();
+        let light: f64 = problem
+            .light
+            .iter()
+            .zip(&self.moments.l[1..])
+            .map(|(prior, l)| l.mean_log - expected_log_prior(prior, l))
+            .sum();
+        let (g, rate) = (&self.moments.g, problem.hyper.exposure_rate);
+        let exposure = g.mean_log - rate.ln() + rate * g.mean;
+        reflectance + light + exposure + self.noise_cost(problem)
+    }
+
+    /// The terms of the noise: `KL(q(b) || p(b)) - <log p(I | ...)>`. With `a_p = a_0 + N/2` fixed, digamma cancels.
+    fn noise_cost(&self, problem: &Problem<'_>) -> f64 {
+        let (a0, b0, a) = (problem.hyper.noise_shape, problem.hyper.noise_rate, problem.noise_shape());
+        let precision = self.moments.precision;
+        let rate = a / precision;
+        let half_n = 0.5 * problem.pixels;
+        let divergence = ln_gamma(a0) - ln_gamma(a) + a * rate.ln() - a0 * b0.ln() + precision * (b0 - rate);
+        let likelihood = half_n * std::f64::consts::TAU.ln() + 0.5 * precision * self.residual(problem);
+        divergence + likelihood
+    }
+
+    /// `Phi*`: every parameter updated from the present state (Algorithm 1, "Update").
+    pub fn update(&self, problem: &Problem<'_>, ensemble: &Ensemble) -> Ensemble {
+        let m_count = problem.m();
+        let mut next = ensemble.clone();
+        let AllMoments { f, l, g, precision } = &self.moments;
+        let g2 = g.mean_square();
+        let pull = self.pull(problem);
+        let with_b = problem.bilinear.contract_light(&self.b);
+        for (k, f) in f.iter().enumerate() {
+            let row = k * m_count..(k + 1) * m_count;
+            let s = self.a_square[k] + dot_variance(&problem.bilinear.squares()[row.clone()], l);
+            // sum_i (<g> I_i - <g^2> y_i) a_ik = sum_m l_m adjoint_km
+            let along: f64 = pull.adjoint[row.clone()].iter().zip(l).map(|(x, l)| x * l.mean).sum();
+            let natural = precision * (along - g2 * dot_variance(&with_b[row], l) + g2 * s * f.mean);
+            next.set_f(k, natural - problem.rates[k], precision * g2 * s);
+        }
+        for (m, l) in l.iter().enumerate().skip(1) {
+            let (prior_natural, prior_precision) = prior_pull(problem.light[m - 1], l);
+            let natural = precision * (pull.light[m] + g2 * pull.stiffness[m] * l.mean) + prior_natural;
+            next.set_l(m, natural, precision * g2 * pull.stiffness[m] + prior_precision);
+        }
+        next.set_g(precision * self.iy - problem.hyper.exposure_rate, precision * self.q);
+        next.set_log_noise(self.best_log_noise(problem));
+        next
+    }
+
+    /// What the data say about the light, given all else. Two passes over the operator.
+    pub(crate) fn pull(&self, problem: &Problem<'_>) -> Pull {
+        let (op, m) = (problem.bilinear, problem.m());
+        let AllMoments { f, g, .. } = &self.moments;
+        let (g1, g2) = (g.mean, g.mean_square());
+        let weights: Vec<f64> = problem.target.iter().zip(&self.y).map(|(i, y)| g1 * i - g2 * y).collect();
+        let adjoint = op.adjoint(&weights);
+        let with_a = op.contract_reflectance(&self.a);
+        let (mut light, mut stiffness) = (vec![0.0; m], self.b_square.clone());
+        for (k, f) in f.iter().enumerate() {
+            let row = k * m..(k + 1) * m;
+            for (light, (x, c)) in light.iter_mut().zip(adjoint[row.clone()].iter().zip(&with_a[row.clone()])) {
+                *light += f.mean * x - g2 * f.variance * c;
+            }
+            for (s, w) in stiffness.iter_mut().zip(&op.squares()[row]) {
+                *s += f.variance * w;
+            }
+        }
+        Pull { adjoint, light, stiffness }
+    }
+
+    /// `Phi_5` that minimises the cost given all else: `log((b_0 + E/2) / a_p)`.
+    pub(crate) fn best_log_noise(&self, problem: &Problem<'_>) -> f64 {
+        ((problem.hyper.noise_rate + 0.5 * self.residual(problem)) / problem.noise_shape()).ln()
+    }
+}
+
+fn dot_variance(x: &[f64], l: &[Moments]) -> f64 {
+    x.iter().zip(l).map(|(x, l)| x * l.variance).sum()
+}
+
+/// Sum of squares of each column of a row-major matrix.
+pub(crate) fn columns_squared(x: &[f64], columns: usize) -> Vec<f64> {
+    let mut sum = vec![0.0; columns];
+    for row in x.chunks_exact(columns) {
+        for (s, x) in sum.iter_mut().zip(row) {
+            *s += x * x;
+        }
+    }
+    sum
+}
+
+/// Responsibilities `r_n` of the components for a coefficient of expected square `<l^2>`.
+fn responsibilities(mixture: &ScaleMixture, mean_square: f64) -> impl Iterator<Item = f64> + '_ {
+    let top = mixture.log_joint(mean_square).fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = mixture.log_joint(mean_square).map(|j| (j - top).exp()).sum();
+    mixture.log_joint(mean_square).map(move |j| (j - top).exp() / total)
+}
+
+/// What the prior adds to `u/w` and `1/w` of a light coefficient.
+pub(crate) fn prior_pull(prior: &CoefficientPrior, l: &Moments) -> (f64, f64) {
+    match prior {
+        CoefficientPrior::Mixture(mixture) => {
+            let r = responsibilities(mixture, l.mean_square());
+            (0.0, r.zip(&mixture.variances).map(|(r, v)| r / v).sum())
+        }
+        CoefficientPrior::Rectified(p) => (p.location / p.variance, 1.0 / p.variance),
+    }
+}
+
+/// `<log p(l_m)>`, for mixtures its variational bound with the best responsibilities:
+/// `-sum_n r_n (log r_n - log pi_n + log(2 pi s_n^2)/2 + <l^2>/(2 s_n^2)) = log sum_n pi_n N(<l^2>; 0, s_n^2)`.
+pub(crate) fn expected_log_prior(prior: &CoefficientPrior, l: &Moments) -> f64 {
+    match prior {
+        CoefficientPrior::Mixture(mixture) => {
+            let top = mixture.log_joint(l.mean_square()).fold(f64::NEG_INFINITY, f64::max);
+            top + mixture.log_joint(l.mean_square()).map(|j| (j - top).exp()).sum::<f64>().ln()
+        }
+        CoefficientPrior::Rectified(p) => {
+            let square = l.variance + (l.mean - p.location).powi(2);
+            -0.5 * ((std::f64::consts::TAU * p.variance).ln() + square / p.variance) - p.log_mass()
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! From a projected image to the posterior of reflectance (paper 3.4).
+//!
+//! One [`Problem`] (image, priors), several [`Method`]s, one [`Posterior`]:
+//!
+//! * [`Method::Variational`], the separable posterior of eqs. 12 to 14 fitted by Algorithm 1;
+//! * [`Method::JointMap`], the single most probable pair of light and reflectance (eq. 2), the baseline that falls for
+//!   the mirror in a blurry world;
+//! * [`Method::KnownLight`], for a problem whose light is given: what the image could determine at best.
+
+mod coordinate;
+mod ensemble;
+mod expectations;
+mod joint_map;
+mod posterior;
+mod problem;
+#[cfg(test)]
+mod tests;
+mod variational;
+
+pub use ensemble::Ensemble;
+pub use expectations::Expectations;
+pub use joint_map::{JointMapSettings, log_posterior};
+pub use posterior::{Posterior, StartReport};
+pub use problem::{Hyper, Problem, ProblemError};
+pub use variational::{Solver, VariationalSettings};
+
+/// How the posterior of a [`Problem`] is found.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Method {
+    /// Separable posterior by minimising `C_KL` (eq. 11) from several random starts.
+    Variational(VariationalSettings),
+    /// Joint maximum of eq. 10 over light, reflectance, exposure and noise.
+    JointMap(JointMapSettings),
+    /// The light is known: the problem has one light coefficient, the DC. Separable posterior of the rest.
+    KnownLight(VariationalSettings),
+}
+
+/// Finds the posterior; deterministic for the seed in the method's settings. `progress` is told a fraction in 0..=1.
+pub fn infer(problem: &Problem<'_>, method: &Method, progress: &(dyn Fn(f64) + Sync)) -> Posterior {
+    match method {
+        Method::Variational(settings) | Method::KnownLight(settings) => variational::infer(problem, settings, progress),
+        Method::JointMap(settings) => joint_map::infer(problem, settings, progress),
+    }
+}

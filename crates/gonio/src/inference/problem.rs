@@ -1,0 +1,150 @@
+//! What is known: the image on its rows, and the priors.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::lighting::{CoefficientPrior, LightGrid, LightPrior};
+use crate::transfer::{Bilinear, Projected};
+
+/// Parameters of the priors of exposure and noise (paper 3.3).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Hyper {
+    /// `lambda_gamma` of `p(gamma) = Exp(lambda_gamma)`, for an image scaled to the brightness that the prior means predict.
+    /// Small: the scale of reflectance is that of its maximum, so a mirror takes an exposure a thousand times a chalk's.
+    pub exposure_rate: f64,
+    /// Shape `a` of `p(sigma^-2) = Gamma(a, b)`.
+    pub noise_shape: f64,
+    /// Rate `b` of the same, in squared units of the root mean square of the image.
+    pub noise_rate: f64,
+}
+
+impl Default for Hyper {
+    fn default() -> Self {
+        Self { exposure_rate: 1e-3, noise_shape: 1e-3, noise_rate: 1e-6 }
+    }
+}
+
+/// Why an image poses no problem.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ProblemError {
+    /// There is nothing to explain.
+    #[error("the observed part of the image is black")]
+    Black,
+    /// Something is not finite.
+    #[error("the observed part of the image has values that are not finite")]
+    NotFinite,
+    /// Rates and basis differ.
+    #[error("{rates} rates for {k} basis functions")]
+    Rates {
+        /// Rates given.
+        rates: usize,
+        /// Basis functions of the operator.
+        k: usize,
+    },
+}
+
+/// `I_i = g l' A_i f + e_i` with the priors of `l`, `f`, `g` and the precision of `e`; the image scaled so that `g` near one is
+/// plausible.
+#[derive(Clone, Debug)]
+pub struct Problem<'a> {
+    pub(crate) bilinear: &'a Bilinear,
+    /// Image on the rows, times `scale`.
+    pub(crate) target: Vec<f64>,
+    /// Squared norm of the scaled image, with what lies outside the rows.
+    pub(crate) energy: f64,
+    /// N of eq. 9.
+    pub(crate) pixels: f64,
+    /// The value that every image was multiplied with.
+    pub(crate) scale: f64,
+    /// Prior of each light coefficient from 1 on; DC is fixed at `dc`.
+    pub(crate) light: Vec<&'a CoefficientPrior>,
+    /// The constant DC coefficient.
+    pub(crate) dc: f64,
+    /// `lambda_k`.
+    pub(crate) rates: Vec<f64>,
+    pub(crate) hyper: Hyper,
+    /// Reflectance coefficients of known materials: starts are drawn from them where given.
+    pub(crate) examples: Vec<Vec<f64>>,
+}
+
+impl<'a> Problem<'a> {
+    /// The blind problem: light unknown, with prior `light`.
+    ///
+    /// # Errors
+    /// For black or non-finite images and rates that do not fit the operator.
+    pub fn blind(
+        image: &'a Projected,
+        light: &'a LightPrior,
+        rates: &[f64],
+        hyper: Hyper,
+    ) -> Result<Self, ProblemError> {
+        let m = image.bilinear.m();
+        let priors = (1..m).map(|m| light.of_index(m).expect("the prior covers the grid of the plan")).collect();
+        Self::new(image, priors, LightGrid::normalised_dc(), rates, hyper)
+    }
+
+    /// The problem with known light: `image.bilinear` has one light coefficient, of value one, and its rows are the images
+    /// of the basis functions under that light.
+    ///
+    /// # Errors
+    /// As [`Self::blind`].
+    pub fn with_known_light(image: &'a Projected, rates: &[f64], hyper: Hyper) -> Result<Self, ProblemError> {
+        assert_eq!(image.bilinear.m(), 1, "a known light is one coefficient");
+        Self::new(image, Vec::new(), 1.0, rates, hyper)
+    }
+
+    fn new(
+        image: &'a Projected,
+        light: Vec<&'a CoefficientPrior>,
+        dc: f64,
+        rates: &[f64],
+        hyper: Hyper,
+    ) -> Result<Self, ProblemError> {
+        let bilinear = &image.bilinear;
+        if rates.len() != bilinear.k() {
+            return Err(ProblemError::Rates { rates: rates.len(), k: bilinear.k() });
+        }
+        let energy = image.energy();
+        if !energy.is_finite() {
+            return Err(ProblemError::NotFinite);
+        }
+        if energy <= 0.0 {
+            return Err(ProblemError::Black);
+        }
+        // Root mean square one: the paper starts with a noise variance of one, as large as the signal. Which exposure
+        // that makes plausible depends on units only by a factor that the broad prior of g absorbs.
+        let scale = (image.pixels as f64 / energy).sqrt();
+        Ok(Self {
+            bilinear,
+            target: image.target.iter().map(|x| x * scale).collect(),
+            energy: energy * scale * scale,
+            pixels: image.pixels as f64,
+            scale,
+            light,
+            dc,
+            rates: rates.to_vec(),
+            hyper,
+            examples: Vec::new(),
+        })
+    }
+
+    /// Draws the random reflectances of the starts from coefficients of known materials instead of from the exponential prior.
+    pub fn starting_from(mut self, examples: Vec<Vec<f64>>) -> Self {
+        assert!(examples.iter().all(|e| e.len() == self.rates.len()));
+        self.examples = examples;
+        self
+    }
+
+    pub(crate) fn k(&self) -> usize {
+        self.bilinear.k()
+    }
+
+    pub(crate) fn m(&self) -> usize {
+        self.bilinear.m()
+    }
+
+    /// `a` of `q(sigma^-2) = Gamma(a, b)`.
+    pub(crate) fn noise_shape(&self) -> f64 {
+        self.hyper.noise_shape + 0.5 * self.pixels
+    }
+}

@@ -1,0 +1,301 @@
+//! Proofs of the inference on small problems.
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::ensemble::AllMoments;
+use super::*;
+use crate::lighting::{LightPrior, ScaleMixture};
+use crate::transfer::{Bilinear, Projected};
+
+const SIDE: usize = 4;
+const M: usize = SIDE * SIDE;
+
+/// A prior of four by four light, learnt from toy lights.
+fn prior() -> LightPrior {
+    crate::transfer::toy_prior(SIDE)
+}
+
+/// A random operator and the image of planted coefficients with noise.
+pub(super) struct Planted {
+    pub(super) image: Projected,
+    pub(super) prior: LightPrior,
+    pub(super) rates: Vec<f64>,
+    l: Vec<f64>,
+    f: Vec<f64>,
+}
+
+pub(super) fn planted(rows: usize, k: usize, noise: f64, seed: u64) -> Planted {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
+    let data = (0..rows * k * M).map(|_| rng.random_range(-1.0_f32..1.0)).collect();
+    let bilinear = Bilinear::new(rows, k, M, data);
+    let prior = prior();
+    let mut l: Vec<f64> = prior
+        .mean_and_variance(SIDE)
+        .iter()
+        .map(|(mean, variance)| {
+            let z: f64 = StandardNormal.sample(&mut rng);
+            mean + 0.7 * z * variance.sqrt()
+        })
+        .collect();
+    l[2] = l[2].abs();
+    let f: Vec<f64> = (0..k).map(|k| if k == 1 { 0.02 } else { 0.5 + 0.3 * k as f64 }).collect();
+    let mut target = bilinear.apply(&l, &f);
+    let rms = (target.iter().map(|x| x * x).sum::<f64>() / rows as f64).sqrt();
+    for t in &mut target {
+        let z: f64 = StandardNormal.sample(&mut rng);
+        *t += noise * rms * z;
+    }
+    let image = Projected { bilinear, target, outside: 0.0, pixels: rows };
+    Planted { image, prior, rates: vec![1.0; k], l, f }
+}
+
+impl Planted {
+    pub(super) fn problem(&self) -> Problem<'_> {
+        Problem::blind(&self.image, &self.prior, &self.rates, Hyper::default()).unwrap()
+    }
+
+    fn cost(&self, ensemble: &Ensemble) -> f64 {
+        let problem = self.problem();
+        Expectations::new(&problem, ensemble).cost(&problem)
+    }
+}
+
+fn start(planted: &Planted, seed: u64) -> Ensemble {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
+    let mut ensemble = Ensemble::random(&planted.problem(), &mut rng);
+    ensemble.set_log_noise(-2.0);
+    ensemble
+}
+
+/// Names of all scalar updates: each is made alone from the present state.
+#[derive(Clone, Copy, Debug)]
+enum Coordinate {
+    F(usize),
+    L(usize),
+    G,
+    Noise,
+}
+
+fn all(k: usize) -> Vec<Coordinate> {
+    let mut all: Vec<Coordinate> = (0..k).map(Coordinate::F).chain((1..M).map(Coordinate::L)).collect();
+    all.extend([Coordinate::G, Coordinate::Noise]);
+    all
+}
+
+/// `ensemble` with one coordinate replaced by its update.
+fn updated(problem: &Problem<'_>, ensemble: &Ensemble, which: Coordinate) -> Ensemble {
+    let now = Expectations::new(problem, ensemble);
+    let full = now.update(problem, ensemble);
+    let mut out = ensemble.clone();
+    match which {
+        Coordinate::F(k) => out.copy_f(&full, k),
+        Coordinate::L(m) => coordinate::light_coordinate(problem, &now, &mut out, m),
+        Coordinate::G => out.copy_g(&full),
+        Coordinate::Noise => out.set_log_noise(full.log_noise()),
+    }
+    out
+}
+
+#[test]
+fn a_coordinate_update_never_raises_the_cost() {
+    for seed in 1..4 {
+        let planted = planted(60, 3, 0.05, seed);
+        let problem = planted.problem();
+        let mut ensemble = start(&planted, seed);
+        let mut cost = planted.cost(&ensemble);
+        for sweep in 0..4 {
+            for which in all(3) {
+                ensemble = updated(&problem, &ensemble, which);
+                let next = planted.cost(&ensemble);
+                assert!(next <= cost + 1e-9 * cost.abs(), "sweep {sweep} {which:?}: {cost} -> {next}");
+                cost = next;
+            }
+        }
+    }
+}
+
+#[test]
+fn the_gradient_vanishes_after_an_update() {
+    let planted = planted(60, 3, 0.05, 7);
+    let problem = planted.problem();
+    let mut ensemble = start(&planted, 5);
+    for which in all(3).into_iter().chain(all(3)) {
+        ensemble = updated(&problem, &ensemble, which);
+        for at in ensemble.indices_of(which_index(which)) {
+            let step = 1e-5;
+            let mut direction = ensemble.minus(&ensemble);
+            direction[at] = 1.0;
+            let gradient = (planted.cost(&ensemble.moved(step, &direction))
+                - planted.cost(&ensemble.moved(-step, &direction)))
+                / (2.0 * step);
+            // The cost has about 14 digits, so a central difference has about 1e-8 of it.
+            assert!(gradient.abs() < 3e-7 * planted.cost(&ensemble).abs().max(1.0), "{which:?} at {at}: {gradient}");
+        }
+    }
+}
+
+fn which_index(which: Coordinate) -> super::ensemble::Part {
+    use super::ensemble::Part;
+    match which {
+        Coordinate::F(k) => Part::F(k),
+        Coordinate::L(m) => Part::L(m),
+        Coordinate::G => Part::G,
+        Coordinate::Noise => Part::Noise,
+    }
+}
+
+#[test]
+fn block_rounds_never_raise_the_cost() {
+    let planted = planted(80, 3, 0.02, 3);
+    let problem = planted.problem();
+    let grams = planted.image.bilinear.reflectance_grams();
+    let mut ensemble = start(&planted, 2);
+    let mut cost = planted.cost(&ensemble);
+    for round in 0..30 {
+        ensemble = coordinate::round(&problem, &ensemble, &grams, 8);
+        let next = planted.cost(&ensemble);
+        assert!(next <= cost + 1e-9 * cost.abs(), "round {round}: {cost} -> {next}");
+        cost = next;
+        if round % 7 == 6 {
+            ensemble.set_log_noise(Expectations::new(&problem, &ensemble).best_log_noise(&problem));
+            cost = planted.cost(&ensemble);
+        }
+    }
+}
+
+/// The residual under q by sampling q: checks every term of `E`.
+#[test]
+fn the_expected_residual_matches_sampling() {
+    let planted = planted(20, 2, 0.1, 11);
+    let problem = planted.problem();
+    let ensemble = start(&planted, 3);
+    let expected = Expectations::new(&problem, &ensemble).residual(&problem);
+    let AllMoments { f, l, g, .. } = ensemble.moments(&problem);
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(8);
+    // Only means and variances enter: Gaussians with the same moments do.
+    let mut draw = |m: &crate::lighting::Moments| {
+        let z: f64 = StandardNormal.sample(&mut rng);
+        m.mean + z * m.variance.sqrt()
+    };
+    let n = 60_000;
+    let (mut sum, mut square) = (0.0, 0.0);
+    for _ in 0..n {
+        let (f, l): (Vec<f64>, Vec<f64>) = (f.iter().map(&mut draw).collect(), l.iter().map(&mut draw).collect());
+        let g = draw(&g);
+        let y = planted.image.bilinear.apply(&l, &f);
+        let e: f64 = problem.target.iter().zip(&y).map(|(i, y)| (i - g * y).powi(2)).sum();
+        sum += e;
+        square += e * e;
+    }
+    let mean = sum / f64::from(n);
+    let error = ((square / f64::from(n) - mean * mean) / f64::from(n)).sqrt();
+    assert!((mean - expected).abs() < 4.0 * error, "{mean} +- {error} against {expected}");
+}
+
+/// Cosine between two vectors.
+fn alike(a: &[f64], b: &[f64]) -> f64 {
+    let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    inner(a, b) / (inner(a, a) * inner(b, b)).sqrt()
+}
+
+fn solved(planted: &Planted, method: &Method) -> Posterior {
+    infer(&planted.problem(), method, &|_| ())
+}
+
+#[test]
+fn a_planted_solution_is_recovered_by_both_solvers() {
+    let planted = planted(400, 3, 0.01, 21);
+    for solver in [Solver::Parallel, Solver::Blocks] {
+        let settings = VariationalSettings { solver, starts: 3, max_iterations: 3000, ..Default::default() };
+        let got = solved(&planted, &Method::Variational(settings));
+        assert!(alike(&got.reflectance, &planted.f) > 0.9995, "{solver:?} {:?} {:?}", got.reflectance, planted.f);
+        let light = alike(&got.light, &planted.l);
+        assert!(light > 0.999, "{solver:?}: light {light}, {:?}", got.starts);
+        let rms = (planted.image.energy() / 400.0).sqrt();
+        assert!((got.noise / rms / 0.01 - 1.0).abs() < 0.2, "{solver:?} noise {}", got.noise / rms);
+        assert!(got.starts[got.best_start].converged, "{solver:?} {:?}", got.starts);
+    }
+}
+
+#[test]
+fn line_searches_never_raise_the_cost() {
+    let planted = planted(100, 3, 0.05, 5);
+    let got = solved(&planted, &Method::Variational(VariationalSettings { starts: 1, ..Default::default() }));
+    for w in got.trace.windows(2) {
+        assert!(w[1] <= w[0] + 1e-9 * w[0].abs(), "{} -> {}", w[0], w[1]);
+    }
+}
+
+#[test]
+fn the_joint_maximum_only_climbs_and_explains_a_planted_image() {
+    let planted = planted(400, 3, 0.01, 21);
+    let got = solved(&planted, &Method::JointMap(JointMapSettings { max_iterations: 500, ..Default::default() }));
+    for w in got.trace.windows(2) {
+        assert!(w[1] <= w[0] + 1e-8 * w[0].abs(), "{} -> {}", w[0], w[1]);
+    }
+    assert!(alike(&got.reflectance, &planted.f) > 0.999, "{:?} {:?}", got.reflectance, planted.f);
+}
+
+#[test]
+fn with_known_light_the_answer_is_that_of_non_negative_least_squares() {
+    // Rows are images of the basis functions; noise so small that the priors do not matter.
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
+    let (rows, truth) = (200, [0.8, 0.0, 0.3, 1.7]);
+    let data: Vec<f32> = (0..rows * 4).map(|_| rng.random_range(0.0..1.0)).collect();
+    let target = data.chunks(4).map(|a| a.iter().zip(truth).map(|(a, f)| f64::from(*a) * f).sum()).collect();
+    let image = Projected { bilinear: Bilinear::new(rows, 4, 1, data), target, outside: 0.0, pixels: rows };
+    let problem = Problem::with_known_light(&image, &[1.0; 4], Hyper::default()).unwrap();
+    let settings = VariationalSettings { solver: Solver::Blocks, starts: 1, ..Default::default() };
+    let got = infer(&problem, &Method::KnownLight(settings), &|_| ());
+    let f: Vec<f64> = got.reflectance.iter().map(|f| f * got.exposure).collect();
+    for (got, want) in f.iter().zip(truth) {
+        assert!((got - want).abs() < 5e-3, "{f:?}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_posterior_on_any_number_of_threads() {
+    let planted = planted(120, 3, 0.05, 5);
+    let run = |threads, seed| {
+        let settings = VariationalSettings { seed, starts: 2, max_iterations: 60, ..Default::default() };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| solved(&planted, &Method::Variational(settings)))
+    };
+    assert_eq!(run(1, 4), run(3, 4));
+    assert_ne!(run(2, 4).trace, run(2, 5).trace);
+}
+
+#[test]
+fn scaling_the_image_scales_exposure_and_noise_alone() {
+    let mut planted = planted(120, 3, 0.05, 5);
+    let method = Method::Variational(VariationalSettings { starts: 1, max_iterations: 60, ..Default::default() });
+    let one = solved(&planted, &method);
+    planted.image.target.iter_mut().for_each(|t| *t *= 1024.0);
+    let two = solved(&planted, &method);
+    assert_eq!(one.reflectance, two.reflectance);
+    assert!((two.exposure / one.exposure / 1024.0 - 1.0).abs() < 1e-12);
+    assert!((two.noise / one.noise / 1024.0 - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn images_that_pose_no_problem_are_refused() {
+    let mut p = planted(60, 2, 0.1, 1);
+    assert_eq!(
+        Problem::blind(&p.image, &p.prior, &[1.0], Hyper::default()).unwrap_err(),
+        ProblemError::Rates { rates: 1, k: 2 }
+    );
+    p.image.target[3] = f64::NAN;
+    assert_eq!(Problem::blind(&p.image, &p.prior, &p.rates, Hyper::default()).unwrap_err(), ProblemError::NotFinite);
+    p.image.target.fill(0.0);
+    assert_eq!(Problem::blind(&p.image, &p.prior, &p.rates, Hyper::default()).unwrap_err(), ProblemError::Black);
+}
+
+#[test]
+fn the_bound_of_the_mixture_prior_is_tight_at_a_point() {
+    // With zero variance <log p> is log p itself.
+    let mixture = ScaleMixture { weights: vec![0.3, 0.7], variances: vec![0.1, 3.0] };
+    let prior = crate::lighting::CoefficientPrior::Mixture(mixture.clone());
+    let at = crate::lighting::Moments { mean: 0.4, variance: 0.0, mean_log: 0.0 };
+    assert!((expectations::expected_log_prior(&prior, &at) - mixture.log_density(0.4)).abs() < 1e-12);
+}

@@ -134,6 +134,11 @@ fn run(
 }
 
 /// `alpha* = argmin C_KL(Phi + alpha dPhi)`: a bracket grown or shrunk from the last step, then parabolas.
+///
+/// In the paper's variables `(u/w, log 1/w)` the parallel update need not be a direction of descent: just after the
+/// noise was lowered all precisions want to grow by a large factor, and the search stalls. In the natural parameters `(u/w, 1/w)` it always is one,
+/// since there the gradient of `C_KL` is the Fisher matrix times `Phi - Phi*`. So a search that finds nothing is
+/// repeated along that line.
 struct LineSearch {
     alpha: f64,
 }
@@ -151,53 +156,66 @@ impl LineSearch {
     }
 
     fn step(&mut self, problem: &Problem<'_>, ensemble: &Ensemble, now: &Expectations, cost: f64) -> Ensemble {
-        let mut direction = now.update(problem, ensemble).minus(ensemble);
-        direction[ensemble.noise_index()] = 0.0;
-        let at = |alpha: f64| {
-            let cost = Expectations::new(problem, &ensemble.moved(alpha, &direction)).cost(problem);
+        let mut target = now.update(problem, ensemble);
+        target.set_log_noise(ensemble.log_noise());
+        let direction = target.minus(ensemble);
+        let along = |alpha: f64| ensemble.moved(alpha, &direction);
+        let evaluate = |e: &Ensemble| {
+            let cost = Expectations::new(problem, e).cost(problem);
             if cost.is_finite() { cost } else { f64::INFINITY }
         };
-        let mut middle = (self.alpha, at(self.alpha));
-        // Shrink until the cost falls.
-        let mut right = None;
-        while middle.1 > cost {
-            right = Some(middle);
-            if middle.0 < 1e-9 {
-                // Nothing falls along this direction: stay.
-                return ensemble.clone();
-            }
-            let alpha = 0.3 * middle.0;
-            middle = (alpha, at(alpha));
+        if let Some(alpha) = search(self.alpha, 64.0, cost, |alpha| evaluate(&along(alpha))) {
+            self.alpha = alpha;
+            return along(alpha);
         }
-        let mut left = (0.0, cost);
-        // Or grow while it falls.
-        let mut right = match right {
-            Some(right) => right,
-            None => loop {
-                let alpha = 2.0 * middle.0;
-                let next = (alpha, at(alpha));
-                if next.1 >= middle.1 || alpha > 64.0 {
-                    break next;
-                }
-                (left, middle) = (middle, next);
-            },
-        };
-        for _ in 0..2 {
-            let alpha = vertex(left, middle, right);
-            if !(left.0 < alpha && alpha < right.0) || (alpha - middle.0).abs() < 0.02 * middle.0 {
-                break;
-            }
-            let next = (alpha, at(alpha));
-            let (low, high) = if alpha < middle.0 { (next, middle) } else { (middle, next) };
-            if low.1 <= high.1 {
-                (middle, right) = (low, high);
-            } else {
-                (left, middle) = (low, high);
-            }
-        }
-        self.alpha = middle.0;
-        ensemble.moved(middle.0, &direction)
+        self.alpha = 1.0;
+        let natural = |alpha: f64| ensemble.towards(alpha, &target);
+        search(0.5, 1.0, cost, |alpha| evaluate(&natural(alpha))).map_or_else(|| ensemble.clone(), natural)
     }
+}
+
+/// Minimiser of `at` near `start`, at most about `limit`; `None` if nothing down to a ten-thousandth of it falls below `cost`,
+/// the value at zero.
+fn search(start: f64, limit: f64, cost: f64, at: impl Fn(f64) -> f64) -> Option<f64> {
+    let mut middle = (start, at(start));
+    let mut right = None;
+    while middle.1 >= cost {
+        right = Some(middle);
+        if middle.0 < 1e-4 * start {
+            return None;
+        }
+        let alpha = 0.3 * middle.0;
+        middle = (alpha, at(alpha));
+    }
+    let mut left = (0.0, cost);
+    // Or grow while it falls.
+    let mut right = match right {
+        Some(right) => right,
+        None => loop {
+            if 2.0 * middle.0 > limit {
+                return Some(middle.0);
+            }
+            let next = (2.0 * middle.0, at(2.0 * middle.0));
+            if next.1 >= middle.1 {
+                break next;
+            }
+            (left, middle) = (middle, next);
+        },
+    };
+    for _ in 0..2 {
+        let alpha = vertex(left, middle, right);
+        if !(left.0 < alpha && alpha < right.0) || (alpha - middle.0).abs() < 0.02 * middle.0 {
+            break;
+        }
+        let next = (alpha, at(alpha));
+        let (low, high) = if alpha < middle.0 { (next, middle) } else { (middle, next) };
+        if low.1 <= high.1 {
+            (middle, right) = (low, high);
+        } else {
+            (left, middle) = (low, high);
+        }
+    }
+    Some(middle.0)
 }
 
 /// Where the parabola through three points has its extremum; NaN when they lie on a line.

@@ -38,7 +38,7 @@ impl StagedFolder {
         // or a link, and whose parent need not be writable.
         let beside = if exists { target.clone() } else { folder_of(&target) };
         parents.make(&beside).map_err(failed)?;
-        let staging = temporary("").tempdir_in(&beside).map_err(failed)?;
+        let staging = temporary(0o777).tempdir_in(&beside).map_err(failed)?;
         Ok(Self { target, staging, parents })
     }
 

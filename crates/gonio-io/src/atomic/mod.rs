@@ -41,7 +41,7 @@ fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     };
     let folder = folder_of(&target);
     // Dropping the temporary file on any of the errors below removes it.
-    let mut file = temporary(".tmp").tempfile_in(&folder)?;
+    let mut file = temporary(0o666).tempfile_in(&folder)?;
     file.write_all(bytes)?;
     // A full disk may show only here; without this a crash could leave an empty file under the final name.
     file.as_file().sync_all()?;
@@ -58,16 +58,15 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Temporary files and folders get the permissions that the user's mask gives to ordinary ones.
-fn temporary(suffix: &'static str) -> tempfile::Builder<'static, 'static> {
+/// Temporary files and folders get the permissions that the user's mask gives to ordinary ones: `mode` before the mask,
+/// 0o666 for files and 0o777 for folders.
+fn temporary(mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(PREFIX).suffix(suffix);
+    builder.prefix(PREFIX);
     #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        let mode = if suffix.is_empty() { 0o777 } else { 0o666 };
-        builder.permissions(fs::Permissions::from_mode(mode));
-    }
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode));
+    #[cfg(not(unix))]
+    let _ = mode;
     builder
 }
 

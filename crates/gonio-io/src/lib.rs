@@ -1,1 +1,25 @@
-//! Placeholder.
+//! Every file that gonio reads or writes, with limits on what it will read.
+//!
+//! * [`picture`]: photographs, light maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF);
+//! * [`normals`]: normal maps (OpenEXR, PFM, NPY, PNG);
+//! * [`merl`], [`bivariate`], [`fits`]: measured BRDFs and published fits to them;
+//! * [`npy`]: arrays of numpy;
+//! * [`atomic`]: output that appears complete or not at all;
+//! * [`cache`]: computed plans that survive the process.
+//!
+//! Invariants: no input makes this crate panic; sizes are checked before memory is taken for them; an [`Error`] always
+//! names the file, the problem and a way out, on one line; nothing is ever printed by this crate (a third party's
+//! decoder that panics on a damaged file is caught, but its message has by then been written by the panic hook).
+
+pub mod atomic;
+pub mod bivariate;
+pub mod cache;
+mod error;
+pub mod fits;
+mod guard;
+pub mod merl;
+pub mod normals;
+pub mod npy;
+pub mod picture;
+
+pub use error::{Error, Kind};

@@ -1,0 +1,262 @@
+//! A folder of output files that appears as a whole.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+
+use super::{folder_of, sync_folder, temporary};
+use crate::Error;
+
+/// Collects output files in a hidden folder on the same file system as the target, and moves them there at the end.
+/// Dropped without [`commit`](Self::commit) it removes them and every folder that it has made.
+#[derive(Debug)]
+pub struct StagedFolder {
+    target: PathBuf,
+    staging: TempDir,
+    /// Removes the made parents after `staging`: fields are dropped in order.
+    parents: MadeFolders,
+}
+
+impl StagedFolder {
+    /// Prepares to fill the folder `dir`, which may exist; missing parents are made.
+    ///
+    /// # Errors
+    /// If there is a file of that name, or the folder (or what goes into it) cannot be made.
+    pub fn create(dir: impl AsRef<Path>) -> Result<Self, Error> {
+        let target = dir.as_ref().to_owned();
+        let failed = |e| Error::io(&target, "make the folder", e);
+        let exists = match fs::metadata(&target) {
+            Ok(meta) if meta.is_dir() => true,
+            Ok(_) => return Err(failed(io::Error::new(io::ErrorKind::AlreadyExists, "a file of that name exists"))),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => false,
+            Err(e) => return Err(failed(e)),
+        };
+        let mut parents = MadeFolders::default();
+        // Next to a new folder, so that one rename makes it appear; inside an existing one, which may be a mount point
+        // or a link, and whose parent need not be writable.
+        let beside = if exists { target.clone() } else { folder_of(&target) };
+        parents.make(&beside).map_err(failed)?;
+        let staging = temporary(0o777).tempdir_in(&beside).map_err(failed)?;
+        Ok(Self { target, staging, parents })
+    }
+
+    /// Where to write the output file `name` for now.
+    ///
+    /// # Panics
+    /// If `name` is not a plain file name.
+    pub fn path(&self, name: &str) -> PathBuf {
+        assert!(Path::new(name).file_name().is_some_and(|n| n == name), "`{name}` is a plain file name");
+        self.staging.path().join(name)
+    }
+
+    /// The folder to be filled.
+    pub fn target(&self) -> &Path {
+        &self.target
+    }
+
+    /// Makes the files appear. A new folder appears in one step; in an existing one each file replaces its namesake,
+    /// after all of them have reached the disk. Other files there stay.
+    ///
+    /// # Errors
+    /// If the files cannot reach the disk (it may be full), a folder stands where a file should go, or something is
+    /// in the way. Nothing has been replaced then, unless renaming itself failed half-way.
+    pub fn commit(mut self) -> Result<(), Error> {
+        let staging = self.staging.path();
+        let names = self.sync()?;
+        let failed = |e| Error::io(&self.target, "put the files into the folder", e);
+        let exists = self.target.is_dir();
+        if !exists && fs::rename(staging, &self.target).is_ok() {
+            // Renamed away: nothing is left to clean up.
+            self.staging.disable_cleanup(true);
+        } else {
+            if !exists {
+                // Someone made it in the meantime, or renaming failed for a reason that this will state.
+                fs::create_dir(&self.target)
+                    .or_else(|e| if self.target.is_dir() { Ok(()) } else { Err(e) })
+                    .map_err(failed)?;
+            }
+            for name in &names {
+                let twin = self.target.join(name);
+                if twin.is_dir() {
+                    return Err(Error::io(&twin, "replace", io::ErrorKind::IsADirectory.into()));
+                }
+            }
+            for name in &names {
+                fs::rename(staging.join(name), self.target.join(name)).map_err(failed)?;
+            }
+            sync_folder(&self.target);
+        }
+        self.parents.keep();
+        sync_folder(&folder_of(&self.target));
+        Ok(())
+    }
+
+    /// Sees all staged files to the disk, where a full one may show only now, and names them.
+    fn sync(&self) -> Result<Vec<std::ffi::OsString>, Error> {
+        let staging = self.staging.path();
+        let failed = |name: &Path, e| Error::io(&self.target.join(name), "write", e);
+        let mut names = Vec::new();
+        for entry in fs::read_dir(staging).map_err(|e| failed(Path::new(""), e))? {
+            let name = entry.map_err(|e| failed(Path::new(""), e))?.file_name();
+            let path = staging.join(&name);
+            if path.is_file() {
+                File::open(path).and_then(|f| f.sync_all()).map_err(|e| failed(Path::new(&name), e))?;
+            }
+            names.push(name);
+        }
+        names.sort();
+        sync_folder(staging);
+        Ok(names)
+    }
+}
+
+/// Folders made on the way, removed again on drop if they are still empty.
+#[derive(Debug, Default)]
+struct MadeFolders(Vec<PathBuf>);
+
+impl MadeFolders {
+    /// Makes `dir` and its missing parents.
+    fn make(&mut self, dir: &Path) -> io::Result<()> {
+        if dir.is_dir() {
+            return Ok(());
+        }
+        let parent = folder_of(dir);
+        if parent != dir {
+            self.make(&parent)?;
+        }
+        match fs::create_dir(dir) {
+            Ok(()) => self.0.push(dir.to_owned()),
+            // Another process was faster; then it is not ours to remove.
+            Err(_) if dir.is_dir() => {}
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+                return Err(io::Error::new(io::ErrorKind::NotADirectory, format!("{} is a file", dir.display())));
+            }
+            Err(e) => return Err(e),
+        }
+        Ok(())
+    }
+
+    fn keep(&mut self) {
+        self.0.clear();
+    }
+}
+
+impl Drop for MadeFolders {
+    fn drop(&mut self) {
+        for dir in self.0.iter().rev() {
+            // Fails, rightly, when someone has put something into it.
+            let _ = fs::remove_dir(dir);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// All paths below `dir`, relative and sorted.
+    fn tree(dir: &Path) -> Vec<String> {
+        let mut found = Vec::new();
+        let mut open = vec![dir.to_owned()];
+        while let Some(next) = open.pop() {
+            for entry in fs::read_dir(next).unwrap() {
+                let path = entry.unwrap().path();
+                found.push(path.strip_prefix(dir).unwrap().to_string_lossy().into_owned());
+                if path.is_dir() {
+                    open.push(path);
+                }
+            }
+        }
+        found.sort();
+        found
+    }
+
+    #[test]
+    fn a_new_folder_appears_as_a_whole() {
+        let dir = tempfile::tempdir().unwrap();
+        let staged = StagedFolder::create(dir.path().join("a/b/out")).unwrap();
+        fs::write(staged.path("x"), "x").unwrap();
+        fs::write(staged.path("y"), "y").unwrap();
+        assert!(!dir.path().join("a/b/out").exists());
+        staged.commit().unwrap();
+        assert_eq!(tree(dir.path()), ["a", "a/b", "a/b/out", "a/b/out/x", "a/b/out/y"]);
+    }
+
+    #[test]
+    fn dropping_leaves_no_trace() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("old")).unwrap();
+        for target in ["a/b/out", "new", "old"] {
+            let staged = StagedFolder::create(dir.path().join(target)).unwrap();
+            fs::write(staged.path("x"), "x").unwrap();
+            drop(staged);
+            assert_eq!(tree(dir.path()), ["old"], "{target}");
+        }
+    }
+
+    #[test]
+    fn files_of_an_existing_folder_are_replaced_one_by_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("out");
+        fs::create_dir(&out).unwrap();
+        fs::write(out.join("x"), "old").unwrap();
+        fs::write(out.join("other"), "kept").unwrap();
+        let staged = StagedFolder::create(&out).unwrap();
+        fs::write(staged.path("x"), "new").unwrap();
+        assert_eq!(fs::read_to_string(out.join("x")).unwrap(), "old");
+        staged.commit().unwrap();
+        assert_eq!(fs::read_to_string(out.join("x")).unwrap(), "new");
+        assert_eq!(tree(&out), ["other", "x"]);
+    }
+
+    #[test]
+    fn nothing_is_replaced_when_something_is_in_the_way() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("y")).unwrap();
+        fs::write(dir.path().join("x"), "old").unwrap();
+        let staged = StagedFolder::create(dir.path()).unwrap();
+        fs::write(staged.path("x"), "new").unwrap();
+        fs::write(staged.path("y"), "new").unwrap();
+        assert_eq!(staged.commit().unwrap_err().io_kind(), Some(io::ErrorKind::IsADirectory));
+        assert_eq!(fs::read_to_string(dir.path().join("x")).unwrap(), "old");
+        assert_eq!(tree(dir.path()), ["x", "y"]);
+    }
+
+    #[test]
+    fn a_folder_made_meanwhile_is_filled() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("out");
+        let staged = StagedFolder::create(&out).unwrap();
+        fs::write(staged.path("x"), "new").unwrap();
+        fs::create_dir(&out).unwrap();
+        fs::write(out.join("other"), "").unwrap();
+        staged.commit().unwrap();
+        assert_eq!(tree(dir.path()), ["out", "out/other", "out/x"]);
+    }
+
+    #[test]
+    fn files_where_folders_should_be_are_named() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("f"), "").unwrap();
+        let error = StagedFolder::create(dir.path().join("f")).unwrap_err();
+        assert!(error.to_string().contains("a file of that name exists"), "{error}");
+        for below in ["f/out", "f/a/out"] {
+            let error = StagedFolder::create(dir.path().join(below)).unwrap_err();
+            assert_eq!(error.io_kind(), Some(io::ErrorKind::NotADirectory), "{error}");
+        }
+        assert_eq!(tree(dir.path()), ["f"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn the_new_folder_has_ordinary_permissions() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().unwrap();
+        StagedFolder::create(dir.path().join("a")).unwrap().commit().unwrap();
+        fs::create_dir(dir.path().join("b")).unwrap();
+        let mode = |name: &str| fs::metadata(dir.path().join(name)).unwrap().permissions().mode();
+        assert_eq!(mode("a"), mode("b"));
+    }
+}

@@ -1,0 +1,132 @@
+//! Output that appears complete or not at all: single files, and whole folders of them.
+//!
+//! A process that is killed can leave a hidden file or folder behind, named `.gonio-*`; nothing else can.
+
+mod folder;
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+pub use folder::StagedFolder;
+
+use crate::Error;
+
+/// How the names of unfinished files and folders begin.
+const PREFIX: &str = ".gonio-";
+
+/// Writes a file: all of `bytes`, or, on error, nothing. An existing file is replaced, through a symbolic link if
+/// there is one; a device or a pipe is written to in place. The folder must exist.
+///
+/// # Errors
+/// If the folder is missing or not writable, the target is a folder or read-only, or the disk is full.
+pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Error> {
+    let path = path.as_ref();
+    write(path, bytes).map_err(|e| {
+        // The target need not exist, so what is missing is its folder.
+        let action = if e.kind() == io::ErrorKind::NotFound { "write, its folder does not exist" } else { "write" };
+        Error::io(path, action, e)
+    })
+}
+
+fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let target = match fs::metadata(path) {
+        Ok(meta) if meta.is_dir() => return Err(io::ErrorKind::IsADirectory.into()),
+        // To replace `/dev/null` by a file would be a disaster.
+        Ok(meta) if !meta.is_file() => return File::options().write(true).open(path)?.write_all(bytes),
+        Ok(meta) if meta.permissions().readonly() => return Err(io::ErrorKind::PermissionDenied.into()),
+        Ok(_) => fs::canonicalize(path)?,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => path.to_owned(),
+        Err(e) => return Err(e),
+    };
+    let folder = folder_of(&target);
+    // Dropping the temporary file on any of the errors below removes it.
+    let mut file = temporary(0o666).tempfile_in(&folder)?;
+    file.write_all(bytes)?;
+    // A full disk may show only here; without this a crash could leave an empty file under the final name.
+    file.as_file().sync_all()?;
+    file.persist(&target).map_err(|e| e.error)?;
+    sync_folder(&folder);
+    Ok(())
+}
+
+/// The folder that `path` is in.
+fn folder_of(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
+
+/// Temporary files and folders get the permissions that the user's mask gives to ordinary ones: `mode` before the mask,
+/// 0o666 for files and 0o777 for folders.
+fn temporary(mode: u32) -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PREFIX);
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode));
+    #[cfg(not(unix))]
+    let _ = mode;
+    builder
+}
+
+/// Makes a rename last through a power cut. Not all file systems can, and the file is sound either way.
+fn sync_folder(folder: &Path) {
+    let _ = File::open(folder).and_then(|f| f.sync_all());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(dir: &Path) -> Vec<String> {
+        let mut names: Vec<_> =
+            fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn files_appear_and_are_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a");
+        for content in ["one", "another"] {
+            write_file(&path, content.as_bytes()).unwrap();
+            assert_eq!(fs::read_to_string(&path).unwrap(), content);
+        }
+        assert_eq!(names(dir.path()), ["a"]);
+    }
+
+    #[test]
+    fn failure_leaves_nothing_behind() {
+        let dir = tempfile::tempdir().unwrap();
+        let missing = write_file(dir.path().join("no/a"), b"x").unwrap_err();
+        assert!(missing.to_string().contains("its folder does not exist"), "{missing}");
+        fs::create_dir(dir.path().join("d")).unwrap();
+        let folder = write_file(dir.path().join("d"), b"x").unwrap_err();
+        assert_eq!(folder.io_kind(), Some(io::ErrorKind::IsADirectory));
+        assert_eq!(names(dir.path()), ["d"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_devices_and_permissions_are_respected() {
+        use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
+        let dir = tempfile::tempdir().unwrap();
+        let (real, link) = (dir.path().join("real"), dir.path().join("link"));
+        fs::write(&real, "old").unwrap();
+        symlink(&real, &link).unwrap();
+        write_file(&link, b"new").unwrap();
+        assert_eq!(fs::read(&real).unwrap(), b"new");
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        // The same permissions as any other new file has.
+        let plain = dir.path().join("plain");
+        fs::write(&plain, "").unwrap();
+        let mode = |p: &Path| fs::metadata(p).unwrap().permissions().mode();
+        assert_eq!(mode(&real), mode(&plain));
+        fs::set_permissions(&real, fs::Permissions::from_mode(0o444)).unwrap();
+        assert_eq!(write_file(&real, b"x").unwrap_err().io_kind(), Some(io::ErrorKind::PermissionDenied));
+        write_file("/dev/null", b"gone").unwrap();
+        assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+    }
+}

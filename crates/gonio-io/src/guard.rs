@@ -1,0 +1,69 @@
+//! Guards between untrusted files and the rest: size limits on whole files, and panics of third parties' decoders.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use crate::Error;
+
+/// Opens a regular file (or a pipe) for reading and tells its length, 0 for a pipe.
+pub(crate) fn open(path: &Path) -> Result<(File, u64), Error> {
+    let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
+    let meta = file.metadata().map_err(|e| Error::io(path, "open", e))?;
+    if meta.is_dir() {
+        return Err(Error::io(path, "read", io::ErrorKind::IsADirectory.into()));
+    }
+    Ok((file, meta.len()))
+}
+
+/// The whole of a file of at most `max` bytes. Nothing is allocated for a file that says it is longer.
+pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
+    let (file, length) = open(path)?;
+    let too_long = || Error::limits(path, format!("is longer than {max} bytes"), "reduce it or raise the limit");
+    if length > max {
+        return Err(too_long());
+    }
+    let mut bytes = Vec::with_capacity(usize::try_from(length).map_err(|_| too_long())?);
+    // One more than allowed, so that a pipe, or a file that grows, is found out too.
+    file.take(max.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::io(path, "read", e))?;
+    if bytes.len() as u64 > max {
+        return Err(too_long());
+    }
+    if bytes.is_empty() {
+        return Err(Error::damaged(path, "is empty"));
+    }
+    Ok(bytes)
+}
+
+/// Runs the decoder of a third party and turns its panic, which only a damaged file provokes, into an error.
+pub(crate) fn catching<T>(path: &Path, format: &str, decode: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+    // Whatever the decoder held is dropped by the unwinding, so no broken state can be seen afterwards.
+    catch_unwind(AssertUnwindSafe(decode))
+        .unwrap_or_else(|_| Err(Error::damaged(path, format!("contradicts itself as {format}"))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Kind;
+
+    #[test]
+    fn folders_empty_and_long_files_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("f");
+        std::fs::write(&file, b"12345").unwrap();
+        assert_eq!(read_whole(&file, 5).unwrap(), b"12345");
+        assert_eq!(read_whole(&file, 4).unwrap_err().kind(), Kind::Limits);
+        assert_eq!(read_whole(dir.path(), 9).unwrap_err().io_kind(), Some(io::ErrorKind::IsADirectory));
+        std::fs::write(&file, b"").unwrap();
+        assert_eq!(read_whole(&file, 4).unwrap_err().kind(), Kind::Damaged);
+        assert_eq!(read_whole(&dir.path().join("g"), 4).unwrap_err().io_kind(), Some(io::ErrorKind::NotFound));
+    }
+
+    #[test]
+    fn a_panic_becomes_an_error() {
+        let got: Result<(), _> = catching(Path::new("x"), "EXR", || panic!("expected by the test"));
+        assert_eq!(got.unwrap_err().kind(), Kind::Damaged);
+    }
+}

@@ -1,0 +1,180 @@
+//! Normal maps: one direction for each pixel of the photograph, zero where there is no surface.
+//!
+//! Axes are those of the camera: x right, y up, z towards the camera; nothing is flipped or turned here. Formats:
+//! * OpenEXR with float channels `X Y Z` or `R G B`, plain or of a pass such as `Normal.X`; PFM;
+//! * NPY of shape (height, width, 3), row 0 at the top;
+//! * PNG, TIFF and JPEG with the usual code, `n = 2 v - 1` for `v` in 0..=1; float TIFF as plain components.
+//!
+//! Whether the normals have unit length and face the camera is checked by whoever uses them.
+
+use std::path::Path;
+
+use glam::Vec3;
+use gonio::picture::Plane;
+
+use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
+use crate::{Error, guard, npy};
+
+/// Integer codes of normals whose length is this close to 1 are rounded unit vectors.
+const CODED_SLACK: f32 = 0.05;
+/// Shorter than this an integer code is the one of zero, which no integer hits exactly.
+const CODED_ZERO: f32 = 0.05;
+
+/// Reads a normal map. Pixels without surface (zero, not-a-number; black, mid-grey or transparent where integers code
+/// the normals) are [`Vec3::ZERO`].
+///
+/// # Errors
+/// If the file cannot be read, is damaged, is in a format that holds no normals, or has too many pixels (2^27).
+pub fn read_normals(path: impl AsRef<Path>) -> Result<Plane<Vec3>, Error> {
+    let path = path.as_ref();
+    let options = ReadOptions { linear: true, ..Default::default() };
+    decode(path, &guard::read_whole(path, options.max_bytes())?, &options)
+}
+
+/// Decodes a normal map held in memory; `path` serves the messages only.
+///
+/// # Errors
+/// Like [`read_normals`].
+pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Vec3>, Error> {
+    if bytes.starts_with(npy::MAGIC) {
+        return from_npy(path, bytes, options);
+    }
+    match Format::of(path, bytes)? {
+        Format::Exr => {
+            let (width, height, planes) = picture::read_channels(path, bytes, options, |h| select(path, h))?;
+            let [x, y, z] = planes.as_slice() else { return Err(Error::damaged(path, "has no normals")) };
+            let normals = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| float(Vec3::new(x, y, z))).collect();
+            Ok(Plane::from_vec(width, height, normals))
+        }
+        Format::Radiance => {
+            Err(Error::unsupported(path, "is a Radiance file, which cannot hold negative values", "give EXR or NPY"))
+        }
+        _ => {
+            let options = ReadOptions { linear: true, ..options.clone() };
+            Ok(from_picture(picture::decode(path, bytes, &options)?))
+        }
+    }
+}
+
+/// The channels most likely to be normals: `X Y Z` before `R G B`, and a pass named for normals before all others.
+fn select(path: &Path, headers: &[exr::meta::header::Header]) -> Result<Selection, Error> {
+    let groups = picture::groups(headers);
+    let mut found: Option<(u32, Selection)> = None;
+    for group in &groups {
+        let pass = match group.pass() {
+            "n" | "normal" | "normals" | "nrm" => 0,
+            "" => 2,
+            _ => 4,
+        };
+        for (names, rank) in [(["x", "y", "z"], 0), (["nx", "ny", "nz"], 0), (["r", "g", "b"], 1)] {
+            if let Some(selection) = group.select(&names)
+                && found.as_ref().is_none_or(|f| pass + rank < f.0)
+            {
+                found = Some((pass + rank, selection));
+            }
+        }
+    }
+    let missing =
+        || Error::unsupported(path, "has no channels X, Y, Z or R, G, B", "name the channels of the normals so");
+    found.map(|f| f.1).ok_or_else(missing)
+}
+
+fn from_npy(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Vec3>, Error> {
+    let array = npy::decode(path, bytes)?;
+    let &[height, width, 3] = array.shape.as_slice() else {
+        let problem = format!("has the shape {:?}", array.shape);
+        return Err(Error::invalid(path, problem, "give an array of shape (height, width, 3)"));
+    };
+    let (width, height) = options.check_size(path, width as u64, height as u64)?;
+    let normals = array.values.chunks_exact(3).map(|n| float(Vec3::from_slice(n))).collect();
+    Ok(Plane::from_vec(width, height, normals))
+}
+
+fn from_picture(decoded: Decoded) -> Plane<Vec3> {
+    let Decoded { picture, encoding, .. } = decoded;
+    if encoding == Encoding::LinearFloat {
+        return picture.rgb.map(|&n| float(n));
+    }
+    let mut normals = picture.rgb.map(|&v| coded(v));
+    if let Some(alpha) = picture.alpha {
+        for (n, _) in normals.as_mut_slice().iter_mut().zip(alpha.as_slice()).filter(|(_, a)| **a == 0.0) {
+            *n = Vec3::ZERO;
+        }
+    }
+    normals
+}
+
+fn float(n: Vec3) -> Vec3 {
+    if n.is_finite() { n } else { Vec3::ZERO }
+}
+
+fn coded(v: Vec3) -> Vec3 {
+    let n = 2.0 * v - 1.0;
+    let length = n.length();
+    if v == Vec3::ZERO || length < CODED_ZERO {
+        Vec3::ZERO
+    } else if (length - 1.0).abs() <= CODED_SLACK {
+        n / length
+    } else {
+        n
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Kind;
+    use exr::prelude::*;
+
+    fn read(bytes: &[u8]) -> std::result::Result<Plane<Vec3>, crate::Error> {
+        super::decode(Path::new("n"), bytes, &ReadOptions::default())
+    }
+
+    fn exr(channels: &[(&str, f32)]) -> Vec<u8> {
+        let list = channels.iter().map(|&(n, v)| AnyChannel::new(n, FlatSamples::F32(vec![v; 4]))).collect();
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        Image::from_channels((2, 2), AnyChannels::sort(list)).write().to_buffered(&mut bytes).unwrap();
+        bytes.into_inner()
+    }
+
+    #[test]
+    fn exr_channels_of_normals_are_found() {
+        let n = [(0.6, "R"), (0.0, "G"), (0.8, "B")];
+        assert_eq!(read(&exr(&n.map(|(v, c)| (c, v)))).unwrap()[(1, 1)], Vec3::new(0.6, 0.0, 0.8));
+        let mixed = [("B", 9.0), ("G", 9.0), ("R", 9.0), ("Normal.X", 0.0), ("Normal.Y", 1.0), ("Normal.Z", 0.0)];
+        assert_eq!(read(&exr(&mixed)).unwrap()[(0, 1)], Vec3::Y);
+        let nan = [("X", f32::NAN), ("Y", 0.0), ("Z", 1.0)];
+        assert_eq!(read(&exr(&nan)).unwrap()[(0, 0)], Vec3::ZERO);
+        assert_eq!(read(&exr(&[("Z", 1.0)])).unwrap_err().kind(), Kind::Unsupported);
+    }
+
+    #[test]
+    fn arrays_of_numpy_are_rows_from_the_top() {
+        let array = npy::Array { shape: vec![2, 1, 3], values: vec![0., 0., 1., 1., f32::NAN, 0.] };
+        let got = read(&npy::encode(&array)).unwrap();
+        assert_eq!((got.size(), got.as_slice()), ((1, 2), &[Vec3::Z, Vec3::ZERO][..]));
+        let flat = npy::Array { shape: vec![2, 3], values: vec![0.0; 6] };
+        assert_eq!(read(&npy::encode(&flat)).unwrap_err().kind(), Kind::Invalid);
+    }
+
+    #[test]
+    fn coded_normals_become_unit_vectors_or_zero() {
+        let png = |pixel: [u8; 4]| {
+            let image = image::RgbaImage::from_pixel(1, 1, image::Rgba(pixel));
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            image.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+            read(&bytes.into_inner()).unwrap()[(0, 0)]
+        };
+        let n = png([218, 128, 218, 255]);
+        assert!((n.length() - 1.0).abs() < 1e-6 && (n.x - 0.5_f32.sqrt()).abs() < 0.01, "{n}");
+        for nothing in [[0, 0, 0, 255], [128, 128, 128, 255], [127, 128, 127, 255], [218, 128, 218, 0]] {
+            assert_eq!(png(nothing), Vec3::ZERO, "{nothing:?}");
+        }
+        assert!(png([255, 255, 255, 255]).length() > 1.7, "a length far from one is left to the caller");
+    }
+
+    #[test]
+    fn radiance_files_hold_no_normals() {
+        assert_eq!(read(b"#?RADIANCE\n").unwrap_err().kind(), Kind::Unsupported);
+    }
+}

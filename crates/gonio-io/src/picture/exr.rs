@@ -1,0 +1,346 @@
+//! OpenEXR: any flat layer, any channels, as float planes in the frame of the display window.
+
+use std::collections::HashSet;
+use std::io::Cursor;
+use std::path::Path;
+
+use exr::block::UncompressedBlock;
+use exr::block::reader::ChunksReader;
+use exr::math::Vec2;
+use exr::meta::MetaData;
+use exr::meta::attribute::SampleType;
+use exr::meta::header::Header;
+use exr::prelude::f16;
+use gonio::picture::{Picture, Plane};
+use rayon::prelude::*;
+
+use super::{Decoded, Encoding, ReadOptions};
+use crate::{Error, guard};
+
+/// Compressed blocks decoded at a time: enough to feed all cores, few enough to need little memory.
+const BATCH: usize = 64;
+
+/// The channels to read, in the order wanted, all of one layer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Selection {
+    pub(crate) layer: usize,
+    pub(crate) channels: Vec<usize>,
+}
+
+/// Channels of one layer that share a prefix: `View.R`, `View.G` ... or, without prefix, `R`, `G` ...
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Group {
+    /// Lower case, without the last component; includes the name of the layer.
+    pub(crate) prefix: String,
+    layer: usize,
+    /// Last components in lower case, with their index in the layer.
+    channels: Vec<(String, usize)>,
+}
+
+impl Group {
+    fn index(&self, name: &str) -> Option<usize> {
+        self.channels.iter().find(|c| c.0 == name).map(|c| c.1)
+    }
+
+    /// The channels of these names (lower case), if all are there.
+    pub(crate) fn select(&self, names: &[&str]) -> Option<Selection> {
+        let channels = names.iter().map(|n| self.index(n)).collect::<Option<_>>()?;
+        Some(Selection { layer: self.layer, channels })
+    }
+
+    /// `select` with the alpha channel appended if there is one.
+    fn select_with_alpha(&self, names: &[&str]) -> Option<Selection> {
+        let mut selection = self.select(names)?;
+        selection.channels.extend(self.index("a"));
+        Some(selection)
+    }
+
+    /// The last part of the prefix: the name of the pass.
+    pub(crate) fn pass(&self) -> &str {
+        self.prefix.rsplit('.').next().unwrap_or_default()
+    }
+}
+
+/// The groups of all layers, in file order.
+pub(crate) fn groups(headers: &[Header]) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for (layer, header) in headers.iter().enumerate() {
+        // The name of the only part tells nothing that the channels do not.
+        let part = match &header.own_attributes.layer_name {
+            Some(name) if headers.len() > 1 => name.to_string().to_ascii_lowercase(),
+            _ => String::new(),
+        };
+        for (index, channel) in header.channels.list.iter().enumerate() {
+            let name = channel.name.to_string().to_ascii_lowercase();
+            let (prefix, last) = name.rsplit_once('.').unwrap_or(("", &name));
+            let prefix = [part.as_str(), prefix].into_iter().filter(|p| !p.is_empty()).collect::<Vec<_>>().join(".");
+            match groups.iter_mut().find(|g| g.layer == layer && g.prefix == prefix) {
+                Some(group) => group.channels.push((last.to_owned(), index)),
+                None => groups.push(Group { prefix, layer, channels: vec![(last.to_owned(), index)] }),
+            }
+        }
+    }
+    groups
+}
+
+/// The colour channels: those without a prefix, else of the pass that holds the finished picture, else the first.
+fn select_colour(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
+    let groups = groups(headers);
+    let rank = |group: &Group| match group.pass() {
+        "" => 0,
+        "combined" | "composite" | "beauty" | "rgb" | "rgba" | "color" | "colour" | "main" => 1,
+        _ => 2,
+    };
+    let mut found: Option<(u32, Selection, bool)> = None;
+    for group in &groups {
+        let selection = group.select_with_alpha(&["r", "g", "b"]).or_else(|| group.select_with_alpha(&["y"]));
+        if let Some(selection) = selection
+            && found.as_ref().is_none_or(|f| rank(group) < f.0)
+        {
+            let chroma = group.index("ry").or(group.index("by")).is_some() && group.index("r").is_none();
+            found = Some((rank(group), selection, chroma));
+        }
+    }
+    match found {
+        Some((.., true)) => {
+            Err(Error::unsupported(path, "holds luminance and chroma channels", "write it with R, G, B"))
+        }
+        Some((_, selection, _)) => Ok(selection),
+        None => {
+            let names: Vec<_> =
+                headers.iter().flat_map(|h| &h.channels.list).take(12).map(|c| c.name.to_string()).collect();
+            let problem = format!("has no channels R, G, B or Y (it has {})", names.join(", "));
+            Err(Error::unsupported(path, problem, "write it with R, G, B"))
+        }
+    }
+}
+
+pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
+    let (width, height, planes) = read_channels(path, bytes, options, |headers| select_colour(path, headers))?;
+    let (colour, alpha) = match planes.as_slice() {
+        [r, g, b, alpha @ ..] => ([r, g, b], alpha),
+        [y, alpha @ ..] => ([y, y, y], alpha),
+        [] => return Err(Error::damaged(path, "has no channels")),
+    };
+    let [r, g, b] = colour;
+    let rgb = r.iter().zip(g).zip(b).map(|((&r, &g), &b)| glam::Vec3::new(r, g, b)).collect();
+    let alpha = alpha.first().map(|a| Plane::from_vec(width, height, a.clone()));
+    let picture = Picture { rgb: Plane::from_vec(width, height, rgb), alpha };
+    Ok(Decoded { picture, encoding: Encoding::LinearFloat, full_scale: None })
+}
+
+/// Reads the channels that `select` picks from the headers, at full resolution: width and height of the display window
+/// and one plane for each channel, zero outside the data window.
+pub(crate) fn read_channels(
+    path: &Path,
+    bytes: &[u8],
+    options: &ReadOptions,
+    select: impl FnOnce(&[Header]) -> Result<Selection, Error>,
+) -> Result<(usize, usize, Vec<Vec<f32>>), Error> {
+    let failed = |e| explain(path, e);
+    guard::catching(path, "OpenEXR", || {
+        let reader = exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
+        let selection = select(reader.headers())?;
+        let mut canvas = Canvas::new(path, &reader.headers()[selection.layer], &selection.channels, options)?;
+        // Pedantic here: an unfinished or damaged table of offsets would leave holes.
+        let mut chunks = reader
+            .filter_chunks(true, |_, tile, block| block.layer == selection.layer && tile.level_index == Vec2(0, 0))
+            .map_err(failed)?;
+        let meta = chunks.meta_data().clone();
+        let expected = chunks.expected_chunk_count();
+        let mut seen = HashSet::new();
+        loop {
+            let batch: Vec<_> = chunks.by_ref().take(BATCH).collect::<Result<_, _>>().map_err(failed)?;
+            if batch.is_empty() {
+                break;
+            }
+            let blocks: Vec<_> = batch
+                .into_par_iter()
+                .map(|chunk| UncompressedBlock::decompress_chunk(chunk, &meta, false))
+                .collect::<Result<_, _>>()
+                .map_err(failed)?;
+            for block in blocks {
+                seen.insert((block.index.layer, block.index.level, block.index.pixel_position));
+                canvas.paint(path, &block, &meta, selection.layer)?;
+            }
+        }
+        // Every block says itself where it belongs, so that two may claim one place.
+        if seen.len() != expected {
+            return Err(Error::damaged(path, format!("has {} of its {expected} blocks of pixels", seen.len())));
+        }
+        Ok((canvas.width, canvas.height, canvas.planes))
+    })
+}
+
+/// The planes being filled.
+struct Canvas {
+    width: usize,
+    height: usize,
+    /// Position of the data window in the display window.
+    offset: (i64, i64),
+    /// Destination plane of each channel of the layer.
+    plane_of: Vec<Vec<usize>>,
+    planes: Vec<Vec<f32>>,
+}
+
+impl Canvas {
+    fn new(path: &Path, header: &Header, channels: &[usize], options: &ReadOptions) -> Result<Self, Error> {
+        let size = |v: Vec2<usize>| options.check_size(path, v.x() as u64, v.y() as u64);
+        size(header.layer_size)?;
+        let display = header.shared_attributes.display_window;
+        let (width, height) = size(display.size)?;
+        if header.channels.list.iter().any(|c| c.sampling != Vec2(1, 1)) {
+            return Err(Error::unsupported(path, "has subsampled channels", "write it with full channels"));
+        }
+        let origin = header.own_attributes.layer_position;
+        let offset = |data: i32, display: i32| i64::from(data) - i64::from(display);
+        let mut plane_of = vec![Vec::new(); header.channels.list.len()];
+        for (plane, &channel) in channels.iter().enumerate() {
+            plane_of[channel].push(plane);
+        }
+        Ok(Self {
+            width,
+            height,
+            offset: (offset(origin.x(), display.position.x()), offset(origin.y(), display.position.y())),
+            plane_of,
+            planes: vec![vec![0.0; width * height]; channels.len()],
+        })
+    }
+
+    fn paint(&mut self, path: &Path, block: &UncompressedBlock, meta: &MetaData, layer: usize) -> Result<(), Error> {
+        let header = &meta.headers[layer];
+        let channels = &header.channels;
+        let pixels = block.index.pixel_size.area();
+        if block.index.layer != layer || block.data.len() != pixels * channels.bytes_per_pixel {
+            return Err(Error::damaged(path, "has a block of pixels of a wrong size"));
+        }
+        for line in block.lines(channels) {
+            let at = line.location;
+            let row = at.position.y() as i64 + self.offset.1;
+            if self.plane_of[at.channel].is_empty() || row < 0 || row >= self.height as i64 {
+                continue;
+            }
+            let samples: Vec<f32> = match channels.list[at.channel].sample_type {
+                SampleType::F32 => line.read_samples::<f32>().collect::<Result<_, _>>(),
+                SampleType::F16 => line.read_samples::<f16>().map(|s| s.map(f16::to_f32)).collect(),
+                SampleType::U32 => line.read_samples::<u32>().map(|s| s.map(|s| s as f32)).collect(),
+            }
+            .map_err(|e| explain(path, e))?;
+            // The part of the line inside the display window.
+            let left = at.position.x() as i64 + self.offset.0;
+            let from = (-left).clamp(0, samples.len() as i64) as usize;
+            let to = (self.width as i64 - left).clamp(from as i64, samples.len() as i64) as usize;
+            if from == to {
+                continue;
+            }
+            let start = row as usize * self.width + (left + from as i64) as usize;
+            for &plane in &self.plane_of[at.channel] {
+                self.planes[plane][start..][..to - from].copy_from_slice(&samples[from..to]);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn explain(path: &Path, error: exr::error::Error) -> Error {
+    use exr::error::Error as E;
+    match error {
+        E::NotSupported(what) => Error::unsupported(path, format!("needs {what}"), "write it as a plain flat EXR"),
+        E::Invalid(what) => Error::damaged(path, format!("is cut short or damaged as OpenEXR ({what})")),
+        E::Io(e) => Error::damaged(path, format!("is cut short or damaged as OpenEXR ({e})")),
+        E::Aborted => Error::damaged(path, "was not read to its end"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use exr::prelude::*;
+
+    fn encode(size: (usize, usize), channels: AnyChannels<FlatSamples>) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        Image::from_channels(size, channels).write().to_buffered(&mut bytes).unwrap();
+        bytes.into_inner()
+    }
+
+    fn any(names: &[&str]) -> Vec<u8> {
+        let list = names
+            .iter()
+            .enumerate()
+            .map(|(i, &n)| AnyChannel::new(n, FlatSamples::F32(vec![i as f32 + 1.0; 6])))
+            .collect();
+        encode((3, 2), AnyChannels::sort(list))
+    }
+
+    fn first(bytes: &[u8]) -> (glam::Vec3, Option<f32>) {
+        let got = super::decode(Path::new("t.exr"), bytes, &ReadOptions::default()).unwrap().picture;
+        assert_eq!(got.rgb.size(), (3, 2));
+        (got.rgb[(2, 1)], got.alpha.map(|a| a[(2, 1)]))
+    }
+
+    #[test]
+    fn channels_are_found_under_their_various_names() {
+        let rgb = glam::Vec3::new(1.0, 2.0, 3.0);
+        assert_eq!(first(&any(&["R", "G", "B"])), (rgb, None));
+        assert_eq!(first(&any(&["R", "G", "B", "A", "Z"])), (rgb, Some(4.0)));
+        assert_eq!(first(&any(&["View.R", "View.G", "View.B", "View.A"])), (rgb, Some(4.0)));
+        assert_eq!(first(&any(&["L.Combined.R", "L.Combined.G", "L.Combined.B", "L.AO.R", "L.AO.G", "L.AO.B"])).0, rgb);
+        assert_eq!(first(&any(&["Y", "A"])), (glam::Vec3::ONE, Some(2.0)));
+        assert_eq!(first(&any(&["r", "g", "b"])).0, rgb);
+    }
+
+    #[test]
+    fn files_without_colour_say_what_they_hold() {
+        for (names, says) in [(&["Z", "W"][..], "W, Z"), (&["Y", "RY", "BY"], "chroma")] {
+            let error = super::decode(Path::new("t.exr"), &any(names), &ReadOptions::default()).unwrap_err();
+            assert_eq!(error.kind(), crate::Kind::Unsupported);
+            assert!(error.to_string().contains(says), "{error}");
+        }
+    }
+
+    #[test]
+    fn half_and_integer_samples_become_floats() {
+        let list = sorted([
+            AnyChannel::new("R", FlatSamples::F16(vec![f16::from_f32(0.5); 6])),
+            AnyChannel::new("G", FlatSamples::U32(vec![70_000; 6])),
+            AnyChannel::new("B", FlatSamples::F32(vec![-1.0; 6])),
+        ]);
+        assert_eq!(first(&encode((3, 2), list)).0, glam::Vec3::new(0.5, 70_000.0, -1.0));
+    }
+
+    fn sorted(channels: [AnyChannel<FlatSamples>; 3]) -> AnyChannels<FlatSamples> {
+        AnyChannels::sort(channels.into_iter().collect())
+    }
+
+    #[test]
+    fn the_data_window_is_placed_in_the_display_window() {
+        let channels = SpecificChannels::rgb(|p: Vec2<usize>| (p.x() as f32 + 1.0, p.y() as f32 + 1.0, 0.0_f32));
+        let layer = Layer::new(
+            (4, 3),
+            LayerAttributes::default().with_position(Vec2(-1, 1)),
+            exr::prelude::Encoding::SMALL_LOSSLESS,
+            channels,
+        );
+        let window = IntegerBounds::new((0, 0), (5, 3));
+        let mut bytes = Cursor::new(Vec::new());
+        Image::new(ImageAttributes::new(window), layer).write().to_buffered(&mut bytes).unwrap();
+        let got = super::decode(Path::new("t.exr"), &bytes.into_inner(), &ReadOptions::default()).unwrap().picture.rgb;
+        assert_eq!(got.size(), (5, 3));
+        assert_eq!(got[(0, 0)], glam::Vec3::ZERO);
+        assert_eq!(got[(0, 1)], glam::Vec3::new(2.0, 1.0, 0.0));
+        assert_eq!(got[(2, 2)], glam::Vec3::new(4.0, 2.0, 0.0));
+        assert_eq!(got[(3, 2)], glam::Vec3::ZERO);
+    }
+
+    #[test]
+    fn tiled_and_mip_mapped_files_give_their_full_resolution() {
+        let blocks = Blocks::Tiles(Vec2(2, 2));
+        let encoding =
+            exr::prelude::Encoding { compression: Compression::PIZ, blocks, line_order: LineOrder::Unspecified };
+        let channels = SpecificChannels::rgb(|p: Vec2<usize>| (p.x() as f32, p.y() as f32, 7.0_f32));
+        let mut bytes = Cursor::new(Vec::new());
+        Image::from_encoded_channels((5, 3), encoding, channels).write().to_buffered(&mut bytes).unwrap();
+        let got = super::decode(Path::new("t.exr"), &bytes.into_inner(), &ReadOptions::default()).unwrap().picture.rgb;
+        assert_eq!(got, Plane::from_fn(5, 3, |x, y| glam::Vec3::new(x as f32, y as f32, 7.0)));
+    }
+}

@@ -1,0 +1,171 @@
+//! PNG, JPEG and TIFF: integers, sRGB-coded or linear, and the float variant of TIFF.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use glam::Vec3;
+use gonio::picture::{Picture, Plane, srgb_decode};
+use image::error::ImageError;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+
+use super::{Decoded, Encoding, ReadOptions};
+use crate::{Error, guard};
+
+pub(super) fn decode(path: &Path, bytes: &[u8], format: ImageFormat, options: &ReadOptions) -> Result<Decoded, Error> {
+    let name = format!("{format:?}").to_uppercase();
+    guard::catching(path, &name, || {
+        let failed = |e| explain(path, e);
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+        let mut limits = Limits::no_limits();
+        // The picture itself (16 bytes a pixel at most), as much again for the decoder, and its tables.
+        limits.max_alloc = Some(options.max_pixels.saturating_mul(32).saturating_add(1 << 24));
+        reader.limits(limits);
+        let mut decoder = reader.into_decoder().map_err(failed)?;
+        let (width, height) = decoder.dimensions();
+        options.check_size(path, width.into(), height.into())?;
+        // Metadata that cannot be read is no reason to refuse the picture.
+        let orientation = decoder.orientation().unwrap_or(image::metadata::Orientation::NoTransforms);
+        let mut image = DynamicImage::from_decoder(decoder).map_err(failed)?;
+        image.apply_orientation(orientation);
+        unpack(path, &image, options.linear)
+    })
+}
+
+fn unpack(path: &Path, image: &DynamicImage, linear: bool) -> Result<Decoded, Error> {
+    let channels = usize::from(image.color().channel_count());
+    let size = (image.width() as usize, image.height() as usize);
+    let eight = |samples: &[u8]| {
+        let curve = curve(u8::MAX.into(), linear);
+        picture(size, samples, channels, |v| curve[usize::from(v)], |v| f32::from(v) / 255.0)
+    };
+    let sixteen = |samples: &[u16]| {
+        let curve = curve(u16::MAX.into(), linear);
+        picture(size, samples, channels, |v| curve[usize::from(v)], |v| f32::from(v) / 65535.0)
+    };
+    let float = |samples: &[f32]| picture(size, samples, channels, |v| v, |v| v);
+    let (picture, bits) = match image {
+        DynamicImage::ImageLuma8(i) => (eight(i), 8),
+        DynamicImage::ImageLumaA8(i) => (eight(i), 8),
+        DynamicImage::ImageRgb8(i) => (eight(i), 8),
+        DynamicImage::ImageRgba8(i) => (eight(i), 8),
+        DynamicImage::ImageLuma16(i) => (sixteen(i), 16),
+        DynamicImage::ImageLumaA16(i) => (sixteen(i), 16),
+        DynamicImage::ImageRgb16(i) => (sixteen(i), 16),
+        DynamicImage::ImageRgba16(i) => (sixteen(i), 16),
+        DynamicImage::ImageRgb32F(i) => (float(i), 32),
+        DynamicImage::ImageRgba32F(i) => (float(i), 32),
+        other => {
+            let problem = format!("has samples of the kind {:?}", other.color());
+            return Err(Error::unsupported(path, problem, "write it with 8, 16 or 32-bit float samples"));
+        }
+    };
+    let encoding = match (bits, linear) {
+        (32, _) => Encoding::LinearFloat,
+        (bits, true) => Encoding::Linear { bits },
+        (bits, false) => Encoding::Srgb { bits },
+    };
+    Ok(Decoded { picture, encoding, full_scale: (bits != 32).then_some(1.0) })
+}
+
+/// The linear value of each code.
+fn curve(max: u32, linear: bool) -> Vec<f32> {
+    (0..=max).map(|v| v as f32 / max as f32).map(|v| if linear { v } else { srgb_decode(v) }).collect()
+}
+
+/// One or three colour channels, and one of alpha when the number of channels is even.
+fn picture<T: Copy>(
+    (width, height): (usize, usize),
+    samples: &[T],
+    channels: usize,
+    colour: impl Fn(T) -> f32,
+    coverage: impl Fn(T) -> f32,
+) -> Picture {
+    let pixels = samples.chunks_exact(channels);
+    let rgb = match channels {
+        1 | 2 => pixels.clone().map(|p| Vec3::splat(colour(p[0]))).collect(),
+        _ => pixels.clone().map(|p| Vec3::new(colour(p[0]), colour(p[1]), colour(p[2]))).collect(),
+    };
+    let alpha = channels.is_multiple_of(2).then(|| pixels.map(|p| coverage(p[channels - 1])).collect());
+    Picture {
+        rgb: Plane::from_vec(width, height, rgb),
+        alpha: alpha.map(|alpha| Plane::from_vec(width, height, alpha)),
+    }
+}
+
+/// Sorts the errors of the `image` crate by cause. Its readers see memory only, so that even their I/O errors mean a
+/// file that ends too early.
+pub(super) fn explain(path: &Path, error: ImageError) -> Error {
+    match error {
+        ImageError::Unsupported(e) => Error::unsupported(path, e.to_string(), "write it as 8 or 16-bit RGB, or as EXR"),
+        ImageError::Limits(e) => Error::limits(path, e.to_string(), "scale it down"),
+        e => Error::damaged(path, format!("is cut short or damaged ({e})")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::{GrayAlphaImage, ImageBuffer, Rgb, RgbImage};
+
+    fn encoded(image: impl Into<DynamicImage>, format: ImageFormat) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        image.into().write_to(&mut bytes, format).unwrap();
+        bytes.into_inner()
+    }
+
+    fn read(bytes: &[u8], linear: bool) -> Decoded {
+        super::super::decode(Path::new("t"), bytes, &ReadOptions { linear, ..Default::default() }).unwrap()
+    }
+
+    #[test]
+    fn eight_bits_are_srgb_unless_told_otherwise() {
+        let bytes = encoded(RgbImage::from_pixel(3, 2, Rgb([255, 128, 0])), ImageFormat::Png);
+        let srgb = read(&bytes, false);
+        assert_eq!(srgb.encoding, Encoding::Srgb { bits: 8 });
+        assert_eq!(srgb.full_scale, Some(1.0));
+        assert!((srgb.picture.rgb[(1, 1)] - Vec3::new(1.0, 0.2158605, 0.0)).length() < 1e-6);
+        let linear = read(&bytes, true);
+        assert_eq!(linear.encoding, Encoding::Linear { bits: 8 });
+        assert_eq!(linear.picture.rgb[(1, 1)], Vec3::new(1.0, 128.0 / 255.0, 0.0));
+    }
+
+    #[test]
+    fn sixteen_bits_and_grey_with_alpha() {
+        let image = ImageBuffer::from_pixel(2, 2, Rgb([65535_u16, 1, 0]));
+        for format in [ImageFormat::Png, ImageFormat::Tiff] {
+            let got = read(&encoded(image.clone(), format), true);
+            assert_eq!(got.encoding, Encoding::Linear { bits: 16 });
+            assert_eq!(got.picture.rgb[(0, 0)], Vec3::new(1.0, 1.0 / 65535.0, 0.0));
+        }
+        let image = GrayAlphaImage::from_pixel(2, 2, image::LumaA([255, 51]));
+        let got = read(&encoded(image, ImageFormat::Png), false).picture;
+        assert_eq!((got.rgb[(0, 0)], got.alpha.unwrap()[(1, 1)]), (Vec3::ONE, 0.2));
+    }
+
+    #[test]
+    fn float_tiff_is_linear() {
+        let image = ImageBuffer::from_pixel(2, 2, Rgb([1e6_f32, -1.0, 0.5]));
+        let got = read(&encoded(image, ImageFormat::Tiff), false);
+        assert_eq!((got.encoding, got.full_scale), (Encoding::LinearFloat, None));
+        assert_eq!(got.picture.rgb[(0, 0)], Vec3::new(1e6, -1.0, 0.5));
+    }
+
+    #[test]
+    fn jpeg_is_read_whole_or_not_at_all() {
+        let bytes = encoded(RgbImage::from_pixel(33, 20, Rgb([200, 200, 200])), ImageFormat::Jpeg);
+        let got = read(&bytes, true).picture.rgb;
+        assert!((got[(20, 10)] - Vec3::splat(200.0 / 255.0)).length() < 0.02);
+        for cut in (3..bytes.len()).step_by(7) {
+            let got = super::super::decode(Path::new("t"), &bytes[..cut], &ReadOptions::default());
+            assert_eq!(got.unwrap_err().kind(), crate::Kind::Damaged, "{cut}");
+        }
+    }
+
+    #[test]
+    fn the_limit_on_pixels_holds() {
+        let bytes = encoded(RgbImage::new(100, 100), ImageFormat::Png);
+        let options = ReadOptions { max_pixels: 9999, ..Default::default() };
+        let error = super::super::decode(Path::new("t"), &bytes, &options).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Limits);
+    }
+}

@@ -1,0 +1,166 @@
+//! Pictures to bytes and files. Every file is encoded in memory first and then written [atomically](crate::atomic).
+
+use std::io::Cursor;
+use std::path::Path;
+
+use exr::prelude::{Blocks, Compression, Encoding, Image, LineOrder, SpecificChannels, Vec2, WritableImage};
+use glam::Vec3;
+use gonio::picture::{Plane, srgb_encode};
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+
+use super::{pfm, radiance};
+use crate::{Error, atomic};
+
+/// OpenEXR with 32-bit float channels `R G B`, and `A` if alpha is given, compressed without loss. Any float value is
+/// kept. Colour should be multiplied by alpha already.
+///
+/// # Panics
+/// If the picture has no pixels, or alpha another size.
+pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
+    let (width, height) = rgb.size();
+    assert!(width > 0 && height > 0, "a picture has pixels");
+    let encoding =
+        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let mut bytes = Cursor::new(Vec::new());
+    let written = match alpha {
+        Some(alpha) => {
+            assert_eq!(alpha.size(), rgb.size(), "alpha has the size of the picture");
+            let channels = SpecificChannels::rgba(|Vec2(x, y): Vec2<usize>| {
+                let v = rgb[(x, y)];
+                (v.x, v.y, v.z, alpha[(x, y)])
+            });
+            Image::from_encoded_channels((width, height), encoding, channels).write().to_buffered(&mut bytes)
+        }
+        None => {
+            let channels = SpecificChannels::rgb(|Vec2(x, y): Vec2<usize>| rgb[(x, y)].into());
+            Image::from_encoded_channels((width, height), encoding, channels).write().to_buffered(&mut bytes)
+        }
+    };
+    written.expect("memory can be written");
+    bytes.into_inner()
+}
+
+/// Portable float map, 32-bit little-endian RGB. Any float value is kept.
+pub fn encode_pfm(rgb: &Plane<Vec3>) -> Vec<u8> {
+    pfm::encode(rgb)
+}
+
+/// Radiance HDR: precise to 1 part in 256 of the largest channel; negative values and not-a-number become 0,
+/// values beyond the range of the format its largest.
+pub fn encode_hdr(rgb: &Plane<Vec3>) -> Vec<u8> {
+    radiance::encode(rgb)
+}
+
+/// 8-bit sRGB PNG of linear values; those outside 0..=1 are clamped, not-a-number becomes 0.
+///
+/// # Panics
+/// If the picture has no pixels.
+pub fn encode_png(rgb: &Plane<Vec3>) -> Vec<u8> {
+    let code = |v: f32| (srgb_encode(v.max(0.0)) * 255.0).round() as u8;
+    let samples: Vec<u8> = rgb.as_slice().iter().flat_map(|v| v.to_array().map(code)).collect();
+    encode_png_srgb8(rgb.width(), rgb.height(), &samples)
+}
+
+/// PNG of 8-bit RGB samples that are sRGB-coded already, row-major from the top.
+///
+/// # Panics
+/// If there are not `3 * width * height` samples, or none, or a side is longer than 2^31 - 1.
+pub fn encode_png_srgb8(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
+    assert!(!rgb.is_empty() && rgb.len() == 3 * width * height, "a picture of {width}x{height} pixels");
+    let side = |n: usize| u32::try_from(n).ok().filter(|&n| n < 1 << 31).expect("a side below 2^31");
+    let mut bytes = Vec::new();
+    PngEncoder::new(&mut bytes)
+        .write_image(rgb, side(width), side(height), ExtendedColorType::Rgb8)
+        .expect("memory can be written");
+    bytes
+}
+
+/// Writes [`encode_exr`].
+///
+/// # Errors
+/// If the file cannot be written; nothing is left behind then.
+///
+/// # Panics
+/// Like [`encode_exr`].
+pub fn write_exr(path: impl AsRef<Path>, rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Result<(), Error> {
+    atomic::write_file(path, &encode_exr(rgb, alpha))
+}
+
+/// Writes [`encode_pfm`].
+///
+/// # Errors
+/// If the file cannot be written; nothing is left behind then.
+pub fn write_pfm(path: impl AsRef<Path>, rgb: &Plane<Vec3>) -> Result<(), Error> {
+    atomic::write_file(path, &encode_pfm(rgb))
+}
+
+/// Writes [`encode_hdr`].
+///
+/// # Errors
+/// If the file cannot be written; nothing is left behind then.
+pub fn write_hdr(path: impl AsRef<Path>, rgb: &Plane<Vec3>) -> Result<(), Error> {
+    atomic::write_file(path, &encode_hdr(rgb))
+}
+
+/// Writes [`encode_png`].
+///
+/// # Errors
+/// If the file cannot be written; nothing is left behind then.
+///
+/// # Panics
+/// Like [`encode_png`].
+pub fn write_png(path: impl AsRef<Path>, rgb: &Plane<Vec3>) -> Result<(), Error> {
+    atomic::write_file(path, &encode_png(rgb))
+}
+
+/// Writes [`encode_png_srgb8`].
+///
+/// # Errors
+/// If the file cannot be written; nothing is left behind then.
+///
+/// # Panics
+/// Like [`encode_png_srgb8`].
+pub fn write_png_srgb8(path: impl AsRef<Path>, width: usize, height: usize, rgb: &[u8]) -> Result<(), Error> {
+    atomic::write_file(path, &encode_png_srgb8(width, height, rgb))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::{ReadOptions, decode};
+
+    fn wavy() -> Plane<Vec3> {
+        Plane::from_fn(37, 21, |x, y| Vec3::new((x as f32).sin(), 1e4 * y as f32, (x * y) as f32 / 777.0))
+    }
+
+    #[test]
+    fn exr_keeps_every_bit() {
+        let (rgb, alpha) = (wavy(), Plane::from_fn(37, 21, |x, _| x as f32 / 36.0));
+        let read = |bytes: &[u8]| decode(Path::new("t"), bytes, &ReadOptions::default()).unwrap().picture;
+        let got = read(&encode_exr(&rgb, Some(&alpha)));
+        assert_eq!((got.rgb, got.alpha), (rgb.clone(), Some(alpha)));
+        assert_eq!(read(&encode_exr(&rgb, None)).alpha, None);
+        assert_eq!(read(&encode_pfm(&rgb)).rgb, rgb);
+    }
+
+    #[test]
+    fn exr_keeps_what_is_not_a_number() {
+        let rgb = Plane::from_vec(1, 1, vec![Vec3::new(f32::NAN, f32::INFINITY, -1.0)]);
+        let got = decode(Path::new("t"), &encode_exr(&rgb, None), &ReadOptions::default()).unwrap().picture.rgb;
+        assert!(got[(0, 0)].x.is_nan() && got[(0, 0)].y == f32::INFINITY && got[(0, 0)].z == -1.0);
+    }
+
+    #[test]
+    fn encoding_is_deterministic() {
+        assert_eq!(encode_exr(&wavy(), None), encode_exr(&wavy(), None));
+    }
+
+    #[test]
+    fn png_codes_linear_values() {
+        let rgb = Plane::from_vec(2, 1, vec![Vec3::new(0.0, 0.2158605, 2.0), Vec3::new(f32::NAN, -1.0, 1.0)]);
+        let options = ReadOptions { linear: true, ..Default::default() };
+        let got = decode(Path::new("t"), &encode_png(&rgb), &options).unwrap().picture.rgb;
+        assert_eq!(got.map(|v| (*v * 255.0).round()).as_slice(), [Vec3::new(0., 128., 255.), Vec3::new(0., 0., 255.)]);
+    }
+}

@@ -1,0 +1,206 @@
+//! A corpus of damaged files: every format's valid file, cut short at many places and with single bytes changed.
+//! Reading may succeed or fail, but it must not panic, and a file cut short must not pass for a whole one.
+
+use std::path::Path;
+
+use glam::Vec3;
+use gonio::picture::Plane;
+use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio_io::picture::{self, ReadOptions};
+use gonio_io::{Error, Kind, cache::Cache, fits, merl, normals, npy};
+use image::{DynamicImage, ImageFormat};
+
+/// Small, so that a header made to lie cannot ask for much memory.
+const OPTIONS: ReadOptions = ReadOptions { linear: false, max_pixels: 1 << 16 };
+/// Single-byte corruptions tried for each file.
+const FLIPS: usize = 400;
+
+fn wavy(width: usize, height: usize) -> Plane<Vec3> {
+    Plane::from_fn(width, height, |x, y| Vec3::new((x as f32).sin().abs(), y as f32 / 40.0, (x * y % 7) as f32 / 7.0))
+}
+
+fn through_image(format: ImageFormat, sixteen: bool) -> Vec<u8> {
+    let rgb = wavy(29, 23);
+    let bytes = rgb.as_slice().iter().flat_map(|v| v.to_array()).map(|v| (v * 255.0) as u8).collect();
+    let image = DynamicImage::ImageRgb8(image::RgbImage::from_vec(29, 23, bytes).unwrap());
+    let image = if sixteen { DynamicImage::ImageRgb16(image.to_rgb16()) } else { image };
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut bytes, format).unwrap();
+    bytes.into_inner()
+}
+
+fn tiled_exr(compression: exr::prelude::Compression) -> Vec<u8> {
+    use exr::prelude::*;
+    let encoding = Encoding { compression, blocks: Blocks::Tiles(Vec2(8, 8)), line_order: LineOrder::Increasing };
+    let pixels = wavy(29, 23);
+    let channels = SpecificChannels::rgb(|p: Vec2<usize>| {
+        let v = pixels[(p.x(), p.y())];
+        (f16::from_f32(v.x), f16::from_f32(v.y), f16::from_f32(v.z))
+    });
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    Image::from_encoded_channels((29, 23), encoding, channels).write().to_buffered(&mut bytes).unwrap();
+    bytes.into_inner()
+}
+
+/// A fixed stream of numbers (SplitMix64), so that a failure can be repeated.
+struct Numbers(u64);
+
+impl Numbers {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % n as u64) as usize
+    }
+}
+
+/// Feeds damaged versions of `good` to `read`. A cut file may be read only if it lacks no more than `slack` bytes,
+/// which some formats have after their content.
+#[track_caller]
+fn check<T>(name: &str, good: &[u8], slack: usize, read: impl Fn(&Path, &[u8]) -> Result<T, Error>) {
+    let path = Path::new(name);
+    let sound = |error: &Error, what: &str| {
+        let text = error.to_string();
+        assert!(text.starts_with(&format!("{name}: ")) && !text.contains('\n'), "{what}: {text}");
+    };
+    if let Err(error) = read(path, good) {
+        panic!("the good file is refused: {error}");
+    }
+    let step = (good.len() / 500).max(1);
+    for cut in (0..good.len()).step_by(step).chain(good.len().saturating_sub(8)..good.len()) {
+        match read(path, &good[..cut]) {
+            Ok(_) => assert!(good.len() - cut <= slack, "{name} is read when cut from {} to {cut}", good.len()),
+            Err(error) => sound(&error, &format!("cut to {cut}")),
+        }
+    }
+    let mut numbers = Numbers(1);
+    for i in 0..FLIPS {
+        let mut bad = good.to_vec();
+        // Half of the damage goes to the header, where it hurts most.
+        let at = numbers.below(if i % 2 == 0 { good.len().min(400) } else { good.len() });
+        bad[at] = if i % 3 == 0 { [0, 0xff, 0x7f, 0x80][numbers.below(4)] } else { numbers.below(256) as u8 };
+        if let Err(error) = read(path, &bad) {
+            sound(&error, &format!("byte {at} is {}", bad[at]));
+        }
+    }
+}
+
+fn check_picture(name: &str, good: &[u8], slack: usize) {
+    check(name, good, slack, |path, bytes| picture::decode(path, bytes, &OPTIONS));
+    check(name, good, slack, |path, bytes| normals::decode(path, bytes, &OPTIONS));
+}
+
+#[test]
+fn exr() {
+    use exr::prelude::Compression as C;
+    check_picture("zip.exr", &picture::encode_exr(&wavy(29, 23), None), 0);
+    for (name, compression) in [
+        ("none.exr", C::Uncompressed),
+        ("rle.exr", C::RLE),
+        ("piz.exr", C::PIZ),
+        ("pxr.exr", C::PXR24),
+        ("b44.exr", C::B44),
+    ] {
+        check_picture(name, &tiled_exr(compression), 0);
+    }
+}
+
+#[test]
+fn radiance() {
+    let good = picture::encode_hdr(&wavy(29, 23));
+    check("a.hdr", &good, 0, |path, bytes| picture::decode(path, bytes, &OPTIONS));
+}
+
+#[test]
+fn pfm() {
+    check_picture("a.pfm", &picture::encode_pfm(&wavy(9, 7)), 0);
+}
+
+#[test]
+fn png() {
+    // The pixels are complete before the last chunks are.
+    check_picture("8.png", &picture::encode_png(&wavy(29, 23)), 16);
+    check_picture("16.png", &through_image(ImageFormat::Png, true), 16);
+}
+
+#[test]
+fn jpeg() {
+    check_picture("a.jpg", &through_image(ImageFormat::Jpeg, false), 0);
+}
+
+#[test]
+fn tiff() {
+    // Small fields of the directory at the end may have padding.
+    check_picture("8.tif", &through_image(ImageFormat::Tiff, false), 4);
+    check_picture("16.tif", &through_image(ImageFormat::Tiff, true), 4);
+}
+
+#[test]
+fn npy() {
+    let array = npy::Array { shape: vec![7, 9, 3], values: vec![0.5; 189] };
+    check("a.npy", &npy::encode(&array), 0, npy::decode);
+    check("a.npy", &npy::encode(&array), 0, |path, bytes| normals::decode(path, bytes, &OPTIONS));
+}
+
+#[test]
+fn merl() {
+    let t = BivariateTable::from_fn(|h, d| h + d);
+    let good = merl::encode(&MerlTable::from_bivariate([&t, &t, &t]));
+    let read = |bytes: &[u8]| merl::decode(Path::new("a.binary"), bytes, bytes.len() as u64);
+    for cut in (0..40).chain((40..good.len()).step_by(1_234_567)).chain([good.len() - 1]) {
+        assert_eq!(read(&good[..cut]).unwrap_err().kind(), Kind::Damaged, "{cut}");
+    }
+    // A stream that ends before the length that was announced.
+    let error = merl::decode(Path::new("a"), &good[..1000], merl::FILE_BYTES).unwrap_err();
+    assert_eq!(error.kind(), Kind::Damaged);
+    let mut bad = good;
+    let mut numbers = Numbers(2);
+    for _ in 0..12 {
+        let at = numbers.below(bad.len());
+        bad[at] = numbers.below(256) as u8;
+        let _ = read(&bad);
+    }
+}
+
+#[test]
+fn fits() {
+    let good = "# head\na = Aggregate(Lambertian(albedo = [0.1, 0.2, 0.3]), \
+        NganLafortune(albedo = [1, 2, 3], Cxy = -0.577, Cz = 0.577, sharpness = 4060.0))\n";
+    check("a.fit", good.as_bytes(), 1, fits::decode);
+}
+
+#[test]
+fn files_on_disk_and_masks() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("m.png");
+    let good = picture::encode_png(&wavy(29, 23));
+    for cut in (0..good.len()).step_by(50) {
+        std::fs::write(&path, &good[..cut]).unwrap();
+        assert!(picture::read(&path, &OPTIONS).is_err());
+        assert!(picture::read_mask(&path).is_err());
+        assert!(normals::read_normals(&path).is_err());
+        assert!(merl::read(&path).is_err());
+    }
+    std::fs::write(&path, &good).unwrap();
+    assert_eq!(picture::read_mask(&path).unwrap().size(), (29, 23));
+    assert_eq!(picture::read(dir.path(), &OPTIONS).unwrap_err().io_kind(), Some(std::io::ErrorKind::IsADirectory));
+}
+
+#[test]
+fn cached_entries() {
+    let dir = tempfile::tempdir().unwrap();
+    let cache = Cache::at(dir.path());
+    let content: Vec<u8> = (0..2000_u32).map(|i| (i * i) as u8).collect();
+    cache.store("k", &content).unwrap();
+    let path = dir.path().join("k.plan");
+    let good = std::fs::read(&path).unwrap();
+    let mut numbers = Numbers(3);
+    for _ in 0..FLIPS {
+        let mut bad = good.clone();
+        let at = numbers.below(bad.len());
+        bad[at] = bad[at].wrapping_add(1 + numbers.below(255) as u8);
+        std::fs::write(&path, &bad).unwrap();
+        assert!(cache.load("k").is_none(), "byte {at}");
+        assert!(!path.exists());
+    }
+}

@@ -1,0 +1,101 @@
+//! Disks that are full or read-only, and output that must not suffer from it.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use gonio_io::atomic::{StagedFolder, write_file};
+use gonio_io::cache::Cache;
+
+/// A disk of 256 kB in memory, unmounted on drop.
+struct TinyDisk(tempfile::TempDir);
+
+impl TinyDisk {
+    /// `None` where mounting is not permitted.
+    fn mount() -> Option<Self> {
+        let dir = tempfile::tempdir().unwrap();
+        let mounted =
+            Command::new("mount").args(["-t", "tmpfs", "-o", "size=256k", "gonio-test"]).arg(dir.path()).output();
+        if mounted.is_ok_and(|out| out.status.success()) {
+            Some(Self(dir))
+        } else {
+            eprintln!("skipped: no permission to mount a tiny disk");
+            None
+        }
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    fn names(&self) -> Vec<PathBuf> {
+        fs::read_dir(self.path()).unwrap().map(|e| e.unwrap().path()).collect()
+    }
+
+    fn remount(&self, options: &str) {
+        let remounted =
+            Command::new("mount").args(["-o", &format!("remount,{options}")]).arg(self.path()).status().unwrap();
+        assert!(remounted.success());
+    }
+}
+
+impl Drop for TinyDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(self.0.path()).status();
+    }
+}
+
+#[test]
+fn a_full_disk_leaves_no_half_file() {
+    let Some(disk) = TinyDisk::mount() else { return };
+    let path = disk.path().join("a");
+    write_file(&path, b"old").unwrap();
+    let error = write_file(&path, &vec![1; 1 << 20]).unwrap_err();
+    assert_eq!(error.io_kind(), Some(ErrorKind::StorageFull), "{error}");
+    assert!(error.to_string().contains("free some space"), "{error}");
+    assert_eq!(fs::read(&path).unwrap(), b"old");
+    assert_eq!(disk.names(), [path]);
+}
+
+#[test]
+fn a_full_disk_leaves_no_half_folder() {
+    let Some(disk) = TinyDisk::mount() else { return };
+    let staged = StagedFolder::create(disk.path().join("new/out")).unwrap();
+    write_file(staged.path("small"), b"x").unwrap();
+    let error = write_file(staged.path("large"), &vec![1; 1 << 20]).unwrap_err();
+    assert_eq!(error.io_kind(), Some(ErrorKind::StorageFull));
+    drop(staged);
+    assert!(disk.names().is_empty(), "{:?}", disk.names());
+}
+
+#[test]
+fn a_full_disk_only_costs_the_entry_of_the_cache() {
+    let Some(disk) = TinyDisk::mount() else { return };
+    let cache = Cache::at(disk.path().join("cache"));
+    cache.store("a", b"small").unwrap();
+    let error = cache.store("b", &vec![1; 1 << 20]).unwrap_err();
+    assert_eq!(error.io_kind(), Some(ErrorKind::StorageFull));
+    assert!(cache.load("b").is_none());
+    assert_eq!(cache.load("a").unwrap(), b"small");
+    assert_eq!(fs::read_dir(cache.dir()).unwrap().count(), 1);
+}
+
+#[test]
+fn a_read_only_disk_is_named_as_such() {
+    let Some(disk) = TinyDisk::mount() else { return };
+    let cache = Cache::at(disk.path().join("cache"));
+    cache.store("a", b"kept").unwrap();
+    disk.remount("ro");
+    for error in [
+        write_file(disk.path().join("a"), b"x").unwrap_err(),
+        StagedFolder::create(disk.path().join("b")).unwrap_err(),
+        StagedFolder::create(disk.path().join("c/d")).unwrap_err(),
+        cache.store("b", b"x").unwrap_err(),
+    ] {
+        assert_eq!(error.io_kind(), Some(ErrorKind::ReadOnlyFilesystem), "{error}");
+        assert!(error.to_string().ends_with("write elsewhere"), "{error}");
+    }
+    assert_eq!(cache.load("a").unwrap(), b"kept");
+    disk.remount("rw");
+}

@@ -1,0 +1,71 @@
+//! What can be rendered: isotropic BRDFs in half/difference coordinates.
+
+use glam::DVec3;
+
+use crate::reflectance::{BivariateTable, MerlTable};
+
+/// An isotropic BRDF with RGB values in 1/sr (or relative units).
+pub trait Brdf: Sync {
+    /// Value at half/difference angles in radians.
+    fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> DVec3;
+
+    /// Whether [`Self::eval`] looks at `phi_d`.
+    fn depends_on_phi(&self) -> bool;
+
+    /// The largest channel, averaged over `phi_d`: where a renderer looks for lobes.
+    fn envelope(&self) -> BivariateTable;
+}
+
+/// A grey table in one colour: how the paper shows a monochrome BRDF.
+#[derive(Clone, Debug)]
+pub struct Tinted {
+    /// Reflectance.
+    pub table: BivariateTable,
+    /// RGB factor.
+    pub colour: DVec3,
+}
+
+impl Brdf for Tinted {
+    fn eval(&self, theta_h: f64, theta_d: f64, _: f64) -> DVec3 {
+        self.colour * self.table.eval(theta_h, theta_d)
+    }
+
+    fn depends_on_phi(&self) -> bool {
+        false
+    }
+
+    fn envelope(&self) -> BivariateTable {
+        let strongest = self.colour.max_element() as f32;
+        BivariateTable::from_vec(self.table.as_slice().iter().map(|x| x * strongest).collect())
+    }
+}
+
+impl Brdf for BivariateTable {
+    fn eval(&self, theta_h: f64, theta_d: f64, _: f64) -> DVec3 {
+        DVec3::splat(BivariateTable::eval(self, theta_h, theta_d))
+    }
+
+    fn depends_on_phi(&self) -> bool {
+        false
+    }
+
+    fn envelope(&self) -> BivariateTable {
+        self.clone()
+    }
+}
+
+impl Brdf for MerlTable {
+    fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> DVec3 {
+        DVec3::from_array(MerlTable::eval(self, theta_h, theta_d, phi_d))
+    }
+
+    fn depends_on_phi(&self) -> bool {
+        true
+    }
+
+    fn envelope(&self) -> BivariateTable {
+        let [r, g, b] = [0, 1, 2].map(|c| self.bivariate(c));
+        let channels = r.as_slice().iter().zip(g.as_slice()).zip(b.as_slice());
+        BivariateTable::from_vec(channels.map(|((r, g), b)| r.max(*g).max(*b)).collect())
+    }
+}

@@ -1,0 +1,240 @@
+//! The reflected radiance at one point, to a given relative error.
+//!
+//! A cell of light contributes its mean radiance times reflectance and cosine at its centre. That is wrong by no more than
+//! the deviation of the light in the cell times the variation of the reflectance over it, plus the error of the midpoint rule.
+//! The cell with the largest such bound is divided until the sum of all bounds is small against the radiance: small lamps
+//! and sharp lobes are found wherever they matter, and only there.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use glam::DVec3;
+
+use super::brdf::Brdf;
+use super::tree::{Cell, LightTree};
+use crate::reflectance::BivariateTable;
+use crate::sphere::half_difference;
+use crate::transfer::SurfacePoint;
+
+/// Accuracy of the integrator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct IntegratorSettings {
+    /// The sum of the error bounds of all cells, relative to the radiance. The true error is far smaller: the bounds do
+    /// not know of cancellation.
+    pub tolerance: f64,
+    /// Cells at most.
+    pub max_cells: usize,
+}
+
+impl Default for IntegratorSettings {
+    fn default() -> Self {
+        Self { tolerance: 0.03, max_cells: 20_000 }
+    }
+}
+
+/// Reflected radiance, with what was spent on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Radiance {
+    /// RGB radiance.
+    pub value: DVec3,
+    /// Bound of the error, in units of the largest channel.
+    pub bound: f64,
+    /// Cells used.
+    pub cells: usize,
+}
+
+/// A cell in the queue, by its error bound.
+struct Entry {
+    bound: f64,
+    value: DVec3,
+    cell: Cell,
+}
+
+impl PartialEq for Entry {
+    fn eq(&self, other: &Self) -> bool {
+        self.bound == other.bound
+    }
+}
+
+impl Eq for Entry {}
+
+impl PartialOrd for Entry {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Entry {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.bound.total_cmp(&other.bound)
+    }
+}
+
+/// Angle to the normal (radians) below which no lobe of a MERL table changes any more.
+const CORE: f64 = 3e-3;
+/// Cells this small are not divided, whatever their bound.
+const SMALLEST: f64 = 2e-5;
+
+/// `I = integral of L(w) f(w, v) max(n . w, 0) dw` (eq. 1) by adaptive division of the light. `envelope` is that of `brdf`.
+pub fn radiance(
+    point: &SurfacePoint,
+    brdf: &dyn Brdf,
+    envelope: &BivariateTable,
+    light: &LightTree,
+    settings: &IntegratorSettings,
+) -> Radiance {
+    let mut queue = BinaryHeap::with_capacity(1024);
+    let (mut settled, mut settled_bound, mut cells) = (DVec3::ZERO, 0.0, 0);
+    // Sums over the queue, kept up to date.
+    let (mut open, mut open_bound) = (DVec3::ZERO, 0.0);
+    let mut pending = vec![light.root()];
+    loop {
+        while let Some(cell) = pending.pop() {
+            if let Some(entry) = assess(point, brdf, envelope, cell) {
+                open += entry.value;
+                open_bound += entry.bound;
+                cells += 1;
+                queue.push(entry);
+            }
+        }
+        let total = settled + open;
+        if settled_bound + open_bound <= settings.tolerance * total.abs().max_element() || cells > settings.max_cells {
+            break;
+        }
+        let Some(worst) = queue.pop() else { break };
+        open -= worst.value;
+        open_bound -= worst.bound;
+        if worst.cell.radius < SMALLEST || worst.bound <= 0.0 {
+            settled += worst.value;
+            settled_bound += worst.bound;
+            continue;
+        }
+        cells -= 1;
+        pending.extend(light.divide(&worst.cell));
+    }
+    // Sum again: the running sum has lost digits to what was taken out of it.
+    let value = settled + queue.iter().map(|e| e.value).sum::<DVec3>();
+    Radiance { value, bound: settled_bound + open_bound.max(0.0), cells }
+}
+
+/// Contribution of a cell and the bound of its error; `None` if all of it lies below the horizon.
+fn assess(point: &SurfacePoint, brdf: &dyn Brdf, envelope: &BivariateTable, cell: Cell) -> Option<Entry> {
+    let SurfacePoint { normal, view } = *point;
+    let cosine = normal.dot(cell.centre);
+    if cosine < -cell.radius.min(1.6).sin() && cell.radius < 1.6 {
+        return None;
+    }
+    let sum = cell.centre + view;
+    let twice_cos_d = sum.length();
+    let half = sum / twice_cos_d.max(1e-9);
+    let theta_h = 2.0 * (0.5 * (half - normal).length()).min(1.0).asin();
+    let theta_d = (0.5 * (cell.centre - view).length()).min(1.0).asin();
+    let value = if cosine > 0.0 {
+        let f = if brdf.depends_on_phi() {
+            let angles = half_difference(normal, cell.centre, view);
+            brdf.eval(angles.theta_h, angles.theta_d, angles.phi_d)
+        } else {
+            brdf.eval(theta_h, theta_d, 0.0)
+        };
+        f * cell.mean.as_dvec3() * (cosine * cell.solid_angle)
+    } else {
+        DVec3::ZERO
+    };
+    // How far half vectors and elevation vary over the cell.
+    let spread = cell.radius / twice_cos_d.max(0.02);
+    let nearest = (theta_h - spread).max(0.0);
+    let highest = (cosine + cell.radius).min(1.0);
+    let strongest = envelope.eval(nearest, theta_d).max(envelope.eval(theta_h, theta_d));
+    let variation = spread / (nearest + CORE) + cell.radius / highest.max(1e-3) + 2.0 * cell.radius;
+    let weight = strongest * highest * cell.solid_angle;
+    let mean = f64::from(cell.mean.abs().max_element());
+    let bound =
+        weight * (f64::from(cell.deviation) * variation.min(1.0) + mean * (0.25 * variation * variation).min(1.0));
+    Some(Entry { bound, value, cell })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use glam::Vec3;
+
+    use super::*;
+    use crate::lighting::EnvironmentMap;
+    use crate::picture::Plane;
+    use crate::sphere::{direction_of_lat_long, fibonacci_hemisphere};
+
+    fn lobe(width: f64) -> BivariateTable {
+        BivariateTable::from_fn(|h, _| 0.02 + 1.0 / (1.0 + (h / width).powi(2)).powi(2))
+    }
+
+    fn at(normal: DVec3) -> SurfacePoint {
+        SurfacePoint { normal, view: DVec3::Z }
+    }
+
+    fn map(f: impl Fn(DVec3) -> f32) -> EnvironmentMap {
+        EnvironmentMap::new(Plane::from_fn(256, 128, |x, y| {
+            Vec3::splat(f(direction_of_lat_long((x as f64 + 0.5) / 256.0, (y as f64 + 0.5) / 128.0)))
+        }))
+        .unwrap()
+    }
+
+    /// The same integral by polar coordinates about the normal in the space of half vectors: an independent route.
+    fn reference(point: &SurfacePoint, brdf: &BivariateTable, light: &EnvironmentMap) -> f64 {
+        let (rings, spokes) = (3000, 1500);
+        let (n, v) = (point.normal, point.view);
+        let (x, y) = n.any_orthonormal_pair();
+        let mut sum = 0.0;
+        for ring in 0..rings {
+            let s = (f64::from(ring) + 0.5) / f64::from(rings);
+            let theta = s * s * PI / 2.0;
+            let area = theta.sin() * s * PI / f64::from(rings) * 2.0 * PI / f64::from(spokes);
+            for spoke in 0..spokes {
+                let phi = 2.0 * PI * ((f64::from(spoke) + 0.5) / f64::from(spokes) + 0.618_034 * f64::from(ring));
+                let h = theta.cos() * n + theta.sin() * (phi.cos() * x + phi.sin() * y);
+                let cos_d = h.dot(v);
+                let w = 2.0 * cos_d * h - v;
+                if cos_d > 0.0 && w.dot(n) > 0.0 {
+                    let f = brdf.eval(theta, cos_d.min(1.0).acos());
+                    sum += f * f64::from(light.at(w).x) * w.dot(n) * 4.0 * cos_d * area;
+                }
+            }
+        }
+        sum
+    }
+
+    fn check(brdf: &BivariateTable, light: &EnvironmentMap, tolerance: f64) {
+        let tree = LightTree::of_map(light);
+        for normal in fibonacci_hemisphere(9).filter(|n| n.z > 0.2) {
+            let got = radiance(&at(normal), brdf, brdf, &tree, &IntegratorSettings::default());
+            let want = reference(&at(normal), brdf, light);
+            assert!((got.value.x / want - 1.0).abs() < tolerance, "{normal} {} {want} {}", got.value.x, got.cells);
+        }
+    }
+
+    #[test]
+    fn sharp_lobes_under_smooth_light() {
+        for width in [0.3, 3.0, 30.0_f64] {
+            check(&lobe(width.to_radians()), &map(|d| 1.0 + d.y as f32), 0.01);
+        }
+    }
+
+    #[test]
+    fn small_lamps() {
+        let lamp = DVec3::new(0.4, 0.5, 0.6).normalize();
+        let light = map(|d| if d.angle_between(lamp) < 0.04 { 5000.0 } else { 0.5 });
+        for width in [1.0, 5.0, 60.0_f64] {
+            check(&lobe(width.to_radians()), &light, 0.02);
+        }
+    }
+
+    #[test]
+    fn a_white_lambertian_ball_in_a_white_world_is_white() {
+        let white = BivariateTable::from_fn(|_, _| 1.0 / PI);
+        let tree = LightTree::of_map(&map(|_| 1.0));
+        for normal in fibonacci_hemisphere(10) {
+            let got = radiance(&at(normal), &white, &white, &tree, &IntegratorSettings::default());
+            assert!((got.value.x - 1.0).abs() < 5e-3, "{normal} {got:?}");
+        }
+    }
+}

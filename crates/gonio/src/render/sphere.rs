@@ -1,0 +1,86 @@
+//! A sphere seen orthographically.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::brdf::Brdf;
+use super::integrate::{IntegratorSettings, radiance};
+use super::tree::LightTree;
+use crate::picture::{Picture, Plane};
+use crate::transfer::SurfacePoint;
+
+/// How a sphere is pictured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SphereSettings {
+    /// Width and height of the picture in pixels.
+    pub size: usize,
+    /// Empty pixels around the sphere.
+    pub margin: f64,
+    /// Samples along each side of a pixel.
+    pub samples: usize,
+    /// Accuracy of each sample.
+    pub integrator: IntegratorSettings,
+}
+
+impl Default for SphereSettings {
+    fn default() -> Self {
+        Self { size: 256, margin: 2.0, samples: 1, integrator: IntegratorSettings::default() }
+    }
+}
+
+impl SphereSettings {
+    /// Radius of the sphere in pixels; its centre is the centre of the picture.
+    pub fn radius(&self) -> f64 {
+        (0.5 * self.size as f64 - self.margin).max(1.0)
+    }
+}
+
+/// Renders a sphere of one material: unit radiance scale of the light, alpha the coverage, black outside (premultiplied).
+/// `progress` is told a fraction in 0..=1.
+pub fn render_sphere(
+    brdf: &dyn Brdf,
+    light: &LightTree,
+    settings: &SphereSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Picture {
+    let (size, samples, radius) = (settings.size, settings.samples.max(1), settings.radius());
+    let envelope = brdf.envelope();
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    // Coverage is sampled finer than radiance: the rim decides where the sphere is found again.
+    let fine = 4 * samples;
+    let pixels: Vec<(Vec3, f32)> = (0..size)
+        .into_par_iter()
+        .flat_map_iter(|y| {
+            let row: Vec<(Vec3, f32)> = (0..size)
+                .map(|x| {
+                    let place = |i: usize, n: usize, at: usize| {
+                        (at as f64 + (i as f64 + 0.5) / n as f64 - 0.5 * size as f64) / radius
+                    };
+                    let inside = (0..fine * fine)
+                        .filter(|s| place(s % fine, fine, x).hypot(place(s / fine, fine, y)) < 1.0)
+                        .count();
+                    if inside == 0 {
+                        return (Vec3::ZERO, 0.0);
+                    }
+                    let mut sum = DVec3::ZERO;
+                    for s in 0..samples * samples {
+                        let (a, b) = (place(s % samples, samples, x), -place(s / samples, samples, y));
+                        // A sample beyond the rim of a pixel that the sphere touches takes the rim's normal.
+                        let r = a.hypot(b).max(1.0);
+                        let (a, b) = (a / r, b / r);
+                        let normal = DVec3::new(a, b, (1.0 - a * a - b * b).max(1e-8).sqrt()).normalize();
+                        let point = SurfacePoint { normal, view: DVec3::Z };
+                        sum += radiance(&point, brdf, &envelope, light, &settings.integrator).value;
+                    }
+                    let coverage = inside as f32 / (fine * fine) as f32;
+                    ((sum / (samples * samples) as f64).as_vec3() * coverage, coverage)
+                })
+                .collect();
+            let rows = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            progress(rows as f64 / size as f64);
+            row
+        })
+        .collect();
+    let (rgb, alpha) = pixels.into_iter().unzip();
+    Picture { rgb: Plane::from_vec(size, size, rgb), alpha: Some(Plane::from_vec(size, size, alpha)) }
+}

@@ -1,0 +1,215 @@
+//! Light as a tree of cells, each with its mean radiance and how far its parts deviate from it.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec3};
+
+use crate::lighting::{EnvironmentMap, LightGrid};
+use crate::sphere::{OctahedralMap, direction_of_lat_long};
+
+/// Coordinates that the cells are rectangles in.
+#[derive(Clone, Copy, Debug)]
+enum Chart {
+    /// `u, v` in 0..1 of a lat-long map.
+    LatLong,
+    /// `u, v` in 0..1 of an octahedral square, `v` down.
+    Octahedral(OctahedralMap),
+}
+
+/// A rectangle of a chart.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rectangle {
+    u: f64,
+    v: f64,
+    du: f64,
+    dv: f64,
+}
+
+/// A cell as the integrator sees it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cell {
+    pub(super) rectangle: Rectangle,
+    /// Unit direction of its centre.
+    pub(super) centre: DVec3,
+    /// Bound of the angle from the centre to any point, radians.
+    pub(super) radius: f64,
+    /// Solid angle, sr.
+    pub(super) solid_angle: f64,
+    /// Mean radiance.
+    pub(super) mean: Vec3,
+    /// Mean absolute deviation of the radiance from the mean, largest channel.
+    pub(super) deviation: f32,
+    /// Index of the first of its children, which follow each other; `None` where the light is constant.
+    children: Option<(u32, u32)>,
+}
+
+/// A piecewise constant light, as a quadtree.
+#[derive(Clone, Debug)]
+pub struct LightTree {
+    chart: Chart,
+    nodes: Vec<Cell>,
+}
+
+impl Chart {
+    fn cell(self, r: Rectangle, mean: Vec3) -> Cell {
+        let (centre, radius, solid_angle) = match self {
+            Self::LatLong => {
+                let (top, bottom) = ((PI * r.v).cos(), (PI * (r.v + r.dv)).cos());
+                // The middle of equal solid angles.
+                let v = (0.5 * (top + bottom)).clamp(-1.0, 1.0).acos() / PI;
+                let widest =
+                    if r.v < 0.5 && r.v + r.dv > 0.5 { 1.0 } else { (PI * r.v).sin().max((PI * (r.v + r.dv)).sin()) };
+                let tall = PI * (v - r.v).max(r.v + r.dv - v);
+                let wide = 0.5 * TAU * r.du * widest;
+                (direction_of_lat_long(r.u + 0.5 * r.du, v), tall.hypot(wide).min(PI), TAU * r.du * (top - bottom))
+            }
+            Self::Octahedral(map) => {
+                let (u, v) = (2.0 * r.u + r.du - 1.0, 1.0 - 2.0 * r.v - r.dv);
+                // A cell of side 2^-level has radius at most 4.3 of it.
+                let radius = (map.cell_radius(0) * r.du.max(r.dv)).min(PI);
+                (map.direction(u, v), radius, map.density(u, v) * 4.0 * r.du * r.dv)
+            }
+        };
+        Cell { rectangle: r, centre, radius, solid_angle, mean, deviation: 0.0, children: None }
+    }
+}
+
+impl LightTree {
+    /// The tree of a lat-long map, exact to its pixels.
+    pub fn of_map(map: &EnvironmentMap) -> Self {
+        let (width, height) = map.radiance().size();
+        Self::build(Chart::LatLong, width, height, &|x, y| map.radiance()[(x, y)])
+    }
+
+    /// The tree of an octahedral grid, exact to its texels.
+    pub fn of_grid(grid: &LightGrid) -> Self {
+        let side = grid.side();
+        Self::build(Chart::Octahedral(grid.map()), side, side, &|x, y| grid.texels()[y * side + x])
+    }
+
+    fn build(chart: Chart, width: usize, height: usize, value: &dyn Fn(usize, usize) -> Vec3) -> Self {
+        let mut tree = Self { chart, nodes: Vec::with_capacity(width * height * 4 / 3 + 8) };
+        let whole = [0, width, 0, height];
+        let root = tree.leaf(whole, (width, height), Vec3::ZERO);
+        tree.nodes.push(root);
+        tree.fill(0, whole, (width, height), value);
+        tree
+    }
+
+    fn leaf(&self, [x0, x1, y0, y1]: [usize; 4], (width, height): (usize, usize), mean: Vec3) -> Cell {
+        let (w, h) = (width as f64, height as f64);
+        let rectangle =
+            Rectangle { u: x0 as f64 / w, v: y0 as f64 / h, du: (x1 - x0) as f64 / w, dv: (y1 - y0) as f64 / h };
+        self.chart.cell(rectangle, mean)
+    }
+
+    /// Fills node `at`, which covers pixels `x0..x1` by `y0..y1`, and everything below it.
+    fn fill(&mut self, at: usize, range: [usize; 4], size: (usize, usize), value: &dyn Fn(usize, usize) -> Vec3) {
+        let [x0, x1, y0, y1] = range;
+        if x1 - x0 == 1 && y1 - y0 == 1 {
+            self.nodes[at].mean = value(x0, y0);
+            return;
+        }
+        // Rectangles are halved along both sides, or along the one that is longer than a pixel.
+        let halves =
+            |a: usize, b: usize| if b - a > 1 { vec![(a, (a + b) / 2), ((a + b) / 2, b)] } else { vec![(a, b)] };
+        let parts: Vec<[usize; 4]> = halves(y0, y1)
+            .into_iter()
+            .flat_map(|(ya, yb)| halves(x0, x1).into_iter().map(move |(xa, xb)| [xa, xb, ya, yb]))
+            .collect();
+        let first = self.nodes.len();
+        for part in &parts {
+            let cell = self.leaf(*part, size, Vec3::ZERO);
+            self.nodes.push(cell);
+        }
+        for (i, part) in parts.iter().enumerate() {
+            self.fill(first + i, *part, size, value);
+        }
+        let children = &self.nodes[first..first + parts.len()];
+        let total: f64 = children.iter().map(|c| c.solid_angle).sum();
+        let mean = children.iter().map(|c| c.mean * (c.solid_angle / total) as f32).sum::<Vec3>();
+        let deviation = children
+            .iter()
+            .map(|c| (c.deviation + (c.mean - mean).abs().max_element()) * (c.solid_angle / total) as f32)
+            .sum();
+        let node = &mut self.nodes[at];
+        node.mean = mean;
+        node.deviation = deviation;
+        node.children = Some((first as u32, parts.len() as u32));
+    }
+
+    pub(super) fn root(&self) -> Cell {
+        self.nodes[0]
+    }
+
+    /// The parts of a cell: its children, or four quarters of constant radiance.
+    pub(super) fn divide(&self, cell: &Cell) -> impl Iterator<Item = Cell> + '_ {
+        let (stored, made) = match cell.children {
+            Some((first, count)) => (&self.nodes[first as usize..(first + count) as usize], None),
+            None => (&self.nodes[..0], Some(*cell)),
+        };
+        let quarters = made.into_iter().flat_map(|cell| {
+            let Rectangle { u, v, du, dv } = cell.rectangle;
+            let (du, dv) = (0.5 * du, 0.5 * dv);
+            [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
+                .map(|(a, b)| self.chart.cell(Rectangle { u: u + a * du, v: v + b * dv, du, dv }, cell.mean))
+        });
+        stored.iter().copied().chain(quarters)
+    }
+
+    /// Mean radiance over the sphere.
+    pub fn mean(&self) -> Vec3 {
+        self.nodes[0].mean
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::Plane;
+
+    fn check(tree: &LightTree) {
+        let mut stack = vec![tree.root()];
+        let (mut solid_angle, mut leaves) = (0.0, 0);
+        while let Some(cell) = stack.pop() {
+            assert!((cell.centre.length() - 1.0).abs() < 1e-9);
+            if cell.children.is_none() {
+                solid_angle += cell.solid_angle;
+                leaves += 1;
+                // Quarters of a leaf lie within its radius and add up to its solid angle.
+                let quarters: Vec<Cell> = tree.divide(&cell).collect();
+                let sum: f64 = quarters.iter().map(|c| c.solid_angle).sum();
+                assert!((sum / cell.solid_angle - 1.0).abs() < 0.05, "{sum} {}", cell.solid_angle);
+                for q in quarters {
+                    assert!(q.centre.angle_between(cell.centre) <= cell.radius + 1e-9);
+                }
+            } else {
+                for child in tree.divide(&cell) {
+                    assert!(child.centre.angle_between(cell.centre) <= cell.radius + 1e-9);
+                    stack.push(child);
+                }
+            }
+        }
+        assert!((solid_angle / (4.0 * PI) - 1.0).abs() < 2e-3, "{solid_angle} over {leaves}");
+    }
+
+    #[test]
+    fn cells_tile_the_sphere() {
+        // Sides that are not powers of two as well.
+        for height in [16, 15] {
+            let picture = Plane::from_fn(2 * height, height, |x, y| Vec3::splat((x * y % 7) as f32 + 0.1));
+            check(&LightTree::of_map(&EnvironmentMap::new(picture).unwrap()));
+        }
+        for map in [OctahedralMap::EqualArea, OctahedralMap::PraunHoppe] {
+            let texels = (0..1024).map(|t| Vec3::splat((t % 5) as f32)).collect();
+            check(&LightTree::of_grid(&LightGrid::from_texels(map, 32, texels)));
+        }
+    }
+
+    #[test]
+    fn a_constant_light_has_no_deviation() {
+        let tree = LightTree::of_map(&EnvironmentMap::new(Plane::from_fn(32, 16, |_, _| Vec3::ONE)).unwrap());
+        assert!(tree.root().deviation < 1e-5);
+        assert!((tree.mean() - Vec3::ONE).abs().max_element() < 1e-5);
+    }
+}

@@ -1,5 +1,7 @@
 //! Reflectance: tables, the non-negative basis learnt from measured materials, parametric models (paper 3.2).
 
+pub mod nmf;
+pub mod nnls;
 mod table;
 
 pub use table::{

@@ -116,47 +116,52 @@ pub struct Nmf {
     pub functions: Mat<f64>,
     /// `V`, samples x rank, not negative.
     pub coefficients: Mat<f64>,
-    /// Weighted squared error.
-    pub cost: f64,
-    /// Index of the start that was kept.
-    pub best: usize,
-    /// All starts, in order.
-    pub starts: Vec<StartReport>,
+    /// How it was found, and its weighted squared error.
+    pub report: StartReport,
 }
 
-/// Factorises `x` (cells x samples, not negative). `cell_weights` (one for each cell, not negative) multiply the squared
-/// errors; without them all are 1.
+/// Factorises `x` (cells x samples, not negative) and keeps the start with the least cost, the earlier of equals.
+/// `cell_weights` (one for each cell, not negative) multiply the squared errors; without them all are 1.
 ///
 /// The starts run in parallel; the result is the same for every number of threads.
 ///
 /// # Errors
 /// See [`NmfError`].
 pub fn factorize(x: MatRef<'_, f64>, cell_weights: Option<&[f64]>, settings: &NmfSettings) -> Result<Nmf, NmfError> {
+    let all = factorize_all(x, cell_weights, settings)?;
+    let best = all.into_iter().min_by(|a, b| a.report.cost.total_cmp(&b.report.cost));
+    Ok(best.expect("there is at least one start"))
+}
+
+/// As [`factorize`], but returns the local minimum that each start ended in, in the order of the starts: for callers with
+/// a second criterion.
+///
+/// # Errors
+/// See [`NmfError`].
+pub fn factorize_all(
+    x: MatRef<'_, f64>,
+    cell_weights: Option<&[f64]>,
+    settings: &NmfSettings,
+) -> Result<Vec<Nmf>, NmfError> {
     let roots = check(x, cell_weights, settings)?;
     let used: Vec<usize> = (0..x.nrows()).filter(|&c| roots[c] > 0.0).collect();
     // Multiplying rows by the root of their weight turns the weighted problem into a plain one.
     let packed = Mat::from_fn(used.len(), x.ncols(), |i, j| roots[used[i]] * x[(used[i], j)]);
     let mut seeds = Pcg64::seed_from_u64(settings.seed);
     let seeds: Vec<u64> = (0..settings.restarts).map(|_| seeds.random()).collect();
-    let runs: Vec<_> = seeds
-        .into_par_iter()
-        .enumerate()
-        .map(|(i, seed)| {
-            let pair = starts::start(packed.as_ref(), settings.rank, i, seed);
-            hals::descend(packed.as_ref(), pair, settings)
-        })
-        .collect();
-    let best = (0..runs.len()).min_by(|&a, &b| runs[a].1.cost.total_cmp(&runs[b].1.cost)).expect("at least one start");
-    let (mut pairs, starts): (Vec<_>, Vec<_>) = runs.into_iter().unzip();
-    let pair = pairs.swap_remove(best);
-    let mut functions = Mat::zeros(x.nrows(), settings.rank);
-    for k in 0..settings.rank {
-        let to = functions.col_as_slice_mut(k);
-        for (&c, w) in used.iter().zip(pair.w.col_as_slice(k)) {
-            to[c] = w / roots[c];
+    let run = |(index, seed)| {
+        let start = starts::start(packed.as_ref(), settings.rank, index, seed);
+        let (pair, report) = hals::descend(packed.as_ref(), start, settings);
+        let mut functions = Mat::zeros(x.nrows(), settings.rank);
+        for k in 0..settings.rank {
+            let to = functions.col_as_slice_mut(k);
+            for (&c, w) in used.iter().zip(pair.w.col_as_slice(k)) {
+                to[c] = w / roots[c];
+            }
         }
-    }
-    Ok(Nmf { functions, coefficients: pair.v, cost: starts[best].cost, best, starts })
+        Nmf { functions, coefficients: pair.v, report }
+    };
+    Ok(seeds.into_par_iter().enumerate().map(run).collect())
 }
 
 /// The roots of the weights, if everything is in order.
@@ -215,8 +220,8 @@ mod tests {
     fn cost_never_rises() {
         let x = noisy(300, 20);
         for extrapolate in [false, true] {
-            let nmf = factorize(x.as_ref(), None, &NmfSettings { extrapolate, ..settings(4) }).unwrap();
-            for start in &nmf.starts {
+            let all = factorize_all(x.as_ref(), None, &NmfSettings { extrapolate, ..settings(4) }).unwrap();
+            for start in all.iter().map(|nmf| &nmf.report) {
                 let slack = 1e-13 * x.squared_norm_l2();
                 assert!(start.trace.windows(2).all(|p| p[1] <= p[0] + slack), "extrapolate {extrapolate}");
                 assert!((start.trace.last().unwrap() - start.cost).abs() <= slack);
@@ -229,7 +234,7 @@ mod tests {
         let x = noisy(300, 20);
         let run = |extrapolate| {
             let s = NmfSettings { extrapolate, restarts: 1, max_iterations: 60, tolerance: 0.0, ..settings(5) };
-            factorize(x.as_ref(), None, &s).unwrap().cost
+            factorize(x.as_ref(), None, &s).unwrap().report.cost
         };
         assert!(run(true) <= run(false), "{} {}", run(true), run(false));
     }
@@ -239,7 +244,7 @@ mod tests {
         let x = low_rank(200, 30, 4);
         let s = NmfSettings { max_iterations: 20_000, tolerance: 0.0, ..settings(4) };
         let nmf = factorize(x.as_ref(), None, &s).unwrap();
-        assert!(nmf.cost < 1e-12 * x.squared_norm_l2(), "{:e}", nmf.cost / x.squared_norm_l2());
+        assert!(nmf.report.cost < 1e-12 * x.squared_norm_l2(), "{:e}", nmf.report.cost / x.squared_norm_l2());
     }
 
     #[test]
@@ -247,7 +252,7 @@ mod tests {
         let x = noisy(60, 5);
         let s = NmfSettings { max_iterations: 20_000, tolerance: 0.0, ..settings(5) };
         let nmf = factorize(x.as_ref(), None, &s).unwrap();
-        assert!(nmf.cost < 1e-9 * x.squared_norm_l2(), "{:e}", nmf.cost / x.squared_norm_l2());
+        assert!(nmf.report.cost < 1e-9 * x.squared_norm_l2(), "{:e}", nmf.report.cost / x.squared_norm_l2());
     }
 
     #[test]
@@ -274,11 +279,13 @@ mod tests {
         let run = |threads, seed| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let s = NmfSettings { seed, max_iterations: 50, ..settings(4) };
-            pool.install(|| factorize(x.as_ref(), None, &s).unwrap())
+            pool.install(|| factorize_all(x.as_ref(), None, &s).unwrap())
         };
         let (a, b, c) = (run(1, 3), run(4, 3), run(1, 4));
-        assert!(a.functions == b.functions && a.coefficients == b.coefficients && a.starts == b.starts);
-        assert!(a.starts[1] != c.starts[1]);
+        for (a, b) in a.iter().zip(&b) {
+            assert!(a.functions == b.functions && a.coefficients == b.coefficients && a.report == b.report);
+        }
+        assert!(a[1].report != c[1].report);
     }
 
     #[test]
@@ -291,7 +298,7 @@ mod tests {
         assert!(a.functions == b.functions);
         assert!((100..120).all(|c| a.functions[(c, 0)] == 0.0));
         let top = factorize(x.as_ref().subrows(0, 100), None, &settings(3)).unwrap();
-        assert!((a.cost - top.cost).abs() < 1e-12 * a.cost);
+        assert!((a.report.cost - top.report.cost).abs() < 1e-12 * a.report.cost);
     }
 
     #[test]
@@ -302,7 +309,7 @@ mod tests {
         let s = NmfSettings { tolerance: 1e-12, max_iterations: 20_000, restarts: 8, ..settings(2) };
         let a = factorize(x.as_ref(), Some(&weights), &s).unwrap();
         let b = factorize(twice.as_ref(), None, &s).unwrap();
-        assert!((a.cost - b.cost).abs() < 1e-6 * a.cost, "{} {}", a.cost, b.cost);
+        assert!((a.report.cost - b.report.cost).abs() < 1e-6 * a.report.cost, "{} {}", a.report.cost, b.report.cost);
     }
 
     #[test]

@@ -18,11 +18,15 @@ pub struct TrainSettings {
     /// 1/sr is kept: minima of nearly equal cost in scaled units can differ much in the materials' own. Zero keeps the
     /// least cost. Default 0.01.
     pub cost_margin: f64,
+    /// Power of its largest trusted value that each material is divided by before the factorisation. At 1 all weigh
+    /// alike relative to their maximum, as in the paper; at 0 errors count in 1/sr, so that the brightest decide.
+    /// Whatever its value, stored coefficients are those of materials of maximum one. Default 1.
+    pub scale_power: f64,
 }
 
 impl Default for TrainSettings {
     fn default() -> Self {
-        Self { nmf: NmfSettings::default(), cost_margin: 0.01 }
+        Self { nmf: NmfSettings::default(), cost_margin: 0.01, scale_power: 1.0 }
     }
 }
 
@@ -50,6 +54,9 @@ pub enum TrainError {
     /// No material uses function `0`: the materials have fewer independent parts than functions were asked for.
     #[error("no material uses basis function {0}; ask for a lower rank")]
     Unused(usize),
+    /// The margin is negative or NaN, or the power is not finite.
+    #[error("the cost margin must not be negative and the scale power must be finite")]
+    Settings,
     /// The factorisation refused.
     #[error("factorisation failed")]
     Nmf(#[from] NmfError),
@@ -104,7 +111,8 @@ impl TrainReport {
 
 /// Learns basis functions from `materials` (name and one channel in 1/sr): each is scaled to maximum one over its
 /// trusted cells, the matrix of trusted cells x materials is factorised in the Frobenius norm, each function is scaled to
-/// maximum one and continued beyond the trusted cells, and the materials' coefficients are solved for once more.
+/// maximum one and continued beyond the trusted cells, and the materials' coefficients are solved for once more. Of the
+/// starts, [`TrainSettings::cost_margin`] says which is kept.
 ///
 /// # Errors
 /// See [`TrainError`]. Values in cells that are not trusted are never looked at.
@@ -115,10 +123,14 @@ pub fn train(
     if materials.is_empty() {
         return Err(TrainError::Empty);
     }
+    if !(settings.cost_margin >= 0.0 && settings.scale_power.is_finite()) {
+        return Err(TrainError::Settings);
+    }
     let cells: Vec<usize> = trusted_cells().collect();
     let scales = materials.iter().map(|(name, table)| scale(name, table, &cells)).collect::<Result<Vec<f64>, _>>()?;
+    let divisors: Vec<f64> = scales.iter().map(|s| s.powf(settings.scale_power)).collect();
     let x =
-        Mat::from_fn(cells.len(), materials.len(), |i, j| f64::from(materials[j].1.as_slice()[cells[i]]) / scales[j]);
+        Mat::from_fn(cells.len(), materials.len(), |i, j| f64::from(materials[j].1.as_slice()[cells[i]]) / divisors[j]);
     let set = Scaled { materials, scales, cells };
     let solved = factorize_all(x.as_ref(), None, &settings.nmf)?
         .into_par_iter()
@@ -292,9 +304,34 @@ mod tests {
     }
 
     #[test]
+    fn the_margin_admits_starts_of_nearly_least_cost() {
+        let candidate = |cost, mean_rms| {
+            let start = StartReport { cost, iterations: 1, converged: true, trace: vec![cost] };
+            Candidate { start, mean_rms }
+        };
+        let candidates = [candidate(1.005, 2.0), candidate(1.0, 3.0), candidate(1.2, 1.0)];
+        assert_eq!(choose(&candidates, 0.0), 1);
+        assert_eq!(choose(&candidates, 0.01), 0);
+        assert_eq!(choose(&candidates, 0.5), 2);
+    }
+
+    #[test]
+    fn the_power_shifts_weight_to_bright_materials() {
+        // Rank one cannot fit both parts, so the brightest material's share of the error depends on the weights.
+        let error = |scale_power| {
+            let (basis, report) = train(&materials(), &TrainSettings { scale_power, ..settings(1) }).unwrap();
+            assert!(basis.materials.iter().all(|m| m.coefficients[0] < 1.1));
+            report.fits[5].rms
+        };
+        assert!(error(0.0) < error(1.0), "{} {}", error(0.0), error(1.0));
+    }
+
+    #[test]
     fn bad_materials_are_refused() {
         let mut m = materials();
         assert_eq!(train(&[], &settings(2)).unwrap_err(), TrainError::Empty);
+        let negative = TrainSettings { cost_margin: -0.1, ..settings(2) };
+        assert_eq!(train(&m, &negative).unwrap_err(), TrainError::Settings);
         let rank = NmfError::Rank { rank: 7, cells: 6800, samples: 6 };
         assert_eq!(train(&m, &settings(7)).unwrap_err(), TrainError::Nmf(rank));
         m[3].1.as_mut_slice()[91] = -1.0;

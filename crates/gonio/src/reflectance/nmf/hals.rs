@@ -3,6 +3,7 @@
 use super::{NmfSettings, StartReport};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
+use pulp::Arch;
 
 /// The pair `X ~ w v'`: `w` is cells x rank, `v` samples x rank.
 #[derive(Clone, Debug)]
@@ -12,7 +13,7 @@ pub(super) struct Pair {
 }
 
 /// Rows that one pass of [`sweep`] keeps in the first-level cache.
-const BLOCK: usize = 256;
+const BLOCK: usize = 128;
 /// Iterations over which the fall of the cost is judged: single steps of an extrapolated iteration vary much.
 const WINDOW: usize = 10;
 
@@ -32,6 +33,12 @@ pub(super) fn dot(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
 /// `gram = f'f`; `times` rounds. Column `k` of `u` becomes `max(0, u_k + (target_k - u gram_k) / gram_kk)`. A column
 /// whose partner is zero has no say in the cost and becomes zero.
 pub(super) fn sweep(u: &mut Mat<f64>, target: &Mat<f64>, gram: &Mat<f64>, times: usize) {
+    // Compiled for the vector units at hand; without sums across lanes the result does not depend on their width.
+    Arch::new().dispatch(|| sweep_lanes(u, target, gram, times));
+}
+
+#[inline(always)]
+fn sweep_lanes(u: &mut Mat<f64>, target: &Mat<f64>, gram: &Mat<f64>, times: usize) {
     let (rows, rank) = (u.nrows(), u.ncols());
     let mut step = [0.0; BLOCK];
     for start in (0..rows).step_by(BLOCK) {

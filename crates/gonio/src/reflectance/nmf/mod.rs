@@ -21,7 +21,7 @@ pub struct NmfSettings {
     /// Number of functions, at least 1 and at most the number of samples and of weighted cells. Default 10.
     pub rank: usize,
     /// Independent starts, of which the one with the least cost is kept. The first is NNDSVD, then random samples and
-    /// uniform random numbers alternate. At least 1. Default 8.
+    /// uniform random numbers alternate. At least 1. Default 16.
     pub restarts: usize,
     /// Largest number of iterations of each start. Default 2000.
     pub max_iterations: usize,
@@ -41,7 +41,7 @@ impl Default for NmfSettings {
     fn default() -> Self {
         Self {
             rank: 10,
-            restarts: 8,
+            restarts: 16,
             max_iterations: 2000,
             tolerance: 1e-6,
             function_sweeps: 3,

@@ -1,2 +1,47 @@
-//! Placeholder.
-fn main() {}
+//! `gonio-eval`: the measurements behind the figures in `docs/`. The data are not part of the repository: `--data` or
+//! `GONIO_DATA` names their folder.
+
+mod data;
+mod metrics;
+mod quadrature;
+mod recover;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Measures how well gonio recovers reflectance.
+#[derive(Parser)]
+#[command(version)]
+struct Args {
+    /// Folder of the data (lighting/, merl/, captured/, rgl/).
+    #[arg(long, env = "GONIO_DATA", global = true)]
+    data: Option<PathBuf>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Convergence of the transfer's quadrature against a brute-force reference.
+    Quadrature,
+    /// What the estimators recover from rendered spheres.
+    Recover(recover::Options),
+}
+
+fn main() -> ExitCode {
+    let args = Args::parse();
+    let data = args.data.unwrap_or_else(|| PathBuf::from("data"));
+    let result = match args.command {
+        Command::Quadrature => quadrature::run(&data),
+        Command::Recover(options) => recover::run(&data, &options),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}

@@ -82,8 +82,8 @@ impl EnvironmentMap {
     /// angle, to the texel it falls into: small lamps keep their flux whatever the grid.
     pub fn to_grid(&self, map: OctahedralMap, side: usize) -> LightGrid {
         let (width, height) = self.radiance.size();
-        // At least 16 sub-pixels across a texel, and never fewer than 3 to a pixel, where a lamp of one pixel is split.
-        let split = (32 * side).div_ceil(height).clamp(3, 64);
+        // At least a dozen sub-pixels across a texel; never fewer than six to a pixel, where a lamp of one pixel is split.
+        let split = (12 * side).div_ceil(height).clamp(6, 16);
         let (fine_width, fine_height) = (width * split, height * split);
         // Fixed bands, summed in order: the result does not depend on the number of threads.
         const BANDS: usize = 16;

@@ -1,0 +1,121 @@
+//! How an estimate is judged: measures 1 and 2 of the evaluation, both free of the common scale.
+
+use gonio::picture::{Picture, luminance};
+use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted, theta_h_of};
+
+/// Relight error and its log version.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Relight {
+    /// `min_s |s I^ - I| / |I|`.
+    pub(crate) relative: f64,
+    /// Root mean square of `ln((s I^ + e) / (I + e))`, `e` one percent of the mean of `I`, with the `s` that minimises it.
+    pub(crate) log: f64,
+}
+
+/// Luminances of the pixels of a sphere picture whose normal is within 80 degrees of the view.
+pub(crate) fn sphere_pixels(picture: &Picture, radius: f64) -> Vec<f64> {
+    let (width, height) = picture.rgb.size();
+    let limit = 80.0_f64.to_radians().sin() * radius;
+    (0..width * height)
+        .filter(|i| {
+            let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            (x - 0.5 * width as f64).hypot(y - 0.5 * height as f64) < limit
+        })
+        .map(|i| f64::from(luminance(picture.rgb.as_slice()[i])))
+        .collect()
+}
+
+/// Compares pictures of the same pixels under the same light.
+pub(crate) fn relight(estimate: &[f64], reference: &[f64]) -> Relight {
+    let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let scale = inner(estimate, reference) / inner(estimate, estimate).max(1e-300);
+    let residual: f64 = estimate.iter().zip(reference).map(|(a, b)| (scale * a - b).powi(2)).sum();
+    let relative = (residual / inner(reference, reference)).sqrt();
+    let floor = 0.01 * reference.iter().sum::<f64>() / reference.len() as f64;
+    Relight { relative, log: log_error(estimate.iter().copied().zip(reference.iter().copied()), floor) }
+}
+
+/// BRDF error: over trusted cells, `e` a thousandth of the median of the reference where `theta_h > 45` degrees.
+pub(crate) fn brdf_error(estimate: &BivariateTable, reference: &BivariateTable) -> f64 {
+    let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
+    let mut diffuse: Vec<f32> = (0..CELLS)
+        .filter(trusted)
+        .filter(|c| theta_h_of(c / THETA_D) > std::f64::consts::FRAC_PI_4)
+        .map(|c| reference.as_slice()[c])
+        .collect();
+    diffuse.sort_by(f32::total_cmp);
+    let floor = 1e-3 * f64::from(diffuse[diffuse.len() / 2]);
+    let cells = (0..CELLS).filter(trusted);
+    log_error(cells.map(|c| (f64::from(estimate.as_slice()[c]), f64::from(reference.as_slice()[c]))), floor)
+}
+
+/// `min_s rms ln((s a + e)/(b + e))` by golden section over `ln s` around the ratio of geometric means.
+fn log_error(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> f64 {
+    let pairs: Vec<(f64, f64)> = pairs.map(|(a, b)| (a.max(0.0), b.max(0.0))).collect();
+    let n = pairs.len() as f64;
+    let cost = |log_scale: f64| {
+        let s = log_scale.exp();
+        (pairs.iter().map(|(a, b)| ((s * a + floor) / (b + floor)).ln().powi(2)).sum::<f64>() / n).sqrt()
+    };
+    let tiny = floor.max(1e-300);
+    let centre = pairs.iter().map(|(a, b)| ((b + tiny) / (a + tiny * 1e-3)).ln()).sum::<f64>() / n;
+    // The cost is not convex in ln s: a coarse scan first.
+    let (mut low, mut high) = (centre - 12.0, centre + 12.0);
+    let steps = 96;
+    let best = (0..=steps)
+        .map(|i| low + (high - low) * f64::from(i) / f64::from(steps))
+        .min_by(|a, b| cost(*a).total_cmp(&cost(*b)))
+        .unwrap_or(centre);
+    (low, high) = (best - 0.25, best + 0.25);
+    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+    for _ in 0..40 {
+        let (a, b) = (high - golden * (high - low), low + golden * (high - low));
+        if cost(a) < cost(b) { high = b } else { low = a }
+    }
+    cost(0.5 * (low + high))
+}
+
+/// Median of a list; NaN when empty.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    values.sort_by(f64::total_cmp);
+    0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn glossy(width: f64) -> BivariateTable {
+        BivariateTable::from_fn(|h, _| 0.1 + 5.0 * (-(h / width).powi(2)).exp())
+    }
+
+    #[test]
+    fn identical_and_scaled_tables_score_zero() {
+        let a = glossy(0.1);
+        let scaled = BivariateTable::from_vec(a.as_slice().iter().map(|x| 37.0 * x).collect());
+        assert!(brdf_error(&a, &a) < 1e-6);
+        assert!(brdf_error(&scaled, &a) < 1e-4);
+        assert!(brdf_error(&glossy(0.3), &a) > 0.2);
+    }
+
+    #[test]
+    fn identical_and_scaled_pictures_score_zero() {
+        let image: Vec<f64> = (0..500).map(|i| 1.0 + f64::from(i % 17)).collect();
+        let scaled: Vec<f64> = image.iter().map(|x| 0.01 * x).collect();
+        for other in [&image, &scaled] {
+            let r = relight(other, &image);
+            assert!(r.relative < 1e-9 && r.log < 1e-4, "{r:?}");
+        }
+        let swapped: Vec<f64> = image.iter().rev().copied().collect();
+        assert!(relight(&swapped, &image).relative > 0.1);
+    }
+
+    #[test]
+    fn a_black_estimate_has_relative_error_one() {
+        let r = relight(&[0.0; 4], &[1.0, 2.0, 3.0, 4.0]);
+        assert!((r.relative - 1.0).abs() < 1e-12);
+    }
+}

@@ -4,5 +4,6 @@ pub mod inference;
 pub mod lighting;
 pub mod picture;
 pub mod reflectance;
+pub mod scene;
 pub mod sphere;
 pub mod transfer;

@@ -112,8 +112,8 @@ fn taubin(points: &[DVec2]) -> Option<Circle> {
 }
 
 /// Shorter over longer axis of the ellipse nearest to the points about `circle`, from the second harmonic of their
-/// distances: `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. For slight ellipses seen over half of the
-/// outline or more.
+/// distances: `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. For slight ellipses seen over half of
+/// the outline or more.
 pub(super) fn aspect(near: &[DVec2], circle: &Circle) -> f64 {
     let (mut normal, mut right) = ([[0.0; 5]; 5], [0.0; 5]);
     for p in near {

@@ -38,8 +38,8 @@ pub enum SceneError {
     },
     /// The outline is an ellipse.
     #[error(
-        "the outline is an ellipse (its axes are as 1 to {aspect:.3}), no circle: give the shape with --normals, or the \
-         outline with --circle if it is a ball all the same"
+        "the outline is an ellipse (its axes are as 1 to {aspect:.3}), no circle: give the shape with --normals, or \
+         the outline with --circle if it is a ball all the same"
     )]
     Elliptic {
         /// Shorter over longer axis, below one.
@@ -47,8 +47,9 @@ pub enum SceneError {
     },
     /// The outline is no circle.
     #[error(
-        "the outline is no circle: it strays by {residual:.1} pixels from the best one of radius {radius:.1}, and {stray} \
-         of its {rim} points lie far off; give the shape with --normals, or the outline with --circle if it is a ball"
+        "the outline is no circle: it strays by {residual:.1} pixels from the best one of radius {radius:.1}, and \
+         {stray} of its {rim} points lie far off; give the shape with --normals, or the outline with --circle if it \
+         is a ball"
     )]
     NotACircle {
         /// Typical distance of the outline from the circle, in pixels.
@@ -62,8 +63,8 @@ pub enum SceneError {
     },
     /// The circle given cannot be the outline of a ball.
     #[error(
-        "the circle with centre ({x}, {y}) and radius {radius} cannot be used: it needs finite numbers and a radius of at \
-         least {least} pixels"
+        "the circle with centre ({x}, {y}) and radius {radius} cannot be used: it needs finite numbers and a radius \
+         of at least {least} pixels"
     )]
     BadCircle {
         /// Column of the centre, in pixels.
@@ -77,7 +78,8 @@ pub enum SceneError {
     },
     /// Two pictures that should lie on top of each other differ in size.
     #[error(
-        "the {what} is {width}x{height} pixels and the picture {picture_width}x{picture_height}: make both of one size"
+        "the {what} is {width}x{height} pixels and the picture {picture_width}x{picture_height}: make both of one \
+         size"
     )]
     Sizes {
         /// What differs from the picture: `"mask"` or `"normal map"`.
@@ -93,14 +95,14 @@ pub enum SceneError {
     },
     /// No pixel has both coverage and a normal.
     #[error(
-        "no covered pixel has a normal: check that the mask and the normal map belong together and that the normal map \
-         is not empty"
+        "no covered pixel has a normal: check that the mask and the normal map belong together and that the normal \
+         map is not empty"
     )]
     NoNormals,
     /// Too many normals are not of unit length.
     #[error(
-        "{count} of {covered} normals are not unit vectors (the worst has length {worst:.3}): normalise the normal map; \
-         where it is coded as 0..1 decode it to -1..1"
+        "{count} of {covered} normals are not unit vectors (the worst has length {worst:.3}): normalise the normal \
+         map (where it is coded as 0..1 decode it to -1..1), and mask out what is not the object"
     )]
     NotUnit {
         /// Normals whose length is off by more than 0.05.
@@ -112,8 +114,8 @@ pub enum SceneError {
     },
     /// Too many normals face away from the camera.
     #[error(
-        "{count} of {covered} normals face away from the camera (z <= 0), although it sees them: y or z may be flipped; \
-         the axes are x right, y up, z towards the camera"
+        "{count} of {covered} normals face away from the camera (z <= 0), although it sees them: y or z may be \
+         flipped; the axes are x right, y up, z towards the camera"
     )]
     FacingAway {
         /// Unit normals with `z <= 0`.
@@ -123,8 +125,8 @@ pub enum SceneError {
     },
     /// The normals are (nearly) all the same.
     #[error(
-        "the normals fall into only {directions} cells of a grid of 1.6 degrees, at least {least} are needed: the shape is \
-         too flat to tell light and reflectance apart; use a rounder object"
+        "the normals fall into only {directions} cells of a grid of 1.6 degrees, at least {least} are needed: the \
+         shape is too flat to tell light and reflectance apart; use a rounder object"
     )]
     TooFlat {
         /// Cells of the grid of directions that hold a normal.
@@ -134,8 +136,8 @@ pub enum SceneError {
     },
     /// Radiance that no light can have.
     #[error(
-        "{count} pixels of the object are NaN, infinite or negative, the first at column {column}, row {row}: mask them \
-         out"
+        "{count} pixels of the object are NaN, infinite or negative, the first at column {column}, row {row}: mask \
+         them out"
     )]
     BadPixels {
         /// Number of such pixels within the observed part.
@@ -147,8 +149,8 @@ pub enum SceneError {
     },
     /// Too few points have a value.
     #[error(
-        "only {used} points can be used, at least {least} are needed: {clipped} are clipped and {outside} uncovered or \
-         outside the picture; use a shorter exposure, or check the mask and the circle"
+        "only {used} points can be used, at least {least} are needed: {clipped} are clipped and {outside} uncovered \
+         or outside the picture; use a shorter exposure, or check the mask and the circle"
     )]
     TooFewPoints {
         /// Points with a value.

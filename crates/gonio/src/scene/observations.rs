@@ -16,13 +16,13 @@ pub(super) const LEAST_POINTS: usize = 50;
 /// How a picture is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObservationSettings {
-    /// Normals on the visible hemisphere, before those beyond `max_angle` are dropped; for a picture of normals, the most
-    /// pixels that are taken.
+    /// Normals on the visible hemisphere, before those beyond `max_angle` are dropped; of a picture of normals, the
+    /// most pixels that are taken, before the same.
     pub normals: usize,
     /// Largest angle between normal and view, in radians, exclusive. Beyond 80 degrees the picture says little.
     pub max_angle: f64,
-    /// Channels at or above this radiance are clipped (for integer pictures, the full scale). `None` finds the level: the
-    /// largest value of the object, if at least 12 pixels and 0.02 % of the observed ones have exactly that value.
+    /// Channels at or above this radiance are clipped (for integer pictures, the full scale). `None` finds the level:
+    /// the largest value of the object, if at least 12 pixels and 0.02 % of the observed ones have exactly that value.
     pub clip: Option<f32>,
 }
 
@@ -85,11 +85,12 @@ impl Observations {
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
     ///
     /// A value is the bilinear interpolation of the picture where the point projects to. It stays a point sample where
-    /// the picture is finer than the lattice: a mean over a cell of the lattice (1.3 degrees) would show highlights of half a
-    /// degree wider and dimmer than the operator, which evaluates reflectance at one normal a point, can explain.
+    /// the picture is finer than the lattice: a mean over a cell of the lattice (1.3 degrees) would show highlights of
+    /// half a degree wider and dimmer than the operator, which evaluates reflectance at one normal a point, can
+    /// explain.
     ///
-    /// A point has no value where one of the four pixels is clipped, outside the picture, not wholly within the circle, or
-    /// covered by less than 0.99. Without `coverage` the alpha channel of the picture is used, if it has one.
+    /// A point has no value where one of the four pixels is clipped, outside the picture, not wholly within the circle,
+    /// or covered by less than 0.99. Without `coverage` the alpha channel of the picture is used, if it has one.
     ///
     /// # Errors
     /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] among pixels that points can need;

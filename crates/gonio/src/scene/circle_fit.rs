@@ -1,5 +1,7 @@
 //! The circle through scattered points: Taubin's algebraic fit, then the least distances, without the points far off.
 
+use faer::Mat;
+use faer::linalg::solvers::SolveLstsq;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::circle::Circle;
@@ -115,49 +117,21 @@ fn taubin(points: &[DVec2]) -> Option<Circle> {
 /// distances: `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. For slight ellipses seen over half of
 /// the outline or more.
 pub(super) fn aspect(near: &[DVec2], circle: &Circle) -> f64 {
-    let (mut normal, mut right) = ([[0.0; 5]; 5], [0.0; 5]);
-    for p in near {
-        let (away, distance) = from_rim(*p, circle);
-        let (c, s) = (away.x, away.y);
-        let row = [1.0, c, s, c * c - s * s, 2.0 * c * s];
-        for i in 0..5 {
-            right[i] += row[i] * distance;
-            for j in 0..5 {
-                normal[i][j] += row[i] * row[j];
-            }
-        }
-    }
-    let x = solve(normal, right);
-    let mean = circle.radius + x[0];
-    let amplitude = x[3].hypot(x[4]);
+    let rows = Mat::<f64>::from_fn(near.len(), 5, |i, j| {
+        let (c, s) = from_rim(near[i], circle).0.into();
+        [1.0, c, s, c * c - s * s, 2.0 * c * s][j]
+    });
+    let distances = Mat::<f64>::from_fn(near.len(), 1, |i, _| from_rim(near[i], circle).1);
+    let x = rows.qr().solve_lstsq(&distances);
+    let mean = circle.radius + x[(0, 0)];
+    let amplitude = x[(3, 0)].hypot(x[(4, 0)]);
     (mean - amplitude) / (mean + amplitude)
-}
-
-/// Solves a symmetric positive system by elimination; a tiny ridge keeps it so when points are few.
-fn solve(mut a: [[f64; 5]; 5], mut b: [f64; 5]) -> [f64; 5] {
-    for i in 0..5 {
-        a[i][i] += 1e-9 + 1e-12 * a[0][0];
-    }
-    for i in 0..5 {
-        for k in i + 1..5 {
-            let factor = a[k][i] / a[i][i];
-            for j in i..5 {
-                a[k][j] -= factor * a[i][j];
-            }
-            b[k] -= factor * b[i];
-        }
-    }
-    for i in (0..5).rev() {
-        for j in i + 1..5 {
-            b[i] -= a[i][j] * b[j];
-        }
-        b[i] /= a[i][i];
-    }
-    b
 }
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
 
     /// Points on the ellipse of half axes `a`, `b` about (40, 30), from angle 0 to `arc` radians.
@@ -172,7 +146,7 @@ mod tests {
 
     #[test]
     fn exact_arcs_give_the_circle_back() {
-        for angle in [0.5, 1.5, 3.0, 6.283] {
+        for angle in [0.5, 1.5, 3.0, TAU] {
             let fit = fit_circle(&arc(25.0, 25.0, angle, 90)).unwrap();
             let error = DVec3::new(fit.circle.x - 40.0, fit.circle.y - 30.0, fit.circle.radius - 25.0).length();
             assert!(error < 1e-6, "{angle} {error}");
@@ -182,7 +156,7 @@ mod tests {
 
     #[test]
     fn points_far_off_do_not_count() {
-        let mut points = arc(25.0, 25.0, 6.283, 200);
+        let mut points = arc(25.0, 25.0, TAU, 200);
         points.extend((0..40).map(|i| DVec2::new(60.0 + f64::from(i), 28.0)));
         let fit = fit_circle(&points).unwrap();
         assert!((fit.circle.radius - 25.0).abs() < 0.02, "{:?}", fit.circle);
@@ -200,7 +174,7 @@ mod tests {
     #[test]
     fn the_aspect_of_slight_ellipses_is_found() {
         for b in [25.0, 24.5, 23.0] {
-            let points = arc(25.0, b, 6.283, 400);
+            let points = arc(25.0, b, TAU, 400);
             let fit = fit_circle(&points).unwrap();
             let got = aspect(&fit.near, &fit.circle);
             assert!((got - b / 25.0).abs() < 2e-3, "{b} {got}");

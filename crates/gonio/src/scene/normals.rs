@@ -266,7 +266,7 @@ mod tests {
         let (normals, settings) = (ball(), ObservationSettings::default());
         let one = observe(&normals).unwrap();
         assert_eq!(observe(&normals).unwrap(), one);
-        let other = Picture { rgb: normals.map(|n| Vec3::splat((5.0 - 9.0 * n.z).max(0.0).min(2.0))), alpha: None };
+        let other = Picture { rgb: normals.map(|n| Vec3::splat((5.0 - 9.0 * n.z).clamp(0.0, 2.0))), alpha: None };
         let two = Observations::of_normals(&other, &normals, None, &settings).unwrap();
         assert_eq!(one.points, two.points);
         assert_eq!(two.report.clip_level, Some(2.0));

@@ -106,7 +106,7 @@ fn taubin(points: &[DVec2]) -> Option<Circle> {
     let determinant = 2.0 * (root * root - root * z + cov);
     let centre = DVec2::new(xz * (yy - root) - yz * xy, yz * (xx - root) - xz * xy) / determinant;
     let radius = (centre.length_squared() + z).sqrt();
-    (determinant.abs() > 1e-12 * z * z && radius.is_finite()).then(|| Circle {
+    (determinant.abs() > 1e-12 * z * z && radius.is_finite()).then_some(Circle {
         x: mean.x + centre.x,
         y: mean.y + centre.y,
         radius,

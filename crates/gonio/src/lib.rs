@@ -5,5 +5,6 @@ pub mod lighting;
 pub mod picture;
 pub mod reflectance;
 pub mod render;
+pub mod scene;
 pub mod sphere;
 pub mod transfer;

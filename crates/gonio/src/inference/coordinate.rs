@@ -170,5 +170,19 @@ pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &[f64], i
     now = Expectations::new(problem, &next);
     let precision = now.moments.precision;
     next.set_g(precision * now.iy - problem.hyper.exposure_rate, precision * now.q);
+    rescale(problem, &mut next);
     next
+}
+
+/// The image sees only the product of exposure and reflectance. Along `f -> c f, g -> g / c` the cost is
+/// `c sum_k lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed form; the other steps
+/// would creep along that ridge.
+fn rescale(problem: &Problem<'_>, ensemble: &mut Ensemble) {
+    let f: f64 = problem.rates.iter().enumerate().map(|(k, rate)| rate * ensemble.f_moments(k).mean).sum();
+    let g = problem.hyper.exposure_rate * ensemble.g_moments().mean;
+    let others = problem.k() as f64 - 1.0;
+    let c = (others + (others * others + 4.0 * f * g).sqrt()) / (2.0 * f);
+    if c.is_finite() && c > 0.0 {
+        ensemble.rescale(c);
+    }
 }

@@ -179,6 +179,17 @@ impl Ensemble {
         RectifiedGaussian { location: self.phi[natural] * variance, variance, threshold }
     }
 
+    /// Scales the reflectance by `c` and the exposure by `1 / c`: `u -> c u, w -> c^2 w` and the reverse.
+    pub(crate) fn rescale(&mut self, c: f64) {
+        for k in 0..self.k {
+            self.phi[k] /= c;
+            self.phi[self.k + k] -= 2.0 * c.ln();
+        }
+        let g = self.noise_index() + 1;
+        self.phi[g] *= c;
+        self.phi[g + 1] += 2.0 * c.ln();
+    }
+
     /// Moments of reflectance coefficient `k`.
     pub(crate) fn f_moments(&self, k: usize) -> Moments {
         self.rectified(k, self.k + k, 0.0).moments()

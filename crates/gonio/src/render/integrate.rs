@@ -70,8 +70,6 @@ impl Ord for Entry {
     }
 }
 
-/// Angle to the normal (radians) below which no lobe of a MERL table changes any more.
-const CORE: f64 = 3e-3;
 /// Cells this small are not divided, whatever their bound.
 const SMALLEST: f64 = 2e-5;
 
@@ -142,10 +140,19 @@ fn assess(point: &SurfacePoint, brdf: &dyn Brdf, envelope: &BivariateTable, cell
     };
     // How far half vectors and elevation vary over the cell.
     let spread = cell.radius / twice_cos_d.max(0.02);
-    let nearest = (theta_h - spread).max(0.0);
     let highest = (cosine + cell.radius).min(1.0);
-    let strongest = envelope.eval(nearest, theta_d).max(envelope.eval(theta_h, theta_d));
-    let variation = spread / (nearest + CORE) + cell.radius / highest.max(1e-3) + 2.0 * cell.radius;
+    // Reflectance at the ends of the ranges of both angles: tables are smooth between their samples, and cells that may
+    // hold the peak start at `theta_h = 0`.
+    let tilt = 0.5 * cell.radius;
+    let centre = envelope.eval(theta_h, theta_d);
+    let ends = [
+        envelope.eval((theta_h - spread).max(0.0), theta_d),
+        envelope.eval(theta_h + spread, theta_d),
+        envelope.eval(theta_h, (theta_d - tilt).max(0.0)),
+        envelope.eval(theta_h, theta_d + tilt),
+    ];
+    let (low, strongest) = ends.iter().fold((centre, centre), |(a, b), &x| (a.min(x), b.max(x)));
+    let variation = (strongest - low) / strongest.max(1e-300) + cell.radius / highest.max(1e-3);
     let weight = strongest * highest * cell.solid_angle;
     let mean = f64::from(cell.mean.abs().max_element());
     let bound =

@@ -1,0 +1,255 @@
+//! The outline of a ball in a mask.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec2;
+use serde::{Deserialize, Serialize};
+
+use super::SceneError;
+use super::circle_fit::{aspect, fit_circle};
+use super::components::{border, fill_holes, largest_component, neighbours};
+use crate::picture::Plane;
+
+/// Least radius of a ball, in pixels.
+pub(super) const LEAST_RADIUS: f64 = 8.0;
+/// Least angle that the visible outline must span, in radians: 75 degrees, so that a ball in a corner of the picture
+/// passes.
+const LEAST_SPAN: f64 = 5.0 * PI / 12.0;
+/// Ellipses longer than this are no balls: a ball 18 degrees off the axis of a perspective camera.
+const LEAST_ASPECT: f64 = 0.95;
+/// At most this share of the outline may lie far off the circle (a stand, a finger).
+const MOST_STRAY: f64 = 0.3;
+
+/// A circle in a picture: the outline of a ball under an orthographic camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Circle {
+    /// Column of the centre, in pixels from the left edge (the centre of the first pixel is at 0.5).
+    pub x: f64,
+    /// Row of the centre, in pixels from the top edge.
+    pub y: f64,
+    /// Radius, in pixels.
+    pub radius: f64,
+}
+
+/// The outline of a ball and how good a circle it is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundCircle {
+    /// The circle.
+    pub circle: Circle,
+    /// Root mean square distance of the outline to the circle, in pixels, without the stray points.
+    pub residual: f64,
+    /// Eccentricity of the outline, 0 for a circle; `None` when less than half of the outline can be seen. Quantisation
+    /// of the mask alone gives about 0.05 to a ball of 50 pixels.
+    pub eccentricity: Option<f64>,
+    /// Angle that the visible outline spans, in radians, up to 2 pi.
+    pub span: f64,
+    /// Points of the outline that were fitted.
+    pub rim: usize,
+    /// Points of the outline that lie far off the circle and were left out.
+    pub stray: usize,
+    /// Whether the ball touches the border of the picture.
+    pub cropped: bool,
+    /// Covered pixels that are no part of the ball.
+    pub specks: usize,
+}
+
+/// Finds the outline of an orthographic ball in a mask or an alpha channel, with values from 0 to 1 (half-covered
+/// pixels at the rim; NaN counts as 0).
+///
+/// The ball is the largest connected set of pixels covered by half or more, its holes filled. Its rim is where the
+/// coverage, interpolated between neighbouring pixels, is one half; where the picture cuts the ball off there is no
+/// rim. To these points goes the circle of least distances; points far off it (a stand, a finger) do not count.
+///
+/// # Errors
+/// [`SceneError::EmptyMask`], [`SceneError::MaskEverywhere`]; [`SceneError::TooSmall`] under a radius of 8 pixels;
+/// [`SceneError::ShortOutline`] when the visible outline spans less than 75 degrees; [`SceneError::Elliptic`] when the
+/// shorter axis is under 0.95 of the longer; [`SceneError::NotACircle`] when the outline strays by more than half a
+/// pixel and 3 % of the radius, or more than 30 % of it lie far off.
+pub fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
+    let covered = |at: (usize, usize)| coverage[at] >= 0.5;
+    let (component, area) = largest_component(coverage.size(), covered).ok_or(SceneError::EmptyMask)?;
+    let ball = fill_holes(&component);
+    if ball.as_slice().iter().all(|&b| b) {
+        return Err(SceneError::MaskEverywhere);
+    }
+    // As large as a disc of the least radius, cut to a quarter by the picture's corner.
+    let too_small = |radius| SceneError::TooSmall { radius, least: LEAST_RADIUS };
+    let equal_area = (area as f64 / PI).sqrt();
+    if equal_area < 0.5 * LEAST_RADIUS {
+        return Err(too_small(equal_area));
+    }
+    let rim = rim_points(coverage, &ball);
+    // A straight edge has no circle: the visible outline spans nothing.
+    let short = |span: f64| SceneError::ShortOutline { degrees: span.to_degrees(), least: LEAST_SPAN.to_degrees() };
+    let fit = fit_circle(&rim).ok_or_else(|| short(0.0))?;
+    let circle = fit.circle;
+    let stray = rim.len() - fit.near.len();
+    let span = span(&fit.near, &circle);
+    let seen_half = span >= PI;
+    let aspect = if seen_half { aspect(&fit.near, &circle) } else { 1.0 };
+    if fit.spread > 0.5 + 0.03 * circle.radius || stray as f64 > MOST_STRAY * rim.len() as f64 {
+        // A clear ellipse deserves its name even where no circle fits it.
+        return Err(if (0.5..LEAST_ASPECT).contains(&aspect) && stray == 0 {
+            SceneError::Elliptic { aspect }
+        } else {
+            SceneError::NotACircle { residual: fit.spread, radius: circle.radius, stray, rim: rim.len() }
+        });
+    }
+    if span < LEAST_SPAN {
+        return Err(short(span));
+    }
+    if circle.radius < LEAST_RADIUS {
+        return Err(too_small(circle.radius));
+    }
+    if aspect < LEAST_ASPECT {
+        return Err(SceneError::Elliptic { aspect });
+    }
+    let squares = fit.near.iter().map(|p| (p.distance(DVec2::new(circle.x, circle.y)) - circle.radius).powi(2));
+    Ok(FoundCircle {
+        circle,
+        residual: (squares.sum::<f64>() / fit.near.len() as f64).sqrt(),
+        eccentricity: seen_half.then(|| (1.0 - aspect * aspect).max(0.0).sqrt()),
+        span,
+        rim: fit.near.len(),
+        stray,
+        cropped: border(ball.size()).any(|at| ball[at]),
+        specks: coverage.as_slice().iter().zip(ball.as_slice()).filter(|&(&c, &b)| c >= 0.5 && !b).count(),
+    })
+}
+
+/// Points between a pixel of the ball and one outside it at which the interpolated coverage is one half.
+fn rim_points(coverage: &Plane<f32>, ball: &Plane<bool>) -> Vec<DVec2> {
+    let mut points = Vec::new();
+    for y in 0..ball.height() {
+        for x in 0..ball.width() {
+            if !ball[(x, y)] {
+                continue;
+            }
+            let inside = f64::from(coverage[(x, y)]).min(1.0);
+            for (u, v) in neighbours((x, y), ball.size(), false).filter(|&at| !ball[at]) {
+                // NaN becomes 0 here, as `max` does not propagate it.
+                let outside = f64::from(coverage[(u, v)]).max(0.0);
+                let (from, to) = (DVec2::new(x as f64, y as f64), DVec2::new(u as f64, v as f64));
+                points.push(from.lerp(to, (inside - 0.5) / (inside - outside)) + 0.5);
+            }
+        }
+    }
+    points
+}
+
+/// The full angle less the largest gap between points as seen from the centre, in radians.
+fn span(points: &[DVec2], circle: &Circle) -> f64 {
+    let mut angles: Vec<f64> = points.iter().map(|p| (p.y - circle.y).atan2(p.x - circle.x)).collect();
+    angles.sort_unstable_by(f64::total_cmp);
+    let (Some(first), Some(last)) = (angles.first(), angles.last()) else { return 0.0 };
+    let widest = angles.windows(2).map(|pair| pair[1] - pair[0]).fold(first + TAU - last, f64::max);
+    // Neighbouring points of a closed outline are about a pixel apart.
+    if widest * circle.radius < 3.0 { TAU } else { TAU - widest }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Coverage of an ellipse by 8 x 8 samples a pixel, or by its centre alone when not `soft`.
+    fn ellipse(size: (usize, usize), (cx, cy): (f64, f64), (a, b): (f64, f64), soft: bool) -> Plane<f32> {
+        let n = if soft { 8 } else { 1 };
+        Plane::from_fn(size.0, size.1, |x, y| {
+            let inside = (0..n * n).filter(|i| {
+                let at = |whole: usize, part: usize| whole as f64 + (part as f64 + 0.5) / n as f64;
+                ((at(x, i % n) - cx) / a).hypot((at(y, i / n) - cy) / b) <= 1.0
+            });
+            inside.count() as f32 / (n * n) as f32
+        })
+    }
+
+    fn check(mask: &Plane<f32>, (x, y): (f64, f64), radius: f64, tolerance: f64) -> FoundCircle {
+        let found = find_sphere(mask).unwrap();
+        let c = found.circle;
+        let error = (c.x - x).abs().max((c.y - y).abs()).max((c.radius - radius).abs());
+        assert!(error < tolerance, "{found:?}");
+        found
+    }
+
+    #[test]
+    fn full_balls_are_found_to_a_fraction_of_a_pixel() {
+        for (centre, radius) in [((60.3, 55.8), 41.7), ((64.0, 64.0), 50.0), ((30.5, 70.2), 8.4), ((62.1, 61.9), 57.5)]
+        {
+            let soft = check(&ellipse((128, 128), centre, (radius, radius), true), centre, radius, 0.02);
+            assert!(soft.residual < 0.1 && !soft.cropped && soft.stray == 0 && soft.span == TAU, "{soft:?}");
+            let hard = check(&ellipse((128, 128), centre, (radius, radius), false), centre, radius, 0.2);
+            assert!(hard.residual < 0.4 && hard.eccentricity.unwrap() < 0.25, "{hard:?}");
+        }
+    }
+
+    #[test]
+    fn cropped_balls_are_completed() {
+        for (centre, radius) in [((10.0, 60.0), 50.0), ((64.0, 64.0), 75.0), ((0.0, 0.0), 80.0), ((64.0, 120.0), 70.0)]
+        {
+            let found = check(&ellipse((128, 128), centre, (radius, radius), true), centre, radius, 0.1);
+            assert!(found.cropped);
+        }
+    }
+
+    #[test]
+    fn specks_holes_and_a_stand_do_not_matter() {
+        let mut mask = ellipse((128, 128), (60.3, 55.8), (41.7, 41.7), true);
+        for (x, y) in [(3, 3), (4, 3), (120, 7), (118, 120)] {
+            mask[(x, y)] = 1.0;
+        }
+        for (x, y) in [(60, 50), (61, 50), (40, 70), (70, 30)] {
+            mask[(x, y)] = if x == 40 { f32::NAN } else { 0.0 };
+        }
+        let found = check(&mask, (60.3, 55.8), 41.7, 0.02);
+        assert_eq!((found.specks, found.stray), (4, 0));
+        for y in 95..128 {
+            for x in 55..63 {
+                mask[(x, y)] = 1.0;
+            }
+        }
+        let found = check(&mask, (60.3, 55.8), 41.7, 0.05);
+        assert!(found.stray > 40 && found.cropped);
+    }
+
+    #[test]
+    fn slight_ellipses_pass_with_their_eccentricity() {
+        let found = check(&ellipse((128, 128), (64.0, 64.0), (50.0, 49.0), true), (64.0, 64.0), 49.5, 0.05);
+        let want = (1.0 - 0.98_f64.powi(2)).sqrt();
+        assert!((found.eccentricity.unwrap() - want).abs() < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn what_is_no_circle_is_refused() {
+        let refused = |mask: &Plane<f32>| find_sphere(mask).unwrap_err();
+        for b in [46.0, 40.0, 30.0] {
+            let error = refused(&ellipse((128, 128), (64.0, 64.0), (50.0, b), true));
+            assert!(
+                matches!(error, SceneError::Elliptic { aspect } if (aspect - b / 50.0).abs() < 0.03),
+                "{b} {error}"
+            );
+        }
+        let square = Plane::from_fn(128, 128, |x, y| f32::from((30..90).contains(&x) && (30..90).contains(&y)));
+        assert!(matches!(refused(&square), SceneError::NotACircle { .. }));
+        assert!(refused(&square).to_string().contains("--normals"));
+        let half = Plane::from_fn(128, 128, |x, _| f32::from(x < 60));
+        assert!(matches!(refused(&half), SceneError::ShortOutline { .. }), "{}", refused(&half));
+        assert!(matches!(
+            refused(&ellipse((128, 128), (-400.0, 64.0), (450.0, 450.0), true)),
+            SceneError::ShortOutline { .. }
+        ));
+    }
+
+    #[test]
+    fn masks_without_a_ball_are_refused() {
+        let refused = |mask: &Plane<f32>| find_sphere(mask).unwrap_err();
+        assert_eq!(refused(&Plane::from_fn(20, 20, |_, _| 0.4)), SceneError::EmptyMask);
+        assert_eq!(refused(&Plane::from_vec(0, 0, vec![])), SceneError::EmptyMask);
+        assert_eq!(refused(&Plane::from_fn(20, 20, |_, _| 1.0)), SceneError::MaskEverywhere);
+        let inverted = ellipse((64, 64), (32.0, 32.0), (20.0, 20.0), true).map(|c| 1.0 - c);
+        assert_eq!(refused(&inverted), SceneError::MaskEverywhere);
+        for radius in [2.0, 7.5] {
+            let error = refused(&ellipse((64, 64), (32.0, 32.0), (radius, radius), true));
+            assert!(matches!(error, SceneError::TooSmall { radius: r, .. } if (r - radius).abs() < 0.2), "{error}");
+        }
+    }
+}

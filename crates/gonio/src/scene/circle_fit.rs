@@ -1,0 +1,183 @@
+//! The circle through scattered points: Taubin's algebraic fit, then the least distances, without the points far off.
+
+use faer::Mat;
+use faer::linalg::solvers::SolveLstsq;
+use glam::{DMat3, DVec2, DVec3};
+
+use super::circle::Circle;
+
+/// Distances beyond this multiple of their spread do not count (Tukey's biweight at 95 % efficiency).
+const FAR: f64 = 4.685;
+/// The spread is taken as at least this, in pixels: no mask is more exact.
+const LEAST_SPREAD: f64 = 0.15;
+
+/// A circle and how well the points lie on it.
+#[derive(Clone, Debug)]
+pub(super) struct Fit {
+    pub circle: Circle,
+    /// Spread of the distances to the circle, from their median, in pixels.
+    pub spread: f64,
+    /// Points that are not far off.
+    pub near: Vec<DVec2>,
+}
+
+/// The circle of least distances to most of the `points`; `None` when they lie on a line, or nowhere.
+pub(super) fn fit_circle(points: &[DVec2]) -> Option<Fit> {
+    let mut circle = taubin(points)?;
+    let mut spread = 0.0;
+    // Gauss-Newton on c and r of sum w (|p - c| - r)^2; the weights follow the distances.
+    for _ in 0..100 {
+        spread = median_distance(points, &circle) * 1.4826;
+        let reach = FAR * spread.max(LEAST_SPREAD);
+        let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
+        for p in points {
+            let (away, distance) = from_rim(*p, &circle);
+            let weight = (1.0 - (distance / reach).powi(2)).max(0.0).powi(2);
+            let row = away.extend(1.0);
+            normal += DMat3::from_cols(row * row.x, row * row.y, row * row.z) * weight;
+            right += row * distance * weight;
+        }
+        if normal.determinant().abs() < 1e-9 {
+            return None;
+        }
+        let step = normal.inverse() * right;
+        circle = Circle { x: circle.x + step.x, y: circle.y + step.y, radius: circle.radius + step.z };
+        if !(circle.radius.is_finite() && circle.radius > 0.0) {
+            return None;
+        }
+        if step.abs().max_element() < 1e-7 {
+            break;
+        }
+    }
+    let reach = FAR * spread.max(LEAST_SPREAD);
+    let near = points.iter().copied().filter(|p| from_rim(*p, &circle).1.abs() < reach).collect();
+    Some(Fit { circle, spread, near })
+}
+
+/// Unit vector from the centre through `p`, and the distance of `p` from the rim, positive outside.
+fn from_rim(p: DVec2, circle: &Circle) -> (DVec2, f64) {
+    let from = p - DVec2::new(circle.x, circle.y);
+    (from.normalize_or(DVec2::X), from.length() - circle.radius)
+}
+
+fn median_distance(points: &[DVec2], circle: &Circle) -> f64 {
+    let mut distances: Vec<f64> = points.iter().map(|p| from_rim(*p, circle).1.abs()).collect();
+    let middle = distances.len() / 2;
+    *distances.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Taubin's fit (1991) by Newton's method as in Chernov's book: unlike the simple algebraic one it does not shrink the
+/// circles of short arcs.
+fn taubin(points: &[DVec2]) -> Option<Circle> {
+    if points.len() < 3 {
+        return None;
+    }
+    let n = points.len() as f64;
+    let mean = points.iter().sum::<DVec2>() / n;
+    let (mut xx, mut yy, mut xy, mut xz, mut yz, mut zz) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for p in points {
+        let d = *p - mean;
+        let z = d.length_squared();
+        xx += d.x * d.x / n;
+        yy += d.y * d.y / n;
+        xy += d.x * d.y / n;
+        xz += d.x * z / n;
+        yz += d.y * z / n;
+        zz += z * z / n;
+    }
+    let z = xx + yy;
+    let (cov, var) = (xx * yy - xy * xy, zz - z * z);
+    let a3 = 4.0 * z;
+    let a2 = -3.0 * z * z - zz;
+    let a1 = var * z + 4.0 * cov * z - xz * xz - yz * yz;
+    let a0 = xz * (xz * yy - yz * xy) + yz * (yz * xx - xz * xy) - var * cov;
+    // The smallest root is wanted, and Newton's method reaches it from zero monotonically.
+    let mut root = 0.0;
+    for _ in 0..100 {
+        let step = (a0 + root * (a1 + root * (a2 + root * a3))) / (a1 + root * (2.0 * a2 + root * 3.0 * a3));
+        if !step.is_finite() {
+            break;
+        }
+        root -= step;
+        if step.abs() <= 1e-13 * z {
+            break;
+        }
+    }
+    let determinant = 2.0 * (root * root - root * z + cov);
+    let centre = DVec2::new(xz * (yy - root) - yz * xy, yz * (xx - root) - xz * xy) / determinant;
+    let radius = (centre.length_squared() + z).sqrt();
+    (determinant.abs() > 1e-12 * z * z && radius.is_finite()).then_some(Circle {
+        x: mean.x + centre.x,
+        y: mean.y + centre.y,
+        radius,
+    })
+}
+
+/// Shorter over longer axis of the ellipse nearest to the points about `circle`, from the second harmonic of their
+/// distances: `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. For slight ellipses seen over half of
+/// the outline or more.
+pub(super) fn aspect(near: &[DVec2], circle: &Circle) -> f64 {
+    let rows = Mat::<f64>::from_fn(near.len(), 5, |i, j| {
+        let (c, s) = from_rim(near[i], circle).0.into();
+        [1.0, c, s, c * c - s * s, 2.0 * c * s][j]
+    });
+    let distances = Mat::<f64>::from_fn(near.len(), 1, |i, _| from_rim(near[i], circle).1);
+    let x = rows.qr().solve_lstsq(&distances);
+    let mean = circle.radius + x[(0, 0)];
+    let amplitude = x[(3, 0)].hypot(x[(4, 0)]);
+    (mean - amplitude) / (mean + amplitude)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    /// Points on the ellipse of half axes `a`, `b` about (40, 30), from angle 0 to `arc` radians.
+    fn arc(a: f64, b: f64, arc: f64, count: usize) -> Vec<DVec2> {
+        (0..count)
+            .map(|i| {
+                let (s, c) = (arc * i as f64 / count as f64).sin_cos();
+                DVec2::new(40.0 + a * c, 30.0 + b * s)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn exact_arcs_give_the_circle_back() {
+        for angle in [0.5, 1.5, 3.0, TAU] {
+            let fit = fit_circle(&arc(25.0, 25.0, angle, 90)).unwrap();
+            let error = DVec3::new(fit.circle.x - 40.0, fit.circle.y - 30.0, fit.circle.radius - 25.0).length();
+            assert!(error < 1e-6, "{angle} {error}");
+            assert_eq!(fit.near.len(), 90);
+        }
+    }
+
+    #[test]
+    fn points_far_off_do_not_count() {
+        let mut points = arc(25.0, 25.0, TAU, 200);
+        points.extend((0..40).map(|i| DVec2::new(60.0 + f64::from(i), 28.0)));
+        let fit = fit_circle(&points).unwrap();
+        assert!((fit.circle.radius - 25.0).abs() < 0.02, "{:?}", fit.circle);
+        assert!(fit.near.len() < 205);
+    }
+
+    #[test]
+    fn lines_and_lone_points_have_no_circle() {
+        let line: Vec<DVec2> = (0..50).map(|i| DVec2::new(f64::from(i), 2.0 * f64::from(i))).collect();
+        assert!(fit_circle(&line).is_none_or(|fit| fit.circle.radius > 1e5));
+        assert!(fit_circle(&[DVec2::ONE; 9]).is_none());
+        assert!(fit_circle(&[]).is_none());
+    }
+
+    #[test]
+    fn the_aspect_of_slight_ellipses_is_found() {
+        for b in [25.0, 24.5, 23.0] {
+            let points = arc(25.0, b, TAU, 400);
+            let fit = fit_circle(&points).unwrap();
+            let got = aspect(&fit.near, &fit.circle);
+            assert!((got - b / 25.0).abs() < 2e-3, "{b} {got}");
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Connected sets of pixels.
+
+use crate::picture::Plane;
+
+/// The neighbours of a pixel that lie within a plane of `size`: four, or eight with the diagonals.
+pub(super) fn neighbours(
+    (x, y): (usize, usize),
+    (width, height): (usize, usize),
+    diagonals: bool,
+) -> impl Iterator<Item = (usize, usize)> {
+    const STEPS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];
+    STEPS[..if diagonals { 8 } else { 4 }].iter().filter_map(move |&(dx, dy)| {
+        let (x, y) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
+        (x < width && y < height).then_some((x, y))
+    })
+}
+
+/// The pixels of the outermost rows and columns, each once.
+pub(super) fn border((width, height): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
+    (0..height).flat_map(move |y| {
+        let step = if y == 0 || y + 1 == height { 1 } else { width.saturating_sub(1).max(1) };
+        (0..width).step_by(step).map(move |x| (x, y))
+    })
+}
+
+/// Marks in `reached` every pixel that hangs together with `seeds` through pixels that are `open`; returns how many
+/// were added.
+pub(super) fn flood(
+    reached: &mut Plane<bool>,
+    seeds: impl IntoIterator<Item = (usize, usize)>,
+    diagonals: bool,
+    open: impl Fn((usize, usize)) -> bool,
+) -> usize {
+    let size = reached.size();
+    let mut stack = Vec::new();
+    let mut count = 0;
+    for seed in seeds {
+        if open(seed) && !reached[seed] {
+            reached[seed] = true;
+            stack.push(seed);
+        }
+        while let Some(at) = stack.pop() {
+            count += 1;
+            for next in neighbours(at, size, diagonals) {
+                if !reached[next] && open(next) {
+                    reached[next] = true;
+                    stack.push(next);
+                }
+            }
+        }
+    }
+    count
+}
+
+/// The largest set of `open` pixels that hang together by their edges, and how many they are; ties go to the topmost.
+pub(super) fn largest_component(
+    size: (usize, usize),
+    open: impl Fn((usize, usize)) -> bool,
+) -> Option<(Plane<bool>, usize)> {
+    let mut seen = Plane::from_fn(size.0, size.1, |_, _| false);
+    let mut best: Option<((usize, usize), usize)> = None;
+    for y in 0..size.1 {
+        for x in 0..size.0 {
+            if !seen[(x, y)] && open((x, y)) {
+                let count = flood(&mut seen, [(x, y)], false, &open);
+                if best.is_none_or(|(_, most)| count > most) {
+                    best = Some(((x, y), count));
+                }
+            }
+        }
+    }
+    let (seed, count) = best?;
+    let mut component = Plane::from_fn(size.0, size.1, |_, _| false);
+    flood(&mut component, [seed], false, open);
+    Some((component, count))
+}
+
+/// Everything that cannot be reached from the border of the picture around `set`: the set with its holes filled.
+pub(super) fn fill_holes(set: &Plane<bool>) -> Plane<bool> {
+    let mut around = set.map(|_| false);
+    flood(&mut around, border(set.size()), true, |at| !set[at]);
+    around.map(|reached| !reached)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plane(rows: &[&str]) -> Plane<bool> {
+        Plane::from_fn(rows[0].len(), rows.len(), |x, y| rows[y].as_bytes()[x] == b'#')
+    }
+
+    #[test]
+    fn the_largest_component_keeps_its_size_and_loses_its_holes() {
+        let mask = plane(&["#.....", "..###.", "..#.#.", "..###.", "......", "##...#"]);
+        let (component, count) = largest_component(mask.size(), |at| mask[at]).unwrap();
+        assert_eq!(count, 8);
+        assert_eq!(component, plane(&["......", "..###.", "..#.#.", "..###.", "......", "......"]));
+        let filled = fill_holes(&component);
+        assert_eq!(filled, plane(&["......", "..###.", "..###.", "..###.", "......", "......"]));
+        assert!(largest_component((3, 2), |_| false).is_none());
+    }
+
+    #[test]
+    fn the_border_has_each_pixel_once() {
+        for (size, count) in [((5, 4), 14), ((1, 4), 4), ((4, 1), 4), ((2, 2), 4), ((0, 0), 0), ((1, 1), 1)] {
+            let mut all: Vec<_> = border(size).collect();
+            all.sort_unstable();
+            all.dedup();
+            assert_eq!((all.len(), border(size).count()), (count, count), "{size:?}");
+        }
+    }
+}

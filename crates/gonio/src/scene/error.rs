@@ -1,0 +1,168 @@
+//! What can be wrong with a mask, a circle, a picture of normals or the picture itself.
+
+use thiserror::Error;
+
+/// Why a picture gives no observations; each says what to do about it.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum SceneError {
+    /// No pixel of the mask is at least half covered.
+    #[error("the mask is empty: no pixel is covered by half or more; give a mask that is white on the object")]
+    EmptyMask,
+    /// The covered part fills the picture, so there is no outline.
+    #[error(
+        "the mask covers the whole picture: there is no outline to find; give a mask that is black around the object \
+         (is it inverted?), or the outline with --circle"
+    )]
+    MaskEverywhere,
+    /// The covered part is too small to carry a ball.
+    #[error(
+        "the ball found in the mask has a radius of {radius:.1} pixels, at least {least} are needed: use a larger \
+         picture of it, or check the mask"
+    )]
+    TooSmall {
+        /// Radius found, in pixels (of a disc of the same area where no circle was fitted).
+        radius: f64,
+        /// Least radius that is accepted, in pixels.
+        least: f64,
+    },
+    /// Too little of the outline lies within the picture.
+    #[error(
+        "only {degrees:.0} degrees of the ball's outline lie within the picture, at least {least:.0} are needed: give \
+         the outline with --circle"
+    )]
+    ShortOutline {
+        /// Angle that the visible part of the outline spans, in degrees.
+        degrees: f64,
+        /// Least angle that is accepted, in degrees.
+        least: f64,
+    },
+    /// The outline is an ellipse.
+    #[error(
+        "the outline is an ellipse (its axes are as 1 to {aspect:.3}), no circle: give the shape with --normals, or \
+         the outline with --circle if it is a ball all the same"
+    )]
+    Elliptic {
+        /// Shorter over longer axis, below one.
+        aspect: f64,
+    },
+    /// The outline is no circle.
+    #[error(
+        "the outline is no circle: it strays by {residual:.1} pixels from the best one of radius {radius:.1}, and \
+         {stray} of its {rim} points lie far off; give the shape with --normals, or the outline with --circle if it \
+         is a ball"
+    )]
+    NotACircle {
+        /// Typical distance of the outline from the circle, in pixels.
+        residual: f64,
+        /// Radius of the best circle, in pixels.
+        radius: f64,
+        /// Points of the outline that lie far off the circle.
+        stray: usize,
+        /// Points of the outline.
+        rim: usize,
+    },
+    /// The circle given cannot be the outline of a ball.
+    #[error(
+        "the circle with centre ({x}, {y}) and radius {radius} cannot be used: it needs finite numbers and a radius \
+         of at least {least} pixels"
+    )]
+    BadCircle {
+        /// Column of the centre, in pixels.
+        x: f64,
+        /// Row of the centre, in pixels.
+        y: f64,
+        /// Radius, in pixels.
+        radius: f64,
+        /// Least radius that is accepted, in pixels.
+        least: f64,
+    },
+    /// Two pictures that should lie on top of each other differ in size.
+    #[error(
+        "the {what} is {width}x{height} pixels and the picture {picture_width}x{picture_height}: make both of one \
+         size"
+    )]
+    Sizes {
+        /// What differs from the picture: `"mask"` or `"normal map"`.
+        what: &'static str,
+        /// Its columns.
+        width: usize,
+        /// Its rows.
+        height: usize,
+        /// Columns of the picture.
+        picture_width: usize,
+        /// Rows of the picture.
+        picture_height: usize,
+    },
+    /// No pixel has both coverage and a normal.
+    #[error(
+        "no covered pixel has a normal: check that the mask and the normal map belong together and that the normal \
+         map is not empty"
+    )]
+    NoNormals,
+    /// Too many normals are not of unit length.
+    #[error(
+        "{count} of {covered} normals are not unit vectors (the worst has length {worst:.3}): normalise the normal \
+         map (where it is coded as 0..1 decode it to -1..1), and mask out what is not the object"
+    )]
+    NotUnit {
+        /// Normals whose length is off by more than 0.05.
+        count: usize,
+        /// Covered pixels with a normal.
+        covered: usize,
+        /// The length farthest from one.
+        worst: f64,
+    },
+    /// Too many normals face away from the camera.
+    #[error(
+        "{count} of {covered} normals face away from the camera (z <= 0), although it sees them: y or z may be \
+         flipped; the axes are x right, y up, z towards the camera"
+    )]
+    FacingAway {
+        /// Unit normals with `z <= 0`.
+        count: usize,
+        /// Covered pixels with a unit normal.
+        covered: usize,
+    },
+    /// The normals are (nearly) all the same.
+    #[error(
+        "the normals fall into only {directions} cells of a grid of 1.6 degrees, at least {least} are needed: the \
+         shape is too flat to tell light and reflectance apart; use a rounder object"
+    )]
+    TooFlat {
+        /// Cells of the grid of directions that hold a normal.
+        directions: usize,
+        /// Least number that is accepted.
+        least: usize,
+    },
+    /// Radiance that no light can have.
+    #[error(
+        "{count} pixels of the object are NaN, infinite or negative, the first at column {column}, row {row}: mask \
+         them out"
+    )]
+    BadPixels {
+        /// Number of such pixels within the observed part.
+        count: usize,
+        /// Column of the first, from 0 at the left.
+        column: usize,
+        /// Row of the first, from 0 at the top.
+        row: usize,
+    },
+    /// Too few points have a value.
+    #[error(
+        "only {used} points can be used, at least {least} are needed: {clipped} are clipped and {outside} uncovered \
+         or outside the picture; use a shorter exposure, or check the mask and the circle"
+    )]
+    TooFewPoints {
+        /// Points with a value.
+        used: usize,
+        /// Points lost to clipping.
+        clipped: usize,
+        /// Points that are not covered or not within the picture.
+        outside: usize,
+        /// Least number that is accepted.
+        least: usize,
+    },
+    /// Every observed value is zero.
+    #[error("the object is entirely black: check the exposure, and that mask or circle lie on the object")]
+    Black,
+}

@@ -1,0 +1,337 @@
+//! Observations of any shape that comes with a picture of its normals.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, Vec3};
+
+use super::components::neighbours;
+use super::observations::LEAST_POINTS;
+use super::observed::{COVERED, Seen, check_radiance, check_size, clip_level, is_clipped};
+use super::{ObservationReport, ObservationSettings, Observations, SceneError};
+use crate::picture::{Picture, Plane};
+use crate::sphere::OctahedralMap;
+use crate::transfer::SurfacePoint;
+
+/// Shorter vectors say that a pixel has no normal.
+const NO_NORMAL: f32 = 0.1;
+/// Lengths may be off by this: renderers filter normals, and 8-bit files round them.
+const LENGTH_TOLERANCE: f32 = 0.05;
+/// A few faulty normals are skipped; beyond this share of them the map as a whole is faulty.
+const MOST_FAULTY: f64 = 0.02;
+/// Cells along a side of the grid that directions are counted on: 1.6 degrees each.
+const COUNTING_SIDE: usize = 128;
+/// Points to a cell of the grid that pixels are thinned on, where the whole hemisphere is seen.
+const POINTS_PER_CELL: f64 = 4.0;
+
+/// The cell of the equal-area grid of `side` by `side` that a unit vector falls into.
+fn cell(normal: DVec3, side: usize) -> usize {
+    let (u, v) = OctahedralMap::EqualArea.square(normal);
+    let at = |w: f64| ((0.5 * (w + 1.0) * side as f64) as usize).min(side - 1);
+    at(v) * side + at(u)
+}
+
+/// Whether a pixel of a normal map holds any normal at all.
+fn has_normal(normal: Vec3) -> bool {
+    normal.is_finite() && normal.length() >= NO_NORMAL
+}
+
+impl Observations {
+    /// Observes a surface of which `normals` gives the normal at each pixel: camera space, x right, y up, z towards the
+    /// camera, as unit vectors. The camera is taken as orthographic.
+    ///
+    /// Where more than [`ObservationSettings::normals`] covered pixels face the camera, they are thinned evenly: the
+    /// directions are divided into cells of equal area, and from each the same number of pixels is taken, or all it
+    /// has, spread over the picture. Of these, the ones whose normal is less than [`ObservationSettings::max_angle`]
+    /// from the view are the points. They depend on normals and coverage, not on the radiance.
+    ///
+    /// Covered is what `coverage` (or else the alpha channel of the picture) gives as 0.99 or more. Without either it
+    /// is every pixel with a normal, but for those next to a pixel without one, which the object may cover only in
+    /// part. Pixels whose normal is shorter than 0.1 or not finite have none.
+    ///
+    /// # Errors
+    /// [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more than 2 % of the normals are
+    /// off by more than 0.05 in length; [`SceneError::FacingAway`] when more than 2 % have `z <= 0`;
+    /// [`SceneError::TooFewPoints`] when fewer than 50 points have a value; [`SceneError::TooFlat`] when there are
+    /// fewer than 50 different directions; [`SceneError::BadPixels`] among the points before thinning;
+    /// [`SceneError::Black`].
+    pub fn of_normals(
+        picture: &Picture,
+        normals: &Plane<Vec3>,
+        coverage: Option<&Plane<f32>>,
+        settings: &ObservationSettings,
+    ) -> Result<Self, SceneError> {
+        let rgb = &picture.rgb;
+        check_size("normal map", normals.size(), rgb.size())?;
+        let coverage = coverage.or(picture.alpha.as_ref());
+        if let Some(coverage) = coverage {
+            check_size("mask", coverage.size(), rgb.size())?;
+        }
+        let covered = Plane::from_fn(rgb.width(), rgb.height(), |x, y| match coverage {
+            Some(coverage) => coverage[(x, y)] >= COVERED,
+            None => {
+                has_normal(normals[(x, y)])
+                    && neighbours((x, y), rgb.size(), true).all(|next| has_normal(normals[next]))
+            }
+        });
+        let (facing, report) = facing(normals, &covered)?;
+        let least = settings.max_angle.cos();
+        let within = |(_, normal): &&Candidate| normal.z > least;
+        let used = facing.iter().filter(within).count();
+        if used < LEAST_POINTS {
+            let outside = covered.as_slice().iter().filter(|c| **c).count() - used;
+            return Err(SceneError::TooFewPoints { used, clipped: 0, outside, least: LEAST_POINTS });
+        }
+        let mut directions: Vec<usize> = facing.iter().filter(within).map(|c| cell(c.1, COUNTING_SIDE)).collect();
+        directions.sort_unstable();
+        directions.dedup();
+        if directions.len() < LEAST_POINTS {
+            return Err(SceneError::TooFlat { directions: directions.len(), least: LEAST_POINTS });
+        }
+
+        let mut region = covered.map(|_| false);
+        for (pixel, _) in facing.iter().filter(within) {
+            region.as_mut_slice()[*pixel] = true;
+        }
+        check_radiance(rgb, &region)?;
+        let level = clip_level(rgb, &region, settings.clip);
+        // Thinned before the cut at the largest angle: cells that it divides would else be sampled too densely.
+        let taken = thin(&facing, settings.normals);
+        let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
+        let seen = taken.iter().map(|(pixel, _)| {
+            let colour = rgb.as_slice()[*pixel];
+            if is_clipped(colour, level) { Seen::Clipped } else { Seen::Colour(colour) }
+        });
+        let centre = |i: usize| ((i % rgb.width()) as f64 + 0.5, (i / rgb.width()) as f64 + 0.5);
+        Self::assemble(
+            taken.iter().map(|&(_, normal)| SurfacePoint { normal, view: DVec3::Z }).collect(),
+            taken.iter().map(|(pixel, _)| centre(*pixel)).collect(),
+            seen.collect(),
+            level,
+            (rgb, &region),
+            report,
+        )
+    }
+}
+
+/// A pixel (its index, row-major) and its unit normal.
+type Candidate = (usize, DVec3);
+
+/// The covered pixels whose normals are sound and face the camera, row-major.
+fn facing(normals: &Plane<Vec3>, covered: &Plane<bool>) -> Result<(Vec<Candidate>, ObservationReport), SceneError> {
+    let mut report = ObservationReport::default();
+    let (mut count, mut worst) = (0, 1.0_f32);
+    let mut kept = Vec::new();
+    let each = normals.as_slice().iter().zip(covered.as_slice()).enumerate();
+    for (i, (&normal, _)) in each.filter(|(_, (_, covered))| **covered) {
+        if !has_normal(normal) {
+            report.without_normal += 1;
+            continue;
+        }
+        count += 1;
+        let length = normal.length();
+        if (length - 1.0).abs() > (worst - 1.0).abs() {
+            worst = length;
+        }
+        if (length - 1.0).abs() > LENGTH_TOLERANCE {
+            report.not_unit += 1;
+        } else if normal.z <= 0.0 {
+            report.facing_away += 1;
+        } else {
+            kept.push((i, normal.as_dvec3().normalize()));
+        }
+    }
+    let too_many = |faulty: usize, of: usize| faulty as f64 > MOST_FAULTY * of as f64;
+    let unit = count - report.not_unit;
+    if count == 0 {
+        Err(SceneError::NoNormals)
+    } else if too_many(report.not_unit, count) {
+        Err(SceneError::NotUnit { count: report.not_unit, covered: count, worst: f64::from(worst) })
+    } else if too_many(report.facing_away, unit) {
+        Err(SceneError::FacingAway { count: report.facing_away, covered: unit })
+    } else {
+        Ok((kept, report))
+    }
+}
+
+/// At most `most` of the candidates, evenly over the directions, in their order.
+fn thin(candidates: &[Candidate], most: usize) -> Vec<Candidate> {
+    if candidates.len() <= most {
+        return candidates.to_vec();
+    }
+    // Half of the square is the visible hemisphere.
+    let side = ((2.0 * most as f64 / POINTS_PER_CELL).sqrt() as usize).max(1);
+    let mut cells: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (i, (_, normal)) in candidates.iter().enumerate() {
+        cells.entry(cell(*normal, side)).or_default().push(i);
+    }
+    // The most that can be taken from each cell; there are fewer cells than points wanted, so it is one at least.
+    let total = |each: usize| cells.values().map(|cell| cell.len().min(each)).sum::<usize>();
+    let (mut fits, mut exceeds) = (1, candidates.len());
+    while exceeds - fits > 1 {
+        let middle = fits.midpoint(exceeds);
+        if total(middle) <= most { fits = middle } else { exceeds = middle }
+    }
+    let mut taken: Vec<usize> = Vec::new();
+    for cell in cells.values() {
+        let count = cell.len().min(fits);
+        taken.extend((0..count).map(|i| cell[(2 * i + 1) * cell.len() / (2 * count)]));
+    }
+    taken.sort_unstable();
+    taken.into_iter().map(|i| candidates[i]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::luminance;
+
+    const SIZE: usize = 400;
+
+    /// Normals of a ball of radius 190 in the middle of the picture; none around it.
+    fn ball() -> Plane<Vec3> {
+        Plane::from_fn(SIZE, SIZE, |x, y| {
+            let (nx, ny) = ((x as f32 + 0.5 - 200.0) / 190.0, (200.0 - y as f32 - 0.5) / 190.0);
+            let squared = nx * nx + ny * ny;
+            if squared < 1.0 { Vec3::new(nx, ny, (1.0 - squared).sqrt()) } else { Vec3::ZERO }
+        })
+    }
+
+    /// The radiance `2 + n`, which is never negative.
+    fn picture(normals: &Plane<Vec3>) -> Picture {
+        Picture { rgb: normals.map(|n| Vec3::splat(2.0) + *n), alpha: None }
+    }
+
+    fn observe(normals: &Plane<Vec3>) -> Result<Observations, SceneError> {
+        Observations::of_normals(&picture(normals), normals, None, &ObservationSettings::default())
+    }
+
+    /// The ball with its normals mapped by `f` of the index of the pixel.
+    fn with(f: impl Fn(usize, Vec3) -> Vec3) -> Plane<Vec3> {
+        let mut normals = ball();
+        for (i, normal) in normals.as_mut_slice().iter_mut().enumerate().filter(|(_, n)| **n != Vec3::ZERO) {
+            *normal = f(i, *normal);
+        }
+        normals
+    }
+
+    #[test]
+    fn each_point_has_the_radiance_of_its_pixel() {
+        let got = observe(&ball()).unwrap();
+        assert_eq!(got.report.used, got.points.len());
+        for ((point, value), (x, y)) in got.points.iter().zip(&got.values).zip(&got.pixels) {
+            let want = luminance(Vec3::splat(2.0) + point.normal.as_vec3());
+            assert!((value.unwrap() - f64::from(want)).abs() < 1e-5);
+            let (nx, ny) = ((x - 200.0) / 190.0, (200.0 - y) / 190.0);
+            assert!((point.normal.x - nx).abs() + (point.normal.y - ny).abs() < 1e-5 && point.view == DVec3::Z);
+            assert!(point.normal.z > 80.0_f64.to_radians().cos());
+        }
+    }
+
+    #[test]
+    fn thinning_is_even_over_the_directions() {
+        let got = observe(&ball()).unwrap();
+        assert!((9_000..=10_500).contains(&got.points.len()), "{}", got.points.len());
+        // The mean height of a cap that reaches to 80 degrees; that of all the pixels is 0.66.
+        let mean = got.points.iter().map(|p| p.normal).sum::<DVec3>() / got.points.len() as f64;
+        assert!((mean - DVec3::new(0.0, 0.0, 0.587)).length() < 0.01, "{mean}");
+        let mut counts = BTreeMap::new();
+        for point in got.points.iter().filter(|p| p.normal.z > 0.3) {
+            *counts.entry(cell(point.normal, 16)).or_insert(0_usize) += 1;
+        }
+        let mut counts: Vec<usize> = counts.into_values().collect();
+        counts.sort_unstable();
+        let (low, high) = (counts[counts.len() / 4], counts[counts.len() - 1]);
+        assert!(high as f64 <= 1.35 * low as f64, "{counts:?}");
+    }
+
+    #[test]
+    fn few_pixels_are_all_taken_and_the_number_wanted_is_never_exceeded() {
+        let all = Observations::of_normals(
+            &picture(&ball()),
+            &ball(),
+            None,
+            &ObservationSettings { normals: 1_000_000, ..ObservationSettings::default() },
+        );
+        let all = all.unwrap();
+        assert_eq!(all.points.len(), all.report.observed_pixels);
+        for normals in [90, 200, 1000, 5000] {
+            let settings = ObservationSettings { normals, ..ObservationSettings::default() };
+            let got = Observations::of_normals(&picture(&ball()), &ball(), None, &settings).unwrap();
+            assert!(got.points.len() <= normals && got.points.len() >= normals / 2, "{normals} {}", got.points.len());
+        }
+    }
+
+    #[test]
+    fn points_do_not_depend_on_the_radiance() {
+        let (normals, settings) = (ball(), ObservationSettings::default());
+        let one = observe(&normals).unwrap();
+        assert_eq!(observe(&normals).unwrap(), one);
+        let other = Picture { rgb: normals.map(|n| Vec3::splat((5.0 - 9.0 * n.z).clamp(0.0, 2.0))), alpha: None };
+        let two = Observations::of_normals(&other, &normals, None, &settings).unwrap();
+        assert_eq!(one.points, two.points);
+        assert_eq!(two.report.clip_level, Some(2.0));
+        assert!(two.report.clipped > 100 && two.report.clipped_pixels > two.report.clipped);
+    }
+
+    #[test]
+    fn a_mask_says_what_is_covered() {
+        let mask = Plane::from_fn(SIZE, SIZE, |x, _| if x < 200 { 1.0 } else { 0.98 });
+        let settings = ObservationSettings::default();
+        let got = Observations::of_normals(&picture(&ball()), &ball(), Some(&mask), &settings).unwrap();
+        assert!(got.points.iter().all(|p| p.normal.x < 0.0));
+        assert!(got.report.without_normal > 1000);
+        let by_alpha = Picture { alpha: Some(mask), ..picture(&ball()) };
+        assert_eq!(Observations::of_normals(&by_alpha, &ball(), None, &settings).unwrap(), got);
+    }
+
+    #[test]
+    fn a_few_faulty_normals_are_skipped_and_counted() {
+        let got = observe(&with(|i, n| if i % 100 == 0 { 1.1 * n } else { n })).unwrap();
+        assert!(got.report.not_unit > 500 && got.report.facing_away == 0, "{:?}", got.report);
+        let got = observe(&with(|i, n| if i % 100 == 0 { -n } else { n })).unwrap();
+        assert!(got.report.facing_away > 500 && got.report.not_unit == 0, "{:?}", got.report);
+    }
+
+    #[test]
+    fn faulty_maps_are_refused() {
+        let refused = |normals: &Plane<Vec3>| observe(normals).unwrap_err();
+        assert_eq!(refused(&ball().map(|_| Vec3::ZERO)), SceneError::NoNormals);
+        assert_eq!(refused(&ball().map(|_| Vec3::NAN)), SceneError::NoNormals);
+        let coded = refused(&with(|_, n| 0.5 * (n + Vec3::ONE)));
+        assert!(matches!(coded, SceneError::NotUnit { .. }), "{coded}");
+        let long = refused(&with(|i, n| if i % 20 == 0 { 1.25 * n } else { n }));
+        assert!(long.to_string().contains("the worst has length 1.25"), "{long}");
+        let flipped = refused(&with(|_, n| n * Vec3::new(1.0, 1.0, -1.0)));
+        assert!(matches!(flipped, SceneError::FacingAway { count, covered } if count == covered), "{flipped}");
+        assert!(flipped.to_string().contains("y or z may be flipped"));
+        assert_eq!(refused(&with(|_, _| Vec3::Z)), SceneError::TooFlat { directions: 1, least: 50 });
+        let few = refused(&Plane::from_fn(6, 6, |_, _| Vec3::Z));
+        assert!(matches!(few, SceneError::TooFewPoints { used: 36, .. }), "{few}");
+    }
+
+    #[test]
+    fn sizes_must_agree() {
+        let refused = |normals: &Plane<Vec3>, mask: Option<&Plane<f32>>| {
+            Observations::of_normals(&picture(&ball()), normals, mask, &ObservationSettings::default()).unwrap_err()
+        };
+        let small = Plane::from_fn(30, 20, |_, _| Vec3::Z);
+        let want = "the normal map is 30x20 pixels and the picture 400x400: make both of one size";
+        assert_eq!(refused(&small, None).to_string(), want);
+        let mask = Plane::from_fn(400, 20, |_, _| 1.0);
+        let want = "the mask is 400x20 pixels and the picture 400x400: make both of one size";
+        assert_eq!(refused(&ball(), Some(&mask)).to_string(), want);
+    }
+
+    #[test]
+    fn bad_radiance_is_an_error_where_it_is_observed() {
+        let normals = ball();
+        let mut bad = picture(&normals);
+        bad.rgb[(0, 0)] = Vec3::NAN;
+        bad.rgb[(200, 100)].z = -1.0;
+        let settings = ObservationSettings::default();
+        let error = Observations::of_normals(&bad, &normals, None, &settings).unwrap_err();
+        assert_eq!(error, SceneError::BadPixels { count: 1, column: 200, row: 100 });
+        let black = Picture { rgb: normals.map(|_| Vec3::ZERO), alpha: None };
+        assert_eq!(Observations::of_normals(&black, &normals, None, &settings).unwrap_err(), SceneError::Black);
+    }
+}

@@ -1,0 +1,332 @@
+//! Observations of a surface: points, and what the picture shows of each.
+
+use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::circle::LEAST_RADIUS;
+use super::observed::{COVERED, Seen, check_radiance, check_size, clip_level, is_clipped};
+use super::{Circle, SceneError};
+use crate::picture::{Picture, Plane, luminance};
+use crate::sphere::fibonacci_hemisphere;
+use crate::transfer::SurfacePoint;
+
+/// Least number of points with a value: what [`Plan::project`](crate::transfer::Plan::project) needs.
+pub(super) const LEAST_POINTS: usize = 50;
+
+/// How a picture is sampled.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObservationSettings {
+    /// Normals on the visible hemisphere, before those beyond `max_angle` are dropped; of a picture of normals, the
+    /// most pixels that are taken, before the same.
+    pub normals: usize,
+    /// Largest angle between normal and view, in radians, exclusive. Beyond 80 degrees the picture says little.
+    pub max_angle: f64,
+    /// Channels at or above this radiance are clipped (for integer pictures, the full scale). `None` finds the level:
+    /// the largest value of the object, if at least 12 pixels and 0.02 % of the observed ones have exactly that value.
+    pub clip: Option<f32>,
+}
+
+impl Default for ObservationSettings {
+    /// The values of the paper.
+    fn default() -> Self {
+        Self { normals: 12_000, max_angle: 80.0_f64.to_radians(), clip: None }
+    }
+}
+
+/// What became of the points and pixels of a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ObservationReport {
+    /// Points of the surface: `used + clipped + outside`.
+    pub points: usize,
+    /// Points with a value.
+    pub used: usize,
+    /// Points without a value because a pixel they need is clipped.
+    pub clipped: usize,
+    /// Points without a value because a pixel they need is uncovered or outside the picture.
+    pub outside: usize,
+    /// Pixels of the observed part of the object.
+    pub observed_pixels: usize,
+    /// Those of them that are clipped.
+    pub clipped_pixels: usize,
+    /// Radiance at or above which a channel counts as clipped, given or found.
+    pub clip_level: Option<f32>,
+    /// Covered pixels whose normal is missing (shorter than 0.1, or not finite); 0 for a sphere.
+    pub without_normal: usize,
+    /// Covered pixels skipped because their normal is not a unit vector; 0 for a sphere.
+    pub not_unit: usize,
+    /// Covered pixels skipped because their normal faces away; 0 for a sphere.
+    pub facing_away: usize,
+}
+
+/// Points of a surface and what a picture shows of them; the four vectors run over the same points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observations {
+    /// Points of the surface; they do not depend on the radiance.
+    pub points: Vec<SurfacePoint>,
+    /// Position `(x, y)` of each point in the picture, in pixels from its top left corner.
+    pub pixels: Vec<(f64, f64)>,
+    /// Luminance of each point on the scale of the picture; `None` where the picture does not show it.
+    pub values: Vec<Option<f64>>,
+    /// Linear RGB radiance of each point, where it has a value.
+    pub colours: Vec<Option<Vec3>>,
+    /// What became of the points.
+    pub report: ObservationReport,
+}
+
+/// The points of a sphere that [`Observations::of_sphere`] observes, for plans made without a picture: normals of a
+/// Fibonacci lattice of the visible hemisphere up to [`ObservationSettings::max_angle`], seen from +z.
+pub fn sphere_points(settings: &ObservationSettings) -> Vec<SurfacePoint> {
+    let least = settings.max_angle.cos();
+    let normals = fibonacci_hemisphere(settings.normals).filter(|n| n.z > least);
+    normals.map(|normal| SurfacePoint { normal, view: DVec3::Z }).collect()
+}
+
+impl Observations {
+    /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
+    ///
+    /// A value is the bilinear interpolation of the picture where the point projects to. It stays a point sample where
+    /// the picture is finer than the lattice: a mean over a cell of the lattice (1.3 degrees) would show highlights of
+    /// half a degree wider and dimmer than the operator, which evaluates reflectance at one normal a point, can
+    /// explain.
+    ///
+    /// A point has no value where one of the four pixels is clipped, outside the picture, not wholly within the circle,
+    /// or covered by less than 0.99. Without `coverage` the alpha channel of the picture is used, if it has one.
+    ///
+    /// # Errors
+    /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] among pixels that points can need;
+    /// [`SceneError::TooFewPoints`] when fewer than 50 have a value; [`SceneError::Black`].
+    pub fn of_sphere(
+        picture: &Picture,
+        circle: &Circle,
+        coverage: Option<&Plane<f32>>,
+        settings: &ObservationSettings,
+    ) -> Result<Self, SceneError> {
+        let Circle { x, y, radius } = *circle;
+        // Beyond 10^7 pixels there is no picture, and sums of coordinates stay exact below.
+        let sane = x.abs() < 1e7 && y.abs() < 1e7 && radius < 1e7;
+        if !(sane && radius >= LEAST_RADIUS) {
+            return Err(SceneError::BadCircle { x, y, radius, least: LEAST_RADIUS });
+        }
+        let rgb = &picture.rgb;
+        let (width, height) = rgb.size();
+        let coverage = coverage.or(picture.alpha.as_ref());
+        if let Some(coverage) = coverage {
+            check_size("mask", coverage.size(), rgb.size())?;
+        }
+        // Interpolation reaches less than the diagonal of a pixel beyond the outermost point.
+        let reach = radius * settings.max_angle.sin() + std::f64::consts::SQRT_2;
+        let reach = if settings.max_angle < std::f64::consts::FRAC_PI_2 { reach } else { radius };
+        let region = Plane::from_fn(width, height, |column, row| {
+            let (dx, dy) = ((column as f64 + 0.5 - x).abs(), (row as f64 + 0.5 - y).abs());
+            dx.hypot(dy) <= reach
+                && (dx + 0.5).hypot(dy + 0.5) <= radius
+                && coverage.is_none_or(|coverage| coverage[(column, row)] >= COVERED)
+        });
+        check_radiance(rgb, &region)?;
+        let level = clip_level(rgb, &region, settings.clip);
+
+        let points = sphere_points(settings);
+        let pixels: Vec<(f64, f64)> =
+            points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
+        let seen = pixels.iter().map(|&at| sample(rgb, &region, level, at)).collect();
+        Self::assemble(points, pixels, seen, level, (rgb, &region), ObservationReport::default())
+    }
+
+    /// Puts observations together and counts them; `report` holds what only the caller knows.
+    pub(super) fn assemble(
+        points: Vec<SurfacePoint>,
+        pixels: Vec<(f64, f64)>,
+        seen: Vec<Seen>,
+        clip_level: Option<f32>,
+        (rgb, region): (&Plane<Vec3>, &Plane<bool>),
+        report: ObservationReport,
+    ) -> Result<Self, SceneError> {
+        let colours: Vec<Option<Vec3>> =
+            seen.iter().map(|s| if let Seen::Colour(colour) = s { Some(*colour) } else { None }).collect();
+        let observed = || rgb.as_slice().iter().zip(region.as_slice()).filter(|(_, region)| **region);
+        let report = ObservationReport {
+            points: points.len(),
+            used: colours.iter().flatten().count(),
+            clipped: seen.iter().filter(|s| **s == Seen::Clipped).count(),
+            outside: seen.iter().filter(|s| **s == Seen::Outside).count(),
+            observed_pixels: observed().count(),
+            clipped_pixels: observed().filter(|(colour, _)| is_clipped(**colour, clip_level)).count(),
+            clip_level,
+            ..report
+        };
+        let ObservationReport { used, clipped, outside, .. } = report;
+        if used < LEAST_POINTS {
+            return Err(SceneError::TooFewPoints { used, clipped, outside, least: LEAST_POINTS });
+        }
+        let values: Vec<Option<f64>> = colours.iter().map(|c| c.map(|c| f64::from(luminance(c)))).collect();
+        if values.iter().flatten().all(|&value| value <= 0.0) {
+            return Err(SceneError::Black);
+        }
+        Ok(Self { points, pixels, values, colours, report })
+    }
+}
+
+/// Bilinear interpolation at `(x, y)` between the four pixels whose centres are around it.
+fn sample(rgb: &Plane<Vec3>, region: &Plane<bool>, level: Option<f32>, (x, y): (f64, f64)) -> Seen {
+    let (x, y) = (x - 0.5, y - 0.5);
+    let (left, top) = (x.floor(), y.floor());
+    let inside = left >= 0.0 && top >= 0.0 && left + 1.0 < rgb.width() as f64 && top + 1.0 < rgb.height() as f64;
+    if !inside {
+        return Seen::Outside;
+    }
+    let (s, t) = ((x - left) as f32, (y - top) as f32);
+    let (column, row) = (left as usize, top as usize);
+    let four = [(column, row), (column + 1, row), (column, row + 1), (column + 1, row + 1)];
+    if four.iter().any(|&at| !region[at]) {
+        return Seen::Outside;
+    }
+    let [a, b, c, d] = four.map(|at| rgb[at]);
+    if [a, b, c, d].iter().any(|&colour| is_clipped(colour, level)) {
+        return Seen::Clipped;
+    }
+    Seen::Colour(a.lerp(b, s).lerp(c.lerp(d, s), t))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CIRCLE: Circle = Circle { x: 151.3, y: 148.6, radius: 140.0 };
+
+    /// A ball whose radiance is `f` of the normal, over a background that no point may see.
+    fn ball(f: impl Fn(DVec3) -> Vec3) -> Picture {
+        let rgb = Plane::from_fn(300, 300, |x, y| {
+            let (nx, ny) = ((x as f64 + 0.5 - CIRCLE.x) / CIRCLE.radius, (CIRCLE.y - y as f64 - 0.5) / CIRCLE.radius);
+            let squared = nx * nx + ny * ny;
+            if squared < 1.0 { f(DVec3::new(nx, ny, (1.0 - squared).sqrt())) } else { Vec3::splat(f32::NAN) }
+        });
+        Picture { rgb, alpha: None }
+    }
+
+    fn tilted() -> Picture {
+        ball(|n| Vec3::new(2.0 + n.x as f32, 2.0 + n.y as f32, 1.0))
+    }
+
+    fn observe(picture: &Picture) -> Result<Observations, SceneError> {
+        Observations::of_sphere(picture, &CIRCLE, None, &ObservationSettings::default())
+    }
+
+    #[test]
+    fn radiance_that_is_linear_in_the_picture_comes_back() {
+        let got = observe(&tilted()).unwrap();
+        assert_eq!((got.report.points, got.report.used), (9916, 9916), "{:?}", got.report);
+        for ((point, colour), value) in got.points.iter().zip(&got.colours).zip(&got.values) {
+            let n = point.normal.as_vec3();
+            let want = Vec3::new(2.0 + n.x, 2.0 + n.y, 1.0);
+            assert!((colour.unwrap() - want).length() < 1e-5, "{n}");
+            assert!((value.unwrap() - f64::from(luminance(want))).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn curved_radiance_comes_back_to_interpolation_accuracy() {
+        let got = observe(&ball(|n| Vec3::splat(n.z as f32))).unwrap();
+        for (point, value) in got.points.iter().zip(&got.values) {
+            // h^2 / 4 of the second derivative, 1 / (r^2 z^3), and more at the rim.
+            let bound = 0.5 / (CIRCLE.radius * CIRCLE.radius * point.normal.z.powi(3));
+            assert!((value.unwrap() - point.normal.z).abs() < bound + 1e-6, "{}", point.normal);
+        }
+    }
+
+    #[test]
+    fn up_is_up_and_pixel_centres_are_at_a_half() {
+        let got = observe(&tilted()).unwrap();
+        for (point, (x, y)) in got.points.iter().zip(&got.pixels) {
+            assert_eq!(point.normal.y > 0.0, *y < CIRCLE.y);
+            assert_eq!(point.normal.x > 0.0, *x > CIRCLE.x);
+            assert_eq!(point.view, DVec3::Z);
+        }
+        let picture = Plane::from_fn(4, 4, |x, y| Vec3::splat((x + 10 * y) as f32));
+        let everywhere = picture.map(|_| true);
+        let at = |x, y| sample(&picture, &everywhere, None, (x, y));
+        assert_eq!(at(1.5, 2.5), Seen::Colour(Vec3::splat(21.0)));
+        assert_eq!(at(2.0, 1.0), Seen::Colour(Vec3::splat(6.5)));
+        assert_eq!(at(0.5, 0.5), Seen::Colour(Vec3::splat(0.0)));
+        assert_eq!((at(0.4, 2.0), at(2.0, 3.6)), (Seen::Outside, Seen::Outside));
+    }
+
+    #[test]
+    fn points_depend_on_the_settings_alone() {
+        let settings = ObservationSettings::default();
+        let mut clipped = tilted();
+        for (i, colour) in clipped.rgb.as_mut_slice().iter_mut().enumerate().filter(|(i, _)| i % 7 == 0) {
+            *colour = if colour.is_finite() { Vec3::splat(9.0 + (i % 2) as f32) } else { *colour };
+        }
+        let (one, two) = (observe(&tilted()).unwrap(), observe(&clipped).unwrap());
+        assert_eq!(one.points, two.points);
+        assert_eq!(one.points, sphere_points(&settings));
+        assert_eq!(observe(&tilted()).unwrap(), one);
+        assert!(two.report.used < one.report.used);
+    }
+
+    #[test]
+    fn clipped_pixels_take_the_points_around_them_along() {
+        let mut picture = tilted();
+        // A patch of 6 x 6 pixels about the centre, one channel only.
+        for y in 146..152 {
+            for x in 149..155 {
+                picture.rgb[(x, y)].z = 50.0;
+            }
+        }
+        let got = observe(&picture).unwrap();
+        assert_eq!((got.report.clip_level, got.report.clipped_pixels), (Some(50.0), 36));
+        for ((x, y), value) in got.pixels.iter().zip(&got.values) {
+            let near = (148.5..155.5).contains(x) && (145.5..152.5).contains(y);
+            assert_eq!(value.is_none(), near, "{x} {y}");
+        }
+        let expected = got.pixels.iter().filter(|(x, y)| (x - 152.0).abs() < 3.5 && (y - 149.0).abs() < 3.5).count();
+        assert_eq!((got.report.clipped, got.report.outside), (expected, 0));
+        let given = ObservationSettings { clip: Some(2.5), ..ObservationSettings::default() };
+        let got = Observations::of_sphere(&tilted(), &CIRCLE, None, &given).unwrap();
+        assert!(got.colours.iter().flatten().all(|c| c.max_element() < 2.5) && got.report.clipped > 1000);
+    }
+
+    #[test]
+    fn uncovered_and_cropped_points_have_no_value() {
+        let mask = Plane::from_fn(300, 300, |x, _| if x < 150 { 1.0 } else { 0.98 });
+        let settings = ObservationSettings::default();
+        let got = Observations::of_sphere(&tilted(), &CIRCLE, Some(&mask), &settings).unwrap();
+        assert!(got.pixels.iter().zip(&got.values).all(|((x, _), value)| value.is_some() == (*x < 149.5)));
+        let by_alpha = Picture { alpha: Some(mask), ..tilted() };
+        assert_eq!(observe(&by_alpha).unwrap(), got);
+        let cropped = Circle { x: 10.0, ..CIRCLE };
+        let grey = Picture { rgb: Plane::from_fn(300, 300, |x, y| Vec3::splat((x + y) as f32)), alpha: None };
+        let got = Observations::of_sphere(&grey, &cropped, None, &settings).unwrap();
+        assert!(got.pixels.iter().zip(&got.values).all(|((x, _), value)| value.is_some() == (*x >= 0.5)));
+    }
+
+    #[test]
+    fn bad_pixels_are_an_error_only_where_they_are_observed() {
+        for bad in [f32::NAN, f32::INFINITY, -0.1] {
+            let mut picture = tilted();
+            picture.rgb[(170, 140)].y = bad;
+            picture.rgb[(120, 141)].x = bad;
+            assert_eq!(observe(&picture).unwrap_err(), SceneError::BadPixels { count: 2, column: 170, row: 140 });
+            picture.alpha = Some(Plane::from_fn(300, 300, |x, y| f32::from(!(140..142).contains(&y) || x < 20)));
+            assert!(observe(&picture).unwrap().report.outside > 0);
+        }
+    }
+
+    #[test]
+    fn pictures_that_say_nothing_are_refused() {
+        assert_eq!(observe(&ball(|_| Vec3::ZERO)).unwrap_err(), SceneError::Black);
+        let error = observe(&ball(|_| Vec3::ONE)).unwrap_err();
+        assert_eq!(error, SceneError::TooFewPoints { used: 0, clipped: 9916, outside: 0, least: 50 });
+        let settings = ObservationSettings::default();
+        let observe = |circle, coverage| Observations::of_sphere(&tilted(), &circle, coverage, &settings).unwrap_err();
+        let away = observe(Circle { x: 900.0, ..CIRCLE }, None);
+        assert!(matches!(away, SceneError::TooFewPoints { outside: 9916, .. }));
+        for radius in [7.9, f64::NAN, f64::INFINITY] {
+            assert!(matches!(observe(Circle { radius, ..CIRCLE }, None), SceneError::BadCircle { .. }), "{radius}");
+        }
+        assert!(matches!(observe(Circle { y: f64::NAN, ..CIRCLE }, None), SceneError::BadCircle { .. }));
+        let small = Plane::from_fn(30, 20, |_, _| 1.0);
+        let error = observe(CIRCLE, Some(&small));
+        assert_eq!(error.to_string(), "the mask is 30x20 pixels and the picture 300x300: make both of one size");
+    }
+}

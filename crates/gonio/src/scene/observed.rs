@@ -1,0 +1,113 @@
+//! The observed part of a picture: its faults, the level at which it clips, and what is seen of each point.
+
+use glam::Vec3;
+
+use super::SceneError;
+use crate::picture::Plane;
+
+/// Pixels covered by less than this mix the object with what is behind it.
+pub(super) const COVERED: f32 = 0.99;
+/// At least so many pixels share the largest value where a sensor or a file clips.
+const CLIPPED_PIXELS: usize = 12;
+/// And at least this share of the observed pixels.
+const CLIPPED_SHARE: f64 = 2e-4;
+
+/// What the picture shows of a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Seen {
+    /// Its radiance.
+    Colour(Vec3),
+    /// Only that it is at or above the clip level.
+    Clipped,
+    /// Nothing: it is not covered, or not within the picture.
+    Outside,
+}
+
+/// Checks that the mask or normal map of `size` belongs to a picture of `picture` size.
+pub(super) fn check_size(what: &'static str, size: (usize, usize), picture: (usize, usize)) -> Result<(), SceneError> {
+    let ((width, height), (picture_width, picture_height)) = (size, picture);
+    if size == picture {
+        return Ok(());
+    }
+    Err(SceneError::Sizes { what, width, height, picture_width, picture_height })
+}
+
+/// Checks that all radiance within `region` is finite and not negative.
+pub(super) fn check_radiance(rgb: &Plane<Vec3>, region: &Plane<bool>) -> Result<(), SceneError> {
+    let bad = |&i: &usize| {
+        let colour = rgb.as_slice()[i];
+        region.as_slice()[i] && !(colour.is_finite() && colour.min_element() >= 0.0)
+    };
+    let mut all = (0..rgb.as_slice().len()).filter(bad);
+    match all.next() {
+        None => Ok(()),
+        Some(i) => {
+            let (column, row) = (i % rgb.width(), i / rgb.width());
+            Err(SceneError::BadPixels { count: 1 + all.count(), column, row })
+        }
+    }
+}
+
+/// The value at or above which a channel counts as clipped: the one `given`, or else the largest value of the region
+/// where so many of its pixels have exactly that value that it is no coincidence.
+pub(super) fn clip_level(rgb: &Plane<Vec3>, region: &Plane<bool>, given: Option<f32>) -> Option<f32> {
+    if given.is_some() {
+        return given;
+    }
+    let (mut largest, mut count, mut pixels) = (0.0, 0_usize, 0_usize);
+    for (colour, _) in rgb.as_slice().iter().zip(region.as_slice()).filter(|(_, region)| **region) {
+        pixels += 1;
+        let value = colour.max_element();
+        if value > largest {
+            (largest, count) = (value, 1);
+        } else if value == largest {
+            count += 1;
+        }
+    }
+    let clips = largest > 0.0 && count >= CLIPPED_PIXELS && count as f64 >= CLIPPED_SHARE * pixels as f64;
+    clips.then_some(largest)
+}
+
+/// Whether a colour has a clipped channel.
+pub(super) fn is_clipped(colour: Vec3, level: Option<f32>) -> bool {
+    level.is_some_and(|level| colour.max_element() >= level)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 100 x 100 pixels of rising values of which the last `count` are 5.
+    fn ramp(count: usize) -> Plane<Vec3> {
+        let value = |i: usize| if i + count >= 10_000 { 5.0 } else { 1e-4 * i as f32 };
+        Plane::from_fn(100, 100, |x, y| Vec3::new(0.1, value(100 * y + x), 0.2))
+    }
+
+    #[test]
+    fn a_repeated_maximum_is_a_clip_level() {
+        let everywhere = Plane::from_fn(100, 100, |_, _| true);
+        for (count, want) in [(1, None), (11, None), (12, Some(5.0)), (900, Some(5.0))] {
+            assert_eq!(clip_level(&ramp(count), &everywhere, None), want, "{count}");
+        }
+        assert_eq!(clip_level(&ramp(900), &everywhere, Some(0.5)), Some(0.5));
+        let upper = Plane::from_fn(100, 100, |_, y| y < 50);
+        assert_eq!(clip_level(&ramp(900), &upper, None), None);
+        assert_eq!(clip_level(&ramp(0).map(|_| Vec3::ZERO), &everywhere, None), None);
+    }
+
+    #[test]
+    fn a_coincidence_in_a_large_picture_is_none() {
+        let large = Plane::from_fn(400, 400, |x, y| {
+            let i = 400 * y + x;
+            Vec3::splat(if i < 20 { 9.0 } else { 1e-6 * i as f32 })
+        });
+        assert_eq!(clip_level(&large, &large.map(|_| true), None), None);
+    }
+
+    #[test]
+    fn any_channel_clips_a_pixel() {
+        let colour = Vec3::new(0.2, 0.3, 1.0);
+        assert!(is_clipped(colour, Some(1.0)) && is_clipped(colour, Some(0.9)));
+        assert!(!is_clipped(colour, Some(1.1)) && !is_clipped(colour, None));
+    }
+}

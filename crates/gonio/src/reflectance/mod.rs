@@ -1,8 +1,15 @@
 //! Reflectance: tables, the non-negative basis learnt from measured materials, parametric models (paper 3.2).
 
+mod basis;
+pub mod nmf;
+pub mod nnls;
+pub mod parametric;
 mod table;
+mod train;
 
+pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
 pub use table::{
-    BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, above_horizon, is_trusted, theta_d_of,
-    theta_h_of,
+    BivariateTable, CELLS, CellCountError, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, above_horizon, is_trusted,
+    theta_d_of, theta_h_of,
 };
+pub use train::{Candidate, MaterialFit, TrainError, TrainReport, TrainSettings, train};

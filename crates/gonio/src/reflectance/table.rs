@@ -3,7 +3,9 @@
 //! Axes (Rusinkiewicz 1998, sampled as MERL does): `theta_h = (i/90)^2 * 90` degrees, `theta_d = j` degrees,
 //! `phi_d = k` degrees with `i, j` in 0..90 and `k` in 0..180; reciprocity gives `phi_d + 180`. Values are in 1/sr.
 
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
+use thiserror::Error;
 
 /// Number of samples in `theta_h`.
 pub const THETA_H: usize = 90;
@@ -56,9 +58,29 @@ fn axis_d(theta_d: f64) -> (usize, f64) {
 
 /// An isotropic BRDF that does not depend on `phi_d` (Romeiro et al. 2008): 90 x 90 samples over
 /// `(theta_h, theta_d)`, `theta_d` fastest, in 1/sr or relative units.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<f32>", into = "Vec<f32>")]
 pub struct BivariateTable {
     values: Vec<f32>,
+}
+
+/// A list of values has not the length of a bivariate table.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+#[error("{0} values; a bivariate table has {CELLS}")]
+pub struct CellCountError(pub usize);
+
+impl TryFrom<Vec<f32>> for BivariateTable {
+    type Error = CellCountError;
+
+    fn try_from(values: Vec<f32>) -> Result<Self, CellCountError> {
+        if values.len() == CELLS { Ok(Self { values }) } else { Err(CellCountError(values.len())) }
+    }
+}
+
+impl From<BivariateTable> for Vec<f32> {
+    fn from(table: BivariateTable) -> Self {
+        table.values
+    }
 }
 
 impl BivariateTable {

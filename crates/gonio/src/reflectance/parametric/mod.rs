@@ -1,0 +1,177 @@
+//! Parametric BRDF models to compare with: the three fits of Ngan, Durand & Matusik 2005 that the paper's section 3.2
+//! is measured against, GGX and Lambert.
+//!
+//! All are isotropic, in 1/sr for one channel, with light and view as unit vectors around the normal `+z`, and zero
+//! where either is below the surface.
+
+mod cook_torrance;
+mod ggx;
+mod lafortune;
+mod ward;
+
+pub use cook_torrance::CookTorrance;
+pub use ggx::Ggx;
+pub use lafortune::Lafortune;
+pub use ward::Ward;
+
+use super::table::{BivariateTable, CELLS, PHI_D, THETA_D, theta_d_of, theta_h_of};
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::FRAC_1_PI;
+
+/// Cosine below which a sample of the grid counts as on the horizon: there round-off decides, and models that divide by
+/// the cosines have a pole.
+const HORIZON: f64 = 1e-9;
+
+/// An isotropic BRDF given by a formula.
+pub trait Parametric: Sync {
+    /// Value in 1/sr for unit vectors towards the light (`wi`) and the viewer (`wo`), the normal being `+z`.
+    fn eval(&self, wi: DVec3, wo: DVec3) -> f64;
+
+    /// The mean over the `phi_d` samples of the MERL grid with light and view above the surface, as
+    /// [`MerlTable::bivariate`](super::MerlTable::bivariate) reduces a measured table.
+    fn to_bivariate(&self) -> BivariateTable {
+        let cell = |c: usize| {
+            let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+            let (mut sum, mut count) = (0.0, 0_u32);
+            for k in 0..PHI_D {
+                let (wi, wo) = directions(h, d, (k as f64).to_radians());
+                if wi.z > HORIZON && wo.z > HORIZON {
+                    sum += self.eval(wi, wo);
+                    count += 1;
+                }
+            }
+            if count > 0 { (sum / f64::from(count)) as f32 } else { 0.0 }
+        };
+        BivariateTable::from_vec((0..CELLS).into_par_iter().map(cell).collect())
+    }
+}
+
+/// The unit vectors `(wi, wo)` of a half/difference direction in radians (Rusinkiewicz 1998), half vector in the
+/// plane `y = 0`.
+pub fn directions(theta_h: f64, theta_d: f64, phi_d: f64) -> (DVec3, DVec3) {
+    let (sh, ch) = theta_h.sin_cos();
+    let (sd, cd) = theta_d.sin_cos();
+    let (sp, cp) = phi_d.sin_cos();
+    // The light relative to the half vector, turned by theta_h about y; the view is its mirror image.
+    let turned = |x: f64, y: f64| DVec3::new(ch * x + sh * cd, y, ch * cd - sh * x);
+    (turned(sd * cp, sd * sp), turned(-sd * cp, -sd * sp))
+}
+
+/// The half/difference quantities of a pair of directions that microfacet formulas are written in.
+#[derive(Clone, Copy, Debug)]
+struct Facet {
+    cos_i: f64,
+    cos_o: f64,
+    cos_h: f64,
+    cos_d: f64,
+    tan2_h: f64,
+}
+
+impl Facet {
+    /// `None` unless light and view are above the surface.
+    fn new(wi: DVec3, wo: DVec3) -> Option<Self> {
+        if wi.z <= 0.0 || wo.z <= 0.0 {
+            return None;
+        }
+        let sum = wi + wo;
+        let half = sum.normalize();
+        // From x and y, since 1 - cos^2 would lose the narrow peaks.
+        let tan2_h = (half.x * half.x + half.y * half.y) / (half.z * half.z);
+        Some(Self { cos_i: wi.z, cos_o: wo.z, cos_h: half.z, cos_d: (0.5 * sum.length()).min(1.0), tan2_h })
+    }
+
+    /// Fresnel reflectance by Schlick 1994, `f0 + (1 - f0) (1 - cos_d)^5`.
+    fn schlick(&self, f0: f64) -> f64 {
+        f0 + (1.0 - f0) * (1.0 - self.cos_d).powi(5)
+    }
+}
+
+/// Lambert's constant BRDF, `albedo / pi`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lambert {
+    /// Albedo, 0 to 1.
+    pub albedo: f64,
+}
+
+impl Parametric for Lambert {
+    fn eval(&self, wi: DVec3, wo: DVec3) -> f64 {
+        if wi.z > 0.0 && wo.z > 0.0 { self.albedo * FRAC_1_PI } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod testing {
+    use super::*;
+
+    /// The model is symmetric in light and view, not negative, and zero below the surface.
+    pub(super) fn check_reciprocal(model: &impl Parametric) {
+        for h in [0.0, 0.2, 0.7, 1.2] {
+            for d in [0.0, 0.4, 1.0, 1.4] {
+                for phi in [0.0, 0.9, 2.0, 3.0] {
+                    let (wi, wo) = directions(h, d, phi);
+                    let (there, back) = (model.eval(wi, wo), model.eval(wo, wi));
+                    assert!((there - back).abs() <= 1e-12 * there.abs(), "{h} {d} {phi}: {there} {back}");
+                    assert!(there >= 0.0 && (there == 0.0 || (wi.z > 0.0 && wo.z > 0.0)));
+                }
+            }
+        }
+    }
+
+    /// Directional albedo, the integral of `f cos_i` over the light, by quadrature around the mirror direction: the
+    /// half vector is sampled as `tan^2 = a^2 u / (1 - u)`.
+    pub(super) fn albedo(model: &impl Parametric, theta_o: f64, a: f64) -> f64 {
+        let (n_u, n_phi) = (800, 400);
+        let wo = DVec3::new(theta_o.sin(), 0.0, theta_o.cos());
+        let mut sum = 0.0;
+        for i in 0..n_u {
+            let u = (i as f64 + 0.5) / n_u as f64;
+            let tan2 = a * a * u / (1.0 - u);
+            let cos_h = 1.0 / (1.0 + tan2).sqrt();
+            let sin_h = cos_h * tan2.sqrt();
+            for j in 0..n_phi {
+                let phi = (j as f64 + 0.5) / n_phi as f64 * std::f64::consts::TAU;
+                let half = DVec3::new(sin_h * phi.cos(), sin_h * phi.sin(), cos_h);
+                let cos_d = half.dot(wo);
+                let wi = 2.0 * cos_d * half - wo;
+                if cos_d <= 0.0 || wi.z <= 0.0 {
+                    continue;
+                }
+                // Density of the half vector over solid angle; the light's is this over 4 cos_d.
+                let density = a * a / (a * a + tan2).powi(2) / (std::f64::consts::PI * cos_h.powi(3));
+                sum += model.eval(wi, wo) * wi.z * 4.0 * cos_d / density;
+            }
+        }
+        sum / (n_u * n_phi) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::testing::*;
+    use super::*;
+
+    #[test]
+    fn directions_have_the_angles_they_are_made_of() {
+        let (h, d, phi) = (0.6, 0.8, 2.2);
+        let (wi, wo) = directions(h, d, phi);
+        let half = (wi + wo).normalize();
+        assert!((wi.length() - 1.0).abs() < 1e-14 && (wo.length() - 1.0).abs() < 1e-14);
+        assert!((half - DVec3::new(h.sin(), 0.0, h.cos())).length() < 1e-14);
+        assert!((half.dot(wi) - d.cos()).abs() < 1e-14);
+        for (h, d, phi) in [(0.6, 0.8, 2.2), (1.4, 1.2, 0.3), (1.3, 1.3, 1.6)] {
+            let (wi, wo) = directions(h, d, phi);
+            assert_eq!(super::super::above_horizon(h, d, phi), wi.z > 0.0 && wo.z > 0.0);
+        }
+    }
+
+    #[test]
+    fn lambert_is_constant_and_its_albedo_is_its_albedo() {
+        let model = Lambert { albedo: 0.4 };
+        check_reciprocal(&model);
+        let table = model.to_bivariate();
+        assert!(table.as_slice().iter().all(|v| (f64::from(*v) - 0.4 * FRAC_1_PI).abs() < 1e-7));
+        assert!((albedo(&model, 0.5, 0.7) - 0.4).abs() < 1e-3, "{}", albedo(&model, 0.5, 0.7));
+    }
+}

@@ -1,0 +1,308 @@
+//! Learning a reflectance basis from measured materials (paper 3.2).
+
+use super::basis::{BasisError, ReflectanceBasis, TrainingMaterial, trusted_cells};
+use super::nmf::{Nmf, NmfError, NmfSettings, StartReport, factorize_all};
+use super::table::{BivariateTable, CELLS, THETA_D};
+use faer::Mat;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// How to train.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainSettings {
+    /// The factorisation; its rank is the number of basis functions.
+    pub nmf: NmfSettings,
+    /// Among the starts whose cost is at most `1 + cost_margin` times the least, the one with the least mean RMS error in
+    /// 1/sr is kept: minima of nearly equal cost in scaled units can differ much in the materials' own. Zero keeps the
+    /// least cost. Default 0.01.
+    pub cost_margin: f64,
+}
+
+impl Default for TrainSettings {
+    fn default() -> Self {
+        Self { nmf: NmfSettings::default(), cost_margin: 0.01 }
+    }
+}
+
+/// Why no basis was learnt.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum TrainError {
+    /// There are no materials.
+    #[error("no materials to train on")]
+    Empty,
+    /// A trusted cell of a material is negative, NaN or infinite.
+    #[error("material {name}: cell (theta_h {theta_h}, theta_d {theta_d}) is {value}")]
+    BadValue {
+        /// The material.
+        name: String,
+        /// Index of the cell in `theta_h`.
+        theta_h: usize,
+        /// Index of the cell in `theta_d`.
+        theta_d: usize,
+        /// What it holds.
+        value: f32,
+    },
+    /// All trusted cells of a material are zero.
+    #[error("material {0} is zero in all trusted cells")]
+    Black(String),
+    /// No material uses function `0`: the materials have fewer independent parts than functions were asked for.
+    #[error("no material uses basis function {0}; ask for a lower rank")]
+    Unused(usize),
+    /// The factorisation refused.
+    #[error("factorisation failed")]
+    Nmf(#[from] NmfError),
+    /// The final projection failed.
+    #[error("final projection of the materials failed")]
+    Projection(#[from] BasisError),
+}
+
+/// How well a basis reproduces one of its materials.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MaterialFit {
+    /// Name of the material.
+    pub name: String,
+    /// Root of the mean squared difference over the trusted cells (1/sr), each cell counting once.
+    pub rms: f64,
+}
+
+/// One start of the training.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// What the factorisation did; its cost is in scaled units.
+    pub start: StartReport,
+    /// Mean over the materials of their RMS error, 1/sr.
+    pub mean_rms: f64,
+}
+
+/// What happened during training.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainReport {
+    /// The materials, in the order given.
+    pub fits: Vec<MaterialFit>,
+    /// Every start, in order.
+    pub candidates: Vec<Candidate>,
+    /// Index of the start that was kept.
+    pub best: usize,
+}
+
+impl TrainReport {
+    /// Mean of the materials' RMS errors, 1/sr.
+    pub fn mean_rms(&self) -> f64 {
+        mean(&self.fits)
+    }
+
+    /// Median of the materials' RMS errors, 1/sr (of an even number, the mean of the middle two).
+    pub fn median_rms(&self) -> f64 {
+        let mut rms: Vec<f64> = self.fits.iter().map(|f| f.rms).collect();
+        rms.sort_by(f64::total_cmp);
+        let n = rms.len();
+        if n == 0 { f64::NAN } else { 0.5 * (rms[(n - 1) / 2] + rms[n / 2]) }
+    }
+}
+
+/// Learns basis functions from `materials` (name and one channel in 1/sr): each is scaled to maximum one over its
+/// trusted cells, the matrix of trusted cells x materials is factorised in the Frobenius norm, each function is scaled to
+/// maximum one and continued beyond the trusted cells, and the materials' coefficients are solved for once more.
+///
+/// # Errors
+/// See [`TrainError`]. Values in cells that are not trusted are never looked at.
+pub fn train(
+    materials: &[(String, BivariateTable)],
+    settings: &TrainSettings,
+) -> Result<(ReflectanceBasis, TrainReport), TrainError> {
+    if materials.is_empty() {
+        return Err(TrainError::Empty);
+    }
+    let cells: Vec<usize> = trusted_cells().collect();
+    let scales = materials.iter().map(|(name, table)| scale(name, table, &cells)).collect::<Result<Vec<f64>, _>>()?;
+    let x =
+        Mat::from_fn(cells.len(), materials.len(), |i, j| f64::from(materials[j].1.as_slice()[cells[i]]) / scales[j]);
+    let set = Scaled { materials, scales, cells };
+    let solved = factorize_all(x.as_ref(), None, &settings.nmf)?
+        .into_par_iter()
+        .map(|nmf| Ok((set.solve(&nmf)?, nmf.report)))
+        .collect::<Result<Vec<_>, TrainError>>()?;
+    let (mut solved, candidates): (Vec<_>, Vec<_>) = solved
+        .into_iter()
+        .map(|((basis, fits), start)| {
+            let mean_rms = mean(&fits);
+            ((basis, fits), Candidate { start, mean_rms })
+        })
+        .unzip();
+    let best = choose(&candidates, settings.cost_margin);
+    let (mut basis, fits) = solved.swap_remove(best);
+    basis.rates = rates(&basis)?;
+    Ok((basis, TrainReport { fits, candidates, best }))
+}
+
+/// The start with the least error in original units among those of nearly least cost.
+fn choose(candidates: &[Candidate], cost_margin: f64) -> usize {
+    let least = candidates.iter().map(|c| c.start.cost).fold(f64::INFINITY, f64::min);
+    let limit = least * (1.0 + cost_margin);
+    let near = (0..candidates.len()).filter(|&i| candidates[i].start.cost <= limit);
+    near.min_by(|&a, &b| candidates[a].mean_rms.total_cmp(&candidates[b].mean_rms)).unwrap_or(0)
+}
+
+fn mean(fits: &[MaterialFit]) -> f64 {
+    fits.iter().map(|f| f.rms).sum::<f64>() / fits.len() as f64
+}
+
+/// Maximum-likelihood rates of the coefficients' exponential distributions.
+fn rates(basis: &ReflectanceBasis) -> Result<Vec<f64>, TrainError> {
+    let rate = |k: usize| {
+        let sum: f64 = basis.materials.iter().map(|m| m.coefficients[k]).sum();
+        if sum > 0.0 { Ok(basis.materials.len() as f64 / sum) } else { Err(TrainError::Unused(k)) }
+    };
+    (0..basis.len()).map(rate).collect()
+}
+
+/// The training set and what its matrix was made with.
+struct Scaled<'a> {
+    materials: &'a [(String, BivariateTable)],
+    scales: Vec<f64>,
+    cells: Vec<usize>,
+}
+
+impl Scaled<'_> {
+    /// Functions from a factorisation, each material's coefficients and its error; the rates are still missing. The
+    /// coefficients are solved for once more, because the factorisation stops a little short and the functions have
+    /// since been rounded.
+    fn solve(&self, nmf: &Nmf) -> Result<(ReflectanceBasis, Vec<MaterialFit>), TrainError> {
+        let functions = (0..nmf.functions.ncols())
+            .map(|k| function(nmf.functions.col_as_slice(k), &self.cells).ok_or(TrainError::Unused(k)))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut basis = ReflectanceBasis { functions, rates: Vec::new(), materials: Vec::new() };
+        let projector = basis.projector();
+        let mut solved = Vec::with_capacity(self.materials.len());
+        let mut fits = Vec::with_capacity(self.materials.len());
+        for ((name, table), &scale) in self.materials.iter().zip(&self.scales) {
+            let coefficients = projector.project(table)?;
+            let rms = rms(&basis.combine(&coefficients)?, table, &self.cells);
+            fits.push(MaterialFit { name: name.clone(), rms });
+            let coefficients = coefficients.into_iter().map(|f| f / scale).collect();
+            solved.push(TrainingMaterial { name: name.clone(), scale, coefficients });
+        }
+        basis.materials = solved;
+        Ok((basis, fits))
+    }
+}
+
+/// Largest trusted value, if the table can be trained on.
+fn scale(name: &str, table: &BivariateTable, cells: &[usize]) -> Result<f64, TrainError> {
+    let values = table.as_slice();
+    if let Some(&c) = cells.iter().find(|&&c| !(values[c].is_finite() && values[c] >= 0.0)) {
+        let (theta_h, theta_d) = (c / THETA_D, c % THETA_D);
+        return Err(TrainError::BadValue { name: name.into(), theta_h, theta_d, value: values[c] });
+    }
+    match f64::from(table.trusted_max()) {
+        max if max > 0.0 => Ok(max),
+        _ => Err(TrainError::Black(name.into())),
+    }
+}
+
+/// A column of the factorisation as a table of maximum one; `None` if it is zero.
+fn function(column: &[f64], cells: &[usize]) -> Option<BivariateTable> {
+    let max = column.iter().copied().fold(0.0, f64::max);
+    if max <= 0.0 {
+        return None;
+    }
+    let mut values = vec![0.0; CELLS];
+    for (&c, v) in cells.iter().zip(column) {
+        values[c] = (v / max) as f32;
+    }
+    let mut table = BivariateTable::from_vec(values);
+    table.extend_from_trusted();
+    Some(table)
+}
+
+fn rms(model: &BivariateTable, table: &BivariateTable, cells: &[usize]) -> f64 {
+    let (model, table) = (model.as_slice(), table.as_slice());
+    let squared: f64 = cells.iter().map(|&c| (f64::from(model[c]) - f64::from(table[c])).powi(2)).sum();
+    (squared / cells.len() as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Materials of two parts: a lobe and a constant, with nonsense in the cells that are not trusted.
+    fn materials() -> Vec<(String, BivariateTable)> {
+        (0..6)
+            .map(|m| {
+                let m = f64::from(m);
+                let mut table =
+                    BivariateTable::from_fn(|h, _| 0.1 + 0.02 * m + 30.0 * (m + 0.5) * (-h * h / 0.01).exp());
+                for c in 0..CELLS {
+                    if !super::super::is_trusted(c / THETA_D, c % THETA_D) {
+                        table.as_mut_slice()[c] = f32::NAN;
+                    }
+                }
+                (format!("m{m}"), table)
+            })
+            .collect()
+    }
+
+    fn settings(rank: usize) -> TrainSettings {
+        let nmf = NmfSettings { rank, restarts: 2, tolerance: 1e-9, ..Default::default() };
+        TrainSettings { nmf, ..Default::default() }
+    }
+
+    #[test]
+    fn two_parts_are_learnt() {
+        let (basis, report) = train(&materials(), &settings(2)).unwrap();
+        assert_eq!((basis.len(), basis.rates.len(), basis.materials.len()), (2, 2, 6));
+        for f in &basis.functions {
+            assert_eq!(f.trusted_max(), 1.0);
+            assert!(f.as_slice().iter().all(|v| (0.0..=1.0).contains(v)));
+            assert_eq!(f.cell(0, 89), f.cell(0, 79));
+        }
+        for (fit, (_, table)) in report.fits.iter().zip(materials()) {
+            assert!(fit.rms < 1e-4 * f64::from(table.trusted_max()), "{fit:?}");
+        }
+        assert!(report.median_rms() > 0.0 && report.mean_rms() > 0.0);
+    }
+
+    #[test]
+    fn rates_are_one_over_the_mean_coefficient() {
+        let (basis, _) = train(&materials(), &settings(2)).unwrap();
+        for (k, rate) in basis.rates.iter().enumerate() {
+            let mean = basis.materials.iter().map(|m| m.coefficients[k]).sum::<f64>() / 6.0;
+            assert!((rate * mean - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn coefficients_do_not_depend_on_a_material_being_brighter() {
+        let bright: Vec<_> = materials()
+            .into_iter()
+            .map(|(n, mut t)| {
+                t.as_mut_slice().iter_mut().for_each(|v| *v *= 8.0);
+                (n, t)
+            })
+            .collect();
+        let (a, ra) = train(&materials(), &settings(2)).unwrap();
+        let (b, rb) = train(&bright, &settings(2)).unwrap();
+        assert_eq!(a.functions, b.functions);
+        assert_eq!(a.rates, b.rates);
+        for (a, b) in ra.fits.iter().zip(&rb.fits) {
+            assert!((8.0 * a.rms - b.rms).abs() < 1e-9 * b.rms);
+        }
+    }
+
+    #[test]
+    fn bad_materials_are_refused() {
+        let mut m = materials();
+        assert_eq!(train(&[], &settings(2)).unwrap_err(), TrainError::Empty);
+        let rank = NmfError::Rank { rank: 7, cells: 6800, samples: 6 };
+        assert_eq!(train(&m, &settings(7)).unwrap_err(), TrainError::Nmf(rank));
+        m[3].1.as_mut_slice()[91] = -1.0;
+        let bad = TrainError::BadValue { name: "m3".into(), theta_h: 1, theta_d: 1, value: -1.0 };
+        assert_eq!(train(&m, &settings(2)).unwrap_err(), bad);
+        m[3].1.as_mut_slice()[91] = f32::NAN;
+        assert!(matches!(train(&m, &settings(2)), Err(TrainError::BadValue { .. })));
+        m[3].1 = BivariateTable::from_fn(|_, _| 0.0);
+        assert_eq!(train(&m, &settings(2)).unwrap_err(), TrainError::Black("m3".into()));
+    }
+}

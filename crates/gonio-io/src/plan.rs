@@ -204,10 +204,17 @@ mod tests {
         }
         assert!(decode_plan(&[&bytes[..], &[0]].concat()).is_none());
         assert!(decode_plan(&[0xff; 40]).is_none());
-        // Lengths that no memory could hold.
-        let text = String::from_utf8_lossy(&bytes[8..300]).into_owned();
-        let header = &text[..=text.find('}').unwrap() + text[text.find('}').unwrap() + 1..].find('}').unwrap() + 1];
-        for (old, new) in [("\"points\":", "\"points\":1844674407370955161"), ("\"version\":", "\"version\":1")] {
+        // Another version; lengths that are not there, and lengths whose product overflows.
+        let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+        let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+        for (old, new) in [
+            ("\"version\":1", "\"version\":2"),
+            ("\"points\":150", "\"points\":15000000000000"),
+            ("\"points\":150", "\"points\":1500000000000000000"),
+            ("\"side\":8", "\"side\":9000000000000000000"),
+            ("\"rank\":40,\"total", "\"rank\":4000000000000000000,\"total"),
+        ] {
+            assert!(header.contains(old), "{header}");
             let forged = header.replace(old, new);
             let file = [&(forged.len() as u64).to_le_bytes(), forged.as_bytes(), &bytes[8 + header.len()..]].concat();
             assert!(decode_plan(&file).is_none(), "{forged}");

@@ -30,21 +30,21 @@ fn log_gamma(x: f64, shape: f64, rate: f64) -> f64 {
     shape * rate.ln() - ln_gamma(shape) + (shape - 1.0) * x.ln() - rate * x
 }
 
-/// An ensemble that minimises the cost, all factors at their best.
+/// An ensemble that minimises the cost, all factors at their best. Wherever it stops, the cost is a bound.
 fn settled(problem: &Problem<'_>, mut ensemble: Ensemble) -> (Ensemble, f64) {
     let grams = problem.bilinear.reflectance_grams();
     let mut cost = f64::INFINITY;
-    for _ in 0..3000 {
+    for _ in 0..1000 {
         ensemble = coordinate::round(problem, &ensemble, &grams, 30);
         let now = Expectations::new(problem, &ensemble);
         ensemble.set_log_noise(now.best_log_noise(problem));
         let next = Expectations::new(problem, &ensemble).cost(problem);
-        if cost - next < 1e-11 {
+        if cost - next < 1e-9 {
             return (ensemble, next);
         }
         cost = next;
     }
-    panic!("no convergence at cost {cost}");
+    (ensemble, cost)
 }
 
 /// The image of one basis function under a known light, with noise relative to its brightness.
@@ -59,7 +59,7 @@ fn single(pixels: usize, noise: f64) -> Projected {
 /// `log p(I)` of a problem with one unknown reflectance coefficient, by sums over grids in the logarithms of `h = g f`
 /// (of which alone the image knows), of `g`, and of the precision.
 fn log_evidence(problem: &Problem<'_>) -> f64 {
-    let (low, step, count) = (-12.0, 1e-3, 18_000);
+    let (low, step, count) = (-12.0, 1e-3, 16_000);
     // 0 at the largest, so that nothing overflows; the sums are of positive numbers.
     let sum_exp = |terms: &[f64]| {
         let top = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -68,7 +68,7 @@ fn log_evidence(problem: &Problem<'_>) -> f64 {
     let grid = |low: f64, high: f64, n: usize| -> Vec<f64> {
         (0..n).map(|i| (low + (high - low) * (i as f64 + 0.5) / n as f64).exp()).collect()
     };
-    let (g_grid, p_grid) = (grid(-16.0, 14.0, 500), grid(-14.0, 18.0, 500));
+    let (g_grid, p_grid) = (grid(-16.0, 14.0, 300), grid(-14.0, 18.0, 400));
     let (rate, hyper) = (problem.rates[0], problem.hyper);
     let target: f64 = problem.bilinear.adjoint(&problem.target)[0];
     let square = problem.bilinear.squares()[0];
@@ -88,29 +88,47 @@ fn log_evidence(problem: &Problem<'_>) -> f64 {
             sum_exp(&g) + sum_exp(&p)
         })
         .collect();
-    sum_exp(&over_h) + (step * (30.0 / 500.0) * (32.0 / 500.0)).ln()
+    sum_exp(&over_h) + (step * (30.0 / 300.0) * (32.0 / 400.0)).ln()
 }
 
 /// The gap between the cost at convergence and minus the log evidence.
 fn gap(pixels: usize, noise: f64, rate: f64, hyper: Hyper) -> f64 {
     let image = single(pixels, noise);
     let problem = Problem::with_known_light(&image, &[rate], hyper).unwrap();
-    let (_, cost) = settled(&problem, Ensemble::at(&[1.0], &[], 0.1));
-    cost + log_evidence(&problem)
+    // Steps along the ridge `g f = const` are short: start where the priors balance, g near its final value.
+    let mut ensemble = Ensemble::at(&[1.0], &[], 0.1);
+    let g = (rate / hyper.exposure_rate).sqrt();
+    ensemble.set_g(1e4 / g, 1e4 / (g * g));
+    settled(&problem, ensemble).1 + log_evidence(&problem)
 }
 
 #[test]
-fn probe() {
-    for hyper in [
-        Hyper::default(),
-        Hyper { exposure_rate: 1.0, noise_shape: 2.0, noise_rate: 0.1 },
-        Hyper { exposure_rate: 5.0, noise_shape: 50.0, noise_rate: 50.0 },
-    ] {
-        for (rate, pixels) in [(1.0, 20), (5.0, 20), (1.0, 4), (5.0, 4)] {
-            let gaps: Vec<f64> = [0.01, 0.1, 0.3, 1.0, 3.0].iter().map(|n| gap(pixels, *n, rate, hyper)).collect();
-            eprintln!("{hyper:?} {rate} {pixels} {gaps:.4?}");
+fn the_cost_is_never_below_minus_the_log_evidence() {
+    for hyper in [Hyper::default(), Hyper { exposure_rate: 1.0, noise_shape: 2.0, noise_rate: 0.1 }] {
+        for (rate, pixels, noise) in [(1.0, 20, 0.1), (5.0, 20, 1.0), (1.0, 4, 3.0), (5.0, 4, 0.3)] {
+            let gap = gap(pixels, noise, rate, hyper);
+            assert!((-1e-6..6.0).contains(&gap), "{hyper:?} {rate} {pixels} {noise}: {gap}");
         }
     }
+}
+
+/// Where the posterior is nearly separable q is nearly the posterior, and the bound nearly the evidence. Here that is
+/// where priors say more than the image: the likelihood alone ties `f` to `g`.
+#[test]
+fn the_bound_is_tight_where_the_posterior_is_separable() {
+    let hyper = Hyper { exposure_rate: 5.0, noise_shape: 50.0, noise_rate: 50.0 };
+    let gaps = [0.1, 1.0, 3.0].map(|noise| gap(4, noise, 5.0, hyper));
+    assert!(gaps[0] < 0.05 && gaps[1] < 0.02 && gaps[2] < 1e-3, "{gaps:?}");
+    assert!(gaps.iter().all(|g| *g > -1e-6), "{gaps:?}");
+}
+
+/// The other end: the exact posterior lies along the ridge `g f = const`, of the relative width `s` that the noise
+/// sets, and q has that width in every direction. Of the ridge it holds a part proportional to `s`, so that the gap is
+/// `-log s` and a constant: one decade of noise is `log 10`.
+#[test]
+fn the_gap_is_the_part_of_the_ridge_that_a_separable_q_misses() {
+    let gaps = [0.1, 0.01].map(|noise| gap(20, noise, 1.0, Hyper::default()));
+    assert!((gaps[1] - gaps[0] - std::f64::consts::LN_10).abs() < 0.05, "{gaps:?}");
 }
 
 /// `u` and `w` of every factor of q.
@@ -198,7 +216,6 @@ fn the_cost_is_the_expectation_that_it_stands_for() {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     let error = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n / n).sqrt();
-    eprintln!("{mean} +- {error} against {cost}");
     // A forgotten factor of two would be 0.7.
     assert!(error < 0.03 && (mean - cost).abs() < 4.0 * error, "{mean} +- {error} against {cost}");
 }

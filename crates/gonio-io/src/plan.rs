@@ -1,8 +1,8 @@
 //! Plans in the cache: their bytes, the keys they are found by, and making them when they are not there.
 //!
-//! The bytes are an eight-byte length, a JSON header of that length, and the arrays `q` and `r` (32-bit) and `energies`
-//! (64-bit) of the [`Plan`], little-endian. They are for the cache alone, which guards them against damage; the form may
-//! change with [`VERSION`].
+//! The bytes are an eight-byte length, a JSON header of that length, and the arrays `q` and `r` (32-bit) and
+//! `energies` (64-bit) of the [`Plan`], little-endian. They are for the cache alone, which guards them against damage;
+//! the form may change with [`VERSION`].
 
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
@@ -254,26 +254,26 @@ mod tests {
             other.key()
         };
         let s = base.settings;
-        let changes: Vec<Box<dyn Fn(&mut Input)>> = vec![
-            Box::new(|i| i.points[3].normal.x += 1e-12),
-            Box::new(|i| i.points[3].view.y += 1e-12),
-            Box::new(|i| i.points.truncate(149)),
-            Box::new(|i| i.tables[1].as_mut_slice()[77] += 1e-3),
-            Box::new(|i| i.tables.swap(0, 1)),
-            Box::new(|i| i.tables.truncate(1)),
-            Box::new(|i| i.typical[0] = 1.0 + 1e-12),
-            Box::new(|i| i.prior.map = OctahedralMap::PraunHoppe),
-            Box::new(|i| match &mut i.prior.groups[5] {
+        let changes: &[&dyn Fn(&mut Input)] = &[
+            &|i| i.points[3].normal.x += 1e-12,
+            &|i| i.points[3].view.y += 1e-12,
+            &|i| i.points.truncate(149),
+            &|i| i.tables[1].as_mut_slice()[77] += 1e-3,
+            &|i| i.tables.swap(0, 1),
+            &|i| i.tables.truncate(1),
+            &|i| i.typical[0] = 1.0 + 1e-12,
+            &|i| i.prior.map = OctahedralMap::PraunHoppe,
+            &|i| match &mut i.prior.groups[5] {
                 CoefficientPrior::Mixture(m) => m.variances[0] += 1e-12,
                 CoefficientPrior::Rectified(_) => unreachable!(),
-            }),
-            Box::new(move |i| i.settings = PlanSettings { side: 4, ..s }),
-            Box::new(move |i| i.settings = PlanSettings { rank: 41, ..s }),
-            Box::new(move |i| i.settings = PlanSettings { oversampling: 9, ..s }),
-            Box::new(move |i| i.settings = PlanSettings { seed: 2, ..s }),
-            Box::new(move |i| i.settings.quadrature = QuadratureSettings { base: 5, ..s.quadrature }),
-            Box::new(move |i| i.settings.quadrature = QuadratureSettings { ratio: 0.31, ..s.quadrature }),
-            Box::new(move |i| i.settings.quadrature = QuadratureSettings { core: 0.004, ..s.quadrature }),
+            },
+            &move |i| i.settings = PlanSettings { side: 4, ..s },
+            &move |i| i.settings = PlanSettings { rank: 41, ..s },
+            &move |i| i.settings = PlanSettings { oversampling: 9, ..s },
+            &move |i| i.settings = PlanSettings { seed: 2, ..s },
+            &move |i| i.settings.quadrature = QuadratureSettings { base: 5, ..s.quadrature },
+            &move |i| i.settings.quadrature = QuadratureSettings { ratio: 0.31, ..s.quadrature },
+            &move |i| i.settings.quadrature = QuadratureSettings { core: 0.004, ..s.quadrature },
         ];
         let mut keys: Vec<String> = changes.iter().map(|c| changed(c)).collect();
         keys.push(base.key());

@@ -3,9 +3,10 @@
 //! * [`picture`]: photographs, light maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF);
 //! * [`normals`]: normal maps (OpenEXR, PFM, NPY, PNG);
 //! * [`merl`], [`bivariate`], [`fits`]: measured BRDFs and published fits to them;
+//! * [`model`]: trained models and their halves (`docs/model-format.md`);
 //! * [`npy`]: arrays of numpy;
 //! * [`atomic`]: output that appears complete or not at all;
-//! * [`cache`]: computed plans that survive the process.
+//! * [`cache`], [`plan`]: computed plans that survive the process.
 //!
 //! Invariants: no input makes this crate panic; sizes are checked before memory is taken for them; an [`Error`] always
 //! names the file, the problem and a way out, on one line; nothing is ever printed by this crate (a third party's
@@ -17,9 +18,12 @@ pub mod cache;
 mod error;
 pub mod fits;
 mod guard;
+mod little_endian;
 pub mod merl;
+pub mod model;
 pub mod normals;
 pub mod npy;
 pub mod picture;
+pub mod plan;
 
 pub use error::{Error, Kind};

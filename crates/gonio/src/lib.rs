@@ -2,6 +2,7 @@
 
 pub mod inference;
 pub mod lighting;
+pub mod model;
 pub mod picture;
 pub mod reflectance;
 pub mod render;

@@ -9,8 +9,12 @@
 
 mod coordinate;
 mod ensemble;
+#[cfg(test)]
+mod evidence;
 mod expectations;
 mod joint_map;
+#[cfg(test)]
+mod nuts;
 mod posterior;
 mod problem;
 #[cfg(test)]

@@ -22,7 +22,7 @@ pub(super) struct Planted {
     pub(super) prior: LightPrior,
     pub(super) rates: Vec<f64>,
     l: Vec<f64>,
-    f: Vec<f64>,
+    pub(super) f: Vec<f64>,
 }
 
 pub(super) fn planted(rows: usize, k: usize, noise: f64, seed: u64) -> Planted {

@@ -1,0 +1,179 @@
+//! The container of a model: a safetensors file whose metadata say what it is and guard it against damage.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors};
+use serde::Serialize;
+
+use super::Content;
+use crate::{Error, little_endian};
+
+/// The only version so far.
+const VERSION: &str = "1";
+/// The entry that holds the hash of the file.
+const HASH: &str = "blake3";
+/// What stands in place of the hash while hashing.
+const BLANK: [u8; 64] = [b'0'; 64];
+
+/// The metadata of a file that is being written: in order, so that equal models make equal files.
+pub(super) type Metadata = BTreeMap<&'static str, String>;
+
+/// A named array to be written.
+pub(super) struct Tensor {
+    name: &'static str,
+    dtype: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+impl Tensor {
+    pub(super) fn f32(name: &'static str, shape: &[usize], values: &[f32]) -> Self {
+        let mut bytes = Vec::new();
+        little_endian::put_f32(&mut bytes, values);
+        Self { name, dtype: Dtype::F32, shape: shape.to_vec(), bytes }
+    }
+
+    pub(super) fn f64(name: &'static str, shape: &[usize], values: &[f64]) -> Self {
+        let mut bytes = Vec::new();
+        little_endian::put_f64(&mut bytes, values);
+        Self { name, dtype: Dtype::F64, shape: shape.to_vec(), bytes }
+    }
+}
+
+/// An entry of the header of a safetensors file.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Entry<'a> {
+    Metadata(&'a Metadata),
+    Tensor { dtype: Dtype, shape: &'a [usize], data_offsets: (usize, usize) },
+}
+
+/// The bytes of a file. The crate's own writer keeps metadata in a `HashMap`, whose order changes from run to run.
+/// Tensors should come with the widest type first, which keeps all aligned.
+pub(super) fn encode(content: Content, mut metadata: Metadata, tensors: &[Tensor]) -> Vec<u8> {
+    metadata.insert("format", "gonio".into());
+    metadata.insert("version", VERSION.into());
+    metadata.insert("kind", content.name().into());
+    metadata.insert(HASH, String::from_utf8_lossy(&BLANK).into_owned());
+    let mut entries = BTreeMap::from([("__metadata__", Entry::Metadata(&metadata))]);
+    let mut end = 0;
+    for Tensor { name, dtype, shape, bytes } in tensors {
+        let data_offsets = (end, end + bytes.len());
+        end = data_offsets.1;
+        entries.insert(name, Entry::Tensor { dtype: *dtype, shape, data_offsets });
+    }
+    let mut header = serde_json::to_vec(&entries).expect("strings and numbers are JSON");
+    header.resize(header.len().next_multiple_of(8), b' ');
+    let mut file = (header.len() as u64).to_le_bytes().to_vec();
+    file.extend(header);
+    // Quotes inside of strings are escaped, so that this can only be the entry itself.
+    let entry = format!("\"{HASH}\":\"");
+    let at = find(&file, entry.as_bytes()).expect("the entry is in the header") + entry.len();
+    tensors.iter().for_each(|t| file.extend(&t.bytes));
+    let hash = blake3::hash(&file).to_hex();
+    file[at..at + BLANK.len()].copy_from_slice(hash.as_bytes());
+    file
+}
+
+/// A file that is what it was expected to be, and undamaged.
+pub(super) struct Container<'a> {
+    path: &'a Path,
+    content: Content,
+    metadata: HashMap<String, String>,
+    tensors: SafeTensors<'a>,
+}
+
+impl<'a> Container<'a> {
+    pub(super) fn decode(path: &'a Path, bytes: &'a [u8], content: Content) -> Result<Self, Error> {
+        let (length, header) = SafeTensors::read_metadata(bytes).map_err(|e| unreadable(path, bytes, &e))?;
+        let metadata = header.metadata().clone().unwrap_or_default();
+        let entry = |name: &str| metadata.get(name).map(String::as_str);
+        if entry("format") != Some("gonio") {
+            let problem = "is a safetensors file, but not one of gonio";
+            return Err(Error::invalid(path, problem, format!("give {}", content.wanted())));
+        }
+        // Before anything else of the content, whose form may differ.
+        if entry("version") != Some(VERSION) {
+            let found = entry("version").unwrap_or("unknown");
+            let problem = format!("is of version {found} of the format, version {VERSION} is expected");
+            let advice = format!("use the gonio that wrote it, or write it again with `{}`", content.command());
+            return Err(Error::unsupported(path, problem, advice));
+        }
+        if entry("kind") != Some(content.name()) {
+            let found = entry("kind").and_then(Content::named).map_or("something unknown", Content::label);
+            let problem = format!("holds {found}, {} is expected", content.label());
+            return Err(Error::invalid(path, problem, format!("give {}", content.wanted())));
+        }
+        if !intact(&bytes[..8 + length], &bytes[8 + length..], entry(HASH)) {
+            return Err(Error::damaged(path, "does not match its own checksum"));
+        }
+        let tensors = SafeTensors::deserialize(bytes).map_err(|e| unreadable(path, bytes, &e))?;
+        Ok(Self { path, content, metadata, tensors })
+    }
+
+    /// An error about content that is undamaged, and so was written wrongly.
+    pub(super) fn wrong(&self, problem: impl Into<String>) -> Error {
+        Error::invalid(self.path, problem, format!("write it again with `{}`", self.content.command()))
+    }
+
+    pub(super) fn text(&self, name: &str) -> Result<&str, Error> {
+        self.metadata.get(name).map(String::as_str).ok_or_else(|| self.wrong(format!("has no metadata \"{name}\"")))
+    }
+
+    pub(super) fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Error> {
+        serde_json::from_str(self.text(name)?).map_err(|e| self.wrong(format!("has odd metadata \"{name}\": {e}")))
+    }
+
+    pub(super) fn f32s(&self, name: &str, shape: &[Option<usize>]) -> Result<(Vec<usize>, Vec<f32>), Error> {
+        let (shape, bytes) = self.tensor(name, Dtype::F32, shape)?;
+        Ok((shape, little_endian::f32s(bytes)))
+    }
+
+    pub(super) fn f64s(&self, name: &str, shape: &[Option<usize>]) -> Result<(Vec<usize>, Vec<f64>), Error> {
+        let (shape, bytes) = self.tensor(name, Dtype::F64, shape)?;
+        Ok((shape, little_endian::f64s(bytes)))
+    }
+
+    /// Shape and bytes of a tensor; `None` stands for any length of an axis.
+    fn tensor(&self, name: &str, dtype: Dtype, shape: &[Option<usize>]) -> Result<(Vec<usize>, &[u8]), Error> {
+        let Ok(found) = self.tensors.tensor(name) else {
+            return Err(self.wrong(format!("has no tensor \"{name}\"")));
+        };
+        let fits = |(found, expected): (&usize, &Option<usize>)| expected.is_none_or(|e| e == *found);
+        let fits = found.shape().len() == shape.len() && found.shape().iter().zip(shape).all(fits);
+        if found.dtype() != dtype || !fits {
+            let expected: Vec<String> = shape.iter().map(|n| n.map_or("any".into(), |n| n.to_string())).collect();
+            let got = format!("{} of shape {:?}", found.dtype(), found.shape());
+            let expected = format!("{dtype} of shape [{}]", expected.join(", "));
+            return Err(self.wrong(format!("has a tensor \"{name}\" of {got}, {expected} is expected")));
+        }
+        Ok((found.shape().to_vec(), found.data()))
+    }
+}
+
+fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
+    bytes.windows(what.len()).position(|w| w == what)
+}
+
+/// Whether `hash` is that of the file with its own digits blanked.
+fn intact(header: &[u8], data: &[u8], hash: Option<&str>) -> bool {
+    let Some(hash) = hash.filter(|h| h.len() == BLANK.len()) else { return false };
+    let Some(at) = find(header, hash.as_bytes()) else { return false };
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&header[..at]).update(&BLANK).update(&header[at + BLANK.len()..]).update(data);
+    hasher.finalize().to_hex().as_str() == hash
+}
+
+fn unreadable(path: &Path, bytes: &[u8], error: &SafeTensorError) -> Error {
+    // The header is JSON and begins after its length.
+    if bytes.get(8) != Some(&b'{') {
+        let advice = "give a file written by `gonio train`";
+        return Error::unsupported(path, "is not a model: it does not begin like a safetensors file", advice);
+    }
+    match error {
+        SafeTensorError::InvalidHeaderLength => Error::damaged(path, "is cut short within its header"),
+        SafeTensorError::MetadataIncompleteBuffer => Error::damaged(path, "has not the length that its header states"),
+        e => Error::damaged(path, format!("has a safetensors header that cannot be read ({e})")),
+    }
+}

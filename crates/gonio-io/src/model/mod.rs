@@ -1,0 +1,191 @@
+//! Trained models and their two halves, the prior of light and the basis of reflectance.
+//!
+//! The format is described in `docs/model-format.md`: a safetensors file, versioned, with a checksum. Equal models make
+//! equal files. What is read has passed the checks of [`gonio::model`]; a model that fails them can be encoded, but not
+//! decoded.
+
+mod container;
+#[cfg(test)]
+mod tests;
+
+use std::path::Path;
+
+use gonio::lighting::LightPrior;
+use gonio::model::{Model, check_light, check_reflectance};
+use gonio::reflectance::{BivariateTable, CELLS, ReflectanceBasis, THETA_D, THETA_H, TrainingMaterial};
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, guard};
+use container::{Container, Metadata, Tensor};
+
+/// Longest file read, 64 MiB: two hundred times what ten functions and a hundred materials take.
+const MAX_BYTES: u64 = 64 << 20;
+
+/// What a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Content {
+    Model,
+    Lighting,
+    Reflectance,
+}
+
+impl Content {
+    /// The `kind` of the metadata.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Model => "model",
+            Self::Lighting => "lighting",
+            Self::Reflectance => "reflectance",
+        }
+    }
+
+    fn named(name: &str) -> Option<Self> {
+        [Self::Model, Self::Lighting, Self::Reflectance].into_iter().find(|c| c.name() == name)
+    }
+
+    fn label(self) -> &'static str {
+        match self {
+            Self::Model => "a whole model",
+            Self::Lighting => "a light prior alone",
+            Self::Reflectance => "a reflectance basis alone",
+        }
+    }
+
+    fn command(self) -> String {
+        format!("gonio train {}", self.name())
+    }
+
+    /// What to give instead of the wrong file.
+    fn wanted(self) -> String {
+        format!("a file written by `{}`", self.command())
+    }
+}
+
+/// The bytes of a whole model.
+pub fn encode_model(model: &Model) -> Vec<u8> {
+    let mut metadata = lighting_metadata(&model.light);
+    let (more, tensors) = reflectance_parts(&model.reflectance);
+    metadata.extend(more);
+    encode(Content::Model, metadata, &model.provenance, &tensors)
+}
+
+/// The bytes of a light prior, with a note of its origin.
+pub fn encode_lighting(prior: &LightPrior, provenance: &str) -> Vec<u8> {
+    encode(Content::Lighting, lighting_metadata(prior), provenance, &[])
+}
+
+/// The bytes of a reflectance basis, with a note of its origin.
+pub fn encode_reflectance(basis: &ReflectanceBasis, provenance: &str) -> Vec<u8> {
+    let (metadata, tensors) = reflectance_parts(basis);
+    encode(Content::Reflectance, metadata, provenance, &tensors)
+}
+
+fn encode(content: Content, mut metadata: Metadata, provenance: &str, tensors: &[Tensor]) -> Vec<u8> {
+    metadata.insert("provenance", provenance.to_owned());
+    container::encode(content, metadata, tensors)
+}
+
+/// Decodes a model held in memory; `path` serves the messages only.
+///
+/// # Errors
+/// For bytes that are no model of this version, damaged, incomplete, or inconsistent as [`Model::check`] finds.
+pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
+    let file = Container::decode(path, bytes, Content::Model)?;
+    Ok(Model { light: lighting(&file)?, reflectance: reflectance(&file)?, provenance: provenance(&file)? })
+}
+
+/// Decodes a light prior held in memory, and the note of its origin; `path` serves the messages only.
+///
+/// # Errors
+/// As [`decode_model`].
+pub fn decode_lighting(path: &Path, bytes: &[u8]) -> Result<(LightPrior, String), Error> {
+    let file = Container::decode(path, bytes, Content::Lighting)?;
+    Ok((lighting(&file)?, provenance(&file)?))
+}
+
+/// Decodes a reflectance basis held in memory, and the note of its origin; `path` serves the messages only.
+///
+/// # Errors
+/// As [`decode_model`].
+pub fn decode_reflectance(path: &Path, bytes: &[u8]) -> Result<(ReflectanceBasis, String), Error> {
+    let file = Container::decode(path, bytes, Content::Reflectance)?;
+    Ok((reflectance(&file)?, provenance(&file)?))
+}
+
+/// Reads a whole model.
+///
+/// # Errors
+/// If the file cannot be read, and as [`decode_model`].
+pub fn read_model(path: impl AsRef<Path>) -> Result<Model, Error> {
+    decode_model(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
+}
+
+/// Reads a light prior and the note of its origin.
+///
+/// # Errors
+/// If the file cannot be read, and as [`decode_model`].
+pub fn read_lighting(path: impl AsRef<Path>) -> Result<(LightPrior, String), Error> {
+    decode_lighting(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
+}
+
+/// Reads a reflectance basis and the note of its origin.
+///
+/// # Errors
+/// If the file cannot be read, and as [`decode_model`].
+pub fn read_reflectance(path: impl AsRef<Path>) -> Result<(ReflectanceBasis, String), Error> {
+    decode_reflectance(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
+}
+
+/// What the metadata say of a training material; its coefficients are a row of a tensor.
+#[derive(Serialize, Deserialize)]
+struct MaterialEntry {
+    name: String,
+    scale: f64,
+}
+
+fn provenance(file: &Container<'_>) -> Result<String, Error> {
+    file.text("provenance").map(str::to_owned)
+}
+
+fn lighting_metadata(prior: &LightPrior) -> Metadata {
+    Metadata::from([("light", serde_json::to_string(prior).expect("a prior is JSON"))])
+}
+
+fn lighting(file: &Container<'_>) -> Result<LightPrior, Error> {
+    let prior = file.json("light")?;
+    check_light(&prior).map_err(|e| file.wrong(format!("holds a model that cannot be: {e}")))?;
+    Ok(prior)
+}
+
+fn reflectance_parts(basis: &ReflectanceBasis) -> (Metadata, [Tensor; 3]) {
+    let k = basis.len();
+    let entry = |m: &TrainingMaterial| MaterialEntry { name: m.name.clone(), scale: m.scale };
+    let entries: Vec<MaterialEntry> = basis.materials.iter().map(entry).collect();
+    let materials = serde_json::to_string(&entries).expect("names and numbers are JSON");
+    let coefficients: Vec<f64> = basis.materials.iter().flat_map(|m| &m.coefficients).copied().collect();
+    let values: Vec<f32> = basis.functions.iter().flat_map(BivariateTable::as_slice).copied().collect();
+    let tensors = [
+        Tensor::f64("coefficients", &[basis.materials.len(), k], &coefficients),
+        Tensor::f64("rates", &[basis.rates.len()], &basis.rates),
+        Tensor::f32("functions", &[k, THETA_H, THETA_D], &values),
+    ];
+    (Metadata::from([("materials", materials)]), tensors)
+}
+
+fn reflectance(file: &Container<'_>) -> Result<ReflectanceBasis, Error> {
+    let (shape, values) = file.f32s("functions", &[None, Some(THETA_H), Some(THETA_D)])?;
+    let functions: Vec<_> = values.chunks_exact(CELLS).map(|v| BivariateTable::from_vec(v.to_vec())).collect();
+    let k = shape[0];
+    let (_, rates) = file.f64s("rates", &[Some(k)])?;
+    let entries: Vec<MaterialEntry> = file.json("materials")?;
+    let (_, coefficients) = file.f64s("coefficients", &[Some(entries.len()), Some(k)])?;
+    let material = |(i, MaterialEntry { name, scale }): (usize, MaterialEntry)| TrainingMaterial {
+        name,
+        scale,
+        coefficients: coefficients[i * k..][..k].to_vec(),
+    };
+    let materials = entries.into_iter().enumerate().map(material).collect();
+    let basis = ReflectanceBasis { functions, rates, materials };
+    check_reflectance(&basis).map_err(|e| file.wrong(format!("holds a model that cannot be: {e}")))?;
+    Ok(basis)
+}

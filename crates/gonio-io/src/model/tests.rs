@@ -1,0 +1,181 @@
+//! Files of models: what comes back, and what is refused.
+
+use std::sync::LazyLock;
+
+use gonio::lighting::{CoefficientPrior, PriorGroup, RectifiedGaussian, ScaleMixture};
+use gonio::sphere::OctahedralMap;
+
+use super::*;
+use crate::Kind;
+
+/// A model with numbers that a careless text form would round; odd names.
+fn toy(k: usize, materials: usize) -> Model {
+    let number = |i: usize| 1.0 / (3.0 + i as f64 + 1e-9 * (i * i) as f64);
+    let groups = (0..PriorGroup::all(5).len()).map(|i| match i {
+        1 => CoefficientPrior::Rectified(RectifiedGaussian { location: 0.1 / 3.0, variance: 0.02, threshold: -0.1 }),
+        i => {
+            let w = number(i);
+            CoefficientPrior::Mixture(ScaleMixture {
+                weights: vec![w, 1.0 - w],
+                variances: vec![w * 1e-300, number(i)],
+            })
+        }
+    });
+    let groups = groups.collect();
+    let light = LightPrior { map: OctahedralMap::PraunHoppe, scales: 5, groups, lights: 72 };
+    let function = |k: usize| BivariateTable::from_fn(move |h, d| (-h * (k + 1) as f64).exp() * (1.0 + d) / 3.0);
+    let material = |m: usize| TrainingMaterial {
+        name: format!("m\"{m}\" \u{e9}\n"),
+        scale: number(m),
+        coefficients: (0..k).map(|k| number(m * 31 + k)).collect(),
+    };
+    let reflectance = ReflectanceBasis {
+        functions: (0..k).map(function).collect(),
+        rates: (0..k).map(number).collect(),
+        materials: (0..materials).map(material).collect(),
+    };
+    Model { light, reflectance, provenance: "seed 1; \"blake3\":\"0000\"\nlights: a, b".into() }
+}
+
+static SMALL: LazyLock<Vec<u8>> = LazyLock::new(|| encode_model(&toy(1, 2)));
+
+fn decode(bytes: &[u8]) -> Result<Model, Error> {
+    decode_model(Path::new("a.gonio"), bytes)
+}
+
+/// One line that names the file and says all of `says`.
+fn refused<T: std::fmt::Debug>(got: Result<T, Error>, kind: Kind, says: &[&str]) {
+    let error = got.unwrap_err();
+    let text = error.to_string();
+    assert!(error.kind() == kind && text.starts_with("a.gonio: ") && text.lines().count() == 1, "{text}");
+    assert!(says.iter().all(|s| text.contains(s)), "{text}");
+}
+
+/// A file with its header replaced, tensors as they were, and an honest checksum.
+fn forged(bytes: &[u8], old: &str, new: &str) -> Vec<u8> {
+    let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+    assert!(header.contains(old), "{header}");
+    let header = header.replace(old, new);
+    let digits = header.find("\"blake3\":\"").unwrap() + 10;
+    let mut file = (header.len() as u64).to_le_bytes().to_vec();
+    file.extend(header.bytes());
+    file.extend(&bytes[8 + length..]);
+    file[8 + digits..][..64].fill(b'0');
+    let hash = blake3::hash(&file).to_hex();
+    file[8 + digits..][..64].copy_from_slice(hash.as_bytes());
+    file
+}
+
+#[test]
+fn models_and_halves_come_back_as_they_were() {
+    for model in [toy(10, 100), toy(1, 0)] {
+        assert_eq!(decode(&encode_model(&model)).unwrap(), model);
+        let path = Path::new("a.gonio");
+        let lighting = encode_lighting(&model.light, "from lights");
+        assert_eq!(decode_lighting(path, &lighting).unwrap(), (model.light, "from lights".into()));
+        let reflectance = encode_reflectance(&model.reflectance, "");
+        assert_eq!(decode_reflectance(path, &reflectance).unwrap(), (model.reflectance, String::new()));
+    }
+}
+
+#[test]
+fn files_are_small_aligned_and_equal_for_equal_models() {
+    let bytes = encode_model(&toy(10, 100));
+    assert_eq!(bytes, encode_model(&toy(10, 100)));
+    assert!(bytes.len() < 400_000, "{}", bytes.len());
+    // What other programs see.
+    let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    assert_eq!(file.tensor("functions").unwrap().shape(), [10, 90, 90]);
+    for (name, tensor) in file.iter() {
+        let offset = tensor.data().as_ptr().addr() - bytes.as_ptr().addr();
+        assert_eq!(offset % 8, 0, "{name}");
+    }
+}
+
+#[test]
+fn files_on_disk_are_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("toy.gonio");
+    crate::atomic::write_file(&path, &SMALL).unwrap();
+    assert_eq!(read_model(&path).unwrap(), toy(1, 2));
+    assert_eq!(read_lighting(&path).unwrap_err().kind(), Kind::Invalid);
+    assert_eq!(read_reflectance(dir.path().join("none")).unwrap_err().kind(), Kind::Io);
+}
+
+#[test]
+fn other_files_versions_and_kinds_are_told_apart() {
+    refused(decode(b"\x89PNG\r\n\x1a\nxxxxxxxxxxxx"), Kind::Unsupported, &["not a model", "gonio train"]);
+    refused(decode(b""), Kind::Unsupported, &["not a model"]);
+    let foreign = b"\x14\0\0\0\0\0\0\0{\"__metadata__\":{} }";
+    refused(decode(foreign), Kind::Invalid, &["not one of gonio", "gonio train model"]);
+    let newer = forged(&SMALL, "\"version\":\"1\"", "\"version\":\"2\"");
+    refused(decode(&newer), Kind::Unsupported, &["version 2", "version 1 is expected", "write it again"]);
+    let path = Path::new("a.gonio");
+    let half = encode_lighting(&toy(1, 0).light, "");
+    refused(decode(&half), Kind::Invalid, &["a light prior alone, a whole model is expected", "`gonio train model`"]);
+    refused(decode_reflectance(path, &half), Kind::Invalid, &["a reflectance basis alone is expected"]);
+    refused(decode_lighting(path, &SMALL), Kind::Invalid, &["holds a whole model", "`gonio train lighting`"]);
+    let odd = forged(&SMALL, "\"kind\":\"model\"", "\"kind\":\"camera\"");
+    refused(decode(&odd), Kind::Invalid, &["something unknown"]);
+}
+
+#[test]
+fn missing_and_misshapen_parts_are_named() {
+    let says = |old: &str, new: &str, says: &[&str]| refused(decode(&forged(&SMALL, old, new)), Kind::Invalid, says);
+    says("\"rates\":{", "\"ratios\":{", &["no tensor \"rates\"", "`gonio train model`"]);
+    says("\"provenance\":", "\"provenience\":", &["no metadata \"provenance\""]);
+    says("\"light\":", "\"shade\":", &["no metadata \"light\""]);
+    says("\"light\":\"{", "\"light\":\"[", &["odd metadata \"light\""]);
+    says("[1,90,90]", "[90,90,1]", &["F32 of shape [90, 90, 1], F32 of shape [any, 90, 90] is expected"]);
+    says("\"shape\":[2,1]", "\"shape\":[1,2]", &["\"coefficients\"", "F64 of shape [2, 1] is expected"]);
+    says("\\\"scales\\\":5", "\\\"scales\\\":4", &["17 groups; 4 scales have 16"]);
+    says("\\\"lights\\\":72", "\\\"lights\\\":-7", &["odd metadata \"light\""]);
+}
+
+#[test]
+fn inconsistent_models_are_refused() {
+    let mut model = toy(2, 3);
+    model.reflectance.functions[1].as_mut_slice()[7] = f32::NAN;
+    refused(decode(&encode_model(&model)), Kind::Invalid, &["cannot be", "basis function 1 is NaN"]);
+    let mut model = toy(2, 3);
+    model.light.groups[4] = CoefficientPrior::Mixture(ScaleMixture { weights: vec![0.5], variances: vec![1.0] });
+    refused(decode(&encode_model(&model)), Kind::Invalid, &["cannot be", "sum one"]);
+    let mut model = toy(2, 3);
+    model.reflectance.rates.pop();
+    refused(decode(&encode_model(&model)), Kind::Invalid, &["\"rates\"", "[1]", "[2]"]);
+    let mut model = toy(2, 3);
+    model.reflectance.functions.clear();
+    assert!(decode(&encode_model(&model)).is_err());
+}
+
+#[test]
+fn every_truncation_is_an_error() {
+    for cut in 0..SMALL.len() {
+        let kind = decode(&SMALL[..cut]).unwrap_err().kind();
+        assert!(kind == Kind::Damaged || (cut < 9 && kind == Kind::Unsupported), "{cut} {kind:?}");
+    }
+    refused(decode(&SMALL[..2000]), Kind::Damaged, &["cut short"]);
+    refused(decode(&[&SMALL[..], b"x"].concat()), Kind::Damaged, &["length"]);
+}
+
+#[test]
+fn every_flipped_byte_is_noticed() {
+    // A small linear congruential generator: places all over the file, and all of the header's first bytes.
+    let mut state = 7_u64;
+    let mut next = |n: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % n
+    };
+    let length = SMALL.len();
+    let header = u64::from_le_bytes(SMALL[..8].try_into().unwrap()) as usize;
+    for i in 0..900 {
+        let at = [i / 3, next(header), next(length)][i % 3];
+        let mut bytes = SMALL.clone();
+        bytes[at] ^= 1 << next(8);
+        assert!(decode(&bytes).is_err(), "byte {at}");
+    }
+    let mut data = SMALL.clone();
+    data[length - 5] ^= 1;
+    refused(decode(&data), Kind::Damaged, &["checksum", "fetch or write it again"]);
+}

@@ -1,0 +1,360 @@
+//! Plans in the cache: their bytes, the keys they are found by, and making them when they are not there.
+//!
+//! The bytes are an eight-byte length, a JSON header of that length, and the arrays `q` and `r` (32-bit) and
+//! `energies` (64-bit) of the [`Plan`], little-endian. They are for the cache alone, which guards them against damage;
+//! the form may change with [`VERSION`].
+
+use gonio::lighting::LightPrior;
+use gonio::reflectance::BivariateTable;
+use gonio::transfer::{Plan, PlanError, PlanSettings, SurfacePoint};
+use serde::{Deserialize, Serialize};
+
+use crate::cache::Cache;
+use crate::{Error, little_endian};
+
+/// Enters every key: to be raised whenever the bytes change, or [`Plan::build`] gives other results for the same input.
+pub const VERSION: u32 = 1;
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    version: u32,
+    settings: PlanSettings,
+    points: usize,
+    k: usize,
+    rank: usize,
+    total_energy: f64,
+}
+
+/// The bytes of a plan.
+pub fn encode_plan(plan: &Plan) -> Vec<u8> {
+    let Plan { settings, points, k, q, r, energies, total_energy } = plan;
+    let header = Header {
+        version: VERSION,
+        settings: *settings,
+        points: *points,
+        k: *k,
+        rank: energies.len(),
+        total_energy: *total_energy,
+    };
+    let header = serde_json::to_vec(&header).expect("numbers are JSON");
+    let mut bytes = Vec::with_capacity(8 + header.len() + 4 * (q.len() + r.len()) + 8 * energies.len());
+    bytes.extend((header.len() as u64).to_le_bytes());
+    bytes.extend(header);
+    little_endian::put_f32(&mut bytes, q);
+    little_endian::put_f32(&mut bytes, r);
+    little_endian::put_f64(&mut bytes, energies);
+    bytes
+}
+
+/// The plan of these bytes; `None` if they are none of this version, or their lengths do not fit.
+pub fn decode_plan(bytes: &[u8]) -> Option<Plan> {
+    let (length, rest) = bytes.split_first_chunk()?;
+    let (header, rest) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
+    let Header { version, settings, points, k, rank, total_energy } = serde_json::from_slice(header).ok()?;
+    if version != VERSION {
+        return None;
+    }
+    let columns = settings.side.checked_pow(2)?.checked_mul(k)?;
+    let (q, rest) = rest.split_at_checked(points.checked_mul(rank)?.checked_mul(4)?)?;
+    let (r, energies) = rest.split_at_checked(rank.checked_mul(columns)?.checked_mul(4)?)?;
+    if energies.len() != rank.checked_mul(8)? {
+        return None;
+    }
+    let (q, r) = (little_endian::f32s(q), little_endian::f32s(r));
+    Some(Plan { settings, points, k, q, r, energies: little_endian::f64s(energies), total_energy })
+}
+
+/// The name of the plan that [`Plan::build`] makes of these: BLAKE3, in hexadecimal, of all that it depends on.
+///
+/// [`PlanSettings::hold`] does not enter: whether rows were held in memory changes nothing beyond round-off.
+pub fn plan_key(
+    points: &[SurfacePoint],
+    tables: &[BivariateTable],
+    typical: &[f64],
+    prior: &LightPrior,
+    settings: &PlanSettings,
+) -> String {
+    let mut hasher = blake3::Hasher::new();
+    // Each part after its length, so that nothing can move from one part to the next.
+    let mut part = |bytes: &[u8]| {
+        hasher.update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
+    };
+    let doubles = |values: &[f64]| {
+        let mut bytes = Vec::new();
+        little_endian::put_f64(&mut bytes, values);
+        bytes
+    };
+    part(format!("gonio plan {VERSION}").as_bytes());
+    let directions: Vec<f64> = points.iter().flat_map(|p| [p.normal, p.view]).flat_map(|v| v.to_array()).collect();
+    part(&doubles(&directions));
+    for table in tables {
+        let mut bytes = Vec::new();
+        little_endian::put_f32(&mut bytes, table.as_slice());
+        part(&bytes);
+    }
+    part(&doubles(typical));
+    part(&serde_json::to_vec(prior).expect("a prior is JSON"));
+    part(&serde_json::to_vec(&unheld(settings)).expect("settings are JSON"));
+    hasher.finalize().to_hex().to_string()
+}
+
+/// The settings without those that do not change the result.
+fn unheld(settings: &PlanSettings) -> PlanSettings {
+    PlanSettings { hold: 0, ..*settings }
+}
+
+/// Where a plan comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PlanOrigin {
+    /// It was in the cache.
+    Cache,
+    /// It was built.
+    Built,
+}
+
+/// The plan of the cache, or else a newly built one, which is then stored. Arguments as of [`Plan::build`].
+///
+/// The third value is why storing failed, if it did: worth a warning, the plan is as good. Several threads or processes
+/// may do this at once; at worst each builds the plan for itself.
+///
+/// # Errors
+/// As [`Plan::build`].
+pub fn load_or_build(
+    cache: Option<&Cache>,
+    points: &[SurfacePoint],
+    tables: &[BivariateTable],
+    typical: &[f64],
+    prior: &LightPrior,
+    settings: &PlanSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<(Plan, PlanOrigin, Option<Error>), PlanError> {
+    let build = || Plan::build(points, tables, typical, prior, settings, progress);
+    let Some(cache) = cache else { return Ok((build()?, PlanOrigin::Built, None)) };
+    let key = plan_key(points, tables, typical, prior, settings);
+    // The checks beside the key are against a plan that was put under a wrong name by hand.
+    let fits = |plan: &Plan| {
+        (plan.points, plan.k) == (points.len(), tables.len()) && unheld(&plan.settings) == unheld(settings)
+    };
+    if let Some(plan) = cache.load(&key).and_then(|bytes| decode_plan(&bytes)).filter(fits) {
+        progress(1.0);
+        return Ok((plan, PlanOrigin::Cache, None));
+    }
+    let plan = build()?;
+    let failed = cache.store(&key, &encode_plan(&plan)).err();
+    Ok((plan, PlanOrigin::Built, failed))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::time::Instant;
+
+    use gonio::lighting::{CoefficientPrior, PriorGroup, ScaleMixture};
+    use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
+    use gonio::transfer::QuadratureSettings;
+
+    use super::*;
+
+    /// Everything that a plan is made of, small.
+    #[derive(Clone)]
+    struct Input {
+        points: Vec<SurfacePoint>,
+        tables: Vec<BivariateTable>,
+        typical: Vec<f64>,
+        prior: LightPrior,
+        settings: PlanSettings,
+    }
+
+    fn input() -> Input {
+        let view = glam::DVec3::Z;
+        let density = CoefficientPrior::Mixture(ScaleMixture { weights: vec![1.0], variances: vec![0.01] });
+        let prior = LightPrior {
+            map: OctahedralMap::EqualArea,
+            scales: 3,
+            groups: vec![density; PriorGroup::all(3).len()],
+            lights: 9,
+        };
+        Input {
+            points: fibonacci_hemisphere(150).map(|normal| SurfacePoint { normal, view }).collect(),
+            tables: vec![BivariateTable::from_fn(|_, _| 0.3), BivariateTable::from_fn(|h, _| (-9.0 * h * h).exp())],
+            typical: vec![1.0, 0.5],
+            prior,
+            settings: PlanSettings { side: 8, rank: 40, oversampling: 8, ..PlanSettings::default() },
+        }
+    }
+
+    impl Input {
+        fn key(&self) -> String {
+            plan_key(&self.points, &self.tables, &self.typical, &self.prior, &self.settings)
+        }
+
+        fn get(&self, cache: Option<&Cache>) -> (Plan, PlanOrigin, Option<Error>) {
+            let Self { points, tables, typical, prior, settings } = self;
+            load_or_build(cache, points, tables, typical, prior, settings, &|_| ()).unwrap()
+        }
+    }
+
+    #[test]
+    fn plans_come_back_as_they_were() {
+        let plan = input().get(None).0;
+        let bytes = encode_plan(&plan);
+        assert_eq!(decode_plan(&bytes).unwrap(), plan);
+        for cut in (0..bytes.len()).step_by(211).chain([7, 8, 9, bytes.len() - 1]) {
+            assert!(decode_plan(&bytes[..cut]).is_none(), "{cut}");
+        }
+        assert!(decode_plan(&[&bytes[..], &[0]].concat()).is_none());
+        assert!(decode_plan(&[0xff; 40]).is_none());
+        // Another version; lengths that are not there, and lengths whose product overflows.
+        let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+        let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+        for (old, new) in [
+            ("\"version\":1", "\"version\":2"),
+            ("\"points\":150", "\"points\":15000000000000"),
+            ("\"points\":150", "\"points\":1500000000000000000"),
+            ("\"side\":8", "\"side\":9000000000000000000"),
+            ("\"rank\":40,\"total", "\"rank\":4000000000000000000,\"total"),
+        ] {
+            assert!(header.contains(old), "{header}");
+            let forged = header.replace(old, new);
+            let file = [&(forged.len() as u64).to_le_bytes(), forged.as_bytes(), &bytes[8 + header.len()..]].concat();
+            assert!(decode_plan(&file).is_none(), "{forged}");
+        }
+    }
+
+    #[test]
+    fn a_plan_of_full_size_is_decoded_in_no_time() {
+        let settings = PlanSettings::default();
+        let (points, k, rank) = (8600, 10, 800);
+        let plan = Plan {
+            settings,
+            points,
+            k,
+            q: (0..points * rank).map(|i| i as f32).collect(),
+            r: (0..rank * k * settings.side * settings.side).map(|i| i as f32).collect(),
+            energies: vec![0.1; rank],
+            total_energy: 0.3,
+        };
+        let start = Instant::now();
+        let bytes = encode_plan(&plan);
+        let encoded = start.elapsed();
+        let start = Instant::now();
+        let back = decode_plan(&bytes).unwrap();
+        let decoded = start.elapsed();
+        assert_eq!(back, plan);
+        // Ten times what it takes: it must not depend on how busy the machine is.
+        assert!(decoded.as_secs_f64() < 0.5, "{} bytes: {encoded:?}, {decoded:?}", bytes.len());
+    }
+
+    #[test]
+    fn keys_name_every_input() {
+        let base = input();
+        let changed = |change: &dyn Fn(&mut Input)| {
+            let mut other = base.clone();
+            change(&mut other);
+            other.key()
+        };
+        let s = base.settings;
+        let changes: &[&dyn Fn(&mut Input)] = &[
+            &|i| i.points[3].normal.x += 1e-12,
+            &|i| i.points[3].view.y += 1e-12,
+            &|i| i.points.truncate(149),
+            &|i| i.tables[1].as_mut_slice()[77] += 1e-3,
+            &|i| i.tables.swap(0, 1),
+            &|i| i.tables.truncate(1),
+            &|i| i.typical[0] = 1.0 + 1e-12,
+            &|i| i.prior.map = OctahedralMap::PraunHoppe,
+            &|i| match &mut i.prior.groups[5] {
+                CoefficientPrior::Mixture(m) => m.variances[0] += 1e-12,
+                CoefficientPrior::Rectified(_) => unreachable!(),
+            },
+            &move |i| i.settings = PlanSettings { side: 4, ..s },
+            &move |i| i.settings = PlanSettings { rank: 41, ..s },
+            &move |i| i.settings = PlanSettings { oversampling: 9, ..s },
+            &move |i| i.settings = PlanSettings { seed: 2, ..s },
+            &move |i| i.settings.quadrature = QuadratureSettings { base: 5, ..s.quadrature },
+            &move |i| i.settings.quadrature = QuadratureSettings { ratio: 0.31, ..s.quadrature },
+            &move |i| i.settings.quadrature = QuadratureSettings { core: 0.004, ..s.quadrature },
+        ];
+        let mut keys: Vec<String> = changes.iter().map(|c| changed(c)).collect();
+        keys.push(base.key());
+        let count = keys.len();
+        keys.sort();
+        keys.dedup();
+        assert_eq!(keys.len(), count);
+        assert_eq!(changed(&|i| i.settings.hold = 7), base.key());
+        assert_eq!(base.key().len(), 64);
+    }
+
+    #[test]
+    fn what_was_built_is_found_again_and_damage_is_built_anew() {
+        let dir = tempfile::tempdir().unwrap();
+        let cache = Cache::at(dir.path());
+        let input = input();
+        let (built, origin, failed) = input.get(Some(&cache));
+        assert!(origin == PlanOrigin::Built && failed.is_none());
+        let (found, origin, _) = input.get(Some(&cache));
+        assert_eq!((origin, &found), (PlanOrigin::Cache, &built));
+        // A damaged file; a whole one that is no plan; a plan under the name of another.
+        let path = dir.path().join(format!("{}.plan", input.key()));
+        let mut bytes = fs::read(&path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 4;
+        fs::write(&path, bytes).unwrap();
+        let again = || {
+            let (plan, origin, failed) = input.get(Some(&cache));
+            assert_eq!((origin, &plan), (PlanOrigin::Built, &built));
+            assert!(failed.is_none());
+            assert_eq!(input.get(Some(&cache)).1, PlanOrigin::Cache);
+        };
+        again();
+        cache.store(&input.key(), b"no plan").unwrap();
+        again();
+        cache
+            .store(
+                &input.key(),
+                &encode_plan(&Plan { settings: PlanSettings { seed: 5, ..built.settings }, ..built.clone() }),
+            )
+            .unwrap();
+        again();
+    }
+
+    #[test]
+    fn a_cache_that_cannot_be_written_costs_a_warning_only() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("file"), "").unwrap();
+        let (plan, origin, failed) = input().get(Some(&Cache::at(dir.path().join("file/cache"))));
+        assert_eq!((plan.points, origin), (150, PlanOrigin::Built));
+        assert!(failed.unwrap().to_string().contains("cache folder"));
+        let (.., failed) = input().get(Some(&Cache::at(dir.path()).with_budget(1000)));
+        assert!(failed.unwrap().to_string().contains("budget"));
+    }
+
+    #[test]
+    fn threads_that_build_at_once_all_get_the_plan() {
+        let dir = tempfile::tempdir().unwrap();
+        let cache = Cache::at(dir.path());
+        let (input, barrier) = (input(), std::sync::Barrier::new(2));
+        let run = || {
+            barrier.wait();
+            input.get(Some(&cache))
+        };
+        let (a, b) = std::thread::scope(|s| {
+            let (a, b) = (s.spawn(run), s.spawn(run));
+            (a.join().unwrap(), b.join().unwrap())
+        });
+        assert_eq!(a.0, b.0);
+        assert!(a.2.is_none() && b.2.is_none());
+        assert_eq!(input.get(Some(&cache)).1, PlanOrigin::Cache);
+    }
+
+    #[test]
+    fn what_cannot_be_planned_is_refused_with_and_without_a_cache() {
+        let dir = tempfile::tempdir().unwrap();
+        let cache = Cache::at(dir.path());
+        let Input { points, tables, typical, prior, settings } = input();
+        for cache in [None, Some(&cache)] {
+            let got = load_or_build(cache, &points[..10], &tables, &typical, &prior, &settings, &|_| ());
+            assert_eq!(got.unwrap_err(), PlanError::TooFewPoints(10));
+        }
+    }
+}

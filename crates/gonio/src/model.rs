@@ -1,0 +1,293 @@
+//! A trained model: everything that was learnt from captured lights and measured materials, and that inference takes
+//! as given (paper 3.1 and 3.2).
+
+use thiserror::Error;
+
+use crate::lighting::{CoefficientPrior, LightPrior, PriorGroup};
+use crate::reflectance::{CELLS, ReflectanceBasis, THETA_D};
+
+/// The prior of light and the basis of reflectance, with a note of where they come from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    /// `p(l)`, eq. 5.
+    pub light: LightPrior,
+    /// `phi_k` and `p(f)`, eq. 6.
+    pub reflectance: ReflectanceBasis,
+    /// What it was trained on and how, for people.
+    pub provenance: String,
+}
+
+/// Why a model cannot be used.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ModelError {
+    /// A prior of no scale, or of more than memory could serve.
+    #[error("the light prior covers {0} scales; 1 to {MAX_SCALES} are possible")]
+    Scales(u32),
+    /// The groups are not those of the scales.
+    #[error("the light prior has {got} groups; {scales} scales have {expected}")]
+    Groups {
+        /// Groups present.
+        got: usize,
+        /// Scales of the prior.
+        scales: u32,
+        /// Groups of so many scales.
+        expected: usize,
+    },
+    /// Weights and variances of a mixture differ in number, or there are none.
+    #[error("light group \"{group}\" has {weights} weights and {variances} variances")]
+    Components {
+        /// Label of the group.
+        group: String,
+        /// Weights of its mixture.
+        weights: usize,
+        /// Variances of its mixture.
+        variances: usize,
+    },
+    /// Weights of a mixture that are not positive or do not sum to one.
+    #[error("the weights of light group \"{group}\" are {weights:?}, not positive with sum one")]
+    Weights {
+        /// Label of the group.
+        group: String,
+        /// Its weights.
+        weights: Vec<f64>,
+    },
+    /// A variance that is zero, negative or not finite.
+    #[error("light group \"{group}\" has a variance of {variance}")]
+    Variance {
+        /// Label of the group.
+        group: String,
+        /// The variance.
+        variance: f64,
+    },
+    /// Location or threshold of a rectified Gaussian is not finite.
+    #[error("light group \"{group}\" has location {location} and threshold {threshold}")]
+    Rectified {
+        /// Label of the group.
+        group: String,
+        /// Its location.
+        location: f64,
+        /// Its threshold.
+        threshold: f64,
+    },
+    /// There is no basis function.
+    #[error("the reflectance basis is empty")]
+    EmptyBasis,
+    /// Not one rate for each function.
+    #[error("the reflectance basis has {functions} functions and {rates} rates")]
+    Rates {
+        /// Functions.
+        functions: usize,
+        /// Rates.
+        rates: usize,
+    },
+    /// A rate that is zero, negative or not finite.
+    #[error("the rate of basis function {function} is {rate}")]
+    Rate {
+        /// Index of the function.
+        function: usize,
+        /// Its rate.
+        rate: f64,
+    },
+    /// A value of a function that is negative or not finite.
+    #[error("basis function {function} is {value} at cell (theta_h {theta_h}, theta_d {theta_d})")]
+    Function {
+        /// Index of the function.
+        function: usize,
+        /// Index of the cell in `theta_h`.
+        theta_h: usize,
+        /// Index of the cell in `theta_d`.
+        theta_d: usize,
+        /// The value.
+        value: f32,
+    },
+    /// A material with more or fewer coefficients than there are functions.
+    #[error("material \"{material}\" has {got} coefficients for {functions} functions")]
+    Coefficients {
+        /// Name of the material.
+        material: String,
+        /// Its coefficients.
+        got: usize,
+        /// Functions.
+        functions: usize,
+    },
+    /// A material whose scale is not positive or one of whose coefficients is negative or not finite.
+    #[error("material \"{material}\" has a scale or coefficient of {value}")]
+    Material {
+        /// Name of the material.
+        material: String,
+        /// The value.
+        value: f64,
+    },
+}
+
+/// Scales of a prior at most: a grid of 16384 texels a side.
+const MAX_SCALES: u32 = 14;
+
+/// Weights are sums of many samples' shares, divided by their total.
+const WEIGHT_TOLERANCE: f64 = 1e-6;
+
+impl Model {
+    /// Whether both halves are consistent: lengths fit, weights and variances are proper, everything is finite.
+    ///
+    /// # Errors
+    /// The first thing found that is not.
+    pub fn check(&self) -> Result<(), ModelError> {
+        check_light(&self.light)?;
+        check_reflectance(&self.reflectance)
+    }
+}
+
+fn positive(x: f64) -> bool {
+    x > 0.0 && x.is_finite()
+}
+
+/// The check of a model's light prior alone.
+///
+/// # Errors
+/// The first thing found that is not consistent.
+pub fn check_light(prior: &LightPrior) -> Result<(), ModelError> {
+    let scales = prior.scales;
+    // First, since everything below takes time and memory in proportion.
+    if !(1..=MAX_SCALES).contains(&scales) {
+        return Err(ModelError::Scales(scales));
+    }
+    let groups = PriorGroup::all(scales);
+    if prior.groups.len() != groups.len() {
+        return Err(ModelError::Groups { got: prior.groups.len(), scales, expected: groups.len() });
+    }
+    for (density, group) in prior.groups.iter().zip(groups) {
+        check_density(density, group)?;
+    }
+    Ok(())
+}
+
+fn check_density(density: &CoefficientPrior, group: PriorGroup) -> Result<(), ModelError> {
+    let label = || group.label();
+    let variances: &[f64] = match density {
+        CoefficientPrior::Mixture(m) => {
+            if m.weights.is_empty() || m.weights.len() != m.variances.len() {
+                let (weights, variances) = (m.weights.len(), m.variances.len());
+                return Err(ModelError::Components { group: label(), weights, variances });
+            }
+            let sum: f64 = m.weights.iter().sum();
+            if !m.weights.iter().all(|&w| positive(w)) || (sum - 1.0).abs() > WEIGHT_TOLERANCE {
+                return Err(ModelError::Weights { group: label(), weights: m.weights.clone() });
+            }
+            &m.variances
+        }
+        CoefficientPrior::Rectified(r) => {
+            if !r.location.is_finite() || !r.threshold.is_finite() {
+                let (location, threshold) = (r.location, r.threshold);
+                return Err(ModelError::Rectified { group: label(), location, threshold });
+            }
+            std::slice::from_ref(&r.variance)
+        }
+    };
+    match variances.iter().find(|&&v| !positive(v)) {
+        Some(&variance) => Err(ModelError::Variance { group: label(), variance }),
+        None => Ok(()),
+    }
+}
+
+/// The check of a model's reflectance basis alone.
+///
+/// # Errors
+/// The first thing found that is not consistent.
+pub fn check_reflectance(basis: &ReflectanceBasis) -> Result<(), ModelError> {
+    let functions = basis.len();
+    if functions == 0 {
+        return Err(ModelError::EmptyBasis);
+    }
+    if basis.rates.len() != functions {
+        return Err(ModelError::Rates { functions, rates: basis.rates.len() });
+    }
+    if let Some(function) = basis.rates.iter().position(|&r| !positive(r)) {
+        return Err(ModelError::Rate { function, rate: basis.rates[function] });
+    }
+    for (function, table) in basis.functions.iter().enumerate() {
+        let values = table.as_slice();
+        if let Some(cell) = (0..CELLS).find(|&c| !(values[c] >= 0.0 && values[c].is_finite())) {
+            let (theta_h, theta_d, value) = (cell / THETA_D, cell % THETA_D, values[cell]);
+            return Err(ModelError::Function { function, theta_h, theta_d, value });
+        }
+    }
+    for m in &basis.materials {
+        let material = || m.name.clone();
+        if m.coefficients.len() != functions {
+            return Err(ModelError::Coefficients { material: material(), got: m.coefficients.len(), functions });
+        }
+        let bad = m.coefficients.iter().find(|&&f| !(f >= 0.0 && f.is_finite()));
+        if let Some(&value) = Some(&m.scale).filter(|&&s| !positive(s)).or(bad) {
+            return Err(ModelError::Material { material: material(), value });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reflectance::{BivariateTable, TrainingMaterial};
+
+    fn model() -> Model {
+        let lobe = BivariateTable::from_fn(|h, _| (-h * h / 0.02).exp());
+        let reflectance = ReflectanceBasis {
+            functions: vec![BivariateTable::from_fn(|_, _| 1.0), lobe],
+            rates: vec![2.0, 30.0],
+            materials: vec![TrainingMaterial { name: "chalk".into(), scale: 0.3, coefficients: vec![0.9, 0.0] }],
+        };
+        Model { light: crate::transfer::toy_prior(8), reflectance, provenance: "toys".into() }
+    }
+
+    fn check(spoil: impl FnOnce(&mut Model), says: &str) {
+        let mut model = model();
+        assert_eq!(model.check(), Ok(()));
+        spoil(&mut model);
+        let error = model.check().unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    }
+
+    fn mixture(model: &mut Model) -> &mut crate::lighting::ScaleMixture {
+        match &mut model.light.groups[3] {
+            CoefficientPrior::Mixture(m) => m,
+            CoefficientPrior::Rectified(_) => panic!("group 3 is a mixture"),
+        }
+    }
+
+    #[test]
+    fn the_groups_must_be_those_of_the_scales() {
+        check(|m| m.light.scales = 0, "0 scales");
+        check(|m| m.light.scales = u32::MAX, "4294967295 scales");
+        check(|m| m.light.scales = 4, "15 groups; 4 scales have 16");
+    }
+
+    #[test]
+    fn densities_must_be_proper() {
+        check(|m| mixture(m).weights.clear(), "0 weights and 2 variances");
+        check(|m| mixture(m).weights[0] += 0.1, "not positive with sum one");
+        check(|m| mixture(m).weights = vec![1.5, -0.5], "not positive with sum one");
+        check(|m| mixture(m).weights[1] = f64::NAN, "not positive with sum one");
+        check(|m| mixture(m).variances[1] = 0.0, "\"2 horizontal above\" has a variance of 0");
+        check(|m| mixture(m).variances[0] = f64::INFINITY, "variance of inf");
+        let rectified = |location, variance| {
+            CoefficientPrior::Rectified(crate::lighting::RectifiedGaussian { location, variance, threshold: -0.1 })
+        };
+        check(|m| m.light.groups[0] = rectified(f64::NAN, 1.0), "location NaN");
+        check(|m| m.light.groups[0] = rectified(0.0, -1.0), "variance of -1");
+    }
+
+    #[test]
+    fn the_parts_of_a_basis_must_fit() {
+        check(|m| m.reflectance.functions.clear(), "empty");
+        check(|m| m.reflectance.rates.push(1.0), "2 functions and 3 rates");
+        check(|m| m.reflectance.rates[1] = 0.0, "rate of basis function 1 is 0");
+        check(
+            |m| m.reflectance.functions[1].as_mut_slice()[91] = -1.0,
+            "function 1 is -1 at cell (theta_h 1, theta_d 1)",
+        );
+        check(|m| m.reflectance.functions[0].as_mut_slice()[5] = f32::NAN, "is NaN");
+        check(|m| m.reflectance.materials[0].coefficients.push(1.0), "\"chalk\" has 3 coefficients");
+        check(|m| m.reflectance.materials[0].coefficients[1] = -1.0, "coefficient of -1");
+        check(|m| m.reflectance.materials[0].scale = 0.0, "scale or coefficient of 0");
+    }
+}

@@ -95,6 +95,18 @@ pub(crate) fn run(folder: &Path, options: &Options) -> Result<()> {
         for light in ["debevec_stpeters", "debevec_grace"] {
             let map = data::test_light(folder, light)?;
             let tree = LightTree::of_map(&map);
+            for tolerance in [0.1, 0.05, 0.02, 0.01, 0.003] {
+                let start = Instant::now();
+                let got: Vec<_> = points.iter().step_by(100).map(|p| {
+                    let exact = radiance(p, &full, &envelope, &tree, &IntegratorSettings { tolerance: 5e-4, max_cells: 1000000 }).value.x;
+                    (exact, 0)}).collect();
+                let slow = start.elapsed().as_secs_f64();
+                let start = Instant::now();
+                let fast: Vec<_> = points.iter().step_by(100).map(|p| radiance(p, &full, &envelope, &tree, &IntegratorSettings { tolerance, max_cells: 20000 })).collect();
+                let e: f64 = got.iter().zip(&fast).map(|(a,b)| (b.value.x/a.0-1.0).powi(2)).sum::<f64>()/got.len() as f64;
+                let w = got.iter().zip(&fast).map(|(a,b)| (b.value.x/a.0-1.0).abs()).fold(0.0,f64::max);
+                eprintln!("tol {tolerance}: rms {:.2e} worst {:.2e} cells {} ms {:.3} (slow {:.1})", e.sqrt(), w, fast.iter().map(|f| f.cells).sum::<usize>()/fast.len(), start.elapsed().as_secs_f64()*1e3/fast.len() as f64, slow*1e3/fast.len() as f64);
+            }
             let start = Instant::now();
             let image: Vec<Option<f64>> = points
                 .par_iter()

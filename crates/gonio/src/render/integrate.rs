@@ -28,7 +28,7 @@ pub struct IntegratorSettings {
 
 impl Default for IntegratorSettings {
     fn default() -> Self {
-        Self { tolerance: 0.03, max_cells: 20_000 }
+        Self { tolerance: 0.02, max_cells: 20_000 }
     }
 }
 

@@ -23,10 +23,7 @@ pub(crate) fn materials(data: &Path) -> Result<Vec<(String, [BivariateTable; 3])
 }
 
 /// One of them.
-pub(crate) fn material<'a>(
-    all: &'a [(String, [BivariateTable; 3])],
-    name: &str,
-) -> Result<&'a [BivariateTable; 3]> {
+pub(crate) fn material<'a>(all: &'a [(String, [BivariateTable; 3])], name: &str) -> Result<&'a [BivariateTable; 3]> {
     match all.iter().find(|(n, _)| n == name) {
         Some((_, tables)) => Ok(tables),
         None => bail!("there is no material {name}"),

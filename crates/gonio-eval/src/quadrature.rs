@@ -35,7 +35,10 @@ pub(crate) fn run(folder: &Path) -> Result<()> {
         .map(|p| tables.iter().map(|t| polar_reference(p, t, OctahedralMap::EqualArea, SIDE, 2500, 2000)).collect())
         .collect();
     let interleaved = InterleavedTables::new(&tables);
-    println!("Relative error of T over the 32 x 32 texels (root mean square over {} points; worst point):\n", points.len());
+    println!(
+        "Relative error of T over the 32 x 32 texels (root mean square over {} points; worst point):\n",
+        points.len()
+    );
     println!("| base | ratio | core (deg) | ms a point | {} |", MATERIALS.join(" | "));
     println!("|---|---|---|---|{}", "---|".repeat(MATERIALS.len()));
     let uniform = |base| QuadratureSettings { base, ratio: f32::INFINITY, core: 1.0 };

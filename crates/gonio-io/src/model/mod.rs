@@ -112,6 +112,14 @@ pub fn decode_reflectance(path: &Path, bytes: &[u8]) -> Result<(ReflectanceBasis
     Ok((reflectance(&file)?, provenance(&file)?))
 }
 
+/// The model that travels with the program; `model/PROVENANCE.md` says what it was learnt from.
+///
+/// # Errors
+/// Never for a build that passed its tests.
+pub fn embedded() -> Result<Model, Error> {
+    decode_model(Path::new("the embedded model"), include_bytes!("../../model/gonio-1.model"))
+}
+
 /// Reads a whole model.
 ///
 /// # Errors

@@ -270,7 +270,8 @@ fn compare(rows: usize, noise: f64) {
         assert!(e.error < 0.05 * e.sd, "{e:?}");
     }
     for solver in [Solver::Blocks, Solver::Parallel] {
-        let settings = VariationalSettings { solver, starts: 3, max_iterations: 3000, ..Default::default() };
+        let settings =
+            VariationalSettings { solver, starts: 3, tolerance: 1e-9, max_iterations: 6000, ..Default::default() };
         let got = infer(&problem, &Method::Variational(settings), &|_| ());
         assert!(agrees(&got.reflectance), "{solver:?} {:?} {directions:?}", got.reflectance);
         let exposure = got.exposure * problem.scale;

@@ -135,6 +135,21 @@ impl BivariateTable {
         }
     }
 
+    /// Directional albedo seen along the normal: the share of light from straight above that is reflected,
+    /// `2 pi integral of f(t/2, t/2) cos t sin t dt`.
+    pub fn normal_albedo(&self) -> f64 {
+        // Midpoints in sqrt(t), which resolves the lobe as the table does.
+        const STEPS: usize = 4000;
+        let sum: f64 = (0..STEPS)
+            .map(|i| {
+                let s = (i as f64 + 0.5) / STEPS as f64;
+                let t = s * s * FRAC_PI_2;
+                self.eval(0.5 * t, 0.5 * t) * t.cos() * t.sin() * 2.0 * s * FRAC_PI_2
+            })
+            .sum();
+        2.0 * PI * sum / STEPS as f64
+    }
+
     /// Largest value over the trusted cells.
     pub fn trusted_max(&self) -> f32 {
         (0..CELLS)
@@ -250,6 +265,12 @@ mod tests {
             let got = t.eval(theta_h_of(i), theta_d_of(j));
             assert!((got - f64::from(t.cell(i, j))).abs() < 1e-6, "{i} {j}");
         }
+    }
+
+    #[test]
+    fn a_lambertian_surface_of_one_over_pi_has_albedo_one() {
+        let t = BivariateTable::from_fn(|_, _| 1.0 / PI);
+        assert!((t.normal_albedo() - 1.0).abs() < 1e-6);
     }
 
     #[test]

@@ -7,7 +7,7 @@ mod tone;
 mod tree;
 
 pub use brdf::{Brdf, Tinted};
-pub use integrate::{IntegratorSettings, Radiance, radiance};
-pub use sphere::{SphereSettings, render_sphere};
+pub use integrate::{IntegratorSettings, Node, Nodes, nodes, radiance};
+pub use sphere::{SphereSettings, images_of_basis, render_normals, render_sphere};
 pub use tone::{Exposure, median_colour};
 pub use tree::LightTree;

@@ -1,12 +1,13 @@
-//! A sphere seen orthographically.
+//! A sphere, or any surface given by its normals, seen orthographically.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::brdf::Brdf;
-use super::integrate::{IntegratorSettings, radiance};
+use super::integrate::{IntegratorSettings, nodes, radiance};
 use super::tree::LightTree;
-use crate::picture::{Picture, Plane};
+use crate::picture::{Picture, Plane, luminance};
+use crate::reflectance::{BivariateTable, CELLS};
 use crate::transfer::SurfacePoint;
 
 /// How a sphere is pictured.
@@ -70,7 +71,7 @@ pub fn render_sphere(
                         let (a, b) = (a / r, b / r);
                         let normal = DVec3::new(a, b, (1.0 - a * a - b * b).max(1e-8).sqrt()).normalize();
                         let point = SurfacePoint { normal, view: DVec3::Z };
-                        sum += radiance(&point, brdf, &envelope, light, &settings.integrator).value;
+                        sum += radiance(&point, brdf, &envelope, light, &settings.integrator);
                     }
                     let coverage = inside as f32 / (fine * fine) as f32;
                     ((sum / (samples * samples) as f64).as_vec3() * coverage, coverage)
@@ -83,4 +84,64 @@ pub fn render_sphere(
         .collect();
     let (rgb, alpha) = pixels.into_iter().unzip();
     Picture { rgb: Plane::from_vec(size, size, rgb), alpha: Some(Plane::from_vec(size, size, alpha)) }
+}
+
+/// Renders a surface given by a picture of its normals (zero where there is none), seen along -z; what hides light from
+/// it is not considered. Alpha is one where there is a normal that faces the camera.
+pub fn render_normals(
+    brdf: &dyn Brdf,
+    light: &LightTree,
+    normals: &Plane<Vec3>,
+    settings: &IntegratorSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Picture {
+    let (width, height) = normals.size();
+    let envelope = brdf.envelope();
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let pixels: Vec<(Vec3, f32)> = (0..height)
+        .into_par_iter()
+        .flat_map_iter(|y| {
+            let row: Vec<(Vec3, f32)> = (0..width)
+                .map(|x| match normals[(x, y)].as_dvec3().try_normalize() {
+                    Some(normal) if normal.z > 0.0 => {
+                        let point = SurfacePoint { normal, view: DVec3::Z };
+                        (radiance(&point, brdf, &envelope, light, settings).as_vec3(), 1.0)
+                    }
+                    _ => (Vec3::ZERO, 0.0),
+                })
+                .collect();
+            let rows = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            progress(rows as f64 / height as f64);
+            row
+        })
+        .collect();
+    let (rgb, alpha) = pixels.into_iter().unzip();
+    Picture { rgb: Plane::from_vec(width, height, rgb), alpha: Some(Plane::from_vec(width, height, alpha)) }
+}
+
+/// Luminance of every point under `light` for each table: the rows of a problem whose light is known, `[point][table]`.
+pub fn images_of_basis(
+    points: &[SurfacePoint],
+    tables: &[BivariateTable],
+    light: &LightTree,
+    settings: &IntegratorSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Vec<f32> {
+    // One division of the light serves all tables: that for their common envelope.
+    let envelope = BivariateTable::from_vec(
+        (0..CELLS).map(|c| tables.iter().map(|t| t.as_slice()[c]).fold(0.0, f32::max)).collect(),
+    );
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    points
+        .par_iter()
+        .flat_map_iter(|point| {
+            let nodes = nodes(point, &envelope, light, settings);
+            let row: Vec<f32> = tables.iter().map(|t| luminance(nodes.radiance(point, t).as_vec3())).collect();
+            let finished = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            if finished % 256 == 0 {
+                progress(finished as f64 / points.len() as f64);
+            }
+            row
+        })
+        .collect()
 }

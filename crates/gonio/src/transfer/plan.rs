@@ -344,6 +344,22 @@ impl Projected {
         Ok(Self { bilinear, pixels: target.len(), target, outside: 0.0 })
     }
 
+    /// The image of points whose light is known: `rows` are the images of the `k` basis functions, `[point][k]`. Points without a
+    /// value are left out.
+    ///
+    /// # Panics
+    /// If the lengths do not fit.
+    pub fn under_known_light(rows: &[f32], k: usize, image: &[Option<f64>]) -> Self {
+        assert_eq!(rows.len(), k * image.len());
+        let kept = || rows.chunks_exact(k).zip(image).filter_map(|(row, value)| value.map(|v| (row, v)));
+        let target: Vec<f64> = kept().map(|(_, v)| v).collect();
+        // Of mean one, so that exposures near one are plausible.
+        let mean = kept().flat_map(|(row, _)| row).map(|&x| f64::from(x)).sum::<f64>() / (k * target.len()) as f64;
+        let scale = if mean > 0.0 { 1.0 / mean } else { 1.0 };
+        let data = kept().flat_map(|(row, _)| row.iter().map(move |&x| (f64::from(x) * scale) as f32)).collect();
+        Self { bilinear: Bilinear::new(target.len(), k, 1, data), pixels: target.len(), target, outside: 0.0 }
+    }
+
     /// Share of the image's energy outside the rows.
     pub fn left_over(&self) -> f64 {
         let inside: f64 = self.target.iter().map(|x| x * x).sum();

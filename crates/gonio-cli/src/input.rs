@@ -1,0 +1,48 @@
+//! Reading what the user names, and telling what is wrong with it in the user's terms.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use gonio::lighting::EnvironmentMap;
+use gonio::model::Model;
+use gonio::reflectance::MerlTable;
+use gonio_io::picture::{Decoded, Encoding, ReadOptions};
+
+/// Reads a photograph. Integer pictures are taken as sRGB-coded unless `linear`, with a warning either way of no HDR.
+pub(crate) fn photograph(path: &Path, linear: bool, warnings: &mut Vec<String>) -> Result<Decoded> {
+    let decoded = gonio_io::picture::read(path, &ReadOptions { linear, ..ReadOptions::default() })?;
+    if let Encoding::Srgb { bits } = decoded.encoding {
+        warnings.push(format!(
+            "{}: {bits}-bit sRGB-coded picture, decoded as such; its highlights are probably clipped and its tone curve \
+             unknown: prefer an HDR picture, or pass --linear if its values are linear radiance",
+            path.display()
+        ));
+    }
+    Ok(decoded)
+}
+
+/// Reads a lat-long light map.
+pub(crate) fn light(path: &Path) -> Result<EnvironmentMap> {
+    let decoded = gonio_io::picture::read(path, &ReadOptions::default())?;
+    EnvironmentMap::new(decoded.picture.rgb).with_context(|| path.display().to_string())
+}
+
+/// Reads a BRDF.
+pub(crate) fn brdf(path: &Path) -> Result<MerlTable> {
+    Ok(gonio_io::merl::read(path)?)
+}
+
+/// The model of a file, or the one that travels with the program.
+pub(crate) fn model(path: Option<&Path>) -> Result<Model> {
+    Ok(match path {
+        Some(path) => gonio_io::model::read_model(path)?,
+        None => gonio_io::model::embedded()?,
+    })
+}
+
+/// Prints warnings, one line each.
+pub(crate) fn warn(warnings: &[String]) {
+    for warning in warnings {
+        eprintln!("warning: {warning}");
+    }
+}

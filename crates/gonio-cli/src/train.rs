@@ -1,0 +1,221 @@
+//! `gonio train`: the priors of light and reflectance from measurements.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use gonio::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
+use gonio::model::Model;
+use gonio::reflectance::nmf::NmfSettings;
+use gonio::reflectance::{BivariateTable, MerlTable, TrainSettings, train};
+use gonio::sphere::OctahedralMap;
+use gonio_io::atomic::write_file;
+use gonio_io::model::{encode_lighting, encode_model, encode_reflectance, read_lighting, read_reflectance};
+use rayon::prelude::*;
+
+use crate::input;
+use crate::progress::Stage;
+
+/// What to learn.
+#[derive(clap::Subcommand)]
+pub(crate) enum Command {
+    /// The prior of light, from a folder of lat-long HDR maps
+    Lighting(Lighting),
+    /// The basis and prior of reflectance, from a folder of MERL `.binary` files
+    Reflectance(Reflectance),
+    /// Join both into a model for `gonio infer --model`
+    Model(Join),
+}
+
+/// Options of `gonio train lighting`.
+#[derive(clap::Args)]
+pub(crate) struct Lighting {
+    /// Folder of lat-long maps (.hdr, .exr, .pfm)
+    dir: PathBuf,
+    /// File to write
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Texels along a side of the finest grid that the prior shall serve, a power of two
+    #[arg(long, default_value_t = 128)]
+    grid: usize,
+    /// Layout of the sphere on the square
+    #[arg(long, value_enum, default_value_t = MapName::EqualArea)]
+    map: MapName,
+    /// Azimuths at which each map is seen: the camera may look in any direction
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=64))]
+    turns: u32,
+    /// Seed of the fits' starts
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Names of [`OctahedralMap`].
+#[derive(Clone, Copy, clap::ValueEnum)]
+pub(crate) enum MapName {
+    /// Clarberg's equal-area map
+    EqualArea,
+    /// The map of Praun and Hoppe, as in the paper
+    PraunHoppe,
+}
+
+/// Options of `gonio train reflectance`.
+#[derive(clap::Args)]
+pub(crate) struct Reflectance {
+    /// Folder of `.binary` files, or of `bivariate_rgb_f32.npy` with `materials.txt`
+    dir: PathBuf,
+    /// File to write
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Number of basis functions
+    #[arg(long, default_value_t = 10)]
+    rank: usize,
+    /// Channel that is factorised
+    #[arg(long, value_enum, default_value_t = Channel::Green)]
+    channel: Channel,
+    /// Starts of the factorisation
+    #[arg(long, default_value_t = NmfSettings::default().restarts)]
+    restarts: usize,
+    /// Seed of the starts
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Print the error of every material
+    #[arg(long)]
+    verbose: bool,
+}
+
+/// Channels of a MERL table.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub(crate) enum Channel {
+    Red,
+    Green,
+    Blue,
+}
+
+/// Options of `gonio train model`.
+#[derive(clap::Args)]
+pub(crate) struct Join {
+    /// Output of `gonio train lighting`
+    #[arg(long)]
+    lighting: PathBuf,
+    /// Output of `gonio train reflectance`
+    #[arg(long)]
+    reflectance: PathBuf,
+    /// File to write
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
+pub(crate) fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Lighting(options) => lighting(options),
+        Command::Reflectance(options) => reflectance(options),
+        Command::Model(options) => join(options),
+    }
+}
+
+/// Files of a folder with one of the extensions, by name.
+fn files(dir: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(dir).with_context(|| format!("{}: cannot list this folder", dir.display()))?;
+    let mut files = Vec::new();
+    for entry in entries {
+        let path = entry.with_context(|| format!("{}: cannot list this folder", dir.display()))?.path();
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        if extensions.contains(&extension.as_str()) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+fn lighting(options: &Lighting) -> Result<()> {
+    if !options.grid.is_power_of_two() || !(8..=512).contains(&options.grid) {
+        bail!("--grid {}: give a power of two from 8 to 512", options.grid);
+    }
+    let paths = files(&options.dir, &["hdr", "exr", "pfm"])?;
+    if paths.is_empty() {
+        bail!("{}: no .hdr, .exr or .pfm files here", options.dir.display());
+    }
+    let map = match options.map {
+        MapName::EqualArea => OctahedralMap::EqualArea,
+        MapName::PraunHoppe => OctahedralMap::PraunHoppe,
+    };
+    let stage = Stage::new("reading lights");
+    let mut lights: Vec<LightGrid> = Vec::new();
+    for (i, path) in paths.iter().enumerate() {
+        let light: EnvironmentMap = input::light(path)?;
+        let width = light.radiance().width();
+        let turns = options.turns as usize;
+        lights
+            .par_extend((0..turns).into_par_iter().map(|t| light.turned(t * width / turns).to_grid(map, options.grid)));
+        stage.at((i + 1) as f64 / paths.len() as f64);
+    }
+    stage.finish();
+    let settings = PriorSettings { seed: options.seed, ..PriorSettings::default() };
+    let prior = LightPrior::learn(&lights, paths.len(), &settings)?;
+    let provenance = format!(
+        "light prior by gonio {} from {} maps at {} azimuths each, grid {}, seed {}",
+        env!("CARGO_PKG_VERSION"),
+        paths.len(),
+        options.turns,
+        options.grid,
+        options.seed
+    );
+    write_file(&options.output, &encode_lighting(&prior, &provenance))?;
+    println!("{}: {provenance}", options.output.display());
+    Ok(())
+}
+
+/// One channel of every material of a folder.
+fn materials(options: &Reflectance) -> Result<Vec<(String, BivariateTable)>> {
+    let channel = options.channel as usize;
+    if options.dir.join("bivariate_rgb_f32.npy").is_file() {
+        let set = gonio_io::bivariate::read_bivariate_set(&options.dir)?;
+        return Ok(set.into_iter().map(|(name, rgb)| (name, rgb[channel].clone())).collect());
+    }
+    let list = gonio_io::merl::list(&options.dir)?;
+    let stage = Stage::new("reading materials");
+    let mut out = Vec::with_capacity(list.len());
+    for (i, (name, path)) in list.iter().enumerate() {
+        let table: MerlTable = gonio_io::merl::read(path)?;
+        out.push((name.clone(), table.bivariate(channel)));
+        stage.at((i + 1) as f64 / list.len() as f64);
+    }
+    stage.finish();
+    Ok(out)
+}
+
+fn reflectance(options: &Reflectance) -> Result<()> {
+    let materials = materials(options)?;
+    let nmf =
+        NmfSettings { rank: options.rank, restarts: options.restarts, seed: options.seed, ..NmfSettings::default() };
+    let (basis, report) = train(&materials, &TrainSettings { nmf, ..TrainSettings::default() })
+        .with_context(|| options.dir.display().to_string())?;
+    let provenance = format!(
+        "reflectance basis by gonio {} from the {:?} channel of {} materials, rank {}, {} starts, seed {}",
+        env!("CARGO_PKG_VERSION"),
+        options.channel,
+        materials.len(),
+        options.rank,
+        options.restarts,
+        options.seed
+    );
+    write_file(&options.output, &encode_reflectance(&basis, &provenance))?;
+    if options.verbose {
+        for fit in &report.fits {
+            println!("{:40} RMS error {:.4} 1/sr", fit.name, fit.rms);
+        }
+    }
+    println!("RMS error over theta < 80 deg: mean {:.3}, median {:.3} 1/sr", report.mean_rms(), report.median_rms());
+    println!("{}: {provenance}", options.output.display());
+    Ok(())
+}
+
+fn join(options: &Join) -> Result<()> {
+    let (light, light_provenance) = read_lighting(&options.lighting)?;
+    let (reflectance, reflectance_provenance) = read_reflectance(&options.reflectance)?;
+    let model = Model { light, reflectance, provenance: format!("{light_provenance}; {reflectance_provenance}") };
+    model.check()?;
+    write_file(&options.output, &encode_model(&model))?;
+    println!("{}: {}", options.output.display(), model.provenance);
+    Ok(())
+}

@@ -137,6 +137,28 @@ pub(crate) fn run(folder: &Path, options: &Options) -> Result<()> {
                 }
             };
             let known_problem = Problem::with_known_light(&known, &basis.rates, Hyper::default())?;
+            {
+                // Oracle light on the grid, best reflectance for it.
+                let l = map.to_grid(prior.map, 32).normalised_coefficients().unwrap();
+                let a = projected.bilinear.under_light(&l);
+                let k = basis.len();
+                let rows: Vec<f32> = a.iter().map(|x| *x as f32).collect();
+                let grid_known = Projected { bilinear: Bilinear::new(projected.target.len(), k, 1, rows), target: projected.target.clone(), outside: projected.outside, pixels: projected.pixels };
+                let problem = Problem::with_known_light(&grid_known, &basis.rates, Hyper::default())?;
+                let posterior = infer(&problem, &Method::KnownLight(VariationalSettings { solver: Solver::Blocks, starts: 1, ..Default::default() }), &|_| ());
+                let rms = (projected.energy() / projected.pixels as f64).sqrt();
+                eprintln!("ORACLE grid light: noise {:.3} cost {:?}", posterior.noise / rms, posterior.trace.last());
+                let logp: f64 = (1..1024).map(|m| prior.of_index(m).unwrap().log_density(l[m])).sum();
+                eprintln!("log prior of the true light {logp:.0}");
+                for (i, c) in ["posterior"].iter().enumerate() { let _ = (i, c); }
+                let direct = gonio::lighting::LightGrid::from_coefficients(prior.map, &l);
+                let t = gonio::render::images_of_basis(&points, &basis.functions, &LightTree::of_grid(&direct), &IntegratorSettings::default(), &|_| ());
+                let back: Vec<Option<f64>> = (0..points.len()).map(|i| Some((0..k).map(|j| f64::from(t[i*k+j]) * posterior.reflectance[j]).sum())).collect();
+                let p = plan.project(&back, 0.0)?;
+                let y: Vec<f64> = a.chunks(k).map(|r| r.iter().zip(&posterior.reflectance).map(|(a,f)| a*f).sum()).collect();
+                let d: f64 = y.iter().zip(&p.target).map(|(a,b)| (a-b).powi(2)).sum::<f64>() + p.outside;
+                eprintln!("renderer against operator, same grid light: relative difference {:.2e}, outside {:.2e}", (d / p.energy()).sqrt(), (p.outside/p.energy()).sqrt());
+            }
             let v = VariationalSettings {
                 starts: options.starts,
                 max_iterations: options.iterations,

@@ -293,13 +293,10 @@ fn project(
             Projected::unprojected(&observations.points, &observations.values, tables, &model.light, &settings)?;
         return Ok((projected, json!({ "rows": observations.report.used, "full_rows": true }), stage.finish()));
     }
-    let typical: Vec<f64> = model.reflectance.rates.iter().map(|rate| 1.0 / rate).collect();
     let stage = Stage::new("planning (kept for next time)");
     let cache = Cache::user();
     let (plan, origin, failed) =
-        load_or_build(cache.as_ref(), &observations.points, tables, &typical, &model.light, &settings, &|x| {
-            stage.at(x)
-        })?;
+        load_or_build(cache.as_ref(), &observations.points, tables, &model.light, &settings, &|x| stage.at(x))?;
     if let Some(error) = failed {
         warnings.push(format!("the plan could not be kept for next time: {error}"));
     }
@@ -327,7 +324,7 @@ fn project(
 
 fn posterior(options: &Options, model: &Model, projected: &Projected) -> Result<(Posterior, f64)> {
     let rates = &model.reflectance.rates;
-    let hyper = Hyper::default();
+    let hyper = Hyper::with_model_error(projected.pixels);
     let variational = VariationalSettings {
         solver: match options.solver {
             SolverName::Blocks => Solver::Blocks,

@@ -70,7 +70,6 @@ pub fn decode_plan(bytes: &[u8]) -> Option<Plan> {
 pub fn plan_key(
     points: &[SurfacePoint],
     tables: &[BivariateTable],
-    typical: &[f64],
     prior: &LightPrior,
     settings: &PlanSettings,
 ) -> String {
@@ -92,7 +91,6 @@ pub fn plan_key(
         little_endian::put_f32(&mut bytes, table.as_slice());
         part(&bytes);
     }
-    part(&doubles(typical));
     part(&serde_json::to_vec(prior).expect("a prior is JSON"));
     part(&serde_json::to_vec(&unheld(settings)).expect("settings are JSON"));
     hasher.finalize().to_hex().to_string()
@@ -123,14 +121,13 @@ pub fn load_or_build(
     cache: Option<&Cache>,
     points: &[SurfacePoint],
     tables: &[BivariateTable],
-    typical: &[f64],
     prior: &LightPrior,
     settings: &PlanSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<(Plan, PlanOrigin, Option<Error>), PlanError> {
-    let build = || Plan::build(points, tables, typical, prior, settings, progress);
+    let build = || Plan::build(points, tables, prior, settings, progress);
     let Some(cache) = cache else { return Ok((build()?, PlanOrigin::Built, None)) };
-    let key = plan_key(points, tables, typical, prior, settings);
+    let key = plan_key(points, tables, prior, settings);
     // The checks beside the key are against a plan that was put under a wrong name by hand.
     let fits = |plan: &Plan| {
         (plan.points, plan.k) == (points.len(), tables.len()) && unheld(&plan.settings) == unheld(settings)
@@ -160,7 +157,6 @@ mod tests {
     struct Input {
         points: Vec<SurfacePoint>,
         tables: Vec<BivariateTable>,
-        typical: Vec<f64>,
         prior: LightPrior,
         settings: PlanSettings,
     }
@@ -177,7 +173,6 @@ mod tests {
         Input {
             points: fibonacci_hemisphere(150).map(|normal| SurfacePoint { normal, view }).collect(),
             tables: vec![BivariateTable::from_fn(|_, _| 0.3), BivariateTable::from_fn(|h, _| (-9.0 * h * h).exp())],
-            typical: vec![1.0, 0.5],
             prior,
             settings: PlanSettings { side: 8, rank: 40, oversampling: 8, ..PlanSettings::default() },
         }
@@ -185,12 +180,12 @@ mod tests {
 
     impl Input {
         fn key(&self) -> String {
-            plan_key(&self.points, &self.tables, &self.typical, &self.prior, &self.settings)
+            plan_key(&self.points, &self.tables, &self.prior, &self.settings)
         }
 
         fn get(&self, cache: Option<&Cache>) -> (Plan, PlanOrigin, Option<Error>) {
-            let Self { points, tables, typical, prior, settings } = self;
-            load_or_build(cache, points, tables, typical, prior, settings, &|_| ()).unwrap()
+            let Self { points, tables, prior, settings } = self;
+            load_or_build(cache, points, tables, prior, settings, &|_| ()).unwrap()
         }
     }
 
@@ -261,7 +256,6 @@ mod tests {
             &|i| i.tables[1].as_mut_slice()[77] += 1e-3,
             &|i| i.tables.swap(0, 1),
             &|i| i.tables.truncate(1),
-            &|i| i.typical[0] = 1.0 + 1e-12,
             &|i| i.prior.map = OctahedralMap::PraunHoppe,
             &|i| match &mut i.prior.groups[5] {
                 CoefficientPrior::Mixture(m) => m.variances[0] += 1e-12,
@@ -351,9 +345,9 @@ mod tests {
     fn what_cannot_be_planned_is_refused_with_and_without_a_cache() {
         let dir = tempfile::tempdir().unwrap();
         let cache = Cache::at(dir.path());
-        let Input { points, tables, typical, prior, settings } = input();
+        let Input { points, tables, prior, settings } = input();
         for cache in [None, Some(&cache)] {
-            let got = load_or_build(cache, &points[..10], &tables, &typical, &prior, &settings, &|_| ());
+            let got = load_or_build(cache, &points[..10], &tables, &prior, &settings, &|_| ());
             assert_eq!(got.unwrap_err(), PlanError::TooFewPoints(10));
         }
     }

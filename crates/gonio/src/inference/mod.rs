@@ -25,7 +25,7 @@ pub use ensemble::Ensemble;
 pub use expectations::Expectations;
 pub use joint_map::{JointMapSettings, log_posterior};
 pub use posterior::{Posterior, StartReport};
-pub use problem::{Hyper, Problem, ProblemError};
+pub use problem::{Hyper, MODEL_ERROR, Problem, ProblemError};
 pub use variational::{Solver, VariationalSettings};
 
 /// How the posterior of a [`Problem`] is found.

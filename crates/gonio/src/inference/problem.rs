@@ -19,10 +19,26 @@ pub struct Hyper {
 }
 
 impl Default for Hyper {
+    /// Vague about the noise.
     fn default() -> Self {
         Self { exposure_rate: 1e-3, noise_shape: 1e-3, noise_rate: 1e-6 }
     }
 }
+
+impl Hyper {
+    /// What real images need: `Gamma(a, b)` with as much weight as `pixels` observations that were all off by [`MODEL_ERROR`].
+    ///
+    /// The residual of an image is not noise but what grid and basis cannot express, and it is alike in neighbouring pixels.
+    /// Under a vague prior the noise falls until a light of wild oscillations explains every pixel.
+    pub fn with_model_error(pixels: usize) -> Self {
+        let shape = pixels as f64;
+        Self { noise_shape: shape, noise_rate: shape * MODEL_ERROR * MODEL_ERROR, ..Self::default() }
+    }
+}
+
+/// Root mean square of the model's error relative to that of the image: with the true light, on a 32 x 32 grid, rank-10
+/// reflectance leaves 3 to 7 % of the images of matte and satin materials unexplained.
+pub const MODEL_ERROR: f64 = 0.05;
 
 /// Why an image poses no problem.
 #[derive(Clone, Debug, Error, PartialEq)]

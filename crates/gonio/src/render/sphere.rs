@@ -127,10 +127,11 @@ pub fn images_of_basis(
     settings: &IntegratorSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Vec<f32> {
-    // One division of the light serves all tables: that for their common envelope.
-    let envelope = BivariateTable::from_vec(
-        (0..CELLS).map(|c| tables.iter().map(|t| t.as_slice()[c]).fold(0.0, f32::max)).collect(),
-    );
+    // One division of the light serves all tables: that for their common envelope, each table as bright as the others, so
+    // that a sharp one is resolved even where a broad one sends a thousand times its light.
+    let scales: Vec<f32> = tables.iter().map(|t| (1.0 / t.normal_albedo().max(1e-300)) as f32).collect();
+    let cell = |c: usize| tables.iter().zip(&scales).map(|(t, s)| s * t.as_slice()[c]).fold(0.0, f32::max);
+    let envelope = BivariateTable::from_vec((0..CELLS).map(cell).collect());
     let done = std::sync::atomic::AtomicUsize::new(0);
     points
         .par_iter()

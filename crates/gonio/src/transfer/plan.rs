@@ -36,8 +36,8 @@ impl Default for PlanSettings {
     fn default() -> Self {
         Self {
             side: 32,
-            rank: 800,
-            oversampling: 64,
+            rank: 1000,
+            oversampling: 50,
             quadrature: QuadratureSettings::default(),
             seed: 1,
             hold: 1_200_000_000,
@@ -104,10 +104,10 @@ struct Rows<'a> {
 const BLOCK: usize = 256;
 
 impl Rows<'_> {
-    fn compute(&self, first: usize, block: &mut [f32]) {
+    fn compute(&self, points: &[SurfacePoint], block: &mut [f32]) {
         let (m, k, stride) = (self.haar.coefficients(), self.tables.count(), self.tables.stride());
         let scale = (1.0 / LightGrid::texel_measure(m.isqrt()).sqrt()) as f32;
-        let rows = block.par_chunks_mut(k * m).zip(&self.points[first..]);
+        let rows = block.par_chunks_mut(k * m).zip(points);
         rows.for_each_init(
             || (vec![0.0; m * stride], Vec::new()),
             |(texels, scratch), (row, point)| {
@@ -121,6 +121,25 @@ impl Rows<'_> {
                 }
             },
         );
+    }
+}
+
+impl Rows<'_> {
+    /// Root mean square that each basis function alone gives to a pixel under lights with these root mean square
+    /// coefficients, from a few hundred of the points.
+    fn energies(&self, light: &[f64]) -> Vec<f64> {
+        let step = self.points.len().div_ceil(400);
+        let some: Vec<SurfacePoint> = self.points.iter().step_by(step).copied().collect();
+        let columns = self.columns();
+        let mut rows = vec![0.0; some.len() * columns];
+        self.compute(&some, &mut rows);
+        let mut sums = vec![0.0; self.tables.count()];
+        for row in rows.chunks_exact(columns) {
+            for (sum, a) in sums.iter_mut().zip(row.chunks_exact(light.len())) {
+                *sum += a.iter().zip(light).map(|(a, l)| (f64::from(*a) * l).powi(2)).sum::<f64>();
+            }
+        }
+        sums.into_iter().map(|s| (s / some.len() as f64).sqrt()).collect()
     }
 }
 
@@ -139,7 +158,7 @@ impl RowBlocks for Rows<'_> {
             let mut block = vec![0.0; BLOCK.min(self.rows()) * columns];
             for first in (0..self.rows()).step_by(BLOCK) {
                 let block = &mut block[..BLOCK.min(self.rows() - first) * columns];
-                self.compute(first, block);
+                self.compute(&self.points[first..], block);
                 visit(first, block);
             }
         } else {
@@ -159,7 +178,7 @@ pub(crate) fn full_rows(
 ) -> Vec<f32> {
     let rows = rows_of(points, tables, prior, settings);
     let mut all = vec![0.0; rows.rows() * rows.columns()];
-    rows.compute(0, &mut all);
+    rows.compute(points, &mut all);
     all
 }
 
@@ -181,38 +200,36 @@ fn rows_of<'a>(
 impl Plan {
     /// Integrates the basis over the light grid for every point and keeps the leading directions.
     ///
-    /// `typical` are root mean squares of the reflectance coefficients a priori (`1 / lambda_k` up to a common factor): with
-    /// those of the light coefficients they weigh which directions matter. `progress` is told about finished stages as a
-    /// fraction in 0..=1.
+    /// Which directions matter is weighed by the root mean square of each light coefficient a priori, and by the
+    /// brightness of each basis function, so that all functions count alike: sharp ones are dim under average light, and
+    /// without that weight their images would be left out. `progress` is told about finished stages as a fraction in 0..=1.
     ///
     /// # Errors
     /// With fewer than 50 points, an empty basis, or a grid that the prior does not cover.
     pub fn build(
         points: &[SurfacePoint],
         tables: &[BivariateTable],
-        typical: &[f64],
         prior: &LightPrior,
         settings: &PlanSettings,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Self, PlanError> {
         Self::check(points.len(), tables.len(), prior, settings)?;
-        assert_eq!(typical.len(), tables.len());
         let mut rows = rows_of(points, tables, prior, settings);
         let bytes = rows.rows() * rows.columns() * size_of::<f32>();
         if bytes < settings.hold {
             let columns = rows.columns();
             let mut held = vec![0.0; rows.rows() * columns];
             for (i, block) in held.chunks_mut(BLOCK * columns).enumerate() {
-                rows.compute(i * BLOCK, block);
+                rows.compute(&points[i * BLOCK..], block);
                 progress(0.5 * ((i + 1) * BLOCK).min(points.len()) as f64 / points.len() as f64);
             }
             rows.held = held;
         }
         let moments = prior.mean_and_variance(settings.side);
-        let weights: Vec<f32> = typical
-            .iter()
-            .flat_map(|f| moments.iter().map(move |(mean, variance)| (f * (mean * mean + variance).sqrt()) as f32))
-            .collect();
+        let light: Vec<f64> = moments.iter().map(|(mean, variance)| (mean * mean + variance).sqrt()).collect();
+        let levels = rows.energies(&light);
+        let weights: Vec<f32> =
+            levels.iter().flat_map(|level| light.iter().map(move |l| (l / level.max(1e-300)) as f32)).collect();
         let Sketch { q, r, energies, total } =
             sketch(&rows, &weights, settings.rank, settings.oversampling, settings.seed);
         let rank = q.ncols();
@@ -417,7 +434,7 @@ pub(crate) mod tests {
 
     fn build(settings: &PlanSettings) -> Plan {
         let (points, tables, prior, _) = toy();
-        Plan::build(&points, &tables, &[1.0; 3], &prior, settings, &|_| ()).unwrap()
+        Plan::build(&points, &tables, &prior, settings, &|_| ()).unwrap()
     }
 
     #[test]
@@ -472,12 +489,12 @@ pub(crate) mod tests {
         let (points, tables, prior, settings) = toy();
         let build = |points: &[SurfacePoint], tables: &[BivariateTable], side| {
             let settings = PlanSettings { side, ..settings };
-            Plan::build(points, tables, &vec![1.0; tables.len()], &prior, &settings, &|_| ()).unwrap_err()
+            Plan::build(points, tables, &prior, &settings, &|_| ()).unwrap_err()
         };
         assert_eq!(build(&points[..10], &tables, 16), PlanError::TooFewPoints(10));
         assert_eq!(build(&points, &[], 16), PlanError::EmptyBasis);
         assert_eq!(build(&points, &tables, 32), PlanError::Grid { side: 32, covered: 16 });
-        let plan = Plan::build(&points, &tables, &[1.0; 3], &prior, &settings, &|_| ()).unwrap();
+        let plan = Plan::build(&points, &tables, &prior, &settings, &|_| ()).unwrap();
         assert!(matches!(plan.project(&[Some(1.0)], 0.0), Err(PlanError::Points { image: 1, .. })));
         assert_eq!(plan.project(&vec![None; points.len()], 0.0).unwrap_err(), PlanError::TooFewPoints(0));
     }

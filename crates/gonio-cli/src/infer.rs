@@ -6,7 +6,8 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use gonio::inference::{
-    Hyper, JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer as find_posterior,
+    Hyper, JointMapSettings, MODEL_ERROR, Method, Posterior, Problem, Solver, VariationalSettings,
+    infer as find_posterior,
 };
 use gonio::lighting::LightGrid;
 use gonio::model::Model;
@@ -93,7 +94,7 @@ enum MethodName {
 }
 
 /// Names of the solvers.
-#[derive(Clone, Copy, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum SolverName {
     /// Exact minimisation of C_KL block by block: faster, lower C_KL
     Blocks,
@@ -102,9 +103,9 @@ enum SolverName {
 }
 
 fn parse_circle(text: &str) -> Result<Circle, String> {
-    let numbers: Vec<f64> = text.split(',').map_while(|s| s.trim().parse().ok()).collect();
-    match numbers[..] {
-        [x, y, radius] if radius > 0.0 => Ok(Circle { x, y, radius }),
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y, radius]) if radius > 0.0 => Ok(Circle { x, y, radius }),
         _ => Err("give three numbers, X,Y,RADIUS, in pixels".into()),
     }
 }
@@ -180,6 +181,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         "method": format!("{:?}", options.method),
         "settings": {
             "seed": options.seed, "starts": options.starts, "grid": options.grid,
+            "solver": format!("{:?}", options.solver), "model_error": MODEL_ERROR,
             "full_rows": options.full_rows, "linear": options.linear,
         },
         "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
@@ -231,11 +233,11 @@ pub(crate) fn run(options: &Options) -> Result<()> {
 fn observe(options: &Options, picture: &Picture, clip: Option<f32>, warnings: &mut Vec<String>) -> Result<Scene> {
     let name = || options.image.display().to_string();
     let mask = options.mask.as_deref().map(gonio_io::picture::read_mask).transpose()?;
-    if let (Some(mask), Some(path)) = (&mask, &options.mask) {
-        if mask.size() != picture.rgb.size() {
-            let ((w, h), (pw, ph)) = (mask.size(), picture.rgb.size());
-            bail!("{}: the mask is {w}x{h}, the photograph {pw}x{ph}; give one of the same size", path.display());
-        }
+    if let (Some(mask), Some(path)) = (&mask, &options.mask)
+        && mask.size() != picture.rgb.size()
+    {
+        let ((w, h), (pw, ph)) = (mask.size(), picture.rgb.size());
+        bail!("{}: the mask is {w}x{h}, the photograph {pw}x{ph}; give one of the same size", path.display());
     }
     let coverage = mask.or_else(|| picture.alpha.clone()).or_else(|| background_coverage(&picture.rgb));
     let settings = ObservationSettings { clip, ..ObservationSettings::default() };
@@ -287,7 +289,8 @@ fn project(
         return Ok((projected, json!({ "light": path.display().to_string() }), stage.finish()));
     }
     let settings = PlanSettings { side: options.grid, ..PlanSettings::default() };
-    if options.full_rows {
+    // Few observations: nothing to gain from a plan, which has more directions than there are values.
+    if options.full_rows || observations.report.used <= settings.rank {
         let stage = Stage::new("integrating the basis");
         let projected =
             Projected::unprojected(&observations.points, &observations.values, tables, &model.light, &settings)?;
@@ -305,12 +308,11 @@ fn project(
     let left_over = projected.left_over();
     if left_over > 0.02 {
         warnings.push(format!(
-            "{:.0} % of the picture's energy is finer than a {} x {} light can make with any of these materials: expect a \
-             sharp material to come out duller, or try --grid {}",
+            "{:.0} % of the picture's energy is finer than a {} x {} light can make with any of these materials: a sharp \
+             material is likely to come out too dull",
             100.0 * left_over,
             options.grid,
-            options.grid,
-            2 * options.grid
+            options.grid
         ));
     }
     let notes = json!({

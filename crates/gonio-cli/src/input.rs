@@ -8,7 +8,7 @@ use gonio::model::Model;
 use gonio::reflectance::MerlTable;
 use gonio_io::picture::{Decoded, Encoding, ReadOptions};
 
-/// Reads a photograph. Integer pictures are taken as sRGB-coded unless `linear`, with a warning either way of no HDR.
+/// Reads a photograph. Integer pictures are taken as sRGB-coded, with a warning, unless `linear`.
 pub(crate) fn photograph(path: &Path, linear: bool, warnings: &mut Vec<String>) -> Result<Decoded> {
     let decoded = gonio_io::picture::read(path, &ReadOptions { linear, ..ReadOptions::default() })?;
     if let Encoding::Srgb { bits } = decoded.encoding {

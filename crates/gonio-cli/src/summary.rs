@@ -187,7 +187,7 @@ impl<'a> View<'a> {
         let pixel = |x: usize, y: usize| {
             let (u, v) = self.place(x, y);
             let inside = u >= 0.0 && v >= 0.0 && (u as usize) < width && (v as usize) < height;
-            inside.then(|| (u as usize, v as usize))
+            inside.then_some((u as usize, v as usize))
         };
         let rgb = Plane::from_fn(PANEL, PANEL, |x, y| match pixel(x, y) {
             Some(at) if picture.rgb[at].is_finite() => picture.rgb[at].max(Vec3::ZERO),

@@ -12,6 +12,8 @@
 //! names the file, the problem and a way out, on one line; nothing is ever printed by this crate (a third party's
 //! decoder that panics on a damaged file is caught, but its message has by then been written by the panic hook).
 
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 pub mod atomic;
 pub mod bivariate;
 pub mod cache;

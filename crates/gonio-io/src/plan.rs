@@ -13,7 +13,7 @@ use crate::cache::Cache;
 use crate::{Error, little_endian};
 
 /// Enters every key: to be raised whenever the bytes change, or [`Plan::build`] gives other results for the same input.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 #[derive(Serialize, Deserialize)]
 struct Header {

@@ -38,8 +38,7 @@ struct World {
 
 impl World {
     fn plan(&self, points: &[SurfacePoint]) -> Plan {
-        let typical: Vec<f64> = self.rates.iter().map(|rate| 1.0 / rate).collect();
-        Plan::build(points, &self.tables, &typical, &self.prior, &PlanSettings::default(), &|_| ())
+        Plan::build(points, &self.tables, &self.prior, &PlanSettings::default(), &|_| ())
             .expect("points, tables and prior make a plan")
     }
 }

@@ -1,5 +1,7 @@
 //! Blind reflectometry: the BRDF of an object of known shape from one photograph under light that nobody measured.
 
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 pub mod inference;
 pub mod lighting;
 pub mod model;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 pub struct StartReport {
     /// Final cost: `C_KL`, or minus the log posterior for the joint maximum.
     pub cost: f64,
-    /// Iterations spent.
+    /// Iterations spent, updates of the noise included.
     pub iterations: usize,
     /// Whether the stopping rule was met before the limit of iterations.
     pub converged: bool,

@@ -139,7 +139,7 @@ pub fn images_of_basis(
             let nodes = nodes(point, &envelope, light, settings);
             let row: Vec<f32> = tables.iter().map(|t| luminance(nodes.radiance(point, t).as_vec3())).collect();
             let finished = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            if finished % 256 == 0 {
+            if finished.is_multiple_of(256) {
                 progress(finished as f64 / points.len() as f64);
             }
             row

@@ -62,6 +62,14 @@ pub enum PlanError {
     /// The basis has no functions.
     #[error("the reflectance basis is empty")]
     EmptyBasis,
+    /// Fewer points have a value than the plan has directions: work on the rows themselves instead.
+    #[error("only {kept} points have a value, fewer than the {rank} directions of the plan; use all rows instead")]
+    TooFewForPlan {
+        /// Points with a value.
+        kept: usize,
+        /// Directions of the plan.
+        rank: usize,
+    },
     /// The points of the image and those of the plan differ in number.
     #[error("the plan was made for {plan} points, the image has {image}")]
     Points {
@@ -230,6 +238,7 @@ impl Plan {
         let levels = rows.energies(&light);
         let weights: Vec<f32> =
             levels.iter().flat_map(|level| light.iter().map(move |l| (l / level.max(1e-300)) as f32)).collect();
+        progress(0.5);
         let Sketch { q, r, energies, total } =
             sketch(&rows, &weights, settings.rank, settings.oversampling, settings.seed);
         let rank = q.ncols();
@@ -271,10 +280,10 @@ impl Plan {
     /// made orthonormal again.
     ///
     /// The rank is chosen by the image: the smallest, in steps of 50, at which the energy left over is at most `slack` of
-    /// the image's above what it is at the full rank.
+    /// the image's above what it is at the full rank. (With points left out it is the full rank.)
     ///
     /// # Errors
-    /// When the number of values is not that of the points, or fewer than 50 have one.
+    /// When the number of values is not that of the points, or fewer than 50 or than the rank have one.
     pub fn project(&self, image: &[Option<f64>], slack: f64) -> Result<Projected, PlanError> {
         if image.len() != self.points {
             return Err(PlanError::Points { plan: self.points, image: image.len() });
@@ -284,9 +293,12 @@ impl Plan {
             return Err(PlanError::TooFewPoints(kept.len()));
         }
         let full = self.rank();
+        if kept.len() < full {
+            return Err(PlanError::TooFewForPlan { kept: kept.len(), rank: full });
+        }
         let values = Mat::<f64>::from_fn(kept.len(), 1, |i, _| image[kept[i]].unwrap_or(0.0));
         let energy = values.squared_norm_l2();
-        let q = Mat::<f64>::from_fn(kept.len(), full.min(kept.len()), |i, j| f64::from(self.q[kept[i] * full + j]));
+        let q = Mat::<f64>::from_fn(kept.len(), full, |i, j| f64::from(self.q[kept[i] * full + j]));
         let coordinates = q.transpose() * &values;
         if kept.len() == self.points {
             // Q is orthonormal as it is, to single precision.
@@ -497,5 +509,7 @@ pub(crate) mod tests {
         let plan = Plan::build(&points, &tables, &prior, &settings, &|_| ()).unwrap();
         assert!(matches!(plan.project(&[Some(1.0)], 0.0), Err(PlanError::Points { image: 1, .. })));
         assert_eq!(plan.project(&vec![None; points.len()], 0.0).unwrap_err(), PlanError::TooFewPoints(0));
+        let few: Vec<Option<f64>> = (0..points.len()).map(|i| (i < 100).then_some(1.0)).collect();
+        assert_eq!(plan.project(&few, 0.0).unwrap_err(), PlanError::TooFewForPlan { kept: 100, rank: 150 });
     }
 }

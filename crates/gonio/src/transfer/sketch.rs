@@ -1,6 +1,9 @@
 //! The leading left singular subspace of a tall stack of rows that need not fit in memory, by randomised sketching
 //! (Halko, Martinsson and Tropp 2011).
 
+use faer::diag::DiagMut;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 use rand::SeedableRng;
@@ -73,7 +76,7 @@ fn orthonormalise(y: &mut Mat<f32>) {
         for j in 0..gram.ncols() {
             gram[(j, j)] += ridge;
         }
-        let Ok(factor) = gram.llt(Side::Lower) else { return };
+        let factor = gram.llt(Side::Lower).expect("a finite Gram matrix with a ridge is positive definite");
         // Y <- Y L^-T, as the transposed lower solve, band by band.
         let lower = factor.L();
         let mut transposed = tall.transpose().to_owned();
@@ -116,6 +119,26 @@ fn gram(y: MatRef<'_, f64>) -> Mat<f64> {
         matmul(band, Accum::Replace, y.transpose(), y.subcols(first, width), 1.0, Par::Seq);
     });
     gram
+}
+
+/// Eigenvalues, ascending, and eigenvectors of a symmetric matrix, on one thread: the parallel tridiagonalisation splits its
+/// sums by the number of threads.
+fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
+    let n = a.nrows();
+    let mut values = vec![0.0; n];
+    let mut vectors = Mat::zeros(n, n);
+    let scratch = self_adjoint_evd_scratch::<f64>(n, ComputeEigenvectors::Yes, Par::Seq, Default::default());
+    let mut memory = MemBuffer::new(scratch);
+    self_adjoint_evd(
+        a,
+        DiagMut::from_slice_mut(&mut values),
+        Some(vectors.as_mut()),
+        Par::Seq,
+        MemStack::new(&mut memory),
+        Default::default(),
+    )
+    .expect("a finite symmetric matrix has eigenvectors");
+    (values, vectors)
 }
 
 /// The `rank` left singular directions of `A D` with most energy, `D` the diagonal of `weights` (one per column).
@@ -173,10 +196,10 @@ pub(super) fn sketch(source: &dyn RowBlocks, weights: &[f32], rank: usize, overs
     // B = Y' A; rotate to the principal axes of (B D)(B D)'.
     let b = project(&y);
     let weighted = Mat::<f64>::from_fn(columns, width, |i, j| f64::from(b[(j, i)] * weights[i]));
-    let eigen = gram(weighted.as_ref()).self_adjoint_eigen(Side::Lower).expect("a finite Gram matrix has eigenvectors");
+    let (values, vectors) = eigenvectors(gram(weighted.as_ref()).as_ref());
     // Eigenvalues ascend.
-    let u = Mat::<f32>::from_fn(width, rank, |i, j| eigen.U()[(i, width - 1 - j)] as f32);
-    let energies = (0..rank).map(|j| eigen.S()[width - 1 - j].max(0.0)).collect();
+    let u = Mat::<f32>::from_fn(width, rank, |i, j| vectors[(i, width - 1 - j)] as f32);
+    let energies = (0..rank).map(|j| values[width - 1 - j].max(0.0)).collect();
     let mut q = Mat::<f32>::zeros(rows, rank);
     product(q.as_mut(), Accum::Replace, y.as_ref(), u.as_ref());
     let mut r = vec![0.0; rank * columns];
@@ -252,10 +275,13 @@ mod tests {
 
     #[test]
     fn the_result_does_not_depend_on_threads() {
-        let source = rows();
+        // Wide enough for the blocked paths of the linear algebra.
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(9);
+        let (n, m) = (700, 900);
+        let source = Held((0..n * m).map(|_| StandardNormal.sample(&mut rng)).collect(), n, m);
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| sketch(&source, &vec![1.0; source.2], 12, 4, 1).r)
+            pool.install(|| sketch(&source, &vec![1.0; source.2], 400, 30, 1).r)
         };
         assert_eq!(run(1), run(3));
     }

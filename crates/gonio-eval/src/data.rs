@@ -19,7 +19,7 @@ pub(crate) fn test_light(data: &Path, name: &str) -> Result<EnvironmentMap> {
 
 /// The bivariate tables of all materials, one per channel.
 pub(crate) fn materials(data: &Path) -> Result<Vec<(String, [BivariateTable; 3])>> {
-    Ok(gonio_io::bivariate::read_bivariate_set(&data.join("merl"))?)
+    Ok(gonio_io::bivariate::read_bivariate_set(data.join("merl"))?)
 }
 
 /// One of them.

@@ -212,7 +212,6 @@ fn a_planted_solution_is_recovered_by_both_solvers() {
         let got = solved(&planted, &Method::Variational(settings));
         assert!(alike(&got.reflectance, &planted.f) > 0.9995, "{solver:?} {:?} {:?}", got.reflectance, planted.f);
         let light = alike(&got.light, &planted.l);
-        eprintln!("{solver:?} {light} {:?} {} {:?}", got.starts, got.noise, got.exposure);
         assert!(light > 0.999, "{solver:?}: light {light}, {:?}", got.starts);
         let rms = (planted.image.energy() / 400.0).sqrt();
         assert!((got.noise / rms / 0.01 - 1.0).abs() < 0.2, "{solver:?} noise {}", got.noise / rms);

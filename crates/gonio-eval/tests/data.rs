@@ -1,0 +1,95 @@
+//! What only the measured data can prove. Without them (`GONIO_DATA`) every test says so and passes.
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+use gonio::reflectance::parametric::{CookTorrance, Parametric};
+use gonio::reflectance::{BivariateTable, CELLS, THETA_D, TrainSettings, is_trusted, train};
+use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
+use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint, polar_reference};
+use gonio_io::fits::Fit;
+
+fn data() -> Option<PathBuf> {
+    let folder = std::env::var_os("GONIO_DATA").map(PathBuf::from).filter(|p| p.is_dir());
+    if folder.is_none() {
+        eprintln!("skipped: GONIO_DATA names no folder of data");
+    }
+    folder
+}
+
+/// Green channel of all materials.
+fn green(data: &std::path::Path) -> Vec<(String, BivariateTable)> {
+    let set = gonio_io::bivariate::read_bivariate_set(data.join("merl")).unwrap();
+    set.into_iter().map(|(name, rgb)| (name, rgb[1].clone())).collect()
+}
+
+fn median(mut x: Vec<f64>) -> f64 {
+    x.sort_by(f64::total_cmp);
+    0.5 * (x[(x.len() - 1) / 2] + x[x.len() / 2])
+}
+
+fn mean(x: &[f64]) -> f64 {
+    x.iter().sum::<f64>() / x.len() as f64
+}
+
+#[test]
+fn rank_ten_beats_cook_torrance_by_thirteen_and_seven() {
+    let Some(data) = data() else { return };
+    let materials = green(&data);
+    let (_, report) = train(&materials, &TrainSettings::default()).unwrap();
+    let (mut nmf, mut cook_torrance) = (Vec::new(), Vec::new());
+    for (name, fit) in gonio_io::fits::read_fits(data.join("merl/ngan2005_cooktorrance.fit")).unwrap() {
+        let Fit::CookTorrance { diffuse, specular, f0, roughness } = fit else {
+            panic!("{name} is no Cook-Torrance fit")
+        };
+        let model = CookTorrance { diffuse: diffuse[1], specular: specular[1], f0, roughness }.to_bivariate();
+        let truth = &materials.iter().find(|(n, _)| *n == name).unwrap().1;
+        let trusted: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
+        let square: f64 = trusted.iter().map(|&c| f64::from(model.as_slice()[c] - truth.as_slice()[c]).powi(2)).sum();
+        cook_torrance.push((square / trusted.len() as f64).sqrt());
+        nmf.push(report.fits.iter().find(|f| f.name == name).unwrap().rms);
+    }
+    assert_eq!(nmf.len(), 86);
+    let (means, medians) = (mean(&cook_torrance) / mean(&nmf), median(cook_torrance) / median(nmf));
+    assert!(means > 13.0 && medians > 7.0, "ratios of mean {means:.2} and median {medians:.2}");
+}
+
+#[test]
+fn the_quadrature_resolves_measured_lobes() {
+    let Some(data) = data() else { return };
+    let names = ["chrome", "specular-black-phenolic", "blue-metallic-paint", "red-fabric"];
+    let materials = green(&data);
+    let tables: Vec<BivariateTable> = names
+        .iter()
+        .map(|name| {
+            let mut table = materials.iter().find(|(n, _)| n == name).unwrap().1.clone();
+            table.extend_from_trusted();
+            table
+        })
+        .collect();
+    let interleaved = InterleavedTables::new(&tables);
+    let quadrature = Quadrature::new(OctahedralMap::EqualArea, 32, QuadratureSettings::default());
+    let stride = interleaved.stride();
+    for normal in fibonacci_hemisphere(6).filter(|n| n.z > 0.2) {
+        let point = SurfacePoint { normal, view: DVec3::Z };
+        let mut out = vec![0.0; 1024 * stride];
+        quadrature.integrate(&point, &interleaved, &mut out);
+        for (k, table) in tables.iter().enumerate() {
+            let reference = polar_reference(&point, table, OctahedralMap::EqualArea, 32, 2000, 1500);
+            let error: f64 =
+                reference.iter().enumerate().map(|(t, r)| (f64::from(out[t * stride + k]) - r).powi(2)).sum();
+            let relative = (error / reference.iter().map(|r| r * r).sum::<f64>()).sqrt();
+            assert!(relative < 0.015, "{} at {normal}: {relative}", names[k]);
+        }
+    }
+}
+
+#[test]
+fn the_embedded_model_is_that_of_the_data() {
+    let Some(data) = data() else { return };
+    let model = gonio_io::model::embedded().unwrap();
+    let names: Vec<String> = green(&data).into_iter().map(|(name, _)| name).collect();
+    let embedded: Vec<String> = model.reflectance.materials.iter().map(|m| m.name.clone()).collect();
+    assert_eq!(names, embedded);
+    assert_eq!((model.light.lights, model.light.scales, model.reflectance.len()), (72, 7, 10));
+}

@@ -440,7 +440,7 @@ pub(crate) mod tests {
     }
 
     fn toy() -> (Vec<SurfacePoint>, Vec<BivariateTable>, LightPrior, PlanSettings) {
-        let settings = PlanSettings { side: 16, rank: 150, oversampling: 20, ..PlanSettings::default() };
+        let settings = PlanSettings { side: 16, rank: 300, oversampling: 20, ..PlanSettings::default() };
         (sphere_points(600), toy_tables(), toy_prior(16), settings)
     }
 
@@ -493,7 +493,7 @@ pub(crate) mod tests {
         let plan = build(&toy().3);
         let image: Vec<Option<f64>> = sphere_points(600).iter().map(|p| Some(p.normal.y + 2.0)).collect();
         let (tight, loose) = (plan.project(&image, 0.0).unwrap(), plan.project(&image, 0.5).unwrap());
-        assert_eq!((tight.bilinear.rows(), loose.bilinear.rows()), (150, 50));
+        assert_eq!((tight.bilinear.rows(), loose.bilinear.rows()), (300, 50));
     }
 
     #[test]
@@ -510,6 +510,6 @@ pub(crate) mod tests {
         assert!(matches!(plan.project(&[Some(1.0)], 0.0), Err(PlanError::Points { image: 1, .. })));
         assert_eq!(plan.project(&vec![None; points.len()], 0.0).unwrap_err(), PlanError::TooFewPoints(0));
         let few: Vec<Option<f64>> = (0..points.len()).map(|i| (i < 100).then_some(1.0)).collect();
-        assert_eq!(plan.project(&few, 0.0).unwrap_err(), PlanError::TooFewForPlan { kept: 100, rank: 150 });
+        assert_eq!(plan.project(&few, 0.0).unwrap_err(), PlanError::TooFewForPlan { kept: 100, rank: 300 });
     }
 }

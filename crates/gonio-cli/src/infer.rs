@@ -9,7 +9,7 @@ use gonio::inference::{
     Hyper, JointMapSettings, MODEL_ERROR, Method, Posterior, Problem, Solver, VariationalSettings,
     infer as find_posterior,
 };
-use gonio::lighting::LightGrid;
+use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::{BivariateTable, MerlTable};
@@ -125,7 +125,19 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     if (options.method == MethodName::KnownLight) != options.light.is_some() {
         bail!("--method known-light and --light MAP go together: give both or neither");
     }
+    if !options.grid.is_power_of_two() || !(4..=512).contains(&options.grid) {
+        bail!("--grid {}: give a power of two from 4 to 512", options.grid);
+    }
+    if let Some(clip) = options.clip.filter(|clip| clip.is_nan() || *clip <= 0.0) {
+        bail!("--clip {clip}: give a positive radiance");
+    }
     let model = input::model(options.model.as_deref())?;
+    let covered = 1 << model.light.scales;
+    if options.light.is_none() && options.grid > covered {
+        bail!("--grid {}: the model's prior of light covers grids of up to {covered} texels a side", options.grid);
+    }
+    // Read before the long work, used again for the pictures.
+    let known = options.light.as_deref().map(input::light).transpose()?;
     let decoded = input::photograph(&options.image, options.linear, &mut warnings)?;
     let clip = options.clip.or(decoded.full_scale);
     let picture = decoded.picture;
@@ -133,7 +145,8 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     // Made before the long work: a folder that cannot be made is told at once.
     let folder = StagedFolder::create(&options.output)?;
     let read_seconds = start.elapsed().as_secs_f64();
-    let (projected, plan_notes, plan_seconds) = project(options, &model, &scene.observations, &mut warnings)?;
+    let (projected, plan_notes, plan_seconds) =
+        project(options, &model, known.as_ref(), &scene.observations, &mut warnings)?;
     let (posterior, infer_seconds) = posterior(options, &model, &projected)?;
     let table = model.reflectance.combine(&posterior.reflectance)?;
     if table.trusted_max() <= 0.0 {
@@ -151,7 +164,6 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     });
     let stage = Stage::new("drawing");
     let drawing = Instant::now();
-    let known = options.light.as_deref().map(input::light).transpose()?;
     let pictures = summary::draw(
         &summary::Subject {
             picture: &picture,
@@ -207,7 +219,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         },
         "warnings": warnings,
     });
-    let write = |name: &str, bytes: &[u8]| gonio_io::atomic::write_file(folder.path(name), bytes);
+    let write = |name: &str, bytes: &[u8]| folder.write(name, bytes);
     write("brdf.binary", &gonio_io::merl::encode(&MerlTable::from_bivariate([&table, &table, &table])))?;
     let text = serde_json::to_string_pretty(&result).context("the result cannot be written as JSON")?;
     write("result.json", text.as_bytes())?;
@@ -250,7 +262,11 @@ fn observe(options: &Options, picture: &Picture, clip: Option<f32>, warnings: &m
         let Shape::Sphere = options.shape;
         let circle = match (&options.circle, &coverage) {
             (Some(circle), _) => *circle,
-            (None, Some(coverage)) => find_sphere(coverage).with_context(name)?.circle,
+            (None, Some(coverage)) => {
+                // What is wrong with an outline is wrong with the file it comes from.
+                let origin = || options.mask.as_ref().map_or_else(name, |mask| mask.display().to_string());
+                find_sphere(coverage).with_context(origin)?.circle
+            }
             (None, None) => bail!(
                 "{}: no alpha channel and no constant background to tell the ball from; give --mask FILE or --circle X,Y,RADIUS",
                 name()
@@ -276,13 +292,14 @@ fn observe(options: &Options, picture: &Picture, clip: Option<f32>, warnings: &m
 fn project(
     options: &Options,
     model: &Model,
+    known: Option<&EnvironmentMap>,
     observations: &Observations,
     warnings: &mut Vec<String>,
 ) -> Result<(Projected, serde_json::Value, f64)> {
     let tables = &model.reflectance.functions;
-    if let Some(path) = &options.light {
+    if let (Some(path), Some(light)) = (&options.light, known) {
         let stage = Stage::new("rendering the basis");
-        let tree = LightTree::of_map(&input::light(path)?);
+        let tree = LightTree::of_map(light);
         let rows =
             images_of_basis(&observations.points, tables, &tree, &IntegratorSettings::default(), &|x| stage.at(x));
         let projected = Projected::under_known_light(&rows, tables.len(), &observations.values);

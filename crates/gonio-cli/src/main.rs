@@ -10,7 +10,9 @@ mod render;
 mod summary;
 mod train;
 
+use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, set_hook};
 use std::process::ExitCode;
+use std::sync::Mutex;
 
 use clap::{Parser, Subcommand};
 
@@ -33,17 +35,60 @@ enum Command {
     Train(train::Command),
 }
 
+/// What the last panic said. Decoders of third parties panic on damaged files; `gonio-io` catches that and says what is
+/// wrong in one line, to which the message of the panic would only add noise.
+static PANIC: Mutex<String> = Mutex::new(String::new());
+
+fn note(panic: &PanicHookInfo<'_>) {
+    if let Ok(mut noted) = PANIC.lock() {
+        *noted = panic.to_string();
+    }
+}
+
 fn main() -> ExitCode {
-    let result = match Args::parse().command {
-        Command::Infer(options) => infer::run(&options),
-        Command::Render(options) => render::run(&options),
-        Command::Train(command) => train::run(&command),
+    let command = match Args::try_parse() {
+        Ok(args) => args.command,
+        Err(error) => return refuse(&error),
     };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {}", format!("{error:#}").replace('\n', " "));
+    set_hook(Box::new(note));
+    let run = || match &command {
+        Command::Infer(options) => infer::run(options),
+        Command::Render(options) => render::run(options),
+        Command::Train(command) => train::run(command),
+    };
+    match catch_unwind(AssertUnwindSafe(run)) {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(error)) => {
+            eprintln!("error: {}", one_line(&format!("{error:#}")));
             ExitCode::from(2)
         }
+        Err(_) => {
+            let said = PANIC.lock().map(|noted| noted.clone()).unwrap_or_default();
+            eprintln!("error: a fault of gonio itself: {}; please report it", one_line(&said));
+            ExitCode::from(101)
+        }
     }
+}
+
+/// Help and version as they are; what is wrong with the arguments in one line, without the usage.
+fn refuse(error: &clap::Error) -> ExitCode {
+    use clap::error::ErrorKind as K;
+    if matches!(error.kind(), K::DisplayHelp | K::DisplayVersion | K::DisplayHelpOnMissingArgumentOrSubcommand) {
+        error.exit();
+    }
+    let text = error.render().to_string();
+    let is_problem = |p: &&str| !p.starts_with("Usage:") && !p.starts_with("For more information");
+    let problem: Vec<String> = text.split("\n\n").map(str::trim).filter(is_problem).map(squeeze).collect();
+    eprintln!("{}; see --help", problem.join("; "));
+    ExitCode::from(2)
+}
+
+/// Every run of white space becomes a blank.
+fn squeeze(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Line breaks and whatever else controls a terminal become blanks; names of files may hold any.
+fn one_line(text: &str) -> String {
+    text.replace(char::is_control, " ")
 }

@@ -151,7 +151,8 @@ fn lighting(options: &Lighting) -> Result<()> {
     }
     stage.finish();
     let settings = PriorSettings { seed: options.seed, ..PriorSettings::default() };
-    let prior = LightPrior::learn(&lights, paths.len(), &settings)?;
+    let prior =
+        LightPrior::learn(&lights, paths.len(), &settings).with_context(|| options.dir.display().to_string())?;
     let provenance = format!(
         "light prior by gonio {} from {} maps at {} azimuths each, grid {}, seed {}",
         env!("CARGO_PKG_VERSION"),
@@ -185,7 +186,14 @@ fn materials(options: &Reflectance) -> Result<Vec<(String, BivariateTable)>> {
 }
 
 fn reflectance(options: &Reflectance) -> Result<()> {
+    if options.restarts == 0 {
+        bail!("--restarts 0: give at least 1");
+    }
     let materials = materials(options)?;
+    if !(1..=materials.len()).contains(&options.rank) {
+        let (dir, count) = (options.dir.display(), materials.len());
+        bail!("--rank {}: {dir} holds {count} materials; give a rank from 1 to {count}", options.rank);
+    }
     let nmf =
         NmfSettings { rank: options.rank, restarts: options.restarts, seed: options.seed, ..NmfSettings::default() };
     let (basis, report) = train(&materials, &TrainSettings { nmf, ..TrainSettings::default() })

@@ -51,6 +51,17 @@ impl StagedFolder {
         self.staging.path().join(name)
     }
 
+    /// Writes the output file `name` for now.
+    ///
+    /// # Errors
+    /// If it cannot be written; the error names the file in the folder to be filled.
+    ///
+    /// # Panics
+    /// If `name` is not a plain file name.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
+        super::write(&self.path(name), bytes).map_err(|e| Error::io(&self.target.join(name), "write", e))
+    }
+
     /// The folder to be filled.
     pub fn target(&self) -> &Path {
         &self.target

@@ -1,0 +1,109 @@
+//! `gonio infer` on good input.
+
+use gonio::lighting::studio_light;
+use gonio_io::picture::{ReadOptions, encode_hdr, read};
+
+use crate::support::{Bench, SIZE, ball, encode_normals, mask, material, merl, normals};
+
+const OUTPUT: [&str; 5] = ["brdf.binary", "light.exr", "relit.png", "result.json", "summary.png"];
+
+fn numbers(value: &serde_json::Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn a_rendered_ball_becomes_a_brdf_the_same_every_time() {
+    let bench = Bench::new();
+    bench.write("light.hdr", &encode_hdr(studio_light(64).radiance()));
+    gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
+    bench.run("render --brdf in.binary --light light.hdr -o ball.exr --size 48").succeeds();
+    let run = bench.run("infer ball.exr -o deep/out --starts 1 --grid 8").succeeds();
+    assert!(run.stdout.starts_with("deep/out: ") && run.stdout.lines().count() == 1, "{run:?}");
+    assert_eq!(bench.names("deep/out"), OUTPUT);
+    assert_eq!(bench.names("deep"), ["out"]);
+    assert_eq!(bench.names("."), ["ball.exr", "deep", "in.binary", "light.hdr"]);
+
+    let brdf = gonio_io::merl::read(bench.path("deep/out/brdf.binary")).unwrap();
+    assert!((brdf.bivariate(1).normal_albedo() - 0.5).abs() < 0.01);
+    let light = read(bench.path("deep/out/light.exr"), &ReadOptions::default()).unwrap().picture.rgb;
+    assert_eq!(light.width(), 2 * light.height());
+    assert!(light.as_slice().iter().all(|p| p.is_finite()));
+    for name in ["relit.png", "summary.png"] {
+        read(bench.path("deep/out").join(name), &ReadOptions::default()).unwrap();
+    }
+
+    let result = bench.json("deep/out/result.json");
+    assert_eq!(result["format"], "gonio-result");
+    assert_eq!((&result["version"], &result["gonio"]), (&1.into(), &env!("CARGO_PKG_VERSION").into()));
+    assert_eq!(result["image"], "ball.exr");
+    let coefficients = numbers(&result["reflectance"]["coefficients"]);
+    assert!(coefficients.len() == 10 && coefficients.iter().all(|c| c.is_finite() && *c >= 0.0), "{coefficients:?}");
+    assert_eq!(numbers(&result["light"]["coefficients"]).len(), 64);
+    assert_eq!(result["cost"]["name"], "C_KL");
+    let trace = numbers(&result["cost"]["trace"]);
+    assert!(trace.len() > 1);
+    for pair in trace.windows(2) {
+        assert!(pair[1] <= pair[0] + 1e-9 * pair[0].abs(), "{pair:?}");
+    }
+    for stage in ["reading", "plan", "inference", "drawing", "total"] {
+        assert!(result["seconds"][stage].as_f64().is_some_and(|s| s >= 0.0), "{}", result["seconds"]);
+    }
+
+    bench.run("infer ball.exr -o again --starts 1 --grid 8").succeeds();
+    assert!(bench.read("again/brdf.binary") == bench.read("deep/out/brdf.binary"), "another BRDF the second time");
+    assert_eq!(bench.json("again/result.json")["transfer"]["plan"], "cache");
+}
+
+#[test]
+fn the_joint_maximum_is_found_in_an_existing_folder() {
+    let bench = Bench::with_ball();
+    std::fs::create_dir(bench.path("out")).unwrap();
+    bench.write("out/result.json", b"old");
+    bench.write("out/notes", b"kept");
+    bench.run("infer ball.exr -o out --starts 1 --grid 8 --method map --normals normals.npy").succeeds();
+    assert_eq!(bench.names("out").len(), OUTPUT.len() + 1);
+    assert_eq!(bench.read("out/notes"), b"kept");
+    assert_eq!(bench.json("out/result.json")["cost"]["name"], "minus log posterior");
+}
+
+#[test]
+fn a_known_light_is_taken_as_it_is() {
+    let bench = Bench::with_ball();
+    bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
+    let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light --light light.hdr";
+    bench.run(line).succeeds();
+    assert_eq!(bench.names("out"), OUTPUT);
+    let light = |name: &str| read(bench.path(name), &ReadOptions::default()).unwrap().picture.rgb;
+    assert_eq!(light("out/light.exr"), light("light.hdr"));
+    assert_eq!(numbers(&bench.json("out/result.json")["light"]["coefficients"]), [1.0]);
+}
+
+#[test]
+fn normals_and_a_mask_stand_in_for_a_sphere() {
+    let bench = Bench::new();
+    bench.write("ball.exr", &gonio_io::picture::encode_exr(&ball().rgb, None));
+    bench.write("normals.npy", &encode_normals(&normals(SIZE)));
+    bench.write("normals.exr", &gonio_io::picture::encode_exr(&normals(SIZE), None));
+    bench.write("mask.png", &mask(SIZE));
+    for form in ["npy", "exr"] {
+        let line = format!("infer ball.exr -o {form} --starts 1 --grid 8 --normals normals.{form} --mask mask.png");
+        bench.run(&line).succeeds();
+        assert_eq!(bench.names(form), OUTPUT);
+    }
+    assert!(bench.json("npy/result.json")["observations"]["circle"].is_null());
+    assert!(bench.read("npy/brdf.binary") == bench.read("exr/brdf.binary"), "another BRDF from the same normals");
+}
+
+#[test]
+fn an_8_bit_picture_is_warned_of_unless_linear() {
+    let bench = Bench::with_ball();
+    let picture = ball().rgb;
+    let largest = picture.as_slice().iter().map(|p| p.max_element()).fold(0.0, f32::max);
+    bench.write("ball.png", &gonio_io::picture::encode_png(&picture.map(|p| *p * (0.8 / largest))));
+    for (options, warned) in [("-o coded", true), ("-o linear --linear", false)] {
+        let line = format!("infer ball.png {options} --starts 1 --grid 8 --normals normals.npy");
+        let run = bench.run(&line).succeeds();
+        let warning = run.stderr.lines().any(|l| l.starts_with("warning: ball.png: 8-bit sRGB-coded picture"));
+        assert_eq!(warning, warned, "{run:?}");
+    }
+}

@@ -1,0 +1,9 @@
+//! What the program promises: its output for good input, one line and nothing else for bad input.
+
+#![allow(missing_docs)]
+
+mod infer;
+mod refusals;
+mod render;
+mod support;
+mod train;

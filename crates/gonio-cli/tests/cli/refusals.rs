@@ -1,0 +1,238 @@
+//! `gonio infer` on bad input.
+
+use std::fs;
+use std::process::Command;
+
+use glam::Vec3;
+use gonio::picture::{Picture, Plane};
+
+use crate::support::{Bench, SIZE, ball, ball_with, encode_normals, exr, grey, mask, normals};
+
+#[test]
+fn bad_photographs() {
+    let bench = Bench::with_ball();
+    let good = bench.read("ball.exr");
+    bench.write("short.exr", &good[..good.len() * 2 / 3]);
+    bench.write("header.exr", &good[..100]);
+    bench.write("text.exr", b"no picture at all\n");
+    bench.write("notes.txt", b"no picture at all\n");
+    bench.write("empty.exr", b"");
+    bench.write("nan.exr", &exr(&ball_with(f32::NAN)));
+    bench.write("infinite.exr", &exr(&ball_with(f32::INFINITY)));
+    bench.write("negative.exr", &exr(&ball_with(-0.1)));
+    let black = Picture { rgb: ball().rgb.map(|_| Vec3::ZERO), ..ball() };
+    bench.write("black.exr", &exr(&black));
+    bench.write("constant.exr", &grey(0.5, SIZE, SIZE));
+    let uneven = Plane::from_fn(SIZE, SIZE, |x, y| Vec3::splat((x + SIZE * y) as f32));
+    bench.write("uneven.pfm", &gonio_io::picture::encode_pfm(&uneven));
+    bench.write("one.exr", &grey(0.5, 1, 1));
+    fs::create_dir(bench.path("folder")).unwrap();
+    for (image, says) in [
+        ("none.exr", "none.exr: cannot open"),
+        ("folder", "folder: cannot read"),
+        ("short.exr", "short.exr: "),
+        ("header.exr", "header.exr: "),
+        ("text.exr", "text.exr: does not begin like a .exr file"),
+        ("notes.txt", "notes.txt: is a .txt file"),
+        ("empty.exr", "empty.exr: is empty"),
+        ("nan.exr", "nan.exr: 1 pixels of the object are NaN"),
+        ("infinite.exr", "infinite.exr: 1 pixels of the object are NaN, infinite"),
+        ("negative.exr", "negative.exr: 1 pixels of the object are NaN, infinite or negative"),
+        ("black.exr", "black.exr: the object is entirely black"),
+        ("constant.exr", "constant.exr: no alpha channel and no constant background"),
+        ("uneven.pfm", "uneven.pfm: no alpha channel and no constant background"),
+        ("one.exr", "one.exr: no alpha channel"),
+    ] {
+        bench.refuses(&format!("infer {image} -o out"), &[says]);
+        bench.refuses(&format!("infer {image} -o deep/er/out"), &[says]);
+    }
+    bench.refuses("infer", &["--output"]);
+    bench.refuses("infer ball.exr", &["--output"]);
+}
+
+#[test]
+fn help_and_version_are_no_errors() {
+    let bench = Bench::new();
+    for line in ["--help", "--version", "infer --help", "train lighting --help"] {
+        let run = bench.run(line).succeeds();
+        assert!(run.stderr.is_empty() && run.stdout.contains("gonio"), "{run:?}");
+    }
+    bench.refuses("guess", &["'guess'"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn unreadable_photographs() {
+    use std::os::unix::fs::PermissionsExt;
+    let bench = Bench::with_ball();
+    fs::set_permissions(bench.path("ball.exr"), fs::Permissions::from_mode(0)).unwrap();
+    if fs::read(bench.path("ball.exr")).is_ok() {
+        eprintln!("skipped: this user may read everything");
+        return;
+    }
+    bench.refuses("infer ball.exr -o out", &["ball.exr: cannot open", "check the permissions"]);
+}
+
+#[test]
+fn bad_masks() {
+    let bench = Bench::with_ball();
+    bench.write("empty.exr", &grey(0.0, SIZE, SIZE));
+    bench.write("full.exr", &grey(1.0, SIZE, SIZE));
+    bench.write("odd.exr", &grey(3.0, SIZE, SIZE));
+    bench.write("small.png", &mask(SIZE / 2));
+    let shape = |inside: &dyn Fn(f64, f64) -> bool| {
+        let white = |x: usize, y: usize| inside(x as f64 - 23.5, y as f64 - 23.5);
+        let plane = Plane::from_fn(SIZE, SIZE, |x, y| if white(x, y) { Vec3::ONE } else { Vec3::ZERO });
+        gonio_io::picture::encode_png(&plane)
+    };
+    bench.write("bar.png", &shape(&|x, y| x.abs() < 20.0 && y.abs() < 5.0));
+    bench.write("oval.png", &shape(&|x, y| (x / 20.0).hypot(y / 16.0) < 1.0));
+    for (mask, says) in [
+        ("none.png", "none.png: cannot open"),
+        ("empty.exr", "empty.exr: the mask is empty"),
+        ("full.exr", "full.exr: the mask covers the whole picture"),
+        ("odd.exr", "odd.exr: holds the value 3"),
+        ("small.png", "small.png: the mask is 24x24, the photograph 48x48"),
+        ("bar.png", "bar.png: only 0 degrees"),
+        ("oval.png", "oval.png: the outline is an ellipse"),
+        ("normals.npy", "normals.npy: "),
+    ] {
+        bench.refuses(&format!("infer ball.exr -o out --mask {mask}"), &[says]);
+    }
+    bench.refuses("infer ball.exr -o out --mask empty.exr --normals normals.npy", &["empty.exr"]);
+}
+
+#[test]
+fn bad_normals() {
+    let bench = Bench::with_ball();
+    let good = normals(SIZE);
+    bench.write("small.npy", &encode_normals(&normals(SIZE / 2)));
+    bench.write("long.npy", &encode_normals(&good.map(|n| 1.5 * n)));
+    bench.write("away.npy", &encode_normals(&good.map(|n| Vec3::new(n.x, n.y, -n.z))));
+    bench.write("none.npy", &encode_normals(&good.map(|_| Vec3::ZERO)));
+    bench.write("flat.npy", &encode_normals(&good.map(|_| Vec3::Z)));
+    let bytes = bench.read("normals.npy");
+    bench.write("short.npy", &bytes[..bytes.len() - 8]);
+    for (normals, says) in [
+        ("missing.npy", "missing.npy: cannot open"),
+        ("small.npy", "small.npy: the normal map is 24x24"),
+        ("long.npy", "long.npy: "),
+        ("away.npy", "face away from the camera"),
+        ("none.npy", "none.npy: no covered pixel has a normal"),
+        ("flat.npy", "flat.npy: the normals fall into only 1 cells"),
+        ("short.npy", "short.npy: has"),
+    ] {
+        bench.refuses(&format!("infer ball.exr -o out --normals {normals}"), &[says]);
+    }
+    bench.refuses("infer ball.exr -o out --normals long.npy", &["are not unit vectors"]);
+    bench.refuses("infer ball.exr -o out --normals normals.npy --circle 9,9,9", &["--circle", "--normals"]);
+}
+
+/// The embedded model with `old` replaced by `new`, of the same length.
+fn edited_model(old: &str, new: &str) -> Vec<u8> {
+    let mut bytes = gonio_io::model::encode_model(&gonio_io::model::embedded().unwrap());
+    let at = bytes.windows(old.len()).position(|w| w == old.as_bytes()).unwrap();
+    bytes[at..at + old.len()].copy_from_slice(new.as_bytes());
+    bytes
+}
+
+#[test]
+fn bad_models() {
+    let bench = Bench::with_ball();
+    bench.write("future.model", &edited_model("\"version\":\"1\"", "\"version\":\"2\""));
+    bench.write("kind.model", &edited_model("\"kind\":\"model\"", "\"kind\":\"medal\""));
+    let mut bytes = edited_model("gonio", "gonio");
+    bench.write("short.model", &bytes[..bytes.len() - 100]);
+    *bytes.last_mut().unwrap() ^= 1;
+    bench.write("flipped.model", &bytes);
+    for (model, says) in [
+        ("none.model", "none.model: cannot open"),
+        ("future.model", "future.model: is of version 2 of the format, version 1 is expected"),
+        ("kind.model", "kind.model: holds something unknown"),
+        ("short.model", "short.model: has not the length"),
+        ("flipped.model", "flipped.model: does not match its own checksum"),
+        ("ball.exr", "ball.exr: is not a model"),
+    ] {
+        bench.refuses(&format!("infer ball.exr -o out --model {model}"), &[says]);
+    }
+}
+
+#[test]
+fn bad_lights_and_options() {
+    let bench = Bench::with_ball();
+    bench.write("square.exr", &grey(1.0, 8, 8));
+    bench.write("wide.exr", &grey(1.0, 17, 8));
+    bench.write("nan.exr", &grey(f32::NAN, 16, 8));
+    for (options, says) in [
+        ("--method known-light", "--light"),
+        ("--light square.exr", "--method known-light"),
+        ("--method known-light --light none.exr", "none.exr: cannot open"),
+        ("--method known-light --light square.exr", "square.exr: a lat-long map is twice as wide as high"),
+        ("--method known-light --light wide.exr", "wide.exr: a lat-long map"),
+        ("--method known-light --light nan.exr", "nan.exr: 128 pixels"),
+        ("--method guess", "--method"),
+        ("--grid 48", "--grid 48: give a power of two"),
+        ("--grid 0", "--grid 0"),
+        ("--grid 1", "--grid 1"),
+        ("--grid 512", "--grid 512"),
+        ("--grid x", "--grid"),
+        ("--starts 0", "--starts"),
+        ("--clip 0", "--clip 0"),
+        ("--clip nan", "--clip"),
+        ("--circle nonsense", "--circle"),
+        ("--circle 1,2", "--circle"),
+        ("--circle 1,2,3,4", "--circle"),
+        ("--circle 24,24,20,x", "--circle"),
+        ("--circle 24,24,-20", "--circle"),
+        ("--circle 24,24,nan", "--circle"),
+        ("--circle 24,24,inf", "ball.exr: the circle"),
+        ("--circle 24,24,3", "ball.exr: the circle"),
+        ("--circle 240,24,20", "ball.exr: only 0 points can be used"),
+        ("--shape cube", "--shape"),
+        ("--sed 3", "'--seed'"),
+    ] {
+        bench.refuses(&format!("infer ball.exr -o out {options}"), &[says]);
+    }
+}
+
+#[test]
+fn folders_that_cannot_be_made() {
+    let bench = Bench::with_ball();
+    bench.write("file", b"x");
+    bench.refuses("infer ball.exr -o file", &["file: cannot make the folder", "a file of that name exists"]);
+    bench.refuses("infer ball.exr -o file/out", &["file/out: cannot make the folder"]);
+    bench.refuses("infer ball.exr -o file/deep/out", &["file/deep/out: cannot make the folder"]);
+}
+
+/// A disk of a megabyte in memory, unmounted on drop.
+struct SmallDisk<'a>(&'a Bench);
+
+impl<'a> SmallDisk<'a> {
+    /// `None` where mounting is not permitted.
+    fn mount(bench: &'a Bench) -> Option<Self> {
+        fs::create_dir(bench.path("disk")).unwrap();
+        let mount = ["-t", "tmpfs", "-o", "size=1m", "gonio-test"];
+        let mounted = Command::new("mount").args(mount).arg(bench.path("disk")).output();
+        mounted.is_ok_and(|out| out.status.success()).then_some(Self(bench))
+    }
+}
+
+impl Drop for SmallDisk<'_> {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(self.0.path("disk")).status();
+    }
+}
+
+#[test]
+fn a_full_disk() {
+    let bench = Bench::with_ball();
+    let Some(_disk) = SmallDisk::mount(&bench) else {
+        eprintln!("skipped: no permission to mount a small disk");
+        return;
+    };
+    let infer = "infer ball.exr --starts 1 --grid 8 --normals normals.npy";
+    for out in ["disk/new", "disk"] {
+        let line = format!("{infer} -o {out}");
+        bench.refuses(&line, &[&format!("{out}/brdf.binary: cannot write"), "free some space"]);
+    }
+}

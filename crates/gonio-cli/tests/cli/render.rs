@@ -1,0 +1,70 @@
+//! `gonio render`.
+
+use gonio::lighting::studio_light;
+use gonio_io::picture::{ReadOptions, encode_hdr, read};
+
+use crate::support::{Bench, grey, material, merl};
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.write("light.hdr", &encode_hdr(studio_light(16).radiance()));
+    gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
+    bench
+}
+
+#[test]
+fn pictures_have_the_size_asked_for() {
+    let bench = bench();
+    for (name, size) in [("a.exr", 33), ("a.png", 40)] {
+        bench.run(&format!("render --brdf in.binary --light light.hdr -o {name} --size {size}")).succeeds();
+        let picture = read(bench.path(name), &ReadOptions::default()).unwrap().picture;
+        assert_eq!(picture.rgb.size(), (size, size));
+        assert_eq!(picture.alpha.is_some(), name == "a.exr");
+        assert!(picture.rgb[(size / 2, size / 2)].min_element() > 0.0);
+    }
+}
+
+#[test]
+fn bad_input_is_refused() {
+    let bench = bench();
+    let good = bench.read("in.binary");
+    bench.write("short.binary", &good[..good.len() / 2]);
+    bench.write("header.binary", &good[..7]);
+    let mut nan = good;
+    nan[12 + 8 * 1000..][..8].copy_from_slice(&f64::NAN.to_le_bytes());
+    bench.write("nan.binary", &nan);
+    bench.write("square.exr", &grey(1.0, 8, 8));
+    bench.write("black.exr", &grey(0.0, 16, 8));
+    bench.write("negative.exr", &grey(-1.0, 16, 8));
+    std::fs::create_dir(bench.path("folder.exr")).unwrap();
+    for (brdf, light, output, says) in [
+        ("in.binary", "light.hdr", "x.jpg", "x.jpg"),
+        ("in.binary", "light.hdr", "x", ".exr or .png"),
+        ("none.binary", "light.hdr", "x.exr", "none.binary"),
+        ("in.binary", "none.hdr", "x.exr", "none.hdr"),
+        ("short.binary", "light.hdr", "x.exr", "short.binary: is cut short"),
+        ("header.binary", "light.hdr", "x.exr", "header.binary: is cut short"),
+        ("nan.binary", "light.hdr", "x.exr", "nan.binary: has 1 values that are not finite"),
+        ("light.hdr", "light.hdr", "x.exr", "light.hdr"),
+        ("in.binary", "in.binary", "x.exr", "in.binary"),
+        ("in.binary", "square.exr", "x.exr", "square.exr: a lat-long map is twice as wide as high"),
+        ("in.binary", "black.exr", "x.exr", "black.exr"),
+        ("in.binary", "negative.exr", "x.exr", "negative.exr"),
+        ("in.binary", "light.hdr", "none/x.exr", "none/x.exr"),
+        ("in.binary", "light.hdr", "in.binary/x.png", "in.binary/x.png"),
+        ("in.binary", "light.hdr", "folder.exr", "folder.exr"),
+    ] {
+        bench.refuses(&format!("render --brdf {brdf} --light {light} -o {output} --size 8"), &[says]);
+    }
+    for (option, says) in [
+        ("--size 7", "--size"),
+        ("--size many", "--size"),
+        ("--samples 0", "--samples"),
+        ("--tolerance 0", "--tolerance"),
+        ("--tolerance nan", "--tolerance"),
+        ("--odd", "--odd"),
+    ] {
+        bench.refuses(&format!("render --brdf in.binary --light light.hdr -o x.exr {option}"), &[says]);
+    }
+    bench.refuses("render --brdf in.binary -o x.exr", &["--light"]);
+}

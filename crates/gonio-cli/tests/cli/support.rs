@@ -1,0 +1,177 @@
+//! Running the program, and small scenes to run it on.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use glam::{DVec3, Vec3};
+use gonio::lighting::studio_light;
+use gonio::picture::{Picture, Plane};
+use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio::render::{LightTree, SphereSettings, render_sphere};
+use gonio_io::npy;
+
+/// Side of the pictures of the ball.
+pub(crate) const SIZE: usize = 48;
+
+/// How a run of the program ended.
+#[derive(Debug)]
+pub(crate) struct Run {
+    pub(crate) code: Option<i32>,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
+}
+
+impl Run {
+    #[track_caller]
+    pub(crate) fn succeeds(self) -> Self {
+        assert_eq!(self.code, Some(0), "{self:?}");
+        self
+    }
+
+    /// Exit code 2 and one line that says each of `says`.
+    #[track_caller]
+    pub(crate) fn fails(self, says: &[&str]) -> Self {
+        assert_eq!(self.code, Some(2), "{self:?}");
+        assert_eq!(self.stdout, "");
+        let lines: Vec<&str> = self.stderr.lines().collect();
+        assert!(lines.len() == 1 && lines[0].starts_with("error: "), "{self:?}");
+        assert!(says.iter().all(|s| lines[0].contains(s)), "{says:?} are in {self:?}");
+        self
+    }
+}
+
+/// A folder to run the program in; all names are relative to it.
+pub(crate) struct Bench(tempfile::TempDir);
+
+impl Bench {
+    pub(crate) fn new() -> Self {
+        Self(tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap())
+    }
+
+    /// With the ball, as `ball.exr` with alpha, and its normals, as `normals.npy`.
+    pub(crate) fn with_ball() -> Self {
+        let bench = Self::new();
+        bench.write("ball.exr", &exr(&ball()));
+        bench.write("normals.npy", &encode_normals(&normals(SIZE)));
+        bench
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    pub(crate) fn write(&self, name: &str, bytes: &[u8]) {
+        fs::write(self.path(name), bytes).unwrap();
+    }
+
+    pub(crate) fn read(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path(name)).unwrap()
+    }
+
+    pub(crate) fn json(&self, name: &str) -> serde_json::Value {
+        serde_json::from_slice(&self.read(name)).unwrap()
+    }
+
+    /// Runs `gonio` with the words of `line` as arguments. Plans are kept for all tests.
+    pub(crate) fn run(&self, line: &str) -> Run {
+        let out = Command::new(env!("CARGO_BIN_EXE_gonio"))
+            .args(line.split_whitespace())
+            .current_dir(self.0.path())
+            .env("GONIO_CACHE_DIR", Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"))
+            .output()
+            .unwrap();
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        Run { code: out.status.code(), stdout: text(out.stdout), stderr: text(out.stderr) }
+    }
+
+    /// Runs `gonio`, which refuses, says each of `says` in one line, and leaves the folder as it was.
+    #[track_caller]
+    pub(crate) fn refuses(&self, line: &str, says: &[&str]) {
+        let before = self.tree();
+        self.run(line).fails(says);
+        assert_eq!(self.tree(), before, "{line}");
+    }
+
+    /// Everything in the folder, hidden files included, with the length of files.
+    pub(crate) fn tree(&self) -> BTreeMap<PathBuf, u64> {
+        fn walk(dir: &Path, into: &mut BTreeMap<PathBuf, u64>) {
+            for entry in fs::read_dir(dir).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    walk(&path, into);
+                }
+                let length = if path.is_file() { path.metadata().unwrap().len() } else { 0 };
+                into.insert(path, length);
+            }
+        }
+        let mut tree = BTreeMap::new();
+        walk(self.0.path(), &mut tree);
+        tree
+    }
+
+    /// Names in a folder, sorted.
+    pub(crate) fn names(&self, dir: &str) -> Vec<String> {
+        let name = |e: std::io::Result<fs::DirEntry>| e.unwrap().file_name().into_string().unwrap();
+        let mut names: Vec<String> = fs::read_dir(self.path(dir)).unwrap().map(name).collect();
+        names.sort();
+        names
+    }
+}
+
+/// A diffuse material with a highlight whose width is given in radians.
+pub(crate) fn material(diffuse: f64, width: f64) -> BivariateTable {
+    BivariateTable::from_fn(|h, d| diffuse + 0.8 * (1.0 + d) * (-(h / width).powi(2)).exp())
+}
+
+pub(crate) fn merl(table: &BivariateTable) -> MerlTable {
+    MerlTable::from_bivariate([table, table, table])
+}
+
+/// A photograph of a ball: alpha around it, and noise of two per cent, without which the inference would take its time.
+pub(crate) fn ball() -> Picture {
+    let settings = SphereSettings { size: SIZE, ..SphereSettings::default() };
+    let light = LightTree::of_map(&studio_light(32));
+    let mut picture = render_sphere(&merl(&material(0.1, 0.3)), &light, &settings, &|_| ());
+    for (i, colour) in picture.rgb.as_mut_slice().iter_mut().enumerate() {
+        *colour *= 1.0 + 0.02 * (1e4 * (i as f32 * 0.73).sin()).sin();
+    }
+    picture
+}
+
+/// The same photograph with another value at the middle of the ball.
+pub(crate) fn ball_with(value: f32) -> Picture {
+    let mut picture = ball();
+    picture.rgb[(SIZE / 2, SIZE / 2)] = Vec3::splat(value);
+    picture
+}
+
+pub(crate) fn exr(picture: &Picture) -> Vec<u8> {
+    gonio_io::picture::encode_exr(&picture.rgb, picture.alpha.as_ref())
+}
+
+pub(crate) fn grey(value: f32, width: usize, height: usize) -> Vec<u8> {
+    gonio_io::picture::encode_exr(&Plane::from_fn(width, height, |_, _| Vec3::splat(value)), None)
+}
+
+/// Normals of a ball that fills `size` by `size` pixels but for the margin of the renderer.
+pub(crate) fn normals(size: usize) -> Plane<Vec3> {
+    let (centre, radius) = (0.5 * size as f64, SphereSettings { size, ..SphereSettings::default() }.radius());
+    Plane::from_fn(size, size, |x, y| {
+        let (a, b) = ((x as f64 + 0.5 - centre) / radius, (centre - y as f64 - 0.5) / radius);
+        let rest = 1.0 - a * a - b * b;
+        if rest > 0.0 { DVec3::new(a, b, rest.sqrt()).as_vec3() } else { Vec3::ZERO }
+    })
+}
+
+pub(crate) fn encode_normals(normals: &Plane<Vec3>) -> Vec<u8> {
+    let values = normals.as_slice().iter().flat_map(|n| n.to_array()).collect();
+    npy::encode(&npy::Array { shape: vec![normals.height(), normals.width(), 3], values })
+}
+
+/// White on the ball.
+pub(crate) fn mask(size: usize) -> Vec<u8> {
+    let white = |n: &Vec3| if *n == Vec3::ZERO { Vec3::ZERO } else { Vec3::ONE };
+    gonio_io::picture::encode_png(&normals(size).map(white))
+}

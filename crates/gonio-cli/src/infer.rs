@@ -255,8 +255,10 @@ fn observe(options: &Options, picture: &Picture, clip: Option<f32>, warnings: &m
     let settings = ObservationSettings { clip, ..ObservationSettings::default() };
     let (observations, circle, normals) = if let Some(path) = &options.normals {
         let normals = gonio_io::normals::read_normals(path)?;
-        let found = Observations::of_normals(picture, &normals, coverage.as_ref(), &settings)
-            .with_context(|| format!("{} with {}", name(), path.display()))?;
+        let found = Observations::of_normals(picture, &normals, coverage.as_ref(), &settings).with_context(|| {
+            let mask = options.mask.as_ref().map(|mask| format!(" and {}", mask.display())).unwrap_or_default();
+            format!("{} with {}{mask}", name(), path.display())
+        })?;
         (found, None, Some(normals))
     } else {
         let Shape::Sphere = options.shape;

@@ -203,7 +203,7 @@ mod tests {
         let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
         let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
         for (old, new) in [
-            ("\"version\":1", "\"version\":2"),
+            ("\"version\":2", "\"version\":3"),
             ("\"points\":150", "\"points\":15000000000000"),
             ("\"points\":150", "\"points\":1500000000000000000"),
             ("\"side\":8", "\"side\":9000000000000000000"),

@@ -188,10 +188,7 @@ pub(crate) fn prior_pull(prior: &CoefficientPrior, l: &Moments) -> (f64, f64) {
 /// `-sum_n r_n (log r_n - log pi_n + log(2 pi s_n^2)/2 + <l^2>/(2 s_n^2)) = log sum_n pi_n N(<l^2>; 0, s_n^2)`.
 pub(crate) fn expected_log_prior(prior: &CoefficientPrior, l: &Moments) -> f64 {
     match prior {
-        CoefficientPrior::Mixture(mixture) => {
-            let top = mixture.log_joint(l.mean_square()).fold(f64::NEG_INFINITY, f64::max);
-            top + mixture.log_joint(l.mean_square()).map(|j| (j - top).exp()).sum::<f64>().ln()
-        }
+        CoefficientPrior::Mixture(mixture) => mixture.log_density_of_square(l.mean_square()),
         CoefficientPrior::Rectified(p) => {
             let square = l.variance + (l.mean - p.location).powi(2);
             -0.5 * ((std::f64::consts::TAU * p.variance).ln() + square / p.variance) - p.log_mass()

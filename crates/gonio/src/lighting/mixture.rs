@@ -42,7 +42,12 @@ const QUANTISED: usize = 4096;
 impl ScaleMixture {
     /// Density at `x`, as its logarithm.
     pub fn log_density(&self, x: f64) -> f64 {
-        self.log_joint(x * x).fold(f64::NEG_INFINITY, log_add)
+        self.log_density_of_square(x * x)
+    }
+
+    /// The same for a given `x^2`; for an expected square `<x^2>` the bound of `<log p>` with the best responsibilities.
+    pub fn log_density_of_square(&self, x2: f64) -> f64 {
+        self.log_joint(x2).fold(f64::NEG_INFINITY, log_add)
     }
 
     /// Variance `sum pi_n s_n^2`.

@@ -37,33 +37,23 @@ pub(super) struct Sketch {
 fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_, f32>) {
     const BAND: usize = 256;
     let columns = out.ncols();
-    let bands: Vec<(usize, MatMut<'_, f32>)> = out.par_col_bands(columns.div_ceil(BAND));
-    bands.into_par_iter().for_each(|(first, out)| {
+    column_bands(out, columns.div_ceil(BAND)).into_par_iter().for_each(|(first, out)| {
         let width = out.ncols();
         matmul(out, accum, a, b.subcols(first, width), 1.0, Par::Seq);
     });
 }
 
-/// Cutting a matrix into bands of columns that can be written at the same time.
-trait ColumnBands<'a> {
-    fn par_col_bands(self, count: usize) -> Vec<(usize, MatMut<'a, f32>)>;
-}
-
-impl<'a> ColumnBands<'a> for MatMut<'a, f32> {
-    fn par_col_bands(self, count: usize) -> Vec<(usize, MatMut<'a, f32>)> {
-        let columns = self.ncols();
-        let mut bands = Vec::with_capacity(count);
-        let mut rest = self;
-        let mut first = 0;
-        for band in 0..count {
-            let end = (band + 1) * columns / count;
-            let (head, tail) = rest.split_at_col_mut(end - first);
-            bands.push((first, head));
-            rest = tail;
-            first = end;
-        }
-        bands
+/// Cuts a matrix into bands of columns that can be written at the same time, each with the index of its first column.
+fn column_bands<T>(matrix: MatMut<'_, T>, count: usize) -> Vec<(usize, MatMut<'_, T>)> {
+    let columns = matrix.ncols();
+    let (mut bands, mut rest, mut first) = (Vec::with_capacity(count), matrix, 0);
+    for band in 0..count {
+        let end = (band + 1) * columns / count;
+        let (head, tail) = rest.split_at_col_mut(end - first);
+        bands.push((first, head));
+        (rest, first) = (tail, end);
     }
+    bands
 }
 
 /// Orthonormalises the columns in place by two passes of Cholesky QR in double precision.
@@ -81,7 +71,7 @@ fn orthonormalise(y: &mut Mat<f32>) {
         let lower = factor.L();
         let mut transposed = tall.transpose().to_owned();
         let columns = transposed.ncols();
-        bands_f64(transposed.as_mut(), columns.div_ceil(512)).into_par_iter().for_each(|band| {
+        column_bands(transposed.as_mut(), columns.div_ceil(512)).into_par_iter().for_each(|(_, band)| {
             faer::linalg::triangular_solve::solve_lower_triangular_in_place(lower, band, Par::Seq);
         });
         tall = transposed.transpose().to_owned();
@@ -89,32 +79,11 @@ fn orthonormalise(y: &mut Mat<f32>) {
     }
 }
 
-fn bands_f64(matrix: MatMut<'_, f64>, count: usize) -> Vec<MatMut<'_, f64>> {
-    let columns = matrix.ncols();
-    let (mut bands, mut rest, mut first) = (Vec::with_capacity(count), matrix, 0);
-    for band in 0..count {
-        let end = (band + 1) * columns / count;
-        let (head, tail) = rest.split_at_col_mut(end - first);
-        bands.push(head);
-        (rest, first) = (tail, end);
-    }
-    bands
-}
-
 /// `Y' Y`, band by band.
 fn gram(y: MatRef<'_, f64>) -> Mat<f64> {
     let n = y.ncols();
     let mut gram = Mat::zeros(n, n);
-    let mut first = 0;
-    let work: Vec<(usize, MatMut<'_, f64>)> = bands_f64(gram.as_mut(), n.div_ceil(128))
-        .into_iter()
-        .map(|band| {
-            let at = first;
-            first += band.ncols();
-            (at, band)
-        })
-        .collect();
-    work.into_par_iter().for_each(|(first, band)| {
+    column_bands(gram.as_mut(), n.div_ceil(128)).into_par_iter().for_each(|(first, band)| {
         let width = band.ncols();
         matmul(band, Accum::Replace, y.transpose(), y.subcols(first, width), 1.0, Par::Seq);
     });

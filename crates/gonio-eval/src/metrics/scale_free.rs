@@ -1,7 +1,9 @@
-//! How an estimate is judged: measures 1 and 2 of the evaluation, both free of the common scale.
+//! Relight error and BRDF error: both blind to the common scale, which a photograph does not determine.
 
 use gonio::picture::{Picture, luminance};
-use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted, theta_h_of};
+use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
+
+use super::gloss::diffuse_level;
 
 /// Relight error and its log version.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,25 +34,29 @@ pub(crate) fn relight(estimate: &[f64], reference: &[f64]) -> Relight {
     let residual: f64 = estimate.iter().zip(reference).map(|(a, b)| (scale * a - b).powi(2)).sum();
     let relative = (residual / inner(reference, reference)).sqrt();
     let floor = 0.01 * reference.iter().sum::<f64>() / reference.len() as f64;
-    Relight { relative, log: log_error(estimate.iter().copied().zip(reference.iter().copied()), floor) }
+    Relight { relative, log: log_fit(estimate.iter().copied().zip(reference.iter().copied()), floor).1 }
 }
 
-/// BRDF error: over trusted cells, `e` a thousandth of the median of the reference where `theta_h > 45` degrees.
+/// BRDF error: `min_s` root mean square of `ln((s F^ + e)/(F + e))` over trusted cells, `e` a thousandth of the diffuse level
+/// of the reference.
 pub(crate) fn brdf_error(estimate: &BivariateTable, reference: &BivariateTable) -> f64 {
-    let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
-    let mut diffuse: Vec<f32> = (0..CELLS)
-        .filter(trusted)
-        .filter(|c| theta_h_of(c / THETA_D) > std::f64::consts::FRAC_PI_4)
-        .map(|c| reference.as_slice()[c])
-        .collect();
-    diffuse.sort_by(f32::total_cmp);
-    let floor = 1e-3 * f64::from(diffuse[diffuse.len() / 2]);
-    let cells = (0..CELLS).filter(trusted);
-    log_error(cells.map(|c| (f64::from(estimate.as_slice()[c]), f64::from(reference.as_slice()[c]))), floor)
+    brdf_fit(estimate, reference).1
 }
 
-/// `min_s rms ln((s a + e)/(b + e))` by golden section over `ln s` around the ratio of geometric means.
-fn log_error(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> f64 {
+/// The `s` of [`brdf_error`]: what an estimate is multiplied with to lie over the reference.
+pub(crate) fn brdf_scale(estimate: &BivariateTable, reference: &BivariateTable) -> f64 {
+    brdf_fit(estimate, reference).0
+}
+
+fn brdf_fit(estimate: &BivariateTable, reference: &BivariateTable) -> (f64, f64) {
+    let floor = 1e-3 * diffuse_level(reference);
+    let cells = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D));
+    log_fit(cells.map(|c| (f64::from(estimate.as_slice()[c]), f64::from(reference.as_slice()[c]))), floor)
+}
+
+/// The `s` that minimises `rms ln((s a + e)/(b + e))` and the minimum, by golden section over `ln s` around the ratio of
+/// geometric means.
+fn log_fit(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> (f64, f64) {
     let pairs: Vec<(f64, f64)> = pairs.map(|(a, b)| (a.max(0.0), b.max(0.0))).collect();
     let n = pairs.len() as f64;
     let cost = |log_scale: f64| {
@@ -72,16 +78,8 @@ fn log_error(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> f64 {
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
         if cost(a) < cost(b) { high = b } else { low = a }
     }
-    cost(0.5 * (low + high))
-}
-
-/// Median of a list; NaN when empty.
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    values.sort_by(f64::total_cmp);
-    0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
+    let log_scale = 0.5 * (low + high);
+    (log_scale.exp(), cost(log_scale))
 }
 
 #[cfg(test)]
@@ -98,7 +96,8 @@ mod tests {
         let scaled = BivariateTable::from_vec(a.as_slice().iter().map(|x| 37.0 * x).collect());
         assert!(brdf_error(&a, &a) < 1e-6);
         assert!(brdf_error(&scaled, &a) < 1e-4);
-        assert!(brdf_error(&glossy(0.3), &a) > 0.2);
+        assert!(brdf_error(&glossy(0.3), &a) > 0.2 && brdf_error(&a, &glossy(0.3)) > 0.2);
+        assert!((brdf_scale(&scaled, &a) * 37.0 - 1.0).abs() < 1e-4);
     }
 
     #[test]

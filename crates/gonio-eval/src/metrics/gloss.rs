@@ -1,0 +1,95 @@
+//! How glossy a BRDF is.
+
+use gonio::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
+use serde::{Deserialize, Serialize};
+
+/// The highlight of a BRDF: how much it stands out and how wide it is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Gloss {
+    /// Natural logarithm of the specular peak over the diffuse level: zero for a Lambertian surface, 3 for satin paint, above 10
+    /// for a mirror.
+    pub(crate) contrast: f64,
+    /// Half angle (radians) at which what stands above the diffuse level has fallen to half; `pi / 2` without a highlight.
+    pub(crate) width: f64,
+}
+
+/// Highlights are read here: the middle of the domain, which most photographs show and all measurements hold.
+const FURTHEST_D: f64 = 45.0;
+
+impl Gloss {
+    /// Of the peak (`theta_h` below half a degree) averaged over `theta_d` up to 45 degrees, against the median of the trusted
+    /// cells beyond `theta_h` of 45 degrees.
+    pub(crate) fn of(table: &BivariateTable) -> Self {
+        let diffuse = diffuse_level(table);
+        let columns: Vec<usize> = (0..THETA_D).filter(|&j| theta_d_of(j).to_degrees() <= FURTHEST_D).collect();
+        let profile: Vec<f64> = (0..THETA_H)
+            .map(|i| columns.iter().map(|&j| f64::from(table.cell(i, j))).sum::<f64>() / columns.len() as f64)
+            .collect();
+        let near: Vec<f64> = (0..THETA_H).filter(|&i| theta_h_of(i).to_degrees() < 0.5).map(|i| profile[i]).collect();
+        let peak = near.iter().sum::<f64>() / near.len() as f64;
+        // Both ends are kept off zero by one part in a million of the peak: a black diffuse part is common in metals.
+        let floor = (1e-6 * peak).max(1e-30);
+        let contrast = (peak.max(floor) / diffuse.max(floor)).ln();
+        let half = diffuse + 0.5 * (peak - diffuse);
+        let width = if peak > 1.05 * diffuse { crossing(&profile, half) } else { std::f64::consts::FRAC_PI_2 };
+        Self { contrast, width }
+    }
+}
+
+/// Median over the trusted cells with `theta_h` above 45 degrees.
+pub(super) fn diffuse_level(table: &BivariateTable) -> f64 {
+    let mut cells: Vec<f32> = (0..CELLS)
+        .filter(|c| is_trusted(c / THETA_D, c % THETA_D) && theta_h_of(c / THETA_D) > std::f64::consts::FRAC_PI_4)
+        .map(|c| table.as_slice()[c])
+        .collect();
+    cells.sort_by(f32::total_cmp);
+    f64::from(cells[cells.len() / 2])
+}
+
+/// Where the profile first falls below `level`, between samples by interpolation.
+fn crossing(profile: &[f64], level: f64) -> f64 {
+    match profile.iter().position(|&p| p < level) {
+        None => std::f64::consts::FRAC_PI_2,
+        Some(0) => theta_h_of(0),
+        Some(i) => {
+            let t = (profile[i - 1] - level) / (profile[i - 1] - profile[i]).max(1e-300);
+            theta_h_of(i - 1) + t * (theta_h_of(i) - theta_h_of(i - 1))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lobe(peak: f64, width: f64) -> BivariateTable {
+        BivariateTable::from_fn(|h, _| 1.0 + peak * (-std::f64::consts::LN_2 * (h / width).powi(2)).exp())
+    }
+
+    #[test]
+    fn contrast_and_width_are_those_of_the_lobe() {
+        for (peak, width) in [(4.0, 0.3), (100.0, 0.1), (3000.0, 0.02)] {
+            let gloss = Gloss::of(&lobe(peak, width));
+            assert!((gloss.contrast - (1.0 + peak).ln()).abs() < 0.05, "{peak} {gloss:?}");
+            assert!((gloss.width / width - 1.0).abs() < 0.1, "{width} {gloss:?}");
+        }
+    }
+
+    #[test]
+    fn scale_changes_nothing_and_a_lambertian_surface_has_no_highlight() {
+        let a = lobe(20.0, 0.2);
+        let scaled = BivariateTable::from_vec(a.as_slice().iter().map(|x| 1e-3 * x).collect());
+        let (a, b) = (Gloss::of(&a), Gloss::of(&scaled));
+        assert!((a.contrast - b.contrast).abs() < 1e-5 && (a.width - b.width).abs() < 1e-5);
+        let flat = Gloss::of(&BivariateTable::from_fn(|_, _| 0.3));
+        assert!(flat.contrast.abs() < 1e-6 && flat.width > 1.5, "{flat:?}");
+    }
+
+    #[test]
+    fn black_surfaces_are_no_trouble() {
+        let black = Gloss::of(&BivariateTable::from_fn(|_, _| 0.0));
+        assert!(black.contrast.is_finite() && black.width.is_finite());
+        let no_diffuse = Gloss::of(&BivariateTable::from_fn(|h, _| if h < 0.05 { 900.0 } else { 0.0 }));
+        assert!((10.0..15.0).contains(&no_diffuse.contrast), "{no_diffuse:?}");
+    }
+}

@@ -4,6 +4,7 @@ use super::ensemble::AllMoments;
 use super::expectations::{Expectations, prior_pull};
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments};
+use crate::transfer::kernels::{axpy, dispatch, dot};
 
 /// The means of all light coefficients with mixture priors at once, given all else, by preconditioned conjugate
 /// gradients from their present values:
@@ -15,7 +16,7 @@ use crate::lighting::{CoefficientPrior, Moments};
 /// Stopping early is safe: every step of conjugate gradients lowers the quadratic. Returns new means (DC and rectified coefficients
 /// unchanged) and the precisions `1/w` that go with them.
 pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, iterations: usize) -> (Vec<f64>, Vec<f64>) {
-    let (op, k_count, m_count) = (problem.bilinear, problem.k(), problem.m());
+    let (op, m_count) = (problem.bilinear, problem.m());
     let AllMoments { f, l, g, precision } = &now.moments;
     let stiffness = precision * g.mean_square();
     let pull = now.pull(problem);
@@ -27,13 +28,12 @@ pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, iterations: 
         .collect();
     let diagonal: Vec<f64> = pull.stiffness.iter().zip(&priors).map(|(s, d)| stiffness * s + d).collect();
     let mask = |x: Vec<f64>| -> Vec<f64> { x.into_iter().zip(&free).map(|(x, f)| if *f { x } else { 0.0 }).collect() };
+    let (mean, variance): (Vec<f64>, Vec<f64>) = f.iter().map(|f| (f.mean, f.variance)).unzip();
+    // Of a point estimate only B'B is left, and B is at hand: a tenth of the operator's size.
+    let point = variance.iter().all(|v| *v == 0.0);
     let apply = |p: &[f64]| {
-        let mut a = op.under_light(p);
-        for a in a.chunks_exact_mut(k_count) {
-            let y: f64 = a.iter().zip(f).map(|(a, f)| a * f.mean).sum();
-            a.iter_mut().zip(f).for_each(|(a, f)| *a = f.mean * y + f.variance * *a);
-        }
-        let out = op.light_adjoint(&a).into_iter().zip(p.iter().zip(&priors));
+        let out = if point { gram_times(&now.b, p) } else { op.light_curvature(p, &mean, &variance) };
+        let out = out.into_iter().zip(p.iter().zip(&priors));
         mask(out.map(|(s, (p, d))| stiffness * s + d * p).collect())
     };
     let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
@@ -59,6 +59,17 @@ pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, iterations: 
         rz = next;
     }
     (means, diagonal)
+}
+
+/// `B'B p` for a row-major `B`.
+fn gram_times(b: &[f64], p: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; p.len()];
+    dispatch(|| {
+        for row in b.chunks_exact(p.len()) {
+            axpy(dot(row, p), row, &mut out);
+        }
+    });
+    out
 }
 
 /// Quadratic form of the residual in the reflectance coefficients, light marginalised under q.
@@ -144,34 +155,40 @@ pub(crate) fn light_coordinate(problem: &Problem<'_>, now: &Expectations, ensemb
     }
 }
 
-/// One round of exact minimisation over light, reflectance and exposure in turn. Noise stays as it is.
-pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &[f64], iterations: usize) -> Ensemble {
+/// One round of exact minimisation over light, reflectance and exposure in turn. Noise stays as it is. `now` belongs to
+/// `ensemble`; so does what is returned to its.
+pub(crate) fn round(
+    problem: &Problem<'_>,
+    ensemble: &Ensemble,
+    mut now: Expectations,
+    grams: &[f64],
+    iterations: usize,
+) -> (Ensemble, Expectations) {
     let mut next = ensemble.clone();
-    let mut now = Expectations::new(problem, &next);
     if problem.m() > 1 {
         let (means, precisions) = light_step(problem, &now, iterations);
-        let rectified = (1..problem.m()).filter(|&m| matches!(problem.light[m - 1], CoefficientPrior::Rectified(_)));
         for m in 1..problem.m() {
             if matches!(problem.light[m - 1], CoefficientPrior::Mixture(_)) {
                 next.set_l(m, means[m] * precisions[m], precisions[m]);
             }
         }
-        for m in rectified {
-            now = Expectations::new(problem, &next);
+        now = now.after(problem, &next);
+        for m in (1..problem.m()).filter(|&m| matches!(problem.light[m - 1], CoefficientPrior::Rectified(_))) {
             light_coordinate(problem, &now, &mut next, m);
+            now = now.after(problem, &next);
         }
-        now = Expectations::new(problem, &next);
     }
     let system = ReflectanceSystem::new(problem, &now, grams);
     system.descend(problem, &now.moments, |k, natural, precision| {
         next.set_f(k, natural, precision);
         next.f_moments(k)
     });
-    now = Expectations::new(problem, &next);
+    now = now.after(problem, &next);
     let precision = now.moments.precision;
     next.set_g(precision * now.iy - problem.hyper.exposure_rate, precision * now.q);
     rescale(problem, &mut next);
-    next
+    now = now.after(problem, &next);
+    (next, now)
 }
 
 /// The image sees only the product of exposure and reflectance. Along `f -> c f, g -> g / c` the cost is

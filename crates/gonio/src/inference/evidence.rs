@@ -33,12 +33,14 @@ fn log_gamma(x: f64, shape: f64, rate: f64) -> f64 {
 /// An ensemble that minimises the cost, all factors at their best. Wherever it stops, the cost is a bound.
 fn settled(problem: &Problem<'_>, mut ensemble: Ensemble) -> (Ensemble, f64) {
     let grams = problem.bilinear.reflectance_grams();
+    let mut now = Expectations::new(problem, &ensemble);
     let mut cost = f64::INFINITY;
     for _ in 0..1000 {
-        ensemble = coordinate::round(problem, &ensemble, &grams, 30);
-        let now = Expectations::new(problem, &ensemble);
-        ensemble.set_log_noise(now.best_log_noise(problem));
-        let next = Expectations::new(problem, &ensemble).cost(problem);
+        let (moved, expected) = coordinate::round(problem, &ensemble, now, &grams, 30);
+        ensemble = moved;
+        ensemble.set_log_noise(expected.best_log_noise(problem));
+        now = expected.after(problem, &ensemble);
+        let next = now.cost(problem);
         if cost - next < 1e-9 {
             return (ensemble, next);
         }

@@ -11,6 +11,7 @@ use puruspe::ln_gamma;
 use super::ensemble::AllMoments;
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
+use crate::transfer::kernels::{axpy, dispatch};
 
 /// What the residual of eq. 9 looks like under q, and the cost.
 #[derive(Clone, Debug)]
@@ -33,8 +34,6 @@ pub struct Expectations {
 
 /// Gradient and diagonal curvature of the expected log likelihood in the light, without the factor `<sigma^-2>`.
 pub(crate) struct Pull {
-    /// `sum_i (<g> I_i - <g^2> y_i) A_imk`, `[k][m]`.
-    pub(crate) adjoint: Vec<f64>,
     /// `sum_i { <g> I_i b_im - <g^2> [b_im y_i + sum_k vf_k A_imk a_ik] }`.
     pub(crate) light: Vec<f64>,
     /// `S_m = sum_i [b_im^2 + sum_k vf_k A_imk^2]`.
@@ -49,11 +48,28 @@ impl Expectations {
 
     /// Under given moments; of variance zero for a point estimate.
     pub(crate) fn of_moments(problem: &Problem<'_>, moments: AllMoments) -> Self {
-        let (op, k, m) = (problem.bilinear, problem.k(), problem.m());
+        let a = problem.bilinear.under_light(&moments.l_means());
+        let b = problem.bilinear.of_reflectance(&moments.f_means());
+        Self::with(problem, moments, a, b)
+    }
+
+    /// Under the moments of another ensemble: a pass for the means of light, one for those of reflectance, and none for what
+    /// has not changed.
+    pub(crate) fn after(self, problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
+        self.after_moments(problem, ensemble.moments(problem))
+    }
+
+    /// The same for given moments.
+    pub(crate) fn after_moments(self, problem: &Problem<'_>, moments: AllMoments) -> Self {
         let (mf, ml) = (moments.f_means(), moments.l_means());
-        let a = op.under_light(&ml);
-        let b = op.of_reflectance(&mf);
-        let y: Vec<f64> = a.chunks_exact(k).map(|a| a.iter().zip(&mf).map(|(a, f)| a * f).sum()).collect();
+        let a = if ml == self.moments.l_means() { self.a } else { problem.bilinear.under_light(&ml) };
+        let b = if mf == self.moments.f_means() { self.b } else { problem.bilinear.of_reflectance(&mf) };
+        Self::with(problem, moments, a, b)
+    }
+
+    fn with(problem: &Problem<'_>, moments: AllMoments, a: Vec<f64>, b: Vec<f64>) -> Self {
+        let (op, k, m) = (problem.bilinear, problem.k(), problem.m());
+        let y: Vec<f64> = a.chunks_exact(k).map(|a| a.iter().zip(&moments.f).map(|(a, f)| a * f.mean).sum()).collect();
         let b_square = columns_squared(&b, m);
         let a_square = columns_squared(&a, k);
         let iy = problem.target.iter().zip(&y).map(|(i, y)| i * y).sum();
@@ -100,17 +116,16 @@ impl Expectations {
 
     /// `Phi*`: every parameter updated from the present state (Algorithm 1, "Update").
     pub fn update(&self, problem: &Problem<'_>, ensemble: &Ensemble) -> Ensemble {
-        let m_count = problem.m();
+        let (k_count, m_count) = (problem.k(), problem.m());
         let mut next = ensemble.clone();
         let AllMoments { f, l, g, precision } = &self.moments;
         let g2 = g.mean_square();
-        let pull = self.pull(problem);
+        let (pull, weights) = (self.pull(problem), self.weights(problem));
         let with_b = problem.bilinear.contract_light(&self.b);
         for (k, f) in f.iter().enumerate() {
             let row = k * m_count..(k + 1) * m_count;
             let s = self.a_square[k] + dot_variance(&problem.bilinear.squares()[row.clone()], l);
-            // sum_i (<g> I_i - <g^2> y_i) a_ik = sum_m l_m adjoint_km
-            let along: f64 = pull.adjoint[row.clone()].iter().zip(l).map(|(x, l)| x * l.mean).sum();
+            let along: f64 = weights.iter().zip(self.a.iter().skip(k).step_by(k_count)).map(|(w, a)| w * a).sum();
             let natural = precision * (along - g2 * dot_variance(&with_b[row], l) + g2 * s * f.mean);
             next.set_f(k, natural - problem.rates[k], precision * g2 * s);
         }
@@ -124,25 +139,33 @@ impl Expectations {
         next
     }
 
-    /// What the data say about the light, given all else. Two passes over the operator.
+    /// What the data say about the light, given all else: one pass over the operator, none for a point estimate.
     pub(crate) fn pull(&self, problem: &Problem<'_>) -> Pull {
-        let (op, m) = (problem.bilinear, problem.m());
+        let (op, k_count, m) = (problem.bilinear, problem.k(), problem.m());
         let AllMoments { f, g, .. } = &self.moments;
-        let (g1, g2) = (g.mean, g.mean_square());
-        let weights: Vec<f64> = problem.target.iter().zip(&self.y).map(|(i, y)| g1 * i - g2 * y).collect();
-        let adjoint = op.adjoint(&weights);
-        let with_a = op.contract_reflectance(&self.a);
-        let (mut light, mut stiffness) = (vec![0.0; m], self.b_square.clone());
-        for (k, f) in f.iter().enumerate() {
-            let row = k * m..(k + 1) * m;
-            for (light, (x, c)) in light.iter_mut().zip(adjoint[row.clone()].iter().zip(&with_a[row.clone()])) {
-                *light += f.mean * x - g2 * f.variance * c;
-            }
-            for (s, w) in stiffness.iter_mut().zip(&op.squares()[row]) {
-                *s += f.variance * w;
-            }
+        let weights = self.weights(problem);
+        let mut stiffness = self.b_square.clone();
+        for (f, squares) in f.iter().zip(op.squares().chunks_exact(m)) {
+            stiffness.iter_mut().zip(squares).for_each(|(s, w)| *s += f.variance * w);
         }
-        Pull { adjoint, light, stiffness }
+        let light = if f.iter().all(|f| f.variance == 0.0) {
+            rows_combined(&self.b, &weights)
+        } else {
+            // sum_k A_imk ( f_k (<g> I_i - <g^2> y_i) - <g^2> vf_k a_ik )
+            let g2 = g.mean_square();
+            let mut x = self.a.clone();
+            for (x, w) in x.chunks_exact_mut(k_count).zip(&weights) {
+                x.iter_mut().zip(f).for_each(|(x, f)| *x = f.mean * w - g2 * f.variance * *x);
+            }
+            op.light_adjoint(&x)
+        };
+        Pull { light, stiffness }
+    }
+
+    /// `<g> I_i - <g^2> y_i`.
+    fn weights(&self, problem: &Problem<'_>) -> Vec<f64> {
+        let g = &self.moments.g;
+        problem.target.iter().zip(&self.y).map(|(i, y)| g.mean * i - g.mean_square() * y).collect()
     }
 
     /// `Phi_5` that minimises the cost given all else: `log((b_0 + E/2) / a_p)`.
@@ -153,6 +176,17 @@ impl Expectations {
 
 fn dot_variance(x: &[f64], l: &[Moments]) -> f64 {
     x.iter().zip(l).map(|(x, l)| x * l.variance).sum()
+}
+
+/// `sum_i x_i b_i` of the rows of a matrix.
+fn rows_combined(b: &[f64], x: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; b.len() / x.len().max(1)];
+    dispatch(|| {
+        for (row, x) in b.chunks_exact(out.len().max(1)).zip(x) {
+            axpy(*x, row, &mut out);
+        }
+    });
+    out
 }
 
 /// Sum of squares of each column of a row-major matrix.

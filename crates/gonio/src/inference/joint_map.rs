@@ -93,25 +93,25 @@ fn ascend(
         // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient alone, cut off at its threshold.
         let (means, _) = light_step(problem, &now, 12);
         at.l = means.into_iter().map(point).collect();
-        now = Expectations::of_moments(problem, at.clone());
+        now = now.after_moments(problem, at.clone());
         for (i, prior) in problem.light.iter().enumerate() {
             if let CoefficientPrior::Rectified(p) = prior {
                 let (m, pull) = (i + 1, now.pull(problem));
                 let stiffness = at.precision * at.g.mean_square() * pull.stiffness[m];
                 let natural = at.precision * pull.light[m] + stiffness * at.l[m].mean + p.location / p.variance;
                 at.l[m] = point((natural / (stiffness + 1.0 / p.variance)).max(p.threshold));
-                now = Expectations::of_moments(problem, at.clone());
+                now = now.after_moments(problem, at.clone());
             }
         }
         // Reflectance: coordinate ascent to convergence on the non-negative quadratic.
         let system = ReflectanceSystem::new(problem, &now, grams);
         at.f = system.descend(problem, &at, |_, natural, precision| point((natural / precision.max(1e-300)).max(0.0)));
-        now = Expectations::of_moments(problem, at.clone());
+        now = now.after_moments(problem, at.clone());
         let natural = at.precision * now.iy - problem.hyper.exposure_rate;
         at.g = point((natural / (at.precision * now.q).max(1e-300)).max(1e-12));
-        now = Expectations::of_moments(problem, at.clone());
+        now = now.after_moments(problem, at.clone());
         at.precision = (problem.noise_shape() - 1.0) / (problem.hyper.noise_rate + 0.5 * now.residual(problem));
-        now = Expectations::of_moments(problem, at.clone());
+        now = now.after_moments(problem, at.clone());
         let cost = -log_posterior(problem, &now);
         let fell = trace[trace.len() - 1] - cost;
         trace.push(cost);

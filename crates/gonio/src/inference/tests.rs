@@ -153,8 +153,12 @@ fn block_rounds_never_raise_the_cost() {
     let mut ensemble = start(&planted, 2);
     let mut cost = planted.cost(&ensemble);
     for round in 0..30 {
-        ensemble = coordinate::round(&problem, &ensemble, &grams, 8);
+        let now = Expectations::new(&problem, &ensemble);
+        let (after, expected) = coordinate::round(&problem, &ensemble, now, &grams, 8);
+        ensemble = after;
         let next = planted.cost(&ensemble);
+        // What is carried along is what would be computed anew.
+        assert!((expected.cost(&problem) - next).abs() < 1e-9 * next.abs());
         assert!(next <= cost + 1e-9 * cost.abs(), "round {round}: {cost} -> {next}");
         cost = next;
         if round % 7 == 6 {

@@ -114,11 +114,14 @@ fn run(
                 break 'noise;
             }
             let before = *trace.last().expect("the trace starts with one entry");
-            ensemble = match settings.solver {
-                Solver::Parallel => search.step(problem, &ensemble, &now, before),
-                Solver::Blocks => coordinate::round(problem, &ensemble, grams, 12),
+            (ensemble, now) = match settings.solver {
+                Solver::Parallel => {
+                    let next = search.step(problem, &ensemble, &now, before);
+                    let moved = now.after(problem, &next);
+                    (next, moved)
+                }
+                Solver::Blocks => coordinate::round(problem, &ensemble, now, grams, 12),
             };
-            now = Expectations::new(problem, &ensemble);
             let cost = now.cost(problem);
             trace.push(cost);
             progress(trace.len() as f64 / (settings.max_iterations + 1) as f64);
@@ -127,7 +130,7 @@ fn run(
         // Only when all else has converged is the noise lowered, by the step that the line search ended with.
         let change = search.noise_step() * (now.best_log_noise(problem) - ensemble.log_noise());
         ensemble.set_log_noise(ensemble.log_noise() + change);
-        now = Expectations::new(problem, &ensemble);
+        now = now.after(problem, &ensemble);
         trace.push(now.cost(problem));
         if change.abs() < settings.tolerance {
             converged = true;

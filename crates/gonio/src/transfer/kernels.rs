@@ -40,16 +40,16 @@ pub(super) fn asin_of_sqrt(x: f32) -> f32 {
 /// Independent partial sums of a dot product: enough to hide the latency of two adders of eight `f64` each.
 const PARTIAL: usize = 16;
 
-/// `sum_i a_i x_i` with `a` in single and the arithmetic in double precision.
+/// `sum_i a_i x_i` with `a` in single or double and the arithmetic in double precision.
 #[inline(always)]
-pub(crate) fn dot(a: &[f32], x: &[f64]) -> f64 {
+pub(crate) fn dot<A: Copy + Into<f64>>(a: &[A], x: &[f64]) -> f64 {
     debug_assert_eq!(a.len(), x.len());
     let mut sums = [0.0_f64; PARTIAL];
     let (a_blocks, x_blocks) = (a.chunks_exact(PARTIAL), x.chunks_exact(PARTIAL));
-    let tail: f64 = a_blocks.remainder().iter().zip(x_blocks.remainder()).map(|(&a, x)| f64::from(a) * x).sum();
+    let tail: f64 = a_blocks.remainder().iter().zip(x_blocks.remainder()).map(|(&a, x)| a.into() * x).sum();
     for (a, x) in a_blocks.zip(x_blocks) {
         for lane in 0..PARTIAL {
-            sums[lane] += f64::from(a[lane]) * x[lane];
+            sums[lane] += a[lane].into() * x[lane];
         }
     }
     sums.iter().sum::<f64>() + tail
@@ -57,10 +57,10 @@ pub(crate) fn dot(a: &[f32], x: &[f64]) -> f64 {
 
 /// `y += alpha a`.
 #[inline(always)]
-pub(crate) fn axpy(alpha: f64, a: &[f32], y: &mut [f64]) {
+pub(crate) fn axpy<A: Copy + Into<f64>>(alpha: f64, a: &[A], y: &mut [f64]) {
     debug_assert_eq!(a.len(), y.len());
     for (y, &a) in y.iter_mut().zip(a) {
-        *y += alpha * f64::from(a);
+        *y += alpha * a.into();
     }
 }
 

@@ -5,7 +5,7 @@
 //! * [`Bilinear`] is the operator on those directions that the inference runs on.
 
 mod bilinear;
-mod kernels;
+pub(crate) mod kernels;
 mod plan;
 mod quadrature;
 mod reference;

@@ -123,6 +123,13 @@ impl BivariateTable {
         row(i) * (1.0 - s) + row(i + 1) * s
     }
 
+    /// The four cells that [`Self::eval`] interpolates between, with their weights: `eval` is `sum_c weight_c value_c`.
+    pub fn stencil(theta_h: f64, theta_d: f64) -> [(usize, f64); 4] {
+        let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
+        let at = i * THETA_D + j;
+        [(at, (1.0 - s) * (1.0 - t)), (at + 1, (1.0 - s) * t), (at + THETA_D, s * (1.0 - t)), (at + THETA_D + 1, s * t)]
+    }
+
     /// Replaces every cell beyond [`TRUSTED`] by the nearest trusted one along its axis (corner cells by the corner).
     /// The largest values of many measured tables lie there and are extrapolation, not measurement.
     pub fn extend_from_trusted(&mut self) {
@@ -264,6 +271,15 @@ mod tests {
         for (i, j) in [(0, 0), (1, 3), (44, 60), (88, 88), (89, 89)] {
             let got = t.eval(theta_h_of(i), theta_d_of(j));
             assert!((got - f64::from(t.cell(i, j))).abs() < 1e-6, "{i} {j}");
+        }
+    }
+
+    #[test]
+    fn the_stencil_is_what_interpolation_uses() {
+        let t = wavy();
+        for (h, d) in [(0.0, 0.0), (0.013, 0.4), (1.2, 1.56), (FRAC_PI_2, FRAC_PI_2)] {
+            let sum: f64 = BivariateTable::stencil(h, d).iter().map(|&(c, w)| w * f64::from(t.as_slice()[c])).sum();
+            assert!((sum - t.eval(h, d)).abs() < 1e-12, "{h} {d}");
         }
     }
 

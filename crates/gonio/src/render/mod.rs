@@ -2,12 +2,14 @@
 
 mod brdf;
 mod integrate;
+mod linear;
 mod sphere;
 mod tone;
 mod tree;
 
 pub use brdf::{Brdf, Tinted};
 pub use integrate::{IntegratorSettings, Node, Nodes, nodes, radiance};
+pub use linear::Relighter;
 pub use sphere::{SphereSettings, images_of_basis, render_normals, render_sphere};
 pub use tone::{Exposure, median_colour};
 pub use tree::LightTree;

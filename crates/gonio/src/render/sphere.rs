@@ -5,9 +5,10 @@ use rayon::prelude::*;
 
 use super::brdf::Brdf;
 use super::integrate::{IntegratorSettings, nodes, radiance};
+use super::linear::envelope;
 use super::tree::LightTree;
 use crate::picture::{Picture, Plane, luminance};
-use crate::reflectance::{BivariateTable, CELLS};
+use crate::reflectance::BivariateTable;
 use crate::transfer::SurfacePoint;
 
 /// How a sphere is pictured.
@@ -129,9 +130,7 @@ pub fn images_of_basis(
 ) -> Vec<f32> {
     // One division of the light serves all tables: that for their common envelope, each table as bright as the others, so
     // that a sharp one is resolved even where a broad one sends a thousand times its light.
-    let scales: Vec<f32> = tables.iter().map(|t| (1.0 / t.normal_albedo().max(1e-300)) as f32).collect();
-    let cell = |c: usize| tables.iter().zip(&scales).map(|(t, s)| s * t.as_slice()[c]).fold(0.0, f32::max);
-    let envelope = BivariateTable::from_vec((0..CELLS).map(cell).collect());
+    let envelope = envelope(tables);
     let done = std::sync::atomic::AtomicUsize::new(0);
     points
         .par_iter()

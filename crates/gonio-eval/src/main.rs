@@ -3,6 +3,7 @@
 
 mod data;
 mod metrics;
+mod page;
 mod quadrature;
 mod recover;
 

@@ -1,0 +1,182 @@
+//! Charts as SVG: curves, histograms, scatter, empirical distributions.
+//!
+//! A [`Frame`] says what the axes are, [`Series`] what is drawn. The charts have a light ground of their own, so that they
+//! are as legible on a dark page. Values that an axis cannot show (not finite; not positive on a logarithmic one) are left out.
+
+mod draw;
+mod scale;
+mod statistics;
+
+use maud::{Markup, html};
+
+use scale::Scale;
+pub(crate) use statistics::{Histogram, ecdf_steps};
+
+/// How an axis is divided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Axis {
+    /// Evenly.
+    Linear,
+    /// By factors.
+    Log,
+}
+
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Mark {
+    /// A line through the points, in their order.
+    Line,
+    /// A dashed line.
+    Dashed,
+    /// A dot at each point.
+    Dots,
+    /// Bars from the foot of the chart; points are the two upper corners of each in turn.
+    Bars,
+}
+
+/// What is drawn.
+#[derive(Clone, Debug)]
+pub(crate) struct Series {
+    /// For the legend.
+    pub(crate) name: String,
+    /// `(x, y)` in the units of the axes.
+    pub(crate) points: Vec<(f64, f64)>,
+    /// How.
+    pub(crate) mark: Mark,
+}
+
+impl Series {
+    /// A line.
+    pub(crate) fn line(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+        Self { name: name.into(), points, mark: Mark::Line }
+    }
+
+    /// A dashed line.
+    pub(crate) fn dashed(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+        Self { name: name.into(), points, mark: Mark::Dashed }
+    }
+
+    /// Dots.
+    pub(crate) fn dots(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+        Self { name: name.into(), points, mark: Mark::Dots }
+    }
+}
+
+/// The axes of a chart.
+#[derive(Clone, Debug)]
+pub(crate) struct Frame<'a> {
+    /// Stands above the chart.
+    pub(crate) title: &'a str,
+    /// Label and division of the horizontal axis.
+    pub(crate) x: (&'a str, Axis),
+    /// Label and division of the vertical axis.
+    pub(crate) y: (&'a str, Axis),
+    /// Range of the vertical axis instead of that of the data.
+    pub(crate) y_range: Option<(f64, f64)>,
+}
+
+/// A chart of any series, in the order given; later ones lie over earlier ones.
+pub(crate) fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
+    let drawable = |(x, y): &(f64, f64)| frame.x.1.shows(*x) && frame.y.1.shows(*y);
+    let shown: Vec<Series> = series
+        .iter()
+        .map(|s| Series { points: s.points.iter().copied().filter(drawable).collect(), ..s.clone() })
+        .collect();
+    let all = || shown.iter().flat_map(|s| &s.points);
+    let x = Scale::around(frame.x.1, all().map(|p| p.0), None);
+    let y = Scale::around(frame.y.1, all().map(|p| p.1), frame.y_range);
+    // Bars stand on the foot of the chart; without a given range that is zero where the axis has one.
+    let bars = shown.iter().any(|s| s.mark == Mark::Bars);
+    let y = if bars && frame.y.1 == Axis::Linear && frame.y_range.is_none() { y.from_zero() } else { y };
+    let svg = draw::svg(frame, &x, &y, &shown);
+    let names: Vec<&str> = series.iter().map(|s| s.name.as_str()).filter(|n| !n.is_empty()).collect();
+    let words =
+        format!("Chart. {}. Across: {}. Up: {}. Shown: {}.", frame.title, frame.x.0, frame.y.0, names.join("; "));
+    html! {
+        p style="margin: 0 0 0.3rem" { strong { (frame.title) } }
+        div.chart role="img" aria-label=(words) { (svg) }
+        @if names.len() > 1 {
+            ul.legend {
+                @for (i, s) in series.iter().enumerate().filter(|(_, s)| !s.name.is_empty()) {
+                    li { (draw::swatch(i, s.mark)) (s.name) }
+                }
+            }
+        }
+    }
+}
+
+/// Curves over linear or logarithmic axes.
+pub(crate) fn lines(title: &str, x_label: &str, y_label: &str, series: &[Series], y: Axis) -> Markup {
+    chart(&Frame { title, x: (x_label, Axis::Linear), y: (y_label, y), y_range: None }, series)
+}
+
+/// The density of samples as bars under curves of model densities.
+pub(crate) fn histogram(title: &str, x_label: &str, histogram: &Histogram, curves: &[Series], y: Axis) -> Markup {
+    let bars = Series { name: "samples".into(), points: histogram.corners(), mark: Mark::Bars };
+    let series: Vec<Series> = std::iter::once(bars).chain(curves.iter().cloned()).collect();
+    // A curve may fall far below what the samples can show: the axis ends at half of one sample in a bin.
+    let top = series.iter().flat_map(|s| &s.points).map(|p| p.1).filter(|y| y.is_finite()).fold(0.0, f64::max);
+    let range = match y {
+        Axis::Log if top > 0.0 => Some((0.5 * histogram.one_sample().min(0.1 * top), 2.0 * top)),
+        _ => None,
+    };
+    chart(&Frame { title, x: (x_label, Axis::Linear), y: ("density", y), y_range: range }, &series)
+}
+
+/// Dots, with the line on which both coordinates are equal if `identity`.
+pub(crate) fn scatter(frame: &Frame<'_>, series: &[Series], identity: bool) -> Markup {
+    let mut all = series.to_vec();
+    if identity {
+        let values = series.iter().flat_map(|s| &s.points).flat_map(|p| [p.0, p.1]).filter(|v| frame.x.1.shows(*v));
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        if low < high {
+            all.push(Series::dashed("equal", vec![(low, low), (high, high)]));
+        }
+    }
+    chart(frame, &all)
+}
+
+/// Empirical distributions: for each named set of values, the share of them that is at most `x`.
+pub(crate) fn ecdf(title: &str, x_label: &str, x: Axis, sets: &[(&str, Vec<f64>)]) -> Markup {
+    let series: Vec<Series> = sets
+        .iter()
+        .map(|(name, values)| Series::line(*name, ecdf_steps(values.iter().copied().filter(|v| x.shows(*v)).collect())))
+        .collect();
+    let frame = Frame { title, x: (x_label, x), y: ("share of all", Axis::Linear), y_range: Some((0.0, 1.0)) };
+    chart(&frame, &series)
+}
+
+impl Axis {
+    /// Whether the value has a place on such an axis.
+    fn shows(self, value: f64) -> bool {
+        value.is_finite() && (self == Self::Linear || value > 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn odd_values_are_left_out_and_nothing_panics() {
+        let odd = vec![(f64::NAN, 1.0), (1.0, f64::INFINITY), (-1.0, 0.0), (2.0, 3.0)];
+        for axis in [Axis::Linear, Axis::Log] {
+            for points in [odd.clone(), vec![], vec![(1.0, 1.0)], vec![(1e-300, 1e300), (1.0, 2.0)]] {
+                for mark in [Mark::Line, Mark::Dashed, Mark::Dots, Mark::Bars] {
+                    let series = Series { name: "s<1".into(), points: points.clone(), mark };
+                    let frame = Frame { title: "t & u", x: ("x", axis), y: ("y", axis), y_range: None };
+                    let html = chart(&frame, &[series.clone(), series]).into_string();
+                    assert!(html.contains("<svg") && html.contains("s&lt;1") && !html.contains("NaN"), "{html}");
+                }
+            }
+        }
+        assert!(ecdf("t", "x", Axis::Log, &[("a", vec![]), ("b", vec![1.0, 0.0])]).into_string().contains("<svg"));
+    }
+
+    #[test]
+    fn one_series_needs_no_legend() {
+        let line = Series::line("only", vec![(0.0, 0.0), (1.0, 1.0)]);
+        assert!(!lines("t", "x", "y", &[line.clone()], Axis::Linear).into_string().contains("legend"));
+        assert!(lines("t", "x", "y", &[line.clone(), line], Axis::Linear).into_string().contains("legend"));
+    }
+}

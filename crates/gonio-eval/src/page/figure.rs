@@ -1,0 +1,62 @@
+//! Pictures in the text, tiles and captions.
+
+use base64::Engine;
+use glam::Vec3;
+use gonio::picture::Plane;
+use maud::{Markup, html};
+
+/// A picture of linear display values in 0..=1 as PNG inside the page. `alt` says in words what it shows.
+pub(crate) fn picture(rgb: &Plane<Vec3>, alt: &str) -> Markup {
+    image(rgb, alt, "", 1)
+}
+
+/// The same for a picture of cells: each is shown as a square of `zoom` by `zoom` pixels with hard edges.
+pub(crate) fn cells(rgb: &Plane<Vec3>, alt: &str, zoom: usize) -> Markup {
+    image(rgb, alt, "cells", zoom)
+}
+
+fn image(rgb: &Plane<Vec3>, alt: &str, class: &str, zoom: usize) -> Markup {
+    let png = gonio_io::picture::encode_png(rgb);
+    let source = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png));
+    let class = (!class.is_empty()).then_some(class);
+    html! { img class=[class] src=(source) width=(zoom * rgb.width()) height=(zoom * rgb.height()) alt=(alt); }
+}
+
+/// Something shown, with its caption beneath.
+pub(crate) fn figure(content: &Markup, caption: &Markup) -> Markup {
+    html! { figure { (content) figcaption { (caption) } } }
+}
+
+/// A framed figure with a heading of its own, to stand among others in a [`grid`].
+pub(crate) fn card(heading: &str, content: &Markup, caption: &Markup) -> Markup {
+    html! { figure.card { h4 { (heading) } (content) figcaption { (caption) } } }
+}
+
+/// Pictures side by side, each with a short label beneath. In a card they share its width, elsewhere they wrap.
+pub(crate) fn tiles(pictures: &[(&str, Markup)]) -> Markup {
+    html! { div.tiles { @for (label, picture) in pictures { div.tile { (picture) span { (label) } } } } }
+}
+
+/// Figures side by side, as many as fit when each is at least `least` rem wide.
+pub(crate) fn grid(least: u32, figures: &[Markup]) -> Markup {
+    html! { div.grid style={ "--least: " (least) "rem" } { @for figure in figures { (figure) } } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_carry_their_bytes_size_and_words() {
+        let red = Plane::from_fn(3, 2, |_, _| Vec3::X);
+        let html = cells(&red, "a \"red\" field", 4).into_string();
+        assert!(
+            html.contains("width=\"12\" height=\"8\"") && html.contains("alt=\"a &quot;red&quot; field\""),
+            "{html}"
+        );
+        let coded = html.split("base64,").nth(1).unwrap().split('"').next().unwrap();
+        let bytes = base64::engine::general_purpose::STANDARD.decode(coded).unwrap();
+        assert_eq!(bytes, gonio_io::picture::encode_png(&red));
+        assert!(!picture(&red, "x").into_string().contains("class"));
+    }
+}

@@ -1,0 +1,40 @@
+//! Tables.
+
+use maud::{Markup, html};
+
+/// A table: headings of the columns, then rows whose first entry is the heading of the row. On a narrow screen it
+/// scrolls within itself.
+///
+/// Rows shorter than the headings end early; longer ones go on without a heading.
+pub(crate) fn table(caption: &str, columns: &[&str], rows: &[Vec<String>]) -> Markup {
+    html! {
+        // Keyboards reach what scrolls.
+        div.scroll role="region" aria-label=(caption) tabindex="0" {
+            table {
+                caption { (caption) }
+                thead { tr { @for column in columns { th scope="col" { (column) } } } }
+                tbody {
+                    @for row in rows {
+                        tr {
+                            @for (i, entry) in row.iter().enumerate() {
+                                @if i == 0 { th scope="row" { (entry) } } @else { td { (entry) } }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headings_have_a_scope() {
+        let html = table("Errors", &["material", "rms"], &[vec!["a<b".into(), "1.5".into()]]).into_string();
+        assert!(html.contains("<th scope=\"col\">rms</th>") && html.contains("<caption>Errors</caption>"));
+        assert!(html.contains("<th scope=\"row\">a&lt;b</th><td>1.5</td>"), "{html}");
+    }
+}

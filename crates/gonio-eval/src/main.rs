@@ -1,11 +1,11 @@
 //! `gonio-eval`: the measurements behind the figures in `docs/`. The data are not part of the repository: `--data` or
 //! `GONIO_DATA` names their folder.
 
+mod bench;
 mod data;
 mod metrics;
 mod page;
 mod quadrature;
-mod recover;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -27,8 +27,10 @@ struct Args {
 enum Command {
     /// Convergence of the transfer's quadrature against a brute-force reference.
     Quadrature,
-    /// What the estimators recover from rendered spheres.
-    Recover(recover::Options),
+    /// Estimators and references against each other over a grid of materials and lights.
+    Bench(bench::Options),
+    /// One report of the folders that the jobs of `bench --shard` have filled.
+    Merge(bench::MergeOptions),
 }
 
 fn main() -> ExitCode {
@@ -36,7 +38,8 @@ fn main() -> ExitCode {
     let data = args.data.unwrap_or_else(|| PathBuf::from("data"));
     let result = match args.command {
         Command::Quadrature => quadrature::run(&data),
-        Command::Recover(options) => recover::run(&data, &options),
+        Command::Bench(options) => bench::bench(&data, &options),
+        Command::Merge(options) => bench::merge(&options),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

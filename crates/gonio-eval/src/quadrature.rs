@@ -4,11 +4,16 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Result;
-use gonio::reflectance::BivariateTable;
+use gonio::picture::luminance;
+use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio::render::{Brdf, IntegratorSettings, LightTree, radiance};
 use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
 use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint, polar_reference};
 
+use rayon::prelude::*;
+
 use crate::data;
+use crate::metrics::relight;
 
 /// Chrome, a phenolic, a metallic paint and a fabric, and the sharpest other metal.
 const MATERIALS: [&str; 5] =
@@ -87,6 +92,43 @@ pub(crate) fn run(folder: &Path) -> Result<()> {
         };
         let ms = 1e3 * seconds / points.len() as f64;
         println!("| {} | {ratio} | {core} | {ms:.2} | {} |", settings.base, cells.join(" | "));
+    }
+    renders(folder, &all)
+}
+
+/// Lights that the renderer is tried in.
+const LIGHTS: [&str; 3] = ["debevec_grace", "noon_grass", "debevec_rnl"];
+
+/// Error of rendered pictures against a far finer division of the light, after the best common scale.
+fn renders(folder: &Path, all: &[(String, [BivariateTable; 3])]) -> Result<()> {
+    let points: Vec<SurfacePoint> = fibonacci_hemisphere(200)
+        .filter(|n| n.z > 80.0_f64.to_radians().cos())
+        .map(|normal| SurfacePoint { normal, view: glam::DVec3::Z })
+        .collect();
+    println!("\nRelight error of renders (and its log version) against tolerance 0.01 over {} points:\n", points.len());
+    println!("| light | tolerance | {} |", MATERIALS.join(" | "));
+    println!("|---|---|{}", "---|".repeat(MATERIALS.len()));
+    for light in LIGHTS {
+        let tree = LightTree::of_map(&data::test_light(folder, light)?);
+        let tables = MATERIALS.iter().map(|name| data::material(all, name)).collect::<Result<Vec<_>>>()?;
+        let picture = |tables: &[BivariateTable; 3], tolerance: f64| -> Vec<f64> {
+            let full = MerlTable::from_bivariate(tables.each_ref());
+            let (envelope, settings) = (full.envelope(), IntegratorSettings { tolerance, max_cells: 400_000 });
+            let values = points.par_iter().map(|p| radiance(p, &full, &envelope, &tree, &settings));
+            values.map(|rgb| f64::from(luminance(rgb.as_vec3()))).collect()
+        };
+        let references: Vec<Vec<f64>> = tables.iter().map(|t| picture(t, 0.01)).collect();
+        for tolerance in [0.4, 0.2, 0.1, 0.05] {
+            let cells: Vec<String> = tables
+                .iter()
+                .zip(&references)
+                .map(|(t, reference)| {
+                    let error = relight(&picture(t, tolerance), reference);
+                    format!("{:.2} % ({:.2} %)", 100.0 * error.relative, 100.0 * error.log)
+                })
+                .collect();
+            println!("| {light} | {tolerance} | {} |", cells.join(" | "));
+        }
     }
     Ok(())
 }

@@ -6,6 +6,10 @@ use serde::{Deserialize, Serialize};
 /// The highlight of a BRDF: how much it stands out and how wide it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Gloss {
+    /// Natural logarithm of the specular peak over the value of a Lambertian surface of the same albedo: zero for a Lambertian
+    /// surface, near 1 for satin paint, 6 for polished plastic, 10 for chrome. The gloss index of the benchmark: unlike the other two it
+    /// is as well defined for a metal without a diffuse part as for a surface without a highlight.
+    pub(crate) peak: f64,
     /// Natural logarithm of the specular peak over the diffuse level: zero for a Lambertian surface, 3 for satin paint, above 10
     /// for a mirror.
     pub(crate) contrast: f64,
@@ -32,7 +36,54 @@ impl Gloss {
         let contrast = (peak.max(floor) / diffuse.max(floor)).ln();
         let half = diffuse + 0.5 * (peak - diffuse);
         let width = if peak > 1.05 * diffuse { crossing(&profile, half) } else { std::f64::consts::FRAC_PI_2 };
-        Self { contrast, width }
+        let albedo = table.normal_albedo();
+        let relative = if albedo > 0.0 { (std::f64::consts::PI * peak.max(floor) / albedo).ln() } else { 0.0 };
+        Self { peak: relative, contrast, width }
+    }
+}
+
+/// Kinds of materials, by what their highlight is like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Class {
+    /// No highlight to speak of: the peak is less than twice the mean.
+    Matte,
+    /// A broad one, up to thirty times the mean.
+    Satin,
+    /// A sharp one over a diffuse body that sends back at least two fifths of the light.
+    DielectricGloss,
+    /// A sharp one with little beneath, up to three thousand times the mean: metals, metallic paints.
+    Metal,
+    /// A sharper one.
+    Mirror,
+}
+
+impl Class {
+    /// All of them, from dull to bright.
+    pub(crate) const ALL: [Self; 5] = [Self::Matte, Self::Satin, Self::DielectricGloss, Self::Metal, Self::Mirror];
+
+    /// For readers.
+    pub(crate) fn title(self) -> &'static str {
+        match self {
+            Self::Matte => "matte",
+            Self::Satin => "satin",
+            Self::DielectricGloss => "dielectric gloss",
+            Self::Metal => "metal",
+            Self::Mirror => "mirror",
+        }
+    }
+
+    /// Of a highlight.
+    pub(crate) fn of(gloss: &Gloss) -> Self {
+        // pi * diffuse / albedo = exp(peak - contrast)
+        let diffuse_share = (gloss.peak - gloss.contrast).exp();
+        match gloss.peak {
+            p if p < 0.7 => Self::Matte,
+            p if p < 3.5 => Self::Satin,
+            _ if diffuse_share >= 0.4 => Self::DielectricGloss,
+            p if p < 8.0 => Self::Metal,
+            _ => Self::Mirror,
+        }
     }
 }
 
@@ -76,19 +127,31 @@ mod tests {
     }
 
     #[test]
+    fn classes_follow_the_highlight() {
+        let over = |diffuse: f64, peak: f64, width: f64| {
+            Class::of(&Gloss::of(&BivariateTable::from_fn(|h, _| diffuse + peak * (-(h / width).powi(2)).exp())))
+        };
+        assert_eq!(over(1.0, 0.3, 0.3), Class::Matte);
+        assert_eq!(over(1.0, 9.0, 0.1), Class::Satin);
+        assert_eq!(over(1.0, 900.0, 0.01), Class::DielectricGloss);
+        assert_eq!(over(0.01, 900.0, 0.03), Class::Metal);
+        assert_eq!(over(0.0, 900.0, 0.002), Class::Mirror);
+    }
+
+    #[test]
     fn scale_changes_nothing_and_a_lambertian_surface_has_no_highlight() {
         let a = lobe(20.0, 0.2);
         let scaled = BivariateTable::from_vec(a.as_slice().iter().map(|x| 1e-3 * x).collect());
         let (a, b) = (Gloss::of(&a), Gloss::of(&scaled));
         assert!((a.contrast - b.contrast).abs() < 1e-5 && (a.width - b.width).abs() < 1e-5);
         let flat = Gloss::of(&BivariateTable::from_fn(|_, _| 0.3));
-        assert!(flat.contrast.abs() < 1e-6 && flat.width > 1.5, "{flat:?}");
+        assert!(flat.peak.abs() < 1e-4 && flat.contrast.abs() < 1e-6 && flat.width > 1.5, "{flat:?}");
     }
 
     #[test]
     fn black_surfaces_are_no_trouble() {
         let black = Gloss::of(&BivariateTable::from_fn(|_, _| 0.0));
-        assert!(black.contrast.is_finite() && black.width.is_finite());
+        assert!(black.peak.is_finite() && black.contrast.is_finite() && black.width.is_finite());
         let no_diffuse = Gloss::of(&BivariateTable::from_fn(|h, _| if h < 0.05 { 900.0 } else { 0.0 }));
         assert!((10.0..15.0).contains(&no_diffuse.contrast), "{no_diffuse:?}");
     }

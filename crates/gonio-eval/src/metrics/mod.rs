@@ -8,6 +8,6 @@ mod gloss;
 mod scale_free;
 mod statistics;
 
-pub(crate) use gloss::Gloss;
+pub(crate) use gloss::{Class, Gloss};
 pub(crate) use scale_free::{Relight, brdf_error, brdf_scale, relight, sphere_pixels};
 pub(crate) use statistics::{Interval, mean, median, median_interval, spearman, win_rate};

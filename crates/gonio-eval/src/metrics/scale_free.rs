@@ -12,6 +12,8 @@ pub(crate) struct Relight {
     pub(crate) relative: f64,
     /// Root mean square of `ln((s I^ + e) / (I + e))`, `e` one percent of the mean of `I`, with the `s` that minimises it.
     pub(crate) log: f64,
+    /// The `s` of the log version: what lays the estimate over the reference for the eye.
+    pub(crate) scale: f64,
 }
 
 /// Luminances of the pixels of a sphere picture whose normal is within 80 degrees of the view.
@@ -30,11 +32,12 @@ pub(crate) fn sphere_pixels(picture: &Picture, radius: f64) -> Vec<f64> {
 /// Compares pictures of the same pixels under the same light.
 pub(crate) fn relight(estimate: &[f64], reference: &[f64]) -> Relight {
     let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let scale = inner(estimate, reference) / inner(estimate, estimate).max(1e-300);
-    let residual: f64 = estimate.iter().zip(reference).map(|(a, b)| (scale * a - b).powi(2)).sum();
+    let best = inner(estimate, reference) / inner(estimate, estimate).max(1e-300);
+    let residual: f64 = estimate.iter().zip(reference).map(|(a, b)| (best * a - b).powi(2)).sum();
     let relative = (residual / inner(reference, reference)).sqrt();
     let floor = 0.01 * reference.iter().sum::<f64>() / reference.len() as f64;
-    Relight { relative, log: log_fit(estimate.iter().copied().zip(reference.iter().copied()), floor).1 }
+    let (scale, log) = log_fit(estimate.iter().copied().zip(reference.iter().copied()), floor);
+    Relight { relative, log, scale }
 }
 
 /// BRDF error: `min_s` root mean square of `ln((s F^ + e)/(F + e))` over trusted cells, `e` a thousandth of the diffuse level
@@ -57,26 +60,32 @@ fn brdf_fit(estimate: &BivariateTable, reference: &BivariateTable) -> (f64, f64)
 /// The `s` that minimises `rms ln((s a + e)/(b + e))` and the minimum, by golden section over `ln s` around the ratio of
 /// geometric means.
 fn log_fit(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> (f64, f64) {
-    let pairs: Vec<(f64, f64)> = pairs.map(|(a, b)| (a.max(0.0), b.max(0.0))).collect();
+    let pairs: Vec<(f64, f64)> = pairs.map(|(a, b)| (a.max(0.0), (b.max(0.0) + floor).ln())).collect();
     let n = pairs.len() as f64;
     let cost = |log_scale: f64| {
         let s = log_scale.exp();
-        (pairs.iter().map(|(a, b)| ((s * a + floor) / (b + floor)).ln().powi(2)).sum::<f64>() / n).sqrt()
+        (pairs.iter().map(|(a, log_b)| ((s * a + floor).ln() - log_b).powi(2)).sum::<f64>() / n).sqrt()
     };
     let tiny = floor.max(1e-300);
-    let centre = pairs.iter().map(|(a, b)| ((b + tiny) / (a + tiny * 1e-3)).ln()).sum::<f64>() / n;
+    let centre = pairs.iter().map(|(a, log_b)| log_b - (a + tiny * 1e-3).ln()).sum::<f64>() / n;
     // The cost is not convex in ln s: a coarse scan first.
-    let (mut low, mut high) = (centre - 12.0, centre + 12.0);
-    let steps = 96;
-    let best = (0..=steps)
-        .map(|i| low + (high - low) * f64::from(i) / f64::from(steps))
-        .min_by(|a, b| cost(*a).total_cmp(&cost(*b)))
-        .unwrap_or(centre);
-    (low, high) = (best - 0.25, best + 0.25);
+    let step = 0.5;
+    let best = (-24..=24).map(|i| centre + step * f64::from(i)).min_by(|a, b| cost(*a).total_cmp(&cost(*b)));
+    let best = best.unwrap_or(centre);
+    let (mut low, mut high) = (best - step, best + step);
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
-    for _ in 0..40 {
-        let (a, b) = (high - golden * (high - low), low + golden * (high - low));
-        if cost(a) < cost(b) { high = b } else { low = a }
+    let (mut left, mut right) = (high - golden * (high - low), low + golden * (high - low));
+    let (mut at_left, mut at_right) = (cost(left), cost(right));
+    for _ in 0..28 {
+        if at_left < at_right {
+            (high, right, at_right) = (right, left, at_left);
+            left = high - golden * (high - low);
+            at_left = cost(left);
+        } else {
+            (low, left, at_left) = (left, right, at_right);
+            right = low + golden * (high - low);
+            at_right = cost(right);
+        }
     }
     let log_scale = 0.5 * (low + high);
     (log_scale.exp(), cost(log_scale))

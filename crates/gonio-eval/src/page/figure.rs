@@ -22,6 +22,11 @@ fn image(rgb: &Plane<Vec3>, alt: &str, class: &str, zoom: usize) -> Markup {
     html! { img class=[class] src=(source) width=(zoom * rgb.width()) height=(zoom * rgb.height()) alt=(alt); }
 }
 
+/// A square PNG file that is in base64 already.
+pub(crate) fn encoded(png: &str, side: usize, alt: &str) -> Markup {
+    html! { img src={ "data:image/png;base64," (png) } width=(side) height=(side) alt=(alt); }
+}
+
 /// Something shown, with its caption beneath.
 pub(crate) fn figure(content: &Markup, caption: &Markup) -> Markup {
     html! { figure { (content) figcaption { (caption) } } }

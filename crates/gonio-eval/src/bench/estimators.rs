@@ -1,0 +1,252 @@
+//! What is compared: trivial answers, oracles, and the estimators of the library.
+
+use anyhow::Result;
+use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
+use gonio::reflectance::BivariateTable;
+use gonio::transfer::Projected;
+use serde::{Deserialize, Serialize};
+
+use super::learning::Knowledge;
+use crate::metrics::brdf_error;
+
+/// A photograph with everything that an estimator or an oracle may look at.
+pub(crate) struct Photograph<'a> {
+    pub(crate) knowledge: &'a Knowledge,
+    /// Luminance of every point.
+    pub(crate) image: &'a [Option<f64>],
+    /// The image on the rows of the plan.
+    pub(crate) projected: &'a Projected,
+    /// Images of the basis functions in the true light, `[point][function]`.
+    pub(crate) under_true_light: &'a [f32],
+    /// Luminance table of the true material.
+    pub(crate) truth: &'a BivariateTable,
+    /// Random starts of each method.
+    pub(crate) starts: usize,
+}
+
+/// An answer.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Estimate {
+    /// The BRDF, on any scale; none of it if the estimator failed.
+    pub(crate) table: Option<BivariateTable>,
+    /// Ends of the central 50 % and 90 % intervals of each cell, on the scale of `table`: 5, 25, 75, 95 %.
+    pub(crate) quantiles: Option<[Vec<f32>; 4]>,
+    /// What the optimiser said.
+    pub(crate) report: Report,
+}
+
+/// What a method said of its run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Report {
+    /// Cost of the kept start.
+    pub(crate) cost: Option<f64>,
+    /// Iterations of all starts together.
+    pub(crate) iterations: usize,
+    /// Whether the kept start met its stopping rule.
+    pub(crate) converged: Option<bool>,
+    /// Noise relative to the root mean square of the image.
+    pub(crate) noise: Option<f64>,
+    /// Anything else worth a line, such as the name of a material.
+    pub(crate) note: String,
+}
+
+/// One row of the comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Estimator {
+    /// Mean of the training materials, each of albedo one: an answer that does not look at the image.
+    TrainingMean,
+    /// A Lambertian surface.
+    Lambertian,
+    /// The training material with the least BRDF error: an oracle.
+    NearestMaterial,
+    /// The true table without `phi_d` and colour: what no bivariate grey estimate beats but by luck.
+    TrueBivariate,
+    /// The separable posterior given the true light: an oracle.
+    KnownLight,
+    /// Joint maximum over light and reflectance.
+    JointMap,
+    /// The separable posterior, `C_KL` minimised by blocks.
+    Variational,
+    /// The same by Algorithm 1 as printed. Slow.
+    Algorithm1,
+}
+
+impl Estimator {
+    /// Name in files.
+    pub(crate) fn id(self) -> &'static str {
+        match self {
+            Self::TrainingMean => "training-mean",
+            Self::Lambertian => "lambertian",
+            Self::NearestMaterial => "nearest-material",
+            Self::TrueBivariate => "true-bivariate",
+            Self::KnownLight => "known-light",
+            Self::JointMap => "joint-map",
+            Self::Variational => "variational",
+            Self::Algorithm1 => "algorithm1",
+        }
+    }
+
+    /// Name for readers.
+    pub(crate) fn title(self) -> &'static str {
+        match self {
+            Self::TrainingMean => "training mean",
+            Self::Lambertian => "Lambertian",
+            Self::NearestMaterial => "nearest training material (oracle)",
+            Self::TrueBivariate => "true bivariate table (floor)",
+            Self::KnownLight => "known light (oracle)",
+            Self::JointMap => "joint MAP",
+            Self::Variational => "Algorithm 1 (block solver)",
+            Self::Algorithm1 => "Algorithm 1 as printed",
+        }
+    }
+
+    /// Whether it looks at what no photograph shows.
+    pub(crate) fn is_oracle(self) -> bool {
+        matches!(self, Self::NearestMaterial | Self::TrueBivariate | Self::KnownLight)
+    }
+
+    /// Whether it looks at the image.
+    pub(crate) fn is_trivial(self) -> bool {
+        matches!(self, Self::TrainingMean | Self::Lambertian)
+    }
+
+    /// All that a run compares unless told otherwise.
+    pub(crate) fn usual() -> Vec<Self> {
+        vec![
+            Self::TrainingMean,
+            Self::Lambertian,
+            Self::NearestMaterial,
+            Self::TrueBivariate,
+            Self::KnownLight,
+            Self::JointMap,
+            Self::Variational,
+        ]
+    }
+
+    /// Answers.
+    pub(crate) fn estimate(self, photograph: &Photograph<'_>) -> Result<Estimate> {
+        let Photograph { knowledge, image, projected, under_true_light, truth, starts } = *photograph;
+        let basis = &knowledge.model.reflectance;
+        let hyper = Hyper::with_model_error(projected.pixels);
+        let variational = |solver| VariationalSettings { solver, starts, ..VariationalSettings::default() };
+        let blind = || -> Result<Problem<'_>> {
+            let examples = basis.materials.iter().map(|m| m.coefficients.clone()).collect();
+            Ok(Problem::blind(projected, &knowledge.model.light, &basis.rates, hyper)?.starting_from(examples))
+        };
+        let (problem_scale, posterior) = match self {
+            Self::TrainingMean => return Ok(Estimate::of(mean_of(&knowledge.training))),
+            Self::Lambertian => return Ok(Estimate::of(BivariateTable::from_fn(|_, _| 1.0))),
+            Self::NearestMaterial => return Ok(nearest(&knowledge.training, truth)),
+            Self::TrueBivariate => return Ok(Estimate::of(truth.clone())),
+            Self::KnownLight => {
+                let known = Projected::under_known_light(under_true_light, basis.len(), image);
+                let problem = Problem::with_known_light(&known, &basis.rates, hyper)?;
+                (rms(&known), infer(&problem, &Method::KnownLight(variational(Solver::Blocks)), &|_| ()))
+            }
+            Self::JointMap => {
+                let settings = JointMapSettings { starts, ..JointMapSettings::default() };
+                (rms(projected), infer(&blind()?, &Method::JointMap(settings), &|_| ()))
+            }
+            Self::Variational => {
+                (rms(projected), infer(&blind()?, &Method::Variational(variational(Solver::Blocks)), &|_| ()))
+            }
+            Self::Algorithm1 => {
+                (rms(projected), infer(&blind()?, &Method::Variational(variational(Solver::Parallel)), &|_| ()))
+            }
+        };
+        let table = basis.combine(&posterior.reflectance)?;
+        let uncertain = posterior.reflectance_sd.iter().any(|sd| *sd > 0.0);
+        let quantiles = uncertain.then(|| gaussian_quantiles(&table, &basis.functions, &posterior.reflectance_sd));
+        Ok(Estimate { table: Some(table), quantiles, report: Report::of(&posterior, problem_scale) })
+    }
+}
+
+fn rms(image: &Projected) -> f64 {
+    (image.energy() / image.pixels as f64).sqrt()
+}
+
+impl Estimate {
+    fn of(table: BivariateTable) -> Self {
+        Self { table: Some(table), ..Self::default() }
+    }
+}
+
+impl Report {
+    fn of(posterior: &Posterior, rms: f64) -> Self {
+        let best = &posterior.starts[posterior.best_start];
+        Self {
+            cost: Some(best.cost),
+            iterations: posterior.starts.iter().map(|s| s.iterations).sum(),
+            converged: Some(best.converged),
+            noise: Some(posterior.noise / rms),
+            note: String::new(),
+        }
+    }
+}
+
+/// Mean of tables scaled to albedo one.
+fn mean_of(tables: &[(String, BivariateTable)]) -> BivariateTable {
+    let scales: Vec<f64> = tables.iter().map(|(_, t)| 1.0 / t.normal_albedo().max(1e-300)).collect();
+    let mut sum = BivariateTable::from_fn(|_, _| 0.0);
+    for ((_, table), scale) in tables.iter().zip(&scales) {
+        for (sum, value) in sum.as_mut_slice().iter_mut().zip(table.as_slice()) {
+            *sum += (scale / tables.len() as f64) as f32 * value;
+        }
+    }
+    sum
+}
+
+fn nearest(tables: &[(String, BivariateTable)], truth: &BivariateTable) -> Estimate {
+    let errors = tables.iter().map(|(name, table)| (brdf_error(table, truth), name, table));
+    match errors.min_by(|a, b| a.0.total_cmp(&b.0)) {
+        Some((_, name, table)) => {
+            let report = Report { note: name.clone(), ..Report::default() };
+            Estimate { table: Some(table.clone()), quantiles: None, report }
+        }
+        None => Estimate::default(),
+    }
+}
+
+/// Of `F = sum_k f_k phi_k` with independent Gaussian `f_k`.
+fn gaussian_quantiles(mean: &BivariateTable, functions: &[BivariateTable], sd: &[f64]) -> [Vec<f32>; 4] {
+    let spread: Vec<f64> = (0..mean.as_slice().len())
+        .map(|c| {
+            let square = functions.iter().zip(sd).map(|(phi, s)| (s * f64::from(phi.as_slice()[c])).powi(2));
+            square.sum::<f64>().sqrt()
+        })
+        .collect();
+    [-1.644_854, -0.674_490, 0.674_490, 1.644_854].map(|z| {
+        let cells = mean.as_slice().iter().zip(&spread);
+        cells.map(|(m, s)| (f64::from(*m) + z * s).max(0.0) as f32).collect()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::ValueEnum;
+
+    use super::*;
+
+    #[test]
+    fn names_in_files_are_those_of_the_command_line() {
+        for estimator in Estimator::value_variants() {
+            assert_eq!(estimator.to_possible_value().unwrap().get_name(), estimator.id());
+            assert_eq!(serde_json::to_value(estimator).unwrap(), estimator.id());
+        }
+    }
+
+    #[test]
+    fn the_nearest_material_is_the_scaled_twin() {
+        let lobe = |w: f64, s: f64| BivariateTable::from_fn(move |h, _| s * (0.1 + (-(h / w).powi(2)).exp()));
+        let training = vec![("wide".to_owned(), lobe(0.5, 1.0)), ("narrow".to_owned(), lobe(0.1, 7.0))];
+        assert_eq!(nearest(&training, &lobe(0.1, 1.0)).report.note, "narrow");
+    }
+
+    #[test]
+    fn the_mean_weighs_materials_by_albedo() {
+        let flat = |x: f64| ("flat".to_owned(), BivariateTable::from_fn(move |_, _| x));
+        let mean = mean_of(&[flat(1.0), flat(100.0)]);
+        assert!((mean.normal_albedo() - 1.0).abs() < 1e-5);
+    }
+}

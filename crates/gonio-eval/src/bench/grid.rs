@@ -1,0 +1,125 @@
+//! The grid of the benchmark: which material is seen in which light by an estimator that learnt from which materials.
+
+use std::str::FromStr;
+
+use anyhow::{Result, bail};
+use serde::{Deserialize, Serialize};
+
+/// What basis, prior and start materials are learnt from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Protocol {
+    /// All materials, the tested ones included: the paper's figures. Flattering.
+    All,
+    /// All but every fifth material, tested on those: the honest figure.
+    LeaveOut,
+}
+
+impl Protocol {
+    /// As a folder name and on the command line.
+    pub(crate) fn id(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::LeaveOut => "leave-out",
+        }
+    }
+
+    /// For readers.
+    pub(crate) fn title(self) -> &'static str {
+        match self {
+            Self::All => "(a) all materials in the basis",
+            Self::LeaveOut => "(b) leave-out: tested materials unseen",
+        }
+    }
+}
+
+/// A photograph to be explained: one material in one light, under one protocol.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Unit {
+    pub(crate) protocol: Protocol,
+    /// Index of the material.
+    pub(crate) material: usize,
+    /// Name of the light of the photograph.
+    pub(crate) light: String,
+}
+
+/// All units in their order: protocol, material, light.
+pub(crate) fn units(
+    protocols: &[Protocol],
+    materials: &dyn Fn(Protocol) -> Vec<usize>,
+    lights: &[String],
+) -> Vec<Unit> {
+    let mut units = Vec::new();
+    for &protocol in protocols {
+        for material in materials(protocol) {
+            units.extend(lights.iter().map(|light| Unit { protocol, material, light: light.clone() }));
+        }
+    }
+    units
+}
+
+/// One of several parts of the grid, for as many machines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Shard {
+    /// 1-based.
+    pub(crate) index: usize,
+    pub(crate) count: usize,
+}
+
+impl Shard {
+    /// Every `count`-th unit.
+    pub(crate) fn of(self, units: Vec<Unit>) -> Vec<Unit> {
+        units.into_iter().enumerate().filter(|(i, _)| i % self.count == self.index - 1).map(|(_, u)| u).collect()
+    }
+}
+
+impl FromStr for Shard {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match parts {
+            Some((index, count)) if index >= 1 && index <= count => Ok(Self { index, count }),
+            _ => bail!("give I/N with I from 1 to N, such as 1/8"),
+        }
+    }
+}
+
+/// The lights that an estimate from `input` is relit in: those of `wanted`, `input` itself replaced by the first spare one.
+pub(crate) fn relight_lights(wanted: &[String], spare: &[String], input: &str) -> Vec<String> {
+    let replacement = spare.iter().find(|s| *s != input && !wanted.contains(s));
+    wanted.iter().filter_map(|w| if w == input { replacement.cloned() } else { Some(w.clone()) }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_partition_the_grid() {
+        let lights = ["x".to_owned(), "y".to_owned()];
+        let all = || units(&[Protocol::All, Protocol::LeaveOut], &|_| vec![4, 7, 9], &lights);
+        assert_eq!(all().len(), 12);
+        let mut together: Vec<Unit> = (1..=5).flat_map(|index| Shard { index, count: 5 }.of(all())).collect();
+        together.sort_by_key(|u| all().iter().position(|v| v == u));
+        assert_eq!(together, all());
+    }
+
+    #[test]
+    fn shards_are_read_as_fractions() {
+        assert_eq!("2/3".parse::<Shard>().unwrap(), Shard { index: 2, count: 3 });
+        for bad in ["", "0/3", "4/3", "1", "a/b", "1/0", "-1/2"] {
+            assert!(bad.parse::<Shard>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_relit_in_its_own_light() {
+        let name = |s: &str| s.to_owned();
+        let wanted = [name("a"), name("b")];
+        let spare = [name("a"), name("c"), name("d")];
+        assert_eq!(relight_lights(&wanted, &spare, "z"), wanted);
+        assert_eq!(relight_lights(&wanted, &spare, "a"), [name("c"), name("b")]);
+        assert_eq!(relight_lights(&wanted, &[], "a"), [name("b")]);
+    }
+}

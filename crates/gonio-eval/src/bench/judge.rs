@@ -1,0 +1,193 @@
+//! The errors of an estimate, and the record that is kept of them.
+
+use std::collections::BTreeMap;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use glam::Vec3;
+use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
+use gonio::render::Relighter;
+use serde::{Deserialize, Serialize};
+
+use super::estimators::{Estimate, Estimator, Report};
+use super::grid::{Protocol, Unit};
+use super::renders::Render;
+use super::stage::Stage;
+use crate::metrics::{Gloss, brdf_error, brdf_scale, mean, relight};
+
+/// One cell of the grid: what one estimator made of one photograph.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Record {
+    /// Hash of everything that the cell depends on; a record with another key is none.
+    pub(crate) key: String,
+    pub(crate) protocol: Protocol,
+    pub(crate) material: String,
+    pub(crate) light: String,
+    pub(crate) estimator: Estimator,
+    /// Whether the photograph was rendered from the full table.
+    pub(crate) full_table: bool,
+    /// In each of the lights that the estimate was relit in.
+    pub(crate) relight: Vec<Relit>,
+    /// Rms logarithmic error over the domain.
+    pub(crate) brdf: Option<f64>,
+    /// Highlight of the estimate and of the reference.
+    pub(crate) gloss: Option<[Gloss; 2]>,
+    /// Share of the trusted cells whose reference lies in the 50 % and in the 90 % interval.
+    pub(crate) coverage: Option<[f64; 2]>,
+    /// Share of the energy of the image that no light of the grid can make.
+    pub(crate) left_over: f64,
+    /// Seconds of one core.
+    pub(crate) seconds: f64,
+    pub(crate) report: Report,
+    /// Why there is no estimate.
+    pub(crate) failure: Option<String>,
+    /// PNG, base64: the photograph, as its observations show it.
+    pub(crate) photograph: String,
+    /// PNG, base64: the sphere in the first of the lights, at the exposure of the reference.
+    pub(crate) picture: String,
+}
+
+/// Errors in one light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Relit {
+    pub(crate) light: String,
+    /// `min_s |s I^ - I| / |I|`.
+    pub(crate) relative: f64,
+    /// Rms of the logarithm.
+    pub(crate) log: f64,
+}
+
+impl Record {
+    /// Mean relight error over the lights; one (a black picture) where there is no estimate.
+    pub(crate) fn relative(&self) -> f64 {
+        if self.relight.is_empty() { 1.0 } else { mean(&self.relight.iter().map(|r| r.relative).collect::<Vec<_>>()) }
+    }
+
+    /// Mean logarithmic relight error; that of a black picture (ln 101 at a pixel of mean brightness) without an estimate.
+    pub(crate) fn log(&self) -> f64 {
+        if self.relight.is_empty() {
+            101.0_f64.ln()
+        } else {
+            mean(&self.relight.iter().map(|r| r.log).collect::<Vec<_>>())
+        }
+    }
+
+    /// Where the record belongs, relative to the folder of cells.
+    pub(crate) fn file(&self) -> String {
+        file(self.protocol, &self.material, &self.light, self.estimator)
+    }
+}
+
+/// Name of a record's file.
+pub(crate) fn file(protocol: Protocol, material: &str, light: &str, estimator: Estimator) -> String {
+    format!("{}/{material}/{light}/{}.json", protocol.id(), estimator.id())
+}
+
+/// What estimates from one photograph are held against.
+pub(crate) struct Reference<'a> {
+    pub(crate) unit: &'a Unit,
+    pub(crate) name: &'a str,
+    pub(crate) full_table: bool,
+    pub(crate) truth: &'a BivariateTable,
+    pub(crate) stage: &'a Stage,
+    /// By light: the operator and the reference picture.
+    pub(crate) lights: Vec<(&'a str, &'a Relighter, &'a Render)>,
+    pub(crate) left_over: f64,
+    /// As of [`Record::photograph`].
+    pub(crate) photograph: String,
+}
+
+impl Reference<'_> {
+    /// Judges an estimate that took `seconds`.
+    pub(crate) fn judge(
+        &self,
+        estimator: Estimator,
+        key: String,
+        seconds: f64,
+        estimate: Result<Estimate, anyhow::Error>,
+    ) -> Record {
+        let (estimate, failure) = match estimate {
+            Ok(estimate) => {
+                let finite = |t: &BivariateTable| t.as_slice().iter().all(|v| v.is_finite() && *v >= 0.0);
+                let sound = estimate.table.as_ref().is_some_and(|t| finite(t) && t.normal_albedo() > 0.0);
+                if sound {
+                    (estimate, None)
+                } else {
+                    (Estimate::default(), Some("the estimate is missing, black, negative or not finite".to_owned()))
+                }
+            }
+            Err(error) => (Estimate::default(), Some(format!("{error:#}"))),
+        };
+        let table = estimate.table.as_ref();
+        let mut picture = String::new();
+        let mut errors = Vec::new();
+        for (at, (light, relighter, reference)) in self.lights.iter().enumerate() {
+            let Some(table) = table else { break };
+            let values = relighter.render(table);
+            let error = relight(&self.stage.counted(&values), &self.stage.counted(&reference.luminance));
+            errors.push(Relit { light: (*light).to_owned(), relative: error.relative, log: error.log });
+            if at == 0 {
+                picture = encoded(self.stage, &values, error.scale, reference);
+            }
+        }
+        Record {
+            key,
+            protocol: self.unit.protocol,
+            material: self.name.to_owned(),
+            light: self.unit.light.clone(),
+            estimator,
+            full_table: self.full_table,
+            relight: errors,
+            brdf: table.map(|t| brdf_error(t, self.truth)),
+            gloss: table.map(|t| [Gloss::of(t), Gloss::of(self.truth)]),
+            coverage: table.zip(estimate.quantiles.as_ref()).map(|(t, q)| coverage(t, q, self.truth)),
+            left_over: self.left_over,
+            seconds,
+            report: estimate.report,
+            failure,
+            photograph: self.photograph.clone(),
+            picture,
+        }
+    }
+}
+
+/// The picture of `scale * values` in colour and exposure of `like`: PNG, base64.
+pub(crate) fn encoded(stage: &Stage, values: &[f64], scale: f64, like: &Render) -> String {
+    let exposure = stage.exposure(&like.luminance);
+    STANDARD.encode(stage.png(values, scale, exposure, Vec3::from_array(like.colour)))
+}
+
+/// Shares of trusted cells inside the 50 % and the 90 % interval, the reference scaled to lie over the estimate.
+fn coverage(table: &BivariateTable, quantiles: &[Vec<f32>; 4], truth: &BivariateTable) -> [f64; 2] {
+    let scale = 1.0 / brdf_scale(table, truth);
+    let cells: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
+    let inside = |low: usize, high: usize| {
+        let hits = cells.iter().filter(|&&c| {
+            let value = scale * f64::from(truth.as_slice()[c]);
+            f64::from(quantiles[low][c]) <= value && value <= f64::from(quantiles[high][c])
+        });
+        hits.count() as f64 / cells.len() as f64
+    };
+    [inside(1, 2), inside(0, 3)]
+}
+
+/// Records by protocol, material, light and estimator.
+pub(crate) type Records = BTreeMap<(Protocol, String, String, Estimator), Record>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coverage_counts_what_lies_inside_on_any_scale() {
+        let table = BivariateTable::from_fn(|h, _| 1.0 + h);
+        let at = |x: f32| table.as_slice().iter().map(|v| x * v).collect::<Vec<f32>>();
+        let quantiles = [at(0.8), at(0.9), at(1.1), at(1.2)];
+        let scaled = BivariateTable::from_vec(at(5.0));
+        assert_eq!(coverage(&table, &quantiles, &scaled), [1.0, 1.0]);
+        // A reference of another shape leaves the intervals: a step of 15 % up in half of the domain, 15 % down in the other.
+        let bent = BivariateTable::from_fn(|h, d| (1.0 + h) * if d < 0.698 { 1.15 } else { 0.87 });
+        let [half, ninety] = coverage(&table, &quantiles, &bent);
+        assert!(half < 0.1 && ninety > 0.9, "{half} {ninety}");
+    }
+}

@@ -1,0 +1,147 @@
+//! What to run.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use gonio::transfer::PlanSettings;
+
+use super::estimators::Estimator;
+use super::grid::{Protocol, Shard};
+use super::materials::Materials;
+use super::renders::Lights;
+use super::store::{Conditions, VERSION};
+
+/// Options of `gonio-eval bench`.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Folder of the results; one that holds part of them is continued
+    #[arg(short, long)]
+    pub(crate) output: PathBuf,
+    /// 20 left-out materials in 4 lights instead of everything
+    #[arg(long)]
+    quick: bool,
+    /// Folder of full MERL `.binary` files [default: DATA/merl]
+    #[arg(long)]
+    pub(crate) merl: Option<PathBuf>,
+    /// What the tested materials are to the estimators [default: both; with --quick leave-out]
+    #[arg(long, value_enum, value_delimiter = ',')]
+    protocols: Vec<Protocol>,
+    /// Only these materials (each protocol tests those it may)
+    #[arg(long, value_delimiter = ',')]
+    materials: Vec<String>,
+    /// Test lights of the photographs [default: all; with --quick four]
+    #[arg(long, value_delimiter = ',')]
+    lights: Vec<String>,
+    /// Test lights that estimates are relit in
+    #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
+    relight: Vec<String>,
+    /// What is compared [default: all but the slow algorithm1]
+    #[arg(long, value_enum, value_delimiter = ',')]
+    estimators: Vec<Estimator>,
+    /// Random starts of each method
+    #[arg(long, default_value_t = 1)]
+    starts: usize,
+    /// Basis functions of reflectance
+    #[arg(long, default_value_t = 10)]
+    rank: usize,
+    /// Texels along a side of the light grid
+    #[arg(long, default_value_t = 32)]
+    grid: usize,
+    /// Rows that images are projected on
+    #[arg(long, default_value_t = PlanSettings::default().rank)]
+    rows: usize,
+    /// Normals on the visible hemisphere
+    #[arg(long, default_value_t = 12_000)]
+    normals: usize,
+    /// Standard deviation of noise added to the photographs, relative to their mean
+    #[arg(long, default_value_t = 0.0)]
+    noise: f64,
+    /// Pixels along a side of the relit sphere
+    #[arg(long, default_value_t = 64)]
+    size: usize,
+    /// Only every N-th photograph, from the I-th on: one of N jobs
+    #[arg(long, value_name = "I/N")]
+    pub(crate) shard: Option<Shard>,
+    /// Photographs that are worked on at once [default: one for each core]
+    #[arg(long)]
+    pub(crate) threads: Option<usize>,
+}
+
+/// Photographs of a quick run: two interiors, a wood, and a noon with the sun out.
+const QUICK_LIGHTS: [&str; 4] = ["debevec_stpeters", "debevec_grace", "debevec_rnl", "noon_grass"];
+/// Takes the place of a relighting light that the photograph was taken in.
+const SPARE: &str = "debevec_uffizi";
+
+/// The grid of a run.
+pub(crate) struct Grid {
+    pub(crate) protocols: Vec<Protocol>,
+    /// Indices of the materials to be tested.
+    pub(crate) materials: Vec<usize>,
+    pub(crate) lights: Vec<String>,
+    pub(crate) estimators: Vec<Estimator>,
+}
+
+impl Options {
+    /// The grid, all names checked.
+    pub(crate) fn grid(&self, materials: &Materials, lights: &Lights) -> Result<Grid> {
+        let protocols = match (self.protocols.is_empty(), self.quick) {
+            (false, _) => self.protocols.clone(),
+            (true, true) => vec![Protocol::LeaveOut],
+            (true, false) => vec![Protocol::All, Protocol::LeaveOut],
+        };
+        let tested = if !self.materials.is_empty() {
+            self.materials.iter().map(|name| materials.index(name)).collect::<Result<_>>()?
+        } else if self.quick {
+            materials.held_out()
+        } else {
+            (0..materials.names.len()).collect()
+        };
+        let all = lights.names();
+        let wanted: Vec<String> = match (self.lights.is_empty(), self.quick) {
+            (false, _) => self.lights.clone(),
+            (true, true) => QUICK_LIGHTS.map(str::to_owned).into(),
+            (true, false) => all.clone(),
+        };
+        for light in wanted.iter().chain(&self.relight) {
+            if !all.contains(light) {
+                bail!("there is no test light {light}; the data have {}", all.join(", "));
+            }
+        }
+        if !self.grid.is_power_of_two() || !(8..=128).contains(&self.grid) {
+            bail!("--grid {}: give a power of two from 8 to 128", self.grid);
+        }
+        for (name, value) in [("starts", self.starts), ("rank", self.rank), ("rows", self.rows)] {
+            if value == 0 {
+                bail!("--{name} 0: give at least 1");
+            }
+        }
+        if !(200..=100_000).contains(&self.normals) || !(16..=512).contains(&self.size) {
+            bail!("give --normals from 200 to 100000 and --size from 16 to 512");
+        }
+        if !(0.0..=1.0).contains(&self.noise) {
+            bail!("--noise {}: give a fraction of the mean, from 0 to 1", self.noise);
+        }
+        if self.threads == Some(0) {
+            bail!("--threads 0: give at least 1");
+        }
+        let estimators = if self.estimators.is_empty() { Estimator::usual() } else { self.estimators.clone() };
+        Ok(Grid { protocols, materials: tested, lights: wanted, estimators })
+    }
+
+    /// What all cells have in common. `available` are the lights there are.
+    pub(crate) fn conditions(&self, available: &[String]) -> Conditions {
+        let spare = Some(SPARE.to_owned()).filter(|s| available.contains(s)).into_iter().collect();
+        Conditions {
+            version: VERSION,
+            gonio: env!("CARGO_PKG_VERSION").to_owned(),
+            plan: PlanSettings { side: self.grid, rank: self.rows, ..PlanSettings::default() },
+            rank: self.rank,
+            normals: self.normals,
+            starts: self.starts,
+            noise: self.noise,
+            relight: self.relight.clone(),
+            spare,
+            size: self.size,
+        }
+    }
+}

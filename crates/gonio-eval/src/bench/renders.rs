@@ -1,0 +1,203 @@
+//! Ground truth: what materials look like in captured light, rendered once and kept in the cache.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use glam::Vec3;
+use gonio::picture::{Plane, luminance};
+use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio::render::{Brdf, IntegratorSettings, LightTree, images_of_basis, median_colour, radiance};
+use gonio::transfer::SurfacePoint;
+use gonio_io::cache::Cache;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::data;
+
+/// A rendered list of points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Render {
+    /// Luminance of each point.
+    pub(crate) luminance: Vec<f64>,
+    /// Median colour of the points, of luminance one: the paper's display rule.
+    pub(crate) colour: [f32; 3],
+}
+
+/// Raised when the renderer gives other pictures for the same input.
+const VERSION: u32 = 1;
+
+/// Against a twentieth of this tolerance, pictures differ by 0.05 to 0.4 % after the common scale (`gonio-eval quadrature`).
+pub(crate) const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.2, max_cells: 40_000 };
+
+/// The captured lights of the data by name.
+pub(crate) struct Lights {
+    files: BTreeMap<String, PathBuf>,
+}
+
+impl Lights {
+    /// The test lights of the data.
+    pub(crate) fn open(data: &Path) -> Result<Self> {
+        let folder = data.join("lighting/test");
+        let entries = std::fs::read_dir(&folder).with_context(|| {
+            format!("{}: cannot list the test lights; --data names the folder of the data", folder.display())
+        })?;
+        let mut files = BTreeMap::new();
+        for entry in entries {
+            let path = entry.with_context(|| folder.display().to_string())?.path();
+            let known =
+                path.extension().is_some_and(|e| ["hdr", "exr", "pfm"].iter().any(|k| e.eq_ignore_ascii_case(k)));
+            if let Some(stem) = path.file_stem().and_then(|s| s.to_str()).filter(|_| known) {
+                files.insert(stem.to_owned(), path.clone());
+            }
+        }
+        if files.is_empty() {
+            bail!("{}: no .hdr, .exr or .pfm files here", folder.display());
+        }
+        Ok(Self { files })
+    }
+
+    /// All names, sorted.
+    pub(crate) fn names(&self) -> Vec<String> {
+        self.files.keys().cloned().collect()
+    }
+
+    fn file(&self, name: &str) -> Result<&Path> {
+        match self.files.get(name) {
+            Some(path) => Ok(path),
+            None => bail!("there is no test light {name}"),
+        }
+    }
+
+    /// Changes when the light does.
+    pub(crate) fn fingerprint(&self, name: &str) -> Result<String> {
+        let path = self.file(name)?;
+        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        Ok(blake3::hash(&bytes).to_hex().to_string())
+    }
+
+    /// The light at full resolution.
+    pub(crate) fn tree(&self, name: &str) -> Result<LightTree> {
+        Ok(LightTree::of_map(&data::read_map(self.file(name)?)?))
+    }
+}
+
+/// The key of the render of a material (by the fingerprint of its table) in a light at points.
+pub(crate) fn render_key(material: &str, light: &str, points: &[SurfacePoint]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(
+        format!("render {VERSION} {} {} {material} {light}", ACCURACY.tolerance, ACCURACY.max_cells).as_bytes(),
+    );
+    hash_points(&mut hasher, points);
+    format!("render-{}", hasher.finalize().to_hex())
+}
+
+/// The key of the images of basis functions in a light.
+pub(crate) fn basis_key(functions: &[BivariateTable], light: &str, points: &[SurfacePoint]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(format!("basis images {VERSION} {} {light}", ACCURACY.tolerance).as_bytes());
+    for value in functions.iter().flat_map(BivariateTable::as_slice) {
+        hasher.update(&value.to_le_bytes());
+    }
+    hash_points(&mut hasher, points);
+    format!("images-{}", hasher.finalize().to_hex())
+}
+
+fn hash_points(hasher: &mut blake3::Hasher, points: &[SurfacePoint]) {
+    for value in points.iter().flat_map(|p| [p.normal, p.view]).flat_map(|v| v.to_array()) {
+        hasher.update(&value.to_le_bytes());
+    }
+}
+
+/// Renders the full table at every point.
+pub(crate) fn render(material: &MerlTable, light: &LightTree, points: &[SurfacePoint]) -> Render {
+    let envelope = material.envelope();
+    let rgb: Vec<Vec3> =
+        points.par_iter().map(|p| radiance(p, material, &envelope, light, &ACCURACY).as_vec3()).collect();
+    let values = rgb.iter().map(|c| f64::from(luminance(*c))).collect();
+    let colour = median_colour(&Plane::from_vec(rgb.len(), 1, rgb), |_| true);
+    Render { luminance: values, colour: colour.to_array() }
+}
+
+/// A render of the cache.
+pub(crate) fn load(cache: &Cache, key: &str) -> Option<Render> {
+    serde_json::from_slice(&cache.load(key)?).ok()
+}
+
+/// Keeps a render.
+pub(crate) fn store(cache: &Cache, key: &str, render: &Render) -> Result<()> {
+    Ok(cache.store(key, &serde_json::to_vec(render)?)?)
+}
+
+/// Images of basis functions in a light, `[point][function]`, from the cache where they are there.
+pub(crate) fn images(
+    cache: &Cache,
+    functions: &[BivariateTable],
+    light: &str,
+    tree: &dyn Fn() -> Result<LightTree>,
+    points: &[SurfacePoint],
+) -> Result<Vec<f32>> {
+    let key = basis_key(functions, light, points);
+    if let Some(bytes) = cache.load(&key).filter(|b| b.len() == 4 * functions.len() * points.len()) {
+        return Ok(bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect());
+    }
+    let images = images_of_basis(points, functions, &tree()?, &IntegratorSettings::default(), &|_| ());
+    cache.store(&key, &images.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>())?;
+    Ok(images)
+}
+
+/// White noise added to an image: standard deviation `relative` of its mean; the seed is that of the image's key.
+pub(crate) fn add_noise(values: &mut [f64], relative: f64, key: &str) {
+    if relative <= 0.0 {
+        return;
+    }
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let seed = blake3::hash(key.as_bytes());
+    let seed = u64::from_le_bytes(seed.as_bytes()[..8].try_into().expect("a hash has 32 bytes"));
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
+    for value in values {
+        let z: f64 = StandardNormal.sample(&mut rng);
+        *value = (*value + relative * mean * z).max(0.0);
+    }
+}
+
+/// A direction-free white light, for tests.
+#[cfg(test)]
+pub(crate) fn white() -> LightTree {
+    use gonio::lighting::EnvironmentMap;
+    LightTree::of_map(&EnvironmentMap::new(Plane::from_fn(16, 8, |_, _| Vec3::ONE)).expect("a map"))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    fn point() -> SurfacePoint {
+        SurfacePoint { normal: DVec3::Z, view: DVec3::Z }
+    }
+
+    #[test]
+    fn a_white_diffuse_surface_shows_the_light() {
+        let white_table = BivariateTable::from_fn(|_, _| std::f64::consts::FRAC_1_PI);
+        let full = MerlTable::from_bivariate([&white_table; 3]);
+        let got = render(&full, &white(), &[point(); 3]);
+        // The midpoint rule under a constant light errs in one direction, and more than under any real one.
+        assert!((got.luminance[1] - 1.0).abs() < 0.05, "{got:?}");
+        assert!(got.colour.iter().all(|c| (c - 1.0).abs() < 1e-3));
+    }
+
+    #[test]
+    fn noise_is_as_stated_and_repeatable() {
+        let clean = vec![2.0; 20_000];
+        let (mut a, mut b) = (clean.clone(), clean.clone());
+        add_noise(&mut a, 0.05, "k");
+        add_noise(&mut b, 0.05, "k");
+        assert_eq!(a, b);
+        let sd = (a.iter().map(|x| (x - 2.0) * (x - 2.0)).sum::<f64>() / a.len() as f64).sqrt();
+        assert!((sd - 0.1).abs() < 0.003, "{sd}");
+    }
+}

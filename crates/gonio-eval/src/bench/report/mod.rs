@@ -1,0 +1,95 @@
+//! The files that a run leaves: `results.csv`, `results.json`, `report.html`.
+
+mod page;
+mod pictures;
+
+use std::fmt::Write;
+use std::path::Path;
+
+use anyhow::Result;
+use serde::Serialize;
+
+use super::judge::{Record, Records};
+use super::store::Conditions;
+use super::summary::{Summary, summaries};
+use crate::metrics::Class;
+
+/// Writes all three.
+pub(super) fn write(dir: &Path, conditions: &Conditions, records: &Records) -> Result<()> {
+    let summaries = summaries(records);
+    gonio_io::atomic::write_file(dir.join("results.csv"), csv(records).as_bytes())?;
+    gonio_io::atomic::write_file(dir.join("results.json"), &json(conditions, &summaries, records)?)?;
+    let html = page::page(conditions, &summaries, records);
+    gonio_io::atomic::write_file(dir.join("report.html"), html.as_bytes())?;
+    for summary in &summaries {
+        println!("{}", markdown(summary));
+    }
+    println!("{}", dir.join("report.html").display());
+    Ok(())
+}
+
+/// One line for each cell.
+fn csv(records: &Records) -> String {
+    let mut out = String::from(
+        "protocol,material,class,light,estimator,relight,relight_log,brdf_log,gloss,gloss_reference,coverage50,coverage90,\
+         left_over,seconds,iterations,converged,cost,noise,note,failure\n",
+    );
+    for r in records.values() {
+        let number = |x: Option<f64>| x.map_or(String::new(), |x| format!("{x:.6}"));
+        let cells = [
+            r.protocol.id().to_owned(),
+            r.material.clone(),
+            r.gloss.map_or("", |g| Class::of(&g[1]).title()).to_owned(),
+            r.light.clone(),
+            r.estimator.id().to_owned(),
+            number(Some(r.relative())),
+            number(Some(r.log())),
+            number(r.brdf),
+            number(r.gloss.map(|g| g[0].peak)),
+            number(r.gloss.map(|g| g[1].peak)),
+            number(r.coverage.map(|c| c[0])),
+            number(r.coverage.map(|c| c[1])),
+            format!("{:.3e}", r.left_over),
+            format!("{:.3}", r.seconds),
+            r.report.iterations.to_string(),
+            r.report.converged.map_or(String::new(), |c| c.to_string()),
+            number(r.report.cost),
+            number(r.report.noise),
+            r.report.note.clone(),
+            r.failure.clone().unwrap_or_default(),
+        ];
+        let quoted =
+            cells.map(|c| if c.contains([',', '"', '\n']) { format!("\"{}\"", c.replace('"', "\"\"")) } else { c });
+        let _ = writeln!(out, "{}", quoted.join(","));
+    }
+    out
+}
+
+/// Everything but the pictures.
+fn json(conditions: &Conditions, summaries: &[Summary], records: &Records) -> Result<Vec<u8>> {
+    #[derive(Serialize)]
+    struct Whole<'a> {
+        conditions: &'a Conditions,
+        summaries: &'a [Summary],
+        cells: Vec<Record>,
+    }
+    let cells = records.values().map(|r| Record { picture: String::new(), ..r.clone() }).collect();
+    Ok(serde_json::to_vec_pretty(&Whole { conditions, summaries, cells })?)
+}
+
+/// The table for `docs/`.
+fn markdown(summary: &Summary) -> String {
+    let mut out = format!(
+        "{}: {} materials, {} lights{}\n\n| {} |\n|{}\n",
+        summary.protocol.title(),
+        summary.materials,
+        summary.lights,
+        if summary.full_tables { "" } else { " (some photographs rendered from bivariate tables)" },
+        page::COLUMNS.join(" | "),
+        "---|".repeat(page::COLUMNS.len()),
+    );
+    for row in &summary.rows {
+        let _ = writeln!(out, "| {} |", page::entries(row).join(" | "));
+    }
+    out
+}

@@ -1,0 +1,193 @@
+//! The page: tables, distributions, comparisons, pictures.
+
+use maud::{Markup, html};
+
+use super::pictures;
+use crate::bench::estimators::Estimator;
+use crate::bench::judge::{Record, Records};
+use crate::bench::store::Conditions;
+use crate::bench::summary::{Group, Row, Summary};
+use crate::metrics::{Class, Interval};
+use crate::page::chart::{Axis, Frame, Series, ecdf, scatter};
+use crate::page::{Section, document, figure, table};
+
+/// Headings of the table of estimators.
+pub(super) const COLUMNS: [&str; 10] = [
+    "estimator",
+    "cells",
+    "relight",
+    "log relight",
+    "BRDF log",
+    "gloss order",
+    "4x too glossy",
+    "50 % / 90 % covered",
+    "settled",
+    "seconds (most)",
+];
+
+/// A row of it.
+pub(super) fn entries(row: &Row) -> Vec<String> {
+    let interval = |i: &Interval, digits: usize| {
+        if i.low.is_nan() {
+            format!("{:.digits$}", i.value)
+        } else {
+            format!("{:.digits$} ({:.digits$} to {:.digits$})", i.value, i.low, i.high)
+        }
+    };
+    let percent = |x: f64| format!("{:.0} %", 100.0 * x);
+    let failed = if row.failures > 0 { format!(" ({} failed)", row.failures) } else { String::new() };
+    vec![
+        row.estimator.title().to_owned(),
+        format!("{}{failed}", row.cells),
+        interval(&row.relative, 3),
+        interval(&row.log, 3),
+        interval(&row.brdf, 2),
+        if row.gloss.is_nan() { "-".to_owned() } else { format!("{:.2}", row.gloss) },
+        percent(row.too_glossy),
+        row.coverage.map_or("-".to_owned(), |[half, ninety]| format!("{} / {}", percent(half), percent(ninety))),
+        row.converged.map_or("-".to_owned(), percent),
+        format!("{:.1} ({:.1})", row.seconds, row.slowest),
+    ]
+}
+
+/// The whole report.
+pub(super) fn page(conditions: &Conditions, summaries: &[Summary], records: &Records) -> String {
+    let lead = html! {
+        p {
+            "Each cell is one estimator on one rendered photograph of a sphere in a captured light that neither prior nor basis has \
+             seen. Errors are measured after the best common scale, which a photograph does not determine, and averaged over the \
+             lights in which the estimate is shown again: " (conditions.relight.join(", ")) "."
+        }
+        p.note {
+            "Light grid " (conditions.plan.side) " x " (conditions.plan.side) ", " (conditions.plan.rank) " rows, "
+            (conditions.rank) " basis functions, " (conditions.starts) " start(s), noise " (100.0 * conditions.noise)
+            " % of the mean. gonio " (conditions.gonio) ". Reference pictures come from full tables (90 x 90 x 180) of reconstructed or \
+            genuine MERL materials in lights of full resolution."
+        }
+    };
+    let sections: Vec<Section> = summaries.iter().map(|s| section(s, records)).collect();
+    document("How well reflectance is recovered", &lead, &sections)
+}
+
+fn section(summary: &Summary, records: &Records) -> Section {
+    let mine: Vec<&Record> = records.values().filter(|r| r.protocol == summary.protocol).collect();
+    let body = html! {
+        p {
+            (summary.materials) " materials in " (summary.lights) " lights. Medians over the cells with 95 % bootstrap intervals \
+            (whole materials resampled)."
+            @if !summary.full_tables {
+                " Some photographs were rendered from bivariate tables, since the full ones were not there: the errors are \
+                  a little smaller than they would be."
+            }
+        }
+        (estimators(summary))
+        (what_it_means())
+        h3 { "Distributions" }
+        (distributions(summary, &mine))
+        h3 { "Which estimator is better, photograph by photograph" }
+        (wins(summary))
+        h3 { "By kind of material" }
+        (groups("Median log relight error by class of material (from its highlight: peak and diffuse share)", summary, &summary.classes))
+        h3 { "By light of the photograph" }
+        (groups("Median log relight error by light", summary, &summary.by_light))
+        h3 { "Gloss" }
+        (gloss(summary, &mine))
+        h3 { "Worst cells" }
+        (pictures::worst(&mine))
+        h3 { "Every material" }
+        (pictures::strips(&mine))
+    };
+    Section { id: summary.protocol.id().to_owned(), title: summary.protocol.title().to_owned(), body }
+}
+
+fn estimators(summary: &Summary) -> Markup {
+    let rows: Vec<Vec<String>> = summary.rows.iter().map(entries).collect();
+    table::table("Estimators and references", &COLUMNS, &rows)
+}
+
+fn what_it_means() -> Markup {
+    html! {
+        p.note {
+            strong { "relight" } ": min over s of |s I^ - I| / |I|. " strong { "log relight" } ": rms of ln((s I^ + e)/(I + e)), e = 1 % of the \
+            mean. " strong { "BRDF log" } ": the same over the domain below 80 degrees. " strong { "gloss order" } ": Spearman \
+            correlation of the logarithm of peak over mean reflectance with that of the reference. "
+            strong { "4x too glossy" } ": cells whose peak over mean is more than four times that of the reference: collapse to a mirror. "
+            strong { "settled" } ": runs that met their stopping rule. " strong { "seconds" } ": of one core."
+        }
+    }
+}
+
+/// Errors of every estimator as distributions, oracles dashed nowhere: all are lines of one chart for each measure.
+fn distributions(summary: &Summary, mine: &[&Record]) -> Markup {
+    let sets = |f: &dyn Fn(&Record) -> f64| -> Vec<(&'static str, Vec<f64>)> {
+        let of = |e: Estimator| mine.iter().filter(|r| r.estimator == e).map(|r| f(r)).collect();
+        summary.rows.iter().map(|row| (row.estimator.title(), of(row.estimator))).collect()
+    };
+    let charts = [
+        ecdf("Relight error", "relight error", Axis::Linear, &sets(&Record::relative)),
+        ecdf("Log relight error", "log relight error", Axis::Log, &sets(&|r| r.log().max(1e-3))),
+        ecdf("BRDF error", "BRDF log error", Axis::Linear, &sets(&|r| r.brdf.unwrap_or(f64::NAN))),
+    ];
+    let caption = html! { "Share of the photographs whose error is at most what the horizontal axis says: further left is better." };
+    let figures: Vec<Markup> = charts.iter().map(|c| figure::figure(c, &html! {})).collect();
+    html! { (figure::grid(24, &figures)) p.note { (caption) } }
+}
+
+fn wins(summary: &Summary) -> Markup {
+    let mut columns = vec!["better in log relight than"];
+    columns.extend(summary.rows.iter().map(|r| r.estimator.title()));
+    let rows: Vec<Vec<String>> = summary
+        .rows
+        .iter()
+        .zip(&summary.wins)
+        .enumerate()
+        .map(|(i, (row, wins))| {
+            let entry = |(j, w): (usize, &f64)| if i == j { String::new() } else { format!("{:.0} %", 100.0 * w) };
+            std::iter::once(row.estimator.title().to_owned()).chain(wins.iter().enumerate().map(entry)).collect()
+        })
+        .collect();
+    table::table("How often the estimator of the row is better than that of the column", &columns, &rows)
+}
+
+fn groups(caption: &str, summary: &Summary, groups: &[Group]) -> Markup {
+    let mut columns = vec!["", "photographs"];
+    columns.extend(summary.rows.iter().map(|r| r.estimator.title()));
+    let rows: Vec<Vec<String>> = groups
+        .iter()
+        .map(|g| {
+            let errors = g.log.iter().map(|x| format!("{x:.3}"));
+            [g.name.clone(), g.photographs.to_string()].into_iter().chain(errors).collect()
+        })
+        .collect();
+    table::table(caption, &columns, &rows)
+}
+
+/// Gloss of estimates against that of references, for what looks at the image.
+fn gloss(summary: &Summary, mine: &[&Record]) -> Markup {
+    let charts: Vec<Markup> = summary
+        .rows
+        .iter()
+        .filter(|row| !row.estimator.is_trivial() && row.estimator != Estimator::TrueBivariate)
+        .map(|row| {
+            let cells = mine.iter().filter(|r| r.estimator == row.estimator);
+            let pairs: Vec<(Class, (f64, f64))> =
+                cells.filter_map(|r| r.gloss).map(|[e, t]| (Class::of(&t), (t.peak, e.peak))).collect();
+            let series: Vec<Series> = Class::ALL
+                .iter()
+                .map(|class| {
+                    let points = pairs.iter().filter(|(c, _)| c == class).map(|(_, p)| *p).collect();
+                    Series::dots(class.title(), points)
+                })
+                .filter(|s| !s.points.is_empty())
+                .collect();
+            let frame = Frame {
+                title: row.estimator.title(),
+                x: ("ln(peak / mean) of the reference", Axis::Linear),
+                y: ("of the estimate", Axis::Linear),
+                y_range: None,
+            };
+            figure::figure(&scatter(&frame, &series, true), &html! {})
+        })
+        .collect();
+    figure::grid(24, &charts)
+}

@@ -1,0 +1,107 @@
+//! What estimates look like: the worst cells, and every material.
+
+use std::collections::BTreeMap;
+
+use maud::{Markup, html};
+
+use crate::bench::estimators::Estimator;
+use crate::bench::judge::Record;
+use crate::metrics::Class;
+use crate::page::figure;
+
+/// Cells shown as the worst.
+const WORST: usize = 12;
+/// Side of a picture on the page, CSS pixels.
+const SIDE: usize = 96;
+
+/// Everything about one photograph, by estimator.
+type Photograph<'a> = BTreeMap<Estimator, &'a Record>;
+
+fn photographs<'a>(mine: &[&'a Record]) -> BTreeMap<(&'a str, &'a str), Photograph<'a>> {
+    let mut all: BTreeMap<(&str, &str), Photograph<'_>> = BTreeMap::new();
+    for record in mine {
+        all.entry((record.material.as_str(), record.light.as_str())).or_default().insert(record.estimator, record);
+    }
+    all
+}
+
+/// The row of pictures of one photograph: the reference first, then the estimates with their errors.
+fn row(photograph: &Photograph<'_>) -> Markup {
+    let reference = photograph.get(&Estimator::TrueBivariate).or_else(|| photograph.values().next());
+    let order = photograph.values().filter(|r| r.estimator != Estimator::TrueBivariate);
+    html! {
+        div.tiles {
+            @if let Some(reference) = reference {
+                div.tile style={ "width:" (SIDE) "px" } {
+                    (figure::encoded(&reference.photograph, SIDE, "the photograph"))
+                    span { "photograph" }
+                }
+                @if reference.estimator == Estimator::TrueBivariate { (tile(reference)) }
+            }
+            @for record in order { (tile(record)) }
+        }
+    }
+}
+
+fn tile(record: &Record) -> Markup {
+    let title = record.estimator.title();
+    let alt = format!("{} by {title}, log relight error {:.2}", record.material, record.log());
+    html! {
+        div.tile style={ "width:" (SIDE) "px" } {
+            @if record.failure.is_some() || record.picture.is_empty() { p { "no estimate" } }
+            @else { (figure::encoded(&record.picture, SIDE, &alt)) }
+            span { (title) br; (format!("{:.2} / {:.2}", record.relative(), record.log())) }
+        }
+    }
+}
+
+/// The estimator that is judged: the last that is neither oracle nor trivial.
+fn judged(mine: &[&Record]) -> Option<Estimator> {
+    let serious = mine.iter().map(|r| r.estimator).filter(|e| !e.is_oracle() && !e.is_trivial());
+    serious.max()
+}
+
+/// The photographs on which the judged estimator has the largest errors.
+pub(super) fn worst(mine: &[&Record]) -> Markup {
+    let Some(estimator) = judged(mine) else { return html! { p { "No estimator was run." } } };
+    let mut cells: Vec<&Record> = mine.iter().copied().filter(|r| r.estimator == estimator).collect();
+    cells.sort_by(|a, b| b.log().total_cmp(&a.log()));
+    let all = photographs(mine);
+    html! {
+        p {
+            "The largest log relight errors of " strong { (estimator.title()) } ". Each sphere is shown in "
+            (cells.first().and_then(|c| c.relight.first()).map_or("the first light", |r| r.light.as_str()))
+            " (or its substitute) at the exposure of the true one; beneath it relight and log relight error."
+        }
+        @for cell in cells.iter().take(WORST) {
+            h4 {
+                (cell.material) " seen in " (cell.light)
+                @if let Some([_, reference]) = cell.gloss { " (" (Class::of(&reference).title()) ")" }
+                @if cell.left_over > 0.02 {
+                    ": " (format!("{:.0} %", 100.0 * cell.left_over)) " of the image is beyond the light grid"
+                }
+            }
+            @if let Some(failure) = &cell.failure { p.note { (failure) } }
+            @if let Some(photograph) = all.get(&(cell.material.as_str(), cell.light.as_str())) { (row(photograph)) }
+        }
+    }
+}
+
+/// One strip for each material, from its photograph of median error.
+pub(super) fn strips(mine: &[&Record]) -> Markup {
+    let Some(estimator) = judged(mine) else { return html! {} };
+    let all = photographs(mine);
+    let mut by_material: BTreeMap<&str, Vec<&Record>> = BTreeMap::new();
+    for record in mine.iter().filter(|r| r.estimator == estimator) {
+        by_material.entry(&record.material).or_default().push(record);
+    }
+    html! {
+        p { "For each material the photograph on which " strong { (estimator.title()) } " has its median error." }
+        @for (material, mut cells) in by_material {
+            @let _ = cells.sort_by(|a, b| a.log().total_cmp(&b.log()));
+            @let cell = cells[(cells.len() - 1) / 2];
+            h4 { (material) " seen in " (cell.light) }
+            @if let Some(photograph) = all.get(&(material, cell.light.as_str())) { (row(photograph)) }
+        }
+    }
+}

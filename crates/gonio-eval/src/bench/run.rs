@@ -1,0 +1,274 @@
+//! The two halves of a run: rendering, then estimating.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use anyhow::{Context, Result, anyhow};
+use gonio::reflectance::BivariateTable;
+use gonio::render::{IntegratorSettings, LightTree, Relighter};
+use gonio::scene::{ObservationSettings, sphere_points};
+use gonio::transfer::SurfacePoint;
+use gonio_io::cache::Cache;
+
+use super::estimators::{Estimator, Photograph};
+use super::grid::{Protocol, Unit, relight_lights, units};
+use super::judge::{Reference, encoded};
+use super::learning::Knowledge;
+use super::materials::{Materials, Source};
+use super::options::Options;
+use super::progress::Progress;
+use super::renders::{self, Lights, Render};
+use super::report;
+use super::stage::Stage;
+use super::store::{Conditions, Store};
+
+/// Bytes that renders, operators and bases may take in the cache.
+const CACHE_BUDGET: u64 = 8 << 30;
+
+/// Runs the benchmark and writes its report.
+pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
+    let (materials, lights) = (Materials::open(data, options.merl.as_deref())?, Lights::open(data)?);
+    let grid = options.grid(&materials, &lights)?;
+    let conditions = options.conditions(&lights.names());
+    let store = Store::open(&options.output, &conditions)?;
+    let held_out = materials.held_out();
+    let tested = |protocol| {
+        let all = grid.materials.iter().copied();
+        all.filter(|m| protocol == Protocol::All || held_out.contains(m)).collect()
+    };
+    let mut units = units(&grid.protocols, &tested, &grid.lights);
+    if let Some(shard) = options.shard {
+        units = shard.of(units);
+    }
+    let observation = ObservationSettings { normals: conditions.normals, ..ObservationSettings::default() };
+    let cache = Cache::user()
+        .context("no cache folder: set GONIO_CACHE_DIR to one (renders are kept there)")?
+        .with_budget(CACHE_BUDGET);
+    let fingerprints = Fingerprints::of(&materials, &lights, &units, &conditions)?;
+    let (points, stage) = (sphere_points(&observation), Stage::new(conditions.size));
+    let bench = Bench {
+        materials,
+        lights,
+        shown: stage.nearest(&points),
+        points,
+        stage,
+        conditions,
+        cache,
+        fingerprints,
+        store,
+    };
+    let work = bench.unfinished(units, &grid.estimators);
+    if work.is_empty() {
+        eprintln!("all cells are finished");
+    } else {
+        let threads = options.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, Into::into));
+        bench.render(&work)?;
+        bench.estimate(&work, threads)?;
+    }
+    report::write(&options.output, &bench.conditions, &bench.store.records()?)
+}
+
+/// Hashes of the materials and lights of a run.
+struct Fingerprints {
+    materials: BTreeMap<usize, String>,
+    lights: BTreeMap<String, String>,
+}
+
+impl Fingerprints {
+    fn of(materials: &Materials, lights: &Lights, units: &[Unit], conditions: &Conditions) -> Result<Self> {
+        let used: BTreeSet<usize> = units.iter().map(|u| u.material).collect();
+        let names = units.iter().map(|u| &u.light).chain(&conditions.relight).chain(&conditions.spare);
+        let names: BTreeSet<&String> = names.collect();
+        Ok(Self {
+            materials: used.into_iter().map(|m| Ok((m, materials.fingerprint(m)?))).collect::<Result<_>>()?,
+            lights: names.into_iter().map(|l| Ok((l.clone(), lights.fingerprint(l)?))).collect::<Result<_>>()?,
+        })
+    }
+}
+
+/// A photograph and the estimators that have not seen it yet, each with the key of the cell.
+type Work = (Unit, Vec<(Estimator, String)>);
+
+/// Everything that the halves share.
+struct Bench {
+    materials: Materials,
+    lights: Lights,
+    points: Vec<SurfacePoint>,
+    stage: Stage,
+    /// For each pixel of the stage the observed point that shows it.
+    shown: Vec<usize>,
+    conditions: Conditions,
+    cache: Cache,
+    fingerprints: Fingerprints,
+    store: Store,
+}
+
+impl Bench {
+    fn unfinished(&self, units: Vec<Unit>, estimators: &[Estimator]) -> Vec<Work> {
+        let conditions = serde_json::to_string(&self.conditions).expect("conditions are JSON");
+        let all_materials = self.materials.names.join(" ");
+        let open = |unit: &Unit| -> Vec<(Estimator, String)> {
+            let name = &self.materials.names[unit.material];
+            let (material, light) =
+                (&self.fingerprints.materials[&unit.material], &self.fingerprints.lights[&unit.light]);
+            let keyed = estimators.iter().map(|&estimator| {
+                let parts = [&conditions, &all_materials, unit.protocol.id(), material, light, estimator.id()];
+                (estimator, blake3::hash(parts.join("\n").as_bytes()).to_hex().to_string())
+            });
+            keyed.filter(|(e, key)| !self.store.has(unit.protocol, name, &unit.light, *e, key)).collect()
+        };
+        units.into_iter().map(|u| (open(&u), u)).filter(|(o, _)| !o.is_empty()).map(|(o, u)| (u, o)).collect()
+    }
+
+    fn relit_in(&self, unit: &Unit) -> Vec<String> {
+        relight_lights(&self.conditions.relight, &self.conditions.spare, &unit.light)
+    }
+
+    fn key(&self, material: usize, light: &str, points: &[SurfacePoint]) -> String {
+        renders::render_key(&self.fingerprints.materials[&material], &self.fingerprints.lights[light], points)
+    }
+
+    /// Renders every photograph and every reference picture that is not in the cache, one light after the other.
+    fn render(&self, work: &[Work]) -> Result<()> {
+        let mut wanted: BTreeSet<(String, bool, usize)> = BTreeSet::new();
+        for (unit, _) in work {
+            wanted.insert((unit.light.clone(), false, unit.material));
+            wanted.extend(self.relit_in(unit).into_iter().map(|light| (light, true, unit.material)));
+        }
+        let points = |relit: bool| if relit { &self.stage.points } else { &self.points };
+        wanted.retain(|(light, relit, m)| renders::load(&self.cache, &self.key(*m, light, points(*relit))).is_none());
+        let progress = Progress::new("rendering", wanted.len());
+        let mut tree: Option<(&str, LightTree)> = None;
+        for (light, relit, material) in &wanted {
+            if tree.as_ref().is_none_or(|(name, _)| name != light) {
+                tree = Some((light, self.lights.tree(light)?));
+            }
+            let (_, tree) = tree.as_ref().expect("just made");
+            let points = points(*relit);
+            let render = renders::render(&self.materials.full(*material)?, tree, points);
+            renders::store(&self.cache, &self.key(*material, light, points), &render)?;
+            progress.step();
+        }
+        progress.finish();
+        Ok(())
+    }
+
+    fn load(&self, material: usize, light: &str, points: &[SurfacePoint]) -> Result<Render> {
+        renders::load(&self.cache, &self.key(material, light, points))
+            .context("a render has left the cache since it was made: run again")
+    }
+
+    fn estimate(&self, work: &[Work], threads: usize) -> Result<()> {
+        let start = Instant::now();
+        let mut knowledge: BTreeMap<Protocol, Knowledge> = BTreeMap::new();
+        for protocol in work.iter().map(|(u, _)| u.protocol).collect::<BTreeSet<_>>() {
+            let Conditions { rank, plan, .. } = &self.conditions;
+            let cache = Some(&self.cache);
+            let learnt = Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, cache, &|_| ())?;
+            knowledge.insert(protocol, learnt);
+        }
+        let examples: Vec<BivariateTable> =
+            (0..self.materials.names.len()).map(|m| self.materials.luminance(m)).collect();
+        let relit: BTreeSet<String> = work.iter().flat_map(|(u, _)| self.relit_in(u)).collect();
+        let relighters: BTreeMap<String, Relighter> = relit
+            .into_iter()
+            .map(|light| {
+                let tree = self.lights.tree(&light)?;
+                let relighter = Relighter::new(&self.stage.points, &examples, &tree, &IntegratorSettings::default());
+                Ok((light, relighter))
+            })
+            .collect::<Result<_>>()?;
+        // By protocol and light, what the oracle of the known light looks at.
+        let mut images: BTreeMap<(Protocol, &str), Vec<f32>> = BTreeMap::new();
+        for (unit, _) in work {
+            let at = (unit.protocol, unit.light.as_str());
+            if !images.contains_key(&at) {
+                let functions = &knowledge[&unit.protocol].model.reflectance.functions;
+                let (name, tree) = (&self.fingerprints.lights[&unit.light], || self.lights.tree(&unit.light));
+                images.insert(at, renders::images(&self.cache, functions, name, &tree, &self.points)?);
+            }
+        }
+        eprintln!("bases, operators and known lights: {:.0} s", start.elapsed().as_secs_f64());
+        let progress = Progress::new("estimating", work.iter().map(|(_, open)| open.len()).sum());
+        let next = AtomicUsize::new(0);
+        let failure: Mutex<Option<anyhow::Error>> = Mutex::new(None);
+        let fail = |error: anyhow::Error| {
+            failure.lock().expect("nothing panics while it is locked").get_or_insert(error);
+            next.store(work.len(), Ordering::Relaxed);
+        };
+        std::thread::scope(|scope| {
+            for _ in 0..threads.min(work.len()) {
+                scope.spawn(|| {
+                    // One core for each photograph: less waiting than with all cores on each in turn, and seconds that mean
+                    // something.
+                    let pool = match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+                        Ok(pool) => pool,
+                        Err(error) => return fail(anyhow!(error)),
+                    };
+                    while let Some((unit, open)) = work.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        let images = &images[&(unit.protocol, unit.light.as_str())];
+                        let done = pool.install(|| {
+                            self.photograph(unit, open, &knowledge[&unit.protocol], images, &relighters, &progress)
+                        });
+                        if let Err(error) = done {
+                            let name = &self.materials.names[unit.material];
+                            return fail(error.context(format!("{name} in {}", unit.light)));
+                        }
+                    }
+                });
+            }
+        });
+        progress.finish();
+        failure.into_inner().expect("nothing panics while it is locked").map_or(Ok(()), Err)
+    }
+
+    /// All open cells of one photograph.
+    fn photograph(
+        &self,
+        unit: &Unit,
+        open: &[(Estimator, String)],
+        knowledge: &Knowledge,
+        under_true_light: &[f32],
+        relighters: &BTreeMap<String, Relighter>,
+        progress: &Progress,
+    ) -> Result<()> {
+        let mut render = self.load(unit.material, &unit.light, &self.points)?;
+        let seed = self.key(unit.material, &unit.light, &self.points);
+        renders::add_noise(&mut render.luminance, self.conditions.noise, &seed);
+        let image: Vec<Option<f64>> = render.luminance.iter().map(|v| Some(*v)).collect();
+        let projected = knowledge.plan.project(&image, 1e-5)?;
+        let truth = self.materials.luminance(unit.material);
+        let relit = self.relit_in(unit);
+        let references = relit
+            .iter()
+            .map(|light| self.load(unit.material, light, &self.stage.points))
+            .collect::<Result<Vec<Render>>>()?;
+        let reference = Reference {
+            unit,
+            name: &self.materials.names[unit.material],
+            full_table: self.materials.source(unit.material) == Source::Full,
+            truth: &truth,
+            stage: &self.stage,
+            lights: relit.iter().zip(&references).map(|(l, r)| (l.as_str(), &relighters[l], r)).collect(),
+            left_over: projected.left_over(),
+            photograph: {
+                let values: Vec<f64> = self.shown.iter().map(|&i| render.luminance[i]).collect();
+                encoded(&self.stage, &values, 1.0, &render)
+            },
+        };
+        let starts = self.conditions.starts;
+        let photograph =
+            Photograph { knowledge, image: &image, projected: &projected, under_true_light, truth: &truth, starts };
+        for (estimator, key) in open {
+            let start = Instant::now();
+            let estimate = estimator.estimate(&photograph);
+            let seconds = start.elapsed().as_secs_f64();
+            self.store.put(&reference.judge(*estimator, key.clone(), seconds, estimate))?;
+            progress.step();
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,95 @@
+//! The sphere that estimates are relit on, and its small pictures.
+
+use glam::{DVec3, Vec3};
+use gonio::picture::Plane;
+use gonio::render::Exposure;
+use gonio::transfer::SurfacePoint;
+use rayon::prelude::*;
+
+/// Pixels of a picture that show a sphere, seen orthographically.
+pub(crate) struct Stage {
+    size: usize,
+    /// Index of each pixel in the picture.
+    pixels: Vec<usize>,
+    /// The surface in the middle of each of them.
+    pub(crate) points: Vec<SurfacePoint>,
+    /// Whether its normal is within 80 degrees of the view: what errors are taken over.
+    counted: Vec<bool>,
+}
+
+/// Behind the sphere, sRGB.
+const BACKGROUND: [u8; 3] = [28, 29, 32];
+
+impl Stage {
+    /// A sphere that fills a picture of `size` by `size` pixels.
+    pub(crate) fn new(size: usize) -> Self {
+        let radius = 0.5 * size as f64 - 0.5;
+        let (mut pixels, mut points) = (Vec::new(), Vec::new());
+        for i in 0..size * size {
+            let x = ((i % size) as f64 + 0.5 - 0.5 * size as f64) / radius;
+            let y = -((i / size) as f64 + 0.5 - 0.5 * size as f64) / radius;
+            let rest = 1.0 - x * x - y * y;
+            if rest > 0.003 {
+                pixels.push(i);
+                points.push(SurfacePoint { normal: DVec3::new(x, y, rest.sqrt()), view: DVec3::Z });
+            }
+        }
+        let limit = 80.0_f64.to_radians().cos();
+        let counted = points.iter().map(|p| p.normal.z > limit).collect();
+        Self { size, pixels, points, counted }
+    }
+
+    /// The values that errors are taken over.
+    pub(crate) fn counted(&self, values: &[f64]) -> Vec<f64> {
+        values.iter().zip(&self.counted).filter(|(_, counted)| **counted).map(|(v, _)| *v).collect()
+    }
+
+    /// Exposure that shows a sphere of these values well.
+    pub(crate) fn exposure(&self, values: &[f64]) -> Exposure {
+        let plane = Plane::from_vec(values.len(), 1, values.iter().map(|v| Vec3::splat(*v as f32)).collect());
+        Exposure::by_quantile(&plane, |_| true, 0.97, 0.8)
+    }
+
+    /// The picture of luminances `scale * values` in one colour (of luminance one), as a PNG file.
+    pub(crate) fn png(&self, values: &[f64], scale: f64, exposure: Exposure, colour: Vec3) -> Vec<u8> {
+        let mut out: Vec<u8> = BACKGROUND.repeat(self.size * self.size);
+        for (&pixel, value) in self.pixels.iter().zip(values) {
+            let shown = exposure.apply(colour * (scale * value) as f32);
+            for (byte, linear) in out[3 * pixel..][..3].iter_mut().zip(shown.to_array()) {
+                *byte = (gonio::picture::srgb_encode(linear) * 255.0).round() as u8;
+            }
+        }
+        gonio_io::picture::encode_png_srgb8(self.size, self.size, &out)
+    }
+
+    /// For each pixel the index of the nearest of other points of the visible hemisphere: their values as a picture.
+    pub(crate) fn nearest(&self, others: &[SurfacePoint]) -> Vec<usize> {
+        let nearest = |p: &SurfacePoint| {
+            let closeness = |i: &usize| others[*i].normal.dot(p.normal);
+            (0..others.len()).max_by(|a, b| closeness(a).total_cmp(&closeness(b))).unwrap_or(0)
+        };
+        self.points.par_iter().map(nearest).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sphere_fills_the_picture() {
+        let stage = Stage::new(64);
+        let share = stage.points.len() as f64 / (64.0 * 64.0);
+        assert!((share - std::f64::consts::FRAC_PI_4).abs() < 0.05, "{share}");
+        assert!(stage.points.iter().all(|p| (p.normal.length() - 1.0).abs() < 1e-9));
+        let counted = stage.counted(&vec![1.0; stage.points.len()]).len() as f64;
+        let expected = 80.0_f64.to_radians().sin().powi(2);
+        assert!((counted / stage.points.len() as f64 - expected).abs() < 0.03);
+    }
+
+    #[test]
+    fn the_nearest_point_of_itself_is_itself() {
+        let stage = Stage::new(16);
+        assert_eq!(stage.nearest(&stage.points), (0..stage.points.len()).collect::<Vec<_>>());
+    }
+}

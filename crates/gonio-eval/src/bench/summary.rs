@@ -1,0 +1,151 @@
+//! What the cells say together.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::estimators::Estimator;
+use super::grid::Protocol;
+use super::judge::{Record, Records};
+use crate::metrics::{Class, Interval, mean, median, median_interval, spearman, win_rate};
+
+/// Everything that is told about one protocol.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Summary {
+    pub(crate) protocol: Protocol,
+    /// Materials and lights of the photographs.
+    pub(crate) materials: usize,
+    pub(crate) lights: usize,
+    /// Whether all photographs were rendered from full tables.
+    pub(crate) full_tables: bool,
+    pub(crate) rows: Vec<Row>,
+    /// `wins[a][b]`: share of the photographs on which estimator `a` has the smaller logarithmic relight error than `b`, in
+    /// the order of `rows`; photographs that only one of them has seen do not count.
+    pub(crate) wins: Vec<Vec<f64>>,
+    /// Median logarithmic relight error by class of material, in the order of `rows`.
+    pub(crate) classes: Vec<Group>,
+    /// The same by light of the photograph.
+    pub(crate) by_light: Vec<Group>,
+}
+
+/// One estimator over all photographs.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Row {
+    pub(crate) estimator: Estimator,
+    pub(crate) cells: usize,
+    /// Cells without an estimate.
+    pub(crate) failures: usize,
+    /// Median errors; whole materials are resampled for the intervals.
+    pub(crate) relative: Interval,
+    pub(crate) log: Interval,
+    pub(crate) brdf: Interval,
+    /// Spearman correlation of the gloss of estimate and reference.
+    pub(crate) gloss: f64,
+    /// Share of cells whose estimate is glossier than the reference by more than four times.
+    pub(crate) too_glossy: f64,
+    /// Mean shares of the domain whose reference lies in the 50 % and the 90 % interval.
+    pub(crate) coverage: Option<[f64; 2]>,
+    /// Share of the runs that met their stopping rule.
+    pub(crate) converged: Option<f64>,
+    /// Median and largest seconds of one core.
+    pub(crate) seconds: f64,
+    pub(crate) slowest: f64,
+}
+
+/// Median errors of part of the photographs.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Group {
+    pub(crate) name: String,
+    pub(crate) photographs: usize,
+    pub(crate) log: Vec<f64>,
+}
+
+/// Of each protocol that has cells.
+pub(crate) fn summaries(records: &Records) -> Vec<Summary> {
+    [Protocol::LeaveOut, Protocol::All].into_iter().filter_map(|p| summary(records, p)).collect()
+}
+
+fn summary(records: &Records, protocol: Protocol) -> Option<Summary> {
+    let mine: Vec<&Record> = records.values().filter(|r| r.protocol == protocol).collect();
+    if mine.is_empty() {
+        return None;
+    }
+    let ids = |f: fn(&Record) -> &str| {
+        let mut all: Vec<&str> = mine.iter().map(|r| f(r)).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    };
+    let (materials, lights) = (ids(|r| &r.material), ids(|r| &r.light));
+    let mut estimators: Vec<Estimator> = mine.iter().map(|r| r.estimator).collect();
+    estimators.sort_unstable();
+    estimators.dedup();
+    let of = |e: Estimator| mine.iter().copied().filter(move |r| r.estimator == e);
+    let rows = estimators.iter().map(|&e| row(e, &of(e).collect::<Vec<_>>(), &materials)).collect();
+    let errors: Vec<BTreeMap<(&str, &str), f64>> = estimators
+        .iter()
+        .map(|&e| of(e).map(|r| ((r.material.as_str(), r.light.as_str()), r.log())).collect())
+        .collect();
+    let wins = errors
+        .iter()
+        .map(|a| {
+            let against =
+                |b: &BTreeMap<(&str, &str), f64>| win_rate(a.iter().filter_map(|(at, x)| b.get(at).map(|y| (*x, *y))));
+            errors.iter().map(against).collect()
+        })
+        .collect();
+    let class_of: BTreeMap<&str, Class> =
+        mine.iter().filter_map(|r| r.gloss.map(|g| (r.material.as_str(), Class::of(&g[1])))).collect();
+    let group = |name: String, keep: &dyn Fn(&Record) -> bool| {
+        let values = |e: Estimator| of(e).filter(|r| keep(r)).map(Record::log).collect::<Vec<f64>>();
+        let log: Vec<Vec<f64>> = estimators.iter().map(|&e| values(e)).collect();
+        let photographs = log.iter().map(Vec::len).max().unwrap_or(0);
+        Group { name, photographs, log: log.into_iter().map(median).collect() }
+    };
+    let classes = Class::ALL
+        .iter()
+        .map(|class| group(class.title().to_owned(), &|r| class_of.get(r.material.as_str()) == Some(class)))
+        .filter(|g| g.photographs > 0)
+        .collect();
+    let by_light = lights.iter().map(|light| group((*light).to_owned(), &|r| r.light == *light)).collect();
+    Some(Summary {
+        protocol,
+        materials: materials.len(),
+        lights: lights.len(),
+        full_tables: mine.iter().all(|r| r.full_table),
+        rows,
+        wins,
+        classes,
+        by_light,
+    })
+}
+
+fn row(estimator: Estimator, cells: &[&Record], materials: &[&str]) -> Row {
+    let clusters: Vec<usize> =
+        cells.iter().map(|r| materials.binary_search(&r.material.as_str()).expect("a listed material")).collect();
+    let interval =
+        |f: &dyn Fn(&Record) -> f64| median_interval(&cells.iter().map(|r| f(r)).collect::<Vec<_>>(), &clusters, 1);
+    let gloss: Vec<[f64; 2]> = cells.iter().filter_map(|r| r.gloss).map(|g| g.map(|g| g.peak)).collect();
+    let (estimates, references): (Vec<f64>, Vec<f64>) = gloss.iter().map(|[e, r]| (*e, *r)).unzip();
+    let too_glossy = gloss.iter().filter(|[e, r]| e - r > 4.0_f64.ln()).count() as f64 / cells.len() as f64;
+    let covered: Vec<[f64; 2]> = cells.iter().filter_map(|r| r.coverage).collect();
+    let coverage =
+        (!covered.is_empty()).then(|| [0, 1].map(|i| mean(&covered.iter().map(|c| c[i]).collect::<Vec<_>>())));
+    let ended: Vec<f64> = cells.iter().filter_map(|r| r.report.converged).map(|c| f64::from(u8::from(c))).collect();
+    let seconds: Vec<f64> = cells.iter().map(|r| r.seconds).collect();
+    Row {
+        estimator,
+        cells: cells.len(),
+        failures: cells.iter().filter(|r| r.failure.is_some()).count(),
+        relative: interval(&Record::relative),
+        log: interval(&Record::log),
+        // Without an estimate the error is as large as can be.
+        brdf: interval(&|r| r.brdf.unwrap_or(f64::INFINITY)),
+        gloss: spearman(&estimates, &references),
+        too_glossy,
+        coverage,
+        converged: (!ended.is_empty()).then(|| mean(&ended)),
+        slowest: seconds.iter().copied().fold(0.0, f64::max),
+        seconds: median(seconds),
+    }
+}

@@ -14,7 +14,7 @@ use clap::{Parser, Subcommand};
 
 /// Measures how well gonio recovers reflectance.
 #[derive(Parser)]
-#[command(version)]
+#[command(version, args_override_self = true)]
 struct Args {
     /// Folder of the data (lighting/, merl/, captured/, rgl/).
     #[arg(long, env = "GONIO_DATA", global = true)]

@@ -13,6 +13,7 @@ use super::store::{Conditions, VERSION};
 
 /// Options of `gonio-eval bench`.
 #[derive(clap::Args)]
+#[command(args_override_self = true)]
 pub(crate) struct Options {
     /// Folder of the results; one that holds part of them is continued
     #[arg(short, long)]

@@ -1,0 +1,222 @@
+//! `gonio-eval bench` and `merge` on a small world of formulas.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use super::world;
+
+/// A world, a cache, and a place for results.
+struct Place {
+    dir: tempfile::TempDir,
+}
+
+impl Place {
+    fn new() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        world::write(&dir.path().join("data"));
+        Self { dir }
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_gonio-eval"));
+        command.env("GONIO_CACHE_DIR", self.at("cache")).arg("--data").arg(self.at("data")).args(arguments);
+        command
+    }
+
+    /// A tiny grid: light 8 x 8, three basis functions, two materials in two lights.
+    fn bench(&self, output: &str, more: &[&str]) -> Command {
+        let output = self.at(output);
+        let mut command = self.command(&["bench", "-o"]);
+        command.arg(output).args(["--grid", "8", "--rank", "3", "--rows", "60", "--normals", "700", "--size", "24"]);
+        command.args(["--relight", "l2,l3", "--lights", "l0,l1", "--materials", "m2,m4,m7"]).args(more);
+        command
+    }
+}
+
+fn run(command: &mut Command) -> Output {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    output
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+/// Errors of all cells: relight errors in all lights and the BRDF error, by protocol, material, light and estimator.
+fn cells(folder: &Path) -> BTreeMap<String, Vec<f64>> {
+    let whole = json(&folder.join("results.json"));
+    let cells = whole["cells"].as_array().unwrap().iter().map(|c| {
+        let at = ["protocol", "material", "light", "estimator"].map(|k| c[k].as_str().unwrap()).join("/");
+        let mut errors: Vec<f64> =
+            c["relight"].as_array().unwrap().iter().map(|r| r["log"].as_f64().unwrap()).collect();
+        errors.push(c["brdf"].as_f64().unwrap());
+        (at, errors)
+    });
+    cells.collect()
+}
+
+/// Row of an estimator in the summary of a protocol.
+fn row<'a>(whole: &'a Value, protocol: &str, estimator: &str) -> &'a Value {
+    let find = |list: &'a Value, key: &str, value: &str| {
+        list.as_array().unwrap().iter().find(|x| x[key] == value).unwrap_or_else(|| panic!("no {value}"))
+    };
+    find(&find(&whole["summaries"], "protocol", protocol)["rows"], "estimator", estimator)
+}
+
+#[test]
+fn the_tiny_grid_has_its_golden_numbers() {
+    let place = Place::new();
+    run(&mut place.bench("out", &[]));
+    let out = place.at("out");
+    let whole = json(&out.join("results.json"));
+    // Protocol (a) tests all three, (b) only the two that are held out: m2 and m7.
+    assert_eq!(row(&whole, "all", "lambertian")["cells"], 6);
+    assert_eq!(row(&whole, "leave-out", "lambertian")["cells"], 4);
+    // Median log relight error and BRDF error under protocol (b). The estimators iterate to a tolerance, and processors round
+    // differently: two percent, plus half of the last digit here.
+    let golden = [
+        ("training-mean", 0.1130, 0.3982),
+        ("lambertian", 0.0703, 0.8246),
+        ("nearest-material", 0.0236, 0.1979),
+        ("known-light", 0.0228, 0.2953),
+        ("joint-map", 0.0480, 0.5620),
+        ("variational", 0.0427, 0.5069),
+    ];
+    for (estimator, log, brdf) in golden {
+        let row = row(&whole, "leave-out", estimator);
+        for (name, want) in [("log", log), ("brdf", brdf)] {
+            let got = row[name]["value"].as_f64().unwrap();
+            assert!((got - want).abs() < 0.02 * want + 5e-5, "{estimator} {name}: {got:.4} instead of {want:.4}");
+        }
+        assert_eq!(row["failures"], 0);
+    }
+    // What must hold by construction.
+    for cell in whole["cells"].as_array().unwrap() {
+        let error = |r: usize| cell["relight"][r]["relative"].as_f64().unwrap();
+        if cell["estimator"] == "true-bivariate" {
+            // Materials of this world depend on phi_d but weakly, and light is grey.
+            assert!(cell["brdf"].as_f64().unwrap() < 1e-6 && error(0) < 0.02 && error(1) < 0.02, "{cell}");
+        }
+        // A material of the training set is its own neighbour, one that was left out is not.
+        if cell["estimator"] == "nearest-material" {
+            let itself = cell["report"]["note"] == cell["material"];
+            assert_eq!(itself, cell["protocol"] == "all");
+            assert_eq!(cell["brdf"].as_f64().unwrap() < 1e-6, itself);
+        }
+        assert_eq!(cell["full_table"], cell["material"] == world::FULL);
+    }
+    let html = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(html.contains("Worst cells") && html.matches("data:image/png").count() > 40);
+    let lines = std::fs::read_to_string(out.join("results.csv")).unwrap().lines().count();
+    assert_eq!(lines, 1 + 7 * 10);
+    if let Some(copy) = std::env::var_os("GONIO_BENCH_REPORT") {
+        std::fs::copy(out.join("report.html"), copy).unwrap();
+    }
+}
+
+#[test]
+fn shards_merge_into_the_whole() {
+    let place = Place::new();
+    let fast = ["--estimators", "training-mean,lambertian,known-light", "--protocols", "leave-out"];
+    run(&mut place.bench("whole", &fast));
+    for shard in ["1/3", "2/3", "3/3"] {
+        let folder = format!("part-{}", &shard[..1]);
+        run(place.bench(&folder, &fast).args(["--shard", shard]));
+    }
+    let parts = ["part-1", "part-2", "part-3"].map(|p| place.at(p));
+    let mut merge = place.command(&["merge", "-o"]);
+    run(merge.arg(place.at("merged")).args(&parts));
+    assert_eq!(cells(&place.at("merged")), cells(&place.at("whole")));
+    // Folders of other conditions do not mix.
+    run(place.bench("noisy", &fast).args(["--noise", "0.1"]));
+    let refused =
+        place.command(&["merge", "-o"]).arg(place.at("mixed")).args([&parts[0], &place.at("noisy")]).output().unwrap();
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("other conditions"));
+    assert_ne!(cells(&place.at("noisy")), cells(&place.at("whole")));
+}
+
+#[test]
+fn a_killed_run_is_continued() {
+    let place = Place::new();
+    let grid = ["--protocols", "leave-out", "--threads", "1"];
+    run(&mut place.bench("whole", &grid));
+    let found = || -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        let mut folders = vec![place.at("killed/cells")];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+                let path = entry.path();
+                if path.is_dir() { folders.push(path) } else { files.push(path) }
+            }
+        }
+        files.sort();
+        files
+    };
+    let mut child = place.bench("killed", &grid).spawn().unwrap();
+    let start = Instant::now();
+    while found().len() < 6 && start.elapsed() < Duration::from_secs(120) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let stamps = |files: &[PathBuf]| -> Vec<_> {
+        files.iter().map(|f| (f.clone(), f.metadata().unwrap().modified().unwrap())).collect()
+    };
+    let whole: Vec<PathBuf> = found().into_iter().filter(|f| f.extension().is_some_and(|e| e == "json")).collect();
+    assert!((4..28).contains(&whole.len()), "{} of 28 cells at the kill", whole.len());
+    let mut before = stamps(&whole);
+    // One of them is damaged on top.
+    let (damaged, _) = before.swap_remove(0);
+    std::fs::write(&damaged, b"{\"key\":").unwrap();
+    run(&mut place.bench("killed", &grid));
+    for (file, stamp) in &before {
+        assert_eq!(*stamp, file.metadata().unwrap().modified().unwrap(), "{} was computed twice", file.display());
+    }
+    assert_eq!(cells(&place.at("killed")), cells(&place.at("whole")));
+    // Everything finished: nothing is done, and nothing changes.
+    let again = run(&mut place.bench("killed", &grid));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("all cells are finished"));
+}
+
+#[test]
+fn wrong_names_and_folders_are_refused_in_one_line() {
+    let place = Place::new();
+    run(place.bench("out", &["--estimators", "lambertian", "--protocols", "leave-out"]).args(["--lights", "l0"]));
+    let letters = place.at("letters");
+    std::fs::create_dir(&letters).unwrap();
+    std::fs::write(letters.join("letter.txt"), "dear").unwrap();
+    let (other, empty) = (place.at("other"), place.at("nowhere"));
+    let bench = |output: &str, more: &[&str]| place.bench(output, more).output().unwrap();
+    for (output, says) in [
+        (bench("a", &["--lights", "moon"]), "there is no test light moon"),
+        (bench("b", &["--materials", "kryptonite"]), "there is no material kryptonite"),
+        (bench("c", &["--grid", "12"]), "--grid 12: give a power of two"),
+        (bench("d", &["--shard", "4/3"]), "I from 1 to N"),
+        (bench("e", &["--merl", empty.to_str().unwrap()]), "no .binary files"),
+        (bench("letters", &[]), "is not empty and holds no results"),
+        (bench("out", &["--starts", "2"]), "starts is 1 there and 2 here"),
+        (place.command(&["merge", "-o", other.to_str().unwrap(), "letters"]).output().unwrap(), "holds no results"),
+        (
+            Command::new(env!("CARGO_BIN_EXE_gonio-eval"))
+                .args(["--data", "/nonexistent", "bench", "-o", "x"])
+                .output()
+                .unwrap(),
+            "no materials here",
+        ),
+    ] {
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(says), "{message} does not say {says}");
+    }
+    assert_eq!(std::fs::read_to_string(letters.join("letter.txt")).unwrap(), "dear");
+}

@@ -1,0 +1,5 @@
+//! What needs the program as a whole, or the measured data.
+
+mod bench;
+mod data;
+mod world;

@@ -1,0 +1,51 @@
+//! A small world of our own: a few lights and materials by formulas, laid out as the data folder is.
+
+use std::path::Path;
+
+use glam::Vec3;
+use gonio::picture::Plane;
+use gonio::reflectance::parametric::{Ggx, Parametric};
+use gonio::reflectance::{BivariateTable, CELLS, MerlTable, THETA_D, THETA_H};
+use gonio::sphere::direction_of_lat_long;
+
+/// The name of the material that is there as a full table.
+pub(crate) const FULL: &str = "m4";
+
+/// Ten materials `m0` to `m9`, from matte to sharp, dark to bright.
+fn material(i: usize) -> BivariateTable {
+    let diffuse = [0.6, 0.1, 0.3, 0.05, 0.4, 0.02, 0.2, 0.5, 0.01, 0.15][i];
+    let alpha = [0.7, 0.5, 0.35, 0.3, 0.25, 0.2, 0.4, 0.15, 0.3, 0.6][i];
+    let f0 = [0.04, 0.04, 0.04, 0.5, 0.04, 0.8, 0.04, 0.06, 0.6, 0.04][i];
+    Ggx { diffuse, f0, alpha }.to_bivariate()
+}
+
+/// Writes `lighting/test` with four lights `l0` to `l3` and `merl` with ten materials, one of them also as a full table.
+pub(crate) fn write(dir: &Path) {
+    let (lights, merl) = (dir.join("lighting/test"), dir.join("merl"));
+    std::fs::create_dir_all(&lights).unwrap();
+    std::fs::create_dir_all(&merl).unwrap();
+    for i in 0..4 {
+        let lamps = [
+            Vec3::new(0.5, 0.6, 0.6),
+            Vec3::new(-0.7, 0.4, 0.6),
+            Vec3::new(0.1, 0.9, -0.3),
+            Vec3::new(-0.5, -0.1, 0.8),
+        ];
+        let lamp = lamps[i].normalize().as_dvec3();
+        let map = Plane::from_fn(128, 64, |x, y| {
+            let d = direction_of_lat_long((x as f64 + 0.5) / 128.0, (y as f64 + 0.5) / 64.0);
+            let bright = if d.angle_between(lamp) < 0.15 { 60.0 } else { 0.0 };
+            let sky = 0.6 + 0.4 * d.y + 0.3 * (3.0 * d.x + i as f64).sin() * d.z;
+            Vec3::splat((sky.max(0.05) + bright) as f32)
+        });
+        gonio_io::picture::write_hdr(lights.join(format!("l{i}.hdr")), &map).unwrap();
+    }
+    let tables: Vec<BivariateTable> = (0..10).map(material).collect();
+    let values = tables.iter().flat_map(|t| (0..CELLS).flat_map(|c| [t.as_slice()[c]; 3])).collect();
+    let array = gonio_io::npy::Array { shape: vec![tables.len(), THETA_H, THETA_D, 3], values };
+    std::fs::write(merl.join("bivariate_rgb_f32.npy"), gonio_io::npy::encode(&array)).unwrap();
+    let names: Vec<String> = (0..10).map(|i| format!("m{i}")).collect();
+    std::fs::write(merl.join("materials.txt"), names.join("\n")).unwrap();
+    let full = MerlTable::from_bivariate([&tables[4]; 3]);
+    gonio_io::merl::write(merl.join(format!("{FULL}.binary")), &full).unwrap();
+}

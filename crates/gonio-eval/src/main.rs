@@ -4,6 +4,7 @@
 mod data;
 mod metrics;
 mod page;
+mod paper;
 mod quadrature;
 mod recover;
 
@@ -25,6 +26,8 @@ struct Args {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Every figure and table of the paper, as one HTML file.
+    Paper(paper::Options),
     /// Convergence of the transfer's quadrature against a brute-force reference.
     Quadrature,
     /// What the estimators recover from rendered spheres.
@@ -35,6 +38,7 @@ fn main() -> ExitCode {
     let args = Args::parse();
     let data = args.data.unwrap_or_else(|| PathBuf::from("data"));
     let result = match args.command {
+        Command::Paper(options) => paper::run(&data, &options),
         Command::Quadrature => quadrature::run(&data),
         Command::Recover(options) => recover::run(&data, &options),
     };

@@ -20,7 +20,13 @@ fn sample() -> String {
         vec![vec!["first".into(), "1.00".into(), "2.00".into()], vec!["second".into(), "3.00".into(), "4.00".into()]];
     let tile = |label: &'static str| (label, figure::picture(&ball, "A shaded ball"));
     let charts = [
-        chart::histogram("Histogram", "x", &Histogram::new(&quantiles, 0.0, 6.0, 24), &[density.clone()], Axis::Log),
+        chart::histogram(
+            "Histogram",
+            "x",
+            &Histogram::new(&quantiles, 0.0, 6.0, 24),
+            std::slice::from_ref(&density),
+            Axis::Log,
+        ),
         chart::lines("Lines", "x", "y", &[density.clone(), Series::dashed("other", curve(|x| 0.2 + x))], Axis::Linear),
         chart::scatter(
             &Frame { title: "Scatter", x: ("x", Axis::Log), y: ("y", Axis::Log), y_range: None },

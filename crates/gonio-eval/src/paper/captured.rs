@@ -44,7 +44,7 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     let mean = workshop.training_mean()?;
     let pixels = ball.pixels();
     let predict = |light: usize, colour: DVec3, f: &(dyn Fn(f64, f64) -> f64 + Sync)| {
-        prediction(&ball, &pixels, light, &ball.render(light, |h, d| f(h, d)), colour)
+        prediction(&ball, &pixels, light, &ball.render(light, f), colour)
     };
     let (mut cards, mut rows, mut columns) = (Vec::new(), Vec::new(), vec![Vec::new(); 5]);
     for (i, estimate) in estimates.iter().enumerate() {

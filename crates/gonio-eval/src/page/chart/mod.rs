@@ -87,7 +87,7 @@ pub(crate) fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
     let y = Scale::around(frame.y.1, all().map(|p| p.1), frame.y_range);
     // Bars stand on the foot of the chart; without a given range that is zero where the axis has one.
     let bars = shown.iter().any(|s| s.mark == Mark::Bars);
-    let y = if bars && frame.y.1 == Axis::Linear && frame.y_range.is_none() { y.from_zero() } else { y };
+    let y = if bars && frame.y.1 == Axis::Linear && frame.y_range.is_none() { y.starting_at_zero() } else { y };
     let svg = draw::svg(frame, &x, &y, &shown);
     let names: Vec<&str> = series.iter().map(|s| s.name.as_str()).filter(|n| !n.is_empty()).collect();
     let words =
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn one_series_needs_no_legend() {
         let line = Series::line("only", vec![(0.0, 0.0), (1.0, 1.0)]);
-        assert!(!lines("t", "x", "y", &[line.clone()], Axis::Linear).into_string().contains("legend"));
+        assert!(!lines("t", "x", "y", std::slice::from_ref(&line), Axis::Linear).into_string().contains("legend"));
         assert!(lines("t", "x", "y", &[line.clone(), line], Axis::Linear).into_string().contains("legend"));
     }
 }

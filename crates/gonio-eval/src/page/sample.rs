@@ -27,7 +27,12 @@ fn sample() -> String {
             std::slice::from_ref(&density),
             Axis::Log,
         ),
-        chart::lines("Lines", "x", "y", &[density.clone(), Series::dashed("other", curve(|x| 0.2 + x))], Axis::Linear),
+        chart::lines(
+            "Lines",
+            ("x", Axis::Linear),
+            ("y", Axis::Linear),
+            &[density.clone(), Series::dashed("other", curve(|x| 0.2 + x))],
+        ),
         chart::scatter(
             &Frame { title: "Scatter", x: ("x", Axis::Log), y: ("y", Axis::Log), y_range: None },
             &[Series::dots("a", vec![(0.1, 0.2), (3.0, 2.0)]), Series::dots("b", vec![(0.5, 0.4)])],

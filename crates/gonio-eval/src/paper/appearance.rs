@@ -25,6 +25,7 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
     for (median, (_, light)) in medians.iter().zip(LIGHTS) {
         let mut row = vec![format!("median, {light}")];
         row.extend(median.iter().map(|m| format!("{m:.2}")));
+        row.push(String::new());
         rows.push(row);
     }
     html! {

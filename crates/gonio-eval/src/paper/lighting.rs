@@ -45,7 +45,8 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
         p {
             "Haar coefficients of " (lights.len()) " training lights, each scaled to integrate to one, on a " (SIDE) " x " (SIDE)
             " equal-area octahedral map, against the embedded prior of light. The bars are the lights as captured; the prior was "
-            "fitted to the same lights at eight azimuths each."
+            "fitted to the same lights at eight azimuths each. Where bars stand above the curve the prior holds such coefficients for rarer "
+            "than they are."
         }
         (figure::grid(20, &charts))
     })
@@ -121,7 +122,7 @@ fn octahedral(workshop: &Workshop) -> Result<Markup> {
             figure::picture(&square(light.to_grid(map, 256)), &format!("{name} as an octahedral map, fine")),
         ),
         (
-            "octahedral, 32 x 32, as the inference sees it",
+            "octahedral, 32 x 32",
             figure::cells(
                 &square(light.to_grid(map, SIDE)),
                 &format!("{name} as an octahedral map of 32 by 32 texels"),
@@ -133,7 +134,8 @@ fn octahedral(workshop: &Workshop) -> Result<Markup> {
         &tiles,
         &html! {
             strong { (name) } " as captured and unfolded. The centre of the lat-long map is behind the object; the centre of the square is "
-            "the direction of the camera, its corners meet behind the object, its upper half is the upper half of the world."
+            "the direction of the camera, its corners meet behind the object, its upper half is the upper half of the world. The inference "
+        "sees light on 32 x 32 texels."
         },
     ))
 }

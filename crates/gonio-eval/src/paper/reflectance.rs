@@ -12,7 +12,7 @@ use gonio_io::fits::Fit;
 use maud::{Markup, html};
 
 use super::bases::Trained;
-use super::show::{self, Coloured};
+use super::show::{self, Green};
 use super::step;
 use super::workshop::{Material, Workshop};
 use crate::data;
@@ -89,10 +89,11 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
         h3 { "Fits" }
         p {
             "The non-negative basis with " (RANKS[0]) ", " (RANKS[1]) " and " (RANKS[2]) " functions, the material itself, and the published "
-            "Cook-Torrance fit, under " (super::workshop::NOVEL.1) ". The basis was trained on green; red, green and blue are each its best "
-            "non-negative combination."
+            "Cook-Torrance fit, under " (super::workshop::NOVEL.1) ": the green channel, on which the bases were trained, in grey. "
+            "All five have the exposure of the material itself. The fit is by least squares over the table, to which the dark parts of a BRDF "
+            "with a bright highlight matter little."
         }
-        (figure::grid(24, &cards))
+        (figure::grid(30, &cards))
         (comparison(&errors, names.len()))
         (functions(ten))
     })
@@ -127,36 +128,39 @@ fn rms(a: &BivariateTable, b: &BivariateTable) -> f64 {
 fn spheres(workshop: &Workshop, material: &Material, bases: &[Trained], fits: &[(String, Fit)]) -> Result<Markup> {
     let name = material.name;
     let Some((_, fit)) = fits.iter().find(|(n, _)| n == name) else { bail!("{name} has no Cook-Torrance fit") };
-    let rgb = data::material(&workshop.tables, name)?;
-    let truth = show::sphere(&material.full, &workshop.novel);
+    let reference = &data::material(&workshop.tables, name)?[GREEN];
+    let truth = show::sphere(&Green(&material.full), &workshop.novel);
     let exposure = show::exposure(&truth);
     let tile = |label: String, picture: &gonio::picture::Picture| {
-        let alt = format!("Sphere of {name}: {label}");
+        let alt = format!("Sphere of {name}, green channel: {label}");
         (label, figure::picture(&show::display(picture, exposure), &alt))
     };
     let mut tiles = Vec::new();
     for (rank, trained) in RANKS.iter().zip(bases) {
-        let basis = &trained.basis;
-        let fitted = |table: &BivariateTable| -> Result<BivariateTable> { Ok(basis.combine(&basis.project(table)?)?) };
-        let fitted = Coloured([fitted(&rgb[0])?, fitted(&rgb[1])?, fitted(&rgb[2])?]);
+        let fitted = trained.basis.combine(&trained.basis.project(reference)?)?;
         tiles.push(tile(format!("K = {rank}"), &show::sphere(&fitted, &workshop.novel)));
     }
     tiles.push(tile("truth".into(), &truth));
-    let model = Coloured([0, 1, 2].map(|c| channel(fit, c)));
+    let model = channel(fit, GREEN);
     tiles.push(tile("Cook-Torrance".into(), &show::sphere(&model, &workshop.novel)));
     let tiles: Vec<(&str, Markup)> = tiles.iter().map(|(label, html)| (label.as_str(), html.clone())).collect();
     let errors: Vec<String> = RANKS
         .iter()
         .zip(bases)
         .filter_map(|(k, t)| {
-            t.report.fits.iter().find(|f| f.name == name).map(|f| format!("{:.2} with K = {k}", f.rms))
+            t.report.fits.iter().find(|f| f.name == name).map(|f| format!("{} with K = {k}", short(f.rms)))
         })
         .collect();
     let caption = html! {
         "RMS in green, 1/sr: " (errors.join(", ")) "; Cook-Torrance "
-        (format!("{:.2}", rms(&channel(fit, GREEN), &rgb[GREEN])))
+        (short(rms(&model, reference)))
     };
     Ok(figure::card(name, &figure::tiles(&tiles), &caption))
+}
+
+/// An error in few digits, however small.
+fn short(error: f64) -> String {
+    if error < 0.1 { format!("{error:.4}") } else { format!("{error:.2}") }
 }
 
 fn comparison(errors: &[Errors], count: usize) -> Markup {
@@ -190,7 +194,7 @@ fn comparison(errors: &[Errors], count: usize) -> Markup {
             &["model", "mean", "median", "paper, mean", "paper, median"],
             &rows,
         ))
-        p { (ratio) " The paper's numbers are of the original measurements, all cells." }
+        p { (ratio) " The paper's numbers are of the original measurements." }
         (figure::figure(
             &chart::ecdf("RMS error over the materials", "RMS error (1/sr)", Axis::Log, &sets),
             &html! { "For each model, the share of the " (count) " materials whose error is at most that on the horizontal axis." },

@@ -2,13 +2,13 @@
 
 use glam::{DVec3, Vec3};
 use gonio::picture::{Picture, Plane};
-use gonio::reflectance::BivariateTable;
+use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::{Brdf, Exposure, IntegratorSettings, LightTree, SphereSettings, render_sphere};
 
 /// Behind every object: dark, not black, on light and dark pages alike.
 const GROUND: Vec3 = Vec3::new(0.012, 0.013, 0.015);
 /// Sides of pictures of spheres, pixels.
-pub(super) const SPHERE: usize = 128;
+pub(super) const SPHERE: usize = 96;
 
 /// How a sphere is drawn: as accurately as it is measured when it is measured, else good enough to look at.
 pub(super) fn settings(size: usize, measured: bool) -> SphereSettings {
@@ -62,21 +62,20 @@ pub(super) fn median_ratio(estimate: &[f64], reference: &[f64]) -> f64 {
     if median.is_finite() && median > 0.0 { median } else { 1.0 }
 }
 
-/// A bivariate BRDF with a table for each channel.
-pub(super) struct Coloured(pub(super) [BivariateTable; 3]);
+/// The green channel of a measured table, in grey.
+pub(super) struct Green<'a>(pub(super) &'a MerlTable);
 
-impl Brdf for Coloured {
-    fn eval(&self, theta_h: f64, theta_d: f64, _: f64) -> DVec3 {
-        DVec3::from_array([0, 1, 2].map(|c| self.0[c].eval(theta_h, theta_d)))
+impl Brdf for Green<'_> {
+    fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> DVec3 {
+        DVec3::splat(self.0.eval(theta_h, theta_d, phi_d)[1])
     }
 
     fn depends_on_phi(&self) -> bool {
-        false
+        true
     }
 
     fn envelope(&self) -> BivariateTable {
-        let [r, g, b] = self.0.each_ref().map(BivariateTable::as_slice);
-        BivariateTable::from_vec(r.iter().zip(g).zip(b).map(|((r, g), b)| r.max(*g).max(*b)).collect())
+        self.0.bivariate(1)
     }
 }
 

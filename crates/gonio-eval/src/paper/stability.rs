@@ -21,7 +21,7 @@ const ELEVATION: f64 = 20.0;
 /// Half the width of the lamp, degrees.
 const LAMP: f64 = 4.0;
 /// Radiance of everything else over that of the lamp.
-const AMBIENT: f32 = 1e-3;
+const AMBIENT: f32 = 2e-4;
 /// Side of each sphere, pixels.
 const SIZE: usize = 96;
 /// Rows of lights' maps.

@@ -20,7 +20,7 @@ mod workshop;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use maud::html;
 
 use crate::page::{Section, document};
@@ -65,6 +65,11 @@ impl Estimator {
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let start = Instant::now();
+    // Told now, not after minutes of work.
+    let folder = options.output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() || options.output.is_dir() {
+        bail!("{}: give a file in a folder that exists", options.output.display());
+    }
     let workshop = step("data", || Workshop::open(data, options))?;
     let mut sections = Vec::new();
     let mut add = |id: &str, title: &str, body| sections.push(Section { id: id.into(), title: title.into(), body });

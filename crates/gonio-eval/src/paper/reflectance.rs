@@ -89,7 +89,7 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
         h3 { "Fits" }
         p {
             "The non-negative basis with " (RANKS[0]) ", " (RANKS[1]) " and " (RANKS[2]) " functions, the material itself, and the published "
-            "Cook-Torrance fit, under " (super::workshop::NOVEL.1) ": the green channel, on which the bases were trained, in grey. "
+            "Cook-Torrance fit, under " (super::workshop::NOVEL.1) ": the green channel, on which the bases were trained, as if the material had no colour of its own. "
             "All five have the exposure of the material itself. The fit is by least squares over the table, to which the dark parts of a BRDF "
             "with a bright highlight matter little."
         }

@@ -62,7 +62,7 @@ pub(super) fn median_ratio(estimate: &[f64], reference: &[f64]) -> f64 {
     if median.is_finite() && median > 0.0 { median } else { 1.0 }
 }
 
-/// The green channel of a measured table, in grey.
+/// The green channel of a measured table, for all three channels.
 pub(super) struct Green<'a>(pub(super) &'a MerlTable);
 
 impl Brdf for Green<'_> {

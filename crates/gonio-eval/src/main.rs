@@ -5,6 +5,7 @@ mod bench;
 mod data;
 mod metrics;
 mod page;
+mod paper;
 mod quadrature;
 
 use std::path::PathBuf;
@@ -25,6 +26,8 @@ struct Args {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Every figure and table of the paper, as one HTML file.
+    Paper(paper::Options),
     /// Convergence of the transfer's quadrature against a brute-force reference.
     Quadrature,
     /// Estimators and references against each other over a grid of materials and lights.
@@ -37,6 +40,7 @@ fn main() -> ExitCode {
     let args = Args::parse();
     let data = args.data.unwrap_or_else(|| PathBuf::from("data"));
     let result = match args.command {
+        Command::Paper(options) => paper::run(&data, &options),
         Command::Quadrature => quadrature::run(&data),
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Merge(options) => bench::merge(&options),

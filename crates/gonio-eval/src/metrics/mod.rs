@@ -9,5 +9,5 @@ mod scale_free;
 mod statistics;
 
 pub(crate) use gloss::{Class, Gloss};
-pub(crate) use scale_free::{Relight, brdf_error, brdf_scale, relight, sphere_pixels};
+pub(crate) use scale_free::{Relight, brdf_error, brdf_scale, log_fit, relight, sphere_pixels};
 pub(crate) use statistics::{Interval, mean, median, median_interval, spearman, win_rate};

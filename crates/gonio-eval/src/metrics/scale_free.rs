@@ -59,7 +59,7 @@ fn brdf_fit(estimate: &BivariateTable, reference: &BivariateTable) -> (f64, f64)
 
 /// The `s` that minimises `rms ln((s a + e)/(b + e))` and the minimum, by golden section over `ln s` around the ratio of
 /// geometric means.
-fn log_fit(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> (f64, f64) {
+pub(crate) fn log_fit(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> (f64, f64) {
     let pairs: Vec<(f64, f64)> = pairs.map(|(a, b)| (a.max(0.0), (b.max(0.0) + floor).ln())).collect();
     let n = pairs.len() as f64;
     let cost = |log_scale: f64| {

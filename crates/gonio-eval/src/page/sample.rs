@@ -20,8 +20,19 @@ fn sample() -> String {
         vec![vec!["first".into(), "1.00".into(), "2.00".into()], vec!["second".into(), "3.00".into(), "4.00".into()]];
     let tile = |label: &'static str| (label, figure::picture(&ball, "A shaded ball"));
     let charts = [
-        chart::histogram("Histogram", "x", &Histogram::new(&quantiles, 0.0, 6.0, 24), &[density.clone()], Axis::Log),
-        chart::lines("Lines", "x", "y", &[density.clone(), Series::dashed("other", curve(|x| 0.2 + x))], Axis::Linear),
+        chart::histogram(
+            "Histogram",
+            "x",
+            &Histogram::new(&quantiles, 0.0, 6.0, 24),
+            std::slice::from_ref(&density),
+            Axis::Log,
+        ),
+        chart::lines(
+            "Lines",
+            ("x", Axis::Linear),
+            ("y", Axis::Linear),
+            &[density.clone(), Series::dashed("other", curve(|x| 0.2 + x))],
+        ),
         chart::scatter(
             &Frame { title: "Scatter", x: ("x", Axis::Log), y: ("y", Axis::Log), y_range: None },
             &[Series::dots("a", vec![(0.1, 0.2), (3.0, 2.0)]), Series::dots("b", vec![(0.5, 0.4)])],

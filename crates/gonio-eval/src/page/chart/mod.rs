@@ -77,7 +77,9 @@ pub(crate) struct Frame<'a> {
 
 /// A chart of any series, in the order given; later ones lie over earlier ones.
 pub(crate) fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
-    let drawable = |(x, y): &(f64, f64)| frame.x.1.shows(*x) && frame.y.1.shows(*y);
+    // What a given range leaves out below is cut off, not drawn along the edge.
+    let foot = frame.y_range.map_or(f64::NEG_INFINITY, |(low, _)| low);
+    let drawable = |(x, y): &(f64, f64)| frame.x.1.shows(*x) && frame.y.1.shows(*y) && *y >= foot;
     let shown: Vec<Series> = series
         .iter()
         .map(|s| Series { points: s.points.iter().copied().filter(drawable).collect(), ..s.clone() })
@@ -87,7 +89,7 @@ pub(crate) fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
     let y = Scale::around(frame.y.1, all().map(|p| p.1), frame.y_range);
     // Bars stand on the foot of the chart; without a given range that is zero where the axis has one.
     let bars = shown.iter().any(|s| s.mark == Mark::Bars);
-    let y = if bars && frame.y.1 == Axis::Linear && frame.y_range.is_none() { y.from_zero() } else { y };
+    let y = if bars && frame.y.1 == Axis::Linear && frame.y_range.is_none() { y.starting_at_zero() } else { y };
     let svg = draw::svg(frame, &x, &y, &shown);
     let names: Vec<&str> = series.iter().map(|s| s.name.as_str()).filter(|n| !n.is_empty()).collect();
     let words =
@@ -105,9 +107,9 @@ pub(crate) fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
     }
 }
 
-/// Curves over linear or logarithmic axes.
-pub(crate) fn lines(title: &str, x_label: &str, y_label: &str, series: &[Series], y: Axis) -> Markup {
-    chart(&Frame { title, x: (x_label, Axis::Linear), y: (y_label, y), y_range: None }, series)
+/// Curves over the range of their points; `x` and `y` are label and division of the axes.
+pub(crate) fn lines(title: &str, x: (&str, Axis), y: (&str, Axis), series: &[Series]) -> Markup {
+    chart(&Frame { title, x, y, y_range: None }, series)
 }
 
 /// The density of samples as bars under curves of model densities.
@@ -176,7 +178,8 @@ mod tests {
     #[test]
     fn one_series_needs_no_legend() {
         let line = Series::line("only", vec![(0.0, 0.0), (1.0, 1.0)]);
-        assert!(!lines("t", "x", "y", &[line.clone()], Axis::Linear).into_string().contains("legend"));
-        assert!(lines("t", "x", "y", &[line.clone(), line], Axis::Linear).into_string().contains("legend"));
+        let html = |series: &[Series]| lines("t", ("x", Axis::Linear), ("y", Axis::Linear), series).into_string();
+        assert!(!html(std::slice::from_ref(&line)).contains("legend"));
+        assert!(html(&[line.clone(), line]).contains("legend"));
     }
 }

@@ -37,7 +37,7 @@ impl Scale {
     }
 
     /// The same beginning at zero, for values that are not negative.
-    pub(super) fn from_zero(self) -> Self {
+    pub(super) fn starting_at_zero(self) -> Self {
         if self.high > 0.0 { Self { low: 0.0, ..self } } else { self }
     }
 

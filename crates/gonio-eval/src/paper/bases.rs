@@ -1,0 +1,81 @@
+//! Bases of reflectance of several ranks, trained once and then kept in the user's cache.
+
+use anyhow::{Context, Result};
+use gonio::reflectance::{BivariateTable, ReflectanceBasis, TrainReport, TrainSettings, train};
+use gonio_io::cache::Cache;
+use serde::{Deserialize, Serialize};
+
+/// Enters every key: to be raised whenever training gives other results for the same input.
+const VERSION: u32 = 1;
+
+/// A basis and how its training went.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Trained {
+    pub(super) basis: ReflectanceBasis,
+    pub(super) report: TrainReport,
+}
+
+impl Trained {
+    /// Trains on the materials, or finds the result of having done so.
+    pub(super) fn load_or_train(
+        cache: Option<&Cache>,
+        materials: &[(String, BivariateTable)],
+        settings: &TrainSettings,
+    ) -> Result<Self> {
+        let key = key(materials, settings)?;
+        let rank = settings.nmf.rank;
+        let stored = cache.and_then(|c| c.load(&key)).and_then(|bytes| serde_json::from_slice::<Self>(&bytes).ok());
+        // The check is against bytes that were put under a wrong name by hand.
+        if let Some(found) = stored.filter(|t| t.basis.len() == rank && t.report.fits.len() == materials.len()) {
+            return Ok(found);
+        }
+        let (basis, report) = train(materials, settings).with_context(|| format!("basis of rank {rank}"))?;
+        let trained = Self { basis, report };
+        if let Some(Err(error)) = cache.map(|c| c.store(&key, &serde_json::to_vec(&trained).unwrap_or_default())) {
+            eprintln!("the basis could not be kept for next time: {error}");
+        }
+        Ok(trained)
+    }
+}
+
+/// BLAKE3, in hexadecimal, of all that the result depends on.
+fn key(materials: &[(String, BivariateTable)], settings: &TrainSettings) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    // Each part after its length, so that nothing can move from one part to the next.
+    let mut part = |bytes: &[u8]| {
+        hasher.update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
+    };
+    part(format!("gonio basis {VERSION}").as_bytes());
+    part(&serde_json::to_vec(settings).context("settings of the training")?);
+    for (name, table) in materials {
+        part(name.as_bytes());
+        part(&table.as_slice().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>());
+    }
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use gonio::reflectance::nmf::NmfSettings;
+
+    use super::*;
+
+    #[test]
+    fn what_was_trained_is_found_again() {
+        let lobe = |s: f64| BivariateTable::from_fn(move |h, d| 0.1 + s * (-(h / 0.2).powi(2)).exp() + 0.1 * s * s * d);
+        let materials: Vec<(String, BivariateTable)> = (1..6).map(|i| (format!("m{i}"), lobe(f64::from(i)))).collect();
+        let nmf = NmfSettings { rank: 2, restarts: 2, max_iterations: 50, ..NmfSettings::default() };
+        let settings = TrainSettings { nmf, ..TrainSettings::default() };
+        let dir = tempfile::tempdir().unwrap();
+        let cache = Cache::at(dir.path());
+        let first = Trained::load_or_train(Some(&cache), &materials, &settings).unwrap();
+        let stored = cache.load(&key(&materials, &settings).unwrap()).unwrap();
+        let again = Trained::load_or_train(Some(&cache), &materials, &settings).unwrap();
+        assert_eq!((first.basis, first.report), (again.basis, again.report));
+        assert!(!stored.is_empty());
+        // Another margin, other materials: other keys.
+        let other = TrainSettings { cost_margin: 0.0, ..settings.clone() };
+        assert_ne!(key(&materials, &settings).unwrap(), key(&materials, &other).unwrap());
+        assert_ne!(key(&materials, &settings).unwrap(), key(&materials[..4], &settings).unwrap());
+    }
+}

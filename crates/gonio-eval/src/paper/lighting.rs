@@ -1,0 +1,141 @@
+//! Fig. 2: a light as lat-long and octahedral map; wavelet coefficients of lights and the prior fitted to them.
+
+use anyhow::{Context, Result};
+use gonio::lighting::{LightGrid, PriorGroup};
+use gonio::picture::Plane;
+use gonio::render::Exposure;
+use gonio::sphere::Orientation;
+use maud::{Markup, html};
+use rayon::prelude::*;
+
+use super::step;
+use super::workshop::{LIGHTS, Workshop};
+use crate::data;
+use crate::page::chart::{self, Axis, Histogram, Series};
+use crate::page::figure;
+
+/// Texels along a side: the paper's.
+const SIDE: usize = 32;
+/// Shown, coarse to fine.
+const GROUPS: [PriorGroup; 6] = [
+    PriorGroup::Coarsest(Orientation::Vertical),
+    PriorGroup::Middle { scale: 2, orientation: Orientation::Vertical, above: true },
+    PriorGroup::Middle { scale: 2, orientation: Orientation::Vertical, above: false },
+    PriorGroup::Middle { scale: 3, orientation: Orientation::Horizontal, above: true },
+    PriorGroup::Fine { scale: 4 },
+    PriorGroup::Fine { scale: 5 },
+];
+
+pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
+    let lights = step("Fig. 2, training lights", || coefficients(workshop))?;
+    let prior = &workshop.model.light;
+    let all = PriorGroup::all(prior.scales);
+    let mut charts = Vec::new();
+    for group in GROUPS {
+        let at = all.iter().position(|g| *g == group).context("the model's prior has no such group")?;
+        let samples: Vec<f64> = (1..SIDE * SIDE)
+            .filter(|&m| PriorGroup::of_index(m) == Some(group))
+            .flat_map(|m| lights.iter().map(move |l| l[m]))
+            .collect();
+        charts.push(density(group, &samples, |x| prior.groups[at].log_density(x)));
+    }
+    Ok(html! {
+        (octahedral(workshop)?)
+        h3 { "Wavelet coefficients and their prior" }
+        p {
+            "Haar coefficients of " (lights.len()) " training lights, each scaled to integrate to one, on a " (SIDE) " x " (SIDE)
+            " equal-area octahedral map, against the embedded prior of light. The bars are the lights as captured; the prior was "
+            "fitted to the same lights at eight azimuths each. Where bars stand above the curve the prior holds such coefficients for rarer "
+            "than they are."
+        }
+        (figure::grid(20, &charts))
+    })
+}
+
+/// The training lights' normalised coefficients.
+fn coefficients(workshop: &Workshop) -> Result<Vec<Vec<f64>>> {
+    let folder = workshop.data.join("lighting/train");
+    let entries = std::fs::read_dir(&folder).with_context(|| folder.display().to_string())?;
+    let mut paths = entries.map(|e| Ok(e?.path())).collect::<std::io::Result<Vec<_>>>()?;
+    paths.retain(|p| p.extension().is_some_and(|e| e == "hdr"));
+    paths.sort();
+    let map = workshop.model.light.map;
+    let one = |path: &std::path::PathBuf| {
+        let grid = data::read_map(path)?.to_grid(map, SIDE);
+        grid.normalised_coefficients().with_context(|| format!("{}: the light is black", path.display()))
+    };
+    paths.par_iter().map(one).collect()
+}
+
+fn density(group: PriorGroup, samples: &[f64], log_density: impl Fn(f64) -> f64) -> Markup {
+    let n = samples.len() as f64;
+    let mean = samples.iter().sum::<f64>() / n;
+    let moment = |k: i32| samples.iter().map(|x| (x - mean).powi(k)).sum::<f64>() / n;
+    let (variance, kurtosis) = (moment(2), moment(4) / moment(2).powi(2));
+    // All but a few samples in a thousand.
+    let mut sizes: Vec<f64> = samples.iter().map(|x| x.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let reach = 1.05 * sizes[((sizes.len() - 1) as f64 * 0.997) as usize];
+    let histogram = Histogram::new(samples, -reach, reach, if samples.len() < 200 { 15 } else { 41 });
+    let along = |f: &dyn Fn(f64) -> f64| -> Vec<(f64, f64)> {
+        // Closer together near zero, where mixtures are sharp; an odd count has the middle.
+        let at = |i: i32| reach * (f64::from(i) / 200.0).powi(3);
+        (-200..=200).map(at).map(|x| (x, f(x))).collect()
+    };
+    let gaussian = |x: f64| (-0.5 * (x - mean).powi(2) / variance).exp() / (std::f64::consts::TAU * variance).sqrt();
+    let curves = [
+        Series::line("prior", along(&|x| log_density(x).exp())),
+        Series::dashed("Gaussian of the same variance", along(&gaussian)),
+    ];
+    let title = format!("Scale {}", group.label());
+    let chart = chart::histogram(&title, "coefficient", &histogram, &curves, Axis::Log);
+    figure::figure(
+        &chart,
+        &html! {
+            (samples.len()) " coefficients, kurtosis " (format!("{kurtosis:.1}")) " (a Gaussian's is 3)"
+            @if histogram.outside() > 0.0 { "; " (format!("{:.1} %", 100.0 * histogram.outside())) " lie outside" }
+            "."
+        },
+    )
+}
+
+fn octahedral(workshop: &Workshop) -> Result<Markup> {
+    let (file, name) = LIGHTS[0];
+    let light = data::test_light(&workshop.data, file)?;
+    let map = workshop.model.light.map;
+    let exposed = |rgb: Plane<glam::Vec3>| {
+        let exposure = Exposure::by_quantile(&rgb, |_| true, 0.9, 0.6);
+        rgb.map(|p| exposure.apply(*p))
+    };
+    let square = |grid: LightGrid| exposed(Plane::from_vec(grid.side(), grid.side(), grid.texels().to_vec()));
+    // One texel to a pixel of the picture, so that it is averaged, not sampled.
+    let radiance = light.radiance();
+    let step = (radiance.width() / 512).max(1);
+    let small = Plane::from_fn(radiance.width() / step, radiance.height() / step, |x, y| {
+        let texels = (0..step * step).map(|i| radiance[(x * step + i % step, y * step + i / step)]);
+        texels.sum::<glam::Vec3>() / (step * step) as f32
+    });
+    let tiles = figure::tiles(&[
+        ("lat-long", figure::picture(&exposed(small), &format!("{name} as a lat-long map"))),
+        (
+            "octahedral, 256 x 256",
+            figure::picture(&square(light.to_grid(map, 256)), &format!("{name} as an octahedral map, fine")),
+        ),
+        (
+            "octahedral, 32 x 32",
+            figure::cells(
+                &square(light.to_grid(map, SIDE)),
+                &format!("{name} as an octahedral map of 32 by 32 texels"),
+                8,
+            ),
+        ),
+    ]);
+    Ok(figure::figure(
+        &tiles,
+        &html! {
+            strong { (name) } " as captured and unfolded. The centre of the lat-long map is behind the object; the centre of the square is "
+            "the direction of the camera, its corners meet behind the object, its upper half is the upper half of the world. The inference "
+        "sees light on 32 x 32 texels."
+        },
+    ))
+}

@@ -1,0 +1,302 @@
+//! Fig. 3: how well few basis functions do, against parametric fits; what the functions are and how they are used.
+
+use anyhow::{Context, Result, bail};
+use glam::Vec3;
+use gonio::picture::Plane;
+use gonio::reflectance::nmf::NmfSettings;
+use gonio::reflectance::parametric::{CookTorrance, Lafortune, Parametric, Ward};
+use gonio::reflectance::{
+    BivariateTable, CELLS, ReflectanceBasis, THETA_D, THETA_H, TrainSettings, is_trusted, theta_d_of, theta_h_of,
+};
+use gonio_io::fits::Fit;
+use maud::{Markup, html};
+
+use super::bases::Trained;
+use super::show::{self, Green};
+use super::step;
+use super::workshop::{Material, Workshop};
+use crate::data;
+use crate::metrics;
+use crate::page::chart::{self, Axis, Histogram, Series};
+use crate::page::{figure, table};
+
+/// Rendered side by side.
+const SHOWN: [&str; 6] =
+    ["red-fabric", "pearl-paint", "blue-metallic-paint", "gold-metallic-paint2", "red-phenolic", "nickel"];
+/// Ranks whose bases are rendered; the table also has [`FINEST`].
+const RANKS: [usize; 3] = [3, 5, 10];
+const FINEST: usize = 20;
+/// The published fits, by name and file.
+const MODELS: [(&str, &str); 3] = [
+    ("Cook-Torrance", "ngan2005_cooktorrance.fit"),
+    ("Ward", "ngan2005_ward.fit"),
+    ("Lafortune", "ngan2005_lafortune.fit"),
+];
+/// What the paper reports, mean and median, on the original measurements.
+const PAPER: [(&str, f64, f64); 2] = [("NMF, K = 10", 1.58, 0.45), ("Cook-Torrance", 46.91, 17.11)];
+const GREEN: usize = 1;
+
+/// RMS errors (1/sr, green channel, trusted cells) of the materials that have published fits.
+struct Errors {
+    name: String,
+    rms: Vec<f64>,
+}
+
+pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
+    let green: Vec<(String, BivariateTable)> =
+        workshop.tables.iter().map(|(name, rgb)| (name.clone(), rgb[GREEN].clone())).collect();
+    let trained = |rank: usize, cost_margin: f64| {
+        let nmf = NmfSettings { rank, ..NmfSettings::default() };
+        let settings = TrainSettings { nmf, cost_margin, ..TrainSettings::default() };
+        step(&format!("Fig. 3, basis of rank {rank}"), || {
+            Trained::load_or_train(workshop.cache.as_ref(), &green, &settings)
+        })
+    };
+    let margin = TrainSettings::default().cost_margin;
+    let bases = RANKS.iter().map(|&rank| trained(rank, margin)).collect::<Result<Vec<_>>>()?;
+    let ten = &bases[2];
+    let (least, finest) = (trained(RANKS[2], 0.0)?, trained(FINEST, margin)?);
+    let fits = MODELS
+        .iter()
+        .map(|(name, file)| Ok((*name, gonio_io::fits::read_fits(workshop.data.join("merl").join(file))?)))
+        .collect::<Result<Vec<_>>>()?;
+    let names: Vec<&str> = fits[0].1.iter().map(|(name, _)| name.as_str()).collect();
+    let of_basis = |name: String, trained: &Trained| Errors {
+        name,
+        rms: trained.report.fits.iter().filter(|f| names.contains(&f.name.as_str())).map(|f| f.rms).collect(),
+    };
+    let mut errors: Vec<Errors> =
+        RANKS.iter().zip(&bases).map(|(k, trained)| of_basis(format!("NMF, K = {k}"), trained)).collect();
+    errors.push(of_basis(format!("NMF, K = {}, strictly least cost", RANKS[2]), &least));
+    errors.push(of_basis(format!("NMF, K = {FINEST}"), &finest));
+    step("Fig. 3, published fits", || {
+        for (name, fits) in &fits {
+            let rms = fits.iter().map(|(material, fit)| {
+                let reference = green.iter().find(|(n, _)| n == material);
+                let (_, reference) = reference.with_context(|| format!("there is no material {material}"))?;
+                Ok(rms(&channel(fit, GREEN), reference))
+            });
+            errors.push(Errors { name: (*name).to_owned(), rms: rms.collect::<Result<_>>()? });
+        }
+        Ok(())
+    })?;
+    let cards = step("Fig. 3, pictures", || {
+        let cook_torrance = &fits[0].1;
+        let shown = workshop.materials.iter().filter(|m| SHOWN.contains(&m.name));
+        shown.map(|m| spheres(workshop, m, &bases, cook_torrance)).collect::<Result<Vec<_>>>()
+    })?;
+    Ok(html! {
+        h3 { "Fits" }
+        p {
+            "The non-negative basis with " (RANKS[0]) ", " (RANKS[1]) " and " (RANKS[2]) " functions, the material itself, and the published "
+            "Cook-Torrance fit, under " (super::workshop::NOVEL.1) ": the green channel, on which the bases were trained, as if the material had no colour of its own. "
+            "All five have the exposure of the material itself. The fit is by least squares over the table, to which the dark parts of a BRDF "
+            "with a bright highlight matter little."
+        }
+        (figure::grid(30, &cards))
+        (comparison(&errors, names.len()))
+        (functions(ten))
+    })
+}
+
+/// One channel of a published fit.
+fn channel(fit: &Fit, c: usize) -> BivariateTable {
+    match *fit {
+        Fit::CookTorrance { diffuse, specular, f0, roughness } => {
+            CookTorrance { diffuse: diffuse[c], specular: specular[c], f0, roughness }.to_bivariate()
+        }
+        Fit::Ward { diffuse, specular, roughness } => {
+            Ward { diffuse: diffuse[c], specular: specular[c], roughness }.to_bivariate()
+        }
+        Fit::Lafortune { diffuse, specular, cxy, cz, exponent } => {
+            Lafortune { diffuse: diffuse[c], specular: specular[c], cxy, cz, exponent }.to_bivariate()
+        }
+    }
+}
+
+fn trusted() -> impl Iterator<Item = usize> {
+    (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D))
+}
+
+/// Root mean square difference over the trusted cells, each counting once.
+fn rms(a: &BivariateTable, b: &BivariateTable) -> f64 {
+    let (sum, count) = trusted()
+        .fold((0.0, 0.0), |(sum, count), c| (sum + f64::from(a.as_slice()[c] - b.as_slice()[c]).powi(2), count + 1.0));
+    (sum / count).sqrt()
+}
+
+fn spheres(workshop: &Workshop, material: &Material, bases: &[Trained], fits: &[(String, Fit)]) -> Result<Markup> {
+    let name = material.name;
+    let Some((_, fit)) = fits.iter().find(|(n, _)| n == name) else { bail!("{name} has no Cook-Torrance fit") };
+    let reference = &data::material(&workshop.tables, name)?[GREEN];
+    let truth = show::sphere(&Green(&material.full), &workshop.novel);
+    let exposure = show::exposure(&truth);
+    let tile = |label: String, picture: &gonio::picture::Picture| {
+        let alt = format!("Sphere of {name}, green channel: {label}");
+        (label, figure::picture(&show::display(picture, exposure), &alt))
+    };
+    let mut tiles = Vec::new();
+    for (rank, trained) in RANKS.iter().zip(bases) {
+        let fitted = trained.basis.combine(&trained.basis.project(reference)?)?;
+        tiles.push(tile(format!("K = {rank}"), &show::sphere(&fitted, &workshop.novel)));
+    }
+    tiles.push(tile("truth".into(), &truth));
+    let model = channel(fit, GREEN);
+    tiles.push(tile("Cook-Torrance".into(), &show::sphere(&model, &workshop.novel)));
+    let tiles: Vec<(&str, Markup)> = tiles.iter().map(|(label, html)| (label.as_str(), html.clone())).collect();
+    let errors: Vec<String> = RANKS
+        .iter()
+        .zip(bases)
+        .filter_map(|(k, t)| {
+            t.report.fits.iter().find(|f| f.name == name).map(|f| format!("{} with K = {k}", short(f.rms)))
+        })
+        .collect();
+    let caption = html! {
+        "RMS in green, 1/sr: " (errors.join(", ")) "; Cook-Torrance "
+        (short(rms(&model, reference)))
+    };
+    Ok(figure::card(name, &figure::tiles(&tiles), &caption))
+}
+
+/// An error in few digits, however small.
+fn short(error: f64) -> String {
+    if error < 0.1 { format!("{error:.4}") } else { format!("{error:.2}") }
+}
+
+fn comparison(errors: &[Errors], count: usize) -> Markup {
+    let statistics = |e: &Errors| (metrics::mean(&e.rms), metrics::median(e.rms.clone()));
+    let rows: Vec<Vec<String>> = errors
+        .iter()
+        .map(|e| {
+            let (mean, median) = statistics(e);
+            let paper = PAPER.iter().find(|(name, ..)| *name == e.name);
+            let of_paper = |f: &dyn Fn(&(&str, f64, f64)) -> f64| paper.map_or("".into(), |p| format!("{:.2}", f(p)));
+            vec![e.name.clone(), format!("{mean:.2}"), format!("{median:.2}"), of_paper(&|p| p.1), of_paper(&|p| p.2)]
+        })
+        .collect();
+    let sets: Vec<(&str, Vec<f64>)> =
+        errors.iter().filter(|e| !e.name.contains("strictly")).map(|e| (e.name.as_str(), e.rms.clone())).collect();
+    let find = |name: &str| errors.iter().find(|e| e.name == name).map(statistics);
+    let ratio = match (find(PAPER[0].0), find(PAPER[1].0)) {
+        (Some(nmf), Some(ct)) => format!(
+            "Ten functions are {:.1} times (mean) and {:.1} times (median) as close as Cook-Torrance; in the paper, {:.1} and {:.1} times.",
+            ct.0 / nmf.0,
+            ct.1 / nmf.1,
+            PAPER[1].1 / PAPER[0].1,
+            PAPER[1].2 / PAPER[0].2
+        ),
+        _ => String::new(),
+    };
+    html! {
+        h3 { "Error of the fits" }
+        (table::table(
+            &format!("RMS error in 1/sr, green channel, angles below 80 degrees, {count} materials with published fits"),
+            &["model", "mean", "median", "paper, mean", "paper, median"],
+            &rows,
+        ))
+        p { (ratio) " The paper's numbers are of the original measurements." }
+        (figure::figure(
+            &chart::ecdf("RMS error over the materials", "RMS error (1/sr)", Axis::Log, &sets),
+            &html! { "For each model, the share of the " (count) " materials whose error is at most that on the horizontal axis." },
+        ))
+    }
+}
+
+/// What the functions of a basis are nearest to: the function that is most a highlight, and of the others the one that is
+/// most grazing.
+///
+/// A function is as specular as its mean over `theta_h < 5`, `theta_d < 60` degrees stands above its mean over all trusted
+/// cells, and as grazing as its mean over `theta_h < 30`, `theta_d > 65` stands above that over the same `theta_h` at
+/// `theta_d < 45`.
+fn specular_and_grazing(basis: &ReflectanceBasis) -> Option<(usize, usize)> {
+    let mean = |table: &BivariateTable, keep: &dyn Fn(f64, f64) -> bool| {
+        let cells: Vec<f64> = trusted()
+            .filter(|c| keep(theta_h_of(c / THETA_D).to_degrees(), theta_d_of(c % THETA_D).to_degrees()))
+            .map(|c| f64::from(table.as_slice()[c]))
+            .collect();
+        metrics::mean(&cells)
+    };
+    let ratio = |a: f64, b: f64| a / b.max(1e-6);
+    let specular = |t: &BivariateTable| ratio(mean(t, &|h, d| h < 5.0 && d < 60.0), mean(t, &|_, _| true));
+    let grazing =
+        |t: &BivariateTable| ratio(mean(t, &|h, d| h < 30.0 && d > 65.0), mean(t, &|h, d| h < 30.0 && d < 45.0));
+    let f = &basis.functions;
+    let first = (0..f.len()).max_by(|&a, &b| specular(&f[a]).total_cmp(&specular(&f[b])))?;
+    let second = (0..f.len()).filter(|k| *k != first).max_by(|&a, &b| grazing(&f[a]).total_cmp(&grazing(&f[b])))?;
+    Some((first, second))
+}
+
+fn functions(trained: &Trained) -> Markup {
+    let basis = &trained.basis;
+    let Some((specular, grazing)) = specular_and_grazing(basis) else { return html! {} };
+    let figures: Vec<Markup> = [("grazing", grazing), ("specular", specular)]
+        .into_iter()
+        .map(|(word, k)| {
+            let function = &basis.functions[k];
+            let grey = Plane::from_fn(THETA_D, THETA_H, |x, y| Vec3::splat(function.cell(y, x)));
+            let picture = figure::cells(&grey, &format!("Basis function {k}, the most {word} one"), 3);
+            let coefficients: Vec<f64> = basis.materials.iter().map(|m| m.coefficients[k]).collect();
+            figure::card(
+                &format!("Function {k}: the most {word}"),
+                &html! {
+                    (figure::tiles(&[("theta_d from 0 to 90 degrees across, theta_h down", picture)]))
+                    (usage(&coefficients, basis.rates[k]))
+                },
+                &html! {
+                    "Brightness is the value, at most one over the trusted cells. Zero in "
+                    (coefficients.iter().filter(|c| **c <= 1e-9).count()) " of " (coefficients.len()) " materials; mean coefficient "
+                    (format!("{:.3}", 1.0 / basis.rates[k])) "."
+                },
+            )
+        })
+        .collect();
+    html! {
+        h3 { "Two of the ten functions, and how materials use them" }
+        p {
+            "Rows are MERL's theta_h samples, dense at the top: highlights are at the top edge, grazing reflection at the top right, "
+            "retro-reflection at the left. The charts are of the coefficients of all " (basis.materials.len())
+            " materials, each scaled to maximum one, with the exponential of the same mean, their prior."
+        }
+        (figure::grid(20, &figures))
+    }
+}
+
+/// The distribution of one function's coefficients.
+fn usage(coefficients: &[f64], rate: f64) -> Markup {
+    let largest = coefficients.iter().copied().fold(1e-9, f64::max);
+    let reach = 1.02 * largest;
+    let histogram = Histogram::new(coefficients, 0.0, reach, 20);
+    let curve = (0..=100).map(|i| f64::from(i) / 100.0 * reach).map(|x| (x, rate * (-rate * x).exp())).collect();
+    let exponential = Series::line(format!("exponential, rate {rate:.1}"), curve);
+    chart::histogram("Coefficients", "coefficient", &histogram, &[exponential], Axis::Log)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn basis(functions: Vec<BivariateTable>) -> ReflectanceBasis {
+        ReflectanceBasis { rates: vec![1.0; functions.len()], functions, materials: Vec::new() }
+    }
+
+    #[test]
+    fn the_rule_finds_what_a_person_would_name() {
+        let flat = BivariateTable::from_fn(|_, _| 1.0);
+        let lobe = BivariateTable::from_fn(|h, _| (-(h / 0.03).powi(2)).exp());
+        let broad = BivariateTable::from_fn(|h, _| (-(h / 0.4).powi(2)).exp());
+        let edge = BivariateTable::from_fn(|h, d| (-(h / 0.2).powi(2)).exp() * d.sin().powi(12));
+        let functions = vec![flat.clone(), edge, broad, lobe];
+        assert_eq!(specular_and_grazing(&basis(functions)), Some((3, 1)));
+        assert_eq!(specular_and_grazing(&basis(vec![flat])), None);
+        assert_eq!(specular_and_grazing(&basis(vec![])), None);
+    }
+
+    #[test]
+    fn rms_counts_trusted_cells_only() {
+        let zero = BivariateTable::from_fn(|_, _| 0.0);
+        let mut two = BivariateTable::from_fn(|_, _| 2.0);
+        assert!((rms(&zero, &two) - 2.0).abs() < 1e-12);
+        two.as_mut_slice()[CELLS - 1] = 1e9;
+        assert!((rms(&zero, &two) - 2.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,99 @@
+//! From radiance to pictures in the report.
+
+use glam::{DVec3, Vec3};
+use gonio::picture::{Picture, Plane};
+use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio::render::{Brdf, Exposure, IntegratorSettings, LightTree, SphereSettings, render_sphere};
+
+/// Behind every object: dark, not black, on light and dark pages alike.
+const GROUND: Vec3 = Vec3::new(0.012, 0.013, 0.015);
+/// Sides of pictures of spheres, pixels.
+pub(super) const SPHERE: usize = 96;
+
+/// How a sphere is drawn: as accurately as it is measured when it is measured, else good enough to look at.
+pub(super) fn settings(size: usize, measured: bool) -> SphereSettings {
+    let integrator =
+        if measured { IntegratorSettings::default() } else { IntegratorSettings { tolerance: 0.4, max_cells: 6000 } };
+    SphereSettings { size, integrator, ..SphereSettings::default() }
+}
+
+/// A sphere of [`SPHERE`] pixels to look at.
+pub(super) fn sphere(brdf: &dyn Brdf, light: &LightTree) -> Picture {
+    render_sphere(brdf, light, &settings(SPHERE, false), &|_| ())
+}
+
+fn covered(picture: &Picture, i: usize) -> bool {
+    picture.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.99)
+}
+
+/// The exposure at which most of the object is well seen.
+pub(super) fn exposure(picture: &Picture) -> Exposure {
+    Exposure::by_quantile(&picture.rgb, |i| covered(picture, i), 0.9, 0.6)
+}
+
+/// Linear display values of a picture whose colour is multiplied by its alpha.
+pub(super) fn display(picture: &Picture, exposure: Exposure) -> Plane<Vec3> {
+    Plane::from_fn(picture.rgb.width(), picture.rgb.height(), |x, y| {
+        let alpha = picture.alpha.as_ref().map_or(1.0, |a| a[(x, y)].clamp(0.0, 1.0));
+        exposure.apply(picture.rgb[(x, y)]) + GROUND * (1.0 - alpha)
+    })
+}
+
+/// Pictures of one height side by side.
+pub(super) fn beside(pictures: &[Plane<Vec3>]) -> Plane<Vec3> {
+    let height = pictures.iter().map(Plane::height).min().unwrap_or(0);
+    let columns: Vec<(usize, usize)> =
+        pictures.iter().enumerate().flat_map(|(i, p)| (0..p.width()).map(move |x| (i, x))).collect();
+    Plane::from_fn(columns.len(), height, |x, y| {
+        let (picture, column) = columns[x];
+        pictures[picture][(column, y)]
+    })
+}
+
+/// A picture times a number.
+pub(super) fn scaled(picture: &Picture, factor: f64) -> Picture {
+    Picture { rgb: picture.rgb.map(|p| *p * factor as f32), alpha: picture.alpha.clone() }
+}
+
+/// The factor that brings an estimate over the reference for most pixels, highlights or not: the median ratio.
+pub(super) fn median_ratio(estimate: &[f64], reference: &[f64]) -> f64 {
+    let ratios = estimate.iter().zip(reference).filter(|(e, _)| **e > 0.0).map(|(e, r)| r / e);
+    let median = crate::metrics::median(ratios.collect());
+    if median.is_finite() && median > 0.0 { median } else { 1.0 }
+}
+
+/// The green channel of a measured table, for all three channels.
+pub(super) struct Green<'a>(pub(super) &'a MerlTable);
+
+impl Brdf for Green<'_> {
+    fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> DVec3 {
+        DVec3::splat(self.0.eval(theta_h, theta_d, phi_d)[1])
+    }
+
+    fn depends_on_phi(&self) -> bool {
+        true
+    }
+
+    fn envelope(&self) -> BivariateTable {
+        self.0.bivariate(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_stand_in_order() {
+        let grey = |v: f32| Plane::from_fn(2, 3, move |_, _| Vec3::splat(v));
+        let both = beside(&[grey(0.1), grey(0.2)]);
+        assert_eq!((both.size(), both[(1, 2)].x, both[(2, 0)].x), ((4, 3), 0.1, 0.2));
+    }
+
+    #[test]
+    fn the_median_ratio_ignores_highlights() {
+        let reference = [2.0, 4.0, 6.0, 8.0, 1000.0];
+        assert_eq!(median_ratio(&[1.0, 2.0, 3.0, 4.0, 5.0], &reference), 2.0);
+        assert_eq!(median_ratio(&[0.0; 5], &reference), 1.0);
+    }
+}

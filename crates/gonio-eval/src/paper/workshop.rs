@@ -1,0 +1,182 @@
+//! What the figures share: the data, the model, and how reflectance is inferred.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, Problem, VariationalSettings, infer};
+use gonio::model::Model;
+use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio::render::LightTree;
+use gonio::transfer::{Plan, PlanSettings, Projected, SurfacePoint};
+use gonio_io::cache::Cache;
+use gonio_io::plan::load_or_build;
+
+use super::{Estimator, Options};
+use crate::data;
+
+/// Materials of Figs. 4 and 5 from matte to sharp, as far as a 32 x 32 light can follow.
+pub(super) const MATERIALS: [&str; 8] = [
+    "red-fabric",
+    "yellow-plastic",
+    "pearl-paint",
+    "blue-metallic-paint",
+    "gold-metallic-paint2",
+    "red-phenolic",
+    "alum-bronze",
+    "nickel",
+];
+/// Lights of the inputs, by file and by name.
+pub(super) const LIGHTS: [(&str, &str); 2] = [("debevec_stpeters", "St. Peter's"), ("debevec_grace", "Grace")];
+/// The novel light.
+pub(super) const NOVEL: (&str, &str) = ("debevec_galileo", "Galileo's tomb");
+
+/// A material with all that is known of it.
+pub(super) struct Material {
+    pub(super) name: &'static str,
+    /// From which pictures are rendered.
+    pub(super) full: MerlTable,
+    /// Bivariate luminance, 1/sr: what estimates are compared with.
+    pub(super) truth: BivariateTable,
+}
+
+/// Data and settings of a report.
+pub(super) struct Workshop {
+    pub(super) data: PathBuf,
+    pub(super) model: Model,
+    /// Bivariate RGB tables of all materials.
+    pub(super) tables: Vec<(String, [BivariateTable; 3])>,
+    /// [`MATERIALS`].
+    pub(super) materials: Vec<Material>,
+    /// [`LIGHTS`].
+    pub(super) lights: Vec<LightTree>,
+    /// [`NOVEL`].
+    pub(super) novel: LightTree,
+    pub(super) cache: Option<Cache>,
+    merl: Option<PathBuf>,
+    /// Materials of which there is no full table.
+    spread: Vec<&'static str>,
+    method: Method,
+}
+
+impl Workshop {
+    pub(super) fn open(folder: &Path, options: &Options) -> Result<Self> {
+        if let Some(merl) = options.merl.as_deref().filter(|merl| !merl.is_dir()) {
+            eprintln!("{}: no such folder; inputs come from bivariate tables", merl.display());
+        }
+        let tables = data::materials(folder)?;
+        let mut spread = Vec::new();
+        let mut materials = Vec::new();
+        for name in MATERIALS {
+            let rgb = data::material(&tables, name)?;
+            let file = options.merl.as_ref().map(|merl| merl.join(format!("{name}.binary"))).filter(|f| f.is_file());
+            let full = match file {
+                Some(file) => gonio_io::merl::read(&file)?,
+                None => {
+                    spread.push(name);
+                    MerlTable::from_bivariate([&rgb[0], &rgb[1], &rgb[2]])
+                }
+            };
+            materials.push(Material { name, full, truth: data::luminance_table(rgb) });
+        }
+        let light = |name| Ok(LightTree::of_map(&data::test_light(folder, name)?));
+        let starts = options.starts as usize;
+        let method = match options.estimator {
+            Estimator::CKl => Method::Variational(VariationalSettings { starts, ..VariationalSettings::default() }),
+            Estimator::JointMap => Method::JointMap(JointMapSettings { starts, ..JointMapSettings::default() }),
+        };
+        Ok(Self {
+            data: folder.to_owned(),
+            model: gonio_io::model::embedded()?,
+            tables,
+            materials,
+            lights: LIGHTS.iter().map(|(file, _)| light(file)).collect::<Result<_>>()?,
+            novel: light(NOVEL.0)?,
+            cache: Cache::user(),
+            merl: options.merl.clone(),
+            spread,
+            method,
+        })
+    }
+
+    /// A sentence on what the inputs were rendered from.
+    pub(super) fn inputs_note(&self) -> String {
+        let all = self.materials.len();
+        match (&self.merl, self.spread.len()) {
+            (Some(_), 0) => {
+                "Inputs and ground truth are rendered from full 90 x 90 x 180 tables in the MERL format.".into()
+            }
+            (None, _) => {
+                "No folder of full MERL tables was given: inputs and ground truth are rendered from bivariate tables \
+                          spread over phi_d."
+                    .into()
+            }
+            (Some(_), missing) if missing == all => {
+                "The folder given with --merl has none of the materials: inputs and ground \
+                                                     truth are rendered from bivariate tables spread over phi_d."
+                    .into()
+            }
+            (Some(_), _) => format!(
+                "Inputs and ground truth are rendered from full 90 x 90 x 180 tables in the MERL format, but for {}, of which the \
+                 bivariate table was spread over phi_d.",
+                self.spread.join(", ")
+            ),
+        }
+    }
+
+    /// The plan for these points, from the cache if it is there.
+    pub(super) fn plan(&self, points: &[SurfacePoint]) -> Result<Plan> {
+        let tables = &self.model.reflectance.functions;
+        let settings = PlanSettings::default();
+        let (plan, _, failed) =
+            load_or_build(self.cache.as_ref(), points, tables, &self.model.light, &settings, &|_| ())?;
+        if let Some(error) = failed {
+            eprintln!("the plan could not be kept for next time: {error}");
+        }
+        Ok(plan)
+    }
+
+    /// What the estimator makes of an image, blind: the posterior and its mean BRDF. `name` is for the message.
+    pub(super) fn infer(&self, image: &Projected, name: &str) -> Result<(Posterior, BivariateTable)> {
+        let basis = &self.model.reflectance;
+        let hyper = Hyper::with_model_error(image.pixels);
+        let problem = Problem::blind(image, &self.model.light, &basis.rates, hyper)
+            .with_context(|| name.to_owned())?
+            .starting_from(self.examples());
+        self.solve(&problem, &self.method, name)
+    }
+
+    /// The same with the light known: `rows` are the images of the basis functions, `[point][function]`.
+    pub(super) fn infer_under_known_light(
+        &self,
+        rows: &[f32],
+        image: &[Option<f64>],
+        name: &str,
+    ) -> Result<BivariateTable> {
+        let basis = &self.model.reflectance;
+        let projected = Projected::under_known_light(rows, basis.len(), image);
+        let problem = Problem::with_known_light(&projected, &basis.rates, Hyper::with_model_error(projected.pixels))
+            .with_context(|| name.to_owned())?;
+        let settings = VariationalSettings { starts: 1, ..VariationalSettings::default() };
+        Ok(self.solve(&problem, &Method::KnownLight(settings), name)?.1)
+    }
+
+    fn solve(&self, problem: &Problem<'_>, method: &Method, name: &str) -> Result<(Posterior, BivariateTable)> {
+        let posterior = infer(problem, method, &|_| ());
+        let table = self.model.reflectance.combine(&posterior.reflectance)?;
+        if table.trusted_max() <= 0.0 {
+            bail!("{name}: every reflectance coefficient came out zero");
+        }
+        Ok((posterior, table))
+    }
+
+    fn examples(&self) -> Vec<Vec<f64>> {
+        self.model.reflectance.materials.iter().map(|m| m.coefficients.clone()).collect()
+    }
+
+    /// The mean of the training materials, each scaled to maximum one.
+    pub(super) fn training_mean(&self) -> Result<BivariateTable> {
+        let examples = self.examples();
+        let mean = |k: usize| examples.iter().map(|e| e[k]).sum::<f64>() / examples.len() as f64;
+        Ok(self.model.reflectance.combine(&(0..self.model.reflectance.len()).map(mean).collect::<Vec<f64>>())?)
+    }
+}

@@ -1,10 +1,12 @@
 //! Where the data are, and how they are read.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
+use gonio::render::LightTree;
 
 /// Reads an environment map.
 pub(crate) fn read_map(path: &Path) -> Result<EnvironmentMap> {
@@ -12,21 +14,60 @@ pub(crate) fn read_map(path: &Path) -> Result<EnvironmentMap> {
     EnvironmentMap::new(decoded.picture.rgb).with_context(|| path.display().to_string())
 }
 
-/// A test light of the data by its name.
-pub(crate) fn test_light(data: &Path, name: &str) -> Result<EnvironmentMap> {
-    read_map(&data.join("lighting/test").join(format!("{name}.hdr")))
+/// The captured lights of the data by name.
+pub(crate) struct Lights {
+    files: BTreeMap<String, PathBuf>,
 }
 
-/// The bivariate tables of all materials, one per channel.
-pub(crate) fn materials(data: &Path) -> Result<Vec<(String, [BivariateTable; 3])>> {
-    Ok(gonio_io::bivariate::read_bivariate_set(data.join("merl"))?)
-}
+impl Lights {
+    /// The test lights of the data.
+    pub(crate) fn open(data: &Path) -> Result<Self> {
+        let folder = data.join("lighting/test");
+        let entries = std::fs::read_dir(&folder).with_context(|| {
+            format!("{}: cannot list the test lights; --data names the folder of the data", folder.display())
+        })?;
+        let mut files = BTreeMap::new();
+        for entry in entries {
+            let path = entry.with_context(|| folder.display().to_string())?.path();
+            let known =
+                path.extension().is_some_and(|e| ["hdr", "exr", "pfm"].iter().any(|k| e.eq_ignore_ascii_case(k)));
+            if let Some(stem) = path.file_stem().and_then(|s| s.to_str()).filter(|_| known) {
+                files.insert(stem.to_owned(), path.clone());
+            }
+        }
+        if files.is_empty() {
+            bail!("{}: no .hdr, .exr or .pfm files here", folder.display());
+        }
+        Ok(Self { files })
+    }
 
-/// One of them.
-pub(crate) fn material<'a>(all: &'a [(String, [BivariateTable; 3])], name: &str) -> Result<&'a [BivariateTable; 3]> {
-    match all.iter().find(|(n, _)| n == name) {
-        Some((_, tables)) => Ok(tables),
-        None => bail!("there is no material {name}"),
+    /// All names, sorted.
+    pub(crate) fn names(&self) -> Vec<String> {
+        self.files.keys().cloned().collect()
+    }
+
+    fn file(&self, name: &str) -> Result<&Path> {
+        match self.files.get(name) {
+            Some(path) => Ok(path),
+            None => bail!("there is no test light {name}"),
+        }
+    }
+
+    /// Changes when the light does.
+    pub(crate) fn fingerprint(&self, name: &str) -> Result<String> {
+        let path = self.file(name)?;
+        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        Ok(blake3::hash(&bytes).to_hex().to_string())
+    }
+
+    /// The light at full resolution.
+    pub(crate) fn map(&self, name: &str) -> Result<EnvironmentMap> {
+        read_map(self.file(name)?)
+    }
+
+    /// The same, to render in.
+    pub(crate) fn tree(&self, name: &str) -> Result<LightTree> {
+        Ok(LightTree::of_map(&self.map(name)?))
     }
 }
 

@@ -1,8 +1,10 @@
 //! `gonio-eval`: the measurements behind the figures in `docs/`. The data are not part of the repository: `--data` or
 //! `GONIO_DATA` names their folder.
 
+mod bases;
 mod bench;
 mod data;
+mod materials;
 mod metrics;
 mod page;
 mod paper;
@@ -31,7 +33,7 @@ enum Command {
     /// Convergence of the transfer's quadrature against a brute-force reference.
     Quadrature,
     /// Estimators and references against each other over a grid of materials and lights.
-    Bench(bench::Options),
+    Bench(Box<bench::Options>),
     /// One report of the folders that the jobs of `bench --shard` have filled.
     Merge(bench::MergeOptions),
 }

@@ -6,13 +6,14 @@ use std::time::Instant;
 use anyhow::Result;
 use gonio::picture::luminance;
 use gonio::reflectance::{BivariateTable, MerlTable};
-use gonio::render::{Brdf, IntegratorSettings, LightTree, radiance};
+use gonio::render::{Brdf, IntegratorSettings, radiance};
 use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
 use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint, polar_reference};
 
 use rayon::prelude::*;
 
-use crate::data;
+use crate::data::Lights;
+use crate::materials::Materials;
 use crate::metrics::relight;
 
 /// Chrome, a phenolic, a metallic paint and a fabric, and the sharpest other metal.
@@ -22,11 +23,11 @@ const SIDE: usize = 32;
 const POINTS: usize = 24;
 
 pub(crate) fn run(folder: &Path) -> Result<()> {
-    let all = data::materials(folder)?;
+    let all = Materials::open(folder, None)?;
     let tables: Vec<BivariateTable> = MATERIALS
         .iter()
         .map(|name| {
-            let mut table = data::material(&all, name)?[1].clone();
+            let mut table = all.green(all.index(name)?).clone();
             table.extend_from_trusted();
             Ok(table)
         })
@@ -100,7 +101,8 @@ pub(crate) fn run(folder: &Path) -> Result<()> {
 const LIGHTS: [&str; 3] = ["debevec_grace", "noon_grass", "debevec_rnl"];
 
 /// Error of rendered pictures against a far finer division of the light, after the best common scale.
-fn renders(folder: &Path, all: &[(String, [BivariateTable; 3])]) -> Result<()> {
+fn renders(folder: &Path, all: &Materials) -> Result<()> {
+    let lights = Lights::open(folder)?;
     let points: Vec<SurfacePoint> = fibonacci_hemisphere(200)
         .filter(|n| n.z > 80.0_f64.to_radians().cos())
         .map(|normal| SurfacePoint { normal, view: glam::DVec3::Z })
@@ -109,8 +111,8 @@ fn renders(folder: &Path, all: &[(String, [BivariateTable; 3])]) -> Result<()> {
     println!("| light | tolerance | {} |", MATERIALS.join(" | "));
     println!("|---|---|{}", "---|".repeat(MATERIALS.len()));
     for light in LIGHTS {
-        let tree = LightTree::of_map(&data::test_light(folder, light)?);
-        let tables = MATERIALS.iter().map(|name| data::material(all, name)).collect::<Result<Vec<_>>>()?;
+        let tree = lights.tree(light)?;
+        let tables = MATERIALS.iter().map(|name| Ok(all.rgb(all.index(name)?))).collect::<Result<Vec<_>>>()?;
         let picture = |tables: &[BivariateTable; 3], tolerance: f64| -> Vec<f64> {
             let full = MerlTable::from_bivariate(tables.each_ref());
             let (envelope, settings) = (full.envelope(), IntegratorSettings { tolerance, max_cells: 400_000 });

@@ -7,7 +7,6 @@ mod estimators;
 mod grid;
 mod judge;
 mod learning;
-mod materials;
 mod merge;
 mod options;
 mod progress;

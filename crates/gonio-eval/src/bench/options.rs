@@ -7,9 +7,9 @@ use gonio::transfer::PlanSettings;
 
 use super::estimators::Estimator;
 use super::grid::{Protocol, Shard};
-use super::materials::Materials;
-use super::renders::Lights;
 use super::store::{Conditions, VERSION};
+use crate::data::Lights;
+use crate::materials::Materials;
 
 /// Options of `gonio-eval bench`.
 #[derive(clap::Args)]

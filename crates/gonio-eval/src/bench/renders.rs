@@ -1,9 +1,6 @@
 //! Ground truth: what materials look like in captured light, rendered once and kept in the cache.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-
-use anyhow::{Context, Result, bail};
+use anyhow::Result;
 use glam::Vec3;
 use gonio::picture::{Plane, luminance};
 use gonio::reflectance::{BivariateTable, MerlTable};
@@ -14,8 +11,6 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-
-use crate::data;
 
 /// A rendered list of points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,58 +26,6 @@ const VERSION: u32 = 1;
 
 /// Against a twentieth of this tolerance, pictures differ by 0.05 to 0.4 % after the common scale (`gonio-eval quadrature`).
 pub(crate) const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.2, max_cells: 40_000 };
-
-/// The captured lights of the data by name.
-pub(crate) struct Lights {
-    files: BTreeMap<String, PathBuf>,
-}
-
-impl Lights {
-    /// The test lights of the data.
-    pub(crate) fn open(data: &Path) -> Result<Self> {
-        let folder = data.join("lighting/test");
-        let entries = std::fs::read_dir(&folder).with_context(|| {
-            format!("{}: cannot list the test lights; --data names the folder of the data", folder.display())
-        })?;
-        let mut files = BTreeMap::new();
-        for entry in entries {
-            let path = entry.with_context(|| folder.display().to_string())?.path();
-            let known =
-                path.extension().is_some_and(|e| ["hdr", "exr", "pfm"].iter().any(|k| e.eq_ignore_ascii_case(k)));
-            if let Some(stem) = path.file_stem().and_then(|s| s.to_str()).filter(|_| known) {
-                files.insert(stem.to_owned(), path.clone());
-            }
-        }
-        if files.is_empty() {
-            bail!("{}: no .hdr, .exr or .pfm files here", folder.display());
-        }
-        Ok(Self { files })
-    }
-
-    /// All names, sorted.
-    pub(crate) fn names(&self) -> Vec<String> {
-        self.files.keys().cloned().collect()
-    }
-
-    fn file(&self, name: &str) -> Result<&Path> {
-        match self.files.get(name) {
-            Some(path) => Ok(path),
-            None => bail!("there is no test light {name}"),
-        }
-    }
-
-    /// Changes when the light does.
-    pub(crate) fn fingerprint(&self, name: &str) -> Result<String> {
-        let path = self.file(name)?;
-        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
-        Ok(blake3::hash(&bytes).to_hex().to_string())
-    }
-
-    /// The light at full resolution.
-    pub(crate) fn tree(&self, name: &str) -> Result<LightTree> {
-        Ok(LightTree::of_map(&data::read_map(self.file(name)?)?))
-    }
-}
 
 /// The key of the render of a material (by the fingerprint of its table) in a light at points.
 pub(crate) fn render_key(material: &str, light: &str, points: &[SurfacePoint]) -> String {

@@ -1,5 +1,6 @@
 //! The two halves of a run: rendering, then estimating.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Mutex;
@@ -17,13 +18,14 @@ use super::estimators::{Estimator, Photograph};
 use super::grid::{Protocol, Unit, relight_lights, units};
 use super::judge::{Reference, encoded};
 use super::learning::Knowledge;
-use super::materials::{Materials, Source};
 use super::options::Options;
 use super::progress::Progress;
-use super::renders::{self, Lights, Render};
+use super::renders::{self, Render};
 use super::report;
 use super::stage::Stage;
 use super::store::{Conditions, Store};
+use crate::data::Lights;
+use crate::materials::{Materials, Source};
 
 /// Bytes that renders, operators and bases may take in the cache.
 const CACHE_BUDGET: u64 = 8 << 30;
@@ -184,11 +186,10 @@ impl Bench {
         // By protocol and light, what the oracle of the known light looks at.
         let mut images: BTreeMap<(Protocol, &str), Vec<f32>> = BTreeMap::new();
         for (unit, _) in work {
-            let at = (unit.protocol, unit.light.as_str());
-            if !images.contains_key(&at) {
+            if let Entry::Vacant(place) = images.entry((unit.protocol, unit.light.as_str())) {
                 let functions = &knowledge[&unit.protocol].model.reflectance.functions;
                 let (name, tree) = (&self.fingerprints.lights[&unit.light], || self.lights.tree(&unit.light));
-                images.insert(at, renders::images(&self.cache, functions, name, &tree, &self.points)?);
+                place.insert(renders::images(&self.cache, functions, name, &tree, &self.points)?);
             }
         }
         eprintln!("bases, operators and known lights: {:.0} s", start.elapsed().as_secs_f64());

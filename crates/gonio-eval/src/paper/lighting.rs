@@ -101,7 +101,7 @@ fn density(group: PriorGroup, samples: &[f64], log_density: impl Fn(f64) -> f64)
 
 fn octahedral(workshop: &Workshop) -> Result<Markup> {
     let (file, name) = LIGHTS[0];
-    let light = data::test_light(&workshop.data, file)?;
+    let light = workshop.test_lights.map(file)?;
     let map = workshop.model.light.map;
     let exposed = |rgb: Plane<glam::Vec3>| {
         let exposure = Exposure::by_quantile(&rgb, |_| true, 0.9, 0.6);

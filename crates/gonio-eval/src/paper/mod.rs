@@ -2,12 +2,10 @@
 //!
 //! One file per figure: [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3), [`appearance`] (Fig. 4), [`stability`] (Fig. 5),
 //! [`captured`] (Fig. 6, with the [`ball`] it shows), [`gloss`] (the remark on Fig. 6). [`workshop`] holds what they share:
-//! data, model, estimator; [`recovery`] makes the estimates of Figs. 4, 5 and of the gloss order once; [`bases`] trains and
-//! keeps bases; [`show`] turns radiance into something to look at.
+//! data, model, estimator; [`recovery`] makes the estimates of Figs. 4, 5 and of the gloss order once; [`show`] turns radiance into something to look at.
 
 mod appearance;
 mod ball;
-mod bases;
 mod captured;
 mod gloss;
 mod lighting;

@@ -1,6 +1,6 @@
 //! Fig. 3: how well few basis functions do, against parametric fits; what the functions are and how they are used.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::nmf::NmfSettings;
@@ -11,11 +11,10 @@ use gonio::reflectance::{
 use gonio_io::fits::Fit;
 use maud::{Markup, html};
 
-use super::bases::Trained;
 use super::show::{self, Green};
 use super::step;
 use super::workshop::{Material, Workshop};
-use crate::data;
+use crate::bases::Trained;
 use crate::metrics;
 use crate::page::chart::{self, Axis, Histogram, Series};
 use crate::page::{figure, table};
@@ -43,8 +42,13 @@ struct Errors {
 }
 
 pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
-    let green: Vec<(String, BivariateTable)> =
-        workshop.tables.iter().map(|(name, rgb)| (name.clone(), rgb[GREEN].clone())).collect();
+    let green: Vec<(String, BivariateTable)> = workshop
+        .all
+        .names
+        .iter()
+        .enumerate()
+        .map(|(at, name)| (name.clone(), workshop.all.green(at).clone()))
+        .collect();
     let trained = |rank: usize, cost_margin: f64| {
         let nmf = NmfSettings { rank, ..NmfSettings::default() };
         let settings = TrainSettings { nmf, cost_margin, ..TrainSettings::default() };
@@ -58,9 +62,15 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     let (least, finest) = (trained(RANKS[2], 0.0)?, trained(FINEST, margin)?);
     let fits = MODELS
         .iter()
-        .map(|(name, file)| Ok((*name, gonio_io::fits::read_fits(workshop.data.join("merl").join(file))?)))
+        .map(|(name, file)| (*name, workshop.data.join("merl").join(file)))
+        // The database itself comes without them.
+        .filter(|(_, path)| path.is_file())
+        .map(|(name, path)| Ok((name, gonio_io::fits::read_fits(path)?)))
         .collect::<Result<Vec<_>>>()?;
-    let names: Vec<&str> = fits[0].1.iter().map(|(name, _)| name.as_str()).collect();
+    let names: Vec<&str> = match fits.first() {
+        Some((_, fits)) => fits.iter().map(|(name, _)| name.as_str()).collect(),
+        None => workshop.all.names.iter().map(String::as_str).collect(),
+    };
     let of_basis = |name: String, trained: &Trained| Errors {
         name,
         rms: trained.report.fits.iter().filter(|f| names.contains(&f.name.as_str())).map(|f| f.rms).collect(),
@@ -81,7 +91,7 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
         Ok(())
     })?;
     let cards = step("Fig. 3, pictures", || {
-        let cook_torrance = &fits[0].1;
+        let cook_torrance = fits.first().map_or(&[][..], |(_, fits)| fits);
         let shown = workshop.materials.iter().filter(|m| SHOWN.contains(&m.name));
         shown.map(|m| spheres(workshop, m, &bases, cook_torrance)).collect::<Result<Vec<_>>>()
     })?;
@@ -127,8 +137,7 @@ fn rms(a: &BivariateTable, b: &BivariateTable) -> f64 {
 
 fn spheres(workshop: &Workshop, material: &Material, bases: &[Trained], fits: &[(String, Fit)]) -> Result<Markup> {
     let name = material.name;
-    let Some((_, fit)) = fits.iter().find(|(n, _)| n == name) else { bail!("{name} has no Cook-Torrance fit") };
-    let reference = &data::material(&workshop.tables, name)?[GREEN];
+    let reference = workshop.all.green(workshop.all.index(name)?);
     let truth = show::sphere(&Green(&material.full), &workshop.novel);
     let exposure = show::exposure(&truth);
     let tile = |label: String, picture: &gonio::picture::Picture| {
@@ -141,8 +150,10 @@ fn spheres(workshop: &Workshop, material: &Material, bases: &[Trained], fits: &[
         tiles.push(tile(format!("K = {rank}"), &show::sphere(&fitted, &workshop.novel)));
     }
     tiles.push(tile("truth".into(), &truth));
-    let model = channel(fit, GREEN);
-    tiles.push(tile("Cook-Torrance".into(), &show::sphere(&model, &workshop.novel)));
+    let model = fits.iter().find(|(n, _)| n == name).map(|(_, fit)| channel(fit, GREEN));
+    if let Some(model) = &model {
+        tiles.push(tile("Cook-Torrance".into(), &show::sphere(model, &workshop.novel)));
+    }
     let tiles: Vec<(&str, Markup)> = tiles.iter().map(|(label, html)| (label.as_str(), html.clone())).collect();
     let errors: Vec<String> = RANKS
         .iter()
@@ -152,8 +163,8 @@ fn spheres(workshop: &Workshop, material: &Material, bases: &[Trained], fits: &[
         })
         .collect();
     let caption = html! {
-        "RMS in green, 1/sr: " (errors.join(", ")) "; Cook-Torrance "
-        (short(rms(&model, reference)))
+        "RMS in green, 1/sr: " (errors.join(", "))
+        @if let Some(model) = &model { "; Cook-Torrance " (short(rms(model, reference))) }
     };
     Ok(figure::card(name, &figure::tiles(&tiles), &caption))
 }
@@ -190,7 +201,7 @@ fn comparison(errors: &[Errors], count: usize) -> Markup {
     html! {
         h3 { "Error of the fits" }
         (table::table(
-            &format!("RMS error in 1/sr, green channel, angles below 80 degrees, {count} materials with published fits"),
+            &format!("RMS error in 1/sr, green channel, angles below 80 degrees, {count} materials"),
             &["model", "mean", "median", "paper, mean", "paper, median"],
             &rows,
         ))

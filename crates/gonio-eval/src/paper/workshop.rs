@@ -12,7 +12,8 @@ use gonio_io::cache::Cache;
 use gonio_io::plan::load_or_build;
 
 use super::{Estimator, Options};
-use crate::data;
+use crate::data::Lights;
+use crate::materials::{Materials, Source};
 
 /// Materials of Figs. 4 and 5 from matte to sharp, as far as a 32 x 32 light can follow.
 pub(super) const MATERIALS: [&str; 8] = [
@@ -43,8 +44,10 @@ pub(super) struct Material {
 pub(super) struct Workshop {
     pub(super) data: PathBuf,
     pub(super) model: Model,
-    /// Bivariate RGB tables of all materials.
-    pub(super) tables: Vec<(String, [BivariateTable; 3])>,
+    /// The whole database.
+    pub(super) all: Materials,
+    /// Lights that the prior has not seen.
+    pub(super) test_lights: Lights,
     /// [`MATERIALS`].
     pub(super) materials: Vec<Material>,
     /// [`LIGHTS`].
@@ -52,7 +55,6 @@ pub(super) struct Workshop {
     /// [`NOVEL`].
     pub(super) novel: LightTree,
     pub(super) cache: Option<Cache>,
-    merl: Option<PathBuf>,
     /// Materials of which there is no full table.
     spread: Vec<&'static str>,
     method: Method,
@@ -60,25 +62,16 @@ pub(super) struct Workshop {
 
 impl Workshop {
     pub(super) fn open(folder: &Path, options: &Options) -> Result<Self> {
-        if let Some(merl) = options.merl.as_deref().filter(|merl| !merl.is_dir()) {
-            eprintln!("{}: no such folder; inputs come from bivariate tables", merl.display());
-        }
-        let tables = data::materials(folder)?;
+        let (all, test_lights) = (Materials::open(folder, options.merl.as_deref())?, Lights::open(folder)?);
         let mut spread = Vec::new();
         let mut materials = Vec::new();
         for name in MATERIALS {
-            let rgb = data::material(&tables, name)?;
-            let file = options.merl.as_ref().map(|merl| merl.join(format!("{name}.binary"))).filter(|f| f.is_file());
-            let full = match file {
-                Some(file) => gonio_io::merl::read(&file)?,
-                None => {
-                    spread.push(name);
-                    MerlTable::from_bivariate([&rgb[0], &rgb[1], &rgb[2]])
-                }
-            };
-            materials.push(Material { name, full, truth: data::luminance_table(rgb) });
+            let at = all.index(name)?;
+            if all.source(at) == Source::Bivariate {
+                spread.push(name);
+            }
+            materials.push(Material { name, full: all.full(at)?, truth: all.luminance(at) });
         }
-        let light = |name| Ok(LightTree::of_map(&data::test_light(folder, name)?));
         let starts = options.starts as usize;
         let method = match options.estimator {
             Estimator::CKl => Method::Variational(VariationalSettings { starts, ..VariationalSettings::default() }),
@@ -87,12 +80,12 @@ impl Workshop {
         Ok(Self {
             data: folder.to_owned(),
             model: gonio_io::model::embedded()?,
-            tables,
+            all,
             materials,
-            lights: LIGHTS.iter().map(|(file, _)| light(file)).collect::<Result<_>>()?,
-            novel: light(NOVEL.0)?,
+            lights: LIGHTS.iter().map(|(file, _)| test_lights.tree(file)).collect::<Result<_>>()?,
+            novel: test_lights.tree(NOVEL.0)?,
+            test_lights,
             cache: Cache::user(),
-            merl: options.merl.clone(),
             spread,
             method,
         })
@@ -100,22 +93,12 @@ impl Workshop {
 
     /// A sentence on what the inputs were rendered from.
     pub(super) fn inputs_note(&self) -> String {
-        let all = self.materials.len();
-        match (&self.merl, self.spread.len()) {
-            (Some(_), 0) => {
-                "Inputs and ground truth are rendered from full 90 x 90 x 180 tables in the MERL format.".into()
-            }
-            (None, _) => {
-                "No folder of full MERL tables was given: inputs and ground truth are rendered from bivariate tables \
-                          spread over phi_d."
-                    .into()
-            }
-            (Some(_), missing) if missing == all => {
-                "The folder given with --merl has none of the materials: inputs and ground \
-                                                     truth are rendered from bivariate tables spread over phi_d."
-                    .into()
-            }
-            (Some(_), _) => format!(
+        match self.spread.len() {
+            0 => "Inputs and ground truth are rendered from full 90 x 90 x 180 tables in the MERL format.".into(),
+            missing if missing == self.materials.len() => "There were no full MERL tables (--merl): inputs and ground \
+                truth are rendered from bivariate tables spread over phi_d."
+                .into(),
+            _ => format!(
                 "Inputs and ground truth are rendered from full 90 x 90 x 180 tables in the MERL format, but for {}, of which the \
                  bivariate table was spread over phi_d.",
                 self.spread.join(", ")

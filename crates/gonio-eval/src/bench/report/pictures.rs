@@ -95,11 +95,13 @@ pub(super) fn strips(mine: &[&Record]) -> Markup {
     for record in mine.iter().filter(|r| r.estimator == estimator) {
         by_material.entry(&record.material).or_default().push(record);
     }
+    let middle = by_material.into_iter().map(|(material, mut cells)| {
+        cells.sort_by(|a, b| a.log().total_cmp(&b.log()));
+        (material, cells[(cells.len() - 1) / 2])
+    });
     html! {
         p { "For each material the photograph on which " strong { (estimator.title()) } " has its median error." }
-        @for (material, mut cells) in by_material {
-            @let _ = cells.sort_by(|a, b| a.log().total_cmp(&b.log()));
-            @let cell = cells[(cells.len() - 1) / 2];
+        @for (material, cell) in middle {
             h4 { (material) " seen in " (cell.light) }
             @if let Some(photograph) = all.get(&(material, cell.light.as_str())) { (row(photograph)) }
         }

@@ -10,14 +10,14 @@ const VERSION: u32 = 1;
 
 /// A basis and how its training went.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Trained {
-    pub(super) basis: ReflectanceBasis,
-    pub(super) report: TrainReport,
+pub(crate) struct Trained {
+    pub(crate) basis: ReflectanceBasis,
+    pub(crate) report: TrainReport,
 }
 
 impl Trained {
     /// Trains on the materials, or finds the result of having done so.
-    pub(super) fn load_or_train(
+    pub(crate) fn load_or_train(
         cache: Option<&Cache>,
         materials: &[(String, BivariateTable)],
         settings: &TrainSettings,

@@ -68,6 +68,11 @@ impl Materials {
         }
     }
 
+    /// Bivariate tables of the channels.
+    pub(crate) fn rgb(&self, at: usize) -> &[BivariateTable; 3] {
+        &self.rgb[at]
+    }
+
     /// Green channel over half and difference angle: what bases are learnt from.
     pub(crate) fn green(&self, at: usize) -> &BivariateTable {
         &self.rgb[at][1]

@@ -1,6 +1,6 @@
 //! What estimates look like: the worst cells, and every material.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use maud::{Markup, html};
 
@@ -66,10 +66,13 @@ pub(super) fn worst(mine: &[&Record]) -> Markup {
     let Some(estimator) = judged(mine) else { return html! { p { "No estimator was run." } } };
     let mut cells: Vec<&Record> = mine.iter().copied().filter(|r| r.estimator == estimator).collect();
     cells.sort_by(|a, b| b.log().total_cmp(&a.log()));
+    // One of each material: a mirror is bad in every light.
+    let mut seen = BTreeSet::new();
+    cells.retain(|r| seen.insert(r.material.as_str()));
     let all = photographs(mine);
     html! {
         p {
-            "The largest log relight errors of " strong { (estimator.title()) } ". Each sphere is shown in "
+            "The largest log relight errors of " strong { (estimator.title()) } ", one for each material. Each sphere is shown in "
             (cells.first().and_then(|c| c.relight.first()).map_or("the first light", |r| r.light.as_str()))
             " (or its substitute) at the exposure of the true one; beneath it relight and log relight error."
         }

@@ -57,7 +57,7 @@ pub(crate) struct Row {
 pub(crate) struct Group {
     pub(crate) name: String,
     pub(crate) photographs: usize,
-    pub(crate) log: Vec<f64>,
+    pub(crate) log: Vec<Interval>,
 }
 
 /// Of each protocol that has cells.
@@ -97,10 +97,10 @@ fn summary(records: &Records, protocol: Protocol) -> Option<Summary> {
     let class_of: BTreeMap<&str, Class> =
         mine.iter().filter_map(|r| r.gloss.map(|g| (r.material.as_str(), Class::of(&g[1])))).collect();
     let group = |name: String, keep: &dyn Fn(&Record) -> bool| {
-        let values = |e: Estimator| of(e).filter(|r| keep(r)).map(Record::log).collect::<Vec<f64>>();
-        let log: Vec<Vec<f64>> = estimators.iter().map(|&e| values(e)).collect();
-        let photographs = log.iter().map(Vec::len).max().unwrap_or(0);
-        Group { name, photographs, log: log.into_iter().map(median).collect() }
+        let cells = |e: Estimator| of(e).filter(|r| keep(r)).collect::<Vec<&Record>>();
+        let cells: Vec<Vec<&Record>> = estimators.iter().map(|&e| cells(e)).collect();
+        let photographs = cells.iter().map(Vec::len).max().unwrap_or(0);
+        Group { name, photographs, log: cells.iter().map(|c| interval(c, &materials, &Record::log)).collect() }
     };
     let classes = Class::ALL
         .iter()
@@ -120,11 +120,15 @@ fn summary(records: &Records, protocol: Protocol) -> Option<Summary> {
     })
 }
 
+/// Median of a measure over cells, whole materials resampled; `materials` are sorted.
+fn interval(cells: &[&Record], materials: &[&str], f: &dyn Fn(&Record) -> f64) -> Interval {
+    let place = |r: &&Record| materials.binary_search(&r.material.as_str()).expect("a listed material");
+    let values: Vec<f64> = cells.iter().map(|r| f(r)).collect();
+    median_interval(&values, &cells.iter().map(place).collect::<Vec<usize>>(), 1)
+}
+
 fn row(estimator: Estimator, cells: &[&Record], materials: &[&str]) -> Row {
-    let clusters: Vec<usize> =
-        cells.iter().map(|r| materials.binary_search(&r.material.as_str()).expect("a listed material")).collect();
-    let interval =
-        |f: &dyn Fn(&Record) -> f64| median_interval(&cells.iter().map(|r| f(r)).collect::<Vec<_>>(), &clusters, 1);
+    let interval = |f: &dyn Fn(&Record) -> f64| interval(cells, materials, f);
     let gloss: Vec<[f64; 2]> = cells.iter().filter_map(|r| r.gloss).map(|g| g.map(|g| g.peak)).collect();
     let (estimates, references): (Vec<f64>, Vec<f64>) = gloss.iter().map(|[e, r]| (*e, *r)).unzip();
     let too_glossy = gloss.iter().filter(|[e, r]| e - r > 4.0_f64.ln()).count() as f64 / cells.len() as f64;

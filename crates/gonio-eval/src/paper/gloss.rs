@@ -16,7 +16,7 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
         let values = |list: &[Gloss]| list.iter().map(of).collect::<Vec<f64>>();
         found.iter().map(|f| spearman(&values(f), &values(&truth))).collect()
     };
-    let (contrast, width) = (order(&|g| g.contrast), order(&|g| g.width));
+    let (peak, contrast, width) = (order(&|g| g.peak), order(&|g| g.contrast), order(&|g| g.width));
     let panel = |title: &str, unit: &str, axis: Axis, of: &dyn Fn(&Gloss) -> f64| {
         let series: Vec<Series> = found
             .iter()
@@ -55,8 +55,8 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
     let duller = pairs().filter(|(e, t)| e.contrast < t.contrast).count();
     html! {
         p {
-            "Rank correlation (Spearman) with the truth over " (truth.len()) " materials. By contrast of the highlight: "
-            strong { (list(&contrast)) } ". By its width: " strong { (list(&width)) } ". One is the true order, zero no relation. Of "
+            "Rank correlation (Spearman) with the truth over " (truth.len()) " materials. By the peak of the highlight over the mean: "
+            strong { (list(&peak)) } ". By its contrast with the diffuse level: " (list(&contrast)) ". By its width: " (list(&width)) ". One is the true order, zero no relation. Of "
             (pairs().count()) " estimates " (duller) " have less contrast than the truth."
         }
         (figure::grid(22, &[

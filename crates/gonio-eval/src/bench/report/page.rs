@@ -25,15 +25,16 @@ pub(super) const COLUMNS: [&str; 10] = [
     "seconds (most)",
 ];
 
+fn interval(i: &Interval, digits: usize) -> String {
+    if i.low.is_nan() {
+        format!("{:.digits$}", i.value)
+    } else {
+        format!("{:.digits$} ({:.digits$} to {:.digits$})", i.value, i.low, i.high)
+    }
+}
+
 /// A row of it.
 pub(super) fn entries(row: &Row) -> Vec<String> {
-    let interval = |i: &Interval, digits: usize| {
-        if i.low.is_nan() {
-            format!("{:.digits$}", i.value)
-        } else {
-            format!("{:.digits$} ({:.digits$} to {:.digits$})", i.value, i.low, i.high)
-        }
-    };
     let percent = |x: f64| format!("{:.0} %", 100.0 * x);
     let failed = if row.failures > 0 { format!(" ({} failed)", row.failures) } else { String::new() };
     vec![
@@ -155,7 +156,7 @@ fn groups(caption: &str, summary: &Summary, groups: &[Group]) -> Markup {
     let rows: Vec<Vec<String>> = groups
         .iter()
         .map(|g| {
-            let errors = g.log.iter().map(|x| format!("{x:.3}"));
+            let errors = g.log.iter().map(|x| interval(x, 3));
             [g.name.clone(), g.photographs.to_string()].into_iter().chain(errors).collect()
         })
         .collect();

@@ -9,9 +9,9 @@ use rayon::prelude::*;
 
 use crate::data::luminance_table;
 
-/// A database of materials in alphabetical order: a folder of `.binary` files of the MERL database, or of bivariate tables, or both.
+/// A database of materials in the order of their file names: a folder of `.binary` files of the MERL database, or of bivariate tables, or both.
 pub(crate) struct Materials {
-    /// Names, sorted.
+    /// Names, in the order of `NAME.binary`: that of a listing of the database, `chrome-steel` before `chrome`.
     pub(crate) names: Vec<String>,
     rgb: Vec<[BivariateTable; 3]>,
     files: BTreeMap<String, PathBuf>,
@@ -56,15 +56,17 @@ impl Materials {
                 folder.display()
             );
         }
-        let (names, rgb) = rgb.into_iter().unzip();
+        let mut all: Vec<(String, [BivariateTable; 3])> = rgb.into_iter().collect();
+        all.sort_by_cached_key(|(name, _)| file_name(name));
+        let (names, rgb) = all.into_iter().unzip();
         Ok(Self { names, rgb, files })
     }
 
     /// Place of a name in the list.
     pub(crate) fn index(&self, name: &str) -> Result<usize> {
-        match self.names.binary_search_by(|n| n.as_str().cmp(name)) {
-            Ok(at) => Ok(at),
-            Err(_) => bail!("there is no material {name}"),
+        match self.names.iter().position(|n| n == name) {
+            Some(at) => Ok(at),
+            None => bail!("there is no material {name}"),
         }
     }
 
@@ -116,5 +118,34 @@ impl Materials {
     /// Every fifth material, starting with the third: what a leave-out basis never sees.
     pub(crate) fn held_out(&self) -> Vec<usize> {
         (0..self.names.len()).filter(|i| i % 5 == 2).collect()
+    }
+}
+
+/// Name of the file of a material in the database.
+fn file_name(material: &str) -> String {
+    format!("{material}.binary")
+}
+
+#[cfg(test)]
+mod tests {
+    use gonio::reflectance::{CELLS, THETA_D, THETA_H};
+
+    use super::*;
+
+    #[test]
+    fn the_order_is_that_of_the_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let merl = dir.path().join("merl");
+        std::fs::create_dir(&merl).unwrap();
+        let names = ["chrome", "brass", "chrome-steel"];
+        std::fs::write(merl.join("materials.txt"), names.join("\n")).unwrap();
+        let array = gonio_io::npy::Array { shape: vec![3, THETA_H, THETA_D, 3], values: vec![0.5; 9 * CELLS] };
+        std::fs::write(merl.join("bivariate_rgb_f32.npy"), gonio_io::npy::encode(&array)).unwrap();
+        let materials = Materials::open(dir.path(), None).unwrap();
+        assert_eq!(materials.names, ["brass", "chrome-steel", "chrome"]);
+        assert_eq!(materials.index("chrome").unwrap(), 2);
+        // The third of five.
+        assert_eq!(materials.held_out(), [2]);
+        assert!(materials.index("kryptonite").is_err());
     }
 }

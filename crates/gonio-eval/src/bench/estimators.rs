@@ -106,7 +106,7 @@ impl Estimator {
         matches!(self, Self::NearestMaterial | Self::TrueBivariate | Self::KnownLight)
     }
 
-    /// Whether it looks at the image.
+    /// Whether it answers without looking at the image.
     pub(crate) fn is_trivial(self) -> bool {
         matches!(self, Self::TrainingMean | Self::Lambertian)
     }

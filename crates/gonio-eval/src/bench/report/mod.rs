@@ -73,7 +73,8 @@ fn json(conditions: &Conditions, summaries: &[Summary], records: &Records) -> Re
         summaries: &'a [Summary],
         cells: Vec<Record>,
     }
-    let cells = records.values().map(|r| Record { picture: String::new(), ..r.clone() }).collect();
+    let bare = |r: &Record| Record { picture: String::new(), photograph: String::new(), ..r.clone() };
+    let cells = records.values().map(bare).collect();
     Ok(serde_json::to_vec_pretty(&Whole { conditions, summaries, cells })?)
 }
 

@@ -118,7 +118,7 @@ fn what_it_means() -> Markup {
     }
 }
 
-/// Errors of every estimator as distributions, oracles dashed nowhere: all are lines of one chart for each measure.
+/// Errors of every estimator as distributions, one chart for each measure.
 fn distributions(summary: &Summary, mine: &[&Record]) -> Markup {
     let sets = |f: &dyn Fn(&Record) -> f64| -> Vec<(&'static str, Vec<f64>)> {
         let of = |e: Estimator| mine.iter().filter(|r| r.estimator == e).map(|r| f(r)).collect();

@@ -2,8 +2,10 @@
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod appearance;
 pub mod inference;
 pub mod lighting;
+mod linalg;
 pub mod model;
 pub mod picture;
 pub mod reflectance;

@@ -1,6 +1,8 @@
 //! Reflectance: tables, the non-negative basis learnt from measured materials, parametric models (paper 3.2).
 
 mod basis;
+mod dictionary;
+mod log_basis;
 pub mod nmf;
 pub mod nnls;
 pub mod parametric;
@@ -8,6 +10,8 @@ mod table;
 mod train;
 
 pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
+pub use dictionary::{Coordinates, Dictionary, DictionarySettings, Mixture};
+pub use log_basis::LogBasis;
 pub use table::{
     BivariateTable, CELLS, CellCountError, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, above_horizon, is_trusted,
     theta_d_of, theta_h_of,

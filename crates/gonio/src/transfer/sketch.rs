@@ -1,14 +1,13 @@
 //! The leading left singular subspace of a tall stack of rows that need not fit in memory, by randomised sketching
 //! (Halko, Martinsson and Tropp 2011).
 
-use faer::diag::DiagMut;
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
+
+use crate::linalg::eigenvectors;
 
 /// Where the rows come from: blocks of consecutive rows, either held or made anew on each pass.
 pub(super) trait RowBlocks {
@@ -88,26 +87,6 @@ fn gram(y: MatRef<'_, f64>) -> Mat<f64> {
         matmul(band, Accum::Replace, y.transpose(), y.subcols(first, width), 1.0, Par::Seq);
     });
     gram
-}
-
-/// Eigenvalues, ascending, and eigenvectors of a symmetric matrix, on one thread: the parallel tridiagonalisation splits its
-/// sums by the number of threads.
-fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
-    let n = a.nrows();
-    let mut values = vec![0.0; n];
-    let mut vectors = Mat::zeros(n, n);
-    let scratch = self_adjoint_evd_scratch::<f64>(n, ComputeEigenvectors::Yes, Par::Seq, Default::default());
-    let mut memory = MemBuffer::new(scratch);
-    self_adjoint_evd(
-        a,
-        DiagMut::from_slice_mut(&mut values),
-        Some(vectors.as_mut()),
-        Par::Seq,
-        MemStack::new(&mut memory),
-        Default::default(),
-    )
-    .expect("a finite symmetric matrix has eigenvectors");
-    (values, vectors)
 }
 
 /// The `rank` left singular directions of `A D` with most energy, `D` the diagonal of `weights` (one per column).

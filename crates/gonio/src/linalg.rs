@@ -1,0 +1,53 @@
+//! Linear algebra whose results do not depend on the number of threads.
+
+use faer::diag::DiagMut;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+
+/// Eigenvalues, ascending, and eigenvectors of a symmetric matrix, on one thread: the parallel tridiagonalisation splits its
+/// sums by the number of threads.
+pub(crate) fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
+    let n = a.nrows();
+    let mut values = vec![0.0; n];
+    let mut vectors = Mat::zeros(n, n);
+    let scratch = self_adjoint_evd_scratch::<f64>(n, ComputeEigenvectors::Yes, Par::Seq, Default::default());
+    let mut memory = MemBuffer::new(scratch);
+    self_adjoint_evd(
+        a,
+        DiagMut::from_slice_mut(&mut values),
+        Some(vectors.as_mut()),
+        Par::Seq,
+        MemStack::new(&mut memory),
+        Default::default(),
+    )
+    .expect("a finite symmetric matrix has eigenvectors");
+    (values, vectors)
+}
+
+pub(crate) fn project(x: &[f64], mean: &[f64], axis: &[f64]) -> f64 {
+    x.iter().zip(mean).zip(axis).map(|((x, m), a)| (x - m) * a).sum()
+}
+
+/// Mean, orthonormal axes of most variance, and the variance along each, of rows of equal length: by the Gram matrix of the rows.
+pub(crate) fn principal_axes(rows: &[Vec<f64>], rank: usize) -> (Vec<f64>, Vec<Vec<f64>>, Vec<f64>) {
+    let (n, length) = (rows.len(), rows[0].len());
+    let mean: Vec<f64> = (0..length).map(|c| rows.iter().map(|r| r[c]).sum::<f64>() / n as f64).collect();
+    let centred = Mat::<f64>::from_fn(n, length, |i, c| rows[i][c] - mean[c]);
+    let mut gram = Mat::<f64>::zeros(n, n);
+    // Sequential, so that the axes do not depend on the number of threads.
+    matmul(gram.as_mut(), Accum::Replace, &centred, centred.transpose(), 1.0, Par::Seq);
+    let (values, vectors) = eigenvectors(gram.as_ref());
+    let mut axes = Vec::new();
+    let mut variances = Vec::new();
+    let largest = values.last().copied().unwrap_or(0.0);
+    for k in (0..n).rev().take(rank).filter(|&k| values[k] > 1e-12 * largest) {
+        let norm = values[k].sqrt();
+        let axis: Vec<f64> =
+            (0..length).map(|c| (0..n).map(|i| vectors[(i, k)] * centred[(i, c)]).sum::<f64>() / norm).collect();
+        axes.push(axis);
+        variances.push(values[k] / n as f64);
+    }
+    (mean, axes, variances)
+}

@@ -1,0 +1,70 @@
+//! Measured materials as a mean and principal axes of the logarithm of their tables.
+//!
+//! Reflectance spans five orders of magnitude. In the logarithm a few dozen axes hold a hundred materials to a few percent
+//! everywhere, in the diffuse part as in the peak, where a factorisation of the values themselves spends all its functions on
+//! the peaks of metals.
+
+use super::table::BivariateTable;
+use crate::linalg::{principal_axes, project};
+
+/// Smallest reflectance in 1/sr whose logarithm is taken: a thousandth of what soot reflects.
+const LEAST: f32 = 1e-6;
+
+/// Tables as `exp(mean + sum_r c_r axis_r)`, the coefficients `c` those of each material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LogBasis {
+    /// Names of the materials.
+    pub names: Vec<String>,
+    /// Mean of the logarithms, a value for each cell of a [`BivariateTable`].
+    pub mean: Vec<f32>,
+    /// Orthonormal axes over the cells, the one of most variance first.
+    pub axes: Vec<Vec<f32>>,
+    /// A coefficient for each axis, by material.
+    pub coefficients: Vec<Vec<f32>>,
+}
+
+impl LogBasis {
+    /// The `rank` leading axes (fewer if there are not as many materials). Cells beyond the trusted ones are taken from the last trusted.
+    ///
+    /// # Panics
+    /// Without materials.
+    pub fn fit(materials: &[(String, BivariateTable)], rank: usize) -> Self {
+        assert!(!materials.is_empty(), "no materials");
+        let logs: Vec<Vec<f64>> = materials
+            .iter()
+            .map(|(_, table)| {
+                let mut table = table.clone();
+                table.extend_from_trusted();
+                table.as_slice().iter().map(|v| f64::from(v.max(LEAST)).ln()).collect()
+            })
+            .collect();
+        let (mean, axes, _) = principal_axes(&logs, rank);
+        let coefficients =
+            logs.iter().map(|log| axes.iter().map(|axis| project(log, &mean, axis) as f32).collect()).collect();
+        Self {
+            names: materials.iter().map(|(name, _)| name.clone()).collect(),
+            mean: mean.iter().map(|v| *v as f32).collect(),
+            axes: axes.iter().map(|axis| axis.iter().map(|v| *v as f32).collect()).collect(),
+            coefficients,
+        }
+    }
+
+    /// The table of a material, 1/sr.
+    pub fn table(&self, material: usize) -> BivariateTable {
+        let mut log: Vec<f64> = self.mean.iter().map(|v| f64::from(*v)).collect();
+        for (axis, c) in self.axes.iter().zip(&self.coefficients[material]) {
+            log.iter_mut().zip(axis).for_each(|(log, a)| *log += f64::from(*c) * f64::from(*a));
+        }
+        BivariateTable::from_vec(log.into_iter().map(|v| v.exp() as f32).collect())
+    }
+
+    /// Number of materials.
+    pub fn len(&self) -> usize {
+        self.names.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.names.is_empty()
+    }
+}

@@ -1,0 +1,121 @@
+//! The prior of light given its scales: variances and constants of the variational bound (eq. 5).
+
+use std::f64::consts::TAU;
+
+use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
+
+/// Prior of one light coefficient, as the marginal inference takes it.
+#[derive(Clone, Copy, Debug)]
+enum Density<'a> {
+    Constant(f64),
+    Mixture(&'a ScaleMixture),
+    Gaussian { mean: f64, variance: f64 },
+}
+
+/// Priors of all M coefficients, the constant DC first.
+#[derive(Clone, Debug)]
+pub(super) struct Scales<'a> {
+    densities: Vec<Density<'a>>,
+    /// The coefficient below whose threshold there is nothing.
+    pub(super) rectified: Option<(usize, RectifiedGaussian)>,
+}
+
+/// Gaussian prior that the expected squares of the light stand for, and what the bound loses by it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Given {
+    /// `1 / d_m` with `d_m = sum_n r_n / s_n^2`; zero for a constant.
+    pub(super) variances: Vec<f64>,
+    /// `sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2) / 2) - log(d_m) / 2 }`, at most zero up to the weights; zero for mixtures
+    /// of one component.
+    pub(super) constant: f64,
+}
+
+impl<'a> Scales<'a> {
+    /// The first rectified prior is exact; any further one counts as the Gaussian of its mean and variance.
+    pub(super) fn new(dc: f64, priors: &[&'a CoefficientPrior]) -> Self {
+        let mut rectified = None;
+        let mut densities = vec![Density::Constant(dc)];
+        for (at, prior) in priors.iter().enumerate() {
+            densities.push(match prior {
+                CoefficientPrior::Mixture(mixture) => Density::Mixture(mixture),
+                CoefficientPrior::Rectified(r) if rectified.is_none() => {
+                    rectified = Some((at + 1, *r));
+                    Density::Gaussian { mean: r.location, variance: r.variance }
+                }
+                CoefficientPrior::Rectified(r) => {
+                    let moments = r.moments();
+                    Density::Gaussian { mean: moments.mean, variance: moments.variance }
+                }
+            });
+        }
+        Self { densities, rectified }
+    }
+
+    /// Means of the coefficients, of the rectified one before rectification (M).
+    pub(super) fn means(&self) -> Vec<f64> {
+        let mean = |density: &Density<'_>| match *density {
+            Density::Constant(value) => value,
+            Density::Mixture(_) => 0.0,
+            Density::Gaussian { mean, .. } => mean,
+        };
+        self.densities.iter().map(mean).collect()
+    }
+
+    /// Expected squares to start from: those of the prior, so that the widest scales are responsible.
+    pub(super) fn prior_squares(&self) -> Vec<f64> {
+        let square = |density: &Density<'_>| match *density {
+            Density::Constant(value) => value * value,
+            Density::Mixture(mixture) => mixture.variance(),
+            Density::Gaussian { mean, variance } => mean * mean + variance,
+        };
+        self.densities.iter().map(square).collect()
+    }
+
+    /// With the best responsibilities for expected squares `<l_m^2>` (M): `r_n` in proportion to
+    /// `pi_n / s_n exp(-<l^2> / (2 s_n^2))`.
+    pub(super) fn given(&self, squares: &[f64]) -> Given {
+        let mut constant = 0.0;
+        let variance = |(density, square): (&Density<'_>, &f64)| match density {
+            Density::Constant(_) => 0.0,
+            Density::Gaussian { variance, .. } => *variance,
+            Density::Mixture(mixture) => {
+                let log_sum = mixture.log_density_of_square(*square);
+                let joint = mixture.log_joint(*square);
+                let d: f64 = joint.zip(&mixture.variances).map(|(j, v)| (j - log_sum).exp() / v).sum();
+                // log r_n = log pi_n + log N(<l^2>; s_n^2) - log_sum, put into the sum.
+                constant += log_sum + 0.5 * (TAU.ln() + square * d - d.ln());
+                1.0 / d
+            }
+        };
+        Given { variances: self.densities.iter().zip(squares).map(variance).collect(), constant }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_constant_is_the_sum_over_responsibilities() {
+        let mixture = ScaleMixture { weights: vec![0.2, 0.5, 0.3], variances: vec![0.01, 0.3, 5.0] };
+        let prior = CoefficientPrior::Mixture(mixture.clone());
+        for square in [1e-6, 0.02, 1.0, 40.0] {
+            let given = Scales::new(0.3, &[&prior]).given(&[0.09, square]);
+            let joint: Vec<f64> = mixture.log_joint(square).map(f64::exp).collect();
+            let r: Vec<f64> = joint.iter().map(|j| j / joint.iter().sum::<f64>()).collect();
+            let d: f64 = r.iter().zip(&mixture.variances).map(|(r, v)| r / v).sum();
+            let terms = r.iter().zip(&mixture.weights).zip(&mixture.variances);
+            let want: f64 = terms.map(|((r, w), v)| r * ((w / r).ln() - 0.5 * v.ln())).sum::<f64>() - 0.5 * d.ln();
+            assert!((given.variances[1] * d - 1.0).abs() < 1e-12 && given.variances[0] == 0.0);
+            assert!((given.constant - want).abs() < 1e-10, "{square}: {} {want}", given.constant);
+        }
+    }
+
+    #[test]
+    fn one_component_costs_nothing() {
+        let prior = CoefficientPrior::Mixture(ScaleMixture { weights: vec![1.0], variances: vec![0.4] });
+        let given = Scales::new(0.3, &[&prior, &prior]).given(&[0.09, 7.0, 1e-9]);
+        assert!(given.constant.abs() < 1e-12);
+        assert!(given.variances[1..].iter().all(|v| (v - 0.4).abs() < 1e-15));
+    }
+}

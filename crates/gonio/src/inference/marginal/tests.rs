@@ -1,0 +1,506 @@
+//! The bound, its climb and its gradient on problems small enough for other means.
+
+use std::f64::consts::TAU;
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+
+use super::evidence::State;
+use super::*;
+use crate::inference::tests::planted;
+use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
+use crate::transfer::Bilinear;
+
+pub(super) fn random(n: usize, seed: u64) -> Vec<f64> {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    (0..n).map(|_| rng.random_range(-1.0..1.0)).collect()
+}
+
+pub(super) fn identity(n: usize) -> Vec<Vec<f64>> {
+    (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect()
+}
+
+/// By Gauss and Jordan, without pivoting: for positive definite matrices.
+pub(super) fn inverse_and_log_det(mut a: Vec<Vec<f64>>) -> (Vec<Vec<f64>>, f64) {
+    let n = a.len();
+    let (mut inverse, mut log_det) = (identity(n), 0.0);
+    for i in 0..n {
+        let pivot = a[i][i];
+        log_det += pivot.ln();
+        for j in 0..n {
+            a[i][j] /= pivot;
+            inverse[i][j] /= pivot;
+        }
+        let (row, inverse_row) = (a[i].clone(), inverse[i].clone());
+        for k in (0..n).filter(|k| *k != i) {
+            let factor = a[k][i];
+            for j in 0..n {
+                a[k][j] -= factor * row[j];
+                inverse[k][j] -= factor * inverse_row[j];
+            }
+        }
+    }
+    (inverse, log_det)
+}
+
+/// An image and priors made by hand: no scaling, and dimensions outside the rows.
+struct Toy {
+    priors: Vec<CoefficientPrior>,
+    target: Vec<f64>,
+    outside: f64,
+    pixels: f64,
+    relative: Vec<f64>,
+    operator: LightOperator,
+    entries: Vec<f64>,
+}
+
+const DC: f64 = 0.3;
+
+fn mixture(weights: &[f64], variances: &[f64]) -> CoefficientPrior {
+    CoefficientPrior::Mixture(ScaleMixture { weights: weights.to_vec(), variances: variances.to_vec() })
+}
+
+fn cut() -> CoefficientPrior {
+    CoefficientPrior::Rectified(RectifiedGaussian { location: 0.1, variance: 0.3, threshold: -0.1 })
+}
+
+fn one_component(m: usize) -> Vec<CoefficientPrior> {
+    (1..m).map(|i| mixture(&[1.0], &[0.1 + 0.2 * i as f64])).collect()
+}
+
+fn mixed(m: usize) -> Vec<CoefficientPrior> {
+    (1..m)
+        .map(|i| if i == 2 { cut() } else { mixture(&[0.5, 0.3, 0.2], &[0.002 * i as f64, 0.1, 1.0 + i as f64]) })
+        .collect()
+}
+
+impl Toy {
+    fn new(rows: usize, priors: Vec<CoefficientPrior>, noise: f64, seed: u64) -> Self {
+        let m = priors.len() + 1;
+        let entries = random(rows * m, seed);
+        let l: Vec<f64> = random(m, seed + 1).iter().enumerate().map(|(i, x)| if i == 0 { DC } else { *x }).collect();
+        let target = entries
+            .chunks(m)
+            .zip(random(rows, seed + 2))
+            .map(|(b, e)| 1.5 * b.iter().zip(&l).map(|(b, l)| b * l).sum::<f64>() + noise * e);
+        Self {
+            target: target.collect(),
+            outside: 0.7 * noise * noise,
+            pixels: rows as f64 + 2.0,
+            relative: vec![1.0; rows],
+            operator: LightOperator::from_rows(rows, m, &entries),
+            entries,
+            priors,
+        }
+    }
+
+    fn marginal(&self) -> Marginal<'_> {
+        let priors: Vec<&CoefficientPrior> = self.priors.iter().collect();
+        let marginal = Marginal {
+            target: self.target.clone(),
+            weights: vec![1.0; self.target.len()],
+            outside: self.outside,
+            pixels: self.pixels,
+            scale: 1.0,
+            scales: Scales::new(DC, &priors),
+            hyper: Hyper { exposure_rate: 0.2, noise_shape: 2.0, noise_rate: 0.01 },
+        };
+        marginal.with_relative_variances(&self.relative)
+    }
+
+    fn evidence(&self, settings: &EvidenceSettings) -> Evidence {
+        self.marginal().evidence(&self.operator, settings).unwrap()
+    }
+
+    /// `log N` of a Gaussian image with light of given means and variances, by dense algebra over all dimensions.
+    fn dense(&self, means: &[f64], variances: &[f64], g: f64, b: f64) -> f64 {
+        let (rows, m) = (self.target.len(), means.len());
+        let mut s = identity(rows);
+        for i in 0..rows {
+            s[i][i] = self.relative[i] / b;
+            for j in 0..rows {
+                let (p, q) = (&self.entries[i * m..][..m], &self.entries[j * m..][..m]);
+                s[i][j] += g * g * p.iter().zip(q).zip(variances).map(|((p, q), v)| p * q * v).sum::<f64>();
+            }
+        }
+        let (inverse, log_det) = inverse_and_log_det(s);
+        let y: Vec<f64> = (self.target.iter().zip(self.entries.chunks(m)))
+            .map(|(t, b)| t - g * b.iter().zip(means).map(|(b, l)| b * l).sum::<f64>())
+            .collect();
+        let square: f64 = (0..rows).map(|i| (0..rows).map(|j| y[i] * inverse[i][j] * y[j]).sum::<f64>()).sum();
+        let spare = self.pixels - rows as f64;
+        -0.5 * (self.pixels * TAU.ln() + log_det - spare * b.ln() + square + b * self.outside)
+    }
+
+    /// `log p(t)` by a sum over a grid of all unknown light coefficients.
+    fn integrated(&self, g: f64, b: f64) -> f64 {
+        let (m, n, reach) = (self.priors.len() + 1, 1500, 8.0);
+        let step = 2.0 * reach / f64::from(n);
+        // Centres of the cells lie evenly about the threshold of the rectified prior, -0.1.
+        let grid: Vec<f64> = (0..n).map(|i| -reach - 0.1 + step * (f64::from(i) + 0.5)).collect();
+        let log_prior: Vec<Vec<f64>> =
+            self.priors.iter().map(|p| grid.iter().map(|x| p.log_density(*x)).collect()).collect();
+        let log_joint = |at: &[usize]| {
+            let mut total = 0.5 * self.pixels * (b / TAU).ln() - 0.5 * b * self.outside;
+            for ((t, c), row) in self.target.iter().zip(&self.relative).zip(self.entries.chunks(m)) {
+                let y = row[0] * DC + at.iter().zip(&row[1..]).map(|(i, b)| b * grid[*i]).sum::<f64>();
+                total -= 0.5 * (b * (t - g * y).powi(2) / c + c.ln());
+            }
+            total + at.iter().zip(&log_prior).map(|(i, p)| p[*i]).sum::<f64>()
+        };
+        let n = n as usize;
+        let terms: Vec<f64> = match m {
+            2 => (0..n).map(|i| log_joint(&[i])).collect(),
+            3 => (0..n * n).map(|i| log_joint(&[i / n, i % n])).collect(),
+            _ => unreachable!("one or two dimensions"),
+        };
+        let top = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        top + terms.iter().map(|t| (t - top).exp()).sum::<f64>().ln() + (m - 1) as f64 * step.ln()
+    }
+}
+
+fn known(g: f64, b: f64) -> EvidenceSettings {
+    EvidenceSettings { exposure: Some(g), noise: Some(b.powf(-0.5)), tolerance: 1e-10, max_steps: 400 }
+}
+
+fn tight() -> EvidenceSettings {
+    EvidenceSettings { tolerance: 1e-10, max_steps: 2000, ..Default::default() }
+}
+
+#[test]
+fn with_one_component_the_bound_is_the_dense_gaussian() {
+    for (rows, m) in [(5, 9), (9, 5), (40, 6)] {
+        let mut toy = Toy::new(rows, one_component(m), 0.1, 7);
+        toy.relative = (0..rows).map(|i| 0.2 + i as f64).collect();
+        let mut means = vec![0.0; m];
+        means[0] = DC;
+        let variances: Vec<f64> = (0..m).map(|i| if i == 0 { 0.0 } else { 0.1 + 0.2 * i as f64 }).collect();
+        for (g, b) in [(1.5, 100.0), (0.3, 4.0)] {
+            let (got, want) = (toy.evidence(&known(g, b)), toy.dense(&means, &variances, g, b));
+            assert!((got.bound - want).abs() < 1e-9 * want.abs(), "{rows} {m}: {} {want}", got.bound);
+        }
+    }
+}
+
+#[test]
+fn the_bound_is_below_the_integral_and_equal_for_one_component() {
+    for (noise, b) in [(0.1, 60.0), (0.5, 3.0)] {
+        for (priors, exact) in [
+            (vec![mixture(&[1.0], &[0.5])], true),
+            (vec![cut()], true),
+            (vec![mixture(&[1.0], &[0.5]), cut()], true),
+            (vec![mixture(&[0.6, 0.4], &[0.02, 0.9])], false),
+            (vec![mixture(&[0.6, 0.4], &[0.02, 0.9]), cut()], false),
+            (vec![mixture(&[0.6, 0.4], &[0.02, 0.9]), mixture(&[0.3, 0.3, 0.4], &[0.01, 0.2, 1.0])], false),
+        ] {
+            let mut toy = Toy::new(3, priors, noise, 12);
+            toy.relative = vec![1.0, 0.5, 2.0];
+            let (got, want) = (toy.evidence(&known(1.2, b)), toy.integrated(1.2, b));
+            let gap = want - got.bound;
+            if exact {
+                assert!(gap.abs() < 1e-4, "{:?}: {} {want}", toy.priors, got.bound);
+            } else {
+                assert!((1e-4..1.5).contains(&gap), "{:?}: {} {want}", toy.priors, got.bound);
+            }
+        }
+    }
+}
+
+/// With rectification the posterior of the light is a cut Gaussian: its moments by integration.
+#[test]
+fn the_posterior_of_a_rectified_light_is_that_of_the_integral() {
+    let toy = Toy::new(2, vec![mixture(&[1.0], &[0.5]), cut()], 0.6, 4);
+    let (g, b) = (1.2, 2.0);
+    let got = toy.evidence(&known(g, b));
+    // By importance: weights of a grid.
+    let (mut total, mut first, mut second) = (0.0, [0.0; 2], [0.0; 2]);
+    let n = 1200;
+    for i in 0..n {
+        for j in 0..n {
+            let l =
+                [-6.0 + 12.0 * (f64::from(i) + 0.5) / f64::from(n), -0.1 + 6.0 * (f64::from(j) + 0.5) / f64::from(n)];
+            let mut log = toy.priors[0].log_density(l[0]) + toy.priors[1].log_density(l[1]);
+            for (t, row) in toy.target.iter().zip(toy.entries.chunks(3)) {
+                log -= 0.5 * b * (t - g * (row[0] * DC + row[1] * l[0] + row[2] * l[1])).powi(2);
+            }
+            let p = log.exp();
+            total += p;
+            for k in 0..2 {
+                first[k] += p * l[k];
+                second[k] += p * l[k] * l[k];
+            }
+        }
+    }
+    for k in 0..2 {
+        let mean = first[k] / total;
+        let sd = (second[k] / total - mean * mean).sqrt();
+        assert!((got.light[k + 1] - mean).abs() < 1e-4, "{} {mean}", got.light[k + 1]);
+        assert!((got.light_sd[k + 1] - sd).abs() < 1e-4, "{} {sd}", got.light_sd[k + 1]);
+    }
+}
+
+#[test]
+fn the_posterior_mean_is_ridge_regression() {
+    let toy = Toy::new(12, one_component(6), 0.2, 9);
+    let (g, b) = (1.5, 25.0);
+    let got = toy.evidence(&known(g, b));
+    // (b g^2 B'B + D) (l - mu) = b g B'(t - g B mu), over the coefficients after DC.
+    let column = |j: usize| toy.entries.iter().skip(j).step_by(6);
+    let mut normal = identity(5);
+    for i in 0..5 {
+        normal[i][i] = 1.0 / (0.1 + 0.2 * (i + 1) as f64);
+        for j in 0..5 {
+            normal[i][j] += b * g * g * column(i + 1).zip(column(j + 1)).map(|(x, y)| x * y).sum::<f64>();
+        }
+    }
+    let (covariance, _) = inverse_and_log_det(normal);
+    let rest: Vec<f64> = toy.target.iter().zip(column(0)).map(|(t, x)| t - g * x * DC).collect();
+    let right: Vec<f64> = (0..5).map(|j| b * g * column(j + 1).zip(&rest).map(|(x, r)| x * r).sum::<f64>()).collect();
+    assert_eq!((got.light[0], got.light_sd[0]), (DC, 0.0));
+    for i in 0..5 {
+        let mean: f64 = covariance[i].iter().zip(&right).map(|(c, r)| c * r).sum();
+        assert!((got.light[i + 1] - mean).abs() < 1e-10, "{} {mean}", got.light[i + 1]);
+        assert!((got.light_sd[i + 1] - covariance[i][i].sqrt()).abs() < 1e-10);
+    }
+}
+
+#[test]
+fn no_step_lowers_the_objective() {
+    for seed in 0..6 {
+        for (rows, m) in [(10, 16), (30, 16)] {
+            let toy = Toy::new(rows, mixed(m), 0.05, seed);
+            for settings in [
+                tight(),
+                known(1.5, 400.0),
+                EvidenceSettings { noise: Some(0.05), ..tight() },
+                EvidenceSettings { exposure: Some(1.5), ..tight() },
+            ] {
+                let got = toy.evidence(&settings);
+                assert!(got.trace.windows(2).all(|w| w[1] >= w[0]), "{:?}", got.trace);
+                assert!(got.converged && got.trace.len() > 3, "{:?}", got.trace);
+                assert_eq!(*got.trace.last().unwrap(), got.objective);
+            }
+        }
+    }
+}
+
+/// Where the climb ends the exact gradient in exposure and noise vanishes, priors included.
+#[test]
+fn exposure_and_noise_end_at_their_best() {
+    let toy = Toy::new(30, mixed(16), 0.05, 3);
+    let marginal = toy.marginal();
+    let got = toy.evidence(&EvidenceSettings { tolerance: 1e-13, ..tight() });
+    let slope = marginal.gradient(&toy.operator, &got).unwrap();
+    let (g, b) = (got.exposure, got.noise.powi(-2));
+    let by_g = slope.log_exposure + 1.0 - marginal.hyper.exposure_rate * g;
+    let by_b = slope.log_precision + marginal.hyper.noise_shape - marginal.hyper.noise_rate * b;
+    assert!(by_g.abs() < 2e-4 && by_b.abs() < 2e-4, "{by_g} {by_b}");
+}
+
+#[test]
+fn the_gradient_is_that_of_finite_differences() {
+    for (rows, m) in [(8, 16), (40, 9)] {
+        let mut toy = Toy::new(rows, mixed(m), 0.3, 5);
+        toy.relative = (0..rows).map(|i| 0.5 + 0.1 * i as f64).collect();
+        let marginal = toy.marginal();
+        let at = EvidenceSettings { max_steps: 3, ..Default::default() };
+        let evidence = toy.evidence(&at);
+        let value = |operator: &LightOperator, by_g: f64, by_b: f64| {
+            let State { squares, log_g, log_b } = evidence.state.clone();
+            let (g, b) = ((log_g + by_g).exp(), (log_b + by_b).exp());
+            let state = State { squares, log_g: g.ln(), log_b: b.ln() };
+            let fixed = EvidenceSettings { max_steps: 0, ..known(g, b) };
+            let design = marginal.design(operator, 1, 0);
+            marginal.climb(&design, state, &fixed).unwrap().bound
+        };
+        assert!((value(&toy.operator, 0.0, 0.0) - evidence.bound).abs() < 1e-9);
+        let got = marginal.gradient(&toy.operator, &evidence).unwrap();
+        let h = 1e-4;
+        let difference = |f: &dyn Fn(f64) -> f64| (8.0 * (f(h) - f(-h)) - (f(2.0 * h) - f(-2.0 * h))) / (12.0 * h);
+        let near = |got: f64, want: f64, scale: f64| assert!((got - want).abs() < 1e-6 * scale, "{got} {want}");
+        let scale = 1.0 + got.log_exposure.abs() + got.log_precision.abs();
+        near(got.log_exposure, difference(&|x| value(&toy.operator, x, 0.0)), scale);
+        near(got.log_precision, difference(&|x| value(&toy.operator, 0.0, x)), scale);
+        let largest = got.operator.iter().fold(0.0_f64, |top, x| top.max(x.abs()));
+        for at in [0, 1, 2, m - 1, m + 2, rows * m / 2, rows * m - 1] {
+            let moved = |x: f64| {
+                let mut entries = toy.entries.clone();
+                entries[at] += x;
+                value(&LightOperator::from_rows(rows, m, &entries), 0.0, 0.0)
+            };
+            near(got.operator[at], difference(&moved), largest);
+        }
+    }
+}
+
+#[test]
+fn the_gradient_in_reflectance_is_that_of_finite_differences() {
+    let planted = planted(60, 4, 0.05, 3);
+    let problem = planted.problem();
+    let marginal = Marginal::of_problem(&problem);
+    let bilinear = &planted.image.bilinear;
+    let settings = EvidenceSettings { tolerance: 1e-12, max_steps: 3000, ..Default::default() };
+    let value = |f: &[f64]| {
+        let operator = LightOperator::of_reflectance(bilinear, f);
+        marginal.evidence(&operator, &settings).unwrap().objective
+    };
+    let operator = LightOperator::of_reflectance(bilinear, &planted.f);
+    let evidence = marginal.evidence(&operator, &settings).unwrap();
+    let got = marginal.gradient(&operator, &evidence).unwrap().reflectance(bilinear);
+    let largest = got.iter().fold(0.0_f64, |top, x| top.max(x.abs()));
+    for k in 0..4 {
+        // The scales, exposure and noise follow: at their best they do not matter.
+        let moved = |x: f64| {
+            let mut f = planted.f.clone();
+            f[k] += x;
+            value(&f)
+        };
+        let h = 1e-3 * planted.f[k];
+        let want = (8.0 * (moved(h) - moved(-h)) - (moved(2.0 * h) - moved(-2.0 * h))) / (12.0 * h);
+        assert!((got[k] - want).abs() < 1e-4 * largest, "{k}: {} {want}", got[k]);
+    }
+}
+
+/// Turning the rows, and leaving out a row that no light reaches, changes nothing.
+#[test]
+fn rows_may_be_turned_and_projected() {
+    let mut toy = Toy::new(20, mixed(9), 0.1, 8);
+    let one = toy.evidence(&tight());
+    let m = 9;
+    let normal = random(20, 77);
+    let square: f64 = normal.iter().map(|x| x * x).sum();
+    let reflect = |x: &mut dyn FnMut(usize) -> f64| -> Vec<f64> {
+        let x: Vec<f64> = (0..20).map(x).collect();
+        let along = 2.0 * x.iter().zip(&normal).map(|(x, n)| x * n).sum::<f64>() / square;
+        x.iter().zip(&normal).map(|(x, n)| x - along * n).collect()
+    };
+    let columns: Vec<Vec<f64>> = (0..m).map(|j| reflect(&mut |i| toy.entries[i * m + j])).collect();
+    let target = reflect(&mut |i| toy.target[i]);
+    // A dead row takes part of what lay outside.
+    let dead = 0.5 * toy.outside.sqrt();
+    toy.outside -= dead * dead;
+    toy.target = target.into_iter().chain([dead]).collect();
+    toy.entries = (0..21).flat_map(|i| columns.iter().map(move |c| c.get(i).copied().unwrap_or(0.0))).collect();
+    toy.operator = LightOperator::from_rows(21, m, &toy.entries);
+    toy.relative = vec![1.0; 21];
+    let two = toy.evidence(&tight());
+    assert!((one.objective - two.objective).abs() < 1e-7, "{} {}", one.objective, two.objective);
+    assert!((one.exposure / two.exposure - 1.0).abs() < 1e-5 && (one.noise / two.noise - 1.0).abs() < 1e-5);
+    assert!(one.light.iter().zip(&two.light).all(|(a, b)| (a - b).abs() < 1e-5));
+}
+
+#[test]
+fn scaling_the_image_scales_exposure_and_noise_alone() {
+    let mut planted = planted(60, 2, 0.05, 3);
+    let bilinear = planted.image.bilinear.clone();
+    let operator = LightOperator::of_reflectance(&bilinear, &planted.f);
+    let one = Marginal::of_problem(&planted.problem()).evidence(&operator, &tight()).unwrap();
+    planted.image.target.iter_mut().for_each(|t| *t *= 1024.0);
+    let two = Marginal::of_problem(&planted.problem()).evidence(&operator, &tight()).unwrap();
+    assert!((two.exposure / one.exposure / 1024.0 - 1.0).abs() < 1e-9);
+    assert!((two.noise / one.noise / 1024.0 - 1.0).abs() < 1e-9);
+    assert!((one.objective - two.objective).abs() < 1e-9 * one.objective.abs());
+    let image = &planted.image;
+    let same = Marginal::new(&image.target, image.outside, image.pixels, 16, &planted.prior, Hyper::default()).unwrap();
+    assert_eq!(same.evidence(&operator, &tight()).unwrap(), two);
+}
+
+/// Random reflectances and the planted one, at noise of a tenth: the planted one is found.
+#[test]
+fn the_true_candidate_wins() {
+    for seed in [1, 2, 3] {
+        let planted = planted(200, 3, 0.1, seed);
+        let problem = planted.problem();
+        let marginal = Marginal::of_problem(&problem);
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let mut candidates: Vec<Vec<f64>> =
+            (0..15).map(|_| (0..3).map(|_| rng.random_range(0.0..1.5)).collect()).collect();
+        candidates.insert(4, planted.f.clone());
+        let all =
+            marginal.score_reflectances(&planted.image.bilinear, &candidates, &EvidenceSettings::default()).unwrap();
+        let best = (0..16).max_by(|a, b| all[*a].objective.total_cmp(&all[*b].objective)).unwrap();
+        assert_eq!(best, 4, "{:?}", all.iter().map(|e| e.objective).collect::<Vec<_>>());
+        assert!((all[4].noise / (planted.image.energy() / 200.0).sqrt() / 0.1 - 1.0).abs() < 0.2, "{}", all[4].noise);
+    }
+}
+
+fn alike(a: &[f64], b: &[f64]) -> f64 {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
+}
+
+#[test]
+fn the_maximum_is_near_what_was_planted_and_nothing_lowers_the_objective() {
+    let planted = planted(400, 3, 0.01, 21);
+    let problem = planted.problem();
+    let marginal = Marginal::of_problem(&problem);
+    let settings = MaximiseSettings { rates: vec![1.0; 3], max_iterations: 200, ..Default::default() };
+    let start = [0.7, 0.7, 0.7];
+    let got = marginal.maximise(&planted.image.bilinear, &start, &settings).unwrap();
+    assert!(got.evidence.trace.windows(2).all(|w| w[1] >= w[0]), "{:?}", got.evidence.trace);
+    assert!(got.evidence.converged, "{:?}", got.evidence.trace);
+    assert!(alike(&got.reflectance, &planted.f) > 0.999, "{:?} {:?}", got.reflectance, planted.f);
+    // The evidence of the answer is what a climb from there finds, or more.
+    let prior: f64 = got.reflectance.iter().map(|f| -f).sum();
+    assert!((got.evidence.objective + prior - got.objective).abs() < 1e-6 * got.objective.abs());
+    let operator = LightOperator::of_reflectance(&planted.image.bilinear, &got.reflectance);
+    let slope = marginal.gradient(&operator, &got.evidence).unwrap().reflectance(&planted.image.bilinear);
+    let rise: Vec<f64> = slope.iter().zip(&got.reflectance).map(|(d, f)| (d - 1.0) * f).collect();
+    assert!(rise.iter().all(|d| d.abs() < 0.5), "{rise:?}");
+}
+
+#[test]
+fn a_narrow_prior_holds_the_start() {
+    let planted = planted(100, 3, 0.05, 21);
+    let problem = planted.problem();
+    let marginal = Marginal::of_problem(&problem);
+    let start = [0.7, 0.0, 0.7];
+    let moved = |width| {
+        let settings = MaximiseSettings { width: Some(width), ..Default::default() };
+        let got = marginal.maximise(&planted.image.bilinear, &start, &settings).unwrap().reflectance;
+        (got[0] / 0.7).ln().abs().max((got[1] / 0.7e-3).ln().abs()).max((got[2] / 0.7).ln().abs())
+    };
+    let (narrow, wide) = (moved(1e-3), moved(1.0));
+    assert!(narrow < 0.01 && wide > 0.1, "{narrow} {wide}");
+}
+
+#[test]
+fn answers_do_not_depend_on_the_number_of_threads() {
+    // More rows and columns than one band.
+    let (rows, k, m) = (160, 2, 256);
+    let data: Vec<f32> = random(rows * k * m, 2).iter().map(|x| *x as f32).collect();
+    let bilinear = Bilinear::new(rows, k, m, data);
+    let mut rng = Pcg64::seed_from_u64(1);
+    let light: Vec<f64> = (0..m).map(|_| 0.1 * Distribution::<f64>::sample(&StandardNormal, &mut rng)).collect();
+    let target = bilinear.apply(&light, &[0.5, 1.0]);
+    let prior = crate::transfer::toy_prior(16);
+    let marginal = Marginal::new(&target, 0.0, rows, m, &prior, Hyper::default()).unwrap();
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let settings = EvidenceSettings { max_steps: 5, ..Default::default() };
+            let candidates = [vec![0.5, 1.0], vec![1.0, 0.1], vec![0.3, 0.3]];
+            let scores = marginal.score_reflectances(&bilinear, &candidates, &settings).unwrap();
+            let climb = MaximiseSettings { max_iterations: 3, ..Default::default() };
+            (scores, marginal.maximise(&bilinear, &[0.4, 0.6], &climb).unwrap())
+        })
+    };
+    assert_eq!(run(1), run(3));
+}
+
+#[test]
+fn operators_that_overflow_are_refused() {
+    let toy = Toy::new(4, one_component(3), 0.1, 1);
+    let mut entries = toy.entries.clone();
+    entries[5] = f64::NAN;
+    let operator = LightOperator::from_rows(4, 3, &entries);
+    let got = toy.marginal().evidence(&operator, &EvidenceSettings::default());
+    assert_eq!(got.unwrap_err(), MarginalError::NotFinite);
+    // A black one explains nothing, and that has an evidence.
+    let black = LightOperator::from_rows(4, 3, &[0.0; 12]);
+    assert!(
+        toy.marginal().evidence(&black, &EvidenceSettings::default()).unwrap().objective
+            < toy.evidence(&tight()).objective
+    );
+}

@@ -41,6 +41,13 @@ pub struct Evidence {
     /// The bound plus `log p(log g)` and `log p(log b)` of whatever of the two was found: what the steps never lower, and what
     /// candidates are compared by.
     pub objective: f64,
+    /// An estimate of `log p(I | f, g, b)` that is no bound, but nearer.
+    ///
+    /// The bound loses up to about a nat for every coefficient that the image leaves open, where the best responsibilities are those of a
+    /// single component. Matte reflectances leave more open than glossy ones, so that between unlike candidates the estimate is
+    /// the fairer score; `objective - bound + estimate` includes the priors of exposure and noise. It puts the mixture itself in place of
+    /// its bound, one coefficient at a time, under the Gaussian posterior of the others.
+    pub estimate: f64,
     /// `g`, in units of the image.
     pub exposure: f64,
     /// `b^(-1/2)`, in units of the image.
@@ -329,6 +336,9 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// Longest step in `log rho` beyond that of expectation maximisation.
 const LONGEST: f64 = 2.0;
 
+/// Most times that a step is made longer.
+const LARGEST: f64 = 64.0;
+
 impl Marginal<'_> {
     /// The bound of an operator, climbed from the widest scales.
     ///
@@ -341,14 +351,14 @@ impl Marginal<'_> {
     /// # Panics
     /// If rows or light coefficients are not those of the image and the prior.
     pub fn evidence(&self, operator: &LightOperator, settings: &EvidenceSettings) -> Result<Evidence, MarginalError> {
-        let design = self.design(operator, settings.max_steps.min(15), 0);
+        let design = self.design(operator);
         let start = self.start(&design, settings);
         self.climb(&design, start, settings)
     }
 
-    pub(super) fn design(&self, operator: &LightOperator, steps: usize, gradients: usize) -> Design {
+    pub(super) fn design(&self, operator: &LightOperator) -> Design {
         assert_eq!(operator.m(), self.scales.means().len(), "light coefficients of the operator and of the prior");
-        Design::new(self.weighted(operator), Form::cheaper(operator.rows(), operator.m(), steps, gradients))
+        Design::new(self.weighted(operator), Form::smaller(operator.rows(), operator.m()))
     }
 
     /// The widest scales, the exposure that gives the expected image the energy of the image, and a tenth of noise.
@@ -379,20 +389,23 @@ impl Marginal<'_> {
         let mut now = Point::new(self, design, start, settings, false).ok_or(MarginalError::NotFinite)?;
         now.find_variances();
         let mut trace = vec![now.objective];
+        // How much longer than a plain step the next may be; where the secant says nothing, it is.
+        let mut stretch = 1.0_f64;
         let (mut converged, mut last) = (false, None::<(f64, f64)>);
         while trace.len() <= settings.max_steps && !converged {
             let plain = now.maximised(self, settings);
             let (at, step) = (now.state.log_rho(), plain.log_rho() - now.state.log_rho());
-            let longer = last.map_or(0.0, |(at_last, step_last)| {
+            let factor = last.map_or(1.0, |(at_last, step_last)| {
                 let slope = (step - step_last) / (at - at_last);
-                let factor = if slope < 0.0 { (-1.0 / slope).clamp(1.0, 30.0) } else { 2.0 };
-                ((factor - 1.0) * step).clamp(-LONGEST, LONGEST)
+                if slope < 0.0 { (-1.0 / slope).clamp(1.0, 4.0 * stretch) } else { 2.0 * stretch }
             });
             last = Some((at, step)).filter(|_| step != 0.0);
+            let longer = ((factor - 1.0) * step).clamp(-LONGEST, LONGEST);
             let mut next = None;
-            if longer != 0.0 && longer.is_finite() {
+            if longer != 0.0 {
                 let bold = Point::new(self, design, plain.stretched(longer, settings), settings, false);
                 next = bold.filter(|bold| bold.objective >= now.objective);
+                stretch = if next.is_some() { factor.min(LARGEST) } else { 1.0 };
             }
             if next.is_none() {
                 next = Point::new(self, design, plain, settings, false);
@@ -411,13 +424,15 @@ impl Marginal<'_> {
     }
 
     pub(super) fn answer(&self, now: &Point<'_>, trace: Vec<f64>, converged: bool) -> Evidence {
+        let variances = now.final_variances();
         Evidence {
             bound: now.bound,
+            estimate: now.bound + self.scales.correction(&now.given, &now.light, &variances),
             objective: now.objective,
             exposure: now.state.log_g.exp() / self.scale,
             noise: (-0.5 * now.state.log_b).exp() / self.scale,
             light: now.light.clone(),
-            light_sd: now.final_variances().iter().map(|v| v.sqrt()).collect(),
+            light_sd: variances.iter().map(|v| v.sqrt()).collect(),
             effective: now.effective(),
             trace,
             converged,

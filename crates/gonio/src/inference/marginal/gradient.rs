@@ -64,7 +64,7 @@ impl Marginal<'_> {
     /// # Errors
     /// As [`Self::evidence`].
     pub fn gradient(&self, operator: &LightOperator, evidence: &Evidence) -> Result<Gradient, MarginalError> {
-        let design = self.design(operator, 1, 1);
+        let design = self.design(operator);
         let settings = EvidenceSettings::default();
         let mut point =
             Point::new(self, &design, evidence.state.clone(), &settings, true).ok_or(MarginalError::NotFinite)?;

@@ -121,7 +121,7 @@ impl Climb<'_> {
     fn look(&self, x: &[f64], from: &State, still: bool, above: f64) -> Option<Slope> {
         let (log_f, state) = (&x[..self.bilinear.k()], self.state(x, from));
         let f: Vec<f64> = log_f.iter().map(|f| f.exp()).collect();
-        let design = self.marginal.design(&LightOperator::of_reflectance(self.bilinear, &f), 1, 1);
+        let design = self.marginal.design(&LightOperator::of_reflectance(self.bilinear, &f));
         let mut point = Point::new(self.marginal, &design, state, self.settings, still)?;
         let objective = point.objective + self.prior.log(log_f);
         if objective < above || !objective.is_finite() {
@@ -203,7 +203,7 @@ impl Marginal<'_> {
         }
         let log_f = &x[..k];
         let operator = at(log_f);
-        let design = self.design(&operator, 1, 0);
+        let design = self.design(&operator);
         let last = Point::new(self, &design, now.state.clone(), &settings.evidence, true);
         let mut last = last.ok_or(MarginalError::NotFinite)?;
         last.find_variances();

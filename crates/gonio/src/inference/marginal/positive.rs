@@ -1,6 +1,6 @@
 //! Light without negative texels.
 
-use super::factor::{Design, Factor, Form};
+use super::factor::Factor;
 use super::{Evidence, LightOperator, Marginal, MarginalError};
 use crate::sphere::Haar;
 
@@ -49,8 +49,7 @@ impl Marginal<'_> {
         let target: Vec<f64> = self.target.iter().map(|t| t / g).collect();
         let means = self.scales.means();
         let variances = self.scales.given(&state.squares).variances;
-        let form = Form::cheaper(operator.rows(), m, 4, 0);
-        let design = Design::new(self.weighted(operator), form);
+        let design = self.design(operator);
         let mut scratch = Vec::new();
         let mut feasible = |l: &[f64]| {
             let mut x = l.to_vec();
@@ -133,6 +132,7 @@ mod tests {
     use super::*;
     use crate::inference::Hyper;
     use crate::inference::marginal::EvidenceSettings;
+    use crate::inference::marginal::factor::{Design, Form};
     use crate::lighting::LightGrid;
 
     #[test]

@@ -201,7 +201,12 @@ fn the_bound_is_below_the_integral_and_equal_for_one_component() {
             if exact {
                 assert!(gap.abs() < 1e-4, "{:?}: {} {want}", toy.priors, got.bound);
             } else {
-                assert!((1e-4..1.5).contains(&gap), "{:?}: {} {want}", toy.priors, got.bound);
+                assert!((-1e-5..1.5).contains(&gap), "{:?}: {} {want}", toy.priors, got.bound);
+                // The estimate is exact in one dimension without rectification, and nearer in two.
+                let off = (got.estimate - want).abs();
+                let limit = if toy.priors.len() == 1 { 1e-4 } else { 0.15 * gap + 1e-3 };
+                println!("{gap} {off}");
+                assert!(off < limit, "{:?}: {} {} {want}", toy.priors, got.bound, got.estimate);
             }
         }
     }
@@ -279,6 +284,7 @@ fn no_step_lowers_the_objective() {
                 let got = toy.evidence(&settings);
                 assert!(got.trace.windows(2).all(|w| w[1] >= w[0]), "{:?}", got.trace);
                 assert!(got.converged && got.trace.len() > 3, "{:?}", got.trace);
+                println!("{} {:?}", got.trace.len(), &got.trace[..got.trace.len().min(12)]);
                 assert_eq!(*got.trace.last().unwrap(), got.objective);
             }
         }
@@ -311,7 +317,7 @@ fn the_gradient_is_that_of_finite_differences() {
             let (g, b) = ((log_g + by_g).exp(), (log_b + by_b).exp());
             let state = State { squares, log_g: g.ln(), log_b: b.ln() };
             let fixed = EvidenceSettings { max_steps: 0, ..known(g, b) };
-            let design = marginal.design(operator, 1, 0);
+            let design = marginal.design(operator);
             marginal.climb(&design, state, &fixed).unwrap().bound
         };
         assert!((value(&toy.operator, 0.0, 0.0) - evidence.bound).abs() < 1e-9);
@@ -435,7 +441,7 @@ fn the_maximum_is_near_what_was_planted_and_nothing_lowers_the_objective() {
     let planted = planted(400, 3, 0.01, 21);
     let problem = planted.problem();
     let marginal = Marginal::of_problem(&problem);
-    let settings = MaximiseSettings { rates: vec![1.0; 3], max_iterations: 200, ..Default::default() };
+    let settings = MaximiseSettings { rates: vec![1.0; 3], max_iterations: 400, tolerance: 1e-7, ..Default::default() };
     let start = [0.7, 0.7, 0.7];
     let got = marginal.maximise(&planted.image.bilinear, &start, &settings).unwrap();
     assert!(got.evidence.trace.windows(2).all(|w| w[1] >= w[0]), "{:?}", got.evidence.trace);
@@ -447,6 +453,7 @@ fn the_maximum_is_near_what_was_planted_and_nothing_lowers_the_objective() {
     let operator = LightOperator::of_reflectance(&planted.image.bilinear, &got.reflectance);
     let slope = marginal.gradient(&operator, &got.evidence).unwrap().reflectance(&planted.image.bilinear);
     let rise: Vec<f64> = slope.iter().zip(&got.reflectance).map(|(d, f)| (d - 1.0) * f).collect();
+    println!("{} {rise:?} {:?}", got.evidence.trace.len(), got.evidence.trace);
     assert!(rise.iter().all(|d| d.abs() < 0.5), "{rise:?}");
 }
 
@@ -489,6 +496,20 @@ fn answers_do_not_depend_on_the_number_of_threads() {
     assert_eq!(run(1), run(3));
 }
 
+/// Of a light that the image says nothing about the evidence is that of the noise alone; the bound loses the choice of components.
+#[test]
+fn what_is_left_open_costs_the_estimate_nothing() {
+    let mut toy = Toy::new(6, mixed(16), 0.1, 3);
+    toy.operator = LightOperator::from_rows(6, 16, &[0.0; 96]);
+    let energy = toy.outside + toy.target.iter().map(|t| t * t).sum::<f64>();
+    for b in [1.0_f64, 30.0] {
+        let got = toy.evidence(&known(1.0, b));
+        let want = 0.5 * (toy.pixels * (b / TAU).ln() - b * energy);
+        assert!((got.estimate - want).abs() < 1e-9 * want.abs(), "{} {want}", got.estimate);
+        assert!(got.bound < want - 14.0 * 0.4, "{} {want}", got.bound);
+    }
+}
+
 #[test]
 fn operators_that_overflow_are_refused() {
     let toy = Toy::new(4, one_component(3), 0.1, 1);
@@ -503,4 +524,45 @@ fn operators_that_overflow_are_refused() {
         toy.marginal().evidence(&black, &EvidenceSettings::default()).unwrap().objective
             < toy.evidence(&tight()).objective
     );
+}
+
+#[test]
+#[ignore]
+fn timing() {
+    let (rows, m) = (800, 1024);
+    let prior = crate::transfer::toy_prior(32);
+    let entries = random(rows * m, 3);
+    let light: Vec<f64> =
+        prior.mean_and_variance(32).iter().zip(random(m, 9)).map(|((mu, v), z)| mu + z * v.sqrt()).collect();
+    let target: Vec<f64> = entries
+        .chunks(m)
+        .zip(random(rows, 8))
+        .map(|(b, e)| b.iter().zip(&light).map(|(b, l)| b * l).sum::<f64>() + 0.05 * e)
+        .collect();
+    let marginal = Marginal::new(&target, 0.0, 10_000, m, &prior, Hyper::default()).unwrap();
+    let operator = LightOperator::from_rows(rows, m, &entries);
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            for form in [super::factor::Form::Rows, super::factor::Form::Light] {
+                let t = std::time::Instant::now();
+                let design = super::factor::Design::new(marginal.weighted(&operator), form);
+                let made = t.elapsed();
+                let settings = EvidenceSettings::default();
+                let state = marginal.start(&design, &settings);
+                let t = std::time::Instant::now();
+                let mut point = super::evidence::Point::new(&marginal, &design, state.clone(), &settings, false).unwrap();
+                let value = t.elapsed();
+                let t = std::time::Instant::now();
+                point.find_variances();
+                let variances = t.elapsed();
+                let t = std::time::Instant::now();
+                point.gradient(&marginal);
+                let gradient = t.elapsed();
+                let t = std::time::Instant::now();
+                let e = marginal.climb(&design, state, &settings).unwrap();
+                println!("{threads} threads {form:?}: design {made:?} value {value:?} variances {variances:?} gradient {gradient:?} climb {:?} of {} steps {:?}", t.elapsed(), e.trace.len(), e.trace);
+            }
+        });
+    }
 }

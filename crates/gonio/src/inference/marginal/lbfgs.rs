@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::evidence::dot;
+use super::point::dot;
 
 /// Steps and changes of the gradient that are remembered.
 pub(super) struct Memory {

@@ -2,9 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use super::evidence::{EvidenceSettings, Point, State};
 use super::lbfgs::Memory;
-use super::{Evidence, LightOperator, Marginal, MarginalError};
+use super::point::{Point, State};
+use super::{Evidence, EvidenceSettings, LightOperator, Marginal, MarginalError};
 use crate::transfer::Bilinear;
 
 /// How [`Marginal::maximise`] climbs, and the prior that holds it.
@@ -234,4 +234,51 @@ fn step(climb: &Climb<'_>, x: &[f64], now: &Slope, memory: &Memory) -> Option<(V
         alpha *= 0.5;
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::tests::planted;
+
+    fn alike(a: &[f64], b: &[f64]) -> f64 {
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
+    }
+
+    #[test]
+    fn the_maximum_is_near_what_was_planted_and_nothing_lowers_the_objective() {
+        let planted = planted(400, 3, 0.01, 21);
+        let problem = planted.problem();
+        let marginal = Marginal::of_problem(&problem);
+        let settings =
+            MaximiseSettings { rates: vec![1.0; 3], max_iterations: 400, tolerance: 1e-7, ..Default::default() };
+        let start = [0.7, 0.7, 0.7];
+        let got = marginal.maximise(&planted.image.bilinear, &start, &settings).unwrap();
+        assert!(got.evidence.trace.windows(2).all(|w| w[1] >= w[0]), "{:?}", got.evidence.trace);
+        assert!(got.evidence.converged, "{:?}", got.evidence.trace);
+        assert!(alike(&got.reflectance, &planted.f) > 0.999, "{:?} {:?}", got.reflectance, planted.f);
+        // The evidence of the answer is what a climb from there finds, or more.
+        let prior: f64 = got.reflectance.iter().map(|f| -f).sum();
+        assert!((got.evidence.objective + prior - got.objective).abs() < 1e-6 * got.objective.abs());
+        let operator = LightOperator::of_reflectance(&planted.image.bilinear, &got.reflectance);
+        let slope = marginal.gradient(&operator, &got.evidence).unwrap().reflectance(&planted.image.bilinear);
+        let rise: Vec<f64> = slope.iter().zip(&got.reflectance).map(|(d, f)| (d - 1.0) * f).collect();
+        assert!(rise.iter().all(|d| d.abs() < 0.5), "{rise:?}");
+    }
+
+    #[test]
+    fn a_narrow_prior_holds_the_start() {
+        let planted = planted(100, 3, 0.05, 21);
+        let problem = planted.problem();
+        let marginal = Marginal::of_problem(&problem);
+        let start = [0.7, 0.0, 0.7];
+        let moved = |width| {
+            let settings = MaximiseSettings { width: Some(width), ..Default::default() };
+            let got = marginal.maximise(&planted.image.bilinear, &start, &settings).unwrap().reflectance;
+            (got[0] / 0.7).ln().abs().max((got[1] / 0.7e-3).ln().abs()).max((got[2] / 0.7).ln().abs())
+        };
+        let (narrow, wide) = (moved(1e-3), moved(1.0));
+        assert!(narrow < 0.01 && wide > 0.1, "{narrow} {wide}");
+    }
 }

@@ -29,6 +29,7 @@ mod gradient;
 mod lbfgs;
 mod maximise;
 mod operator;
+mod point;
 mod positive;
 mod scales;
 mod score;

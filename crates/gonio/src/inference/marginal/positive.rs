@@ -224,6 +224,10 @@ mod tests {
         let evidence = marginal.evidence(&operator, &EvidenceSettings::default()).unwrap();
         let settings = NonNegativeSettings { max_iterations: 20_000, tolerance: 1e-9 };
         let got = marginal.non_negative_light(&operator, &evidence, &settings).unwrap();
+        // The default stops early, but near.
+        let rough = marginal.non_negative_light(&operator, &evidence, &NonNegativeSettings::default()).unwrap();
+        let (off, moved) = (distance(&rough, &got), distance(&evidence.light, &got));
+        assert!(off < 0.02 * moved, "{off} {moved}");
         let (g, b) = (evidence.state.log_g.exp(), evidence.state.log_b.exp());
         let design = Design::new(operator.matrix.clone(), Form::Rows);
         let residual: Vec<f64> =

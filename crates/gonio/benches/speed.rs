@@ -1,5 +1,5 @@
-//! Speed of the steps between a photograph and its posterior: the plan, Algorithm 1, the block solver, the marginal inference, the
-//! renderer.
+//! Speed of the steps between a photograph and its posterior: the plan, Algorithm 1, the block solver, the marginal
+//! inference, the renderer.
 //!
 //! `cargo bench -p gonio`. Lights and reflectances are synthetic, of the sizes that a real image of a sphere has: a light
 //! of 32 x 32 texels (M = 1024), ten basis functions (K = 10), a projection on 800 directions.

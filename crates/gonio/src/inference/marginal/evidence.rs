@@ -32,18 +32,19 @@ impl EvidenceSettings {
 /// What an image says about one reflectance, and the posterior of the light given it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evidence {
-    /// Lower bound of `log p(I | f, g, b)` for the scaled image, in nats, all constants included; equal to it for mixtures of one
-    /// component.
+    /// Lower bound of `log p(I | f, g, b)` for the scaled image, in nats, all constants included; equal to it for
+    /// mixtures of one component.
     pub bound: f64,
-    /// The bound plus `log p(log g)` and `log p(log b)` of whatever of the two was found: what the steps never lower, and what
-    /// candidates are compared by.
+    /// The bound plus `log p(log g)` and `log p(log b)` of whatever of the two was found: what the steps never lower,
+    /// and what candidates are compared by.
     pub objective: f64,
     /// An estimate of `log p(I | f, g, b)` that is no bound, but nearer.
     ///
-    /// The bound loses up to about a nat for every coefficient that the image leaves open, where the best responsibilities are those of a
-    /// single component. Matte reflectances leave more open than glossy ones, so that between unlike candidates the estimate is
-    /// the fairer score; `objective - bound + estimate` includes the priors of exposure and noise. It puts the mixture itself in place of
-    /// its bound, one coefficient at a time, under the Gaussian posterior of the others.
+    /// The bound loses a nat or so for every coefficient that the image leaves open, where the best
+    /// responsibilities are those of a single component. Matte reflectances leave more open than glossy ones, so that
+    /// between unlike candidates the estimate is the fairer score; `objective - bound + estimate` includes the priors
+    /// of exposure and noise. It puts the mixture itself in place of its bound, one coefficient at a time, under the
+    /// Gaussian posterior of the others.
     pub estimate: f64,
     /// `g`, in units of the image.
     pub exposure: f64,
@@ -71,8 +72,8 @@ const LARGEST: f64 = 64.0;
 impl Marginal<'_> {
     /// The bound of an operator, climbed from the widest scales.
     ///
-    /// A step is one factorisation, of `r^2 M + r^3 / 3` flops by rows, and the posterior variances, of `r^2 M`. The step of
-    /// `log(b g^2)` is lengthened by a secant; where that lowers the objective, the step is made without.
+    /// A step is one factorisation, of `r^2 M + r^3 / 3` flops by rows, and the posterior variances, of `r^2 M`. The
+    /// step of `log(b g^2)` is lengthened by a secant; where that lowers the objective, the step is made without.
     ///
     /// # Errors
     /// If the operator has values that are not finite, or so large that products overflow.

@@ -23,7 +23,8 @@ pub(super) enum Form {
 }
 
 impl Form {
-    /// The smaller matrix: the cheaper one, and no worse conditioned, since the larger has as many eigenvalues of one more.
+    /// The smaller matrix: the cheaper one, and no worse conditioned, since the larger has as many eigenvalues of one
+    /// more.
     pub(super) fn smaller(rows: usize, m: usize) -> Self {
         if rows <= m { Self::Rows } else { Self::Light }
     }
@@ -75,8 +76,8 @@ pub(super) struct Factor<'a> {
 }
 
 impl<'a> Factor<'a> {
-    /// Factorises at the variances of the M light coefficients (zero for a constant) and `rho > 0`. `None` where the matrix is
-    /// not finite.
+    /// Factorises at the variances of the M light coefficients (zero for a constant) and `rho > 0`. `None` where the
+    /// matrix is not finite.
     pub(super) fn new(design: &'a Design, variances: &[f64], rho: f64) -> Option<Self> {
         let (rows, m) = (design.matrix.nrows(), design.matrix.ncols());
         assert_eq!(variances.len(), m);

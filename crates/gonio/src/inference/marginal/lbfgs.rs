@@ -25,8 +25,8 @@ impl Memory {
         self.pairs.clear();
     }
 
-    /// Remembers a step along which the gradient of the objective changed by `change`, if it says something of the curvature of a
-    /// concave function.
+    /// Remembers a step along which the gradient of the objective changed by `change`, if it says something of the
+    /// curvature of a concave function.
     pub(super) fn learn(&mut self, step: Vec<f64>, change: Vec<f64>) {
         let fall: Vec<f64> = change.into_iter().map(|x| -x).collect();
         if dot(&step, &fall) > 1e-10 * (dot(&step, &step) * dot(&fall, &fall)).sqrt() {

@@ -116,8 +116,8 @@ impl Climb<'_> {
         state
     }
 
-    /// The objective at `x`; with its gradient where it is more than `above`, and with the best exposure for the ratio of signal to
-    /// noise unless `still`.
+    /// The objective at `x`; with its gradient where it is more than `above`, and with the best exposure for the ratio
+    /// of signal to noise unless `still`.
     fn look(&self, x: &[f64], from: &State, still: bool, above: f64) -> Option<Slope> {
         let (log_f, state) = (&x[..self.bilinear.k()], self.state(x, from));
         let f: Vec<f64> = log_f.iter().map(|f| f.exp()).collect();
@@ -147,14 +147,16 @@ impl Marginal<'_> {
     /// Maximises the objective of [`Evidence`] plus the log prior of reflectance, as a density of `f` or with
     /// [`MaximiseSettings::width`] of `log f`, over `log f` from a `start` (K, at least one positive).
     ///
-    /// Every iteration is a step of limited-memory BFGS over reflectance, exposure and noise with the scales of light fixed, then a
-    /// step of expectation maximisation; neither lowers the objective. It finds a local maximum, and nothing in it is random.
+    /// Every iteration is a step of limited-memory BFGS over reflectance, exposure and noise with the scales of light
+    /// fixed, then a step of expectation maximisation; neither lowers the objective. It finds a local maximum, and
+    /// nothing in it is random.
     ///
     /// # Errors
     /// As [`Self::evidence`], for the start.
     ///
     /// # Panics
-    /// If `start` does not have K coefficients, one of them positive and none negative, or there are other than K rates.
+    /// If `start` does not have K coefficients, one of them positive and none negative, or there are other than K
+    /// rates.
     pub fn maximise(
         &self,
         bilinear: &Bilinear,

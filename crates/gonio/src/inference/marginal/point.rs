@@ -1,4 +1,5 @@
-//! The bound at one state of a climb, from one factorisation, and the state that expectation maximisation goes to from there.
+//! The bound at one state of a climb, from one factorisation, and the state that expectation maximisation goes to from
+//! there.
 
 use std::f64::consts::TAU;
 
@@ -33,7 +34,8 @@ impl State {
     }
 }
 
-/// What rectification changes: the posterior of coefficient `c` is cut off at a threshold, and all others follow by regression.
+/// What rectification changes: the posterior of coefficient `c` is cut off at a threshold, and all others follow by
+/// regression.
 pub(super) struct Cut {
     /// `Sigma_mc / Sigma_cc` (M).
     pub(super) regression: Vec<f64>,
@@ -176,8 +178,9 @@ impl<'a> Point<'a> {
         before - self.cut.as_ref().map_or(0.0, cut)
     }
 
-    /// The next state of expectation maximisation: responsibilities from the posterior of the light; then `g` given `b`, and `b`
-    /// given `g`, from the expected squared residual `E = outside + |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 + tr(B Sigma B'))`.
+    /// The next state of expectation maximisation: responsibilities from the posterior of the light; then `g` given
+    /// `b`, and `b` given `g`, from the expected squared residual `E = outside + |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 +
+    /// tr(B Sigma B'))`.
     pub(super) fn maximised(&self, marginal: &Marginal<'_>, settings: &EvidenceSettings) -> State {
         let mut state = self.state.clone();
         let spread = self.effective() / state.log_rho().exp();
@@ -201,7 +204,8 @@ impl<'a> Point<'a> {
     }
 }
 
-/// `e' S^-1 e` for the residual `e = t - g B mu` of the prior mean, as a square in `g`; with the energy outside the rows.
+/// `e' S^-1 e` for the residual `e = t - g B mu` of the prior mean, as a square in `g`; with the energy outside the
+/// rows.
 struct Misfit {
     target: f64,
     mixed: f64,

@@ -23,12 +23,14 @@ impl Default for NonNegativeSettings {
 const BALANCE: usize = 20;
 
 impl Marginal<'_> {
-    /// The most probable light with texels `>= 0` under the Gaussian of an [`Evidence`] found for `operator`: the coefficients (M) that
-    /// minimise `b |t - g B l|^2 / 2 + (l - mu)' D (l - mu) / 2` on the simplex that the fixed DC leaves of them.
+    /// The most probable light with texels `>= 0` under the Gaussian of an [`Evidence`] found for `operator`: the
+    /// coefficients (M) that minimise `b |t - g B l|^2 / 2 + (l - mu)' D (l - mu) / 2` on the simplex that the fixed DC
+    /// leaves of them.
     ///
-    /// By the alternating direction method of multipliers, between the quadratic, solved by one factorisation of `S`, and the
-    /// projection on the simplex (the Haar basis is orthonormal). The result is feasible at any number of iterations. The threshold of
-    /// a rectified prior, which the non-negative lights it was learnt from imply, is left out.
+    /// By the alternating direction method of multipliers, between the quadratic, solved by one factorisation of `S`,
+    /// and the projection on the simplex (the Haar basis is orthonormal). The result is feasible at any number of
+    /// iterations. The threshold of a rectified prior, which the non-negative lights it was learnt from imply, is left
+    /// out.
     ///
     /// # Errors
     /// As [`Self::evidence`].
@@ -214,8 +216,8 @@ mod tests {
         }
     }
 
-    /// The conditions of Karush, Kuhn and Tucker: the gradient per texel is the same where there is light, and no lower where there
-    /// is none.
+    /// The conditions of Karush, Kuhn and Tucker: the gradient per texel is the same where there is light, and no lower
+    /// where there is none.
     #[test]
     fn the_result_is_the_constrained_minimum() {
         let Lamps { operator, target, .. } = lamps(8, 0.05);

@@ -25,8 +25,8 @@ pub(super) struct Scales<'a> {
 pub(super) struct Given {
     /// `1 / d_m` with `d_m = sum_n r_n / s_n^2`; zero for a constant.
     pub(super) variances: Vec<f64>,
-    /// `sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2) / 2) - log(d_m) / 2 }`, at most zero up to the weights; zero for mixtures
-    /// of one component.
+    /// `sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2) / 2) - log(d_m) / 2 }`, at most zero up to the weights; zero
+    /// for mixtures of one component.
     pub(super) constant: f64,
 }
 
@@ -49,6 +49,16 @@ impl<'a> Scales<'a> {
             });
         }
         Self { densities, rectified }
+    }
+
+    /// With the Gaussian of the same variance in place of every mixture.
+    pub(super) fn gaussian(mut self) -> Self {
+        for density in &mut self.densities {
+            if let Density::Mixture(mixture) = density {
+                *density = Density::Gaussian { mean: 0.0, variance: mixture.variance() };
+            }
+        }
+        self
     }
 
     /// Means of the coefficients, of the rectified one before rectification (M).
@@ -91,14 +101,14 @@ impl<'a> Scales<'a> {
         Given { variances, constant }
     }
 
-    /// What turns the bound into an estimate of the log evidence: every mixture in place of its bound, given a posterior of means
-    /// and variances (M each).
+    /// What turns the bound into an estimate of the log evidence: every mixture in place of its bound, given a
+    /// posterior of means and variances (M each).
     ///
-    /// What all else says about a coefficient is the cavity `exp(h l - p l^2 / 2)`, `p = 1/Sigma_mm - d_m`, `h = <l_m>/Sigma_mm`; the
-    /// mixture gives it the mass `sum_n pi_n Z(s_n^2)` and the Gaussian of the bound `Z(1/d_m)`, with
-    /// `log Z(v) = -log(1 + p v)/2 + h^2 v / (2 (1 + p v))`. The ratio is the first correction to such an approximation by expectation
-    /// propagation. It is exact for one unknown coefficient, and for any that the image says nothing about, where the bound loses
-    /// the logarithm of the weight of one component.
+    /// What all else says about a coefficient is the cavity `exp(h l - p l^2 / 2)`, `p = 1/Sigma_mm - d_m`, `h =
+    /// <l_m>/Sigma_mm`; the mixture gives it the mass `sum_n pi_n Z(s_n^2)` and the Gaussian of the bound `Z(1/d_m)`,
+    /// with `log Z(v) = -log(1 + p v)/2 + h^2 v / (2 (1 + p v))`. The ratio is the first correction to such an
+    /// approximation by expectation propagation. It is exact for one unknown coefficient, and for any that the image
+    /// says nothing about, where the bound loses the logarithm of the weight of one component.
     pub(super) fn correction(&self, given: &Given, light: &[f64], posterior: &[f64]) -> f64 {
         let mut sum = -given.constant;
         let at = given.variances.iter().zip(light.iter().zip(posterior));

@@ -208,7 +208,8 @@ fn the_bound_is_below_the_integral_and_equal_for_one_component() {
     }
 }
 
-/// Twelve coefficients of two components each: the evidence is the sum over all 4096 choices of components, each a Gaussian.
+/// Twelve coefficients of two components each: the evidence is the sum over all 4096 choices of components, each a
+/// Gaussian.
 #[test]
 fn the_estimate_is_near_the_sum_over_all_components() {
     for (seed, rows, noise, b) in [(1, 6, 0.1, 50.0), (2, 16, 0.1, 50.0), (3, 6, 1.0, 1.0)] {
@@ -263,6 +264,17 @@ fn the_posterior_of_a_rectified_light_is_that_of_the_integral() {
         assert!((got.light[k + 1] - mean).abs() < 1e-4, "{} {mean}", got.light[k + 1]);
         assert!((got.light_sd[k + 1] - sd).abs() < 1e-4, "{} {sd}", got.light_sd[k + 1]);
     }
+}
+
+#[test]
+fn with_gaussian_light_the_bound_is_the_evidence() {
+    let prior = mixture(&[0.6, 0.4], &[0.02, 0.9]);
+    let variance = prior.mean_and_variance().1;
+    let toy = Toy::new(9, vec![prior; 5], 0.1, 7);
+    let means = [DC, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let want = toy.dense(&means, &[0.0, variance, variance, variance, variance, variance], 1.5, 30.0);
+    let got = toy.marginal().with_gaussian_light().evidence(&toy.operator, &known(1.5, 30.0)).unwrap();
+    assert!((got.bound - want).abs() < 1e-9 * want.abs() && got.estimate == got.bound, "{got:?} {want}");
 }
 
 #[test]
@@ -389,7 +401,8 @@ fn answers_do_not_depend_on_the_number_of_threads() {
     assert_eq!(run(1), run(3));
 }
 
-/// Of a light that the image says nothing about the evidence is that of the noise alone; the bound loses the choice of components.
+/// Of a light that the image says nothing about the evidence is that of the noise alone; the bound loses the choice of
+/// components.
 #[test]
 fn what_is_left_open_costs_the_estimate_nothing() {
     let mut toy = Toy::new(6, mixed(16), 0.1, 3);
@@ -401,6 +414,17 @@ fn what_is_left_open_costs_the_estimate_nothing() {
         assert!((got.estimate - want).abs() < 1e-9 * want.abs(), "{} {want}", got.estimate);
         assert!(got.bound < want - 14.0 * 0.4, "{} {want}", got.bound);
     }
+}
+
+/// With known light the image has a single, constant coefficient: what is left is the noise.
+#[test]
+fn a_known_light_has_the_evidence_of_its_residual() {
+    let toy = Toy::new(12, Vec::new(), 0.2, 3);
+    let (g, b) = (1.4, 20.0);
+    let residual: f64 = toy.target.iter().zip(&toy.entries).map(|(t, x)| (t - g * x * DC).powi(2)).sum();
+    let want = 0.5 * (toy.pixels * (b / TAU).ln() - b * (residual + toy.outside));
+    assert!((toy.evidence(&known(g, b)).bound - want).abs() < 1e-9 * want.abs());
+    assert!(toy.evidence(&tight()).converged);
 }
 
 #[test]

@@ -38,13 +38,12 @@ pub struct Evidence {
     /// The bound plus `log p(log g)` and `log p(log b)` of whatever of the two was found: what the steps never lower,
     /// and what candidates are compared by.
     pub objective: f64,
-    /// An estimate of `log p(I | f, g, b)` that is no bound, but nearer.
+    /// An estimate of `log p(I | f, g, b)` that is no bound: the mixture itself in place of its bound, for one
+    /// coefficient at a time under the Gaussian posterior of the others.
     ///
-    /// The bound loses a nat or so for every coefficient that the image leaves open, where the best
-    /// responsibilities are those of a single component. Matte reflectances leave more open than glossy ones, so that
-    /// between unlike candidates the estimate is the fairer score; `objective - bound + estimate` includes the priors
-    /// of exposure and noise. It puts the mixture itself in place of its bound, one coefficient at a time, under the
-    /// Gaussian posterior of the others.
+    /// The bound loses the logarithm of the weight of a component for every coefficient that the image leaves open; the
+    /// estimate does not. But it overstates the evidence, by hundreds of nats, where many coefficients could explain
+    /// the same structure: it is a check on the bound and no score for unlike candidates.
     pub estimate: f64,
     /// `g`, in units of the image.
     pub exposure: f64,
@@ -69,8 +68,17 @@ const LONGEST: f64 = 2.0;
 /// Most times that a step is made longer.
 const LARGEST: f64 = 64.0;
 
+/// A climb that gains less than this in a step, in nats, looks for other components of the mixtures.
+const SLOW: f64 = 1.0;
+
+/// Times that it does at most.
+const LEAPS: usize = 8;
+
 impl Marginal<'_> {
-    /// The bound of an operator, climbed from the widest scales.
+    /// The bound of an operator, climbed from the scales of the prior's variances.
+    ///
+    /// The bound has a local maximum for every choice of components. Where the climb gets slow every coefficient looks
+    /// for a better component by itself, and as long as that raises the objective the climb goes on from there.
     ///
     /// A step is one factorisation, of `r^2 M + r^3 / 3` flops by rows, and the posterior variances, of `r^2 M`. The
     /// step of `log(b g^2)` is lengthened by a secant; where that lowers the objective, the step is made without.
@@ -121,6 +129,7 @@ impl Marginal<'_> {
         let mut trace = vec![now.objective];
         // How much longer than a plain step the next may be; where the secant says nothing, it is.
         let mut stretch = 1.0_f64;
+        let mut leaps = LEAPS;
         let (mut converged, mut last) = (false, None::<(f64, f64)>);
         while trace.len() <= settings.max_steps && !converged {
             let plain = now.maximised(self, settings);
@@ -146,11 +155,38 @@ impl Marginal<'_> {
                 break;
             };
             next.find_variances();
-            converged = next.objective - now.objective < settings.tolerance;
+            let gain = next.objective - now.objective;
             trace.push(next.objective);
             now = next;
+            if gain < SLOW.max(settings.tolerance) && leaps > 0 {
+                leaps -= 1;
+                match self.leap(design, &now, settings) {
+                    Some(next) => {
+                        trace.push(next.objective);
+                        (now, last, stretch) = (next, None, 1.0);
+                        continue;
+                    }
+                    None => leaps = 0,
+                }
+            }
+            converged = gain < settings.tolerance;
         }
         Ok(self.answer(&now, trace, converged))
+    }
+
+    /// A better point whose mixtures have other components, if there is one: of all coefficients at once, or of those
+    /// alone that the image says little about, which hardly depend on each other.
+    fn leap<'a>(&self, design: &'a Design, now: &Point<'a>, settings: &EvidenceSettings) -> Option<Point<'a>> {
+        let posterior = now.final_variances();
+        [1.0, 0.3, 0.05].into_iter().find_map(|weak| {
+            let squares = self.scales.best_alone(&now.given, &now.light, &posterior, &now.state.squares, weak);
+            let state = State { squares, ..now.state.clone() };
+            let mut next = Point::new(self, design, state, settings, false)?;
+            (next.objective > now.objective + settings.tolerance).then(|| {
+                next.find_variances();
+                next
+            })
+        })
     }
 
     pub(super) fn answer(&self, now: &Point<'_>, trace: Vec<f64>, converged: bool) -> Evidence {

@@ -14,6 +14,9 @@
 //! coarsest vertical coefficient is exact too: its integral is that of the whole Gaussian times the ratio of the masses
 //! above the threshold after and before the image.
 //!
+//! The bound has a local maximum for every choice of components, most of them far too low. The climb therefore also
+//! leaps: every coefficient takes the components that are best for it alone, if that raises the bound.
+//!
 //! * [`Marginal`] is an image with the priors of light, exposure and noise; [`LightOperator`] is `B`;
 //! * [`Marginal::evidence`] climbs the bound for one `B` and returns it with the posterior of the light: [`Evidence`];
 //! * [`Marginal::gradient`] is how the bound changes with reflectance, [`Marginal::score`] compares candidates, and

@@ -89,16 +89,53 @@ impl<'a> Scales<'a> {
             Density::Constant(_) => 0.0,
             Density::Gaussian { variance, .. } => *variance,
             Density::Mixture(mixture) => {
-                let log_sum = mixture.log_density_of_square(*square);
-                let joint = mixture.log_joint(*square);
-                let d: f64 = joint.zip(&mixture.variances).map(|(j, v)| (j - log_sum).exp() / v).sum();
-                // log r_n = log pi_n + log N(<l^2>; s_n^2) - log_sum, put into the sum.
-                constant += log_sum + 0.5 * (TAU.ln() + square * d - d.ln());
-                1.0 / d
+                let (variance, lost) = gaussian_of(mixture, *square);
+                constant += lost;
+                variance
             }
         };
         let variances = self.densities.iter().zip(squares).map(variance).collect();
         Given { variances, constant }
+    }
+
+    /// Expected squares of the responsibilities that would be best for every mixture alone, all else as in a posterior
+    /// of means and variances (M each): expectation maximisation of one coefficient in its cavity (see
+    /// [`Self::correction`]), from each component in turn. `weak` leaves those as they are in `squares` that the image
+    /// determines for more than that share.
+    ///
+    /// A coefficient that the image leaves open stays with whatever component it has: the bound has a local maximum at
+    /// each.
+    pub(super) fn best_alone(
+        &self,
+        given: &Given,
+        light: &[f64],
+        posterior: &[f64],
+        squares: &[f64],
+        weak: f64,
+    ) -> Vec<f64> {
+        let mut best = squares.to_vec();
+        for (m, density) in self.densities.iter().enumerate() {
+            let Density::Mixture(mixture) = density else { continue };
+            let prior = given.variances[m];
+            let cavity = Cavity::new(light[m], posterior[m], prior);
+            if 1.0 - posterior[m] / prior > weak {
+                continue;
+            }
+            let mut top = f64::NEG_INFINITY;
+            for start in std::iter::once(prior).chain(mixture.variances.iter().copied()) {
+                let mut variance = start;
+                for _ in 0..ALONE {
+                    variance = gaussian_of(mixture, cavity.square(variance)).0;
+                }
+                let square = cavity.square(variance);
+                let (variance, constant) = gaussian_of(mixture, square);
+                let bound = cavity.log_z(variance) + constant;
+                if bound > top {
+                    (top, best[m]) = (bound, square);
+                }
+            }
+        }
+        best
     }
 
     /// What turns the bound into an estimate of the log evidence: every mixture in place of its bound, given a
@@ -114,15 +151,50 @@ impl<'a> Scales<'a> {
         let at = given.variances.iter().zip(light.iter().zip(posterior));
         for (density, (&prior, (mean, &variance))) in self.densities.iter().zip(at) {
             let Density::Mixture(mixture) = density else { continue };
-            let variance = variance.max(1e-14 * prior);
-            let (p, h) = ((1.0 / variance - 1.0 / prior).max(0.0), mean / variance);
-            let log_z = |v: f64| -0.5 * (p * v).ln_1p() + 0.5 * h * h * v / (1.0 + p * v);
-            let joint: Vec<f64> =
-                mixture.weights.iter().zip(&mixture.variances).map(|(w, v)| w.ln() + log_z(*v)).collect();
+            let cavity = Cavity::new(*mean, variance, prior);
+            let components = mixture.weights.iter().zip(&mixture.variances);
+            let joint: Vec<f64> = components.map(|(w, v)| w.ln() + cavity.log_z(*v)).collect();
             let top = joint.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            sum += top + joint.iter().map(|j| (j - top).exp()).sum::<f64>().ln() - log_z(prior);
+            sum += top + joint.iter().map(|j| (j - top).exp()).sum::<f64>().ln() - cavity.log_z(prior);
         }
         sum
+    }
+}
+
+/// Steps of the expectation maximisation of one coefficient.
+const ALONE: usize = 6;
+
+/// `1 / d` and the constant of one mixture with the best responsibilities for `<l^2>`.
+fn gaussian_of(mixture: &ScaleMixture, square: f64) -> (f64, f64) {
+    let log_sum = mixture.log_density_of_square(square);
+    let d: f64 = mixture.log_joint(square).zip(&mixture.variances).map(|(j, v)| (j - log_sum).exp() / v).sum();
+    // log r_n = log pi_n + log N(<l^2>; s_n^2) - log_sum, put into the sum.
+    (1.0 / d, log_sum + 0.5 * (TAU.ln() + square * d - d.ln()))
+}
+
+/// What all but its own prior says about one coefficient: `exp(h l - p l^2 / 2)`.
+struct Cavity {
+    p: f64,
+    h: f64,
+}
+
+impl Cavity {
+    /// From its posterior under a Gaussian prior of mean zero.
+    fn new(mean: f64, variance: f64, prior: f64) -> Self {
+        let variance = variance.max(1e-14 * prior);
+        Self { p: (1.0 / variance - 1.0 / prior).max(0.0), h: mean / variance }
+    }
+
+    /// Logarithm of its mass under `N(0, v)`.
+    fn log_z(&self, v: f64) -> f64 {
+        let q = 1.0 + self.p * v;
+        0.5 * (self.h * self.h * v / q - q.ln())
+    }
+
+    /// `<l^2>` under its product with `N(0, v)`.
+    fn square(&self, v: f64) -> f64 {
+        let variance = v / (1.0 + self.p * v);
+        variance + (self.h * variance).powi(2)
     }
 }
 

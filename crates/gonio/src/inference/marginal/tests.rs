@@ -229,7 +229,9 @@ fn the_estimate_is_near_the_sum_over_all_components() {
         let want = top + terms.iter().map(|t| (t - top).exp()).sum::<f64>().ln();
         let got = toy.evidence(&known(1.3, b));
         assert!(got.bound < want, "{} {want}", got.bound);
-        assert!((got.estimate - want).abs() < 0.3 * (want - got.bound), "{} {} {want}", got.bound, got.estimate);
+        // With the components that the climb starts from alone the bound would be 10 and 12 below in the first and last case.
+        assert!(want - got.bound < 7.0, "{} {want}", got.bound);
+        assert!((got.estimate - want).abs() < 0.7 * (want - got.bound), "{} {} {want}", got.bound, got.estimate);
     }
 }
 
@@ -412,7 +414,7 @@ fn what_is_left_open_costs_the_estimate_nothing() {
         let got = toy.evidence(&known(1.0, b));
         let want = 0.5 * (toy.pixels * (b / TAU).ln() - b * energy);
         assert!((got.estimate - want).abs() < 1e-9 * want.abs(), "{} {want}", got.estimate);
-        assert!(got.bound < want - 14.0 * 0.4, "{} {want}", got.bound);
+        assert!(got.bound < want - 14.0 * 0.3, "{} {want}", got.bound);
     }
 }
 

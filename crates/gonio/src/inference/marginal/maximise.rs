@@ -202,6 +202,19 @@ impl Marginal<'_> {
             small = if next.objective - before < settings.tolerance { small + 1 } else { 0 };
             trace.push(next.objective);
             now = next;
+            if small == 2 {
+                // Other components of the mixtures may fit better by now.
+                let design = self.design(&at(&x[..k]));
+                let again = self.climb(&design, now.state.clone(), &settings.evidence)?;
+                let there = climb.variables(&x[..k], &again.state);
+                if let Some(better) = climb.look(&there, &again.state, false, now.objective + settings.tolerance) {
+                    x = climb.variables(&x[..k], &better.state);
+                    trace.push(better.objective);
+                    now = better;
+                    memory.forget();
+                    small = 0;
+                }
+            }
         }
         let log_f = &x[..k];
         let operator = at(log_f);

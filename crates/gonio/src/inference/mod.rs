@@ -6,6 +6,8 @@
 //! * [`Method::JointMap`], the single most probable pair of light and reflectance (eq. 2), the baseline that falls for
 //!   the mirror in a blurry world;
 //! * [`Method::KnownLight`], for a problem whose light is given: what the image could determine at best.
+//!
+//! [`marginal`] integrates the light out instead: the evidence of candidate reflectances, and the best of them.
 
 mod coordinate;
 mod ensemble;
@@ -13,6 +15,7 @@ mod ensemble;
 mod evidence;
 mod expectations;
 mod joint_map;
+pub mod marginal;
 #[cfg(test)]
 mod nuts;
 mod posterior;

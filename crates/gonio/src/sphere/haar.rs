@@ -5,6 +5,8 @@
 //! the three coarsest wavelets, and index 2 (the paper's m = 3, counted from one) weighs the top half of the square against
 //! the bottom half.
 
+use std::ops::{Add, Mul, Sub};
+
 /// Which differences a wavelet takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Orientation {
@@ -50,6 +52,12 @@ impl Wavelet {
     }
 }
 
+/// The floating-point types that can be transformed.
+pub trait Real: Copy + From<f32> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
+
+impl Real for f32 {}
+impl Real for f64 {}
+
 /// The transform for squares of one side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Haar {
@@ -74,7 +82,8 @@ impl Haar {
 
     /// Coefficients of the `side * side` values in `square` (row-major, row 0 at the top), in place.
     /// `scratch` is resized as needed.
-    pub fn forward(self, square: &mut [f32], scratch: &mut Vec<f32>) {
+    pub fn forward<T: Real>(self, square: &mut [T], scratch: &mut Vec<T>) {
+        let one_half = T::from(0.5);
         assert_eq!(square.len(), self.coefficients());
         // The averages of each scale are kept in scratch, the details go straight to their final place; scale s
         // occupies the indices from 4^(s-1) on, which the averages (indices below) no longer need.
@@ -90,11 +99,11 @@ impl Haar {
                     let (a, b) = (scratch[top], scratch[top + 1]);
                     let (c, d) = (scratch[top + side], scratch[top + side + 1]);
                     let at = row * half + column;
-                    square[block + at] = 0.5 * ((b + d) - (a + c));
-                    square[2 * block + at] = 0.5 * ((a + b) - (c + d));
-                    square[3 * block + at] = 0.5 * ((a + d) - (b + c));
+                    square[block + at] = one_half * ((b + d) - (a + c));
+                    square[2 * block + at] = one_half * ((a + b) - (c + d));
+                    square[3 * block + at] = one_half * ((a + d) - (b + c));
                     // Safe to overwrite: `at` is never behind a value still to be read in this scale.
-                    scratch[at] = 0.5 * ((a + b) + (c + d));
+                    scratch[at] = one_half * ((a + b) + (c + d));
                 }
             }
             side = half;
@@ -103,24 +112,25 @@ impl Haar {
     }
 
     /// Inverse of [`Self::forward`].
-    pub fn inverse(self, coefficients: &mut [f32], scratch: &mut Vec<f32>) {
+    pub fn inverse<T: Real>(self, coefficients: &mut [T], scratch: &mut Vec<T>) {
+        let one_half = T::from(0.5);
         assert_eq!(coefficients.len(), self.coefficients());
         let mut averages = vec![coefficients[0]];
         for scale in 1..=self.scales() {
             let half = 1_usize << (scale - 1);
             let (side, block) = (2 * half, half * half);
             scratch.clear();
-            scratch.resize(side * side, 0.0);
+            scratch.resize(side * side, T::from(0.0));
             for row in 0..half {
                 for column in 0..half {
                     let at = row * half + column;
                     let mean = averages[at];
                     let [h, v, d] = [1, 2, 3].map(|o| coefficients[o * block + at]);
                     let top = 2 * row * side + 2 * column;
-                    scratch[top] = 0.5 * (mean - h + v + d);
-                    scratch[top + 1] = 0.5 * (mean + h + v - d);
-                    scratch[top + side] = 0.5 * (mean - h - v - d);
-                    scratch[top + side + 1] = 0.5 * (mean + h - v + d);
+                    scratch[top] = one_half * (mean - h + v + d);
+                    scratch[top + 1] = one_half * (mean + h + v - d);
+                    scratch[top + side] = one_half * (mean - h - v - d);
+                    scratch[top + side + 1] = one_half * (mean + h - v + d);
                 }
             }
             std::mem::swap(&mut averages, scratch);

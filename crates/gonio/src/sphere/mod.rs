@@ -9,5 +9,5 @@ mod octahedral;
 pub use direction::{
     HalfDifference, direction_of_lat_long, fibonacci_hemisphere, half_difference, lat_long_of_direction,
 };
-pub use haar::{Haar, Orientation, Wavelet};
+pub use haar::{Haar, Orientation, Real, Wavelet};
 pub use octahedral::OctahedralMap;

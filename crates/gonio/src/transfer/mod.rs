@@ -18,3 +18,4 @@ pub use reference::polar_reference;
 
 #[cfg(test)]
 pub(crate) use plan::tests::toy_prior;
+pub(crate) use sketch::column_bands;

@@ -43,7 +43,7 @@ fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_,
 }
 
 /// Cuts a matrix into bands of columns that can be written at the same time, each with the index of its first column.
-fn column_bands<T>(matrix: MatMut<'_, T>, count: usize) -> Vec<(usize, MatMut<'_, T>)> {
+pub(crate) fn column_bands<T>(matrix: MatMut<'_, T>, count: usize) -> Vec<(usize, MatMut<'_, T>)> {
     let columns = matrix.ncols();
     let (mut bands, mut rest, mut first) = (Vec::with_capacity(count), matrix, 0);
     for band in 0..count {

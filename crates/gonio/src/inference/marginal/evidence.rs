@@ -1,0 +1,208 @@
+//! The bound on the evidence at one operator, and the expectation maximisation that raises it.
+
+use super::factor::{Design, Form};
+use super::point::{Point, State, dot};
+use super::{LightOperator, Marginal, MarginalError};
+
+/// How [`Marginal::evidence`] climbs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EvidenceSettings {
+    /// Steps of expectation maximisation at most.
+    pub max_steps: usize,
+    /// Converged when a step raises the objective by less than this, in nats.
+    pub tolerance: f64,
+    /// A known exposure, positive, in units of the image; `None` to find it.
+    pub exposure: Option<f64>,
+    /// A known standard deviation of the noise, positive, in units of the image; `None` to find it.
+    pub noise: Option<f64>,
+}
+
+impl Default for EvidenceSettings {
+    fn default() -> Self {
+        Self { max_steps: 60, tolerance: 1e-3, exposure: None, noise: None }
+    }
+}
+
+impl EvidenceSettings {
+    pub(super) fn finds_both(&self) -> bool {
+        self.exposure.is_none() && self.noise.is_none()
+    }
+}
+
+/// What an image says about one reflectance, and the posterior of the light given it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evidence {
+    /// Lower bound of `log p(I | f, g, b)` for the scaled image, in nats, all constants included; equal to it for
+    /// mixtures of one component.
+    pub bound: f64,
+    /// The bound plus `log p(log g)` and `log p(log b)` of whatever of the two was found: what the steps never lower,
+    /// and what candidates are compared by.
+    pub objective: f64,
+    /// An estimate of `log p(I | f, g, b)` that is no bound: the mixture itself in place of its bound, for one
+    /// coefficient at a time under the Gaussian posterior of the others.
+    ///
+    /// The bound loses the logarithm of the weight of a component for every coefficient that the image leaves open; the
+    /// estimate does not. But it overstates the evidence, by hundreds of nats, where many coefficients could explain
+    /// the same structure: it is a check on the bound and no score for unlike candidates.
+    pub estimate: f64,
+    /// `g`, in units of the image.
+    pub exposure: f64,
+    /// `b^(-1/2)`, in units of the image.
+    pub noise: f64,
+    /// Posterior means `<l_m>` (M), DC first.
+    pub light: Vec<f64>,
+    /// Posterior standard deviations of `l_m` (M), zero for DC.
+    pub light_sd: Vec<f64>,
+    /// Directions of the light that the image determines rather than the prior, `sum_m (1 - Sigma_mm d_m)`.
+    pub effective: f64,
+    /// The objective at the start and after every step.
+    pub trace: Vec<f64>,
+    /// Whether the tolerance was met.
+    pub converged: bool,
+    pub(super) state: State,
+}
+
+/// Longest step in `log rho` beyond that of expectation maximisation.
+const LONGEST: f64 = 2.0;
+
+/// Most times that a step is made longer.
+const LARGEST: f64 = 64.0;
+
+/// A climb that gains less than this in a step, in nats, looks for other components of the mixtures.
+const SLOW: f64 = 1.0;
+
+/// Times that it does at most.
+const LEAPS: usize = 8;
+
+impl Marginal<'_> {
+    /// The bound of an operator, climbed from the scales of the prior's variances.
+    ///
+    /// The bound has a local maximum for every choice of components. Where the climb gets slow every coefficient looks
+    /// for a better component by itself, and as long as that raises the objective the climb goes on from there.
+    ///
+    /// A step is one factorisation, of `r^2 M + r^3 / 3` flops by rows, and the posterior variances, of `r^2 M`. The
+    /// step of `log(b g^2)` is lengthened by a secant; where that lowers the objective, the step is made without.
+    ///
+    /// # Errors
+    /// If the operator has values that are not finite, or so large that products overflow.
+    ///
+    /// # Panics
+    /// If rows or light coefficients are not those of the image and the prior.
+    pub fn evidence(&self, operator: &LightOperator, settings: &EvidenceSettings) -> Result<Evidence, MarginalError> {
+        let design = self.design(operator);
+        let start = self.start(&design, settings);
+        self.climb(&design, start, settings)
+    }
+
+    pub(super) fn design(&self, operator: &LightOperator) -> Design {
+        assert_eq!(operator.m(), self.scales.means().len(), "light coefficients of the operator and of the prior");
+        Design::new(self.weighted(operator), Form::smaller(operator.rows(), operator.m()))
+    }
+
+    /// The widest scales, the exposure that gives the expected image the energy of the image, and a tenth of noise.
+    pub(super) fn start(&self, design: &Design, settings: &EvidenceSettings) -> State {
+        let squares = self.scales.prior_squares();
+        let mut energy = 0.0;
+        let variances = self.scales.given(&squares).variances;
+        for (column, v) in design.matrix.as_ref().col_iter().zip(&variances) {
+            energy += v * column.squared_norm_l2();
+        }
+        let mean_image = design.times(&self.scales.means());
+        energy += dot(&mean_image, &mean_image);
+        let signal = dot(&self.target, &self.target);
+        let log_g = if energy > 0.0 && signal > 0.0 { 0.5 * (signal / energy).ln() } else { 0.0 };
+        State {
+            squares,
+            log_g: settings.exposure.map_or(log_g, |g| (g * self.scale).ln()),
+            log_b: settings.noise.map_or(100.0_f64.ln(), |noise| -2.0 * (noise * self.scale).ln()),
+        }
+    }
+
+    pub(super) fn climb(
+        &self,
+        design: &Design,
+        start: State,
+        settings: &EvidenceSettings,
+    ) -> Result<Evidence, MarginalError> {
+        let mut now = Point::new(self, design, start, settings, false).ok_or(MarginalError::NotFinite)?;
+        now.find_variances();
+        let mut trace = vec![now.objective];
+        // How much longer than a plain step the next may be; where the secant says nothing, it is.
+        let mut stretch = 1.0_f64;
+        let mut leaps = LEAPS;
+        let (mut converged, mut last) = (false, None::<(f64, f64)>);
+        while trace.len() <= settings.max_steps && !converged {
+            let plain = now.maximised(self, settings);
+            let (at, step) = (now.state.log_rho(), plain.log_rho() - now.state.log_rho());
+            let factor = last.map_or(1.0, |(at_last, step_last)| {
+                let slope = (step - step_last) / (at - at_last);
+                if slope < 0.0 { (-1.0 / slope).clamp(1.0, 4.0 * stretch) } else { 2.0 * stretch }
+            });
+            last = Some((at, step)).filter(|_| step != 0.0);
+            let longer = ((factor - 1.0) * step).clamp(-LONGEST, LONGEST);
+            let mut next = None;
+            if longer != 0.0 {
+                let bold = Point::new(self, design, plain.stretched(longer, settings), settings, false);
+                next = bold.filter(|bold| bold.objective >= now.objective);
+                stretch = if next.is_some() { factor.min(LARGEST) } else { 1.0 };
+            }
+            if next.is_none() {
+                next = Point::new(self, design, plain, settings, false);
+            }
+            // Lower only by round-off, where nothing is left to gain.
+            let Some(mut next) = next.filter(|next| next.objective >= now.objective) else {
+                converged = true;
+                break;
+            };
+            next.find_variances();
+            let gain = next.objective - now.objective;
+            trace.push(next.objective);
+            now = next;
+            if gain < SLOW.max(settings.tolerance) && leaps > 0 {
+                leaps -= 1;
+                match self.leap(design, &now, settings) {
+                    Some(next) => {
+                        trace.push(next.objective);
+                        (now, last, stretch) = (next, None, 1.0);
+                        continue;
+                    }
+                    None => leaps = 0,
+                }
+            }
+            converged = gain < settings.tolerance;
+        }
+        Ok(self.answer(&now, trace, converged))
+    }
+
+    /// A better point whose mixtures have other components, if there is one: of all coefficients at once, or of those
+    /// alone that the image says little about, which hardly depend on each other.
+    fn leap<'a>(&self, design: &'a Design, now: &Point<'a>, settings: &EvidenceSettings) -> Option<Point<'a>> {
+        let posterior = now.final_variances();
+        [1.0, 0.3, 0.05].into_iter().find_map(|weak| {
+            let squares = self.scales.best_alone(&now.given, &now.light, &posterior, &now.state.squares, weak);
+            let state = State { squares, ..now.state.clone() };
+            let mut next = Point::new(self, design, state, settings, false)?;
+            (next.objective > now.objective + settings.tolerance).then(|| {
+                next.find_variances();
+                next
+            })
+        })
+    }
+
+    pub(super) fn answer(&self, now: &Point<'_>, trace: Vec<f64>, converged: bool) -> Evidence {
+        let variances = now.final_variances();
+        Evidence {
+            bound: now.bound,
+            estimate: now.bound + self.scales.correction(&now.given, &now.light, &variances),
+            objective: now.objective,
+            exposure: now.state.log_g.exp() / self.scale,
+            noise: (-0.5 * now.state.log_b).exp() / self.scale,
+            light: now.light.clone(),
+            light_sd: variances.iter().map(|v| v.sqrt()).collect(),
+            effective: now.effective(),
+            trace,
+            converged,
+            state: now.state.clone(),
+        }
+    }
+}

@@ -1,0 +1,304 @@
+//! The algebra of `S = I + rho B V B'`, the covariance of an image in units of its noise, in the smaller of two spaces.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
+use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::reborrow::ReborrowMut;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+use rayon::prelude::*;
+
+use crate::transfer::column_bands;
+
+/// Columns of a result that one sequential product or solve makes: results do not depend on the number of threads.
+const BAND: usize = 128;
+
+/// Which of two equal matrices is factorised; `X = B V^(1/2)`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Form {
+    /// `S = I + rho X X'`, as large as the image has rows.
+    Rows,
+    /// `I + rho X' X`, as large as the light has coefficients.
+    Light,
+}
+
+impl Form {
+    /// The smaller matrix: the cheaper one, and no worse conditioned, since the larger has as many eigenvalues of one
+    /// more.
+    pub(super) fn smaller(rows: usize, m: usize) -> Self {
+        if rows <= m { Self::Rows } else { Self::Light }
+    }
+}
+
+/// Whatever of an operator is used again at other variances: `B`, and `B'B` where the form needs it.
+pub(super) struct Design {
+    /// rows x M.
+    pub(super) matrix: Mat<f64>,
+    gram: Option<Mat<f64>>,
+}
+
+impl Design {
+    pub(super) fn new(matrix: Mat<f64>, form: Form) -> Self {
+        let gram = (form == Form::Light).then(|| lower_of_product(matrix.transpose(), matrix.as_ref()));
+        Self { matrix, gram }
+    }
+
+    /// `B x` (rows).
+    pub(super) fn times(&self, x: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; self.matrix.nrows()];
+        for (m, x) in x.iter().enumerate() {
+            if *x != 0.0 {
+                for (out, b) in out.iter_mut().zip(self.matrix.col(m).iter()) {
+                    *out += x * b;
+                }
+            }
+        }
+        out
+    }
+
+    /// `B' e` (M).
+    pub(super) fn adjoint(&self, e: &[f64]) -> Vec<f64> {
+        (0..self.matrix.ncols()).map(|m| self.matrix.col(m).iter().zip(e).map(|(b, e)| b * e).sum()).collect()
+    }
+}
+
+/// A factorised `S` at prior variances `V` and a ratio `rho = b g^2` of signal to noise.
+pub(super) struct Factor<'a> {
+    design: &'a Design,
+    variances: Vec<f64>,
+    rho: f64,
+    /// `B V^(1/2)`, rows x M.
+    scaled: Mat<f64>,
+    /// Lower Cholesky factor of the form's matrix; what is above its diagonal means nothing.
+    lower: Mat<f64>,
+    /// `L^-1 X` (rows x M) of the form by rows, `L^-1` (M x M) of the form by light.
+    solved: Option<Mat<f64>>,
+}
+
+impl<'a> Factor<'a> {
+    /// Factorises at the variances of the M light coefficients (zero for a constant) and `rho > 0`. `None` where the
+    /// matrix is not finite.
+    pub(super) fn new(design: &'a Design, variances: &[f64], rho: f64) -> Option<Self> {
+        let (rows, m) = (design.matrix.nrows(), design.matrix.ncols());
+        assert_eq!(variances.len(), m);
+        let roots: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
+        let mut scaled = design.matrix.clone();
+        for (column, root) in scaled.as_mut().col_iter_mut().zip(&roots) {
+            column.iter_mut().for_each(|x| *x *= root);
+        }
+        let mut lower = match &design.gram {
+            None => lower_of_product(scaled.as_ref(), scaled.transpose()),
+            Some(gram) => Mat::from_fn(m, m, |i, j| if i < j { 0.0 } else { gram[(i, j)] * (roots[i] * roots[j]) }),
+        };
+        for (j, column) in lower.as_mut().col_iter_mut().enumerate() {
+            for (i, x) in column.iter_mut().enumerate().skip(j) {
+                *x = rho * *x + f64::from(u8::from(i == j));
+            }
+        }
+        let size = if design.gram.is_some() { m } else { rows };
+        let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
+        let stack = MemStack::new(&mut memory);
+        cholesky_in_place(lower.as_mut(), Default::default(), Par::Seq, stack, Default::default()).ok()?;
+        (0..size).all(|i| lower[(i, i)].is_finite()).then(|| Self {
+            design,
+            variances: variances.to_vec(),
+            rho,
+            scaled,
+            lower,
+            solved: None,
+        })
+    }
+
+    fn by_rows(&self) -> bool {
+        self.design.gram.is_none()
+    }
+
+    /// `log det S`.
+    pub(super) fn log_det(&self) -> f64 {
+        2.0 * (0..self.lower.nrows()).map(|i| self.lower[(i, i)].ln()).sum::<f64>()
+    }
+
+    /// `L^-T L^-1 x` in the space of the form.
+    fn whole_solve(&self, x: &[f64]) -> Vec<f64> {
+        let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
+        solve_lower_triangular_in_place(self.lower.as_ref(), x.as_mut(), Par::Seq);
+        solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
+        x.col(0).iter().copied().collect()
+    }
+
+    /// `V^(1/2) B' e` (M).
+    fn scaled_adjoint(&self, e: &[f64]) -> Vec<f64> {
+        let root = self.variances.iter().map(|v| v.sqrt());
+        self.design.adjoint(e).into_iter().zip(root).map(|(x, root)| x * root).collect()
+    }
+
+    /// `S^-1 x` (rows).
+    pub(super) fn solve(&self, x: &[f64]) -> Vec<f64> {
+        if self.by_rows() {
+            return self.whole_solve(x);
+        }
+        let mut solution = self.deflated(x);
+        // The difference cancels where the light explains nearly all: refined once.
+        let explained = self.design.times(&self.gain(&solution));
+        let left: Vec<f64> = x.iter().zip(&solution).zip(explained).map(|((x, e), y)| x - e - y).collect();
+        solution.iter_mut().zip(self.deflated(&left)).for_each(|(e, more)| *e += more);
+        solution
+    }
+
+    /// `S^-1 x = x - rho X (I + rho X'X)^-1 X' x` (rows), of the form by light.
+    fn deflated(&self, x: &[f64]) -> Vec<f64> {
+        let fitted = self.design.times(&self.root_times(self.whole_solve(&self.scaled_adjoint(x))));
+        x.iter().zip(fitted).map(|(x, fit)| x - self.rho * fit).collect()
+    }
+
+    fn root_times(&self, mut x: Vec<f64>) -> Vec<f64> {
+        x.iter_mut().zip(&self.variances).for_each(|(x, v)| *x *= v.sqrt());
+        x
+    }
+
+    /// `rho V B' e` (M): for `e = S^-1 t` the posterior mean of a light of prior mean zero whose image is `t`.
+    pub(super) fn gain(&self, e: &[f64]) -> Vec<f64> {
+        let back = self.design.adjoint(e);
+        back.iter().zip(&self.variances).map(|(x, v)| self.rho * v * x).collect()
+    }
+
+    /// Column `c` of the posterior covariance `Sigma = (V^-1 + rho B'B)^-1` (M).
+    pub(super) fn covariance_column(&self, c: usize) -> Vec<f64> {
+        if self.by_rows() {
+            let column: Vec<f64> = self.design.matrix.col(c).iter().copied().collect();
+            let mut out = self.gain(&self.whole_solve(&column));
+            out.iter_mut().for_each(|x| *x *= -self.variances[c]);
+            out[c] += self.variances[c];
+            return out;
+        }
+        let mut unit = vec![0.0; self.variances.len()];
+        unit[c] = self.variances[c].sqrt();
+        self.root_times(self.whole_solve(&unit))
+    }
+
+    /// Solves for what variances and gradients share.
+    fn ensure_solved(&mut self) {
+        if self.solved.is_some() {
+            return;
+        }
+        let mut solved =
+            if self.by_rows() { self.scaled.clone() } else { Mat::identity(self.lower.nrows(), self.lower.nrows()) };
+        let (by_rows, lower) = (self.by_rows(), self.lower.as_ref());
+        bands_of(solved.as_mut()).into_par_iter().for_each(|(first, band)| {
+            // The columns of an inverse are zero above the diagonal.
+            let skip = if by_rows { 0 } else { first };
+            let rest = band.nrows() - skip;
+            let part = lower.submatrix(skip, skip, rest, rest);
+            solve_lower_triangular_in_place(part, band.subrows_mut(skip, rest), Par::Seq);
+        });
+        self.solved = Some(solved);
+    }
+
+    /// The diagonal of the posterior covariance `Sigma` (M).
+    pub(super) fn posterior_variances(&mut self) -> Vec<f64> {
+        self.ensure_solved();
+        let solved = self.solved.as_ref().expect("just solved");
+        let squares = solved.as_ref().par_col_iter().map(|column| column.squared_norm_l2()).collect::<Vec<_>>();
+        let by_rows = self.by_rows();
+        // A coefficient that the image fixes beyond round-off keeps a variance.
+        let share = |s: f64| if by_rows { (1.0 - self.rho * s).max(1e-14) } else { s };
+        squares.into_iter().zip(&self.variances).map(|(s, v)| v * share(s)).collect()
+    }
+
+    /// `rho S^-1 B V = rho B Sigma` (rows x M).
+    pub(super) fn sensitivity(&mut self) -> Mat<f64> {
+        let upper = |lower: MatRef<'_, f64>, band: MatMut<'_, f64>| {
+            solve_upper_triangular_in_place(lower.transpose(), band, Par::Seq);
+        };
+        let lower = self.lower.as_ref();
+        let mut out = if self.by_rows() {
+            self.ensure_solved();
+            let mut out = self.solved.clone().expect("just solved");
+            let lower = self.lower.as_ref();
+            bands_of(out.as_mut()).into_par_iter().for_each(|(_, band)| upper(lower, band));
+            out
+        } else {
+            let mut transposed = self.scaled.transpose().to_owned();
+            bands_of(transposed.as_mut()).into_par_iter().for_each(|(_, mut band)| {
+                solve_lower_triangular_in_place(lower, band.rb_mut(), Par::Seq);
+                upper(lower, band);
+            });
+            transposed.transpose().to_owned()
+        };
+        for (column, v) in out.as_mut().col_iter_mut().zip(&self.variances) {
+            column.iter_mut().for_each(|x| *x *= self.rho * v.sqrt());
+        }
+        out
+    }
+}
+
+fn bands_of<T>(matrix: MatMut<'_, T>) -> Vec<(usize, MatMut<'_, T>)> {
+    let count = matrix.ncols().div_ceil(BAND).max(1);
+    column_bands(matrix, count)
+}
+
+/// The lower triangle of the symmetric `a b`, band by band; some of what is above it is computed too.
+fn lower_of_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+    let n = a.nrows();
+    let mut out = Mat::zeros(n, n);
+    bands_of(out.as_mut()).into_par_iter().for_each(|(first, band)| {
+        let (width, rest) = (band.ncols(), n - first);
+        let (a, b) = (a.subrows(first, rest), b.subcols(first, width));
+        matmul(band.subrows_mut(first, rest), Accum::Replace, a, b, 1.0, Par::Seq);
+    });
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::marginal::tests::{identity, inverse_and_log_det, random};
+
+    /// Every quantity of both forms against dense algebra, for fewer and for more rows than coefficients.
+    #[test]
+    fn both_forms_are_the_dense_algebra() {
+        for (rows, m) in [(7, 12), (12, 7), (300, 40)] {
+            let b = random(rows * m, 3);
+            let mut v: Vec<f64> = random(m, 4).iter().map(|x| 10.0_f64.powf(3.0 * x)).collect();
+            v[0] = 0.0;
+            let (rho, x) = (40.0, random(rows, 5));
+            let mut s = identity(rows);
+            for i in 0..rows {
+                for j in 0..rows {
+                    s[i][j] += rho * (0..m).map(|k| b[i * m + k] * v[k] * b[j * m + k]).sum::<f64>();
+                }
+            }
+            let (inverse, log_det) = inverse_and_log_det(s);
+            // Sigma = V - rho V B' S^-1 B V.
+            let sigma = |p: usize, q: usize| {
+                let mut sum = 0.0;
+                for i in 0..rows {
+                    for j in 0..rows {
+                        sum += b[i * m + p] * inverse[i][j] * b[j * m + q];
+                    }
+                }
+                f64::from(u8::from(p == q)) * v[p] - rho * v[p] * v[q] * sum
+            };
+            for form in [Form::Rows, Form::Light] {
+                let design = Design::new(Mat::from_fn(rows, m, |i, j| b[i * m + j]), form);
+                let mut factor = Factor::new(&design, &v, rho).unwrap();
+                assert!((factor.log_det() - log_det).abs() < 1e-9 * log_det.abs(), "{form:?}");
+                for (i, got) in factor.solve(&x).iter().enumerate() {
+                    let want: f64 = inverse[i].iter().zip(&x).map(|(a, x)| a * x).sum();
+                    assert!((got - want).abs() < 1e-9, "{form:?} {got} {want}");
+                }
+                let column = factor.covariance_column(2);
+                let variances = factor.posterior_variances();
+                for p in 0..m {
+                    let near = |got: f64, want: f64| (got - want).abs() < 1e-8 * (1.0 + v[p]);
+                    assert!(near(column[p], sigma(p, 2)) && near(variances[p], sigma(p, p)), "{form:?} {p}");
+                }
+                let sensitivity = factor.sensitivity();
+                for (i, p) in [(0, 1), (rows - 1, m - 1), (3, 4)] {
+                    let want: f64 = (0..m).map(|q| rho * b[i * m + q] * sigma(q, p)).sum();
+                    assert!((sensitivity[(i, p)] - want).abs() < 1e-6 * (1.0 + want.abs()), "{form:?} {i} {p}");
+                }
+            }
+        }
+    }
+}

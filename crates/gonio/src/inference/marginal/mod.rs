@@ -1,0 +1,184 @@
+//! Marginal inference: the light integrated out exactly.
+//!
+//! Given reflectance `f` an image is linear in the light, `t = g B l + e` with `B = sum_k f_k A_k`; and given the
+//! scales of its mixtures the light is Gaussian, of means `mu` and precisions `d`. Hence in closed form
+//!
+//! `p(t | f, g, b) = N(t; g B mu, g^2 B diag(1/d) B' + C/b)`, `C` the diagonal of the relative noise variances.
+//!
+//! The scales are not known. With responsibilities `r_n` for every coefficient, `d_m = sum_n r_n / s_n^2` and
+//!
+//! `log p(t | f, g, b) >= log N(t; ...) + sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2)/2) - log(d_m)/2 }`,
+//!
+//! the variational bound that expectation maximisation raises: the exact Gaussian posterior of the light given `r`,
+//! then the best `r` given its `<l_m^2>`. It is an equality for mixtures of one component. The rectified prior of the
+//! coarsest vertical coefficient is exact too: its integral is that of the whole Gaussian times the ratio of the masses
+//! above the threshold after and before the image.
+//!
+//! The bound has a local maximum for every choice of components, most of them far too low. The climb therefore also
+//! leaps: every coefficient takes the components that are best for it alone, if that raises the bound.
+//!
+//! * [`Marginal`] is an image with the priors of light, exposure and noise; [`LightOperator`] is `B`;
+//! * [`Marginal::evidence`] climbs the bound for one `B` and returns it with the posterior of the light: [`Evidence`];
+//! * [`Marginal::gradient`] is how the bound changes with reflectance, [`Marginal::score`] compares candidates, and
+//!   [`Marginal::maximise`] finds the best reflectance near a start;
+//! * [`Marginal::non_negative_light`] is the most probable light without negative texels.
+//!
+//! Exposure `g` and precision `b` are maximised over, in their logarithms: the densities of `log g` and `log b` that
+//! follow from [`Hyper`] count, so that the best `b` is `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
+
+mod evidence;
+mod factor;
+mod gradient;
+mod lbfgs;
+mod maximise;
+mod operator;
+mod point;
+mod positive;
+mod scales;
+mod score;
+#[cfg(test)]
+mod tests;
+
+use puruspe::ln_gamma;
+use thiserror::Error;
+
+pub use evidence::{Evidence, EvidenceSettings};
+pub use gradient::Gradient;
+pub use maximise::{MaximiseSettings, Maximum};
+pub use operator::LightOperator;
+pub use positive::NonNegativeSettings;
+use scales::Scales;
+
+use super::{Hyper, Problem, ProblemError};
+use crate::lighting::{LightGrid, LightPrior};
+
+/// An image on r rows with all that does not depend on reflectance: the priors of light, exposure and noise.
+///
+/// As in [`Problem`] the image is scaled to root mean square one; bounds are logarithms of the density of the scaled
+/// image.
+#[derive(Clone, Debug)]
+pub struct Marginal<'a> {
+    /// The scaled image on its rows, divided by `C^(1/2)` (r).
+    target: Vec<f64>,
+    /// `C^(-1/2)` (r).
+    weights: Vec<f64>,
+    /// Energy of the scaled image outside the rows.
+    outside: f64,
+    /// N of eq. 9: rows, and dimensions of pure noise outside them.
+    pixels: f64,
+    /// What the image was multiplied with.
+    scale: f64,
+    scales: Scales<'a>,
+    hyper: Hyper,
+}
+
+/// Why there is no evidence.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum MarginalError {
+    /// The operator or its products overflow.
+    #[error("the operator has values that are not finite or too large")]
+    NotFinite,
+}
+
+impl<'a> Marginal<'a> {
+    /// The image and the priors of a problem.
+    pub fn of_problem(problem: &Problem<'a>) -> Self {
+        let inside: f64 = problem.target.iter().map(|t| t * t).sum();
+        Self {
+            weights: vec![1.0; problem.target.len()],
+            target: problem.target.clone(),
+            outside: (problem.energy - inside).max(0.0),
+            pixels: problem.pixels,
+            scale: problem.scale,
+            scales: Scales::new(problem.dc, &problem.light),
+            hyper: problem.hyper,
+        }
+    }
+
+    /// An image `target` on r rows (linear radiance), with energy `outside` (its square) in the `pixels - r` dimensions
+    /// that no light reaches, for operators of `m` light coefficients.
+    ///
+    /// # Errors
+    /// For black or non-finite images.
+    ///
+    /// # Panics
+    /// If `pixels < r` or the prior does not cover `m` coefficients.
+    pub fn new(
+        target: &[f64],
+        outside: f64,
+        pixels: usize,
+        m: usize,
+        light: &'a LightPrior,
+        hyper: Hyper,
+    ) -> Result<Self, ProblemError> {
+        assert!(pixels >= target.len(), "{pixels} pixels on {} rows", target.len());
+        let energy = target.iter().map(|t| t * t).sum::<f64>() + outside;
+        if !energy.is_finite() {
+            return Err(ProblemError::NotFinite);
+        }
+        if energy <= 0.0 {
+            return Err(ProblemError::Black);
+        }
+        let scale = (pixels as f64 / energy).sqrt();
+        let priors: Vec<_> = (1..m).map(|m| light.of_index(m).expect("the prior covers the operator")).collect();
+        Ok(Self {
+            target: target.iter().map(|t| t * scale).collect(),
+            weights: vec![1.0; target.len()],
+            outside: outside * scale * scale,
+            pixels: pixels as f64,
+            scale,
+            scales: Scales::new(LightGrid::normalised_dc(), &priors),
+            hyper,
+        })
+    }
+
+    /// With noise of variance `c_i / b` on row `i` in place of `1 / b`, as for a model error that grows with the
+    /// radiance of a pixel; `relative` are the `c_i` (r), best of mean about one: the prior and the start of `b` expect
+    /// `1 / b` to be that of a typical row. Dimensions outside the rows keep `1 / b`.
+    ///
+    /// The noise is independent from row to row: on projected rows, each a combination of all pixels, only equal
+    /// variances are those of independent pixels.
+    ///
+    /// # Panics
+    /// If there are not r variances, or one is not positive and finite.
+    pub fn with_relative_variances(mut self, relative: &[f64]) -> Self {
+        assert_eq!(relative.len(), self.target.len());
+        assert!(relative.iter().all(|c| c.is_finite() && *c > 0.0), "variances are positive");
+        for ((t, w), c) in self.target.iter_mut().zip(&mut self.weights).zip(relative) {
+            let weight = c.sqrt().recip();
+            *t *= weight / *w;
+            *w = weight;
+        }
+        self
+    }
+
+    /// With a Gaussian of the same variance for every mixture of the light's prior: a cruder prior, but the bound is
+    /// then the evidence itself, as exact for what [`Self::maximise`] climbs as for scores.
+    pub fn with_gaussian_light(mut self) -> Self {
+        self.scales = self.scales.gaussian();
+        self
+    }
+
+    /// What the image was multiplied with: exposures and noise in units of the image are those of the scaled image over
+    /// this.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Number of rows r.
+    pub fn rows(&self) -> usize {
+        self.target.len()
+    }
+
+    /// `log p(log g)` of the exponential prior of `g`.
+    fn log_exposure_prior(&self, log_g: f64) -> f64 {
+        let rate = self.hyper.exposure_rate;
+        rate.ln() + log_g - rate * log_g.exp()
+    }
+
+    /// `log p(log b)` of the Gamma prior of `b`.
+    fn log_noise_prior(&self, log_b: f64) -> f64 {
+        let Hyper { noise_shape: shape, noise_rate: rate, .. } = self.hyper;
+        shape * (rate.ln() + log_b) - ln_gamma(shape) - rate * log_b.exp()
+    }
+}

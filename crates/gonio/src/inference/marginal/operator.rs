@@ -1,0 +1,53 @@
+//! The linear map from light to image of one reflectance.
+
+use faer::Mat;
+
+use super::Marginal;
+use crate::transfer::Bilinear;
+
+/// `B` (r x M): the image of light `l` is `B l`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightOperator {
+    pub(super) matrix: Mat<f64>,
+}
+
+impl LightOperator {
+    /// `B = sum_k f_k A_k` of reflectance coefficients `f` (K).
+    ///
+    /// # Panics
+    /// If there are not K coefficients.
+    pub fn of_reflectance(bilinear: &Bilinear, f: &[f64]) -> Self {
+        Self::from_rows(bilinear.rows(), bilinear.m(), &bilinear.of_reflectance(f))
+    }
+
+    /// Of any one BRDF: `entries` row by row, rows x m.
+    ///
+    /// # Panics
+    /// If the length is another.
+    pub fn from_rows<A: Copy + Into<f64>>(rows: usize, m: usize, entries: &[A]) -> Self {
+        assert_eq!(entries.len(), rows * m);
+        Self { matrix: Mat::from_fn(rows, m, |i, j| entries[i * m + j].into()) }
+    }
+
+    /// Number of rows r.
+    pub fn rows(&self) -> usize {
+        self.matrix.nrows()
+    }
+
+    /// Number of light coefficients M.
+    pub fn m(&self) -> usize {
+        self.matrix.ncols()
+    }
+}
+
+impl Marginal<'_> {
+    /// `C^(-1/2) B`.
+    pub(super) fn weighted(&self, operator: &LightOperator) -> Mat<f64> {
+        assert_eq!(operator.rows(), self.rows(), "rows of the operator and of the image");
+        let mut matrix = operator.matrix.clone();
+        for column in matrix.as_mut().col_iter_mut() {
+            column.iter_mut().zip(&self.weights).for_each(|(x, w)| *x *= w);
+        }
+        matrix
+    }
+}

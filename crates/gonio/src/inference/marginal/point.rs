@@ -1,0 +1,280 @@
+//! The bound at one state of a climb, from one factorisation, and the state that expectation maximisation goes to from
+//! there.
+
+use std::f64::consts::TAU;
+
+use super::factor::{Design, Factor};
+use super::scales::Given;
+use super::{EvidenceSettings, Marginal};
+use crate::lighting::RectifiedGaussian;
+
+/// Where a climb stands.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct State {
+    /// `<l_m^2>` that the responsibilities are the best for (M).
+    pub(super) squares: Vec<f64>,
+    pub(super) log_g: f64,
+    pub(super) log_b: f64,
+}
+
+impl State {
+    pub(super) fn log_rho(&self) -> f64 {
+        self.log_b + 2.0 * self.log_g
+    }
+
+    /// With `log rho` changed, through `b` where that is not known.
+    pub(super) fn stretched(&self, by: f64, settings: &EvidenceSettings) -> Self {
+        let mut moved = self.clone();
+        match (settings.noise, settings.exposure) {
+            (None, _) => moved.log_b += by,
+            (Some(_), None) => moved.log_g += 0.5 * by,
+            _ => {}
+        }
+        moved
+    }
+}
+
+/// What rectification changes: the posterior of coefficient `c` is cut off at a threshold, and all others follow by
+/// regression.
+pub(super) struct Cut {
+    /// `Sigma_mc / Sigma_cc` (M).
+    pub(super) regression: Vec<f64>,
+    /// `B` times that (r).
+    pub(super) image: Vec<f64>,
+    /// `Sigma_cc` minus the variance after the cut.
+    pub(super) lost_variance: f64,
+    /// Mean after the cut minus mean before.
+    shift: f64,
+    /// Logarithm of the mass above the threshold, after the image over before.
+    log_mass: f64,
+}
+
+/// The bound at a state, of one factorisation.
+pub(super) struct Point<'a> {
+    pub(super) state: State,
+    pub(super) factor: Factor<'a>,
+    pub(super) given: Given,
+    pub(super) bound: f64,
+    pub(super) objective: f64,
+    /// `<l>` (M).
+    pub(super) light: Vec<f64>,
+    /// `B <l>` (r).
+    pub(super) image: Vec<f64>,
+    pub(super) cut: Option<Cut>,
+    /// `Sigma_mm` before any cut (M); empty until [`Self::find_variances`].
+    variances: Vec<f64>,
+}
+
+impl<'a> Point<'a> {
+    /// Factorises at `state`. If neither exposure nor noise is known, `g` moves to its best value for the state's
+    /// `rho = b g^2`, which costs no factorisation, unless `still`.
+    pub(super) fn new(
+        marginal: &Marginal<'_>,
+        design: &'a Design,
+        mut state: State,
+        settings: &EvidenceSettings,
+        still: bool,
+    ) -> Option<Self> {
+        let given = marginal.scales.given(&state.squares);
+        let log_rho = state.log_rho();
+        let factor = Factor::new(design, &given.variances, log_rho.exp())?;
+        let means = marginal.scales.means();
+        let mean_image = design.times(&means);
+        let from_target = factor.solve(&marginal.target);
+        let from_mean = factor.solve(&mean_image);
+        let (gain_target, gain_mean) = (factor.gain(&from_target), factor.gain(&from_mean));
+        let misfit = Misfit {
+            target: dot(&marginal.target, &from_target) + marginal.outside,
+            mixed: dot(&mean_image, &from_target),
+            mean: dot(&mean_image, &from_mean),
+        };
+        let rectified = marginal.scales.rectified.map(|(c, prior)| {
+            let column = factor.covariance_column(c);
+            (c, prior, column)
+        });
+        let marginal_of = |c: usize, prior: &RectifiedGaussian, variance: f64, log_g: f64| RectifiedGaussian {
+            location: means[c] + gain_target[c] * (-log_g).exp() - gain_mean[c],
+            variance,
+            threshold: prior.threshold,
+        };
+        if settings.finds_both() && !still {
+            let log_mass = |log_g: f64| {
+                let mass = |(c, prior, column): &(usize, RectifiedGaussian, Vec<f64>)| {
+                    marginal_of(*c, prior, column[*c], log_g).log_mass()
+                };
+                rectified.as_ref().map_or(0.0, mass)
+            };
+            state.log_g = misfit.best_exposure(marginal, log_rho, state.log_g, rectified.is_some(), &log_mass);
+            state.log_b = log_rho - 2.0 * state.log_g;
+        }
+        let (g, b) = (state.log_g.exp(), state.log_b.exp());
+        let mut light: Vec<f64> =
+            means.iter().zip(gain_target.iter().zip(&gain_mean)).map(|(mu, (t, m))| mu + t / g - m).collect();
+        let cut = rectified.map(|(c, prior, column)| {
+            let before = marginal_of(c, &prior, column[c], state.log_g);
+            let after = before.moments();
+            let regression: Vec<f64> = column.iter().map(|s| s / column[c]).collect();
+            Cut {
+                image: design.times(&regression),
+                regression,
+                lost_variance: column[c] - after.variance,
+                shift: after.mean - before.location,
+                log_mass: before.log_mass() - prior.log_mass(),
+            }
+        });
+        if let Some(cut) = &cut {
+            light.iter_mut().zip(&cut.regression).for_each(|(l, k)| *l += k * cut.shift);
+        }
+        let noise =
+            0.5 * marginal.pixels * (state.log_b - TAU.ln()) + marginal.weights.iter().map(|w| w.ln()).sum::<f64>();
+        let bound = noise - 0.5 * (factor.log_det() + b * misfit.at(g))
+            + given.constant
+            + cut.as_ref().map_or(0.0, |cut| cut.log_mass);
+        let mut objective = bound;
+        if settings.exposure.is_none() {
+            objective += marginal.log_exposure_prior(state.log_g);
+        }
+        if settings.noise.is_none() {
+            objective += marginal.log_noise_prior(state.log_b);
+        }
+        let image = design.times(&light);
+        let variances = Vec::new();
+        objective.is_finite().then_some(Self { state, factor, given, bound, objective, light, image, cut, variances })
+    }
+
+    /// Solves for the posterior variances, which the next step, the gradient and the answer need.
+    pub(super) fn find_variances(&mut self) {
+        if self.variances.is_empty() {
+            self.variances = self.factor.posterior_variances();
+        }
+    }
+
+    /// `Sigma_mm` after the cut (M).
+    pub(super) fn final_variances(&self) -> Vec<f64> {
+        match &self.cut {
+            None => self.variances.clone(),
+            Some(cut) => {
+                let less = cut.regression.iter().map(|k| k * k * cut.lost_variance);
+                self.variances.iter().zip(less).map(|(v, less)| (v - less).max(0.0)).collect()
+            }
+        }
+    }
+
+    /// `<l_m^2>` (M).
+    pub(super) fn squares(&self) -> Vec<f64> {
+        self.light.iter().zip(self.final_variances()).map(|(l, v)| l * l + v).collect()
+    }
+
+    /// `rho tr(B Sigma B')`, with the covariance after the cut.
+    pub(super) fn effective(&self) -> f64 {
+        let before: f64 = self
+            .variances
+            .iter()
+            .zip(&self.given.variances)
+            .filter(|(_, prior)| **prior > 0.0)
+            .map(|(posterior, prior)| 1.0 - posterior / prior)
+            .sum();
+        let cut = |cut: &Cut| self.state.log_rho().exp() * cut.lost_variance * dot(&cut.image, &cut.image);
+        before - self.cut.as_ref().map_or(0.0, cut)
+    }
+
+    /// The next state of expectation maximisation: responsibilities from the posterior of the light; then `g` given
+    /// `b`, and `b` given `g`, from the expected squared residual `E = outside + |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 +
+    /// tr(B Sigma B'))`.
+    pub(super) fn maximised(&self, marginal: &Marginal<'_>, settings: &EvidenceSettings) -> State {
+        let mut state = self.state.clone();
+        let spread = self.effective() / state.log_rho().exp();
+        state.squares = self.squares();
+        let (along, square) = (dot(&marginal.target, &self.image), dot(&self.image, &self.image) + spread);
+        if settings.exposure.is_none() {
+            // The positive root of -A g + P + 1/g, the sum that does not cancel.
+            let b = state.log_b.exp();
+            let (a, p) = (b * square, b * along - marginal.hyper.exposure_rate);
+            let root = (p * p + 4.0 * a).sqrt();
+            state.log_g = if p > 0.0 { (p + root) / (2.0 * a) } else { 2.0 / (root - p) }.ln();
+        }
+        if settings.noise.is_none() {
+            let g = state.log_g.exp();
+            let residual: f64 = marginal.target.iter().zip(&self.image).map(|(t, y)| (t - g * y).powi(2)).sum();
+            let error = marginal.outside + residual + g * g * spread;
+            let shape = marginal.hyper.noise_shape + 0.5 * marginal.pixels;
+            state.log_b = (shape / (marginal.hyper.noise_rate + 0.5 * error)).ln();
+        }
+        state
+    }
+}
+
+/// `e' S^-1 e` for the residual `e = t - g B mu` of the prior mean, as a square in `g`; with the energy outside the
+/// rows.
+struct Misfit {
+    target: f64,
+    mixed: f64,
+    mean: f64,
+}
+
+impl Misfit {
+    fn at(&self, g: f64) -> f64 {
+        (self.target - 2.0 * g * self.mixed + g * g * self.mean).max(0.0)
+    }
+
+    /// The `log g` of highest objective for a fixed `rho`, so that `b = rho / g^2`; `current` if none is better.
+    fn best_exposure(
+        &self,
+        marginal: &Marginal<'_>,
+        log_rho: f64,
+        current: f64,
+        rectified: bool,
+        log_mass: &dyn Fn(f64) -> f64,
+    ) -> f64 {
+        let objective = |u: f64| {
+            let log_b = log_rho - 2.0 * u;
+            0.5 * (marginal.pixels * log_b - log_b.exp() * self.at(u.exp()))
+                + marginal.log_exposure_prior(u)
+                + marginal.log_noise_prior(log_b)
+                + log_mass(u)
+        };
+        // Without the mass the derivative in u has one sign change: a cubic in 1/g with one change of sign.
+        let hyper = &marginal.hyper;
+        let (rho, n) = (log_rho.exp(), marginal.pixels + 2.0 * hyper.noise_shape - 1.0);
+        let falls = |u: f64| {
+            let z = (-u).exp();
+            rho * z * ((self.target + 2.0 * hyper.noise_rate) * z - self.mixed) < n + hyper.exposure_rate / z
+        };
+        let (mut low, mut high) = (-60.0, 60.0);
+        while high - low > 1e-13 {
+            let middle = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if falls(middle) { high = middle } else { low = middle }
+        }
+        let mut best = 0.5 * (low + high);
+        if rectified {
+            best = golden(&objective, best - 0.5, best + 0.5);
+        }
+        if objective(best) >= objective(current) { best } else { current }
+    }
+}
+
+/// The maximum of a function with one on an interval, to the precision that its values allow.
+fn golden(f: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
+    let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
+    let (mut a, mut b) = (high - ratio * (high - low), low + ratio * (high - low));
+    let (mut at_a, mut at_b) = (f(a), f(b));
+    while high - low > 1e-9 {
+        if at_a < at_b {
+            (low, a, at_a) = (a, b, at_b);
+            b = low + ratio * (high - low);
+            at_b = f(b);
+        } else {
+            (high, b, at_b) = (b, a, at_a);
+            a = high - ratio * (high - low);
+            at_a = f(a);
+        }
+    }
+    0.5 * (low + high)
+}
+
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

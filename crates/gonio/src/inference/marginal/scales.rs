@@ -1,0 +1,228 @@
+//! The prior of light given its scales: variances and constants of the variational bound (eq. 5).
+
+use std::f64::consts::TAU;
+
+use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
+
+/// Prior of one light coefficient, as the marginal inference takes it.
+#[derive(Clone, Copy, Debug)]
+enum Density<'a> {
+    Constant(f64),
+    Mixture(&'a ScaleMixture),
+    Gaussian { mean: f64, variance: f64 },
+}
+
+/// Priors of all M coefficients, the constant DC first.
+#[derive(Clone, Debug)]
+pub(super) struct Scales<'a> {
+    densities: Vec<Density<'a>>,
+    /// The coefficient below whose threshold there is nothing.
+    pub(super) rectified: Option<(usize, RectifiedGaussian)>,
+}
+
+/// Gaussian prior that the expected squares of the light stand for, and what the bound loses by it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Given {
+    /// `1 / d_m` with `d_m = sum_n r_n / s_n^2`; zero for a constant.
+    pub(super) variances: Vec<f64>,
+    /// `sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2) / 2) - log(d_m) / 2 }`, at most zero up to the weights; zero
+    /// for mixtures of one component.
+    pub(super) constant: f64,
+}
+
+impl<'a> Scales<'a> {
+    /// The first rectified prior is exact; any further one counts as the Gaussian of its mean and variance.
+    pub(super) fn new(dc: f64, priors: &[&'a CoefficientPrior]) -> Self {
+        let mut rectified = None;
+        let mut densities = vec![Density::Constant(dc)];
+        for (at, prior) in priors.iter().enumerate() {
+            densities.push(match prior {
+                CoefficientPrior::Mixture(mixture) => Density::Mixture(mixture),
+                CoefficientPrior::Rectified(r) if rectified.is_none() => {
+                    rectified = Some((at + 1, *r));
+                    Density::Gaussian { mean: r.location, variance: r.variance }
+                }
+                CoefficientPrior::Rectified(r) => {
+                    let moments = r.moments();
+                    Density::Gaussian { mean: moments.mean, variance: moments.variance }
+                }
+            });
+        }
+        Self { densities, rectified }
+    }
+
+    /// With the Gaussian of the same variance in place of every mixture.
+    pub(super) fn gaussian(mut self) -> Self {
+        for density in &mut self.densities {
+            if let Density::Mixture(mixture) = density {
+                *density = Density::Gaussian { mean: 0.0, variance: mixture.variance() };
+            }
+        }
+        self
+    }
+
+    /// Means of the coefficients, of the rectified one before rectification (M).
+    pub(super) fn means(&self) -> Vec<f64> {
+        let mean = |density: &Density<'_>| match *density {
+            Density::Constant(value) => value,
+            Density::Mixture(_) => 0.0,
+            Density::Gaussian { mean, .. } => mean,
+        };
+        self.densities.iter().map(mean).collect()
+    }
+
+    /// Expected squares to start from: those of the prior, so that the widest scales are responsible.
+    pub(super) fn prior_squares(&self) -> Vec<f64> {
+        let square = |density: &Density<'_>| match *density {
+            Density::Constant(value) => value * value,
+            Density::Mixture(mixture) => mixture.variance(),
+            Density::Gaussian { mean, variance } => mean * mean + variance,
+        };
+        self.densities.iter().map(square).collect()
+    }
+
+    /// With the best responsibilities for expected squares `<l_m^2>` (M): `r_n` in proportion to
+    /// `pi_n / s_n exp(-<l^2> / (2 s_n^2))`.
+    pub(super) fn given(&self, squares: &[f64]) -> Given {
+        let mut constant = 0.0;
+        let variance = |(density, square): (&Density<'_>, &f64)| match density {
+            Density::Constant(_) => 0.0,
+            Density::Gaussian { variance, .. } => *variance,
+            Density::Mixture(mixture) => {
+                let (variance, lost) = gaussian_of(mixture, *square);
+                constant += lost;
+                variance
+            }
+        };
+        let variances = self.densities.iter().zip(squares).map(variance).collect();
+        Given { variances, constant }
+    }
+
+    /// Expected squares of the responsibilities that would be best for every mixture alone, all else as in a posterior
+    /// of means and variances (M each): expectation maximisation of one coefficient in its cavity (see
+    /// [`Self::correction`]), from each component in turn. `weak` leaves those as they are in `squares` that the image
+    /// determines for more than that share.
+    ///
+    /// A coefficient that the image leaves open stays with whatever component it has: the bound has a local maximum at
+    /// each.
+    pub(super) fn best_alone(
+        &self,
+        given: &Given,
+        light: &[f64],
+        posterior: &[f64],
+        squares: &[f64],
+        weak: f64,
+    ) -> Vec<f64> {
+        let mut best = squares.to_vec();
+        for (m, density) in self.densities.iter().enumerate() {
+            let Density::Mixture(mixture) = density else { continue };
+            let prior = given.variances[m];
+            let cavity = Cavity::new(light[m], posterior[m], prior);
+            if 1.0 - posterior[m] / prior > weak {
+                continue;
+            }
+            let mut top = f64::NEG_INFINITY;
+            for start in std::iter::once(prior).chain(mixture.variances.iter().copied()) {
+                let mut variance = start;
+                for _ in 0..ALONE {
+                    variance = gaussian_of(mixture, cavity.square(variance)).0;
+                }
+                let square = cavity.square(variance);
+                let (variance, constant) = gaussian_of(mixture, square);
+                let bound = cavity.log_z(variance) + constant;
+                if bound > top {
+                    (top, best[m]) = (bound, square);
+                }
+            }
+        }
+        best
+    }
+
+    /// What turns the bound into an estimate of the log evidence: every mixture in place of its bound, given a
+    /// posterior of means and variances (M each).
+    ///
+    /// What all else says about a coefficient is the cavity `exp(h l - p l^2 / 2)`, `p = 1/Sigma_mm - d_m`, `h =
+    /// <l_m>/Sigma_mm`; the mixture gives it the mass `sum_n pi_n Z(s_n^2)` and the Gaussian of the bound `Z(1/d_m)`,
+    /// with `log Z(v) = -log(1 + p v)/2 + h^2 v / (2 (1 + p v))`. The ratio is the first correction to such an
+    /// approximation by expectation propagation. It is exact for one unknown coefficient, and for any that the image
+    /// says nothing about, where the bound loses the logarithm of the weight of one component.
+    pub(super) fn correction(&self, given: &Given, light: &[f64], posterior: &[f64]) -> f64 {
+        let mut sum = -given.constant;
+        let at = given.variances.iter().zip(light.iter().zip(posterior));
+        for (density, (&prior, (mean, &variance))) in self.densities.iter().zip(at) {
+            let Density::Mixture(mixture) = density else { continue };
+            let cavity = Cavity::new(*mean, variance, prior);
+            let components = mixture.weights.iter().zip(&mixture.variances);
+            let joint: Vec<f64> = components.map(|(w, v)| w.ln() + cavity.log_z(*v)).collect();
+            let top = joint.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            sum += top + joint.iter().map(|j| (j - top).exp()).sum::<f64>().ln() - cavity.log_z(prior);
+        }
+        sum
+    }
+}
+
+/// Steps of the expectation maximisation of one coefficient.
+const ALONE: usize = 6;
+
+/// `1 / d` and the constant of one mixture with the best responsibilities for `<l^2>`.
+fn gaussian_of(mixture: &ScaleMixture, square: f64) -> (f64, f64) {
+    let log_sum = mixture.log_density_of_square(square);
+    let d: f64 = mixture.log_joint(square).zip(&mixture.variances).map(|(j, v)| (j - log_sum).exp() / v).sum();
+    // log r_n = log pi_n + log N(<l^2>; s_n^2) - log_sum, put into the sum.
+    (1.0 / d, log_sum + 0.5 * (TAU.ln() + square * d - d.ln()))
+}
+
+/// What all but its own prior says about one coefficient: `exp(h l - p l^2 / 2)`.
+struct Cavity {
+    p: f64,
+    h: f64,
+}
+
+impl Cavity {
+    /// From its posterior under a Gaussian prior of mean zero.
+    fn new(mean: f64, variance: f64, prior: f64) -> Self {
+        let variance = variance.max(1e-14 * prior);
+        Self { p: (1.0 / variance - 1.0 / prior).max(0.0), h: mean / variance }
+    }
+
+    /// Logarithm of its mass under `N(0, v)`.
+    fn log_z(&self, v: f64) -> f64 {
+        let q = 1.0 + self.p * v;
+        0.5 * (self.h * self.h * v / q - q.ln())
+    }
+
+    /// `<l^2>` under its product with `N(0, v)`.
+    fn square(&self, v: f64) -> f64 {
+        let variance = v / (1.0 + self.p * v);
+        variance + (self.h * variance).powi(2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_constant_is_the_sum_over_responsibilities() {
+        let mixture = ScaleMixture { weights: vec![0.2, 0.5, 0.3], variances: vec![0.01, 0.3, 5.0] };
+        let prior = CoefficientPrior::Mixture(mixture.clone());
+        for square in [1e-6, 0.02, 1.0, 40.0] {
+            let given = Scales::new(0.3, &[&prior]).given(&[0.09, square]);
+            let joint: Vec<f64> = mixture.log_joint(square).map(f64::exp).collect();
+            let r: Vec<f64> = joint.iter().map(|j| j / joint.iter().sum::<f64>()).collect();
+            let d: f64 = r.iter().zip(&mixture.variances).map(|(r, v)| r / v).sum();
+            let terms = r.iter().zip(&mixture.weights).zip(&mixture.variances).filter(|((r, _), _)| **r > 0.0);
+            let want: f64 = terms.map(|((r, w), v)| r * ((w / r).ln() - 0.5 * v.ln())).sum::<f64>() - 0.5 * d.ln();
+            assert!((given.variances[1] * d - 1.0).abs() < 1e-12 && given.variances[0] == 0.0);
+            assert!((given.constant - want).abs() < 1e-10, "{square}: {} {want}", given.constant);
+        }
+    }
+
+    #[test]
+    fn one_component_costs_nothing() {
+        let prior = CoefficientPrior::Mixture(ScaleMixture { weights: vec![1.0], variances: vec![0.4] });
+        let given = Scales::new(0.3, &[&prior, &prior]).given(&[0.09, 7.0, 1e-9]);
+        assert!(given.constant.abs() < 1e-12);
+        assert!(given.variances[1..].iter().all(|v| (v - 0.4).abs() < 1e-15));
+    }
+}

@@ -9,6 +9,7 @@
 //!
 //! [`marginal`] integrates the light out instead: the evidence of candidate reflectances, and the best of them.
 
+pub mod amortised;
 mod coordinate;
 mod ensemble;
 #[cfg(test)]

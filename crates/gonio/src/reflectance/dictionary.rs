@@ -34,8 +34,8 @@ pub struct Coordinates {
 /// Components and mixtures of them that stand for the prior of materials.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dictionary {
-    /// Names of the measured materials, which are the first components and the first entries.
-    pub names: Vec<String>,
+    /// The measured materials, which are the first components and the first entries.
+    pub measured: LogBasis,
     /// Tables of albedo one along the normal: measured, then Lambert, then GGX lobes in pairs (no reflectance along the normal, full reflectance).
     pub components: Vec<BivariateTable>,
     /// Albedo of each component before it was scaled to one.
@@ -98,10 +98,10 @@ impl Dictionary {
     ///
     /// # Panics
     /// Without materials.
-    pub fn new(measured: &LogBasis, settings: &DictionarySettings) -> Self {
+    pub fn new(measured: LogBasis, settings: &DictionarySettings) -> Self {
         let mut dictionary = Self::components_of(measured);
         let mut rng = Pcg64::seed_from_u64(settings.seed);
-        let alone = (0..measured.len()).map(|m| vec![(m, 1.0)]);
+        let alone = (0..dictionary.measured.len()).map(|m| vec![(m, 1.0)]);
         let entries = alone.chain((0..settings.draws).map(|_| dictionary.draw(&mut rng))).collect();
         dictionary.entries = entries;
         let logs: Vec<Vec<f64>> = dictionary.entries.par_iter().map(|e| relative_log(&dictionary.table(e))).collect();
@@ -119,13 +119,13 @@ impl Dictionary {
     }
 
     /// The dictionary with entries and coordinates that were made before.
-    pub fn restore(measured: &LogBasis, entries: Vec<Mixture>, coordinates: Coordinates) -> Self {
+    pub fn restore(measured: LogBasis, entries: Vec<Mixture>, coordinates: Coordinates) -> Self {
         let mut dictionary = Self::components_of(measured);
         dictionary.places = entries.par_iter().map(|e| coordinates.of(&dictionary.table(e))).collect();
         Self { entries, coordinates, ..dictionary }
     }
 
-    fn components_of(measured: &LogBasis) -> Self {
+    fn components_of(measured: LogBasis) -> Self {
         assert!(!measured.is_empty(), "no materials");
         let mut components: Vec<BivariateTable> =
             (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
@@ -138,7 +138,7 @@ impl Dictionary {
             table.as_mut_slice().iter_mut().for_each(|v| *v = (f64::from(*v) / albedo) as f32);
         }
         Self {
-            names: measured.names.clone(),
+            measured,
             components,
             albedos,
             entries: Vec::new(),
@@ -160,7 +160,7 @@ impl Dictionary {
     /// A material drawn from the prior: in 45 of 100 cases a measured one, in 20 two of them, in 15 one above a diffuse
     /// base, and else a dielectric or a metal by formula.
     pub fn draw(&self, rng: &mut Pcg64) -> Mixture {
-        let measured = self.names.len();
+        let measured = self.measured.len();
         let lambert = measured;
         let pick = |rng: &mut Pcg64| rng.random_range(0..measured);
         let kind: f64 = rng.random_range(0.0..1.0);
@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn draws_are_mixtures_of_albedo_one() {
-        let dictionary = Dictionary::new(&measured(), &DictionarySettings { draws: 60, ..Default::default() });
+        let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 60, ..Default::default() });
         assert_eq!(dictionary.entries.len(), 65);
         for (entry, place) in dictionary.entries.iter().zip(&dictionary.places) {
             assert!((entry.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-12);
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn scale_is_not_a_coordinate() {
-        let dictionary = Dictionary::new(&measured(), &DictionarySettings { draws: 20, ..Default::default() });
+        let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 20, ..Default::default() });
         let table = dictionary.table(&dictionary.entries[7]);
         let bright = BivariateTable::from_vec(table.as_slice().iter().map(|v| 50.0 * v).collect());
         let (a, b) = (dictionary.coordinates.of(&table), dictionary.coordinates.of(&bright));
@@ -252,8 +252,8 @@ mod tests {
     #[test]
     fn a_dictionary_comes_back_from_its_parts() {
         let basis = measured();
-        let made = Dictionary::new(&basis, &DictionarySettings { draws: 30, ..Default::default() });
-        let back = Dictionary::restore(&basis, made.entries.clone(), made.coordinates.clone());
+        let made = Dictionary::new(basis.clone(), &DictionarySettings { draws: 30, ..Default::default() });
+        let back = Dictionary::restore(basis, made.entries.clone(), made.coordinates.clone());
         assert_eq!(made.components, back.components);
         let gap = made.places.iter().flatten().zip(back.places.iter().flatten()).map(|(a, b)| (a - b).abs());
         assert!(gap.fold(0.0, f64::max) < 1e-3);
@@ -262,8 +262,8 @@ mod tests {
     #[test]
     fn formulas_are_drawn_with_their_own_reflectance() {
         // The lobes of full and of no reflectance make the lobe of any: Schlick's formula is linear in it.
-        let dictionary = Dictionary::new(&measured(), &DictionarySettings { draws: 1, ..Default::default() });
-        let lambert = dictionary.names.len();
+        let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 1, ..Default::default() });
+        let lambert = dictionary.measured.len();
         let (f0, lobe) = (0.3, 4);
         let parts = [(lambert + 1 + 2 * lobe, 1.0 - f0), (lambert + 2 + 2 * lobe, f0)];
         let mixture: Mixture = parts.iter().map(|&(c, w)| (c, w * dictionary.albedos[c])).collect();

@@ -1,0 +1,56 @@
+//! The posterior of the material with the light integrated out over captured lights (eq. 3), learnt beforehand.
+//!
+//! The captured lights are samples of `p(L)`, measured materials and what lies between them samples of `p(F)`: photographs
+//! simulated from both are samples of `p(F, I)`, and a regression from the image to the material fitted to them is the
+//! posterior `p(F | I)`, marginal over light by construction. It knows of lamps, horizons and edges what no prior of independent wavelet
+//! coefficients can say. An image is reduced to its [`Statistics`](crate::appearance::Statistics); a small network turns them into a Gaussian over the
+//! [`Coordinates`](crate::reflectance::Coordinates) of materials (Papamakarios & Murray 2016 call it neural posterior estimation);
+//! and the entries of a [`Dictionary`] are weighted by its density.
+
+mod head;
+mod network;
+mod posterior;
+mod simulate;
+#[cfg(test)]
+mod tests;
+mod train;
+
+use crate::appearance::{Gathered, STATISTICS, Statistics};
+use crate::reflectance::Dictionary;
+
+pub use network::{Dense, Network};
+pub use posterior::{MaterialPosterior, Neighbour};
+pub use simulate::{Simulation, SimulationSettings};
+pub use train::{Scaling, TrainingSettings};
+
+/// What was learnt: from the statistics of an image to the posterior of its material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Amortised {
+    /// Materials to weigh.
+    pub dictionary: Dictionary,
+    /// One for each statistic.
+    pub scaling: Vec<Scaling>,
+    /// From scaled statistics to a Gaussian over coordinates.
+    pub network: Network,
+}
+
+impl Amortised {
+    /// The posterior of the material in an image.
+    pub fn posterior(&self, image: &Gathered, statistics: &Statistics) -> MaterialPosterior {
+        let scaled: Vec<f32> =
+            statistics.of(&image.values).iter().zip(&self.scaling).map(|(v, s)| s.apply(*v)).collect();
+        debug_assert_eq!(scaled.len(), STATISTICS);
+        let outputs = self.network.apply(&scaled);
+        let gaussian = head::Gaussian::of(&outputs, self.dictionary.coordinates.axes.len());
+        let densities: Vec<f64> = self.dictionary.places.iter().map(|z| gaussian.log_density(z)).collect();
+        MaterialPosterior::of(&self.dictionary, &densities)
+    }
+
+    /// Share of the statistics that are outside of what was seen in training: near 0.002 for a photograph like those simulated, and large for
+    /// one unlike them, whose posterior is not to be trusted.
+    pub fn strangeness(&self, image: &Gathered, statistics: &Statistics) -> f64 {
+        let values = statistics.of(&image.values);
+        let outside = values.iter().zip(&self.scaling).filter(|(v, s)| **v < s.low || **v > s.high).count();
+        outside as f64 / STATISTICS as f64
+    }
+}

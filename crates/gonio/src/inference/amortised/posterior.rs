@@ -50,8 +50,13 @@ impl MaterialPosterior {
         let measured = dictionary.measured.len();
         // Among themselves: their entries are few beside the draws.
         let own = normalised(log_densities[..measured].iter().copied());
-        let mut neighbours: Vec<Neighbour> =
-            dictionary.names.iter().zip(own).map(|(name, weight)| Neighbour { name: name.clone(), weight }).collect();
+        let mut neighbours: Vec<Neighbour> = dictionary
+            .measured
+            .names
+            .iter()
+            .zip(own)
+            .map(|(name, weight)| Neighbour { name: name.clone(), weight })
+            .collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
         Self { mean: dictionary.table(&mixture), weights, neighbours }
     }

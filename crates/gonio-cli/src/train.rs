@@ -3,13 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use gonio::inference::amortised::{Simulation, SimulationSettings, TrainingSettings};
 use gonio::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use gonio::model::Model;
 use gonio::reflectance::nmf::NmfSettings;
-use gonio::reflectance::{BivariateTable, MerlTable, TrainSettings, train};
+use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis, MerlTable, TrainSettings, train};
+use gonio::render::LightTree;
 use gonio::sphere::OctahedralMap;
 use gonio_io::atomic::write_file;
-use gonio_io::model::{encode_lighting, encode_model, encode_reflectance, read_lighting, read_reflectance};
+use gonio_io::model::{
+    encode_lighting, encode_model, encode_posterior, encode_reflectance, read_lighting, read_posterior,
+    read_reflectance,
+};
 use rayon::prelude::*;
 
 use crate::input;
@@ -22,7 +27,9 @@ pub(crate) enum Command {
     Lighting(Lighting),
     /// The basis and prior of reflectance, from a folder of MERL `.binary` files
     Reflectance(Reflectance),
-    /// Join both into a model for `gonio infer --model`
+    /// The posterior of materials for `gonio infer --method marginal`, from both
+    Posterior(Posterior),
+    /// Join all into a model for `gonio infer --model`
     Model(Join),
 }
 
@@ -88,6 +95,46 @@ pub(crate) enum Channel {
     Red,
     Green,
     Blue,
+    /// Their sum, weighted as the eye does
+    Luminance,
+}
+
+impl Channel {
+    fn of(self, rgb: &[BivariateTable; 3]) -> BivariateTable {
+        match self {
+            Self::Red | Self::Green | Self::Blue => rgb[self as usize].clone(),
+            Self::Luminance => BivariateTable::luminance(rgb),
+        }
+    }
+}
+
+/// Options of `gonio train posterior`.
+#[derive(clap::Args)]
+pub(crate) struct Posterior {
+    /// Folder of lat-long maps (.hdr, .exr, .pfm)
+    #[arg(long, value_name = "DIR")]
+    lights: PathBuf,
+    /// Folder of `.binary` files, or of `bivariate_rgb_f32.npy` with `materials.txt`
+    #[arg(long, value_name = "DIR")]
+    materials: PathBuf,
+    /// File to write
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Channel of the materials
+    #[arg(long, value_enum, default_value_t = Channel::Luminance)]
+    channel: Channel,
+    /// Cameras in each light
+    #[arg(long, default_value_t = SimulationSettings::default().cameras)]
+    cameras: usize,
+    /// Materials before each camera
+    #[arg(long, default_value_t = SimulationSettings::default().draws)]
+    draws: usize,
+    /// Passes of the training over all simulated photographs
+    #[arg(long, default_value_t = TrainingSettings::default().epochs)]
+    epochs: usize,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
 }
 
 /// Options of `gonio train model`.
@@ -99,6 +146,9 @@ pub(crate) struct Join {
     /// Output of `gonio train reflectance`
     #[arg(long)]
     reflectance: PathBuf,
+    /// Output of `gonio train posterior`; without one the model does not serve `--method marginal`
+    #[arg(long)]
+    posterior: Option<PathBuf>,
     /// File to write
     #[arg(short, long)]
     output: PathBuf,
@@ -108,6 +158,7 @@ pub(crate) fn run(command: &Command) -> Result<()> {
     match command {
         Command::Lighting(options) => lighting(options),
         Command::Reflectance(options) => reflectance(options),
+        Command::Posterior(options) => posterior(options),
         Command::Model(options) => join(options),
     }
 }
@@ -167,18 +218,17 @@ fn lighting(options: &Lighting) -> Result<()> {
 }
 
 /// One channel of every material of a folder.
-fn materials(options: &Reflectance) -> Result<Vec<(String, BivariateTable)>> {
-    let channel = options.channel as usize;
-    if options.dir.join("bivariate_rgb_f32.npy").is_file() {
-        let set = gonio_io::bivariate::read_bivariate_set(&options.dir)?;
-        return Ok(set.into_iter().map(|(name, rgb)| (name, rgb[channel].clone())).collect());
+fn materials(dir: &Path, channel: Channel) -> Result<Vec<(String, BivariateTable)>> {
+    if dir.join("bivariate_rgb_f32.npy").is_file() {
+        let set = gonio_io::bivariate::read_bivariate_set(dir)?;
+        return Ok(set.into_iter().map(|(name, rgb)| (name, channel.of(&rgb))).collect());
     }
-    let list = gonio_io::merl::list(&options.dir)?;
+    let list = gonio_io::merl::list(dir)?;
     let stage = Stage::new("reading materials");
     let mut out = Vec::with_capacity(list.len());
     for (i, (name, path)) in list.iter().enumerate() {
         let table: MerlTable = gonio_io::merl::read(path)?;
-        out.push((name.clone(), table.bivariate(channel)));
+        out.push((name.clone(), channel.of(&[0, 1, 2].map(|c| table.bivariate(c)))));
         stage.at((i + 1) as f64 / list.len() as f64);
     }
     stage.finish();
@@ -189,7 +239,7 @@ fn reflectance(options: &Reflectance) -> Result<()> {
     if options.restarts == 0 {
         bail!("--restarts 0: give at least 1");
     }
-    let materials = materials(options)?;
+    let materials = materials(&options.dir, options.channel)?;
     if !(1..=materials.len()).contains(&options.rank) {
         let (dir, count) = (options.dir.display(), materials.len());
         bail!("--rank {}: {dir} holds {count} materials; give a rank from 1 to {count}", options.rank);
@@ -218,10 +268,65 @@ fn reflectance(options: &Reflectance) -> Result<()> {
     Ok(())
 }
 
+fn posterior(options: &Posterior) -> Result<()> {
+    if options.cameras == 0 || options.draws == 0 || options.epochs == 0 {
+        bail!("--cameras, --draws and --epochs must be at least 1");
+    }
+    let paths = files(&options.lights, &["hdr", "exr", "pfm"])?;
+    if paths.is_empty() {
+        bail!("{}: no .hdr, .exr or .pfm files here", options.lights.display());
+    }
+    let materials = materials(&options.materials, options.channel)?;
+    if materials.is_empty() {
+        bail!("{}: no materials here", options.materials.display());
+    }
+    let stage = Stage::new("learning materials");
+    let basis = LogBasis::fit(&materials, LogBasis::RANK);
+    let dictionary =
+        Dictionary::new(basis, &DictionarySettings { seed: options.seed, ..DictionarySettings::default() });
+    stage.finish();
+    let settings = SimulationSettings {
+        cameras: options.cameras,
+        draws: options.draws,
+        seed: options.seed,
+        ..SimulationSettings::default()
+    };
+    let mut simulation = Simulation::new(dictionary, settings);
+    let stage = Stage::new("simulating photographs");
+    for (i, path) in paths.iter().enumerate() {
+        simulation.add_light(&LightTree::of_map(&input::light(path)?));
+        stage.at((i + 1) as f64 / paths.len() as f64);
+    }
+    stage.finish();
+    let stage = Stage::new("learning the posterior");
+    let training = TrainingSettings { epochs: options.epochs, seed: options.seed, ..TrainingSettings::default() };
+    let amortised = simulation.train(&training, &|share| stage.at(share));
+    stage.finish();
+    let provenance = format!(
+        "posterior of materials by gonio {} from the {:?} channel of {} materials in {} maps, {} photographs, seed {}",
+        env!("CARGO_PKG_VERSION"),
+        options.channel,
+        materials.len(),
+        paths.len(),
+        simulation.count(),
+        options.seed
+    );
+    write_file(&options.output, &encode_posterior(&amortised, &provenance))?;
+    println!("{}: {provenance}", options.output.display());
+    Ok(())
+}
+
 fn join(options: &Join) -> Result<()> {
     let (light, light_provenance) = read_lighting(&options.lighting)?;
     let (reflectance, reflectance_provenance) = read_reflectance(&options.reflectance)?;
-    let model = Model { light, reflectance, provenance: format!("{light_provenance}; {reflectance_provenance}") };
+    let mut provenance = format!("{light_provenance}; {reflectance_provenance}");
+    let mut posterior = None;
+    if let Some(path) = &options.posterior {
+        let (amortised, more) = read_posterior(path)?;
+        provenance = format!("{provenance}; {more}");
+        posterior = Some(amortised);
+    }
+    let model = Model { light, reflectance, posterior, provenance };
     model.check()?;
     write_file(&options.output, &encode_model(&model))?;
     println!("{}: {}", options.output.display(), model.provenance);

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use gonio::lighting::EnvironmentMap;
-use gonio::reflectance::BivariateTable;
 use gonio::render::LightTree;
 
 /// Reads an environment map.
@@ -69,13 +68,4 @@ impl Lights {
     pub(crate) fn tree(&self, name: &str) -> Result<LightTree> {
         Ok(LightTree::of_map(&self.map(name)?))
     }
-}
-
-/// Luminance of an RGB reflectance.
-pub(crate) fn luminance_table(rgb: &[BivariateTable; 3]) -> BivariateTable {
-    let [r, g, b] = rgb;
-    let channels = r.as_slice().iter().zip(g.as_slice()).zip(b.as_slice());
-    BivariateTable::from_vec(
-        channels.map(|((r, g), b)| gonio::picture::luminance(glam::Vec3::new(*r, *g, *b))).collect(),
-    )
 }

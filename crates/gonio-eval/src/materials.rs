@@ -7,8 +7,6 @@ use anyhow::{Context, Result, bail};
 use gonio::reflectance::{BivariateTable, MerlTable};
 use rayon::prelude::*;
 
-use crate::data::luminance_table;
-
 /// A database of materials in the order of their file names: a folder of `.binary` files of the MERL database, or of bivariate tables, or both.
 pub(crate) struct Materials {
     /// Names, in the order of `NAME.binary`: that of a listing of the database, `chrome-steel` before `chrome`.
@@ -82,7 +80,7 @@ impl Materials {
 
     /// Luminance over half and difference angle: what estimates are compared with.
     pub(crate) fn luminance(&self, at: usize) -> BivariateTable {
-        luminance_table(&self.rgb[at])
+        BivariateTable::luminance(&self.rgb[at])
     }
 
     /// What [`Self::full`] has for a material.

@@ -3,8 +3,10 @@
 
 use thiserror::Error;
 
+use crate::appearance::STATISTICS;
+use crate::inference::amortised::{Amortised, Network, Scaling};
 use crate::lighting::{CoefficientPrior, LightPrior, PriorGroup};
-use crate::reflectance::{CELLS, ReflectanceBasis, THETA_D};
+use crate::reflectance::{CELLS, Coordinates, Dictionary, LogBasis, Mixture, ReflectanceBasis, THETA_D};
 
 /// The prior of light and the basis of reflectance, with a note of where they come from.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,6 +15,8 @@ pub struct Model {
     pub light: LightPrior,
     /// `phi_k` and `p(f)`, eq. 6.
     pub reflectance: ReflectanceBasis,
+    /// `p(F | I)` learnt from simulated photographs, which `--method marginal` needs.
+    pub posterior: Option<Amortised>,
     /// What it was trained on and how, for people.
     pub provenance: String,
 }
@@ -110,6 +114,9 @@ pub enum ModelError {
         /// Functions.
         functions: usize,
     },
+    /// A posterior of materials whose parts do not fit.
+    #[error("the posterior of materials cannot be: {0}")]
+    Posterior(#[from] PosteriorFault),
     /// A material whose scale is not positive or one of whose coefficients is negative or not finite.
     #[error("material \"{material}\" has a scale or coefficient of {value}")]
     Material {
@@ -120,6 +127,26 @@ pub enum ModelError {
     },
 }
 
+/// What is wrong with a posterior of materials.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum PosteriorFault {
+    /// Lengths do not fit each other.
+    #[error("{0} has {1} values, {2} are expected")]
+    Length(&'static str, usize, usize),
+    /// A value that is not finite.
+    #[error("{0} has values that are not finite")]
+    NotFinite(&'static str),
+    /// There is nothing in it.
+    #[error("it has no {0}")]
+    Empty(&'static str),
+    /// An entry that is no mixture of components.
+    #[error("entry {0} is not a mixture of the components")]
+    Entry(usize),
+    /// A statistic whose scale is not positive.
+    #[error("statistic {0} has no scale")]
+    Scale(usize),
+}
+
 /// Scales of a prior at most: a grid of 16384 texels a side.
 const MAX_SCALES: u32 = 14;
 
@@ -127,13 +154,19 @@ const MAX_SCALES: u32 = 14;
 const WEIGHT_TOLERANCE: f64 = 1e-6;
 
 impl Model {
-    /// Whether both halves are consistent: lengths fit, weights and variances are proper, everything is finite.
+    /// Whether all parts are consistent: lengths fit, weights and variances are proper, everything is finite.
     ///
     /// # Errors
     /// The first thing found that is not.
     pub fn check(&self) -> Result<(), ModelError> {
         check_light(&self.light)?;
-        check_reflectance(&self.reflectance)
+        check_reflectance(&self.reflectance)?;
+        match &self.posterior {
+            Some(Amortised { dictionary: d, scaling, network }) => {
+                check_posterior(&d.measured, &d.entries, &d.coordinates, scaling, network)
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -224,6 +257,67 @@ pub fn check_reflectance(basis: &ReflectanceBasis) -> Result<(), ModelError> {
     Ok(())
 }
 
+/// The check of a posterior of materials, by its parts.
+///
+/// # Errors
+/// The first thing found that is not consistent.
+pub fn check_posterior(
+    measured: &LogBasis,
+    entries: &[Mixture],
+    coordinates: &Coordinates,
+    scaling: &[Scaling],
+    network: &Network,
+) -> Result<(), ModelError> {
+    let length = |what, got: usize, expected: usize| {
+        if got == expected { Ok(()) } else { Err(PosteriorFault::Length(what, got, expected)) }
+    };
+    let finite = |what, values: &[f32]| {
+        if values.iter().all(|v| v.is_finite()) { Ok(()) } else { Err(PosteriorFault::NotFinite(what)) }
+    };
+    let filled = |what, there: bool| if there { Ok(()) } else { Err(PosteriorFault::Empty(what)) };
+    filled("materials", !measured.is_empty())?;
+    length("the materials' coefficients", measured.coefficients.len(), measured.len())?;
+    for row in &measured.coefficients {
+        length("a material's coefficients", row.len(), measured.axes.len())?;
+        finite("a material's coefficients", row)?;
+    }
+    filled("coordinates", !coordinates.axes.is_empty())?;
+    let tables = [&measured.mean, &coordinates.mean].into_iter().chain(&measured.axes).chain(&coordinates.axes);
+    for table in tables {
+        length("a table", table.len(), CELLS)?;
+        finite("a table", table)?;
+    }
+    let components = Dictionary::components_with(measured.len());
+    for (at, entry) in entries.iter().enumerate() {
+        let proper = entry.iter().all(|&(c, weight)| c < components && positive(weight));
+        let sum: f64 = entry.iter().map(|(_, w)| w).sum();
+        let alone = at >= measured.len() || *entry == [(at, 1.0)];
+        if !proper || !alone || (sum - 1.0).abs() > WEIGHT_TOLERANCE {
+            return Err(PosteriorFault::Entry(at).into());
+        }
+    }
+    filled("entries for its materials", entries.len() >= measured.len())?;
+    length("the scaling", scaling.len(), STATISTICS)?;
+    for (at, s) in scaling.iter().enumerate() {
+        if !(s.low <= s.high && s.low.is_finite() && s.high.is_finite() && s.centre.is_finite())
+            || !positive(f64::from(s.deviation))
+        {
+            return Err(PosteriorFault::Scale(at).into());
+        }
+    }
+    filled("network", !network.layers.is_empty())?;
+    let mut inputs = STATISTICS;
+    for layer in &network.layers {
+        length("the input of a layer", layer.inputs, inputs)?;
+        length("the weights of a layer", layer.weights.len(), inputs.saturating_mul(layer.bias.len()))?;
+        finite("a layer", &layer.weights)?;
+        finite("a layer", &layer.bias)?;
+        inputs = layer.bias.len();
+    }
+    length("the network's output", inputs, Amortised::outputs(coordinates.axes.len()))?;
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -236,7 +330,7 @@ mod tests {
             rates: vec![2.0, 30.0],
             materials: vec![TrainingMaterial { name: "chalk".into(), scale: 0.3, coefficients: vec![0.9, 0.0] }],
         };
-        Model { light: crate::transfer::toy_prior(8), reflectance, provenance: "toys".into() }
+        Model { light: crate::transfer::toy_prior(8), reflectance, posterior: None, provenance: "toys".into() }
     }
 
     fn check(spoil: impl FnOnce(&mut Model), says: &str) {

@@ -44,6 +44,6 @@ impl Knowledge {
             .context("the operator")?;
         let training = kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
         let provenance = format!("basis of {} materials", kept.len());
-        Ok(Self { model: Model { light, reflectance, provenance }, training, plan })
+        Ok(Self { model: Model { light, reflectance, posterior: None, provenance }, training, plan })
     }
 }

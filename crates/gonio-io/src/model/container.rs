@@ -1,5 +1,6 @@
 //! The container of a model: a safetensors file whose metadata say what it is and guard it against damage.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
@@ -21,23 +22,23 @@ pub(super) type Metadata = BTreeMap<&'static str, String>;
 
 /// A named array to be written.
 pub(super) struct Tensor {
-    name: &'static str,
+    name: Cow<'static, str>,
     dtype: Dtype,
     shape: Vec<usize>,
     bytes: Vec<u8>,
 }
 
 impl Tensor {
-    pub(super) fn f32(name: &'static str, shape: &[usize], values: &[f32]) -> Self {
+    pub(super) fn f32(name: impl Into<Cow<'static, str>>, shape: &[usize], values: &[f32]) -> Self {
         let mut bytes = Vec::new();
         little_endian::put_f32(&mut bytes, values);
-        Self { name, dtype: Dtype::F32, shape: shape.to_vec(), bytes }
+        Self { name: name.into(), dtype: Dtype::F32, shape: shape.to_vec(), bytes }
     }
 
-    pub(super) fn f64(name: &'static str, shape: &[usize], values: &[f64]) -> Self {
+    pub(super) fn f64(name: impl Into<Cow<'static, str>>, shape: &[usize], values: &[f64]) -> Self {
         let mut bytes = Vec::new();
         little_endian::put_f64(&mut bytes, values);
-        Self { name, dtype: Dtype::F64, shape: shape.to_vec(), bytes }
+        Self { name: name.into(), dtype: Dtype::F64, shape: shape.to_vec(), bytes }
     }
 }
 
@@ -61,7 +62,7 @@ pub(super) fn encode(content: Content, mut metadata: Metadata, tensors: &[Tensor
     for Tensor { name, dtype, shape, bytes } in tensors {
         let data_offsets = (end, end + bytes.len());
         end = data_offsets.1;
-        entries.insert(name, Entry::Tensor { dtype: *dtype, shape, data_offsets });
+        entries.insert(name.as_ref(), Entry::Tensor { dtype: *dtype, shape, data_offsets });
     }
     let mut header = serde_json::to_vec(&entries).expect("strings and numbers are JSON");
     header.resize(header.len().next_multiple_of(8), b' ');
@@ -123,6 +124,16 @@ impl<'a> Container<'a> {
 
     pub(super) fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Error> {
         serde_json::from_str(self.text(name)?).map_err(|e| self.wrong(format!("has odd metadata \"{name}\": {e}")))
+    }
+
+    /// Whether there is a tensor of this name.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.tensors.tensor(name).is_ok()
+    }
+
+    /// Whether the metadata have this entry.
+    pub(super) fn says(&self, name: &str) -> bool {
+        self.metadata.contains_key(name)
     }
 
     pub(super) fn f32s(&self, name: &str, shape: &[Option<usize>]) -> Result<(Vec<usize>, Vec<f32>), Error> {

@@ -5,11 +5,13 @@
 //! decoded.
 
 mod container;
+mod posterior;
 #[cfg(test)]
 mod tests;
 
 use std::path::Path;
 
+use gonio::inference::amortised::Amortised;
 use gonio::lighting::LightPrior;
 use gonio::model::{Model, check_light, check_reflectance};
 use gonio::reflectance::{BivariateTable, CELLS, ReflectanceBasis, THETA_D, THETA_H, TrainingMaterial};
@@ -27,6 +29,7 @@ enum Content {
     Model,
     Lighting,
     Reflectance,
+    Posterior,
 }
 
 impl Content {
@@ -36,11 +39,12 @@ impl Content {
             Self::Model => "model",
             Self::Lighting => "lighting",
             Self::Reflectance => "reflectance",
+            Self::Posterior => "posterior",
         }
     }
 
     fn named(name: &str) -> Option<Self> {
-        [Self::Model, Self::Lighting, Self::Reflectance].into_iter().find(|c| c.name() == name)
+        [Self::Model, Self::Lighting, Self::Reflectance, Self::Posterior].into_iter().find(|c| c.name() == name)
     }
 
     fn label(self) -> &'static str {
@@ -48,6 +52,7 @@ impl Content {
             Self::Model => "a whole model",
             Self::Lighting => "a light prior alone",
             Self::Reflectance => "a reflectance basis alone",
+            Self::Posterior => "a posterior of materials alone",
         }
     }
 
@@ -66,6 +71,12 @@ pub fn encode_model(model: &Model) -> Vec<u8> {
     let mut metadata = lighting_metadata(&model.light);
     let (more, tensors) = reflectance_parts(&model.reflectance);
     metadata.extend(more);
+    let mut tensors = Vec::from(tensors);
+    if let Some(amortised) = &model.posterior {
+        let (more, parts) = posterior::parts(amortised);
+        metadata.extend(more);
+        tensors.extend(parts);
+    }
     encode(Content::Model, metadata, &model.provenance, &tensors)
 }
 
@@ -80,6 +91,12 @@ pub fn encode_reflectance(basis: &ReflectanceBasis, provenance: &str) -> Vec<u8>
     encode(Content::Reflectance, metadata, provenance, &tensors)
 }
 
+/// The bytes of a posterior of materials, with a note of its origin.
+pub fn encode_posterior(amortised: &Amortised, provenance: &str) -> Vec<u8> {
+    let (metadata, tensors) = posterior::parts(amortised);
+    encode(Content::Posterior, metadata, provenance, &tensors)
+}
+
 fn encode(content: Content, mut metadata: Metadata, provenance: &str, tensors: &[Tensor]) -> Vec<u8> {
     metadata.insert("provenance", provenance.to_owned());
     container::encode(content, metadata, tensors)
@@ -91,7 +108,9 @@ fn encode(content: Content, mut metadata: Metadata, provenance: &str, tensors: &
 /// For bytes that are no model of this version, damaged, incomplete, or inconsistent as [`Model::check`] finds.
 pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
     let file = Container::decode(path, bytes, Content::Model)?;
-    Ok(Model { light: lighting(&file)?, reflectance: reflectance(&file)?, provenance: provenance(&file)? })
+    let posterior = file.says(posterior::NAMES).then(|| posterior::of(&file)).transpose()?;
+    let (light, reflectance) = (lighting(&file)?, reflectance(&file)?);
+    Ok(Model { light, reflectance, posterior, provenance: provenance(&file)? })
 }
 
 /// Decodes a light prior held in memory, and the note of its origin; `path` serves the messages only.
@@ -110,6 +129,15 @@ pub fn decode_lighting(path: &Path, bytes: &[u8]) -> Result<(LightPrior, String)
 pub fn decode_reflectance(path: &Path, bytes: &[u8]) -> Result<(ReflectanceBasis, String), Error> {
     let file = Container::decode(path, bytes, Content::Reflectance)?;
     Ok((reflectance(&file)?, provenance(&file)?))
+}
+
+/// Decodes a posterior of materials held in memory, and the note of its origin; `path` serves the messages only.
+///
+/// # Errors
+/// As [`decode_model`].
+pub fn decode_posterior(path: &Path, bytes: &[u8]) -> Result<(Amortised, String), Error> {
+    let file = Container::decode(path, bytes, Content::Posterior)?;
+    Ok((posterior::of(&file)?, provenance(&file)?))
 }
 
 /// The model that travels with the program; `model/PROVENANCE.md` says what it was learnt from.
@@ -142,6 +170,14 @@ pub fn read_lighting(path: impl AsRef<Path>) -> Result<(LightPrior, String), Err
 /// If the file cannot be read, and as [`decode_model`].
 pub fn read_reflectance(path: impl AsRef<Path>) -> Result<(ReflectanceBasis, String), Error> {
     decode_reflectance(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
+}
+
+/// Reads a posterior of materials and the note of its origin.
+///
+/// # Errors
+/// If the file cannot be read, and as [`decode_model`].
+pub fn read_posterior(path: impl AsRef<Path>) -> Result<(Amortised, String), Error> {
+    decode_posterior(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
 }
 
 /// What the metadata say of a training material; its coefficients are a row of a tensor.

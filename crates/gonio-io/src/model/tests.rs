@@ -34,7 +34,7 @@ fn toy(k: usize, materials: usize) -> Model {
         rates: (0..k).map(number).collect(),
         materials: (0..materials).map(material).collect(),
     };
-    Model { light, reflectance, provenance: "seed 1; \"blake3\":\"0000\"\nlights: a, b".into() }
+    Model { light, reflectance, posterior: None, provenance: "seed 1; \"blake3\":\"0000\"\nlights: a, b".into() }
 }
 
 static SMALL: LazyLock<Vec<u8>> = LazyLock::new(|| encode_model(&toy(1, 2)));

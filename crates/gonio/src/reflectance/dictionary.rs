@@ -125,6 +125,11 @@ impl Dictionary {
         Self { entries, coordinates, ..dictionary }
     }
 
+    /// Number of components of a dictionary of so many measured materials.
+    pub fn components_with(measured: usize) -> usize {
+        measured + 1 + 2 * ALPHAS.len()
+    }
+
     fn components_of(measured: LogBasis) -> Self {
         assert!(!measured.is_empty(), "no materials");
         let mut components: Vec<BivariateTable> =

@@ -130,6 +130,13 @@ impl BivariateTable {
         [(at, (1.0 - s) * (1.0 - t)), (at + 1, (1.0 - s) * t), (at + THETA_D, s * (1.0 - t)), (at + THETA_D + 1, s * t)]
     }
 
+    /// Luminance of an RGB reflectance (Rec. 709 weights).
+    pub fn luminance(rgb: &[Self; 3]) -> Self {
+        let [r, g, b] = rgb.each_ref().map(Self::as_slice);
+        let cell = |c: usize| crate::picture::luminance(glam::Vec3::new(r[c], g[c], b[c]));
+        Self::from_vec((0..CELLS).map(cell).collect())
+    }
+
     /// Replaces every cell beyond [`TRUSTED`] by the nearest trusted one along its axis (corner cells by the corner).
     /// The largest values of many measured tables lie there and are extrapolation, not measurement.
     pub fn extend_from_trusted(&mut self) {

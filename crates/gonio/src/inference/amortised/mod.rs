@@ -35,6 +35,11 @@ pub struct Amortised {
 }
 
 impl Amortised {
+    /// Outputs of a network for a Gaussian over so many coordinates: its mean, and the factor of its precision.
+    pub fn outputs(dimensions: usize) -> usize {
+        head::outputs(dimensions)
+    }
+
     /// The posterior of the material in an image.
     pub fn posterior(&self, image: &Gathered, statistics: &Statistics) -> MaterialPosterior {
         let scaled: Vec<f32> =

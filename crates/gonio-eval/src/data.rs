@@ -13,7 +13,7 @@ pub(crate) fn read_map(path: &Path) -> Result<EnvironmentMap> {
     EnvironmentMap::new(decoded.picture.rgb).with_context(|| path.display().to_string())
 }
 
-/// The captured lights of the data by name.
+/// Captured lights of the data by name.
 pub(crate) struct Lights {
     files: BTreeMap<String, PathBuf>,
 }
@@ -21,9 +21,17 @@ pub(crate) struct Lights {
 impl Lights {
     /// The test lights of the data.
     pub(crate) fn open(data: &Path) -> Result<Self> {
-        let folder = data.join("lighting/test");
-        let entries = std::fs::read_dir(&folder).with_context(|| {
-            format!("{}: cannot list the test lights; --data names the folder of the data", folder.display())
+        Self::of(&data.join("lighting/test"))
+    }
+
+    /// The lights that priors are learnt from.
+    pub(crate) fn training(data: &Path) -> Result<Self> {
+        Self::of(&data.join("lighting/train"))
+    }
+
+    fn of(folder: &Path) -> Result<Self> {
+        let entries = std::fs::read_dir(folder).with_context(|| {
+            format!("{}: cannot list the lights; --data names the folder of the data", folder.display())
         })?;
         let mut files = BTreeMap::new();
         for entry in entries {
@@ -48,7 +56,7 @@ impl Lights {
     fn file(&self, name: &str) -> Result<&Path> {
         match self.files.get(name) {
             Some(path) => Ok(path),
-            None => bail!("there is no test light {name}"),
+            None => bail!("there is no light {name}"),
         }
     }
 

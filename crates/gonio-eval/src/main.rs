@@ -8,6 +8,7 @@ mod materials;
 mod metrics;
 mod page;
 mod paper;
+mod posteriors;
 mod quadrature;
 
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! What is compared: trivial answers, oracles, and the estimators of the library.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
 use gonio::reflectance::BivariateTable;
 use gonio::transfer::Projected;
@@ -66,6 +66,8 @@ pub(crate) enum Estimator {
     KnownLight,
     /// Joint maximum over light and reflectance.
     JointMap,
+    /// The mean of the posterior learnt from simulated photographs: the project's answer.
+    Marginal,
     /// The separable posterior, `C_KL` minimised by blocks.
     Variational,
     /// The same by Algorithm 1 as printed. Slow.
@@ -82,6 +84,7 @@ impl Estimator {
             Self::TrueBivariate => "true-bivariate",
             Self::KnownLight => "known-light",
             Self::JointMap => "joint-map",
+            Self::Marginal => "marginal",
             Self::Variational => "variational",
             Self::Algorithm1 => "algorithm1",
         }
@@ -96,6 +99,7 @@ impl Estimator {
             Self::TrueBivariate => "true bivariate table (floor)",
             Self::KnownLight => "known light (oracle)",
             Self::JointMap => "joint MAP",
+            Self::Marginal => "marginal posterior",
             Self::Variational => "Algorithm 1 (block solver)",
             Self::Algorithm1 => "Algorithm 1 as printed",
         }
@@ -121,6 +125,7 @@ impl Estimator {
             Self::KnownLight,
             Self::JointMap,
             Self::Variational,
+            Self::Marginal,
         ]
     }
 
@@ -139,6 +144,7 @@ impl Estimator {
             Self::Lambertian => return Ok(Estimate::of(BivariateTable::from_fn(|_, _| 1.0))),
             Self::NearestMaterial => return Ok(nearest(&knowledge.training, truth)),
             Self::TrueBivariate => return Ok(Estimate::of(truth.clone())),
+            Self::Marginal => return marginal(knowledge, image),
             Self::KnownLight => {
                 let known = Projected::under_known_light(under_true_light, basis.len(), image);
                 let problem = Problem::with_known_light(&known, &basis.rates, hyper)?;
@@ -160,6 +166,19 @@ impl Estimator {
         let quantiles = uncertain.then(|| gaussian_quantiles(&table, &basis.functions, &posterior.reflectance_sd));
         Ok(Estimate { table: Some(table), quantiles, report: Report::of(&posterior, problem_scale) })
     }
+}
+
+/// Weights of the dictionary by the posterior learnt from simulated photographs.
+fn marginal(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Estimate> {
+    let amortised = knowledge.model.posterior.as_ref().context("no posterior was learnt")?;
+    let gathered = knowledge.lattice.gather(&knowledge.points, image);
+    let posterior = amortised.posterior(&gathered, &knowledge.statistics);
+    let quantiles = posterior.quantiles(&amortised.dictionary, &[0.05, 0.25, 0.75, 0.95]);
+    let quantiles = quantiles.try_into().ok().context("four quantiles")?;
+    let nearest = &posterior.neighbours[0];
+    let note = format!("{} {:.2}", nearest.name, nearest.weight);
+    let report = Report { note, ..Report::default() };
+    Ok(Estimate { table: Some(posterior.mean), quantiles: Some(quantiles), report })
 }
 
 fn rms(image: &Projected) -> f64 {

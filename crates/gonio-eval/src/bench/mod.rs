@@ -19,4 +19,5 @@ mod summary;
 
 pub(crate) use merge::{MergeOptions, merge};
 pub(crate) use options::Options;
+pub(crate) use progress::Progress;
 pub(crate) use run::bench;

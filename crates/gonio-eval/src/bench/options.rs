@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
+use gonio::inference::amortised::SimulationSettings;
 use gonio::transfer::PlanSettings;
 
 use super::estimators::Estimator;
@@ -60,6 +61,12 @@ pub(crate) struct Options {
     /// Pixels along a side of the relit sphere
     #[arg(long, default_value_t = 64)]
     size: usize,
+    /// Cameras in each training light, for the photographs that the marginal posterior is learnt from
+    #[arg(long, default_value_t = SimulationSettings::default().cameras)]
+    cameras: usize,
+    /// Materials before each of those cameras
+    #[arg(long, default_value_t = SimulationSettings::default().draws)]
+    draws: usize,
     /// Only every N-th photograph, from the I-th on: one of N jobs
     #[arg(long, value_name = "I/N")]
     pub(crate) shard: Option<Shard>,
@@ -111,7 +118,13 @@ impl Options {
         if !self.grid.is_power_of_two() || !(8..=128).contains(&self.grid) {
             bail!("--grid {}: give a power of two from 8 to 128", self.grid);
         }
-        for (name, value) in [("starts", self.starts), ("rank", self.rank), ("rows", self.rows)] {
+        for (name, value) in [
+            ("starts", self.starts),
+            ("rank", self.rank),
+            ("rows", self.rows),
+            ("cameras", self.cameras),
+            ("draws", self.draws),
+        ] {
             if value == 0 {
                 bail!("--{name} 0: give at least 1");
             }
@@ -139,6 +152,11 @@ impl Options {
             rank: self.rank,
             normals: self.normals,
             starts: self.starts,
+            simulation: SimulationSettings {
+                cameras: self.cameras,
+                draws: self.draws,
+                ..SimulationSettings::default()
+            },
             noise: self.noise,
             relight: self.relight.clone(),
             spare,

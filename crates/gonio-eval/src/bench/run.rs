@@ -54,6 +54,7 @@ pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
     let bench = Bench {
         materials,
         lights,
+        training: grid.estimators.contains(&Estimator::Marginal).then(|| Lights::training(data)).transpose()?,
         shown: stage.nearest(&points),
         points,
         stage,
@@ -98,6 +99,8 @@ type Work = (Unit, Vec<(Estimator, String)>);
 struct Bench {
     materials: Materials,
     lights: Lights,
+    /// Lights that the marginal posterior is learnt from, if it is among the estimators.
+    training: Option<Lights>,
     points: Vec<SurfacePoint>,
     stage: Stage,
     /// For each pixel of the stage the observed point that shows it.
@@ -167,9 +170,11 @@ impl Bench {
         let start = Instant::now();
         let mut knowledge: BTreeMap<Protocol, Knowledge> = BTreeMap::new();
         for protocol in work.iter().map(|(u, _)| u.protocol).collect::<BTreeSet<_>>() {
-            let Conditions { rank, plan, .. } = &self.conditions;
-            let cache = Some(&self.cache);
-            let learnt = Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, cache, &|_| ())?;
+            let Conditions { rank, plan, simulation, .. } = &self.conditions;
+            let simulated = self.training.as_ref().map(|lights| (lights, simulation));
+            let cache = &self.cache;
+            let learnt =
+                Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, simulated, cache, &|_| ())?;
             knowledge.insert(protocol, learnt);
         }
         let examples: Vec<BivariateTable> =

@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use gonio::inference::amortised::SimulationSettings;
 use gonio::transfer::PlanSettings;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -29,6 +30,8 @@ pub(crate) struct Conditions {
     pub(crate) normals: usize,
     /// Starts of each method.
     pub(crate) starts: usize,
+    /// How the photographs are simulated that the marginal posterior is learnt from.
+    pub(crate) simulation: SimulationSettings,
     /// Noise added to the photographs, relative to their mean.
     pub(crate) noise: f64,
     /// Lights that estimates are relit in.
@@ -40,7 +43,7 @@ pub(crate) struct Conditions {
 }
 
 /// Version of [`Record`] and of what its numbers mean.
-pub(crate) const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 2;
 const CONDITIONS: &str = "conditions.json";
 const CELLS: &str = "cells";
 
@@ -167,6 +170,7 @@ mod tests {
             rank: 10,
             normals: 100,
             starts: 1,
+            simulation: SimulationSettings::default(),
             noise: 0.0,
             relight: vec!["a".into()],
             spare: vec![],

@@ -19,26 +19,31 @@ fn material(i: usize) -> BivariateTable {
     Ggx { diffuse, f0, alpha }.to_bivariate()
 }
 
-/// Writes `lighting/test` with four lights `l0` to `l3` and `merl` with ten materials, one of them also as a full table.
+/// A sky with a lamp, or several.
+fn light(lamps: &[Vec3], phase: f64) -> Plane<Vec3> {
+    let lamps: Vec<_> = lamps.iter().map(|lamp| lamp.normalize().as_dvec3()).collect();
+    Plane::from_fn(128, 64, |x, y| {
+        let d = direction_of_lat_long((x as f64 + 0.5) / 128.0, (y as f64 + 0.5) / 64.0);
+        let bright = if lamps.iter().any(|lamp| d.angle_between(*lamp) < 0.15) { 60.0 } else { 0.0 };
+        let sky = 0.6 + 0.4 * d.y + 0.3 * (3.0 * d.x + phase).sin() * d.z;
+        Vec3::splat((sky.max(0.05) + bright) as f32)
+    })
+}
+
+/// Writes `lighting/test` with four lights `l0` to `l3`, `lighting/train` with three others, and `merl` with ten materials, one of them also as a full table.
 pub(crate) fn write(dir: &Path) {
-    let (lights, merl) = (dir.join("lighting/test"), dir.join("merl"));
+    let (lights, training, merl) = (dir.join("lighting/test"), dir.join("lighting/train"), dir.join("merl"));
     std::fs::create_dir_all(&lights).unwrap();
+    std::fs::create_dir_all(&training).unwrap();
     std::fs::create_dir_all(&merl).unwrap();
-    for i in 0..4 {
-        let lamps = [
-            Vec3::new(0.5, 0.6, 0.6),
-            Vec3::new(-0.7, 0.4, 0.6),
-            Vec3::new(0.1, 0.9, -0.3),
-            Vec3::new(-0.5, -0.1, 0.8),
-        ];
-        let lamp = lamps[i].normalize().as_dvec3();
-        let map = Plane::from_fn(128, 64, |x, y| {
-            let d = direction_of_lat_long((x as f64 + 0.5) / 128.0, (y as f64 + 0.5) / 64.0);
-            let bright = if d.angle_between(lamp) < 0.15 { 60.0 } else { 0.0 };
-            let sky = 0.6 + 0.4 * d.y + 0.3 * (3.0 * d.x + i as f64).sin() * d.z;
-            Vec3::splat((sky.max(0.05) + bright) as f32)
-        });
-        gonio_io::picture::write_hdr(lights.join(format!("l{i}.hdr")), &map).unwrap();
+    let lamps =
+        [Vec3::new(0.5, 0.6, 0.6), Vec3::new(-0.7, 0.4, 0.6), Vec3::new(0.1, 0.9, -0.3), Vec3::new(-0.5, -0.1, 0.8)];
+    for (i, lamp) in lamps.into_iter().enumerate() {
+        gonio_io::picture::write_hdr(lights.join(format!("l{i}.hdr")), &light(&[lamp], i as f64)).unwrap();
+    }
+    let lamps = [Vec3::new(0.8, 0.3, 0.5), Vec3::new(-0.2, 0.7, 0.7), Vec3::new(0.0, 0.2, 1.0)];
+    for i in 0..3 {
+        gonio_io::picture::write_hdr(training.join(format!("t{i}.hdr")), &light(&lamps[..=i], 0.5 * i as f64)).unwrap();
     }
     let tables: Vec<BivariateTable> = (0..10).map(material).collect();
     let values = tables.iter().flat_map(|t| (0..CELLS).flat_map(|c| [t.as_slice()[c]; 3])).collect();

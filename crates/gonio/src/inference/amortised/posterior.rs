@@ -32,7 +32,10 @@ pub struct Neighbour {
 pub struct MaterialPosterior {
     /// Weight of each entry, with sum one.
     pub weights: Vec<f64>,
-    /// Mean of the entries' tables, each of albedo one along the normal.
+    /// The estimate: the mean of the entries as the eye sees it, of the cube roots of their tables (each of albedo one), cubed.
+    ///
+    /// A mean of the tables themselves (eq. 3) has the peak of the sharpest entry that has a share in it and is glossier than most of what
+    /// it stands for; a mean of the logarithms is duller. Relit, all three are as good (`docs/trials.md`).
     pub mean: BivariateTable,
     /// Measured materials by falling weight.
     pub neighbours: Vec<Neighbour>,
@@ -42,11 +45,6 @@ impl MaterialPosterior {
     /// From the logarithm of the density at each entry.
     pub(super) fn of(dictionary: &Dictionary, log_densities: &[f64]) -> Self {
         let weights = normalised(log_densities.iter().copied());
-        let mut parts = vec![0.0; dictionary.components.len()];
-        for (entry, weight) in dictionary.entries.iter().zip(&weights) {
-            entry.iter().for_each(|(component, share)| parts[*component] += weight * share);
-        }
-        let mixture: Vec<(usize, f64)> = parts.into_iter().enumerate().filter(|(_, w)| *w > 0.0).collect();
         let measured = dictionary.measured.len();
         // Among themselves: their entries are few beside the draws.
         let own = normalised(log_densities[..measured].iter().copied());
@@ -58,7 +56,7 @@ impl MaterialPosterior {
             .map(|(name, weight)| Neighbour { name: name.clone(), weight })
             .collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        Self { mean: dictionary.table(&mixture), weights, neighbours }
+        Self { mean: mean_lightness(dictionary, &weights), weights, neighbours }
     }
 
     /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the entries' tables brought to the
@@ -93,6 +91,16 @@ impl MaterialPosterior {
         let open = |c: usize| posterior[c] > UNDETERMINED * prior[c];
         (0..CELLS).map(|c| !is_trusted(c / THETA_D, c % THETA_D) || open(c)).collect()
     }
+}
+
+/// Mean of the cube roots of the entries, cubed.
+fn mean_lightness(dictionary: &Dictionary, weights: &[f64]) -> BivariateTable {
+    let mut sum = vec![0.0_f64; CELLS];
+    for (entry, &weight) in dictionary.entries.iter().zip(weights).filter(|(_, w)| **w > 1e-6) {
+        let table = dictionary.table(entry);
+        sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += weight * f64::from(*v).cbrt());
+    }
+    BivariateTable::from_vec(sum.into_iter().map(|v| v.powi(3) as f32).collect())
 }
 
 /// Weights in proportion to the exponentials, with sum one.

@@ -9,6 +9,7 @@
 
 mod head;
 mod network;
+mod numbers;
 mod posterior;
 mod simulate;
 #[cfg(test)]
@@ -19,6 +20,7 @@ use crate::appearance::{Gathered, STATISTICS, Statistics};
 use crate::reflectance::Dictionary;
 
 pub use network::{Dense, Network};
+pub use numbers::{Ranking, peak_over_base};
 pub use posterior::{MaterialPosterior, Neighbour};
 pub use simulate::{Simulation, SimulationSettings};
 pub use train::{Scaling, TrainingSettings};

@@ -1,28 +1,26 @@
-//! `gonio infer`: photograph -> observations -> transfer -> inference -> posterior -> outputs.
+//! `gonio infer`: photograph -> observations -> posterior -> outputs.
+//!
+//! What a method finds is an [`Answer`]: `marginal` and `basis` make one, the rest is common to all.
+
+mod basis;
+mod marginal;
+mod observe;
 
 use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use glam::Vec3;
-use gonio::inference::{
-    Hyper, JointMapSettings, MODEL_ERROR, Method, Posterior, Problem, Solver, VariationalSettings,
-    infer as find_posterior,
-};
-use gonio::lighting::{EnvironmentMap, LightGrid};
-use gonio::model::Model;
-use gonio::picture::{Picture, Plane};
-use gonio::reflectance::{BivariateTable, MerlTable};
-use gonio::render::{IntegratorSettings, LightTree, images_of_basis};
-use gonio::scene::{Circle, ObservationSettings, Observations, background_coverage, find_sphere};
-use gonio::transfer::{PlanSettings, Projected};
+use clap::ValueEnum;
+use gonio::inference::amortised::Neighbour;
+use gonio::lighting::LightGrid;
+use gonio::reflectance::{BivariateTable, CELLS, MerlTable, THETA_D, THETA_H};
+use gonio::scene::Circle;
 use gonio_io::atomic::StagedFolder;
-use gonio_io::cache::Cache;
-use gonio_io::plan::{PlanOrigin, load_or_build};
-use serde_json::json;
+use gonio_io::npy;
+use serde_json::{Value, json};
 
 use crate::progress::Stage;
-use crate::{input, summary};
+use crate::{input, summary, uncertainty};
 
 /// Options of `gonio infer`.
 #[derive(clap::Args)]
@@ -48,24 +46,24 @@ pub(crate) struct Options {
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// How the posterior is found
-    #[arg(long, value_enum, default_value_t = MethodName::Variational)]
+    #[arg(long, value_enum, default_value_t = MethodName::Marginal)]
     method: MethodName,
-    /// Solver of the variational method
+    /// Solver of --method variational
     #[arg(long, value_enum, default_value_t = SolverName::Blocks)]
     solver: SolverName,
     /// The light, a lat-long map in camera space, for --method known-light
     #[arg(long, value_name = "MAP")]
     light: Option<PathBuf>,
-    /// Seed of the random starts
+    /// Seed of the random starts of --method variational, map and known-light; marginal has none
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Random starts
+    /// Random starts of the same
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
     starts: u32,
     /// Texels along a side of the light grid, a power of two
     #[arg(long, default_value_t = 32)]
     grid: usize,
-    /// Run on all observations instead of their projection (slower, more memory)
+    /// Run --method variational or map on all observations instead of their projection (slower, more memory)
     #[arg(long)]
     full_rows: bool,
     /// Values of an integer picture are linear radiance, not sRGB-coded
@@ -85,7 +83,9 @@ enum Shape {
 /// Names of the methods.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum MethodName {
-    /// Separable posterior (Algorithm 1 of the paper)
+    /// Posterior of the material with the light integrated out over captured lights, learnt beforehand
+    Marginal,
+    /// Separable posterior of light and reflectance (Algorithm 1 of the paper)
     Variational,
     /// Joint maximum of light and reflectance: falls for the mirror in a blurry world
     Map,
@@ -110,13 +110,43 @@ fn parse_circle(text: &str) -> Result<Circle, String> {
     }
 }
 
-/// What the picture shows, and where.
-struct Scene {
-    observations: Observations,
-    coverage: Option<Plane<f32>>,
-    circle: Option<Circle>,
-    normals: Option<Plane<Vec3>>,
-    notes: serde_json::Value,
+/// What a method found.
+struct Answer {
+    /// Reflectance, scaled by [`with_albedo`].
+    table: BivariateTable,
+    /// The light on the scale that goes with it, for a blind method.
+    light: Option<LightGrid>,
+    /// What the pictures say of the fit.
+    caption: String,
+    /// Sections of result.json.
+    sections: Value,
+    /// Seconds of the stages.
+    seconds: Vec<(&'static str, f64)>,
+    /// What is not known of the reflectance, for the method that tells.
+    outlook: Option<Outlook>,
+}
+
+/// How sure the reflectance is.
+pub(crate) struct Outlook {
+    /// Its 5, 25, 75 and 95 % quantiles in each cell, on the scale of the answer.
+    pub(crate) quantiles: Vec<Vec<f32>>,
+    /// Cells that the photograph leaves open.
+    pub(crate) undetermined: Vec<bool>,
+    /// The measured materials nearest to it, by falling weight.
+    pub(crate) materials: Vec<Neighbour>,
+    /// The dull and the glossy end of what is probable, with a label.
+    pub(crate) ends: [(&'static str, BivariateTable); 2],
+}
+
+/// A table with an albedo of a half along the normal, and the factor that was needed: an image fixes the product of light and reflectance alone.
+fn with_albedo(table: &BivariateTable) -> (BivariateTable, f64) {
+    let scale = 0.5 / table.normal_albedo();
+    (BivariateTable::from_vec(table.as_slice().iter().map(|x| (f64::from(*x) * scale) as f32).collect()), scale)
+}
+
+/// The name of a value as the command line takes it.
+fn name_of(value: MethodName) -> String {
+    value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
 }
 
 pub(crate) fn run(options: &Options) -> Result<()> {
@@ -136,34 +166,24 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     if options.light.is_none() && options.grid > covered {
         bail!("--grid {}: the model's prior of light covers grids of up to {covered} texels a side", options.grid);
     }
+    if options.method == MethodName::Marginal {
+        marginal::check(options, &model)?;
+    }
+    let model_seconds = start.elapsed().as_secs_f64();
     // Read before the long work, used again for the pictures.
     let known = options.light.as_deref().map(input::light).transpose()?;
     let decoded = input::photograph(&options.image, options.linear, &mut warnings)?;
     let clip = options.clip.or(decoded.full_scale);
     let picture = decoded.picture;
-    let scene = observe(options, &picture, clip, &mut warnings)?;
+    let scene = observe::observe(options, &picture, clip, &mut warnings)?;
     // Made before the long work: a folder that cannot be made is told at once.
     let folder = StagedFolder::create(&options.output)?;
-    let read_seconds = start.elapsed().as_secs_f64();
-    let (projected, plan_notes, plan_seconds) =
-        project(options, &model, known.as_ref(), &scene.observations, &mut warnings)?;
-    let (posterior, infer_seconds) = posterior(options, &model, &projected)?;
-    let table = model.reflectance.combine(&posterior.reflectance)?;
-    if table.trusted_max() <= 0.0 {
-        bail!("{}: every reflectance coefficient came out zero; is the object lit at all?", options.image.display());
-    }
-    if posterior.starts.iter().all(|s| !s.converged) {
-        warnings.push("no start converged within its iterations; the result may be rough".into());
-    }
-    // The image fixes the product of light and reflectance: reflectance gets an albedo of a half, light the rest.
-    let scale = 0.5 / table.normal_albedo();
-    let table = BivariateTable::from_vec(table.as_slice().iter().map(|x| (f64::from(*x) * scale) as f32).collect());
-    let light = (options.method != MethodName::KnownLight).then(|| {
-        let radiance: Vec<f64> = posterior.light.iter().map(|l| l * posterior.exposure / scale).collect();
-        LightGrid::from_coefficients(model.light.map, &radiance)
-    });
+    let read_seconds = start.elapsed().as_secs_f64() - model_seconds;
+    let answer = match options.method {
+        MethodName::Marginal => marginal::answer(options, &model, &scene.observations, &mut warnings)?,
+        _ => basis::answer(options, &model, known.as_ref(), &scene.observations, &mut warnings)?,
+    };
     let stage = Stage::new("drawing");
-    let drawing = Instant::now();
     let pictures = summary::draw(
         &summary::Subject {
             picture: &picture,
@@ -171,65 +191,61 @@ pub(crate) fn run(options: &Options) -> Result<()> {
             circle: scene.circle,
             normals: scene.normals.as_ref(),
             colours: &scene.observations.colours,
-            table: &table,
-            light: light.as_ref(),
+            table: &answer.table,
+            light: answer.light.as_ref(),
             known_light: known.as_ref(),
+            outlook: answer.outlook.as_ref(),
             caption: format!(
-                "{:?} | {} observations | noise {:.1} % | {:.0} s",
-                options.method,
+                "{} | {} observations | {} | {:.0} s",
+                name_of(options.method),
                 scene.observations.report.used,
-                100.0 * posterior.noise / (projected.energy() / projected.pixels as f64).sqrt(),
+                answer.caption,
                 start.elapsed().as_secs_f64()
             ),
         },
         &|x| stage.at(x),
     );
-    stage.finish();
-    let result = json!({
+    let drawing_seconds = stage.finish();
+    let mut result = json!({
         "format": "gonio-result",
         "version": 1,
         "gonio": env!("CARGO_PKG_VERSION"),
         "image": options.image.display().to_string(),
-        "method": format!("{:?}", options.method),
-        "settings": {
-            "seed": options.seed, "starts": options.starts, "grid": options.grid,
-            "solver": format!("{:?}", options.solver), "model_error": MODEL_ERROR,
-            "full_rows": options.full_rows, "linear": options.linear,
-        },
+        "method": name_of(options.method),
         "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
         "observations": scene.notes,
-        "transfer": plan_notes,
-        "reflectance": {
-            "coefficients": posterior.reflectance,
-            "sd": posterior.reflectance_sd,
-            "scale": scale,
-            "note": "BRDF = scale * sum_k coefficients[k] * basis[k], in 1/sr with a normal albedo of 0.5; the scale of \
-                     reflectance is not determined by a photograph under unknown light",
-        },
-        "light": { "coefficients": posterior.light, "sd": posterior.light_sd },
-        "exposure": { "mean": posterior.exposure, "sd": posterior.exposure_sd },
-        "noise": { "sd": posterior.noise, "relative": posterior.noise / (projected.energy() / projected.pixels as f64).sqrt() },
-        "cost": {
-            "name": if options.method == MethodName::Map { "minus log posterior" } else { "C_KL" },
-            "trace": posterior.trace, "starts": posterior.starts, "best_start": posterior.best_start,
-        },
-        "seconds": {
-            "reading": read_seconds, "plan": plan_seconds, "inference": infer_seconds,
-            "drawing": drawing.elapsed().as_secs_f64(), "total": start.elapsed().as_secs_f64(),
-        },
         "warnings": warnings,
     });
+    let mut seconds = json!({ "model": model_seconds, "reading": read_seconds, "drawing": drawing_seconds });
+    seconds.as_object_mut().into_iter().for_each(|s| {
+        s.extend(answer.seconds.iter().map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))));
+    });
+    if let (Some(result), Value::Object(sections)) = (result.as_object_mut(), answer.sections) {
+        result.extend(sections);
+    }
     let write = |name: &str, bytes: &[u8]| folder.write(name, bytes);
-    write("brdf.binary", &gonio_io::merl::encode(&MerlTable::from_bivariate([&table, &table, &table])))?;
-    let text = serde_json::to_string_pretty(&result).context("the result cannot be written as JSON")?;
-    write("result.json", text.as_bytes())?;
-    if let Some(light) = &light {
+    let writing = Instant::now();
+    let table = &answer.table;
+    write("brdf.binary", &gonio_io::merl::encode(&MerlTable::from_bivariate([table, table, table])))?;
+    if let Some(light) = &answer.light {
         write("light.exr", &gonio_io::picture::encode_exr(&light.to_lat_long(128), None))?;
     } else if let Some(known) = &known {
         write("light.exr", &gonio_io::picture::encode_exr(known.radiance(), None))?;
     }
     write("relit.png", &gonio_io::picture::encode_png(&pictures.relit))?;
     write("summary.png", &gonio_io::picture::encode_png(&pictures.summary))?;
+    if let Some(outlook) = &answer.outlook {
+        let values = outlook.quantiles.concat();
+        debug_assert_eq!(values.len(), outlook.quantiles.len() * CELLS);
+        let array = npy::Array { shape: vec![outlook.quantiles.len(), THETA_H, THETA_D], values };
+        write("brdf_quantiles.npy", &npy::encode(&array))?;
+        write("uncertainty.png", &gonio_io::picture::encode_png(&uncertainty::draw(table, outlook)))?;
+    }
+    seconds["writing"] = json!(writing.elapsed().as_secs_f64());
+    seconds["total"] = json!(start.elapsed().as_secs_f64());
+    result["seconds"] = seconds;
+    let text = serde_json::to_string_pretty(&result).context("the result cannot be written as JSON")?;
+    write("result.json", text.as_bytes())?;
     folder.commit()?;
     input::warn(&warnings);
     println!(
@@ -239,139 +255,4 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         start.elapsed().as_secs_f64()
     );
     Ok(())
-}
-
-/// Finds the object and samples the picture on it.
-fn observe(options: &Options, picture: &Picture, clip: Option<f32>, warnings: &mut Vec<String>) -> Result<Scene> {
-    let name = || options.image.display().to_string();
-    let mask = options.mask.as_deref().map(gonio_io::picture::read_mask).transpose()?;
-    if let (Some(mask), Some(path)) = (&mask, &options.mask)
-        && mask.size() != picture.rgb.size()
-    {
-        let ((w, h), (pw, ph)) = (mask.size(), picture.rgb.size());
-        bail!("{}: the mask is {w}x{h}, the photograph {pw}x{ph}; give one of the same size", path.display());
-    }
-    let coverage = mask.or_else(|| picture.alpha.clone()).or_else(|| background_coverage(&picture.rgb));
-    let settings = ObservationSettings { clip, ..ObservationSettings::default() };
-    let (observations, circle, normals) = if let Some(path) = &options.normals {
-        let normals = gonio_io::normals::read_normals(path)?;
-        let found = Observations::of_normals(picture, &normals, coverage.as_ref(), &settings).with_context(|| {
-            let mask = options.mask.as_ref().map(|mask| format!(" and {}", mask.display())).unwrap_or_default();
-            format!("{} with {}{mask}", name(), path.display())
-        })?;
-        (found, None, Some(normals))
-    } else {
-        let Shape::Sphere = options.shape;
-        let circle = match (&options.circle, &coverage) {
-            (Some(circle), _) => *circle,
-            (None, Some(coverage)) => {
-                // What is wrong with an outline is wrong with the file it comes from.
-                let origin = || options.mask.as_ref().map_or_else(name, |mask| mask.display().to_string());
-                find_sphere(coverage).with_context(origin)?.circle
-            }
-            (None, None) => bail!(
-                "{}: no alpha channel and no constant background to tell the ball from; give --mask FILE or --circle X,Y,RADIUS",
-                name()
-            ),
-        };
-        let found = Observations::of_sphere(picture, &circle, coverage.as_ref(), &settings).with_context(name)?;
-        (found, Some(circle), None)
-    };
-    let report = &observations.report;
-    if report.clipped_pixels > 0 {
-        warnings.push(format!(
-            "{}: {} of {} pixels on the object are clipped and left out",
-            name(),
-            report.clipped_pixels,
-            report.observed_pixels
-        ));
-    }
-    let notes = json!({ "report": report, "circle": circle });
-    Ok(Scene { observations, coverage, circle, normals, notes })
-}
-
-/// The rows on which the inference runs.
-fn project(
-    options: &Options,
-    model: &Model,
-    known: Option<&EnvironmentMap>,
-    observations: &Observations,
-    warnings: &mut Vec<String>,
-) -> Result<(Projected, serde_json::Value, f64)> {
-    let tables = &model.reflectance.functions;
-    if let (Some(path), Some(light)) = (&options.light, known) {
-        let stage = Stage::new("rendering the basis");
-        let tree = LightTree::of_map(light);
-        let rows =
-            images_of_basis(&observations.points, tables, &tree, &IntegratorSettings::default(), &|x| stage.at(x));
-        let projected = Projected::under_known_light(&rows, tables.len(), &observations.values);
-        return Ok((projected, json!({ "light": path.display().to_string() }), stage.finish()));
-    }
-    let settings = PlanSettings { side: options.grid, ..PlanSettings::default() };
-    // Few observations: nothing to gain from a plan, which has more directions than there are values.
-    if options.full_rows || observations.report.used <= settings.rank {
-        let stage = Stage::new("integrating the basis");
-        let projected =
-            Projected::unprojected(&observations.points, &observations.values, tables, &model.light, &settings)?;
-        return Ok((projected, json!({ "rows": observations.report.used, "full_rows": true }), stage.finish()));
-    }
-    let stage = Stage::new("planning (kept for next time)");
-    let cache = Cache::user();
-    let (plan, origin, failed) =
-        load_or_build(cache.as_ref(), &observations.points, tables, &model.light, &settings, &|x| stage.at(x))?;
-    if let Some(error) = failed {
-        warnings.push(format!("the plan could not be kept for next time: {error}"));
-    }
-    let projected = plan.project(&observations.values, 1e-5)?;
-    let seconds = stage.finish();
-    let left_over = projected.left_over();
-    if left_over > 0.02 {
-        warnings.push(format!(
-            "{:.0} % of the picture's energy is finer than a {} x {} light can make with any of these materials: a sharp \
-             material is likely to come out too dull",
-            100.0 * left_over,
-            options.grid,
-            options.grid
-        ));
-    }
-    let notes = json!({
-        "plan": if matches!(origin, PlanOrigin::Cache) { "cache" } else { "built" },
-        "rank": projected.bilinear.rows(),
-        "left_out_a_priori": plan.left_out(),
-        "left_over_of_the_image": left_over,
-    });
-    Ok((projected, notes, seconds))
-}
-
-fn posterior(options: &Options, model: &Model, projected: &Projected) -> Result<(Posterior, f64)> {
-    let rates = &model.reflectance.rates;
-    let hyper = Hyper::with_model_error(projected.pixels);
-    let variational = VariationalSettings {
-        solver: match options.solver {
-            SolverName::Blocks => Solver::Blocks,
-            SolverName::Parallel => Solver::Parallel,
-        },
-        starts: options.starts as usize,
-        seed: options.seed,
-        ..VariationalSettings::default()
-    };
-    let (problem, method) = match options.method {
-        MethodName::KnownLight => {
-            let settings = VariationalSettings { solver: Solver::Blocks, ..variational };
-            (Problem::with_known_light(projected, rates, hyper), Method::KnownLight(settings))
-        }
-        MethodName::Variational => {
-            (Problem::blind(projected, &model.light, rates, hyper), Method::Variational(variational))
-        }
-        MethodName::Map => {
-            let settings =
-                JointMapSettings { starts: options.starts as usize, seed: options.seed, ..JointMapSettings::default() };
-            (Problem::blind(projected, &model.light, rates, hyper), Method::JointMap(settings))
-        }
-    };
-    let problem = problem.with_context(|| options.image.display().to_string())?;
-    let problem = problem.starting_from(model.reflectance.materials.iter().map(|m| m.coefficients.clone()).collect());
-    let stage = Stage::new("inferring");
-    let posterior = find_posterior(&problem, &method, &|x| stage.at(x));
-    Ok((posterior, stage.finish()))
 }

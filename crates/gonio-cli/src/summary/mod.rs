@@ -1,14 +1,17 @@
 //! The pictures of a result: input, reproduction, light, and the material in a light of our own.
 
-use font8x8::UnicodeFonts;
+mod view;
+
 use glam::{DVec3, Vec3};
 use gonio::lighting::{EnvironmentMap, LightGrid, studio_light};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
-use gonio::render::{
-    Exposure, IntegratorSettings, LightTree, SphereSettings, Tinted, median_colour, render_normals, render_sphere,
-};
+use gonio::render::{Exposure, IntegratorSettings, LightTree, Tinted, median_colour};
 use gonio::scene::Circle;
+
+use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
+use crate::infer::Outlook;
+use view::View;
 
 /// Everything that the pictures show.
 pub(crate) struct Subject<'a> {
@@ -24,6 +27,8 @@ pub(crate) struct Subject<'a> {
     pub(crate) light: Option<&'a LightGrid>,
     /// Given light.
     pub(crate) known_light: Option<&'a EnvironmentMap>,
+    /// How sure the reflectance is, if the method tells.
+    pub(crate) outlook: Option<&'a Outlook>,
     pub(crate) caption: String,
 }
 
@@ -39,10 +44,8 @@ const PANEL: usize = 240;
 const GAP: usize = 12;
 /// Height of a line of text.
 const LINE: usize = 24;
-const PAPER: Vec3 = Vec3::new(0.012, 0.013, 0.015);
-const INK: Vec3 = Vec3::new(0.75, 0.75, 0.72);
 /// Good enough to look at.
-const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 0.5, max_cells: 6000 };
+const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 1.0, max_cells: 6000 };
 
 /// Draws the pictures; `progress` is told a fraction in 0..=1.
 pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pictures {
@@ -57,7 +60,8 @@ pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pi
         (None, None) => LightTree::of_map(&studio_light(16)),
     };
     // With a known light its colours are in the picture already: show the reproduction in grey times the same colour.
-    let model = view.render(&material, &tree, &|x| progress(0.5 * x));
+    let model = view.render(&material, &tree);
+    progress(0.5);
     let covered = |p: &Picture, i: usize| p.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.99);
     let exposure = Exposure::by_quantile(&input.rgb, |i| covered(&input, i), 0.9, 0.6);
     // Reflectance and light carry the image's scale in luminance; a known light has its own.
@@ -76,10 +80,6 @@ pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pi
         (None, None) => Plane::from_fn(2 * PANEL, PANEL, |_, _| Vec3::ZERO),
     };
     let light_exposure = Exposure::by_quantile(&light, |_| true, 0.9, 0.6);
-    let studio = LightTree::of_map(&studio_light(128));
-    let settings = SphereSettings { size: PANEL, integrator: DRAFT, ..SphereSettings::default() };
-    let relit = render_sphere(&material, &studio, &settings, &|x| progress(0.5 + 0.5 * x));
-    let relit_exposure = Exposure::by_quantile(&relit.rgb, |i| covered(&relit, i), 0.8, 0.5);
     let over_paper = |p: &Picture, exposure: Exposure| {
         let alpha = p.alpha.as_ref();
         Plane::from_fn(p.rgb.width(), p.rgb.height(), |x, y| {
@@ -87,140 +87,64 @@ pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pi
             exposure.apply(p.rgb[(x, y)]) + PAPER * (1.0 - a)
         })
     };
+    let studio = LightTree::of_map(&studio_light(128));
+    let tinted = |table: &BivariateTable| Tinted { table: table.clone(), ..material.clone() };
+    let ends = subject.outlook.iter().flat_map(|outlook| &outlook.ends);
+    let shown: Vec<Tinted> = std::iter::once(subject.table).chain(ends.map(|(_, table)| table)).map(tinted).collect();
+    let mut relit = view::spheres(&shown, &studio);
+    let ends = relit.split_off(1);
+    let relit = relit.remove(0);
+    let relit_exposure = Exposure::by_quantile(&relit.rgb, |i| covered(&relit, i), 0.8, 0.5);
     let relit = over_paper(&relit, relit_exposure);
-    let panels = [
+    let given = if subject.light.is_some() { "estimated light" } else { "given light" };
+    let mut rows = vec![vec![
         ("photograph", over_paper(&input, exposure)),
         ("the model's reproduction", over_paper(&model, Exposure(exposure.0 * scale))),
-        (
-            if subject.light.is_some() { "estimated light" } else { "given light" },
-            light.map(|p| light_exposure.apply(*p)),
-        ),
-        ("BRDF found, in a new light", relit.clone()),
-    ];
-    Pictures { relit, summary: compose(&panels, &subject.caption) }
+        (given, light.map(|p| light_exposure.apply(*p))),
+    ]];
+    if let Some(outlook) = subject.outlook {
+        let mut second = vec![("BRDF found, in a new light", relit.clone())];
+        let labels = outlook.ends.iter().map(|(label, _)| *label);
+        second.extend(labels.zip(&ends).map(|(label, p)| (label, over_paper(p, relit_exposure))));
+        second.push(("nearest measured materials", nearest(outlook)));
+        rows.push(second);
+    } else {
+        rows[0].push(("BRDF found, in a new light", relit.clone()));
+    }
+    progress(1.0);
+    Pictures { relit, summary: compose(&rows, &subject.caption) }
 }
 
-/// Puts panels side by side with a line of text under each, and one under all.
-fn compose(panels: &[(&str, Plane<Vec3>)], caption: &str) -> Plane<Vec3> {
-    let width = GAP + panels.iter().map(|(_, p)| p.width() + GAP).sum::<usize>();
-    let mut out = Plane::from_fn(width, PANEL + 2 * GAP + 2 * LINE, |_, _| PAPER);
-    let mut left = GAP;
-    for (label, panel) in panels {
-        for y in 0..panel.height().min(PANEL) {
-            for x in 0..panel.width() {
-                out[(left + x, GAP + y)] = panel[(x, y)];
-            }
-        }
-        text(&mut out, left, PANEL + GAP + 8, label);
-        left += panel.width() + GAP;
+/// Names with bars as long as their weights.
+fn nearest(outlook: &Outlook) -> Plane<Vec3> {
+    let mut out = sheet(PANEL, PANEL);
+    let top = outlook.materials.first().map_or(1.0, |m| m.weight);
+    for (n, material) in outlook.materials.iter().enumerate() {
+        let y = n * LINE;
+        let name: String = material.name.chars().take(PANEL / LETTER - 6).collect();
+        text(&mut out, 0, y, &name);
+        text(&mut out, PANEL - 5 * LETTER, y, &format!("{:>3.0} %", 100.0 * material.weight));
+        let length = (material.weight / top * PANEL as f64) as usize;
+        fill(&mut out, (0, y + LETTER + 4), (length.max(1), 4), 0.4 * INK);
     }
-    text(&mut out, GAP, PANEL + GAP + 8 + LINE, caption);
     out
 }
 
-/// Writes a line in eight by eight letters.
-fn text(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
-    for (n, letter) in line.chars().enumerate() {
-        let Some(rows) = font8x8::BASIC_FONTS.get(letter) else { continue };
-        for (y, row) in rows.iter().enumerate() {
-            for x in (0..8).filter(|x| row >> x & 1 == 1) {
-                let at = (left + 8 * n + x, top + y);
-                if at.0 < out.width() && at.1 < out.height() {
-                    out[at] = INK;
-                }
-            }
+/// Puts panels side by side and rows below each other with a line of text under each panel, and one under all.
+fn compose(rows: &[Vec<(&str, Plane<Vec3>)>], caption: &str) -> Plane<Vec3> {
+    let width = |row: &Vec<(&str, Plane<Vec3>)>| GAP + row.iter().map(|(_, p)| p.width() + GAP).sum::<usize>();
+    let high = PANEL + GAP + LINE;
+    let mut out = sheet(rows.iter().map(width).max().unwrap_or(0), rows.len() * high + GAP + LINE);
+    for (n, row) in rows.iter().enumerate() {
+        let (mut left, top) = (GAP, n * high + GAP);
+        for (label, panel) in row {
+            place(&mut out, left, top, panel);
+            text(&mut out, left, top + PANEL + 8, label);
+            left += panel.width() + GAP;
         }
     }
-}
-
-/// The part of the photograph that a panel shows, and how the model is drawn into the same frame.
-enum View<'a> {
-    Sphere(Circle, Option<&'a Plane<f32>>),
-    /// Normals, and the square frame in pixels: left, top, side.
-    Normals(&'a Plane<Vec3>, [f64; 3], Option<&'a Plane<f32>>),
-}
-
-impl<'a> View<'a> {
-    fn of(subject: &Subject<'a>) -> Self {
-        match (subject.circle, subject.normals) {
-            (Some(circle), _) => Self::Sphere(circle, subject.coverage),
-            (None, Some(normals)) => {
-                let (width, height) = normals.size();
-                let (mut low, mut high) = ((width, height), (0, 0));
-                for (i, n) in normals.as_slice().iter().enumerate() {
-                    let seen = subject.coverage.is_none_or(|c| c.as_slice()[i] > 0.5);
-                    if n.is_finite() && *n != Vec3::ZERO && seen {
-                        let (x, y) = (i % width, i / width);
-                        low = (low.0.min(x), low.1.min(y));
-                        high = (high.0.max(x + 1), high.1.max(y + 1));
-                    }
-                }
-                let side = (high.0 - low.0).max(high.1 - low.1) as f64 + 4.0;
-                let centre = ((low.0 + high.0) as f64 / 2.0, (low.1 + high.1) as f64 / 2.0);
-                Self::Normals(normals, [centre.0 - 0.5 * side, centre.1 - 0.5 * side, side], subject.coverage)
-            }
-            (None, None) => unreachable!("a subject has a circle or normals"),
-        }
-    }
-
-    /// Position in the photograph of a panel's pixel.
-    fn place(&self, x: usize, y: usize) -> (f64, f64) {
-        let (x, y) = ((x as f64 + 0.5) / PANEL as f64, (y as f64 + 0.5) / PANEL as f64);
-        match self {
-            Self::Sphere(c, _) => {
-                let side = 2.0 * c.radius * PANEL as f64 / (PANEL as f64 - 4.0);
-                (c.x + (x - 0.5) * side, c.y + (y - 0.5) * side)
-            }
-            Self::Normals(_, [left, top, side], _) => (left + x * side, top + y * side),
-        }
-    }
-
-    fn coverage(&self) -> Option<&'a Plane<f32>> {
-        match self {
-            Self::Sphere(_, coverage) | Self::Normals(_, _, coverage) => *coverage,
-        }
-    }
-
-    /// The photograph in the frame; black where it has no pixels, alpha where the object is.
-    fn cut(&self, picture: &Picture) -> Picture {
-        let (width, height) = picture.rgb.size();
-        let pixel = |x: usize, y: usize| {
-            let (u, v) = self.place(x, y);
-            let inside = u >= 0.0 && v >= 0.0 && (u as usize) < width && (v as usize) < height;
-            inside.then_some((u as usize, v as usize))
-        };
-        let rgb = Plane::from_fn(PANEL, PANEL, |x, y| match pixel(x, y) {
-            Some(at) if picture.rgb[at].is_finite() => picture.rgb[at].max(Vec3::ZERO),
-            _ => Vec3::ZERO,
-        });
-        let alpha = Plane::from_fn(PANEL, PANEL, |x, y| match (pixel(x, y), self.coverage()) {
-            (Some(at), Some(coverage)) => coverage[at].clamp(0.0, 1.0),
-            (Some(_), None) => 1.0,
-            (None, _) => 0.0,
-        });
-        // Around a ball on a real background only the ball is of interest.
-        let rgb = Plane::from_fn(PANEL, PANEL, |x, y| if alpha[(x, y)] > 0.5 { rgb[(x, y)] } else { Vec3::ZERO });
-        Picture { rgb, alpha: Some(alpha) }
-    }
-
-    fn render(&self, material: &Tinted, tree: &LightTree, progress: &(dyn Fn(f64) + Sync)) -> Picture {
-        match self {
-            Self::Sphere(..) => {
-                let settings = SphereSettings { size: PANEL, integrator: DRAFT, ..SphereSettings::default() };
-                render_sphere(material, tree, &settings, progress)
-            }
-            Self::Normals(normals, _, coverage) => {
-                let frame = Plane::from_fn(PANEL, PANEL, |x, y| {
-                    let (u, v) = self.place(x, y);
-                    let at = (u as usize, v as usize);
-                    let inside = u >= 0.0 && v >= 0.0 && at.0 < normals.width() && at.1 < normals.height();
-                    let seen = inside && coverage.is_none_or(|c| c[at] > 0.5);
-                    if seen && normals[at].is_finite() { normals[at] } else { Vec3::ZERO }
-                });
-                render_normals(material, tree, &frame, &DRAFT, progress)
-            }
-        }
-    }
+    text(&mut out, GAP, rows.len() * high + 8, caption);
+    out
 }
 
 /// Mean over the source pixels of each target pixel.

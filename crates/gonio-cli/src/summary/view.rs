@@ -112,12 +112,15 @@ impl<'a> View<'a> {
 /// Radius of a sphere in a panel, pixels.
 const RADIUS: f64 = 0.5 * PANEL as f64 - 2.0;
 
-/// The normal of a sphere that fills a panel, a little beyond its rim too.
+/// Sine of 80 degrees. Beyond nothing was observed, and an estimated light that only the rim would see may be anything.
+const RIM: f64 = 0.985;
+
+/// The normal of a sphere that fills a panel; its rim, and a little beyond, has that of [`RIM`].
 fn sphere_normal(x: f64, y: f64) -> Option<DVec3> {
     let (a, b) = ((x - 0.5 * PANEL as f64) / RADIUS, (0.5 * PANEL as f64 - y) / RADIUS);
     let r = a.hypot(b);
-    let (a, b) = (a / r.max(1.0), b / r.max(1.0));
-    (r < 1.0 + 3.0 / RADIUS).then(|| DVec3::new(a, b, (1.0 - a * a - b * b).max(1e-8).sqrt()).normalize())
+    let (a, b) = (a * RIM / r.max(RIM), b * RIM / r.max(RIM));
+    (r < 1.0 + 3.0 / RADIUS).then(|| DVec3::new(a, b, (1.0 - a * a - b * b).sqrt()).normalize())
 }
 
 /// Spheres of these materials that fill a panel.

@@ -3,7 +3,7 @@
 //! The captured lights are samples of `p(L)`, measured materials and what lies between them samples of `p(F)`: photographs
 //! simulated from both are samples of `p(F, I)`, and a regression from the image to the material fitted to them is the
 //! posterior `p(F | I)`, marginal over light by construction. It knows of lamps, horizons and edges what no prior of independent wavelet
-//! coefficients can say. An image is reduced to its [`Statistics`](crate::appearance::Statistics); a small network turns them into a Gaussian over the
+//! coefficients can say. An image is reduced to its [`Statistics`]; a small network turns them into a Gaussian over the
 //! [`Coordinates`](crate::reflectance::Coordinates) of materials (Papamakarios & Murray 2016 call it neural posterior estimation);
 //! and the entries of a [`Dictionary`] are weighted by its density.
 

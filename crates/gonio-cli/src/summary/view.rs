@@ -160,7 +160,7 @@ fn pictures(points: &[Option<SurfacePoint>], materials: &[Tinted], light: &Light
             let near = |at: usize| {
                 let own = at / 2;
                 // Beyond the edge there is none.
-                let other = if at % 2 == 0 { own.wrapping_sub(1) } else { own + 1 };
+                let other = if at.is_multiple_of(2) { own.wrapping_sub(1) } else { own + 1 };
                 [(own, 0.75), (other, 0.25)]
             };
             let (mut sum, mut weight) = (Vec3::ZERO, 0.0_f32);

@@ -3,12 +3,14 @@
 //! The program is thin: it reads files with `gonio-io`, calls `gonio`, and writes files with `gonio-io`. Anything wrong with
 //! the input ends in one line on standard error and exit code 2, with nothing half-written.
 
+mod canvas;
 mod infer;
 mod input;
 mod progress;
 mod render;
 mod summary;
 mod train;
+mod uncertainty;
 
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, set_hook};
 use std::process::ExitCode;

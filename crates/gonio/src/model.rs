@@ -299,9 +299,8 @@ pub fn check_posterior(
     filled("entries for its materials", entries.len() >= measured.len())?;
     length("the scaling", scaling.len(), STATISTICS)?;
     for (at, s) in scaling.iter().enumerate() {
-        if !(s.low <= s.high && s.low.is_finite() && s.high.is_finite() && s.centre.is_finite())
-            || !positive(f64::from(s.deviation))
-        {
+        let finite = s.low.is_finite() && s.high.is_finite() && s.centre.is_finite();
+        if !(finite && s.low <= s.high && positive(f64::from(s.deviation))) {
             return Err(PosteriorFault::Scale(at).into());
         }
     }

@@ -17,7 +17,7 @@ fn a_rendered_ball_becomes_a_brdf_the_same_every_time() {
     bench.write("light.hdr", &encode_hdr(studio_light(64).radiance()));
     gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
     bench.run("render --brdf in.binary --light light.hdr -o ball.exr --size 48").succeeds();
-    let run = bench.run("infer ball.exr -o deep/out --starts 1 --grid 8").succeeds();
+    let run = bench.run("infer ball.exr -o deep/out --method variational --starts 1 --grid 8").succeeds();
     assert!(run.stdout.starts_with("deep/out: ") && run.stdout.lines().count() == 1, "{run:?}");
     assert_eq!(bench.names("deep/out"), OUTPUT);
     assert_eq!(bench.names("deep"), ["out"]);
@@ -35,7 +35,7 @@ fn a_rendered_ball_becomes_a_brdf_the_same_every_time() {
     let result = bench.json("deep/out/result.json");
     assert_eq!(result["format"], "gonio-result");
     assert_eq!((&result["version"], &result["gonio"]), (&1.into(), &env!("CARGO_PKG_VERSION").into()));
-    assert_eq!(result["image"], "ball.exr");
+    assert_eq!((&result["image"], &result["method"]), (&"ball.exr".into(), &"variational".into()));
     let coefficients = numbers(&result["reflectance"]["coefficients"]);
     assert!(coefficients.len() == 10 && coefficients.iter().all(|c| c.is_finite() && *c >= 0.0), "{coefficients:?}");
     assert_eq!(numbers(&result["light"]["coefficients"]).len(), 64);
@@ -49,7 +49,7 @@ fn a_rendered_ball_becomes_a_brdf_the_same_every_time() {
         assert!(result["seconds"][stage].as_f64().is_some_and(|s| s >= 0.0), "{}", result["seconds"]);
     }
 
-    bench.run("infer ball.exr -o again --starts 1 --grid 8").succeeds();
+    bench.run("infer ball.exr -o again --method variational --starts 1 --grid 8").succeeds();
     assert!(bench.read("again/brdf.binary") == bench.read("deep/out/brdf.binary"), "another BRDF the second time");
     assert_eq!(bench.json("again/result.json")["transfer"]["plan"], "cache");
 }
@@ -86,7 +86,9 @@ fn normals_and_a_mask_stand_in_for_a_sphere() {
     bench.write("normals.exr", &gonio_io::picture::encode_exr(&normals(SIZE), None));
     bench.write("mask.png", &mask(SIZE));
     for form in ["npy", "exr"] {
-        let line = format!("infer ball.exr -o {form} --starts 1 --grid 8 --normals normals.{form} --mask mask.png");
+        let line = format!(
+            "infer ball.exr -o {form} --method variational --starts 1 --grid 8 --normals normals.{form} --mask mask.png"
+        );
         bench.run(&line).succeeds();
         assert_eq!(bench.names(form), OUTPUT);
     }

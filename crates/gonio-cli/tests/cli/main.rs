@@ -3,6 +3,7 @@
 #![allow(missing_docs)]
 
 mod infer;
+mod marginal;
 mod refusals;
 mod render;
 mod support;

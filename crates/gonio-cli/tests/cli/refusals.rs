@@ -233,7 +233,7 @@ fn a_full_disk() {
         eprintln!("skipped: no permission to mount a small disk");
         return;
     };
-    let infer = "infer ball.exr --starts 1 --grid 8 --normals normals.npy";
+    let infer = "infer ball.exr --grid 8 --normals normals.npy";
     for out in ["disk/new", "disk"] {
         let line = format!("{infer} -o {out}");
         bench.refuses(&line, &[&format!("{out}/brdf.binary: cannot write"), "free some space"]);

@@ -76,9 +76,15 @@ impl Bench {
 
     /// Runs `gonio` with the words of `line` as arguments. Plans are kept for all tests.
     pub(crate) fn run(&self, line: &str) -> Run {
+        self.run_with(line, &[])
+    }
+
+    /// The same with variables of the environment.
+    pub(crate) fn run_with(&self, line: &str, environment: &[(&str, &str)]) -> Run {
         let out = Command::new(env!("CARGO_BIN_EXE_gonio"))
             .args(line.split_whitespace())
             .current_dir(self.0.path())
+            .envs(environment.iter().copied())
             .env("GONIO_CACHE_DIR", Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"))
             .output()
             .unwrap();

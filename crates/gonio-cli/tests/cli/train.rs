@@ -41,7 +41,11 @@ fn a_model_is_learnt_joined_and_used() {
     let model = gonio_io::model::read_model(bench.path("joined.model")).unwrap();
     assert_eq!((model.reflectance.len(), model.light.scales, model.light.lights), (2, 4, 3));
 
-    let infer = "infer ball.exr -o out --starts 1 --normals normals.npy --model";
+    bench.refuses(
+        "infer ball.exr -o out --normals normals.npy --model joined.model --grid 8",
+        &["joined.model: has no posterior of materials", "gonio train posterior"],
+    );
+    let infer = "infer ball.exr -o out --method variational --starts 1 --normals normals.npy --model";
     bench.run(&format!("{infer} joined.model --grid 8")).succeeds();
     let result = bench.json("out/result.json");
     assert_eq!(result["reflectance"]["coefficients"].as_array().unwrap().len(), 2);

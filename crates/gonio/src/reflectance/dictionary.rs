@@ -81,14 +81,15 @@ impl Coordinates {
 pub(crate) fn relative_log(table: &BivariateTable) -> Vec<f64> {
     let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
     let values = table.as_slice();
-    let mut sorted: Vec<f32> = (0..CELLS).filter(trusted).map(|c| values[c]).collect();
-    sorted.sort_by(f32::total_cmp);
-    let floor = (FLOOR * f64::from(sorted[sorted.len() / 2])).max(1e-30);
+    let mut kept: Vec<f32> = (0..CELLS).filter(trusted).map(|c| values[c]).collect();
+    let count = kept.len();
+    let (_, median, _) = kept.select_nth_unstable_by(count / 2, f32::total_cmp);
+    let floor = (FLOOR * f64::from(*median)).max(1e-30);
     let mut log = vec![0.0; CELLS];
     for c in (0..CELLS).filter(trusted) {
         log[c] = (f64::from(values[c]) + floor).ln();
     }
-    let mean = log.iter().sum::<f64>() / sorted.len() as f64;
+    let mean = log.iter().sum::<f64>() / count as f64;
     (0..CELLS).filter(trusted).for_each(|c| log[c] -= mean);
     log
 }
@@ -137,7 +138,7 @@ impl Dictionary {
             (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
         components.push(Lambert { albedo: 1.0 }.to_bivariate());
         for alpha in ALPHAS {
-            components.extend([0.0, 1.0].map(|f0| Ggx { diffuse: 0.0, f0, alpha }.to_bivariate()));
+            components.extend(Ggx::lobes(alpha));
         }
         let albedos: Vec<f64> = components.par_iter().map(|t| t.normal_albedo().max(1e-12)).collect();
         for (table, albedo) in components.iter_mut().zip(&albedos) {

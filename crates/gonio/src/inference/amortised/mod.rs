@@ -3,12 +3,13 @@
 //! The captured lights are samples of `p(L)`, measured materials and what lies between them samples of `p(F)`: photographs
 //! simulated from both are samples of `p(F, I)`, and a regression from the image to the material fitted to them is the
 //! posterior `p(F | I)`, marginal over light by construction. It knows of lamps, horizons and edges what no prior of independent wavelet
-//! coefficients can say. An image is reduced to its [`Statistics`](crate::appearance::Statistics); a small network turns them into a Gaussian over the
+//! coefficients can say. An image is reduced to its [`Statistics`]; a small network turns them into a Gaussian over the
 //! [`Coordinates`](crate::reflectance::Coordinates) of materials (Papamakarios & Murray 2016 call it neural posterior estimation);
 //! and the entries of a [`Dictionary`] are weighted by its density.
 
 mod head;
 mod network;
+mod numbers;
 mod posterior;
 mod simulate;
 #[cfg(test)]
@@ -19,6 +20,7 @@ use crate::appearance::{Gathered, STATISTICS, Statistics};
 use crate::reflectance::Dictionary;
 
 pub use network::{Dense, Network};
+pub use numbers::{Ranking, peak_over_base};
 pub use posterior::{MaterialPosterior, Neighbour};
 pub use simulate::{Simulation, SimulationSettings};
 pub use train::{Scaling, TrainingSettings};

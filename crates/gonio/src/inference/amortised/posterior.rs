@@ -16,7 +16,7 @@ const UNDETERMINED: f64 = 0.6;
 const NEGLIGIBLE: f64 = 1e-3;
 
 /// A Gaussian as four equally likely values.
-const QUARTERS: [f64; 4] = [-1.271_1, -0.324_7, 0.324_7, 1.271_1];
+pub(super) const QUARTERS: [f64; 4] = [-1.271_1, -0.324_7, 0.324_7, 1.271_1];
 
 /// A measured material and its share of the posterior.
 #[derive(Clone, Debug, PartialEq)]
@@ -137,11 +137,13 @@ fn quantiles_of_log(dictionary: &Dictionary, weights: &[f64], shares: &[f64], sp
         if !is_trusted(c / THETA_D, c % THETA_D) {
             return vec![0.0; shares.len()];
         }
-        let mut values: Vec<(f64, f64)> = Vec::with_capacity(4 * active.len());
-        for ((table, level), &entry) in tables.iter().zip(&active) {
-            let value = f64::from(table.as_slice()[c].max(1e-12)).ln() - level;
-            values.extend(QUARTERS.map(|z| (value + spread * z, weights[entry])));
-        }
+        let value = |(table, level): &(BivariateTable, f64)| f64::from(table.as_slice()[c].max(1e-12)).ln() - level;
+        let mut centres: Vec<(f64, f64)> =
+            tables.iter().zip(&active).map(|(table, &entry)| (value(table), weights[entry])).collect();
+        centres.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // Four rising runs, which the sort merges.
+        let shifted = |z: f64| centres.iter().map(move |&(value, weight)| (value + spread * z, weight));
+        let mut values: Vec<(f64, f64)> = QUARTERS.into_iter().flat_map(shifted).collect();
         values.sort_by(|a, b| a.0.total_cmp(&b.0));
         weighted_quantiles(&values, shares)
     };
@@ -149,7 +151,7 @@ fn quantiles_of_log(dictionary: &Dictionary, weights: &[f64], shares: &[f64], sp
 }
 
 /// Of `(value, weight)` by rising value: linear between the middles of the weights.
-fn weighted_quantiles(values: &[(f64, f64)], shares: &[f64]) -> Vec<f64> {
+pub(super) fn weighted_quantiles(values: &[(f64, f64)], shares: &[f64]) -> Vec<f64> {
     let total: f64 = values.iter().map(|(_, w)| w).sum();
     let (mut below, mut last, mut next) = (0.0, None::<(f64, f64)>, 0);
     let mut out = Vec::with_capacity(shares.len());

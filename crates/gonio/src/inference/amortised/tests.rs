@@ -100,8 +100,8 @@ fn intervals_are_ordered_and_hold_the_mean_material() {
     let posterior = amortised.posterior(&photograph(&truth, 200), &statistics);
     let quantiles = posterior.quantiles(dictionary, &[0.05, 0.5, 0.95]);
     let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
-    for c in 0..CELLS {
-        assert!(quantiles[0][c] < quantiles[1][c] && quantiles[1][c] < quantiles[2][c]);
+    for pair in quantiles.windows(2) {
+        assert!(pair[0].iter().zip(&pair[1]).all(|(a, b)| a < b));
     }
     let level = |t: &[f32]| (0..CELLS).filter(trusted).map(|c| f64::from(t[c]).ln()).sum::<f64>();
     let cells = (0..CELLS).filter(trusted).count() as f64;

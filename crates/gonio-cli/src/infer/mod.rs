@@ -1,0 +1,258 @@
+//! `gonio infer`: photograph -> observations -> posterior -> outputs.
+//!
+//! What a method finds is an [`Answer`]: `marginal` and `basis` make one, the rest is common to all.
+
+mod basis;
+mod marginal;
+mod observe;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
+use gonio::inference::amortised::Neighbour;
+use gonio::lighting::LightGrid;
+use gonio::reflectance::{BivariateTable, CELLS, MerlTable, THETA_D, THETA_H};
+use gonio::scene::Circle;
+use gonio_io::atomic::StagedFolder;
+use gonio_io::npy;
+use serde_json::{Value, json};
+
+use crate::progress::Stage;
+use crate::{input, summary, uncertainty};
+
+/// Options of `gonio infer`.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// HDR photograph (EXR, Radiance HDR, PFM; PNG, TIFF, JPEG with a warning)
+    image: PathBuf,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Shape of the object, seen orthographically
+    #[arg(long, value_enum, default_value_t = Shape::Sphere, conflicts_with = "normals")]
+    shape: Shape,
+    /// Picture of the object's normals instead (EXR, NPY, PNG): camera space, x right, y up, z towards the camera
+    #[arg(long, value_name = "FILE")]
+    normals: Option<PathBuf>,
+    /// Where the object is: a picture that is bright on it; without one, the alpha channel or a constant background tells
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
+    /// The sphere's outline in pixels, centre from the top left corner, if it is not to be found
+    #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with = "normals")]
+    circle: Option<Circle>,
+    /// Model file instead of the one that travels with the program
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// How the posterior is found
+    #[arg(long, value_enum, default_value_t = MethodName::Marginal)]
+    method: MethodName,
+    /// Solver of --method variational
+    #[arg(long, value_enum, default_value_t = SolverName::Blocks)]
+    solver: SolverName,
+    /// The light, a lat-long map in camera space, for --method known-light
+    #[arg(long, value_name = "MAP")]
+    light: Option<PathBuf>,
+    /// Seed of the random starts of --method variational, map and known-light; marginal has none
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Random starts of the same
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    starts: u32,
+    /// Texels along a side of the light grid, a power of two
+    #[arg(long, default_value_t = 32)]
+    grid: usize,
+    /// Run --method variational or map on all observations instead of their projection (slower, more memory)
+    #[arg(long)]
+    full_rows: bool,
+    /// Values of an integer picture are linear radiance, not sRGB-coded
+    #[arg(long)]
+    linear: bool,
+    /// Radiance at which the camera clips; found by itself where many pixels share the maximum
+    #[arg(long, value_name = "VALUE")]
+    clip: Option<f32>,
+}
+
+/// Shapes known by name.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Shape {
+    Sphere,
+}
+
+/// Names of the methods.
+#[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
+enum MethodName {
+    /// Posterior of the material with the light integrated out over captured lights, learnt beforehand
+    Marginal,
+    /// Separable posterior of light and reflectance (Algorithm 1 of the paper)
+    Variational,
+    /// Joint maximum of light and reflectance: falls for the mirror in a blurry world
+    Map,
+    /// The light is given by --light
+    KnownLight,
+}
+
+/// Names of the solvers.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum SolverName {
+    /// Exact minimisation of C_KL block by block: faster, lower C_KL
+    Blocks,
+    /// Algorithm 1 as printed: parallel update and line search
+    Parallel,
+}
+
+fn parse_circle(text: &str) -> Result<Circle, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y, radius]) if radius > 0.0 => Ok(Circle { x, y, radius }),
+        _ => Err("give three numbers, X,Y,RADIUS, in pixels".into()),
+    }
+}
+
+/// What a method found.
+struct Answer {
+    /// Reflectance, scaled by [`with_albedo`].
+    table: BivariateTable,
+    /// The light on the scale that goes with it, for a blind method.
+    light: Option<LightGrid>,
+    /// What the pictures say of the fit.
+    caption: String,
+    /// Sections of result.json.
+    sections: Value,
+    /// Seconds of the stages.
+    seconds: Vec<(&'static str, f64)>,
+    /// What is not known of the reflectance, for the method that tells.
+    outlook: Option<Outlook>,
+}
+
+/// How sure the reflectance is.
+pub(crate) struct Outlook {
+    /// Its 5, 25, 75 and 95 % quantiles in each cell, on the scale of the answer.
+    pub(crate) quantiles: Vec<Vec<f32>>,
+    /// Cells that the photograph leaves open.
+    pub(crate) undetermined: Vec<bool>,
+    /// The measured materials nearest to it, by falling weight.
+    pub(crate) materials: Vec<Neighbour>,
+    /// The dull and the glossy end of what is probable, with a label.
+    pub(crate) ends: [(&'static str, BivariateTable); 2],
+}
+
+/// A table with an albedo of a half along the normal, and the factor that was needed: an image fixes the product of light and reflectance alone.
+fn with_albedo(table: &BivariateTable) -> (BivariateTable, f64) {
+    let scale = 0.5 / table.normal_albedo();
+    (BivariateTable::from_vec(table.as_slice().iter().map(|x| (f64::from(*x) * scale) as f32).collect()), scale)
+}
+
+/// The name of a value as the command line takes it.
+fn name_of(value: MethodName) -> String {
+    value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
+}
+
+pub(crate) fn run(options: &Options) -> Result<()> {
+    let start = Instant::now();
+    let mut warnings = Vec::new();
+    if (options.method == MethodName::KnownLight) != options.light.is_some() {
+        bail!("--method known-light and --light MAP go together: give both or neither");
+    }
+    if !options.grid.is_power_of_two() || !(4..=512).contains(&options.grid) {
+        bail!("--grid {}: give a power of two from 4 to 512", options.grid);
+    }
+    if let Some(clip) = options.clip.filter(|clip| clip.is_nan() || *clip <= 0.0) {
+        bail!("--clip {clip}: give a positive radiance");
+    }
+    let model = input::model(options.model.as_deref())?;
+    let covered = 1 << model.light.scales;
+    if options.light.is_none() && options.grid > covered {
+        bail!("--grid {}: the model's prior of light covers grids of up to {covered} texels a side", options.grid);
+    }
+    if options.method == MethodName::Marginal {
+        marginal::check(options, &model)?;
+    }
+    let model_seconds = start.elapsed().as_secs_f64();
+    // Read before the long work, used again for the pictures.
+    let known = options.light.as_deref().map(input::light).transpose()?;
+    let decoded = input::photograph(&options.image, options.linear, &mut warnings)?;
+    let clip = options.clip.or(decoded.full_scale);
+    let picture = decoded.picture;
+    let scene = observe::observe(options, &picture, clip, &mut warnings)?;
+    // Made before the long work: a folder that cannot be made is told at once.
+    let folder = StagedFolder::create(&options.output)?;
+    let read_seconds = start.elapsed().as_secs_f64() - model_seconds;
+    let answer = match options.method {
+        MethodName::Marginal => marginal::answer(options, &model, &scene.observations, &mut warnings)?,
+        _ => basis::answer(options, &model, known.as_ref(), &scene.observations, &mut warnings)?,
+    };
+    let stage = Stage::new("drawing");
+    let pictures = summary::draw(
+        &summary::Subject {
+            picture: &picture,
+            coverage: scene.coverage.as_ref(),
+            circle: scene.circle,
+            normals: scene.normals.as_ref(),
+            colours: &scene.observations.colours,
+            table: &answer.table,
+            light: answer.light.as_ref(),
+            known_light: known.as_ref(),
+            outlook: answer.outlook.as_ref(),
+            caption: format!(
+                "{} | {} observations | {} | {:.0} s",
+                name_of(options.method),
+                scene.observations.report.used,
+                answer.caption,
+                start.elapsed().as_secs_f64()
+            ),
+        },
+        &|x| stage.at(x),
+    );
+    let drawing_seconds = stage.finish();
+    let mut result = json!({
+        "format": "gonio-result",
+        "version": 1,
+        "gonio": env!("CARGO_PKG_VERSION"),
+        "image": options.image.display().to_string(),
+        "method": name_of(options.method),
+        "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
+        "observations": scene.notes,
+        "warnings": warnings,
+    });
+    let mut seconds = json!({ "model": model_seconds, "reading": read_seconds, "drawing": drawing_seconds });
+    seconds.as_object_mut().into_iter().for_each(|s| {
+        s.extend(answer.seconds.iter().map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))));
+    });
+    if let (Some(result), Value::Object(sections)) = (result.as_object_mut(), answer.sections) {
+        result.extend(sections);
+    }
+    let write = |name: &str, bytes: &[u8]| folder.write(name, bytes);
+    let writing = Instant::now();
+    let table = &answer.table;
+    write("brdf.binary", &gonio_io::merl::encode(&MerlTable::from_bivariate([table, table, table])))?;
+    if let Some(light) = &answer.light {
+        write("light.exr", &gonio_io::picture::encode_exr(&light.to_lat_long(128), None))?;
+    } else if let Some(known) = &known {
+        write("light.exr", &gonio_io::picture::encode_exr(known.radiance(), None))?;
+    }
+    write("relit.png", &gonio_io::picture::encode_png(&pictures.relit))?;
+    write("summary.png", &gonio_io::picture::encode_png(&pictures.summary))?;
+    if let Some(outlook) = &answer.outlook {
+        let values = outlook.quantiles.concat();
+        debug_assert_eq!(values.len(), outlook.quantiles.len() * CELLS);
+        let array = npy::Array { shape: vec![outlook.quantiles.len(), THETA_H, THETA_D], values };
+        write("brdf_quantiles.npy", &npy::encode(&array))?;
+        write("uncertainty.png", &gonio_io::picture::encode_png(&uncertainty::draw(table, outlook)))?;
+    }
+    seconds["writing"] = json!(writing.elapsed().as_secs_f64());
+    seconds["total"] = json!(start.elapsed().as_secs_f64());
+    result["seconds"] = seconds;
+    let text = serde_json::to_string_pretty(&result).context("the result cannot be written as JSON")?;
+    write("result.json", text.as_bytes())?;
+    folder.commit()?;
+    input::warn(&warnings);
+    println!(
+        "{}: BRDF, light, pictures and result.json from {} observations in {:.1} s",
+        options.output.display(),
+        scene.observations.report.used,
+        start.elapsed().as_secs_f64()
+    );
+    Ok(())
+}

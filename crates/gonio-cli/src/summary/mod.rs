@@ -1,0 +1,166 @@
+//! The pictures of a result: input, reproduction, light, and the material in a light of our own.
+
+mod view;
+
+use glam::{DVec3, Vec3};
+use gonio::lighting::{EnvironmentMap, LightGrid, studio_light};
+use gonio::picture::{Picture, Plane, luminance};
+use gonio::reflectance::BivariateTable;
+use gonio::render::{Exposure, IntegratorSettings, LightTree, Tinted, median_colour};
+use gonio::scene::Circle;
+
+use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
+use crate::infer::Outlook;
+use view::View;
+
+/// Everything that the pictures show.
+pub(crate) struct Subject<'a> {
+    pub(crate) picture: &'a Picture,
+    pub(crate) coverage: Option<&'a Plane<f32>>,
+    /// Outline of the sphere, unless the shape is given by normals.
+    pub(crate) circle: Option<Circle>,
+    pub(crate) normals: Option<&'a Plane<Vec3>>,
+    pub(crate) colours: &'a [Option<Vec3>],
+    /// Inferred reflectance.
+    pub(crate) table: &'a BivariateTable,
+    /// Estimated light, for a blind method.
+    pub(crate) light: Option<&'a LightGrid>,
+    /// Given light.
+    pub(crate) known_light: Option<&'a EnvironmentMap>,
+    /// How sure the reflectance is, if the method tells.
+    pub(crate) outlook: Option<&'a Outlook>,
+    pub(crate) caption: String,
+}
+
+/// Linear display values in 0..1.
+pub(crate) struct Pictures {
+    pub(crate) relit: Plane<Vec3>,
+    pub(crate) summary: Plane<Vec3>,
+}
+
+/// Height of a panel, pixels.
+const PANEL: usize = 240;
+/// Space between panels.
+const GAP: usize = 12;
+/// Height of a line of text.
+const LINE: usize = 24;
+/// Good enough to look at.
+const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 1.0, max_cells: 6000 };
+
+/// Draws the pictures; `progress` is told a fraction in 0..=1.
+pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pictures {
+    let colours: Vec<Vec3> = subject.colours.iter().flatten().copied().collect();
+    let colour = median_colour(&Plane::from_vec(colours.len(), 1, colours), |_| true);
+    let material = Tinted { table: subject.table.clone(), colour: colour.as_dvec3() };
+    let view = View::of(subject);
+    let input = view.cut(subject.picture);
+    let tree = match (subject.light, subject.known_light) {
+        (Some(grid), _) => LightTree::of_grid(grid),
+        (None, Some(map)) => LightTree::of_map(map),
+        (None, None) => LightTree::of_map(&studio_light(16)),
+    };
+    // With a known light its colours are in the picture already: show the reproduction in grey times the same colour.
+    let model = view.render(&material, &tree);
+    progress(0.5);
+    let covered = |p: &Picture, i: usize| p.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.99);
+    let exposure = Exposure::by_quantile(&input.rgb, |i| covered(&input, i), 0.9, 0.6);
+    // Reflectance and light carry the image's scale in luminance; a known light has its own.
+    let scale = match subject.light {
+        Some(_) => 1.0,
+        None => {
+            let sum = |p: &Picture| -> f32 {
+                (0..p.rgb.as_slice().len()).filter(|&i| covered(p, i)).map(|i| luminance(p.rgb.as_slice()[i])).sum()
+            };
+            sum(&input) / sum(&model).max(1e-30)
+        }
+    };
+    let light = match (subject.light, subject.known_light) {
+        (Some(grid), _) => grid.to_lat_long(PANEL),
+        (None, Some(map)) => resize(map.radiance(), 2 * PANEL, PANEL),
+        (None, None) => Plane::from_fn(2 * PANEL, PANEL, |_, _| Vec3::ZERO),
+    };
+    let light_exposure = Exposure::by_quantile(&light, |_| true, 0.9, 0.6);
+    let over_paper = |p: &Picture, exposure: Exposure| {
+        let alpha = p.alpha.as_ref();
+        Plane::from_fn(p.rgb.width(), p.rgb.height(), |x, y| {
+            let a = alpha.map_or(1.0, |a| a[(x, y)]);
+            exposure.apply(p.rgb[(x, y)]) + PAPER * (1.0 - a)
+        })
+    };
+    let studio = LightTree::of_map(&studio_light(128));
+    let tinted = |table: &BivariateTable| Tinted { table: table.clone(), ..material.clone() };
+    let ends = subject.outlook.iter().flat_map(|outlook| &outlook.ends);
+    let shown: Vec<Tinted> = std::iter::once(subject.table).chain(ends.map(|(_, table)| table)).map(tinted).collect();
+    let mut relit = view::spheres(&shown, &studio);
+    let ends = relit.split_off(1);
+    let relit = relit.remove(0);
+    let relit_exposure = Exposure::by_quantile(&relit.rgb, |i| covered(&relit, i), 0.8, 0.5);
+    let relit = over_paper(&relit, relit_exposure);
+    let given = if subject.light.is_some() { "estimated light" } else { "given light" };
+    let mut rows = vec![vec![
+        ("photograph", over_paper(&input, exposure)),
+        ("the model's reproduction", over_paper(&model, Exposure(exposure.0 * scale))),
+        (given, light.map(|p| light_exposure.apply(*p))),
+    ]];
+    if let Some(outlook) = subject.outlook {
+        let mut second = vec![("BRDF found, in a new light", relit.clone())];
+        let labels = outlook.ends.iter().map(|(label, _)| *label);
+        second.extend(labels.zip(&ends).map(|(label, p)| (label, over_paper(p, relit_exposure))));
+        second.push(("nearest measured materials", nearest(outlook)));
+        rows.push(second);
+    } else {
+        rows[0].push(("BRDF found, in a new light", relit.clone()));
+    }
+    progress(1.0);
+    Pictures { relit, summary: compose(&rows, &subject.caption) }
+}
+
+/// Names with bars as long as their weights.
+fn nearest(outlook: &Outlook) -> Plane<Vec3> {
+    let mut out = sheet(PANEL, PANEL);
+    let top = outlook.materials.first().map_or(1.0, |m| m.weight);
+    for (n, material) in outlook.materials.iter().enumerate() {
+        let y = n * LINE;
+        let name: String = material.name.chars().take(PANEL / LETTER - 6).collect();
+        text(&mut out, 0, y, &name);
+        text(&mut out, PANEL - 5 * LETTER, y, &format!("{:>3.0} %", 100.0 * material.weight));
+        let length = (material.weight / top * PANEL as f64) as usize;
+        fill(&mut out, (0, y + LETTER + 4), (length.max(1), 4), 0.4 * INK);
+    }
+    out
+}
+
+/// Puts panels side by side and rows below each other with a line of text under each panel, and one under all.
+fn compose(rows: &[Vec<(&str, Plane<Vec3>)>], caption: &str) -> Plane<Vec3> {
+    let width = |row: &Vec<(&str, Plane<Vec3>)>| GAP + row.iter().map(|(_, p)| p.width() + GAP).sum::<usize>();
+    let high = PANEL + GAP + LINE;
+    let mut out = sheet(rows.iter().map(width).max().unwrap_or(0), rows.len() * high + GAP + LINE);
+    for (n, row) in rows.iter().enumerate() {
+        let (mut left, top) = (GAP, n * high + GAP);
+        for (label, panel) in row {
+            place(&mut out, left, top, panel);
+            text(&mut out, left, top + PANEL + 8, label);
+            left += panel.width() + GAP;
+        }
+    }
+    text(&mut out, GAP, rows.len() * high + 8, caption);
+    out
+}
+
+/// Mean over the source pixels of each target pixel.
+fn resize(source: &Plane<Vec3>, width: usize, height: usize) -> Plane<Vec3> {
+    Plane::from_fn(width, height, |x, y| {
+        let range = |i: usize, n: usize, of: usize| {
+            let low = i * of / n;
+            low..((i + 1) * of / n).max(low + 1)
+        };
+        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+        for v in range(y, height, source.height()) {
+            for u in range(x, width, source.width()) {
+                sum += source[(u, v)].as_dvec3();
+                count += 1.0;
+            }
+        }
+        (sum / count).as_vec3()
+    })
+}

@@ -1,0 +1,185 @@
+//! The frame in which photograph and reproduction are shown.
+
+use glam::{DVec3, Vec3};
+use gonio::picture::{Picture, Plane};
+use gonio::reflectance::{BivariateTable, CELLS};
+use gonio::render::{Brdf, LightTree, Tinted, nodes};
+use gonio::scene::Circle;
+use gonio::transfer::SurfacePoint;
+use rayon::prelude::*;
+
+use super::{DRAFT, PANEL, Subject};
+
+/// The part of the photograph that a panel shows, and how the model is drawn into the same frame.
+pub(super) enum View<'a> {
+    Sphere(Circle, Option<&'a Plane<f32>>),
+    /// Normals, and the square frame in pixels: left, top, side.
+    Normals(&'a Plane<Vec3>, [f64; 3], Option<&'a Plane<f32>>),
+}
+
+impl<'a> View<'a> {
+    pub(super) fn of(subject: &Subject<'a>) -> Self {
+        match (subject.circle, subject.normals) {
+            (Some(circle), _) => Self::Sphere(circle, subject.coverage),
+            (None, Some(normals)) => {
+                let (width, height) = normals.size();
+                let (mut low, mut high) = ((width, height), (0, 0));
+                for (i, n) in normals.as_slice().iter().enumerate() {
+                    let seen = subject.coverage.is_none_or(|c| c.as_slice()[i] > 0.5);
+                    if n.is_finite() && *n != Vec3::ZERO && seen {
+                        let (x, y) = (i % width, i / width);
+                        low = (low.0.min(x), low.1.min(y));
+                        high = (high.0.max(x + 1), high.1.max(y + 1));
+                    }
+                }
+                let side = (high.0 - low.0).max(high.1 - low.1) as f64 + 4.0;
+                let centre = ((low.0 + high.0) as f64 / 2.0, (low.1 + high.1) as f64 / 2.0);
+                Self::Normals(normals, [centre.0 - 0.5 * side, centre.1 - 0.5 * side, side], subject.coverage)
+            }
+            (None, None) => unreachable!("a subject has a circle or normals"),
+        }
+    }
+
+    /// Position in the photograph of a panel's pixel.
+    fn place(&self, x: usize, y: usize) -> (f64, f64) {
+        let (x, y) = ((x as f64 + 0.5) / PANEL as f64, (y as f64 + 0.5) / PANEL as f64);
+        match self {
+            Self::Sphere(c, _) => {
+                let side = 2.0 * c.radius * PANEL as f64 / (PANEL as f64 - 4.0);
+                (c.x + (x - 0.5) * side, c.y + (y - 0.5) * side)
+            }
+            Self::Normals(_, [left, top, side], _) => (left + x * side, top + y * side),
+        }
+    }
+
+    fn coverage(&self) -> Option<&'a Plane<f32>> {
+        match self {
+            Self::Sphere(_, coverage) | Self::Normals(_, _, coverage) => *coverage,
+        }
+    }
+
+    /// The photograph in the frame; black where it has no pixels, alpha where the object is.
+    pub(super) fn cut(&self, picture: &Picture) -> Picture {
+        let (width, height) = picture.rgb.size();
+        let pixel = |x: usize, y: usize| {
+            let (u, v) = self.place(x, y);
+            let inside = u >= 0.0 && v >= 0.0 && (u as usize) < width && (v as usize) < height;
+            inside.then_some((u as usize, v as usize))
+        };
+        let rgb = Plane::from_fn(PANEL, PANEL, |x, y| match pixel(x, y) {
+            Some(at) if picture.rgb[at].is_finite() => picture.rgb[at].max(Vec3::ZERO),
+            _ => Vec3::ZERO,
+        });
+        let alpha = Plane::from_fn(PANEL, PANEL, |x, y| match (pixel(x, y), self.coverage()) {
+            (Some(at), Some(coverage)) => coverage[at].clamp(0.0, 1.0),
+            (Some(_), None) => 1.0,
+            (None, _) => 0.0,
+        });
+        // Around a ball on a real background only the ball is of interest.
+        let rgb = Plane::from_fn(PANEL, PANEL, |x, y| if alpha[(x, y)] > 0.5 { rgb[(x, y)] } else { Vec3::ZERO });
+        Picture { rgb, alpha: Some(alpha) }
+    }
+
+    /// The points of the surface at every second pixel of a panel, row by row; `None` where there is none.
+    fn points(&self) -> Vec<Option<SurfacePoint>> {
+        let half = PANEL / 2;
+        let point = |i: usize| {
+            let (x, y) = (2 * (i % half) + 1, 2 * (i / half) + 1);
+            let normal = match self {
+                Self::Sphere(..) => sphere_normal(x as f64, y as f64),
+                Self::Normals(normals, _, coverage) => {
+                    let (u, v) = self.place(x, y);
+                    let at = (u as usize, v as usize);
+                    let inside = u >= 0.0 && v >= 0.0 && at.0 < normals.width() && at.1 < normals.height();
+                    let seen = inside && coverage.is_none_or(|c| c[at] > 0.5) && normals[at].is_finite();
+                    seen.then(|| normals[at].as_dvec3()).and_then(DVec3::try_normalize).filter(|n| n.z > 0.0)
+                }
+            };
+            normal.map(|normal| SurfacePoint { normal, view: DVec3::Z })
+        };
+        (0..half * half).map(point).collect()
+    }
+
+    /// The object of this material in the frame.
+    pub(super) fn render(&self, material: &Tinted, light: &LightTree) -> Picture {
+        match self {
+            Self::Sphere(..) => spheres(std::slice::from_ref(material), light).remove(0),
+            Self::Normals(..) => pictures(&self.points(), std::slice::from_ref(material), light).remove(0),
+        }
+    }
+}
+
+/// Radius of a sphere in a panel, pixels.
+const RADIUS: f64 = 0.5 * PANEL as f64 - 2.0;
+
+/// Sine of 80 degrees. Beyond nothing was observed, and an estimated light that only the rim would see may be anything.
+const RIM: f64 = 0.985;
+
+/// The normal of a sphere that fills a panel; its rim, and a little beyond, has that of [`RIM`].
+fn sphere_normal(x: f64, y: f64) -> Option<DVec3> {
+    let (a, b) = ((x - 0.5 * PANEL as f64) / RADIUS, (0.5 * PANEL as f64 - y) / RADIUS);
+    let r = a.hypot(b);
+    let (a, b) = (a * RIM / r.max(RIM), b * RIM / r.max(RIM));
+    (r < 1.0 + 3.0 / RADIUS).then(|| DVec3::new(a, b, (1.0 - a * a - b * b).sqrt()).normalize())
+}
+
+/// Spheres of these materials that fill a panel.
+pub(super) fn spheres(materials: &[Tinted], light: &LightTree) -> Vec<Picture> {
+    let whole = View::Sphere(Circle { x: 0.0, y: 0.0, radius: 1.0 }, None);
+    pictures(&whole.points(), materials, light).into_iter().map(cut_out).collect()
+}
+
+/// Gives the picture of a sphere its rim.
+fn cut_out(mut picture: Picture) -> Picture {
+    let alpha = Plane::from_fn(PANEL, PANEL, |x, y| {
+        let r = (x as f64 + 0.5 - 0.5 * PANEL as f64).hypot(y as f64 + 0.5 - 0.5 * PANEL as f64);
+        (RADIUS - r + 0.5).clamp(0.0, 1.0) as f32
+    });
+    picture.rgb.as_mut_slice().iter_mut().zip(alpha.as_slice()).for_each(|(p, a)| *p *= *a);
+    Picture { alpha: Some(alpha), ..picture }
+}
+
+/// Panels of several materials at the same points, which are those of every second pixel: the light is divided once for all, and what is between
+/// the points is interpolated. Colour is premultiplied by alpha.
+fn pictures(points: &[Option<SurfacePoint>], materials: &[Tinted], light: &LightTree) -> Vec<Picture> {
+    let half = PANEL / 2;
+    let envelopes: Vec<BivariateTable> = materials.iter().map(Brdf::envelope).collect();
+    let largest = |c: usize| envelopes.iter().map(|t| t.as_slice()[c]).fold(0.0, f32::max);
+    let envelope = BivariateTable::from_vec((0..CELLS).map(largest).collect());
+    let colours: Vec<Vec<Vec3>> = points
+        .par_iter()
+        .map(|point| {
+            let Some(point) = point else { return vec![Vec3::ZERO; materials.len()] };
+            let nodes = nodes(point, &envelope, light, &DRAFT);
+            materials.iter().map(|m| nodes.radiance(point, m).as_vec3()).collect()
+        })
+        .collect();
+    let panel = |which: usize| {
+        // Over the points that exist, by their distance to the pixel.
+        let pixel = |x: usize, y: usize| {
+            let near = |at: usize| {
+                let own = at / 2;
+                // Beyond the edge there is none.
+                let other = if at.is_multiple_of(2) { own.wrapping_sub(1) } else { own + 1 };
+                [(own, 0.75), (other, 0.25)]
+            };
+            let (mut sum, mut weight) = (Vec3::ZERO, 0.0_f32);
+            for (j, v) in near(y) {
+                for (i, u) in near(x) {
+                    if i < half && j < half && points[j * half + i].is_some() {
+                        sum += u * v * colours[j * half + i][which];
+                        weight += u * v;
+                    }
+                }
+            }
+            (sum, weight)
+        };
+        let rgb = Plane::from_fn(PANEL, PANEL, |x, y| {
+            let (sum, weight) = pixel(x, y);
+            if weight > 0.5 { sum / weight } else { Vec3::ZERO }
+        });
+        let alpha = Plane::from_fn(PANEL, PANEL, |x, y| if pixel(x, y).1 > 0.5 { 1.0 } else { 0.0 });
+        Picture { rgb, alpha: Some(alpha) }
+    };
+    (0..materials.len()).map(panel).collect()
+}

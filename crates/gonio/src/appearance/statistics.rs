@@ -3,6 +3,7 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::Lattice;
 
@@ -44,25 +45,15 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Filters for a lattice; 100 MB, a tenth of a second.
+    /// Filters for a lattice; 100 MB.
     pub fn new(lattice: &Lattice) -> Self {
         let normals = lattice.normals();
         let n = normals.len();
+        let rows: Vec<Vec<(usize, usize, f32)>> = normals.par_iter().map(|normal| rows_of(*normal, normals)).collect();
         let mut filters = Mat::<f32>::zeros((SMOOTHINGS.len() + 2 * GRADIENTS.len()) * n, n);
-        for (block, width) in SMOOTHINGS.iter().enumerate() {
-            for (i, normal) in normals.iter().enumerate() {
-                for (j, weight) in smoothing(*normal, normals, width.to_radians()) {
-                    filters[(block * n + i, j)] = weight;
-                }
-            }
-        }
-        for (block, width) in GRADIENTS.iter().enumerate() {
-            let first = (SMOOTHINGS.len() + 2 * block) * n;
-            for (i, normal) in normals.iter().enumerate() {
-                for (j, [radial, tangential]) in gradient(*normal, normals, width.to_radians()) {
-                    filters[(first + i, j)] = radial;
-                    filters[(first + n + i, j)] = tangential;
-                }
+        for (i, entries) in rows.into_iter().enumerate() {
+            for (block, j, weight) in entries {
+                filters[(block * n + i, j)] = weight;
             }
         }
         let within =
@@ -171,21 +162,37 @@ impl Statistics {
     }
 }
 
-/// Weights of a Gaussian mean around a normal, with sum one.
-fn smoothing(normal: DVec3, normals: &[DVec3], width: f64) -> Vec<(usize, f32)> {
-    let near = neighbours(normal, normals, width, 3.5);
+/// The row of every filter for one normal: filter, column, weight.
+fn rows_of(normal: DVec3, normals: &[DVec3]) -> Vec<(usize, usize, f32)> {
+    let angles: Vec<f64> = normals.iter().map(|n| n.dot(normal).clamp(-1.0, 1.0).acos()).collect();
+    let mut rows = Vec::new();
+    for (block, width) in SMOOTHINGS.iter().enumerate() {
+        rows.extend(smoothing(&angles, width.to_radians()).into_iter().map(|(j, weight)| (block, j, weight)));
+    }
+    for (pair, width) in GRADIENTS.iter().enumerate() {
+        let block = SMOOTHINGS.len() + 2 * pair;
+        for (j, [radial, tangential]) in gradient(normal, normals, &angles, width.to_radians()) {
+            rows.extend([(block, j, radial), (block + 1, j, tangential)]);
+        }
+    }
+    rows
+}
+
+/// Weights of a Gaussian mean over normals at these angles, with sum one.
+fn smoothing(angles: &[f64], width: f64) -> Vec<(usize, f32)> {
+    let near = neighbours(angles, width, 3.5);
     let total: f64 = near.iter().map(|(_, w)| w).sum();
     near.into_iter().map(|(j, w)| (j, (w / total) as f32)).collect()
 }
 
 /// Indices and unnormalised Gaussian weights of all normals within `reach` standard deviations.
-fn neighbours(normal: DVec3, normals: &[DVec3], width: f64, reach: f64) -> Vec<(usize, f64)> {
-    let angles = normals.iter().map(|n| n.dot(normal).clamp(-1.0, 1.0).acos() / width);
-    angles.enumerate().filter(|(_, a)| *a < reach).map(|(j, a)| (j, (-0.5 * a * a).exp())).collect()
+fn neighbours(angles: &[f64], width: f64, reach: f64) -> Vec<(usize, f64)> {
+    let near = angles.iter().map(|a| a / width).enumerate().filter(|(_, a)| *a < reach);
+    near.map(|(j, a)| (j, (-0.5 * a * a).exp())).collect()
 }
 
 /// Weights of the slope of a weighted least-squares plane, a change per `width`: towards the rim and across.
-fn gradient(normal: DVec3, normals: &[DVec3], width: f64) -> Vec<(usize, [f32; 2])> {
+fn gradient(normal: DVec3, normals: &[DVec3], angles: &[f64], width: f64) -> Vec<(usize, [f32; 2])> {
     let radius = normal.x.hypot(normal.y);
     let radial = if radius > 1e-9 {
         DVec3::new(normal.x * normal.z, normal.y * normal.z, -radius * radius) / radius
@@ -193,7 +200,7 @@ fn gradient(normal: DVec3, normals: &[DVec3], width: f64) -> Vec<(usize, [f32; 2
         DVec3::X
     };
     let tangential = normal.cross(radial);
-    let near: Vec<(usize, f64, DVec3)> = neighbours(normal, normals, width, 2.5)
+    let near: Vec<(usize, f64, DVec3)> = neighbours(angles, width, 2.5)
         .into_iter()
         .map(|(j, w)| (j, w, DVec3::new(1.0, normals[j].dot(radial), normals[j].dot(tangential))))
         .collect();

@@ -2,7 +2,7 @@
 //!
 //! * [`picture`]: photographs, light maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF);
 //! * [`normals`]: normal maps (OpenEXR, PFM, NPY, PNG);
-//! * [`merl`], [`bivariate`], [`fits`]: measured BRDFs and published fits to them;
+//! * [`merl`], [`rgl`], [`bivariate`], [`fits`]: measured BRDFs and published fits to them;
 //! * [`model`]: trained models and their halves (`docs/model-format.md`);
 //! * [`npy`]: arrays of numpy;
 //! * [`atomic`]: output that appears complete or not at all;
@@ -27,5 +27,6 @@ pub mod normals;
 pub mod npy;
 pub mod picture;
 pub mod plan;
+pub mod rgl;
 
 pub use error::{Error, Kind};

@@ -25,3 +25,8 @@ pub(crate) fn f32s(bytes: &[u8]) -> Vec<f32> {
 pub(crate) fn f64s(bytes: &[u8]) -> Vec<f64> {
     bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()
 }
+
+/// The values of as many whole numbers as `bytes` holds.
+pub(crate) fn u64s(bytes: &[u8]) -> Vec<u64> {
+    bytes.as_chunks().0.iter().map(|b| u64::from_le_bytes(*b)).collect()
+}

@@ -57,7 +57,7 @@ impl Numbers {
 /// Feeds damaged versions of `good` to `read`. A cut file may be read only if it lacks no more than `slack` bytes,
 /// which some formats have after their content.
 #[track_caller]
-fn check<T>(name: &str, good: &[u8], slack: usize, read: impl Fn(&Path, &[u8]) -> Result<T, Error>) {
+pub(crate) fn check<T>(name: &str, good: &[u8], slack: usize, read: impl Fn(&Path, &[u8]) -> Result<T, Error>) {
     let path = Path::new(name);
     let sound = |error: &Error, what: &str| {
         let text = error.to_string();

@@ -4,4 +4,5 @@
 
 mod damage;
 mod disk;
+mod rgl;
 mod speed;

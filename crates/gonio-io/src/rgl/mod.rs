@@ -1,0 +1,187 @@
+//! Measured isotropic materials of the RGL database (Dupuy and Jakob 2018, *An Adaptive Parameterization for Efficient
+//! Material Acquisition and Rendering*): `NAME_rgb.bsdf`.
+//!
+//! A material was measured for a few incident directions. For each of them a density of visible microfacet normals is
+//! there, by which outgoing directions are spread so that the measured samples are dense where the material is bright.
+//! With the half vector `m` of incident direction `i` and outgoing direction `o`, all angles as unit coordinates
+//! (`sqrt(2 theta / pi)`, `phi / (2 pi) + 1/2`), and the warp `w_i` of the density:
+//!
+//! `f(i, o) cos_o = rgb_i(w_i(m)) D(m) / (4 sigma(i))`,
+//!
+//! everything bilinear between its samples and linear between incident directions. Fields of the file (`phi` before
+//! `theta`, the last axis varies fastest): `phi_i`, `theta_i` (the incident directions, radians), `sigma` and `ndf` (the
+//! projected area of the microfacets by direction, their density `D` by normal), `vndf` (for each incident direction the
+//! density by normal, its azimuth relative to that of the incident direction), `rgb` (for each incident direction and
+//! channel, over the square that the warp leads to), `jacobian` (whether `D / (4 sigma)` is still to be multiplied
+//! with) and `description`. Others (`luminance`, for drawing samples; `valid`, which samples were measured and not
+//! filled in) are not used.
+
+mod tensor;
+mod warp;
+
+use std::f64::consts::{FRAC_1_PI, TAU};
+use std::path::Path;
+
+use glam::DVec3;
+use gonio::reflectance::parametric::directions;
+use gonio::reflectance::{CELLS, MerlTable, PHI_D, THETA_D, theta_d_of, theta_h_of};
+use rayon::prelude::*;
+
+use crate::{Error, guard};
+use tensor::Tensors;
+use warp::{Directions, Stack, Warp};
+
+/// Longest file read, 256 MiB: an isotropic RGB material takes less than one.
+const MAX_BYTES: u64 = 1 << 28;
+/// Most azimuths of the incident direction that an isotropic material has.
+const ISOTROPIC: usize = 2;
+/// Cosine below which a sample of a table counts as on the horizon, where round-off decides.
+const HORIZON: f64 = 1e-9;
+
+/// A measured isotropic material in three channels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rgl {
+    /// What the material is, in the words of those who measured it; may be empty.
+    pub description: String,
+    incident: Directions,
+    sigma: Stack,
+    ndf: Stack,
+    vndf: Warp,
+    /// For each incident direction red, green, blue.
+    rgb: Stack,
+    jacobian: bool,
+}
+
+/// Reads a material.
+///
+/// # Errors
+/// If the file cannot be read, contradicts itself or its format, is anisotropic or has no RGB values.
+pub fn read(path: impl AsRef<Path>) -> Result<Rgl, Error> {
+    let path = path.as_ref();
+    decode(path, &guard::read_whole(path, MAX_BYTES)?)
+}
+
+/// Reads a material held in memory; `path` serves the messages only.
+///
+/// # Errors
+/// Like [`read`].
+pub fn decode(path: &Path, bytes: &[u8]) -> Result<Rgl, Error> {
+    let tensors = Tensors::parse(path, bytes)?;
+    let ([phis], phi) = tensors.floats("phi_i")?;
+    let ([thetas], theta) = tensors.floats("theta_i")?;
+    if phis > ISOTROPIC {
+        return Err(Error::unsupported(path, "is an anisotropic material", "give an isotropic one"));
+    }
+    let ([vndf_phis, vndf_thetas, h, w], values) = non_negative(&tensors, "vndf")?;
+    fits(path, "vndf", [vndf_phis, vndf_thetas, 3], [phis, thetas, 3])?;
+    let vndf = Warp::new(path, "vndf", Stack::new(path, "vndf", [h, w], values)?)?;
+    let ([rgb_phis, rgb_thetas, channels, h, w], values) = tensors.floats("rgb")?;
+    fits(path, "rgb", [rgb_phis, rgb_thetas, channels], [phis, thetas, 3])?;
+    let rgb = Stack::new(path, "rgb", [h, w], values)?;
+    let text = String::from_utf8_lossy(tensors.bytes("description").unwrap_or_default());
+    Ok(Rgl {
+        description: text.trim_end_matches('\0').to_owned(),
+        incident: Directions::new(path, &phi, &theta)?,
+        sigma: single(&tensors, "sigma")?,
+        ndf: single(&tensors, "ndf")?,
+        vndf,
+        rgb,
+        jacobian: jacobian(&tensors)?,
+    })
+}
+
+/// The field has slices for all incident directions.
+fn fits(path: &Path, name: &str, has: [usize; 3], needs: [usize; 3]) -> Result<(), Error> {
+    if has == needs {
+        return Ok(());
+    }
+    let [phis, thetas, _] = needs;
+    let problem =
+        format!("has {has:?} as first axes of {name}, which do not fit its {phis} x {thetas} incident directions");
+    Err(Error::damaged(path, problem))
+}
+
+/// Shape and values of a density.
+fn non_negative<const AXES: usize>(tensors: &Tensors<'_>, name: &str) -> Result<([usize; AXES], Vec<f32>), Error> {
+    let (shape, values) = tensors.floats(name)?;
+    match values.iter().position(|v| *v < 0.0) {
+        Some(at) => Err(Error::damaged(tensors.path(), format!("has a negative value at index {at} of {name}"))),
+        None => Ok((shape, values)),
+    }
+}
+
+/// A function of one direction.
+fn single(tensors: &Tensors<'_>, name: &str) -> Result<Stack, Error> {
+    let (shape, values) = non_negative(tensors, name)?;
+    Stack::new(tensors.path(), name, shape, values)
+}
+
+fn jacobian(tensors: &Tensors<'_>) -> Result<bool, Error> {
+    match tensors.bytes("jacobian") {
+        Some([flag]) => Ok(*flag != 0),
+        _ => Err(Error::damaged(tensors.path(), "does not say in one byte whether it has the jacobian")),
+    }
+}
+
+impl Rgl {
+    /// BRDF in 1/sr, by channel, for unit vectors towards the light (`wi`) and the viewer (`wo`), the normal being `+z`;
+    /// zero where either is below the surface, and in a channel that the colour has less than nothing of (saturated
+    /// colours lie outside of what red, green and blue can mix). Measured values are reciprocal only within the error of
+    /// the measurement; the light has the part of the incident direction here.
+    pub fn eval(&self, wi: DVec3, wo: DVec3) -> [f64; 3] {
+        // Written so that what is not a number counts as below.
+        if !(wi.z > 0.0 && wo.z > 0.0) {
+            return [0.0; 3];
+        }
+        let half = wi + wo;
+        let (theta_i, phi_i) = (elevation(wi), wi.y.atan2(wi.x));
+        let corners = self.incident.corners(phi_i, theta_i);
+        let (m_x, m_y) = (of_theta(elevation(half)), of_phi(half.y.atan2(half.x) - phi_i));
+        let [u, v] = self.vndf.flatten(&corners, m_x, m_y);
+        let value = |channel: usize| -> f64 {
+            let used = corners.iter().filter(|c| c.1 > 0.0);
+            used.map(|&(slice, weight)| weight * self.rgb.at(3 * slice + channel, u, v)).sum()
+        };
+        let facets = if self.jacobian {
+            let sigma = self.sigma.at(0, of_theta(theta_i), of_phi(phi_i));
+            if sigma > 0.0 { self.ndf.at(0, m_x, m_y) / (4.0 * sigma) } else { 0.0 }
+        } else {
+            1.0
+        };
+        [0, 1, 2].map(|channel| value(channel).max(0.0) * facets / wo.z)
+    }
+
+    /// The material as a table of the MERL database, missing (-1) below the horizon.
+    ///
+    /// Such a table is reciprocal, which the measurement is not quite: a cell holds the mean of [`Self::eval`] at its
+    /// directions and of the same with light and viewer exchanged, each weighted by the cosine of its outgoing
+    /// direction. What was measured is the product with that cosine, so that errors grow as it falls.
+    pub fn to_merl(&self) -> MerlTable {
+        let cell = |at: usize| -> [f32; 3] {
+            let (c, k) = (at / PHI_D, at % PHI_D);
+            let (wi, wo) = directions(theta_h_of(c / THETA_D), theta_d_of(c % THETA_D), (k as f64).to_radians());
+            if wi.z <= HORIZON || wo.z <= HORIZON {
+                return [-1.0; 3];
+            }
+            let (there, back) = (self.eval(wi, wo), self.eval(wo, wi));
+            [0, 1, 2].map(|channel| ((there[channel] * wo.z + back[channel] * wi.z) / (wi.z + wo.z)) as f32)
+        };
+        let cells: Vec<[f32; 3]> = (0..CELLS * PHI_D).into_par_iter().map(cell).collect();
+        MerlTable::from_channels([0, 1, 2].map(|channel| cells.iter().map(|rgb| rgb[channel]).collect()))
+    }
+}
+
+/// Angle to the normal; precise near it too.
+fn elevation(d: DVec3) -> f64 {
+    d.x.hypot(d.y).atan2(d.z)
+}
+
+/// Unit coordinate of an angle to the normal: dense around it.
+fn of_theta(theta: f64) -> f64 {
+    (2.0 * FRAC_1_PI * theta).sqrt()
+}
+
+/// Unit coordinate of an azimuth, periodic.
+fn of_phi(phi: f64) -> f64 {
+    (phi / TAU + 0.5).rem_euclid(1.0)
+}

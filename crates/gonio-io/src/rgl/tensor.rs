@@ -1,0 +1,145 @@
+//! The container of the RGL files: named arrays of numbers.
+//!
+//! `tensor_file` and a zero byte, the version 1 0, the number of fields (32 bits), then for each field the length of its
+//! name (16 bits), the name, the number of axes (16 bits), the type (8 bits), where the values start in the file (64
+//! bits), and the length of each axis (64 bits). Everything is little-endian, the last axis varies fastest.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::{Error, little_endian};
+
+/// First bytes of every such file.
+pub(super) const MAGIC: &[u8] = b"tensor_file\0";
+/// Type of unsigned bytes.
+pub(super) const UINT8: u8 = 1;
+/// Type of single precision.
+pub(super) const FLOAT32: u8 = 10;
+
+/// One array, its values still bytes.
+#[derive(Clone, Debug)]
+struct Field<'a> {
+    kind: u8,
+    shape: Vec<usize>,
+    bytes: &'a [u8],
+}
+
+/// All arrays of a file by name.
+#[derive(Clone, Debug)]
+pub(super) struct Tensors<'a> {
+    path: &'a Path,
+    fields: BTreeMap<String, Field<'a>>,
+}
+
+impl<'a> Tensors<'a> {
+    /// Finds the arrays of a file held in memory; `path` serves the messages only.
+    ///
+    /// # Errors
+    /// If the header is none, or speaks of bytes that the file does not have.
+    pub(super) fn parse(path: &'a Path, bytes: &'a [u8]) -> Result<Self, Error> {
+        let Some(rest) = bytes.strip_prefix(MAGIC) else {
+            return Err(Error::damaged(path, "does not begin like an RGL tensor file"));
+        };
+        let short = || Error::damaged(path, "is cut short in its header");
+        let mut header = Cursor(rest);
+        let version = header.take::<2>().ok_or_else(short)?;
+        if version != [1, 0] {
+            let problem = format!("is a tensor file of version {}.{}", version[0], version[1]);
+            return Err(Error::unsupported(path, problem, "use files of version 1.0"));
+        }
+        let count = u32::from_le_bytes(header.take().ok_or_else(short)?);
+        let mut fields = BTreeMap::new();
+        // A count that lies ends with the header's bytes.
+        for _ in 0..count {
+            let (name, field) = field(path, bytes, &mut header).ok_or_else(short)??;
+            if fields.contains_key(&name) {
+                return Err(Error::damaged(path, format!("holds the field {name} twice")));
+            }
+            fields.insert(name, field);
+        }
+        Ok(Self { path, fields })
+    }
+
+    /// The file that messages speak of.
+    pub(super) fn path(&self) -> &'a Path {
+        self.path
+    }
+
+    /// Bytes of a field that may be absent or of another type.
+    pub(super) fn bytes(&self, name: &str) -> Option<&'a [u8]> {
+        self.fields.get(name).filter(|f| f.kind == UINT8).map(|f| f.bytes)
+    }
+
+    /// Shape and values of a field.
+    ///
+    /// # Errors
+    /// If there is none of this name with `AXES` axes and in single precision, it is empty, or a value is not finite.
+    pub(super) fn floats<const AXES: usize>(&self, name: &str) -> Result<([usize; AXES], Vec<f32>), Error> {
+        let Some(field) = self.fields.get(name) else {
+            let advice = "give an RGB file of the RGL material database (NAME_rgb.bsdf)";
+            return Err(Error::invalid(self.path, format!("holds no field {name}"), advice));
+        };
+        if field.kind != FLOAT32 {
+            let problem = format!("holds {name} in another type than single precision");
+            return Err(Error::unsupported(self.path, problem, "write it again in single precision"));
+        }
+        let shape = <[usize; AXES]>::try_from(field.shape.as_slice());
+        let Some(shape) = shape.ok().filter(|s| !s.contains(&0)) else {
+            let problem = format!("has the shape {:?} for {name}, not {AXES} axes with values", field.shape);
+            return Err(Error::damaged(self.path, problem));
+        };
+        let values = little_endian::f32s(field.bytes);
+        if let Some(at) = values.iter().position(|v| !v.is_finite()) {
+            return Err(Error::damaged(self.path, format!("has a value that is not finite at index {at} of {name}")));
+        }
+        Ok((shape, values))
+    }
+}
+
+/// The next field; `None` where the header ends too early.
+fn field<'a>(path: &Path, file: &'a [u8], header: &mut Cursor<'a>) -> Option<Result<(String, Field<'a>), Error>> {
+    let length = u16::from_le_bytes(header.take()?);
+    let name = String::from_utf8_lossy(header.slice(length.into())?).into_owned();
+    let axes = u16::from_le_bytes(header.take()?);
+    let [kind] = header.take()?;
+    let offset = u64::from_le_bytes(header.take()?);
+    let shape: Vec<u64> = little_endian::u64s(header.slice(8 * usize::from(axes))?);
+    let Some(size) = size_of(kind) else {
+        return Some(Err(Error::damaged(path, format!("has values of the unknown type {kind} in {name}"))));
+    };
+    let bytes = shape.iter().try_fold(size, |n, axis| n.checked_mul(*axis));
+    let range = bytes.and_then(|n| Some(usize::try_from(offset).ok()?..usize::try_from(offset.checked_add(n)?).ok()?));
+    let Some(bytes) = range.and_then(|r| file.get(r)) else {
+        let problem = format!("is cut short: {name} with the shape {shape:?} lies beyond its {} bytes", file.len());
+        return Some(Err(Error::damaged(path, problem)));
+    };
+    // Each axis of an array with values is below the length of the file; another may be anything.
+    let shape = shape.iter().map(|n| usize::try_from(*n).unwrap_or(usize::MAX)).collect();
+    Some(Ok((name, Field { kind, shape, bytes })))
+}
+
+/// Bytes of one value: signed and unsigned integers of 8 to 64 bits from 1 on, then floats of 16 to 64 bits.
+fn size_of(kind: u8) -> Option<u64> {
+    match kind {
+        1 | 2 => Some(1),
+        3 | 4 | 9 => Some(2),
+        5 | 6 | 10 => Some(4),
+        7 | 8 | 11 => Some(8),
+        _ => None,
+    }
+}
+
+/// What is left of a header.
+struct Cursor<'a>(&'a [u8]);
+
+impl<'a> Cursor<'a> {
+    fn slice(&mut self, length: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(length)?;
+        self.0 = rest;
+        Some(taken)
+    }
+
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        self.slice(N).map(|s| s.try_into().expect("as many bytes as were asked for"))
+    }
+}

@@ -6,6 +6,7 @@ mod bench;
 mod data;
 mod materials;
 mod metrics;
+mod outside;
 mod page;
 mod paper;
 mod posteriors;

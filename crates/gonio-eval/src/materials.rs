@@ -1,18 +1,49 @@
 //! Measured materials: the full tables that inputs are rendered from and the bivariate ones that everything else uses.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use gonio::reflectance::parametric::full_table;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use rayon::prelude::*;
 
-/// A database of materials in the order of their file names: a folder of `.binary` files of the MERL database, or of bivariate tables, or both.
+use crate::outside::{self, Formula};
+
+/// A database of materials in the order of their file names: a folder of `.binary` files of the MERL database, or of
+/// bivariate tables, or both. After them, where asked for, come [materials of other kinds](outside).
 pub(crate) struct Materials {
-    /// Names, in the order of `NAME.binary`: that of a listing of the database, `chrome-steel` before `chrome`.
+    /// Names, in the order of `NAME.binary`: that of a listing of the database, `chrome-steel` before `chrome`; then those
+    /// outside of it.
     pub(crate) names: Vec<String>,
     rgb: Vec<[BivariateTable; 3]>,
-    files: BTreeMap<String, PathBuf>,
+    origins: Vec<Origin>,
+    /// How many are of the database.
+    database: usize,
+}
+
+/// Where the table over all three angles comes from.
+enum Origin {
+    /// A file of the MERL database.
+    Merl(PathBuf),
+    /// Nowhere: only the bivariate table is there.
+    Bivariate,
+    /// A file of the RGL database.
+    Rgl(PathBuf),
+    /// A formula.
+    Formula(Formula),
+}
+
+impl Origin {
+    fn full(&self, rgb: &[BivariateTable; 3]) -> Result<MerlTable> {
+        Ok(match self {
+            Self::Merl(path) => gonio_io::merl::read(path)?,
+            Self::Bivariate => MerlTable::from_bivariate(rgb.each_ref()),
+            Self::Rgl(path) => gonio_io::rgl::read(path)?.to_merl(),
+            Self::Formula(formula) => full_table(|wi, wo| [formula.eval(wi, wo); 3]),
+        })
+    }
 }
 
 /// What a picture of a material was rendered from.
@@ -56,8 +87,33 @@ impl Materials {
         }
         let mut all: Vec<(String, [BivariateTable; 3])> = rgb.into_iter().collect();
         all.sort_by_cached_key(|(name, _)| file_name(name));
-        let (names, rgb) = all.into_iter().unzip();
-        Ok(Self { names, rgb, files })
+        let (names, rgb): (Vec<String>, _) = all.into_iter().unzip();
+        let origin = |name| files.get(name).map_or(Origin::Bivariate, |path| Origin::Merl(path.clone()));
+        let origins = names.iter().map(origin).collect();
+        Ok(Self { database: names.len(), names, rgb, origins })
+    }
+
+    /// With the materials outside of the database: the files of `DATA/rgl`, if there are any, and the formulas.
+    pub(crate) fn with_outside(mut self, data: &Path) -> Result<Self> {
+        for (name, path) in outside::rgl_files(&data.join("rgl"))? {
+            let table = gonio_io::rgl::read(&path)?.to_merl();
+            self.add(name, [0, 1, 2].map(|c| table.bivariate(c)), Origin::Rgl(path))?;
+        }
+        for (name, formula) in outside::formulas() {
+            let table = formula.to_bivariate();
+            self.add(name.to_owned(), [table.clone(), table.clone(), table], Origin::Formula(formula))?;
+        }
+        Ok(self)
+    }
+
+    fn add(&mut self, name: String, rgb: [BivariateTable; 3], origin: Origin) -> Result<()> {
+        if self.names.contains(&name) {
+            bail!("there are two materials {name}");
+        }
+        self.names.push(name);
+        self.rgb.push(rgb);
+        self.origins.push(origin);
+        Ok(())
     }
 
     /// Place of a name in the list.
@@ -85,38 +141,56 @@ impl Materials {
 
     /// What [`Self::full`] has for a material.
     pub(crate) fn source(&self, at: usize) -> Source {
-        if self.files.contains_key(&self.names[at]) { Source::Full } else { Source::Bivariate }
+        if matches!(self.origins[at], Origin::Bivariate) { Source::Bivariate } else { Source::Full }
     }
 
     /// The table to render, spread over `phi_d` where there is no other.
     pub(crate) fn full(&self, at: usize) -> Result<MerlTable> {
-        match self.files.get(&self.names[at]) {
-            Some(path) => Ok(gonio_io::merl::read(path)?),
-            None => Ok(MerlTable::from_bivariate(self.rgb[at].each_ref())),
-        }
+        self.origins[at].full(&self.rgb[at])
     }
 
-    /// Changes when the table that [`Self::full`] reads does.
+    /// Changes when the table that [`Self::full`] makes does.
     pub(crate) fn fingerprint(&self, at: usize) -> Result<String> {
         let mut hasher = blake3::Hasher::new();
-        match self.files.get(&self.names[at]) {
-            Some(path) => {
-                let file = std::fs::File::open(path).with_context(|| format!("{}: cannot open", path.display()))?;
-                hasher.update_reader(file).with_context(|| format!("{}: cannot read", path.display()))?;
-            }
-            None => {
+        match &self.origins[at] {
+            Origin::Merl(path) => hash_file(&mut hasher, path)?,
+            Origin::Bivariate => {
                 for value in self.rgb[at].iter().flat_map(BivariateTable::as_slice) {
                     hasher.update(&value.to_le_bytes());
                 }
+            }
+            Origin::Rgl(path) => {
+                hasher.update(format!("rgl {}", outside::VERSION).as_bytes());
+                hash_file(&mut hasher, path)?;
+            }
+            // By name and not by value: processors round differently, and shards from several machines are merged.
+            Origin::Formula(_) => {
+                hasher.update(format!("formula {} {}", outside::VERSION, self.names[at]).as_bytes());
             }
         }
         Ok(hasher.finalize().to_hex().to_string())
     }
 
-    /// Every fifth material, starting with the third: what a leave-out basis never sees.
-    pub(crate) fn held_out(&self) -> Vec<usize> {
-        (0..self.names.len()).filter(|i| i % 5 == 2).collect()
+    /// The materials of the database.
+    pub(crate) fn database(&self) -> Range<usize> {
+        0..self.database
     }
+
+    /// The materials outside of it.
+    pub(crate) fn outside(&self) -> Range<usize> {
+        self.database..self.names.len()
+    }
+
+    /// Every fifth material of the database, starting with the third: what a leave-out basis never sees.
+    pub(crate) fn held_out(&self) -> Vec<usize> {
+        self.database().filter(|i| i % 5 == 2).collect()
+    }
+}
+
+fn hash_file(hasher: &mut blake3::Hasher, path: &Path) -> Result<()> {
+    let file = std::fs::File::open(path).with_context(|| format!("{}: cannot open", path.display()))?;
+    hasher.update_reader(file).with_context(|| format!("{}: cannot read", path.display()))?;
+    Ok(())
 }
 
 /// Name of the file of a material in the database.
@@ -145,5 +219,32 @@ mod tests {
         // The third of five.
         assert_eq!(materials.held_out(), [2]);
         assert!(materials.index("kryptonite").is_err());
+    }
+
+    #[test]
+    fn materials_outside_come_after_the_database() {
+        let dir = tempfile::tempdir().unwrap();
+        let merl = dir.path().join("merl");
+        std::fs::create_dir(&merl).unwrap();
+        std::fs::write(merl.join("materials.txt"), "brass\nzinc").unwrap();
+        let array = gonio_io::npy::Array { shape: vec![2, THETA_H, THETA_D, 3], values: vec![0.5; 6 * CELLS] };
+        std::fs::write(merl.join("bivariate_rgb_f32.npy"), gonio_io::npy::encode(&array)).unwrap();
+        let materials = Materials::open(dir.path(), None).unwrap();
+        assert!(materials.outside().is_empty());
+        let materials = materials.with_outside(dir.path()).unwrap();
+        assert_eq!(materials.database(), 0..2);
+        assert_eq!(materials.outside().len(), outside::formulas().len());
+        let plaster = materials.index("plaster").unwrap();
+        assert_eq!(materials.outside().start, plaster);
+        assert_eq!(materials.source(plaster), Source::Full);
+        assert_eq!(materials.source(0), Source::Bivariate);
+        let reduced = materials.full(plaster).unwrap().bivariate(1);
+        let mut cells = reduced.as_slice().iter().zip(materials.green(plaster).as_slice());
+        assert!(cells.all(|(a, b)| (a / b - 1.0).abs() < 1e-4));
+        assert_ne!(materials.fingerprint(plaster).unwrap(), materials.fingerprint(plaster + 1).unwrap());
+        // A file that is there but no measurement is not passed over in silence.
+        std::fs::create_dir(dir.path().join("rgl")).unwrap();
+        std::fs::write(dir.path().join("rgl/paint_rgb.bsdf"), "paint").unwrap();
+        assert!(Materials::open(dir.path(), None).unwrap().with_outside(dir.path()).is_err());
     }
 }

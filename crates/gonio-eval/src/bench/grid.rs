@@ -5,6 +5,8 @@ use std::str::FromStr;
 use anyhow::{Result, bail};
 use serde::{Deserialize, Serialize};
 
+use crate::materials::Materials;
+
 /// What basis, prior and start materials are learnt from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
@@ -13,6 +15,8 @@ pub(crate) enum Protocol {
     All,
     /// All but every fifth material, tested on those: the honest figure.
     LeaveOut,
+    /// All materials, tested on others: measurements of another laboratory and formulas of other families.
+    Outside,
 }
 
 impl Protocol {
@@ -21,6 +25,7 @@ impl Protocol {
         match self {
             Self::All => "all",
             Self::LeaveOut => "leave-out",
+            Self::Outside => "outside",
         }
     }
 
@@ -29,7 +34,31 @@ impl Protocol {
         match self {
             Self::All => "(a) all materials in the basis",
             Self::LeaveOut => "(b) leave-out: tested materials unseen",
+            Self::Outside => "(c) outside: materials of other kinds than the training set",
         }
+    }
+
+    /// The materials that it tests.
+    pub(crate) fn tested(self, materials: &Materials) -> Vec<usize> {
+        match self {
+            Self::All => materials.database().collect(),
+            Self::LeaveOut => materials.held_out(),
+            Self::Outside => materials.outside().collect(),
+        }
+    }
+
+    /// The first protocol with the same training materials, whose knowledge serves both.
+    pub(crate) fn learns_as(self) -> Self {
+        match self {
+            Self::All | Self::Outside => Self::All,
+            Self::LeaveOut => Self::LeaveOut,
+        }
+    }
+
+    /// The materials that everything is learnt from.
+    pub(crate) fn training(self, materials: &Materials) -> Vec<usize> {
+        let held_out = if self.learns_as() == Self::LeaveOut { materials.held_out() } else { Vec::new() };
+        materials.database().filter(|at| !held_out.contains(at)).collect()
     }
 }
 

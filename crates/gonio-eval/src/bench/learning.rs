@@ -42,9 +42,7 @@ impl Knowledge {
         cache: &Cache,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Self> {
-        let held_out = materials.held_out();
-        let kept: Vec<usize> =
-            (0..materials.names.len()).filter(|at| protocol == Protocol::All || !held_out.contains(at)).collect();
+        let kept = protocol.training(materials);
         let mut settings = TrainSettings::default();
         settings.nmf.rank = rank;
         let green: Vec<(String, BivariateTable)> =

@@ -1,6 +1,6 @@
 //! What to run.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use gonio::inference::amortised::SimulationSettings;
@@ -24,8 +24,8 @@ pub(crate) struct Options {
     quick: bool,
     /// Folder of full MERL `.binary` files [default: DATA/merl]
     #[arg(long)]
-    pub(crate) merl: Option<PathBuf>,
-    /// What the tested materials are to the estimators [default: both; with --quick leave-out]
+    merl: Option<PathBuf>,
+    /// What the tested materials are to the estimators [default: all,leave-out; with --quick leave-out]
     #[arg(long, value_enum, value_delimiter = ',')]
     protocols: Vec<Protocol>,
     /// Only these materials (each protocol tests those it may)
@@ -90,17 +90,27 @@ pub(crate) struct Grid {
 }
 
 impl Options {
-    /// The grid, all names checked.
-    pub(crate) fn grid(&self, materials: &Materials, lights: &Lights) -> Result<Grid> {
-        let protocols = match (self.protocols.is_empty(), self.quick) {
+    fn protocols(&self) -> Vec<Protocol> {
+        match (self.protocols.is_empty(), self.quick) {
             (false, _) => self.protocols.clone(),
             (true, true) => vec![Protocol::LeaveOut],
             (true, false) => vec![Protocol::All, Protocol::LeaveOut],
-        };
+        }
+    }
+
+    /// The materials that the protocols ask for.
+    pub(crate) fn open_materials(&self, data: &Path) -> Result<Materials> {
+        let materials = Materials::open(data, self.merl.as_deref())?;
+        if self.protocols().contains(&Protocol::Outside) { materials.with_outside(data) } else { Ok(materials) }
+    }
+
+    /// The grid, all names checked.
+    pub(crate) fn grid(&self, materials: &Materials, lights: &Lights) -> Result<Grid> {
+        let protocols = self.protocols();
         let tested = if !self.materials.is_empty() {
             self.materials.iter().map(|name| materials.index(name)).collect::<Result<_>>()?
         } else if self.quick {
-            materials.held_out()
+            materials.held_out().into_iter().chain(materials.outside()).collect()
         } else {
             (0..materials.names.len()).collect()
         };

@@ -32,14 +32,13 @@ const CACHE_BUDGET: u64 = 8 << 30;
 
 /// Runs the benchmark and writes its report.
 pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
-    let (materials, lights) = (Materials::open(data, options.merl.as_deref())?, Lights::open(data)?);
+    let (materials, lights) = (options.open_materials(data)?, Lights::open(data)?);
     let grid = options.grid(&materials, &lights)?;
     let conditions = options.conditions(&lights.names());
     let store = Store::open(&options.output, &conditions)?;
-    let held_out = materials.held_out();
-    let tested = |protocol| {
-        let all = grid.materials.iter().copied();
-        all.filter(|m| protocol == Protocol::All || held_out.contains(m)).collect()
+    let tested = |protocol: Protocol| {
+        let may = protocol.tested(&materials);
+        grid.materials.iter().copied().filter(|m| may.contains(m)).collect()
     };
     let mut units = units(&grid.protocols, &tested, &grid.lights);
     if let Some(shard) = options.shard {
@@ -114,7 +113,7 @@ struct Bench {
 impl Bench {
     fn unfinished(&self, units: Vec<Unit>, estimators: &[Estimator]) -> Vec<Work> {
         let conditions = serde_json::to_string(&self.conditions).expect("conditions are JSON");
-        let all_materials = self.materials.names.join(" ");
+        let all_materials = self.materials.names[self.materials.database()].join(" ");
         let open = |unit: &Unit| -> Vec<(Estimator, String)> {
             let name = &self.materials.names[unit.material];
             let (material, light) =
@@ -130,6 +129,17 @@ impl Bench {
 
     fn relit_in(&self, unit: &Unit) -> Vec<String> {
         relight_lights(&self.conditions.relight, &self.conditions.spare, &unit.light)
+    }
+
+    fn is_outside(&self, unit: &Unit) -> bool {
+        self.materials.outside().contains(&unit.material)
+    }
+
+    /// Luminance tables that relighting must be sharp enough for. Those outside of the database count only where one of them
+    /// was tested, so that the other cells do not depend on them.
+    fn examples(&self, outside: bool) -> Vec<BivariateTable> {
+        let last = if outside { self.materials.outside().end } else { self.materials.database().end };
+        (0..last).map(|m| self.materials.luminance(m)).collect()
     }
 
     fn key(&self, material: usize, light: &str, points: &[SurfacePoint]) -> String {
@@ -169,7 +179,7 @@ impl Bench {
     fn estimate(&self, work: &[Work], threads: usize) -> Result<()> {
         let start = Instant::now();
         let mut knowledge: BTreeMap<Protocol, Knowledge> = BTreeMap::new();
-        for protocol in work.iter().map(|(u, _)| u.protocol).collect::<BTreeSet<_>>() {
+        for protocol in work.iter().map(|(u, _)| u.protocol.learns_as()).collect::<BTreeSet<_>>() {
             let Conditions { rank, plan, simulation, .. } = &self.conditions;
             let simulated = self.training.as_ref().map(|lights| (lights, simulation));
             let cache = &self.cache;
@@ -177,22 +187,24 @@ impl Bench {
                 Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, simulated, cache, &|_| ())?;
             knowledge.insert(protocol, learnt);
         }
-        let examples: Vec<BivariateTable> =
-            (0..self.materials.names.len()).map(|m| self.materials.luminance(m)).collect();
-        let relit: BTreeSet<String> = work.iter().flat_map(|(u, _)| self.relit_in(u)).collect();
-        let relighters: BTreeMap<String, Relighter> = relit
+        let relit: BTreeSet<(bool, String)> = work
+            .iter()
+            .flat_map(|(u, _)| self.relit_in(u).into_iter().map(|light| (self.is_outside(u), light)))
+            .collect();
+        let relighters: BTreeMap<(bool, String), Relighter> = relit
             .into_iter()
-            .map(|light| {
-                let tree = self.lights.tree(&light)?;
-                let relighter = Relighter::new(&self.stage.points, &examples, &tree, &IntegratorSettings::default());
-                Ok((light, relighter))
+            .map(|(outside, light)| {
+                let (tree, settings) = (self.lights.tree(&light)?, IntegratorSettings::default());
+                let relighter = Relighter::new(&self.stage.points, &self.examples(outside), &tree, &settings);
+                Ok(((outside, light), relighter))
             })
             .collect::<Result<_>>()?;
-        // By protocol and light, what the oracle of the known light looks at.
+        // By what was learnt and light, what the oracle of the known light looks at.
         let mut images: BTreeMap<(Protocol, &str), Vec<f32>> = BTreeMap::new();
         for (unit, _) in work {
-            if let Entry::Vacant(place) = images.entry((unit.protocol, unit.light.as_str())) {
-                let functions = &knowledge[&unit.protocol].model.reflectance.functions;
+            let learnt = unit.protocol.learns_as();
+            if let Entry::Vacant(place) = images.entry((learnt, unit.light.as_str())) {
+                let functions = &knowledge[&learnt].model.reflectance.functions;
                 let (name, tree) = (&self.fingerprints.lights[&unit.light], || self.lights.tree(&unit.light));
                 place.insert(renders::images(&self.cache, functions, name, &tree, &self.points)?);
             }
@@ -215,9 +227,10 @@ impl Bench {
                         Err(error) => return fail(anyhow!(error)),
                     };
                     while let Some((unit, open)) = work.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        let images = &images[&(unit.protocol, unit.light.as_str())];
+                        let learnt = unit.protocol.learns_as();
+                        let images = &images[&(learnt, unit.light.as_str())];
                         let done = pool.install(|| {
-                            self.photograph(unit, open, &knowledge[&unit.protocol], images, &relighters, &progress)
+                            self.photograph(unit, open, &knowledge[&learnt], images, &relighters, &progress)
                         });
                         if let Err(error) = done {
                             let name = &self.materials.names[unit.material];
@@ -238,7 +251,7 @@ impl Bench {
         open: &[(Estimator, String)],
         knowledge: &Knowledge,
         under_true_light: &[f32],
-        relighters: &BTreeMap<String, Relighter>,
+        relighters: &BTreeMap<(bool, String), Relighter>,
         progress: &Progress,
     ) -> Result<()> {
         let mut render = self.load(unit.material, &unit.light, &self.points)?;
@@ -247,7 +260,7 @@ impl Bench {
         let image: Vec<Option<f64>> = render.luminance.iter().map(|v| Some(*v)).collect();
         let projected = knowledge.plan.project(&image, 1e-5)?;
         let truth = self.materials.luminance(unit.material);
-        let relit = self.relit_in(unit);
+        let (relit, outside) = (self.relit_in(unit), self.is_outside(unit));
         let references = relit
             .iter()
             .map(|light| self.load(unit.material, light, &self.stage.points))
@@ -258,7 +271,11 @@ impl Bench {
             full_table: self.materials.source(unit.material) == Source::Full,
             truth: &truth,
             stage: &self.stage,
-            lights: relit.iter().zip(&references).map(|(l, r)| (l.as_str(), &relighters[l], r)).collect(),
+            lights: relit
+                .iter()
+                .zip(&references)
+                .map(|(l, r)| (l.as_str(), &relighters[&(outside, l.clone())], r))
+                .collect(),
             left_over: projected.left_over(),
             photograph: {
                 let values: Vec<f64> = self.shown.iter().map(|&i| render.luminance[i]).collect();

@@ -62,7 +62,7 @@ pub(crate) struct Group {
 
 /// Of each protocol that has cells.
 pub(crate) fn summaries(records: &Records) -> Vec<Summary> {
-    [Protocol::LeaveOut, Protocol::All].into_iter().filter_map(|p| summary(records, p)).collect()
+    [Protocol::LeaveOut, Protocol::All, Protocol::Outside].into_iter().filter_map(|p| summary(records, p)).collect()
 }
 
 fn summary(records: &Records, protocol: Protocol) -> Option<Summary> {

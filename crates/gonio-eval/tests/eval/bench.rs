@@ -191,6 +191,39 @@ fn a_killed_run_is_continued() {
 }
 
 #[test]
+fn materials_outside_of_the_database_are_a_protocol() {
+    let place = Place::new();
+    let fast = ["--estimators", "lambertian,nearest-material,true-bivariate,known-light"];
+    run(place.bench("both", &fast).args(["--protocols", "all,outside", "--materials", "plaster,varnish"]));
+    let whole = json(&place.at("both/results.json"));
+    // Two of the formulas beside the three materials of the database, in two lights.
+    assert_eq!(row(&whole, "all", "lambertian")["cells"], 6);
+    assert_eq!(row(&whole, "outside", "lambertian")["cells"], 4);
+    for cell in whole["cells"].as_array().unwrap().iter().filter(|c| c["protocol"] == "outside") {
+        // Rendered from the formula, not from its mean over phi_d.
+        assert_eq!(cell["full_table"], true);
+        let note = cell["report"]["note"].as_str().unwrap();
+        // What is nearest is of the database: nothing here was learnt from.
+        assert_eq!(note.starts_with('m'), cell["estimator"] == "nearest-material", "{cell}");
+        let (brdf, log) = (cell["brdf"].as_f64().unwrap(), cell["relight"][0]["log"].as_f64().unwrap());
+        if cell["estimator"] == "true-bivariate" {
+            assert!(brdf < 1e-6 && log < 0.1, "{cell}");
+        } else {
+            assert!(brdf > 0.01 && cell["failure"].is_null(), "{cell}");
+        }
+    }
+    // The cells of the database are the same with and without them.
+    run(place.bench("alone", &fast).args(["--protocols", "all"]));
+    let both = cells(&place.at("both"));
+    for (at, errors) in cells(&place.at("alone")) {
+        assert_eq!(both[&at], errors, "{at}");
+    }
+    // They are there for those who ask.
+    let unasked = place.bench("unasked", &["--materials", "plaster"]).output().unwrap();
+    assert!(String::from_utf8_lossy(&unasked.stderr).contains("there is no material plaster"));
+}
+
+#[test]
 fn wrong_names_and_folders_are_refused_in_one_line() {
     let place = Place::new();
     run(place.bench("out", &["--estimators", "lambertian", "--protocols", "leave-out"]).args(["--lights", "l0"]));

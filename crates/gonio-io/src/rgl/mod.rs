@@ -23,9 +23,8 @@ use std::f64::consts::{FRAC_1_PI, TAU};
 use std::path::Path;
 
 use glam::DVec3;
-use gonio::reflectance::parametric::directions;
-use gonio::reflectance::{CELLS, MerlTable, PHI_D, THETA_D, theta_d_of, theta_h_of};
-use rayon::prelude::*;
+use gonio::reflectance::MerlTable;
+use gonio::reflectance::parametric::full_table;
 
 use crate::{Error, guard};
 use tensor::Tensors;
@@ -35,8 +34,6 @@ use warp::{Directions, Stack, Warp};
 const MAX_BYTES: u64 = 1 << 28;
 /// Most azimuths of the incident direction that an isotropic material has.
 const ISOTROPIC: usize = 2;
-/// Cosine below which a sample of a table counts as on the horizon, where round-off decides.
-const HORIZON: f64 = 1e-9;
 
 /// A measured isotropic material in three channels.
 #[derive(Clone, Debug, PartialEq)]
@@ -157,17 +154,10 @@ impl Rgl {
     /// directions and of the same with light and viewer exchanged, each weighted by the cosine of its outgoing
     /// direction. What was measured is the product with that cosine, so that errors grow as it falls.
     pub fn to_merl(&self) -> MerlTable {
-        let cell = |at: usize| -> [f32; 3] {
-            let (c, k) = (at / PHI_D, at % PHI_D);
-            let (wi, wo) = directions(theta_h_of(c / THETA_D), theta_d_of(c % THETA_D), (k as f64).to_radians());
-            if wi.z <= HORIZON || wo.z <= HORIZON {
-                return [-1.0; 3];
-            }
+        full_table(|wi, wo| {
             let (there, back) = (self.eval(wi, wo), self.eval(wo, wi));
-            [0, 1, 2].map(|channel| ((there[channel] * wo.z + back[channel] * wi.z) / (wi.z + wo.z)) as f32)
-        };
-        let cells: Vec<[f32; 3]> = (0..CELLS * PHI_D).into_par_iter().map(cell).collect();
-        MerlTable::from_channels([0, 1, 2].map(|channel| cells.iter().map(|rgb| rgb[channel]).collect()))
+            [0, 1, 2].map(|channel| (there[channel] * wo.z + back[channel] * wi.z) / (wi.z + wo.z))
+        })
     }
 }
 

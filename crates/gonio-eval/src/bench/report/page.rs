@@ -63,7 +63,7 @@ pub(super) fn page(conditions: &Conditions, summaries: &[Summary], records: &Rec
             "Light grid " (conditions.plan.side) " x " (conditions.plan.side) ", " (conditions.plan.rank) " rows, "
             (conditions.rank) " basis functions, " (conditions.starts) " start(s), noise " (100.0 * conditions.noise)
             " % of the mean. gonio " (conditions.gonio) ". Reference pictures come from full tables (90 x 90 x 180) of reconstructed or \
-            genuine MERL materials in lights of full resolution."
+            genuine MERL materials, or of materials of other kinds, in lights of full resolution."
         }
     };
     let sections: Vec<Section> = summaries.iter().map(|s| section(s, records)).collect();

@@ -14,7 +14,7 @@ pub use ggx::Ggx;
 pub use lafortune::Lafortune;
 pub use ward::Ward;
 
-use super::table::{BivariateTable, CELLS, PHI_D, THETA_D, theta_d_of, theta_h_of};
+use super::table::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, theta_d_of, theta_h_of};
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -46,6 +46,18 @@ pub trait Parametric: Sync {
         };
         BivariateTable::from_vec((0..CELLS).into_par_iter().map(cell).collect())
     }
+}
+
+/// The table of the MERL database that holds a BRDF, given by channel in 1/sr for unit vectors towards the light and the
+/// viewer, the normal being `+z`: its values at the directions of the cells, missing (-1) below the horizon.
+pub fn full_table(brdf: impl Fn(DVec3, DVec3) -> [f64; 3] + Sync) -> MerlTable {
+    let cell = |at: usize| {
+        let (c, k) = (at / PHI_D, at % PHI_D);
+        let (wi, wo) = directions(theta_h_of(c / THETA_D), theta_d_of(c % THETA_D), (k as f64).to_radians());
+        if wi.z > HORIZON && wo.z > HORIZON { brdf(wi, wo).map(|v| v as f32) } else { [-1.0; 3] }
+    };
+    let cells: Vec<[f32; 3]> = (0..MerlTable::CHANNEL).into_par_iter().map(cell).collect();
+    MerlTable::from_channels([0, 1, 2].map(|channel| cells.iter().map(|rgb| rgb[channel]).collect()))
 }
 
 /// The unit vectors `(wi, wo)` of a half/difference direction in radians (Rusinkiewicz 1998), half vector in the

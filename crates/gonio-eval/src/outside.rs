@@ -1,0 +1,246 @@
+//! Materials that neither a dictionary nor a training set contains: measurements of another laboratory (the RGL database)
+//! and formulas of other families than the GGX lobes over a Lambertian base of [`gonio::reflectance::Dictionary`].
+
+use std::f64::consts::{FRAC_1_PI, PI};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use glam::DVec3;
+use gonio::reflectance::parametric::{CookTorrance, Lafortune, Parametric, Ward};
+
+/// Raised when a formula or the reading of a file gives another table: enters the fingerprints.
+pub(crate) const VERSION: u32 = 1;
+
+/// The files `NAME_rgb.bsdf` of a folder, which may be absent, by name.
+pub(crate) fn rgl_files(folder: &Path) -> Result<Vec<(String, PathBuf)>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(|| format!("{}: cannot list", folder.display()))? {
+        let path = entry.with_context(|| format!("{}: cannot list", folder.display()))?.path();
+        let name = path.file_name().and_then(|n| n.to_str()).and_then(|n| n.strip_suffix("_rgb.bsdf"));
+        if let Some(name) = name {
+            files.push((format!("rgl_{name}"), path.clone()));
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// A grey material by formula.
+pub(crate) type Formula = Box<dyn Parametric + Send>;
+
+/// All formulas with names, from matte to mirror.
+pub(crate) fn formulas() -> Vec<(&'static str, Formula)> {
+    let plaster = OrenNayar { albedo: 0.7, slope: 0.6 };
+    let clay = OrenNayar { albedo: 0.12, slope: 0.4 };
+    vec![
+        ("plaster", Box::new(plaster)),
+        ("velvet", Box::new(Velvet { diffuse: 0.04, sheen: 0.3, roughness: 0.4 })),
+        ("rubbed-wood", Box::new(Lafortune { diffuse: 0.2, specular: 0.2, cxy: -0.58, cz: 0.55, exponent: 30.0 })),
+        ("eggshell-paint", Box::new(CookTorrance { diffuse: 0.45, specular: 0.25, f0: 0.06, roughness: 0.15 })),
+        ("cast-copper", Box::new(Metal { lobes: [(1.0, 0.25), (0.0, 1.0)], eta: 0.6, k: 2.7 })),
+        ("varnish", Box::new(Ward { diffuse: 0.15, specular: 0.05, roughness: 0.03 })),
+        ("glazed-clay", Box::new(Coated { base: clay, lobes: [(0.7, 0.025), (0.3, 0.2)], eta: 1.5 })),
+        ("rolled-aluminium", Box::new(Metal { lobes: [(1.0, 0.06), (0.0, 1.0)], eta: 1.1, k: 6.7 })),
+        ("flake-paint", Box::new(Metal { lobes: [(0.45, 0.04), (0.55, 0.35)], eta: 1.8, k: 2.6 })),
+        ("silver", Box::new(Metal { lobes: [(1.0, 0.006), (0.0, 1.0)], eta: 0.15, k: 3.5 })),
+    ]
+}
+
+/// What the formulas are written in.
+struct Angles {
+    cos_i: f64,
+    cos_o: f64,
+    cos_h: f64,
+    /// Between half vector and light.
+    cos_d: f64,
+    sin2_h: f64,
+}
+
+impl Angles {
+    /// `None` unless light and view are above the surface.
+    fn new(wi: DVec3, wo: DVec3) -> Option<Self> {
+        if wi.z <= 0.0 || wo.z <= 0.0 {
+            return None;
+        }
+        let half = (wi + wo).normalize();
+        // From x and y, since 1 - cos^2 would lose the narrow peaks.
+        let sin2_h = half.x * half.x + half.y * half.y;
+        Some(Self { cos_i: wi.z, cos_o: wo.z, cos_h: half.z, cos_d: half.dot(wi).min(1.0), sin2_h })
+    }
+
+    /// Microfacet reflection without its Fresnel factor, `D G / (4 cos_i cos_o)`, with the distribution of Beckmann of
+    /// mean square slope `roughness^2` and the masking of Smith by the approximation of Walter et al. 2007.
+    fn beckmann(&self, roughness: f64) -> f64 {
+        let m2 = roughness * roughness;
+        let c2 = self.cos_h * self.cos_h;
+        let distribution = (-self.sin2_h / (c2 * m2)).exp() / (PI * m2 * c2 * c2);
+        let visible = |cos: f64| {
+            let a = cos / (roughness * (1.0 - cos * cos).sqrt().max(1e-12));
+            if a < 1.6 { (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a) } else { 1.0 }
+        };
+        distribution * visible(self.cos_i) * visible(self.cos_o) / (4.0 * self.cos_i * self.cos_o)
+    }
+}
+
+/// Lobes of several roughnesses, each `(share, roughness)`.
+type Lobes = [(f64, f64); 2];
+
+fn beckmann(lobes: &Lobes, angles: &Angles) -> f64 {
+    lobes.iter().map(|&(share, roughness)| share * angles.beckmann(roughness)).sum()
+}
+
+/// Rough diffuse reflection (Oren and Nayar 1994, the qualitative model).
+struct OrenNayar {
+    /// Of the facets, 0 to 1.
+    albedo: f64,
+    /// Standard deviation of the facets' angle, radians.
+    slope: f64,
+}
+
+impl Parametric for OrenNayar {
+    fn eval(&self, wi: DVec3, wo: DVec3) -> f64 {
+        if wi.z <= 0.0 || wo.z <= 0.0 {
+            return 0.0;
+        }
+        let s2 = self.slope * self.slope;
+        let (a, b) = (1.0 - 0.5 * s2 / (s2 + 0.33), 0.45 * s2 / (s2 + 0.09));
+        // cos(phi_i - phi_o) sin alpha tan beta, alpha the larger and beta the smaller angle to the normal.
+        let lateral = (wi.x * wo.x + wi.y * wo.y).max(0.0) / wi.z.max(wo.z);
+        self.albedo * FRAC_1_PI * (a + b * lateral)
+    }
+}
+
+/// Cloth: a sheen that is bright where facets stand upright (Estevez and Kulla 2017, with the denominator of Neubelt and
+/// Pettineo 2013) over a Lambertian part.
+struct Velvet {
+    diffuse: f64,
+    /// Factor of the sheen.
+    sheen: f64,
+    /// 0 to 1: how far fibres lean from upright.
+    roughness: f64,
+}
+
+impl Parametric for Velvet {
+    fn eval(&self, wi: DVec3, wo: DVec3) -> f64 {
+        let Some(angles) = Angles::new(wi, wo) else { return 0.0 };
+        let power = 1.0 / self.roughness;
+        let distribution = (2.0 + power) * angles.sin2_h.powf(0.5 * power) * 0.5 * FRAC_1_PI;
+        let spread = 4.0 * (angles.cos_i + angles.cos_o - angles.cos_i * angles.cos_o);
+        self.diffuse * FRAC_1_PI + self.sheen * distribution / spread
+    }
+}
+
+/// Microfacets of a conductor, by the exact formula of Fresnel.
+struct Metal {
+    lobes: Lobes,
+    /// Real part of the refractive index.
+    eta: f64,
+    /// Imaginary part.
+    k: f64,
+}
+
+impl Parametric for Metal {
+    fn eval(&self, wi: DVec3, wo: DVec3) -> f64 {
+        Angles::new(wi, wo).map_or(0.0, |a| beckmann(&self.lobes, &a) * conductor(a.cos_d, self.eta, self.k))
+    }
+}
+
+/// A smooth to rough dielectric coat over a rough diffuse base, which the light reaches and leaves through the coat.
+struct Coated {
+    base: OrenNayar,
+    lobes: Lobes,
+    /// Refractive index of the coat.
+    eta: f64,
+}
+
+impl Parametric for Coated {
+    fn eval(&self, wi: DVec3, wo: DVec3) -> f64 {
+        let Some(angles) = Angles::new(wi, wo) else { return 0.0 };
+        let enters = |cos: f64| 1.0 - dielectric(cos, self.eta);
+        beckmann(&self.lobes, &angles) * dielectric(angles.cos_d, self.eta)
+            + enters(angles.cos_i) * enters(angles.cos_o) * self.base.eval(wi, wo)
+    }
+}
+
+/// Reflectance of unpolarised light by a dielectric of refractive index `eta`, at the cosine of incidence.
+fn dielectric(cos: f64, eta: f64) -> f64 {
+    let g = (eta * eta - 1.0 + cos * cos).sqrt();
+    let (minus, plus) = (g - cos, g + cos);
+    0.5 * (minus / plus).powi(2) * (1.0 + ((cos * plus - 1.0) / (cos * minus + 1.0)).powi(2))
+}
+
+/// Reflectance of unpolarised light by a conductor of refractive index `eta - i k`, at the cosine of incidence.
+fn conductor(cos: f64, eta: f64, k: f64) -> f64 {
+    let (c2, s2) = (cos * cos, 1.0 - cos * cos);
+    let difference = eta * eta - k * k - s2;
+    let modulus = difference.hypot(2.0 * eta * k);
+    let real = (0.5 * (modulus + difference)).max(0.0).sqrt();
+    let ratio = |sum: f64, cross: f64| (sum - cross) / (sum + cross);
+    let perpendicular = ratio(modulus + c2, 2.0 * cos * real);
+    let parallel = perpendicular * ratio(c2 * modulus + s2 * s2, 2.0 * cos * real * s2);
+    0.5 * (perpendicular + parallel)
+}
+
+#[cfg(test)]
+mod tests {
+    use gonio::reflectance::parametric::directions;
+
+    use super::*;
+    use crate::metrics::{Class, Gloss};
+
+    #[test]
+    fn formulas_are_reciprocal_and_pass_no_more_light_than_there_is() {
+        for (name, formula) in formulas() {
+            for h in [0.0, 0.2, 0.7, 1.2] {
+                for d in [0.0, 0.4, 1.0, 1.4] {
+                    for phi in [0.0, 0.9, 2.0, 3.0] {
+                        let (wi, wo) = directions(h, d, phi);
+                        let (there, back) = (formula.eval(wi, wo), formula.eval(wo, wi));
+                        assert!((there - back).abs() <= 1e-9 * there && there >= 0.0, "{name}: {there} {back}");
+                    }
+                }
+            }
+            let albedo = formula.to_bivariate().normal_albedo();
+            assert!((0.02..1.0).contains(&albedo), "{name}: {albedo}");
+        }
+    }
+
+    #[test]
+    fn they_span_the_classes() {
+        let classes: Vec<(&str, Class)> =
+            formulas().iter().map(|(name, f)| (*name, Class::of(&Gloss::of(&f.to_bivariate())))).collect();
+        use Class::{DielectricGloss, Matte, Metal, Mirror, Satin};
+        let want = [Matte, Matte, Satin, Satin, Satin, DielectricGloss, DielectricGloss, Metal, Metal, Mirror];
+        assert_eq!(classes.iter().map(|c| c.1).collect::<Vec<_>>(), want, "{classes:?}");
+    }
+
+    #[test]
+    fn fresnel_by_hand() {
+        // Glass and silver along the normal: ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2). All light at the horizon.
+        assert!((dielectric(1.0, 1.5) - 0.04).abs() < 1e-12);
+        let silver = (0.85_f64.powi(2) + 3.5 * 3.5) / (1.15_f64.powi(2) + 3.5 * 3.5);
+        assert!((conductor(1.0, 0.15, 3.5) - silver).abs() < 1e-12);
+        assert!((dielectric(1e-9, 1.5) - 1.0).abs() < 1e-6 && (conductor(1e-9, 0.15, 3.5) - 1.0).abs() < 1e-6);
+        // Without absorption a conductor is a dielectric; at Brewster's angle half of the light is reflected as if alone.
+        for cos in [0.1, 0.4, 0.9] {
+            assert!((conductor(cos, 1.5, 0.0) - dielectric(cos, 1.5)).abs() < 1e-9);
+        }
+        let brewster = 1.5_f64.atan().cos();
+        let perpendicular = ((1.0 - 2.25) / (1.0 + 2.25_f64)).powi(2);
+        assert!((dielectric(brewster, 1.5) - 0.5 * perpendicular).abs() < 1e-12);
+    }
+
+    #[test]
+    fn lobes_reflect_what_reaches_them() {
+        // All light comes back from a perfect conductor but what is shadowed: next to nothing along the normal.
+        let mirror = Metal { lobes: [(0.5, 0.05), (0.5, 0.1)], eta: 1e-3, k: 1e3 };
+        let albedo = mirror.to_bivariate().normal_albedo();
+        assert!((albedo - 1.0).abs() < 0.01, "{albedo}");
+        // Facets without slope are Lambertian.
+        let flat = OrenNayar { albedo: 0.5, slope: 0.0 };
+        assert!((flat.to_bivariate().normal_albedo() - 0.5).abs() < 1e-6);
+    }
+}

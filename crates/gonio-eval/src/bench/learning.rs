@@ -40,7 +40,6 @@ impl Knowledge {
         plan: &PlanSettings,
         simulated: Option<(&Lights, &SimulationSettings)>,
         cache: &Cache,
-        progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Self> {
         let kept = protocol.training(materials);
         let mut settings = TrainSettings::default();
@@ -50,7 +49,7 @@ impl Knowledge {
         let reflectance = Trained::load_or_train(Some(cache), &green, &settings)?.basis;
         let light = gonio_io::model::embedded()?.light;
         let (plan, _, _) =
-            gonio_io::plan::load_or_build(Some(cache), points, &reflectance.functions, &light, plan, progress)
+            gonio_io::plan::load_or_build(Some(cache), points, &reflectance.functions, &light, plan, &|_| ())
                 .context("the operator")?;
         let training: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();

@@ -183,8 +183,7 @@ impl Bench {
             let Conditions { rank, plan, simulation, .. } = &self.conditions;
             let simulated = self.training.as_ref().map(|lights| (lights, simulation));
             let cache = &self.cache;
-            let learnt =
-                Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, simulated, cache, &|_| ())?;
+            let learnt = Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, simulated, cache)?;
             knowledge.insert(protocol, learnt);
         }
         let relit: BTreeSet<(bool, String)> = work

@@ -246,7 +246,7 @@ fn corrupt_files_do_not_panic() {
         Ok(material)
     };
     super::damage::check("a.bsdf", &encode(&tiny), 0, evaluate);
-    super::damage::check("a.bsdf", &encode(&lambertian()), 0, |path, bytes| rgl::decode(path, bytes));
+    super::damage::check("a.bsdf", &encode(&lambertian()), 0, rgl::decode);
 }
 
 fn real() -> Vec<PathBuf> {

@@ -32,7 +32,7 @@ enum Origin {
     /// A file of the RGL database.
     Rgl(PathBuf),
     /// A formula.
-    Formula(Formula),
+    Formula(Box<dyn Formula>),
 }
 
 impl Origin {
@@ -163,9 +163,9 @@ impl Materials {
                 hasher.update(format!("rgl {}", outside::VERSION).as_bytes());
                 hash_file(&mut hasher, path)?;
             }
-            // By name and not by value: processors round differently, and shards from several machines are merged.
-            Origin::Formula(_) => {
-                hasher.update(format!("formula {} {}", outside::VERSION, self.names[at]).as_bytes());
+            // By parameters and not by value: processors round differently, and shards from several machines are merged.
+            Origin::Formula(formula) => {
+                hasher.update(format!("formula {} {formula:?}", outside::VERSION).as_bytes());
             }
         }
         Ok(hasher.finalize().to_hex().to_string())

@@ -2,6 +2,7 @@
 //! and formulas of other families than the GGX lobes over a Lambertian base of [`gonio::reflectance::Dictionary`].
 
 use std::f64::consts::{FRAC_1_PI, PI};
+use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -28,11 +29,13 @@ pub(crate) fn rgl_files(folder: &Path) -> Result<Vec<(String, PathBuf)>> {
     Ok(files)
 }
 
-/// A grey material by formula.
-pub(crate) type Formula = Box<dyn Parametric + Send>;
+/// A grey material by formula, whose parameters can be told from others'.
+pub(crate) trait Formula: Parametric + Debug + Send {}
+
+impl<T: Parametric + Debug + Send> Formula for T {}
 
 /// All formulas with names, from matte to mirror.
-pub(crate) fn formulas() -> Vec<(&'static str, Formula)> {
+pub(crate) fn formulas() -> Vec<(&'static str, Box<dyn Formula>)> {
     let plaster = OrenNayar { albedo: 0.7, slope: 0.6 };
     let clay = OrenNayar { albedo: 0.12, slope: 0.4 };
     vec![
@@ -40,12 +43,12 @@ pub(crate) fn formulas() -> Vec<(&'static str, Formula)> {
         ("velvet", Box::new(Velvet { diffuse: 0.04, sheen: 0.3, roughness: 0.4 })),
         ("rubbed-wood", Box::new(Lafortune { diffuse: 0.2, specular: 0.2, cxy: -0.58, cz: 0.55, exponent: 30.0 })),
         ("eggshell-paint", Box::new(CookTorrance { diffuse: 0.45, specular: 0.25, f0: 0.06, roughness: 0.15 })),
-        ("cast-copper", Box::new(Metal { lobes: [(1.0, 0.25), (0.0, 1.0)], eta: 0.6, k: 2.7 })),
+        ("cast-copper", Box::new(Metal { diffuse: 0.03, lobes: &[(1.0, 0.25)], eta: 0.6, k: 2.7 })),
         ("varnish", Box::new(Ward { diffuse: 0.15, specular: 0.05, roughness: 0.03 })),
-        ("glazed-clay", Box::new(Coated { base: clay, lobes: [(0.7, 0.025), (0.3, 0.2)], eta: 1.5 })),
-        ("rolled-aluminium", Box::new(Metal { lobes: [(1.0, 0.06), (0.0, 1.0)], eta: 1.1, k: 6.7 })),
-        ("flake-paint", Box::new(Metal { lobes: [(0.45, 0.04), (0.55, 0.35)], eta: 1.8, k: 2.6 })),
-        ("silver", Box::new(Metal { lobes: [(1.0, 0.006), (0.0, 1.0)], eta: 0.15, k: 3.5 })),
+        ("glazed-clay", Box::new(Coated { base: clay, lobes: &[(0.7, 0.025), (0.3, 0.2)], eta: 1.5 })),
+        ("rolled-aluminium", Box::new(Metal { diffuse: 0.02, lobes: &[(1.0, 0.06)], eta: 1.1, k: 6.7 })),
+        ("flake-paint", Box::new(Metal { diffuse: 0.04, lobes: &[(0.45, 0.04), (0.55, 0.35)], eta: 1.8, k: 2.6 })),
+        ("silver", Box::new(Metal { diffuse: 0.01, lobes: &[(1.0, 0.006)], eta: 0.15, k: 3.5 })),
     ]
 }
 
@@ -86,13 +89,14 @@ impl Angles {
 }
 
 /// Lobes of several roughnesses, each `(share, roughness)`.
-type Lobes = [(f64, f64); 2];
+type Lobes = &'static [(f64, f64)];
 
-fn beckmann(lobes: &Lobes, angles: &Angles) -> f64 {
+fn beckmann(lobes: Lobes, angles: &Angles) -> f64 {
     lobes.iter().map(|&(share, roughness)| share * angles.beckmann(roughness)).sum()
 }
 
 /// Rough diffuse reflection (Oren and Nayar 1994, the qualitative model).
+#[derive(Debug)]
 struct OrenNayar {
     /// Of the facets, 0 to 1.
     albedo: f64,
@@ -115,6 +119,7 @@ impl Parametric for OrenNayar {
 
 /// Cloth: a sheen that is bright where facets stand upright (Estevez and Kulla 2017, with the denominator of Neubelt and
 /// Pettineo 2013) over a Lambertian part.
+#[derive(Debug)]
 struct Velvet {
     diffuse: f64,
     /// Factor of the sheen.
@@ -133,8 +138,13 @@ impl Parametric for Velvet {
     }
 }
 
-/// Microfacets of a conductor, by the exact formula of Fresnel.
+/// Microfacets of a conductor, by the exact formula of Fresnel. The tails of Beckmann's distribution soon vanish; what
+/// dust and several reflections scatter is a Lambertian part, as in every measured metal, without which the logarithm of
+/// a reflectance would be no measure.
+#[derive(Debug)]
 struct Metal {
+    /// Albedo of the Lambertian part.
+    diffuse: f64,
     lobes: Lobes,
     /// Real part of the refractive index.
     eta: f64,
@@ -144,11 +154,14 @@ struct Metal {
 
 impl Parametric for Metal {
     fn eval(&self, wi: DVec3, wo: DVec3) -> f64 {
-        Angles::new(wi, wo).map_or(0.0, |a| beckmann(&self.lobes, &a) * conductor(a.cos_d, self.eta, self.k))
+        let Some(angles) = Angles::new(wi, wo) else { return 0.0 };
+        let lobes = beckmann(self.lobes, &angles) * conductor(angles.cos_d, self.eta, self.k);
+        self.diffuse * FRAC_1_PI + lobes
     }
 }
 
 /// A smooth to rough dielectric coat over a rough diffuse base, which the light reaches and leaves through the coat.
+#[derive(Debug)]
 struct Coated {
     base: OrenNayar,
     lobes: Lobes,
@@ -160,7 +173,7 @@ impl Parametric for Coated {
     fn eval(&self, wi: DVec3, wo: DVec3) -> f64 {
         let Some(angles) = Angles::new(wi, wo) else { return 0.0 };
         let enters = |cos: f64| 1.0 - dielectric(cos, self.eta);
-        beckmann(&self.lobes, &angles) * dielectric(angles.cos_d, self.eta)
+        beckmann(self.lobes, &angles) * dielectric(angles.cos_d, self.eta)
             + enters(angles.cos_i) * enters(angles.cos_o) * self.base.eval(wi, wo)
     }
 }
@@ -236,7 +249,7 @@ mod tests {
     #[test]
     fn lobes_reflect_what_reaches_them() {
         // All light comes back from a perfect conductor but what is shadowed: next to nothing along the normal.
-        let mirror = Metal { lobes: [(0.5, 0.05), (0.5, 0.1)], eta: 1e-3, k: 1e3 };
+        let mirror = Metal { diffuse: 0.0, lobes: &[(0.5, 0.05), (0.5, 0.1)], eta: 1e-3, k: 1e3 };
         let albedo = mirror.to_bivariate().normal_albedo();
         assert!((albedo - 1.0).abs() < 0.01, "{albedo}");
         // Facets without slope are Lambertian.

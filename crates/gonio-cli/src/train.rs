@@ -100,10 +100,11 @@ pub(crate) enum Channel {
 }
 
 impl Channel {
-    fn of(self, rgb: &[BivariateTable; 3]) -> BivariateTable {
+    /// Of a material whose channels (red, green, blue) are `table(0)` to `table(2)`.
+    fn of(self, table: impl Fn(usize) -> BivariateTable) -> BivariateTable {
         match self {
-            Self::Red | Self::Green | Self::Blue => rgb[self as usize].clone(),
-            Self::Luminance => BivariateTable::luminance(rgb),
+            Self::Red | Self::Green | Self::Blue => table(self as usize),
+            Self::Luminance => BivariateTable::luminance(&[0, 1, 2].map(table)),
         }
     }
 }
@@ -221,14 +222,14 @@ fn lighting(options: &Lighting) -> Result<()> {
 fn materials(dir: &Path, channel: Channel) -> Result<Vec<(String, BivariateTable)>> {
     if dir.join("bivariate_rgb_f32.npy").is_file() {
         let set = gonio_io::bivariate::read_bivariate_set(dir)?;
-        return Ok(set.into_iter().map(|(name, rgb)| (name, channel.of(&rgb))).collect());
+        return Ok(set.into_iter().map(|(name, rgb)| (name, channel.of(|c| rgb[c].clone()))).collect());
     }
     let list = gonio_io::merl::list(dir)?;
     let stage = Stage::new("reading materials");
     let mut out = Vec::with_capacity(list.len());
     for (i, (name, path)) in list.iter().enumerate() {
         let table: MerlTable = gonio_io::merl::read(path)?;
-        out.push((name.clone(), channel.of(&[0, 1, 2].map(|c| table.bivariate(c)))));
+        out.push((name.clone(), channel.of(|c| table.bivariate(c))));
         stage.at((i + 1) as f64 / list.len() as f64);
     }
     stage.finish();

@@ -22,7 +22,7 @@ impl Trained {
         materials: &[(String, BivariateTable)],
         settings: &TrainSettings,
     ) -> Result<Self> {
-        let key = key(materials, settings)?;
+        let key = key(&what(), settings, materials)?;
         let rank = settings.nmf.rank;
         let stored = cache.and_then(|c| c.load(&key)).and_then(|bytes| serde_json::from_slice::<Self>(&bytes).ok());
         // The check is against bytes that were put under a wrong name by hand.
@@ -38,14 +38,19 @@ impl Trained {
     }
 }
 
-/// BLAKE3, in hexadecimal, of all that the result depends on.
-fn key(materials: &[(String, BivariateTable)], settings: &TrainSettings) -> Result<String> {
+fn what() -> String {
+    format!("gonio basis {VERSION}")
+}
+
+/// BLAKE3, in hexadecimal, of all that something learnt from materials depends on: what it is and its version, how it is
+/// learnt, and the materials.
+pub(crate) fn key(what: &str, settings: &impl Serialize, materials: &[(String, BivariateTable)]) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     // Each part after its length, so that nothing can move from one part to the next.
     let mut part = |bytes: &[u8]| {
         hasher.update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
     };
-    part(format!("gonio basis {VERSION}").as_bytes());
+    part(what.as_bytes());
     part(&serde_json::to_vec(settings).context("settings of the training")?);
     for (name, table) in materials {
         part(name.as_bytes());
@@ -69,13 +74,13 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let cache = Cache::at(dir.path());
         let first = Trained::load_or_train(Some(&cache), &materials, &settings).unwrap();
-        let stored = cache.load(&key(&materials, &settings).unwrap()).unwrap();
+        let stored = cache.load(&key(&what(), &settings, &materials).unwrap()).unwrap();
         let again = Trained::load_or_train(Some(&cache), &materials, &settings).unwrap();
         assert_eq!((first.basis, first.report), (again.basis, again.report));
         assert!(!stored.is_empty());
         // Another margin, other materials: other keys.
         let other = TrainSettings { cost_margin: 0.0, ..settings.clone() };
-        assert_ne!(key(&materials, &settings).unwrap(), key(&materials, &other).unwrap());
-        assert_ne!(key(&materials, &settings).unwrap(), key(&materials[..4], &settings).unwrap());
+        assert_ne!(key(&what(), &settings, &materials).unwrap(), key(&what(), &other, &materials).unwrap());
+        assert_ne!(key(&what(), &settings, &materials).unwrap(), key(&what(), &settings, &materials[..4]).unwrap());
     }
 }

@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use gonio::inference::amortised::{Amortised, Simulation, SimulationSettings, TrainingSettings};
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
 use gonio_io::cache::Cache;
 use gonio_io::model::{decode_posterior, encode_posterior};
 
+use crate::bases::key;
 use crate::bench::Progress;
 use crate::data::Lights;
 
@@ -22,7 +23,9 @@ pub(crate) fn load_or_train(
     settings: &SimulationSettings,
 ) -> Result<Amortised> {
     let (training, prior) = (TrainingSettings::default(), DictionarySettings::default());
-    let key = key(materials, lights, &(settings, &training, prior.draws, prior.dimensions, prior.seed))?;
+    let seen = lights.names().iter().map(|name| lights.fingerprint(name)).collect::<Result<Vec<String>>>()?;
+    let conditions = (settings, &training, (prior.draws, prior.dimensions, prior.seed), seen);
+    let key = key(&format!("gonio posterior {VERSION}"), &conditions, materials)?;
     let stored =
         cache.load(&key).and_then(|bytes| decode_posterior(Path::new("a posterior of the cache"), &bytes).ok());
     if let Some((found, _)) = stored {
@@ -43,22 +46,4 @@ pub(crate) fn load_or_train(
         eprintln!("the posterior could not be kept for next time: {error}");
     }
     Ok(amortised)
-}
-
-/// BLAKE3, in hexadecimal, of all that the result depends on.
-fn key(materials: &[(String, BivariateTable)], lights: &Lights, settings: &impl serde::Serialize) -> Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    let mut part = |bytes: &[u8]| {
-        hasher.update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
-    };
-    part(format!("gonio posterior {VERSION}").as_bytes());
-    part(&serde_json::to_vec(settings).context("settings of the simulation")?);
-    for name in lights.names() {
-        part(lights.fingerprint(&name)?.as_bytes());
-    }
-    for (name, table) in materials {
-        part(name.as_bytes());
-        part(&table.as_slice().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>());
-    }
-    Ok(format!("posterior-{}", hasher.finalize().to_hex()))
 }

@@ -61,9 +61,9 @@ pub(super) fn answer(
     let started = Instant::now();
     let lattice = Lattice::new();
     let gathered = lattice.gather(&observations.points, &observations.values);
-    let statistics = Statistics::new(&lattice);
-    let posterior = amortised.posterior(&gathered, &statistics);
-    let strangeness = amortised.strangeness(&gathered, &statistics);
+    let statistics = Statistics::new(&lattice).of(&gathered.values);
+    let posterior = amortised.posterior(&statistics);
+    let strangeness = amortised.strangeness(&statistics);
     let (table, scale) = with_albedo(&posterior.mean);
     let material = describe(amortised, &posterior, scale);
     let filled = gathered.filled as f64 / lattice.normals().len() as f64;

@@ -172,7 +172,7 @@ impl Estimator {
 fn marginal(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Estimate> {
     let amortised = knowledge.model.posterior.as_ref().context("no posterior was learnt")?;
     let gathered = knowledge.lattice.gather(&knowledge.points, image);
-    let posterior = amortised.posterior(&gathered, &knowledge.statistics);
+    let posterior = amortised.posterior(&knowledge.statistics.of(&gathered.values));
     let quantiles = posterior.quantiles(&amortised.dictionary, &[0.05, 0.25, 0.75, 0.95]);
     let quantiles = quantiles.try_into().ok().context("four quantiles")?;
     let nearest = &posterior.neighbours[0];

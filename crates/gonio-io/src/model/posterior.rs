@@ -44,7 +44,7 @@ pub(super) fn parts(amortised: &Amortised) -> (Metadata, Vec<Tensor>) {
 
 /// What [`parts`] made.
 pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
-    let wrong = |e: String| file.wrong(format!("holds a posterior of materials that cannot be: {e}"));
+    let wrong = |e: String| file.wrong(format!("holds a model that cannot be: {e}"));
     let cells = [Some(THETA_H), Some(THETA_D)];
     let tables = [None, Some(THETA_H), Some(THETA_D)];
     let names: Vec<String> = file.json(NAMES)?;
@@ -59,7 +59,7 @@ pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
     let (_, axes) = file.f32s("place_axes", &tables)?;
     let coordinates = Coordinates { mean, axes: rows(&axes, CELLS) };
     let (_, entries) = file.f64s("entries", &[None, Some(3)])?;
-    let entries = mixtures(&entries).ok_or_else(|| wrong("its entries are not in order".into()))?;
+    let entries = mixtures(&entries).ok_or_else(|| wrong("the entries of its posterior are not in order".into()))?;
     let (_, scales) = file.f32s("scaling", &[Some(STATISTICS), Some(4)])?;
     let scale = |s: &[f32]| Scaling { low: s[0], high: s[1], centre: s[2], deviation: s[3] };
     let scaling: Vec<Scaling> = scales.chunks_exact(4).map(scale).collect();

@@ -2,7 +2,10 @@
 
 use std::sync::LazyLock;
 
+use gonio::appearance::STATISTICS;
+use gonio::inference::amortised::{Network, Scaling};
 use gonio::lighting::{CoefficientPrior, PriorGroup, RectifiedGaussian, ScaleMixture};
+use gonio::reflectance::{Dictionary, DictionarySettings, LogBasis};
 use gonio::sphere::OctahedralMap;
 
 use super::*;
@@ -178,4 +181,47 @@ fn every_flipped_byte_is_noticed() {
     let mut data = SMALL.clone();
     data[length - 5] ^= 1;
     refused(decode(&data), Kind::Damaged, &["checksum", "fetch or write it again"]);
+}
+
+/// A posterior of two materials whose network knows nothing.
+static KNOWING: LazyLock<Model> = LazyLock::new(|| {
+    let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.1 + (-(h / w).powi(2)).exp());
+    let basis = LogBasis::fit(&[0.1, 0.5].map(|w| (format!("lobe {w}"), lobe(w))), 3);
+    let settings = DictionarySettings { draws: 4, dimensions: 2, seed: 1 };
+    let posterior = Amortised {
+        dictionary: Dictionary::new(basis, &settings),
+        scaling: vec![Scaling { low: -1.0, high: 1.0, centre: 0.1, deviation: 0.5 }; STATISTICS],
+        network: Network::random(&[STATISTICS, 3, Amortised::outputs(2)], 7),
+    };
+    Model { posterior: Some(posterior), ..toy(1, 2) }
+});
+
+#[test]
+fn posteriors_come_back_as_they_were() {
+    let model = &*KNOWING;
+    assert_eq!(&decode(&encode_model(model)).unwrap(), model);
+    let alone = encode_posterior(model.posterior.as_ref().unwrap(), "from both");
+    let (posterior, origin) = decode_posterior(Path::new("a.gonio"), &alone).unwrap();
+    assert_eq!((Some(posterior), origin.as_str()), (model.posterior.clone(), "from both"));
+    refused(decode(&alone), Kind::Invalid, &["a posterior of materials alone", "a whole model"]);
+}
+
+#[test]
+fn posteriors_that_cannot_be_are_refused() {
+    let spoilt = |spoil: fn(&mut Amortised), says: &str| {
+        let mut model = KNOWING.clone();
+        spoil(model.posterior.as_mut().unwrap());
+        assert!(model.check().is_err(), "{says}");
+        refused(decode(&encode_model(&model)), Kind::Invalid, &[says]);
+    };
+    spoilt(|p| p.dictionary.measured.mean[5] = f32::NAN, "a table has values that are not finite");
+    spoilt(|p| p.dictionary.measured.coefficients[1][0] = f32::INFINITY, "coefficients has values that are not finite");
+    spoilt(|p| p.dictionary.entries[3][0].1 += 0.5, "entry 3 is not a mixture");
+    spoilt(|p| p.dictionary.entries[2][0].0 = 99, "entry 2 is not a mixture");
+    spoilt(|p| p.dictionary.entries.swap(0, 1), "entry 0 is not a mixture");
+    spoilt(|p| p.dictionary.entries.truncate(1), "no entries for its materials");
+    spoilt(|p| p.scaling[4].deviation = 0.0, "statistic 4 has no scale");
+    spoilt(|p| p.network.layers[1].bias[0] = f32::NAN, "a layer has values that are not finite");
+    spoilt(|p| p.network.layers.truncate(1), "the network's output has 3 values, 5 are expected");
+    spoilt(|p| p.network.layers.clear(), "no network");
 }

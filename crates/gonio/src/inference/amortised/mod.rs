@@ -3,7 +3,7 @@
 //! The captured lights are samples of `p(L)`, measured materials and what lies between them samples of `p(F)`: photographs
 //! simulated from both are samples of `p(F, I)`, and a regression from the image to the material fitted to them is the
 //! posterior `p(F | I)`, marginal over light by construction. It knows of lamps, horizons and edges what no prior of independent wavelet
-//! coefficients can say. An image is reduced to its [`Statistics`]; a small network turns them into a Gaussian over the
+//! coefficients can say. An image is reduced to its [`Statistics`](crate::appearance::Statistics); a small network turns them into a Gaussian over the
 //! [`Coordinates`](crate::reflectance::Coordinates) of materials (Papamakarios & Murray 2016 call it neural posterior estimation);
 //! and the entries of a [`Dictionary`] are weighted by its density.
 
@@ -16,7 +16,7 @@ mod simulate;
 mod tests;
 mod train;
 
-use crate::appearance::{Gathered, STATISTICS, Statistics};
+use crate::appearance::STATISTICS;
 use crate::reflectance::Dictionary;
 
 pub use network::{Dense, Network};
@@ -42,11 +42,13 @@ impl Amortised {
         head::outputs(dimensions)
     }
 
-    /// The posterior of the material in an image.
-    pub fn posterior(&self, image: &Gathered, statistics: &Statistics) -> MaterialPosterior {
-        let scaled: Vec<f32> =
-            statistics.of(&image.values).iter().zip(&self.scaling).map(|(v, s)| s.apply(*v)).collect();
-        debug_assert_eq!(scaled.len(), STATISTICS);
+    /// The posterior of the material in an image of these [`STATISTICS`] (see [`Statistics::of`](crate::appearance::Statistics::of)).
+    ///
+    /// # Panics
+    /// If there are not as many; [`Self::strangeness`] likewise.
+    pub fn posterior(&self, statistics: &[f32]) -> MaterialPosterior {
+        assert_eq!(statistics.len(), STATISTICS);
+        let scaled: Vec<f32> = statistics.iter().zip(&self.scaling).map(|(v, s)| s.apply(*v)).collect();
         let outputs = self.network.apply(&scaled);
         let gaussian = head::Gaussian::of(&outputs, self.dictionary.coordinates.axes.len());
         let densities: Vec<f64> = self.dictionary.places.iter().map(|z| gaussian.log_density(z)).collect();
@@ -55,9 +57,9 @@ impl Amortised {
 
     /// Share of the statistics that are outside of what was seen in training: near 0.002 for a photograph like those simulated, and large for
     /// one unlike them, whose posterior is not to be trusted.
-    pub fn strangeness(&self, image: &Gathered, statistics: &Statistics) -> f64 {
-        let values = statistics.of(&image.values);
-        let outside = values.iter().zip(&self.scaling).filter(|(v, s)| **v < s.low || **v > s.high).count();
+    pub fn strangeness(&self, statistics: &[f32]) -> f64 {
+        assert_eq!(statistics.len(), STATISTICS);
+        let outside = statistics.iter().zip(&self.scaling).filter(|(v, s)| **v < s.low || **v > s.high).count();
         outside as f64 / STATISTICS as f64
     }
 }

@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::*;
-use crate::appearance::Lattice;
+use crate::appearance::{Gathered, Lattice, Statistics};
 use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
 use crate::reflectance::{BivariateTable, CELLS, DictionarySettings, LogBasis, THETA_D, is_trusted};
@@ -79,7 +79,7 @@ fn unseen_photographs_are_told_apart() {
     let mut gain = 0.0;
     for (seed, material) in [(100, 0), (101, 2), (102, 4), (103, 5), (104, 1), (105, 3)] {
         let image = photograph(&dictionary.table(&dictionary.entries[material]), seed);
-        let posterior = amortised.posterior(&image, &statistics);
+        let posterior = amortised.posterior(&statistics.of(&image.values));
         assert!((posterior.weights.iter().sum::<f64>() - 1.0).abs() < 1e-9);
         // The mean of cube roots is below that of the tables, whose albedo is one.
         assert!((0.5..1.001).contains(&posterior.mean.normal_albedo()));
@@ -97,7 +97,7 @@ fn intervals_are_ordered_and_hold_the_mean_material() {
     let statistics = Statistics::new(&Lattice::new());
     let dictionary = &amortised.dictionary;
     let truth = dictionary.table(&dictionary.entries[2]);
-    let posterior = amortised.posterior(&photograph(&truth, 200), &statistics);
+    let posterior = amortised.posterior(&statistics.of(&photograph(&truth, 200).values));
     let quantiles = posterior.quantiles(dictionary, &[0.05, 0.5, 0.95]);
     let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
     for pair in quantiles.windows(2) {
@@ -144,10 +144,10 @@ fn a_strange_image_is_called_strange() {
     let statistics = Statistics::new(&Lattice::new());
     let dictionary = &amortised.dictionary;
     let usual = photograph(&dictionary.table(&dictionary.entries[2]), 300);
-    assert!(amortised.strangeness(&usual, &statistics) < 0.05);
+    assert!(amortised.strangeness(&statistics.of(&usual.values)) < 0.05);
     // Salt and pepper.
     let mut rng = Pcg64::seed_from_u64(1);
-    let values = usual.values.iter().map(|_| if rng.random_range(0..2) == 0 { 0.0 } else { 1.0 }).collect();
-    assert!(amortised.strangeness(&Gathered { values, filled: 0 }, &statistics) > 0.2);
+    let values: Vec<f32> = usual.values.iter().map(|_| if rng.random_range(0..2) == 0 { 0.0 } else { 1.0 }).collect();
+    assert!(amortised.strangeness(&statistics.of(&values)) > 0.2);
     assert_eq!(simulation.count(), 12 * 3 * 24);
 }

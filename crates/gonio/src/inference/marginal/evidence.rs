@@ -1,8 +1,9 @@
 //! The bound on the evidence at one operator, and the expectation maximisation that raises it.
 
 use super::factor::{Design, Form};
-use super::point::{Point, State, dot};
+use super::point::{Point, State};
 use super::{LightOperator, Marginal, MarginalError};
+use crate::transfer::kernels::dot;
 
 /// How [`Marginal::evidence`] climbs.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,9 +3,10 @@
 //! Where expectation maximisation has converged the bound does not change with the responsibilities, so that this is
 //! also the gradient of the maximum over them.
 
-use super::point::{Point, dot};
+use super::point::Point;
 use super::{Evidence, EvidenceSettings, LightOperator, Marginal, MarginalError};
 use crate::transfer::Bilinear;
+use crate::transfer::kernels::dot;
 
 /// Derivatives of [`Evidence::bound`] for the responsibilities that the evidence ended with.
 #[derive(Clone, Debug, PartialEq)]

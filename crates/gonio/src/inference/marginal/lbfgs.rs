@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::point::dot;
+use crate::transfer::kernels::dot;
 
 /// Steps and changes of the gradient that are remembered.
 pub(super) struct Memory {

@@ -7,6 +7,7 @@ use super::factor::{Design, Factor};
 use super::scales::Given;
 use super::{EvidenceSettings, Marginal};
 use crate::lighting::RectifiedGaussian;
+use crate::transfer::kernels::dot;
 
 /// Where a climb stands.
 #[derive(Clone, Debug, PartialEq)]
@@ -273,8 +274,4 @@ fn golden(f: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
         }
     }
     0.5 * (low + high)
-}
-
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

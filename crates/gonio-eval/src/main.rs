@@ -4,6 +4,7 @@
 mod bases;
 mod bench;
 mod data;
+mod folds;
 mod materials;
 mod metrics;
 mod outside;
@@ -36,6 +37,8 @@ enum Command {
     Quadrature,
     /// Estimators and references against each other over a grid of materials and lights.
     Bench(Box<bench::Options>),
+    /// The learnt posterior on training materials in training lights that it has not seen.
+    Folds(folds::Options),
     /// One report of the folders that the jobs of `bench --shard` have filled.
     Merge(bench::MergeOptions),
 }
@@ -47,6 +50,7 @@ fn main() -> ExitCode {
         Command::Paper(options) => paper::run(&data, &options),
         Command::Quadrature => quadrature::run(&data),
         Command::Bench(options) => bench::bench(&data, &options),
+        Command::Folds(options) => folds::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),
     };
     match result {

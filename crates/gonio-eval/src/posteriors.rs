@@ -13,7 +13,7 @@ use crate::bench::Progress;
 use crate::data::Lights;
 
 /// Enters every key: to be raised whenever simulation or training gives other results for the same input.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Trains on materials in all lights, or finds the result of having done so.
 pub(crate) fn load_or_train(
@@ -24,7 +24,7 @@ pub(crate) fn load_or_train(
 ) -> Result<Amortised> {
     let (training, prior) = (TrainingSettings::default(), DictionarySettings::default());
     let seen = lights.names().iter().map(|name| lights.fingerprint(name)).collect::<Result<Vec<String>>>()?;
-    let conditions = (settings, &training, (prior.draws, prior.dimensions, prior.seed), seen);
+    let conditions = (settings, &training, &prior, seen);
     let key = key(&format!("gonio posterior {VERSION}"), &conditions, materials)?;
     let stored =
         cache.load(&key).and_then(|bytes| decode_posterior(Path::new("a posterior of the cache"), &bytes).ok());

@@ -163,7 +163,7 @@ impl Model {
         check_reflectance(&self.reflectance)?;
         match &self.posterior {
             Some(Amortised { dictionary: d, scaling, network }) => {
-                check_posterior(&d.measured, &d.entries, &d.coordinates, scaling, network)
+                check_posterior(&d.measured, &d.entries, &d.coordinates, &d.places, scaling, network)
             }
             None => Ok(()),
         }
@@ -265,6 +265,7 @@ pub fn check_posterior(
     measured: &LogBasis,
     entries: &[Mixture],
     coordinates: &Coordinates,
+    places: &[Vec<f64>],
     scaling: &[Scaling],
     network: &Network,
 ) -> Result<(), ModelError> {
@@ -297,6 +298,13 @@ pub fn check_posterior(
         }
     }
     filled("entries for its materials", entries.len() >= measured.len())?;
+    length("the places of its entries", places.len(), entries.len())?;
+    for place in places {
+        length("a place", place.len(), coordinates.axes.len())?;
+        if !place.iter().all(|v| v.is_finite()) {
+            return Err(PosteriorFault::NotFinite("a place").into());
+        }
+    }
     length("the scaling", scaling.len(), STATISTICS)?;
     for (at, s) in scaling.iter().enumerate() {
         let finite = s.low.is_finite() && s.high.is_finite() && s.centre.is_finite();

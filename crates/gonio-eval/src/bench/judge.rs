@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::Vec3;
-use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
+use gonio::reflectance::BivariateTable;
 use gonio::render::Relighter;
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ use super::estimators::{Estimate, Estimator, Report};
 use super::grid::{Protocol, Unit};
 use super::renders::Render;
 use super::stage::Stage;
-use crate::metrics::{Gloss, brdf_error, brdf_scale, mean, relight};
+use crate::metrics::{Gloss, brdf_error, coverage, mean, relight};
 
 /// One cell of the grid: what one estimator made of one photograph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -157,37 +157,5 @@ pub(crate) fn encoded(stage: &Stage, values: &[f64], scale: f64, like: &Render) 
     STANDARD.encode(stage.png(values, scale, exposure, Vec3::from_array(like.colour)))
 }
 
-/// Shares of trusted cells inside the 50 % and the 90 % interval, the reference scaled to lie over the estimate.
-fn coverage(table: &BivariateTable, quantiles: &[Vec<f32>; 4], truth: &BivariateTable) -> [f64; 2] {
-    let scale = 1.0 / brdf_scale(table, truth);
-    let cells: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
-    let inside = |low: usize, high: usize| {
-        let hits = cells.iter().filter(|&&c| {
-            let value = scale * f64::from(truth.as_slice()[c]);
-            f64::from(quantiles[low][c]) <= value && value <= f64::from(quantiles[high][c])
-        });
-        hits.count() as f64 / cells.len() as f64
-    };
-    [inside(1, 2), inside(0, 3)]
-}
-
 /// Records by protocol, material, light and estimator.
 pub(crate) type Records = BTreeMap<(Protocol, String, String, Estimator), Record>;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn coverage_counts_what_lies_inside_on_any_scale() {
-        let table = BivariateTable::from_fn(|h, _| 1.0 + h);
-        let at = |x: f32| table.as_slice().iter().map(|v| x * v).collect::<Vec<f32>>();
-        let quantiles = [at(0.8), at(0.9), at(1.1), at(1.2)];
-        let scaled = BivariateTable::from_vec(at(5.0));
-        assert_eq!(coverage(&table, &quantiles, &scaled), [1.0, 1.0]);
-        // A reference of another shape leaves the intervals: a step of 15 % up in half of the domain, 15 % down in the other.
-        let bent = BivariateTable::from_fn(|h, d| (1.0 + h) * if d < 0.698 { 1.15 } else { 0.87 });
-        let [half, ninety] = coverage(&table, &quantiles, &bent);
-        assert!(half < 0.1 && ninety > 0.9, "{half} {ninety}");
-    }
-}

@@ -27,6 +27,7 @@ pub(super) fn parts(amortised: &Amortised) -> (Metadata, Vec<Tensor>) {
     let dimensions = dictionary.coordinates.axes.len();
     let mut tensors = vec![
         Tensor::f64("entries", &[entries.len() / 3, 3], &entries),
+        Tensor::f64("places", &[dictionary.places.len(), dimensions], &dictionary.places.concat()),
         Tensor::f32("material_mean", &[THETA_H, THETA_D], &basis.mean),
         Tensor::f32("material_axes", &[rank, THETA_H, THETA_D], &basis.axes.concat()),
         Tensor::f32("material_coefficients", &[basis.len(), rank], &basis.coefficients.concat()),
@@ -51,15 +52,14 @@ pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
     let (_, mean) = file.f32s("material_mean", &cells)?;
     let (shape, axes) = file.f32s("material_axes", &tables)?;
     let (_, coefficients) = file.f32s("material_coefficients", &[Some(names.len()), Some(shape[0])])?;
-    let rows = |values: &[f32], width: usize| -> Vec<Vec<f32>> {
-        if width == 0 { Vec::new() } else { values.chunks_exact(width).map(<[f32]>::to_vec).collect() }
-    };
     let measured = LogBasis { axes: rows(&axes, CELLS), coefficients: rows(&coefficients, shape[0]), names, mean };
     let (_, mean) = file.f32s("place_mean", &cells)?;
     let (_, axes) = file.f32s("place_axes", &tables)?;
     let coordinates = Coordinates { mean, axes: rows(&axes, CELLS) };
     let (_, entries) = file.f64s("entries", &[None, Some(3)])?;
     let entries = mixtures(&entries).ok_or_else(|| wrong("the entries of its posterior are not in order".into()))?;
+    let (_, places) = file.f64s("places", &[Some(entries.len()), Some(coordinates.axes.len())])?;
+    let places = rows(&places, coordinates.axes.len());
     let (_, scales) = file.f32s("scaling", &[Some(STATISTICS), Some(4)])?;
     let scale = |s: &[f32]| Scaling { low: s[0], high: s[1], centre: s[2], deviation: s[3] };
     let scaling: Vec<Scaling> = scales.chunks_exact(4).map(scale).collect();
@@ -72,8 +72,12 @@ pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
     }
     let network = Network { layers };
     // Before anything is computed from it.
-    check_posterior(&measured, &entries, &coordinates, &scaling, &network).map_err(|e| wrong(e.to_string()))?;
-    Ok(Amortised { dictionary: Dictionary::restore(measured, entries, coordinates), scaling, network })
+    check_posterior(&measured, &entries, &coordinates, &places, &scaling, &network).map_err(|e| wrong(e.to_string()))?;
+    Ok(Amortised { dictionary: Dictionary::restore(measured, entries, coordinates, places), scaling, network })
+}
+
+fn rows<T: Copy>(values: &[T], width: usize) -> Vec<Vec<T>> {
+    if width == 0 { Vec::new() } else { values.chunks_exact(width).map(<[T]>::to_vec).collect() }
 }
 
 /// Entries from rows of entry, component and weight; `None` if the entries do not count up from zero.

@@ -187,7 +187,7 @@ fn every_flipped_byte_is_noticed() {
 static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.1 + (-(h / w).powi(2)).exp());
     let basis = LogBasis::fit(&[0.1, 0.5].map(|w| (format!("lobe {w}"), lobe(w))), 3);
-    let settings = DictionarySettings { draws: 4, dimensions: 2, seed: 1 };
+    let settings = DictionarySettings { draws: 4, dimensions: 2, seed: 1, ..Default::default() };
     let posterior = Amortised {
         dictionary: Dictionary::new(basis, &settings),
         scaling: vec![Scaling { low: -1.0, high: 1.0, centre: 0.1, deviation: 0.5 }; STATISTICS],
@@ -217,9 +217,16 @@ fn posteriors_that_cannot_be_are_refused() {
     spoilt(|p| p.dictionary.measured.mean[5] = f32::NAN, "a table has values that are not finite");
     spoilt(|p| p.dictionary.measured.coefficients[1][0] = f32::INFINITY, "coefficients has values that are not finite");
     spoilt(|p| p.dictionary.entries[3][0].1 += 0.5, "entry 3 is not a mixture");
-    spoilt(|p| p.dictionary.entries[2][0].0 = 99, "entry 2 is not a mixture");
+    spoilt(|p| p.dictionary.entries[2][0].0 = 9_999, "entry 2 is not a mixture");
     spoilt(|p| p.dictionary.entries.swap(0, 1), "entry 0 is not a mixture");
-    spoilt(|p| p.dictionary.entries.truncate(1), "no entries for its materials");
+    spoilt(
+        |p| {
+            p.dictionary.entries.truncate(1);
+            p.dictionary.places.truncate(1);
+        },
+        "no entries for its materials",
+    );
+    spoilt(|p| p.dictionary.places[1][0] = f64::NAN, "a place has values that are not finite");
     spoilt(|p| p.scaling[4].deviation = 0.0, "statistic 4 has no scale");
     spoilt(|p| p.network.layers[1].bias[0] = f32::NAN, "a layer has values that are not finite");
     spoilt(|p| p.network.layers.truncate(1), "the network's output has 3 values, 5 are expected");

@@ -10,7 +10,7 @@ mod table;
 mod train;
 
 pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
-pub use dictionary::{Coordinates, Dictionary, DictionarySettings, Mixture};
+pub use dictionary::{Coordinates, Dictionary, DictionarySettings, Kind, Mixture, Prior};
 pub use log_basis::LogBasis;
 pub use table::{
     BivariateTable, CELLS, CellCountError, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, above_horizon, is_trusted,

@@ -7,13 +7,13 @@ use crate::reflectance::{BivariateTable, CELLS, Dictionary, THETA_D, is_trusted}
 /// Standard deviation of the logarithm of reflectance that is added to every entry when intervals are taken: materials are not
 /// entries of a dictionary, and its best entry for one that it does not hold is off by so much. Chosen so that intervals hold what they
 /// say, training materials and lights being left out (`docs/trials.md`).
-pub(super) const SPREAD: f64 = 0.2;
+pub(super) const SPREAD: f64 = 0.45;
 
 /// A cell is undetermined if its 90 % interval is at least this share of the prior's.
 const UNDETERMINED: f64 = 0.6;
 
 /// Entries with less than this share of the largest weight do not count for intervals.
-const NEGLIGIBLE: f64 = 1e-3;
+pub(super) const NEGLIGIBLE: f64 = 1e-3;
 
 /// A Gaussian as four equally likely values.
 pub(super) const QUARTERS: [f64; 4] = [-1.271_1, -0.324_7, 0.324_7, 1.271_1];
@@ -63,9 +63,14 @@ impl MaterialPosterior {
     /// geometric mean of `mean` over the trusted cells, spread by what the dictionary misses. Shares in 0..1, ascending. Cells beyond the trusted
     /// ones have the quantiles of the nearest trusted cell.
     pub fn quantiles(&self, dictionary: &Dictionary, shares: &[f64]) -> Vec<Vec<f32>> {
+        self.quantiles_spread(dictionary, shares, SPREAD)
+    }
+
+    /// [`Self::quantiles`] with entries spread by another standard deviation of the logarithm.
+    pub fn quantiles_spread(&self, dictionary: &Dictionary, shares: &[f64], spread: f64) -> Vec<Vec<f32>> {
         let level = log_level(&self.mean);
         let mut out = vec![vec![0.0_f32; CELLS]; shares.len()];
-        for (cell, values) in quantiles_of_log(dictionary, &self.weights, shares, SPREAD).into_iter().enumerate() {
+        for (cell, values) in quantiles_of_log(dictionary, &self.weights, shares, spread).into_iter().enumerate() {
             for (out, value) in out.iter_mut().zip(values) {
                 out[cell] = (value + level).exp() as f32;
             }
@@ -83,7 +88,8 @@ impl MaterialPosterior {
     /// is without an image. Cells beyond the trusted ones always are.
     pub fn undetermined(&self, dictionary: &Dictionary) -> Vec<bool> {
         let width = |weights: &[f64]| -> Vec<f64> {
-            let ends = quantiles_of_log(dictionary, weights, &[0.05, 0.95], SPREAD);
+            // Without the spread, which no photograph narrows.
+            let ends = quantiles_of_log(dictionary, weights, &[0.05, 0.95], 0.0);
             ends.into_iter().map(|e| e[1] - e[0]).collect()
         };
         let prior = vec![1.0 / self.weights.len() as f64; self.weights.len()];
@@ -138,13 +144,16 @@ fn quantiles_of_log(dictionary: &Dictionary, weights: &[f64], shares: &[f64], sp
             return vec![0.0; shares.len()];
         }
         let value = |(table, level): &(BivariateTable, f64)| f64::from(table.as_slice()[c].max(1e-12)).ln() - level;
-        let mut centres: Vec<(f64, f64)> =
+        let mut values: Vec<(f64, f64)> =
             tables.iter().zip(&active).map(|(table, &entry)| (value(table), weights[entry])).collect();
-        centres.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Four rising runs, which the sort merges.
-        let shifted = |z: f64| centres.iter().map(move |&(value, weight)| (value + spread * z, weight));
-        let mut values: Vec<(f64, f64)> = QUARTERS.into_iter().flat_map(shifted).collect();
-        values.sort_by(|a, b| a.0.total_cmp(&b.0));
+        values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        if spread > 0.0 {
+            // Four rising runs, which the stable sort merges.
+            let shifted = |z: f64| values.iter().map(move |&(value, weight)| (value + spread * z, weight));
+            let mut all: Vec<(f64, f64)> = QUARTERS.into_iter().flat_map(shifted).collect();
+            all.sort_by(|a, b| a.0.total_cmp(&b.0));
+            values = all;
+        }
         weighted_quantiles(&values, shares)
     };
     (0..CELLS).into_par_iter().map(cell).collect()

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::appearance::{Lattice, STATISTICS, Statistics};
-use crate::reflectance::{Dictionary, Mixture};
+use crate::reflectance::{BivariateTable, Dictionary, Prior};
 use crate::render::{IntegratorSettings, LightTree, Relighter};
 
 /// How photographs are simulated.
@@ -28,11 +28,14 @@ pub struct SimulationSettings {
     pub max_cells: usize,
     /// Seed of everything random.
     pub seed: u64,
+    /// What is drawn.
+    pub prior: Prior,
 }
 
 impl Default for SimulationSettings {
     fn default() -> Self {
-        Self { cameras: 12, tilt: 12.0, draws: 60, noise: 0.01, tolerance: 0.3, max_cells: 8_000, seed: 1 }
+        let prior = Prior::default();
+        Self { cameras: 12, tilt: 12.0, draws: 60, noise: 0.01, tolerance: 0.3, max_cells: 8_000, seed: 1, prior }
     }
 }
 
@@ -51,10 +54,10 @@ pub struct Simulation {
     pub(super) places_of_all: Vec<f32>,
 }
 
-/// One photograph's share of the random numbers.
-struct Draw {
-    mixture: Mixture,
-    noise: f64,
+/// Noise of one photograph.
+struct Noise {
+    /// Standard deviation relative to the mean of the picture.
+    level: f64,
     seed: u64,
 }
 
@@ -95,22 +98,21 @@ impl Simulation {
         let settings = &self.settings;
         let accuracy = IntegratorSettings { tolerance: settings.tolerance, max_cells: settings.max_cells };
         let points = self.lattice.points(camera);
-        let relighter = Relighter::new(&points, &self.dictionary.components, light, &accuracy);
-        let images: Vec<Vec<f64>> = self.dictionary.components.par_iter().map(|t| relighter.render(t)).collect();
-        let draws: Vec<Draw> = (0..settings.draws)
-            .map(|_| Draw {
-                mixture: self.dictionary.draw(rng),
-                noise: settings.noise * rng.random_range(0.0..1.0),
-                seed: rng.random(),
+        let (tables, noises): (Vec<BivariateTable>, Vec<Noise>) = (0..settings.draws)
+            .map(|_| {
+                let table = self.dictionary.table(&self.dictionary.draw(&settings.prior, rng));
+                (table, Noise { level: settings.noise * rng.random_range(0.0..1.0), seed: rng.random() })
             })
-            .collect();
-        let results: Vec<(Vec<f32>, Vec<f32>)> = draws
+            .unzip();
+        let relighter = Relighter::new(&points, &tables, light, &accuracy);
+        let results: Vec<(Vec<f32>, Vec<f32>)> = tables
             .par_chunks(16)
-            .map(|draws| {
-                let photographs: Vec<f32> = draws.iter().flat_map(|draw| draw.photograph(&images)).collect();
-                let place = |d: &Draw| self.dictionary.coordinates.of(&self.dictionary.table(&d.mixture));
-                let places = draws.iter().flat_map(place).map(|z| z as f32).collect();
-                (self.statistics.of(&photographs), places)
+            .zip(noises.par_chunks(16))
+            .map(|(tables, noises)| {
+                let photograph = |(table, noise): (&BivariateTable, &Noise)| noise.on(relighter.render(table));
+                let photographs: Vec<f32> = tables.iter().zip(noises).flat_map(photograph).collect();
+                let places = tables.iter().flat_map(|table| self.dictionary.coordinates.of(table));
+                (self.statistics.of(&photographs), places.map(|z| z as f32).collect())
             })
             .collect();
         for (statistics, places) in results {
@@ -120,18 +122,14 @@ impl Simulation {
     }
 }
 
-impl Draw {
-    fn photograph(&self, images: &[Vec<f64>]) -> Vec<f32> {
-        let mut sum = vec![0.0; images[0].len()];
-        for &(component, weight) in &self.mixture {
-            sum.iter_mut().zip(&images[component]).for_each(|(s, v)| *s += weight * v);
-        }
-        let mean = sum.iter().sum::<f64>() / sum.len() as f64;
+impl Noise {
+    fn on(&self, image: Vec<f64>) -> Vec<f32> {
+        let mean = image.iter().sum::<f64>() / image.len() as f64;
         let mut rng = Pcg64::seed_from_u64(self.seed);
         let mut noisy = |v: f64| {
             let z: f64 = StandardNormal.sample(&mut rng);
-            (v + self.noise * mean * z).max(0.0) as f32
+            (v + self.level * mean * z).max(0.0) as f32
         };
-        sum.into_iter().map(&mut noisy).collect()
+        image.into_iter().map(&mut noisy).collect()
     }
 }

@@ -42,7 +42,7 @@ fn simulation() -> Simulation {
     let set = [(0.06, 30.0), (0.1, 8.0), (0.2, 3.0), (0.4, 1.0), (1.0, 0.05), (0.06, 2.0)];
     let tables: Vec<(String, BivariateTable)> = set.iter().map(|&(w, s)| (format!("{w} {s}"), lobe(w, s))).collect();
     let basis = LogBasis::fit(&tables, 8);
-    let settings = DictionarySettings { draws: 60, dimensions: 3, seed: 1 };
+    let settings = DictionarySettings { draws: 60, dimensions: 3, seed: 1, ..Default::default() };
     let cheap = SimulationSettings { cameras: 3, draws: 24, tolerance: 2.0, max_cells: 600, ..Default::default() };
     let mut simulation = Simulation::new(Dictionary::new(basis, &settings), cheap);
     (0..12).for_each(|seed| simulation.add_light(&light(seed)));
@@ -125,8 +125,8 @@ fn a_seed_makes_one_network_whatever_the_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let set = vec![("a".to_owned(), lobe(0.1, 8.0)), ("b".to_owned(), lobe(0.5, 0.4))];
-            let dictionary =
-                Dictionary::new(LogBasis::fit(&set, 4), &DictionarySettings { draws: 10, dimensions: 2, seed: 3 });
+            let settings = DictionarySettings { draws: 10, dimensions: 2, seed: 3, ..Default::default() };
+            let dictionary = Dictionary::new(LogBasis::fit(&set, 4), &settings);
             let cheap =
                 SimulationSettings { cameras: 1, draws: 20, tolerance: 5.0, max_cells: 100, ..Default::default() };
             let mut simulation = Simulation::new(dictionary, cheap);

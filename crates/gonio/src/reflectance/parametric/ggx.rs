@@ -1,7 +1,6 @@
-use super::{Facet, HORIZON, Parametric};
-use crate::reflectance::table::{BivariateTable, CELLS, PHI_D, THETA_D, theta_d_of, theta_h_of};
+use super::lobes::visibility;
+use super::{Facet, Parametric};
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_1_PI, PI};
 
@@ -27,44 +26,6 @@ impl Parametric for Ggx {
         let (a2, ci, co) = (self.alpha * self.alpha, facet.cos_i, facet.cos_o);
         self.diffuse * FRAC_1_PI + distribution(&facet, a2) * facet.schlick(self.f0) * visibility(a2, ci, co)
     }
-}
-
-impl Ggx {
-    /// [`Parametric::to_bivariate`] of the lobe without a Lambertian part that reflects nothing along the normal (`f0 = 0`) and of the one
-    /// that reflects all (`f0 = 1`), up to round-off.
-    ///
-    /// Of the factors only masking depends on `phi_d`, and it is the same at `180 degrees - phi_d`: half the samples do for both.
-    pub fn lobes(alpha: f64) -> [BivariateTable; 2] {
-        let a2 = alpha * alpha;
-        let cosines: Vec<f64> = (0..=PHI_D / 2).map(|k| (k as f64).to_radians().cos()).collect();
-        let cell = |c: usize| {
-            let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
-            let (level, swing) = (h.cos() * d.cos(), h.sin() * d.sin());
-            let (mut sum, mut count) = (0.0, 0_u32);
-            for (k, cosine) in cosines.iter().enumerate() {
-                let (ci, co) = (level - swing * cosine, level + swing * cosine);
-                if ci > HORIZON && co > HORIZON {
-                    let times = if k == 0 || 2 * k == PHI_D { 1 } else { 2 };
-                    sum += f64::from(times) * visibility(a2, ci, co);
-                    count += times;
-                }
-            }
-            if count == 0 {
-                return [0.0; 2];
-            }
-            let cos_h = h.cos();
-            let facet = Facet { cos_i: 1.0, cos_o: 1.0, cos_h, cos_d: d.cos(), tan2_h: h.tan().powi(2) };
-            let mirror = distribution(&facet, a2) * sum / f64::from(count);
-            [0.0, 1.0].map(|f0| (mirror * facet.schlick(f0)) as f32)
-        };
-        let cells: Vec<[f32; 2]> = (0..CELLS).into_par_iter().map(cell).collect();
-        [0, 1].map(|which| BivariateTable::from_vec(cells.iter().map(|c| c[which]).collect()))
-    }
-}
-
-/// `G / (4 cos_i cos_o)` without its removable singularity at the horizon.
-fn visibility(a2: f64, ci: f64, co: f64) -> f64 {
-    0.5 / (co * (a2 + (1.0 - a2) * ci * ci).sqrt() + ci * (a2 + (1.0 - a2) * co * co).sqrt())
 }
 
 /// Density of the facets' normals, which integrates with `cos_h` to 1 over the hemisphere.
@@ -93,18 +54,6 @@ mod tests {
         let mirror = Ggx { diffuse: 0.0, f0: 1.0, alpha: 0.5 };
         let (wi, wo) = directions(0.0, PI / 3.0, 0.0);
         assert!((mirror.eval(wi, wo) - 4.0 / PI / 1.75_f64.sqrt()).abs() < 1e-12);
-    }
-
-    #[test]
-    fn lobes_are_those_of_the_formula() {
-        for alpha in [0.03, 0.4] {
-            for (f0, lobe) in [0.0, 1.0].into_iter().zip(Ggx::lobes(alpha)) {
-                let want = Ggx { diffuse: 0.0, f0, alpha }.to_bivariate();
-                for (c, (a, b)) in lobe.as_slice().iter().zip(want.as_slice()).enumerate() {
-                    assert!((a - b).abs() <= 1e-5 * b.abs() + 1e-12, "{alpha} {f0} {c}: {a} {b}");
-                }
-            }
-        }
     }
 
     #[test]

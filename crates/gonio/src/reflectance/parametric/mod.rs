@@ -1,17 +1,21 @@
 //! Parametric BRDF models to compare with: the three fits of Ngan, Durand & Matusik 2005 that the paper's section 3.2
-//! is measured against, GGX and Lambert.
+//! is measured against, GGX, Lambert, and what dictionaries of materials are mixed from.
 //!
 //! All are isotropic, in 1/sr for one channel, with light and view as unit vectors around the normal `+z`, and zero
 //! where either is below the surface.
 
+mod bases;
 mod cook_torrance;
 mod ggx;
 mod lafortune;
+mod lobes;
 mod ward;
 
+pub use bases::{Burley, Sheen, Undercoat};
 pub use cook_torrance::CookTorrance;
 pub use ggx::Ggx;
 pub use lafortune::Lafortune;
+pub use lobes::lobes;
 pub use ward::Ward;
 
 use super::table::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, theta_d_of, theta_h_of};

@@ -1,20 +1,22 @@
 //! A prior of materials: measured ones, analytic ones, and what lies between them.
 //!
-//! A hundred measured materials are samples of `p(F)`, too few to stand for every paint. Sums of two of them, of one and a
-//! diffuse reflector, and a family of formulas (Lambert and GGX) fill the space between and around. Everything is a non-negative mixture of a few
-//! *components*, so that images of any of it are the same mixtures of the components' images.
+//! A hundred measured materials are samples of `p(F)`, too few to stand for every paint. The same with narrower or wider
+//! highlights, sums of two of them, of one and a diffuse reflector or a coat, and formulas of dielectrics, metals and cloth fill the space between and around
+//! ([`Kind`]). Everything is a non-negative mixture of a few hundred *components*, so that a handful of numbers tells a material.
 
-use rand::{RngExt, SeedableRng};
+mod components;
+mod prior;
+
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::log_basis::LogBasis;
-use super::parametric::{Ggx, Lambert, Parametric};
 use super::table::{BivariateTable, CELLS, THETA_D, is_trusted};
 use crate::linalg::principal_axes;
-
-/// Widths of the analytic lobes; those between are mixtures of neighbours.
-const ALPHAS: [f64; 12] = [0.02, 0.03, 0.045, 0.065, 0.09, 0.13, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0];
+use components::Layout;
+pub use prior::{Kind, Prior};
 
 /// Floor of the logarithm in [`Coordinates`], relative to the median of a table.
 const FLOOR: f64 = 1e-3;
@@ -36,7 +38,7 @@ pub struct Coordinates {
 pub struct Dictionary {
     /// The measured materials, which are the first components and the first entries.
     pub measured: LogBasis,
-    /// Tables of albedo one along the normal: measured, then Lambert, then GGX lobes in pairs (no reflectance along the normal, full reflectance).
+    /// Tables of albedo one along the normal; the measured ones come first.
     pub components: Vec<BivariateTable>,
     /// Albedo of each component before it was scaled to one.
     albedos: Vec<f64>,
@@ -49,7 +51,7 @@ pub struct Dictionary {
 }
 
 /// How a dictionary is made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DictionarySettings {
     /// Draws from the prior beside the measured materials.
     pub draws: usize,
@@ -57,11 +59,13 @@ pub struct DictionarySettings {
     pub dimensions: usize,
     /// Seed of the draws.
     pub seed: u64,
+    /// What is drawn.
+    pub prior: Prior,
 }
 
 impl Default for DictionarySettings {
     fn default() -> Self {
-        Self { draws: 600, dimensions: 8, seed: 1 }
+        Self { draws: 1200, dimensions: 8, seed: 1, prior: Prior::default() }
     }
 }
 
@@ -103,7 +107,7 @@ impl Dictionary {
         let mut dictionary = Self::components_of(measured);
         let mut rng = Pcg64::seed_from_u64(settings.seed);
         let alone = (0..dictionary.measured.len()).map(|m| vec![(m, 1.0)]);
-        let entries = alone.chain((0..settings.draws).map(|_| dictionary.draw(&mut rng))).collect();
+        let entries = alone.chain((0..settings.draws).map(|_| dictionary.draw(&settings.prior, &mut rng))).collect();
         dictionary.entries = entries;
         let logs: Vec<Vec<f64>> = dictionary.entries.par_iter().map(|e| relative_log(&dictionary.table(e))).collect();
         let (mean, axes, variances) = principal_axes(&logs, settings.dimensions);
@@ -112,38 +116,32 @@ impl Dictionary {
             mean: mean.iter().map(|v| *v as f32).collect(),
             axes: axes.iter().zip(&variances).map(scaled).collect(),
         };
-        dictionary.locate();
+        dictionary.places = dictionary.entries.par_iter().map(|e| dictionary.coordinates.of(&dictionary.table(e))).collect();
         dictionary
     }
 
-    /// The dictionary with entries and coordinates that were made before.
-    pub fn restore(measured: LogBasis, entries: Vec<Mixture>, coordinates: Coordinates) -> Self {
-        let mut dictionary = Self { entries, coordinates, ..Self::components_of(measured) };
-        dictionary.locate();
-        dictionary
-    }
-
-    fn locate(&mut self) {
-        self.places = self.entries.par_iter().map(|e| self.coordinates.of(&self.table(e))).collect();
+    /// The dictionary with entries, coordinates and places that were made before.
+    pub fn restore(
+        measured: LogBasis,
+        entries: Vec<Mixture>,
+        coordinates: Coordinates,
+        places: Vec<Vec<f64>>,
+    ) -> Self {
+        Self { entries, coordinates, places, ..Self::components_of(measured) }
     }
 
     /// Number of components of a dictionary of so many measured materials.
     pub fn components_with(measured: usize) -> usize {
-        measured + 1 + 2 * ALPHAS.len()
+        Layout { measured }.count()
+    }
+
+    fn layout(&self) -> Layout {
+        Layout { measured: self.measured.len() }
     }
 
     fn components_of(measured: LogBasis) -> Self {
         assert!(!measured.is_empty(), "no materials");
-        let mut components: Vec<BivariateTable> =
-            (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
-        components.push(Lambert { albedo: 1.0 }.to_bivariate());
-        for alpha in ALPHAS {
-            components.extend(Ggx::lobes(alpha));
-        }
-        let albedos: Vec<f64> = components.par_iter().map(|t| t.normal_albedo().max(1e-12)).collect();
-        for (table, albedo) in components.iter_mut().zip(&albedos) {
-            table.as_mut_slice().iter_mut().for_each(|v| *v = (f64::from(*v) / albedo) as f32);
-        }
+        let (components, albedos) = components::components(&measured);
         Self {
             measured,
             components,
@@ -162,40 +160,6 @@ impl Dictionary {
             sum.iter_mut().zip(values).for_each(|(sum, v)| *sum += weight as f32 * v);
         }
         BivariateTable::from_vec(sum)
-    }
-
-    /// A material drawn from the prior: in 45 of 100 cases a measured one, in 20 two of them, in 15 one above a diffuse
-    /// base, and else a dielectric or a metal by formula.
-    pub fn draw(&self, rng: &mut Pcg64) -> Mixture {
-        let measured = self.measured.len();
-        let lambert = measured;
-        let pick = |rng: &mut Pcg64| rng.random_range(0..measured);
-        let kind: f64 = rng.random_range(0.0..1.0);
-        let (first, share) = (pick(rng), rng.random_range(0.0..1.0));
-        let mixture = if kind < 0.45 {
-            vec![(first, 1.0)]
-        } else if kind < 0.65 {
-            vec![(first, share), (pick(rng), 1.0 - share)]
-        } else if kind < 0.8 {
-            vec![(first, share), (lambert, 1.0 - share)]
-        } else {
-            let between = |rng: &mut Pcg64, low: f64, high: f64| -> f64 { rng.random_range(low..high) };
-            let (f0, diffuse) = if between(rng, 0.0, 1.0) < 0.65 {
-                (between(rng, 0.02, 0.08), between(rng, 0.02_f64.ln(), 0.8_f64.ln()).exp())
-            } else {
-                (between(rng, 0.3, 1.0), between(rng, 0.002_f64.ln(), 0.2_f64.ln()).exp())
-            };
-            let width = between(rng, 0.0, (ALPHAS.len() - 1) as f64);
-            let (narrow, blend) = ((width as usize).min(ALPHAS.len() - 2), width.fract());
-            let mut parts = vec![(lambert, diffuse)];
-            for (lobe, share) in [(narrow, 1.0 - blend), (narrow + 1, blend)] {
-                parts.push((lambert + 1 + 2 * lobe, share * (1.0 - f0)));
-                parts.push((lambert + 2 + 2 * lobe, share * f0));
-            }
-            parts.into_iter().map(|(c, weight)| (c, weight * self.albedos[c])).collect()
-        };
-        let total: f64 = mixture.iter().map(|(_, w)| w).sum();
-        mixture.into_iter().filter(|(_, w)| *w > 0.0).map(|(c, w)| (c, w / total)).collect()
     }
 }
 
@@ -240,7 +204,7 @@ mod tests {
                 assert!((a - b).abs() < 1e-3, "{a} {b}");
             }
         }
-        // Coordinates are of variance one over the entries.
+        // Of variance one over the entries.
         for k in 0..dictionary.coordinates.axes.len() {
             let square: f64 = dictionary.places.iter().map(|p| p[k] * p[k]).sum();
             assert!((square / 65.0 - 1.0).abs() < 1e-4);
@@ -260,22 +224,7 @@ mod tests {
     fn a_dictionary_comes_back_from_its_parts() {
         let basis = measured();
         let made = Dictionary::new(basis.clone(), &DictionarySettings { draws: 30, ..Default::default() });
-        let back = Dictionary::restore(basis, made.entries.clone(), made.coordinates.clone());
+        let back = Dictionary::restore(basis, made.entries.clone(), made.coordinates.clone(), made.places.clone());
         assert_eq!(made, back);
-    }
-
-    #[test]
-    fn formulas_are_drawn_with_their_own_reflectance() {
-        // The lobes of full and of no reflectance make the lobe of any: Schlick's formula is linear in it.
-        let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 1, ..Default::default() });
-        let lambert = dictionary.measured.len();
-        let (f0, lobe) = (0.3, 4);
-        let parts = [(lambert + 1 + 2 * lobe, 1.0 - f0), (lambert + 2 + 2 * lobe, f0)];
-        let mixture: Mixture = parts.iter().map(|&(c, w)| (c, w * dictionary.albedos[c])).collect();
-        let table = dictionary.table(&mixture);
-        let want = Ggx { diffuse: 0.0, f0, alpha: ALPHAS[lobe] }.to_bivariate();
-        for (a, b) in table.as_slice().iter().zip(want.as_slice()) {
-            assert!((a - b).abs() <= 1e-4 * b.abs() + 1e-7, "{a} {b}");
-        }
     }
 }

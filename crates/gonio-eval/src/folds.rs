@@ -1,0 +1,305 @@
+//! `gonio-eval folds`: how the learnt posterior does on training materials in training lights that were left out of its training:
+//! what its settings are chosen by (`docs/trials.md`), so that test materials and test lights stay unseen.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
+use gonio::appearance::{Lattice, Statistics};
+use gonio::inference::amortised::{Amortised, Simulation, SimulationSettings, TrainingSettings};
+use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, Kind, LogBasis, Prior};
+use gonio::render::{IntegratorSettings, LightTree, Relighter};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use rayon::prelude::*;
+
+use crate::bench::Progress;
+use crate::data::Lights;
+use crate::materials::Materials;
+use crate::metrics::{Gloss, brdf_error, coverage, median, relight};
+
+/// Spreads of the entries that intervals are tried with.
+const SPREADS: [f64; 4] = [0.2, 0.3, 0.45, 0.6];
+
+/// Draws of each kind that was left out, a fold.
+const DRAWS: usize = 12;
+
+/// The intervals of one photograph in so many are looked at: they take longer than everything else.
+const WITH_INTERVALS: usize = 5;
+
+/// Lights that estimates are relit in.
+const RELIT: usize = 3;
+
+/// Cross-validation of the learnt posterior on training materials and lights.
+#[derive(Args)]
+pub(crate) struct Options {
+    /// Folds that materials and lights are divided into, both at once.
+    #[arg(long, default_value_t = 4)]
+    folds: usize,
+    /// How many of them are left out in turn.
+    #[arg(long)]
+    first: Option<usize>,
+    /// Kinds of materials that are left out of the prior, and tested beside the measured ones.
+    #[arg(long, value_delimiter = ',')]
+    without: Vec<KindName>,
+    /// Cameras in each light.
+    #[arg(long, default_value_t = 6)]
+    cameras: usize,
+    /// Coordinates of materials.
+    #[arg(long)]
+    dimensions: Option<usize>,
+    /// Entries drawn for the dictionary.
+    #[arg(long)]
+    entries: Option<usize>,
+    /// Units of the network's hidden layers.
+    #[arg(long)]
+    hidden: Option<usize>,
+    /// Passes over the simulated photographs.
+    #[arg(long)]
+    epochs: Option<usize>,
+}
+
+/// [`Kind`] on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum KindName {
+    Warped,
+    Pair,
+    Based,
+    Coated,
+    Dielectric,
+    Metal,
+    Cloth,
+}
+
+impl KindName {
+    fn kind(self) -> Kind {
+        match self {
+            Self::Warped => Kind::Warped,
+            Self::Pair => Kind::Pair,
+            Self::Based => Kind::Based,
+            Self::Coated => Kind::Coated,
+            Self::Dielectric => Kind::Dielectric,
+            Self::Metal => Kind::Metal,
+            Self::Cloth => Kind::Cloth,
+        }
+    }
+}
+
+/// Errors of one estimate.
+struct Outcome {
+    group: String,
+    material: String,
+    relative: f64,
+    log: f64,
+    brdf: f64,
+    /// Contrast of the highlight over that of the reference.
+    gloss: f64,
+    /// 50 and 90 %, by spread.
+    coverage: Option<Vec<[f64; 2]>>,
+}
+
+pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+    if options.folds < 2 || options.cameras == 0 {
+        bail!("--folds must be at least 2 and --cameras at least 1");
+    }
+    let all = Materials::open(data, None)?;
+    let held = all.held_out();
+    let materials: Vec<(String, BivariateTable)> = all
+        .database()
+        .filter(|at| !held.contains(at))
+        .map(|at| (all.names[at].clone(), all.green(at).clone()))
+        .collect();
+    let lights = Lights::training(data)?;
+    let names = lights.names();
+    if materials.len() < options.folds || names.len() < options.folds {
+        bail!("{} materials and {} lights are too few for {} folds", materials.len(), names.len(), options.folds);
+    }
+    let mut outcomes = Vec::new();
+    for fold in 0..options.first.unwrap_or(options.folds).min(options.folds) {
+        let inside = |at: usize| at % options.folds != fold;
+        let (seen, unseen): (Vec<_>, Vec<_>) = (0..materials.len()).partition(|&m| inside(m));
+        let (lit, unlit): (Vec<_>, Vec<_>) = (0..names.len()).partition(|&l| inside(l));
+        let seen: Vec<(String, BivariateTable)> = seen.into_iter().map(|m| materials[m].clone()).collect();
+        let unseen: Vec<(String, BivariateTable)> = unseen.into_iter().map(|m| materials[m].clone()).collect();
+        let lit: Vec<&str> = lit.into_iter().map(|l| names[l].as_str()).collect();
+        let unlit: Vec<&str> = unlit.into_iter().map(|l| names[l].as_str()).collect();
+        let amortised = learn(options, &seen, &lights, &lit)?;
+        let test = Test::new(options, fold, unseen)?;
+        outcomes.extend(test.run(&amortised, &lights, &unlit, &lit[..RELIT.min(lit.len())])?);
+        eprintln!("fold {fold}: {} photographs", outcomes.len());
+    }
+    println!("{}", report(&outcomes));
+    Ok(())
+}
+
+fn kept(options: &Options) -> Prior {
+    let out: Vec<Kind> = options.without.iter().map(|k| k.kind()).collect();
+    Prior::of(&Kind::ALL.into_iter().filter(|k| !out.contains(k)).collect::<Vec<_>>())
+}
+
+fn learn(
+    options: &Options,
+    materials: &[(String, BivariateTable)],
+    lights: &Lights,
+    names: &[&str],
+) -> Result<Amortised> {
+    let default = DictionarySettings::default();
+    let settings = DictionarySettings {
+        prior: kept(options),
+        dimensions: options.dimensions.unwrap_or(default.dimensions),
+        draws: options.entries.unwrap_or(default.draws),
+        ..default
+    };
+    let dictionary = Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &settings);
+    let conditions =
+        SimulationSettings { cameras: options.cameras, prior: settings.prior, ..SimulationSettings::default() };
+    let mut simulation = Simulation::new(dictionary, conditions);
+    let progress = Progress::new("simulating", names.len());
+    for name in names {
+        simulation.add_light(&lights.tree(name)?);
+        progress.step();
+    }
+    progress.finish();
+    let default = TrainingSettings::default();
+    let training = TrainingSettings {
+        hidden: options.hidden.unwrap_or(default.hidden),
+        epochs: options.epochs.unwrap_or(default.epochs),
+        ..default
+    };
+    Ok(simulation.train(&training, &|_| ()))
+}
+
+/// What a fold is tested with.
+struct Test {
+    /// Group, name, table.
+    materials: Vec<(String, String, BivariateTable)>,
+    lattice: Lattice,
+    statistics: Statistics,
+    accuracy: IntegratorSettings,
+}
+
+impl Test {
+    fn new(options: &Options, fold: usize, unseen: Vec<(String, BivariateTable)>) -> Result<Self> {
+        let mut rng = Pcg64::seed_from_u64(1000 + fold as u64);
+        // Left-out materials are what left-out kinds are made of.
+        let dictionary = Dictionary::new(
+            LogBasis::fit(&unseen, LogBasis::RANK),
+            &DictionarySettings { draws: 1, dimensions: 1, ..DictionarySettings::default() },
+        );
+        let mut materials = Vec::new();
+        for name in &options.without {
+            let group = name.to_possible_value().context("every kind has a name")?.get_name().to_owned();
+            for at in 0..DRAWS {
+                let table = dictionary.table(&dictionary.draw(&Prior::of(&[name.kind()]), &mut rng));
+                materials.push((group.clone(), format!("{group} {fold}.{at}"), table));
+            }
+        }
+        materials.extend(unseen.into_iter().map(|(name, table)| ("measured".to_owned(), name, table)));
+        let lattice = Lattice::new();
+        let statistics = Statistics::new(&lattice);
+        let accuracy = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
+        Ok(Self { materials, lattice, statistics, accuracy })
+    }
+
+    /// The operator from tables to photographs, looking along an azimuth in degrees.
+    fn operator(&self, light: &LightTree, azimuth: f64) -> Relighter {
+        let camera = glam::DQuat::from_rotation_y(azimuth.to_radians());
+        let tables: Vec<BivariateTable> = self.materials.iter().map(|m| m.2.clone()).collect();
+        Relighter::new(&self.lattice.points(camera), &tables, light, &self.accuracy)
+    }
+
+    fn run(&self, amortised: &Amortised, lights: &Lights, unlit: &[&str], relit: &[&str]) -> Result<Vec<Outcome>> {
+        let others: Vec<Relighter> =
+            relit.iter().map(|name| Ok(self.operator(&lights.tree(name)?, 0.0))).collect::<Result<_>>()?;
+        let mut outcomes = Vec::new();
+        for (at, name) in unlit.iter().enumerate() {
+            let operator = self.operator(&lights.tree(name)?, 137.5 * at as f64);
+            let found: Vec<Outcome> = (0..self.materials.len())
+                .into_par_iter()
+                .map(|m| self.judge(amortised, &operator, &others, m, (at + m) % WITH_INTERVALS == 0))
+                .collect();
+            outcomes.extend(found);
+        }
+        Ok(outcomes)
+    }
+
+    fn judge(
+        &self,
+        amortised: &Amortised,
+        operator: &Relighter,
+        others: &[Relighter],
+        material: usize,
+        intervals: bool,
+    ) -> Outcome {
+        let (group, name, truth) = &self.materials[material];
+        let image: Vec<f32> = operator.render(truth).into_iter().map(|v| v as f32).collect();
+        let posterior = amortised.posterior(&self.statistics.of(&image));
+        let estimate = &posterior.mean;
+        let (mut relative, mut log) = (0.0, 0.0);
+        for other in others {
+            let error = relight(&other.render(estimate), &other.render(truth));
+            relative += error.relative / others.len() as f64;
+            log += error.log / others.len() as f64;
+        }
+        let coverage = intervals.then(|| {
+            let covered = |spread: f64| {
+                let quantiles =
+                    posterior.quantiles_spread(&amortised.dictionary, &[0.05, 0.25, 0.75, 0.95], spread);
+                coverage(estimate, &quantiles.try_into().expect("four shares"), truth)
+            };
+            SPREADS.map(covered).to_vec()
+        });
+        Outcome {
+            group: group.clone(),
+            material: name.clone(),
+            relative,
+            log,
+            brdf: brdf_error(estimate, truth),
+            gloss: Gloss::of(estimate).contrast / Gloss::of(truth).contrast,
+            coverage,
+        }
+    }
+}
+
+/// Tables by group, and the materials that are hardest.
+fn report(outcomes: &[Outcome]) -> String {
+    use std::fmt::Write;
+    let mut out = String::from("| group | photographs | relight | log | BRDF log | > 4x glossier |");
+    SPREADS.iter().for_each(|s| write!(out, " 50 / 90 % at {s} |").expect("memory"));
+    out += "\n|---|---|---|---|---|---|";
+    out += &"---|".repeat(SPREADS.len());
+    let mut groups: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
+    outcomes.iter().for_each(|o| groups.entry(&o.group).or_default().push(o));
+    for (group, list) in &groups {
+        let middle = |f: fn(&Outcome) -> f64| {
+            let mut values: Vec<f64> = list.iter().map(|o| f(o)).collect();
+            values.sort_by(f64::total_cmp);
+            let ninety = values[(0.9 * (values.len() - 1) as f64).round() as usize];
+            format!("{:.3} ({ninety:.2})", median(values))
+        };
+        let glossier = list.iter().filter(|o| o.gloss > 4.0).count() as f64 / list.len() as f64;
+        write!(
+            out,
+            "\n| {group} | {} | {} | {} | {} | {:.1} % |",
+            list.len(),
+            middle(|o| o.relative),
+            middle(|o| o.log),
+            middle(|o| o.brdf),
+            100.0 * glossier
+        )
+        .expect("memory");
+        for spread in 0..SPREADS.len() {
+            let of: Vec<&[f64; 2]> = list.iter().filter_map(|o| o.coverage.as_ref().map(|c| &c[spread])).collect();
+            let mean = |k: usize| 100.0 * of.iter().map(|c| c[k]).sum::<f64>() / of.len().max(1) as f64;
+            write!(out, " {:.0} / {:.0} |", mean(0), mean(1)).expect("memory");
+        }
+    }
+    let mut by: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    outcomes.iter().for_each(|o| by.entry(&o.material).or_default().push(o.log));
+    let mut hardest: Vec<(f64, &str)> = by.into_iter().map(|(name, logs)| (median(logs), name)).collect();
+    hardest.sort_by(|a, b| b.0.total_cmp(&a.0));
+    out += "\n\nhardest (median log relight error):";
+    hardest.iter().take(16).for_each(|(log, name)| write!(out, " {name} {log:.2};").expect("memory"));
+    out
+}

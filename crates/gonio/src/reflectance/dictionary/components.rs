@@ -1,0 +1,118 @@
+//! The components of a dictionary: what its entries are mixtures of.
+
+use rayon::prelude::*;
+
+use super::super::log_basis::LogBasis;
+use super::super::parametric::{Burley, Lambert, Parametric, Sheen, Undercoat, lobes};
+use super::super::table::BivariateTable;
+
+/// Factors by which the highlights of measured materials are made narrower or wider.
+pub(super) const WARPS: [f64; 4] = [0.5, 0.707, 1.414, 2.0];
+
+/// Widths of the analytic lobes; those between are mixtures of neighbours.
+pub(super) const ALPHAS: [f64; 15] =
+    [0.006, 0.009, 0.0135, 0.02, 0.03, 0.045, 0.065, 0.09, 0.13, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0];
+
+/// Tails of the analytic lobes (see [`lobes`]).
+pub(super) const TAILS: [f64; 4] = [1.5, 2.0, 3.0, 6.0];
+
+/// Diffuse components: Lambert, Burley of three roughnesses, below a surface.
+pub(super) const DIFFUSE: usize = 5;
+
+/// Widths of the sheen of cloth.
+pub(super) const SHEENS: [f64; 3] = [0.15, 0.3, 0.6];
+
+/// Where components are: measured, measured with other highlights, diffuse, sheen, lobes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Layout {
+    /// Number of measured materials.
+    pub(super) measured: usize,
+}
+
+impl Layout {
+    pub(super) fn count(self) -> usize {
+        self.lobe(ALPHAS.len(), 0, false)
+    }
+
+    pub(super) fn warped(self, material: usize, warp: usize) -> usize {
+        self.measured + material * WARPS.len() + warp
+    }
+
+    pub(super) fn diffuse(self, kind: usize) -> usize {
+        self.warped(self.measured, 0) + kind
+    }
+
+    pub(super) fn sheen(self, width: usize) -> usize {
+        self.diffuse(DIFFUSE) + width
+    }
+
+    /// With `full` reflectance along the normal or none.
+    pub(super) fn lobe(self, width: usize, tail: usize, full: bool) -> usize {
+        self.sheen(SHEENS.len()) + 2 * (width * TAILS.len() + tail) + usize::from(full)
+    }
+}
+
+/// All components in the order of [`Layout`], each of albedo one along the normal, and their albedos before.
+pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>) {
+    let own: Vec<BivariateTable> = (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
+    let warped = own.par_iter().flat_map_iter(|table| WARPS.iter().map(move |&factor| warp(table, factor)));
+    let mut all: Vec<BivariateTable> = own.par_iter().cloned().chain(warped).collect();
+    all.push(Lambert { albedo: 1.0 }.to_bivariate());
+    all.extend([0.0, 0.5, 1.0].map(|roughness| Burley { albedo: 1.0, roughness }.to_bivariate()));
+    all.push(Undercoat { albedo: 1.0, f0: 0.04 }.to_bivariate());
+    all.extend(SHEENS.map(|width| Sheen { factor: 1.0, width }.to_bivariate()));
+    all.extend(ALPHAS.iter().flat_map(|&alpha| lobes(alpha, &TAILS)).flatten());
+    debug_assert_eq!(all.len(), Layout { measured: measured.len() }.count());
+    let albedos: Vec<f64> = all.par_iter().map(|t| t.normal_albedo().max(1e-12)).collect();
+    all.par_iter_mut().zip(&albedos).for_each(|(table, albedo)| {
+        table.as_mut_slice().iter_mut().for_each(|v| *v = (f64::from(*v) / albedo) as f32);
+    });
+    (all, albedos)
+}
+
+/// The table with highlights `factor` times as wide: tangents of half angles are stretched, so that the horizon stays where it is.
+fn warp(table: &BivariateTable, factor: f64) -> BivariateTable {
+    BivariateTable::from_fn(|h, d| table.eval((h.tan() / factor).atan(), d))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reflectance::{CELLS, theta_h_of};
+
+    #[test]
+    fn components_are_where_the_layout_says() {
+        let lobe = |w: f64| BivariateTable::from_fn(move |h, d| 0.05 + (1.0 + d) * (-(h / w).powi(2)).exp());
+        let set: Vec<(String, BivariateTable)> = [0.1, 0.3].map(|w| (w.to_string(), lobe(w))).into();
+        let basis = LogBasis::fit(&set, 5);
+        let (all, albedos) = components(&basis);
+        let layout = Layout { measured: 2 };
+        assert_eq!((all.len(), albedos.len()), (layout.count(), layout.count()));
+        let same = |at: usize, want: &BivariateTable| {
+            let values = all[at].as_slice().iter().zip(want.as_slice());
+            values.for_each(|(a, b)| {
+                let got = f64::from(*a) * albedos[at];
+                assert!((got - f64::from(*b)).abs() <= 1e-4 * f64::from(*b) + 1e-7, "{at}: {got} {b}");
+            });
+            assert!((all[at].normal_albedo() - 1.0).abs() < 1e-3);
+        };
+        same(1, &basis.table(1));
+        same(layout.warped(1, 3), &warp(&basis.table(1), WARPS[3]));
+        same(layout.diffuse(0), &Lambert { albedo: 1.0 }.to_bivariate());
+        same(layout.diffuse(2), &Burley { albedo: 1.0, roughness: 0.5 }.to_bivariate());
+        same(layout.diffuse(4), &Undercoat { albedo: 1.0, f0: 0.04 }.to_bivariate());
+        same(layout.sheen(1), &Sheen { factor: 1.0, width: SHEENS[1] }.to_bivariate());
+        same(layout.lobe(9, 2, true), &lobes(ALPHAS[9], &TAILS)[2][1]);
+    }
+
+    #[test]
+    fn warps_widen_the_highlight_and_nothing_else() {
+        let table = BivariateTable::from_fn(|h, d| 0.1 + d + (-(h.tan() / 0.1).powi(2)).exp());
+        let wide = warp(&table, 2.0);
+        let want = BivariateTable::from_fn(|h, d| 0.1 + d + (-(h.tan() / 0.2).powi(2)).exp());
+        for c in 0..CELLS {
+            let (a, b) = (wide.as_slice()[c], want.as_slice()[c]);
+            assert!((a - b).abs() < 0.005, "{} {a} {b}", theta_h_of(c / 90));
+        }
+    }
+}

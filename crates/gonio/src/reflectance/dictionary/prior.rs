@@ -1,0 +1,265 @@
+//! The prior of materials: what is drawn from components, and how often.
+
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+
+use super::components::{ALPHAS, DIFFUSE, Layout, SHEENS, TAILS, WARPS};
+use super::{Dictionary, Mixture};
+
+/// Kinds of materials of the prior.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// A measured material.
+    Measured,
+    /// A measured material with highlights up to twice or half as wide.
+    Warped,
+    /// Two measured materials.
+    Pair,
+    /// A measured material and a diffuse reflector.
+    Based,
+    /// A measured material below a clear surface.
+    Coated,
+    /// A diffuse base with the lobe or two of a dielectric.
+    Dielectric,
+    /// The lobe or two of a metal, and a faint diffuse part.
+    Metal,
+    /// A diffuse base with the sheen of cloth, which may have a lobe too.
+    Cloth,
+}
+
+impl Kind {
+    /// All, in the order of [`Prior::shares`].
+    pub const ALL: [Self; 8] = [
+        Self::Measured,
+        Self::Warped,
+        Self::Pair,
+        Self::Based,
+        Self::Coated,
+        Self::Dielectric,
+        Self::Metal,
+        Self::Cloth,
+    ];
+}
+
+/// How often each kind of material is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Prior {
+    /// By kind, in the order of [`Kind::ALL`]: not negative, not all zero.
+    pub shares: [f64; 8],
+}
+
+impl Default for Prior {
+    /// Chosen by leaving out materials, lights and whole kinds (`docs/trials.md`).
+    fn default() -> Self {
+        Self { shares: [0.3, 0.1, 0.15, 0.1, 0.05, 0.15, 0.08, 0.07] }
+    }
+}
+
+impl Prior {
+    /// Of these kinds in the proportions of the default.
+    pub fn of(kinds: &[Kind]) -> Self {
+        let mut shares = Self::default().shares;
+        for (share, kind) in shares.iter_mut().zip(Kind::ALL) {
+            if !kinds.contains(&kind) {
+                *share = 0.0;
+            }
+        }
+        Self { shares }
+    }
+
+    fn kind(&self, rng: &mut Pcg64) -> Kind {
+        let mut at = rng.random_range(0.0..self.shares.iter().sum::<f64>());
+        for (share, kind) in self.shares.iter().zip(Kind::ALL) {
+            if at < *share {
+                return kind;
+            }
+            at -= share;
+        }
+        // Round-off: the last that occurs.
+        let last = self.shares.iter().rposition(|s| *s > 0.0);
+        Kind::ALL[last.unwrap_or(0)]
+    }
+}
+
+impl Dictionary {
+    /// A material drawn from the prior.
+    pub fn draw(&self, prior: &Prior, rng: &mut Pcg64) -> Mixture {
+        let kind = prior.kind(rng);
+        let mut draw = Draw { layout: self.layout(), albedos: &self.albedos, rng };
+        let mixture = draw.of(kind);
+        let total: f64 = mixture.iter().map(|(_, w)| w).sum();
+        mixture.into_iter().filter(|(_, w)| *w > 0.0).map(|(c, w)| (c, w / total)).collect()
+    }
+}
+
+/// Drawing, with weights that are albedos.
+struct Draw<'a> {
+    layout: Layout,
+    albedos: &'a [f64],
+    rng: &'a mut Pcg64,
+}
+
+impl Draw<'_> {
+    fn of(&mut self, kind: Kind) -> Mixture {
+        let share = self.between(0.0, 1.0);
+        let mut parts = Vec::new();
+        match kind {
+            Kind::Measured => parts.push((self.material(), 1.0)),
+            Kind::Warped => self.warped(&mut parts),
+            Kind::Pair => parts.extend([(self.material(), share), (self.material(), 1.0 - share)]),
+            Kind::Based => {
+                parts.push((self.material(), share));
+                self.diffuse(1.0 - share, &mut parts);
+            }
+            Kind::Coated => {
+                parts.push((self.material(), self.log_between(0.02, 0.8)));
+                self.lobes((0.02, 0.08), (0.0, 9.0), &mut parts);
+            }
+            Kind::Dielectric => {
+                let albedo = self.log_between(0.02, 0.8);
+                self.diffuse(albedo, &mut parts);
+                self.lobes((0.02, 0.08), (0.0, (ALPHAS.len() - 1) as f64), &mut parts);
+            }
+            Kind::Metal => {
+                let albedo = self.log_between(0.002, 0.2);
+                self.diffuse(albedo, &mut parts);
+                self.lobes((0.3, 1.0), (0.0, (ALPHAS.len() - 1) as f64), &mut parts);
+            }
+            Kind::Cloth => {
+                let albedo = self.log_between(0.02, 0.8);
+                self.diffuse(albedo, &mut parts);
+                let sheen = self.layout.sheen(self.rng.random_range(0..SHEENS.len()));
+                let factor = self.log_between(0.05, 1.0);
+                parts.push((sheen, factor * self.albedos[sheen]));
+                if share < 0.3 {
+                    self.lobes((0.02, 0.08), (7.0, (ALPHAS.len() - 1) as f64), &mut parts);
+                }
+            }
+        }
+        parts
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        self.rng.random_range(low..high)
+    }
+
+    fn log_between(&mut self, low: f64, high: f64) -> f64 {
+        self.between(low.ln(), high.ln()).exp()
+    }
+
+    fn material(&mut self) -> usize {
+        self.rng.random_range(0..self.layout.measured)
+    }
+
+    fn warped(&mut self, parts: &mut Mixture) {
+        let material = self.material();
+        // The material itself stands between the warps to either side.
+        let at = self.between(0.0, WARPS.len() as f64);
+        let component = |step: usize| match step.cmp(&(WARPS.len() / 2)) {
+            std::cmp::Ordering::Less => self.layout.warped(material, step),
+            std::cmp::Ordering::Equal => material,
+            std::cmp::Ordering::Greater => self.layout.warped(material, step - 1),
+        };
+        parts.extend([(component(at as usize), 1.0 - at.fract()), (component(at as usize + 1), at.fract())]);
+    }
+
+    /// Two kinds of diffuse reflection in any proportion, in half of the cases Lambert's alone.
+    fn diffuse(&mut self, albedo: f64, parts: &mut Mixture) {
+        if self.rng.random_range(0..2) == 0 {
+            parts.push((self.layout.diffuse(0), albedo));
+            return;
+        }
+        let share = self.between(0.0, 1.0);
+        for share in [share, 1.0 - share] {
+            parts.push((self.layout.diffuse(self.rng.random_range(0..DIFFUSE)), share * albedo));
+        }
+    }
+
+    /// A lobe, in three of ten cases with a wider one beside it. `f0`: range of the reflectance along the normal; `widths`: range
+    /// of the place in [`ALPHAS`].
+    fn lobes(&mut self, f0: (f64, f64), widths: (f64, f64), parts: &mut Mixture) {
+        let f0 = self.between(f0.0, f0.1);
+        let width = self.between(widths.0, widths.1);
+        let tail = self.rng.random_range(0..TAILS.len());
+        let second = if self.between(0.0, 1.0) < 0.3 { self.between(0.1, 0.7) } else { 0.0 };
+        self.lobe(f0, width, tail, 1.0 - second, parts);
+        if second > 0.0 {
+            let wider = self.between(width, (ALPHAS.len() - 1) as f64);
+            self.lobe(f0, wider, tail, second, parts);
+        }
+    }
+
+    fn lobe(&self, f0: f64, width: f64, tail: usize, weight: f64, parts: &mut Mixture) {
+        let narrow = (width as usize).min(ALPHAS.len() - 2);
+        let blend = width - narrow as f64;
+        for (at, share) in [(narrow, 1.0 - blend), (narrow + 1, blend)] {
+            for (full, part) in [(false, 1.0 - f0), (true, f0)] {
+                let component = self.layout.lobe(at, tail, full);
+                parts.push((component, weight * share * part * self.albedos[component]));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::super::super::log_basis::LogBasis;
+    use super::super::super::parametric::{Ggx, Parametric};
+    use super::super::super::table::BivariateTable;
+    use super::super::DictionarySettings;
+    use super::*;
+
+    fn dictionary() -> Dictionary {
+        let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.05 + (-(h / w).powi(2)).exp());
+        let set: Vec<(String, BivariateTable)> = [0.1, 0.3, 0.9].map(|w| (w.to_string(), lobe(w))).into();
+        Dictionary::new(LogBasis::fit(&set, 9), &DictionarySettings { draws: 1, ..Default::default() })
+    }
+
+    #[test]
+    fn kinds_come_as_often_as_they_should_and_are_what_they_say() {
+        let dictionary = dictionary();
+        let layout = dictionary.layout();
+        let mut rng = Pcg64::seed_from_u64(3);
+        let mut counts = [0; 8];
+        for _ in 0..4000 {
+            let kind = Prior::default().kind(&mut rng);
+            counts[Kind::ALL.iter().position(|k| *k == kind).unwrap()] += 1;
+        }
+        for (count, share) in counts.iter().zip(Prior::default().shares) {
+            assert!((f64::from(*count) / 4000.0 - share).abs() < 0.03, "{counts:?}");
+        }
+        let measured = |c: usize| c < layout.diffuse(0);
+        let sheen = |c: usize| (layout.sheen(0)..layout.sheen(SHEENS.len())).contains(&c);
+        for (at, kind) in Kind::ALL.into_iter().enumerate() {
+            for _ in 0..200 {
+                let mixture = dictionary.draw(&Prior::of(&[kind]), &mut rng);
+                let sum: f64 = mixture.iter().map(|(_, w)| w).sum();
+                assert!((sum - 1.0).abs() < 1e-12 && mixture.iter().all(|m| m.0 < layout.count()));
+                assert_eq!(mixture.iter().any(|m| measured(m.0)), at < 5, "{kind:?}");
+                assert_eq!(mixture.iter().any(|m| sheen(m.0)), kind == Kind::Cloth);
+                if kind == Kind::Warped {
+                    let material = |c: usize| if c < 3 { c } else { (c - 3) / WARPS.len() };
+                    assert!(mixture.iter().all(|m| material(m.0) == material(mixture[0].0)), "{mixture:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lobes_have_their_own_reflectance_and_width() {
+        // The lobes of full and of no reflectance make the lobe of any: Schlick's formula is linear in it.
+        let dictionary = dictionary();
+        let mut rng = Pcg64::seed_from_u64(0);
+        let draw = Draw { layout: dictionary.layout(), albedos: &dictionary.albedos, rng: &mut rng };
+        let mut parts = Vec::new();
+        draw.lobe(0.3, 8.0, 1, 1.0, &mut parts);
+        let want = Ggx { diffuse: 0.0, f0: 0.3, alpha: ALPHAS[8] }.to_bivariate();
+        for (a, b) in dictionary.table(&parts).as_slice().iter().zip(want.as_slice()) {
+            assert!((a - b).abs() <= 1e-4 * b.abs() + 1e-7, "{a} {b}");
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! Microfacet lobes as tables, many at once.
+
+use super::{Facet, HORIZON};
+use crate::reflectance::table::{BivariateTable, CELLS, PHI_D, THETA_D, theta_d_of, theta_h_of};
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// The mean over `phi_d` of what depends on light and view alike, as
+/// [`Parametric::to_bivariate`](super::Parametric::to_bivariate) takes it, up to round-off: a swap of the two is
+/// `180 degrees - phi_d`, so that half of the samples do.
+pub(super) fn averaged(value: impl Fn(&Facet) -> f64 + Sync) -> BivariateTable {
+    let cosines: Vec<f64> = (0..=PHI_D / 2).map(|k| (k as f64).to_radians().cos()).collect();
+    let cell = |c: usize| {
+        let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+        let (level, swing) = (h.cos() * d.cos(), h.sin() * d.sin());
+        let (cos_h, cos_d, tan2_h) = (h.cos(), d.cos(), h.tan().powi(2));
+        let (mut sum, mut count) = (0.0, 0_u32);
+        for (k, cosine) in cosines.iter().enumerate() {
+            let (cos_i, cos_o) = (level - swing * cosine, level + swing * cosine);
+            if cos_i > HORIZON && cos_o > HORIZON {
+                let times = if k == 0 || 2 * k == PHI_D { 1 } else { 2 };
+                sum += f64::from(times) * value(&Facet { cos_i, cos_o, cos_h, cos_d, tan2_h });
+                count += times;
+            }
+        }
+        if count > 0 { (sum / f64::from(count)) as f32 } else { 0.0 }
+    };
+    BivariateTable::from_vec((0..CELLS).into_par_iter().map(cell).collect())
+}
+
+/// Density of the normals of facets whose slopes are distributed as Student's t (Ribardiere et al. 2017), which integrates with
+/// `cos_h` to 1 over the hemisphere: GGX for a `tail` of 2, Beckmann's for an infinite one, heavier tails between 1 and 2.
+pub(super) fn student(facet: &Facet, alpha: f64, tail: f64) -> f64 {
+    let a2 = alpha * alpha;
+    (1.0 + facet.tan2_h / ((tail - 1.0) * a2)).powf(-tail) / (PI * a2 * facet.cos_h.powi(4))
+}
+
+/// `G / (4 cos_i cos_o)` by Smith for GGX, height-correlated (Heitz 2014), without its removable singularity at the horizon.
+pub(super) fn visibility(a2: f64, ci: f64, co: f64) -> f64 {
+    0.5 / (co * (a2 + (1.0 - a2) * ci * ci).sqrt() + ci * (a2 + (1.0 - a2) * co * co).sqrt())
+}
+
+/// For each tail (above 1, see [`student`]) the lobe of width `alpha` (above 0, at most 1) that reflects nothing along the normal, `f0 = 0`, and the one
+/// that reflects all, `f0 = 1`, by Schlick's formula; those between are their mixtures. For a tail of 2 they are the lobes of
+/// [`Ggx`](super::Ggx), whose masking stands for that of all.
+pub fn lobes(alpha: f64, tails: &[f64]) -> Vec<[BivariateTable; 2]> {
+    // Only masking depends on phi_d.
+    let masked = averaged(|facet| visibility(alpha * alpha, facet.cos_i, facet.cos_o));
+    let lobe = |tail: f64| {
+        let cells: Vec<[f32; 2]> = (0..CELLS)
+            .into_par_iter()
+            .map(|c| {
+                let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+                let facet =
+                    Facet { cos_i: 1.0, cos_o: 1.0, cos_h: h.cos(), cos_d: d.cos(), tan2_h: h.tan().powi(2) };
+                let mirror = student(&facet, alpha, tail) * f64::from(masked.as_slice()[c]);
+                [0.0, 1.0].map(|f0| (mirror * facet.schlick(f0)) as f32)
+            })
+            .collect();
+        [0, 1].map(|which| BivariateTable::from_vec(cells.iter().map(|c| c[which]).collect()))
+    };
+    tails.iter().map(|&tail| lobe(tail)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Ggx, Parametric};
+    use super::*;
+
+    #[test]
+    fn a_tail_of_two_is_ggx() {
+        for alpha in [0.03, 0.4] {
+            for (f0, lobe) in [0.0, 1.0].into_iter().zip(&lobes(alpha, &[2.0])[0]) {
+                let want = Ggx { diffuse: 0.0, f0, alpha }.to_bivariate();
+                for (c, (a, b)) in lobe.as_slice().iter().zip(want.as_slice()).enumerate() {
+                    assert!((a - b).abs() <= 1e-5 * b.abs() + 1e-12, "{alpha} {f0} {c}: {a} {b}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn distributions_are_normalised() {
+        for (alpha, tail) in [(0.1, 1.5), (0.5, 2.0), (1.0, 6.0), (0.3, 300.0_f64)] {
+            // tan^2 = (tail - 1) alpha^2 (v^(-1/(tail - 1)) - 1) makes the integrand constant; the measure is pi cos^4 dtan^2.
+            let (n, q) = (2000, 1.0 / (tail - 1.0));
+            let sum: f64 = (0..n)
+                .map(|i| {
+                    let v = (i as f64 + 0.5) / n as f64;
+                    let t = (tail - 1.0) * alpha * alpha * (v.powf(-q) - 1.0);
+                    let cos_h = (1.0 + t).powf(-0.5);
+                    let facet = Facet { cos_i: 1.0, cos_o: 1.0, cos_h, cos_d: 1.0, tan2_h: t };
+                    let slope = alpha * alpha * v.powf(-q - 1.0);
+                    student(&facet, alpha, tail) * PI * cos_h.powi(4) * slope / n as f64
+                })
+                .sum();
+            assert!((sum - 1.0).abs() < 1e-6, "{alpha} {tail}: {sum}");
+        }
+        // Beckmann in the limit.
+        let facet = Facet { cos_i: 1.0, cos_o: 1.0, cos_h: 0.9, cos_d: 1.0, tan2_h: 0.1 };
+        let beckmann = (-0.1_f64 / 0.09).exp() / (PI * 0.09 * 0.9_f64.powi(4));
+        assert!((student(&facet, 0.3, 1e7) / beckmann - 1.0).abs() < 1e-5);
+    }
+}

@@ -37,7 +37,7 @@ pub(crate) struct Options {
     /// Folds that materials and lights are divided into, both at once.
     #[arg(long, default_value_t = 4)]
     folds: usize,
-    /// How many of them are left out in turn.
+    /// How many of them are left out in turn [default: all].
     #[arg(long)]
     first: Option<usize>,
     /// Kinds of materials that are left out of the prior, and tested beside the measured ones.
@@ -46,6 +46,9 @@ pub(crate) struct Options {
     /// Cameras in each light.
     #[arg(long, default_value_t = 6)]
     cameras: usize,
+    /// Materials before each camera.
+    #[arg(long, default_value_t = 60)]
+    draws: usize,
     /// Coordinates of materials.
     #[arg(long)]
     dimensions: Option<usize>,
@@ -93,15 +96,15 @@ struct Outcome {
     relative: f64,
     log: f64,
     brdf: f64,
-    /// Contrast of the highlight over that of the reference.
+    /// Gloss index less that of the reference.
     gloss: f64,
     /// 50 and 90 %, by spread.
     coverage: Option<Vec<[f64; 2]>>,
 }
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
-    if options.folds < 2 || options.cameras == 0 {
-        bail!("--folds must be at least 2 and --cameras at least 1");
+    if options.folds < 2 || options.cameras == 0 || options.draws == 0 {
+        bail!("--folds must be at least 2, --cameras and --draws at least 1");
     }
     let all = Materials::open(data, None)?;
     let held = all.held_out();
@@ -152,8 +155,12 @@ fn learn(
         ..default
     };
     let dictionary = Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &settings);
-    let conditions =
-        SimulationSettings { cameras: options.cameras, prior: settings.prior, ..SimulationSettings::default() };
+    let conditions = SimulationSettings {
+        cameras: options.cameras,
+        draws: options.draws,
+        prior: settings.prior,
+        ..SimulationSettings::default()
+    };
     let mut simulation = Simulation::new(dictionary, conditions);
     let progress = Progress::new("simulating", names.len());
     for name in names {
@@ -244,8 +251,7 @@ impl Test {
         }
         let coverage = intervals.then(|| {
             let covered = |spread: f64| {
-                let quantiles =
-                    posterior.quantiles_spread(&amortised.dictionary, &[0.05, 0.25, 0.75, 0.95], spread);
+                let quantiles = posterior.quantiles_spread(&amortised.dictionary, &[0.05, 0.25, 0.75, 0.95], spread);
                 coverage(estimate, &quantiles.try_into().expect("four shares"), truth)
             };
             SPREADS.map(covered).to_vec()
@@ -256,7 +262,7 @@ impl Test {
             relative,
             log,
             brdf: brdf_error(estimate, truth),
-            gloss: Gloss::of(estimate).contrast / Gloss::of(truth).contrast,
+            gloss: Gloss::of(estimate).peak - Gloss::of(truth).peak,
             coverage,
         }
     }
@@ -265,9 +271,9 @@ impl Test {
 /// Tables by group, and the materials that are hardest.
 fn report(outcomes: &[Outcome]) -> String {
     use std::fmt::Write;
-    let mut out = String::from("| group | photographs | relight | log | BRDF log | > 4x glossier |");
+    let mut out = String::from("| group | photographs | relight | log | BRDF log | > 4x glossier | > 4x duller |");
     SPREADS.iter().for_each(|s| write!(out, " 50 / 90 % at {s} |").expect("memory"));
-    out += "\n|---|---|---|---|---|---|";
+    out += "\n|---|---|---|---|---|---|---|";
     out += &"---|".repeat(SPREADS.len());
     let mut groups: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
     outcomes.iter().for_each(|o| groups.entry(&o.group).or_default().push(o));
@@ -278,15 +284,17 @@ fn report(outcomes: &[Outcome]) -> String {
             let ninety = values[(0.9 * (values.len() - 1) as f64).round() as usize];
             format!("{:.3} ({ninety:.2})", median(values))
         };
-        let glossier = list.iter().filter(|o| o.gloss > 4.0).count() as f64 / list.len() as f64;
+        let share = |outside: fn(f64) -> bool| {
+            100.0 * list.iter().filter(|o| outside(o.gloss)).count() as f64 / list.len() as f64
+        };
+        let (glossier, duller) = (share(|gloss| gloss > 4_f64.ln()), share(|gloss| gloss < -4_f64.ln()));
         write!(
             out,
-            "\n| {group} | {} | {} | {} | {} | {:.1} % |",
+            "\n| {group} | {} | {} | {} | {} | {glossier:.1} % | {duller:.1} % |",
             list.len(),
             middle(|o| o.relative),
             middle(|o| o.log),
             middle(|o| o.brdf),
-            100.0 * glossier
         )
         .expect("memory");
         for spread in 0..SPREADS.len() {

@@ -5,6 +5,7 @@ mod bases;
 mod bench;
 mod data;
 mod folds;
+mod lights;
 mod materials;
 mod metrics;
 mod outside;
@@ -35,6 +36,8 @@ enum Command {
     Paper(paper::Options),
     /// Convergence of the transfer's quadrature against a brute-force reference.
     Quadrature,
+    /// Ways to find the light given the BRDF against each other, on lights and materials of the training.
+    Lights(lights::Options),
     /// Estimators and references against each other over a grid of materials and lights.
     Bench(Box<bench::Options>),
     /// The learnt posterior on training materials in training lights that it has not seen.
@@ -49,6 +52,7 @@ fn main() -> ExitCode {
     let result = match args.command {
         Command::Paper(options) => paper::run(&data, &options),
         Command::Quadrature => quadrature::run(&data),
+        Command::Lights(options) => lights::run(&data, &options),
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),

@@ -4,15 +4,14 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use gonio::appearance::{Lattice, Statistics};
-use gonio::inference::Hyper;
 use gonio::inference::amortised::{Amortised, MaterialPosterior, Neighbour, peak_over_base};
-use gonio::inference::marginal::{EvidenceSettings, LightOperator, Marginal, NonNegativeSettings};
+use gonio::inference::marginal::{LightProblem, NonNegativeSettings, cut_off_at_zero};
 use gonio::lighting::LightGrid;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 use gonio::scene::Observations;
 use gonio::sphere::fibonacci_hemisphere;
-use gonio::transfer::{PlanSettings, Projected, SurfacePoint};
+use gonio::transfer::{PlanSettings, SurfacePoint};
 use serde_json::{Value, json};
 
 use super::{Answer, Options, Outlook, with_albedo};
@@ -25,15 +24,9 @@ const ROWS: usize = 1600;
 /// With fewer observations apart from each other, whatever there are is taken.
 const FEWEST: usize = 200;
 
-/// Steps of the light's expectation maximisation: it is for looking at, and the last steps change little that is seen.
-const STEPS: usize = 10;
-
-/// Iterations that make it non-negative.
-const ITERATIONS: usize = 40;
-
-/// The non-negative light is taken if its misfit is no more than so many times that of the mean and this share of the picture.
-const WORSE: f64 = 1.2;
-const SLACK: f64 = 0.02;
+/// The largest grid on which the light is kept from negative texels by its posterior, which takes a minute there; on finer ones, whose
+/// dense matrices would not fit, the mean is cut off at zero.
+const LARGEST: usize = 64;
 
 /// Materials named in the result: at most so many, of at least this weight.
 const NAMED: (usize, f64) = (10, 0.005);
@@ -65,16 +58,19 @@ pub(super) fn answer(
     let posterior = amortised.posterior(&statistics);
     let strangeness = amortised.strangeness(&statistics);
     let (table, scale) = with_albedo(&posterior.mean);
-    let material = describe(amortised, &posterior, scale);
+    let posterior_seconds = started.elapsed().as_secs_f64();
+    // The factorisations of the light leave a core idle half of the time.
+    let (material, light) = rayon::join(
+        || describe(amortised, &posterior, scale),
+        || find_light(options, model, observations, &posterior.mean),
+    );
+    let light = light?;
     let filled = gathered.filled as f64 / lattice.normals().len() as f64;
     warnings.extend(doubts(filled, strangeness, material.open));
-    let posterior_seconds = started.elapsed().as_secs_f64();
-
-    let light = find_light(options, model, observations, &posterior.mean)?;
     let radiance: Vec<f64> = light.coefficients.iter().map(|l| l / scale).collect();
     let share = |n: &Neighbour| json!({ "name": n.name, "weight": n.weight });
     let sections = json!({
-        "settings": { "grid": options.grid, "linear": options.linear, "rows": ROWS, "steps": STEPS },
+        "settings": { "grid": options.grid, "linear": options.linear, "rows": ROWS, "steps": LightProblem::STEPS },
         "posterior": {
             "materials": material.outlook.materials.iter().map(share).collect::<Vec<_>>(),
             "undetermined": material.open,
@@ -178,54 +174,45 @@ struct Light {
     seconds: f64,
 }
 
-/// The most probable non-negative light given the BRDF.
+/// The mean of the light without negative texels given the BRDF: of the ways compared by `gonio-eval lights` the nearest to the true one.
 fn find_light(options: &Options, model: &Model, observations: &Observations, table: &BivariateTable) -> Result<Light> {
     let stage = Stage::new("integrating the BRDF");
     let settings = PlanSettings { side: options.grid, ..PlanSettings::default() };
     let (points, values): (Vec<SurfacePoint>, Vec<Option<f64>>) = thinned(observations).into_iter().unzip();
-    let tables = std::slice::from_ref(table);
-    let rows = Projected::unprojected(&points, &values, tables, &model.light, &settings)?;
-    let operator = LightOperator::of_reflectance(&rows.bilinear, &[1.0]);
+    let problem = LightProblem::new(&points, &values, table, &model.light, &settings)
+        .with_context(|| options.image.display().to_string())?;
     let transfer_seconds = stage.finish();
     let stage = Stage::new("estimating the light");
 
-    let (target, m) = (&rows.target, operator.m());
-    let hyper = Hyper::with_model_error(target.len());
-    let image = Marginal::new(target, 0.0, target.len(), m, &model.light, hyper)
-        .with_context(|| options.image.display().to_string())?;
-    let evidence =
-        image.evidence(&operator, &EvidenceSettings { max_steps: STEPS, tolerance: 0.1, ..Default::default() })?;
-    let settings = NonNegativeSettings { max_iterations: ITERATIONS, ..Default::default() };
-    let positive = image.non_negative_light(&operator, &evidence, &settings)?;
-    let energy: f64 = target.iter().map(|t| t * t).sum();
-    let on_scale = |light: &[f64]| -> Vec<f64> { light.iter().map(|l| l * evidence.exposure).collect() };
-    let misfit = |light: &[f64]| {
-        let image = rows.bilinear.apply(&on_scale(light), &[1.0]);
-        (image.iter().zip(target).map(|(y, t)| (t - y).powi(2)).sum::<f64>() / energy).sqrt()
+    let evidence = problem.posterior()?;
+    let (light, sd, exposure, how) = if options.grid <= LARGEST {
+        let found = problem.non_negative(&evidence, &NonNegativeSettings::default())?;
+        let how =
+            json!({ "estimator": "mean without negative texels", "steps": found.steps, "settled": found.converged });
+        (found.light, found.light_sd, found.exposure, how)
+    } else {
+        let how = json!({ "estimator": "mean cut off at zero" });
+        (cut_off_at_zero(&evidence.light), evidence.light_sd.clone(), evidence.exposure, how)
     };
-    // Where the image says much its search is long; the mean with its negative texels is then the better light.
-    let non_negative = misfit(&positive) <= WORSE * misfit(&evidence.light) + SLACK;
-    let light = if non_negative { positive } else { evidence.light };
-    let misfit = misfit(&light);
-    let coefficients = on_scale(&light);
+    let coefficients: Vec<f64> = light.iter().map(|l| l * exposure).collect();
     let notes = json!({
         "coefficients": light,
-        "sd": evidence.light_sd,
-        "exposure": evidence.exposure,
-        "non_negative": non_negative,
-        "rows": target.len(),
+        "sd": sd,
+        "exposure": exposure,
+        "non_negative": how,
+        "rows": problem.rows(),
         "evidence": {
             "objective": evidence.objective, "effective": evidence.effective, "converged": evidence.converged,
             "trace": evidence.trace,
         },
-        "note": "given the mean of the posterior of reflectance: the most probable light without negative texels, or where \
-                 that is not found in a few steps the mean of the posterior of light",
+        "note": "given the mean of the posterior of reflectance: the mean of the posterior of the light among those without \
+                 negative texels",
     });
     Ok(Light {
+        misfit: problem.misfit(&coefficients),
         coefficients,
         noise: evidence.noise,
-        relative_noise: evidence.noise / (energy / target.len() as f64).sqrt(),
-        misfit,
+        relative_noise: evidence.noise / problem.rms(),
         notes,
         transfer_seconds,
         seconds: stage.finish(),

@@ -20,4 +20,5 @@ mod summary;
 pub(crate) use merge::{MergeOptions, merge};
 pub(crate) use options::Options;
 pub(crate) use progress::Progress;
+pub(crate) use renders::ACCURACY;
 pub(crate) use run::bench;

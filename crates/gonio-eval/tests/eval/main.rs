@@ -2,4 +2,5 @@
 
 mod bench;
 mod data;
+mod folds;
 mod world;

@@ -72,7 +72,8 @@ pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
     }
     let network = Network { layers };
     // Before anything is computed from it.
-    check_posterior(&measured, &entries, &coordinates, &places, &scaling, &network).map_err(|e| wrong(e.to_string()))?;
+    check_posterior(&measured, &entries, &coordinates, &places, &scaling, &network)
+        .map_err(|e| wrong(e.to_string()))?;
     Ok(Amortised { dictionary: Dictionary::restore(measured, entries, coordinates, places), scaling, network })
 }
 

@@ -1,17 +1,12 @@
 //! The algebra of `S = I + rho B V B'`, the covariance of an image in units of its noise, in the smaller of two spaces.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::reborrow::ReborrowMut;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-use crate::transfer::column_bands;
-
-/// Columns of a result that one sequential product or solve makes: results do not depend on the number of threads.
-const BAND: usize = 128;
+use super::dense::{Cholesky, bands_of};
 
 /// Which of two equal matrices is factorised; `X = B V^(1/2)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,6 +55,13 @@ impl Design {
     pub(super) fn adjoint(&self, e: &[f64]) -> Vec<f64> {
         (0..self.matrix.ncols()).map(|m| self.matrix.col(m).iter().zip(e).map(|(b, e)| b * e).sum()).collect()
     }
+
+    /// `rho B'B + diag(d)` (M x M): the precision of the posterior under prior precisions `d`.
+    pub(super) fn precision(&self, rho: f64, d: &[f64]) -> Mat<f64> {
+        let made = self.gram.is_none().then(|| lower_of_product(self.matrix.transpose(), self.matrix.as_ref()));
+        let gram = self.gram.as_ref().or(made.as_ref()).expect("one of the two");
+        Mat::from_fn(d.len(), d.len(), |i, j| rho * gram[(i.max(j), i.min(j))] + if i == j { d[i] } else { 0.0 })
+    }
 }
 
 /// A factorised `S` at prior variances `V` and a ratio `rho = b g^2` of signal to noise.
@@ -69,8 +71,8 @@ pub(super) struct Factor<'a> {
     rho: f64,
     /// `B V^(1/2)`, rows x M.
     scaled: Mat<f64>,
-    /// Lower Cholesky factor of the form's matrix; what is above its diagonal means nothing.
-    lower: Mat<f64>,
+    /// Of the form's matrix.
+    cholesky: Cholesky,
     /// `L^-1 X` (rows x M) of the form by rows, `L^-1` (M x M) of the form by light.
     solved: Option<Mat<f64>>,
 }
@@ -79,7 +81,7 @@ impl<'a> Factor<'a> {
     /// Factorises at the variances of the M light coefficients (zero for a constant) and `rho > 0`. `None` where the
     /// matrix is not finite.
     pub(super) fn new(design: &'a Design, variances: &[f64], rho: f64) -> Option<Self> {
-        let (rows, m) = (design.matrix.nrows(), design.matrix.ncols());
+        let m = design.matrix.ncols();
         assert_eq!(variances.len(), m);
         let roots: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
         let mut scaled = design.matrix.clone();
@@ -95,18 +97,8 @@ impl<'a> Factor<'a> {
                 *x = rho * *x + f64::from(u8::from(i == j));
             }
         }
-        let size = if design.gram.is_some() { m } else { rows };
-        let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
-        let stack = MemStack::new(&mut memory);
-        cholesky_in_place(lower.as_mut(), Default::default(), Par::Seq, stack, Default::default()).ok()?;
-        (0..size).all(|i| lower[(i, i)].is_finite()).then(|| Self {
-            design,
-            variances: variances.to_vec(),
-            rho,
-            scaled,
-            lower,
-            solved: None,
-        })
+        let cholesky = Cholesky::new(lower)?;
+        Some(Self { design, variances: variances.to_vec(), rho, scaled, cholesky, solved: None })
     }
 
     fn by_rows(&self) -> bool {
@@ -115,15 +107,8 @@ impl<'a> Factor<'a> {
 
     /// `log det S`.
     pub(super) fn log_det(&self) -> f64 {
-        2.0 * (0..self.lower.nrows()).map(|i| self.lower[(i, i)].ln()).sum::<f64>()
-    }
-
-    /// `L^-T L^-1 x` in the space of the form.
-    fn whole_solve(&self, x: &[f64]) -> Vec<f64> {
-        let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
-        solve_lower_triangular_in_place(self.lower.as_ref(), x.as_mut(), Par::Seq);
-        solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
-        x.col(0).iter().copied().collect()
+        let lower = &self.cholesky.lower;
+        2.0 * (0..lower.nrows()).map(|i| lower[(i, i)].ln()).sum::<f64>()
     }
 
     /// `V^(1/2) B' e` (M).
@@ -135,7 +120,7 @@ impl<'a> Factor<'a> {
     /// `S^-1 x` (rows).
     pub(super) fn solve(&self, x: &[f64]) -> Vec<f64> {
         if self.by_rows() {
-            return self.whole_solve(x);
+            return self.cholesky.solve(x);
         }
         let mut solution = self.deflated(x);
         // The difference cancels where the light explains nearly all: refined once.
@@ -147,7 +132,7 @@ impl<'a> Factor<'a> {
 
     /// `S^-1 x = x - rho X (I + rho X'X)^-1 X' x` (rows), of the form by light.
     fn deflated(&self, x: &[f64]) -> Vec<f64> {
-        let fitted = self.design.times(&self.root_times(self.whole_solve(&self.scaled_adjoint(x))));
+        let fitted = self.design.times(&self.root_times(self.cholesky.solve(&self.scaled_adjoint(x))));
         x.iter().zip(fitted).map(|(x, fit)| x - self.rho * fit).collect()
     }
 
@@ -166,14 +151,14 @@ impl<'a> Factor<'a> {
     pub(super) fn covariance_column(&self, c: usize) -> Vec<f64> {
         if self.by_rows() {
             let column: Vec<f64> = self.design.matrix.col(c).iter().copied().collect();
-            let mut out = self.gain(&self.whole_solve(&column));
+            let mut out = self.gain(&self.cholesky.solve(&column));
             out.iter_mut().for_each(|x| *x *= -self.variances[c]);
             out[c] += self.variances[c];
             return out;
         }
         let mut unit = vec![0.0; self.variances.len()];
         unit[c] = self.variances[c].sqrt();
-        self.root_times(self.whole_solve(&unit))
+        self.root_times(self.cholesky.solve(&unit))
     }
 
     /// Solves for what variances and gradients share.
@@ -181,16 +166,16 @@ impl<'a> Factor<'a> {
         if self.solved.is_some() {
             return;
         }
-        let mut solved =
-            if self.by_rows() { self.scaled.clone() } else { Mat::identity(self.lower.nrows(), self.lower.nrows()) };
-        let (by_rows, lower) = (self.by_rows(), self.lower.as_ref());
-        bands_of(solved.as_mut()).into_par_iter().for_each(|(first, band)| {
-            // The columns of an inverse are zero above the diagonal.
-            let skip = if by_rows { 0 } else { first };
-            let rest = band.nrows() - skip;
-            let part = lower.submatrix(skip, skip, rest, rest);
-            solve_lower_triangular_in_place(part, band.subrows_mut(skip, rest), Par::Seq);
-        });
+        let solved = if self.by_rows() {
+            let mut solved = self.scaled.clone();
+            let lower = self.cholesky.lower.as_ref();
+            bands_of(solved.as_mut()).into_par_iter().for_each(|(_, band)| {
+                solve_lower_triangular_in_place(lower, band, Par::Seq);
+            });
+            solved
+        } else {
+            self.cholesky.inverse_of_lower()
+        };
         self.solved = Some(solved);
     }
 
@@ -210,11 +195,11 @@ impl<'a> Factor<'a> {
         let upper = |lower: MatRef<'_, f64>, band: MatMut<'_, f64>| {
             solve_upper_triangular_in_place(lower.transpose(), band, Par::Seq);
         };
-        let lower = self.lower.as_ref();
+        let lower = self.cholesky.lower.as_ref();
         let mut out = if self.by_rows() {
             self.ensure_solved();
             let mut out = self.solved.clone().expect("just solved");
-            let lower = self.lower.as_ref();
+            let lower = self.cholesky.lower.as_ref();
             bands_of(out.as_mut()).into_par_iter().for_each(|(_, band)| upper(lower, band));
             out
         } else {
@@ -230,11 +215,6 @@ impl<'a> Factor<'a> {
         }
         out
     }
-}
-
-fn bands_of<T>(matrix: MatMut<'_, T>) -> Vec<(usize, MatMut<'_, T>)> {
-    let count = matrix.ncols().div_ceil(BAND).max(1);
-    column_bands(matrix, count)
 }
 
 /// The lower triangle of the symmetric `a b`, band by band; some of what is above it is computed too.

@@ -21,16 +21,20 @@
 //! * [`Marginal::evidence`] climbs the bound for one `B` and returns it with the posterior of the light: [`Evidence`];
 //! * [`Marginal::gradient`] is how the bound changes with reflectance, [`Marginal::score`] compares candidates, and
 //!   [`Marginal::maximise`] finds the best reflectance near a start;
-//! * [`Marginal::non_negative_light`] is the most probable light without negative texels.
+//! * [`Marginal::non_negative_light`] is the mean of the light without negative texels;
+//! * [`LightProblem`] is all that for a photograph and one BRDF.
 //!
 //! Exposure `g` and precision `b` are maximised over, in their logarithms: the densities of `log g` and `log b` that
 //! follow from [`Hyper`] count, so that the best `b` is `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
 
+mod dense;
 mod evidence;
 mod factor;
 mod gradient;
 mod lbfgs;
+mod light;
 mod maximise;
+mod mode;
 mod operator;
 mod point;
 mod positive;
@@ -38,15 +42,17 @@ mod scales;
 mod score;
 #[cfg(test)]
 mod tests;
+mod truncated;
 
 use puruspe::ln_gamma;
 use thiserror::Error;
 
 pub use evidence::{Evidence, EvidenceSettings};
 pub use gradient::Gradient;
+pub use light::{LightError, LightProblem};
 pub use maximise::{MaximiseSettings, Maximum};
 pub use operator::LightOperator;
-pub use positive::NonNegativeSettings;
+pub use positive::{LightMode, NonNegativeLight, NonNegativeSettings, cut_off_at_zero};
 use scales::Scales;
 
 use super::{Hyper, Problem, ProblemError};

@@ -29,6 +29,19 @@ impl LightOperator {
         Self { matrix: Mat::from_fn(rows, m, |i, j| entries[i * m + j].into()) }
     }
 
+    /// The image `B l` (r) of light coefficients `l` (M).
+    ///
+    /// # Panics
+    /// If there are not M coefficients.
+    pub fn image(&self, light: &[f64]) -> Vec<f64> {
+        assert_eq!(light.len(), self.m());
+        let mut image = vec![0.0; self.rows()];
+        for (column, l) in self.matrix.col_iter().zip(light) {
+            image.iter_mut().zip(column.iter()).for_each(|(y, b)| *y += l * b);
+        }
+        image
+    }
+
     /// Number of rows r.
     pub fn rows(&self) -> usize {
         self.matrix.nrows()

@@ -116,17 +116,13 @@ impl Dictionary {
             mean: mean.iter().map(|v| *v as f32).collect(),
             axes: axes.iter().zip(&variances).map(scaled).collect(),
         };
-        dictionary.places = dictionary.entries.par_iter().map(|e| dictionary.coordinates.of(&dictionary.table(e))).collect();
+        dictionary.places =
+            dictionary.entries.par_iter().map(|e| dictionary.coordinates.of(&dictionary.table(e))).collect();
         dictionary
     }
 
     /// The dictionary with entries, coordinates and places that were made before.
-    pub fn restore(
-        measured: LogBasis,
-        entries: Vec<Mixture>,
-        coordinates: Coordinates,
-        places: Vec<Vec<f64>>,
-    ) -> Self {
+    pub fn restore(measured: LogBasis, entries: Vec<Mixture>, coordinates: Coordinates, places: Vec<Vec<f64>>) -> Self {
         Self { entries, coordinates, places, ..Self::components_of(measured) }
     }
 

@@ -51,8 +51,7 @@ pub fn lobes(alpha: f64, tails: &[f64]) -> Vec<[BivariateTable; 2]> {
             .into_par_iter()
             .map(|c| {
                 let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
-                let facet =
-                    Facet { cos_i: 1.0, cos_o: 1.0, cos_h: h.cos(), cos_d: d.cos(), tan2_h: h.tan().powi(2) };
+                let facet = Facet { cos_i: 1.0, cos_o: 1.0, cos_h: h.cos(), cos_d: d.cos(), tan2_h: h.tan().powi(2) };
                 let mirror = student(&facet, alpha, tail) * f64::from(masked.as_slice()[c]);
                 [0.0, 1.0].map(|f0| (mirror * facet.schlick(f0)) as f32)
             })

@@ -1,0 +1,67 @@
+//! Cholesky factors of dense matrices, the same on any number of threads.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::{Mat, MatMut, Par};
+use rayon::prelude::*;
+
+use crate::transfer::column_bands;
+
+/// Columns of a result that one sequential product or solve makes: results do not depend on the number of threads.
+const BAND: usize = 128;
+
+/// The lower factor `L` of a symmetric positive definite `L L'` (n x n); what is above its diagonal means nothing.
+pub(super) struct Cholesky {
+    pub(super) lower: Mat<f64>,
+}
+
+impl Cholesky {
+    /// Of the matrix whose lower triangle is given. `None` where it is not positive definite or not finite.
+    pub(super) fn new(mut lower: Mat<f64>) -> Option<Self> {
+        let size = lower.nrows();
+        let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
+        let stack = MemStack::new(&mut memory);
+        cholesky_in_place(lower.as_mut(), Default::default(), Par::Seq, stack, Default::default()).ok()?;
+        (0..size).all(|i| lower[(i, i)].is_finite()).then_some(Self { lower })
+    }
+
+    /// Of a symmetric `h` with `extra` (n) added to its diagonal.
+    pub(super) fn of_sum(h: &Mat<f64>, extra: &[f64]) -> Option<Self> {
+        let mut lower = h.clone();
+        extra.iter().enumerate().for_each(|(i, x)| lower[(i, i)] += x);
+        Self::new(lower)
+    }
+
+    /// `L^-T L^-1 x` (n).
+    pub(super) fn solve(&self, x: &[f64]) -> Vec<f64> {
+        let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
+        solve_lower_triangular_in_place(self.lower.as_ref(), x.as_mut(), Par::Seq);
+        solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
+        x.col(0).iter().copied().collect()
+    }
+
+    /// `L^-1` (n x n). The squared norms of its columns are the diagonal of the inverse of the matrix.
+    pub(super) fn inverse_of_lower(&self) -> Mat<f64> {
+        let n = self.lower.nrows();
+        let mut inverse = Mat::identity(n, n);
+        bands_of(inverse.as_mut()).into_par_iter().for_each(|(first, band)| {
+            // The columns of an inverse are zero above the diagonal.
+            let rest = n - first;
+            let part = self.lower.as_ref().submatrix(first, first, rest, rest);
+            solve_lower_triangular_in_place(part, band.subrows_mut(first, rest), Par::Seq);
+        });
+        inverse
+    }
+}
+
+/// The columns of a matrix in bands, with the first column of each.
+pub(super) fn bands_of<T>(matrix: MatMut<'_, T>) -> Vec<(usize, MatMut<'_, T>)> {
+    let count = matrix.ncols().div_ceil(BAND).max(1);
+    column_bands(matrix, count)
+}
+
+/// `H x` (n) for a symmetric `h` (n x n).
+pub(super) fn times(h: &Mat<f64>, x: &[f64]) -> Vec<f64> {
+    (0..x.len()).into_par_iter().map(|i| h.col(i).iter().zip(x).map(|(h, x)| h * x).sum()).collect()
+}

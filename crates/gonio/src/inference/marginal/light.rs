@@ -1,0 +1,108 @@
+//! The light of an image whose BRDF is known or taken for known.
+
+use thiserror::Error;
+
+use super::{
+    Evidence, EvidenceSettings, LightMode, LightOperator, Marginal, MarginalError, NonNegativeLight,
+    NonNegativeSettings,
+};
+use crate::inference::{Hyper, ProblemError};
+use crate::lighting::LightPrior;
+use crate::reflectance::BivariateTable;
+use crate::transfer::{PlanError, PlanSettings, Projected, SurfacePoint};
+
+/// An image of one BRDF, to find its light: one row for every observation.
+#[derive(Clone, Debug)]
+pub struct LightProblem<'a> {
+    operator: LightOperator,
+    target: Vec<f64>,
+    marginal: Marginal<'a>,
+}
+
+/// Why no light is found.
+#[derive(Debug, Error)]
+pub enum LightError {
+    /// Points, table or grid do not make an operator.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// The image is black or not finite.
+    #[error(transparent)]
+    Image(#[from] ProblemError),
+    /// The algebra has no result.
+    #[error(transparent)]
+    Evidence(#[from] MarginalError),
+}
+
+impl<'a> LightProblem<'a> {
+    /// Steps of expectation maximisation: the light is for looking at, and the last steps change little that is seen.
+    pub const STEPS: usize = 10;
+
+    /// The luminances `values` (linear, `None` where not observed) of `points` of a BRDF (1/sr), for light of
+    /// `settings.side` squared texels. The noise is that of [`Hyper::with_model_error`].
+    ///
+    /// # Errors
+    /// If points and values differ in number, the prior does not cover the grid, or the image is black or not finite.
+    pub fn new(
+        points: &[SurfacePoint],
+        values: &[Option<f64>],
+        table: &BivariateTable,
+        prior: &'a LightPrior,
+        settings: &PlanSettings,
+    ) -> Result<Self, LightError> {
+        let rows = Projected::unprojected(points, values, std::slice::from_ref(table), prior, settings)?;
+        let operator = LightOperator::of_reflectance(&rows.bilinear, &[1.0]);
+        let target = rows.target;
+        let hyper = Hyper::with_model_error(target.len());
+        let marginal = Marginal::new(&target, 0.0, target.len(), operator.m(), prior, hyper)?;
+        Ok(Self { operator, target, marginal })
+    }
+
+    /// Number of observations.
+    pub fn rows(&self) -> usize {
+        self.target.len()
+    }
+
+    /// Root mean square of the image.
+    pub fn rms(&self) -> f64 {
+        (self.target.iter().map(|t| t * t).sum::<f64>() / self.target.len() as f64).sqrt()
+    }
+
+    /// The posterior of the light, its mean first of all, by [`Self::STEPS`] steps.
+    ///
+    /// # Errors
+    /// As [`Marginal::evidence`].
+    pub fn posterior(&self) -> Result<Evidence, LightError> {
+        let settings = EvidenceSettings { max_steps: Self::STEPS, tolerance: 0.1, ..Default::default() };
+        Ok(self.marginal.evidence(&self.operator, &settings)?)
+    }
+
+    /// The mean of the light without negative texels.
+    ///
+    /// # Errors
+    /// As [`Marginal::non_negative_light`].
+    pub fn non_negative(
+        &self,
+        posterior: &Evidence,
+        settings: &NonNegativeSettings,
+    ) -> Result<NonNegativeLight, LightError> {
+        Ok(self.marginal.non_negative_light(&self.operator, posterior, settings)?)
+    }
+
+    /// The most probable light without negative texels.
+    ///
+    /// # Errors
+    /// As [`Marginal::non_negative_mode`].
+    pub fn non_negative_mode(&self, posterior: &Evidence) -> Result<LightMode, LightError> {
+        Ok(self.marginal.non_negative_mode(&self.operator, posterior)?)
+    }
+
+    /// Root mean square of what a light leaves of the image, relative to the image's. `light` are coefficients (M) of the radiance,
+    /// in units of the image.
+    ///
+    /// # Panics
+    /// If there are not M coefficients.
+    pub fn misfit(&self, light: &[f64]) -> f64 {
+        let left: f64 = self.operator.image(light).iter().zip(&self.target).map(|(y, t)| (t - y).powi(2)).sum();
+        (left / self.target.len() as f64).sqrt() / self.rms()
+    }
+}

@@ -2,7 +2,7 @@
 //!
 //! * [`relight`], [`brdf_error`]: how far an estimate is from the reference, to the eye and over the domain.
 //! * [`Gloss`]: what kind of highlight it has; [`spearman`] compares the order of materials.
-//! * [`coverage`]: how much of the domain intervals hold.
+//! * [`coverage()`]: how much of the domain intervals hold.
 //! * [`median_interval`], [`win_rate`]: how sure a median and a comparison are, given so many cells.
 
 mod coverage;

@@ -40,9 +40,10 @@ pub(super) fn visibility(a2: f64, ci: f64, co: f64) -> f64 {
     0.5 / (co * (a2 + (1.0 - a2) * ci * ci).sqrt() + ci * (a2 + (1.0 - a2) * co * co).sqrt())
 }
 
-/// For each tail (above 1, see [`student`]) the lobe of width `alpha` (above 0, at most 1) that reflects nothing along the normal, `f0 = 0`, and the one
-/// that reflects all, `f0 = 1`, by Schlick's formula; those between are their mixtures. For a tail of 2 they are the lobes of
-/// [`Ggx`](super::Ggx), whose masking stands for that of all.
+/// Lobes of facets whose slopes are distributed as Student's t (Ribardiere et al. 2017): for each tail, above 1, the lobe of width `alpha`
+/// (above 0, at most 1) that reflects nothing along the normal, `f0 = 0`, and the one that reflects all, `f0 = 1`, by Schlick's
+/// formula; those between are their mixtures. A tail of 2 is GGX, an infinite one Beckmann's. Masking is that of
+/// [`Ggx`](super::Ggx) for all.
 pub fn lobes(alpha: f64, tails: &[f64]) -> Vec<[BivariateTable; 2]> {
     // Only masking depends on phi_d.
     let masked = averaged(|facet| visibility(alpha * alpha, facet.cos_i, facet.cos_o));

@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
-use clap::{Args, ValueEnum};
+use anyhow::{Result, bail};
+use clap::Args;
 use gonio::appearance::{Lattice, Statistics};
 use gonio::inference::amortised::{Amortised, Simulation, SimulationSettings, TrainingSettings};
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, Kind, LogBasis, Prior};
@@ -41,8 +41,8 @@ pub(crate) struct Options {
     #[arg(long)]
     first: Option<usize>,
     /// Kinds of materials that are left out of the prior, and tested beside the measured ones.
-    #[arg(long, value_delimiter = ',')]
-    without: Vec<KindName>,
+    #[arg(long, value_delimiter = ',', value_parser = kind)]
+    without: Vec<Kind>,
     /// Cameras in each light.
     #[arg(long, default_value_t = 6)]
     cameras: usize,
@@ -63,30 +63,14 @@ pub(crate) struct Options {
     epochs: Option<usize>,
 }
 
-/// [`Kind`] on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum KindName {
-    Warped,
-    Pair,
-    Based,
-    Coated,
-    Dielectric,
-    Metal,
-    Cloth,
+/// A kind by its name in files; the error lists the names.
+fn kind(name: &str) -> Result<Kind, String> {
+    serde_json::from_value(name.into()).map_err(|e| e.to_string())
 }
 
-impl KindName {
-    fn kind(self) -> Kind {
-        match self {
-            Self::Warped => Kind::Warped,
-            Self::Pair => Kind::Pair,
-            Self::Based => Kind::Based,
-            Self::Coated => Kind::Coated,
-            Self::Dielectric => Kind::Dielectric,
-            Self::Metal => Kind::Metal,
-            Self::Cloth => Kind::Cloth,
-        }
-    }
+/// The inverse of [`kind`].
+fn title(kind: Kind) -> Result<String> {
+    Ok(serde_json::from_value(serde_json::to_value(kind)?)?)
 }
 
 /// Errors of one estimate.
@@ -105,6 +89,9 @@ struct Outcome {
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     if options.folds < 2 || options.cameras == 0 || options.draws == 0 {
         bail!("--folds must be at least 2, --cameras and --draws at least 1");
+    }
+    if options.without.contains(&Kind::Measured) {
+        bail!("--without measured: of measured materials some are always left out");
     }
     let all = Materials::open(data, None)?;
     let held = all.held_out();
@@ -137,8 +124,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 }
 
 fn kept(options: &Options) -> Prior {
-    let out: Vec<Kind> = options.without.iter().map(|k| k.kind()).collect();
-    Prior::of(&Kind::ALL.into_iter().filter(|k| !out.contains(k)).collect::<Vec<_>>())
+    Prior::of(&Kind::ALL.into_iter().filter(|kind| !options.without.contains(kind)).collect::<Vec<_>>())
 }
 
 fn learn(
@@ -195,10 +181,10 @@ impl Test {
             &DictionarySettings { draws: 1, dimensions: 1, ..DictionarySettings::default() },
         );
         let mut materials = Vec::new();
-        for name in &options.without {
-            let group = name.to_possible_value().context("every kind has a name")?.get_name().to_owned();
+        for &kind in &options.without {
+            let group = title(kind)?;
             for at in 0..DRAWS {
-                let table = dictionary.table(&dictionary.draw(&Prior::of(&[name.kind()]), &mut rng));
+                let table = dictionary.table(&dictionary.draw(&Prior::of(&[kind]), &mut rng));
                 materials.push((group.clone(), format!("{group} {fold}.{at}"), table));
             }
         }

@@ -165,8 +165,9 @@ fn learn(
 
 /// What a fold is tested with.
 struct Test {
-    /// Group, name, table.
-    materials: Vec<(String, String, BivariateTable)>,
+    /// Group and name of each material.
+    names: Vec<(String, String)>,
+    tables: Vec<BivariateTable>,
     lattice: Lattice,
     statistics: Statistics,
     accuracy: IntegratorSettings,
@@ -180,26 +181,28 @@ impl Test {
             LogBasis::fit(&unseen, LogBasis::RANK),
             &DictionarySettings { draws: 1, dimensions: 1, ..DictionarySettings::default() },
         );
-        let mut materials = Vec::new();
+        let (mut names, mut tables) = (Vec::new(), Vec::new());
         for &kind in &options.without {
             let group = title(kind)?;
             for at in 0..DRAWS {
-                let table = dictionary.table(&dictionary.draw(&Prior::of(&[kind]), &mut rng));
-                materials.push((group.clone(), format!("{group} {fold}.{at}"), table));
+                tables.push(dictionary.table(&dictionary.draw(&Prior::of(&[kind]), &mut rng)));
+                names.push((group.clone(), format!("{group} {fold}.{at}")));
             }
         }
-        materials.extend(unseen.into_iter().map(|(name, table)| ("measured".to_owned(), name, table)));
+        for (name, table) in unseen {
+            tables.push(table);
+            names.push(("measured".to_owned(), name));
+        }
         let lattice = Lattice::new();
         let statistics = Statistics::new(&lattice);
         let accuracy = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
-        Ok(Self { materials, lattice, statistics, accuracy })
+        Ok(Self { names, tables, lattice, statistics, accuracy })
     }
 
     /// The operator from tables to photographs, looking along an azimuth in degrees.
     fn operator(&self, light: &LightTree, azimuth: f64) -> Relighter {
         let camera = glam::DQuat::from_rotation_y(azimuth.to_radians());
-        let tables: Vec<BivariateTable> = self.materials.iter().map(|m| m.2.clone()).collect();
-        Relighter::new(&self.lattice.points(camera), &tables, light, &self.accuracy)
+        Relighter::new(&self.lattice.points(camera), &self.tables, light, &self.accuracy)
     }
 
     fn run(&self, amortised: &Amortised, lights: &Lights, unlit: &[&str], relit: &[&str]) -> Result<Vec<Outcome>> {
@@ -208,7 +211,7 @@ impl Test {
         let mut outcomes = Vec::new();
         for (at, name) in unlit.iter().enumerate() {
             let operator = self.operator(&lights.tree(name)?, 137.5 * at as f64);
-            let found: Vec<Outcome> = (0..self.materials.len())
+            let found: Vec<Outcome> = (0..self.tables.len())
                 .into_par_iter()
                 .map(|m| self.judge(amortised, &operator, &others, m, (at + m) % WITH_INTERVALS == 0))
                 .collect();
@@ -225,7 +228,7 @@ impl Test {
         material: usize,
         intervals: bool,
     ) -> Outcome {
-        let (group, name, truth) = &self.materials[material];
+        let ((group, name), truth) = (&self.names[material], &self.tables[material]);
         let image: Vec<f32> = operator.render(truth).into_iter().map(|v| v as f32).collect();
         let posterior = amortised.posterior(&self.statistics.of(&image));
         let estimate = &posterior.mean;

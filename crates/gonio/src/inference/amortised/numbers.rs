@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::posterior::{MaterialPosterior, NEGLIGIBLE, QUARTERS, SPREAD, weighted_quantiles};
+use super::posterior::{MaterialPosterior, QUARTERS, SPREAD, active, weighted_quantiles};
 use crate::reflectance::{BivariateTable, Dictionary, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
 /// How much brighter the mirror direction is than what lies far from it: the value along the normal over the mean at half angles beyond
@@ -29,10 +29,8 @@ pub struct Ranking {
 impl MaterialPosterior {
     /// The entries, but for those of next to no weight, by a positive number of their tables.
     pub fn ranking(&self, dictionary: &Dictionary, number: impl Fn(&BivariateTable) -> f64 + Sync) -> Ranking {
-        let least = NEGLIGIBLE * self.weights.iter().copied().fold(0.0, f64::max);
-        let mut entries: Vec<(f64, f64, usize)> = (0..self.weights.len())
+        let mut entries: Vec<(f64, f64, usize)> = active(&self.weights)
             .into_par_iter()
-            .filter(|&e| self.weights[e] > least)
             .map(|e| (number(&dictionary.table(&dictionary.entries[e])).max(1e-300).ln(), self.weights[e], e))
             .collect();
         entries.sort_by(|a, b| a.0.total_cmp(&b.0));

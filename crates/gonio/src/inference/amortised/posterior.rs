@@ -6,14 +6,14 @@ use crate::reflectance::{BivariateTable, CELLS, Dictionary, THETA_D, is_trusted}
 
 /// Standard deviation of the logarithm of reflectance that is added to every entry when intervals are taken: materials are not
 /// entries of a dictionary, and its best entry for one that it does not hold is off by so much. Chosen so that intervals hold what they
-/// say, training materials and lights being left out (`docs/trials.md`).
+/// say for kinds of materials that were left out of the training, and more for those that were not (`docs/trials.md`).
 pub(super) const SPREAD: f64 = 0.45;
 
 /// A cell is undetermined if its 90 % interval is at least this share of the prior's.
 const UNDETERMINED: f64 = 0.6;
 
 /// Entries with less than this share of the largest weight do not count for intervals.
-pub(super) const NEGLIGIBLE: f64 = 1e-3;
+const NEGLIGIBLE: f64 = 1e-3;
 
 /// A Gaussian as four equally likely values.
 pub(super) const QUARTERS: [f64; 4] = [-1.271_1, -0.324_7, 0.324_7, 1.271_1];
@@ -84,11 +84,11 @@ impl MaterialPosterior {
             .collect()
     }
 
-    /// Which cells the image leaves open: those whose 90 % interval, in the logarithm, is more than six tenths of what it
-    /// is without an image. Cells beyond the trusted ones always are.
+    /// Which cells the image leaves open: those in which the entries' 90 % interval, in the logarithm and without the spread of
+    /// [`Self::quantiles`], is more than six tenths of what it is without an image. Cells beyond the trusted ones always are.
     pub fn undetermined(&self, dictionary: &Dictionary) -> Vec<bool> {
         let width = |weights: &[f64]| -> Vec<f64> {
-            // Without the spread, which no photograph narrows.
+            // No photograph narrows the spread.
             let ends = quantiles_of_log(dictionary, weights, &[0.05, 0.95], 0.0);
             ends.into_iter().map(|e| e[1] - e[0]).collect()
         };
@@ -127,10 +127,15 @@ fn log_level(table: &BivariateTable) -> f64 {
     sum / count
 }
 
+/// The entries that count for intervals.
+pub(super) fn active(weights: &[f64]) -> Vec<usize> {
+    let largest = weights.iter().copied().fold(0.0, f64::max);
+    (0..weights.len()).filter(|&e| weights[e] > NEGLIGIBLE * largest).collect()
+}
+
 /// Quantiles of the logarithm of each cell relative to the [`log_level`] of its table, `[cell][quantile]`; zeros beyond the trusted cells.
 fn quantiles_of_log(dictionary: &Dictionary, weights: &[f64], shares: &[f64], spread: f64) -> Vec<Vec<f64>> {
-    let largest = weights.iter().copied().fold(0.0, f64::max);
-    let active: Vec<usize> = (0..weights.len()).filter(|&e| weights[e] > NEGLIGIBLE * largest).collect();
+    let active = active(weights);
     let tables: Vec<(BivariateTable, f64)> = active
         .par_iter()
         .map(|&e| {

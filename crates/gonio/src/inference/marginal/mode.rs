@@ -3,6 +3,7 @@
 use faer::Mat;
 
 use super::dense::{Cholesky, times};
+use crate::transfer::kernels::dot;
 
 /// Where the search ended.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,11 +39,10 @@ pub(super) fn mode(h: &Mat<f64>, c: &[f64], start: &[f64], tolerance: f64, max_s
     // As large as what pulls up, so that texels far from their place do not start at a bound of the multipliers.
     let typical = product.iter().zip(c).map(|(p, c)| (p - c).abs()).sum::<f64>() / n as f64;
     let mut z: Vec<f64> = product.iter().zip(c).map(|(p, c)| (p - c).max(typical.max(f64::MIN_POSITIVE))).collect();
-    let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut gaps = vec![inner(&x, &z)];
+    let mut gaps = vec![dot(&x, &z)];
     let mut converged = false;
     while gaps.len() <= max_steps && !converged {
-        let gap = inner(&x, &z);
+        let gap = dot(&x, &z);
         let dual: Vec<f64> = (0..n).map(|i| product[i] - c[i] - z[i]).collect();
         let stiff: Vec<f64> = z.iter().zip(&x).map(|(z, x)| z / x).collect();
         let factor = Cholesky::of_sum(h, &stiff)?;
@@ -73,7 +73,7 @@ pub(super) fn mode(h: &Mat<f64>, c: &[f64], start: &[f64], tolerance: f64, max_s
         product = times(h, &x);
         let off = (0..n).map(|i| (product[i] - c[i] - z[i]).abs()).fold(0.0, f64::max);
         let scale = product.iter().chain(c).map(|g| g.abs()).fold(0.0, f64::max);
-        gaps.push(inner(&x, &z));
+        gaps.push(dot(&x, &z));
         converged = gaps[gaps.len() - 1] <= tolerance && off <= FEASIBLE * scale;
     }
     x.iter().all(|x| x.is_finite()).then_some(Mode { x, gaps, converged })

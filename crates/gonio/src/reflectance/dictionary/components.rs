@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::super::log_basis::LogBasis;
 use super::super::parametric::{Burley, Lambert, Parametric, Sheen, Undercoat, lobes};
-use super::super::table::BivariateTable;
+use super::super::table::{BivariateTable, CELLS, THETA_D, THETA_H, theta_d_of, theta_h_of};
 
 /// Factors by which the highlights of measured materials are made narrower or wider.
 pub(super) const WARPS: [f64; 4] = [0.5, 0.707, 1.414, 2.0];
@@ -72,13 +72,15 @@ pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>)
 
 /// The table with highlights `factor` times as wide: tangents of half angles are stretched, so that the horizon stays where it is.
 fn warp(table: &BivariateTable, factor: f64) -> BivariateTable {
-    BivariateTable::from_fn(|h, d| table.eval((h.tan() / factor).atan(), d))
+    // The same angle for a whole row: hundreds of these are made whenever a model is read.
+    let rows: Vec<f64> = (0..THETA_H).map(|i| (theta_h_of(i).tan() / factor).atan()).collect();
+    let cell = |c: usize| table.eval(rows[c / THETA_D], theta_d_of(c % THETA_D)) as f32;
+    BivariateTable::from_vec((0..CELLS).map(cell).collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{CELLS, theta_h_of};
 
     #[test]
     fn components_are_where_the_layout_says() {

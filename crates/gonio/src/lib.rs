@@ -11,5 +11,6 @@ pub mod picture;
 pub mod reflectance;
 pub mod render;
 pub mod scene;
+pub mod shape;
 pub mod sphere;
 pub mod transfer;

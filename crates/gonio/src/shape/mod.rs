@@ -1,0 +1,16 @@
+//! Shapes in front of a camera: what a pixel sees of a surface, and which light the surface keeps from itself.
+//!
+//! * [`Mesh`]: triangles with smooth normals; [`Soundness`] says what was odd about them. [`Mesh::of_positions`] makes one of a
+//!   picture of positions.
+//! * [`Camera`]: orthographic or perspective, with a pose.
+//!
+//! Axes are those of the crate: the camera looks along -z with y up, pictures have y down and the centre of the first pixel at
+//! (0.5, 0.5). Lengths are in the units of the file a shape comes from; only their ratios matter.
+
+mod camera;
+mod mesh;
+mod smooth;
+mod topology;
+
+pub use camera::{Camera, CameraError, Projection, Ray};
+pub use mesh::{Mesh, MeshError, MeshParts, Soundness};

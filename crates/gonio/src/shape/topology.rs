@@ -1,0 +1,53 @@
+//! Which triangles of a mesh meet where.
+
+use glam::DVec3;
+
+/// Vertices at one place taken for one, and what the edges between them say.
+pub(super) struct Topology {
+    /// The first vertex at the place of each.
+    pub(super) welded: Vec<u32>,
+    /// Edges of one triangle.
+    pub(super) open_edges: usize,
+    /// Edges of more than two.
+    pub(super) non_manifold_edges: usize,
+    /// Edges that both their triangles run through in the same direction.
+    pub(super) inconsistent_edges: usize,
+}
+
+impl Topology {
+    /// Files split vertices at seams; places are compared exactly.
+    pub(super) fn of(positions: &[DVec3], triangles: &[[u32; 3]]) -> Self {
+        let key = |i: u32| (positions[i as usize] + DVec3::ZERO).to_array().map(f64::to_bits);
+        let mut order: Vec<u32> = (0..positions.len() as u32).collect();
+        order.sort_unstable_by_key(|&i| (key(i), i));
+        let mut welded = vec![0; positions.len()];
+        let mut first = 0;
+        for (n, &i) in order.iter().enumerate() {
+            if n == 0 || key(i) != key(first) {
+                first = i;
+            }
+            welded[i as usize] = first;
+        }
+        // Each edge as (lower, higher, whether it runs upwards).
+        let mut edges: Vec<(u32, u32, bool)> = Vec::with_capacity(3 * triangles.len());
+        for triangle in triangles {
+            let [a, b, c] = triangle.map(|i| welded[i as usize]);
+            edges.extend([(a, b), (b, c), (c, a)].map(|(p, q)| (p.min(q), p.max(q), p < q)));
+        }
+        edges.sort_unstable();
+        let mut topology = Self { welded, open_edges: 0, non_manifold_edges: 0, inconsistent_edges: 0 };
+        for edge in edges.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)) {
+            match edge {
+                [_] => topology.open_edges += 1,
+                [p, q] => topology.inconsistent_edges += usize::from(p.2 == q.2),
+                _ => topology.non_manifold_edges += 1,
+            }
+        }
+        topology
+    }
+
+    /// Whether the triangles bound a solid.
+    pub(super) fn is_closed(&self) -> bool {
+        self.open_edges + self.non_manifold_edges + self.inconsistent_edges == 0
+    }
+}

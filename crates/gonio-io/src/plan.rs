@@ -6,7 +6,7 @@
 
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
-use gonio::transfer::{Plan, PlanError, PlanSettings, SurfacePoint};
+use gonio::transfer::{Plan, PlanError, PlanSettings, Points};
 use serde::{Deserialize, Serialize};
 
 use crate::cache::Cache;
@@ -67,8 +67,8 @@ pub fn decode_plan(bytes: &[u8]) -> Option<Plan> {
 /// The name of the plan that [`Plan::build`] makes of these: BLAKE3, in hexadecimal, of all that it depends on.
 ///
 /// [`PlanSettings::hold`] does not enter: whether rows were held in memory changes nothing beyond round-off.
-pub fn plan_key(
-    points: &[SurfacePoint],
+pub fn plan_key<'a>(
+    points: impl Into<Points<'a>>,
     tables: &[BivariateTable],
     prior: &LightPrior,
     settings: &PlanSettings,
@@ -84,8 +84,15 @@ pub fn plan_key(
         bytes
     };
     part(format!("gonio plan {VERSION}").as_bytes());
-    let directions: Vec<f64> = points.iter().flat_map(|p| [p.normal, p.view]).flat_map(|v| v.to_array()).collect();
+    let points = points.into();
+    let directions: Vec<f64> =
+        points.points().iter().flat_map(|p| [p.normal, p.view]).flat_map(|v| v.to_array()).collect();
     part(&doubles(&directions));
+    if let Some(visibility) = points.visibility() {
+        let mut bytes = Vec::new();
+        visibility.for_each_byte(|b| bytes.extend_from_slice(b));
+        part(&bytes);
+    }
     for table in tables {
         let mut bytes = Vec::new();
         little_endian::put_f32(&mut bytes, table.as_slice());
@@ -117,14 +124,15 @@ pub enum PlanOrigin {
 ///
 /// # Errors
 /// As [`Plan::build`].
-pub fn load_or_build(
+pub fn load_or_build<'a>(
     cache: Option<&Cache>,
-    points: &[SurfacePoint],
+    points: impl Into<Points<'a>>,
     tables: &[BivariateTable],
     prior: &LightPrior,
     settings: &PlanSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<(Plan, PlanOrigin, Option<Error>), PlanError> {
+    let points = points.into();
     let build = || Plan::build(points, tables, prior, settings, progress);
     let Some(cache) = cache else { return Ok((build()?, PlanOrigin::Built, None)) };
     let key = plan_key(points, tables, prior, settings);
@@ -148,7 +156,7 @@ mod tests {
 
     use gonio::lighting::{CoefficientPrior, PriorGroup, ScaleMixture};
     use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
-    use gonio::transfer::QuadratureSettings;
+    use gonio::transfer::{QuadratureSettings, SurfacePoint};
 
     use super::*;
 

@@ -4,6 +4,7 @@ mod brdf;
 mod integrate;
 mod linear;
 mod sphere;
+mod surface;
 mod tone;
 mod tree;
 
@@ -11,5 +12,6 @@ pub use brdf::{Brdf, Tinted};
 pub use integrate::{IntegratorSettings, Node, Nodes, nodes, radiance};
 pub use linear::Relighter;
 pub use sphere::{SphereSettings, images_of_basis, render_normals, render_sphere};
+pub use surface::{SurfaceSettings, render_surface};
 pub use tone::{Exposure, median_colour};
 pub use tree::LightTree;

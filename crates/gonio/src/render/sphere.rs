@@ -9,7 +9,7 @@ use super::linear::envelope;
 use super::tree::LightTree;
 use crate::picture::{Picture, Plane, luminance};
 use crate::reflectance::BivariateTable;
-use crate::transfer::SurfacePoint;
+use crate::transfer::{Points, SurfacePoint};
 
 /// How a sphere is pictured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,9 +120,9 @@ pub fn render_normals(
     Picture { rgb: Plane::from_vec(width, height, rgb), alpha: Some(Plane::from_vec(width, height, alpha)) }
 }
 
-/// Luminance of every point under `light` for each table: the rows of a problem whose light is known, `[point][table]`.
-pub fn images_of_basis(
-    points: &[SurfacePoint],
+/// Luminance of every point under `light`, as far as it is visible, for each table: the rows of a problem whose light is known, `[point][table]`.
+pub fn images_of_basis<'a>(
+    points: impl Into<Points<'a>>,
     tables: &[BivariateTable],
     light: &LightTree,
     settings: &IntegratorSettings,
@@ -131,11 +131,17 @@ pub fn images_of_basis(
     // One division of the light serves all tables: that for their common envelope, each table as bright as the others, so
     // that a sharp one is resolved even where a broad one sends a thousand times its light.
     let envelope = envelope(tables);
+    let seen = points.into();
+    let (points, visibility) = (seen.points(), seen.visibility());
     let done = std::sync::atomic::AtomicUsize::new(0);
     points
         .par_iter()
-        .flat_map_iter(|point| {
-            let nodes = nodes(point, &envelope, light, settings);
+        .enumerate()
+        .flat_map_iter(|(i, point)| {
+            let mut nodes = nodes(point, &envelope, light, settings);
+            if let Some(visibility) = visibility {
+                nodes.nodes.iter_mut().for_each(|n| n.weight *= f64::from(visibility.share_along(i, n.direction)));
+            }
             let row: Vec<f32> = tables.iter().map(|t| luminance(nodes.radiance(point, t).as_vec3())).collect();
             let finished = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
             if finished.is_multiple_of(256) {

@@ -114,7 +114,7 @@ pub enum SceneError {
     },
     /// Too many normals face away from the camera.
     #[error(
-        "{count} of {covered} normals face away from the camera (z <= 0), although it sees them: y or z may be \
+        "{count} of {covered} normals face away from the camera, although it sees them: y or z may be \
          flipped; the axes are x right, y up, z towards the camera"
     )]
     FacingAway {
@@ -162,6 +162,11 @@ pub enum SceneError {
         /// Least number that is accepted.
         least: usize,
     },
+    /// Observations and surface do not belong together.
+    #[error(
+        "a point that was observed is not on the surface: give the mesh or the depth that the normals were made of"
+    )]
+    NoSurface,
     /// Every observed value is zero.
     #[error("the object is entirely black: check the exposure, and that mask or circle lie on the object")]
     Black,

@@ -19,8 +19,10 @@ mod error;
 mod normals;
 mod observations;
 mod observed;
+mod weights;
 
 pub use background::background_coverage;
 pub use circle::{Circle, FoundCircle, find_sphere};
 pub use error::SceneError;
+pub use normals::SurfaceView;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};

@@ -1,14 +1,16 @@
-//! Observations of any shape that comes with a picture of its normals.
+//! Observations of any shape of which each pixel's normal is known.
 
 use std::collections::BTreeMap;
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 
 use super::components::neighbours;
 use super::observations::LEAST_POINTS;
 use super::observed::{COVERED, Seen, check_radiance, check_size, clip_level, is_clipped};
+use super::weights::weights;
 use super::{ObservationReport, ObservationSettings, Observations, SceneError};
-use crate::picture::{Picture, Plane};
+use crate::picture::{Picture, Plane, luminance};
+use crate::shape::{Camera, Lookout, Projection, Surface, Visibility, hit_at, view_at};
 use crate::sphere::OctahedralMap;
 use crate::transfer::SurfacePoint;
 
@@ -20,6 +22,14 @@ const LENGTH_TOLERANCE: f32 = 0.05;
 const MOST_FAULTY: f64 = 0.02;
 /// Cells along a side of the grid that directions are counted on: 1.6 degrees each.
 const COUNTING_SIDE: usize = 128;
+/// Neighbouring pixels whose normals are farther apart, in degrees, have an edge between them.
+const MOST_FOLD: f64 = 25.0;
+/// A surface that falls away by more from a pixel to its neighbour, in widths of a pixel, steps back: tan 80 degrees on the diagonal.
+const STEEPEST: f64 = 8.0;
+/// Points that see a smaller share of an even sky are lit by the object itself as much as by the light.
+const LEAST_OPEN: f64 = 0.15;
+/// Points that would get a larger share of an even sky through texels that are open in part may lie on the edge of a shadow.
+const MOST_EDGE: f64 = 0.35;
 /// Points to a cell of the grid that pixels are thinned on, where the whole hemisphere is seen.
 const POINTS_PER_CELL: f64 = 4.0;
 
@@ -35,32 +45,90 @@ fn has_normal(normal: Vec3) -> bool {
     normal.is_finite() && normal.length() >= NO_NORMAL
 }
 
+/// What is known of the surface behind each pixel of a picture.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfaceView<'a> {
+    /// Normals in coordinates of the camera, unit vectors; shorter than 0.1 or not finite where there is none.
+    pub normals: &'a Plane<Vec3>,
+    /// The camera; `None` for an orthographic one.
+    pub camera: Option<&'a Camera>,
+    /// Distance along the ray of each pixel, where it is known: tells where the surface steps back.
+    pub distances: Option<&'a Plane<f32>>,
+}
+
+impl SurfaceView<'_> {
+    /// The unit vector towards the camera from what a pixel (its index, row-major) sees.
+    fn view(&self, pixel: usize) -> DVec3 {
+        let width = self.normals.width();
+        self.camera.map_or(DVec3::Z, |camera| view_at(camera, pixel % width, pixel / width))
+    }
+
+    /// Whether the surface ends, steps back or folds between a pixel and one of its neighbours. Where only normals are known, an end is for the
+    /// mask to tell.
+    fn is_edge(&self, x: usize, y: usize) -> bool {
+        let normal = self.normals[(x, y)];
+        let least = MOST_FOLD.to_radians().cos() as f32;
+        neighbours((x, y), self.normals.size(), true).any(|next| {
+            let other = self.normals[next];
+            if !has_normal(other) {
+                return self.distances.is_some();
+            }
+            let folds = other.dot(normal) < least * other.length() * normal.length();
+            folds || self.distances.is_some_and(|d| self.steps((d[(x, y)], d[next])))
+        })
+    }
+
+    /// Whether the surface steps back between two pixels: by more than it falls away where it is seen at 80 degrees, and diagonally.
+    fn steps(&self, (near, far): (f32, f32)) -> bool {
+        let footprint = match self.camera.map(|c| c.projection) {
+            Some(Projection::Orthographic { pixels_per_unit }) => 1.0 / pixels_per_unit,
+            Some(Projection::Perspective { focal }) => f64::from(near.min(far)) / focal,
+            None => return false,
+        };
+        f64::from((near - far).abs()) > STEEPEST * footprint
+    }
+}
+
 impl Observations {
     /// Observes a surface of which `normals` gives the normal at each pixel: camera space, x right, y up, z towards the
-    /// camera, as unit vectors. The camera is taken as orthographic.
-    ///
-    /// Where more than [`ObservationSettings::normals`] covered pixels face the camera, they are thinned evenly: the
-    /// directions are divided into cells of equal area, and from each the same number of pixels is taken, or all it
-    /// has, spread over the picture. Of these, the ones whose normal is less than [`ObservationSettings::max_angle`]
-    /// from the view are the points. They depend on normals and coverage, not on the radiance.
-    ///
-    /// Covered is what `coverage` (or else the alpha channel of the picture) gives as 0.99 or more. Without either it
-    /// is every pixel with a normal, but for those next to a pixel without one, which the object may cover only in
-    /// part. Pixels whose normal is shorter than 0.1 or not finite have none.
+    /// camera, as unit vectors. The camera is taken as orthographic. Otherwise as [`Self::of_view`].
     ///
     /// # Errors
-    /// [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more than 2 % of the normals are
-    /// off by more than 0.05 in length; [`SceneError::FacingAway`] when more than 2 % have `z <= 0`;
-    /// [`SceneError::TooFewPoints`] when fewer than 50 points have a value; [`SceneError::TooFlat`] when there are
-    /// fewer than 50 different directions; [`SceneError::BadPixels`] among the points before thinning;
-    /// [`SceneError::Black`].
+    /// As [`Self::of_view`].
     pub fn of_normals(
         picture: &Picture,
         normals: &Plane<Vec3>,
         coverage: Option<&Plane<f32>>,
         settings: &ObservationSettings,
     ) -> Result<Self, SceneError> {
-        let rgb = &picture.rgb;
+        Self::of_view(picture, &SurfaceView { normals, camera: None, distances: None }, coverage, settings)
+    }
+
+    /// Observes a surface of any shape.
+    ///
+    /// Where more than [`ObservationSettings::normals`] covered pixels face the camera, they are thinned evenly: the
+    /// directions are divided into cells of equal area, and from each the same number of pixels is taken, or all it
+    /// has, spread over the picture. Of these, the ones whose normal is less than [`ObservationSettings::max_angle`]
+    /// from the view are the points. They depend on shape and coverage, not on the radiance.
+    ///
+    /// Covered is what `coverage` (or else the alpha channel of the picture) gives as 0.99 or more. Without either it
+    /// is every pixel with a normal, but for those next to a pixel without one, which the object may cover only in
+    /// part. Pixels at edges of the surface, and specks far darker than all around them, are left out; how
+    /// far the rest can be trusted is in [`Observations::weights`].
+    ///
+    /// # Errors
+    /// [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more than 2 % of the normals are
+    /// off by more than 0.05 in length; [`SceneError::FacingAway`] when more than 2 % face away from the camera;
+    /// [`SceneError::TooFewPoints`] when fewer than 50 points have a value; [`SceneError::TooFlat`] when there are
+    /// fewer than 50 different directions; [`SceneError::BadPixels`] among the points before thinning;
+    /// [`SceneError::Black`].
+    pub fn of_view(
+        picture: &Picture,
+        surface: &SurfaceView<'_>,
+        coverage: Option<&Plane<f32>>,
+        settings: &ObservationSettings,
+    ) -> Result<Self, SceneError> {
+        let (rgb, normals) = (&picture.rgb, surface.normals);
         check_size("normal map", normals.size(), rgb.size())?;
         let coverage = coverage.or(picture.alpha.as_ref());
         if let Some(coverage) = coverage {
@@ -73,55 +141,149 @@ impl Observations {
                     && neighbours((x, y), rgb.size(), true).all(|next| has_normal(normals[next]))
             }
         });
-        let (facing, report) = facing(normals, &covered)?;
+        let (mut facing, mut report) = facing(surface, &covered)?;
         let least = settings.max_angle.cos();
-        let within = |(_, normal): &&Candidate| normal.z > least;
+        let within = |candidate: &&Candidate| candidate.cosine(surface) > least;
+        let steep = facing.iter().filter(within).count();
+        let (width, height) = rgb.size();
+        let coordinates = |i: usize| (i % width, i / width);
+        facing.retain(|c| {
+            let (x, y) = coordinates(c.pixel as usize);
+            !surface.is_edge(x, y)
+        });
         let used = facing.iter().filter(within).count();
+        report.at_edges = steep - used;
         if used < LEAST_POINTS {
             let outside = covered.as_slice().iter().filter(|c| **c).count() - used;
             return Err(SceneError::TooFewPoints { used, clipped: 0, outside, least: LEAST_POINTS });
         }
-        let mut directions: Vec<usize> = facing.iter().filter(within).map(|c| cell(c.1, COUNTING_SIDE)).collect();
+        let mut directions: Vec<usize> =
+            facing.iter().filter(within).map(|c| cell(c.seen(surface), COUNTING_SIDE)).collect();
         directions.sort_unstable();
         directions.dedup();
         if directions.len() < LEAST_POINTS {
             return Err(SceneError::TooFlat { directions: directions.len(), least: LEAST_POINTS });
         }
 
-        let mut region = covered.map(|_| false);
-        for (pixel, _) in facing.iter().filter(within) {
-            region.as_mut_slice()[*pixel] = true;
+        let mut region = Plane::from_fn(width, height, |_, _| false);
+        for candidate in facing.iter().filter(within) {
+            region.as_mut_slice()[candidate.pixel as usize] = true;
         }
         check_radiance(rgb, &region)?;
         let level = clip_level(rgb, &region, settings.clip);
+        let dark: Vec<bool> = facing.iter().map(|c| is_speck(rgb, &region, coordinates(c.pixel as usize))).collect();
+        report.specks = dark.iter().filter(|dark| **dark).count();
+        let mut dark = dark.into_iter();
+        facing.retain(|_| !dark.next().unwrap_or(false));
         // Thinned before the cut at the largest angle: cells that it divides would else be sampled too densely.
-        let taken = thin(&facing, settings.normals);
+        let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
-        let seen = taken.iter().map(|(pixel, _)| {
-            let colour = rgb.as_slice()[*pixel];
+        let seen = taken.iter().map(|c| {
+            let colour = rgb.as_slice()[c.pixel as usize];
             if is_clipped(colour, level) { Seen::Clipped } else { Seen::Colour(colour) }
         });
-        let centre = |i: usize| ((i % rgb.width()) as f64 + 0.5, (i / rgb.width()) as f64 + 0.5);
-        Self::assemble(
-            taken.iter().map(|&(_, normal)| SurfacePoint { normal, view: DVec3::Z }).collect(),
-            taken.iter().map(|(pixel, _)| centre(*pixel)).collect(),
+        let centre = |i: usize| ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let mut observations = Self::assemble(
+            taken.iter().map(|c| c.point(surface)).collect(),
+            taken.iter().map(|c| centre(c.pixel as usize)).collect(),
             seen.collect(),
             level,
             (rgb, &region),
             report,
-        )
+        )?;
+        let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
+        observations.weights = weights(rgb, normals, &region, &pixels);
+        Ok(observations)
+    }
+
+    /// Asks which light the surface keeps from each of the points ([`Self::visibility`]), on a grid of `side` squared texels. Points on which the edge of a
+    /// shadow may lie (more than 35 % of the sky would come through texels that are open in part), and those that see less than 15 % of
+    /// it, lose their value, as long as a hundred others keep theirs.
+    ///
+    /// The points must be pixels of the picture that `camera` took, as those of [`Self::of_view`] are. A surface that keeps no light from any of them
+    /// leaves everything as it is.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSurface`] if a point is not on the surface.
+    pub fn shadowed_by(
+        &mut self,
+        surface: &dyn Surface,
+        camera: &Camera,
+        (map, side): (OctahedralMap, usize),
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Result<(), SceneError> {
+        if surface.is_convex() {
+            return Ok(());
+        }
+        let lookouts: Option<Vec<Lookout>> = self
+            .pixels
+            .iter()
+            .zip(&self.points)
+            .map(|(&(x, y), point)| {
+                let hit = hit_at(surface, camera, x as usize, y as usize)?;
+                Some(Lookout { from: hit.clear, normal: point.normal })
+            })
+            .collect();
+        let lookouts = lookouts.ok_or(SceneError::NoSurface)?;
+        let visibility = Visibility::trace(surface, &lookouts, map, side, progress);
+        if visibility.is_open() {
+            return Ok(());
+        }
+        let normals: Vec<DVec3> = self.points.iter().map(|p| p.normal).collect();
+        let openness = visibility.openness(&normals);
+        let poor = |i: &usize| openness[*i].open < LEAST_OPEN || openness[*i].edge > MOST_EDGE;
+        let lost: Vec<usize> = (0..self.points.len()).filter(|i| self.values[*i].is_some()).filter(poor).collect();
+        if self.report.used - lost.len() >= 2 * LEAST_POINTS {
+            for &i in &lost {
+                self.values[i] = None;
+                self.colours[i] = None;
+            }
+            self.report.used -= lost.len();
+            self.report.in_shadow = lost.len();
+        }
+        self.visibility = Some(visibility);
+        Ok(())
     }
 }
 
-/// A pixel (its index, row-major) and its unit normal.
-type Candidate = (usize, DVec3);
+/// Whether a pixel is less than a quarter as bright as each of its neighbours, of which there are five at least.
+fn is_speck(rgb: &Plane<Vec3>, region: &Plane<bool>, at: (usize, usize)) -> bool {
+    let own = luminance(rgb[at]);
+    let around = || neighbours(at, rgb.size(), true).filter(|next| region[*next]);
+    around().count() >= 5 && around().all(|next| luminance(rgb[next]) > 4.0 * own)
+}
+
+/// A pixel (its index, row-major) that faces the camera, and its normal as the map has it: photographs have millions of them.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    pixel: u32,
+    normal: Vec3,
+}
+
+impl Candidate {
+    fn point(&self, surface: &SurfaceView<'_>) -> SurfacePoint {
+        SurfacePoint { normal: self.normal.as_dvec3().normalize(), view: surface.view(self.pixel as usize) }
+    }
+
+    /// Cosine of the angle at which it is seen.
+    fn cosine(&self, surface: &SurfaceView<'_>) -> f64 {
+        let SurfacePoint { normal, view } = self.point(surface);
+        normal.dot(view)
+    }
+
+    /// The normal in the frame of its own view: x right, y up, z towards the camera.
+    fn seen(&self, surface: &SurfaceView<'_>) -> DVec3 {
+        let SurfacePoint { normal, view } = self.point(surface);
+        DQuat::from_rotation_arc(view, DVec3::Z) * normal
+    }
+}
 
 /// The covered pixels whose normals are sound and face the camera, row-major.
-fn facing(normals: &Plane<Vec3>, covered: &Plane<bool>) -> Result<(Vec<Candidate>, ObservationReport), SceneError> {
+fn facing(surface: &SurfaceView<'_>, covered: &Plane<bool>) -> Result<(Vec<Candidate>, ObservationReport), SceneError> {
     let mut report = ObservationReport::default();
     let (mut count, mut worst) = (0, 1.0_f32);
     let mut kept = Vec::new();
-    let each = normals.as_slice().iter().zip(covered.as_slice()).enumerate();
+    let each = surface.normals.as_slice().iter().zip(covered.as_slice()).enumerate();
     for (i, (&normal, _)) in each.filter(|(_, (_, covered))| **covered) {
         if !has_normal(normal) {
             report.without_normal += 1;
@@ -134,10 +296,13 @@ fn facing(normals: &Plane<Vec3>, covered: &Plane<bool>) -> Result<(Vec<Candidate
         }
         if (length - 1.0).abs() > LENGTH_TOLERANCE {
             report.not_unit += 1;
-        } else if normal.z <= 0.0 {
+            continue;
+        }
+        let candidate = Candidate { pixel: i as u32, normal };
+        if candidate.cosine(surface) <= 0.0 {
             report.facing_away += 1;
         } else {
-            kept.push((i, normal.as_dvec3().normalize()));
+            kept.push(candidate);
         }
     }
     let too_many = |faulty: usize, of: usize| faulty as f64 > MOST_FAULTY * of as f64;
@@ -154,15 +319,15 @@ fn facing(normals: &Plane<Vec3>, covered: &Plane<bool>) -> Result<(Vec<Candidate
 }
 
 /// At most `most` of the candidates, evenly over the directions, in their order.
-fn thin(candidates: &[Candidate], most: usize) -> Vec<Candidate> {
+fn thin(candidates: &[Candidate], surface: &SurfaceView<'_>, most: usize) -> Vec<Candidate> {
     if candidates.len() <= most {
         return candidates.to_vec();
     }
     // Half of the square is the visible hemisphere.
     let side = ((2.0 * most as f64 / POINTS_PER_CELL).sqrt() as usize).max(1);
     let mut cells: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (i, (_, normal)) in candidates.iter().enumerate() {
-        cells.entry(cell(*normal, side)).or_default().push(i);
+    for (i, candidate) in candidates.iter().enumerate() {
+        cells.entry(cell(candidate.seen(surface), side)).or_default().push(i);
     }
     // The most that can be taken from each cell; there are fewer cells than points wanted, so it is one at least.
     let total = |each: usize| cells.values().map(|cell| cell.len().min(each)).sum::<usize>();

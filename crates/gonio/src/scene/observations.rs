@@ -7,8 +7,9 @@ use super::circle::LEAST_RADIUS;
 use super::observed::{COVERED, Seen, check_radiance, check_size, clip_level, is_clipped};
 use super::{Circle, SceneError};
 use crate::picture::{Picture, Plane, luminance};
+use crate::shape::Visibility;
 use crate::sphere::fibonacci_hemisphere;
-use crate::transfer::SurfacePoint;
+use crate::transfer::{Points, SurfacePoint};
 
 /// Least number of points with a value: what [`Plan::project`](crate::transfer::Plan::project) needs.
 pub(super) const LEAST_POINTS: usize = 50;
@@ -56,9 +57,16 @@ pub struct ObservationReport {
     pub not_unit: usize,
     /// Covered pixels skipped because their normal faces away; 0 for a sphere.
     pub facing_away: usize,
+    /// Covered pixels skipped because the surface ends, steps back or folds next to them; 0 for a sphere.
+    pub at_edges: usize,
+    /// Covered pixels skipped because they are far darker than all their neighbours: dust, dead pixels; 0 for a sphere.
+    pub specks: usize,
+    /// Points without a value because the edge of a shadow of the object itself may lie on them, or because they see little of the light but what
+    /// the object reflects.
+    pub in_shadow: usize,
 }
 
-/// Points of a surface and what a picture shows of them; the four vectors run over the same points.
+/// Points of a surface and what a picture shows of them; all vectors run over the same points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observations {
     /// Points of the surface; they do not depend on the radiance.
@@ -69,6 +77,10 @@ pub struct Observations {
     pub values: Vec<Option<f64>>,
     /// Linear RGB radiance of each point, where it has a value.
     pub colours: Vec<Option<Vec3>>,
+    /// How far each can be trusted, in 0..=1: inverse variances relative to that of the model's own error.
+    pub weights: Vec<f64>,
+    /// Which light reaches each point, where the surface keeps some from itself ([`Self::shadowed_by`]).
+    pub visibility: Option<Visibility>,
     /// What became of the points.
     pub report: ObservationReport,
 }
@@ -82,6 +94,11 @@ pub fn sphere_points(settings: &ObservationSettings) -> Vec<SurfacePoint> {
 }
 
 impl Observations {
+    /// The points with their visibility, as the operator takes them.
+    pub fn seen(&self) -> Points<'_> {
+        Points::new(&self.points, self.visibility.as_ref())
+    }
+
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
     ///
     /// A value is the bilinear interpolation of the picture where the point projects to. It stays a point sample where
@@ -162,7 +179,8 @@ impl Observations {
         if values.iter().flatten().all(|&value| value <= 0.0) {
             return Err(SceneError::Black);
         }
-        Ok(Self { points, pixels, values, colours, report })
+        let weights = vec![1.0; points.len()];
+        Ok(Self { points, pixels, values, colours, weights, visibility: None, report })
     }
 }
 

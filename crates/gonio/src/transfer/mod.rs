@@ -7,12 +7,14 @@
 mod bilinear;
 pub(crate) mod kernels;
 mod plan;
+mod points;
 mod quadrature;
 mod reference;
 mod sketch;
 
 pub use bilinear::Bilinear;
 pub use plan::{Plan, PlanError, PlanSettings, Projected};
+pub use points::Points;
 pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint};
 pub use reference::polar_reference;
 

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::sketch::{RowBlocks, Sketch, sketch};
-use super::{Bilinear, InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint};
+use super::{Bilinear, InterleavedTables, Points, Quadrature, QuadratureSettings, SurfacePoint};
 use crate::lighting::{LightGrid, LightPrior};
 use crate::reflectance::BivariateTable;
 use crate::sphere::Haar;
@@ -70,6 +70,16 @@ pub enum PlanError {
         /// Directions of the plan.
         rank: usize,
     },
+    /// Visibility on another grid than the light's.
+    #[error(
+        "visibility was found on a grid of {visibility} texels a side (or another map), the light has {side}: trace it anew"
+    )]
+    Visibility {
+        /// Side of the grid of the visibility.
+        visibility: usize,
+        /// Side of the grid of the light.
+        side: usize,
+    },
     /// The points of the image and those of the plan differ in number.
     #[error("the plan was made for {plan} points, the image has {image}")]
     Points {
@@ -101,7 +111,7 @@ pub struct Plan {
 
 /// All rows of the operator in the Haar domain, block by block.
 struct Rows<'a> {
-    points: &'a [SurfacePoint],
+    points: Points<'a>,
     quadrature: Quadrature,
     tables: InterleavedTables,
     haar: Haar,
@@ -112,15 +122,19 @@ struct Rows<'a> {
 const BLOCK: usize = 256;
 
 impl Rows<'_> {
-    fn compute(&self, points: &[SurfacePoint], block: &mut [f32]) {
+    /// Rows of the points `first`, `first + step` and so on, as many as `block` holds.
+    fn compute(&self, first: usize, step: usize, block: &mut [f32]) {
         let (m, k, stride) = (self.haar.coefficients(), self.tables.count(), self.tables.stride());
         let scale = (1.0 / LightGrid::texel_measure(m.isqrt()).sqrt()) as f32;
-        let rows = block.par_chunks_mut(k * m).zip(points);
-        rows.for_each_init(
+        block.par_chunks_mut(k * m).enumerate().for_each_init(
             || (vec![0.0; m * stride], Vec::new()),
-            |(texels, scratch), (row, point)| {
+            |(texels, scratch), (i, row)| {
+                let point = first + i * step;
                 texels.fill(0.0);
-                self.quadrature.integrate(point, &self.tables, texels);
+                self.quadrature.integrate(&self.points.points[point], &self.tables, texels);
+                if let Some(visibility) = self.points.visibility {
+                    visibility.apply(point, texels, stride);
+                }
                 for (k, out) in row.chunks_exact_mut(m).enumerate() {
                     for (out, texel) in out.iter_mut().zip(texels.chunks_exact(stride)) {
                         *out = texel[k] * scale;
@@ -137,17 +151,16 @@ impl Rows<'_> {
     /// coefficients, from a few hundred of the points.
     fn energies(&self, light: &[f64]) -> Vec<f64> {
         let step = self.points.len().div_ceil(400);
-        let some: Vec<SurfacePoint> = self.points.iter().step_by(step).copied().collect();
-        let columns = self.columns();
-        let mut rows = vec![0.0; some.len() * columns];
-        self.compute(&some, &mut rows);
+        let (some, columns) = (self.points.len().div_ceil(step), self.columns());
+        let mut rows = vec![0.0; some * columns];
+        self.compute(0, step, &mut rows);
         let mut sums = vec![0.0; self.tables.count()];
         for row in rows.chunks_exact(columns) {
             for (sum, a) in sums.iter_mut().zip(row.chunks_exact(light.len())) {
                 *sum += a.iter().zip(light).map(|(a, l)| (f64::from(*a) * l).powi(2)).sum::<f64>();
             }
         }
-        sums.into_iter().map(|s| (s / some.len() as f64).sqrt()).collect()
+        sums.into_iter().map(|s| (s / some as f64).sqrt()).collect()
     }
 }
 
@@ -166,7 +179,7 @@ impl RowBlocks for Rows<'_> {
             let mut block = vec![0.0; BLOCK.min(self.rows()) * columns];
             for first in (0..self.rows()).step_by(BLOCK) {
                 let block = &mut block[..BLOCK.min(self.rows() - first) * columns];
-                self.compute(&self.points[first..], block);
+                self.compute(first, 1, block);
                 visit(first, block);
             }
         } else {
@@ -179,23 +192,18 @@ impl RowBlocks for Rows<'_> {
 
 /// Rows of `A` for points of a surface, `[point][k][m]`, without any projection.
 pub(crate) fn full_rows(
-    points: &[SurfacePoint],
+    points: Points<'_>,
     tables: &[BivariateTable],
     prior: &LightPrior,
     settings: &PlanSettings,
 ) -> Vec<f32> {
     let rows = rows_of(points, tables, prior, settings);
     let mut all = vec![0.0; rows.rows() * rows.columns()];
-    rows.compute(points, &mut all);
+    rows.compute(0, 1, &mut all);
     all
 }
 
-fn rows_of<'a>(
-    points: &'a [SurfacePoint],
-    tables: &[BivariateTable],
-    prior: &LightPrior,
-    settings: &PlanSettings,
-) -> Rows<'a> {
+fn rows_of<'a>(points: Points<'a>, tables: &[BivariateTable], prior: &LightPrior, settings: &PlanSettings) -> Rows<'a> {
     Rows {
         points,
         quadrature: Quadrature::new(prior.map, settings.side, settings.quadrature),
@@ -214,21 +222,22 @@ impl Plan {
     ///
     /// # Errors
     /// With fewer than 50 points, an empty basis, or a grid that the prior does not cover.
-    pub fn build(
-        points: &[SurfacePoint],
+    pub fn build<'a>(
+        points: impl Into<Points<'a>>,
         tables: &[BivariateTable],
         prior: &LightPrior,
         settings: &PlanSettings,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Self, PlanError> {
-        Self::check(points.len(), tables.len(), prior, settings)?;
+        let points = points.into();
+        Self::check(points, tables.len(), prior, settings)?;
         let mut rows = rows_of(points, tables, prior, settings);
         let bytes = rows.rows() * rows.columns() * size_of::<f32>();
         if bytes < settings.hold {
             let columns = rows.columns();
             let mut held = vec![0.0; rows.rows() * columns];
             for (i, block) in held.chunks_mut(BLOCK * columns).enumerate() {
-                rows.compute(&points[i * BLOCK..], block);
+                rows.compute(i * BLOCK, 1, block);
                 progress(0.5 * ((i + 1) * BLOCK).min(points.len()) as f64 / points.len() as f64);
             }
             rows.held = held;
@@ -247,9 +256,14 @@ impl Plan {
         Ok(Self { settings: *settings, points: points.len(), k: tables.len(), q, r, energies, total_energy: total })
     }
 
-    fn check(points: usize, tables: usize, prior: &LightPrior, settings: &PlanSettings) -> Result<(), PlanError> {
-        if points < 50 {
-            return Err(PlanError::TooFewPoints(points));
+    fn check(points: Points<'_>, tables: usize, prior: &LightPrior, settings: &PlanSettings) -> Result<(), PlanError> {
+        if points.len() < 50 {
+            return Err(PlanError::TooFewPoints(points.len()));
+        }
+        if let Some(visibility) = points.visibility
+            && (visibility.side(), visibility.map()) != (settings.side, prior.map)
+        {
+            return Err(PlanError::Visibility { visibility: visibility.side(), side: settings.side });
         }
         if tables == 0 {
             return Err(PlanError::EmptyBasis);
@@ -354,21 +368,24 @@ impl Projected {
     ///
     /// # Errors
     /// As [`Plan::build`].
-    pub fn unprojected(
-        points: &[SurfacePoint],
+    pub fn unprojected<'a>(
+        points: impl Into<Points<'a>>,
         image: &[Option<f64>],
         tables: &[BivariateTable],
         prior: &LightPrior,
         settings: &PlanSettings,
     ) -> Result<Self, PlanError> {
-        if image.len() != points.len() {
-            return Err(PlanError::Points { plan: points.len(), image: image.len() });
+        let all = points.into();
+        if image.len() != all.len() {
+            return Err(PlanError::Points { plan: all.len(), image: image.len() });
         }
-        let kept: Vec<(SurfacePoint, f64)> =
-            points.iter().zip(image).filter_map(|(p, value)| value.map(|v| (*p, v))).collect();
-        Plan::check(kept.len(), tables.len(), prior, settings)?;
-        let (points, target): (Vec<SurfacePoint>, Vec<f64>) = kept.into_iter().unzip();
-        let rows = full_rows(&points, tables, prior, settings);
+        let kept: Vec<usize> = (0..image.len()).filter(|&i| image[i].is_some()).collect();
+        let points: Vec<SurfacePoint> = kept.iter().map(|&i| all.points[i]).collect();
+        let target: Vec<f64> = image.iter().flatten().copied().collect();
+        let visibility = all.visibility.map(|v| v.select(&kept));
+        let seen = Points::new(&points, visibility.as_ref());
+        Plan::check(seen, tables.len(), prior, settings)?;
+        let rows = full_rows(seen, tables, prior, settings);
         let bilinear = Bilinear::new(points.len(), tables.len(), settings.side * settings.side, rows);
         Ok(Self { bilinear, pixels: target.len(), target, outside: 0.0 })
     }
@@ -463,7 +480,7 @@ pub(crate) mod tests {
     fn a_projected_image_is_what_the_rows_say() {
         let (points, tables, prior, settings) = toy();
         let plan = build(&settings);
-        let full = Bilinear::new(points.len(), 3, 256, full_rows(&points, &tables, &prior, &settings));
+        let full = Bilinear::new(points.len(), 3, 256, full_rows((&points).into(), &tables, &prior, &settings));
         let mut l: Vec<f64> = prior.mean_and_variance(16).iter().map(|m| m.0).collect();
         l[5] = 0.1;
         l[40] = -0.05;

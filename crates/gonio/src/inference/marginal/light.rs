@@ -9,7 +9,7 @@ use super::{
 use crate::inference::{Hyper, ProblemError};
 use crate::lighting::LightPrior;
 use crate::reflectance::BivariateTable;
-use crate::transfer::{PlanError, PlanSettings, Projected, SurfacePoint};
+use crate::transfer::{PlanError, PlanSettings, Points, Projected};
 
 /// An image of one BRDF, to find its light: one row for every observation.
 #[derive(Clone, Debug)]
@@ -42,8 +42,8 @@ impl<'a> LightProblem<'a> {
     ///
     /// # Errors
     /// If points and values differ in number, the prior does not cover the grid, or the image is black or not finite.
-    pub fn new(
-        points: &[SurfacePoint],
+    pub fn new<'b>(
+        points: impl Into<Points<'b>>,
         values: &[Option<f64>],
         table: &BivariateTable,
         prior: &'a LightPrior,

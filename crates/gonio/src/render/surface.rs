@@ -1,0 +1,205 @@
+//! A surface of any shape, with the shadows that it throws on itself.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::brdf::Brdf;
+use super::integrate::{IntegratorSettings, Nodes, nodes};
+use super::tree::LightTree;
+use crate::picture::{Picture, Plane};
+use crate::reflectance::BivariateTable;
+use crate::shape::{Camera, Hit, Ray, Surface};
+use crate::transfer::SurfacePoint;
+
+/// Of the light that a point reflects so much is asked for by rays, strongest directions first; the rest is taken to be blocked as the asked part is.
+const ASKED: f64 = 0.995;
+
+/// Rays along each side of a pixel that say how much of it the surface covers.
+const COVERAGE: usize = 4;
+
+/// How a surface is pictured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceSettings {
+    /// Samples along each side of a pixel.
+    pub samples: usize,
+    /// Accuracy of each sample.
+    pub integrator: IntegratorSettings,
+    /// Whether the surface keeps light from itself. Light that it reflects onto itself is left out in any case.
+    pub shadows: bool,
+}
+
+impl Default for SurfaceSettings {
+    fn default() -> Self {
+        Self { samples: 1, integrator: IntegratorSettings::default(), shadows: true }
+    }
+}
+
+/// Renders a surface of one material in light from far away: unit radiance scale of the light, alpha the coverage, black outside
+/// (premultiplied). Light and BRDF are in coordinates of the camera. `progress` is told a fraction in 0..=1.
+pub fn render_surface(
+    brdf: &dyn Brdf,
+    light: &LightTree,
+    surface: &dyn Surface,
+    camera: &Camera,
+    settings: &SurfaceSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Picture {
+    let (width, height) = camera.size;
+    let envelope = brdf.envelope();
+    let samples = settings.samples.max(1);
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let shade = |hit: &Hit, view: DVec3| radiance_of(hit, view, brdf, &envelope, light, surface, settings);
+    let pixel = |x: usize, y: usize| {
+        let ray = |s: usize, n: usize| {
+            let at = |i: usize, from: usize| from as f64 + (i as f64 + 0.5) / n as f64;
+            camera.ray((at(s % n, x), at(s / n, y)))
+        };
+        let covered = (0..COVERAGE * COVERAGE).filter(|&s| surface.hit(&ray(s, COVERAGE)).is_some()).count();
+        let hits = (0..samples * samples).filter_map(|s| {
+            let ray = ray(s, samples);
+            surface.hit(&ray).map(|hit| (hit, -ray.direction))
+        });
+        let mut hits: Vec<(Hit, DVec3)> = hits.collect();
+        if hits.is_empty() && covered > 0 {
+            // Touched beside its centre: what there is stands for it.
+            let any = (0..COVERAGE * COVERAGE).map(|s| ray(s, COVERAGE));
+            hits.extend(any.filter_map(|ray| surface.hit(&ray).map(|hit| (hit, -ray.direction))).take(1));
+        }
+        let Some(count) = (!hits.is_empty()).then_some(hits.len() as f64) else { return (Vec3::ZERO, 0.0) };
+        let sum: DVec3 = hits.iter().map(|(hit, view)| shade(hit, *view)).sum();
+        let coverage = covered as f32 / (COVERAGE * COVERAGE) as f32;
+        ((sum / count).as_vec3() * coverage, coverage)
+    };
+    let pixels: Vec<(Vec3, f32)> = (0..height)
+        .into_par_iter()
+        .flat_map_iter(|y| {
+            let row: Vec<(Vec3, f32)> = (0..width).map(|x| pixel(x, y)).collect();
+            let rows = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            progress(rows as f64 / height as f64);
+            row
+        })
+        .collect();
+    let (rgb, alpha) = pixels.into_iter().unzip();
+    Picture { rgb: Plane::from_vec(width, height, rgb), alpha: Some(Plane::from_vec(width, height, alpha)) }
+}
+
+/// Radiance that a place of the surface sends along `view`.
+fn radiance_of(
+    hit: &Hit,
+    view: DVec3,
+    brdf: &dyn Brdf,
+    envelope: &BivariateTable,
+    light: &LightTree,
+    surface: &dyn Surface,
+    settings: &SurfaceSettings,
+) -> DVec3 {
+    // At the rim an interpolated normal may point away from the camera.
+    let normal = if hit.normal.dot(view) > 1e-3 {
+        hit.normal
+    } else {
+        (hit.normal + (1e-3 - hit.normal.dot(view)) * view).normalize()
+    };
+    let point = SurfacePoint { normal, view };
+    let mut found = nodes(&point, envelope, light, &settings.integrator);
+    if settings.shadows && !surface.is_convex() {
+        found.shadow(envelope, |direction| surface.blocks(&Ray { origin: hit.clear, direction }));
+    }
+    found.radiance(&point, brdf)
+}
+
+impl Nodes {
+    /// Takes away the light that is blocked. Directions that carry all but a last bit of what `envelope` reflects are asked for, strongest first; the
+    /// others lose the share that those lose.
+    pub fn shadow(&mut self, envelope: &BivariateTable, blocked: impl Fn(DVec3) -> bool) {
+        let strength: Vec<f64> =
+            self.nodes.iter().map(|n| envelope.eval(n.theta_h, n.theta_d) * n.weight.abs().max_element()).collect();
+        let total: f64 = strength.iter().sum();
+        let mut order: Vec<usize> = (0..strength.len()).collect();
+        order.sort_by(|&a, &b| strength[b].total_cmp(&strength[a]));
+        let (mut asked, mut open, mut count) = (0.0, 0.0, 0);
+        for &i in &order {
+            if asked >= ASKED * total {
+                break;
+            }
+            asked += strength[i];
+            count += 1;
+            if blocked(self.nodes[i].direction) {
+                self.nodes[i].weight = DVec3::ZERO;
+            } else {
+                open += strength[i];
+            }
+        }
+        let left = if asked > 0.0 { open / asked } else { 1.0 };
+        order[count..].iter().for_each(|&i| self.nodes[i].weight *= left);
+        self.nodes.retain(|n| n.weight != DVec3::ZERO);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::super::{SphereSettings, render_sphere};
+    use super::*;
+    use crate::lighting::EnvironmentMap;
+    use crate::shape::{Ellipsoid, Form, Projection, Tracer, hit_at};
+    use crate::sphere::direction_of_lat_long;
+
+    fn light(f: impl Fn(DVec3) -> f32) -> LightTree {
+        let at = |x: usize, y: usize| direction_of_lat_long((x as f64 + 0.5) / 128.0, (y as f64 + 0.5) / 64.0);
+        LightTree::of_map(&EnvironmentMap::new(Plane::from_fn(128, 64, |x, y| Vec3::splat(f(at(x, y))))).unwrap())
+    }
+
+    fn lobe() -> BivariateTable {
+        BivariateTable::from_fn(|h, _| 0.1 + 2.0 / (1.0 + (h / 0.2_f64).powi(2)).powi(2))
+    }
+
+    #[test]
+    fn an_ellipsoid_of_equal_axes_is_the_sphere() {
+        let light = light(|d| 1.0 + d.y as f32 + 0.5 * d.x as f32);
+        let flat = SphereSettings { size: 24, ..SphereSettings::default() };
+        let want = render_sphere(&lobe(), &light, &flat, &|_| ());
+        let projection = Projection::Orthographic { pixels_per_unit: flat.radius() };
+        let camera = Camera::new(projection, (12.0, 12.0), (24, 24)).unwrap();
+        let ball = Ellipsoid::sphere(DVec3::new(0.0, 0.0, -3.0), 1.0).unwrap();
+        let got = render_surface(&lobe(), &light, &ball, &camera, &SurfaceSettings::default(), &|_| ());
+        let alpha = |p: &Picture, at| p.alpha.as_ref().unwrap()[at];
+        for at in (0..24).flat_map(|y| (0..24).map(move |x| (x, y))) {
+            assert!((alpha(&got, at) - alpha(&want, at)).abs() < 0.1, "{at:?}");
+            if alpha(&want, at) == 1.0 {
+                assert!((got.rgb[at] - want.rgb[at]).length() < 2e-3 * want.rgb[at].length(), "{at:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn shadows_are_those_of_many_rays() {
+        // White Lambertian in an even light: what is left of one is the openness.
+        let white = BivariateTable::from_fn(|_, _| 1.0 / PI);
+        let bowl = Tracer::new(Form::Bowl.mesh(24).unwrap());
+        let (centre, radius) = bowl.bounds();
+        let world = Camera::framing(centre, radius, (12, 12), 0.05).unwrap();
+        let bowl = Tracer::new(bowl.mesh().transformed(&world.to_world.inverse()).unwrap());
+        let even = light(|_| 1.0);
+        let got = render_surface(&white, &even, &bowl, &world, &SurfaceSettings::default(), &|_| ());
+        let mut darkest = 1.0_f64;
+        for (x, y) in (0..12).flat_map(|y| (0..12).map(move |x| (x, y))) {
+            let Some(hit) = hit_at(&bowl, &world, x, y) else { continue };
+            let (rings, spokes) = (40, 80);
+            let (tangent, other) = hit.normal.any_orthonormal_pair();
+            let free = (0..rings * spokes).filter(|i| {
+                // Even in the measure of cosine times solid angle.
+                let (s, c) = (((i % rings) as f64 + 0.5) / rings as f64).sqrt().asin().sin_cos();
+                let (a, b) = (2.0 * PI * ((i / rings) as f64 + 0.5) / spokes as f64).sin_cos();
+                let direction = s * (a * tangent + b * other) + c * hit.normal;
+                !bowl.blocks(&Ray { origin: hit.clear, direction })
+            });
+            let want = free.count() as f64 / (rings * spokes) as f64;
+            let alpha = f64::from(got.alpha.as_ref().unwrap()[(x, y)]);
+            let value = f64::from(got.rgb[(x, y)].x) / alpha;
+            darkest = darkest.min(want);
+            assert!((value - want).abs() < 0.02, "{x} {y}: {value} {want}");
+        }
+        assert!(darkest < 0.7, "{darkest}");
+    }
+}

@@ -1,0 +1,50 @@
+//! What a camera sees of a surface, pixel by pixel.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::{Camera, Hit, Surface};
+use crate::picture::Plane;
+
+/// Normals and distances at the centres of the pixels (the renderers' G-buffer), in coordinates of the camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GeometryBuffer {
+    /// Unit normals; `ZERO` where nothing is seen.
+    pub normals: Plane<Vec3>,
+    /// Distance along the ray; infinite where nothing is seen.
+    pub distances: Plane<f32>,
+    /// Pixels that see the surface.
+    pub seen: usize,
+    /// Those of them that see its inner side, by the order of the corners of its triangles.
+    pub inside: usize,
+}
+
+impl GeometryBuffer {
+    /// Sends a ray through the centre of each pixel.
+    pub fn of(surface: &dyn Surface, camera: &Camera) -> Self {
+        let (width, height) = camera.size;
+        let pixels: Vec<(Vec3, f32, bool)> = (0..width * height)
+            .into_par_iter()
+            .map(|i| match hit_at(surface, camera, i % width, i / width) {
+                Some(hit) => (hit.normal.as_vec3(), hit.distance as f32, hit.inside),
+                None => (Vec3::ZERO, f32::INFINITY, false),
+            })
+            .collect();
+        Self {
+            seen: pixels.iter().filter(|p| p.1.is_finite()).count(),
+            inside: pixels.iter().filter(|p| p.2).count(),
+            normals: Plane::from_vec(width, height, pixels.iter().map(|p| p.0).collect()),
+            distances: Plane::from_vec(width, height, pixels.iter().map(|p| p.1).collect()),
+        }
+    }
+}
+
+/// What the centre of a pixel sees.
+pub fn hit_at(surface: &dyn Surface, camera: &Camera, column: usize, row: usize) -> Option<Hit> {
+    surface.hit(&camera.ray((column as f64 + 0.5, row as f64 + 0.5)))
+}
+
+/// The unit vector from what a pixel sees to the camera.
+pub fn view_at(camera: &Camera, column: usize, row: usize) -> DVec3 {
+    -camera.ray((column as f64 + 0.5, row as f64 + 0.5)).direction
+}

@@ -1,0 +1,141 @@
+//! What a ray meets.
+
+use glam::{DMat3, DVec3};
+use thiserror::Error;
+
+use super::Ray;
+
+/// A place of a surface that a ray meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Length of the ray up to there.
+    pub distance: f64,
+    /// The place.
+    pub position: DVec3,
+    /// Unit normal of the surface that is meant, on the side that the ray comes from.
+    pub normal: DVec3,
+    /// Where rays towards the light begin: at the place, or a little above it, clear of the facets that stand for a smooth surface.
+    pub clear: DVec3,
+    /// The surface was met from its inner side, by the order of its corners.
+    pub inside: bool,
+}
+
+/// A surface, in coordinates of the camera.
+pub trait Surface: Sync {
+    /// The first place that a ray meets.
+    fn hit(&self, ray: &Ray) -> Option<Hit>;
+
+    /// Whether anything of the surface lies on a ray from a [`Hit::clear`] on.
+    fn blocks(&self, ray: &Ray) -> bool;
+
+    /// Whether no place of the surface keeps light from another.
+    fn is_convex(&self) -> bool {
+        false
+    }
+}
+
+/// An ellipsoid; a sphere if its axes are equal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ellipsoid {
+    centre: DVec3,
+    /// To the sphere of radius one.
+    to_unit: DMat3,
+}
+
+/// Why there is no such ellipsoid.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[error("an ellipsoid needs a finite centre and three perpendicular semi-axes of finite, positive length")]
+pub struct EllipsoidError;
+
+impl Ellipsoid {
+    /// Of its centre and three semi-axes, which are perpendicular to each other.
+    ///
+    /// # Errors
+    /// If they are not, or a number is not finite.
+    pub fn new(centre: DVec3, axes: DMat3) -> Result<Self, EllipsoidError> {
+        let columns = [axes.x_axis, axes.y_axis, axes.z_axis];
+        let [a, b, c] = columns.map(|v| v.normalize_or_zero());
+        let slant = a.dot(b).abs().max(b.dot(c).abs()).max(c.dot(a).abs());
+        let long = columns.iter().all(|v| v.is_finite() && v.length() > 1e-30 && v.length() < 1e30);
+        if !(centre.is_finite() && long && slant < 1e-6) {
+            return Err(EllipsoidError);
+        }
+        Ok(Self { centre, to_unit: axes.inverse() })
+    }
+
+    /// A sphere.
+    ///
+    /// # Errors
+    /// If the radius is not positive, or a number is not finite.
+    pub fn sphere(centre: DVec3, radius: f64) -> Result<Self, EllipsoidError> {
+        Self::new(centre, DMat3::from_diagonal(DVec3::splat(radius)))
+    }
+}
+
+impl Surface for Ellipsoid {
+    fn hit(&self, ray: &Ray) -> Option<Hit> {
+        let (o, d) = (self.to_unit * (ray.origin - self.centre), self.to_unit * ray.direction);
+        // |o + t d| = 1 from the point nearest to the centre, which keeps its digits when the ray begins far away.
+        let nearest = -o.dot(d) / d.length_squared();
+        let square = 1.0 - (o + nearest * d).length_squared();
+        if square < 0.0 {
+            return None;
+        }
+        let half = (square / d.length_squared()).sqrt();
+        let (inside, distance) = if nearest - half > 0.0 { (false, nearest - half) } else { (true, nearest + half) };
+        let unit = o + distance * d;
+        let outwards = (self.to_unit.transpose() * unit).normalize();
+        let normal = if inside { -outwards } else { outwards };
+        let position = ray.origin + distance * ray.direction;
+        (distance > 0.0).then_some(Hit { distance, position, normal, clear: position, inside })
+    }
+
+    fn blocks(&self, _: &Ray) -> bool {
+        false
+    }
+
+    fn is_convex(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+
+    #[test]
+    fn a_sphere_is_met_where_it_is() {
+        let sphere = Ellipsoid::sphere(DVec3::new(1.0, 2.0, -30.0), 3.0).unwrap();
+        let towards = DVec3::new(1.2, 1.5, -28.0).normalize();
+        let hit = sphere.hit(&Ray { origin: DVec3::ZERO, direction: towards }).unwrap();
+        assert!(((hit.position - DVec3::new(1.0, 2.0, -30.0)).length() - 3.0).abs() < 1e-12);
+        assert!((hit.normal - (hit.position - DVec3::new(1.0, 2.0, -30.0)) / 3.0).length() < 1e-12);
+        assert!(
+            hit.normal.dot(towards) < 0.0 && !hit.inside && (hit.position - hit.distance * towards).length() < 1e-12
+        );
+        assert_eq!(sphere.hit(&Ray { origin: DVec3::ZERO, direction: DVec3::X }), None);
+        assert_eq!(sphere.hit(&Ray { origin: DVec3::ZERO, direction: DVec3::Z }), None);
+    }
+
+    #[test]
+    fn normals_of_an_ellipsoid_are_perpendicular_to_it() {
+        let turn = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -0.7, 1.1));
+        let shape = Ellipsoid::new(DVec3::ZERO, turn * DMat3::from_diagonal(DVec3::new(1.0, 2.0, 0.5))).unwrap();
+        let at = |x: f64, y: f64| shape.hit(&Ray { origin: DVec3::new(x, y, 9.0), direction: DVec3::NEG_Z }).unwrap();
+        let (hit, step) = (at(0.2, -0.3), 1e-5);
+        for (dx, dy) in [(step, 0.0), (0.0, step)] {
+            let along = at(0.2 + dx, -0.3 + dy).position - at(0.2 - dx, -0.3 - dy).position;
+            assert!(hit.normal.dot(along.normalize()).abs() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn what_is_no_ellipsoid_is_refused() {
+        assert_eq!(Ellipsoid::sphere(DVec3::ZERO, 0.0), Err(EllipsoidError));
+        assert_eq!(Ellipsoid::sphere(DVec3::NAN, 1.0), Err(EllipsoidError));
+        let slanted = DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::Z);
+        assert_eq!(Ellipsoid::new(DVec3::ZERO, slanted), Err(EllipsoidError));
+    }
+}

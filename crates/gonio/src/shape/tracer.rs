@@ -1,0 +1,164 @@
+//! Rays against a mesh.
+
+use glam::{DVec3, Vec3A};
+use obvhs::BvhBuildParams;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::cwbvh::{CwBvh, bvh2_to_cwbvh::bvh2_to_cwbvh};
+use obvhs::ploc::PlocBuilder;
+use obvhs::ray::RayHit;
+use obvhs::triangle::Triangle;
+
+use super::Ray;
+use super::mesh::{Mesh, face};
+use super::surface::{Hit, Surface};
+
+/// Rays towards the light begin this share of the object's size above it: single precision places them no better.
+const LIFT: f64 = 2e-5;
+
+/// A mesh with what it takes to find the triangles that a ray meets.
+pub struct Tracer {
+    mesh: Mesh,
+    /// Bounding volumes of the triangles in `triangles`, in the frame of a sphere of radius one about the object.
+    tree: CwBvh,
+    triangles: Vec<Triangle>,
+    centre: DVec3,
+    radius: f64,
+}
+
+impl Tracer {
+    /// Sorts the triangles of a mesh, which is in coordinates of the camera.
+    pub fn new(mesh: Mesh) -> Self {
+        let (centre, radius) = mesh.bounds();
+        // In units of the object's own size: files come in millimetres and in kilometres, and rays are single precision.
+        let place = |i: u32| Vec3A::from(((mesh.positions()[i as usize] - centre) / radius).as_vec3());
+        let unsorted: Vec<Triangle> =
+            mesh.triangles().iter().map(|t| Triangle { v0: place(t[0]), v1: place(t[1]), v2: place(t[2]) }).collect();
+        let build = BvhBuildParams::medium_build();
+        let mut binary = PlocBuilder::with_capacity(unsorted.len()).build(
+            build.ploc_search_distance,
+            &unsorted,
+            (0..unsorted.len() as u32).collect(),
+            build.sort_precision,
+            build.search_depth_threshold,
+        );
+        ReinsertionOptimizer::default().run(&mut binary, build.reinsertion_batch_ratio, None);
+        let tree = bvh2_to_cwbvh(&binary, build.max_prims_per_leaf.clamp(1, 3), true, false);
+        let triangles = tree.primitive_indices.iter().map(|&i| unsorted[i as usize]).collect();
+        Self { mesh, tree, triangles, centre, radius }
+    }
+
+    /// The mesh.
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// The centre of its bounding box and the radius of the sphere about it that holds it.
+    pub fn bounds(&self) -> (DVec3, f64) {
+        (self.centre, self.radius)
+    }
+
+    /// A ray in the frame of the tree, from where it enters the sphere around everything to where it leaves it; none if it passes by.
+    fn local(&self, ray: &Ray) -> Option<obvhs::ray::Ray> {
+        let o = (ray.origin - self.centre) / self.radius;
+        let nearest = -o.dot(ray.direction);
+        let square = 1.0 + 1e-6 - (o + nearest * ray.direction).length_squared();
+        if square <= 0.0 {
+            return None;
+        }
+        let (enter, leave) = ((nearest - square.sqrt()).max(0.0), nearest + square.sqrt());
+        if leave <= enter {
+            return None;
+        }
+        let origin = Vec3A::from((o + enter * ray.direction).as_vec3());
+        let direction = Vec3A::from(ray.direction.as_vec3());
+        Some(obvhs::ray::Ray::new(origin, direction, 0.0, (leave - enter) as f32))
+    }
+}
+
+/// A ray turned to run along an axis, for a test of triangles that lets none slip through between two of them (Woop, Benthin & Wald 2013).
+struct Sheared {
+    axes: [usize; 3],
+    shear: [f32; 3],
+    origin: Vec3A,
+    reach: f32,
+}
+
+impl Sheared {
+    fn new(ray: &obvhs::ray::Ray) -> Self {
+        let d = ray.direction;
+        let z = d.abs().max_position();
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if d[z] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        Self { axes: [x, y, z], shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]], origin: ray.origin, reach: ray.tmax }
+    }
+
+    /// The distance at which a triangle is met before `most`, or infinity.
+    fn meet(&self, triangle: &Triangle, most: f32) -> f32 {
+        let [x, y, z] = self.axes;
+        let [sx, sy, sz] = self.shear;
+        let [a, b, c] = [triangle.v0, triangle.v1, triangle.v2].map(|v| v - self.origin);
+        let flat = |p: Vec3A| (p[x] - sx * p[z], p[y] - sy * p[z]);
+        let (pa, pb, pc) = (flat(a), flat(b), flat(c));
+        let edge = |p: (f32, f32), q: (f32, f32)| {
+            let area = p.0 * q.1 - p.1 * q.0;
+            if area != 0.0 {
+                f64::from(area)
+            } else {
+                f64::from(p.0) * f64::from(q.1) - f64::from(p.1) * f64::from(q.0)
+            }
+        };
+        let (u, v, w) = (edge(pc, pb), edge(pa, pc), edge(pb, pa));
+        let (some, all) = (u.min(v).min(w) < 0.0, u.max(v).max(w) > 0.0);
+        let det = u + v + w;
+        if (some && all) || det == 0.0 {
+            return f32::INFINITY;
+        }
+        let distance = ((u * f64::from(sz * a[z]) + v * f64::from(sz * b[z]) + w * f64::from(sz * c[z])) / det) as f32;
+        if distance >= 0.0 && distance <= most.min(self.reach) { distance } else { f32::INFINITY }
+    }
+}
+
+impl Surface for Tracer {
+    fn hit(&self, ray: &Ray) -> Option<Hit> {
+        let local = self.local(ray)?;
+        let (mut found, sheared) = (RayHit::none(), Sheared::new(&local));
+        if !self.tree.ray_traverse(local, &mut found, |ray, i| sheared.meet(&self.triangles[i], ray.tmax)) {
+            return None;
+        }
+        let index = self.tree.primitive_indices[found.primitive_id as usize] as usize;
+        let triangle = self.mesh.triangles()[index];
+        let [a, b, c] = triangle.map(|i| self.mesh.positions()[i as usize]);
+        // Again in double precision, now that the triangle is known.
+        let area = face(self.mesh.positions(), triangle);
+        let flat = area.normalize();
+        let slope = flat.dot(ray.direction);
+        let distance = if slope.abs() > 1e-12 {
+            flat.dot(a - ray.origin) / slope
+        } else {
+            (0.5 * (a + b) - ray.origin).dot(ray.direction)
+        };
+        let position = ray.origin + distance * ray.direction;
+        let share = |p: DVec3, q: DVec3| ((p - position).cross(q - position).dot(flat) / area.length()).clamp(0.0, 1.0);
+        let (u, v, w) = (share(b, c), share(c, a), share(a, b));
+        let inside = slope > 0.0;
+        let facing = if inside { -flat } else { flat };
+        // Normals are taken on the side that is seen, each by itself: files mix both.
+        let corners = self.mesh.normals()[index].map(|n| if n.dot(facing) < 0.0 { -n } else { n });
+        let [na, nb, nc] = corners;
+        let normal = (u * na + v * nb + w * nc).try_normalize().unwrap_or(facing);
+        // Hanika (2021), Hacking the Shadow Terminator: from above the corners' tangent planes, where the smooth surface is. Not where it curves inwards.
+        let above = |corner: DVec3, n: DVec3| (position - corner).dot(n).min(0.0) * n;
+        let lift = -(u * above(a, na) + v * above(b, nb) + w * above(c, nc));
+        let clear = position + lift + LIFT * self.radius * facing;
+        Some(Hit { distance, position, normal, clear, inside })
+    }
+
+    fn blocks(&self, ray: &Ray) -> bool {
+        self.local(ray).is_some_and(|local| {
+            let sheared = Sheared::new(&local);
+            !self.tree.ray_traverse_miss(local, |ray, i| sheared.meet(&self.triangles[i], ray.tmax))
+        })
+    }
+}

@@ -1,0 +1,285 @@
+//! `V_i` of the paper: which light a surface keeps from its own points.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Ray, Surface};
+use crate::lighting::LightGrid;
+use crate::sphere::OctahedralMap;
+
+/// Rays along each side of a texel that is open in part.
+const FINE: usize = 4;
+
+/// A point of a surface, to ask what light reaches it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lookout {
+    /// Where rays begin: [`Hit::clear`](super::Hit::clear).
+    pub from: DVec3,
+    /// Unit normal: light from below its horizon is not asked for.
+    pub normal: DVec3,
+}
+
+/// For each of some points the open share of every texel of a light grid. One bit a texel, and a byte for each that is open in part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Visibility {
+    map: OctahedralMap,
+    side: usize,
+    rows: Vec<Row>,
+}
+
+/// One point. Most see everything above their horizon.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Row {
+    /// Texels that are wholly blocked, 64 to a word; empty if none is.
+    blocked: Box<[u64]>,
+    /// Texels that are open in part, in order, with how many 255ths of them are.
+    partial: Box<[(u32, u8)]>,
+}
+
+impl Visibility {
+    /// Asks a surface by rays, for a grid of `side` squared texels. One ray goes to the centre of each texel above the horizon; where
+    /// neighbouring texels differ sixteen go, and the share of those above the horizon that pass is what is open. So an obstacle
+    /// that is thinner than a texel and misses all centres is not seen.
+    ///
+    /// # Panics
+    /// If `side` is no power of two.
+    pub fn trace(
+        surface: &dyn Surface,
+        points: &[Lookout],
+        map: OctahedralMap,
+        side: usize,
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Self {
+        let texels = Texels::new(map, side);
+        let convex = surface.is_convex();
+        let done = std::sync::atomic::AtomicUsize::new(0);
+        let rows = points
+            .par_iter()
+            .map(|point| {
+                let row = if convex { Row::default() } else { texels.row(surface, point) };
+                let finished = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+                if finished.is_multiple_of(256) {
+                    progress(finished as f64 / points.len() as f64);
+                }
+                row
+            })
+            .collect();
+        Self { map, side, rows }
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// How the grid lies on the sphere.
+    pub fn map(&self) -> OctahedralMap {
+        self.map
+    }
+
+    /// Texels along a side.
+    pub fn side(&self) -> usize {
+        self.side
+    }
+
+    /// Whether every point sees all light above its horizon.
+    pub fn is_open(&self) -> bool {
+        self.rows.iter().all(|row| row.blocked.is_empty() && row.partial.is_empty())
+    }
+
+    /// The open share of a texel, in 0..=1; one below the horizon, where nothing was asked.
+    pub fn share(&self, point: usize, texel: usize) -> f32 {
+        let row = &self.rows[point];
+        if row.blocked.get(texel / 64).is_some_and(|word| word >> (texel % 64) & 1 == 1) {
+            return 0.0;
+        }
+        let partial = row.partial.binary_search_by_key(&(texel as u32), |p| p.0);
+        partial.map_or(1.0, |at| f32::from(row.partial[at].1) / 255.0)
+    }
+
+    /// The open share of the texel on which a unit direction falls.
+    pub fn share_along(&self, point: usize, direction: DVec3) -> f32 {
+        self.share(point, LightGrid::texel_of(self.map, self.side, direction))
+    }
+
+    /// Multiplies values that belong to the texels, `stride` to each, by the open shares.
+    ///
+    /// # Panics
+    /// If there are not `stride` for each texel.
+    pub fn apply(&self, point: usize, values: &mut [f32], stride: usize) {
+        assert_eq!(values.len(), self.side * self.side * stride);
+        let row = &self.rows[point];
+        for (w, &word) in row.blocked.iter().enumerate() {
+            let mut left = word;
+            while left != 0 {
+                let texel = 64 * w + left.trailing_zeros() as usize;
+                values[texel * stride..(texel + 1) * stride].fill(0.0);
+                left &= left - 1;
+            }
+        }
+        for &(texel, share) in &row.partial {
+            let texel = texel as usize;
+            let share = f32::from(share) / 255.0;
+            values[texel * stride..(texel + 1) * stride].iter_mut().for_each(|v| *v *= share);
+        }
+    }
+
+    /// Share of the light from an even sky that reaches each point through what blocks it: one where nothing does. And the share that comes
+    /// through texels that are open in part, the edges of what blocks.
+    ///
+    /// # Panics
+    /// If there are not as many normals as points.
+    pub fn openness(&self, normals: &[DVec3]) -> Vec<Openness> {
+        assert_eq!(normals.len(), self.rows.len());
+        let centres: Vec<(DVec3, f64)> = (0..self.side * self.side)
+            .map(|t| {
+                let (u, v) = LightGrid::centre_of(self.side, t);
+                (self.map.direction(u, v), self.map.density(u, v))
+            })
+            .collect();
+        let of = |(row, normal): (&Row, &DVec3)| {
+            if row.blocked.is_empty() && row.partial.is_empty() {
+                return Openness { open: 1.0, edge: 0.0 };
+            }
+            let weight = |t: usize| centres[t].0.dot(*normal).max(0.0) * centres[t].1;
+            let all: f64 = (0..centres.len()).map(weight).sum();
+            let bits = row.blocked.iter().enumerate();
+            let blocked: f64 = bits
+                .flat_map(|(w, &word)| (0..64).filter(move |b| word >> b & 1 == 1).map(move |b| 64 * w + b))
+                .map(weight)
+                .sum();
+            let edge: f64 = row.partial.iter().map(|p| weight(p.0 as usize)).sum();
+            let lost: f64 = row.partial.iter().map(|p| weight(p.0 as usize) * (1.0 - f64::from(p.1) / 255.0)).sum();
+            Openness { open: (1.0 - (blocked + lost) / all).max(0.0), edge: edge / all }
+        };
+        self.rows.par_iter().zip(normals).map(of).collect()
+    }
+
+    /// The same of some of the points.
+    ///
+    /// # Panics
+    /// If there is no such point.
+    pub fn select(&self, points: &[usize]) -> Self {
+        Self { map: self.map, side: self.side, rows: points.iter().map(|&i| self.rows[i].clone()).collect() }
+    }
+
+    /// Bytes that the shares take.
+    pub fn bytes(&self) -> usize {
+        let row = |r: &Row| size_of::<Row>() + size_of_val(&*r.blocked) + size_of_val(&*r.partial);
+        self.rows.iter().map(row).sum()
+    }
+
+    /// All shares of each point as bytes, for keys of caches.
+    pub fn for_each_byte(&self, mut visit: impl FnMut(&[u8])) {
+        visit(&(self.side as u64).to_le_bytes());
+        for row in &self.rows {
+            visit(&(row.blocked.len() as u64).to_le_bytes());
+            row.blocked.iter().for_each(|word| visit(&word.to_le_bytes()));
+            visit(&(row.partial.len() as u64).to_le_bytes());
+            row.partial.iter().for_each(|(texel, share)| visit(&[&texel.to_le_bytes()[..], &[*share]].concat()));
+        }
+    }
+}
+
+/// How much of the sky a point sees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Openness {
+    /// The share of light from an even sky that is left, in 0..=1.
+    pub open: f64,
+    /// The share of that light, without obstacles, that would come from texels that are open in part.
+    pub edge: f64,
+}
+
+/// Directions of a grid.
+struct Texels {
+    side: usize,
+    centres: Vec<DVec3>,
+    /// [`FINE`] squared for each texel.
+    fine: Vec<DVec3>,
+    /// Bound of the angle between a centre and any direction of its texel.
+    radius: f64,
+}
+
+/// A texel as the rays see it.
+#[derive(Clone, Copy, PartialEq)]
+enum State {
+    Below,
+    Open,
+    Blocked,
+}
+
+impl Texels {
+    fn new(map: OctahedralMap, side: usize) -> Self {
+        assert!(side.is_power_of_two(), "the side of a light grid is a power of two, not {side}");
+        let direction = |t: usize, dx: f64, dy: f64| {
+            let at = |i: usize, d: f64| 2.0 * (i as f64 + d) / side as f64 - 1.0;
+            map.direction(at(t % side, dx), -at(t / side, dy))
+        };
+        let offset = |i: usize| (i as f64 + 0.5) / FINE as f64;
+        let centres = (0..side * side).map(|t| direction(t, 0.5, 0.5)).collect();
+        let cells = (0..side * side).flat_map(|t| (0..FINE * FINE).map(move |f| (t, f)));
+        let fine = cells.map(|(t, f)| direction(t, offset(f % FINE), offset(f / FINE))).collect();
+        Self { side, centres, fine, radius: map.cell_radius(side.ilog2()) }
+    }
+
+    /// The texel at a step from another; over an edge of the square it is one of the same edge.
+    fn neighbour(&self, texel: usize, dx: isize, dy: isize) -> usize {
+        let n = self.side as isize;
+        let (mut x, mut y) = ((texel % self.side) as isize + dx, (texel / self.side) as isize + dy);
+        if x < 0 || x >= n {
+            (x, y) = (if x < 0 { 0 } else { n - 1 }, n - 1 - y);
+        }
+        if y < 0 || y >= n {
+            (x, y) = (n - 1 - x, if y < 0 { 0 } else { n - 1 });
+        }
+        (y.clamp(0, n - 1) * n + x.clamp(0, n - 1)) as usize
+    }
+
+    fn row(&self, surface: &dyn Surface, point: &Lookout) -> Row {
+        let blocks = |direction: DVec3| surface.blocks(&Ray { origin: point.from, direction });
+        let lowest = -self.radius.sin();
+        let states: Vec<State> = self
+            .centres
+            .iter()
+            .map(|&direction| match direction.dot(point.normal) {
+                // A centre below the horizon says nothing of the part above.
+                height if height <= lowest => State::Below,
+                _ if blocks(direction) => State::Blocked,
+                _ => State::Open,
+            })
+            .collect();
+        let mut blocked = vec![0_u64; states.len().div_ceil(64)];
+        let mut partial = Vec::new();
+        for (texel, &state) in states.iter().enumerate().filter(|(_, s)| **s != State::Below) {
+            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+            let mixed =
+                near.map(|(dx, dy)| states[self.neighbour(texel, dx, dy)]).any(|s| s != state && s != State::Below);
+            let open = if mixed {
+                let rays = &self.fine[texel * FINE * FINE..(texel + 1) * FINE * FINE];
+                let above = || rays.iter().filter(|d| d.dot(point.normal) > 0.0);
+                match above().count() {
+                    0 => 255,
+                    count => (255 * above().filter(|d| !blocks(**d)).count() / count) as u8,
+                }
+            } else if state == State::Open {
+                255
+            } else {
+                0
+            };
+            match open {
+                255 => (),
+                0 => blocked[texel / 64] |= 1 << (texel % 64),
+                share => partial.push((texel as u32, share)),
+            }
+        }
+        if blocked.iter().all(|word| *word == 0) {
+            blocked.clear();
+        }
+        Row { blocked: blocked.into(), partial: partial.into() }
+    }
+}

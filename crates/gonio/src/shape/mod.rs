@@ -2,15 +2,17 @@
 //!
 //! * [`Mesh`]: triangles with smooth normals; [`Soundness`] says what was odd about them. [`Mesh::of_positions`] makes one of a
 //!   picture of positions.
-//! * [`Camera`]: orthographic or perspective, with a pose.
+//! * [`Camera`]: orthographic or perspective, with a pose. [`positions_of_depth`]: what its pixels see at given depths.
 //!
 //! Axes are those of the crate: the camera looks along -z with y up, pictures have y down and the centre of the first pixel at
 //! (0.5, 0.5). Lengths are in the units of the file a shape comes from; only their ratios matter.
 
 mod camera;
+mod depth;
 mod mesh;
 mod smooth;
 mod topology;
 
 pub use camera::{Camera, CameraError, Projection, Ray};
+pub use depth::{DepthKind, DepthSize, positions_of_depth};
 pub use mesh::{Mesh, MeshError, MeshParts, Soundness};

@@ -4,6 +4,9 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// Longest text of a problem that is shown, in characters: files and third parties may bring any.
+const LONGEST: usize = 500;
+
 /// What kind of thing went wrong; decides, for instance, an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -101,7 +104,10 @@ impl fmt::Display for Inner {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         one_line(&self.path.to_string_lossy(), f)?;
         f.write_str(": ")?;
-        one_line(&self.problem, f)?;
+        match self.problem.char_indices().nth(LONGEST) {
+            None => one_line(&self.problem, f)?,
+            Some((end, _)) => one_line(&format!("{} ...", &self.problem[..end]), f)?,
+        }
         f.write_str("; ")?;
         one_line(&self.advice, f)
     }
@@ -125,6 +131,12 @@ mod tests {
         let error = Error::invalid(Path::new("a\nb.png"), "is\r\nodd\u{1b}", "try again");
         assert_eq!(error.to_string(), "a b.png: is  odd\\u{1b}; try again");
         assert_eq!(error.kind(), Kind::Invalid);
+    }
+
+    #[test]
+    fn long_texts_are_cut() {
+        let error = Error::invalid(Path::new("x"), "é".repeat(5000), "try again");
+        assert_eq!(error.to_string(), format!("x: {} ...; try again", "é".repeat(LONGEST)));
     }
 
     #[test]

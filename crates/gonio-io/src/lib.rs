@@ -2,6 +2,9 @@
 //!
 //! * [`picture`]: photographs, light maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF);
 //! * [`normals`]: normal maps (OpenEXR, PFM, NPY, PNG);
+//! * [`geometry`]: pictures of depths and places (OpenEXR, NPY, PNG);
+//! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
+//! * [`camera`]: cameras and poses (`docs/camera.md`);
 //! * [`merl`], [`rgl`], [`bivariate`], [`fits`]: measured BRDFs and published fits to them;
 //! * [`model`]: trained models and their halves (`docs/model-format.md`);
 //! * [`npy`]: arrays of numpy;
@@ -17,11 +20,14 @@
 pub mod atomic;
 pub mod bivariate;
 pub mod cache;
+pub mod camera;
 mod error;
 pub mod fits;
+pub mod geometry;
 mod guard;
 mod little_endian;
 pub mod merl;
+pub mod mesh;
 pub mod model;
 pub mod normals;
 pub mod npy;

@@ -174,6 +174,20 @@ mod tests {
     }
 
     #[test]
+    fn sixteen_bits_are_all_used() {
+        for n in [Vec3::new(0.6, -0.64, 0.48), Vec3::new(1e-3, 0.0, 1.0), Vec3::new(-0.8, 0.6, 1e-3)] {
+            let code = n.normalize().to_array().map(|v| ((0.5 * v + 0.5) * 65535.0).round() as u16);
+            let image = image::ImageBuffer::from_pixel(1, 1, image::Rgb(code));
+            for format in [image::ImageFormat::Png, image::ImageFormat::Tiff] {
+                let mut bytes = std::io::Cursor::new(Vec::new());
+                image.write_to(&mut bytes, format).unwrap();
+                let got = read(&bytes.into_inner()).unwrap()[(0, 0)];
+                assert!((got - n.normalize()).length() < 4e-5, "{got}");
+            }
+        }
+    }
+
+    #[test]
     fn radiance_files_hold_no_normals() {
         assert_eq!(read(b"#?RADIANCE\n").unwrap_err().kind(), Kind::Unsupported);
     }

@@ -2,7 +2,9 @@
 
 #![allow(missing_docs)]
 
+mod corpus;
 mod damage;
 mod disk;
+mod mutation;
 mod rgl;
 mod speed;

@@ -5,6 +5,8 @@
 //! 2. [`Observations::of_sphere`] samples the picture at normals spread evenly over the visible hemisphere;
 //!    [`Observations::of_normals`] does the same for any shape that comes with a picture of its normals.
 //!
+//! [`Orientation`] says whether the channels of such a picture are in order, and which [`Correction`] brings them there.
+//!
 //! The camera is orthographic and looks along -z: the direction to the camera is +z at every point. Pictures have x to
 //! the right and y down, with the centre of the first pixel at (0.5, 0.5); normals have y up.
 //!
@@ -19,6 +21,7 @@ mod error;
 mod normals;
 mod observations;
 mod observed;
+mod orientation;
 mod weights;
 
 pub use background::background_coverage;
@@ -26,3 +29,4 @@ pub use circle::{Circle, FoundCircle, find_sphere};
 pub use error::SceneError;
 pub use normals::SurfaceView;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
+pub use orientation::{Correction, Fit, Orientation};

@@ -2,15 +2,16 @@
 //!
 //! * [`Mesh`]: triangles with smooth normals; [`Soundness`] says what was odd about them. [`Mesh::of_positions`] makes one of a
 //!   picture of positions, [`Form`] some of formulas.
-//! * [`Camera`]: orthographic or perspective, with a pose.
 //! * [`Surface`]: what rays meet; a [`Tracer`] of a mesh or an [`Ellipsoid`]. [`GeometryBuffer`] is what a camera sees of one.
 //! * [`Visibility`]: the paper's `V_i` for some points of a surface.
+//! * [`Camera`]: orthographic or perspective, with a pose. [`positions_of_depth`]: what its pixels see at given depths.
 //!
 //! Axes are those of the crate: the camera looks along -z with y up, pictures have y down and the centre of the first pixel at
 //! (0.5, 0.5). Lengths are in the units of the file a shape comes from; only their ratios matter.
 
 mod buffer;
 mod camera;
+mod depth;
 mod forms;
 mod mesh;
 mod smooth;
@@ -23,6 +24,7 @@ mod visibility;
 
 pub use buffer::{GeometryBuffer, hit_at, view_at};
 pub use camera::{Camera, CameraError, Projection, Ray};
+pub use depth::{DepthKind, DepthSize, positions_of_depth};
 pub use forms::Form;
 pub use mesh::{Mesh, MeshError, MeshParts, Soundness};
 pub use surface::{Ellipsoid, EllipsoidError, Hit, Surface};

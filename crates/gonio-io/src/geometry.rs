@@ -1,0 +1,347 @@
+//! Pictures of geometry: depths, and places.
+//!
+//! * OpenEXR: depths in a channel `Z`, `V`, `depth` or `distance`, plain or of a pass such as `Depth.V`, or in grey; places in `X Y Z` or
+//!   `R G B`, those of a pass named `position` before others.
+//! * NPY: depths of shape (height, width), places of shape (height, width, 3), row 0 at the top.
+//! * 16-bit PNG and TIFF: depths coded as 0..1 between a near and a far one. Float TIFF: depths as they are. PFM: both.
+//!
+//! A pixel without surface holds zero, infinity, not-a-number or a number as large as renderers write for nothing (1e9 and above, as Blender's
+//! 1e10). In a coded picture it holds the least or the largest code, or is transparent.
+
+use std::path::Path;
+
+use exr::meta::header::Header;
+use glam::{DVec3, Vec3};
+use gonio::picture::Plane;
+
+use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
+use crate::{Error, guard, npy};
+
+/// Numbers as large as this say that there is nothing.
+const NOTHING: f64 = 1e9;
+
+/// How to read a picture of depths.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DepthOptions {
+    /// The depths that the codes 0 and 1 of an integer picture stand for, in either order. No effect on float files.
+    pub range: Option<(f64, f64)>,
+    /// Limits.
+    pub read: ReadOptions,
+}
+
+/// Reads depths, in the unit of the file; whether along the axis of the camera or along each ray only the caller knows. `None` without surface.
+///
+/// # Errors
+/// If the file cannot be read, is damaged, in a format that holds no depths, integers without a range or of 8 bits, has no surface at all or
+/// too many pixels.
+pub fn read_depth(path: impl AsRef<Path>, options: &DepthOptions) -> Result<Plane<Option<f64>>, Error> {
+    let path = path.as_ref();
+    decode_depth(path, &guard::read_whole(path, options.read.max_bytes())?, options)
+}
+
+/// Decodes depths held in memory; `path` serves the messages only.
+///
+/// # Errors
+/// Like [`read_depth`].
+pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result<Plane<Option<f64>>, Error> {
+    let depth = |v: f32| Some(f64::from(v)).filter(|d| d.is_finite() && *d != 0.0 && d.abs() < NOTHING);
+    let depths = if bytes.starts_with(npy::MAGIC) {
+        let array = npy::decode(path, bytes)?;
+        let (&[height, width] | &[height, width, 1]) = array.shape.as_slice() else {
+            let problem = format!("has the shape {:?}", array.shape);
+            return Err(Error::invalid(path, problem, "give an array of depths of shape (height, width)"));
+        };
+        let (width, height) = options.read.check_size(path, width as u64, height as u64)?;
+        Plane::from_vec(width, height, array.values.iter().map(|v| depth(*v)).collect())
+    } else {
+        match Format::of(path, bytes)? {
+            Format::Exr => {
+                let select = |headers: &[Header]| select_depth(path, headers);
+                let (width, height, planes) = picture::read_channels(path, bytes, &options.read, select)?;
+                let [values] = planes.as_slice() else { return Err(Error::damaged(path, "has no depths")) };
+                Plane::from_vec(width, height, values.iter().map(|v| depth(*v)).collect())
+            }
+            Format::Radiance | Format::Jpeg => {
+                let advice = "give EXR, NPY or 16-bit PNG";
+                return Err(Error::unsupported(path, "is in a format too coarse for depths", advice));
+            }
+            Format::Pfm | Format::Png | Format::Tiff => {
+                let read = ReadOptions { linear: true, ..options.read.clone() };
+                let decoded = picture::decode(path, bytes, &read)?;
+                if decoded.encoding == Encoding::LinearFloat {
+                    grey(path, &decoded)?.map(|v| depth(*v))
+                } else {
+                    coded(path, &decoded, options.range)?
+                }
+            }
+        }
+    };
+    if depths.as_slice().iter().all(Option::is_none) {
+        return Err(Error::invalid(path, "holds no depths: all are zero, infinite or huge", "check what was written"));
+    }
+    Ok(depths)
+}
+
+/// Reads the place that each pixel sees, in whatever frame and unit the file has. `None` without surface: where a place is not finite, huge, or
+/// exactly at the origin.
+///
+/// # Errors
+/// If the file cannot be read, is damaged, in a format that holds no places, has no surface at all or too many pixels.
+pub fn read_positions(path: impl AsRef<Path>) -> Result<Plane<Option<DVec3>>, Error> {
+    let path = path.as_ref();
+    let options = ReadOptions::default();
+    decode_positions(path, &guard::read_whole(path, options.max_bytes())?, &options)
+}
+
+/// Decodes places held in memory; `path` serves the messages only.
+///
+/// # Errors
+/// Like [`read_positions`].
+pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Option<DVec3>>, Error> {
+    let place = |v: Vec3| {
+        let place = v.as_dvec3();
+        Some(place).filter(|p| p.is_finite() && *p != DVec3::ZERO && p.abs().max_element() < NOTHING)
+    };
+    let places = if bytes.starts_with(npy::MAGIC) {
+        let array = npy::decode(path, bytes)?;
+        let &[height, width, 3] = array.shape.as_slice() else {
+            let problem = format!("has the shape {:?}", array.shape);
+            return Err(Error::invalid(path, problem, "give an array of places of shape (height, width, 3)"));
+        };
+        let (width, height) = options.check_size(path, width as u64, height as u64)?;
+        Plane::from_vec(width, height, array.values.chunks_exact(3).map(|p| place(Vec3::from_slice(p))).collect())
+    } else {
+        let unsupported = || {
+            let problem = "is in a format that cannot hold places";
+            Error::unsupported(path, problem, "give EXR or NPY")
+        };
+        match Format::of(path, bytes)? {
+            Format::Exr => {
+                let select = |headers: &[Header]| select_places(path, headers);
+                let (width, height, planes) = picture::read_channels(path, bytes, options, select)?;
+                let [x, y, z] = planes.as_slice() else { return Err(Error::damaged(path, "has no places")) };
+                let places = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| place(Vec3::new(x, y, z)));
+                Plane::from_vec(width, height, places.collect())
+            }
+            Format::Pfm | Format::Tiff => {
+                let decoded = picture::decode(path, bytes, options)?;
+                if decoded.encoding != Encoding::LinearFloat {
+                    return Err(unsupported());
+                }
+                decoded.picture.rgb.map(|v| place(*v))
+            }
+            _ => return Err(unsupported()),
+        }
+    };
+    if places.as_slice().iter().all(Option::is_none) {
+        return Err(Error::invalid(path, "holds no places: all are zero, infinite or huge", "check what was written"));
+    }
+    Ok(places)
+}
+
+/// A channel named for depths, those of a pass named so first.
+fn select_depth(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
+    let mut found: Option<(u32, Selection)> = None;
+    for group in picture::groups(headers) {
+        let pass = match group.pass() {
+            "depth" | "z" | "mist" | "distance" => 0,
+            "" => 1,
+            // The Z of a pass of normals or places is none.
+            _ => 10,
+        };
+        // Colours are depths only in a pass of their own, or in a file of grey.
+        for (name, rank) in [("depth", 0), ("z", 2), ("v", 2), ("distance", 0), ("d", 2), ("y", 4), ("r", 6)] {
+            let vector = name == "z" && group.select(&["x"]).is_some() || name == "r" && pass != 0;
+            if let Some(selection) = group.select(&[name])
+                && !vector
+                && pass + rank < 10
+                && found.as_ref().is_none_or(|f| pass + rank < f.0)
+            {
+                found = Some((pass + rank, selection));
+            }
+        }
+    }
+    let advice = "name the channel of the depths Z";
+    found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no channel of depths (Z, V, depth)", advice))
+}
+
+/// The channels most likely to be places.
+fn select_places(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
+    let mut found: Option<(u32, Selection)> = None;
+    for group in picture::groups(headers) {
+        let pass = match group.pass() {
+            "p" | "pos" | "position" | "positions" | "point" | "points" | "world" | "pworld" => 0,
+            "" => 2,
+            "n" | "normal" | "normals" | "nrm" | "uv" | "vector" => continue,
+            _ => 4,
+        };
+        for (names, rank) in [(["x", "y", "z"], 0), (["px", "py", "pz"], 0), (["r", "g", "b"], 1)] {
+            if let Some(selection) = group.select(&names)
+                && found.as_ref().is_none_or(|f| pass + rank < f.0)
+            {
+                found = Some((pass + rank, selection));
+            }
+        }
+    }
+    let advice = "name the channels of the places so";
+    found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no channels X, Y, Z or R, G, B of places", advice))
+}
+
+/// The one value of each pixel of a picture without colour.
+fn grey(path: &Path, decoded: &Decoded) -> Result<Plane<f32>, Error> {
+    let rgb = &decoded.picture.rgb;
+    let same = |a: f32, b: f32| a == b || (a.is_nan() && b.is_nan());
+    if rgb.as_slice().iter().any(|v| !(same(v.x, v.y) && same(v.y, v.z))) {
+        return Err(Error::invalid(path, "is in colour, and depths are not", "give a grey picture"));
+    }
+    Ok(rgb.map(|v| v.x))
+}
+
+fn coded(path: &Path, decoded: &Decoded, range: Option<(f64, f64)>) -> Result<Plane<Option<f64>>, Error> {
+    if matches!(decoded.encoding, Encoding::Linear { bits: 8 } | Encoding::Srgb { bits: 8 }) {
+        let problem = "has 8 bits, only 256 steps of depth";
+        return Err(Error::invalid(path, problem, "write 16 bits, or EXR or NPY"));
+    }
+    let codes = grey(path, decoded)?;
+    let Some((near, far)) = range else {
+        let problem = "codes depths as 0..1, and nothing says between which";
+        return Err(Error::invalid(path, problem, "give --depth-range NEAR,FAR, or depths as EXR or NPY"));
+    };
+    if !(near.is_finite() && far.is_finite() && near != far) {
+        let problem = format!("codes depths as 0..1, and the range {near},{far} is none");
+        return Err(Error::invalid(path, problem, "give two different, finite depths"));
+    }
+    let covered = |i: usize| decoded.picture.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.0);
+    let depth = |(i, code): (usize, &f32)| {
+        let code = f64::from(*code);
+        (code > 0.0 && code < 1.0 && covered(i)).then(|| near + code * (far - near))
+    };
+    let depths = codes.as_slice().iter().enumerate().map(depth).collect();
+    Ok(Plane::from_vec(codes.width(), codes.height(), depths))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Kind;
+    use exr::prelude::{AnyChannel, AnyChannels, FlatSamples, Image, WritableImage};
+
+    const DEPTHS: [f32; 6] = [1.5, 0.0, f32::NAN, f32::INFINITY, 1e10, 2.5];
+    const WANT: [Option<f64>; 6] = [Some(1.5), None, None, None, None, Some(2.5)];
+
+    fn exr(channels: &[(&str, &[f32])]) -> Vec<u8> {
+        let list = channels.iter().map(|&(n, v)| AnyChannel::new(n, FlatSamples::F32(v.to_vec()))).collect();
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        Image::from_channels((3, 2), AnyChannels::sort(list)).write().to_buffered(&mut bytes).unwrap();
+        bytes.into_inner()
+    }
+
+    fn depth(bytes: &[u8], range: Option<(f64, f64)>) -> Result<Plane<Option<f64>>, Error> {
+        decode_depth(Path::new("d"), bytes, &DepthOptions { range, ..Default::default() })
+    }
+
+    fn places(bytes: &[u8]) -> Result<Plane<Option<DVec3>>, Error> {
+        decode_positions(Path::new("p"), bytes, &ReadOptions::default())
+    }
+
+    #[test]
+    fn depths_of_float_files() {
+        let other = [9.0; 6];
+        for channels in [
+            &[("Z", &DEPTHS[..])][..],
+            &[("R", &other[..]), ("G", &other), ("B", &other), ("Z", &DEPTHS)],
+            &[
+                ("ViewLayer.Depth.Z", &DEPTHS),
+                ("ViewLayer.Combined.R", &other),
+                ("ViewLayer.Normal.Z", &other),
+                ("ViewLayer.Normal.X", &other),
+            ],
+            &[("Depth.V", &DEPTHS), ("X", &other), ("Y", &other), ("Z", &other)],
+            &[("depth", &DEPTHS), ("Y", &other)],
+            &[("Y", &DEPTHS)],
+            &[("Depth.R", &DEPTHS), ("Depth.G", &DEPTHS), ("Depth.B", &DEPTHS)],
+        ] {
+            let got = depth(&exr(channels), None).unwrap();
+            assert_eq!((got.size(), got.as_slice()), ((3, 2), &WANT[..]), "{channels:?}");
+        }
+        let array = npy::Array { shape: vec![2, 3], values: DEPTHS.to_vec() };
+        assert_eq!(depth(&npy::encode(&array), None).unwrap().as_slice(), WANT);
+        let grey = Plane::from_vec(3, 2, DEPTHS.iter().map(|v| Vec3::splat(*v)).collect());
+        assert_eq!(depth(&picture::encode_pfm(&grey), None).unwrap().as_slice(), WANT);
+    }
+
+    #[test]
+    fn depths_of_integer_files() {
+        let codes = [0_u16, 1, 16384, 32768, 65534, 65535];
+        let image = image::ImageBuffer::<image::Luma<u16>, _>::from_vec(3, 2, codes.to_vec()).unwrap();
+        for format in [image::ImageFormat::Png, image::ImageFormat::Tiff] {
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            image.write_to(&mut bytes, format).unwrap();
+            let bytes = bytes.into_inner();
+            let got = depth(&bytes, Some((2.0, 4.0))).unwrap();
+            let want = |code: u16| 2.0 + 2.0 * f64::from(code) / 65535.0;
+            assert_eq!((got[(0, 0)], got[(2, 1)]), (None, None));
+            for (got, code) in got.as_slice()[1..5].iter().zip(&codes[1..5]) {
+                assert!((got.unwrap() - want(*code)).abs() < 1e-6);
+            }
+            // Near and far the other way round.
+            assert!((depth(&bytes, Some((4.0, 2.0))).unwrap()[(1, 0)].unwrap() - 4.0).abs() < 1e-4);
+            assert!(depth(&bytes, None).unwrap_err().to_string().contains("give --depth-range NEAR,FAR"));
+            for range in [(1.0, 1.0), (0.0, f64::NAN)] {
+                assert_eq!(depth(&bytes, Some(range)).unwrap_err().kind(), Kind::Invalid);
+            }
+        }
+        let eight = picture::encode_png(&Plane::from_fn(2, 2, |_, _| Vec3::ONE));
+        assert!(depth(&eight, Some((0.0, 1.0))).unwrap_err().to_string().contains("8 bits"));
+    }
+
+    #[test]
+    fn places_of_float_files() {
+        let (x, y, z) = ([1.0, 0.0, f32::NAN, 0.0, 1e10, 2.0], [0.0; 6], [0.0, 0.0, 1.0, -1.0, 0.0, 3.0]);
+        let want = [Some(DVec3::X), None, None, Some(DVec3::NEG_Z), None, Some(DVec3::new(2.0, 0.0, 3.0))];
+        let other = [9.0; 6];
+        for channels in [
+            &[("X", &x[..]), ("Y", &y), ("Z", &z)][..],
+            &[
+                ("L.Position.X", &x),
+                ("L.Position.Y", &y),
+                ("L.Position.Z", &z),
+                ("R", &other),
+                ("G", &other),
+                ("B", &other),
+            ],
+            &[("P.R", &x), ("P.G", &y), ("P.B", &z), ("N.X", &other), ("N.Y", &other), ("N.Z", &other)],
+            &[("R", &x), ("G", &y), ("B", &z)],
+        ] {
+            assert_eq!(places(&exr(channels)).unwrap().as_slice(), want, "{channels:?}");
+        }
+        let values = (0..6).flat_map(|i| [x[i], y[i], z[i]]).collect();
+        let array = npy::Array { shape: vec![2, 3, 3], values };
+        assert_eq!(places(&npy::encode(&array)).unwrap().as_slice(), want);
+    }
+
+    #[test]
+    fn what_holds_no_geometry_is_refused() {
+        let other = [9.0; 6];
+        for (bytes, kind) in [
+            (exr(&[("R", &other), ("G", &other), ("B", &other)]), Kind::Unsupported),
+            (exr(&[("Normal.X", &other), ("Normal.Y", &other), ("Normal.Z", &other)]), Kind::Unsupported),
+            (exr(&[("Z", &[0.0; 6])]), Kind::Invalid),
+            (npy::encode(&npy::Array { shape: vec![6], values: other.to_vec() }), Kind::Invalid),
+            (b"#?RADIANCE\n".to_vec(), Kind::Unsupported),
+            (picture::encode_pfm(&Plane::from_fn(2, 2, |x, _| Vec3::new(1.0, x as f32, 0.0))), Kind::Invalid),
+        ] {
+            let error = depth(&bytes, None).unwrap_err();
+            assert_eq!(error.kind(), kind, "{error}");
+        }
+        for (bytes, kind) in [
+            (exr(&[("Z", &other)]), Kind::Unsupported),
+            (exr(&[("Normal.X", &other), ("Normal.Y", &other), ("Normal.Z", &other)]), Kind::Unsupported),
+            (picture::encode_png(&Plane::from_fn(2, 2, |_, _| Vec3::ONE)), Kind::Unsupported),
+            (exr(&[("X", &[0.0; 6]), ("Y", &[0.0; 6]), ("Z", &[0.0; 6])]), Kind::Invalid),
+        ] {
+            let error = places(&bytes).unwrap_err();
+            assert_eq!(error.kind(), kind, "{error}");
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! glTF 2.0: the meshes of the default scene where its nodes put them.
+
+mod buffers;
+
+use std::path::Path;
+
+use glam::{DMat3, DMat4, DQuat, DVec3, Mat4, Quat, Vec3};
+use gltf::json::Root;
+use gltf::mesh::Mode;
+use gltf::scene::Transform;
+use gltf::{Document, Node, Primitive};
+use gonio::shape::{Mesh, Soundness};
+
+use self::buffers::Buffers;
+use super::Fetch;
+use super::parts::Parts;
+use crate::{Error, guard};
+
+pub(super) use buffers::read_sibling;
+
+/// Most objects of JSON (nodes, accessors and so on); in memory each takes a hundred times the two bytes it takes at least in the file.
+const MAX_OBJECTS: usize = 1 << 18;
+/// Extensions that say nothing of the shape.
+const HARMLESS: [&str; 5] = ["KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "EXT_lights_"];
+
+pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mesh, Soundness), Error> {
+    guard::catching(path, "glTF", || {
+        let (json, bin) = if bytes.starts_with(b"glTF") { split(path, bytes)? } else { (bytes, None) };
+        let document = parse(path, json)?;
+        let buffers = Buffers::load(path, &document, bin, fetch)?;
+        let mut parts = Parts::new(path);
+        let scene = document.default_scene().or_else(|| document.scenes().next());
+        let Some(scene) = scene else {
+            return Err(Error::invalid(path, "has no scene", "export the scene with the object"));
+        };
+        // Nodes form trees, but a file may claim otherwise and go round in circles.
+        let mut seen = vec![false; document.nodes().len()];
+        let mut waiting: Vec<(Node<'_>, DMat4)> = scene.nodes().map(|node| (node, DMat4::IDENTITY)).collect();
+        while let Some((node, outer)) = waiting.pop() {
+            if std::mem::replace(&mut seen[node.index()], true) {
+                return Err(Error::damaged(path, format!("has a node with two parents (node {})", node.index())));
+            }
+            let pose = outer * matrix(&node.transform());
+            if let Some(mesh) = node.mesh() {
+                if node.skin().is_some() {
+                    let problem = "has a skin, whose pose is not applied";
+                    return Err(Error::unsupported(path, problem, "apply the armature before exporting"));
+                }
+                let placed = Placed::new(path, &node, pose)?;
+                for primitive in mesh.primitives() {
+                    placed.add(&primitive, &buffers, &mut parts)?;
+                }
+            }
+            waiting.extend(node.children().map(|child| (child, pose)));
+        }
+        parts.finish()
+    })
+}
+
+/// The JSON and the binary chunk of a `.glb` file.
+fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), Error> {
+    let number = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?) as usize);
+    let cut = || Error::damaged(path, "is cut short or damaged as GLB");
+    let version = number(4).ok_or_else(cut)?;
+    if version != 2 {
+        let problem = format!("is glTF of version {version}");
+        return Err(Error::unsupported(path, problem, "export it as glTF 2.0"));
+    }
+    let length = number(8).filter(|&length| length <= bytes.len()).ok_or_else(cut)?;
+    let mut at = 12;
+    let mut json = None;
+    while at < length {
+        let size = number(at).ok_or_else(cut)?;
+        let kind = bytes.get(at + 4..at + 8).ok_or_else(cut)?;
+        let data = bytes[..length].get(at + 8..at + 8 + size).ok_or_else(cut)?;
+        match (kind, json) {
+            (b"JSON", None) => json = Some(data),
+            (b"BIN\0", Some(json)) => return Ok((json, Some(data))),
+            // Chunks of other kinds may follow.
+            (_, Some(_)) => {}
+            (_, None) => return Err(cut()),
+        }
+        at += 8 + size.next_multiple_of(4);
+    }
+    Ok((json.ok_or_else(cut)?, None))
+}
+
+/// The document, without what concerns only its look.
+fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
+    let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
+    if json.iter().filter(|b| **b == b'{').nth(MAX_OBJECTS).is_some() {
+        let problem = format!("has more than {MAX_OBJECTS} parts");
+        return Err(Error::limits(path, problem, "export the object alone"));
+    }
+    let mut root: Root = gltf::json::deserialize::from_slice(json)
+        .map_err(|e| Error::damaged(path, format!("cannot be read as glTF ({e})")))?;
+    for name in std::mem::take(&mut root.extensions_required) {
+        if !HARMLESS.iter().any(|prefix| name.starts_with(prefix)) {
+            let advice = if name.contains("draco") || name.contains("meshopt") || name.contains("quantization") {
+                "export it without compression"
+            } else {
+                "export it without this extension"
+            };
+            return Err(Error::unsupported(path, format!("needs the extension {name}"), advice));
+        }
+    }
+    // What is wrong with materials is no reason to refuse a shape.
+    root.meshes.iter_mut().flat_map(|m| &mut m.primitives).for_each(|p| p.material = None);
+    root.materials.clear();
+    root.textures.clear();
+    root.images.clear();
+    root.samplers.clear();
+    root.animations.clear();
+    Document::from_json(root).map_err(|e| match e {
+        gltf::Error::Validation(faults) => {
+            let text = faults.first().map(|(place, fault)| format!("{place}: {fault}")).unwrap_or_default();
+            Error::damaged(path, format!("contradicts itself as glTF ({text})"))
+        }
+        e => Error::damaged(path, format!("cannot be read as glTF ({e})")),
+    })
+}
+
+/// From a node to its parent.
+fn matrix(transform: &Transform) -> DMat4 {
+    match transform {
+        Transform::Matrix { matrix } => Mat4::from_cols_array_2d(matrix).as_dmat4(),
+        Transform::Decomposed { translation, rotation, scale } => {
+            let rotation: DQuat = Quat::from_array(*rotation).as_dquat();
+            let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };
+            let (scale, translation) = (Vec3::from_array(*scale), Vec3::from_array(*translation));
+            DMat4::from_scale_rotation_translation(scale.as_dvec3(), rotation, translation.as_dvec3())
+        }
+    }
+}
+
+/// A node that shows a mesh.
+struct Placed<'a> {
+    path: &'a Path,
+    pose: DMat4,
+    /// What the pose does to normals.
+    normals: DMat3,
+    /// The pose turns triangles over.
+    mirrored: bool,
+}
+
+impl<'a> Placed<'a> {
+    fn new(path: &'a Path, node: &Node<'_>, pose: DMat4) -> Result<Self, Error> {
+        let linear = DMat3::from_mat4(pose);
+        let determinant = linear.determinant();
+        let normals = linear.inverse().transpose();
+        if determinant == 0.0 || !pose.is_finite() || !normals.is_finite() {
+            let problem = format!("has a node {} that is flattened or not at a finite place", node.index());
+            return Err(Error::invalid(path, problem, "check its scale"));
+        }
+        Ok(Self { path, pose, normals, mirrored: determinant < 0.0 })
+    }
+
+    fn add(&self, primitive: &Primitive<'_>, buffers: &Buffers<'_>, parts: &mut Parts<'_>) -> Result<(), Error> {
+        let mode = primitive.mode();
+        if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
+            return Ok(());
+        }
+        let accessor = primitive.get(&gltf::Semantic::Positions);
+        let accessor = accessor.ok_or_else(|| Error::damaged(self.path, "has triangles without places"))?;
+        parts.room_for(accessor.count() as u64)?;
+        let first = parts.positions.len() as u32;
+        let places = buffers.vectors(&accessor, "places")?;
+        let count = places.len();
+        let place = |p: [f32; 3]| self.pose.transform_point3(Vec3::from_array(p).as_dvec3());
+        let normals = match primitive.get(&gltf::Semantic::Normals) {
+            Some(accessor) => buffers.vectors(&accessor, "normals")?,
+            None => Vec::new(),
+        };
+        if !(normals.is_empty() || normals.len() == count) {
+            let problem = format!("has {} normals for {count} vertices", normals.len());
+            return Err(Error::damaged(self.path, problem));
+        }
+        let indices = match primitive.indices() {
+            Some(accessor) => buffers.indices(&accessor)?,
+            None => (0..count as u32).collect(),
+        };
+        if let Some(index) = indices.iter().find(|&&i| i as usize >= count) {
+            let problem = format!("has a triangle that refers to vertex {index}, but there are only {count}");
+            return Err(Error::damaged(self.path, problem));
+        }
+        parts.positions.extend(places.into_iter().map(place));
+        let normal = |i: u32| {
+            let normal = normals.get(i as usize).map_or(DVec3::ZERO, |n| Vec3::from_array(*n).as_dvec3());
+            (self.normals * normal).normalize_or_zero()
+        };
+        let mut triangle = |[a, b, c]: [u32; 3]| {
+            let corners = if self.mirrored { [a, c, b] } else { [a, b, c] };
+            parts.polygon(&corners.map(|i| first + i), &corners.map(normal))
+        };
+        match mode {
+            Mode::Triangles => indices.chunks_exact(3).try_for_each(|t| triangle([t[0], t[1], t[2]])),
+            Mode::TriangleStrip => indices
+                .windows(3)
+                .enumerate()
+                .try_for_each(|(i, t)| triangle(if i % 2 == 0 { [t[0], t[1], t[2]] } else { [t[0], t[2], t[1]] })),
+            _ => indices.windows(2).skip(1).try_for_each(|t| triangle([t[0], t[1], indices[0]])),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

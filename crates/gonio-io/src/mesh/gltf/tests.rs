@@ -1,0 +1,213 @@
+use std::path::Path;
+
+use base64::Engine;
+use glam::DVec3;
+use gonio::shape::{Mesh, Soundness};
+use serde_json::{Value, json};
+
+use crate::mesh::{decode, read_mesh};
+use crate::{Error, Kind};
+
+fn read(bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
+    decode(Path::new("a.glb"), bytes)
+}
+
+/// A `.glb` file.
+fn glb(json: &Value, bin: &[u8]) -> Vec<u8> {
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let mut bin = bin.to_vec();
+    bin.resize(bin.len().next_multiple_of(4), 0);
+    let mut bytes = b"glTF\x02\0\0\0".to_vec();
+    bytes.extend((12 + 8 + text.len() as u32 + 8 + bin.len() as u32).to_le_bytes());
+    for (kind, data) in [(b"JSON", &text), (b"BIN\0", &bin)] {
+        bytes.extend((data.len() as u32).to_le_bytes());
+        bytes.extend(kind);
+        bytes.extend(data);
+    }
+    bytes
+}
+
+/// Bytes of the unit square's four corners, of its four normals along z, and of the indices of its two triangles in 8, 16 and 32 bits.
+fn square() -> (Value, Vec<u8>) {
+    let floats = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0_f32]];
+    let mut bin: Vec<u8> = floats.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+    bin.extend([0.0, 0.0, 1.0_f32].repeat(4).iter().flat_map(|v| v.to_le_bytes()));
+    let indices = [0_u8, 1, 2, 0, 2, 3];
+    bin.extend(indices);
+    bin.extend([0, 0]);
+    bin.extend(indices.iter().flat_map(|i| u16::from(*i).to_le_bytes()));
+    bin.extend(indices.iter().flat_map(|i| u32::from(*i).to_le_bytes()));
+    let json = json!({
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "textures": [{"source": 0}],
+        "images": [{"uri": "../../none.png"}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
+            {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 2, "componentType": 5121, "count": 6, "type": "SCALAR"},
+            {"bufferView": 3, "componentType": 5123, "count": 6, "type": "SCALAR"},
+            {"bufferView": 4, "componentType": 5125, "count": 6, "type": "SCALAR"}
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 96, "byteLength": 6},
+            {"buffer": 0, "byteOffset": 104, "byteLength": 12},
+            {"buffer": 0, "byteOffset": 116, "byteLength": 24}
+        ],
+        "buffers": [{"byteLength": bin.len()}]
+    });
+    (json, bin)
+}
+
+/// The square's file with changes: `(pointer, value)` of JSON.
+fn changed(changes: &[(&str, Value)]) -> Vec<u8> {
+    let (mut json, bin) = square();
+    for (pointer, value) in changes {
+        let (parent, key) = pointer.rsplit_once('/').unwrap();
+        match json.pointer_mut(parent).unwrap() {
+            Value::Object(map) => drop(map.insert(key.to_owned(), value.clone())),
+            Value::Array(list) => list[key.parse::<usize>().unwrap()] = value.clone(),
+            _ => panic!("{pointer}"),
+        }
+    }
+    glb(&json, &bin)
+}
+
+/// Twice the area of all triangles, as a vector.
+fn area(mesh: &Mesh) -> DVec3 {
+    let place = |i: u32| mesh.positions()[i as usize];
+    mesh.triangles().iter().map(|&[a, b, c]| (place(b) - place(a)).cross(place(c) - place(a))).sum()
+}
+
+const PRIMITIVE: &str = "/meshes/0/primitives/0";
+
+#[test]
+fn indices_of_all_widths_and_none() {
+    for (indices, mode) in [(json!(2), 4), (json!(3), 4), (json!(4), 4), (Value::Null, 6)] {
+        let bytes = changed(&[(&format!("{PRIMITIVE}/indices"), indices), (&format!("{PRIMITIVE}/mode"), json!(mode))]);
+        let (mesh, soundness) = read(&bytes).unwrap();
+        assert_eq!((soundness.triangles, soundness.normals_computed), (2, false));
+        assert_eq!(area(&mesh), 2.0 * DVec3::Z);
+    }
+    // A strip of all four corners in order is folded over: its triangles are 012 and 132.
+    let bytes = changed(&[(&format!("{PRIMITIVE}/indices"), Value::Null), (&format!("{PRIMITIVE}/mode"), json!(5))]);
+    let (mesh, _) = read(&bytes).unwrap();
+    assert_eq!(mesh.triangles(), [[0, 1, 2], [1, 3, 2]]);
+    let points = changed(&[(&format!("{PRIMITIVE}/mode"), json!(0))]);
+    assert!(read(&points).unwrap_err().to_string().contains("the mesh is empty"));
+}
+
+#[test]
+fn nodes_place_and_mirror_their_meshes() {
+    let nodes = json!([
+        {"children": [1, 2], "translation": [0, 0, 5]},
+        {"mesh": 0, "scale": [-2, 1, 1]},
+        {"mesh": 0, "matrix": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 7, 0, 0, 1]},
+        {"mesh": 0}
+    ]);
+    let (mesh, soundness) = read(&changed(&[("/nodes", nodes)])).unwrap();
+    assert_eq!((soundness.triangles, soundness.normals_against, soundness.normals_computed), (4, 0, false));
+    assert!((area(&mesh) - 6.0 * DVec3::Z).length() < 1e-12, "{}", area(&mesh));
+    let (low, high) =
+        mesh.positions().iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+    assert_eq!((low, high), (DVec3::new(-2.0, 0.0, 5.0), DVec3::new(7.0, 1.0, 5.0)));
+}
+
+#[test]
+fn sparse_accessors_replace_values() {
+    let sparse = json!({"count": 2, "indices": {"bufferView": 3, "byteOffset": 2, "componentType": 5123},
+        "values": {"bufferView": 0, "byteOffset": 12}});
+    // Indices 1 and 2 of 16 bits; values are corners 1 and 2 themselves, put into zeros.
+    let bytes = changed(&[
+        (
+            "/accessors/0",
+            json!({"componentType": 5126, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0], "sparse": sparse}),
+        ),
+        (&format!("{PRIMITIVE}/indices"), json!(3)),
+    ]);
+    let (mesh, soundness) = read(&bytes).unwrap();
+    // The fourth corner is at zero too.
+    assert_eq!((soundness.triangles, soundness.degenerate), (1, 1));
+    assert_eq!(mesh.positions(), [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::ZERO]);
+}
+
+#[test]
+fn buffers_may_be_embedded_or_beside_the_file() {
+    let (mut json, bin) = square();
+    let text = base64::engine::general_purpose::STANDARD.encode(&bin);
+    json["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{text}"));
+    assert_eq!(read(json.to_string().as_bytes()).unwrap().1.triangles, 2);
+
+    json["buffers"][0]["uri"] = json!("the%20data.bin");
+    let error = read(json.to_string().as_bytes()).unwrap_err();
+    assert!(error.to_string().contains("keeps its geometry in another file"), "{error}");
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.gltf");
+    std::fs::write(&path, json.to_string()).unwrap();
+    assert_eq!(read_mesh(&path).unwrap_err().io_kind(), Some(std::io::ErrorKind::NotFound));
+    std::fs::write(dir.path().join("the data.bin"), &bin[..100]).unwrap();
+    assert!(read_mesh(&path).unwrap_err().to_string().contains("has 100 bytes in its buffer 0"));
+    std::fs::write(dir.path().join("the data.bin"), &bin).unwrap();
+    assert_eq!(read_mesh(&path).unwrap().1.triangles, 2);
+}
+
+#[test]
+fn what_cannot_be_read_is_refused_with_the_reason() {
+    let required = |name: &str| ("/extensionsRequired", json!([name]));
+    let cases: Vec<(Vec<(&str, Value)>, Kind, &str)> = vec![
+        (
+            vec![required("KHR_draco_mesh_compression")],
+            Kind::Unsupported,
+            "KHR_draco_mesh_compression; export it without compression",
+        ),
+        (vec![required("EXT_meshopt_compression")], Kind::Unsupported, "without compression"),
+        (vec![required("EXT_something")], Kind::Unsupported, "without this extension"),
+        (vec![("/accessors/0/count", json!(5))], Kind::Damaged, "beyond the end"),
+        (vec![("/accessors/0/count", json!(u64::MAX))], Kind::Limits, "more than"),
+        (vec![("/accessors/2/count", json!(u64::MAX / 2))], Kind::Damaged, "beyond the end"),
+        (vec![("/accessors/0/byteOffset", json!(u64::MAX))], Kind::Damaged, "beyond the end"),
+        (vec![("/accessors/2/byteOffset", json!(1))], Kind::Damaged, "beyond the end"),
+        (vec![("/bufferViews/0/byteOffset", json!(u64::MAX))], Kind::Damaged, "beyond the end"),
+        (vec![("/bufferViews/0/byteStride", json!(4))], Kind::Damaged, "beyond the end"),
+        (vec![("/accessors/1/count", json!(3))], Kind::Damaged, "has 3 normals for 4 vertices"),
+        (vec![("/accessors/0/componentType", json!(5123))], Kind::Unsupported, "quantisation"),
+        (vec![("/accessors/2/componentType", json!(5126))], Kind::Damaged, "indices that are none"),
+        (vec![("/accessors/0/bufferView", Value::Null)], Kind::Unsupported, "perhaps compressed"),
+        (vec![("/bufferViews/2/byteOffset", json!(48))], Kind::Damaged, "refers to vertex 128"),
+        (vec![("/buffers/0/byteLength", json!(9999))], Kind::Damaged, "announces 9999"),
+        (vec![("/buffers/0/byteLength", json!(u64::MAX))], Kind::Limits, "bytes"),
+        (vec![("/meshes/0/primitives/0/attributes/POSITION", json!(9))], Kind::Damaged, "contradicts itself"),
+        (vec![("/nodes", json!([{"children": [0], "mesh": 0}]))], Kind::Damaged, "two parents"),
+        (vec![("/nodes", json!([{"children": [1], "mesh": 0}, {"children": [0]}]))], Kind::Damaged, "two parents"),
+        (vec![("/nodes/0/scale", json!([1, 0, 1]))], Kind::Invalid, "flattened"),
+        (vec![("/nodes/0/skin", json!(0)), ("/skins", json!([{"joints": [0]}]))], Kind::Unsupported, "armature"),
+        (vec![("/scenes", json!([])), ("/scene", Value::Null)], Kind::Invalid, "no scene"),
+    ];
+    for (changes, kind, says) in cases {
+        let error = read(&changed(&changes)).unwrap_err();
+        assert!(error.kind() == kind && error.to_string().contains(says), "{changes:?}: {error}");
+    }
+    assert!(read(&changed(&[required("KHR_materials_unlit")])).is_ok());
+}
+
+#[test]
+fn the_container_is_checked() {
+    let good = changed(&[]);
+    for cut in 4..good.len() {
+        assert!(read(&good[..cut]).is_err(), "{cut}");
+    }
+    let mut old = good.clone();
+    old[4] = 1;
+    assert!(read(&old).unwrap_err().to_string().contains("version 1"));
+    let bomb = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{}{{}}]}}", "{},".repeat(300_000));
+    assert_eq!(read(bomb.as_bytes()).unwrap_err().kind(), Kind::Limits);
+    let deep = format!("{{\"asset\":{}", "[".repeat(100_000));
+    assert_eq!(read(deep.as_bytes()).unwrap_err().kind(), Kind::Damaged);
+}

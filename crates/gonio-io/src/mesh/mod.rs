@@ -1,0 +1,130 @@
+//! Triangle meshes: Wavefront OBJ, PLY (text and binary) and glTF 2.0 (`.glb`, `.gltf`).
+//!
+//! The format is recognised by content, never by the name. Of a file only the surface is read: places, faces and normals. Faces of more than
+//! three corners are cut into triangles; several objects become one mesh.
+//! * OBJ: objects and groups are joined; materials are never opened.
+//! * PLY: `x y z` and `nx ny nz` of `vertex`, the list `vertex_indices` or `vertex_index` of `face`, of any types.
+//! * glTF: all meshes of the default scene (the first, if none is) with the transformations of their nodes. Buffers may be embedded or files
+//!   in the folder of the file or below. Compressed geometry, skins and quantised places are refused.
+//!
+//! Axes and units are left as they are in the file; a pose (`docs/camera.md`) puts the object before the camera.
+
+mod gltf;
+mod obj;
+mod parts;
+mod ply;
+mod write;
+
+use std::path::Path;
+
+use gonio::shape::{Mesh, Soundness};
+
+use crate::{Error, guard};
+
+pub use write::{encode_obj, encode_ply};
+
+/// Longest file read, 512 MiB.
+const MAX_BYTES: u64 = 1 << 29;
+/// Most triangles, and most vertices, 2^23 (8.4 million); a triangle takes some 200 bytes while a mesh is made.
+const MAX_TRIANGLES: usize = 1 << 23;
+
+/// Finds a file that a mesh refers to, by its name in the mesh, of at most so many bytes.
+type Fetch<'a> = &'a dyn Fn(&str, u64) -> Result<Vec<u8>, Error>;
+
+/// Reads a mesh; [`Soundness`] tells what is odd about it.
+///
+/// # Errors
+/// If the file cannot be read, is of another format or damaged, holds no surface, or more than 2^23 triangles or vertices.
+pub fn read_mesh(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
+    let path = path.as_ref();
+    let bytes = guard::read_whole(path, MAX_BYTES)?;
+    decode_with(path, &bytes, &|name, length| gltf::read_sibling(path, name, length))
+}
+
+/// Decodes a mesh held in memory; `path` serves the messages only. A glTF file must then hold all its buffers.
+///
+/// # Errors
+/// Like [`read_mesh`].
+pub fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
+    decode_with(path, bytes, &|name, _| {
+        Err(Error::unsupported(
+            path,
+            format!("keeps its geometry in another file, {name:?}"),
+            "export it as one .glb file",
+        ))
+    })
+}
+
+fn decode_with(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mesh, Soundness), Error> {
+    match Format::of(path, bytes)? {
+        Format::Obj => obj::decode(path, bytes),
+        Format::Ply => ply::decode(path, bytes),
+        Format::Glb | Format::Gltf => gltf::decode(path, bytes, fetch),
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Obj,
+    Ply,
+    Glb,
+    Gltf,
+}
+
+impl Format {
+    fn of(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+        match bytes {
+            [b'g', b'l', b'T', b'F', ..] => return Ok(Self::Glb),
+            [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..] => return Ok(Self::Ply),
+            _ if text.starts_with(b"{") => return Ok(Self::Gltf),
+            _ => {}
+        }
+        // OBJ files begin with any of their keywords.
+        let word = text.split(|b| b.is_ascii_whitespace()).next().unwrap_or_default();
+        let keyword = matches!(word, b"v" | b"vn" | b"vt" | b"f" | b"o" | b"g" | b"s" | b"mtllib" | b"usemtl");
+        if keyword || word.starts_with(b"#") {
+            return Ok(Self::Obj);
+        }
+        Err(match extension.as_str() {
+            "obj" | "ply" | "glb" | "gltf" => Error::damaged(path, format!("does not begin like a .{extension} file")),
+            "" => Error::unsupported(path, "is in no known format of meshes", "export it as OBJ, PLY or glTF"),
+            other => {
+                let problem = format!("is a .{other} file, which cannot be read as a mesh");
+                Error::unsupported(path, problem, "export it as OBJ, PLY or glTF")
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Kind;
+
+    #[test]
+    fn formats_are_recognised_by_content() {
+        let of = |name: &str, bytes: &[u8]| Format::of(Path::new(name), bytes);
+        for (bytes, format) in [
+            (&b"# Blender\nv 0 0 0"[..], Format::Obj),
+            (b"\xef\xbb\xbf\r\no Cube", Format::Obj),
+            (b"v 1 2 3", Format::Obj),
+            (b"ply\nformat ascii 1.0", Format::Ply),
+            (b"ply\r\nformat", Format::Ply),
+            (b"glTF\x02\0\0\0", Format::Glb),
+            (b" \n{\"asset\": 1}", Format::Gltf),
+        ] {
+            assert_eq!(of("x.stl", bytes).unwrap(), format);
+        }
+        for (name, kind, says) in [
+            ("a.obj", Kind::Damaged, "does not begin like a .obj file"),
+            ("a.stl", Kind::Unsupported, "is a .stl file"),
+            ("a", Kind::Unsupported, "OBJ, PLY or glTF"),
+        ] {
+            let error = of(name, b"solid thing").unwrap_err();
+            assert_eq!(error.kind(), kind);
+            assert!(error.to_string().contains(says), "{error}");
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! Wavefront OBJ: `v`, `vn` and `f`; all else (materials, groups, texture coordinates, lines, curves) is passed over.
+//!
+//! Read here and not by the crate `tobj`, which makes up normals where faces have none, takes lines for faces, refuses comments that are
+//! not UTF-8, and cannot say which line of the file is wrong.
+
+use std::path::Path;
+
+use glam::DVec3;
+use gonio::shape::{Mesh, Soundness};
+
+use super::parts::Parts;
+use crate::Error;
+
+/// Longest part of a line that is quoted in a message.
+const QUOTED: usize = 60;
+
+pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
+    let mut parts = Parts::new(path);
+    let mut normals: Vec<DVec3> = Vec::new();
+    let (mut corners, mut corner_normals) = (Vec::new(), Vec::new());
+    let mut joined = Vec::new();
+    let mut first = 1;
+    for (i, line) in bytes.split(|b| *b == b'\n').enumerate() {
+        let line = line.trim_ascii();
+        // A backslash continues a line.
+        if let Some(start) = line.strip_suffix(b"\\") {
+            if joined.is_empty() {
+                first = i + 1;
+            }
+            joined.extend_from_slice(start);
+            joined.push(b' ');
+            continue;
+        }
+        let (number, line) = if joined.is_empty() {
+            (i + 1, line)
+        } else {
+            joined.extend_from_slice(line);
+            (first, joined.as_slice())
+        };
+        let bad = |what: &str| {
+            let quoted = String::from_utf8_lossy(&line[..line.len().min(QUOTED)]);
+            Error::damaged(path, format!("line {number} {what}: {quoted}"))
+        };
+        let mut words = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
+        match words.next() {
+            Some(b"v") => {
+                parts.room_for(1)?;
+                let place = three(&mut words).ok_or_else(|| bad("is no vertex"))?;
+                // A fourth number alone is a weight, three more are a colour.
+                let weight = words.next().filter(|_| words.next().is_none());
+                let weight = weight.map_or(Some(1.0), number_of).filter(|w| *w != 0.0);
+                parts.positions.push(place / weight.ok_or_else(|| bad("is no vertex"))?);
+            }
+            Some(b"vn") => {
+                parts.room_for(normals.len() as u64 / 3)?;
+                normals.push(three(&mut words).ok_or_else(|| bad("is no normal"))?);
+            }
+            Some(b"f") => {
+                corners.clear();
+                corner_normals.clear();
+                for word in words {
+                    let (vertex, normal) = corner(word, parts.positions.len(), normals.len())
+                        .ok_or_else(|| bad("is no face, or refers to what is not there"))?;
+                    corners.push(vertex);
+                    corner_normals.push(normal.map_or(DVec3::ZERO, |n| normals[n]));
+                }
+                parts.polygon(&corners, &corner_normals)?;
+            }
+            _ => {}
+        }
+        joined.clear();
+    }
+    parts.finish()
+}
+
+fn number_of(word: &[u8]) -> Option<f64> {
+    std::str::from_utf8(word).ok()?.parse().ok()
+}
+
+fn three<'a>(words: &mut impl Iterator<Item = &'a [u8]>) -> Option<DVec3> {
+    let mut next = || words.next().and_then(number_of);
+    Some(DVec3::new(next()?, next()?, next()?))
+}
+
+/// The indices from 0 of vertex and normal in `7`, `7/8`, `7/8/9` or `7//9`, which count from 1, or from the last backwards if negative.
+fn corner(word: &[u8], vertices: usize, normals: usize) -> Option<(u32, Option<usize>)> {
+    let mut fields = word.split(|b| *b == b'/');
+    let index = |field: &[u8], count: usize| -> Option<usize> {
+        let given: i64 = std::str::from_utf8(field).ok()?.parse().ok()?;
+        let from_zero = if given < 0 { given.checked_add(count as i64)? } else { given - 1 };
+        usize::try_from(from_zero).ok().filter(|&i| i < count)
+    };
+    let vertex = index(fields.next()?, vertices)?;
+    let _texture = fields.next();
+    let normal = match fields.next() {
+        None | Some(b"") => None,
+        Some(field) => Some(index(field, normals)?),
+    };
+    fields.next().is_none().then_some((u32::try_from(vertex).ok()?, normal))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Kind;
+
+    fn read(text: &str) -> Result<(Mesh, Soundness), Error> {
+        decode(Path::new("a.obj"), text.as_bytes())
+    }
+
+    const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+
+    #[test]
+    fn faces_of_all_kinds_are_read() {
+        for (faces, triangles) in [
+            ("f 1 2 3\n", 1),
+            ("f 1 2 3 4\n", 2),
+            ("f 1 2 3\nf 1 3 4", 2),
+            ("f -4 -3 -2 -1", 2),
+            ("g one\nf 1 2 3\no two\nusemtl\nmtllib /dev/zero\nf 1 3 4\n", 2),
+            ("vt 0 0\nf 1/1 2/1 3/1\n", 1),
+            ("f 1 \\\r\n 2 3 \\\n4\r\n", 2),
+            ("f 1 2 3\nl 1 2 3 4\np 1 2 3\nf 1\nf 1 2\n", 1),
+        ] {
+            let (mesh, soundness) = read(&format!("# a\n{SQUARE}{faces}")).unwrap();
+            assert_eq!((soundness.triangles, soundness.normals_computed), (triangles, true), "{faces}");
+            assert!(mesh.normals().iter().flatten().all(|n| (*n - DVec3::Z).length() < 1e-12), "{faces}");
+        }
+    }
+
+    #[test]
+    fn normals_belong_to_corners() {
+        let with = "vn 0 0 2\nvn 0 1 1\nf 1//1 2//1 3//2\nf 1//-2 3//-1 4//1\n";
+        let (mesh, soundness) = read(&format!("{SQUARE}{with}")).unwrap();
+        assert!(!soundness.normals_computed);
+        let half = DVec3::new(0.0, 0.5, 0.5).normalize();
+        for (got, want) in mesh.normals().iter().flatten().zip([DVec3::Z, DVec3::Z, half, DVec3::Z, half, DVec3::Z]) {
+            assert!((*got - want).length() < 1e-12, "{got}");
+        }
+        // One face without normals: all are computed.
+        let (_, soundness) = read(&format!("{SQUARE}vn 0 1 1\nf 1//1 2//1 3//1\nf 1 3 4\n")).unwrap();
+        assert!(soundness.normals_computed);
+    }
+
+    #[test]
+    fn weights_colours_and_odd_comments() {
+        let text = b"# caf\xe9\nv 0 0 0 1\nv 2 0 0 2\nv 1 1 0 0.5 0.5 0.5\nf 1 2 3\n";
+        let (mesh, _) = decode(Path::new("a.obj"), text).unwrap();
+        assert_eq!(mesh.positions(), [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0)]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_with_its_line() {
+        for (text, says) in [
+            ("f 1 2 5", "line 5 is no face"),
+            ("f 0 1 2", "line 5"),
+            ("f 1 2 -5", "line 5"),
+            ("f 1 2 -9223372036854775808", "line 5"),
+            ("f 1 2 99999999999999999999", "line 5"),
+            ("f 1//1 2//1 3//1", "line 5"),
+            ("f 1/2/3/4 2 3", "line 5"),
+            ("f a b c", "f a b c"),
+            ("vn 0 1", "no normal"),
+            ("v 1 2", "line 5 is no vertex: v 1 2"),
+            ("v 1 2 3 0", "no vertex"),
+            ("v 1 2 x", "no vertex"),
+        ] {
+            let error = read(&format!("{SQUARE}{text}\nf 1 2 3")).unwrap_err();
+            assert_eq!(error.kind(), Kind::Damaged);
+            assert!(error.to_string().contains(says), "{error}");
+        }
+        let error = read(SQUARE).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "a.obj: the mesh is empty (4 vertices, 0 triangles); export the surface, with its faces"
+        );
+        assert!(
+            read("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3").unwrap_err().to_string().contains("not at a finite place")
+        );
+        assert!(read("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3").unwrap_err().to_string().contains("has an area"));
+    }
+}

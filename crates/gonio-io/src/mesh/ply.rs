@@ -1,0 +1,308 @@
+//! PLY: text and binary of either byte order.
+
+use std::io::ErrorKind;
+use std::path::Path;
+
+use glam::DVec3;
+use gonio::shape::{Mesh, Soundness};
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{
+    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
+};
+
+use super::MAX_TRIANGLES;
+use super::parts::Parts;
+use crate::{Error, guard};
+
+/// Longer headers are none.
+const LONGEST_HEADER: usize = 1 << 16;
+
+pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
+    guard::catching(path, "PLY", || {
+        let failed = |e: ParseError| explain(path, &e);
+        check_header(path, bytes)?;
+        let mut reader = Reader::new(bytes);
+        let header = Parser::<Other>::new().read_header(&mut reader).map_err(failed)?;
+        check_counts(path, &header, reader.get_ref().len())?;
+        let mut parts = Parts::new(path);
+        let mut normals: Option<Vec<DVec3>> = None;
+        let mut faces: Vec<Face> = Vec::new();
+        for (name, element) in &header.elements {
+            match name.as_str() {
+                "vertex" => {
+                    let has = |names: [&str; 3]| names.iter().all(|n| element.properties.contains_key(*n));
+                    if !has(["x", "y", "z"]) {
+                        let problem = "has vertices without x, y and z";
+                        return Err(Error::unsupported(path, problem, "export the mesh with places as x, y and z"));
+                    }
+                    let vertices: Vec<Vertex> =
+                        Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(failed)?;
+                    parts.positions = vertices.iter().map(|v| v.place).collect();
+                    normals = has(["nx", "ny", "nz"]).then(|| vertices.iter().map(|v| v.normal).collect());
+                }
+                "face" => {
+                    if !FACES.iter().any(|n| element.properties.contains_key(*n)) {
+                        let problem = "has faces without vertex_indices";
+                        return Err(Error::unsupported(
+                            path,
+                            problem,
+                            "export the faces as lists named vertex_indices",
+                        ));
+                    }
+                    faces = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(failed)?;
+                }
+                "tristrips" => {
+                    return Err(Error::unsupported(path, "holds strips of triangles", "export it with plain faces"));
+                }
+                _ => {
+                    let _: Vec<Other> =
+                        Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(failed)?;
+                }
+            }
+        }
+        let mut corner_normals = Vec::new();
+        for face in &faces {
+            corner_normals.clear();
+            // An index that is none is found out when the mesh is made.
+            let normal = |&i: &u32| normals.as_ref().and_then(|n| n.get(i as usize)).copied().unwrap_or(DVec3::ZERO);
+            corner_normals.extend(face.corners.iter().map(normal));
+            parts.polygon(&face.corners, &corner_normals)?;
+        }
+        parts.finish()
+    })
+}
+
+/// Names of the list of corners.
+const FACES: [&str; 2] = ["vertex_indices", "vertex_index"];
+
+/// Checks that the header ends, so that no one looks for its end in hundreds of megabytes.
+fn check_header(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let start = &bytes[..bytes.len().min(LONGEST_HEADER)];
+    if start.windows(10).any(|w| w == b"end_header") {
+        return Ok(());
+    }
+    Err(Error::damaged(path, "has no end_header in its PLY header"))
+}
+
+/// Checks that as many elements as the header promises can be in the bytes that follow it.
+fn check_counts(path: &Path, header: &Header, bytes: usize) -> Result<(), Error> {
+    let mut least = 0_usize;
+    for element in header.elements.values() {
+        if element.count > MAX_TRIANGLES {
+            let problem = format!("has {} elements {:?}, more than {MAX_TRIANGLES}", element.count, element.name);
+            return Err(Error::limits(path, problem, "simplify the mesh"));
+        }
+        least = least.saturating_add(element.count.saturating_mul(least_size(element, header.encoding)));
+    }
+    // The last line of a text may lack its end.
+    if least > bytes.saturating_add(1) {
+        let problem = format!("promises elements of at least {least} bytes and has {bytes} after its header");
+        return Err(Error::damaged(path, problem));
+    }
+    Ok(())
+}
+
+/// The fewest bytes that an element takes, at least one.
+fn least_size(element: &ElementDef, encoding: Encoding) -> usize {
+    let size = |t: &ScalarType| match (encoding, t) {
+        // A digit, and what ends it.
+        (Encoding::Ascii, _) => 2,
+        (_, ScalarType::Char | ScalarType::UChar) => 1,
+        (_, ScalarType::Short | ScalarType::UShort) => 2,
+        (_, ScalarType::Int | ScalarType::UInt | ScalarType::Float) => 4,
+        (_, ScalarType::Double) => 8,
+    };
+    let sizes = element.properties.values().map(|p| match &p.data_type {
+        PropertyType::Scalar(t) | PropertyType::List(t, _) => size(t),
+    });
+    sizes.sum::<usize>().max(1)
+}
+
+fn explain(path: &Path, error: &ParseError) -> Error {
+    // Its later lines repeat the line of the file, which may be long.
+    let text = error.to_string();
+    let first = text.lines().next().unwrap_or_default();
+    match error.kind() {
+        ErrorKind::UnexpectedEof => Error::damaged(path, format!("is cut short as PLY ({first})")),
+        _ => Error::damaged(path, format!("cannot be read as PLY ({first})")),
+    }
+}
+
+/// What is wanted of a vertex.
+#[derive(Default)]
+struct Vertex {
+    place: DVec3,
+    normal: DVec3,
+}
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
+        let slot = match name {
+            "x" => &mut self.place.x,
+            "y" => &mut self.place.y,
+            "z" => &mut self.place.z,
+            "nx" => &mut self.normal.x,
+            "ny" => &mut self.normal.y,
+            "nz" => &mut self.normal.z,
+            _ => return PropertyAccessResult::Ignored,
+        };
+        *slot = match value {
+            Property::Float(v) => v.into(),
+            Property::Double(v) => v,
+            Property::Char(v) => v.into(),
+            Property::UChar(v) => v.into(),
+            Property::Short(v) => v.into(),
+            Property::UShort(v) => v.into(),
+            Property::Int(v) => v.into(),
+            Property::UInt(v) => v.into(),
+            _ => return PropertyAccessResult::UnsupportedType,
+        };
+        PropertyAccessResult::Set
+    }
+}
+
+/// The corners of a face. Negative indices become one that no mesh has.
+#[derive(Default)]
+struct Face {
+    corners: Vec<u32>,
+}
+
+impl PropertyAccess for Face {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
+        if !FACES.contains(&name) {
+            return PropertyAccessResult::Ignored;
+        }
+        fn all<T: TryInto<u32>>(list: Vec<T>) -> Vec<u32> {
+            list.into_iter().map(|i| i.try_into().unwrap_or(u32::MAX)).collect()
+        }
+        self.corners = match value {
+            Property::ListChar(v) => all(v),
+            Property::ListUChar(v) => all(v),
+            Property::ListShort(v) => all(v),
+            Property::ListUShort(v) => all(v),
+            Property::ListInt(v) => all(v),
+            Property::ListUInt(v) => v,
+            _ => return PropertyAccessResult::UnsupportedType,
+        };
+        PropertyAccessResult::Set
+    }
+}
+
+/// An element that is passed over.
+struct Other;
+
+impl PropertyAccess for Other {
+    fn new() -> Self {
+        Self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Kind;
+
+    fn read(bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
+        decode(Path::new("a.ply"), bytes)
+    }
+
+    const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+
+    #[test]
+    fn text_of_all_kinds_is_read() {
+        for (list, faces, triangles) in [
+            ("uchar int vertex_indices", "4 0 1 2 3\n", 2),
+            ("uint8 uint32 vertex_index", "4 0 1 2 3", 2),
+            ("int uchar vertex_index", "3 0 1 2\r\n", 1),
+            ("short short vertex_indices", "4 3 0 1 2 \n", 2),
+        ] {
+            let text = format!(
+                "ply\nformat ascii 1.0\ncomment made by hand\nobj_info none\nelement vertex 4\nproperty float x\nproperty double y\n\
+                 property int z\nproperty uchar red\nelement edge 1\nproperty int vertex1\nproperty int vertex2\n\
+                 element face 1\nproperty list {list}\nend_header\n0 0 0 9\n1 0 0 9\n1 1e0 0 9\n0 1 0 9\n0 1\n{faces}"
+            );
+            let (mesh, soundness) = read(text.as_bytes()).unwrap();
+            assert_eq!((soundness.triangles, soundness.normals_computed), (triangles, true), "{list}");
+            assert_eq!(mesh.positions(), SQUARE.map(DVec3::from_array));
+        }
+    }
+
+    /// A square of doubles with normals, and a list of `i32` indices with a property after it.
+    fn binary(big: bool) -> Vec<u8> {
+        let order = if big { "big" } else { "little" };
+        let mut bytes = format!(
+            "ply\nformat binary_{order}_endian 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
+             property float nx\nproperty float ny\nproperty float nz\nelement face 1\nproperty list uchar int vertex_indices\n\
+             property ushort flags\nend_header\n"
+        )
+        .into_bytes();
+        fn put<const N: usize>(bytes: &mut Vec<u8>, little: [u8; N], big: bool) {
+            if big { bytes.extend(little.iter().rev()) } else { bytes.extend(little) }
+        }
+        for p in SQUARE {
+            p.iter().for_each(|v| put(&mut bytes, v.to_le_bytes(), big));
+            [0.0_f32, 3.0, 4.0].iter().for_each(|v| put(&mut bytes, v.to_le_bytes(), big));
+        }
+        bytes.push(4);
+        (0..4_i32).for_each(|i| put(&mut bytes, i.to_le_bytes(), big));
+        bytes.extend([0, 7]);
+        bytes
+    }
+
+    #[test]
+    fn binary_files_of_both_orders_are_read() {
+        for big in [false, true] {
+            let (mesh, soundness) = read(&binary(big)).unwrap();
+            assert_eq!((soundness.triangles, soundness.normals_computed), (2, false));
+            assert_eq!(mesh.positions(), SQUARE.map(DVec3::from_array));
+            assert!(mesh.normals().iter().flatten().all(|n| (*n - DVec3::new(0.0, 0.6, 0.8)).length() < 1e-7));
+        }
+    }
+
+    #[test]
+    fn headers_that_lie_are_refused_before_memory_is_taken() {
+        let good = String::from_utf8_lossy(&binary(false)[..300]).into_owned();
+        let header = &good[..good.find("end_header").unwrap() + 11];
+        for (from, to, kind, says) in [
+            ("vertex 4", "vertex 99999999999999", Kind::Limits, "more than"),
+            ("vertex 4", "vertex 8000000", Kind::Damaged, "promises elements"),
+            ("face 1", "face 18446744073709551615", Kind::Limits, "more than"),
+            ("face 1", "face 8000000", Kind::Damaged, "promises elements"),
+            ("face 1", "face 99999999999999999999", Kind::Damaged, "cannot be read as PLY"),
+            ("double x", "double a", Kind::Unsupported, "without x, y and z"),
+            ("vertex_indices", "corners", Kind::Unsupported, "without vertex_indices"),
+            ("element face", "element tristrips", Kind::Unsupported, "strips"),
+            ("end_header", "end", Kind::Damaged, "no end_header"),
+            ("double x", "list uchar double x", Kind::Damaged, "cannot be read"),
+        ] {
+            let mut bytes = header.replacen(from, to, 1).into_bytes();
+            bytes.extend(&binary(false)[header.len()..]);
+            let error = read(&bytes).unwrap_err();
+            assert_eq!(error.kind(), kind, "{error}");
+            assert!(error.to_string().contains(says), "{error}");
+        }
+        // Elements without properties take no bytes.
+        let empty = b"ply\nformat binary_little_endian 1.0\nelement nothing 8000000\nend_header\n";
+        assert!(read(empty).unwrap_err().to_string().contains("promises"));
+    }
+
+    #[test]
+    fn indices_that_are_none_are_refused() {
+        for corners in ["3 0 1 4", "3 0 1 -1", "5 0 1 2 3 7"] {
+            let text = format!(
+                "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                 element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n{corners}\n"
+            );
+            let error = read(text.as_bytes()).unwrap_err();
+            assert!(error.to_string().contains("there are only 4"), "{error}");
+        }
+    }
+}

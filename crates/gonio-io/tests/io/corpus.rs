@@ -1,0 +1,110 @@
+//! Damaged and hostile files, `tests/corpus/`: each goes through every reader, in bounded time and memory. What a fuzzer finds is kept there.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use gonio_io::geometry::{self, DepthOptions};
+use gonio_io::picture::{self, ReadOptions};
+use gonio_io::{Error, camera, fits, merl, mesh, model, normals, npy, rgl};
+
+/// Small, so that a bomb that is compressed honestly need not be unpacked.
+const PIXELS: u64 = 1 << 20;
+/// For one file and all readers; the machine may be busy.
+const LONGEST: Duration = Duration::from_secs(20);
+/// Address space for the whole replay, with all threads, in kilobytes.
+const MEMORY: &str = "3000000";
+
+/// Decodes bytes with every reader of this crate; the errors.
+pub(crate) fn read_with_all(path: &Path, bytes: &[u8]) -> Vec<Error> {
+    let read = ReadOptions { linear: false, max_pixels: PIXELS };
+    let depth = DepthOptions { range: Some((1.0, 2.0)), read: read.clone() };
+    let length = bytes.len() as u64;
+    let errors = [
+        picture::decode(path, bytes, &read).err(),
+        normals::decode(path, bytes, &read).err(),
+        geometry::decode_depth(path, bytes, &depth).err(),
+        geometry::decode_positions(path, bytes, &read).err(),
+        npy::decode(path, bytes).err(),
+        merl::decode(path, bytes, length).err(),
+        merl::decode(path, bytes, merl::FILE_BYTES).err(),
+        rgl::decode(path, bytes).err(),
+        fits::decode(path, bytes).err(),
+        model::decode_model(path, bytes).err(),
+        model::decode_lighting(path, bytes).err(),
+        model::decode_reflectance(path, bytes).err(),
+        model::decode_posterior(path, bytes).err(),
+        mesh::decode(path, bytes).err(),
+        camera::decode_camera(path, bytes, (640, 480)).err(),
+        camera::decode_pose(path, bytes).err(),
+    ];
+    errors.into_iter().flatten().collect()
+}
+
+/// Whether an error names its file, on one line that is not endless.
+#[track_caller]
+pub(crate) fn check_error(error: &Error, path: &Path) {
+    let text = error.to_string();
+    assert!(text.starts_with(&format!("{}: ", path.display())) && !text.contains('\n'), "{text}");
+    assert!(text.contains("; "), "no advice: {text}");
+    assert!(text.len() < 2000, "{} bytes: {text}", text.len());
+}
+
+fn files() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus");
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    assert!(files.len() > 40, "{} files", files.len());
+    files
+}
+
+#[test]
+fn every_reader_survives_every_file() {
+    for file in files() {
+        let bytes = std::fs::read(&file).unwrap();
+        let start = Instant::now();
+        for error in read_with_all(&file, &bytes) {
+            check_error(&error, &file);
+        }
+        assert!(start.elapsed() < LONGEST, "{}: {:?}", file.display(), start.elapsed());
+    }
+}
+
+#[test]
+fn meshes_are_refused_from_disk() {
+    for file in files() {
+        let name = file.file_name().unwrap().to_str().unwrap();
+        let Some((kind, _)) = name.split_once('-') else { panic!("{name}: name it KIND-WHAT.EXTENSION") };
+        let result = match kind {
+            "mesh" => mesh::read_mesh(&file).err(),
+            "camera" => camera::read_camera(&file, (640, 480)).err(),
+            "pose" => camera::read_pose(&file).err(),
+            "depth" => geometry::read_depth(&file, &DepthOptions::default()).err(),
+            "normals" => normals::read_normals(&file).err(),
+            "merl" => merl::read(&file).err(),
+            "rgl" => rgl::read(&file).err(),
+            "npy" => npy::read(&file).err(),
+            "model" => model::read_model(&file).err(),
+            "picture" => {
+                let read = ReadOptions { linear: false, max_pixels: PIXELS };
+                picture::read(&file, &read).err()
+            }
+            // Odd, but sound.
+            "odd" => continue,
+            other => panic!("{name}: no reader for {other}"),
+        };
+        check_error(&result.unwrap_or_else(|| panic!("{name} is read")), &file);
+    }
+}
+
+/// Once more where memory is short: a reader that takes what a header asks for ends the process.
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_is_taken_only_for_what_is_there() {
+    let test = std::env::current_exe().unwrap();
+    let output = std::process::Command::new("sh")
+        .args(["-c", &format!("ulimit -v {MEMORY} && exec \"$0\" --exact corpus::every_reader_survives_every_file")])
+        .arg(test)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}

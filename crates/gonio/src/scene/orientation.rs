@@ -1,0 +1,533 @@
+//! Whether the channels of a normal map are in order: x right, y up, z towards the camera, none flipped and none swapped.
+//!
+//! Three things are known of the normals of a surface, whatever its shape:
+//! * what the camera sees faces it: z is positive;
+//! * they are the slopes of one surface: around any closed path the slopes add up to nothing. This holds for one sign of y relative to x
+//!   and not for the other, but cannot tell a hill from a hollow (x and y both flipped);
+//! * where the outline is the rim of a rounded object they are square to it: they point out of the object or, in a hollow, into it.
+//!
+//! Each can show that an order is wrong. What remains is between a hill and a hollow: the rounder object is offered.
+
+use glam::{DVec2, DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::SceneError;
+use super::observed::check_size;
+use crate::picture::Plane;
+
+/// Normals at a larger angle to the view than this (`z` below it) have slopes that pixels cannot resolve.
+const LEAST_Z: f64 = 0.3;
+/// An order of channels under which more than this share faces away is not offered.
+const MOST_AWAY: f64 = 0.02;
+/// One under which more than this share does is wrong.
+const GROSSLY_AWAY: f64 = 0.2;
+/// Paths around squares on a grid of so many cells along the longer side of the object.
+const CELLS: usize = 24;
+/// Fewer squares say nothing.
+const LEAST_SQUARES: usize = 20;
+/// Slopes whose twist (of x along y) is less than this share of all bending say nothing.
+const LEAST_TWIST: f64 = 0.05;
+/// Circulations of a right order are below, those of a wrong one above.
+const FITS: f64 = 0.35;
+const CONTRADICTS: f64 = 0.65;
+/// And so far apart at least.
+const APART: f64 = 0.4;
+/// A pixel of the outline belongs to a rim if the sine of its normal's angle to the view is at least this.
+const RIM_TILT: f64 = 0.8;
+/// Fewer pixels of a rim say nothing.
+const LEAST_RIM: usize = 40;
+/// And so does a smaller share of the outline within the picture.
+const RIM_SHARE: f64 = 0.4;
+/// Normals at a rim point along the direction out of it or against it: the mean cosine, whatever its sign, is above for a right order and below for
+/// a wrong one.
+const ALONG: f64 = 0.9;
+const ACROSS: f64 = 0.8;
+/// Orders whose normals point outwards less by this (a mean cosine) give way to those of a rounder object.
+const RIM_APART: f64 = 0.3;
+
+/// What brings channels into order: first which is which, then the signs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Correction {
+    /// The channels, from 0, that hold x, y and z: `[0, 1, 2]` if they are in order, `[1, 0, 2]` if x and y are swapped, `[2, 1, 0]` for BGR.
+    pub order: [usize; 3],
+    /// The sign of x is wrong.
+    pub flip_x: bool,
+    /// The sign of y is wrong: it points down, as in normal maps for DirectX.
+    pub flip_y: bool,
+    /// The sign of z is wrong: it points away from the camera.
+    pub flip_z: bool,
+}
+
+impl Default for Correction {
+    /// Nothing is to be done.
+    fn default() -> Self {
+        Self { order: [0, 1, 2], flip_x: false, flip_y: false, flip_z: false }
+    }
+}
+
+/// Every order of three channels; fewer changes come first.
+const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
+
+impl Correction {
+    /// Whether nothing is to be done.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// The order of channels that three letters name: `xyz`, `yxz` (x and y swapped), `zyx` (BGR) and so on.
+    pub fn order_named(name: &str) -> Option<[usize; 3]> {
+        ORDERS.into_iter().find(|order| order_name(*order) == name)
+    }
+
+    /// The normal in order.
+    ///
+    /// # Panics
+    /// If [`Self::order`] holds an index above two.
+    pub fn apply(&self, normal: Vec3) -> Vec3 {
+        let channels = normal.to_array();
+        let [x, y, z] = self.order.map(|i| channels[i]);
+        let sign = |flip: bool, v: f32| if flip { -v } else { v };
+        Vec3::new(sign(self.flip_x, x), sign(self.flip_y, y), sign(self.flip_z, z))
+    }
+
+    /// All normals in order. No normal, zero, stays none.
+    ///
+    /// # Panics
+    /// Like [`Self::apply`].
+    pub fn apply_to(&self, normals: &Plane<Vec3>) -> Plane<Vec3> {
+        normals.map(|n| self.apply(*n))
+    }
+
+    /// The options of the program that ask for it, with spaces between: `--normals-order yxz --normals-flip-y`.
+    pub fn options(&self) -> String {
+        let order = (self.order != [0, 1, 2]).then(|| format!("--normals-order {}", order_name(self.order)));
+        let flips = self.flips().into_iter().map(|axis| format!("--normals-flip-{axis}"));
+        order.into_iter().chain(flips).collect::<Vec<_>>().join(" ")
+    }
+
+    /// What is wrong, in words: "y flipped".
+    fn words(&self) -> String {
+        let order =
+            (self.order != [0, 1, 2]).then(|| format!("their channels in the order {}", order_name(self.order)));
+        let flips = self.flips().into_iter().map(|axis| format!("{axis} flipped"));
+        order.into_iter().chain(flips).collect::<Vec<_>>().join(" and ")
+    }
+
+    fn flips(&self) -> Vec<char> {
+        let all = [(self.flip_x, 'x'), (self.flip_y, 'y'), (self.flip_z, 'z')];
+        all.iter().filter(|f| f.0).map(|f| f.1).collect()
+    }
+
+    /// All 48 there are, those of fewer changes first, y before x.
+    fn all() -> Vec<Self> {
+        let signs = (0..8_u8).map(|bits| [bits >> 1 & 1 == 1, bits & 1 == 1, bits >> 2 & 1 == 1]);
+        let mut all: Vec<Self> = signs
+            .flat_map(|[flip_x, flip_y, flip_z]| ORDERS.map(|order| Self { order, flip_x, flip_y, flip_z }))
+            .collect();
+        let moved = |c: &Self| (0..3).filter(|&i| c.order[i] != i).count();
+        all.sort_by_key(|c| moved(c) + c.flips().len());
+        all
+    }
+}
+
+/// Which axis each channel holds where x, y and z are in these.
+fn order_name(order: [usize; 3]) -> String {
+    (0..3)
+        .filter_map(|channel| ['x', 'y', 'z'].into_iter().zip(order).find(|(_, at)| *at == channel))
+        .map(|a| a.0)
+        .collect()
+}
+
+/// How well an order of channels fits a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fit {
+    /// Share of normals that face away from the camera, 0 to 1.
+    pub away: f64,
+    /// How far from zero the slopes add up around closed paths, 0 (a surface) to 1; `None` where nothing can be said: too few pixels, or a
+    /// shape such as an upright cylinder.
+    pub circulation: Option<f64>,
+    /// At the rim, where normals are far from the view: the mean cosine between them and the direction out of the object, -1 (a hollow) to 1
+    /// (a round object), and its mean without sign. `None` without a rim.
+    pub rim: Option<(f64, f64)>,
+}
+
+impl Fit {
+    fn outwards(&self) -> Option<f64> {
+        self.rim.map(|r| r.0)
+    }
+}
+
+/// What the normals say of their own order.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Orientation {
+    /// How well the order given fits.
+    pub given: Fit,
+    /// Corrections that fit, those more usual first, where the order given clearly does not; else empty. Several where nothing tells them
+    /// apart, such as x or y flipped on a relief without rim.
+    pub corrections: Vec<Correction>,
+    /// How much better the first correction fits than the order given, 0 to 1; zero without.
+    pub confidence: f64,
+}
+
+impl Orientation {
+    /// Looks at the normals that `coverage` gives as at least half covered, or at all. Normals of length zero or that are not finite are none.
+    ///
+    /// The verdict is cautious: without evidence, or where the shape explains as much as an error would, nothing is corrected.
+    ///
+    /// # Errors
+    /// [`SceneError::Sizes`]; [`SceneError::NoNormals`].
+    pub fn of(normals: &Plane<Vec3>, coverage: Option<&Plane<f32>>) -> Result<Self, SceneError> {
+        if let Some(coverage) = coverage {
+            check_size("mask", coverage.size(), normals.size())?;
+        }
+        let surface = Plane::from_fn(normals.width(), normals.height(), |x, y| {
+            let covered = coverage.is_none_or(|c| c[(x, y)] >= 0.5);
+            normals[(x, y)].as_dvec3().try_normalize().filter(|_| covered)
+        });
+        let evidence = Evidence::of(&surface).ok_or(SceneError::NoNormals)?;
+        let given = evidence.fit(Correction::default());
+        let away = given.away > GROSSLY_AWAY;
+        let open = given.circulation.is_some_and(|c| c > CONTRADICTS);
+        let across = given.rim.is_some_and(|r| r.1 < ACROSS);
+        let nothing = Self { given, corrections: Vec::new(), confidence: 0.0 };
+        if !(away || open || across) {
+            return Ok(nothing);
+        }
+        // Whichever contradicts must be put right, and nothing made worse.
+        let mends = |fit: &Fit| {
+            let closes = fit.circulation.is_some_and(|c| c < FITS);
+            let closer = gain(&given, fit);
+            fit.away <= MOST_AWAY
+                && closes
+                && (!open || away || closer.is_some_and(|gain| gain > APART))
+                && (open || away || (fit.rim.is_some_and(|r| r.1 > ALONG) && closer.is_none_or(|gain| gain > -0.05)))
+        };
+        let all = Correction::all().into_iter().map(|c| (c, evidence.fit(c)));
+        let mut fitting: Vec<(Correction, Fit)> = all.filter(|(_, fit)| mends(fit)).collect();
+        let least = fitting.iter().filter_map(|f| f.1.circulation).fold(f64::INFINITY, f64::min);
+        fitting.retain(|f| f.1.circulation.is_some_and(|c| c < least + 0.1));
+        // The rim chooses among those left, if there is one for all.
+        let outwards = fitting.iter().map(|f| f.1.outwards()).collect::<Option<Vec<f64>>>();
+        if let Some(best) = outwards.and_then(|r| r.into_iter().reduce(f64::max)) {
+            fitting.retain(|f| f.1.outwards().is_some_and(|r| r > best - RIM_APART));
+        }
+        let Some((_, first)) = fitting.first() else { return Ok(nothing) };
+        let straighter = first.rim.zip(given.rim).map_or(0.0, |(a, b)| a.1 - b.1);
+        let grounds = [given.away - first.away, gain(&given, first).unwrap_or(0.0), straighter];
+        let confidence = grounds.into_iter().fold(0.0, f64::max).min(1.0);
+        Ok(Self { given, corrections: fitting.iter().map(|f| f.0).collect(), confidence })
+    }
+
+    /// What to tell, on one line, and `None` where the order given is right or could be.
+    pub fn complaint(&self) -> Option<String> {
+        let first = self.corrections.first()?;
+        let why = match self.given {
+            Fit { away, .. } if away > GROSSLY_AWAY => {
+                format!("{:.0} % of them face away from the camera", 100.0 * away)
+            }
+            Fit { circulation: Some(off), .. } if off > CONTRADICTS => {
+                format!("their slopes do not close ({:.0} % off)", 100.0 * off)
+            }
+            _ => "at the outline they do not point out of the object".to_owned(),
+        };
+        let others: Vec<String> = self.corrections[1..].iter().take(2).map(Correction::options).collect();
+        let others = if others.is_empty() { String::new() } else { format!(" (or {})", others.join(", or ")) };
+        Some(format!("the normals seem to have {}: {why}; give {}{others}", first.words(), first.options()))
+    }
+}
+
+/// By how much closed paths of one order are nearer to zero than those of another.
+fn gain(given: &Fit, other: &Fit) -> Option<f64> {
+    Some(given.circulation? - other.circulation?)
+}
+
+/// Normals where they tell something.
+struct Evidence {
+    /// The number of normals, and of those with a negative or no, and a positive or no, value of each channel.
+    count: usize,
+    not_positive: [usize; 3],
+    not_negative: [usize; 3],
+    /// Around each square: the normals along its bottom, right, top and left side.
+    squares: Vec<[Vec<DVec3>; 4]>,
+    /// Normals at the outline within the picture with the direction out of the object, y up.
+    outline: Vec<(DVec3, DVec2)>,
+}
+
+impl Evidence {
+    fn of(surface: &Plane<Option<DVec3>>) -> Option<Self> {
+        let (width, height) = surface.size();
+        let all = || surface.as_slice().iter().flatten();
+        let count = all().count();
+        if count == 0 {
+            return None;
+        }
+        let not_positive = [0, 1, 2].map(|c| all().filter(|n| n[c] <= 0.0).count());
+        let not_negative = [0, 1, 2].map(|c| all().filter(|n| n[c] >= 0.0).count());
+        let places = || {
+            let here = surface.as_slice().iter().enumerate().filter(|(_, n)| n.is_some());
+            here.map(move |(i, _)| (i % width, i / width))
+        };
+        let low = places().fold((width, height), |l, p| (l.0.min(p.0), l.1.min(p.1)));
+        let high = places().fold((0, 0), |h, p| (h.0.max(p.0), h.1.max(p.1)));
+        let side = ((high.0 - low.0).max(high.1 - low.1) / CELLS).max(2);
+        let along = |from: (usize, usize), step: (usize, usize)| -> Option<Vec<DVec3>> {
+            (0..=side).map(|i| surface[(from.0 + i * step.0, from.1 + i * step.1)]).collect()
+        };
+        let mut squares = Vec::new();
+        for y in (low.1..(high.1 + 1).saturating_sub(side)).step_by(side) {
+            for x in (low.0..(high.0 + 1).saturating_sub(side)).step_by(side) {
+                let sides = [
+                    along((x, y + side), (1, 0)),
+                    along((x + side, y), (0, 1)),
+                    along((x, y), (1, 0)),
+                    along((x, y), (0, 1)),
+                ];
+                if let [Some(bottom), Some(right), Some(top), Some(left)] = sides {
+                    squares.push([bottom, right, top, left]);
+                }
+            }
+        }
+        Some(Self { count, not_positive, not_negative, squares, outline: outline(surface) })
+    }
+
+    fn fit(&self, correction: Correction) -> Fit {
+        let order = |n: DVec3| correction.apply(n.as_vec3()).as_dvec3();
+        let z = correction.order[2];
+        let away = if correction.flip_z { self.not_negative[z] } else { self.not_positive[z] };
+        let cosines: Vec<f64> = self
+            .outline
+            .iter()
+            .map(|(n, out)| (order(*n).truncate(), out))
+            .filter(|(n, _)| n.length() > RIM_TILT)
+            .map(|(n, out)| n.normalize().dot(*out))
+            .collect();
+        let is_rim = cosines.len() >= LEAST_RIM && cosines.len() as f64 >= RIM_SHARE * self.outline.len() as f64;
+        let mean = |f: fn(f64) -> f64| cosines.iter().copied().map(f).sum::<f64>() / cosines.len() as f64;
+        Fit {
+            away: away as f64 / self.count as f64,
+            circulation: self.circulation(order),
+            rim: is_rim.then(|| (mean(|c| c), mean(f64::abs))),
+        }
+    }
+
+    /// The sum over all squares of what the slopes add up to around them, over that of its two parts, which cancel each other for a surface.
+    fn circulation(&self, order: impl Fn(DVec3) -> DVec3) -> Option<f64> {
+        // The mean slope along a path, by the trapezoidal rule; none if it is too steep anywhere.
+        let mean = |path: &[DVec3]| -> Option<DVec2> {
+            let mut sum = DVec2::ZERO;
+            for (i, n) in path.iter().enumerate() {
+                let n = order(*n);
+                if n.z < LEAST_Z {
+                    return None;
+                }
+                let weight = if i == 0 || i + 1 == path.len() { 0.5 } else { 1.0 };
+                sum -= weight * n.truncate() / n.z;
+            }
+            Some(sum / (path.len() - 1) as f64)
+        };
+        let (mut squares, mut off, mut twist, mut bend) = (0, 0.0, 0.0, 0.0);
+        for [bottom, right, top, left] in &self.squares {
+            let (Some(bottom), Some(right), Some(top), Some(left)) = (mean(bottom), mean(right), mean(top), mean(left))
+            else {
+                continue;
+            };
+            squares += 1;
+            let (across, along) = (bottom.x - top.x, right.y - left.y);
+            off += (across + along).abs();
+            twist += across.abs() + along.abs();
+            bend += (right.x - left.x).abs() + (top.y - bottom.y).abs();
+        }
+        let tells = squares >= LEAST_SQUARES && twist > LEAST_TWIST * (twist + bend);
+        tells.then(|| off / twist)
+    }
+}
+
+/// Normals at the outline with the direction outwards. Pixels next to the border of the picture are left out: there the object may go on.
+fn outline(surface: &Plane<Option<DVec3>>) -> Vec<(DVec3, DVec2)> {
+    /// Reach of the window whose centre of mass tells which way is out.
+    const REACH: usize = 4;
+    let (width, height) = surface.size();
+    let mut outline = Vec::new();
+    for y in REACH..height.saturating_sub(REACH) {
+        for x in REACH..width.saturating_sub(REACH) {
+            let Some(normal) = surface[(x, y)] else { continue };
+            let edge = [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)].iter().any(|p| surface[*p].is_none());
+            if !edge {
+                continue;
+            }
+            let mut inwards = DVec2::ZERO;
+            for v in y - REACH..=y + REACH {
+                for u in x - REACH..=x + REACH {
+                    if surface[(u, v)].is_some() {
+                        inwards += DVec2::new(u as f64 - x as f64, y as f64 - v as f64);
+                    }
+                }
+            }
+            if let Some(inwards) = inwards.try_normalize() {
+                outline.push((normal, -inwards));
+            }
+        }
+    }
+    outline
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: usize = 240;
+
+    fn map(f: impl Fn(f32, f32) -> Option<Vec3>) -> Plane<Vec3> {
+        Plane::from_fn(SIZE, SIZE, |x, y| {
+            let at = |i: usize| (i as f32 + 0.5 - 120.0) / 110.0;
+            f(at(x), -at(y)).map_or(Vec3::ZERO, Vec3::normalize)
+        })
+    }
+
+    fn sphere() -> Plane<Vec3> {
+        ellipsoid(1.0, 1.0, 0.0)
+    }
+
+    /// An ellipsoid of these half axes, turned in the picture.
+    fn ellipsoid(a: f32, b: f32, turn: f32) -> Plane<Vec3> {
+        map(|x, y| {
+            let turned = glam::Vec2::from_angle(turn);
+            let p = turned.rotate(glam::Vec2::new(x, y));
+            let left = 1.0 - (p.x / a).powi(2) - (p.y / b).powi(2);
+            let n = glam::Vec2::from_angle(-turn).rotate(glam::Vec2::new(p.x / (a * a), p.y / (b * b)));
+            (left > 0.0).then(|| n.extend(left.sqrt()))
+        })
+    }
+
+    /// Bumps on a plane that fills the picture.
+    fn relief() -> Plane<Vec3> {
+        map(|x, y| {
+            let (p, q) =
+                ((5.0 * x + 2.0 * y).cos() * 0.5 + 0.3 * x, (5.0 * x + 2.0 * y).cos() * 0.2 - (4.0 * y).sin() * 0.4);
+            Some(Vec3::new(-p, -q, 1.0))
+        })
+    }
+
+    /// The upper right part of the sphere.
+    fn cropped() -> Plane<Vec3> {
+        let sphere = sphere();
+        Plane::from_fn(SIZE, SIZE, |x, y| if x > 135 && y < 110 { sphere[(x, y)] } else { Vec3::ZERO })
+    }
+
+    fn of(normals: &Plane<Vec3>) -> Orientation {
+        Orientation::of(normals, None).unwrap()
+    }
+
+    const FLIP_Y: Correction = Correction { order: [0, 1, 2], flip_x: false, flip_y: true, flip_z: false };
+    const FLIP_X: Correction = Correction { flip_x: true, flip_y: false, ..FLIP_Y };
+
+    #[test]
+    fn sound_maps_are_left_alone() {
+        for (name, normals) in [
+            ("sphere", sphere()),
+            ("ellipsoid", ellipsoid(1.0, 0.6, 0.5)),
+            ("upright", ellipsoid(0.5, 0.9, 0.0)),
+            ("relief", relief()),
+            ("cropped", cropped()),
+            ("bowl", sphere().map(|n| Vec3::new(-n.x, -n.y, n.z))),
+            ("plane", map(|_, _| Some(Vec3::new(0.1, 0.2, 1.0)))),
+            ("cylinder", map(|x, _| (x.abs() < 0.8).then(|| Vec3::new(x, 0.0, (0.64 - x * x).sqrt())))),
+            ("lying", map(|_, y| (y.abs() < 0.8).then(|| Vec3::new(0.0, y, (0.64 - y * y).sqrt())))),
+            ("tiny", map(|x, y| (x.abs().max(y.abs()) < 0.02).then(|| Vec3::new(x, y, 1.0)))),
+        ] {
+            let got = of(&normals);
+            assert!(got.corrections.is_empty() && got.complaint().is_none(), "{name}: {got:?}");
+        }
+    }
+
+    #[test]
+    fn whatever_is_wrong_on_a_round_object_is_named() {
+        for (name, right) in [("sphere", sphere()), ("ellipsoid", ellipsoid(1.0, 0.6, 0.5))] {
+            for wrong in Correction::all() {
+                // Nothing wrong, or a hill that became a hollow, which is a shape too.
+                let Correction { order, flip_x, flip_y, flip_z } = wrong;
+                if order == [0, 1, 2] && !flip_z && flip_x == flip_y {
+                    continue;
+                }
+                let given = wrong.apply_to(&right);
+                let got = of(&given);
+                assert_eq!(got.corrections.len(), 1, "{name} {wrong:?}: {got:?}");
+                assert_eq!(got.corrections[0].apply_to(&given), right, "{name} {wrong:?}: {got:?}");
+                assert!(got.confidence > 0.2, "{name} {wrong:?}: {got:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn corrections_have_names() {
+        let swapped = Correction { order: [1, 0, 2], ..FLIP_Y };
+        assert_eq!(swapped.options(), "--normals-order yxz --normals-flip-y");
+        assert_eq!(swapped.apply(Vec3::new(1.0, 2.0, 3.0)), Vec3::new(2.0, -1.0, 3.0));
+        // Channels that hold y, z and x.
+        let order = Correction::order_named("yzx").unwrap();
+        assert_eq!(
+            Correction { order, ..Correction::default() }.apply(Vec3::new(2.0, 3.0, 1.0)),
+            Vec3::new(1.0, 2.0, 3.0)
+        );
+        assert_eq!((Correction::order_named("xyx"), Correction::order_named("bgr")), (None, None));
+        assert!(Correction::default().is_none() && !swapped.is_none() && Correction::all().len() == 48);
+    }
+
+    #[test]
+    fn without_a_rim_both_flips_are_named() {
+        for (name, right) in [("relief", relief()), ("cropped", cropped())] {
+            for wrong in [FLIP_Y, FLIP_X] {
+                let got = of(&wrong.apply_to(&right));
+                assert_eq!(got.corrections[..2], [FLIP_Y, FLIP_X], "{name}: {got:?}");
+            }
+        }
+        let complaint = of(&FLIP_Y.apply_to(&relief())).complaint().unwrap();
+        assert!(
+            complaint.starts_with("the normals seem to have y flipped: their slopes do not close ("),
+            "{complaint}"
+        );
+        assert!(complaint.ends_with("; give --normals-flip-y (or --normals-flip-x)"), "{complaint}");
+    }
+
+    #[test]
+    fn eight_bits_are_enough() {
+        let coded = |normals: &Plane<Vec3>| {
+            normals.map(|n| {
+                let code = ((*n + Vec3::ONE) * 127.5).round();
+                if *n == Vec3::ZERO { Vec3::ZERO } else { (code / 127.5 - Vec3::ONE).normalize() }
+            })
+        };
+        for right in [sphere(), ellipsoid(1.0, 0.6, 0.5), relief()] {
+            assert!(of(&coded(&right)).corrections.is_empty());
+            assert_eq!(of(&FLIP_Y.apply_to(&coded(&right))).corrections[0], FLIP_Y);
+        }
+    }
+
+    #[test]
+    fn noise_is_no_evidence() {
+        let mut state = 1_u32;
+        let mut noise = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+        };
+        let normals = Plane::from_fn(SIZE, SIZE, |_, _| Vec3::new(noise(), noise(), 0.6 + noise().abs()).normalize());
+        assert!(of(&normals).corrections.is_empty());
+        let none = sphere().map(|_| Vec3::ZERO);
+        assert_eq!(Orientation::of(&none, None).unwrap_err(), SceneError::NoNormals);
+        let small = Plane::from_fn(2, 2, |_, _| 1.0_f32);
+        assert!(matches!(Orientation::of(&sphere(), Some(&small)), Err(SceneError::Sizes { .. })));
+    }
+
+    #[test]
+    fn a_mask_hides_normals() {
+        let mut normals = sphere();
+        let mask = Plane::from_fn(SIZE, SIZE, |x, _| f32::from(x < 150));
+        for y in 0..SIZE {
+            for x in 150..SIZE {
+                normals[(x, y)] = Vec3::NEG_Z;
+            }
+        }
+        assert!(Orientation::of(&normals, Some(&mask)).unwrap().corrections.is_empty());
+        assert_eq!(Orientation::of(&FLIP_Y.apply_to(&normals), Some(&mask)).unwrap().corrections, [FLIP_Y]);
+    }
+}

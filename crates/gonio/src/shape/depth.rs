@@ -1,0 +1,107 @@
+//! From a picture of depths to places.
+
+use glam::DVec3;
+use thiserror::Error;
+
+use super::{Camera, Projection};
+use crate::picture::Plane;
+
+/// What a depth measures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DepthKind {
+    /// The distance from the plane of the camera, along its axis: what renderers and most sensors give.
+    #[default]
+    AlongAxis,
+    /// The distance from the camera, along the ray of the pixel.
+    AlongRay,
+}
+
+/// The picture of depths is not of the size of the camera's pictures.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+#[error(
+    "the depths are {}x{} pixels and the camera's pictures {}x{}: make both of one size",
+    depths.0, depths.1, camera.0, camera.1
+)]
+pub struct DepthSize {
+    /// Columns and rows of the depths.
+    pub depths: (usize, usize),
+    /// Columns and rows of the camera's pictures.
+    pub camera: (usize, usize),
+}
+
+/// The place that each pixel sees, in coordinates of the camera: x right, y up, `z` of minus the depth along the axis. Depths are taken at the centres
+/// of pixels, in the unit of length of the camera; those that are not finite are none, and so are those of a perspective camera that are not positive.
+///
+/// # Errors
+/// [`DepthSize`].
+pub fn positions_of_depth(
+    depth: &Plane<Option<f64>>,
+    camera: &Camera,
+    kind: DepthKind,
+) -> Result<Plane<Option<DVec3>>, DepthSize> {
+    if depth.size() != camera.size {
+        return Err(DepthSize { depths: depth.size(), camera: camera.size });
+    }
+    let perspective = matches!(camera.projection, Projection::Perspective { .. });
+    Ok(Plane::from_fn(depth.width(), depth.height(), |x, y| {
+        let depth = depth[(x, y)].filter(|d| d.is_finite() && (*d > 0.0 || !perspective))?;
+        let ray = camera.ray((x as f64 + 0.5, y as f64 + 0.5));
+        let along = match kind {
+            DepthKind::AlongRay => depth,
+            DepthKind::AlongAxis => depth / -ray.direction.z,
+        };
+        Some(ray.origin + along * ray.direction).filter(|p| p.is_finite())
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Distances along the rays at which they meet a sphere.
+    fn sphere(camera: &Camera, centre: DVec3, radius: f64) -> Plane<Option<f64>> {
+        Plane::from_fn(camera.size.0, camera.size.1, |x, y| {
+            let ray = camera.ray((x as f64 + 0.5, y as f64 + 0.5));
+            let to = centre - ray.origin;
+            let middle = to.dot(ray.direction);
+            let squared = radius * radius - (to.length_squared() - middle * middle);
+            (squared >= 0.0).then(|| middle - squared.sqrt())
+        })
+    }
+
+    #[test]
+    fn the_depths_of_a_sphere_lie_on_it() {
+        let size = (90, 70);
+        let (centre, radius) = (DVec3::new(0.3, -0.2, -6.0), 1.5);
+        for projection in [Projection::Orthographic { pixels_per_unit: 20.0 }, Projection::Perspective { focal: 100.0 }]
+        {
+            let camera = Camera::new(projection, (46.5, 33.0), size).unwrap();
+            let along_ray = sphere(&camera, centre, radius);
+            let along_axis = Plane::from_fn(size.0, size.1, |x, y| {
+                let ray = camera.ray((x as f64 + 0.5, y as f64 + 0.5));
+                along_ray[(x, y)].map(|d| -(ray.origin + d * ray.direction).z)
+            });
+            for (depths, kind) in [(&along_ray, DepthKind::AlongRay), (&along_axis, DepthKind::AlongAxis)] {
+                let places = positions_of_depth(depths, &camera, kind).unwrap();
+                let seen = places.as_slice().iter().flatten().count();
+                assert!(seen > 1500 && seen == depths.as_slice().iter().flatten().count(), "{seen}");
+                for (i, place) in places.as_slice().iter().enumerate() {
+                    let Some(place) = place else { continue };
+                    assert!(((*place - centre).length() - radius).abs() < 1e-12, "{place}");
+                    let (x, y) = camera.project(*place).unwrap();
+                    assert!((x - (i % 90) as f64 - 0.5).abs() + (y - (i / 90) as f64 - 0.5).abs() < 1e-9);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_depth_gives_no_place() {
+        let camera = Camera::new(Projection::Perspective { focal: 10.0 }, (1.0, 0.5), (4, 1)).unwrap();
+        let depths = Plane::from_vec(4, 1, vec![None, Some(f64::NAN), Some(-1.0), Some(2.0)]);
+        let places = positions_of_depth(&depths, &camera, DepthKind::AlongAxis).unwrap();
+        assert_eq!(places.as_slice(), [None, None, None, Some(DVec3::new(0.5, 0.0, -2.0))]);
+        let error = positions_of_depth(&Plane::from_fn(2, 3, |_, _| None), &camera, DepthKind::AlongRay).unwrap_err();
+        assert_eq!(error.to_string(), "the depths are 2x3 pixels and the camera's pictures 4x1: make both of one size");
+    }
+}

@@ -1,0 +1,11 @@
+#![no_main]
+//! Cameras and poses.
+
+use std::path::Path;
+
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {
+    let _ = gonio_io::camera::decode_camera(Path::new("a"), bytes, (640, 480));
+    let _ = gonio_io::camera::decode_pose(Path::new("a"), bytes);
+});

@@ -8,6 +8,7 @@ mod infer;
 mod input;
 mod progress;
 mod render;
+mod shape;
 mod summary;
 mod train;
 mod uncertainty;

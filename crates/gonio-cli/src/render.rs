@@ -1,14 +1,17 @@
-//! `gonio render`: a sphere of a BRDF under a light.
+//! `gonio render`: a sphere or a mesh of a BRDF under a light.
 
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use gonio::picture::Plane;
-use gonio::render::{Exposure, IntegratorSettings, LightTree, SphereSettings, render_sphere};
+use gonio::render::{
+    Exposure, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface,
+};
 use gonio_io::atomic::write_file;
 
 use crate::input;
 use crate::progress::Stage;
+use crate::shape::MeshOptions;
 
 /// Options of `gonio render`.
 #[derive(clap::Args)]
@@ -16,15 +19,23 @@ pub(crate) struct Options {
     /// BRDF in the MERL format
     #[arg(long, value_name = "FILE.binary")]
     brdf: PathBuf,
-    /// Lat-long light map (HDR, EXR, PFM)
+    /// Lat-long light map (HDR, EXR, PFM), in coordinates of the camera
     #[arg(long, value_name = "MAP")]
     light: PathBuf,
     /// Picture to write: .exr holds radiance and coverage, .png is tone-mapped for looking at
     #[arg(short, long, value_name = "X.exr|X.png")]
     output: PathBuf,
+    #[command(flatten)]
+    shape: MeshOptions,
+    /// Leave out the shadows that the mesh throws on itself
+    #[arg(long, requires = "mesh")]
+    no_shadows: bool,
     /// Width and height in pixels
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=8192))]
     size: u32,
+    /// Height in pixels, if it is not the width
+    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=8192), requires = "mesh")]
+    height: Option<u32>,
     /// Samples along each side of a pixel
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     samples: u32,
@@ -43,16 +54,27 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     if options.tolerance.is_nan() || options.tolerance <= 0.0 {
         bail!("--tolerance {}: give a positive number", options.tolerance);
     }
+    if options.shape.mesh.is_none() && options.shape.camera.is_some() {
+        bail!("--camera goes with --mesh: a sphere is seen orthographically");
+    }
     let brdf = input::brdf(&options.brdf)?;
     let light = LightTree::of_map(&input::light(&options.light)?);
-    let settings = SphereSettings {
-        size: options.size as usize,
-        samples: options.samples as usize,
-        integrator: IntegratorSettings { tolerance: options.tolerance, ..IntegratorSettings::default() },
-        ..SphereSettings::default()
-    };
+    let integrator = IntegratorSettings { tolerance: options.tolerance, ..IntegratorSettings::default() };
+    let samples = options.samples as usize;
+    let size = (options.size as usize, options.height.unwrap_or(options.size) as usize);
+    let mut warnings = Vec::new();
+    let placed = options.shape.place(size, &mut warnings)?;
     let stage = Stage::new("rendering");
-    let picture = render_sphere(&brdf, &light, &settings, &|x| stage.at(x));
+    let picture = match &placed {
+        Some(placed) => {
+            let settings = SurfaceSettings { samples, integrator, shadows: !options.no_shadows };
+            render_surface(&brdf, &light, placed.surface.as_ref(), &placed.camera, &settings, &|x| stage.at(x))
+        }
+        None => {
+            let settings = SphereSettings { size: size.0, samples, integrator, ..SphereSettings::default() };
+            render_sphere(&brdf, &light, &settings, &|x| stage.at(x))
+        }
+    };
     stage.finish();
     let bytes = if png {
         let covered = |i: usize| picture.alpha.as_ref().is_some_and(|a| a.as_slice()[i] > 0.99);
@@ -63,6 +85,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         gonio_io::picture::encode_exr(&picture.rgb, picture.alpha.as_ref())
     };
     write_file(&options.output, &bytes)?;
+    input::warn(&warnings);
     println!("{}", options.output.display());
     Ok(())
 }

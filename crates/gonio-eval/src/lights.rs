@@ -154,7 +154,7 @@ struct Found {
 /// The light of an image at points by all methods.
 fn find(points: &[SurfacePoint], image: &[f64], brdf: &BivariateTable, prior: &LightPrior) -> Result<[Found; 4]> {
     let values: Vec<Option<f64>> = image.iter().map(|v| Some(*v)).collect();
-    let problem = LightProblem::new(points, &values, brdf, prior, &PlanSettings::default())?;
+    let problem = LightProblem::new(points, &values, None, brdf, prior, &PlanSettings::default())?;
     let posterior = problem.posterior()?;
     let found = |light: &[f64], exposure: f64, start: Option<Instant>, converged| {
         let radiance: Vec<f64> = light.iter().map(|l| l * exposure).collect();

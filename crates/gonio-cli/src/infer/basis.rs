@@ -80,7 +80,7 @@ fn project(
         let stage = Stage::new("rendering the basis");
         let tree = LightTree::of_map(light);
         let rows =
-            images_of_basis(&observations.points, tables, &tree, &IntegratorSettings::default(), &|x| stage.at(x));
+            images_of_basis(observations.seen(), tables, &tree, &IntegratorSettings::default(), &|x| stage.at(x));
         let projected = Projected::under_known_light(&rows, tables.len(), &observations.values);
         return Ok((projected, json!({ "light": path.display().to_string() }), stage.finish()));
     }
@@ -89,13 +89,13 @@ fn project(
     if options.full_rows || observations.report.used <= settings.rank {
         let stage = Stage::new("integrating the basis");
         let projected =
-            Projected::unprojected(&observations.points, &observations.values, tables, &model.light, &settings)?;
+            Projected::unprojected(observations.seen(), &observations.values, tables, &model.light, &settings)?;
         return Ok((projected, json!({ "rows": observations.report.used, "full_rows": true }), stage.finish()));
     }
     let stage = Stage::new("planning (kept for next time)");
     let cache = Cache::user();
     let (plan, origin, failed) =
-        load_or_build(cache.as_ref(), &observations.points, tables, &model.light, &settings, &|x| stage.at(x))?;
+        load_or_build(cache.as_ref(), observations.seen(), tables, &model.light, &settings, &|x| stage.at(x))?;
     if let Some(error) = failed {
         warnings.push(format!("the plan could not be kept for next time: {error}"));
     }

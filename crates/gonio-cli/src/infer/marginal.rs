@@ -4,14 +4,15 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use gonio::appearance::{Lattice, Statistics};
-use gonio::inference::amortised::{Amortised, MaterialPosterior, Neighbour, peak_over_base};
+use gonio::inference::amortised::{
+    Amortised, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
+};
 use gonio::inference::marginal::{LightProblem, NonNegativeSettings, cut_off_at_zero};
 use gonio::lighting::LightGrid;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 use gonio::scene::Observations;
-use gonio::sphere::fibonacci_hemisphere;
-use gonio::transfer::{PlanSettings, SurfacePoint};
+use gonio::transfer::PlanSettings;
 use serde_json::{Value, json};
 
 use super::{Answer, Options, Outlook, with_albedo};
@@ -20,9 +21,6 @@ use crate::progress::Stage;
 /// Observations from which the light is found, about: a mirror sees each texel of 32 x 32 in one or two of them. With fewer than there are texels
 /// those between the observations are left to the prior, and show as a checkerboard.
 const ROWS: usize = 1600;
-
-/// With fewer observations apart from each other, whatever there are is taken.
-const FEWEST: usize = 200;
 
 /// The largest grid on which the light is kept from negative texels by its posterior, which takes a minute there; on finer ones, whose
 /// dense matrices would not fit, the mean is cut off at zero.
@@ -53,8 +51,13 @@ pub(super) fn answer(
     let amortised = model.posterior.as_ref().context("a model without a posterior of materials")?;
     let started = Instant::now();
     let lattice = Lattice::new();
-    let gathered = lattice.gather(&observations.points, &observations.values);
-    let statistics = Statistics::new(&lattice).of(&gathered.values);
+    let measures = Statistics::new(&lattice);
+    let plan = PlanSettings { side: options.grid, ..PlanSettings::default() };
+    let unshadowed =
+        unshadow(observations, (&lattice, &measures), amortised, &model.light, &plan, &UnshadowSettings::default())
+            .with_context(|| options.image.display().to_string())?;
+    let gathered = unshadowed.gathered;
+    let statistics = measures.of(&gathered.values);
     let posterior = amortised.posterior(&statistics);
     let strangeness = amortised.strangeness(&statistics);
     let (table, scale) = with_albedo(&posterior.mean);
@@ -77,13 +80,15 @@ pub(super) fn answer(
             "strangeness": strangeness,
             "normals": lattice.normals().len(),
             "filled": gathered.filled,
+            "unshadowed": unshadowed.change,
             "gloss": {
                 "5": material.gloss[0], "50": material.gloss[1], "95": material.gloss[2],
                 "note": "the BRDF along the normal over its mean at half angles beyond 45 degrees: its quantiles at 5, 50 and 95 %",
             },
             "note": "undetermined: share of the domain (both angles below 80 degrees) where the 90 % interval is most of \
                      what it is without a photograph; strangeness: share of the picture's statistics outside of what was \
-                     seen in training; filled: normals of the lattice without an observation near",
+                     seen in training; filled: normals of the lattice without an observation near; unshadowed: mean absolute logarithm of the ratio by which \
+                     values were changed to those of a sphere, for shapes that keep light from themselves",
         },
         "reflectance": {
             "quantiles": "brdf_quantiles.npy",
@@ -178,8 +183,7 @@ struct Light {
 fn find_light(options: &Options, model: &Model, observations: &Observations, table: &BivariateTable) -> Result<Light> {
     let stage = Stage::new("integrating the BRDF");
     let settings = PlanSettings { side: options.grid, ..PlanSettings::default() };
-    let (points, values): (Vec<SurfacePoint>, Vec<Option<f64>>) = thinned(observations).into_iter().unzip();
-    let problem = LightProblem::new(&points, &values, table, &model.light, &settings)
+    let problem = LightProblem::of_observations(observations, ROWS, table, &model.light, &settings)
         .with_context(|| options.image.display().to_string())?;
     let transfer_seconds = stage.finish();
     let stage = Stage::new("estimating the light");
@@ -217,25 +221,4 @@ fn find_light(options: &Options, model: &Model, observations: &Observations, tab
         transfer_seconds,
         seconds: stage.finish(),
     })
-}
-
-/// Up to [`ROWS`] observations, evenly over the normals.
-fn thinned(observations: &Observations) -> Vec<(SurfacePoint, Option<f64>)> {
-    let used: Vec<usize> = (0..observations.points.len()).filter(|&i| observations.values[i].is_some()).collect();
-    let taken: Vec<usize> = if used.len() <= ROWS {
-        used
-    } else {
-        // Of the hemisphere 83 % lie within 80 degrees.
-        let mut near: Vec<usize> = fibonacci_hemisphere(ROWS * 6 / 5)
-            .filter_map(|normal| {
-                let angle = |i: usize| observations.points[i].normal.dot(normal);
-                let nearest = used.iter().copied().max_by(|&a, &b| angle(a).total_cmp(&angle(b)))?;
-                (angle(nearest) > 2.0_f64.to_radians().cos()).then_some(nearest)
-            })
-            .collect();
-        near.sort_unstable();
-        near.dedup();
-        if near.len() >= FEWEST { near } else { used.iter().copied().step_by(used.len().div_ceil(ROWS)).collect() }
-    };
-    taken.into_iter().map(|i| (observations.points[i], observations.values[i])).collect()
 }

@@ -20,6 +20,7 @@ use gonio_io::npy;
 use serde_json::{Value, json};
 
 use crate::progress::Stage;
+use crate::shape::MeshOptions;
 use crate::{input, summary, uncertainty};
 
 /// Options of `gonio infer`.
@@ -30,17 +31,27 @@ pub(crate) struct Options {
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Shape of the object, seen orthographically
-    #[arg(long, value_enum, default_value_t = Shape::Sphere, conflicts_with = "normals")]
+    /// Shape of the object, fitted to its outline
+    #[arg(long, value_enum, default_value_t = Shape::Sphere, conflicts_with_all = ["normals", "mesh"])]
     shape: Shape,
+    /// Semi-axis of an ellipsoid towards the camera, in pixels
+    #[arg(long, value_name = "PIXELS", value_parser = parse_positive)]
+    depth_axis: Option<f64>,
+    #[command(flatten)]
+    shape_options: MeshOptions,
     /// Picture of the object's normals instead (EXR, NPY, PNG): camera space, x right, y up, z towards the camera
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "mesh")]
     normals: Option<PathBuf>,
+    #[command(flatten)]
+    normal_options: observe::NormalOptions,
+    /// Take all light above a point's horizon to arrive there, whatever the object keeps from itself
+    #[arg(long)]
+    no_shadows: bool,
     /// Where the object is: a picture that is bright on it; without one, the alpha channel or a constant background tells
     #[arg(long, value_name = "FILE")]
     mask: Option<PathBuf>,
     /// The sphere's outline in pixels, centre from the top left corner, if it is not to be found
-    #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with = "normals")]
+    #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with_all = ["normals", "mesh", "camera"])]
     circle: Option<Circle>,
     /// Model file instead of the one that travels with the program
     #[arg(long, value_name = "FILE")]
@@ -77,7 +88,10 @@ pub(crate) struct Options {
 /// Shapes known by name.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Shape {
+    /// A ball: orthographic, or in perspective with --camera
     Sphere,
+    /// An ellipsoid seen orthographically, one of its axes towards the camera
+    Ellipsoid,
 }
 
 /// Names of the methods.
@@ -100,6 +114,10 @@ enum SolverName {
     Blocks,
     /// Algorithm 1 as printed: parallel update and line search
     Parallel,
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or_else(|| "give a positive number".into())
 }
 
 fn parse_circle(text: &str) -> Result<Circle, String> {
@@ -175,7 +193,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let decoded = input::photograph(&options.image, options.linear, &mut warnings)?;
     let clip = options.clip.or(decoded.full_scale);
     let picture = decoded.picture;
-    let scene = observe::observe(options, &picture, clip, &mut warnings)?;
+    let scene = observe::observe(options, &picture, clip, model.light.map, &mut warnings)?;
     // Made before the long work: a folder that cannot be made is told at once.
     let folder = StagedFolder::create(&options.output)?;
     let read_seconds = start.elapsed().as_secs_f64() - model_seconds;
@@ -190,6 +208,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
             coverage: scene.coverage.as_ref(),
             circle: scene.circle,
             normals: scene.normals.as_ref(),
+            placed: scene.placed.as_ref().filter(|_| !options.no_shadows),
             colours: &scene.observations.colours,
             table: &answer.table,
             light: answer.light.as_ref(),

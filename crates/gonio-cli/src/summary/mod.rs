@@ -11,6 +11,7 @@ use gonio::scene::Circle;
 
 use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
 use crate::infer::Outlook;
+use crate::shape::Placed;
 use view::View;
 
 /// Everything that the pictures show.
@@ -20,6 +21,8 @@ pub(crate) struct Subject<'a> {
     /// Outline of the sphere, unless the shape is given by normals.
     pub(crate) circle: Option<Circle>,
     pub(crate) normals: Option<&'a Plane<Vec3>>,
+    /// The surface behind the normals, where it shadows itself or is seen in perspective.
+    pub(crate) placed: Option<&'a Placed>,
     pub(crate) colours: &'a [Option<Vec3>],
     /// Inferred reflectance.
     pub(crate) table: &'a BivariateTable,

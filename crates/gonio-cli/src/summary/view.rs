@@ -5,16 +5,22 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::{BivariateTable, CELLS};
 use gonio::render::{Brdf, LightTree, Tinted, nodes};
 use gonio::scene::Circle;
+use gonio::shape::{Lookout, Visibility, hit_at, view_at};
+use gonio::sphere::OctahedralMap;
 use gonio::transfer::SurfacePoint;
 use rayon::prelude::*;
 
 use super::{DRAFT, PANEL, Subject};
+use crate::shape::Placed;
+
+/// Texels along a side of the grid on which the pictures' shadows are found.
+const SHADOWS: usize = 16;
 
 /// The part of the photograph that a panel shows, and how the model is drawn into the same frame.
 pub(super) enum View<'a> {
     Sphere(Circle, Option<&'a Plane<f32>>),
     /// Normals, and the square frame in pixels: left, top, side.
-    Normals(&'a Plane<Vec3>, [f64; 3], Option<&'a Plane<f32>>),
+    Normals(&'a Plane<Vec3>, [f64; 3], Option<&'a Plane<f32>>, Option<&'a Placed>),
 }
 
 impl<'a> View<'a> {
@@ -34,7 +40,12 @@ impl<'a> View<'a> {
                 }
                 let side = (high.0 - low.0).max(high.1 - low.1) as f64 + 4.0;
                 let centre = ((low.0 + high.0) as f64 / 2.0, (low.1 + high.1) as f64 / 2.0);
-                Self::Normals(normals, [centre.0 - 0.5 * side, centre.1 - 0.5 * side, side], subject.coverage)
+                Self::Normals(
+                    normals,
+                    [centre.0 - 0.5 * side, centre.1 - 0.5 * side, side],
+                    subject.coverage,
+                    subject.placed,
+                )
             }
             (None, None) => unreachable!("a subject has a circle or normals"),
         }
@@ -48,24 +59,20 @@ impl<'a> View<'a> {
                 let side = 2.0 * c.radius * PANEL as f64 / (PANEL as f64 - 4.0);
                 (c.x + (x - 0.5) * side, c.y + (y - 0.5) * side)
             }
-            Self::Normals(_, [left, top, side], _) => (left + x * side, top + y * side),
+            Self::Normals(_, [left, top, side], ..) => (left + x * side, top + y * side),
         }
     }
 
     fn coverage(&self) -> Option<&'a Plane<f32>> {
         match self {
-            Self::Sphere(_, coverage) | Self::Normals(_, _, coverage) => *coverage,
+            Self::Sphere(_, coverage) | Self::Normals(_, _, coverage, _) => *coverage,
         }
     }
 
     /// The photograph in the frame; black where it has no pixels, alpha where the object is.
     pub(super) fn cut(&self, picture: &Picture) -> Picture {
         let (width, height) = picture.rgb.size();
-        let pixel = |x: usize, y: usize| {
-            let (u, v) = self.place(x, y);
-            let inside = u >= 0.0 && v >= 0.0 && (u as usize) < width && (v as usize) < height;
-            inside.then_some((u as usize, v as usize))
-        };
+        let pixel = |x: usize, y: usize| self.pixel(x, y, (width, height));
         let rgb = Plane::from_fn(PANEL, PANEL, |x, y| match pixel(x, y) {
             Some(at) if picture.rgb[at].is_finite() => picture.rgb[at].max(Vec3::ZERO),
             _ => Vec3::ZERO,
@@ -85,26 +92,60 @@ impl<'a> View<'a> {
         let half = PANEL / 2;
         let point = |i: usize| {
             let (x, y) = (2 * (i % half) + 1, 2 * (i / half) + 1);
-            let normal = match self {
-                Self::Sphere(..) => sphere_normal(x as f64, y as f64),
-                Self::Normals(normals, _, coverage) => {
-                    let (u, v) = self.place(x, y);
-                    let at = (u as usize, v as usize);
-                    let inside = u >= 0.0 && v >= 0.0 && at.0 < normals.width() && at.1 < normals.height();
-                    let seen = inside && coverage.is_none_or(|c| c[at] > 0.5) && normals[at].is_finite();
-                    seen.then(|| normals[at].as_dvec3()).and_then(DVec3::try_normalize).filter(|n| n.z > 0.0)
+            match self {
+                Self::Sphere(..) => {
+                    sphere_normal(x as f64, y as f64).map(|normal| SurfacePoint { normal, view: DVec3::Z })
                 }
-            };
-            normal.map(|normal| SurfacePoint { normal, view: DVec3::Z })
+                Self::Normals(normals, _, coverage, placed) => {
+                    let at = self.pixel(x, y, normals.size())?;
+                    let seen = coverage.is_none_or(|c| c[at] > 0.5) && normals[at].is_finite();
+                    let normal = seen.then(|| normals[at].as_dvec3()).and_then(DVec3::try_normalize)?;
+                    let view = placed.map_or(DVec3::Z, |p| view_at(&p.camera, at.0, at.1));
+                    (normal.dot(view) > 0.0).then_some(SurfacePoint { normal, view })
+                }
+            }
         };
         (0..half * half).map(point).collect()
+    }
+
+    /// The pixel of the photograph behind a panel's pixel.
+    fn pixel(&self, x: usize, y: usize, (width, height): (usize, usize)) -> Option<(usize, usize)> {
+        let (u, v) = self.place(x, y);
+        let inside = u >= 0.0 && v >= 0.0 && (u as usize) < width && (v as usize) < height;
+        inside.then_some((u as usize, v as usize))
+    }
+
+    /// Which light reaches each of some points, on a grid good enough to look at; `None` if all does.
+    fn visibility(&self, points: &[Option<SurfacePoint>]) -> Option<Visibility> {
+        let Self::Normals(normals, _, _, Some(placed)) = self else { return None };
+        if placed.surface.is_convex() {
+            return None;
+        }
+        let half = PANEL / 2;
+        let lookout = |(i, point): (usize, &Option<SurfacePoint>)| {
+            let hit = point.as_ref().and_then(|_| {
+                let (x, y) = self.pixel(2 * (i % half) + 1, 2 * (i / half) + 1, normals.size())?;
+                hit_at(placed.surface.as_ref(), &placed.camera, x, y)
+            });
+            // What is no point asks for nothing.
+            hit.map_or(Lookout { from: DVec3::ZERO, normal: DVec3::ZERO }, |h| Lookout {
+                from: h.clear,
+                normal: h.normal,
+            })
+        };
+        let lookouts: Vec<Lookout> = points.iter().enumerate().map(lookout).collect();
+        Some(Visibility::trace(placed.surface.as_ref(), &lookouts, OctahedralMap::EqualArea, SHADOWS, &|_| ()))
     }
 
     /// The object of this material in the frame.
     pub(super) fn render(&self, material: &Tinted, light: &LightTree) -> Picture {
         match self {
             Self::Sphere(..) => spheres(std::slice::from_ref(material), light).remove(0),
-            Self::Normals(..) => pictures(&self.points(), std::slice::from_ref(material), light).remove(0),
+            Self::Normals(..) => {
+                let points = self.points();
+                let visibility = self.visibility(&points);
+                pictures(&points, visibility.as_ref(), std::slice::from_ref(material), light).remove(0)
+            }
         }
     }
 }
@@ -126,7 +167,7 @@ fn sphere_normal(x: f64, y: f64) -> Option<DVec3> {
 /// Spheres of these materials that fill a panel.
 pub(super) fn spheres(materials: &[Tinted], light: &LightTree) -> Vec<Picture> {
     let whole = View::Sphere(Circle { x: 0.0, y: 0.0, radius: 1.0 }, None);
-    pictures(&whole.points(), materials, light).into_iter().map(cut_out).collect()
+    pictures(&whole.points(), None, materials, light).into_iter().map(cut_out).collect()
 }
 
 /// Gives the picture of a sphere its rim.
@@ -141,16 +182,25 @@ fn cut_out(mut picture: Picture) -> Picture {
 
 /// Panels of several materials at the same points, which are those of every second pixel: the light is divided once for all, and what is between
 /// the points is interpolated. Colour is premultiplied by alpha.
-fn pictures(points: &[Option<SurfacePoint>], materials: &[Tinted], light: &LightTree) -> Vec<Picture> {
+fn pictures(
+    points: &[Option<SurfacePoint>],
+    visibility: Option<&Visibility>,
+    materials: &[Tinted],
+    light: &LightTree,
+) -> Vec<Picture> {
     let half = PANEL / 2;
     let envelopes: Vec<BivariateTable> = materials.iter().map(Brdf::envelope).collect();
     let largest = |c: usize| envelopes.iter().map(|t| t.as_slice()[c]).fold(0.0, f32::max);
     let envelope = BivariateTable::from_vec((0..CELLS).map(largest).collect());
     let colours: Vec<Vec<Vec3>> = points
         .par_iter()
-        .map(|point| {
+        .enumerate()
+        .map(|(i, point)| {
             let Some(point) = point else { return vec![Vec3::ZERO; materials.len()] };
-            let nodes = nodes(point, &envelope, light, &DRAFT);
+            let mut nodes = nodes(point, &envelope, light, &DRAFT);
+            if let Some(visibility) = visibility {
+                nodes.nodes.iter_mut().for_each(|n| n.weight *= f64::from(visibility.share_along(i, n.direction)));
+            }
             materials.iter().map(|m| nodes.radiance(point, m).as_vec3()).collect()
         })
         .collect();

@@ -66,11 +66,21 @@ impl Lattice {
     /// # Panics
     /// If `points` and `values` differ in number or nothing is observed.
     pub fn gather(&self, points: &[SurfacePoint], values: &[Option<f64>]) -> Gathered {
-        assert_eq!(points.len(), values.len());
-        let observed: Vec<(DVec3, f64)> = points
+        self.gather_weighted(points, values, &vec![1.0; points.len()])
+    }
+
+    /// As [`Self::gather`], with a weight for each observation. Those of weight zero are not observed.
+    ///
+    /// # Panics
+    /// Likewise, and if the weights differ in number.
+    pub fn gather_weighted(&self, points: &[SurfacePoint], values: &[Option<f64>], weights: &[f64]) -> Gathered {
+        assert!(points.len() == values.len() && points.len() == weights.len());
+        let observed: Vec<Observed> = points
             .iter()
             .zip(values)
-            .filter_map(|(p, v)| v.map(|v| (DQuat::from_rotation_arc(p.view, DVec3::Z) * p.normal, v.max(0.0))))
+            .zip(weights)
+            .filter(|(_, weight)| **weight > 0.0)
+            .filter_map(|((p, v), &weight)| v.map(|v| Observed { normal: in_view(p), value: v.max(0.0), weight }))
             .collect();
         assert!(!observed.is_empty(), "an image without observations");
         let gathered: Vec<(f32, bool)> = self.normals.par_iter().map(|n| mean_around(*n, &observed)).collect();
@@ -79,22 +89,63 @@ impl Lattice {
             filled: gathered.iter().filter(|(_, filled)| *filled).count(),
         }
     }
+
+    /// Of points with weights those that matter most to [`Self::gather_weighted`]: for each normal of the lattice up to `each` of the greatest weight
+    /// within two degrees, or the nearest one. In order, each once.
+    ///
+    /// # Panics
+    /// If `points` and `weights` differ in number.
+    pub fn choose(&self, points: &[SurfacePoint], weights: &[f64], each: usize) -> Vec<usize> {
+        assert_eq!(points.len(), weights.len());
+        let normals: Vec<DVec3> = points.iter().map(in_view).collect();
+        let usable: Vec<usize> = (0..points.len()).filter(|&i| weights[i] > 0.0).collect();
+        let reach = (REACH * WIDTH).to_radians().powi(2);
+        let mut chosen: Vec<usize> = self
+            .normals
+            .par_iter()
+            .flat_map_iter(|n| {
+                let square = |i: usize| (normals[i] - *n).length_squared();
+                let mut near: Vec<usize> = usable.iter().copied().filter(|&i| square(i) <= reach).collect();
+                near.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]).then(square(a).total_cmp(&square(b))));
+                near.truncate(each);
+                if near.is_empty() {
+                    near.extend(usable.iter().copied().min_by(|&a, &b| square(a).total_cmp(&square(b))));
+                }
+                near
+            })
+            .collect();
+        chosen.sort_unstable();
+        chosen.dedup();
+        chosen
+    }
+}
+
+/// An observation in the frame of its own view.
+struct Observed {
+    normal: DVec3,
+    value: f64,
+    weight: f64,
+}
+
+/// The normal of a point in the frame of its view.
+fn in_view(point: &SurfacePoint) -> DVec3 {
+    DQuat::from_rotation_arc(point.view, DVec3::Z) * point.normal
 }
 
 /// The weighted mean around a normal, and whether it had to reach farther than it should.
-fn mean_around(normal: DVec3, observed: &[(DVec3, f64)]) -> (f32, bool) {
+fn mean_around(normal: DVec3, observed: &[Observed]) -> (f32, bool) {
     // Chords in place of angles: alike where they are small, and monotone.
-    let squares: Vec<f64> = observed.iter().map(|(n, _)| (*n - normal).length_squared()).collect();
+    let squares: Vec<f64> = observed.iter().map(|o| (o.normal - normal).length_squared()).collect();
     let nearest = squares.iter().copied().fold(f64::INFINITY, f64::min);
     let reach = (REACH * WIDTH).to_radians().powi(2);
     let filled = nearest > reach;
     // Beyond its reach the Gaussian grows until the nearest observation is two standard deviations away.
     let variance = if filled { nearest / 4.0 } else { WIDTH.to_radians().powi(2) };
     let (mut sum, mut weights) = (0.0, 0.0);
-    for (square, (_, value)) in squares.iter().zip(observed) {
+    for (square, observed) in squares.iter().zip(observed) {
         if *square <= REACH * REACH * variance {
-            let weight = (-0.5 * square / variance).exp();
-            sum += weight * value;
+            let weight = observed.weight * (-0.5 * square / variance).exp();
+            sum += weight * observed.value;
             weights += weight;
         }
     }

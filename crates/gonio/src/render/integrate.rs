@@ -92,6 +92,18 @@ pub fn nodes(
     light: &LightTree,
     settings: &IntegratorSettings,
 ) -> Nodes {
+    nodes_within(point, envelope, light, settings, f64::INFINITY)
+}
+
+/// As [`nodes`]; cells of a radius beyond `largest` (radians) count as wholly wrong, so that nearly all light comes from smaller ones: for surfaces
+/// that shadow themselves, of which the bounds do not know.
+pub fn nodes_within(
+    point: &SurfacePoint,
+    envelope: &BivariateTable,
+    light: &LightTree,
+    settings: &IntegratorSettings,
+    largest: f64,
+) -> Nodes {
     let mut queue = BinaryHeap::with_capacity(1024);
     let mut settled: Vec<Entry> = Vec::new();
     // Sums over everything, kept up to date.
@@ -99,7 +111,10 @@ pub fn nodes(
     let mut pending = vec![light.root()];
     loop {
         while let Some(cell) = pending.pop() {
-            if let Some(entry) = assess(point, envelope, cell) {
+            if let Some(mut entry) = assess(point, envelope, cell) {
+                if cell.radius > largest {
+                    entry.bound = entry.bound.max(entry.value);
+                }
                 total += entry.value;
                 bound += entry.bound;
                 queue.push(entry);

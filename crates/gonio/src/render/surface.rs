@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::brdf::Brdf;
-use super::integrate::{IntegratorSettings, Nodes, nodes};
+use super::integrate::{IntegratorSettings, Nodes, nodes_within};
 use super::tree::LightTree;
 use crate::picture::{Picture, Plane};
 use crate::reflectance::BivariateTable;
@@ -13,6 +13,9 @@ use crate::transfer::SurfacePoint;
 
 /// Of the light that a point reflects so much is asked for by rays, strongest directions first; the rest is taken to be blocked as the asked part is.
 const ASKED: f64 = 0.995;
+
+/// Light that may be blocked is divided into cells of this radius, in radians.
+const PENUMBRA: f64 = 0.04;
 
 /// Rays along each side of a pixel that say how much of it the surface covers.
 const COVERAGE: usize = 4;
@@ -100,8 +103,10 @@ fn radiance_of(
         (hit.normal + (1e-3 - hit.normal.dot(view)) * view).normalize()
     };
     let point = SurfacePoint { normal, view };
-    let mut found = nodes(&point, envelope, light, &settings.integrator);
-    if settings.shadows && !surface.is_convex() {
+    let shadows = settings.shadows && !surface.is_convex();
+    let largest = if shadows { PENUMBRA } else { f64::INFINITY };
+    let mut found = nodes_within(&point, envelope, light, &settings.integrator, largest);
+    if shadows {
         found.shadow(envelope, |direction| surface.blocks(&Ray { origin: hit.clear, direction }));
     }
     found.radiance(&point, brdf)
@@ -156,7 +161,7 @@ mod tests {
 
     #[test]
     fn an_ellipsoid_of_equal_axes_is_the_sphere() {
-        let light = light(|d| 1.0 + d.y as f32 + 0.5 * d.x as f32);
+        let light = light(|d| 2.0 + d.y as f32 + 0.5 * d.x as f32);
         let flat = SphereSettings { size: 24, ..SphereSettings::default() };
         let want = render_sphere(&lobe(), &light, &flat, &|_| ());
         let projection = Projection::Orthographic { pixels_per_unit: flat.radius() };
@@ -181,7 +186,9 @@ mod tests {
         let world = Camera::framing(centre, radius, (12, 12), 0.05).unwrap();
         let bowl = Tracer::new(bowl.mesh().transformed(&world.to_world.inverse()).unwrap());
         let even = light(|_| 1.0);
-        let got = render_surface(&white, &even, &bowl, &world, &SurfaceSettings::default(), &|_| ());
+        let mut settings = SurfaceSettings::default();
+        settings.integrator.tolerance = 0.05;
+        let got = render_surface(&white, &even, &bowl, &world, &settings, &|_| ());
         let mut darkest = 1.0_f64;
         for (x, y) in (0..12).flat_map(|y| (0..12).map(move |x| (x, y))) {
             let Some(hit) = hit_at(&bowl, &world, x, y) else { continue };

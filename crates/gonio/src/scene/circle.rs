@@ -66,19 +66,8 @@ pub struct FoundCircle {
 /// shorter axis is under 0.95 of the longer; [`SceneError::NotACircle`] when the outline strays by more than half a
 /// pixel and 3 % of the radius, or more than 30 % of it lie far off.
 pub fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
-    let covered = |at: (usize, usize)| coverage[at] >= 0.5;
-    let (component, area) = largest_component(coverage.size(), covered).ok_or(SceneError::EmptyMask)?;
-    let ball = fill_holes(&component);
-    if ball.as_slice().iter().all(|&b| b) {
-        return Err(SceneError::MaskEverywhere);
-    }
-    // As large as a disc of the least radius, cut to a quarter by the picture's corner.
+    let (ball, rim) = ball_and_rim(coverage)?;
     let too_small = |radius| SceneError::TooSmall { radius, least: LEAST_RADIUS };
-    let equal_area = (area as f64 / PI).sqrt();
-    if equal_area < 0.5 * LEAST_RADIUS {
-        return Err(too_small(equal_area));
-    }
-    let rim = rim_points(coverage, &ball);
     // A straight edge has no circle: the visible outline spans nothing.
     let short = |span: f64| SceneError::ShortOutline { degrees: span.to_degrees(), least: LEAST_SPAN.to_degrees() };
     let fit = fit_circle(&rim).ok_or_else(|| short(0.0))?;
@@ -115,6 +104,33 @@ pub fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
         cropped: border(ball.size()).any(|at| ball[at]),
         specks: coverage.as_slice().iter().zip(ball.as_slice()).filter(|&(&c, &b)| c >= 0.5 && !b).count(),
     })
+}
+
+/// The largest connected part of a mask, its holes filled, and the points of its rim.
+fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), SceneError> {
+    let covered = |at: (usize, usize)| coverage[at] >= 0.5;
+    let (component, area) = largest_component(coverage.size(), covered).ok_or(SceneError::EmptyMask)?;
+    let ball = fill_holes(&component);
+    if ball.as_slice().iter().all(|&b| b) {
+        return Err(SceneError::MaskEverywhere);
+    }
+    // As large as a disc of the least radius, cut to a quarter by the picture's corner.
+    let equal_area = (area as f64 / PI).sqrt();
+    if equal_area < 0.5 * LEAST_RADIUS {
+        return Err(SceneError::TooSmall { radius: equal_area, least: LEAST_RADIUS });
+    }
+    let rim = rim_points(coverage, &ball);
+    Ok((ball, rim))
+}
+
+/// The points of the outline of the largest connected part of a mask, in pixels; not where the picture cuts it off.
+pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
+    let (_, rim) = ball_and_rim(coverage)?;
+    if rim.len() < 16 {
+        Err(SceneError::ShortOutline { degrees: 0.0, least: LEAST_SPAN.to_degrees() })
+    } else {
+        Ok(rim)
+    }
 }
 
 /// Points between a pixel of the ball and one outside it at which the interpolated coverage is one half.

@@ -38,8 +38,8 @@ pub enum SceneError {
     },
     /// The outline is an ellipse.
     #[error(
-        "the outline is an ellipse (its axes are as 1 to {aspect:.3}), no circle: give the shape with --normals, or \
-         the outline with --circle if it is a ball all the same"
+        "the outline is an ellipse (its axes are as 1 to {aspect:.3}), no circle: say --shape ellipsoid, or give \
+         the outline with --circle if it is a ball all the same, or --camera if perspective does it"
     )]
     Elliptic {
         /// Shorter over longer axis, below one.
@@ -58,6 +58,17 @@ pub enum SceneError {
         radius: f64,
         /// Points of the outline that lie far off the circle.
         stray: usize,
+        /// Points of the outline.
+        rim: usize,
+    },
+    /// The outline is no ellipse, or not that of a ball in perspective.
+    #[error(
+        "the outline of {rim} points is none of a ball or ellipsoid (it strays by {residual:.1} pixels): check the mask, or give the shape \
+         with --mesh or --normals"
+    )]
+    NotAnEllipse {
+        /// Median distance of the outline from the best one, in pixels; zero where there is no best one.
+        residual: f64,
         /// Points of the outline.
         rim: usize,
     },

@@ -22,6 +22,7 @@ mod normals;
 mod observations;
 mod observed;
 mod orientation;
+mod outline;
 mod weights;
 
 pub use background::background_coverage;
@@ -30,3 +31,4 @@ pub use error::SceneError;
 pub use normals::SurfaceView;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
 pub use orientation::{Correction, Fit, Orientation};
+pub use outline::{Ellipse, find_ball, find_ellipse};

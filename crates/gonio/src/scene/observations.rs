@@ -99,6 +99,19 @@ impl Observations {
         Points::new(&self.points, self.visibility.as_ref())
     }
 
+    /// How much each observation counts among others of the same normal: its weight, less where much of the light is hidden from it, since what the object
+    /// reflects onto itself makes up for part of that. Zero without a value.
+    pub fn trust(&self) -> Vec<f64> {
+        let own = || self.values.iter().zip(&self.weights).map(|(v, w)| if v.is_some() { *w } else { 0.0 });
+        match &self.visibility {
+            None => own().collect(),
+            Some(visibility) => {
+                let normals: Vec<DVec3> = self.points.iter().map(|p| p.normal).collect();
+                own().zip(visibility.openness(&normals)).map(|(w, o)| w * o.open.powi(4)).collect()
+            }
+        }
+    }
+
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
     ///
     /// A value is the bilinear interpolation of the picture where the point projects to. It stays a point sample where

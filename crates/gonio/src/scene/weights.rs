@@ -74,7 +74,9 @@ pub(super) fn weights(rgb: &Plane<Vec3>, normals: &Plane<Vec3>, region: &Plane<b
     let weight = |(k, fits): (usize, &(Option<Fit>, Option<Fit>))| {
         let tilt = match fits {
             (Some(light), Some(normal)) if normal.slope_square > 0.0 => {
-                light.slope_square / normal.slope_square * normal.variance
+                // The noise itself adds to the slopes: a sixth of its variance along each axis.
+                let slopes = (normal.slope_square - normal.variance / 3.0).max(0.1 * normal.slope_square);
+                light.slope_square / slopes * normal.variance
             }
             _ => 0.0,
         };

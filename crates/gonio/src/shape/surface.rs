@@ -72,6 +72,13 @@ impl Ellipsoid {
     }
 }
 
+impl Ellipsoid {
+    /// Its centre.
+    pub fn centre(&self) -> DVec3 {
+        self.centre
+    }
+}
+
 impl Surface for Ellipsoid {
     fn hit(&self, ray: &Ray) -> Option<Hit> {
         let (o, d) = (self.to_unit * (ray.origin - self.centre), self.to_unit * ray.direction);

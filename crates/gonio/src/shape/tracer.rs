@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3A};
 use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::cwbvh::{CwBvh, bvh2_to_cwbvh::bvh2_to_cwbvh};
 use obvhs::ploc::PlocBuilder;
@@ -14,6 +15,9 @@ use super::surface::{Hit, Surface};
 
 /// Rays towards the light begin this share of the object's size above it: single precision places them no better.
 const LIFT: f64 = 2e-5;
+
+/// Boxes around triangles are larger by this share of the object's size.
+const PAD: f32 = 1e-6;
 
 /// A mesh with what it takes to find the triangles that a ray meets.
 pub struct Tracer {
@@ -33,10 +37,18 @@ impl Tracer {
         let place = |i: u32| Vec3A::from(((mesh.positions()[i as usize] - centre) / radius).as_vec3());
         let unsorted: Vec<Triangle> =
             mesh.triangles().iter().map(|t| Triangle { v0: place(t[0]), v1: place(t[1]), v2: place(t[2]) }).collect();
+        // Boxes of an axis-parallel side can end a rounding error short of it, and a ray along that side would miss both neighbours.
+        let boxes: Vec<Aabb> = unsorted
+            .iter()
+            .map(|t| {
+                let tight = t.aabb();
+                Aabb::new(tight.min - Vec3A::splat(PAD), tight.max + Vec3A::splat(PAD))
+            })
+            .collect();
         let build = BvhBuildParams::medium_build();
         let mut binary = PlocBuilder::with_capacity(unsorted.len()).build(
             build.ploc_search_distance,
-            &unsorted,
+            &boxes,
             (0..unsorted.len() as u32).collect(),
             build.sort_precision,
             build.search_depth_threshold,
@@ -70,7 +82,8 @@ impl Tracer {
             return None;
         }
         let origin = Vec3A::from((o + enter * ray.direction).as_vec3());
-        let direction = Vec3A::from(ray.direction.as_vec3());
+        // Zeros without a sign: the tree takes the octant from one test of it and the slope from another.
+        let direction = Vec3A::from(ray.direction.as_vec3()) + Vec3A::ZERO;
         Some(obvhs::ray::Ray::new(origin, direction, 0.0, (leave - enter) as f32))
     }
 }

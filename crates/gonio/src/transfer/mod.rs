@@ -8,6 +8,7 @@ mod bilinear;
 pub(crate) mod kernels;
 mod plan;
 mod points;
+mod predict;
 mod quadrature;
 mod reference;
 mod sketch;
@@ -15,6 +16,7 @@ mod sketch;
 pub use bilinear::Bilinear;
 pub use plan::{Plan, PlanError, PlanSettings, Projected};
 pub use points::Points;
+pub use predict::{Prediction, predict};
 pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint};
 pub use reference::polar_reference;
 

@@ -15,6 +15,7 @@ mod simulate;
 #[cfg(test)]
 mod tests;
 mod train;
+mod unshadow;
 
 use crate::appearance::STATISTICS;
 use crate::reflectance::Dictionary;
@@ -24,6 +25,7 @@ pub use numbers::{Ranking, peak_over_base};
 pub use posterior::{MaterialPosterior, Neighbour};
 pub use simulate::{Simulation, SimulationSettings};
 pub use train::{Scaling, TrainingSettings};
+pub use unshadow::{UnshadowSettings, Unshadowed, unshadow};
 
 /// What was learnt: from the statistics of an image to the posterior of its material.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,12 +4,13 @@ use thiserror::Error;
 
 use super::{
     Evidence, EvidenceSettings, LightMode, LightOperator, Marginal, MarginalError, NonNegativeLight,
-    NonNegativeSettings,
+    NonNegativeSettings, evenly,
 };
 use crate::inference::{Hyper, ProblemError};
 use crate::lighting::LightPrior;
 use crate::reflectance::BivariateTable;
-use crate::transfer::{PlanError, PlanSettings, Points, Projected};
+use crate::scene::Observations;
+use crate::transfer::{PlanError, PlanSettings, Points, Projected, SurfacePoint};
 
 /// An image of one BRDF, to find its light: one row for every observation.
 #[derive(Clone, Debug)]
@@ -38,23 +39,56 @@ impl<'a> LightProblem<'a> {
     pub const STEPS: usize = 10;
 
     /// The luminances `values` (linear, `None` where not observed) of `points` of a BRDF (1/sr), for light of
-    /// `settings.side` squared texels. The noise is that of [`Hyper::with_model_error`].
+    /// `settings.side` squared texels. The noise is that of [`Hyper::with_model_error`], of variance in inverse proportion to the `weights` of the points, where
+    /// there are any.
+    ///
+    /// # Panics
+    /// If there are not as many weights as points.
     ///
     /// # Errors
     /// If points and values differ in number, the prior does not cover the grid, or the image is black or not finite.
     pub fn new<'b>(
         points: impl Into<Points<'b>>,
         values: &[Option<f64>],
+        weights: Option<&[f64]>,
         table: &BivariateTable,
         prior: &'a LightPrior,
         settings: &PlanSettings,
     ) -> Result<Self, LightError> {
         let rows = Projected::unprojected(points, values, std::slice::from_ref(table), prior, settings)?;
-        let operator = LightOperator::of_reflectance(&rows.bilinear, &[1.0]);
-        let target = rows.target;
+        let mut operator = LightOperator::of_reflectance(&rows.bilinear, &[1.0]);
+        let mut target = rows.target;
+        if let Some(weights) = weights {
+            // Rows of equal noise.
+            assert_eq!(weights.len(), values.len());
+            let kept = weights.iter().zip(values).filter(|(_, value)| value.is_some());
+            let roots: Vec<f64> = kept.map(|(w, _)| w.max(0.0).sqrt()).collect();
+            operator.scale_rows(&roots);
+            target.iter_mut().zip(&roots).for_each(|(t, root)| *t *= root);
+        }
         let hyper = Hyper::with_model_error(target.len());
         let marginal = Marginal::new(&target, 0.0, target.len(), operator.m(), prior, hyper)?;
         Ok(Self { operator, target, marginal })
+    }
+
+    /// Of about `rows` of the observations, those of most weight evenly over the normals ([`evenly`]), with the visibility of each.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_observations(
+        observations: &Observations,
+        rows: usize,
+        table: &BivariateTable,
+        prior: &'a LightPrior,
+        settings: &PlanSettings,
+    ) -> Result<Self, LightError> {
+        let weights = observations.trust();
+        let taken = evenly(&observations.points, &weights, rows);
+        let points: Vec<SurfacePoint> = taken.iter().map(|&i| observations.points[i]).collect();
+        let values: Vec<Option<f64>> = taken.iter().map(|&i| observations.values[i]).collect();
+        let weights: Vec<f64> = taken.iter().map(|&i| observations.weights[i]).collect();
+        let visibility = observations.visibility.as_ref().map(|v| v.select(&taken));
+        Self::new(Points::new(&points, visibility.as_ref()), &values, Some(&weights), table, prior, settings)
     }
 
     /// Number of observations.

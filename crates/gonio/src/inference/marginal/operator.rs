@@ -42,6 +42,14 @@ impl LightOperator {
         image
     }
 
+    /// Multiplies each row.
+    pub(super) fn scale_rows(&mut self, factors: &[f64]) {
+        assert_eq!(factors.len(), self.rows());
+        for column in self.matrix.as_mut().col_iter_mut() {
+            column.iter_mut().zip(factors).for_each(|(x, f)| *x *= f);
+        }
+    }
+
     /// Number of rows r.
     pub fn rows(&self) -> usize {
         self.matrix.nrows()

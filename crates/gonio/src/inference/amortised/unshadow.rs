@@ -1,0 +1,89 @@
+//! The image that a sphere of the same material would give in the same light, from observations of another shape.
+//!
+//! The learnt posterior knows images of spheres alone, on which all light above the horizon arrives and which are seen from far away. Where the surface
+//! keeps light from itself, or the camera is near, an estimate of material and light tells how much brighter or darker the point would be on the sphere:
+//! its value is multiplied by that ratio, and a new estimate made.
+
+use super::{Amortised, MaterialPosterior};
+use crate::appearance::{Gathered, Lattice, Statistics};
+use crate::inference::marginal::{LightError, LightProblem, cut_off_at_zero};
+use crate::lighting::{LightGrid, LightPrior};
+use crate::scene::Observations;
+use crate::transfer::{PlanSettings, Points, SurfacePoint, predict};
+
+/// How shadows are taken away.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnshadowSettings {
+    /// Estimates of material and light; after so many ratios change by less than the noise.
+    pub rounds: usize,
+    /// Observations for each normal of the lattice.
+    pub each: usize,
+    /// Observations from which the light is found, about.
+    pub rows: usize,
+}
+
+impl Default for UnshadowSettings {
+    fn default() -> Self {
+        Self { rounds: 2, each: 4, rows: 1200 }
+    }
+}
+
+/// Ratios are kept between this and its inverse: of a point that gets a fifth of what the sphere would, noise and what the object reflects onto itself are most.
+const MOST: f64 = 5.0;
+
+/// An image on the lattice.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Unshadowed {
+    /// The values as a sphere would show them.
+    pub gathered: Gathered,
+    /// Mean of how much values were changed, as the absolute logarithm of the ratio; zero where nothing was to be done.
+    pub change: f64,
+}
+
+/// The observations on the lattice, as a sphere would show them. `statistics` are those of the lattice.
+///
+/// # Errors
+/// As [`LightProblem::new`] and [`LightProblem::posterior`].
+///
+/// # Panics
+/// If nothing is observed.
+pub fn unshadow(
+    observations: &Observations,
+    (lattice, statistics): (&Lattice, &Statistics),
+    amortised: &Amortised,
+    prior: &LightPrior,
+    plan: &PlanSettings,
+    settings: &UnshadowSettings,
+) -> Result<Unshadowed, LightError> {
+    let weights = observations.trust();
+    let points = &observations.points;
+    let mut gathered = lattice.gather_weighted(points, &observations.values, &weights);
+    let parallel = points.iter().all(|p| p.view == glam::DVec3::Z);
+    let mut change = 0.0;
+    if observations.visibility.is_none() && parallel {
+        return Ok(Unshadowed { gathered, change });
+    }
+    let chosen = lattice.choose(points, &weights, settings.each);
+    let some: Vec<SurfacePoint> = chosen.iter().map(|&i| points[i]).collect();
+    let hidden = observations.visibility.as_ref().map(|v| v.select(&chosen));
+    for _ in 0..settings.rounds {
+        let posterior: MaterialPosterior = amortised.posterior(&statistics.of(&gathered.values));
+        let problem = LightProblem::of_observations(observations, settings.rows, &posterior.mean, prior, plan)?;
+        let evidence = problem.posterior()?;
+        let radiance: Vec<f64> = cut_off_at_zero(&evidence.light).iter().map(|l| l * evidence.exposure).collect();
+        let light = LightGrid::from_coefficients(prior.map, &radiance);
+        let predictions = predict(Points::new(&some, hidden.as_ref()), &posterior.mean, &light, plan.quadrature);
+        let (mut values, mut reliable) = (vec![None; points.len()], vec![0.0; points.len()]);
+        change = 0.0;
+        for (&i, prediction) in chosen.iter().zip(&predictions) {
+            let ratio = prediction.on_sphere / prediction.seen;
+            let ratio = if ratio.is_finite() { ratio.clamp(1.0 / MOST, MOST) } else { 1.0 };
+            values[i] = observations.values[i].map(|v| v * ratio);
+            // What is multiplied by a large factor brings its noise along.
+            reliable[i] = weights[i] / ratio.max(1.0).powi(2);
+            change += ratio.ln().abs() / chosen.len() as f64;
+        }
+        gathered = lattice.gather_weighted(points, &values, &reliable);
+    }
+    Ok(Unshadowed { gathered, change })
+}

@@ -1,0 +1,77 @@
+//! The observations from which a light is found.
+
+use glam::{DQuat, DVec3};
+
+use crate::sphere::fibonacci_hemisphere;
+use crate::transfer::SurfacePoint;
+
+/// Observations farther from an even direction than this do not stand for it, in degrees.
+const NEAR: f64 = 2.0;
+
+/// With fewer observations apart from each other, whatever there are is taken.
+const FEWEST: usize = 200;
+
+/// The indices, ascending, of up to about `rows` of the points of positive weight, evenly over the normals in the frame of their view: of those near a
+/// direction the one of most weight, discounted by its distance. All of them if there are no more.
+///
+/// # Panics
+/// If there are not as many weights as points.
+pub fn evenly(points: &[SurfacePoint], weights: &[f64], rows: usize) -> Vec<usize> {
+    assert_eq!(points.len(), weights.len());
+    let used: Vec<usize> = (0..points.len()).filter(|&i| weights[i] > 0.0).collect();
+    if used.len() <= rows {
+        return used;
+    }
+    let normals: Vec<(usize, DVec3)> =
+        used.iter().map(|&i| (i, DQuat::from_rotation_arc(points[i].view, DVec3::Z) * points[i].normal)).collect();
+    let (reach, width) = (NEAR.to_radians().cos(), NEAR.to_radians().powi(2));
+    // Of the hemisphere 83 % lie within 80 degrees.
+    let mut near: Vec<usize> = fibonacci_hemisphere(rows * 6 / 5)
+        .filter_map(|direction| {
+            let within = normals.iter().filter(|(_, n)| n.dot(direction) > reach);
+            // The square of the distance, by the cosine, in units of the reach.
+            let merit = |(i, n): &(usize, DVec3)| weights[*i] * (1.0 - 2.0 * (1.0 - n.dot(direction)) / width);
+            within.max_by(|a, b| merit(a).total_cmp(&merit(b))).map(|(i, _)| *i)
+        })
+        .collect();
+    near.sort_unstable();
+    near.dedup();
+    if near.len() >= FEWEST { near } else { used.iter().copied().step_by(used.len().div_ceil(rows)).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points(count: usize) -> Vec<SurfacePoint> {
+        fibonacci_hemisphere(count).map(|normal| SurfacePoint { normal, view: DVec3::Z }).collect()
+    }
+
+    #[test]
+    fn few_points_are_all_taken_but_for_those_without_weight() {
+        let points = points(300);
+        let weights: Vec<f64> = (0..300).map(|i| f64::from(i % 3 != 0)).collect();
+        let want: Vec<usize> = (0..300).filter(|i| i % 3 != 0).collect();
+        assert_eq!(evenly(&points, &weights, 400), want);
+    }
+
+    #[test]
+    fn many_are_thinned_evenly() {
+        let points = points(12_000);
+        let taken = evenly(&points, &[1.0; 12_000], 1600);
+        assert!((1500..=1920).contains(&taken.len()), "{}", taken.len());
+        let gap = fibonacci_hemisphere(500)
+            .filter(|n| n.z > 0.2)
+            .map(|n| taken.iter().map(|&i| points[i].normal.dot(n)).fold(-1.0, f64::max).acos().to_degrees());
+        assert!(gap.fold(0.0, f64::max) < 4.0);
+    }
+
+    #[test]
+    fn of_neighbours_the_better_is_taken() {
+        let points = points(12_000);
+        let weights: Vec<f64> = (0..12_000).map(|i| if i % 2 == 0 { 1.0 } else { 0.2 }).collect();
+        let taken = evenly(&points, &weights, 1600);
+        let poor = taken.iter().filter(|&&i| i % 2 == 1).count();
+        assert!(poor < taken.len() / 20, "{poor} of {}", taken.len());
+    }
+}

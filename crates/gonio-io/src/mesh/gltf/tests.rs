@@ -185,7 +185,7 @@ fn what_cannot_be_read_is_refused_with_the_reason() {
             Kind::Unsupported,
             "is compressed with EXT_meshopt_compression",
         ),
-        (vec![("/bufferViews/2/byteOffset", json!(48))], Kind::Damaged, "refers to vertex 128"),
+        (vec![("/bufferViews/2/byteOffset", json!(54))], Kind::Damaged, "refers to vertex 128"),
         (vec![("/buffers/0/byteLength", json!(9999))], Kind::Damaged, "announces 9999"),
         (vec![("/buffers/0/byteLength", json!(u64::MAX))], Kind::Limits, "bytes"),
         (vec![("/meshes/0/primitives/0/attributes/POSITION", json!(9))], Kind::Damaged, "contradicts itself"),

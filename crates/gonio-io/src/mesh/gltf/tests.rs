@@ -161,7 +161,8 @@ fn buffers_may_be_embedded_or_beside_the_file() {
 #[test]
 fn what_cannot_be_read_is_refused_with_the_reason() {
     let required = |name: &str| ("/extensionsRequired", json!([name]));
-    let cases: Vec<(Vec<(&str, Value)>, Kind, &str)> = vec![
+    type Changes = Vec<(&'static str, Value)>;
+    let cases: Vec<(Changes, Kind, &str)> = vec![
         (
             vec![required("KHR_draco_mesh_compression")],
             Kind::Unsupported,

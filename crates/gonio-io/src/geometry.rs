@@ -214,7 +214,7 @@ fn coded(path: &Path, decoded: &Decoded, range: Option<(f64, f64)>) -> Result<Pl
     let covered = |i: usize| decoded.picture.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.0);
     let depth = |(i, code): (usize, &f32)| {
         let code = f64::from(*code);
-        (code > 0.0 && code < 1.0 && covered(i)).then(|| near + code * (far - near))
+        (code > 0.0 && code < 1.0 && covered(i)).then_some(near + code * (far - near))
     };
     let depths = codes.as_slice().iter().enumerate().map(depth).collect();
     Ok(Plane::from_vec(codes.width(), codes.height(), depths))

@@ -184,7 +184,8 @@ fn parts(path: &Path, file: &File) -> Result<DMat4, Error> {
     let rotation = if ways.iter().any(|w| w.1.is_some()) {
         let (way, rotation) = one_of(path, "rotation", &ways)?;
         let length = rotation.length();
-        if !((length - 1.0).abs() < 0.01) {
+        let unit = (length - 1.0).abs() < 0.01;
+        if !unit {
             let problem = format!("has {:?} of length {length}", ways[way].0);
             return Err(Error::invalid(path, problem, "give finite numbers, a quaternion of length 1"));
         }

@@ -151,7 +151,7 @@ mod tests {
             .chain([(0.0, 0.0), (19.0, 0.0)])
             .collect();
         let comb = places(&comb);
-        for (polygon, want) in [(&arrow, 1.5), (&comb, 19.0 * 3.0)] {
+        for (polygon, want) in [(&arrow, 0.5), (&comb, 19.0 * 3.0)] {
             // Whichever corner comes first.
             for shift in 0..polygon.len() {
                 let mut turned = polygon.clone();

@@ -16,6 +16,8 @@ use crate::{Error, guard};
 
 /// Longer headers are none.
 const LONGEST_HEADER: usize = 1 << 16;
+/// Longer lines of text are none; a line takes ten times its length while it is read.
+const LONGEST_LINE: usize = 1 << 20;
 
 pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
     guard::catching(path, "PLY", || {
@@ -24,6 +26,9 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
         let mut reader = Reader::new(bytes);
         let header = Parser::<Other>::new().read_header(&mut reader).map_err(failed)?;
         check_counts(path, &header, reader.get_ref().len())?;
+        if header.encoding == Encoding::Ascii {
+            check_lines(path, reader.get_ref())?;
+        }
         let mut parts = Parts::new(path);
         let mut normals: Option<Vec<DVec3>> = None;
         let mut faces: Vec<Face> = Vec::new();
@@ -82,6 +87,14 @@ fn check_header(path: &Path, bytes: &[u8]) -> Result<(), Error> {
         return Ok(());
     }
     Err(Error::damaged(path, "has no end_header in its PLY header"))
+}
+
+fn check_lines(path: &Path, text: &[u8]) -> Result<(), Error> {
+    if text.split(|b| *b == b'\n').any(|line| line.len() > LONGEST_LINE) {
+        let problem = format!("has a line of more than {LONGEST_LINE} bytes");
+        return Err(Error::limits(path, problem, "write it as binary PLY"));
+    }
+    Ok(())
 }
 
 /// Checks that as many elements as the header promises can be in the bytes that follow it.
@@ -289,6 +302,9 @@ mod tests {
             assert_eq!(error.kind(), kind, "{error}");
             assert!(error.to_string().contains(says), "{error}");
         }
+        let long =
+            format!("ply\nformat ascii 1.0\nelement vertex 1\nproperty int x\nend_header\n{}", "1 ".repeat(600_000));
+        assert_eq!(read(long.as_bytes()).unwrap_err().kind(), Kind::Limits);
         // Elements without properties take no bytes.
         let empty = b"ply\nformat binary_little_endian 1.0\nelement nothing 8000000\nend_header\n";
         assert!(read(empty).unwrap_err().to_string().contains("promises"));

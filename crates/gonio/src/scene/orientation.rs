@@ -474,12 +474,11 @@ mod tests {
     }
 
     #[test]
-    fn without_a_rim_both_flips_are_named() {
-        for (name, right) in [("relief", relief()), ("cropped", cropped())] {
-            for wrong in [FLIP_Y, FLIP_X] {
-                let got = of(&wrong.apply_to(&right));
-                assert_eq!(got.corrections[..2], [FLIP_Y, FLIP_X], "{name}: {got:?}");
-            }
+    fn without_a_rim_either_flip_is_named() {
+        for wrong in [FLIP_Y, FLIP_X] {
+            assert_eq!(of(&wrong.apply_to(&relief())).corrections[..2], [FLIP_Y, FLIP_X]);
+            // A part of a rim is enough.
+            assert_eq!(of(&wrong.apply_to(&cropped())).corrections, [wrong]);
         }
         let complaint = of(&FLIP_Y.apply_to(&relief())).complaint().unwrap();
         assert!(

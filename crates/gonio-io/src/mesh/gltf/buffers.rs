@@ -89,8 +89,8 @@ impl<'a> Buffers<'a> {
             (None, Some(_)) if count <= self.bytes => vec![0; count * size],
             (None, Some(_)) => return Err(beyond()),
             (None, None) => {
-                let problem = "has geometry without data, perhaps compressed";
-                return Err(Error::unsupported(self.path, problem, "export it without compression"));
+                let problem = format!("has geometry without data (accessor {})", accessor.index());
+                return Err(Error::damaged(self.path, problem));
             }
         };
         if let Some(sparse) = accessor.sparse() {

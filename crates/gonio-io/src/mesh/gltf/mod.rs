@@ -20,6 +20,8 @@ pub(super) use buffers::read_sibling;
 
 /// Most objects of JSON (nodes, accessors and so on); in memory each takes a hundred times the two bytes it takes at least in the file.
 const MAX_OBJECTS: usize = 1 << 18;
+/// Most values in lists and objects, for the same reason.
+const MAX_VALUES: usize = 1 << 22;
 /// Extensions that say nothing of the shape.
 const HARMLESS: [&str; 5] = ["KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "EXT_lights_"];
 
@@ -88,8 +90,10 @@ fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>
 /// The document, without what concerns only its look.
 fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
-    if json.iter().filter(|b| **b == b'{').nth(MAX_OBJECTS).is_some() {
-        let problem = format!("has more than {MAX_OBJECTS} parts");
+    // Base64 has neither brackets nor commas.
+    let more_than = |byte: u8, most: usize| json.iter().filter(|b| **b == byte).nth(most).is_some();
+    if more_than(b'{', MAX_OBJECTS) || more_than(b',', MAX_VALUES) {
+        let problem = format!("has more than {MAX_OBJECTS} parts or {MAX_VALUES} values");
         return Err(Error::limits(path, problem, "export the object alone"));
     }
     let mut root: Root = gltf::json::deserialize::from_slice(json)
@@ -104,6 +108,7 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
             return Err(Error::unsupported(path, format!("needs the extension {name}"), advice));
         }
     }
+    let compressed = root.extensions_used.iter().find(|name| name.ends_with("_compression")).cloned();
     // What is wrong with materials is no reason to refuse a shape.
     root.meshes.iter_mut().flat_map(|m| &mut m.primitives).for_each(|p| p.material = None);
     root.materials.clear();
@@ -111,12 +116,15 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
     root.images.clear();
     root.samplers.clear();
     root.animations.clear();
-    Document::from_json(root).map_err(|e| match e {
-        gltf::Error::Validation(faults) => {
+    Document::from_json(root).map_err(|e| match (e, compressed) {
+        (gltf::Error::Validation(_), Some(name)) => {
+            Error::unsupported(path, format!("is compressed with {name}"), "export it without compression")
+        }
+        (gltf::Error::Validation(faults), None) => {
             let text = faults.first().map(|(place, fault)| format!("{place}: {fault}")).unwrap_or_default();
             Error::damaged(path, format!("contradicts itself as glTF ({text})"))
         }
-        e => Error::damaged(path, format!("cannot be read as glTF ({e})")),
+        (e, _) => Error::damaged(path, format!("cannot be read as glTF ({e})")),
     })
 }
 

@@ -161,7 +161,8 @@ fn buffers_may_be_embedded_or_beside_the_file() {
 #[test]
 fn what_cannot_be_read_is_refused_with_the_reason() {
     let required = |name: &str| ("/extensionsRequired", json!([name]));
-    let cases: Vec<(Vec<(&str, Value)>, Kind, &str)> = vec![
+    type Changes = Vec<(&'static str, Value)>;
+    let cases: Vec<(Changes, Kind, &str)> = vec![
         (
             vec![required("KHR_draco_mesh_compression")],
             Kind::Unsupported,
@@ -179,8 +180,13 @@ fn what_cannot_be_read_is_refused_with_the_reason() {
         (vec![("/accessors/1/count", json!(3))], Kind::Damaged, "has 3 normals for 4 vertices"),
         (vec![("/accessors/0/componentType", json!(5123))], Kind::Unsupported, "quantisation"),
         (vec![("/accessors/2/componentType", json!(5126))], Kind::Damaged, "indices that are none"),
-        (vec![("/accessors/0/bufferView", Value::Null)], Kind::Unsupported, "perhaps compressed"),
-        (vec![("/bufferViews/2/byteOffset", json!(48))], Kind::Damaged, "refers to vertex 128"),
+        (vec![("/accessors/0/bufferView", Value::Null)], Kind::Damaged, "accessors[0].bufferView: Missing data"),
+        (
+            vec![("/accessors/0/bufferView", Value::Null), ("/extensionsUsed", json!(["EXT_meshopt_compression"]))],
+            Kind::Unsupported,
+            "is compressed with EXT_meshopt_compression",
+        ),
+        (vec![("/bufferViews/2/byteOffset", json!(54))], Kind::Damaged, "refers to vertex 128"),
         (vec![("/buffers/0/byteLength", json!(9999))], Kind::Damaged, "announces 9999"),
         (vec![("/buffers/0/byteLength", json!(u64::MAX))], Kind::Limits, "bytes"),
         (vec![("/meshes/0/primitives/0/attributes/POSITION", json!(9))], Kind::Damaged, "contradicts itself"),

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::{BivariateTable, CELLS};
-use gonio::render::{Brdf, LightTree, Tinted, nodes};
+use gonio::render::{Brdf, LightTree, nodes};
 use gonio::scene::Circle;
 use gonio::transfer::SurfacePoint;
 use rayon::prelude::*;
@@ -101,7 +101,7 @@ impl<'a> View<'a> {
     }
 
     /// The object of this material in the frame.
-    pub(super) fn render(&self, material: &Tinted, light: &LightTree) -> Picture {
+    pub(super) fn render(&self, material: &[BivariateTable; 3], light: &LightTree) -> Picture {
         match self {
             Self::Sphere(..) => spheres(std::slice::from_ref(material), light).remove(0),
             Self::Normals(..) => pictures(&self.points(), std::slice::from_ref(material), light).remove(0),
@@ -124,7 +124,7 @@ fn sphere_normal(x: f64, y: f64) -> Option<DVec3> {
 }
 
 /// Spheres of these materials that fill a panel.
-pub(super) fn spheres(materials: &[Tinted], light: &LightTree) -> Vec<Picture> {
+pub(super) fn spheres(materials: &[[BivariateTable; 3]], light: &LightTree) -> Vec<Picture> {
     let whole = View::Sphere(Circle { x: 0.0, y: 0.0, radius: 1.0 }, None);
     pictures(&whole.points(), materials, light).into_iter().map(cut_out).collect()
 }
@@ -141,7 +141,7 @@ fn cut_out(mut picture: Picture) -> Picture {
 
 /// Panels of several materials at the same points, which are those of every second pixel: the light is divided once for all, and what is between
 /// the points is interpolated. Colour is premultiplied by alpha.
-fn pictures(points: &[Option<SurfacePoint>], materials: &[Tinted], light: &LightTree) -> Vec<Picture> {
+fn pictures(points: &[Option<SurfacePoint>], materials: &[[BivariateTable; 3]], light: &LightTree) -> Vec<Picture> {
     let half = PANEL / 2;
     let envelopes: Vec<BivariateTable> = materials.iter().map(Brdf::envelope).collect();
     let largest = |c: usize| envelopes.iter().map(|t| t.as_slice()[c]).fold(0.0, f32::max);

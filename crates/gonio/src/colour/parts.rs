@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use super::chroma::{Chroma, luminance_of};
+use super::chroma::Chroma;
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
 /// Half angles (radians) that show the body alone: highlights of all but mirrors in fog have ended there.

@@ -33,7 +33,7 @@ pub struct Reading {
 }
 
 /// What is known of colours before a photograph, and how they are read from one. Learnt by [`ColourModel::learn`]; the default is what
-/// was learnt from the reconstructed MERL materials in captured lights.
+/// was learnt from reconstructed MERL materials in captured lights (`docs/trials.md`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColourModel {
     /// Of the chroma of the body plus that of the light.
@@ -285,7 +285,7 @@ mod tests {
         let mut model = plain();
         model.coloured = [-50.0, 0.0];
         // Without a highlight to read, the body is the reading less the light, weighed by precision.
-        model.noise.iter_mut().for_each(|node| (2..4).for_each(|i| node[i][i] = 1e12));
+        model.noise.iter_mut().for_each(|node| (2..4).for_each(|i| node[i][i] = 1e6));
         let found = model.posterior(&clues([1.0, -1.0], [0.0, 0.0]), None);
         let gain = 0.81 / (0.81 + 0.04 + 1e-4);
         assert!((found.mean[0] - (0.4 + gain * (1.0 - 0.4))).abs() < 1e-6, "{found:?}");

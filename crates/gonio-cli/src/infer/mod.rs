@@ -194,7 +194,9 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         MethodName::Marginal => marginal::answer(options, &model, &scene.observations, &mut warnings)?,
         _ => basis::answer(options, &model, known.as_ref(), &scene.observations, &mut warnings)?,
     };
+    let colouring_from = Instant::now();
     let colouring = colour::colouring(options, &scene.observations, &answer.table, known.as_ref());
+    let colour_seconds = colouring_from.elapsed().as_secs_f64();
     let stage = Stage::new("drawing");
     let pictures = summary::draw(
         &summary::Subject {
@@ -230,7 +232,9 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         "colour": colouring.notes,
         "warnings": warnings,
     });
-    let mut seconds = json!({ "model": model_seconds, "reading": read_seconds, "drawing": drawing_seconds });
+    let mut seconds = json!({
+        "model": model_seconds, "reading": read_seconds, "colour": colour_seconds, "drawing": drawing_seconds,
+    });
     seconds.as_object_mut().into_iter().for_each(|s| {
         s.extend(answer.seconds.iter().map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))));
     });

@@ -14,15 +14,18 @@ pub(super) fn solve<const M: usize>(a: &[Vec<f64>], b: &mut [[f64; M]]) -> f64 {
         }
         log_determinant += 2.0 * factor[i][i].ln();
     }
-    for m in 0..M {
-        for i in 0..n {
-            let inner: f64 = (0..i).map(|k| factor[i][k] * b[k][m]).sum();
-            b[i][m] = (b[i][m] - inner) / factor[i][i];
-        }
-        for i in (0..n).rev() {
-            let inner: f64 = (i + 1..n).map(|k| factor[k][i] * b[k][m]).sum();
-            b[i][m] = (b[i][m] - inner) / factor[i][i];
-        }
+    // Forward, then back, all right sides at once.
+    let less = |b: &mut [[f64; M]], i: usize, k: usize, times: f64| {
+        let other = b[k];
+        b[i].iter_mut().zip(other).for_each(|(x, y)| *x -= times * y);
+    };
+    for i in 0..n {
+        (0..i).for_each(|k| less(b, i, k, factor[i][k]));
+        b[i].iter_mut().for_each(|x| *x /= factor[i][i]);
+    }
+    for i in (0..n).rev() {
+        (i + 1..n).for_each(|k| less(b, i, k, factor[k][i]));
+        b[i].iter_mut().for_each(|x| *x /= factor[i][i]);
     }
     log_determinant
 }

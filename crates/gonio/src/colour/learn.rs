@@ -115,9 +115,9 @@ fn fit(samples: &[Sample], target: &dyn Fn(&Sample) -> [f64; 2]) -> Reading {
         let mut right = vec![[0.0]; UNKNOWNS];
         for (sample, weight) in samples.iter().zip(&weights) {
             let wanted = target(sample);
-            for c in 0..2 {
+            for (c, wanted) in wanted.into_iter().enumerate() {
                 let row = row(&sample.clues, c);
-                let gap = wanted[c] - sample.clues.chromas[0].0[c];
+                let gap = wanted - sample.clues.chromas[0].0[c];
                 for i in (0..UNKNOWNS).filter(|&i| row[i] != 0.0) {
                     right[i][0] += weight * row[i] * gap;
                     (0..=i).for_each(|j| normal[i][j] += weight * row[i] * row[j]);

@@ -121,10 +121,10 @@ impl Joint {
             (0..4).map(|o| std::array::from_fn(|m| if m == 0 { gap[o] } else { cross[m - 1][o] })).collect();
         let log_determinant = solve(&of_readings, &mut sides);
         let square: f64 = (0..4).map(|o| gap[o] * sides[o][0]).sum();
-        for i in 0..6 {
-            self.mean[i] += (0..4).map(|o| cross[i][o] * sides[o][0]).sum::<f64>();
+        for (i, cross) in cross.iter().enumerate() {
+            self.mean[i] += cross.iter().zip(&sides).map(|(c, side)| c * side[0]).sum::<f64>();
             for j in 0..6 {
-                self.covariance[i][j] -= (0..4).map(|o| cross[i][o] * sides[o][1 + j]).sum::<f64>();
+                self.covariance[i][j] -= cross.iter().zip(&sides).map(|(c, side)| c * side[1 + j]).sum::<f64>();
             }
         }
         (self, -0.5 * (square + log_determinant))

@@ -3,6 +3,7 @@
 
 mod bases;
 mod bench;
+mod colour;
 mod data;
 mod folds;
 mod lights;
@@ -38,6 +39,8 @@ enum Command {
     Quadrature,
     /// Ways to find the light given the BRDF against each other, on lights and materials of the training.
     Lights(lights::Options),
+    /// Ways to colour a BRDF against each other, on test materials in test lights.
+    Colour(colour::Options),
     /// Estimators and references against each other over a grid of materials and lights.
     Bench(Box<bench::Options>),
     /// The learnt posterior on training materials in training lights that it has not seen.
@@ -53,6 +56,7 @@ fn main() -> ExitCode {
         Command::Paper(options) => paper::run(&data, &options),
         Command::Quadrature => quadrature::run(&data),
         Command::Lights(options) => lights::run(&data, &options),
+        Command::Colour(options) => colour::run(&data, &options),
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),

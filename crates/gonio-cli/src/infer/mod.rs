@@ -3,6 +3,7 @@
 //! What a method finds is an [`Answer`]: `marginal` and `basis` make one, the rest is common to all.
 
 mod basis;
+mod colour;
 mod marginal;
 mod observe;
 
@@ -77,6 +78,13 @@ pub(crate) struct Options {
     /// Run --method variational or map on all observations instead of their projection (slower, more memory)
     #[arg(long)]
     full_rows: bool,
+    /// How the BRDF, which is found from luminance, is coloured
+    #[arg(long, value_enum, default_value_t = colour::ColourName::Estimate)]
+    color: colour::ColourName,
+    /// Linear colour of a white matte ball, or of a grey card towards the camera, in the object's place, where it is known; its
+    /// brightness does not matter
+    #[arg(long, value_name = "R,G,B", value_parser = colour::parse_light, conflicts_with = "light")]
+    light_color: Option<[f64; 3]>,
     /// Values of an integer picture are linear radiance, not sRGB-coded
     #[arg(long)]
     linear: bool,
@@ -179,6 +187,9 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     if let Some(clip) = options.clip.filter(|clip| clip.is_nan() || *clip <= 0.0) {
         bail!("--clip {clip}: give a positive radiance");
     }
+    if options.light_color.is_some() && options.color != colour::ColourName::Estimate {
+        bail!("--light-color serves --color estimate alone");
+    }
     let model = input::model(options.model.as_deref())?;
     let covered = 1 << model.light.scales;
     if options.light.is_none() && options.grid > covered {
@@ -201,6 +212,9 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         MethodName::Marginal => marginal::answer(options, &model, &scene.observations, &mut warnings)?,
         _ => basis::answer(options, &model, known.as_ref(), &scene.observations, &mut warnings)?,
     };
+    let colouring_from = Instant::now();
+    let colouring = colour::colouring(options, &scene.observations, &answer.table, known.as_ref());
+    let colour_seconds = colouring_from.elapsed().as_secs_f64();
     let stage = Stage::new("drawing");
     let pictures = summary::draw(
         &summary::Subject {
@@ -209,7 +223,8 @@ pub(crate) fn run(options: &Options) -> Result<()> {
             circle: scene.circle,
             normals: scene.normals.as_ref(),
             placed: scene.placed.as_ref().filter(|_| !options.no_shadows),
-            colours: &scene.observations.colours,
+            colours: colouring.colours,
+            light_colour: colouring.light,
             table: &answer.table,
             light: answer.light.as_ref(),
             known_light: known.as_ref(),
@@ -233,9 +248,12 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         "method": name_of(options.method),
         "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
         "observations": scene.notes,
+        "colour": colouring.notes,
         "warnings": warnings,
     });
-    let mut seconds = json!({ "model": model_seconds, "reading": read_seconds, "drawing": drawing_seconds });
+    let mut seconds = json!({
+        "model": model_seconds, "reading": read_seconds, "colour": colour_seconds, "drawing": drawing_seconds,
+    });
     seconds.as_object_mut().into_iter().for_each(|s| {
         s.extend(answer.seconds.iter().map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))));
     });
@@ -245,7 +263,10 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let write = |name: &str, bytes: &[u8]| folder.write(name, bytes);
     let writing = Instant::now();
     let table = &answer.table;
-    write("brdf.binary", &gonio_io::merl::encode(&MerlTable::from_bivariate([table, table, table])))?;
+    write(
+        "brdf.binary",
+        &gonio_io::merl::encode(&MerlTable::from_bivariate(colouring.colours.tables(table).each_ref())),
+    )?;
     if let Some(light) = &answer.light {
         write("light.exr", &gonio_io::picture::encode_exr(&light.to_lat_long(128), None))?;
     } else if let Some(known) = &known {

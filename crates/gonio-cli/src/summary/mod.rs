@@ -3,10 +3,11 @@
 mod view;
 
 use glam::{DVec3, Vec3};
+use gonio::colour::TwoColours;
 use gonio::lighting::{EnvironmentMap, LightGrid, studio_light};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
-use gonio::render::{Exposure, IntegratorSettings, LightTree, Tinted, median_colour};
+use gonio::render::{Exposure, IntegratorSettings, LightTree};
 use gonio::scene::Circle;
 
 use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
@@ -23,7 +24,10 @@ pub(crate) struct Subject<'a> {
     pub(crate) normals: Option<&'a Plane<Vec3>>,
     /// The surface behind the normals, where it shadows itself or is seen in perspective.
     pub(crate) placed: Option<&'a Placed>,
-    pub(crate) colours: &'a [Option<Vec3>],
+    /// Of the inferred reflectance.
+    pub(crate) colours: TwoColours,
+    /// Of the estimated light, which is found in luminance alone.
+    pub(crate) light_colour: Vec3,
     /// Inferred reflectance.
     pub(crate) table: &'a BivariateTable,
     /// Estimated light, for a blind method.
@@ -52,9 +56,7 @@ const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 1.0, max_cells
 
 /// Draws the pictures; `progress` is told a fraction in 0..=1.
 pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pictures {
-    let colours: Vec<Vec3> = subject.colours.iter().flatten().copied().collect();
-    let colour = median_colour(&Plane::from_vec(colours.len(), 1, colours), |_| true);
-    let material = Tinted { table: subject.table.clone(), colour: colour.as_dvec3() };
+    let coloured = |table: &BivariateTable| subject.colours.tables(table);
     let view = View::of(subject);
     let input = view.cut(subject.picture);
     let tree = match (subject.light, subject.known_light) {
@@ -62,8 +64,10 @@ pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pi
         (None, Some(map)) => LightTree::of_map(map),
         (None, None) => LightTree::of_map(&studio_light(16)),
     };
-    // With a known light its colours are in the picture already: show the reproduction in grey times the same colour.
-    let model = view.render(&material, &tree);
+    let mut model = view.render(&coloured(subject.table), &tree);
+    if subject.light.is_some() {
+        model.rgb.as_mut_slice().iter_mut().for_each(|p| *p *= subject.light_colour);
+    }
     progress(0.5);
     let covered = |p: &Picture, i: usize| p.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.99);
     let exposure = Exposure::by_quantile(&input.rgb, |i| covered(&input, i), 0.9, 0.6);
@@ -91,9 +95,9 @@ pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pi
         })
     };
     let studio = LightTree::of_map(&studio_light(128));
-    let tinted = |table: &BivariateTable| Tinted { table: table.clone(), ..material.clone() };
     let ends = subject.outlook.iter().flat_map(|outlook| &outlook.ends);
-    let shown: Vec<Tinted> = std::iter::once(subject.table).chain(ends.map(|(_, table)| table)).map(tinted).collect();
+    let shown: Vec<[BivariateTable; 3]> =
+        std::iter::once(subject.table).chain(ends.map(|(_, table)| table)).map(coloured).collect();
     let mut relit = view::spheres(&shown, &studio);
     let ends = relit.split_off(1);
     let relit = relit.remove(0);

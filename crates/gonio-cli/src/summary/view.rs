@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::{BivariateTable, CELLS};
-use gonio::render::{Brdf, LightTree, Tinted, nodes};
+use gonio::render::{Brdf, LightTree, nodes};
 use gonio::scene::Circle;
 use gonio::shape::{Lookout, Visibility, hit_at, view_at};
 use gonio::sphere::OctahedralMap;
@@ -138,7 +138,7 @@ impl<'a> View<'a> {
     }
 
     /// The object of this material in the frame.
-    pub(super) fn render(&self, material: &Tinted, light: &LightTree) -> Picture {
+    pub(super) fn render(&self, material: &[BivariateTable; 3], light: &LightTree) -> Picture {
         match self {
             Self::Sphere(..) => spheres(std::slice::from_ref(material), light).remove(0),
             Self::Normals(..) => {
@@ -165,7 +165,7 @@ fn sphere_normal(x: f64, y: f64) -> Option<DVec3> {
 }
 
 /// Spheres of these materials that fill a panel.
-pub(super) fn spheres(materials: &[Tinted], light: &LightTree) -> Vec<Picture> {
+pub(super) fn spheres(materials: &[[BivariateTable; 3]], light: &LightTree) -> Vec<Picture> {
     let whole = View::Sphere(Circle { x: 0.0, y: 0.0, radius: 1.0 }, None);
     pictures(&whole.points(), None, materials, light).into_iter().map(cut_out).collect()
 }
@@ -185,7 +185,7 @@ fn cut_out(mut picture: Picture) -> Picture {
 fn pictures(
     points: &[Option<SurfacePoint>],
     visibility: Option<&Visibility>,
-    materials: &[Tinted],
+    materials: &[[BivariateTable; 3]],
     light: &LightTree,
 ) -> Vec<Picture> {
     let half = PANEL / 2;

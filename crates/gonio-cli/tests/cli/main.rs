@@ -2,6 +2,7 @@
 
 #![allow(missing_docs)]
 
+mod colour;
 mod infer;
 mod marginal;
 mod refusals;

@@ -40,6 +40,27 @@ impl Brdf for Tinted {
     }
 }
 
+/// A table for each channel: red, green, blue.
+impl Brdf for [BivariateTable; 3] {
+    fn eval(&self, theta_h: f64, theta_d: f64, _: f64) -> DVec3 {
+        DVec3::from_array(self.each_ref().map(|table| table.eval(theta_h, theta_d)))
+    }
+
+    fn depends_on_phi(&self) -> bool {
+        false
+    }
+
+    fn envelope(&self) -> BivariateTable {
+        strongest(self)
+    }
+}
+
+/// The largest of the channels in each cell.
+fn strongest(rgb: &[BivariateTable; 3]) -> BivariateTable {
+    let [r, g, b] = rgb.each_ref().map(BivariateTable::as_slice);
+    BivariateTable::from_vec(r.iter().zip(g).zip(b).map(|((r, g), b)| r.max(*g).max(*b)).collect())
+}
+
 impl Brdf for BivariateTable {
     fn eval(&self, theta_h: f64, theta_d: f64, _: f64) -> DVec3 {
         DVec3::splat(BivariateTable::eval(self, theta_h, theta_d))
@@ -64,8 +85,6 @@ impl Brdf for MerlTable {
     }
 
     fn envelope(&self) -> BivariateTable {
-        let [r, g, b] = [0, 1, 2].map(|c| self.bivariate(c));
-        let channels = r.as_slice().iter().zip(g.as_slice()).zip(b.as_slice());
-        BivariateTable::from_vec(channels.map(|((r, g), b)| r.max(*g).max(*b)).collect())
+        strongest(&[0, 1, 2].map(|c| self.bivariate(c)))
     }
 }

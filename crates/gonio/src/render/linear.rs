@@ -1,5 +1,6 @@
-//! Pictures of any grey bivariate BRDF under one light, as a matrix.
+//! Pictures of any bivariate BRDF under one light, as a matrix.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::integrate::{IntegratorSettings, nodes};
@@ -28,34 +29,58 @@ impl Relighter {
         light: &LightTree,
         settings: &IntegratorSettings,
     ) -> Self {
+        let [matrix] = Self::gathered(points, examples, light, settings, |radiance| [f64::from(luminance(radiance))]);
+        matrix
+    }
+
+    /// As [`Self::new`], but a matrix for each channel of the light (red, green, blue): what one channel of a BRDF reflects of it.
+    pub fn of_channels(
+        points: &[SurfacePoint],
+        examples: &[BivariateTable],
+        light: &LightTree,
+        settings: &IntegratorSettings,
+    ) -> [Self; 3] {
+        Self::gathered(points, examples, light, settings, |radiance| radiance.as_dvec3().to_array())
+    }
+
+    /// A matrix for each of the numbers that `measure` takes of the light.
+    fn gathered<const N: usize>(
+        points: &[SurfacePoint],
+        examples: &[BivariateTable],
+        light: &LightTree,
+        settings: &IntegratorSettings,
+        measure: impl Fn(Vec3) -> [f64; N] + Sync,
+    ) -> [Self; N] {
         let envelope = envelope(examples);
-        let rows: Vec<Vec<(u16, f32)>> = points
+        let rows: Vec<Vec<(u16, [f32; N])>> = points
             .par_iter()
             .map_init(
-                || vec![0.0_f64; CELLS],
+                || vec![[0.0_f64; N]; CELLS],
                 |row, point| {
                     for node in &nodes(point, &envelope, light, settings).nodes {
-                        let weight = f64::from(luminance(node.weight.as_vec3()));
+                        let weights = measure(node.weight.as_vec3());
                         for (cell, share) in BivariateTable::stencil(node.theta_h, node.theta_d) {
-                            row[cell] += share * weight;
+                            row[cell].iter_mut().zip(weights).for_each(|(sum, weight)| *sum += share * weight);
                         }
                     }
-                    let entries = row.iter().enumerate().filter(|(_, w)| **w != 0.0);
-                    let entries = entries.map(|(cell, w)| (cell as u16, *w as f32)).collect();
-                    row.fill(0.0);
+                    let entries = row.iter().enumerate().filter(|(_, w)| w.iter().any(|w| *w != 0.0));
+                    let entries = entries.map(|(cell, w)| (cell as u16, w.map(|w| w as f32))).collect();
+                    row.fill([0.0; N]);
                     entries
                 },
             )
             .collect();
-        let ends = rows
+        let ends: Vec<usize> = rows
             .iter()
             .scan(0, |end, row| {
                 *end += row.len();
                 Some(*end)
             })
             .collect();
-        let (cells, weights) = rows.into_iter().flatten().unzip();
-        Self { ends, cells, weights }
+        std::array::from_fn(|n| {
+            let (cells, weights) = rows.iter().flatten().map(|(cell, w)| (*cell, w[n])).unzip();
+            Self { ends: ends.clone(), cells, weights }
+        })
     }
 
     /// Luminance of every point for a BRDF.
@@ -79,7 +104,7 @@ pub(super) fn envelope(tables: &[BivariateTable]) -> BivariateTable {
 
 #[cfg(test)]
 mod tests {
-    use glam::{DVec3, Vec3};
+    use glam::DVec3;
 
     use super::*;
     use crate::lighting::EnvironmentMap;
@@ -110,6 +135,13 @@ mod tests {
                 let want = f64::from(luminance(radiance(point, table, table, &tree, &fine).as_vec3()));
                 assert!((got / want - 1.0).abs() < 5e-3, "{got} {want}");
             }
+        }
+        // Their luminance is the luminance's matrix, whatever the channel of the light.
+        let channels = Relighter::of_channels(&points, &tables, &tree, &fine).map(|m| m.render(&tables[1]));
+        for (i, grey) in matrix.render(&tables[1]).into_iter().enumerate() {
+            let colour = Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32));
+            assert!((f64::from(luminance(colour)) / grey - 1.0).abs() < 1e-5, "{colour} {grey}");
+            assert!((colour.x / colour.y - 0.5).abs() < 1e-5 && (colour.z / colour.y - 0.7).abs() < 1e-5, "{colour}");
         }
     }
 }

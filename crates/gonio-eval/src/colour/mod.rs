@@ -1,0 +1,270 @@
+//! `gonio-eval colour`: coloured BRDFs by several rules against each other, on materials and lights that nothing was learnt from; and
+//! with `--learn` what the rules are learnt from, training materials in training lights.
+//!
+//! Photographs are bivariate RGB tables on the lattice of the posterior in full-resolution RGB light. Each rule colours the same
+//! luminance estimate; its luminance is the same for all but those that name another.
+
+mod learn;
+mod rules;
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use glam::{DQuat, Vec3};
+use gonio::appearance::{Lattice, Statistics};
+use gonio::colour::{Chroma, ClueFinder, ColourModel, TwoColours, highlight_share, white_chroma};
+use gonio::inference::amortised::{Amortised, SimulationSettings};
+use gonio::lighting::EnvironmentMap;
+use gonio::picture::luminance;
+use gonio::reflectance::BivariateTable;
+use gonio::render::{LightTree, Relighter};
+use gonio::sphere::OctahedralMap;
+use gonio_io::cache::Cache;
+
+use crate::bench::{ACCURACY, Progress};
+use crate::data::Lights;
+use crate::materials::Materials;
+use crate::metrics::{mean, median, relight};
+use crate::posteriors;
+use rules::{RULES, Rule, View};
+
+/// What is measured.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Folder for `colour.csv`, one line for each estimate
+    #[arg(short, long)]
+    out: PathBuf,
+    /// Test lights of the photographs
+    #[arg(long, value_delimiter = ',', default_value = "debevec_stpeters,debevec_grace,debevec_rnl,noon_grass")]
+    lights: Vec<String>,
+    /// Test lights that estimates are relit in
+    #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
+    relight: Vec<String>,
+    /// Cameras in each training light, for the photographs that the luminance posterior is learnt from
+    #[arg(long, default_value_t = SimulationSettings::default().cameras)]
+    cameras: usize,
+    /// Learn the model of colours from training materials in training lights instead, print it, and how it does on left-out quarters
+    /// of both
+    #[arg(long)]
+    learn: bool,
+}
+
+/// A material counts as coloured from this distance of its body's chroma from grey on.
+const COLOURED: f64 = 0.3;
+
+/// One estimate.
+struct Record {
+    light: String,
+    material: String,
+    coloured: bool,
+    rule: Rule,
+    /// RGB relight error and its log version, means over the lights.
+    relative: f64,
+    log: f64,
+    /// Root mean square distance in u'v' over relit pixels.
+    chroma: f64,
+    /// Distance of the chroma of body and highlight from the true ones.
+    body: f64,
+    highlight: f64,
+    /// How many of four numbers (body, highlight) are in their 90 % intervals.
+    covered: Option<usize>,
+}
+
+pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+    let materials = Materials::open(data, None)?;
+    let held_out = materials.held_out();
+    let training: Vec<usize> = materials.database().filter(|at| !held_out.contains(at)).collect();
+    let tables: Vec<(String, BivariateTable)> =
+        training.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
+    let settings = SimulationSettings { cameras: options.cameras, ..SimulationSettings::default() };
+    let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
+    let lights = Lights::training(data)?;
+    let posterior = posteriors::load_or_train(&cache, &tables, &lights, &settings)?;
+    std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
+    if options.learn {
+        return learn::run(&materials, &training, &lights, &posterior);
+    }
+    let bench = Bench::new(posterior);
+    let lights = Lights::open(data)?;
+    let subjects: Vec<[BivariateTable; 3]> = held_out.iter().map(|&at| trusted(materials.rgb(at))).collect();
+    let names: Vec<&str> = held_out.iter().map(|&at| materials.names[at].as_str()).collect();
+    let others: Vec<[Relighter; 3]> =
+        options.relight.iter().map(|name| Ok(bench.operator(&lights.map(name)?, &subjects))).collect::<Result<_>>()?;
+    let truths: Vec<Vec<Vec<Vec3>>> =
+        subjects.iter().map(|rgb| others.iter().map(|o| picture(o, rgb)).collect()).collect();
+    let mut records = Vec::new();
+    let progress = Progress::new("photographs", options.lights.len() * names.len());
+    for light in &options.lights {
+        let map = lights.map(light)?;
+        let operator = bench.operator(&map, &subjects);
+        let chroma = white_chroma(&map.to_grid(OctahedralMap::EqualArea, 32), DQuat::IDENTITY);
+        for ((name, rgb), truth) in names.iter().zip(&subjects).zip(&truths) {
+            let image = picture(&operator, rgb);
+            let seen = bench.view(&image, chroma, rgb);
+            for rule in RULES {
+                let (estimate, colours, covered) = rule.apply(&seen, &bench.model, rgb);
+                let mut errors = [Vec::new(), Vec::new(), Vec::new()];
+                for (operator, want) in others.iter().zip(truth) {
+                    let got = picture(operator, &estimate);
+                    let flat = |p: &[Vec3]| p.iter().flat_map(|c| c.to_array().map(f64::from)).collect::<Vec<f64>>();
+                    let error = relight(&flat(&got), &flat(want));
+                    errors[0].push(error.relative);
+                    errors[1].push(error.log);
+                    errors[2].push(uv_distance(&got, want));
+                }
+                let true_colours = seen.truth;
+                records.push(Record {
+                    light: light.clone(),
+                    material: (*name).to_owned(),
+                    coloured: true_colours.body.distance(Chroma::default()) > COLOURED,
+                    rule,
+                    relative: mean(&errors[0]),
+                    log: mean(&errors[1]),
+                    chroma: mean(&errors[2]),
+                    body: colours.body.distance(true_colours.body),
+                    highlight: colours.highlight.distance(true_colours.highlight),
+                    covered,
+                });
+            }
+            progress.step();
+        }
+    }
+    progress.finish();
+    gonio_io::atomic::write_file(options.out.join("colour.csv"), csv(&records).as_bytes())?;
+    print!("{}", summary(&records));
+    Ok(())
+}
+
+/// Tables without what was extrapolated.
+fn trusted(rgb: &[BivariateTable; 3]) -> [BivariateTable; 3] {
+    rgb.clone().map(|mut table| {
+        table.extend_from_trusted();
+        table
+    })
+}
+
+/// What photographs are seen with.
+struct Bench {
+    posterior: Amortised,
+    model: ColourModel,
+    lattice: Lattice,
+    statistics: Statistics,
+    finder: ClueFinder,
+}
+
+impl Bench {
+    fn new(posterior: Amortised) -> Self {
+        let lattice = Lattice::new();
+        let (statistics, finder) = (Statistics::new(&lattice), ClueFinder::new(&lattice));
+        Self { posterior, model: ColourModel::default(), lattice, statistics, finder }
+    }
+
+    fn operator(&self, map: &EnvironmentMap, subjects: &[[BivariateTable; 3]]) -> [Relighter; 3] {
+        let examples: Vec<BivariateTable> = subjects.iter().map(BivariateTable::luminance).collect();
+        Relighter::of_channels(&self.lattice.points(DQuat::IDENTITY), &examples, &LightTree::of_map(map), &ACCURACY)
+    }
+
+    fn view(&self, image: &[Vec3], light: Chroma, rgb: &[BivariateTable; 3]) -> View {
+        let values: Vec<f32> = image.iter().map(|c| luminance(*c)).collect();
+        let table = self.posterior.posterior(&self.statistics.of(&values)).mean;
+        let clues = self.finder.of(image, highlight_share(&table));
+        View { image: image.to_vec(), table, clues, light, truth: TwoColours::of(rgb) }
+    }
+}
+
+/// What a BRDF looks like in the light of an operator.
+fn picture(operator: &[Relighter; 3], rgb: &[BivariateTable; 3]) -> Vec<Vec3> {
+    let channels: Vec<Vec<f64>> = operator.iter().zip(rgb).map(|(matrix, table)| matrix.render(table)).collect();
+    (0..channels[0].len()).map(|i| Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32))).collect()
+}
+
+/// CIE 1976 u'v' of linear Rec. 709.
+fn uv(rgb: Vec3) -> [f64; 2] {
+    let [r, g, b] = rgb.as_dvec3().to_array();
+    let x = 0.4124 * r + 0.3576 * g + 0.1805 * b;
+    let y = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+    let z = 0.0193 * r + 0.1192 * g + 0.9505 * b;
+    let total = (x + 15.0 * y + 3.0 * z).max(1e-30);
+    [4.0 * x / total, 9.0 * y / total]
+}
+
+/// Root mean square distance in u'v' over pixels.
+fn uv_distance(got: &[Vec3], want: &[Vec3]) -> f64 {
+    let square = |(a, b): (&Vec3, &Vec3)| {
+        let (a, b) = (uv(*a), uv(*b));
+        (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
+    };
+    (got.iter().zip(want).map(square).sum::<f64>() / want.len() as f64).sqrt()
+}
+
+fn csv(records: &[Record]) -> String {
+    let mut out = String::from("light,material,coloured,rule,relative,log,uv,body,highlight,covered\n");
+    for r in records {
+        let covered = r.covered.map(|c| c.to_string()).unwrap_or_default();
+        let _ = writeln!(
+            out,
+            "{},{},{},{},{:.4},{:.4},{:.4},{:.4},{:.4},{covered}",
+            r.light,
+            r.material,
+            r.coloured,
+            r.rule.id(),
+            r.relative,
+            r.log,
+            r.chroma,
+            r.body,
+            r.highlight
+        );
+    }
+    out
+}
+
+/// Medians over the photographs of all materials and of the coloured ones.
+fn summary(records: &[Record]) -> String {
+    let mut out = String::new();
+    for (title, only) in [("all materials", false), ("coloured materials", true)] {
+        let of =
+            |rule: Rule| records.iter().filter(move |r| r.rule == rule && (r.coloured || !only)).collect::<Vec<_>>();
+        let base = of(Rule::Median);
+        let _ = writeln!(
+            out,
+            "\n{title}: medians of {} photographs\n\n\
+             | colours | relight | log relight | u'v' | body | highlight | nearer in u'v' than the display rule | in 90 % |\n\
+             |---|---|---|---|---|---|---|---|",
+            base.len()
+        );
+        for rule in RULES {
+            let rows = of(rule);
+            let middle = |value: fn(&Record) -> f64| median(rows.iter().map(|r| value(r)).collect());
+            let wins = rows.iter().zip(&base).filter(|(a, b)| a.chroma < b.chroma).count();
+            let covered: Vec<f64> = rows.iter().filter_map(|r| r.covered).map(|c| 25.0 * c as f64).collect();
+            let covered = if covered.is_empty() { "-".to_owned() } else { format!("{:.0} %", mean(&covered)) };
+            let _ = writeln!(
+                out,
+                "| {} | {:.3} | {:.3} | {:.4} | {:.2} | {:.2} | {:.0} % | {covered} |",
+                rule.title(),
+                middle(|r| r.relative),
+                middle(|r| r.log),
+                middle(|r| r.chroma),
+                middle(|r| r.body),
+                middle(|r| r.highlight),
+                100.0 * wins as f64 / rows.len().max(1) as f64,
+            );
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn white_is_where_it_should_be() {
+        let [u, v] = uv(Vec3::ONE);
+        assert!((u - 0.1978).abs() < 1e-3 && (v - 0.4683).abs() < 1e-3, "{u} {v}");
+        let red = [Vec3::new(1.0, 0.2, 0.1)];
+        assert!(uv_distance(&red, &[Vec3::splat(0.5)]) > 0.05);
+        assert!(uv_distance(&red, &[3.0 * red[0]]) < 1e-6);
+    }
+}

@@ -19,14 +19,17 @@ use gonio_io::atomic::StagedFolder;
 use gonio_io::npy;
 use serde_json::{Value, json};
 
+use crate::photograph::{self, Photograph};
 use crate::progress::Stage;
 use crate::{input, summary, uncertainty};
 
 /// Options of `gonio infer`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// HDR photograph (EXR, Radiance HDR, PFM; PNG, TIFF, JPEG with a warning)
+    /// HDR photograph (EXR, Radiance HDR, PFM; PNG, TIFF, JPEG with a warning), or the first exposure of a bracket
     image: PathBuf,
+    /// Further exposures of the same scene (8 or 16-bit JPEG, PNG, TIFF), to be merged with it as by gonio merge
+    exposures: Vec<PathBuf>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -66,9 +69,8 @@ pub(crate) struct Options {
     /// Run --method variational or map on all observations instead of their projection (slower, more memory)
     #[arg(long)]
     full_rows: bool,
-    /// Values of an integer picture are linear radiance, not sRGB-coded
-    #[arg(long)]
-    linear: bool,
+    #[command(flatten)]
+    reading: photograph::Options,
     /// Radiance at which the camera clips; found by itself where many pixels share the maximum
     #[arg(long, value_name = "VALUE")]
     clip: Option<f32>,
@@ -172,9 +174,8 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let model_seconds = start.elapsed().as_secs_f64();
     // Read before the long work, used again for the pictures.
     let known = options.light.as_deref().map(input::light).transpose()?;
-    let decoded = input::photograph(&options.image, options.linear, &mut warnings)?;
-    let clip = options.clip.or(decoded.full_scale);
-    let picture = decoded.picture;
+    let Photograph { picture, clip, notes } =
+        photograph::read(&options.image, &options.exposures, &options.reading, options.clip, &mut warnings)?;
     let scene = observe::observe(options, &picture, clip, &mut warnings)?;
     // Made before the long work: a folder that cannot be made is told at once.
     let folder = StagedFolder::create(&options.output)?;
@@ -216,6 +217,9 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         "observations": scene.notes,
         "warnings": warnings,
     });
+    if let Some(notes) = notes {
+        result["bracket"] = notes;
+    }
     let mut seconds = json!({ "model": model_seconds, "reading": read_seconds, "drawing": drawing_seconds });
     seconds.as_object_mut().into_iter().for_each(|s| {
         s.extend(answer.seconds.iter().map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))));

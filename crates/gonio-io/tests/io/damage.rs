@@ -11,7 +11,7 @@ use gonio_io::{Error, Kind, cache::Cache, fits, merl, normals, npy};
 use image::{DynamicImage, ImageFormat};
 
 /// Small, so that a header made to lie cannot ask for much memory.
-const OPTIONS: ReadOptions = ReadOptions { linear: false, max_pixels: 1 << 16 };
+const OPTIONS: ReadOptions = ReadOptions { linear: false, max_pixels: 1 << 16, layer: None };
 /// Single-byte corruptions tried for each file.
 const FLIPS: usize = 400;
 

@@ -11,8 +11,8 @@ use gonio_io::atomic::write_file;
 use gonio_io::picture::{encode_exr_clipped, encode_png, encode_response};
 
 use crate::canvas::{LETTER, fill, place, sheet, text};
-use crate::photograph::{self, MergedBracket};
 use crate::input;
+use crate::photograph::{self, MergedBracket};
 
 /// Options of `gonio merge`.
 #[derive(clap::Args)]
@@ -130,7 +130,8 @@ fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
         row += LETTER + 4;
     };
     for &e in &order {
-        let name = paths.get(e).and_then(|p| p.file_name()).map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let name =
+            paths.get(e).and_then(|p| p.file_name()).map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         line(hue(e), &format!("{name}: {:.4} of the light, {} pixels", bracket.amounts[e], report.from[e]));
     }
     line(CLIPPED, &format!("clipped in all: {}", report.clipped));
@@ -166,7 +167,9 @@ fn curves(bracket: &MergedBracket) -> Plane<Vec3> {
     }
     let response = &bracket.response;
     let top = (0..3).map(|c| response.curve(c)[usize::from(response.max())]).fold(f64::MIN, f64::max);
-    for (channel, colour) in [Vec3::new(0.8, 0.1, 0.08), Vec3::new(0.1, 0.6, 0.1), Vec3::new(0.12, 0.25, 0.9)].iter().enumerate() {
+    for (channel, colour) in
+        [Vec3::new(0.8, 0.1, 0.08), Vec3::new(0.1, 0.6, 0.1), Vec3::new(0.12, 0.25, 0.9)].iter().enumerate()
+    {
         let curve = response.curve(channel);
         let height = |x: usize| {
             let code = x * (curve.len() - 1) / (PANEL - 1);

@@ -18,7 +18,7 @@ const CLIPPED_PIXELS: usize = 12;
 pub(crate) struct Options {
     /// Values of an integer picture are linear radiance, not sRGB-coded; the same as --response linear for exposures
     #[arg(long, conflicts_with = "response")]
-    linear: bool,
+    pub(crate) linear: bool,
     /// Exposure times of the files in seconds, in place of those of their EXIF data
     #[arg(long, value_name = "1/30,1/8,0.5,...", value_parser = parse_times)]
     times: Option<Times>,

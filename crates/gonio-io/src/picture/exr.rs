@@ -60,7 +60,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
 
 /// The radiance that means "clipped", where the file was written with one.
 fn clip_level(path: &Path, header: &Header) -> Result<Option<f32>, Error> {
-    let name = CLIP_LEVEL.into();
+    let name = exr::meta::attribute::Text::from(CLIP_LEVEL);
     match header.own_attributes.other.get(&name).or_else(|| header.shared_attributes.other.get(&name)) {
         None => Ok(None),
         Some(&AttributeValue::F32(level)) if level > 0.0 && level.is_finite() => Ok(Some(level)),

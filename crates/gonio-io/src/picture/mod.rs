@@ -35,16 +35,16 @@ use gonio::picture::Picture;
 
 use crate::{Error, guard};
 
-pub(crate) use exr::read_channels;
-pub(crate) use layers::{Selection, groups};
 pub use bracket::{Bracket, BracketOptions, decode_bracket, read_bracket};
+pub(crate) use exr::read_channels;
 pub use flat::{divide_by_flat, subtract_black};
+pub(crate) use layers::{Selection, groups};
 pub use mask::read_mask;
 pub use response::{decode_response, encode_response, read_response, write_response};
 pub use shot::Shot;
 pub use write::{
-    encode_exr, encode_exr_clipped, encode_hdr, encode_pfm, encode_png, encode_png_srgb8, write_exr, write_hdr, write_pfm, write_png,
-    write_png_srgb8,
+    encode_exr, encode_exr_clipped, encode_hdr, encode_pfm, encode_png, encode_png_srgb8, write_exr, write_hdr,
+    write_pfm, write_png, write_png_srgb8,
 };
 
 /// How to read a picture.

@@ -85,10 +85,9 @@ fn check_size(path: &Path, width: usize, height: usize, bytes: u64, options: &Re
 
 fn check_header(path: &Path, ifd: &IFD, bytes: u64, options: &ReadOptions) -> Result<(), Error> {
     let number = |tag: TiffCommonTag| ifd.get_entry(tag).filter(|e| e.count() > 0).map(|e| e.force_usize(0));
-    for (width, height) in [
-        (TiffCommonTag::ImageWidth, TiffCommonTag::ImageLength),
-        (TiffCommonTag::TileWidth, TiffCommonTag::TileLength),
-    ] {
+    for (width, height) in
+        [(TiffCommonTag::ImageWidth, TiffCommonTag::ImageLength), (TiffCommonTag::TileWidth, TiffCommonTag::TileLength)]
+    {
         if let (Some(width), Some(height)) = (number(width), number(height)) {
             check_size(path, width, height, bytes, options)?;
         }

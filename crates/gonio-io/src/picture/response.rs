@@ -42,7 +42,8 @@ pub fn decode_response(path: &Path, bytes: &[u8]) -> Result<Response, Error> {
     let lines = text.lines().enumerate().map(|(n, line)| (n + 1, line.trim()));
     for (number, line) in lines.filter(|(_, l)| !(l.is_empty() || l.starts_with('#') || l.starts_with("code"))) {
         let wrong = || Error::invalid(path, format!("has a line {number} that is not that of a response"), advice);
-        let fields: Vec<f64> = line.split(',').map(|f| f.trim().parse()).collect::<Result<_, _>>().map_err(|_| wrong())?;
+        let fields: Vec<f64> =
+            line.split(',').map(|f| f.trim().parse()).collect::<Result<_, _>>().map_err(|_| wrong())?;
         let (&code, values) = fields.split_first().ok_or_else(wrong)?;
         if code != curves[0].len() as f64 || code > f64::from(u16::MAX) {
             return Err(Error::invalid(path, format!("has the code {code} in line {number} out of order"), advice));

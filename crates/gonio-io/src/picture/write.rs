@@ -3,7 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use ::exr::meta::attribute::AttributeValue;
+use ::exr::meta::attribute::{AttributeValue, Text};
 use ::exr::prelude::{
     Blocks, Compression, Encoding, Image, Layer, LayerAttributes, LineOrder, SpecificChannels, Vec2, WritableImage,
 };
@@ -39,7 +39,7 @@ fn encode(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, clip_level: Option<f32>
     assert!(width > 0 && height > 0, "a picture has pixels");
     let attributes = || {
         let mut attributes = LayerAttributes::default();
-        let level = clip_level.map(|level| (exr::CLIP_LEVEL.into(), AttributeValue::F32(level)));
+        let level = clip_level.map(|level| (Text::from(exr::CLIP_LEVEL), AttributeValue::F32(level)));
         attributes.other.extend(level);
         attributes
     };

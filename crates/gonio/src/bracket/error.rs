@@ -100,7 +100,9 @@ pub enum BracketError {
         compared: usize,
     },
     /// Every pixel is clipped in every exposure, or black in all.
-    #[error("nothing is known of any pixel: {clipped} are clipped in every exposure and {dark} black; expose otherwise")]
+    #[error(
+        "nothing is known of any pixel: {clipped} are clipped in every exposure and {dark} black; expose otherwise"
+    )]
     NothingKnown {
         /// Pixels that are clipped in all.
         clipped: usize,

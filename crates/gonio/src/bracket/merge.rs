@@ -23,9 +23,9 @@ pub struct MergeSettings {
 }
 
 impl Default for MergeSettings {
-    /// The two topmost of 256 codes are clipped; 2 % of the pixels may disagree.
+    /// The five topmost of 256 codes are clipped; 2 % of the pixels may disagree.
     fn default() -> Self {
-        Self { white: 253.5 / 255.0, motion: 0.02 }
+        Self { white: 250.5 / 255.0, motion: 0.02 }
     }
 }
 
@@ -143,7 +143,12 @@ impl Table {
 enum Sample {
     /// Radiance, its relative error from rounding, the exposure of most weight and its weight, the exposures' mean
     /// relative disagreement where there are several.
-    Value { radiance: f64, error: f64, from: usize, disagreement: Option<f64> },
+    Value {
+        radiance: f64,
+        error: f64,
+        from: usize,
+        disagreement: Option<f64>,
+    },
     Clipped,
     Dark(f64),
     Moved,

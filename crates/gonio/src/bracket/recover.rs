@@ -5,9 +5,9 @@
 //! `z_ij` in exposure `j` says `g(z_ij) = ln E_i + ln t_j`; the best `ln E_i` given `g` is a weighted mean, which leaves
 //! normal equations in `g` alone. What differs from the paper:
 //!
-//! * an equation weighs by the inverse variance of `g(z)` under noise of the code, `g'(z)^2 NOISE^2`, with the slope of
-//!   the round before, and once more by how well it fits (Cauchy), so that what moved or was clipped in between loses
-//!   its voice;
+//! * an equation weighs by the inverse variance of `g(z)` under noise of the code, with the slope of a curve such as
+//!   cameras have, and once more by how well it fits (Cauchy), so that what moved or was clipped in between loses its
+//!   voice;
 //! * smoothness is asked of `g` over the logarithm of the code, where every power law is straight: what the data leave
 //!   open, near black above all, is continued by the local power law;
 //! * the curve is made to rise by isotonic regression.
@@ -26,9 +26,10 @@ const TRUSTED: std::ops::RangeInclusive<f64> = 2.5..=251.5;
 /// Standard deviation of a code, in levels: rounding and a little noise.
 const NOISE: f64 = 0.4;
 /// Relative error of an exposure below which nothing is better known.
-const FLOOR: f64 = 2e-3;
-/// Inverse variance of the curve's second derivative over the logarithm of the code.
-const SMOOTHNESS: f64 = 0.05;
+const FLOOR: f64 = 0.02;
+/// Weight of the curve's squared second derivative over the logarithm of the code. Times in a constant ratio leave
+/// functions of that period open, which only smoothness closes: less lets them in, more flattens sharp shoulders.
+const SMOOTHNESS: f64 = 100.0;
 /// Standard deviations at which an equation loses half its weight.
 const OUTLYING: f64 = 4.0;
 /// Rounds of weighing and solving.
@@ -91,9 +92,11 @@ fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
         return Err(BracketError::TooLittleOverlap { pixels: pixels.len(), least: LEAST_PIXELS });
     }
     let mut curve = Response::srgb((LEVELS - 1) as u16).curve(0).to_vec();
+    // Not of the curve found so far: it would gain by being steep where little is measured.
+    let slope: Vec<f64> = (0..LEVELS).map(|k| slope_at(&curve, k)).collect();
     for round in 0..ROUNDS {
         // Outliers can be told only once there is a curve of this camera.
-        curve = solve(pixels, &curve, round >= 2)?;
+        curve = solve(pixels, &curve, &slope, round >= 2)?;
     }
     let mut residuals: Vec<f64> = pixels.iter().flat_map(|p| disagreements(p, &curve)).collect();
     let residual = median(&mut residuals).unwrap_or(0.0);
@@ -112,11 +115,10 @@ fn disagreements(pixel: &Equations, curve: &[f64]) -> Vec<f64> {
 }
 
 /// One round: weights from the curve so far, then the best curve for them.
-fn solve(pixels: &[Equations], before: &[f64], robust: bool) -> Result<Vec<f64>, BracketError> {
-    let slope: Vec<f64> = (0..LEVELS).map(|k| slope_at(before, k)).collect();
+fn solve(pixels: &[Equations], before: &[f64], slope: &[f64], robust: bool) -> Result<Vec<f64>, BracketError> {
     let part = pixels.len().div_ceil(PARTS).max(1);
     let sums: Vec<(Mat<f64>, Vec<f64>)> =
-        pixels.par_chunks(part).map(|pixels| normal_equations(pixels, before, &slope, robust)).collect();
+        pixels.par_chunks(part).map(|pixels| normal_equations(pixels, before, slope, robust)).collect();
     let (mut matrix, mut right) = (Mat::<f64>::zeros(LEVELS, LEVELS), vec![0.0; LEVELS]);
     for (m, r) in &sums {
         matrix += m;

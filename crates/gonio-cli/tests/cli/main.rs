@@ -4,6 +4,7 @@
 
 mod infer;
 mod marginal;
+mod merge;
 mod refusals;
 mod render;
 mod support;

@@ -4,5 +4,7 @@
 
 mod damage;
 mod disk;
+#[cfg(feature = "raw")]
+mod raw;
 mod rgl;
 mod speed;

@@ -28,7 +28,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "FILE.csv")]
     save_response: Option<PathBuf>,
     #[command(flatten)]
-    reading: photograph::Options,
+    reading: photograph::Reading,
 }
 
 pub(crate) fn run(options: &Options) -> Result<()> {

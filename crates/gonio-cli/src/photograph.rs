@@ -15,7 +15,7 @@ const CLIPPED_PIXELS: usize = 12;
 
 /// Options of reading a photograph.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct Reading {
     /// Values of an integer picture are linear radiance, not sRGB-coded; the same as --response linear for exposures
     #[arg(long, conflicts_with = "response")]
     pub(crate) linear: bool,
@@ -73,7 +73,7 @@ pub(crate) struct MergedBracket {
 pub(crate) fn read(
     first: &Path,
     more: &[PathBuf],
-    options: &Options,
+    options: &Reading,
     clip: Option<f32>,
     warnings: &mut Vec<String>,
 ) -> Result<Photograph> {
@@ -88,7 +88,7 @@ pub(crate) fn read(
 }
 
 /// A picture that is a photograph by itself.
-fn single(path: &Path, options: &Options, clip: Option<f32>, warnings: &mut Vec<String>) -> Result<Photograph> {
+fn single(path: &Path, options: &Reading, clip: Option<f32>, warnings: &mut Vec<String>) -> Result<Photograph> {
     let name = path.display();
     if options.times.is_some() {
         bail!("{name}: --times is for exposures of one scene: give several files, or no times");
@@ -125,14 +125,14 @@ fn check_black(code: f64, max: f64) -> Result<()> {
     Ok(())
 }
 
-fn flatten(picture: &mut Picture, path: &Path, options: &Options, clip: Option<f32>) -> Result<Option<f32>> {
+fn flatten(picture: &mut Picture, path: &Path, options: &Reading, clip: Option<f32>) -> Result<Option<f32>> {
     let read = ReadOptions { linear: options.linear, ..ReadOptions::default() };
     let flat = gonio_io::picture::read(path, &read)?.picture.rgb;
     Ok(divide_by_flat(picture, &flat, path, clip)?)
 }
 
 /// Reads and merges the exposures of a bracket.
-pub(crate) fn merge_files(paths: &[PathBuf], options: &Options, warnings: &mut Vec<String>) -> Result<MergedBracket> {
+pub(crate) fn merge_files(paths: &[PathBuf], options: &Reading, warnings: &mut Vec<String>) -> Result<MergedBracket> {
     let names = || match paths {
         [one] => one.display().to_string(),
         [first, rest @ ..] => format!("{} and {} more", first.display(), rest.len()),

@@ -70,7 +70,7 @@ pub(crate) struct Options {
     #[arg(long)]
     full_rows: bool,
     #[command(flatten)]
-    reading: photograph::Options,
+    reading: photograph::Reading,
     /// Radiance at which the camera clips; found by itself where many pixels share the maximum
     #[arg(long, value_name = "VALUE")]
     clip: Option<f32>,

@@ -163,7 +163,7 @@ fn exposures_and_their_times() {
         picture::decode_bracket(&[(path, bytes), (path, &other)], &options)
             .inspect(|b| assert_eq!(b.exposures.len(), 2))
     });
-    let bracket = picture::decode_bracket(&[(Path::new("a.png"), &good); 2], &options).unwrap();
+    let bracket = picture::decode_bracket(&[(Path::new("a.png"), good.as_slice()); 2], &options).unwrap();
     assert_eq!(bracket.shots[0].seconds, Some(1.0 / 30.0));
     assert_eq!(bracket.exposures[1].amount, 1.0 / 30.0);
 }

@@ -26,7 +26,7 @@ fn scene() -> Picture {
     let alpha = ball.alpha.clone().unwrap();
     let tint = Vec3::new(1.0, 0.8, 0.6);
     let rgb = Plane::from_fn(SIDE, SIDE, |x, y| {
-        ball.rgb[(x, y)] * tint + (1.0 - alpha[(x, y)]) * Vec3::new(0.03, 0.04, 0.05)
+        ball.rgb[(x, y)] * tint + (1.0 - alpha[(x, y)]) * Vec3::new(2e-3, 3e-3, 4e-3) * (0.5 + x as f32 / 40.0)
     });
     let largest = rgb.as_slice().iter().fold(0.0, |a: f32, v| a.max(v.max_element()));
     // The brightest hundredth clips in the shortest exposure.
@@ -221,7 +221,7 @@ fn bad_brackets() {
         ("2.png 3.png --times 1,x", &["--times"]),
         ("2.png 3.png --times 1,0", &["--times"]),
         ("2.png 3.png --times 1/32,1 --response curve.csv", &["contradict their times"]),
-        ("2.png 4.png shifted.png --response curve.csv", &["2.png and 2 more: ", "disagree"]),
+        ("2.png 4.png shifted.png --response curve.csv", &["2.png and 2 more: ", "exposures"]),
         ("2.png 3.png --response none.csv", &["none.csv: cannot open"]),
         ("2.png 3.png --response falls.csv", &["falls.csv: is no response", "falls"]),
         ("2.png 2.png", &["the response cannot be recovered"]),

@@ -2,7 +2,7 @@
 
 use std::io::Cursor;
 
-use exif::{In, Reader, Tag, Value};
+use exif::{Context, In, Reader, Tag, Value};
 
 /// The settings of a camera that make a picture bright or dark; what the file does not tell is `None`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -22,7 +22,9 @@ impl Shot {
         let parse = || Reader::new().read_from_container(&mut Cursor::new(bytes)).ok();
         let Some(exif) = std::panic::catch_unwind(parse).ok().flatten() else { return Self::default() };
         let number = |tag: Tag| -> Option<f64> {
-            let value = match &exif.get_field(tag, In::PRIMARY)?.value {
+            // Some programs write these tags beside those of the picture instead of in the EXIF directory.
+            let beside = || exif.get_field(Tag(Context::Tiff, tag.number()), In::PRIMARY);
+            let value = match &exif.get_field(tag, In::PRIMARY).or_else(beside)?.value {
                 Value::Rational(v) => v.first()?.to_f64(),
                 Value::SRational(v) => v.first()?.to_f64(),
                 Value::Short(v) => f64::from(*v.first()?),

@@ -7,7 +7,7 @@ use super::merge::Table;
 use super::{BracketError, Exposure, median};
 
 /// Codes may be off by so much of the largest: rounding, noise, what JPEG does to edges.
-pub(super) const SLACK: f64 = 3.0 / 255.0;
+pub(super) const SLACK: f64 = 5.0 / 255.0;
 /// And the radiances they stand for by this factor besides.
 const TOLERANCE: f64 = 0.08;
 /// Factor between brightness and times beyond which the times are wrong. Nominal times are off by 7 % at most.

@@ -193,7 +193,7 @@ fn something_that_moves_is_found() {
     let got = Response::recover(&exposures).unwrap();
     let worst = (16..240).map(|k| (got.curve(1)[k] - truth().curve(1)[k] + truth().curve(1)[128]).abs());
     assert!(worst.fold(0.0, f64::max) < 0.06);
-    blot(&mut exposures[1], 60);
+    blot(&mut exposures[1], 100);
     let error = merge(&exposures, &truth(), &MergeSettings::default()).unwrap_err();
     assert!(matches!(error, BracketError::Motion { moved, .. } if moved > 400), "{error}");
     // The camera moved: one exposure is shifted by a few pixels.

@@ -179,7 +179,10 @@ pub(crate) fn merge_files(paths: &[PathBuf], options: &Reading, warnings: &mut V
         warnings.push(format!("{}: {percent:.0} % {side} than its exposure time says", path.display()));
     }
     for (count, what) in [
-        (report.moved, "are left out because the exposures contradict each other there: something moved"),
+        (
+            report.moved,
+            "are left out because the exposures contradict each other there: something moved, or JPEG smeared it",
+        ),
         (report.dark, "are black even in the longest exposure and get half of the least that it shows"),
     ] {
         if count > 0 {

@@ -122,7 +122,7 @@ fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
     place(&mut out, columns[0], top, &shown);
     place(&mut out, columns[1], top, &origin);
     place(&mut out, columns[2], top, &curves(bracket));
-    text(&mut out, columns[2], top + PANEL + 6, "code 0 to largest; exposure, a line each x10");
+    text(&mut out, columns[2], top + PANEL + 6, "exposure (lines: x 10) over code");
     let mut row = top + tall + GAP;
     let mut line = |colour: Vec3, label: &str| {
         fill(&mut out, (columns[0], row), (LETTER, LETTER), colour);

@@ -114,6 +114,9 @@ fn shot(exif: &rawler::exif::Exif) -> Shot {
     }
 }
 
+/// The colour of the binned pixel whose first sample is at a column and row; `None` for a mosaic that is not RGB.
+type Develop<'a> = Box<dyn Fn(usize, usize) -> Option<Vec3> + 'a>;
+
 /// Linear colours of binned pixels, 1 in all channels where a sample is at the white level.
 fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
     let data = image.data.as_f32();
@@ -141,7 +144,7 @@ fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
         ((data[(y * width + x) * samples + sample] - black) / (white - black)).clamp(0.0, 1.0)
     };
     let unsupported = || Error::unsupported(path, "has a mosaic of an unknown kind", "develop it to a linear EXR");
-    let (step, colour): (usize, Box<dyn Fn(usize, usize) -> Option<Vec3>>) = match &image.photometric {
+    let (step, colour): (usize, Develop<'_>) = match &image.photometric {
         RawPhotometricInterpretation::Cfa(config) => {
             let cfa = &config.cfa;
             let step = match (cfa.width, cfa.height) {

@@ -6,6 +6,8 @@
 mod canvas;
 mod infer;
 mod input;
+mod merge;
+mod photograph;
 mod progress;
 mod render;
 mod shape;
@@ -31,6 +33,8 @@ struct Args {
 enum Command {
     /// Infer the BRDF of the object in a photograph
     Infer(infer::Options),
+    /// Merge exposures of one scene to an HDR picture
+    Merge(merge::Options),
     /// Render a sphere of a BRDF under a light
     Render(render::Options),
     /// Learn the priors of light and reflectance
@@ -56,6 +60,7 @@ fn main() -> ExitCode {
     set_hook(Box::new(note));
     let run = || match &command {
         Command::Infer(options) => infer::run(options),
+        Command::Merge(options) => merge::run(options),
         Command::Render(options) => render::run(options),
         Command::Train(command) => train::run(command),
     };

@@ -3,6 +3,7 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod appearance;
+pub mod bracket;
 pub mod colour;
 pub mod inference;
 pub mod lighting;

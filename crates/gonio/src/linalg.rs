@@ -2,8 +2,10 @@
 
 use faer::diag::DiagMut;
 use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, Mat, MatRef, Par};
 
 /// Eigenvalues, ascending, and eigenvectors of a symmetric matrix, on one thread: the parallel tridiagonalisation splits its
@@ -24,6 +26,19 @@ pub(crate) fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
     )
     .expect("a finite symmetric matrix has eigenvectors");
     (values, vectors)
+}
+
+/// The solution of a symmetric positive definite system, on one thread. `None` where it is not positive definite.
+pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<f64>> {
+    let size = matrix.nrows();
+    let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
+    let stack = MemStack::new(&mut memory);
+    cholesky_in_place(matrix.as_mut(), Default::default(), Par::Seq, stack, Default::default()).ok()?;
+    let mut x = Mat::from_fn(size, 1, |i, _| right[i]);
+    solve_lower_triangular_in_place(matrix.as_ref(), x.as_mut(), Par::Seq);
+    solve_upper_triangular_in_place(matrix.transpose(), x.as_mut(), Par::Seq);
+    let solution: Vec<f64> = x.col(0).iter().copied().collect();
+    solution.iter().all(|v| v.is_finite()).then_some(solution)
 }
 
 pub(crate) fn project(x: &[f64], mean: &[f64], axis: &[f64]) -> f64 {

@@ -44,7 +44,7 @@ pub(super) fn answer(
         "settings": {
             "seed": options.seed, "starts": options.starts, "grid": options.grid,
             "solver": format!("{:?}", options.solver), "model_error": MODEL_ERROR,
-            "full_rows": options.full_rows, "linear": options.linear,
+            "full_rows": options.full_rows, "linear": options.reading.linear,
         },
         "transfer": plan_notes,
         "reflectance": {

@@ -73,7 +73,7 @@ pub(super) fn answer(
     let radiance: Vec<f64> = light.coefficients.iter().map(|l| l / scale).collect();
     let share = |n: &Neighbour| json!({ "name": n.name, "weight": n.weight });
     let sections = json!({
-        "settings": { "grid": options.grid, "linear": options.linear, "rows": ROWS, "steps": LightProblem::STEPS },
+        "settings": { "grid": options.grid, "linear": options.reading.linear, "rows": ROWS, "steps": LightProblem::STEPS },
         "posterior": {
             "materials": material.outlook.materials.iter().map(share).collect::<Vec<_>>(),
             "undetermined": material.open,

@@ -20,6 +20,7 @@ use gonio_io::atomic::StagedFolder;
 use gonio_io::npy;
 use serde_json::{Value, json};
 
+use crate::photograph::{self, Photograph};
 use crate::progress::Stage;
 use crate::shape::MeshOptions;
 use crate::{input, summary, uncertainty};
@@ -27,8 +28,10 @@ use crate::{input, summary, uncertainty};
 /// Options of `gonio infer`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// HDR photograph (EXR, Radiance HDR, PFM; PNG, TIFF, JPEG with a warning)
+    /// HDR photograph (EXR, Radiance HDR, PFM; PNG, TIFF, JPEG with a warning), or the first exposure of a bracket
     image: PathBuf,
+    /// Further exposures of the same scene (8 or 16-bit JPEG, PNG, TIFF), to be merged with it as by gonio merge
+    exposures: Vec<PathBuf>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -85,9 +88,8 @@ pub(crate) struct Options {
     /// brightness does not matter
     #[arg(long, value_name = "R,G,B", value_parser = colour::parse_light, conflicts_with = "light")]
     light_color: Option<[f64; 3]>,
-    /// Values of an integer picture are linear radiance, not sRGB-coded
-    #[arg(long)]
-    linear: bool,
+    #[command(flatten)]
+    reading: photograph::Reading,
     /// Radiance at which the camera clips; found by itself where many pixels share the maximum
     #[arg(long, value_name = "VALUE")]
     clip: Option<f32>,
@@ -201,9 +203,8 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let model_seconds = start.elapsed().as_secs_f64();
     // Read before the long work, used again for the pictures.
     let known = options.light.as_deref().map(input::light).transpose()?;
-    let decoded = input::photograph(&options.image, options.linear, &mut warnings)?;
-    let clip = options.clip.or(decoded.full_scale);
-    let picture = decoded.picture;
+    let Photograph { picture, clip, notes } =
+        photograph::read(&options.image, &options.exposures, &options.reading, options.clip, &mut warnings)?;
     let scene = observe::observe(options, &picture, clip, model.light.map, &mut warnings)?;
     // Made before the long work: a folder that cannot be made is told at once.
     let folder = StagedFolder::create(&options.output)?;
@@ -251,6 +252,9 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         "colour": colouring.notes,
         "warnings": warnings,
     });
+    if let Some(notes) = notes {
+        result["bracket"] = notes;
+    }
     let mut seconds = json!({
         "model": model_seconds, "reading": read_seconds, "colour": colour_seconds, "drawing": drawing_seconds,
     });

@@ -5,6 +5,7 @@
 mod colour;
 mod infer;
 mod marginal;
+mod merge;
 mod refusals;
 mod render;
 mod support;

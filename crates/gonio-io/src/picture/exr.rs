@@ -8,125 +8,73 @@ use exr::block::UncompressedBlock;
 use exr::block::reader::ChunksReader;
 use exr::math::Vec2;
 use exr::meta::MetaData;
-use exr::meta::attribute::SampleType;
+use exr::meta::attribute::{AttributeValue, SampleType};
 use exr::meta::header::Header;
 use exr::prelude::f16;
+use glam::{Mat3, Vec3};
 use gonio::picture::{Picture, Plane};
 use rayon::prelude::*;
 
-use super::{Decoded, Encoding, ReadOptions};
+use super::layers::{Chosen, Colours, Selection, choose};
+use super::{Decoded, Encoding, LayerChoice, ReadOptions};
 use crate::{Error, guard};
 
 /// Compressed blocks decoded at a time: enough to feed all cores, few enough to need little memory.
 const BATCH: usize = 64;
 
-/// The channels to read, in the order wanted, all of one layer.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Selection {
-    pub(crate) layer: usize,
-    pub(crate) channels: Vec<usize>,
-}
-
-/// Channels of one layer that share a prefix: `View.R`, `View.G` ... or, without prefix, `R`, `G` ...
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Group {
-    /// Lower case, without the last component; includes the name of the layer.
-    pub(crate) prefix: String,
-    layer: usize,
-    /// Last components in lower case, with their index in the layer.
-    channels: Vec<(String, usize)>,
-}
-
-impl Group {
-    fn index(&self, name: &str) -> Option<usize> {
-        self.channels.iter().find(|c| c.0 == name).map(|c| c.1)
-    }
-
-    /// The channels of these names (lower case), if all are there.
-    pub(crate) fn select(&self, names: &[&str]) -> Option<Selection> {
-        let channels = names.iter().map(|n| self.index(n)).collect::<Option<_>>()?;
-        Some(Selection { layer: self.layer, channels })
-    }
-
-    /// `select` with the alpha channel appended if there is one.
-    fn select_with_alpha(&self, names: &[&str]) -> Option<Selection> {
-        let mut selection = self.select(names)?;
-        selection.channels.extend(self.index("a"));
-        Some(selection)
-    }
-
-    /// The last part of the prefix: the name of the pass.
-    pub(crate) fn pass(&self) -> &str {
-        self.prefix.rsplit('.').next().unwrap_or_default()
-    }
-}
-
-/// The groups of all layers, in file order.
-pub(crate) fn groups(headers: &[Header]) -> Vec<Group> {
-    let mut groups: Vec<Group> = Vec::new();
-    for (layer, header) in headers.iter().enumerate() {
-        // The name of the only part tells nothing that the channels do not.
-        let part = match &header.own_attributes.layer_name {
-            Some(name) if headers.len() > 1 => name.to_string().to_ascii_lowercase(),
-            _ => String::new(),
-        };
-        for (index, channel) in header.channels.list.iter().enumerate() {
-            let name = channel.name.to_string().to_ascii_lowercase();
-            let (prefix, last) = name.rsplit_once('.').unwrap_or(("", &name));
-            let prefix = [part.as_str(), prefix].into_iter().filter(|p| !p.is_empty()).collect::<Vec<_>>().join(".");
-            match groups.iter_mut().find(|g| g.layer == layer && g.prefix == prefix) {
-                Some(group) => group.channels.push((last.to_owned(), index)),
-                None => groups.push(Group { prefix, layer, channels: vec![(last.to_owned(), index)] }),
-            }
-        }
-    }
-    groups
-}
-
-/// The colour channels: those without a prefix, else of the pass that holds the finished picture, else the first.
-fn select_colour(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
-    let groups = groups(headers);
-    let rank = |group: &Group| match group.pass() {
-        "" => 0,
-        "combined" | "composite" | "beauty" | "rgb" | "rgba" | "color" | "colour" | "main" => 1,
-        _ => 2,
-    };
-    let mut found: Option<(u32, Selection, bool)> = None;
-    for group in &groups {
-        let selection = group.select_with_alpha(&["r", "g", "b"]).or_else(|| group.select_with_alpha(&["y"]));
-        if let Some(selection) = selection
-            && found.as_ref().is_none_or(|f| rank(group) < f.0)
-        {
-            let chroma = group.index("ry").or(group.index("by")).is_some() && group.index("r").is_none();
-            found = Some((rank(group), selection, chroma));
-        }
-    }
-    match found {
-        Some((.., true)) => {
-            Err(Error::unsupported(path, "holds luminance and chroma channels", "write it with R, G, B"))
-        }
-        Some((_, selection, _)) => Ok(selection),
-        None => {
-            let names: Vec<_> =
-                headers.iter().flat_map(|h| &h.channels.list).take(12).map(|c| c.name.to_string()).collect();
-            let problem = format!("has no channels R, G, B or Y (it has {})", names.join(", "));
-            Err(Error::unsupported(path, problem, "write it with R, G, B"))
-        }
-    }
-}
+/// Attribute with the radiance at or above which a channel is clipped.
+pub(super) const CLIP_LEVEL: &str = "clipLevel";
 
 pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
-    let (width, height, planes) = read_channels(path, bytes, options, |headers| select_colour(path, headers))?;
-    let (colour, alpha) = match planes.as_slice() {
-        [r, g, b, alpha @ ..] => ([r, g, b], alpha),
-        [y, alpha @ ..] => ([y, y, y], alpha),
-        [] => return Err(Error::damaged(path, "has no channels")),
+    let (mut chosen, mut clip, mut weights) = (None, None, Vec3::ZERO);
+    let (width, height, planes) = read_channels(path, bytes, options, |headers| {
+        let found = choose(path, headers, options)?;
+        let header = &headers[found.selection.layer];
+        clip = clip_level(path, header)?;
+        weights = luminance_weights(header);
+        let selection = found.selection.clone();
+        chosen = Some(found);
+        Ok(selection)
+    })?;
+    let no_channels = || Error::damaged(path, "has no channels");
+    let Chosen { colours, name, others, .. } = chosen.ok_or_else(no_channels)?;
+    let (rgb, alpha): (Vec<Vec3>, _) = match (colours, planes.as_slice()) {
+        (Colours::Grey, [y, alpha @ ..]) => (y.iter().map(|&y| Vec3::splat(y)).collect(), alpha),
+        (Colours::Rgb, [r, g, b, alpha @ ..]) => {
+            (r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect(), alpha)
+        }
+        (Colours::Chroma, [y, ry, by, alpha @ ..]) => {
+            let colour = |((&y, &ry), &by): ((&f32, &f32), &f32)| {
+                let (r, b) = ((ry + 1.0) * y, (by + 1.0) * y);
+                Vec3::new(r, (y - r * weights.x - b * weights.z) / weights.y, b)
+            };
+            (y.iter().zip(ry).zip(by).map(colour).collect(), alpha)
+        }
+        _ => return Err(no_channels()),
     };
-    let [r, g, b] = colour;
-    let rgb = r.iter().zip(g).zip(b).map(|((&r, &g), &b)| glam::Vec3::new(r, g, b)).collect();
     let alpha = alpha.first().map(|a| Plane::from_vec(width, height, a.clone()));
     let picture = Picture { rgb: Plane::from_vec(width, height, rgb), alpha };
-    Ok(Decoded { picture, encoding: Encoding::LinearFloat, full_scale: None })
+    let layer = (!others.is_empty()).then_some(LayerChoice { name, others });
+    Ok(Decoded { picture, encoding: Encoding::LinearFloat, full_scale: clip, layer })
+}
+
+/// The radiance that means "clipped", where the file was written with one.
+fn clip_level(path: &Path, header: &Header) -> Result<Option<f32>, Error> {
+    let name = exr::meta::attribute::Text::from(CLIP_LEVEL);
+    match header.own_attributes.other.get(&name).or_else(|| header.shared_attributes.other.get(&name)) {
+        None => Ok(None),
+        Some(&AttributeValue::F32(level)) if level > 0.0 && level.is_finite() => Ok(Some(level)),
+        Some(_) => Err(Error::damaged(path, format!("has an attribute {CLIP_LEVEL} that is no positive number"))),
+    }
+}
+
+/// What red, green and blue of the file's primaries (those of Rec. 709 without others) add to luminance.
+fn luminance_weights(header: &Header) -> Vec3 {
+    const REC_709: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+    let Some(c) = header.shared_attributes.chromaticities else { return REC_709 };
+    let xyz = |v: Vec2<f32>| Vec3::new(v.x(), v.y(), 1.0 - v.x() - v.y()) / v.y();
+    let weights = Mat3::from_cols(xyz(c.red), xyz(c.green), xyz(c.blue)).inverse() * xyz(c.white);
+    if weights.is_finite() && weights.y.abs() > 1e-3 { weights } else { REC_709 }
 }
 
 /// Reads the channels that `select` picks from the headers, at full resolution: width and height of the display window
@@ -190,7 +138,8 @@ impl Canvas {
         let display = header.shared_attributes.display_window;
         let (width, height) = size(display.size)?;
         if header.channels.list.iter().any(|c| c.sampling != Vec2(1, 1)) {
-            return Err(Error::unsupported(path, "has subsampled channels", "write it with full channels"));
+            let advice = "write it with R, G, B at full resolution";
+            return Err(Error::unsupported(path, "has subsampled channels (luminance and chroma?)", advice));
         }
         let origin = header.own_attributes.layer_position;
         let offset = |data: i32, display: i32| i64::from(data) - i64::from(display);
@@ -291,11 +240,55 @@ mod tests {
 
     #[test]
     fn files_without_colour_say_what_they_hold() {
-        for (names, says) in [(&["Z", "W"][..], "W, Z"), (&["Y", "RY", "BY"], "chroma")] {
+        for (names, says) in [(&["Z", "W"][..], "W, Z"), (&["P.X", "P.Y", "P.Z"], "P.Y")] {
             let error = super::decode(Path::new("t.exr"), &any(names), &ReadOptions::default()).unwrap_err();
             assert_eq!(error.kind(), crate::Kind::Unsupported);
             assert!(error.to_string().contains(says), "{error}");
         }
+    }
+
+    #[test]
+    fn programs_call_colours_and_layers_as_they_like() {
+        let rgb = glam::Vec3::new(1.0, 2.0, 3.0);
+        assert_eq!(first(&any(&["red", "green", "blue", "alpha"])), (rgb, Some(4.0)));
+        assert_eq!(first(&any(&["Image.Red", "Image.Green", "Image.Blue"])), (rgb, None));
+        assert_eq!(first(&any(&["ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B"])).0, rgb);
+        assert_eq!(first(&any(&["beauty_R", "beauty_G", "beauty_B", "Z"])).0, rgb);
+        assert_eq!(first(&any(&["cam 1/red", "cam 1/green", "cam 1/blue"])).0, rgb);
+        assert_eq!(first(&any(&["luminance"])).0, glam::Vec3::ONE);
+        assert_eq!(first(&any(&["P.X", "P.Y", "P.Z", "C.R", "C.G", "C.B"])).0, glam::Vec3::new(4.0, 5.0, 6.0));
+    }
+
+    #[test]
+    fn luminance_and_chroma_become_colour() {
+        // Sorted by name: BY 2, RY 3, Y 0.5 as given here.
+        let channel = |name: &str, v: f32| AnyChannel::new(name, FlatSamples::F32(vec![v; 6]));
+        let colour = glam::Vec3::new(0.9, 0.4, 0.2);
+        let y = colour.dot(glam::Vec3::new(0.2126, 0.7152, 0.0722));
+        let list = sorted([channel("Y", y), channel("RY", colour.x / y - 1.0), channel("BY", colour.z / y - 1.0)]);
+        assert!((first(&encode((3, 2), list)).0 - colour).length() < 1e-6);
+    }
+
+    #[test]
+    fn a_layer_is_chosen_by_name_and_named_where_there_are_several() {
+        let names = ["V.Combined.R", "V.Combined.G", "V.Combined.B", "V.Diffuse.R", "V.Diffuse.G", "V.Diffuse.B"];
+        let read = |layer: Option<&str>| {
+            let options = ReadOptions { layer: layer.map(str::to_owned), ..ReadOptions::default() };
+            super::decode(Path::new("t.exr"), &any(&names), &options)
+        };
+        let got = read(None).unwrap();
+        let layer = got.layer.unwrap();
+        assert_eq!((layer.name.as_str(), layer.others.as_slice()), ("v.combined", &["v.diffuse".to_owned()][..]));
+        for name in ["diffuse", "V.Diffuse"] {
+            assert_eq!(read(Some(name)).unwrap().picture.rgb[(0, 0)], glam::Vec3::new(4.0, 5.0, 6.0));
+        }
+        let error = read(Some("gloss")).unwrap_err().to_string();
+        assert_eq!(error, "t.exr: has no layer gloss with a picture; choose of v.combined, v.diffuse");
+        assert_eq!(decode_alone(&["R", "G", "B"]).layer, None);
+    }
+
+    fn decode_alone(names: &[&str]) -> Decoded {
+        super::decode(Path::new("t.exr"), &any(names), &ReadOptions::default()).unwrap()
     }
 
     #[test]

@@ -6,13 +6,29 @@ use std::path::Path;
 use glam::Vec3;
 use gonio::picture::{Picture, Plane, srgb_decode};
 use image::error::ImageError;
+use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
-use super::{Decoded, Encoding, ReadOptions};
+use super::{Decoded, Encoding, ReadOptions, jpeg};
 use crate::{Error, guard};
 
 pub(super) fn decode(path: &Path, bytes: &[u8], format: ImageFormat, options: &ReadOptions) -> Result<Decoded, Error> {
+    let (mut image, orientation) = load(path, bytes, format, options)?;
+    image.apply_orientation(orientation);
+    unpack(path, &image, options.linear)
+}
+
+/// The picture as the file holds it, and how it is to be turned.
+pub(super) fn load(
+    path: &Path,
+    bytes: &[u8],
+    format: ImageFormat,
+    options: &ReadOptions,
+) -> Result<(DynamicImage, Orientation), Error> {
     let name = format!("{format:?}").to_uppercase();
+    if format == ImageFormat::Jpeg {
+        jpeg::check_complete(path, bytes)?;
+    }
     guard::catching(path, &name, || {
         let failed = |e| explain(path, e);
         let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
@@ -24,10 +40,8 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: ImageFormat, options: &R
         let (width, height) = decoder.dimensions();
         options.check_size(path, width.into(), height.into())?;
         // Metadata that cannot be read is no reason to refuse the picture.
-        let orientation = decoder.orientation().unwrap_or(image::metadata::Orientation::NoTransforms);
-        let mut image = DynamicImage::from_decoder(decoder).map_err(failed)?;
-        image.apply_orientation(orientation);
-        unpack(path, &image, options.linear)
+        let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+        Ok((DynamicImage::from_decoder(decoder).map_err(failed)?, orientation))
     })
 }
 
@@ -64,7 +78,7 @@ fn unpack(path: &Path, image: &DynamicImage, linear: bool) -> Result<Decoded, Er
         (bits, true) => Encoding::Linear { bits },
         (bits, false) => Encoding::Srgb { bits },
     };
-    Ok(Decoded { picture, encoding, full_scale: (bits != 32).then_some(1.0) })
+    Ok(Decoded { picture, encoding, full_scale: (bits != 32).then_some(1.0), layer: None })
 }
 
 /// The linear value of each code.

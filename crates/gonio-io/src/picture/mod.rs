@@ -1,23 +1,32 @@
 //! Pictures on disk: photographs, light maps, masks.
 //!
 //! The format is recognised by content, never by the name. Conventions:
-//! * OpenEXR: channels `R G B [A]` or `Y [A]` (grey), also with a layer's prefix; 16/32-bit float or 32-bit integer.
+//! * OpenEXR: channels `R G B [A]`, `Y [A]` (grey) or `Y RY BY [A]` (not subsampled), under these or other usual names,
+//!   also with a layer's prefix; 16/32-bit float or 32-bit integer.
 //!   The picture has the size of the display window; pixels outside the data window are zero. Colour stays multiplied
 //!   by alpha, as the format defines it.
 //! * Radiance HDR: values as stored; `EXPOSURE` and `COLORCORR` are ignored, as the scale is arbitrary anyway.
 //! * PFM: values times the absolute value of the header's scale.
 //! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): sRGB-coded unless [`ReadOptions::linear`] says
 //!   otherwise; embedded colour profiles are ignored; an EXIF orientation is applied; colour is not multiplied by alpha.
+//! * A camera's raw files, with the feature `raw`: linear camera RGB, binned; see the module of that name.
 //!
 //! Not-a-number, infinite and negative values are passed on: whether they matter depends on the mask, which only the
 //! caller knows.
 
+mod bracket;
 mod exr;
+mod flat;
 mod integer;
 mod jpeg;
+mod layers;
 mod mask;
 mod pfm;
 mod radiance;
+#[cfg(feature = "raw")]
+mod raw;
+mod response;
+mod shot;
 mod write;
 
 use std::path::Path;
@@ -26,11 +35,16 @@ use gonio::picture::Picture;
 
 use crate::{Error, guard};
 
-pub(crate) use exr::{Selection, groups, read_channels};
+pub use bracket::{Bracket, BracketOptions, decode_bracket, read_bracket};
+pub(crate) use exr::read_channels;
+pub use flat::{divide_by_flat, subtract_black};
+pub(crate) use layers::{Selection, groups};
 pub use mask::read_mask;
+pub use response::{decode_response, encode_response, read_response, write_response};
+pub use shot::Shot;
 pub use write::{
-    encode_exr, encode_hdr, encode_pfm, encode_png, encode_png_srgb8, write_exr, write_hdr, write_pfm, write_png,
-    write_png_srgb8,
+    encode_exr, encode_exr_clipped, encode_hdr, encode_pfm, encode_png, encode_png_srgb8, write_exr, write_hdr,
+    write_pfm, write_png, write_png_srgb8,
 };
 
 /// How to read a picture.
@@ -40,12 +54,15 @@ pub struct ReadOptions {
     pub linear: bool,
     /// Largest number of pixels, checked on the header before memory is taken; about 16 bytes are needed for each.
     pub max_pixels: u64,
+    /// Layer of an OpenEXR file to read, by its name or the last part of it, in any case; `rgb` is that of channels
+    /// without a layer. `None` takes the finished picture. No effect on other files.
+    pub layer: Option<String>,
 }
 
 impl Default for ReadOptions {
     /// sRGB-coded integers, at most 2^27 (134 million) pixels.
     fn default() -> Self {
-        Self { linear: false, max_pixels: 1 << 27 }
+        Self { linear: false, max_pixels: 1 << 27, layer: None }
     }
 }
 
@@ -93,8 +110,20 @@ pub struct Decoded {
     pub picture: Picture,
     /// How the file coded it.
     pub encoding: Encoding,
-    /// The value of a saturated sample, 1.0 for integer files; `None` for float files, where the file does not tell.
+    /// The value of a saturated sample, 1.0 for integer files. Float files tell it in the OpenEXR attribute `clipLevel`,
+    /// if at all.
     pub full_scale: Option<f32>,
+    /// Which picture was taken of an OpenEXR file that holds several.
+    pub layer: Option<LayerChoice>,
+}
+
+/// One of several pictures in a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LayerChoice {
+    /// The one taken, in lower case.
+    pub name: String,
+    /// The ones left, at least one.
+    pub others: Vec<String>,
 }
 
 /// The formats read here, by their first bytes.
@@ -106,12 +135,18 @@ pub(crate) enum Format {
     Png,
     Jpeg,
     Tiff,
+    #[cfg(feature = "raw")]
+    Raw,
 }
 
 impl Format {
     pub(crate) fn of(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
         const READABLE: &str = "give EXR, HDR, PFM, PNG, JPEG or TIFF";
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        #[cfg(feature = "raw")]
+        if raw::is_raw(&extension) && !matches!(extension.as_str(), "tif" | "tiff") {
+            return Ok(Self::Raw);
+        }
         match bytes {
             [0x76, 0x2f, 0x31, 0x01, ..] => Ok(Self::Exr),
             [b'#', b'?', ..] => Ok(Self::Radiance),
@@ -123,7 +158,7 @@ impl Format {
                 "dng" | "cr2" | "nef" | "arw" | "orf" | "pef" | "rw2" => Err(Error::unsupported(
                     path,
                     "is a camera's raw file",
-                    "develop it without a tone curve to a linear EXR or 16-bit TIFF",
+                    "develop it without a tone curve to a linear EXR or 16-bit TIFF, or build gonio with the feature raw",
                 )),
                 _ => Ok(Self::Tiff),
             },
@@ -159,17 +194,16 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decode
         Format::Pfm => pfm::decode(path, bytes, options),
         Format::Png => integer::decode(path, bytes, image::ImageFormat::Png, options),
         Format::Tiff => integer::decode(path, bytes, image::ImageFormat::Tiff, options),
-        Format::Jpeg => {
-            jpeg::check_complete(path, bytes)?;
-            integer::decode(path, bytes, image::ImageFormat::Jpeg, options)
-        }
+        Format::Jpeg => integer::decode(path, bytes, image::ImageFormat::Jpeg, options),
+        #[cfg(feature = "raw")]
+        Format::Raw => Ok(raw::develop(path, bytes, options)?.into_decoded()),
     }
 }
 
 /// What float formats without an alpha channel decode to.
 fn float_picture(width: usize, height: usize, rgb: Vec<glam::Vec3>) -> Decoded {
     let rgb = gonio::picture::Plane::from_vec(width, height, rgb);
-    Decoded { picture: Picture { rgb, alpha: None }, encoding: Encoding::LinearFloat, full_scale: None }
+    Decoded { picture: Picture { rgb, alpha: None }, encoding: Encoding::LinearFloat, full_scale: None, layer: None }
 }
 
 #[cfg(test)]

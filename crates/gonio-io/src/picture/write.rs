@@ -3,13 +3,16 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use exr::prelude::{Blocks, Compression, Encoding, Image, LineOrder, SpecificChannels, Vec2, WritableImage};
+use ::exr::meta::attribute::{AttributeValue, Text};
+use ::exr::prelude::{
+    Blocks, Compression, Encoding, Image, Layer, LayerAttributes, LineOrder, SpecificChannels, Vec2, WritableImage,
+};
 use glam::Vec3;
 use gonio::picture::{Plane, srgb_encode};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-use super::{pfm, radiance};
+use super::{exr, pfm, radiance};
 use crate::{Error, atomic};
 
 /// OpenEXR with 32-bit float channels `R G B`, and `A` if alpha is given, compressed without loss. Any float value is
@@ -18,8 +21,28 @@ use crate::{Error, atomic};
 /// # Panics
 /// If the picture has no pixels, or alpha another size.
 pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
+    encode(rgb, alpha, None)
+}
+
+/// [`encode_exr`] with the radiance from which on a channel is clipped, as the attribute `clipLevel`, which
+/// [`read`](super::read) gives back as [`Decoded::full_scale`](super::Decoded::full_scale).
+///
+/// # Panics
+/// Like [`encode_exr`], and if the level is not positive and finite.
+pub fn encode_exr_clipped(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, clip_level: f32) -> Vec<u8> {
+    assert!(clip_level > 0.0 && clip_level.is_finite(), "a clip level is positive");
+    encode(rgb, alpha, Some(clip_level))
+}
+
+fn encode(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, clip_level: Option<f32>) -> Vec<u8> {
     let (width, height) = rgb.size();
     assert!(width > 0 && height > 0, "a picture has pixels");
+    let attributes = || {
+        let mut attributes = LayerAttributes::default();
+        let level = clip_level.map(|level| (Text::from(exr::CLIP_LEVEL), AttributeValue::F32(level)));
+        attributes.other.extend(level);
+        attributes
+    };
     let encoding =
         Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
     let mut bytes = Cursor::new(Vec::new());
@@ -30,11 +53,15 @@ pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
                 let v = rgb[(x, y)];
                 (v.x, v.y, v.z, alpha[(x, y)])
             });
-            Image::from_encoded_channels((width, height), encoding, channels).write().to_buffered(&mut bytes)
+            Image::from_layer(Layer::new((width, height), attributes(), encoding, channels))
+                .write()
+                .to_buffered(&mut bytes)
         }
         None => {
             let channels = SpecificChannels::rgb(|Vec2(x, y): Vec2<usize>| rgb[(x, y)].into());
-            Image::from_encoded_channels((width, height), encoding, channels).write().to_buffered(&mut bytes)
+            Image::from_layer(Layer::new((width, height), attributes(), encoding, channels))
+                .write()
+                .to_buffered(&mut bytes)
         }
     };
     written.expect("memory can be written");
@@ -149,6 +176,19 @@ mod tests {
         let rgb = Plane::from_vec(1, 1, vec![Vec3::new(f32::NAN, f32::INFINITY, -1.0)]);
         let got = decode(Path::new("t"), &encode_exr(&rgb, None), &ReadOptions::default()).unwrap().picture.rgb;
         assert!(got[(0, 0)].x.is_nan() && got[(0, 0)].y == f32::INFINITY && got[(0, 0)].z == -1.0);
+    }
+
+    #[test]
+    fn exr_keeps_the_clip_level() {
+        let bytes = encode_exr_clipped(&wavy(), None, 12.5);
+        let got = decode(Path::new("t"), &bytes, &ReadOptions::default()).unwrap();
+        assert_eq!((got.full_scale, got.picture.rgb), (Some(12.5), wavy()));
+        let at = bytes.windows(4).position(|w| w == 12.5_f32.to_le_bytes()).unwrap();
+        for bad in [0.0_f32, -1.0, f32::NAN] {
+            let mut bytes = bytes.clone();
+            bytes[at..at + 4].copy_from_slice(&bad.to_le_bytes());
+            assert!(decode(Path::new("t"), &bytes, &ReadOptions::default()).is_err(), "{bad}");
+        }
     }
 
     #[test]

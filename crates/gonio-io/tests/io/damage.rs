@@ -11,7 +11,7 @@ use gonio_io::{Error, Kind, cache::Cache, fits, merl, normals, npy};
 use image::{DynamicImage, ImageFormat};
 
 /// Small, so that a header made to lie cannot ask for much memory.
-const OPTIONS: ReadOptions = ReadOptions { linear: false, max_pixels: 1 << 16 };
+const OPTIONS: ReadOptions = ReadOptions { linear: false, max_pixels: 1 << 16, layer: None };
 /// Single-byte corruptions tried for each file.
 const FLIPS: usize = 400;
 
@@ -133,6 +133,46 @@ fn tiff() {
     // Small fields of the directory at the end may have padding.
     check_picture("8.tif", &through_image(ImageFormat::Tiff, false), 4);
     check_picture("16.tif", &through_image(ImageFormat::Tiff, true), 4);
+}
+
+/// A TIFF or PNG in which nothing but the time of exposure can be told.
+fn with_time(mut exif_at: impl FnMut(Vec<u8>) -> Vec<u8>) -> Vec<u8> {
+    let mut exif = b"II\x2a\0\x08\0\0\0\x01\0".to_vec();
+    exif.extend([0x9a, 0x82, 5, 0, 1, 0, 0, 0, 26, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 30, 0, 0, 0]);
+    exif_at(exif)
+}
+
+fn png_with_exif(exif: Vec<u8>) -> Vec<u8> {
+    use image::ImageEncoder;
+    let samples: Vec<u8> =
+        wavy(29, 23).as_slice().iter().flat_map(|v| v.to_array()).map(|v| (v * 255.0) as u8).collect();
+    let mut bytes = Vec::new();
+    let mut encoder = image::codecs::png::PngEncoder::new(&mut bytes);
+    encoder.set_exif_metadata(exif).unwrap();
+    encoder.write_image(&samples, 29, 23, image::ExtendedColorType::Rgb8).unwrap();
+    bytes
+}
+
+#[test]
+fn exposures_and_their_times() {
+    let options = picture::BracketOptions { read: OPTIONS, ..Default::default() };
+    let good = with_time(png_with_exif);
+    let other = good.clone();
+    // Both are read, so that the times of both are needed.
+    check("a.png", &good, 16, |path, bytes| {
+        picture::decode_bracket(&[(path, bytes), (path, &other)], &options)
+            .inspect(|b| assert_eq!(b.exposures.len(), 2))
+    });
+    let bracket = picture::decode_bracket(&[(Path::new("a.png"), good.as_slice()); 2], &options).unwrap();
+    assert_eq!(bracket.shots[0].seconds, Some(1.0 / 30.0));
+    assert_eq!(bracket.exposures[1].amount, 1.0 / 30.0);
+}
+
+#[test]
+fn response() {
+    let good = picture::encode_response(&gonio::bracket::Response::srgb(255));
+    // A curve that ends early is a curve, of a camera with fewer codes, as is one whose last number lacks digits.
+    check("a.csv", &good, good.len(), picture::decode_response);
 }
 
 #[test]

@@ -6,5 +6,7 @@ mod corpus;
 mod damage;
 mod disk;
 mod mutation;
+#[cfg(feature = "raw")]
+mod raw;
 mod rgl;
 mod speed;

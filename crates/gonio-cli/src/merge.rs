@@ -1,0 +1,185 @@
+//! `gonio merge`: the exposures of a bracket to one HDR picture.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use glam::Vec3;
+use gonio::bracket::{Known, Merged};
+use gonio::picture::Plane;
+use gonio::render::Exposure;
+use gonio_io::atomic::write_file;
+use gonio_io::picture::{encode_exr_clipped, encode_png, encode_response};
+
+use crate::canvas::{LETTER, fill, place, sheet, text};
+use crate::input;
+use crate::photograph::{self, MergedBracket};
+
+/// Options of `gonio merge`.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Exposures of one still scene: 8 or 16-bit JPEG, PNG or TIFF files of one size
+    #[arg(required = true)]
+    images: Vec<PathBuf>,
+    /// HDR picture to write; pixels of which nothing is known hold the value of its attribute clipLevel, which
+    /// gonio infer leaves out and counts. What was used where goes to a .merge.png beside it
+    #[arg(short, long, value_name = "X.exr")]
+    output: PathBuf,
+    /// Write the camera's curve: logarithm of the exposure of each code, as text
+    #[arg(long, value_name = "FILE.csv")]
+    save_response: Option<PathBuf>,
+    #[command(flatten)]
+    reading: photograph::Reading,
+}
+
+pub(crate) fn run(options: &Options) -> Result<()> {
+    if options.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
+        bail!("{}: write to a name ending in .exr", options.output.display());
+    }
+    let mut warnings = Vec::new();
+    let bracket = photograph::merge_files(&options.images, &options.reading, &mut warnings)?;
+    let merged = &bracket.merged;
+    let picture = &merged.picture;
+    let mut files = vec![
+        (options.output.clone(), encode_exr_clipped(&picture.rgb, picture.alpha.as_ref(), merged.clip_level)),
+        (options.output.with_extension("merge.png"), encode_png(&draw(&bracket, &options.images))),
+    ];
+    if let Some(path) = &options.save_response {
+        files.push((path.clone(), encode_response(&bracket.response)));
+    }
+    write_all(&files)?;
+    input::warn(&warnings);
+    let report = &merged.report;
+    println!(
+        "{}: {} exposures, {}x{} pixels; {} clipped, {} black, {} contradictory, {} known to less than 2 % by their \
+         codes; response {}, median disagreement {:.1} %",
+        options.output.display(),
+        options.images.len(),
+        picture.rgb.width(),
+        picture.rgb.height(),
+        report.clipped,
+        report.dark,
+        report.moved,
+        report.coarse,
+        if bracket.recovered { "recovered" } else { "given" },
+        100.0 * report.residual
+    );
+    Ok(())
+}
+
+/// Writes all files; where one cannot be written, those that were not there before are removed again.
+fn write_all(files: &[(PathBuf, Vec<u8>)]) -> Result<()> {
+    let mut made: Vec<&Path> = Vec::new();
+    for (path, bytes) in files {
+        let is_new = !path.exists();
+        if let Err(error) = write_file(path, bytes) {
+            for path in made {
+                // What cannot be removed either is told by the error all the same.
+                let _ = std::fs::remove_file(path);
+            }
+            return Err(error.into());
+        }
+        if is_new {
+            made.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// Width of a panel, pixels.
+const PANEL: usize = 320;
+/// Distance between panels.
+const GAP: usize = 16;
+const CLIPPED: Vec3 = Vec3::new(1.0, 1.0, 1.0);
+const DARK: Vec3 = Vec3::ZERO;
+const MOVED: Vec3 = Vec3::new(1.0, 0.0, 0.6);
+
+/// The merged picture, which exposure each pixel is from, and the response.
+fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
+    let Merged { picture, known, report, .. } = &bracket.merged;
+    let count = bracket.amounts.len();
+    // Ranks by light, so that colours run from the shortest to the longest.
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|&a, &b| bracket.amounts[a].total_cmp(&bracket.amounts[b]));
+    let rank = |exposure: usize| order.iter().position(|&e| e == exposure).unwrap_or(0);
+    let hue = |exposure: usize| rainbow(rank(exposure) as f32 / (count - 1).max(1) as f32);
+
+    let is_known = |i: usize| matches!(known.as_slice()[i], Known::From(_));
+    let exposure = Exposure::by_quantile(&picture.rgb, is_known, 0.9, 0.6);
+    let shown = small(&picture.rgb.map(|v| exposure.apply(*v)));
+    let origin = small(&known.map(|known| match known {
+        Known::From(exposure) => hue(usize::from(*exposure)),
+        Known::Clipped => CLIPPED,
+        Known::Dark => DARK,
+        Known::Moved => MOVED,
+    }));
+    let legend = (count + 4) * (LETTER + 4);
+    let (top, tall) = (GAP + LETTER + 6, shown.height().max(PANEL));
+    let mut out = sheet(4 * GAP + 2 * shown.width() + PANEL, top + tall + GAP + legend);
+    let columns = [GAP, 2 * GAP + shown.width(), 3 * GAP + 2 * shown.width()];
+    text(&mut out, columns[0], GAP, "merged");
+    text(&mut out, columns[1], GAP, "most of it from");
+    text(&mut out, columns[2], GAP, if bracket.recovered { "response, recovered" } else { "response, given" });
+    place(&mut out, columns[0], top, &shown);
+    place(&mut out, columns[1], top, &origin);
+    place(&mut out, columns[2], top, &curves(bracket));
+    text(&mut out, columns[2], top + PANEL + 6, "exposure (lines: x 10) over code");
+    let mut row = top + tall + GAP;
+    let mut line = |colour: Vec3, label: &str| {
+        fill(&mut out, (columns[0], row), (LETTER, LETTER), colour);
+        text(&mut out, columns[0] + 2 * LETTER, row, label);
+        row += LETTER + 4;
+    };
+    for &e in &order {
+        let name =
+            paths.get(e).and_then(|p| p.file_name()).map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        line(hue(e), &format!("{name}: {:.4} of the light, {} pixels", bracket.amounts[e], report.from[e]));
+    }
+    line(CLIPPED, &format!("clipped in all: {}", report.clipped));
+    line(DARK, &format!("black in all: {}", report.dark));
+    line(MOVED, &format!("contradictory: {}", report.moved));
+    out
+}
+
+/// At most as wide and high as a panel, by leaving pixels out.
+fn small(picture: &Plane<Vec3>) -> Plane<Vec3> {
+    let (width, height) = picture.size();
+    let step = width.max(height).div_ceil(PANEL).max(1);
+    Plane::from_fn(width.div_ceil(step), height.div_ceil(step), |x, y| picture[(x * step, y * step)])
+}
+
+/// Blue, green, yellow, red for 0..=1.
+fn rainbow(x: f32) -> Vec3 {
+    const STOPS: [Vec3; 4] =
+        [Vec3::new(0.03, 0.1, 0.7), Vec3::new(0.02, 0.5, 0.25), Vec3::new(0.9, 0.6, 0.05), Vec3::new(0.7, 0.05, 0.03)];
+    let at = x.clamp(0.0, 1.0) * 3.0;
+    let k = (at as usize).min(2);
+    STOPS[k].lerp(STOPS[k + 1], at - k as f32)
+}
+
+/// The three curves: codes to the right, decades of exposure upwards, four of them.
+fn curves(bracket: &MergedBracket) -> Plane<Vec3> {
+    const DECADES: f64 = 4.0;
+    let mut out = sheet(PANEL, PANEL);
+    for k in 0..=4 {
+        let y = (k * (PANEL - 1)) / 4;
+        fill(&mut out, (0, y), (PANEL, 1), Vec3::splat(0.05));
+        fill(&mut out, (y, 0), (1, PANEL), Vec3::splat(0.05));
+    }
+    let response = &bracket.response;
+    let top = (0..3).map(|c| response.curve(c)[usize::from(response.max())]).fold(f64::MIN, f64::max);
+    for (channel, colour) in
+        [Vec3::new(0.8, 0.1, 0.08), Vec3::new(0.1, 0.6, 0.1), Vec3::new(0.12, 0.25, 0.9)].iter().enumerate()
+    {
+        let curve = response.curve(channel);
+        let height = |x: usize| {
+            let code = x * (curve.len() - 1) / (PANEL - 1);
+            let share = (top - curve[code]) / (DECADES * std::f64::consts::LN_10);
+            (share * (PANEL - 1) as f64).clamp(0.0, (PANEL - 1) as f64) as usize
+        };
+        for x in 1..PANEL {
+            let (a, b) = (height(x), height(x - 1));
+            fill(&mut out, (x, a.min(b)), (2, a.abs_diff(b) + 2), *colour);
+        }
+    }
+    out
+}

@@ -1,0 +1,203 @@
+//! Brackets on disk: integer pictures of one scene, and how much light each took in.
+
+use std::path::{Path, PathBuf};
+
+use gonio::bracket::{Codes, Exposure};
+use gonio::picture::Plane;
+use image::DynamicImage;
+use image::metadata::Orientation;
+
+use super::{Format, ReadOptions, Shot, integer};
+use crate::{Error, guard};
+
+/// Most samples of all pictures of a bracket together.
+const MOST_PIXELS: u64 = 1 << 29;
+
+/// How to read a bracket.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BracketOptions {
+    /// The exposure time of each file in seconds, in place of EXIF data; positive, as many as files.
+    pub times: Option<Vec<f64>>,
+    /// Limits of each picture. [`ReadOptions::linear`] has no effect: codes are codes.
+    pub read: ReadOptions,
+}
+
+/// A bracket as read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bracket {
+    /// In the order of the files, turned as their orientation says.
+    pub exposures: Vec<Exposure>,
+    /// Coverage in 0..=1, where the first file has an alpha channel.
+    pub alpha: Option<Plane<f32>>,
+    /// How each picture was taken.
+    pub shots: Vec<Shot>,
+    /// Whether the codes are linear radiance because they come from a camera's raw files.
+    pub linear: bool,
+}
+
+/// One file of a bracket.
+struct Coded {
+    codes: Codes,
+    alpha: Option<Plane<f32>>,
+    orientation: Orientation,
+    shot: Shot,
+    linear: bool,
+}
+
+/// Reads 8 or 16-bit JPEG, PNG and TIFF files (with the feature `raw` also a camera's raw files) as a bracket.
+///
+/// The amount of light of each is its exposure time times its ISO sensitivity over the square of its f-number; a
+/// sensitivity or f-number that no file tells is taken as the same for all. With [`BracketOptions::times`] it is those
+/// times alone. A single file needs none.
+///
+/// # Errors
+/// If a file cannot be read, is damaged or holds no integers; if files differ in size, depth or orientation; if
+/// exposure times are missing, or sensitivity or f-number in some files only.
+pub fn read_bracket(paths: &[PathBuf], options: &BracketOptions) -> Result<Bracket, Error> {
+    let mut files = Vec::new();
+    for path in paths {
+        let bytes = guard::read_whole(path, options.read.max_bytes())?;
+        files.push((path.as_path(), decode_codes(path, &bytes, &options.read)?));
+        // Found out before the rest is read.
+        check_alike(&files)?;
+    }
+    assemble(files, options)
+}
+
+/// Decodes a bracket held in memory; the paths serve the messages only. Otherwise like [`read_bracket`].
+///
+/// # Errors
+/// Like [`read_bracket`].
+pub fn decode_bracket(files: &[(&Path, &[u8])], options: &BracketOptions) -> Result<Bracket, Error> {
+    let mut decoded = Vec::new();
+    for (path, bytes) in files {
+        decoded.push((*path, decode_codes(path, bytes, &options.read)?));
+        check_alike(&decoded)?;
+    }
+    assemble(decoded, options)
+}
+
+fn decode_codes(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Coded, Error> {
+    let format = match Format::of(path, bytes)? {
+        Format::Png => image::ImageFormat::Png,
+        Format::Jpeg => image::ImageFormat::Jpeg,
+        Format::Tiff => image::ImageFormat::Tiff,
+        #[cfg(feature = "raw")]
+        Format::Raw => {
+            let raw = super::raw::develop(path, bytes, options)?;
+            let (codes, shot) = (raw.codes(), raw.shot);
+            return Ok(Coded { codes, alpha: None, orientation: Orientation::NoTransforms, shot, linear: true });
+        }
+        _ => return Err(not_coded(path)),
+    };
+    let (image, orientation) = integer::load(path, bytes, format, options)?;
+    let (codes, alpha) = codes_of(path, image, orientation)?;
+    Ok(Coded { codes, alpha, orientation, shot: Shot::of(bytes), linear: false })
+}
+
+fn not_coded(path: &Path) -> Error {
+    let advice = "give 8 or 16-bit pictures as exposures, or this one alone";
+    Error::unsupported(path, "holds radiance instead of the codes of a camera", advice)
+}
+
+fn codes_of(
+    path: &Path,
+    mut image: DynamicImage,
+    orientation: Orientation,
+) -> Result<(Codes, Option<Plane<f32>>), Error> {
+    image.apply_orientation(orientation);
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let has_alpha = image.color().has_alpha();
+    let plane = |alpha: Vec<f32>| has_alpha.then(|| Plane::from_vec(width, height, alpha));
+    Ok(match image.color().bytes_per_pixel() / image.color().channel_count() {
+        1 => {
+            let alpha = has_alpha.then(|| image.to_rgba8().pixels().map(|p| f32::from(p.0[3]) / 255.0).collect());
+            let codes = image.into_rgb8().pixels().map(|p| p.0).collect();
+            (Codes::Eight(Plane::from_vec(width, height, codes)), alpha.and_then(plane))
+        }
+        2 => {
+            let alpha = has_alpha.then(|| image.to_rgba16().pixels().map(|p| f32::from(p.0[3]) / 65535.0).collect());
+            let codes = image.into_rgb16().pixels().map(|p| p.0).collect();
+            (Codes::Sixteen(Plane::from_vec(width, height, codes)), alpha.and_then(plane))
+        }
+        _ => return Err(not_coded(path)),
+    })
+}
+
+/// Checks the last of some files against the first.
+fn check_alike(files: &[(&Path, Coded)]) -> Result<(), Error> {
+    let [(first_path, first), .., (path, last)] = files else { return Ok(()) };
+    let other = first_path.display();
+    let ((w, h), (fw, fh)) = (last.codes.size(), first.codes.size());
+    if last.orientation != first.orientation {
+        let problem = format!("is turned otherwise than {other} by its orientation tag");
+        return Err(Error::invalid(path, problem, "give all exposures one orientation, or remove the tags"));
+    }
+    if (w, h) != (fw, fh) {
+        let problem = format!("has {w}x{h} pixels, {other} has {fw}x{fh}");
+        return Err(Error::invalid(path, problem, "give exposures of one size"));
+    }
+    if last.codes.max() != first.codes.max() {
+        let bits = |codes: &Codes| u16::BITS - codes.max().leading_zeros();
+        let problem = format!("has {} bits a sample, {other} has {}", bits(&last.codes), bits(&first.codes));
+        return Err(Error::invalid(path, problem, "give exposures of one depth"));
+    }
+    if last.linear != first.linear {
+        return Err(Error::invalid(path, format!("is of another kind than {other}"), "give raw files only, or none"));
+    }
+    if (w * h) as u64 * files.len() as u64 > MOST_PIXELS {
+        let problem = format!("is the {}th exposure of {w}x{h} pixels, more than can be merged", files.len());
+        return Err(Error::limits(path, problem, "scale them down, or give fewer"));
+    }
+    Ok(())
+}
+
+/// Puts the files together with the light that each took in.
+fn assemble(files: Vec<(&Path, Coded)>, options: &BracketOptions) -> Result<Bracket, Error> {
+    let amounts = amounts(&files, options.times.as_deref())?;
+    let mut bracket = Bracket { exposures: Vec::new(), alpha: None, shots: Vec::new(), linear: false };
+    for (i, ((_, file), amount)) in files.into_iter().zip(amounts).enumerate() {
+        if i == 0 {
+            (bracket.alpha, bracket.linear) = (file.alpha, file.linear);
+        }
+        bracket.exposures.push(Exposure { codes: file.codes, amount });
+        bracket.shots.push(file.shot);
+    }
+    Ok(bracket)
+}
+
+fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, Error> {
+    let by_hand = "give the times of all files with --times";
+    if let Some(times) = times {
+        if let Some((path, _)) = files.get(times.len()) {
+            let problem = format!("has no time: there are {} times for {} files", times.len(), files.len());
+            return Err(Error::invalid(path, problem, "give one for each"));
+        }
+        if let (Some((path, _)), true) = (files.last(), times.len() > files.len()) {
+            let problem = format!("is the last of {} files, but there are {} times", files.len(), times.len());
+            return Err(Error::invalid(path, problem, "give one for each"));
+        }
+        return Ok(times.to_vec());
+    }
+    if files.len() == 1 {
+        return Ok(vec![1.0]);
+    }
+    // A factor that some files tell and others do not cannot be taken as constant.
+    let factor = |what: &str, of: fn(&Shot) -> Option<f64>| -> Result<Vec<f64>, Error> {
+        let told: Vec<_> = files.iter().map(|(_, f)| of(&f.shot)).collect();
+        if told.iter().all(Option::is_none) {
+            return Ok(vec![1.0; files.len()]);
+        }
+        let value = |(told, (path, _)): (&Option<f64>, &(&Path, Coded))| {
+            told.ok_or_else(|| Error::invalid(path, format!("has no {what} in its EXIF data, others have"), by_hand))
+        };
+        told.iter().zip(files).map(value).collect()
+    };
+    let mut amounts = Vec::new();
+    for (path, file) in files {
+        let missing = || Error::invalid(path, "has no exposure time in its EXIF data", by_hand);
+        amounts.push(file.shot.seconds.ok_or_else(missing)?);
+    }
+    let (iso, f_number) = (factor("ISO sensitivity", |s| s.iso)?, factor("f-number", |s| s.f_number)?);
+    Ok(amounts.iter().zip(iso).zip(f_number).map(|((t, iso), n)| t * iso / (n * n)).collect())
+}

@@ -1,0 +1,85 @@
+//! What a camera adds and takes away evenly: the black level, and the fall of brightness towards the corners.
+
+use std::path::Path;
+
+use glam::Vec3;
+use gonio::picture::{Picture, Plane};
+
+use super::Decoded;
+use crate::Error;
+
+/// Subtracts the black level of a linear integer picture: `(v - black) / (1 - black)` with `black` a part of the full
+/// scale, 0 to less than 1. Values below it become 0. The full scale stays 1.
+///
+/// # Panics
+/// If `black` is not within its range.
+pub fn subtract_black(decoded: &mut Decoded, black: f32) {
+    assert!((0.0..1.0).contains(&black), "a black level below the full scale");
+    for colour in decoded.picture.rgb.as_mut_slice() {
+        *colour = ((*colour - black) / (1.0 - black)).max(Vec3::ZERO);
+    }
+}
+
+/// Divides a picture by a flat field, a picture of an evenly lit surface by the same camera, whose channels are first
+/// divided by their largest values: the middle of the picture keeps its brightness more or less, the corners rise.
+///
+/// Pixels with a channel at or above `clip` are not known: they get the level that is returned in all channels, above
+/// that of all others.
+///
+/// # Errors
+/// If the flat field (from the file `path`) has another size, or pixels that are zero, negative or not finite.
+pub fn divide_by_flat(
+    picture: &mut Picture,
+    flat: &Plane<Vec3>,
+    path: &Path,
+    clip: Option<f32>,
+) -> Result<Option<f32>, Error> {
+    let ((w, h), (fw, fh)) = (picture.rgb.size(), flat.size());
+    if (w, h) != (fw, fh) {
+        let problem = format!("is a flat field of {fw}x{fh} pixels, the photograph has {w}x{h}");
+        return Err(Error::invalid(path, problem, "give one of the same size"));
+    }
+    let bad = flat.as_slice().iter().filter(|v| !(v.is_finite() && v.min_element() > 0.0)).count();
+    if bad > 0 {
+        let problem = format!("is a flat field with {bad} pixels that are black or no numbers");
+        return Err(Error::invalid(path, problem, "give a picture of an evenly lit surface"));
+    }
+    let largest = flat.as_slice().iter().fold(Vec3::ZERO, |a, v| a.max(*v));
+    let smallest = flat.as_slice().iter().fold(Vec3::INFINITY, |a, v| a.min(*v / largest)).min_element();
+    let level = clip.map(|clip| clip / smallest);
+    for (colour, flat) in picture.rgb.as_mut_slice().iter_mut().zip(flat.as_slice()) {
+        let clipped = clip.is_some_and(|clip| colour.max_element() >= clip);
+        *colour = match level {
+            Some(level) if clipped => Vec3::splat(level),
+            _ => *colour * largest / *flat,
+        };
+    }
+    Ok(level)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Kind;
+
+    #[test]
+    fn an_even_picture_comes_out_even_and_what_was_clipped_stays_so() {
+        let flat = Plane::from_fn(20, 10, |x, y| Vec3::new(1.0, 0.5, 2.0) / (1.0 + 0.01 * (x * x + y * y) as f32));
+        let rgb = flat.map(|v| 0.3 * *v);
+        let mut picture = Picture { rgb, alpha: None };
+        picture.rgb[(19, 9)] = Vec3::new(0.2, 1.0, 0.1);
+        let level = divide_by_flat(&mut picture, &flat, Path::new("f"), Some(1.0)).unwrap().unwrap();
+        assert!((picture.rgb[(17, 3)] - picture.rgb[(0, 0)]).length() < 1e-6);
+        assert_eq!(picture.rgb[(19, 9)], Vec3::splat(level));
+        assert!(level > 5.0);
+    }
+
+    #[test]
+    fn flat_fields_that_cannot_be_are_refused() {
+        let mut picture = Picture { rgb: Plane::from_fn(4, 4, |_, _| Vec3::ONE), alpha: None };
+        for flat in [Plane::from_fn(4, 3, |_, _| Vec3::ONE), Plane::from_fn(4, 4, |x, _| Vec3::splat(x as f32))] {
+            let error = divide_by_flat(&mut picture, &flat, Path::new("f"), None).unwrap_err();
+            assert_eq!(error.kind(), Kind::Invalid);
+        }
+    }
+}

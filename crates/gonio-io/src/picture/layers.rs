@@ -1,0 +1,162 @@
+//! Which channels of an OpenEXR file are the picture: layers, and the names that programs give to colours.
+
+use std::path::Path;
+
+use exr::meta::header::Header;
+
+use super::ReadOptions;
+use crate::Error;
+
+/// The channels to read, in the order wanted, all of one layer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Selection {
+    pub(crate) layer: usize,
+    pub(crate) channels: Vec<usize>,
+}
+
+/// Channels of one layer that share a prefix: `View.R`, `View.G` ... or, without prefix, `R`, `G` ...
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Group {
+    /// Lower case, without the last component; includes the name of the layer.
+    pub(crate) prefix: String,
+    layer: usize,
+    /// Last components as [`canonical`] names, with their index in the layer.
+    channels: Vec<(String, usize)>,
+}
+
+/// What the channels of a colour are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Colours {
+    Rgb,
+    Grey,
+    /// Luminance, and red and blue less luminance over luminance.
+    Chroma,
+}
+
+/// The picture of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Chosen {
+    pub(super) selection: Selection,
+    pub(super) colours: Colours,
+    /// Its name, and those of the other pictures in the file.
+    pub(super) name: String,
+    pub(super) others: Vec<String>,
+}
+
+impl Group {
+    fn index(&self, name: &str) -> Option<usize> {
+        self.channels.iter().find(|c| c.0 == name).map(|c| c.1)
+    }
+
+    /// The channels of these names (lower case), if all are there.
+    pub(crate) fn select(&self, names: &[&str]) -> Option<Selection> {
+        let channels = names.iter().map(|n| self.index(n)).collect::<Option<_>>()?;
+        Some(Selection { layer: self.layer, channels })
+    }
+
+    /// The colour channels with the alpha channel appended if there is one.
+    fn colours(&self) -> Option<(Selection, Colours)> {
+        // A channel Y beside X is a coordinate.
+        let grey = || self.select(&["y"]).filter(|_| self.index("x").is_none()).map(|s| (s, Colours::Grey));
+        let rgb = self.select(&["r", "g", "b"]).map(|s| (s, Colours::Rgb));
+        let chroma = || self.select(&["y", "ry", "by"]).map(|s| (s, Colours::Chroma));
+        let (mut selection, colours) = rgb.or_else(chroma).or_else(grey)?;
+        selection.channels.extend(self.index("a"));
+        Some((selection, colours))
+    }
+
+    /// The last part of the prefix: the name of the pass.
+    pub(crate) fn pass(&self) -> &str {
+        self.prefix.rsplit('.').next().unwrap_or_default()
+    }
+
+    /// How it is called in messages and by `ReadOptions::layer`.
+    fn name(&self) -> String {
+        if self.prefix.is_empty() { "rgb".to_owned() } else { self.prefix.clone() }
+    }
+}
+
+/// The one name of a colour that programs call differently, in lower case; other names as they are.
+fn canonical(name: &str) -> &str {
+    match name {
+        "red" => "r",
+        "green" => "g",
+        "blue" => "b",
+        "luminance" | "lum" | "grey" | "gray" => "y",
+        "alpha" | "opacity" => "a",
+        name => name,
+    }
+}
+
+/// Prefix and last component of a channel's name. The separator is a dot; some programs write `beauty_R` or `beauty/R`.
+fn split(name: &str) -> (&str, &str) {
+    let colour = |last: &str| matches!(canonical(last), "r" | "g" | "b" | "a");
+    name.rsplit_once('.')
+        .or_else(|| name.rsplit_once(['_', '/', ':', ' ']).filter(|(_, last)| colour(last)))
+        .unwrap_or(("", name))
+}
+
+/// The groups of all layers, in file order.
+pub(crate) fn groups(headers: &[Header]) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for (layer, header) in headers.iter().enumerate() {
+        // The name of the only part tells nothing that the channels do not.
+        let part = match &header.own_attributes.layer_name {
+            Some(name) if headers.len() > 1 => name.to_string().to_ascii_lowercase(),
+            _ => String::new(),
+        };
+        for (index, channel) in header.channels.list.iter().enumerate() {
+            let name = channel.name.to_string().to_ascii_lowercase();
+            let (prefix, last) = split(&name);
+            let prefix = [part.as_str(), prefix].into_iter().filter(|p| !p.is_empty()).collect::<Vec<_>>().join(".");
+            let last = canonical(last).to_owned();
+            match groups.iter_mut().find(|g| g.layer == layer && g.prefix == prefix) {
+                Some(group) => group.channels.push((last, index)),
+                None => groups.push(Group { prefix, layer, channels: vec![(last, index)] }),
+            }
+        }
+    }
+    groups
+}
+
+/// The colour channels of the layer that the options name; without a name those without a prefix, else of the pass that
+/// holds the finished picture, else the first.
+pub(super) fn choose(path: &Path, headers: &[Header], options: &ReadOptions) -> Result<Chosen, Error> {
+    let groups = groups(headers);
+    let candidates: Vec<_> = groups.iter().filter_map(|g| g.colours().map(|c| (g, c))).collect();
+    let rank = |group: &Group| match (&options.layer, group.pass()) {
+        (Some(wanted), pass) => {
+            let wanted = wanted.to_ascii_lowercase();
+            // The whole name before its last part.
+            if group.name() == wanted {
+                0
+            } else if pass == wanted {
+                1
+            } else {
+                u32::MAX
+            }
+        }
+        (None, "") => 0,
+        (None, "combined" | "composite" | "beauty" | "rgb" | "rgba" | "color" | "colour" | "main" | "image") => 1,
+        (None, _) => 2,
+    };
+    let names = || candidates.iter().map(|(g, _)| g.name());
+    match candidates.iter().min_by_key(|(group, _)| rank(group)) {
+        Some((group, (selection, colours))) if rank(group) != u32::MAX => {
+            let (name, mut others) = (group.name(), names().collect::<Vec<_>>());
+            others.retain(|other| *other != name);
+            Ok(Chosen { selection: selection.clone(), colours: *colours, name, others })
+        }
+        Some(_) => {
+            let problem = format!("has no layer {} with a picture", options.layer.as_deref().unwrap_or_default());
+            let advice = format!("choose of {}", names().take(12).collect::<Vec<_>>().join(", "));
+            Err(Error::invalid(path, problem, advice))
+        }
+        None => {
+            let all: Vec<_> =
+                headers.iter().flat_map(|h| &h.channels.list).take(12).map(|c| c.name.to_string()).collect();
+            let problem = format!("has no channels R, G, B or Y (it has {})", all.join(", "));
+            Err(Error::unsupported(path, problem, "write it with R, G, B"))
+        }
+    }
+}

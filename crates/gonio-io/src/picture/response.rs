@@ -1,0 +1,115 @@
+//! Response curves as text: a line for each code, comma-separated, with the natural logarithms of the exposures that it
+//! stands for in red, green and blue.
+//!
+//! ```text
+//! code,red,green,blue
+//! 0,-9.1,-9.1,-9.0
+//! 1,-7.7,-7.7,-7.6
+//! ...
+//! 255,0.83,0.82,0.85
+//! ```
+//!
+//! Codes count from 0 by one, to 255 or 65535 in general; pictures of another depth take the curve on their own scale.
+//! Lines that begin with `#`, the header and empty lines are skipped. One column instead of three is that of all channels.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use gonio::bracket::Response;
+
+use crate::{Error, atomic, guard};
+
+/// Longest file: 65536 lines of three numbers leave room.
+const MAX_BYTES: u64 = 1 << 24;
+
+/// Reads a response curve.
+///
+/// # Errors
+/// If the file cannot be read, a line is not as described [above](self), or a curve falls or is flat.
+pub fn read_response(path: impl AsRef<Path>) -> Result<Response, Error> {
+    let path = path.as_ref();
+    decode_response(path, &guard::read_whole(path, MAX_BYTES)?)
+}
+
+/// Decodes a response curve held in memory; `path` serves the messages only.
+///
+/// # Errors
+/// Like [`read_response`].
+pub fn decode_response(path: &Path, bytes: &[u8]) -> Result<Response, Error> {
+    let advice = "give lines of code,red,green,blue with codes from 0 and logarithms of exposures";
+    let text = std::str::from_utf8(bytes).map_err(|_| Error::invalid(path, "is no text", advice))?;
+    let mut curves = [const { Vec::new() }; 3];
+    let lines = text.lines().enumerate().map(|(n, line)| (n + 1, line.trim()));
+    for (number, line) in lines.filter(|(_, l)| !(l.is_empty() || l.starts_with('#') || l.starts_with("code"))) {
+        let wrong = || Error::invalid(path, format!("has a line {number} that is not that of a response"), advice);
+        let fields: Vec<f64> =
+            line.split(',').map(|f| f.trim().parse()).collect::<Result<_, _>>().map_err(|_| wrong())?;
+        let (&code, values) = fields.split_first().ok_or_else(wrong)?;
+        if code != curves[0].len() as f64 || code > f64::from(u16::MAX) {
+            return Err(Error::invalid(path, format!("has the code {code} in line {number} out of order"), advice));
+        }
+        let values = match *values {
+            [all] => [all; 3],
+            [red, green, blue] => [red, green, blue],
+            _ => return Err(wrong()),
+        };
+        curves.iter_mut().zip(values).for_each(|(curve, value)| curve.push(value));
+    }
+    Response::from_curves(curves).map_err(|e| Error::invalid(path, format!("is no response: {e}"), advice))
+}
+
+/// The text of a response, as [`read_response`] reads it.
+pub fn encode_response(response: &Response) -> Vec<u8> {
+    let mut text = String::from("# response of a camera: natural logarithm of the exposure of each code\n");
+    text.push_str("code,red,green,blue\n");
+    let [red, green, blue] = [0, 1, 2].map(|channel| response.curve(channel));
+    for (code, ((r, g), b)) in red.iter().zip(green).zip(blue).enumerate() {
+        // Nine digits are more than any camera keeps to.
+        writeln!(text, "{code},{r:.9},{g:.9},{b:.9}").expect("text takes any text");
+    }
+    text.into_bytes()
+}
+
+/// Writes [`encode_response`].
+///
+/// # Errors
+/// If the file cannot be written; nothing is left behind then.
+pub fn write_response(path: impl AsRef<Path>, response: &Response) -> Result<(), Error> {
+    atomic::write_file(path, &encode_response(response))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Response, String> {
+        decode_response(Path::new("r.csv"), text.as_bytes()).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn round_trips() {
+        let srgb = Response::srgb(255);
+        let back = decode_response(Path::new("r"), &encode_response(&srgb)).unwrap();
+        assert!((0..256).all(|k| (back.curve(1)[k] - srgb.curve(1)[k]).abs() < 1e-8));
+        let one = read("code,all\n0,-3\n1, -1\n\n# end\n2,0").unwrap();
+        assert_eq!((one.max(), one.curve(2)), (2, &[-3.0, -1.0, 0.0][..]));
+    }
+
+    #[test]
+    fn what_is_no_response_is_refused_with_the_line() {
+        for (text, says) in [
+            ("", "has not 2 to 65536 codes"),
+            ("0,1\n1,0", "falls"),
+            ("0,1\n1,1", "is flat"),
+            ("0,nan\n1,1", "no logarithms"),
+            ("0,1\n2,2", "the code 2 in line 2"),
+            ("0,1,2\n", "line 1"),
+            ("0,1,2,x\n", "line 1"),
+            ("hello\n", "line 1"),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(error.starts_with("r.csv: ") && error.contains(says), "{text:?}: {error}");
+        }
+        assert!(decode_response(Path::new("r"), &[0xff, 0xfe, 0]).is_err());
+    }
+}

@@ -1,0 +1,45 @@
+//! How a photograph was taken, as far as its EXIF data tell.
+
+use std::io::Cursor;
+
+use exif::{Context, In, Reader, Tag, Value};
+
+/// The settings of a camera that make a picture bright or dark; what the file does not tell is `None`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Shot {
+    /// Exposure time, seconds; positive.
+    pub seconds: Option<f64>,
+    /// Focal length over the diameter of the aperture; positive.
+    pub f_number: Option<f64>,
+    /// Sensitivity, ISO 12232; positive.
+    pub iso: Option<f64>,
+}
+
+impl Shot {
+    /// What the EXIF data of a JPEG, PNG or TIFF file say; nothing where they are missing or cannot be read.
+    pub(super) fn of(bytes: &[u8]) -> Self {
+        // The parser is not ours: whatever it makes of a damaged file must not stop the picture from being read.
+        let parse = || Reader::new().read_from_container(&mut Cursor::new(bytes)).ok();
+        let Some(exif) = std::panic::catch_unwind(parse).ok().flatten() else { return Self::default() };
+        let number = |tag: Tag| -> Option<f64> {
+            // Some programs write these tags beside those of the picture instead of in the EXIF directory.
+            let beside = || exif.get_field(Tag(Context::Tiff, tag.number()), In::PRIMARY);
+            let value = match &exif.get_field(tag, In::PRIMARY).or_else(beside)?.value {
+                Value::Rational(v) => v.first()?.to_f64(),
+                Value::SRational(v) => v.first()?.to_f64(),
+                Value::Short(v) => f64::from(*v.first()?),
+                Value::Long(v) => f64::from(*v.first()?),
+                _ => return None,
+            };
+            value.is_finite().then_some(value)
+        };
+        let positive = |tag: Tag| number(tag).filter(|v| *v > 0.0);
+        // APEX: a time of 2^-v seconds, a number of 2^(v/2).
+        let apex = |tag: Tag, scale: f64| number(tag).map(|v| (scale * v).exp2()).filter(|v| (1e-9..1e9).contains(v));
+        Self {
+            seconds: positive(Tag::ExposureTime).or_else(|| apex(Tag::ShutterSpeedValue, -1.0)),
+            f_number: positive(Tag::FNumber).or_else(|| apex(Tag::ApertureValue, 0.5)),
+            iso: positive(Tag::PhotographicSensitivity).or_else(|| positive(Tag::ISOSpeed)),
+        }
+    }
+}

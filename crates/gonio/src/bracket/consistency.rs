@@ -1,0 +1,70 @@
+//! Whether exposures show the same scene: do their times fit their brightness, and does each pixel have one radiance
+//! that explains all its codes?
+
+use rayon::prelude::*;
+
+use super::merge::Table;
+use super::{BracketError, Exposure, median};
+
+/// Codes may be off by so much of the largest: rounding, noise, what JPEG does to edges.
+pub(super) const SLACK: f64 = 5.0 / 255.0;
+/// And the radiances they stand for by this factor besides.
+const TOLERANCE: f64 = 0.08;
+/// Factor between brightness and times beyond which the times are wrong. Nominal times are off by 7 % at most.
+const WRONG_TIMES: f64 = 1.25;
+/// Part of the largest code within which pixels judge the times.
+const MIDDLE: std::ops::Range<f64> = 0.1..0.9;
+/// Least number of samples that judge them.
+const LEAST_SAMPLES: usize = 50;
+/// Most pixels looked at for it.
+const MOST_PIXELS: usize = 1 << 16;
+
+/// For each exposure by how much it is brighter than its time says, relative to the next shorter one (0 for the
+/// shortest): the median over samples that both show well.
+pub(super) fn time_errors(exposures: &[Exposure], tables: &[Table; 3]) -> Result<Vec<f64>, BracketError> {
+    let mut order: Vec<usize> = (0..exposures.len()).collect();
+    order.sort_by(|&a, &b| exposures[a].amount.total_cmp(&exposures[b].amount));
+    let mut errors = vec![0.0; exposures.len()];
+    for pair in order.windows(2) {
+        let (a, b) = (&exposures[pair[0]], &exposures[pair[1]]);
+        let (width, height) = a.codes.size();
+        let step = (width * height).div_ceil(MOST_PIXELS).max(1);
+        let middle = |code: u16| MIDDLE.contains(&(f64::from(code) / f64::from(a.codes.max())));
+        let mut ratios: Vec<f64> = (0..width * height)
+            .into_par_iter()
+            .step_by(step)
+            .flat_map_iter(|i| {
+                let (a, b) = (a.codes.at(i), b.codes.at(i));
+                (0..3)
+                    .filter(move |&c| middle(a[c]) && middle(b[c]))
+                    .map(move |c| tables[c].log(b[c]) - tables[c].log(a[c]))
+            })
+            .collect();
+        if ratios.len() < LEAST_SAMPLES {
+            continue;
+        }
+        let seen = median(&mut ratios).unwrap_or(0.0);
+        let said = (b.amount / a.amount).ln();
+        if (seen - said).abs() > WRONG_TIMES.ln() {
+            let (first, second) = (pair[0] + 1, pair[1] + 1);
+            return Err(BracketError::Times { first, second, seen: seen.exp(), said: said.exp() });
+        }
+        errors[pair[1]] = (seen - said).exp_m1();
+    }
+    Ok(errors)
+}
+
+/// Whether no radiance explains what the exposures say of one channel of a pixel: `codes` are theirs, in order. `None`
+/// where there is nothing to compare.
+pub(super) fn disagree(codes: &[u16], log_amounts: &[f64], table: &Table) -> Option<bool> {
+    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+    let (mut telling, mut known) = (0, false);
+    for (&code, &log_amount) in codes.iter().zip(log_amounts) {
+        let (from, to) = table.bounds(code);
+        low = low.max(from - TOLERANCE - log_amount);
+        high = high.min(to + TOLERANCE - log_amount);
+        telling += 1;
+        known |= table.is_known(code);
+    }
+    (telling > 1 && known).then_some(low > high)
+}

@@ -1,0 +1,100 @@
+//! Brackets: several exposures of one still scene, as a camera codes them, merged to one picture of linear radiance.
+//!
+//! An [`Exposure`] is a picture of integer codes and how much light it took in. A [`Response`] says which exposure each
+//! code stands for; [`Response::recover`] finds it from the bracket itself. [`merge`] weighs the exposures of every
+//! pixel by what their codes can tell apart, and says which pixels are known: see [`Known`].
+
+mod consistency;
+mod error;
+mod merge;
+mod recover;
+mod response;
+#[cfg(test)]
+mod tests;
+
+pub use error::BracketError;
+pub use merge::{Known, MergeReport, MergeSettings, Merged, merge};
+pub use response::Response;
+
+use crate::picture::Plane;
+
+/// Most exposures of a bracket.
+pub const MOST_EXPOSURES: usize = 64;
+
+/// The codes of a picture, red, green and blue of each pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Codes {
+    /// 0 to 255.
+    Eight(Plane<[u8; 3]>),
+    /// 0 to 65535.
+    Sixteen(Plane<[u16; 3]>),
+}
+
+impl Codes {
+    /// Columns and rows.
+    pub fn size(&self) -> (usize, usize) {
+        match self {
+            Self::Eight(plane) => plane.size(),
+            Self::Sixteen(plane) => plane.size(),
+        }
+    }
+
+    /// The largest code: 255 or 65535.
+    pub fn max(&self) -> u16 {
+        match self {
+            Self::Eight(_) => u16::from(u8::MAX),
+            Self::Sixteen(_) => u16::MAX,
+        }
+    }
+
+    /// The codes of the pixel with this index, row by row from the top.
+    ///
+    /// # Panics
+    /// If there is no such pixel.
+    pub fn at(&self, index: usize) -> [u16; 3] {
+        match self {
+            Self::Eight(plane) => plane.as_slice()[index].map(u16::from),
+            Self::Sixteen(plane) => plane.as_slice()[index],
+        }
+    }
+}
+
+/// One picture of a bracket.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Exposure {
+    /// What the camera or its file says of each pixel.
+    pub codes: Codes,
+    /// How much light it took in, on any scale common to the bracket: the time in seconds, where need be times
+    /// sensitivity and aperture. Positive.
+    pub amount: f64,
+}
+
+/// Checks what every function here needs: pictures of one size and depth, with positive amounts of light.
+fn check(exposures: &[Exposure]) -> Result<(), BracketError> {
+    let Some(first) = exposures.first() else { return Err(BracketError::Count { count: 0 }) };
+    if exposures.len() > MOST_EXPOSURES {
+        return Err(BracketError::Count { count: exposures.len() });
+    }
+    for (i, exposure) in exposures.iter().enumerate() {
+        if !(exposure.amount.is_finite() && exposure.amount > 0.0) {
+            return Err(BracketError::Amount { exposure: i + 1, amount: exposure.amount });
+        }
+        let ((width, height), (first_width, first_height)) = (exposure.codes.size(), first.codes.size());
+        if (width, height) != (first_width, first_height) {
+            return Err(BracketError::Sizes { exposure: i + 1, width, height, first_width, first_height });
+        }
+        if exposure.codes.max() != first.codes.max() {
+            return Err(BracketError::Depths { exposure: i + 1 });
+        }
+    }
+    if first.codes.size().0 * first.codes.size().1 == 0 {
+        return Err(BracketError::Empty);
+    }
+    Ok(())
+}
+
+/// The middle one of some numbers, which are put in order; `None` of none.
+fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}

@@ -1,0 +1,98 @@
+//! What exposure each code of a camera stands for.
+
+use super::BracketError;
+use crate::picture::srgb_decode;
+
+/// The part of a code that black stands for: what is below half a code is rounded to it, and its logarithm is finite.
+const BLACK: f64 = 0.25;
+
+/// The response of a camera: for each channel the natural logarithm of the exposure that each code stands for, rising
+/// with the code. Its scale is free, in each channel for itself.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Response {
+    channels: [Vec<f64>; 3],
+}
+
+impl Response {
+    /// Codes `0..=max` that are proportional to the exposure from `black`, a code, on. The largest code stands for 1.
+    ///
+    /// # Panics
+    /// If `black` is not below `max`.
+    pub fn linear(max: u16, black: f64) -> Self {
+        let max = f64::from(max);
+        assert!((0.0..max).contains(&black), "a black level below the largest code");
+        Self::of(max as u16, |code| (code - black).max(BLACK) / (max - black))
+    }
+
+    /// Codes `0..=max` of the sRGB curve. The largest code stands for 1.
+    pub fn srgb(max: u16) -> Self {
+        Self::of(max, |code| f64::from(srgb_decode((code.max(BLACK) / f64::from(max)) as f32)))
+    }
+
+    /// The same curve for all channels.
+    fn of(max: u16, exposure: impl Fn(f64) -> f64) -> Self {
+        let curve: Vec<f64> = (0..=max).map(|code| exposure(code.into()).ln()).collect();
+        Self { channels: [curve.clone(), curve.clone(), curve] }
+    }
+
+    /// From the logarithms of the exposures of all codes, one list for each of red, green and blue.
+    ///
+    /// # Errors
+    /// [`BracketError::Curve`] if a curve falls, is flat from end to end, is not finite, or has not 2 to 65536 codes or
+    /// not as many as the first.
+    pub fn from_curves(channels: [Vec<f64>; 3]) -> Result<Self, BracketError> {
+        let length = channels[0].len();
+        for (i, curve) in channels.iter().enumerate() {
+            let wrong = |problem| Err(BracketError::Curve { channel: i + 1, problem });
+            if !(2..=1 << 16).contains(&curve.len()) || curve.len() != length {
+                return wrong("has not 2 to 65536 codes, as many as the others");
+            }
+            // Beyond e^80 the arithmetic overflows somewhere.
+            if curve.iter().any(|g| g.is_nan() || g.abs() > 80.0) {
+                return wrong("has values that are no logarithms of exposures");
+            }
+            if curve.windows(2).any(|w| w[1] < w[0]) {
+                return wrong("falls");
+            }
+            if curve[length - 1] <= curve[0] {
+                return wrong("is flat");
+            }
+        }
+        Ok(Self { channels })
+    }
+
+    /// The largest code.
+    pub fn max(&self) -> u16 {
+        (self.channels[0].len() - 1) as u16
+    }
+
+    /// Logarithms of the exposures of the codes `0..=max`; channel 0 is red, 1 green, 2 blue.
+    ///
+    /// # Panics
+    /// If there is no such channel.
+    pub fn curve(&self, channel: usize) -> &[f64] {
+        &self.channels[channel]
+    }
+
+    /// The same response for codes `0..=max`: interpolated, or thinned out.
+    #[must_use]
+    pub fn resampled(&self, max: u16) -> Self {
+        if max == self.max() {
+            return self.clone();
+        }
+        let ratio = f64::from(self.max()) / f64::from(max.max(1));
+        let at = |curve: &Vec<f64>, code: u16| interpolate(curve, f64::from(code) * ratio);
+        Self { channels: self.channels.each_ref().map(|curve| (0..=max).map(|code| at(curve, code)).collect()) }
+    }
+}
+
+/// The curve between its codes: straight in exposure over code, as the logarithm bends sharply near black.
+pub(super) fn interpolate(curve: &[f64], position: f64) -> f64 {
+    let lower = (position.max(0.0) as usize).min(curve.len() - 1);
+    let upper = (lower + 1).min(curve.len() - 1);
+    let share = (position - lower as f64).clamp(0.0, 1.0);
+    if share == 0.0 || curve[lower] == curve[upper] {
+        return curve[lower];
+    }
+    (curve[lower].exp() * (1.0 - share) + curve[upper].exp() * share).ln()
+}

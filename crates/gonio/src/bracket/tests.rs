@@ -1,0 +1,259 @@
+//! Brackets of known radiance, taken by cameras of known response.
+
+use glam::Vec3;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+use super::*;
+
+/// A camera's curves, exposure 0..=1 to code 0..=1, none of which is that of sRGB or a power.
+fn camera(channel: usize, exposure: f64) -> f64 {
+    let x = exposure.clamp(0.0, 1.0);
+    match channel {
+        // A shoulder, as of film.
+        0 => (1.0 - (-3.0 * x).exp()) / (1.0 - (-3.0_f64).exp()),
+        // A power with an S on top.
+        1 => {
+            let c = x.powf(1.0 / 2.4);
+            0.6 * c + 0.4 * c * c * (3.0 - 2.0 * c)
+        }
+        // A logarithm.
+        _ => (1.0 + 60.0 * x).ln() / 61.0_f64.ln(),
+    }
+}
+
+/// The logarithm of the exposure of each of 256 codes.
+fn truth() -> Response {
+    let invert = |channel: usize, code: f64| {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if camera(channel, middle) < code { low = middle } else { high = middle }
+        }
+        (0.5_f64 * (low + high)).ln()
+    };
+    let curve = |channel| (0..=255).map(|code| invert(channel, f64::from(code).max(0.25) / 255.0)).collect();
+    Response::from_curves([curve(0), curve(1), curve(2)]).unwrap()
+}
+
+/// A scene of five decades, smooth but for some steps, with colours.
+fn scene(width: usize, height: usize) -> Plane<Vec3> {
+    Plane::from_fn(width, height, |x, y| {
+        let (u, v) = (x as f32 / width as f32, y as f32 / height as f32);
+        let level = 10_f32.powf(4.5 * u - 2.5 + 0.3 * (9.0 * v).sin());
+        Vec3::new(1.0, 0.5 + v, 1.2 - 0.6 * v) * level * if (x / 16 + y / 16) % 5 == 0 { 0.3 } else { 1.0 }
+    })
+}
+
+/// Takes the scene, with Gaussian-like noise of so many codes.
+fn take(scene: &Plane<Vec3>, amounts: &[f64], noise: f64) -> Vec<Exposure> {
+    let mut random = Pcg64::seed_from_u64(7);
+    let mut expose = |amount: f64| {
+        let code = |channel: usize, radiance: f32, random: &mut Pcg64| {
+            let sum: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+            let exposure = f64::from(radiance) * amount;
+            // What clips clips after the noise.
+            let noise = if exposure >= 1.0 { 0.0 } else { noise * sum };
+            (255.0 * camera(channel, exposure) + noise).round().clamp(0.0, 255.0) as u8
+        };
+        let plane = scene.map(|v| [0, 1, 2].map(|c| code(c, v[c], &mut random)));
+        Exposure { codes: Codes::Eight(plane), amount }
+    };
+    amounts.iter().map(|&t| expose(t)).collect()
+}
+
+const AMOUNTS: [f64; 7] = [0.01, 0.04, 0.16, 0.64, 2.56, 10.24, 40.96];
+
+/// Largest relative error and the 99th per cent of it, each channel on its best scale, over well-known pixels.
+fn errors(merged: &Merged, scene: &Plane<Vec3>, free_scale: bool) -> (f64, f64) {
+    let known: Vec<usize> =
+        (0..scene.as_slice().len()).filter(|&i| matches!(merged.known.as_slice()[i], Known::From(_))).collect();
+    let mut all = Vec::new();
+    for c in 0..3 {
+        let mut ratios: Vec<f64> =
+            known.iter().map(|&i| f64::from(merged.picture.rgb.as_slice()[i][c] / scene.as_slice()[i][c])).collect();
+        let scale = if free_scale { median(&mut ratios).unwrap() } else { 1.0 };
+        all.extend(ratios.iter().map(|r| (r / scale - 1.0).abs()));
+    }
+    all.sort_by(f64::total_cmp);
+    (all[all.len() - 1], all[all.len() * 99 / 100])
+}
+
+#[test]
+fn a_known_response_gives_the_radiance_back() {
+    let scene = scene(256, 128);
+    let merged = merge(&take(&scene, &AMOUNTS, 0.0), &truth(), &MergeSettings::default()).unwrap();
+    let report = &merged.report;
+    let (worst, most) = errors(&merged, &scene, false);
+    assert!(most < 0.01 && worst < 0.03, "{worst} {most}");
+    assert_eq!(report.from.iter().sum::<usize>() + report.clipped + report.dark + report.moved, report.pixels);
+    assert_eq!(report.moved, 0);
+    assert!(report.time_errors.iter().all(|e| e.abs() < 0.01));
+    for (i, known) in merged.known.as_slice().iter().enumerate() {
+        let (got, want) = (merged.picture.rgb.as_slice()[i], scene.as_slice()[i]);
+        match known {
+            Known::Clipped => {
+                assert_eq!(got, Vec3::splat(merged.clip_level));
+                assert!(f64::from(want.max_element()) * AMOUNTS[0] > 0.8, "{want}");
+            }
+            _ => assert!(got.max_element() < merged.clip_level),
+        }
+    }
+}
+
+#[test]
+fn the_response_is_recovered_from_noisy_codes() {
+    let scene = scene(256, 128);
+    for (noise, bound) in [(0.0, 0.06), (0.8, 0.06)] {
+        let exposures = take(&scene, &AMOUNTS, noise);
+        let got = Response::recover(&exposures).unwrap();
+        let truth = truth();
+        for c in 0..3 {
+            let (got, want) = (got.curve(c), truth.curve(c));
+            assert!(got.windows(2).all(|w| w[1] > w[0]), "the curve rises");
+            assert!(got[128].abs() < 1e-9);
+            let worst = (8..248).map(|k| (got[k] - want[k] + want[128]).abs()).fold(0.0, f64::max);
+            assert!(worst < bound, "noise {noise}, channel {c}: off by {worst}");
+        }
+        let merged = merge(&exposures, &got, &MergeSettings::default()).unwrap();
+        let (_, most) = errors(&merged, &scene, true);
+        assert!(most < 0.06, "noise {noise}: {most}");
+    }
+}
+
+#[test]
+fn nothing_depends_on_the_number_of_threads() {
+    let exposures = take(&scene(96, 64), &AMOUNTS, 0.5);
+    let with = |threads| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let response = Response::recover(&exposures).unwrap();
+            let merged = merge(&exposures, &response, &MergeSettings::default()).unwrap();
+            (response, merged)
+        })
+    };
+    assert_eq!(with(1), with(3));
+}
+
+#[test]
+fn the_order_of_the_exposures_does_not_matter() {
+    let scene = scene(96, 64);
+    let mut exposures = take(&scene, &AMOUNTS, 0.5);
+    let one = merge(&exposures, &truth(), &MergeSettings::default()).unwrap();
+    exposures.reverse();
+    let two = merge(&exposures, &truth(), &MergeSettings::default()).unwrap();
+    assert!(
+        one.picture
+            .rgb
+            .as_slice()
+            .iter()
+            .zip(two.picture.rgb.as_slice())
+            .all(|(a, b)| (*a - *b).length() <= 1e-5 * a.length())
+    );
+    assert_eq!(one.report.clipped, two.report.clipped);
+}
+
+/// Sixteen bits of linear values, as developed from raw, with a black level.
+#[test]
+fn sixteen_bits_with_a_black_level() {
+    let scene = scene(128, 64);
+    let expose = |amount: f64, black: f64| {
+        let code = |v: f32| (black + (65535.0 - black) * f64::from(v) * amount).round().min(65535.0) as u16;
+        Exposure { codes: Codes::Sixteen(scene.map(|v| v.to_array().map(code))), amount }
+    };
+    let take = |black: f64| -> Vec<_> { [0.01, 0.08, 0.64].into_iter().map(|t| expose(t, black)).collect() };
+    let merged = merge(&take(1024.0), &Response::linear(u16::MAX, 1024.0), &MergeSettings::default()).unwrap();
+    let (worst, most) = errors(&merged, &scene, false);
+    assert!(most < 6e-3 && worst < 0.03, "{worst} {most}");
+    let (recovered, want) = (Response::recover(&take(0.0)).unwrap(), Response::linear(u16::MAX, 0.0));
+    for code in (4000..60000).step_by(100) {
+        let error = recovered.curve(1)[code] - want.curve(1)[code] + want.curve(1)[32896];
+        assert!(error.abs() < 0.03, "{code}: {error}");
+    }
+}
+
+#[test]
+fn something_that_moves_is_found() {
+    let scene = scene(128, 64);
+    let mut exposures = take(&scene, &AMOUNTS, 0.5);
+    let blot = |exposure: &mut Exposure, width: usize| {
+        if let Codes::Eight(plane) = &mut exposure.codes {
+            for (x, y) in (20..20 + width).flat_map(|x| (20..30).map(move |y| (x, y))) {
+                plane[(x, y)] = [90, 200, 160];
+            }
+        }
+    };
+    blot(&mut exposures[2], 8);
+    let merged = merge(&exposures, &truth(), &MergeSettings::default()).unwrap();
+    assert_eq!(merged.known[(24, 25)], Known::Moved);
+    assert!((70..90).contains(&merged.report.moved), "{}", merged.report.moved);
+    assert_eq!(merged.picture.rgb[(24, 25)], Vec3::splat(merged.clip_level));
+    // The response is found in spite of it.
+    let got = Response::recover(&exposures).unwrap();
+    let worst = (16..240).map(|k| (got.curve(1)[k] - truth().curve(1)[k] + truth().curve(1)[128]).abs());
+    assert!(worst.fold(0.0, f64::max) < 0.06);
+    blot(&mut exposures[1], 100);
+    let error = merge(&exposures, &truth(), &MergeSettings::default()).unwrap_err();
+    assert!(matches!(error, BracketError::Motion { moved, .. } if moved > 400), "{error}");
+    // The camera moved: one exposure is shifted by a few pixels.
+    let shifted = Plane::from_fn(128, 64, |x, y| scene[((x + 5) % 128, y)]);
+    let mut exposures = take(&scene, &AMOUNTS, 0.5);
+    exposures[3] = take(&shifted, &AMOUNTS, 0.5).swap_remove(3);
+    let error = merge(&exposures, &truth(), &MergeSettings::default()).unwrap_err();
+    assert!(matches!(error, BracketError::Motion { .. } | BracketError::Times { .. }), "{error}");
+}
+
+#[test]
+fn wrong_times_are_found() {
+    let mut exposures = take(&scene(128, 64), &AMOUNTS, 0.5);
+    exposures[3].amount *= 2.0;
+    let error = merge(&exposures, &truth(), &MergeSettings::default()).unwrap_err();
+    let BracketError::Times { first: 3, second: 4, seen, said } = error else { panic!("{error}") };
+    assert!((seen - 4.0).abs() < 0.1 && (said - 8.0).abs() < 1e-9);
+    // What the recovered curve makes of them is no camera.
+    exposures[3].amount = exposures[2].amount * 1.02;
+    let found = Response::recover(&exposures);
+    let said = found.and_then(|response| merge(&exposures, &response, &MergeSettings::default()));
+    assert!(said.is_err());
+}
+
+#[test]
+fn what_cannot_be_merged_is_refused() {
+    let exposures = take(&scene(64, 32), &AMOUNTS, 0.0);
+    let refused = |exposures: &[Exposure]| merge(exposures, &truth(), &MergeSettings::default()).unwrap_err();
+    assert_eq!(refused(&[]), BracketError::Count { count: 0 });
+    assert_eq!(refused(&vec![exposures[0].clone(); 65]), BracketError::Count { count: 65 });
+    for amount in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let bad = Exposure { amount, ..exposures[1].clone() };
+        assert!(matches!(refused(&[exposures[0].clone(), bad]), BracketError::Amount { exposure: 2, .. }));
+    }
+    let small = take(&scene(32, 32), &AMOUNTS[..1], 0.0).swap_remove(0);
+    assert!(matches!(refused(&[exposures[0].clone(), small]), BracketError::Sizes { exposure: 2, width: 32, .. }));
+    let sixteen = Exposure { codes: Codes::Sixteen(Plane::from_fn(64, 32, |_, _| [9; 3])), amount: 1.0 };
+    assert_eq!(refused(&[exposures[0].clone(), sixteen]), BracketError::Depths { exposure: 2 });
+    let white = Exposure { codes: Codes::Eight(Plane::from_fn(8, 8, |_, _| [255; 3])), amount: 1.0 };
+    assert_eq!(refused(&[white]), BracketError::NothingKnown { clipped: 64, dark: 0 });
+    let empty = Exposure { codes: Codes::Eight(Plane::from_fn(0, 8, |_, _| [255; 3])), amount: 1.0 };
+    assert_eq!(refused(&[empty]), BracketError::Empty);
+    assert!(matches!(Response::recover(&exposures[..1]), Err(BracketError::TooLittleOverlap { pixels: 0, .. })));
+    let same = [exposures[1].clone(), exposures[1].clone()];
+    assert!(matches!(Response::recover(&same), Err(BracketError::TooLittleOverlap { pixels: 0, .. })));
+}
+
+#[test]
+fn curves_that_are_no_response_are_refused() {
+    let good = vec![0.0, 1.0, 2.0];
+    for bad in
+        [vec![0.0, 2.0, 1.0], vec![0.0; 3], vec![0.0, f64::NAN, 1.0], vec![0.0, 1.0], vec![0.0, 1.0, 1e3], vec![]]
+    {
+        let error = Response::from_curves([good.clone(), bad, good.clone()]).unwrap_err();
+        assert!(matches!(error, BracketError::Curve { channel: 2, .. }), "{error}");
+    }
+}
+
+#[test]
+fn curves_keep_their_shape_at_another_depth() {
+    let fine = Response::linear(255, 0.0).resampled(u16::MAX);
+    let want = Response::linear(u16::MAX, 0.0);
+    assert!((300..=65535).step_by(7).all(|k| (fine.curve(0)[k] - want.curve(0)[k]).abs() < 1e-9));
+    assert_eq!(fine.resampled(255).curve(2)[17..], Response::linear(255, 0.0).curve(2)[17..]);
+}

@@ -14,6 +14,7 @@ mod page;
 mod paper;
 mod posteriors;
 mod quadrature;
+mod shapes;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -41,6 +42,8 @@ enum Command {
     Lights(lights::Options),
     /// Ways to colour a BRDF against each other, on test materials in test lights.
     Colour(colour::Options),
+    /// What shapes other than a sphere cost, with and without the light they keep from themselves.
+    Shapes(shapes::Options),
     /// Estimators and references against each other over a grid of materials and lights.
     Bench(Box<bench::Options>),
     /// The learnt posterior on training materials in training lights that it has not seen.
@@ -57,6 +60,7 @@ fn main() -> ExitCode {
         Command::Quadrature => quadrature::run(&data),
         Command::Lights(options) => lights::run(&data, &options),
         Command::Colour(options) => colour::run(&data, &options),
+        Command::Shapes(options) => shapes::run(&data, &options),
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),

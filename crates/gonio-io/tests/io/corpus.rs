@@ -16,7 +16,7 @@ const MEMORY: &str = "3000000";
 
 /// Decodes bytes with every reader of this crate; the errors.
 pub(crate) fn read_with_all(path: &Path, bytes: &[u8]) -> Vec<Error> {
-    let read = ReadOptions { linear: false, max_pixels: PIXELS };
+    let read = ReadOptions { max_pixels: PIXELS, ..ReadOptions::default() };
     let depth = DepthOptions { range: Some((1.0, 2.0)), read: read.clone() };
     let length = bytes.len() as u64;
     let errors = [
@@ -85,7 +85,7 @@ fn meshes_are_refused_from_disk() {
             "npy" => npy::read(&file).err(),
             "model" => model::read_model(&file).err(),
             "picture" => {
-                let read = ReadOptions { linear: false, max_pixels: PIXELS };
+                let read = ReadOptions { max_pixels: PIXELS, ..ReadOptions::default() };
                 picture::read(&file, &read).err()
             }
             // Odd, but sound.

@@ -1,12 +1,16 @@
 //! Pictures of any bivariate BRDF under one light, as a matrix.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::integrate::{IntegratorSettings, nodes};
+use super::integrate::{IntegratorSettings, Nodes, nodes, nodes_within};
+use super::surface::PENUMBRA;
 use super::tree::LightTree;
 use crate::picture::luminance;
 use crate::reflectance::{BivariateTable, CELLS};
+#[cfg(doc)]
+use crate::shape::Hit;
+use crate::shape::{Ray, Surface};
 use crate::transfer::SurfacePoint;
 
 /// The luminance of each of a list of points, as a linear function of the cells of a [`BivariateTable`]: the light of eq. 1 gathered
@@ -29,7 +33,31 @@ impl Relighter {
         light: &LightTree,
         settings: &IntegratorSettings,
     ) -> Self {
-        let [matrix] = Self::gathered(points, examples, light, settings, |radiance| [f64::from(luminance(radiance))]);
+        let envelope = envelope(examples);
+        let divided = |at: usize| nodes(&points[at], &envelope, light, settings);
+        let [matrix] = Self::gathered(points.len(), divided, |radiance| [f64::from(luminance(radiance))]);
+        matrix
+    }
+
+    /// As [`Self::new`], for points of a surface that keeps light from itself. `clear` says where rays from each point begin ([`Hit::clear`]).
+    ///
+    /// # Panics
+    /// If points and beginnings differ in number.
+    pub fn of_surface(
+        points: &[SurfacePoint],
+        (surface, clear): (&dyn Surface, &[DVec3]),
+        examples: &[BivariateTable],
+        light: &LightTree,
+        settings: &IntegratorSettings,
+    ) -> Self {
+        assert_eq!(points.len(), clear.len());
+        let envelope = envelope(examples);
+        let divided = |at: usize| {
+            let mut nodes = nodes_within(&points[at], &envelope, light, settings, PENUMBRA);
+            nodes.shadow(&envelope, |direction| surface.blocks(&Ray { origin: clear[at], direction }));
+            nodes
+        };
+        let [matrix] = Self::gathered(points.len(), divided, |radiance| [f64::from(luminance(radiance))]);
         matrix
     }
 
@@ -40,24 +68,23 @@ impl Relighter {
         light: &LightTree,
         settings: &IntegratorSettings,
     ) -> [Self; 3] {
-        Self::gathered(points, examples, light, settings, |radiance| radiance.as_dvec3().to_array())
+        let envelope = envelope(examples);
+        let divided = |at: usize| nodes(&points[at], &envelope, light, settings);
+        Self::gathered(points.len(), divided, |radiance| radiance.as_dvec3().to_array())
     }
 
-    /// A matrix for each of the numbers that `measure` takes of the light.
+    /// A matrix for each of the numbers that `measure` takes of the light, which `divided` gives for each of `count` points.
     fn gathered<const N: usize>(
-        points: &[SurfacePoint],
-        examples: &[BivariateTable],
-        light: &LightTree,
-        settings: &IntegratorSettings,
+        count: usize,
+        divided: impl Fn(usize) -> Nodes + Sync,
         measure: impl Fn(Vec3) -> [f64; N] + Sync,
     ) -> [Self; N] {
-        let envelope = envelope(examples);
-        let rows: Vec<Vec<(u16, [f32; N])>> = points
-            .par_iter()
+        let rows: Vec<Vec<(u16, [f32; N])>> = (0..count)
+            .into_par_iter()
             .map_init(
                 || vec![[0.0_f64; N]; CELLS],
-                |row, point| {
-                    for node in &nodes(point, &envelope, light, settings).nodes {
+                |row, at| {
+                    for node in &divided(at).nodes {
                         let weights = measure(node.weight.as_vec3());
                         for (cell, share) in BivariateTable::stencil(node.theta_h, node.theta_d) {
                             row[cell].iter_mut().zip(weights).for_each(|(sum, weight)| *sum += share * weight);
@@ -104,8 +131,6 @@ pub(super) fn envelope(tables: &[BivariateTable]) -> BivariateTable {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
     use crate::lighting::EnvironmentMap;
     use crate::picture::Plane;

@@ -15,7 +15,7 @@ use crate::transfer::SurfacePoint;
 const ASKED: f64 = 0.995;
 
 /// Light that may be blocked is divided into cells of this radius, in radians.
-const PENUMBRA: f64 = 0.04;
+pub(super) const PENUMBRA: f64 = 0.04;
 
 /// Rays along each side of a pixel that say how much of it the surface covers.
 const COVERAGE: usize = 4;

@@ -8,5 +8,6 @@ mod marginal;
 mod merge;
 mod refusals;
 mod render;
+mod shapes;
 mod support;
 mod train;

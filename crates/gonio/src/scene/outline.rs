@@ -16,8 +16,9 @@ use crate::shape::{Camera, Ellipsoid};
 const DRAWS: usize = 120;
 /// Rounds of reweighting.
 const ROUNDS: usize = 12;
-/// An outline may stray by this share of its size, and by half a pixel.
-const MOST_STRAY: f64 = 0.03;
+/// This share of an outline may stray by no more than the next share of its size, and half a pixel.
+const MOST: f64 = 0.7;
+const MOST_STRAY: f64 = 0.02;
 
 /// An ellipse in a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,7 +49,7 @@ impl Ellipse {
 /// Finds the outline of an ellipsoid under an orthographic camera in a mask or an alpha channel. The picture may cut part of it off.
 ///
 /// # Errors
-/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when the outline strays by more than 3 % of the shorter axis and half a pixel.
+/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the outline lies within 2 % of the shorter axis and half a pixel.
 pub fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
@@ -80,7 +81,7 @@ pub fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     let flat = if steep > 0.0 { steep - std::f64::consts::FRAC_PI_2 } else { steep + std::f64::consts::FRAC_PI_2 };
     let (long, short) = (unit * axes.0.sqrt(), unit * axes.1.sqrt());
     let mut distances: Vec<f64> = points.iter().map(|p| unit * conic(&c, *p).abs()).collect();
-    let residual = median(&mut distances);
+    let residual = quantile(&mut distances, MOST);
     if residual > 0.5 + MOST_STRAY * short {
         return Err(none(residual));
     }
@@ -95,7 +96,7 @@ pub fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
 /// meets the picture, an ellipse away from the middle. The picture may cut part of it off.
 ///
 /// # Errors
-/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when the outline strays from a cone by more than 3 % of its angle and half a pixel.
+/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the outline lies within 2 % of the cone's angle and half a pixel.
 pub fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellipsoid, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
@@ -126,7 +127,7 @@ pub fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellipsoid, Sc
         return Err(none(0.0));
     }
     let mut strays: Vec<f64> = (0..rows.len()).map(|i| cone(&b, i).abs()).collect();
-    let residual = median(&mut strays);
+    let residual = quantile(&mut strays, MOST);
     let radius = (1.0 - 1.0 / (length * length)).sqrt();
     if residual > 0.5 * pixel + MOST_STRAY * radius.asin() {
         return Err(none(residual / pixel));
@@ -183,8 +184,13 @@ fn least_squares(rows: &[Vec<f64>], weights: &[f64]) -> Option<Vec<f64>> {
 }
 
 fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    quantile(values, 0.5)
+}
+
+/// Of at least one value.
+fn quantile(values: &mut [f64], share: f64) -> f64 {
+    let at = ((share * values.len() as f64) as usize).min(values.len() - 1);
+    *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -1,0 +1,258 @@
+//! Shapes other than a ball: meshes, depths, ellipsoids, cameras in perspective.
+
+use glam::{DVec3, Vec3};
+use gonio::lighting::studio_light;
+use gonio::shape::{Camera, Ellipsoid, Form, GeometryBuffer, Surface, Tracer};
+use gonio_io::mesh::{encode_obj, encode_ply};
+use gonio_io::npy;
+use gonio_io::picture::{ReadOptions, encode_hdr, read};
+
+use crate::support::{Bench, SIZE, encode_normals, grey, material, merl, normals};
+
+/// A bench with a light, a material and a bowl, which is pictured in `bowl.exr`.
+fn with_bowl() -> Bench {
+    let bench = Bench::new();
+    bench.write("light.hdr", &encode_hdr(studio_light(16).radiance()));
+    gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
+    bench.write("bowl.ply", &encode_ply(&Form::Bowl.mesh(30).unwrap()));
+    bench
+        .run("render --brdf in.binary --light light.hdr --mesh bowl.ply -o bowl.exr --size 64 --tolerance 1")
+        .succeeds();
+    bench
+}
+
+#[test]
+fn a_mesh_is_drawn_with_its_shadows_and_found_again() {
+    let bench = with_bowl();
+    let picture = |name: &str| read(bench.path(name), &ReadOptions::default()).unwrap().picture;
+    let render = "render --brdf in.binary --light light.hdr --mesh bowl.ply --size 64 --tolerance 1";
+    bench.run(&format!("{render} --no-shadows -o open.exr")).succeeds();
+    let (shadowed, open) = (picture("bowl.exr"), picture("open.exr"));
+    let sum = |p: &gonio::picture::Picture| p.rgb.as_slice().iter().map(|c| c.x).sum::<f32>();
+    assert!(sum(&shadowed) < 0.9 * sum(&open), "{} {}", sum(&shadowed), sum(&open));
+    assert!(shadowed.rgb.as_slice().iter().zip(open.rgb.as_slice()).all(|(a, b)| a.x <= 1.02 * b.x + 1e-4));
+
+    bench.run("infer bowl.exr --mesh bowl.ply -o out --grid 16").succeeds();
+    let result = bench.json("out/result.json");
+    let observations = &result["observations"];
+    assert_eq!(observations["visibility"]["hidden"], true, "{observations}");
+    assert!(observations["shape"]["mesh"].as_str().unwrap().ends_with("bowl.ply"));
+    assert!(observations["report"]["used"].as_u64().unwrap() > 1000, "{observations}");
+    assert!(result["posterior"]["unshadowed"].as_f64().unwrap() > 0.05, "{}", result["posterior"]);
+    bench.run("infer bowl.exr --mesh bowl.ply -o plain --grid 16 --no-shadows").succeeds();
+    let plain = bench.json("plain/result.json");
+    assert_eq!(plain["posterior"]["unshadowed"], 0.0);
+    // What is hidden explains the picture.
+    let misfit = |r: &serde_json::Value| r["noise"]["misfit"].as_f64().unwrap();
+    assert!(misfit(&result) < 0.8 * misfit(&plain), "{} {}", misfit(&result), misfit(&plain));
+}
+
+#[test]
+fn other_methods_know_of_shadows_too() {
+    let bench = with_bowl();
+    let run = "infer bowl.exr --mesh bowl.ply --method known-light --light light.hdr --starts 1";
+    bench.run(&format!("{run} -o out")).succeeds();
+    bench.run(&format!("{run} -o plain --no-shadows")).succeeds();
+    let noise = |name: &str| bench.json(name)["noise"]["relative"].as_f64().unwrap();
+    assert!(
+        noise("out/result.json") < 0.6 * noise("plain/result.json"),
+        "{} {}",
+        noise("out/result.json"),
+        noise("plain/result.json")
+    );
+    bench.run("infer bowl.exr --mesh bowl.ply --method variational --starts 1 --grid 8 -o blind").succeeds();
+    assert_eq!(bench.json("blind/result.json")["observations"]["visibility"]["hidden"], true);
+}
+
+#[test]
+fn normals_with_depths_shadow_themselves() {
+    let bench = with_bowl();
+    let mesh = Form::Bowl.mesh(30).unwrap();
+    let (centre, radius) = mesh.bounds();
+    let camera = Camera::framing(centre, radius, (64, 64), 0.05).unwrap();
+    let surface = Tracer::new(mesh.transformed(&camera.to_world.inverse()).unwrap());
+    let buffer = GeometryBuffer::of(&surface, &camera);
+    let gonio::shape::Projection::Orthographic { pixels_per_unit } = camera.projection else { panic!("orthographic") };
+    bench.write("normals.npy", &encode_normals(&buffer.normals));
+    // In pixels, as is the rule without a camera.
+    let depths =
+        buffer.distances.as_slice().iter().map(|d| if d.is_finite() { d * pixels_per_unit as f32 } else { 0.0 });
+    bench.write("depth.npy", &npy::encode(&npy::Array { shape: vec![64, 64], values: depths.collect() }));
+    bench.run("infer bowl.exr --normals normals.npy --depth depth.npy -o out --grid 16").succeeds();
+    let result = bench.json("out/result.json");
+    assert_eq!(result["observations"]["visibility"]["hidden"], true);
+    assert!(result["posterior"]["unshadowed"].as_f64().unwrap() > 0.05);
+    bench.refuses(
+        "infer bowl.exr --normals normals.npy --positions depth.npy -o x",
+        &["depth.npy: positions need the camera"],
+    );
+    bench.write("small.npy", &npy::encode(&npy::Array { shape: vec![32, 32], values: vec![1.0; 1024] }));
+    bench.refuses("infer bowl.exr --normals normals.npy --depth small.npy -o x", &["small.npy", "32x32"]);
+}
+
+#[test]
+fn flipped_normals_are_named_and_put_right() {
+    let bench = Bench::with_ball();
+    let flipped = normals(SIZE).map(|n| Vec3::new(n.x, -n.y, n.z));
+    bench.write("flipped.npy", &encode_normals(&flipped));
+    bench.refuses("infer ball.exr --normals flipped.npy -o x", &["flipped.npy", "y flipped", "--normals-flip-y"]);
+    bench.run("infer ball.exr --normals flipped.npy --normals-flip-y -o out --grid 8").succeeds();
+    bench.run("infer ball.exr --normals normals.npy -o want --grid 8").succeeds();
+    assert!(bench.read("out/brdf.binary") == bench.read("want/brdf.binary"));
+    let swapped = normals(SIZE).map(|n| Vec3::new(n.z, n.y, n.x));
+    bench.write("bgr.npy", &encode_normals(&swapped));
+    bench.refuses("infer ball.exr --normals bgr.npy -o x", &["--normals-order zyx"]);
+    bench.run("infer ball.exr --normals bgr.npy --normals-order zyx -o out2 --grid 8").succeeds();
+    assert!(bench.read("out2/brdf.binary") == bench.read("want/brdf.binary"));
+    let trusted = bench.run("infer ball.exr --normals flipped.npy --trust-normals -o out3 --grid 8").succeeds();
+    assert!(trusted.stderr.contains("y flipped"), "{trusted:?}");
+}
+
+/// A picture of a smooth function of the normals of a surface.
+fn picture(surface: &dyn Surface, camera: &Camera) -> Vec<u8> {
+    let buffer = GeometryBuffer::of(surface, camera);
+    let colour =
+        buffer.normals.map(|n| if *n == Vec3::ZERO { Vec3::ZERO } else { Vec3::splat(1.0 + 0.6 * n.y + 0.3 * n.x) });
+    let alpha = buffer.normals.map(|n| if *n == Vec3::ZERO { 0.0 } else { 1.0 });
+    gonio_io::picture::encode_exr(&colour, Some(&alpha))
+}
+
+#[test]
+fn ellipsoids_and_balls_in_perspective_are_fitted() {
+    let bench = Bench::new();
+    let camera = Camera::framing(DVec3::ZERO, 1.0, (90, 90), 0.05).unwrap();
+    let axes = glam::DMat3::from_diagonal(DVec3::new(0.95, 0.6, 0.7));
+    let centre = camera.to_world.inverse().transform_point3(DVec3::ZERO);
+    bench.write("egg.exr", &picture(&Ellipsoid::new(centre, axes).unwrap(), &camera));
+    bench.refuses("infer egg.exr -o x", &["egg.exr", "ellipse", "--shape ellipsoid"]);
+    let run = bench.run("infer egg.exr --shape ellipsoid -o egg --grid 8").succeeds();
+    assert!(run.stderr.contains("--depth-axis"), "{run:?}");
+    let found = bench.json("egg/result.json");
+    let axes = &found["observations"]["shape"]["ellipse"]["axes"];
+    let long = 0.95 * 0.9 * 45.0;
+    assert!((axes[0].as_f64().unwrap() - long).abs() < 0.5, "{axes} {long}");
+
+    bench.write("camera.json", br#"{"projection": "perspective", "focal_pixels": 110}"#);
+    let camera = gonio_io::camera::read_camera(bench.path("camera.json"), (120, 90)).unwrap();
+    let ball = Ellipsoid::sphere(DVec3::new(0.35, 0.1, -1.6), 0.45).unwrap();
+    bench.write("near.exr", &picture(&ball, &camera));
+    bench.refuses("infer near.exr -o x", &["near.exr", "--camera"]);
+    bench.run("infer near.exr --camera camera.json -o near --grid 8").succeeds();
+    let found = bench.json("near/result.json");
+    let centre = &found["observations"]["shape"]["ball"]["centre"];
+    let want = DVec3::new(0.35, 0.1, -1.6).normalize();
+    for (i, want) in want.to_array().into_iter().enumerate() {
+        assert!((centre[i].as_f64().unwrap() - want).abs() < 0.01, "{centre} {want}");
+    }
+}
+
+#[test]
+fn a_posed_mesh_before_a_camera() {
+    let bench = with_bowl();
+    bench.write("pose.json", br#"{"translation": [10, 0, 0], "rotation_degrees": [0, 20, 0], "scale": 3}"#);
+    let camera = br#"{"projection": "perspective", "fov_y_degrees": 30, "pose": {"position": [10, 2, 16], "look_at": [10, 0, 0]}}"#;
+    bench.write("camera.json", camera);
+    let shape = "--mesh bowl.ply --pose pose.json --camera camera.json";
+    bench
+        .run(&format!(
+            "render --brdf in.binary --light light.hdr {shape} -o posed.exr --size 72 --height 60 --tolerance 1"
+        ))
+        .succeeds();
+    let alpha = read(bench.path("posed.exr"), &ReadOptions::default()).unwrap().picture.alpha.unwrap();
+    assert_eq!(alpha.size(), (72, 60));
+    let covered = alpha.as_slice().iter().sum::<f32>() / (72.0 * 60.0);
+    assert!((0.2..0.8).contains(&covered), "{covered}");
+    bench.run(&format!("infer posed.exr {shape} -o out --grid 8")).succeeds();
+    assert_eq!(bench.json("out/result.json")["observations"]["shape"]["projection"]["kind"], "perspective");
+    // Somewhere else in the picture.
+    bench.write("moved.json", br#"{"translation": [12.5, 0, 0], "scale": 2}"#);
+    bench.refuses(
+        "infer posed.exr --mesh bowl.ply --pose moved.json --camera camera.json -o x",
+        &["posed.exr with bowl.ply", "does not lie on the object"],
+    );
+    bench.write("behind.json", br#"{"translation": [10, 0, 60]}"#);
+    bench.refuses(
+        "infer posed.exr --mesh bowl.ply --pose behind.json --camera camera.json -o x",
+        &["bowl.ply: the camera sees nothing of the mesh"],
+    );
+}
+
+#[test]
+fn bad_shapes_are_refused() {
+    let bench = with_bowl();
+    let ply = bench.read("bowl.ply");
+    bench.write("short.ply", &ply[..ply.len() / 2]);
+    bench.write("empty.obj", b"# nothing\n");
+    bench.write("index.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n");
+    bench.write("line.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n");
+    bench.write("nan.obj", b"v 0 0 nan\nv 1 0 0\nv 2 1 0\nf 1 2 3\n");
+    bench.write("bad.json", br#"{"projection": "perspective", "fov": 40}"#);
+    bench.write("flat.json", br#"{"scale": 0}"#);
+    bench.write("light.json", b"[1, 2");
+    for (options, says) in [
+        ("--mesh none.ply", "none.ply: cannot open"),
+        ("--mesh short.ply", "short.ply: "),
+        ("--mesh empty.obj", "empty.obj: "),
+        ("--mesh index.obj", "index.obj: "),
+        ("--mesh line.obj", "line.obj: "),
+        ("--mesh nan.obj", "nan.obj: "),
+        ("--mesh light.hdr", "light.hdr: "),
+        ("--mesh bowl.ply --camera bad.json", "bad.json: "),
+        ("--mesh bowl.ply --camera light.json", "light.json: "),
+        ("--mesh bowl.ply --pose flat.json", "flat.json: "),
+        ("--pose flat.json", "--mesh"),
+        ("--mesh bowl.ply --normals normals.npy", "--mesh"),
+        ("--shape cube", "cube"),
+        ("--normals-flip-y", "--normals"),
+        ("--depth-axis -3", "--depth-axis"),
+    ] {
+        bench.refuses(&format!("infer bowl.exr -o out {options}"), &[says]);
+    }
+    bench.write("grey.exr", &grey(1.0, 64, 64));
+    bench.refuses("infer grey.exr -o out", &["grey.exr: no alpha channel"]);
+    let render = "render --brdf in.binary --light light.hdr -o x.exr --size 16";
+    bench.refuses(&format!("{render} --mesh short.ply"), &["short.ply: "]);
+    bench.refuses(&format!("{render} --camera bad.json"), &["--mesh"]);
+}
+
+#[test]
+fn odd_meshes_are_used_with_a_warning() {
+    let bench = with_bowl();
+    let mesh = Form::Bowl.mesh(30).unwrap();
+    let text = String::from_utf8(encode_obj(&mesh)).unwrap();
+    // Inside out, without normals, with a triangle too many and one without an area.
+    let lines = text.lines().filter(|l| !l.starts_with("vn")).map(|l| match l.strip_prefix("f ") {
+        Some(corners) => {
+            let mut at: Vec<&str> = corners.split_whitespace().map(|c| c.split('/').next().unwrap()).collect();
+            at.swap(1, 2);
+            format!("f {}\n", at.join(" "))
+        }
+        None => format!("{l}\n"),
+    });
+    let odd = lines.collect::<String>() + "f 1 1 2\n";
+    bench.write("odd.obj", odd.as_bytes());
+    let run = bench.run("infer bowl.exr --mesh odd.obj -o out --grid 8").succeeds();
+    for says in ["odd.obj: the mesh of", "1 triangles without an area", "turned inwards"] {
+        assert!(run.stderr.contains(says), "{says}: {run:?}");
+    }
+    let want = bench.run("infer bowl.exr --mesh bowl.ply -o want --grid 8").succeeds();
+    assert_eq!(want.stderr, "");
+    let peak = |name: &str| gonio_io::merl::read(bench.path(name)).unwrap().bivariate(1).cell(0, 20);
+    let (a, b) = (peak("out/brdf.binary"), peak("want/brdf.binary"));
+    assert!((a / b).ln().abs() < 0.5, "{a} {b}");
+}
+
+#[test]
+fn shapes_of_our_own_need_no_file() {
+    let bench = with_bowl();
+    for form in ["blob", "bunny"] {
+        bench
+            .run(&format!(
+                "render --brdf in.binary --light light.hdr --mesh {form} -o {form}.png --size 24 --tolerance 2"
+            ))
+            .succeeds();
+        let drawn = read(bench.path(&format!("{form}.png")), &ReadOptions::default()).unwrap().picture.rgb;
+        let lit = drawn.as_slice().iter().filter(|c| c.x > 0.0).count();
+        assert!(lit > 24 * 24 / 8, "{form}: {lit}");
+    }
+}

@@ -22,10 +22,12 @@ use crate::{Error, atomic, guard};
 /// Longest file: 65536 lines of three numbers leave room.
 const MAX_BYTES: u64 = 1 << 24;
 
-/// Reads a response curve.
+/// Reads a response curve: text with a line `code,red,green,blue` for each code from 0 on, of natural logarithms of the
+/// exposures that it stands for, or `code,all`. Pictures of another depth take the curve on their own scale. Lines that
+/// begin with `#` or `code` and empty lines are skipped.
 ///
 /// # Errors
-/// If the file cannot be read, a line is not as described [above](self), or a curve falls or is flat.
+/// If the file cannot be read, a line is not so, or a curve falls or is flat.
 pub fn read_response(path: impl AsRef<Path>) -> Result<Response, Error> {
     let path = path.as_ref();
     decode_response(path, &guard::read_whole(path, MAX_BYTES)?)

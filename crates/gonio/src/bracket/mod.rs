@@ -1,7 +1,7 @@
 //! Brackets: several exposures of one still scene, as a camera codes them, merged to one picture of linear radiance.
 //!
 //! An [`Exposure`] is a picture of integer codes and how much light it took in. A [`Response`] says which exposure each
-//! code stands for; [`Response::recover`] finds it from the bracket itself. [`merge`] weighs the exposures of every
+//! code stands for; [`Response::recover`] finds it from the bracket itself. [`merge()`] weighs the exposures of every
 //! pixel by what their codes can tell apart, and says which pixels are known: see [`Known`].
 
 mod consistency;

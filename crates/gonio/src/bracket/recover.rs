@@ -57,7 +57,7 @@ impl Response {
     ///
     /// # Errors
     /// [`BracketError::TooLittleOverlap`] with fewer than 100 pixels that say something in a channel;
-    /// [`BracketError::NoResponse`] where no curve explains the bracket; and what [`merge`](super::merge) says of sizes,
+    /// [`BracketError::NoResponse`] where no curve explains the bracket; and what [`merge()`](super::merge()) says of sizes,
     /// depths and times.
     pub fn recover(exposures: &[Exposure]) -> Result<Self, BracketError> {
         check(exposures)?;

@@ -200,7 +200,7 @@ mod tests {
         let mut draw = |sd: f64| sd * Distribution::<f64>::sample(&StandardNormal, &mut rng);
         let sample = |i: usize, draw: &mut dyn FnMut(f64) -> f64| {
             let body = [0.3 + draw(0.8), -0.3 + draw(0.8)];
-            let highlight = if i % 4 == 0 { body } else { [0.1 + draw(0.03), draw(0.03)] };
+            let highlight = if i.is_multiple_of(4) { body } else { [0.1 + draw(0.03), draw(0.03)] };
             let light = [draw(0.2), draw(0.3)];
             let mut chromas = [0; CLUES].map(|_| Chroma([draw(0.5), draw(0.5)]));
             let sum = |a: [f64; 2], error: f64, draw: &mut dyn FnMut(f64) -> f64| {
@@ -226,7 +226,7 @@ mod tests {
         let (mut right, mut inside) = (0, 0);
         for (i, s) in samples.iter().enumerate() {
             let found = model.posterior(&s.clues, None);
-            right += usize::from((found.coloured > 0.5) == (i % 4 == 0));
+            right += usize::from((found.coloured > 0.5) == i.is_multiple_of(4));
             let [low, high] = found.intervals()[0];
             inside += usize::from((low..high).contains(&s.colours.body.0[0]));
         }

@@ -39,7 +39,7 @@ pub(crate) struct Options {
     #[arg(long, value_enum, default_value_t = Shape::Sphere, conflicts_with_all = ["normals", "mesh"])]
     shape: Shape,
     /// Semi-axis of an ellipsoid towards the camera, in pixels
-    #[arg(long, value_name = "PIXELS", value_parser = parse_positive)]
+    #[arg(long, value_name = "PIXELS", value_parser = parse_positive, allow_negative_numbers = true)]
     depth_axis: Option<f64>,
     #[command(flatten)]
     shape_options: MeshOptions,

@@ -14,8 +14,10 @@ use crate::transfer::{PlanSettings, Points, SurfacePoint, predict};
 /// How shadows are taken away.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnshadowSettings {
-    /// Estimates of material and light; after so many ratios change by less than the noise.
+    /// Estimates of material and light, at most.
     pub rounds: usize,
+    /// Ratios that change by less than this, as the mean of their absolute logarithm, are taken to have settled.
+    pub tolerance: f64,
     /// Observations for each normal of the lattice.
     pub each: usize,
     /// Observations from which the light is found, about.
@@ -24,7 +26,7 @@ pub struct UnshadowSettings {
 
 impl Default for UnshadowSettings {
     fn default() -> Self {
-        Self { rounds: 2, each: 4, rows: 1200 }
+        Self { rounds: 5, tolerance: 0.03, each: 4, rows: 1200 }
     }
 }
 
@@ -66,6 +68,7 @@ pub fn unshadow(
     let chosen = lattice.choose(points, &weights, settings.each);
     let some: Vec<SurfacePoint> = chosen.iter().map(|&i| points[i]).collect();
     let hidden = observations.visibility.as_ref().map(|v| v.select(&chosen));
+    let mut last = vec![0.0; chosen.len()];
     for _ in 0..settings.rounds {
         let posterior: MaterialPosterior = amortised.posterior(&statistics.of(&gathered.values));
         let problem = LightProblem::of_observations(observations, settings.rows, &posterior.mean, prior, plan)?;
@@ -74,16 +77,24 @@ pub fn unshadow(
         let light = LightGrid::from_coefficients(prior.map, &radiance);
         let predictions = predict(Points::new(&some, hidden.as_ref()), &posterior.mean, &light, plan.quadrature);
         let (mut values, mut reliable) = (vec![None; points.len()], vec![0.0; points.len()]);
-        change = 0.0;
-        for (&i, prediction) in chosen.iter().zip(&predictions) {
-            let ratio = prediction.on_sphere / prediction.seen;
-            let ratio = if ratio.is_finite() { ratio.clamp(1.0 / MOST, MOST) } else { 1.0 };
-            values[i] = observations.values[i].map(|v| v * ratio);
+        let logs: Vec<f64> = predictions
+            .iter()
+            .map(|p| p.on_sphere / p.seen)
+            .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / MOST, MOST).ln() } else { 0.0 })
+            .collect();
+        for (&i, log) in chosen.iter().zip(&logs) {
+            values[i] = observations.values[i].map(|v| v * log.exp());
             // What is multiplied by a large factor brings its noise along.
-            reliable[i] = weights[i] / ratio.max(1.0).powi(2);
-            change += ratio.ln().abs() / chosen.len() as f64;
+            reliable[i] = weights[i] * (-2.0 * log.max(0.0)).exp();
         }
         gathered = lattice.gather_weighted(points, &values, &reliable);
+        let mean = |each: &mut dyn Iterator<Item = f64>| each.map(f64::abs).sum::<f64>() / chosen.len() as f64;
+        change = mean(&mut logs.iter().copied());
+        let moved = mean(&mut logs.iter().zip(&last).map(|(a, b)| a - b));
+        last = logs;
+        if moved < settings.tolerance {
+            break;
+        }
     }
     Ok(Unshadowed { gathered, change })
 }

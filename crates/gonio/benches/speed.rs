@@ -15,6 +15,7 @@ use gonio::reflectance::BivariateTable;
 use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::render::{IntegratorSettings, LightTree, radiance};
 use gonio::scene::{ObservationSettings, sphere_points};
+use gonio::shape::{Camera, Form, GeometryBuffer, Lookout, Tracer, Visibility, hit_at};
 use gonio::sphere::OctahedralMap;
 use gonio::transfer::{Bilinear, Plan, PlanSettings, Projected, SurfacePoint};
 use rand::{RngExt, SeedableRng};
@@ -168,4 +169,43 @@ fn render_point(bencher: Bencher<'_, '_>, alpha: f64) {
     let point = SurfacePoint { normal: DVec3::new(-0.3, 0.4, 0.8).normalize(), view: DVec3::Z };
     let settings = IntegratorSettings::default();
     bencher.bench_local(|| radiance(black_box(&point), &table, &table, &light, &settings));
+}
+
+/// A mesh of 150,000 triangles that shadows itself, before its camera.
+static BOWL: LazyLock<(Tracer, Camera)> = LazyLock::new(|| {
+    let mesh = Form::Bowl.mesh(126).expect("the lattice meets the bowl");
+    let (centre, radius) = mesh.bounds();
+    let camera = Camera::framing(centre, radius, (512, 512), 0.05).expect("a picture with pixels");
+    let mesh = mesh.transformed(&camera.to_world.inverse()).expect("a rotation and a translation");
+    assert!((140_000..170_000).contains(&mesh.triangles().len()), "{}", mesh.triangles().len());
+    (Tracer::new(mesh), camera)
+});
+
+/// Sorting the triangles into a tree.
+#[divan::bench(sample_count = 3, sample_size = 1)]
+fn tracer_of_150k_triangles(bencher: Bencher) {
+    let mesh = BOWL.0.mesh().clone();
+    bencher.with_inputs(|| mesh.clone()).bench_values(Tracer::new);
+}
+
+/// A ray for each of 512 x 512 pixels.
+#[divan::bench(sample_count = 3, sample_size = 1)]
+fn geometry_buffer() -> GeometryBuffer {
+    GeometryBuffer::of(&BOWL.0, &BOWL.1)
+}
+
+/// The light that reaches each of 12,000 points of the bowl, on 32 x 32 texels.
+#[divan::bench(sample_count = 3, sample_size = 1)]
+fn visibility_of_12000_points(bencher: Bencher) {
+    let (surface, camera) = &*BOWL;
+    let seen: Vec<Lookout> = (0..512 * 512)
+        .filter_map(|i| hit_at(surface, camera, i % 512, i / 512))
+        .map(|hit| Lookout { from: hit.clear, normal: hit.normal })
+        .collect();
+    let points: Vec<Lookout> = (0..12_000).map(|i| seen[i * seen.len() / 12_000]).collect();
+    bencher.bench(|| {
+        let visibility = Visibility::trace(surface, &points, OctahedralMap::EqualArea, 32, &|_| ());
+        assert!(visibility.bytes() < 20_000_000, "{}", visibility.bytes());
+        black_box(visibility)
+    });
 }

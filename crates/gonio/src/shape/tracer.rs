@@ -16,6 +16,9 @@ use super::surface::{Hit, Surface};
 /// Rays towards the light begin this share of the object's size above it: single precision places them no better.
 const LIFT: f64 = 2e-5;
 
+/// Triangles whose normals are farther from their plane's (the cosine) are slivers or folds.
+const SLIVER: f64 = 0.3;
+
 /// Boxes around triangles are larger by this share of the object's size.
 const PAD: f32 = 1e-6;
 
@@ -157,14 +160,16 @@ impl Surface for Tracer {
         let (u, v, w) = (share(b, c), share(c, a), share(a, b));
         let inside = slope > 0.0;
         let facing = if inside { -flat } else { flat };
-        // Normals are taken on the side that is seen, each by itself: files mix both.
-        let corners = self.mesh.normals()[index].map(|n| if n.dot(facing) < 0.0 { -n } else { n });
-        let [na, nb, nc] = corners;
+        // Normals are taken on the side that is seen, each by itself: files mix both. The plane of a sliver says nothing of its side, its normals do.
+        let given = self.mesh.normals()[index];
+        let sliver = (given[0] + given[1] + given[2]).normalize_or_zero().dot(flat).abs() < SLIVER;
+        let side = if sliver { -ray.direction } else { facing };
+        let [na, nb, nc] = given.map(|n| if n.dot(side) < 0.0 { -n } else { n });
         let normal = (u * na + v * nb + w * nc).try_normalize().unwrap_or(facing);
         // Hanika (2021), Hacking the Shadow Terminator: from above the corners' tangent planes, where the smooth surface is. Not where it curves inwards.
         let above = |corner: DVec3, n: DVec3| (position - corner).dot(n).min(0.0) * n;
         let lift = -(u * above(a, na) + v * above(b, nb) + w * above(c, nc));
-        let clear = position + lift + LIFT * self.radius * facing;
+        let clear = position + lift + LIFT * self.radius * normal;
         Some(Hit { distance, position, normal, clear, inside })
     }
 

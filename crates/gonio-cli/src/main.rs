@@ -32,7 +32,7 @@ struct Args {
 #[derive(Subcommand)]
 enum Command {
     /// Infer the BRDF of the object in a photograph
-    Infer(infer::Options),
+    Infer(Box<infer::Options>),
     /// Merge exposures of one scene to an HDR picture
     Merge(merge::Options),
     /// Render a sphere of a BRDF under a light

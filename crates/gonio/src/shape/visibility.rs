@@ -122,11 +122,14 @@ impl Visibility {
                 left &= left - 1;
             }
         }
-        for &(texel, share) in &row.partial {
-            let texel = texel as usize;
-            let share = f32::from(share) / 255.0;
+        for (texel, share) in self.partial(point) {
             values[texel * stride..(texel + 1) * stride].iter_mut().for_each(|v| *v *= share);
         }
+    }
+
+    /// Texels that are open in part for a point, with the open share of each.
+    pub fn partial(&self, point: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
+        self.rows[point].partial.iter().map(|&(texel, share)| (texel as usize, f32::from(share) / 255.0))
     }
 
     /// Share of the light from an even sky that reaches each point through what blocks it: one where nothing does. And the share that comes

@@ -15,6 +15,9 @@ pub struct Prediction {
     pub seen: f64,
     /// On a sphere: the point of the same normal relative to the view, seen from `+z` in the same light, all of which reaches it.
     pub on_sphere: f64,
+    /// The share of `seen` that comes through texels that are open in part, in 0..=1: near one the edge of a shadow lies on the point, and how much light
+    /// arrives depends on where in a texel it comes from.
+    pub edge: f64,
 }
 
 /// Predicts the luminance of each point under a light that is constant on its texels.
@@ -44,13 +47,15 @@ pub fn predict<'a>(
             texels.fill(0.0);
             quadrature.integrate(point, &tables, texels);
             let all = sum(texels);
-            let seen = match visibility {
+            let (seen, through) = match visibility {
                 Some(visibility) => {
                     visibility.apply(i, texels, stride);
-                    sum(texels)
+                    let at = |t: usize| f64::from(texels[t * stride]) * radiance[t];
+                    (sum(texels), visibility.partial(i).map(|(t, _)| at(t)).sum())
                 }
-                None => all,
+                None => (all, 0.0),
             };
+            let edge = if seen > 0.0 { through / seen } else { 0.0 };
             let on_sphere = if point.view == DVec3::Z {
                 all
             } else {
@@ -59,8 +64,102 @@ pub fn predict<'a>(
                 quadrature.integrate(&SurfacePoint { normal, view: DVec3::Z }, &tables, texels);
                 sum(texels)
             };
-            Prediction { seen, on_sphere }
+            Prediction { seen, on_sphere, edge }
         },
     );
     each.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::shape::{Form, Lookout, Ray, Surface, Tracer, Visibility};
+    use crate::sphere::{OctahedralMap, fibonacci_hemisphere};
+
+    const SIDE: usize = 16;
+    const MAP: OctahedralMap = OctahedralMap::EqualArea;
+
+    fn table() -> BivariateTable {
+        BivariateTable::from_fn(|h, _| 0.1 + 0.5 / (1.0 + (h / 0.2_f64).powi(2)))
+    }
+
+    /// Points within a bowl, seen from its front, and what they see.
+    fn bowl() -> (Vec<SurfacePoint>, Visibility) {
+        let tracer = Tracer::new(Form::Bowl.mesh(30).unwrap());
+        let view = DVec3::Z;
+        let (mut points, mut lookouts) = (Vec::new(), Vec::new());
+        for from in fibonacci_hemisphere(60).map(|n| DVec3::new(0.9 * n.x, 0.9 * n.y, 3.0)) {
+            if let Some(hit) = tracer.hit(&Ray { origin: from, direction: -view }) {
+                points.push(SurfacePoint { normal: hit.normal, view });
+                lookouts.push(Lookout { from: hit.clear, normal: hit.normal });
+            }
+        }
+        (points, Visibility::trace(&tracer, &lookouts, MAP, SIDE, &|_| ()))
+    }
+
+    #[test]
+    fn predictions_are_sums_over_the_texels() {
+        let (points, visibility) = bowl();
+        let light =
+            LightGrid::from_texels(MAP, SIDE, (0..SIDE * SIDE).map(|t| Vec3::splat(1.0 + (t % 7) as f32)).collect());
+        let settings = QuadratureSettings::default();
+        let got = predict(Points::new(&points, Some(&visibility)), &table(), &light, settings);
+        let quadrature = Quadrature::new(MAP, SIDE, settings);
+        let tables = InterleavedTables::new(&[table()]);
+        let mut shadowed = 0;
+        for (i, (point, got)) in points.iter().zip(&got).enumerate() {
+            let mut texels = vec![0.0; SIDE * SIDE * tables.stride()];
+            quadrature.integrate(point, &tables, &mut texels);
+            let (mut seen, mut open, mut edge) = (0.0, 0.0, 0.0);
+            for (t, texel) in texels.chunks_exact(tables.stride()).enumerate() {
+                let all = f64::from(texel[0]) * (1.0 + (t % 7) as f64);
+                let share = f64::from(visibility.share(i, t));
+                open += all;
+                seen += share * all;
+                edge += if share > 0.0 && share < 1.0 { share * all } else { 0.0 };
+            }
+            assert!((got.on_sphere / open - 1.0).abs() < 1e-4 && (got.seen / seen - 1.0).abs() < 1e-4, "{got:?}");
+            assert!((got.edge - edge / seen).abs() < 1e-4, "{got:?} {edge} {seen}");
+            shadowed += usize::from(seen < 0.8 * open);
+        }
+        assert!(shadowed > 10, "{shadowed} of {}", points.len());
+    }
+
+    #[test]
+    fn one_lamp_at_the_edge_of_a_shadow_is_all_edge() {
+        let (points, visibility) = bowl();
+        let at = |i: usize, texel: usize| {
+            let lamp = |t: usize| Vec3::splat(if t == texel { 1.0 } else { 0.0 });
+            let light = LightGrid::from_texels(MAP, SIDE, (0..SIDE * SIDE).map(lamp).collect());
+            predict(Points::new(&points, Some(&visibility)), &table(), &light, QuadratureSettings::default())[i]
+        };
+        let i =
+            (0..points.len()).find(|&i| visibility.partial(i).any(|(_, share)| share > 0.2 && share < 0.8)).unwrap();
+        let (texel, share) = visibility.partial(i).find(|(_, share)| *share > 0.2 && *share < 0.8).unwrap();
+        let edge = at(i, texel);
+        assert!(
+            (edge.edge - 1.0).abs() < 1e-9 && (edge.seen / edge.on_sphere - f64::from(share)).abs() < 1e-6,
+            "{edge:?}"
+        );
+    }
+
+    #[test]
+    fn from_another_view_the_sphere_is_turned() {
+        let view = DVec3::new(0.3, 0.1, 1.0).normalize();
+        let turn = DQuat::from_rotation_arc(DVec3::Z, view);
+        let light = LightGrid::from_texels(MAP, SIDE, (0..SIDE * SIDE).map(|t| Vec3::splat((t % 5) as f32)).collect());
+        let normals: Vec<DVec3> = fibonacci_hemisphere(30).filter(|n| n.z > 0.3).collect();
+        let turned: Vec<SurfacePoint> = normals.iter().map(|&n| SurfacePoint { normal: turn * n, view }).collect();
+        let straight: Vec<SurfacePoint> =
+            normals.iter().map(|&normal| SurfacePoint { normal, view: DVec3::Z }).collect();
+        let (a, b) = (
+            predict(&turned, &table(), &light, QuadratureSettings::default()),
+            predict(&straight, &table(), &light, QuadratureSettings::default()),
+        );
+        for (a, b) in a.iter().zip(&b) {
+            assert!((a.on_sphere / b.seen - 1.0).abs() < 1e-3 && a.edge == 0.0, "{a:?} {b:?}");
+        }
+    }
 }

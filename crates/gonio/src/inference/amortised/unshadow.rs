@@ -33,6 +33,9 @@ impl Default for UnshadowSettings {
 /// Ratios are kept between this and its inverse: of a point that gets a fifth of what the sphere would, noise and what the object reflects onto itself are most.
 const MOST: f64 = 5.0;
 
+/// Observations on the edge of a shadow count so little, squared: only where there are no others of their normal.
+const LEAST: f64 = 1e-3;
+
 /// An image on the lattice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unshadowed {
@@ -82,10 +85,10 @@ pub fn unshadow(
             .map(|p| p.on_sphere / p.seen)
             .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / MOST, MOST).ln() } else { 0.0 })
             .collect();
-        for (&i, log) in chosen.iter().zip(&logs) {
+        for ((&i, log), prediction) in chosen.iter().zip(&logs).zip(&predictions) {
             values[i] = observations.values[i].map(|v| v * log.exp());
-            // What is multiplied by a large factor brings its noise along.
-            reliable[i] = weights[i] * (-2.0 * log.max(0.0)).exp();
+            // What is multiplied by a large factor brings its noise along; where most light passes a shadow's edge the ratio is a guess.
+            reliable[i] = weights[i] * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(LEAST).powi(2);
         }
         gathered = lattice.gather_weighted(points, &values, &reliable);
         let mean = |each: &mut dyn Iterator<Item = f64>| each.map(f64::abs).sum::<f64>() / chosen.len() as f64;

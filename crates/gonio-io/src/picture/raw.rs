@@ -26,7 +26,7 @@ const PIXELS_PER_BYTE: u64 = 64;
 pub(super) struct Raw {
     /// Linear, 1 at the white level, more where vignetting was taken away.
     rgb: Plane<Vec3>,
-    /// What clipped pixels hold in all channels; all others are below.
+    /// What clipped channels hold; all others are below.
     level: f32,
     pub(super) shot: Shot,
 }
@@ -117,7 +117,7 @@ fn shot(exif: &rawler::exif::Exif) -> Shot {
 /// The colour of the binned pixel whose first sample is at a column and row; `None` for a mosaic that is not RGB.
 type Develop<'a> = Box<dyn Fn(usize, usize) -> Option<Vec3> + 'a>;
 
-/// Linear colours of binned pixels, 1 in all channels where a sample is at the white level.
+/// Linear colours of binned pixels, 1 in channels with a sample at the white level.
 fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
     let data = image.data.as_f32();
     let (width, height, samples) = (image.width, image.height, image.cpp);
@@ -153,27 +153,25 @@ fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
                 _ => return Err(unsupported()),
             };
             let block = move |x: usize, y: usize| {
-                let (mut sum, mut count, mut clipped) = (Vec3::ZERO, Vec3::ZERO, false);
+                let (mut sum, mut count, mut largest) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
                 for (x, y) in (y..y + step).flat_map(|y| (x..x + step).map(move |x| (x, y))) {
                     let channel = cfa.color_at(y, x);
                     if channel > 2 {
                         return None;
                     }
                     let v = value(x, y, 0);
-                    clipped |= v >= 1.0;
+                    largest[channel] = v.max(largest[channel]);
                     sum[channel] += v;
                     count[channel] += 1.0;
                 }
-                (count.min_element() > 0.0).then(|| if clipped { Vec3::ONE } else { sum / count })
+                // A colour of which one sample is clipped is so as a whole.
+                (count.min_element() > 0.0).then(|| Vec3::select(largest.cmpge(Vec3::ONE), Vec3::ONE, sum / count))
             };
             (step, Box::new(block))
         }
         RawPhotometricInterpretation::BlackIsZero => (1, Box::new(|x, y| Some(Vec3::splat(value(x, y, 0))))),
         RawPhotometricInterpretation::LinearRaw if samples >= 3 => {
-            let pixel = |x: usize, y: usize| {
-                let v = Vec3::new(value(x, y, 0), value(x, y, 1), value(x, y, 2));
-                Some(if v.max_element() >= 1.0 { Vec3::ONE } else { v })
-            };
+            let pixel = |x: usize, y: usize| Some(Vec3::new(value(x, y, 0), value(x, y, 1), value(x, y, 2)));
             (1, Box::new(pixel))
         }
         RawPhotometricInterpretation::LinearRaw => (1, Box::new(|x, y| Some(Vec3::splat(value(x, y, 0))))),
@@ -232,7 +230,7 @@ impl Raw {
         let gains = Plane::from_fn(self.rgb.width(), self.rgb.height(), gain);
         self.level = gains.as_slice().iter().copied().fold(1.0, f32::max);
         for (colour, gain) in self.rgb.as_mut_slice().iter_mut().zip(gains.as_slice()) {
-            *colour = if colour.max_element() >= 1.0 { Vec3::splat(self.level) } else { *colour * *gain };
+            *colour = Vec3::select(colour.cmpge(Vec3::ONE), Vec3::splat(self.level), *colour * *gain);
         }
     }
 }

@@ -120,7 +120,7 @@ fn clipped_samples_and_vignetting() {
     let level = got.full_scale.unwrap();
     assert!((1.4..1.5).contains(&level), "{level}");
     let rgb = &got.picture.rgb;
-    assert_eq!(rgb[(4, 4)], Vec3::splat(level));
+    assert_eq!(rgb[(4, 4)].z, level);
     assert_eq!(rgb.as_slice().iter().filter(|v| v.max_element() >= level).count(), 1);
     assert!((rgb[(8, 6)].y / colour(8, 6).y - 1.0).abs() < 0.01);
     assert!((rgb[(0, 0)].y / colour(0, 0).y - level).abs() < 1e-3);

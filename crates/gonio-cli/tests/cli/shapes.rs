@@ -237,13 +237,13 @@ fn odd_meshes_are_used_with_a_warning() {
     }
     let want = bench.run("infer bowl.exr --mesh bowl.ply -o want --grid 8").succeeds();
     assert!(!want.stderr.contains("mesh"), "{want:?}");
-    // The same pixels are seen, all of them from the back.
+    // The same pixels are seen, from the back; only slivers may be of another mind.
     let seen = |name: &str| bench.json(name)["observations"].clone();
     let (odd, want) = (seen("out/result.json"), seen("want/result.json"));
     let count = |of: &serde_json::Value, what: [&str; 2]| of[what[0]][what[1]].as_f64().unwrap();
     assert!((count(&odd, ["report", "used"]) / count(&want, ["report", "used"]) - 1.0).abs() < 0.03, "{odd} {want}");
-    assert_eq!(count(&odd, ["pixels", "inside"]), count(&odd, ["pixels", "seen"]));
-    assert_eq!(count(&want, ["pixels", "inside"]), 0.0);
+    let inside = |of: &serde_json::Value| count(of, ["pixels", "inside"]) / count(of, ["pixels", "seen"]);
+    assert!(inside(&odd) > 0.95 && inside(&want) < 0.05, "{odd} {want}");
 }
 
 #[test]

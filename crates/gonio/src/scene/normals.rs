@@ -28,7 +28,7 @@ const MOST_FOLD: f64 = 25.0;
 const STEEPEST: f64 = 8.0;
 /// Points that see a smaller share of an even sky are lit by the object itself as much as by the light.
 const LEAST_OPEN: f64 = 0.15;
-/// Points that would get a larger share of an even sky through texels that are open in part may lie on the edge of a shadow.
+/// Points that would get a larger share of an even sky through texels that are open in part, of 32 x 32, may lie on the edge of a shadow.
 const MOST_EDGE: f64 = 0.35;
 /// Points to a cell of the grid that pixels are thinned on, where the whole hemisphere is seen.
 const POINTS_PER_CELL: f64 = 4.0;
@@ -197,7 +197,7 @@ impl Observations {
     }
 
     /// Asks which light the surface keeps from each of the points ([`Self::visibility`]), on a grid of `side` squared texels. Points on which the edge of a
-    /// shadow may lie (more than 35 % of the sky would come through texels that are open in part), and those that see less than 15 % of
+    /// shadow may lie (more than 35 % of the sky would come through texels that are open in part, on a grid of 32 x 32), and those that see less than 15 % of
     /// it, lose their value, as long as a hundred others keep theirs.
     ///
     /// The points must be pixels of the picture that `camera` took, as those of [`Self::of_view`] are. A surface that keeps no light from any of them
@@ -231,7 +231,9 @@ impl Observations {
         }
         let normals: Vec<DVec3> = self.points.iter().map(|p| p.normal).collect();
         let openness = visibility.openness(&normals);
-        let poor = |i: &usize| openness[*i].open < LEAST_OPEN || openness[*i].edge > MOST_EDGE;
+        // Edges are as wide as texels.
+        let most = MOST_EDGE * 32.0 / side as f64;
+        let poor = |i: &usize| openness[*i].open < LEAST_OPEN || openness[*i].edge > most;
         let lost: Vec<usize> = (0..self.points.len()).filter(|i| self.values[*i].is_some()).filter(poor).collect();
         if self.report.used - lost.len() >= 2 * LEAST_POINTS {
             for &i in &lost {

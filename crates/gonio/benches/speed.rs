@@ -173,7 +173,7 @@ fn render_point(bencher: Bencher<'_, '_>, alpha: f64) {
 
 /// A mesh of 150,000 triangles that shadows itself, before its camera.
 static BOWL: LazyLock<(Tracer, Camera)> = LazyLock::new(|| {
-    let mesh = Form::Bowl.mesh(126).expect("the lattice meets the bowl");
+    let mesh = Form::Bowl.mesh(101).expect("the lattice meets the bowl");
     let (centre, radius) = mesh.bounds();
     let camera = Camera::framing(centre, radius, (512, 512), 0.05).expect("a picture with pixels");
     let mesh = mesh.transformed(&camera.to_world.inverse()).expect("a rotation and a translation");

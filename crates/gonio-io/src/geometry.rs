@@ -61,10 +61,6 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
                 let [values] = planes.as_slice() else { return Err(Error::damaged(path, "has no depths")) };
                 Plane::from_vec(width, height, values.iter().map(|v| depth(*v)).collect())
             }
-            Format::Radiance | Format::Jpeg => {
-                let advice = "give EXR, NPY or 16-bit PNG";
-                return Err(Error::unsupported(path, "is in a format too coarse for depths", advice));
-            }
             Format::Pfm | Format::Png | Format::Tiff => {
                 let read = ReadOptions { linear: true, ..options.read.clone() };
                 let decoded = picture::decode(path, bytes, &read)?;
@@ -73,6 +69,11 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
                 } else {
                     coded(path, &decoded, options.range)?
                 }
+            }
+            // Radiance, JPEG and, where the feature is there, raw files.
+            _ => {
+                let advice = "give EXR, NPY or 16-bit PNG";
+                return Err(Error::unsupported(path, "is in a format too coarse for depths", advice));
             }
         }
     };

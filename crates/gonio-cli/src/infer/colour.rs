@@ -83,12 +83,7 @@ pub(super) fn colouring(
         (None, None) => (None, "the light has a colour as captured lights have, around white"),
     };
     let lattice = Lattice::new();
-    let channels = [0, 1, 2].map(|c| {
-        let values: Vec<Option<f64>> = observations.colours.iter().map(|p| p.map(|p| f64::from(p[c]))).collect();
-        lattice.gather(&observations.points, &values).values
-    });
-    let image: Vec<Vec3> =
-        (0..lattice.normals().len()).map(|i| Vec3::from_array([0, 1, 2].map(|c| channels[c][i]))).collect();
+    let image = lattice.gather_colours(&observations.points, &observations.colours);
     let clues = ClueFinder::new(&lattice).of(&image, highlight_share(table));
     let posterior = ColourModel::default().posterior(&clues, light);
     Colouring {

@@ -183,7 +183,7 @@ struct Light {
 fn find_light(options: &Options, model: &Model, observations: &Observations, table: &BivariateTable) -> Result<Light> {
     let stage = Stage::new("integrating the BRDF");
     let settings = PlanSettings { side: options.grid, ..PlanSettings::default() };
-    let problem = LightProblem::of_observations(observations, ROWS, table, &model.light, &settings)
+    let problem = LightProblem::of_observations(&observations.thinned(ROWS), table, &model.light, &settings)
         .with_context(|| options.image.display().to_string())?;
     let transfer_seconds = stage.finish();
     let stage = Stage::new("estimating the light");

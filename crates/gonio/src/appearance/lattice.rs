@@ -1,6 +1,6 @@
 //! An image on standard normals, whatever the shape it was observed on.
 
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::sphere::fibonacci_hemisphere;
@@ -75,19 +75,38 @@ impl Lattice {
     /// Likewise, and if the weights differ in number.
     pub fn gather_weighted(&self, points: &[SurfacePoint], values: &[Option<f64>], weights: &[f64]) -> Gathered {
         assert!(points.len() == values.len() && points.len() == weights.len());
-        let observed: Vec<Observed> = points
+        let grey = |(v, &weight): (&Option<f64>, &f64)| v.filter(|_| weight > 0.0).map(|v| ([v], weight));
+        let (values, filled) = self.means(points, values.iter().zip(weights).map(grey));
+        Gathered { values: values.into_iter().map(|[v]| v).collect(), filled }
+    }
+
+    /// As [`Self::gather`], of linear RGB.
+    ///
+    /// # Panics
+    /// Likewise.
+    pub fn gather_colours(&self, points: &[SurfacePoint], colours: &[Option<Vec3>]) -> Vec<Vec3> {
+        assert_eq!(points.len(), colours.len());
+        let rgb = |c: &Option<Vec3>| c.map(|c| (c.as_dvec3().to_array(), 1.0));
+        self.means(points, colours.iter().map(rgb)).0.into_iter().map(Vec3::from_array).collect()
+    }
+
+    /// Means of what is given with a weight for each point, and how many of them had to reach farther than they should.
+    fn means<const N: usize>(
+        &self,
+        points: &[SurfacePoint],
+        values: impl Iterator<Item = Option<([f64; N], f64)>>,
+    ) -> (Vec<[f32; N]>, usize) {
+        let observed: Vec<Observed<N>> = points
             .iter()
             .zip(values)
-            .zip(weights)
-            .filter(|(_, weight)| **weight > 0.0)
-            .filter_map(|((p, v), &weight)| v.map(|v| Observed { normal: in_view(p), value: v.max(0.0), weight }))
+            .filter_map(|(p, v)| {
+                v.map(|(v, weight)| Observed { normal: p.in_view(), value: v.map(|v| v.max(0.0)), weight })
+            })
             .collect();
         assert!(!observed.is_empty(), "an image without observations");
-        let gathered: Vec<(f32, bool)> = self.normals.par_iter().map(|n| mean_around(*n, &observed)).collect();
-        Gathered {
-            values: gathered.iter().map(|(v, _)| *v).collect(),
-            filled: gathered.iter().filter(|(_, filled)| *filled).count(),
-        }
+        let gathered: Vec<([f32; N], bool)> = self.normals.par_iter().map(|n| mean_around(*n, &observed)).collect();
+        let filled = gathered.iter().filter(|(_, filled)| *filled).count();
+        (gathered.into_iter().map(|(v, _)| v).collect(), filled)
     }
 
     /// Of points with weights those that matter most to [`Self::gather_weighted`]: for each normal of the lattice up to `each` of the greatest weight
@@ -97,7 +116,7 @@ impl Lattice {
     /// If `points` and `weights` differ in number.
     pub fn choose(&self, points: &[SurfacePoint], weights: &[f64], each: usize) -> Vec<usize> {
         assert_eq!(points.len(), weights.len());
-        let normals: Vec<DVec3> = points.iter().map(in_view).collect();
+        let normals: Vec<DVec3> = points.iter().map(SurfacePoint::in_view).collect();
         let usable: Vec<usize> = (0..points.len()).filter(|&i| weights[i] > 0.0).collect();
         let reach = (REACH * WIDTH).to_radians().powi(2);
         let mut chosen: Vec<usize> = self
@@ -121,19 +140,14 @@ impl Lattice {
 }
 
 /// An observation in the frame of its own view.
-struct Observed {
+struct Observed<const N: usize> {
     normal: DVec3,
-    value: f64,
+    value: [f64; N],
     weight: f64,
 }
 
-/// The normal of a point in the frame of its view.
-fn in_view(point: &SurfacePoint) -> DVec3 {
-    DQuat::from_rotation_arc(point.view, DVec3::Z) * point.normal
-}
-
 /// The weighted mean around a normal, and whether it had to reach farther than it should.
-fn mean_around(normal: DVec3, observed: &[Observed]) -> (f32, bool) {
+fn mean_around<const N: usize>(normal: DVec3, observed: &[Observed<N>]) -> ([f32; N], bool) {
     // Chords in place of angles: alike where they are small, and monotone.
     let squares: Vec<f64> = observed.iter().map(|o| (o.normal - normal).length_squared()).collect();
     let nearest = squares.iter().copied().fold(f64::INFINITY, f64::min);
@@ -141,15 +155,15 @@ fn mean_around(normal: DVec3, observed: &[Observed]) -> (f32, bool) {
     let filled = nearest > reach;
     // Beyond its reach the Gaussian grows until the nearest observation is two standard deviations away.
     let variance = if filled { nearest / 4.0 } else { WIDTH.to_radians().powi(2) };
-    let (mut sum, mut weights) = (0.0, 0.0);
+    let (mut sum, mut weights) = ([0.0; N], 0.0);
     for (square, observed) in squares.iter().zip(observed) {
         if *square <= REACH * REACH * variance {
             let weight = observed.weight * (-0.5 * square / variance).exp();
-            sum += weight * observed.value;
+            sum.iter_mut().zip(&observed.value).for_each(|(s, v)| *s += weight * v);
             weights += weight;
         }
     }
-    ((sum / weights) as f32, filled)
+    (sum.map(|s| (s / weights) as f32), filled)
 }
 
 #[cfg(test)]

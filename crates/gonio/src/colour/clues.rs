@@ -126,11 +126,9 @@ pub fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
 /// mean of its radiance over the visible normals. What [`ColourModel`](super::ColourModel) means by the colour of the light.
 pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
     let normals: Vec<DVec3> = fibonacci_hemisphere(500).map(|n| camera * n).collect();
-    let side = light.side();
     let mut sum = DVec3::ZERO;
     for (texel, radiance) in light.texels().iter().enumerate() {
-        let (x, y) = ((texel % side) as f64, (texel / side) as f64);
-        let (u, v) = ((2.0 * x + 1.0) / side as f64 - 1.0, 1.0 - (2.0 * y + 1.0) / side as f64);
+        let (u, v) = LightGrid::centre_of(light.side(), texel);
         let direction = light.map().direction(u, v);
         let seen: f64 = normals.iter().map(|n| n.dot(direction).max(0.0)).sum();
         sum += light.map().density(u, v) * seen * radiance.as_dvec3();

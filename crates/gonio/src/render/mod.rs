@@ -3,6 +3,7 @@
 mod brdf;
 mod integrate;
 mod linear;
+mod rows;
 mod sphere;
 mod surface;
 mod tone;

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::brdf::Brdf;
 use super::integrate::{IntegratorSettings, nodes, radiance};
 use super::linear::envelope;
+use super::rows::picture_of;
 use super::tree::LightTree;
 use crate::picture::{Picture, Plane, luminance};
 use crate::reflectance::BivariateTable;
@@ -47,44 +48,29 @@ pub fn render_sphere(
 ) -> Picture {
     let (size, samples, radius) = (settings.size, settings.samples.max(1), settings.radius());
     let envelope = brdf.envelope();
-    let done = std::sync::atomic::AtomicUsize::new(0);
     // Coverage is sampled finer than radiance: the rim decides where the sphere is found again.
     let fine = 4 * samples;
-    let pixels: Vec<(Vec3, f32)> = (0..size)
-        .into_par_iter()
-        .flat_map_iter(|y| {
-            let row: Vec<(Vec3, f32)> = (0..size)
-                .map(|x| {
-                    let place = |i: usize, n: usize, at: usize| {
-                        (at as f64 + (i as f64 + 0.5) / n as f64 - 0.5 * size as f64) / radius
-                    };
-                    let inside = (0..fine * fine)
-                        .filter(|s| place(s % fine, fine, x).hypot(place(s / fine, fine, y)) < 1.0)
-                        .count();
-                    if inside == 0 {
-                        return (Vec3::ZERO, 0.0);
-                    }
-                    let mut sum = DVec3::ZERO;
-                    for s in 0..samples * samples {
-                        let (a, b) = (place(s % samples, samples, x), -place(s / samples, samples, y));
-                        // A sample beyond the rim of a pixel that the sphere touches takes the rim's normal.
-                        let r = a.hypot(b).max(1.0);
-                        let (a, b) = (a / r, b / r);
-                        let normal = DVec3::new(a, b, (1.0 - a * a - b * b).max(1e-8).sqrt()).normalize();
-                        let point = SurfacePoint { normal, view: DVec3::Z };
-                        sum += radiance(&point, brdf, &envelope, light, &settings.integrator);
-                    }
-                    let coverage = inside as f32 / (fine * fine) as f32;
-                    ((sum / (samples * samples) as f64).as_vec3() * coverage, coverage)
-                })
-                .collect();
-            let rows = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            progress(rows as f64 / size as f64);
-            row
-        })
-        .collect();
-    let (rgb, alpha) = pixels.into_iter().unzip();
-    Picture { rgb: Plane::from_vec(size, size, rgb), alpha: Some(Plane::from_vec(size, size, alpha)) }
+    let place = |i: usize, n: usize, at: usize| (at as f64 + (i as f64 + 0.5) / n as f64 - 0.5 * size as f64) / radius;
+    let pixel = |x: usize, y: usize| {
+        let inside =
+            (0..fine * fine).filter(|s| place(s % fine, fine, x).hypot(place(s / fine, fine, y)) < 1.0).count();
+        if inside == 0 {
+            return (Vec3::ZERO, 0.0);
+        }
+        let mut sum = DVec3::ZERO;
+        for s in 0..samples * samples {
+            let (a, b) = (place(s % samples, samples, x), -place(s / samples, samples, y));
+            // A sample beyond the rim of a pixel that the sphere touches takes the rim's normal.
+            let r = a.hypot(b).max(1.0);
+            let (a, b) = (a / r, b / r);
+            let normal = DVec3::new(a, b, (1.0 - a * a - b * b).max(1e-8).sqrt()).normalize();
+            let point = SurfacePoint { normal, view: DVec3::Z };
+            sum += radiance(&point, brdf, &envelope, light, &settings.integrator);
+        }
+        let coverage = inside as f32 / (fine * fine) as f32;
+        ((sum / (samples * samples) as f64).as_vec3() * coverage, coverage)
+    };
+    picture_of((size, size), pixel, progress)
 }
 
 /// Renders a surface given by a picture of its normals (zero where there is none), seen along -z; what hides light from
@@ -96,28 +82,15 @@ pub fn render_normals(
     settings: &IntegratorSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Picture {
-    let (width, height) = normals.size();
     let envelope = brdf.envelope();
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    let pixels: Vec<(Vec3, f32)> = (0..height)
-        .into_par_iter()
-        .flat_map_iter(|y| {
-            let row: Vec<(Vec3, f32)> = (0..width)
-                .map(|x| match normals[(x, y)].as_dvec3().try_normalize() {
-                    Some(normal) if normal.z > 0.0 => {
-                        let point = SurfacePoint { normal, view: DVec3::Z };
-                        (radiance(&point, brdf, &envelope, light, settings).as_vec3(), 1.0)
-                    }
-                    _ => (Vec3::ZERO, 0.0),
-                })
-                .collect();
-            let rows = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            progress(rows as f64 / height as f64);
-            row
-        })
-        .collect();
-    let (rgb, alpha) = pixels.into_iter().unzip();
-    Picture { rgb: Plane::from_vec(width, height, rgb), alpha: Some(Plane::from_vec(width, height, alpha)) }
+    let pixel = |x: usize, y: usize| match normals[(x, y)].as_dvec3().try_normalize() {
+        Some(normal) if normal.z > 0.0 => {
+            let point = SurfacePoint { normal, view: DVec3::Z };
+            (radiance(&point, brdf, &envelope, light, settings).as_vec3(), 1.0)
+        }
+        _ => (Vec3::ZERO, 0.0),
+    };
+    picture_of(normals.size(), pixel, progress)
 }
 
 /// Luminance of every point under `light`, as far as it is visible, for each table: the rows of a problem whose light is known, `[point][table]`.

@@ -1,12 +1,12 @@
 //! A surface of any shape, with the shadows that it throws on itself.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::brdf::Brdf;
 use super::integrate::{IntegratorSettings, Nodes, nodes_within};
+use super::rows::picture_of;
 use super::tree::LightTree;
-use crate::picture::{Picture, Plane};
+use crate::picture::Picture;
 use crate::reflectance::BivariateTable;
 use crate::shape::{Camera, Hit, Ray, Surface};
 use crate::transfer::SurfacePoint;
@@ -47,10 +47,8 @@ pub fn render_surface(
     settings: &SurfaceSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Picture {
-    let (width, height) = camera.size;
     let envelope = brdf.envelope();
     let samples = settings.samples.max(1);
-    let done = std::sync::atomic::AtomicUsize::new(0);
     let shade = |hit: &Hit, view: DVec3| radiance_of(hit, view, brdf, &envelope, light, surface, settings);
     let pixel = |x: usize, y: usize| {
         let ray = |s: usize, n: usize| {
@@ -73,17 +71,7 @@ pub fn render_surface(
         let coverage = covered as f32 / (COVERAGE * COVERAGE) as f32;
         ((sum / count).as_vec3() * coverage, coverage)
     };
-    let pixels: Vec<(Vec3, f32)> = (0..height)
-        .into_par_iter()
-        .flat_map_iter(|y| {
-            let row: Vec<(Vec3, f32)> = (0..width).map(|x| pixel(x, y)).collect();
-            let rows = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            progress(rows as f64 / height as f64);
-            row
-        })
-        .collect();
-    let (rgb, alpha) = pixels.into_iter().unzip();
-    Picture { rgb: Plane::from_vec(width, height, rgb), alpha: Some(Plane::from_vec(width, height, alpha)) }
+    picture_of(camera.size, pixel, progress)
 }
 
 /// Radiance that a place of the surface sends along `view`.
@@ -147,6 +135,7 @@ mod tests {
     use super::super::{SphereSettings, render_sphere};
     use super::*;
     use crate::lighting::EnvironmentMap;
+    use crate::picture::Plane;
     use crate::shape::{Ellipsoid, Form, Projection, Tracer, hit_at};
     use crate::sphere::direction_of_lat_long;
 

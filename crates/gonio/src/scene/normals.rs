@@ -2,34 +2,24 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 
 use super::components::neighbours;
 use super::observations::LEAST_POINTS;
 use super::observed::{COVERED, Seen, check_radiance, check_size, clip_level, is_clipped};
+use super::view::{SurfaceView, has_normal};
 use super::weights::weights;
 use super::{ObservationReport, ObservationSettings, Observations, SceneError};
 use crate::picture::{Picture, Plane, luminance};
-use crate::shape::{Camera, Lookout, Projection, Surface, Visibility, hit_at, view_at};
 use crate::sphere::OctahedralMap;
 use crate::transfer::SurfacePoint;
 
-/// Shorter vectors say that a pixel has no normal.
-const NO_NORMAL: f32 = 0.1;
 /// Lengths may be off by this: renderers filter normals, and 8-bit files round them.
 const LENGTH_TOLERANCE: f32 = 0.05;
 /// A few faulty normals are skipped; beyond this share of them the map as a whole is faulty.
 const MOST_FAULTY: f64 = 0.02;
 /// Cells along a side of the grid that directions are counted on: 1.6 degrees each.
 const COUNTING_SIDE: usize = 128;
-/// Neighbouring pixels whose normals are farther apart, in degrees, have an edge between them.
-const MOST_FOLD: f64 = 25.0;
-/// A surface that falls away by more from a pixel to its neighbour, in widths of a pixel, steps back: tan 80 degrees on the diagonal.
-const STEEPEST: f64 = 8.0;
-/// Points that see a smaller share of an even sky are lit by the object itself as much as by the light.
-const LEAST_OPEN: f64 = 0.15;
-/// Points that would get a larger share of an even sky through texels that are open in part, of 32 x 32, may lie on the edge of a shadow.
-const MOST_EDGE: f64 = 0.35;
 /// Points to a cell of the grid that pixels are thinned on, where the whole hemisphere is seen.
 const POINTS_PER_CELL: f64 = 4.0;
 
@@ -38,55 +28,6 @@ fn cell(normal: DVec3, side: usize) -> usize {
     let (u, v) = OctahedralMap::EqualArea.square(normal);
     let at = |w: f64| ((0.5 * (w + 1.0) * side as f64) as usize).min(side - 1);
     at(v) * side + at(u)
-}
-
-/// Whether a pixel of a normal map holds any normal at all.
-fn has_normal(normal: Vec3) -> bool {
-    normal.is_finite() && normal.length() >= NO_NORMAL
-}
-
-/// What is known of the surface behind each pixel of a picture.
-#[derive(Clone, Copy, Debug)]
-pub struct SurfaceView<'a> {
-    /// Normals in coordinates of the camera, unit vectors; shorter than 0.1 or not finite where there is none.
-    pub normals: &'a Plane<Vec3>,
-    /// The camera; `None` for an orthographic one.
-    pub camera: Option<&'a Camera>,
-    /// Distance along the ray of each pixel, where it is known: tells where the surface steps back.
-    pub distances: Option<&'a Plane<f32>>,
-}
-
-impl SurfaceView<'_> {
-    /// The unit vector towards the camera from what a pixel (its index, row-major) sees.
-    fn view(&self, pixel: usize) -> DVec3 {
-        let width = self.normals.width();
-        self.camera.map_or(DVec3::Z, |camera| view_at(camera, pixel % width, pixel / width))
-    }
-
-    /// Whether the surface ends, steps back or folds between a pixel and one of its neighbours. Where only normals are known, an end is for the
-    /// mask to tell.
-    fn is_edge(&self, x: usize, y: usize) -> bool {
-        let normal = self.normals[(x, y)];
-        let least = MOST_FOLD.to_radians().cos() as f32;
-        neighbours((x, y), self.normals.size(), true).any(|next| {
-            let other = self.normals[next];
-            if !has_normal(other) {
-                return self.distances.is_some();
-            }
-            let folds = other.dot(normal) < least * other.length() * normal.length();
-            folds || self.distances.is_some_and(|d| self.steps((d[(x, y)], d[next])))
-        })
-    }
-
-    /// Whether the surface steps back between two pixels: by more than it falls away where it is seen at 80 degrees, and diagonally.
-    fn steps(&self, (near, far): (f32, f32)) -> bool {
-        let footprint = match self.camera.map(|c| c.projection) {
-            Some(Projection::Orthographic { pixels_per_unit }) => 1.0 / pixels_per_unit,
-            Some(Projection::Perspective { focal }) => f64::from(near.min(far)) / focal,
-            None => return false,
-        };
-        f64::from((near - far).abs()) > STEEPEST * footprint
-    }
 }
 
 impl Observations {
@@ -195,57 +136,6 @@ impl Observations {
         observations.weights = weights(rgb, normals, &region, &pixels);
         Ok(observations)
     }
-
-    /// Asks which light the surface keeps from each of the points ([`Self::visibility`]), on a grid of `side` squared texels. Points on which the edge of a
-    /// shadow may lie (more than 35 % of the sky would come through texels that are open in part, on a grid of 32 x 32), and those that see less than 15 % of
-    /// it, lose their value, as long as a hundred others keep theirs.
-    ///
-    /// The points must be pixels of the picture that `camera` took, as those of [`Self::of_view`] are. A surface that keeps no light from any of them
-    /// leaves everything as it is.
-    ///
-    /// # Errors
-    /// [`SceneError::NoSurface`] if a point is not on the surface.
-    pub fn shadowed_by(
-        &mut self,
-        surface: &dyn Surface,
-        camera: &Camera,
-        (map, side): (OctahedralMap, usize),
-        progress: &(dyn Fn(f64) + Sync),
-    ) -> Result<(), SceneError> {
-        if surface.is_convex() {
-            return Ok(());
-        }
-        let lookouts: Option<Vec<Lookout>> = self
-            .pixels
-            .iter()
-            .zip(&self.points)
-            .map(|(&(x, y), point)| {
-                let hit = hit_at(surface, camera, x as usize, y as usize)?;
-                Some(Lookout { from: hit.clear, normal: point.normal })
-            })
-            .collect();
-        let lookouts = lookouts.ok_or(SceneError::NoSurface)?;
-        let visibility = Visibility::trace(surface, &lookouts, map, side, progress);
-        if visibility.is_open() {
-            return Ok(());
-        }
-        let normals: Vec<DVec3> = self.points.iter().map(|p| p.normal).collect();
-        let openness = visibility.openness(&normals);
-        // Edges are as wide as texels.
-        let most = MOST_EDGE * 32.0 / side as f64;
-        let poor = |i: &usize| openness[*i].open < LEAST_OPEN || openness[*i].edge > most;
-        let lost: Vec<usize> = (0..self.points.len()).filter(|i| self.values[*i].is_some()).filter(poor).collect();
-        if self.report.used - lost.len() >= 2 * LEAST_POINTS {
-            for &i in &lost {
-                self.values[i] = None;
-                self.colours[i] = None;
-            }
-            self.report.used -= lost.len();
-            self.report.in_shadow = lost.len();
-        }
-        self.visibility = Some(visibility);
-        Ok(())
-    }
 }
 
 /// Whether a pixel is less than a quarter as bright as each of its neighbours, of which there are five at least.
@@ -273,10 +163,9 @@ impl Candidate {
         normal.dot(view)
     }
 
-    /// The normal in the frame of its own view: x right, y up, z towards the camera.
+    /// The normal in the frame of its own view.
     fn seen(&self, surface: &SurfaceView<'_>) -> DVec3 {
-        let SurfacePoint { normal, view } = self.point(surface);
-        DQuat::from_rotation_arc(view, DVec3::Z) * normal
+        self.point(surface).in_view()
     }
 }
 

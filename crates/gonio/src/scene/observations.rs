@@ -81,6 +81,8 @@ pub struct Observations {
     pub weights: Vec<f64>,
     /// Which light reaches each point, where the surface keeps some from itself ([`Self::shadowed_by`]).
     pub visibility: Option<Visibility>,
+    /// The share of the light from an even sky that reaches each point, in 0..=1: one where nothing hides any of it.
+    pub open: Vec<f64>,
     /// What became of the points.
     pub report: ObservationReport,
 }
@@ -102,13 +104,27 @@ impl Observations {
     /// How much each observation counts among others of the same normal: its weight, less where much of the light is hidden from it, since what the object
     /// reflects onto itself makes up for part of that. Zero without a value.
     pub fn trust(&self) -> Vec<f64> {
-        let own = || self.values.iter().zip(&self.weights).map(|(v, w)| if v.is_some() { *w } else { 0.0 });
-        match &self.visibility {
-            None => own().collect(),
-            Some(visibility) => {
-                let normals: Vec<DVec3> = self.points.iter().map(|p| p.normal).collect();
-                own().zip(visibility.openness(&normals)).map(|(w, o)| w * o.open.powi(4)).collect()
-            }
+        let each = self.values.iter().zip(&self.weights).zip(&self.open);
+        each.map(|((value, weight), open)| if value.is_some() { weight * open.powi(4) } else { 0.0 }).collect()
+    }
+
+    /// Some of the observations, by their indices; the report is still of all.
+    ///
+    /// # Panics
+    /// If there is no such point.
+    pub fn select(&self, indices: &[usize]) -> Self {
+        fn some<T: Clone>(all: &[T], indices: &[usize]) -> Vec<T> {
+            indices.iter().map(|&i| all[i].clone()).collect()
+        }
+        Self {
+            points: some(&self.points, indices),
+            pixels: some(&self.pixels, indices),
+            values: some(&self.values, indices),
+            colours: some(&self.colours, indices),
+            weights: some(&self.weights, indices),
+            visibility: self.visibility.as_ref().map(|v| v.select(indices)),
+            open: some(&self.open, indices),
+            report: self.report,
         }
     }
 
@@ -192,8 +208,8 @@ impl Observations {
         if values.iter().flatten().all(|&value| value <= 0.0) {
             return Err(SceneError::Black);
         }
-        let weights = vec![1.0; points.len()];
-        Ok(Self { points, pixels, values, colours, weights, visibility: None, report })
+        let (weights, open) = (vec![1.0; points.len()], vec![1.0; points.len()]);
+        Ok(Self { points, pixels, values, colours, weights, visibility: None, open, report })
     }
 }
 

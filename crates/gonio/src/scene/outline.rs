@@ -1,7 +1,6 @@
 //! Outlines that are no circles: ellipsoids, and balls seen in perspective.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
+use faer::Mat;
 use glam::{DMat3, DVec2, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -9,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SceneError;
 use super::circle::{LEAST_RADIUS, outline};
+use crate::linalg::solve_positive;
 use crate::picture::Plane;
 use crate::shape::{Camera, Ellipsoid};
 
@@ -171,16 +171,14 @@ fn fit(rows: &[Vec<f64>], distance: impl Fn(&[f64], usize) -> f64, least: f64) -
 fn least_squares(rows: &[Vec<f64>], weights: &[f64]) -> Option<Vec<f64>> {
     let unknowns = rows.first()?.len();
     let mut gram = Mat::<f64>::zeros(unknowns, unknowns);
-    let mut right = Mat::<f64>::zeros(unknowns, 1);
+    let mut right = vec![0.0; unknowns];
     for (row, weight) in rows.iter().zip(weights).filter(|(_, w)| **w > 0.0) {
         for i in 0..unknowns {
-            right[(i, 0)] += weight * row[i];
+            right[i] += weight * row[i];
             (0..unknowns).for_each(|j| gram[(i, j)] += weight * row[i] * row[j]);
         }
     }
-    let found = gram.llt(Side::Lower).ok()?.solve(&right);
-    let solution: Vec<f64> = (0..unknowns).map(|i| found[(i, 0)]).collect();
-    solution.iter().all(|x| x.is_finite()).then_some(solution)
+    solve_positive(gram, &right)
 }
 
 fn median(values: &mut [f64]) -> f64 {

@@ -1,6 +1,6 @@
 //! What points of a surface would show of one BRDF in one light.
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{InterleavedTables, Points, Quadrature, QuadratureSettings, SurfacePoint};
@@ -59,9 +59,9 @@ pub fn predict<'a>(
             let on_sphere = if point.view == DVec3::Z {
                 all
             } else {
-                let normal = DQuat::from_rotation_arc(point.view, DVec3::Z) * point.normal;
                 texels.fill(0.0);
-                quadrature.integrate(&SurfacePoint { normal, view: DVec3::Z }, &tables, texels);
+                let turned = SurfacePoint { normal: point.in_view(), view: DVec3::Z };
+                quadrature.integrate(&turned, &tables, texels);
                 sum(texels)
             };
             Prediction { seen, on_sphere, edge }
@@ -72,7 +72,7 @@ pub fn predict<'a>(
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
+    use glam::{DQuat, Vec3};
 
     use super::*;
     use crate::shape::{Form, Lookout, Ray, Surface, Tracer, Visibility};

@@ -13,7 +13,7 @@
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 
 use super::kernels;
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H};
@@ -26,6 +26,13 @@ pub struct SurfacePoint {
     pub normal: DVec3,
     /// Direction towards the camera.
     pub view: DVec3,
+}
+
+impl SurfacePoint {
+    /// The normal in the frame of the view: z towards the camera, turned there by the shortest way.
+    pub fn in_view(&self) -> DVec3 {
+        DQuat::from_rotation_arc(self.view, DVec3::Z) * self.normal
+    }
 }
 
 /// Several bivariate tables, interleaved so that one look-up of all touches four runs of memory.

@@ -9,7 +9,7 @@ use crate::appearance::{Gathered, Lattice, Statistics};
 use crate::inference::marginal::{LightError, LightProblem, cut_off_at_zero};
 use crate::lighting::{LightGrid, LightPrior};
 use crate::scene::Observations;
-use crate::transfer::{PlanSettings, Points, SurfacePoint, predict};
+use crate::transfer::{PlanSettings, Prediction, predict};
 
 /// How shadows are taken away.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,30 +68,31 @@ pub fn unshadow(
     if observations.visibility.is_none() && parallel {
         return Ok(Unshadowed { gathered, change });
     }
-    let chosen = lattice.choose(points, &weights, settings.each);
-    let some: Vec<SurfacePoint> = chosen.iter().map(|&i| points[i]).collect();
-    let hidden = observations.visibility.as_ref().map(|v| v.select(&chosen));
-    let mut last = vec![0.0; chosen.len()];
+    let few = observations.thinned(settings.rows);
+    let chosen = observations.select(&lattice.choose(points, &weights, settings.each));
+    let weights = chosen.trust();
+    let mut last = vec![0.0; weights.len()];
     for _ in 0..settings.rounds {
         let posterior: MaterialPosterior = amortised.posterior(&statistics.of(&gathered.values));
-        let problem = LightProblem::of_observations(observations, settings.rows, &posterior.mean, prior, plan)?;
+        let problem = LightProblem::of_observations(&few, &posterior.mean, prior, plan)?;
         let evidence = problem.posterior()?;
         let radiance: Vec<f64> = cut_off_at_zero(&evidence.light).iter().map(|l| l * evidence.exposure).collect();
         let light = LightGrid::from_coefficients(prior.map, &radiance);
-        let predictions = predict(Points::new(&some, hidden.as_ref()), &posterior.mean, &light, plan.quadrature);
-        let (mut values, mut reliable) = (vec![None; points.len()], vec![0.0; points.len()]);
+        let predictions = predict(chosen.seen(), &posterior.mean, &light, plan.quadrature);
         let logs: Vec<f64> = predictions
             .iter()
             .map(|p| p.on_sphere / p.seen)
             .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / MOST, MOST).ln() } else { 0.0 })
             .collect();
-        for ((&i, log), prediction) in chosen.iter().zip(&logs).zip(&predictions) {
-            values[i] = observations.values[i].map(|v| v * log.exp());
-            // What is multiplied by a large factor brings its noise along; where most light passes a shadow's edge the ratio is a guess.
-            reliable[i] = weights[i] * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(LEAST).powi(2);
-        }
-        gathered = lattice.gather_weighted(points, &values, &reliable);
-        let mean = |each: &mut dyn Iterator<Item = f64>| each.map(f64::abs).sum::<f64>() / chosen.len() as f64;
+        let values: Vec<Option<f64>> =
+            chosen.values.iter().zip(&logs).map(|(value, log)| value.map(|v| v * log.exp())).collect();
+        // What is multiplied by a large factor brings its noise along; where most light passes a shadow's edge the ratio is a guess.
+        let reliable = |((weight, log), prediction): ((&f64, &f64), &Prediction)| {
+            weight * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(LEAST).powi(2)
+        };
+        let reliable: Vec<f64> = weights.iter().zip(&logs).zip(&predictions).map(reliable).collect();
+        gathered = lattice.gather_weighted(&chosen.points, &values, &reliable);
+        let mean = |each: &mut dyn Iterator<Item = f64>| each.map(f64::abs).sum::<f64>() / weights.len() as f64;
         change = mean(&mut logs.iter().copied());
         let moved = mean(&mut logs.iter().zip(&last).map(|(a, b)| a - b));
         last = logs;

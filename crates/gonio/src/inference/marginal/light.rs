@@ -4,13 +4,13 @@ use thiserror::Error;
 
 use super::{
     Evidence, EvidenceSettings, LightMode, LightOperator, Marginal, MarginalError, NonNegativeLight,
-    NonNegativeSettings, evenly,
+    NonNegativeSettings,
 };
 use crate::inference::{Hyper, ProblemError};
 use crate::lighting::LightPrior;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
-use crate::transfer::{PlanError, PlanSettings, Points, Projected, SurfacePoint};
+use crate::transfer::{PlanError, PlanSettings, Points, Projected};
 
 /// An image of one BRDF, to find its light: one row for every observation.
 #[derive(Clone, Debug)]
@@ -71,24 +71,17 @@ impl<'a> LightProblem<'a> {
         Ok(Self { operator, target, marginal })
     }
 
-    /// Of about `rows` of the observations, those of most weight evenly over the normals ([`evenly`]), with the visibility of each.
+    /// Of observations with their weights and the visibility of each. A light does not need them all: [`Observations::thinned`].
     ///
     /// # Errors
     /// As [`Self::new`].
     pub fn of_observations(
         observations: &Observations,
-        rows: usize,
         table: &BivariateTable,
         prior: &'a LightPrior,
         settings: &PlanSettings,
     ) -> Result<Self, LightError> {
-        let weights = observations.trust();
-        let taken = evenly(&observations.points, &weights, rows);
-        let points: Vec<SurfacePoint> = taken.iter().map(|&i| observations.points[i]).collect();
-        let values: Vec<Option<f64>> = taken.iter().map(|&i| observations.values[i]).collect();
-        let weights: Vec<f64> = taken.iter().map(|&i| observations.weights[i]).collect();
-        let visibility = observations.visibility.as_ref().map(|v| v.select(&taken));
-        Self::new(Points::new(&points, visibility.as_ref()), &values, Some(&weights), table, prior, settings)
+        Self::new(observations.seen(), &observations.values, Some(&observations.weights), table, prior, settings)
     }
 
     /// Number of observations.

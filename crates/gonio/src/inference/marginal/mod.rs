@@ -42,7 +42,6 @@ mod scales;
 mod score;
 #[cfg(test)]
 mod tests;
-mod thinned;
 mod truncated;
 
 use puruspe::ln_gamma;
@@ -55,7 +54,6 @@ pub use maximise::{MaximiseSettings, Maximum};
 pub use operator::LightOperator;
 pub use positive::{LightMode, NonNegativeLight, NonNegativeSettings, cut_off_at_zero};
 use scales::Scales;
-pub use thinned::evenly;
 
 use super::{Hyper, Problem, ProblemError};
 use crate::lighting::{LightGrid, LightPrior};

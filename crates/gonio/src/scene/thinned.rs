@@ -1,7 +1,8 @@
-//! The observations from which a light is found.
+//! A few observations that stand for all.
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 
+use super::Observations;
 use crate::sphere::fibonacci_hemisphere;
 use crate::transfer::SurfacePoint;
 
@@ -11,19 +12,21 @@ const NEAR: f64 = 2.0;
 /// With fewer observations apart from each other, whatever there are is taken.
 const FEWEST: usize = 200;
 
-/// The indices, ascending, of up to about `rows` of the points of positive weight, evenly over the normals in the frame of their view: of those near a
-/// direction the one of most weight, discounted by its distance. All of them if there are no more.
-///
-/// # Panics
-/// If there are not as many weights as points.
-pub fn evenly(points: &[SurfacePoint], weights: &[f64], rows: usize) -> Vec<usize> {
-    assert_eq!(points.len(), weights.len());
+impl Observations {
+    /// Up to about `count` of them, evenly over the normals in the frame of their view: of those near a direction the one of most
+    /// [trust](Self::trust), discounted by its distance. All that have a value if there are no more.
+    pub fn thinned(&self, count: usize) -> Self {
+        self.select(&evenly(&self.points, &self.trust(), count))
+    }
+}
+
+/// The indices, ascending, of up to about `rows` of the points of positive weight.
+fn evenly(points: &[SurfacePoint], weights: &[f64], rows: usize) -> Vec<usize> {
     let used: Vec<usize> = (0..points.len()).filter(|&i| weights[i] > 0.0).collect();
     if used.len() <= rows {
         return used;
     }
-    let normals: Vec<(usize, DVec3)> =
-        used.iter().map(|&i| (i, DQuat::from_rotation_arc(points[i].view, DVec3::Z) * points[i].normal)).collect();
+    let normals: Vec<(usize, DVec3)> = used.iter().map(|&i| (i, points[i].in_view())).collect();
     let (reach, width) = (NEAR.to_radians().cos(), NEAR.to_radians().powi(2));
     // Of the hemisphere 83 % lie within 80 degrees.
     let mut near: Vec<usize> = fibonacci_hemisphere(rows * 6 / 5)

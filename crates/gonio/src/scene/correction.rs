@@ -1,0 +1,99 @@
+//! Orders and signs of the channels of a normal map.
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::picture::Plane;
+
+/// What brings channels into order: first which is which, then the signs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Correction {
+    /// The channels, from 0, that hold x, y and z: `[0, 1, 2]` if they are in order, `[1, 0, 2]` if x and y are swapped, `[2, 1, 0]` for BGR.
+    pub order: [usize; 3],
+    /// The sign of x is wrong.
+    pub flip_x: bool,
+    /// The sign of y is wrong: it points down, as in normal maps for DirectX.
+    pub flip_y: bool,
+    /// The sign of z is wrong: it points away from the camera.
+    pub flip_z: bool,
+}
+
+impl Default for Correction {
+    /// Nothing is to be done.
+    fn default() -> Self {
+        Self { order: [0, 1, 2], flip_x: false, flip_y: false, flip_z: false }
+    }
+}
+
+/// Every order of three channels; fewer changes come first.
+const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
+
+impl Correction {
+    /// Whether nothing is to be done.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// The order of channels that three letters name: `xyz`, `yxz` (x and y swapped), `zyx` (BGR) and so on.
+    pub fn order_named(name: &str) -> Option<[usize; 3]> {
+        ORDERS.into_iter().find(|order| order_name(*order) == name)
+    }
+
+    /// The normal in order.
+    ///
+    /// # Panics
+    /// If [`Self::order`] holds an index above two.
+    pub fn apply(&self, normal: Vec3) -> Vec3 {
+        let channels = normal.to_array();
+        let [x, y, z] = self.order.map(|i| channels[i]);
+        let sign = |flip: bool, v: f32| if flip { -v } else { v };
+        Vec3::new(sign(self.flip_x, x), sign(self.flip_y, y), sign(self.flip_z, z))
+    }
+
+    /// All normals in order. No normal, zero, stays none.
+    ///
+    /// # Panics
+    /// Like [`Self::apply`].
+    pub fn apply_to(&self, normals: &Plane<Vec3>) -> Plane<Vec3> {
+        normals.map(|n| self.apply(*n))
+    }
+
+    /// The options of the program that ask for it, with spaces between: `--normals-order yxz --normals-flip-y`.
+    pub fn options(&self) -> String {
+        let order = (self.order != [0, 1, 2]).then(|| format!("--normals-order {}", order_name(self.order)));
+        let flips = self.flips().into_iter().map(|axis| format!("--normals-flip-{axis}"));
+        order.into_iter().chain(flips).collect::<Vec<_>>().join(" ")
+    }
+
+    /// What is wrong, in words: "y flipped".
+    pub(super) fn words(&self) -> String {
+        let order =
+            (self.order != [0, 1, 2]).then(|| format!("their channels in the order {}", order_name(self.order)));
+        let flips = self.flips().into_iter().map(|axis| format!("{axis} flipped"));
+        order.into_iter().chain(flips).collect::<Vec<_>>().join(" and ")
+    }
+
+    pub(super) fn flips(&self) -> Vec<char> {
+        let all = [(self.flip_x, 'x'), (self.flip_y, 'y'), (self.flip_z, 'z')];
+        all.iter().filter(|f| f.0).map(|f| f.1).collect()
+    }
+
+    /// All 48 there are, those of fewer changes first, y before x.
+    pub(super) fn all() -> Vec<Self> {
+        let signs = (0..8_u8).map(|bits| [bits >> 1 & 1 == 1, bits & 1 == 1, bits >> 2 & 1 == 1]);
+        let mut all: Vec<Self> = signs
+            .flat_map(|[flip_x, flip_y, flip_z]| ORDERS.map(|order| Self { order, flip_x, flip_y, flip_z }))
+            .collect();
+        let moved = |c: &Self| (0..3).filter(|&i| c.order[i] != i).count();
+        all.sort_by_key(|c| moved(c) + c.flips().len());
+        all
+    }
+}
+
+/// Which axis each channel holds where x, y and z are in these.
+fn order_name(order: [usize; 3]) -> String {
+    (0..3)
+        .filter_map(|channel| ['x', 'y', 'z'].into_iter().zip(order).find(|(_, at)| *at == channel))
+        .map(|a| a.0)
+        .collect()
+}

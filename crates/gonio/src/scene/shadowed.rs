@@ -1,0 +1,67 @@
+//! Observations in the shadow of the object itself.
+
+use glam::DVec3;
+
+use super::observations::LEAST_POINTS;
+use super::{Observations, SceneError};
+use crate::shape::{Camera, Lookout, Surface, Visibility, hit_at};
+use crate::sphere::OctahedralMap;
+
+/// Points that see a smaller share of an even sky are lit by the object itself as much as by the light.
+const LEAST_OPEN: f64 = 0.15;
+/// Points that would get a larger share of an even sky through texels that are open in part, of 32 x 32, may lie on the edge of a shadow.
+const MOST_EDGE: f64 = 0.35;
+
+impl Observations {
+    /// Asks which light the surface keeps from each of the points ([`Self::visibility`]), on a grid of `side` squared texels. Points on which the edge of a
+    /// shadow may lie (more than 35 % of the sky would come through texels that are open in part, on a grid of 32 x 32), and those that see less than 15 % of
+    /// it, lose their value, as long as a hundred others keep theirs.
+    ///
+    /// The points must be pixels of the picture that `camera` took, as those of [`Self::of_view`] are. A surface that keeps no light from any of them
+    /// leaves everything as it is.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSurface`] if a point is not on the surface.
+    pub fn shadowed_by(
+        &mut self,
+        surface: &dyn Surface,
+        camera: &Camera,
+        (map, side): (OctahedralMap, usize),
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Result<(), SceneError> {
+        if surface.is_convex() {
+            return Ok(());
+        }
+        let lookouts: Option<Vec<Lookout>> = self
+            .pixels
+            .iter()
+            .zip(&self.points)
+            .map(|(&(x, y), point)| {
+                let hit = hit_at(surface, camera, x as usize, y as usize)?;
+                Some(Lookout { from: hit.clear, normal: point.normal })
+            })
+            .collect();
+        let lookouts = lookouts.ok_or(SceneError::NoSurface)?;
+        let visibility = Visibility::trace(surface, &lookouts, map, side, progress);
+        if visibility.is_open() {
+            return Ok(());
+        }
+        let normals: Vec<DVec3> = self.points.iter().map(|p| p.normal).collect();
+        let openness = visibility.openness(&normals);
+        // Edges are as wide as texels.
+        let most = MOST_EDGE * 32.0 / side as f64;
+        let poor = |i: &usize| openness[*i].open < LEAST_OPEN || openness[*i].edge > most;
+        let lost: Vec<usize> = (0..self.points.len()).filter(|i| self.values[*i].is_some()).filter(poor).collect();
+        if self.report.used - lost.len() >= 2 * LEAST_POINTS {
+            for &i in &lost {
+                self.values[i] = None;
+                self.colours[i] = None;
+            }
+            self.report.used -= lost.len();
+            self.report.in_shadow = lost.len();
+        }
+        self.open = openness.iter().map(|o| o.open).collect();
+        self.visibility = Some(visibility);
+        Ok(())
+    }
+}

@@ -101,7 +101,7 @@ impl<'a> View<'a> {
                     let seen = coverage.is_none_or(|c| c[at] > 0.5) && normals[at].is_finite();
                     let normal = seen.then(|| normals[at].as_dvec3()).and_then(DVec3::try_normalize)?;
                     let view = placed.map_or(DVec3::Z, |p| view_at(&p.camera, at.0, at.1));
-                    (normal.dot(view) > 0.0).then_some(SurfacePoint { normal, view })
+                    (normal.dot(view) > -AWAY).then_some(SurfacePoint { normal, view }.facing())
                 }
             }
         };
@@ -149,6 +149,9 @@ impl<'a> View<'a> {
         }
     }
 }
+
+/// Normals whose cosine with the view is below the negative of this are not of what the camera sees.
+const AWAY: f64 = 0.1;
 
 /// Radius of a sphere in a panel, pixels.
 const RADIUS: f64 = 0.5 * PANEL as f64 - 2.0;

@@ -84,13 +84,7 @@ fn radiance_of(
     surface: &dyn Surface,
     settings: &SurfaceSettings,
 ) -> DVec3 {
-    // At the rim an interpolated normal may point away from the camera.
-    let normal = if hit.normal.dot(view) > 1e-3 {
-        hit.normal
-    } else {
-        (hit.normal + (1e-3 - hit.normal.dot(view)) * view).normalize()
-    };
-    let point = SurfacePoint { normal, view };
+    let point = SurfacePoint { normal: hit.normal, view }.facing();
     let shadows = settings.shadows && !surface.is_convex();
     let largest = if shadows { PENUMBRA } else { f64::INFINITY };
     let mut found = nodes_within(&point, envelope, light, &settings.integrator, largest);

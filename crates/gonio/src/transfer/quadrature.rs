@@ -28,10 +28,20 @@ pub struct SurfacePoint {
     pub view: DVec3,
 }
 
+/// Cosine between normal and view of a point that is just seen.
+const LEAST_COSINE: f64 = 1e-3;
+
 impl SurfacePoint {
     /// The normal in the frame of the view: z towards the camera, turned there by the shortest way.
     pub fn in_view(&self) -> DVec3 {
         DQuat::from_rotation_arc(self.view, DVec3::Z) * self.normal
+    }
+
+    /// The same point with its normal bent to where the camera just sees it, if it points away: normals that are interpolated do at the rim.
+    #[must_use]
+    pub fn facing(self) -> Self {
+        let short = LEAST_COSINE - self.normal.dot(self.view);
+        if short <= 0.0 { self } else { Self { normal: (self.normal + short * self.view).normalize(), ..self } }
     }
 }
 
@@ -220,6 +230,19 @@ mod tests {
         let mut out = vec![0.0; quadrature.texels() * tables.stride()];
         quadrature.integrate(&SurfacePoint { normal, view: DVec3::Z }, &tables, &mut out);
         out
+    }
+
+    #[test]
+    fn normals_are_turned_with_the_view_and_bent_to_face_it() {
+        let view = DVec3::new(0.3, -0.2, 0.9).normalize();
+        for normal in fibonacci_hemisphere(40) {
+            let point = SurfacePoint { normal, view };
+            let turned = point.in_view();
+            assert!((turned.z - normal.dot(view)).abs() < 1e-12 && (turned.length() - 1.0).abs() < 1e-12);
+            let facing = point.facing();
+            assert!(facing.normal.dot(view) > 0.999e-3 * 0.5, "{normal}");
+            assert_eq!(facing == point, normal.dot(view) >= 1e-3);
+        }
     }
 
     #[test]

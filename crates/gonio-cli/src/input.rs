@@ -37,7 +37,7 @@ pub(crate) fn light(path: &Path) -> Result<EnvironmentMap> {
 
 /// Reads a BRDF.
 pub(crate) fn brdf(path: &Path) -> Result<MerlTable> {
-    Ok(gonio_io::merl::read(path)?)
+    Ok(gonio_io::brdf::read(path)?)
 }
 
 /// The model of a file, or the one that travels with the program.

@@ -4,6 +4,7 @@
 //! the input ends in one line on standard error and exit code 2, with nothing half-written.
 
 mod canvas;
+mod convert;
 mod infer;
 mod input;
 mod merge;
@@ -31,6 +32,8 @@ struct Args {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Convert a BRDF between file formats
+    Convert(convert::Options),
     /// Infer the BRDF of the object in a photograph
     Infer(Box<infer::Options>),
     /// Merge exposures of one scene to an HDR picture
@@ -59,6 +62,7 @@ fn main() -> ExitCode {
     };
     set_hook(Box::new(note));
     let run = || match &command {
+        Command::Convert(options) => convert::run(options),
         Command::Infer(options) => infer::run(options),
         Command::Merge(options) => merge::run(options),
         Command::Render(options) => render::run(options),

@@ -16,8 +16,8 @@ use crate::shape::MeshOptions;
 /// Options of `gonio render`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// BRDF in the MERL format
-    #[arg(long, value_name = "FILE.binary")]
+    /// BRDF: a MERL table, or an RGB file of the RGL database
+    #[arg(long, value_name = "FILE.binary|FILE.bsdf")]
     brdf: PathBuf,
     /// Lat-long light map (HDR, EXR, PFM), in coordinates of the camera
     #[arg(long, value_name = "MAP")]

@@ -67,7 +67,7 @@ pub(crate) enum MapName {
 /// Options of `gonio train reflectance`.
 #[derive(clap::Args)]
 pub(crate) struct Reflectance {
-    /// Folder of `.binary` files, or of `bivariate_rgb_f32.npy` with `materials.txt`
+    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with `materials.txt`
     dir: PathBuf,
     /// File to write
     #[arg(short, long)]
@@ -115,7 +115,7 @@ pub(crate) struct Posterior {
     /// Folder of lat-long maps (.hdr, .exr, .pfm)
     #[arg(long, value_name = "DIR")]
     lights: PathBuf,
-    /// Folder of `.binary` files, or of `bivariate_rgb_f32.npy` with `materials.txt`
+    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with `materials.txt`
     #[arg(long, value_name = "DIR")]
     materials: PathBuf,
     /// File to write
@@ -224,11 +224,11 @@ fn materials(dir: &Path, channel: Channel) -> Result<Vec<(String, BivariateTable
         let set = gonio_io::bivariate::read_bivariate_set(dir)?;
         return Ok(set.into_iter().map(|(name, rgb)| (name, channel.of(|c| rgb[c].clone()))).collect());
     }
-    let list = gonio_io::merl::list(dir)?;
+    let list = gonio_io::brdf::list(dir)?;
     let stage = Stage::new("reading materials");
     let mut out = Vec::with_capacity(list.len());
     for (i, (name, path)) in list.iter().enumerate() {
-        let table: MerlTable = gonio_io::merl::read(path)?;
+        let table: MerlTable = gonio_io::brdf::read(path)?;
         out.push((name.clone(), channel.of(|c| table.bivariate(c))));
         stage.at((i + 1) as f64 / list.len() as f64);
     }

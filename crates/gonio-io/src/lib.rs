@@ -5,7 +5,7 @@
 //! * [`geometry`]: pictures of depths and places (OpenEXR, NPY, PNG);
 //! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
 //! * [`camera`]: cameras and poses (`docs/camera.md`);
-//! * [`merl`], [`rgl`], [`bivariate`], [`fits`]: measured BRDFs and published fits to them;
+//! * [`brdf`]: measured BRDFs, of [`merl`] and [`rgl`]; [`bivariate`], [`fits`]: sets of them and published fits;
 //! * [`model`]: trained models and their halves (`docs/model-format.md`);
 //! * [`npy`]: arrays of numpy;
 //! * [`atomic`]: output that appears complete or not at all;
@@ -19,6 +19,7 @@
 
 pub mod atomic;
 pub mod bivariate;
+pub mod brdf;
 pub mod cache;
 pub mod camera;
 mod error;

@@ -4,7 +4,6 @@
 //! and `phi_d` fastest. A value times 1, 1.15 or 1.66 (red, green, blue) over 1500 is in 1/sr; a negative one means
 //! that there is none, as below the horizon and, in the genuine files, at a few other places.
 
-use std::fs;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
@@ -131,23 +130,7 @@ pub fn write(path: impl AsRef<Path>, table: &MerlTable) -> Result<(), Error> {
 /// # Errors
 /// If the folder cannot be read or holds no such file.
 pub fn list(dir: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, Error> {
-    let dir = dir.as_ref();
-    let failed = |e| Error::io(dir, "read the folder", e);
-    let mut found = Vec::new();
-    for entry in fs::read_dir(dir).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        if path.extension().is_some_and(|e| e == "binary")
-            && path.is_file()
-            && let Some(name) = path.file_stem()
-        {
-            found.push((name.to_string_lossy().into_owned(), path));
-        }
-    }
-    if found.is_empty() {
-        return Err(Error::invalid(dir, "holds no .binary file", "give the folder with the MERL files"));
-    }
-    found.sort();
-    Ok(found)
+    crate::brdf::files(dir.as_ref(), &["binary"])
 }
 
 #[cfg(test)]
@@ -155,6 +138,7 @@ mod tests {
     use super::*;
     use crate::Kind;
     use gonio::reflectance::BivariateTable;
+    use std::fs;
 
     fn table() -> MerlTable {
         let t = |s: f64| BivariateTable::from_fn(|h, d| s * (0.1 + h.sin() * d.cos()));

@@ -15,7 +15,11 @@
 //! channel, over the square that the warp leads to), `jacobian` (whether `D / (4 sigma)` is still to be multiplied
 //! with) and `description`. Others (`luminance`, for drawing samples; `valid`, which samples were measured and not
 //! filled in) are not used.
+//!
+//! [`encode`] writes such a file from tables over half and difference angle.
 
+mod encode;
+mod spectra;
 mod tensor;
 mod warp;
 
@@ -27,6 +31,8 @@ use gonio::reflectance::MerlTable;
 use gonio::reflectance::parametric::full_table;
 
 use crate::{Error, guard};
+pub use encode::{Channels, encode};
+pub(crate) use tensor::MAGIC;
 use tensor::Tensors;
 use warp::{Directions, Stack, Warp};
 

@@ -10,7 +10,7 @@ use std::path::Path;
 use crate::{Error, little_endian};
 
 /// First bytes of every such file.
-pub(super) const MAGIC: &[u8] = b"tensor_file\0";
+pub(crate) const MAGIC: &[u8] = b"tensor_file\0";
 /// Type of unsigned bytes.
 pub(super) const UINT8: u8 = 1;
 /// Type of single precision.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use gonio::reflectance::parametric::{Ggx, Parametric, directions};
-use gonio::reflectance::{THETA_D, theta_d_of, theta_h_of};
+use gonio::reflectance::{BivariateTable, THETA_D, theta_d_of, theta_h_of};
 use gonio_io::rgl::{self, Rgl};
 use gonio_io::{Error, Kind};
 
@@ -289,4 +289,50 @@ fn measured_materials_are_plausible() {
         assert!((0..3).all(|c| table.channel(c).iter().all(|v| v.is_finite() && (*v >= 0.0 || *v == -1.0))));
         assert!((0.02..1.0).contains(&table.bivariate(1).normal_albedo()), "{name}");
     }
+}
+
+/// A body under a coat whose lobe is `width` wide and whose reflection grows to the horizon, and red.
+fn tables(width: f64) -> [BivariateTable; 3] {
+    [1.0, 0.4, 0.2].map(|body| {
+        BivariateTable::from_fn(|h, d| {
+            let fresnel = 0.04 + 0.96 * (1.0 - d.cos()).powi(5);
+            0.2 * body + fresnel / (width * width * (1.0 + (h / width).powi(2)).powi(2))
+        })
+    })
+}
+
+#[test]
+fn what_is_written_is_what_is_read() {
+    for width in [0.4, 0.05, 0.005] {
+        let want = tables(width);
+        let got = rgl::decode(Path::new("x.bsdf"), &rgl::encode(&want, "a coat", rgl::Channels::Rgb)).unwrap();
+        assert_eq!(got.description, "a coat");
+        // Errors relative to what there is, weighted as it is seen.
+        let (mut worst, mut sum, mut all, mut count) = (0.0_f64, 0.0, 0.0, 0.0);
+        for at in 0..20_000 {
+            let part = |base: f64| (f64::from(at) * base).fract();
+            let theta_h = FRAC_PI_2 * part(0.754_877_67).powi(2);
+            let theta_d = 1.4 * part(0.569_840_29);
+            let (wi, wo) = directions(theta_h, theta_d, TAU * part(0.618_033_99));
+            if wi.z < 0.1 || wo.z < 0.1 {
+                continue;
+            }
+            let want = want[1].eval(theta_h, theta_d);
+            let error = (got.eval(wi, wo)[1] - want) / want;
+            worst = worst.max(error.abs());
+            sum += error.abs();
+            all += error;
+            count += 1.0;
+        }
+        let (mean, bias) = (sum / count, all / count);
+        println!("width {width}: mean {mean:.5} bias {bias:.5} worst {worst:.4}");
+        assert!(mean < 0.01 && bias.abs() < 0.005 && worst < 0.2, "width {width}: {mean} {bias} {worst}");
+    }
+}
+
+#[test]
+fn spectra_are_written_with_their_wavelengths() {
+    let bytes = rgl::encode(&tables(0.1), "", rgl::Channels::Spectral);
+    let error = rgl::decode(Path::new("x_spec.bsdf"), &bytes).unwrap_err();
+    assert!(error.to_string().contains("holds no field rgb"), "{error}");
 }

@@ -1,0 +1,66 @@
+//! `gonio convert`: one BRDF file from another.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio_io::atomic::write_file;
+use gonio_io::rgl::{self, Channels};
+
+use crate::input;
+
+/// Options of `gonio convert`.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// BRDF to read: a MERL table (.binary), or an RGB file of the RGL database (.bsdf)
+    input: PathBuf,
+    /// File to write, by its ending: .binary (MERL), _spec.bsdf (spectra, for pbrt-v4 and spectral variants of Mitsuba 3) or any other .bsdf (RGB, for
+    /// Mitsuba 3)
+    output: PathBuf,
+    /// Three equal channels: the luminance
+    #[arg(long)]
+    grey: bool,
+}
+
+pub(crate) fn run(options: &Options) -> Result<()> {
+    let format = Format::of(&options.output)?;
+    let table = input::brdf(&options.input)?;
+    let bytes = match format {
+        Format::Merl if options.grey => gonio_io::merl::encode(&MerlTable::from_bivariate(grey(&table).each_ref())),
+        Format::Merl => gonio_io::merl::encode(&table),
+        Format::Rgl(channels) => {
+            let tables = if options.grey { grey(&table) } else { [0, 1, 2].map(|c| table.bivariate(c)) };
+            let name = options.input.file_stem().unwrap_or_default().to_string_lossy();
+            rgl::encode(&tables, &name, channels)
+        }
+    };
+    write_file(&options.output, &bytes)?;
+    println!("{}", options.output.display());
+    Ok(())
+}
+
+enum Format {
+    Merl,
+    Rgl(Channels),
+}
+
+impl Format {
+    fn of(path: &Path) -> Result<Self> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        Ok(if name.ends_with(".binary") {
+            Self::Merl
+        } else if name.ends_with("_spec.bsdf") {
+            Self::Rgl(Channels::Spectral)
+        } else if name.ends_with(".bsdf") {
+            Self::Rgl(Channels::Rgb)
+        } else {
+            bail!("{}: write to a name ending in .binary or .bsdf", path.display())
+        })
+    }
+}
+
+/// The luminance in all channels.
+fn grey(table: &MerlTable) -> [BivariateTable; 3] {
+    let luminance = BivariateTable::luminance(&[0, 1, 2].map(|c| table.bivariate(c)));
+    [luminance.clone(), luminance.clone(), luminance]
+}

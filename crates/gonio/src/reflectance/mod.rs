@@ -6,6 +6,7 @@ mod log_basis;
 pub mod nmf;
 pub mod nnls;
 pub mod parametric;
+pub mod shading;
 mod table;
 mod train;
 

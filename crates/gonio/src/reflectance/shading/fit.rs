@@ -1,0 +1,255 @@
+//! What comes nearest to a table.
+
+use glam::{DQuat, DVec3};
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::{DMatrix, DVector, Dyn, Owned};
+use rayon::prelude::*;
+
+use super::Shading;
+use crate::appearance::Lattice;
+use crate::lighting::studio_light;
+use crate::reflectance::parametric::directions;
+use crate::reflectance::table::{theta_d_of, theta_h_of};
+use crate::reflectance::{BivariateTable, THETA_H};
+use crate::render::{IntegratorSettings, LightTree, Relighter};
+
+/// Half angles, as every so-manieth sample of a table: dense at the peak.
+const STEP_H: usize = 3;
+/// Difference angles in degrees.
+const DIFFERENCE: [usize; 10] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79];
+/// Azimuths of the difference in degrees.
+const AZIMUTHS: [f64; 3] = [0.0, 90.0, 180.0];
+/// Values below this share of the mean are alike in the logarithm that is fitted.
+const FLOOR: f64 = 0.1;
+/// Step of the finite differences, in units of the logistic's argument.
+const STEP: f64 = 1e-4;
+
+/// Parameters so near to an end of their range, as a share of it, are tried at the end.
+const NEAR_END: f64 = 0.04;
+
+/// A model and how near it comes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fitted<S> {
+    /// The best that was found.
+    pub model: S,
+    /// Root mean square difference of a sphere in a studio light from one of the table, relative to that: over all channels of the normals up to 80 degrees.
+    pub relight: f64,
+    /// The same of logarithms, above one percent of the mean.
+    pub log_relight: f64,
+}
+
+/// A table to be fitted, and the sphere that fits are judged by.
+pub struct Fitter {
+    samples: Vec<Sample>,
+    floor: f64,
+    body: DVec3,
+    highlight: DVec3,
+    relighters: [Relighter; 3],
+    picture: Vec<DVec3>,
+}
+
+/// A pair of directions and what the table has there, times the cosine of the light.
+struct Sample {
+    wi: DVec3,
+    wo: DVec3,
+    logs: DVec3,
+    weight: f64,
+}
+
+impl Fitter {
+    /// Of linear RGB tables in 1/sr.
+    pub fn new(tables: &[BivariateTable; 3]) -> Self {
+        let at = |h: f64, d: f64| DVec3::from_array(tables.each_ref().map(|t| t.eval(h, d)));
+        let mut samples = Vec::new();
+        for i in (0..THETA_H).step_by(STEP_H) {
+            for (j, phi) in DIFFERENCE.into_iter().flat_map(|j| AZIMUTHS.map(|phi| (j, phi))) {
+                let (h, d) = (theta_h_of(i), theta_d_of(j));
+                let (wi, wo) = directions(h, d, phi.to_radians());
+                if wi.z > 0.1 && wo.z > 0.1 {
+                    samples.push(Sample { wi, wo, logs: at(h, d), weight: 1.0 });
+                }
+            }
+        }
+        // Body and highlight by the retro-reflection far from the peak, and what the peak has above it.
+        let body = std::f64::consts::PI * at(60_f64.to_radians(), 30_f64.to_radians());
+        let albedo = DVec3::from_array(tables.each_ref().map(BivariateTable::normal_albedo));
+        let highlight = (albedo - body).max(DVec3::splat(0.01));
+        let floor = FLOOR * albedo.element_sum() / 3.0 / std::f64::consts::PI;
+        for sample in &mut samples {
+            sample.logs = logs(sample.logs * sample.wi.z, floor);
+        }
+        let points = Lattice::new().points(DQuat::IDENTITY);
+        let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
+        let relighters = Relighter::of_channels(&points, tables, &LightTree::of_map(&studio_light(64)), &settings);
+        let picture = picture(&relighters, tables);
+        Self { samples, floor, body, highlight, relighters, picture }
+    }
+
+    /// The nearest of all starts.
+    pub fn fit<S: Shading>(&self) -> Fitted<S> {
+        let starts = S::starts(self.body, self.highlight);
+        let found: Vec<(Fitted<S>, Vec<f64>)> = starts
+            .par_iter()
+            .map(|start| {
+                let problem = Search::<S>::new(self, start);
+                let (found, _) = LevenbergMarquardt::new().with_patience(12).minimize(problem);
+                let parameters = found.parameters();
+                (self.judge(S::of(&parameters)), parameters)
+            })
+            .collect();
+        let best = found.into_iter().min_by(|a, b| a.0.log_relight.total_cmp(&b.0.log_relight));
+        let (mut best, mut parameters) = best.expect("a model has starts");
+        // The logistic never reaches an end of its range.
+        for (k, range) in S::PARAMETERS.iter().enumerate() {
+            for end in [range.low, range.high] {
+                if (parameters[k] - end).abs() < NEAR_END * (range.high - range.low) {
+                    let inner = std::mem::replace(&mut parameters[k], end);
+                    let there = self.judge(S::of(&parameters));
+                    if there.log_relight <= best.log_relight {
+                        best = there;
+                    } else {
+                        parameters[k] = inner;
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    /// How near a model comes.
+    pub fn judge<S: Shading>(&self, model: S) -> Fitted<S> {
+        let shown = picture(&self.relighters, &model.to_bivariate());
+        let mean = self.picture.iter().map(|p| p.element_sum()).sum::<f64>() / (3 * self.picture.len()) as f64;
+        let (mut off, mut all, mut logs, least) = (0.0, 0.0, 0.0, 0.01 * mean);
+        for (a, b) in self.picture.iter().zip(&shown) {
+            off += (*a - *b).length_squared();
+            all += a.length_squared();
+            let ratio = (*b + DVec3::splat(least)) / (*a + DVec3::splat(least));
+            logs += ratio.to_array().map(|r| r.ln().powi(2)).iter().sum::<f64>();
+        }
+        let log_relight = (logs / (3 * shown.len()) as f64).sqrt();
+        Fitted { model, relight: (off / all).sqrt(), log_relight }
+    }
+}
+
+fn logs(value: DVec3, floor: f64) -> DVec3 {
+    DVec3::from_array((value / floor).to_array().map(|v| v.max(0.0).ln_1p()))
+}
+
+fn picture(relighters: &[Relighter; 3], tables: &[BivariateTable; 3]) -> Vec<DVec3> {
+    let [r, g, b]: [Vec<f64>; 3] = std::array::from_fn(|c| relighters[c].render(&tables[c]));
+    r.into_iter().zip(g).zip(b).map(|((r, g), b)| DVec3::new(r, g, b).max(DVec3::ZERO)).collect()
+}
+
+/// Parameters on their way: each is kept within its range by a logistic function.
+struct Search<'a, S> {
+    fitter: &'a Fitter,
+    at: DVector<f64>,
+    model: std::marker::PhantomData<S>,
+}
+
+impl<'a, S: Shading> Search<'a, S> {
+    fn new(fitter: &'a Fitter, start: &[f64]) -> Self {
+        let inverse = |(x, p): (&f64, &super::Parameter)| {
+            let share = ((x - p.low) / (p.high - p.low)).clamp(0.005, 0.995);
+            (share / (1.0 - share)).ln()
+        };
+        let at = DVector::from_iterator(start.len(), start.iter().zip(S::PARAMETERS).map(inverse));
+        Self { fitter, at, model: std::marker::PhantomData }
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        Self::within(&self.at)
+    }
+
+    fn within(at: &DVector<f64>) -> Vec<f64> {
+        let ranges = S::PARAMETERS.iter();
+        at.iter().zip(ranges).map(|(x, p)| p.low + (p.high - p.low) / (1.0 + (-x).exp())).collect()
+    }
+
+    fn off(&self, at: &DVector<f64>) -> Vec<f64> {
+        let model = S::of(&Self::within(at));
+        let each = |s: &Sample| {
+            let got = logs(model.eval(s.wi, s.wo) * s.wi.z, self.fitter.floor);
+            (s.weight * (got - s.logs)).to_array()
+        };
+        self.fitter.samples.iter().flat_map(each).collect()
+    }
+}
+
+impl<S: Shading> LeastSquaresProblem<f64, Dyn, Dyn> for Search<'_, S> {
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+    type ParameterStorage = Owned<f64, Dyn>;
+
+    fn set_params(&mut self, x: &DVector<f64>) {
+        self.at.copy_from(x);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.at.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        Some(DVector::from_vec(self.off(&self.at)))
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let mut columns = Vec::new();
+        for k in 0..self.at.len() {
+            let moved = |by: f64| {
+                let mut at = self.at.clone();
+                at[k] += by;
+                self.off(&at)
+            };
+            let (up, down) = (moved(STEP), moved(-STEP));
+            columns.extend(up.iter().zip(&down).map(|(u, d)| (u - d) / (2.0 * STEP)));
+        }
+        Some(DMatrix::from_vec(columns.len() / self.at.len(), self.at.len(), columns))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{ColourCookTorrance, ColourWard, Layered, MetallicRoughness, Principled};
+    use super::*;
+
+    /// A model is found again from its own table.
+    fn found_again<S: Shading>(parameters: &[f64], log: f64) -> S {
+        let tables = S::of(parameters).to_bivariate();
+        let found = Fitter::new(&tables).fit::<S>();
+        assert!(found.log_relight < log, "{} {}", found.relight, found.log_relight);
+        found.model
+    }
+
+    #[test]
+    fn models_are_found_again() {
+        let got: MetallicRoughness = found_again(&[0.5, 0.2, 0.1, 0.05, 0.35, 1.5], 0.01);
+        assert!((got.roughness - 0.35).abs() < 0.01 && (got.base_color.x - 0.5).abs() < 0.02, "{got:?}");
+        let got: Layered = found_again(&[0.9, 0.6, 0.3, 1.0, 0.25, 1.5], 0.02);
+        assert!((got.roughness - 0.25).abs() < 0.01 && got.metalness > 0.9, "{got:?}");
+        let got: Principled = found_again(&[0.2, 0.3, 0.6, 0.0, 0.4, 1.5, 0.0, 0.0, 0.9], 0.02);
+        assert!((got.roughness - 0.4).abs() < 0.02 && got.metallic < 0.1, "{got:?}");
+        let got: ColourWard = found_again(&[0.3, 0.2, 0.1, 0.1, 0.1, 0.1, 0.08], 0.01);
+        assert!((got.roughness - 0.08).abs() < 0.004, "{got:?}");
+        let got: ColourCookTorrance = found_again(&[0.3, 0.2, 0.1, 0.5, 0.5, 0.5, 0.1, 0.15], 0.02);
+        assert!((got.roughness - 0.15).abs() < 0.01, "{got:?}");
+    }
+
+    #[test]
+    fn slopes_are_finite_differences_of_what_is_fitted() {
+        let tables = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4]).to_bivariate();
+        let fitter = Fitter::new(&tables);
+        let search = Search::<MetallicRoughness>::new(&fitter, &[0.4, 0.3, 0.2, 0.2, 0.5, 1.5]);
+        let slopes = search.jacobian().unwrap();
+        for k in 0..6 {
+            let mut at = search.at.clone();
+            at[k] += 1e-3;
+            let (far, near) = (search.off(&at), search.off(&search.at));
+            for (row, (far, near)) in far.iter().zip(&near).enumerate() {
+                let want = (far - near) / 1e-3;
+                assert!((slopes[(row, k)] - want).abs() < 2e-3 * (1.0 + want.abs()), "{row} {k}");
+            }
+        }
+    }
+}

@@ -1,0 +1,159 @@
+use std::f64::consts::{FRAC_1_PI, TAU};
+use std::sync::OnceLock;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::microfacet::{Pair, fresnel_dielectric, schlick_weight};
+use super::{Parameter, Shading, UNIT};
+
+/// Base and specular layer of OpenPBR, on which Blender's Principled (4.0 and later) is built too: a mixture of a metal and of a Lambertian body under a
+/// dielectric, which takes from the body what it reflects itself. Both are GGX with `alpha = roughness^2`, height-correlated masking and energy that is
+/// scattered more than once (Turquin 2019). Renderers differ in how they take and give that energy by a few percent.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Layered {
+    /// Linear RGB, 0..=1: of the body of a dielectric, of the reflection of a metal.
+    pub base_color: DVec3,
+    /// From dielectric (0) to metal (1).
+    pub metalness: f64,
+    /// Square root of GGX's `alpha`, 0..=1.
+    pub roughness: f64,
+    /// Relative index of refraction.
+    pub ior: f64,
+}
+
+impl Shading for Layered {
+    const PARAMETERS: &'static [Parameter] =
+        &[UNIT, UNIT, UNIT, UNIT, Parameter { low: 0.03, high: 1.0 }, Parameter { low: 1.0, high: 2.5 }];
+
+    fn of(p: &[f64]) -> Self {
+        Self { base_color: DVec3::new(p[0], p[1], p[2]), metalness: p[3], roughness: p[4], ior: p[5] }
+    }
+
+    fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>> {
+        super::MetallicRoughness::starts(body, highlight)
+    }
+
+    fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3 {
+        let Some(pair) = Pair::new(wi, wo) else { return DVec3::ZERO };
+        let alpha = self.roughness * self.roughness;
+        let (a2, ci, co) = (alpha * alpha, pair.cos_i, pair.cos_o);
+        let masking = 0.5 / (co * (a2 + (1.0 - a2) * ci * ci).sqrt() + ci * (a2 + (1.0 - a2) * co * co).sqrt());
+        let lobe = pair.ggx(alpha) * masking;
+        let [at_zero, at_grazing] = Albedo::table().at(co, self.roughness);
+        // What a white lobe reflects at once; the rest comes back later, coloured once more.
+        let at_once = at_zero + at_grazing;
+        let later = (1.0 - at_once) / at_once;
+        let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
+        let reflected = (f0 * at_zero + at_grazing).min(1.0) * (1.0 + f0 * later);
+        let dielectric = self.base_color * (FRAC_1_PI * (1.0 - reflected).max(0.0))
+            + DVec3::splat(fresnel_dielectric(pair.cos_d, self.ior) * lobe * (1.0 + f0 * later));
+        let fresnel = self.base_color + (DVec3::ONE - self.base_color) * schlick_weight(pair.cos_d);
+        let metal = fresnel * lobe * (DVec3::ONE + self.base_color * later);
+        dielectric.lerp(metal, self.metalness)
+    }
+}
+
+/// Places of [`Albedo`] along each axis.
+const SIDE: usize = 24;
+
+/// What a GGX lobe reflects of even light, by the cosine of the view and the roughness: `f0 * [0] + [1]` under Schlick's formula.
+struct Albedo(Vec<[f64; 2]>);
+
+impl Albedo {
+    fn table() -> &'static Self {
+        static TABLE: OnceLock<Albedo> = OnceLock::new();
+        TABLE.get_or_init(|| {
+            let at = |i: usize| i as f64 / (SIDE - 1) as f64;
+            let each = |i: usize| reflected(at(i % SIDE).max(0.01), at(i / SIDE).powi(2).max(1e-3));
+            Self((0..SIDE * SIDE).map(each).collect())
+        })
+    }
+
+    /// Between places.
+    fn at(&self, cos: f64, roughness: f64) -> [f64; 2] {
+        let axis = |x: f64| {
+            let x = x.clamp(0.0, 1.0) * (SIDE - 1) as f64;
+            let i = (x as usize).min(SIDE - 2);
+            (i, x - i as f64)
+        };
+        let ((i, s), (j, t)) = (axis(cos), axis(roughness));
+        let mut sum = [0.0; 2];
+        for (at, weight) in [
+            (j * SIDE + i, (1.0 - s) * (1.0 - t)),
+            (j * SIDE + i + 1, s * (1.0 - t)),
+            ((j + 1) * SIDE + i, (1.0 - s) * t),
+            ((j + 1) * SIDE + i + 1, s * t),
+        ] {
+            sum.iter_mut().zip(self.0[at]).for_each(|(sum, value)| *sum += weight * value);
+        }
+        sum
+    }
+}
+
+/// By the visible normals of Heitz 2018, on even places of their square: each carries `F G2 / G1`.
+fn reflected(cos: f64, alpha: f64) -> [f64; 2] {
+    const N: usize = 24;
+    let view = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
+    let stretched = DVec3::new(alpha * view.x, 0.0, view.z).normalize();
+    let first = if stretched.x > 1e-9 { DVec3::new(0.0, 1.0, 0.0) } else { DVec3::X };
+    let second = stretched.cross(first);
+    let lambda = |c: f64| 0.5 * ((1.0 + alpha * alpha * (1.0 - c * c) / (c * c)).sqrt() - 1.0);
+    let mut sum = [0.0; 2];
+    for i in 0..N * N {
+        let (u, v) = (((i % N) as f64 + 0.5) / N as f64, ((i / N) as f64 + 0.5) / N as f64);
+        let (r, (sin, cos_phi)) = (u.sqrt(), (TAU * v).sin_cos());
+        let x = r * cos_phi;
+        let s = 0.5 * (1.0 + stretched.z);
+        let y = (1.0 - s) * (1.0 - x * x).max(0.0).sqrt() + s * r * sin;
+        let normal = x * first + y * second + (1.0 - x * x - y * y).max(0.0).sqrt() * stretched;
+        let half = DVec3::new(alpha * normal.x, alpha * normal.y, normal.z.max(1e-9)).normalize();
+        let cos_d = view.dot(half).clamp(0.0, 1.0);
+        let light = 2.0 * cos_d * half - view;
+        if light.z > 0.0 {
+            let weight = (1.0 + lambda(view.z)) / (1.0 + lambda(view.z) + lambda(light.z));
+            let grazing = schlick_weight(cos_d);
+            sum[0] += weight * (1.0 - grazing);
+            sum[1] += weight * grazing;
+        }
+    }
+    sum.map(|s| s / (N * N) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Light reflected of an even sky, by brute force over directions around the lobe.
+    fn albedo(model: &Layered, cos: f64) -> f64 {
+        let view = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
+        let (rings, spokes) = (400, 400);
+        (0..rings * spokes)
+            .map(|i| {
+                let z = ((i % rings) as f64 + 0.5) / rings as f64;
+                let (s, c) = (TAU * ((i / rings) as f64 + 0.5) / spokes as f64).sin_cos();
+                let r = (1.0 - z * z).sqrt();
+                model.eval(DVec3::new(r * c, r * s, z), view).x * z * TAU / (rings * spokes) as f64
+            })
+            .sum()
+    }
+
+    #[test]
+    fn white_stays_white() {
+        // A white metal and a white body under a coat reflect all there is.
+        for (metalness, roughness, cos) in [(1.0, 0.7, 0.6), (1.0, 1.0, 0.9), (0.0, 0.6, 0.8), (0.0, 0.9, 0.5)] {
+            let model = Layered { base_color: DVec3::ONE, metalness, roughness, ior: 1.5 };
+            let got = albedo(&model, cos);
+            assert!((got - 1.0).abs() < 0.02, "{metalness} {roughness} {cos}: {got}");
+        }
+    }
+
+    #[test]
+    fn lobes_reflect_what_the_table_says() {
+        for (cos, roughness) in [(0.9_f64, 0.5_f64), (0.4, 0.8)] {
+            let got = Albedo::table().at(cos, roughness);
+            let want = reflected(cos, roughness * roughness);
+            assert!((got[0] - want[0]).abs() + (got[1] - want[1]).abs() < 0.01, "{got:?} {want:?}");
+        }
+    }
+}

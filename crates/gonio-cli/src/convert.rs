@@ -60,7 +60,7 @@ impl Format {
 }
 
 /// The luminance in all channels.
-fn grey(table: &MerlTable) -> [BivariateTable; 3] {
+pub(crate) fn grey(table: &MerlTable) -> [BivariateTable; 3] {
     let luminance = BivariateTable::luminance(&[0, 1, 2].map(|c| table.bivariate(c)));
     [luminance.clone(), luminance.clone(), luminance]
 }

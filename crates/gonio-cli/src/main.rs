@@ -5,6 +5,7 @@
 
 mod canvas;
 mod convert;
+mod export;
 mod infer;
 mod input;
 mod merge;
@@ -34,6 +35,8 @@ struct Args {
 enum Command {
     /// Convert a BRDF between file formats
     Convert(convert::Options),
+    /// Write a BRDF for renderers: Mitsuba, pbrt, Blender, glTF, MaterialX
+    Export(export::Options),
     /// Infer the BRDF of the object in a photograph
     Infer(Box<infer::Options>),
     /// Merge exposures of one scene to an HDR picture
@@ -63,6 +66,7 @@ fn main() -> ExitCode {
     set_hook(Box::new(note));
     let run = || match &command {
         Command::Convert(options) => convert::run(options),
+        Command::Export(options) => export::run(options),
         Command::Infer(options) => infer::run(options),
         Command::Merge(options) => merge::run(options),
         Command::Render(options) => render::run(options),

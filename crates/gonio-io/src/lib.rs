@@ -3,6 +3,7 @@
 //! * [`picture`]: photographs, light maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF);
 //! * [`normals`]: normal maps (OpenEXR, PFM, NPY, PNG);
 //! * [`geometry`]: pictures of depths and places (OpenEXR, NPY, PNG);
+//! * [`material`]: materials for renderers (Mitsuba, MaterialX, glTF, Blender);
 //! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
 //! * [`camera`]: cameras and poses (`docs/camera.md`);
 //! * [`brdf`]: measured BRDFs, of [`merl`] and [`rgl`]; [`bivariate`], [`fits`]: sets of them and published fits;
@@ -27,6 +28,7 @@ pub mod fits;
 pub mod geometry;
 mod guard;
 mod little_endian;
+pub mod material;
 pub mod merl;
 pub mod mesh;
 pub mod model;

@@ -3,6 +3,7 @@
 #![allow(missing_docs)]
 
 mod colour;
+mod export;
 mod infer;
 mod marginal;
 mod merge;

@@ -1,20 +1,24 @@
 """Renders what gonio exports in Mitsuba 3, and compares with gonio's own pictures of the same BRDF under the same light.
 
-    python check.py GONIO WORKDIR
+    python check.py GONIO RESULTS
 
-GONIO is the program. In WORKDIR a studio light and materials are made, exported and rendered by both. Needs numpy and mitsuba. Ends with 1 if a picture
-is off by more than its limit.
+GONIO is the program, RESULTS a folder of results of `gonio infer`. The light and two materials of formulas are made here. Needs numpy and mitsuba. Ends
+with 1 if a picture is off by more than its limit.
 """
 
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 
 SIZE = 96
+SAMPLES = 256
+# Of the log relight error.
+LIMITS = {"measured": 0.05, "spectral": 0.08, "principled": 0.05}
 
 
 def run(*arguments):
@@ -22,50 +26,122 @@ def run(*arguments):
 
 
 def read(path):
-    """Height x width x channels of an EXR, as floats."""
+    """Height x width x RGBA of an EXR."""
     return np.array(mi.Bitmap(str(path)).convert(component_format=mi.Struct.Type.Float32), dtype=np.float64)
 
 
-def scene(bsdf, light, spp):
+def write_merl(path, f):
+    """The file of a BRDF in 1/sr, `f(theta_h, theta_d)` to RGB in the last axis."""
+    theta_h = (np.arange(90) / 90) ** 2 * np.pi / 2
+    theta_d = np.radians(np.arange(90))
+    rgb = np.moveaxis(f(theta_h[:, None], theta_d[None, :]), -1, 0)
+    units = np.array([1500, 1500 / 1.15, 1500 / 1.66])
+    with open(path, "wb") as file:
+        np.array([90, 90, 180], "<i4").tofile(file)
+        np.repeat((rgb * units[:, None, None])[..., None], 180, axis=-1).astype("<f8").tofile(file)
+
+
+def coat(colour, width):
+    """A body under a coat whose reflection grows towards the horizon."""
+
+    def f(theta_h, theta_d):
+        fresnel = 0.04 + 0.96 * (1 - np.cos(theta_d)) ** 5
+        lobe = fresnel / (4 * np.pi * width**2 * (1 + (np.tan(theta_h) / width) ** 2) ** 2)
+        return np.array(colour) / np.pi + lobe[..., None]
+
+    return f
+
+
+def make_light(path):
+    """A map with nothing alike in any two directions: soft lamps on a graded sky, so that a picture of 256 samples has little noise."""
+    height = 64
+    v, u = np.mgrid[:height, : 2 * height]
+    azimuth, polar = (2 * np.pi * ((u + 0.5) / (2 * height) - 0.5), np.pi * (v + 0.5) / height)
+    d = np.stack([np.sin(azimuth) * np.sin(polar), np.cos(polar), -np.cos(azimuth) * np.sin(polar)], axis=-1)
+    sky = 0.4 + 0.3 * d[..., 1:2] * np.array([0.6, 0.8, 1.0])
+    for centre, width, colour in [([-0.7, 0.5, 0.6], 0.35, [6, 5, 4]), ([0.9, 0.1, 0.3], 0.25, [2, 4, 6]), ([0.2, 0.7, -0.8], 0.4, [5, 6, 3])]:
+        centre = np.array(centre) / np.linalg.norm(centre)
+        sky = sky + np.exp((d @ centre - 1) / width**2)[..., None] * np.array(colour)
+    mi.Bitmap(sky.astype(np.float32)).write(str(path))
+
+
+def render(bsdf, light, turned=True):
     """A sphere of radius one seen along -z without perspective, as `gonio render` frames it: two empty pixels around it."""
     half = 0.5 * SIZE / (0.5 * SIZE - 2.0)
-    to_world = mi.ScalarTransform4f
-    return mi.load_dict({
+    transform = mi.ScalarTransform4f
+    scene = mi.load_dict({
         "type": "scene",
         "integrator": {"type": "direct"},
         "sensor": {
             "type": "orthographic",
-            # Mitsuba's cameras look along +z of their own, with x to the left.
-            "to_world": to_world().look_at(origin=[0, 0, 5], target=[0, 0, 0], up=[0, 1, 0]).scale([half, half, 1]),
+            "to_world": transform().look_at(origin=[0, 0, 5], target=[0, 0, 0], up=[0, 1, 0]).scale([half, half, 1]),
             "film": {"type": "hdrfilm", "width": SIZE, "height": SIZE, "rfilter": {"type": "box"}, "pixel_format": "rgba", "component_format": "float32"},
-            "sampler": {"type": "independent", "sample_count": spp},
+            "sampler": {"type": "multijitter", "sample_count": SAMPLES},
         },
         "sphere": {"type": "sphere", "bsdf": bsdf},
         # The middle of gonio's maps is along -z, of Mitsuba's along +z.
-        "light": {"type": "envmap", "filename": str(light), "to_world": to_world().rotate([0, 1, 0], 180)},
+        "light": {"type": "envmap", "filename": str(light), "to_world": transform().rotate([0, 1, 0], 180 if turned else 0)},
     })
+    return np.array(mi.render(scene), dtype=np.float64)
 
 
-def compare(own, other):
-    """Log relight error over pixels that the sphere covers wholly, after one scale for all, which has to be near one."""
+def off(own, other):
+    """Log relight error over the pixels that the sphere covers wholly: the root mean square of ln((s b + e)/(a + e)), e 1 % of the mean. And the scale s."""
     covered = (own[..., 3] > 0.999) & (other[..., 3] > 0.999)
     a, b = own[covered][:, :3], other[covered][:, :3]
     scale = (a * b).sum() / (b * b).sum()
     floor = 0.01 * a.mean()
-    log = np.sqrt(np.mean(np.log((scale * b + floor) / (a + floor)) ** 2))
-    relative = np.sqrt(((scale * b - a) ** 2).sum() / (a**2).sum())
-    return scale, log, relative
+    return np.sqrt(np.mean(np.log((scale * b + floor) / (a + floor)) ** 2)), scale
+
+
+def main():
+    gonio, results = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
+    failed = False
+    with tempfile.TemporaryDirectory() as work:
+        work = Path(work)
+        mi.set_variant("scalar_rgb")
+        mi.set_log_level(mi.LogLevel.Error)
+        light = work / "light.exr"
+        make_light(light)
+        inputs = {"found": results}
+        for name, f in [("satin", coat([0.4, 0.1, 0.05], 0.3)), ("glossy", coat([0.05, 0.1, 0.3], 0.03))]:
+            inputs[name] = work / f"{name}.binary"
+            write_merl(inputs[name], f)
+        own = {}
+        for name, path in inputs.items():
+            out = work / name
+            run(gonio, "export", path, "-o", out, "--to", "merl,bsdf,mitsuba", "--tables")
+            for which, file in [("measured", "brdf.binary"), ("principled", "principled.binary")]:
+                run(gonio, "render", "--brdf", out / file, "--light", light, "--size", SIZE, "--samples", 2, "-o", work / "own.exr")
+                own[name, which] = read(work / "own.exr")
+
+        def check(name, kind, own, picture):
+            nonlocal failed
+            error, scale = off(own, picture)
+            good = error < LIMITS[kind] and abs(scale - 1) < 0.03
+            failed |= not good
+            print(f"{name:8} {kind:12} log relight {error:.4f} (limit {LIMITS[kind]}), scale {scale:.4f}{'' if good else '  FAILED'}")
+
+        for name in inputs:
+            measured = {"type": "measured", "filename": str(work / name / "brdf_rgb.bsdf")}
+            picture = render(measured, light)
+            check(name, "measured", own[name, "measured"], picture)
+            if name == "satin":
+                wrong, _ = off(own[name, "measured"], render(measured, light, turned=False))
+                print(f"{name:8} the light the other way round: {wrong:.2f}")
+                failed |= wrong < 0.1
+            principled = mi.load_string((work / name / "principled.xml").read_text().replace("<bsdf ", '<bsdf version="3.0.0" ', 1))
+            check(name, "principled", own[name, "principled"], render(principled, light))
+            entry = json.loads((work / name / "export.json").read_text())["exports"]
+            for target in ("bsdf", "mitsuba"):
+                print(f"{name:8} {target:12} says of itself: log relight {entry[target]['log_relight']:.4f} in its own light")
+        if "scalar_spectral" in mi.variants():
+            mi.set_variant("scalar_spectral")
+            for name in inputs:
+                picture = render({"type": "measured", "filename": str(work / name / "brdf_spec.bsdf")}, light)
+                check(name, "spectral", own[name, "measured"], picture)
+    sys.exit(1 if failed else 0)
 
 
 if __name__ == "__main__":
-    gonio, work = Path(sys.argv[1]), Path(sys.argv[2])
-    mi.set_variant("scalar_rgb")
-    mi.set_log_level(mi.LogLevel.Error)
-    light = Path(sys.argv[3])
-    for name in sys.argv[4:]:
-        brdf = Path(name)
-        own = work / "own.exr"
-        run(gonio, "render", "--brdf", brdf, "--light", light, "--size", SIZE, "--samples", 3, "-o", own)
-        picture = mi.render(scene({"type": "measured", "filename": str(brdf.with_suffix(".bsdf"))}, light, 256))
-        mi.Bitmap(picture).write(str(work / "other.exr"))
-        print(name, compare(read(own), np.array(picture, dtype=np.float64)))
+    main()

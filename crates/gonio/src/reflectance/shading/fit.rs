@@ -23,6 +23,11 @@ const AZIMUTHS: [f64; 3] = [0.0, 90.0, 180.0];
 const FLOOR: f64 = 0.1;
 /// Step of the finite differences, in units of the logistic's argument.
 const STEP: f64 = 1e-4;
+/// Degrees between azimuths of the tables that fits are judged by, and on the way there.
+const FINE: usize = 6;
+const COARSE: usize = 20;
+/// Fits to the samples that are fitted to the picture too.
+const REFINED: usize = 2;
 
 /// Parameters so near to an end of their range, as a share of it, are tried at the end.
 const NEAR_END: f64 = 0.04;
@@ -36,6 +41,13 @@ pub struct Fitted<S> {
     pub relight: f64,
     /// The same of logarithms, above one percent of the mean.
     pub log_relight: f64,
+}
+
+impl<S> Fitted<S> {
+    /// What the best is chosen by: in the relative difference all is in the peak, in that of logarithms little.
+    fn off(&self) -> f64 {
+        self.log_relight + 0.5 * self.relight
+    }
 }
 
 /// A table to be fitted, and the sphere that fits are judged by.
@@ -53,7 +65,6 @@ struct Sample {
     wi: DVec3,
     wo: DVec3,
     logs: DVec3,
-    weight: f64,
 }
 
 impl Fitter {
@@ -66,7 +77,7 @@ impl Fitter {
                 let (h, d) = (theta_h_of(i), theta_d_of(j));
                 let (wi, wo) = directions(h, d, phi.to_radians());
                 if wi.z > 0.1 && wo.z > 0.1 {
-                    samples.push(Sample { wi, wo, logs: at(h, d), weight: 1.0 });
+                    samples.push(Sample { wi, wo, logs: at(h, d) });
                 }
             }
         }
@@ -85,27 +96,30 @@ impl Fitter {
         Self { samples, floor, body, highlight, relighters, picture }
     }
 
-    /// The nearest of all starts.
+    /// The nearest of all starts: first to samples of the table, then to the picture of a sphere, in which a peak has the weight that it has for the eye.
     pub fn fit<S: Shading>(&self) -> Fitted<S> {
         let starts = S::starts(self.body, self.highlight);
-        let found: Vec<(Fitted<S>, Vec<f64>)> = starts
-            .par_iter()
-            .map(|start| {
-                let problem = Search::<S>::new(self, start);
-                let (found, _) = LevenbergMarquardt::new().with_patience(12).minimize(problem);
-                let parameters = found.parameters();
-                (self.judge(S::of(&parameters)), parameters)
-            })
-            .collect();
-        let best = found.into_iter().min_by(|a, b| a.0.log_relight.total_cmp(&b.0.log_relight));
-        let (mut best, mut parameters) = best.expect("a model has starts");
+        let search = |start: &[f64], goal: Goal, patience: usize| {
+            let problem = Search::<S>::new(self, start, goal);
+            let (found, _) =
+                LevenbergMarquardt::new().with_patience(patience).with_ftol(1e-3).with_xtol(1e-3).minimize(problem);
+            let parameters = found.parameters();
+            (self.judge(S::of(&parameters)), parameters)
+        };
+        let mut found: Vec<(Fitted<S>, Vec<f64>)> =
+            starts.par_iter().map(|start| search(start, Goal::Samples, 12)).collect();
+        let order = |a: &(Fitted<S>, Vec<f64>), b: &(Fitted<S>, Vec<f64>)| a.0.off().total_cmp(&b.0.off());
+        found.sort_by(order);
+        let refined: Vec<_> = found.par_iter().take(REFINED).map(|(_, at)| search(at, Goal::Picture, 2)).collect();
+        found.extend(refined);
+        let (mut best, mut parameters) = found.into_iter().min_by(order).expect("a model has starts");
         // The logistic never reaches an end of its range.
         for (k, range) in S::PARAMETERS.iter().enumerate() {
             for end in [range.low, range.high] {
                 if (parameters[k] - end).abs() < NEAR_END * (range.high - range.low) {
                     let inner = std::mem::replace(&mut parameters[k], end);
                     let there = self.judge(S::of(&parameters));
-                    if there.log_relight <= best.log_relight {
+                    if there.off() <= best.off() {
                         best = there;
                     } else {
                         parameters[k] = inner;
@@ -118,17 +132,26 @@ impl Fitter {
 
     /// How near a model comes.
     pub fn judge<S: Shading>(&self, model: S) -> Fitted<S> {
-        let shown = picture(&self.relighters, &model.to_bivariate());
-        let mean = self.picture.iter().map(|p| p.element_sum()).sum::<f64>() / (3 * self.picture.len()) as f64;
-        let (mut off, mut all, mut logs, least) = (0.0, 0.0, 0.0, 0.01 * mean);
+        let (relight, log_relight) = self.compare(&model.to_bivariate(FINE));
+        Fitted { model, relight, log_relight }
+    }
+
+    /// Of all channels of the picture.
+    fn mean(&self) -> f64 {
+        self.picture.iter().map(|p| p.element_sum()).sum::<f64>() / (3 * self.picture.len()) as f64
+    }
+
+    /// How near other tables come: [`Fitted::relight`] and [`Fitted::log_relight`].
+    pub fn compare(&self, tables: &[BivariateTable; 3]) -> (f64, f64) {
+        let shown = picture(&self.relighters, tables);
+        let (mut off, mut all, mut logs, least) = (0.0, 0.0, 0.0, 0.01 * self.mean());
         for (a, b) in self.picture.iter().zip(&shown) {
             off += (*a - *b).length_squared();
             all += a.length_squared();
             let ratio = (*b + DVec3::splat(least)) / (*a + DVec3::splat(least));
             logs += ratio.to_array().map(|r| r.ln().powi(2)).iter().sum::<f64>();
         }
-        let log_relight = (logs / (3 * shown.len()) as f64).sqrt();
-        Fitted { model, relight: (off / all).sqrt(), log_relight }
+        ((off / all).sqrt(), (logs / (3 * shown.len()) as f64).sqrt())
     }
 }
 
@@ -141,21 +164,31 @@ fn picture(relighters: &[Relighter; 3], tables: &[BivariateTable; 3]) -> Vec<DVe
     r.into_iter().zip(g).zip(b).map(|((r, g), b)| DVec3::new(r, g, b).max(DVec3::ZERO)).collect()
 }
 
+/// What is to come near.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Goal {
+    /// Values of the table.
+    Samples,
+    /// A sphere in a studio light.
+    Picture,
+}
+
 /// Parameters on their way: each is kept within its range by a logistic function.
 struct Search<'a, S> {
     fitter: &'a Fitter,
+    goal: Goal,
     at: DVector<f64>,
     model: std::marker::PhantomData<S>,
 }
 
 impl<'a, S: Shading> Search<'a, S> {
-    fn new(fitter: &'a Fitter, start: &[f64]) -> Self {
+    fn new(fitter: &'a Fitter, start: &[f64], goal: Goal) -> Self {
         let inverse = |(x, p): (&f64, &super::Parameter)| {
             let share = ((x - p.low) / (p.high - p.low)).clamp(0.005, 0.995);
             (share / (1.0 - share)).ln()
         };
         let at = DVector::from_iterator(start.len(), start.iter().zip(S::PARAMETERS).map(inverse));
-        Self { fitter, at, model: std::marker::PhantomData }
+        Self { fitter, goal, at, model: std::marker::PhantomData }
     }
 
     fn parameters(&self) -> Vec<f64> {
@@ -169,9 +202,17 @@ impl<'a, S: Shading> Search<'a, S> {
 
     fn off(&self, at: &DVector<f64>) -> Vec<f64> {
         let model = S::of(&Self::within(at));
+        if self.goal == Goal::Picture {
+            let shown = picture(&self.fitter.relighters, &model.to_bivariate(COARSE));
+            let mean = self.fitter.mean();
+            // Between the value, of which all is in the peak, and its logarithm, in which the peak is a few pixels of many.
+            let bright = |c: DVec3| c.to_array().map(|c| (c / mean + FLOOR).cbrt());
+            let pixels = shown.iter().zip(&self.fitter.picture);
+            return pixels.flat_map(|(a, b)| (DVec3::from(bright(*a)) - DVec3::from(bright(*b))).to_array()).collect();
+        }
         let each = |s: &Sample| {
             let got = logs(model.eval(s.wi, s.wo) * s.wi.z, self.fitter.floor);
-            (s.weight * (got - s.logs)).to_array()
+            (got - s.logs).to_array()
         };
         self.fitter.samples.iter().flat_map(each).collect()
     }
@@ -195,15 +236,11 @@ impl<S: Shading> LeastSquaresProblem<f64, Dyn, Dyn> for Search<'_, S> {
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let mut columns = Vec::new();
+        let (here, mut columns) = (self.off(&self.at), Vec::new());
         for k in 0..self.at.len() {
-            let moved = |by: f64| {
-                let mut at = self.at.clone();
-                at[k] += by;
-                self.off(&at)
-            };
-            let (up, down) = (moved(STEP), moved(-STEP));
-            columns.extend(up.iter().zip(&down).map(|(u, d)| (u - d) / (2.0 * STEP)));
+            let mut at = self.at.clone();
+            at[k] += STEP;
+            columns.extend(self.off(&at).iter().zip(&here).map(|(there, here)| (there - here) / STEP));
         }
         Some(DMatrix::from_vec(columns.len() / self.at.len(), self.at.len(), columns))
     }
@@ -216,7 +253,7 @@ mod tests {
 
     /// A model is found again from its own table.
     fn found_again<S: Shading>(parameters: &[f64], log: f64) -> S {
-        let tables = S::of(parameters).to_bivariate();
+        let tables = S::of(parameters).to_bivariate(FINE);
         let found = Fitter::new(&tables).fit::<S>();
         assert!(found.log_relight < log, "{} {}", found.relight, found.log_relight);
         found.model
@@ -238,9 +275,9 @@ mod tests {
 
     #[test]
     fn slopes_are_finite_differences_of_what_is_fitted() {
-        let tables = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4]).to_bivariate();
+        let tables = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4]).to_bivariate(FINE);
         let fitter = Fitter::new(&tables);
-        let search = Search::<MetallicRoughness>::new(&fitter, &[0.4, 0.3, 0.2, 0.2, 0.5, 1.5]);
+        let search = Search::<MetallicRoughness>::new(&fitter, &[0.4, 0.3, 0.2, 0.2, 0.5, 1.5], Goal::Samples);
         let slopes = search.jacobian().unwrap();
         for k in 0..6 {
             let mut at = search.at.clone();

@@ -45,13 +45,13 @@ pub trait Shading: Sync + Send + Sized {
     /// Parameters to start from, for a material of this body colour and albedo of its highlight.
     fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>>;
 
-    /// The means over `phi_d` of each channel, as [`Parametric::to_bivariate`](super::parametric::Parametric::to_bivariate) takes them.
-    fn to_bivariate(&self) -> [BivariateTable; 3] {
+    /// The means over `phi_d` of each channel, as [`Parametric::to_bivariate`](super::parametric::Parametric::to_bivariate) takes them, of samples every so
+    /// many degrees: formulas are smooth.
+    fn to_bivariate(&self, step: usize) -> [BivariateTable; 3] {
         let cell = |c: usize| {
             let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
             let (mut sum, mut count) = (DVec3::ZERO, 0.0);
-            // Coarser than the samples of a measured table: formulas are smooth.
-            for k in (0..PHI_D).step_by(6) {
+            for k in (0..PHI_D).step_by(step) {
                 let (wi, wo) = directions(h, d, (k as f64).to_radians());
                 if wi.z > HORIZON && wo.z > HORIZON {
                     sum += self.eval(wi, wo);

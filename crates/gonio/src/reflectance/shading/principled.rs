@@ -56,7 +56,7 @@ impl Shading for Principled {
             let [r, g, b] = colour.clamp(DVec3::splat(0.02), DVec3::splat(0.98)).to_array();
             vec![r, g, b, metallic, roughness, 1.5, 0.05, coat, 0.8]
         };
-        [0.12, 0.3, 0.6]
+        [0.06, 0.12, 0.3, 0.6]
             .into_iter()
             .flat_map(|r| {
                 [start(body, 0.03, r, 0.05), start(body + highlight, 0.95, r, 0.05), start(body, 0.3, r, 0.5)]

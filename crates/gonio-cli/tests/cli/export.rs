@@ -1,0 +1,103 @@
+//! `gonio export` and `gonio convert`.
+
+use gonio::reflectance::{BivariateTable, MerlTable};
+use serde_json::Value;
+
+use crate::support::{Bench, material, merl};
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    let tables = [1.0, 0.6, 0.3].map(|body| material(0.1 * body, 0.3));
+    gonio_io::merl::write(bench.path("in.binary"), &MerlTable::from_bivariate(tables.each_ref())).unwrap();
+    bench
+}
+
+fn summary(bench: &Bench, folder: &str) -> Value {
+    serde_json::from_slice(&bench.read(&format!("{folder}/export.json"))).unwrap()
+}
+
+#[test]
+fn everything_is_written_and_says_how_near_it_comes() {
+    let bench = bench();
+    bench.run("export in.binary -o out --name ball").succeeds();
+    let exports = &summary(&bench, "out")["exports"];
+    let count = exports.as_object().unwrap().len();
+    assert_eq!(count, 9);
+    for (target, entry) in exports.as_object().unwrap() {
+        for file in entry["files"].as_array().unwrap() {
+            assert!(!bench.read(&format!("out/{}", file.as_str().unwrap())).is_empty(), "{target}");
+        }
+        let (relight, log) = (entry["relight"].as_f64().unwrap(), entry["log_relight"].as_f64().unwrap());
+        let most = match target.as_str() {
+            "merl" => 1e-4,
+            "bsdf" => 0.02,
+            "merl-grey" => 1.0,
+            _ => 0.5,
+        };
+        assert!(relight <= most && log <= most, "{target}: {relight} {log}");
+        assert!(!entry["conventions"].as_str().unwrap().is_empty());
+    }
+    let text = |file: &str| String::from_utf8(bench.read(&format!("out/{file}"))).unwrap();
+    assert!(text("principled.xml").contains("id=\"ball\""));
+    let roughness = &exports["mtlx"]["parameters"]["roughness"].as_f64().unwrap();
+    assert!(
+        text("openpbr.mtlx").contains(&format!("name=\"specular_roughness\" type=\"float\" value=\"{roughness:.4}\""))
+    );
+    assert!(text("blender.py").contains(&format!("\"Roughness\": {roughness:.4}")));
+    assert_eq!(exports["blender"]["parameters"], exports["mtlx"]["parameters"]);
+}
+
+#[test]
+fn a_chosen_albedo_scales_everything() {
+    let bench = bench();
+    bench.run("export in.binary -o out --to merl,bsdf,ward --albedo 0.25").succeeds();
+    assert_eq!(summary(&bench, "out")["albedo"].as_f64().map(|a| (1e6 * a).round() / 1e6), Some(0.25));
+    let table = gonio_io::brdf::read(bench.path("out/brdf.binary")).unwrap();
+    let luminance = BivariateTable::luminance(&[0, 1, 2].map(|c| table.bivariate(c)));
+    assert!((luminance.normal_albedo() - 0.25).abs() < 1e-3);
+    let tensor = gonio_io::brdf::read(bench.path("out/brdf_rgb.bsdf")).unwrap();
+    assert!((tensor.bivariate(0).normal_albedo() / table.bivariate(0).normal_albedo() - 1.0).abs() < 0.02);
+    assert_eq!(summary(&bench, "out")["exports"].as_object().unwrap().len(), 3);
+}
+
+#[test]
+fn formats_go_there_and_back() {
+    let bench = bench();
+    bench.run("convert in.binary a.bsdf").succeeds();
+    bench.run("convert a.bsdf b.binary").succeeds();
+    bench.run("convert in.binary c_spec.bsdf --grey").succeeds();
+    let [a, b] = ["in.binary", "b.binary"].map(|f| gonio_io::brdf::read(bench.path(f)).unwrap());
+    for c in 0..3 {
+        let (a, b) = (a.bivariate(c), b.bivariate(c));
+        let off: f64 = (0..5000).map(|i| f64::from((a.as_slice()[i] - b.as_slice()[i]).abs() / a.as_slice()[i])).sum();
+        assert!(off / 5000.0 < 0.03, "{c}: {off}");
+    }
+    // A measured tensor is a BRDF like any other.
+    bench.write("light.hdr", &gonio_io::picture::encode_hdr(gonio::lighting::studio_light(16).radiance()));
+    bench.run("render --brdf a.bsdf --light light.hdr -o a.exr --size 16").succeeds();
+}
+
+#[test]
+fn bad_input_is_refused() {
+    let bench = bench();
+    gonio_io::merl::write(bench.path("black.binary"), &merl(&BivariateTable::from_fn(|_, _| 0.0))).unwrap();
+    std::fs::create_dir(bench.path("empty")).unwrap();
+    let tensor = {
+        bench.run("convert in.binary t.bsdf").succeeds();
+        bench.read("t.bsdf")
+    };
+    bench.write("short.bsdf", &tensor[..tensor.len() / 2]);
+    for (arguments, says) in [
+        ("export in.binary", "give -o DIR"),
+        ("export none.binary -o x", "none.binary"),
+        ("export empty -o x", "empty: holds no brdf.binary"),
+        ("export black.binary -o x", "black.binary: reflects nothing"),
+        ("export in.binary -o x --to pdf", "--to"),
+        ("export in.binary -o x --albedo 2", "--albedo"),
+        ("export short.bsdf -o x", "short.bsdf: is cut short"),
+        ("convert in.binary x.txt", "x.txt: write to a name ending in .binary or .bsdf"),
+        ("convert short.bsdf x.binary", "short.bsdf: is cut short"),
+    ] {
+        bench.refuses(arguments, &[says]);
+    }
+}

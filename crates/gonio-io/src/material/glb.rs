@@ -1,0 +1,111 @@
+use std::f64::consts::{PI, TAU};
+
+use gonio::reflectance::shading::MetallicRoughness;
+use serde_json::json;
+
+/// Rings of the sphere from pole to pole, and places around each.
+const RINGS: u16 = 48;
+const AROUND: u16 = 96;
+
+/// A glTF 2.0 binary file: a sphere of radius one with this material. `roughnessFactor` is the square root of GGX's width; the index of refraction is in
+/// `KHR_materials_ior`, which viewers that do not know it take for 1.5.
+pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
+    let (mut points, mut triangles) = (Vec::<f32>::new(), Vec::<u16>::new());
+    for i in 0..=RINGS {
+        let (sin, cos) = (PI * f64::from(i) / f64::from(RINGS)).sin_cos();
+        for k in 0..=AROUND {
+            let (s, c) = (TAU * f64::from(k) / f64::from(AROUND)).sin_cos();
+            points.extend([(sin * s) as f32, cos as f32, (sin * c) as f32]);
+        }
+    }
+    for i in 0..RINGS {
+        for k in 0..AROUND {
+            let a = i * (AROUND + 1) + k;
+            let b = a + AROUND + 1;
+            // At a pole one side of the square has no length.
+            if i > 0 {
+                triangles.extend([a, b, a + 1]);
+            }
+            if i + 1 < RINGS {
+                triangles.extend([a + 1, b, b + 1]);
+            }
+        }
+    }
+    let count = points.len() / 3;
+    let indices: Vec<u8> = triangles.iter().flat_map(|i| i.to_le_bytes()).collect();
+    let places: Vec<u8> = points.iter().flat_map(|x| x.to_le_bytes()).collect();
+    // Places are the normals too: the sphere has radius one.
+    let mut binary = places;
+    let split = binary.len();
+    binary.extend(indices);
+    binary.resize(binary.len().next_multiple_of(4), 0);
+    let [r, g, b] = model.base_color.to_array();
+    let document = json!({
+        "asset": { "version": "2.0", "generator": concat!("gonio ", env!("CARGO_PKG_VERSION")) },
+        "extensionsUsed": ["KHR_materials_ior"],
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0, "name": name }],
+        "meshes": [{
+            "name": "sphere",
+            "primitives": [{ "attributes": { "POSITION": 0, "NORMAL": 1 }, "indices": 2, "material": 0 }],
+        }],
+        "materials": [{
+            "name": name,
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [r, g, b, 1.0],
+                "metallicFactor": model.metallic,
+                "roughnessFactor": model.roughness,
+            },
+            "extensions": { "KHR_materials_ior": { "ior": model.ior } },
+        }],
+        "buffers": [{ "byteLength": binary.len() }],
+        "bufferViews": [
+            { "buffer": 0, "byteOffset": 0, "byteLength": split, "target": 34962 },
+            { "buffer": 0, "byteOffset": split, "byteLength": 2 * triangles.len(), "target": 34963 },
+        ],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3", "min": [-1.0, -1.0, -1.0], "max": [1.0, 1.0, 1.0] },
+            { "bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3" },
+            { "bufferView": 1, "componentType": 5123, "count": triangles.len(), "type": "SCALAR" },
+        ],
+    });
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + text.len() + 8 + binary.len();
+    let mut out = b"glTF".to_vec();
+    out.extend(2_u32.to_le_bytes());
+    out.extend((total as u32).to_le_bytes());
+    for (kind, chunk) in [(b"JSON", &text), (b"BIN\0", &binary)] {
+        out.extend((chunk.len() as u32).to_le_bytes());
+        out.extend(kind);
+        out.extend(chunk);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn a_sphere_opens() {
+        let model =
+            MetallicRoughness { base_color: DVec3::new(0.5, 0.25, 0.1), metallic: 0.2, roughness: 0.3, ior: 1.4 };
+        let bytes = glb_sphere("a \"ball\"", &model);
+        let file = gltf::Gltf::from_slice(&bytes).unwrap();
+        let material = file.materials().next().unwrap();
+        assert_eq!(material.name(), Some("a \"ball\""));
+        let pbr = material.pbr_metallic_roughness();
+        assert_eq!(pbr.base_color_factor(), [0.5, 0.25, 0.1, 1.0]);
+        assert_eq!((pbr.metallic_factor(), pbr.roughness_factor()), (0.2, 0.3));
+        let path = std::path::Path::new("sphere.glb");
+        let (mesh, soundness) = crate::mesh::decode(path, &bytes).unwrap();
+        assert_eq!(mesh.triangles().len(), usize::from(AROUND) * (2 * usize::from(RINGS) - 2));
+        assert_eq!((soundness.degenerate, soundness.inside_out, soundness.normals_against), (0, false, 0));
+        let (centre, radius) = mesh.bounds();
+        assert!(centre.length() < 1e-3 && (radius - 1.0).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,27 @@
+use gonio::reflectance::shading::Layered;
+
+use super::{colour, identifier, number};
+
+/// A MaterialX 1.39 document with one `open_pbr_surface`; its `specular_roughness` is the square root of GGX's width.
+pub fn materialx(name: &str, model: &Layered) -> String {
+    let id = identifier(name);
+    let input = |name: &str, kind: &str, value: &str| {
+        format!("    <input name=\"{name}\" type=\"{kind}\" value=\"{value}\"/>\n")
+    };
+    let inputs = [
+        input("base_weight", "float", "1.0"),
+        input("base_color", "color3", &colour(model.base_color)),
+        input("base_diffuse_roughness", "float", "0.0"),
+        input("base_metalness", "float", &number(model.metalness)),
+        input("specular_weight", "float", "1.0"),
+        input("specular_color", "color3", "1, 1, 1"),
+        input("specular_roughness", "float", &number(model.roughness)),
+        input("specular_ior", "float", &number(model.ior)),
+    ];
+    format!(
+        "<?xml version=\"1.0\"?>\n<materialx version=\"1.39\" colorspace=\"lin_rec709\">\n  <open_pbr_surface name=\"{id}_surface\" type=\"surfaceshader\">\n{}  \
+         </open_pbr_surface>\n  <surfacematerial name=\"{id}\" type=\"material\">\n    <input name=\"surfaceshader\" type=\"surfaceshader\" nodename=\"{id}_surface\"/>\n  \
+         </surfacematerial>\n</materialx>\n",
+        inputs.concat()
+    )
+}

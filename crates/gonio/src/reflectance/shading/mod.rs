@@ -8,7 +8,7 @@
 //! | [`ColourCookTorrance`] | classic | `m = roughness`, not squared |
 //! | [`ColourWard`] | classic | `alpha = roughness`, not squared |
 //!
-//! Each is fitted ([`fit`]) by Levenberg and Marquardt's method from several starts, and judged by how a sphere of it looks in a studio
+//! Each is fitted ([`Fitter::fit`]) by Levenberg and Marquardt's method from several starts, and judged by how a sphere of it looks in a studio
 //! light beside one of the table.
 
 mod classic;

@@ -6,8 +6,10 @@ use anyhow::{Result, bail};
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio_io::atomic::write_file;
 use gonio_io::rgl::{self, Channels};
+use serde_json::json;
 
 use crate::input;
+use crate::outcome::Outcome;
 
 /// Options of `gonio convert`.
 #[derive(clap::Args)]
@@ -22,7 +24,7 @@ pub(crate) struct Options {
     grey: bool,
 }
 
-pub(crate) fn run(options: &Options) -> Result<()> {
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let format = Format::of(&options.output)?;
     let table = input::brdf(&options.input)?;
     let bytes = match format {
@@ -35,8 +37,8 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         }
     };
     write_file(&options.output, &bytes)?;
-    println!("{}", options.output.display());
-    Ok(())
+    let output = options.output.display().to_string();
+    Ok(Outcome::new(output.clone(), json!({ "output": output })))
 }
 
 enum Format {

@@ -15,6 +15,7 @@ use serde_json::{Value, json};
 
 use crate::convert::grey;
 use crate::input;
+use crate::outcome::Outcome;
 use crate::progress::Stage;
 
 /// Options of `gonio export`.
@@ -66,7 +67,7 @@ fn parse_albedo(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|a: &f64| *a > 0.0 && *a <= 1.0).ok_or_else(|| "give a number above 0, at most 1".into())
 }
 
-pub(crate) fn run(options: &Options) -> Result<()> {
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let is_folder = options.input.is_dir();
     let file = if is_folder { options.input.join("brdf.binary") } else { options.input.clone() };
     if is_folder && !file.is_file() {
@@ -125,16 +126,16 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let text = serde_json::to_string_pretty(&summary).context("the summary cannot be written as JSON")?;
     writer.folder.write("export.json", text.as_bytes())?;
     writer.folder.commit()?;
-    for (target, entry) in &writer.entries {
+    let line = |(target, entry): (&String, &Value)| {
         let files: Vec<&str> = entry["files"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
-        println!(
-            "{target:15} {:40} off by {:.1} %",
-            files.join(", "),
-            100.0 * entry["relight"].as_f64().unwrap_or(0.0)
-        );
-    }
-    println!("{}", output.display());
-    Ok(())
+        let percent = 100.0 * entry["relight"].as_f64().unwrap_or(0.0);
+        format!("{target:15} {:40} off by {percent:.1} %\n", files.join(", "))
+    };
+    let lines: String = writer.entries.iter().map(line).collect();
+    let output = output.display().to_string();
+    let mut outcome = Outcome::new(format!("{lines}{output}"), summary);
+    outcome.fields.insert("output".into(), json!(output));
+    Ok(outcome)
 }
 
 fn scaled(table: &BivariateTable, by: f64) -> BivariateTable {

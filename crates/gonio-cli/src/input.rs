@@ -47,10 +47,3 @@ pub(crate) fn model(path: Option<&Path>) -> Result<Model> {
         None => gonio_io::model::embedded()?,
     })
 }
-
-/// Prints warnings, one line each.
-pub(crate) fn warn(warnings: &[String]) {
-    for warning in warnings {
-        eprintln!("warning: {warning}");
-    }
-}

@@ -3,12 +3,15 @@
 //! The program is thin: it reads files with `gonio-io`, calls `gonio`, and writes files with `gonio-io`. Anything wrong with
 //! the input ends in one line on standard error and exit code 2, with nothing half-written.
 
+mod batch;
 mod canvas;
 mod convert;
 mod export;
+mod help;
 mod infer;
 mod input;
 mod merge;
+mod outcome;
 mod photograph;
 mod progress;
 mod render;
@@ -26,13 +29,18 @@ use clap::{Parser, Subcommand};
 /// The BRDF of an object of known shape, from one photograph under light that nobody measured.
 #[derive(Parser)]
 #[command(name = "gonio", version)]
-struct Args {
+pub(crate) struct Args {
+    /// Print one JSON object instead of lines: what was done, or the error
+    #[arg(long, global = true)]
+    json: bool,
     #[command(subcommand)]
     command: Command,
 }
 
 #[derive(Subcommand)]
-enum Command {
+pub(crate) enum Command {
+    /// Infer many: the rows of a table, or a shard of them
+    Batch(batch::Options),
     /// Convert a BRDF between file formats
     Convert(convert::Options),
     /// Write a BRDF for renderers: Mitsuba, pbrt, Blender, glTF, MaterialX
@@ -46,6 +54,10 @@ enum Command {
     /// Learn the priors of light and reflectance
     #[command(subcommand)]
     Train(train::Command),
+    /// Print what makes a shell complete the arguments
+    Completions(help::Completions),
+    /// Write the manual pages
+    Man(help::Man),
 }
 
 /// What the last panic said. Decoders of third parties panic on damaged files; `gonio-io` catches that and says what is
@@ -59,30 +71,45 @@ fn note(panic: &PanicHookInfo<'_>) {
 }
 
 fn main() -> ExitCode {
-    let command = match Args::try_parse() {
-        Ok(args) => args.command,
+    let Args { json, command } = match Args::try_parse() {
+        Ok(args) => args,
         Err(error) => return refuse(&error),
     };
     set_hook(Box::new(note));
     let run = || match &command {
+        Command::Batch(options) => batch::run(options),
         Command::Convert(options) => convert::run(options),
         Command::Export(options) => export::run(options),
         Command::Infer(options) => infer::run(options),
         Command::Merge(options) => merge::run(options),
         Command::Render(options) => render::run(options),
         Command::Train(command) => train::run(command),
+        Command::Completions(options) => help::completions(options),
+        Command::Man(options) => help::man(options),
     };
     match catch_unwind(AssertUnwindSafe(run)) {
-        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Ok(outcome)) => {
+            outcome.print(json);
+            ExitCode::SUCCESS
+        }
         Ok(Err(error)) => {
-            eprintln!("error: {}", one_line(&format!("{error:#}")));
+            tell(&one_line(&format!("{error:#}")), json);
             ExitCode::from(2)
         }
         Err(_) => {
             let said = PANIC.lock().map(|noted| noted.clone()).unwrap_or_default();
-            eprintln!("error: a fault of gonio itself: {}; please report it", one_line(&said));
+            tell(&format!("a fault of gonio itself: {}; please report it", one_line(&said)), json);
             ExitCode::from(101)
         }
+    }
+}
+
+/// Says what is wrong: in a line on standard error, or in an object on standard output.
+fn tell(error: &str, json: bool) {
+    if json {
+        println!("{}", serde_json::json!({ "error": error }));
+    } else {
+        eprintln!("error: {error}");
     }
 }
 
@@ -92,11 +119,17 @@ fn refuse(error: &clap::Error) -> ExitCode {
     if matches!(error.kind(), K::DisplayHelp | K::DisplayVersion | K::DisplayHelpOnMissingArgumentOrSubcommand) {
         error.exit();
     }
+    // The option itself may be among what could not be understood.
+    tell(&format!("{}; see --help", problem(error)), std::env::args_os().any(|a| a == "--json"));
+    ExitCode::from(2)
+}
+
+/// What is wrong with arguments, in one line.
+pub(crate) fn problem(error: &clap::Error) -> String {
     let text = error.render().to_string();
     let is_problem = |p: &&str| !p.starts_with("Usage:") && !p.starts_with("For more information");
     let problem: Vec<String> = text.split("\n\n").map(str::trim).filter(is_problem).map(squeeze).collect();
-    eprintln!("{}; see --help", problem.join("; "));
-    ExitCode::from(2)
+    problem.join("; ").trim_start_matches("error: ").to_owned()
 }
 
 /// Every run of white space becomes a blank.
@@ -105,6 +138,6 @@ fn squeeze(text: &str) -> String {
 }
 
 /// Line breaks and whatever else controls a terminal become blanks; names of files may hold any.
-fn one_line(text: &str) -> String {
+pub(crate) fn one_line(text: &str) -> String {
     text.replace(char::is_control, " ")
 }

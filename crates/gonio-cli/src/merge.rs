@@ -9,9 +9,10 @@ use gonio::picture::Plane;
 use gonio::render::Exposure;
 use gonio_io::atomic::write_file;
 use gonio_io::picture::{encode_exr_clipped, encode_png, encode_response};
+use serde_json::json;
 
 use crate::canvas::{LETTER, fill, place, sheet, text};
-use crate::input;
+use crate::outcome::Outcome;
 use crate::photograph::{self, MergedBracket};
 
 /// Options of `gonio merge`.
@@ -31,7 +32,7 @@ pub(crate) struct Options {
     reading: photograph::Reading,
 }
 
-pub(crate) fn run(options: &Options) -> Result<()> {
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if options.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
         bail!("{}: write to a name ending in .exr", options.output.display());
     }
@@ -47,9 +48,8 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         files.push((path.clone(), encode_response(&bracket.response)));
     }
     write_all(&files)?;
-    input::warn(&warnings);
     let report = &merged.report;
-    println!(
+    let text = format!(
         "{}: {} exposures, {}x{} pixels; {} clipped, {} black, {} contradictory, {} known to less than 2 % by their \
          codes; response {}, median disagreement {:.1} %",
         options.output.display(),
@@ -63,7 +63,11 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         if bracket.recovered { "recovered" } else { "given" },
         100.0 * report.residual
     );
-    Ok(())
+    let output = options.output.display().to_string();
+    let fields = json!({
+        "output": output, "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": report,
+    });
+    Ok(Outcome::new(text, fields).warning(warnings))
 }
 
 /// Writes all files; where one cannot be written, those that were not there before are removed again.

@@ -8,8 +8,10 @@ use gonio::render::{
     Exposure, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface,
 };
 use gonio_io::atomic::write_file;
+use serde_json::json;
 
 use crate::input;
+use crate::outcome::Outcome;
 use crate::progress::Stage;
 use crate::shape::MeshOptions;
 
@@ -44,7 +46,7 @@ pub(crate) struct Options {
     tolerance: f64,
 }
 
-pub(crate) fn run(options: &Options) -> Result<()> {
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let extension = options.output.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     let png = match extension.as_deref() {
         Some("png") => true,
@@ -85,7 +87,6 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         gonio_io::picture::encode_exr(&picture.rgb, picture.alpha.as_ref())
     };
     write_file(&options.output, &bytes)?;
-    input::warn(&warnings);
-    println!("{}", options.output.display());
-    Ok(())
+    let output = options.output.display().to_string();
+    Ok(Outcome::new(output.clone(), json!({ "output": output, "width": size.0, "height": size.1 })).warning(warnings))
 }

@@ -16,8 +16,10 @@ use gonio_io::model::{
     read_reflectance,
 };
 use rayon::prelude::*;
+use serde_json::{Value, json};
 
 use crate::input;
+use crate::outcome::Outcome;
 use crate::progress::Stage;
 
 /// What to learn.
@@ -155,13 +157,19 @@ pub(crate) struct Join {
     output: PathBuf,
 }
 
-pub(crate) fn run(command: &Command) -> Result<()> {
+pub(crate) fn run(command: &Command) -> Result<Outcome> {
     match command {
         Command::Lighting(options) => lighting(options),
         Command::Reflectance(options) => reflectance(options),
         Command::Posterior(options) => posterior(options),
         Command::Model(options) => join(options),
     }
+}
+
+/// What is said of a file that was learnt.
+fn written(output: &Path, provenance: &str) -> Outcome {
+    let output = output.display().to_string();
+    Outcome::new(format!("{output}: {provenance}"), json!({ "output": output, "provenance": provenance }))
 }
 
 /// Files of a folder with one of the extensions, by name.
@@ -179,7 +187,7 @@ fn files(dir: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-fn lighting(options: &Lighting) -> Result<()> {
+fn lighting(options: &Lighting) -> Result<Outcome> {
     if !options.grid.is_power_of_two() || !(8..=512).contains(&options.grid) {
         bail!("--grid {}: give a power of two from 8 to 512", options.grid);
     }
@@ -214,8 +222,7 @@ fn lighting(options: &Lighting) -> Result<()> {
         options.seed
     );
     write_file(&options.output, &encode_lighting(&prior, &provenance))?;
-    println!("{}: {provenance}", options.output.display());
-    Ok(())
+    Ok(written(&options.output, &provenance))
 }
 
 /// One channel of every material of a folder.
@@ -236,7 +243,7 @@ fn materials(dir: &Path, channel: Channel) -> Result<Vec<(String, BivariateTable
     Ok(out)
 }
 
-fn reflectance(options: &Reflectance) -> Result<()> {
+fn reflectance(options: &Reflectance) -> Result<Outcome> {
     if options.restarts == 0 {
         bail!("--restarts 0: give at least 1");
     }
@@ -259,17 +266,21 @@ fn reflectance(options: &Reflectance) -> Result<()> {
         options.seed
     );
     write_file(&options.output, &encode_reflectance(&basis, &provenance))?;
-    if options.verbose {
-        for fit in &report.fits {
-            println!("{:40} RMS error {:.4} 1/sr", fit.name, fit.rms);
-        }
-    }
-    println!("RMS error over theta < 80 deg: mean {:.3}, median {:.3} 1/sr", report.mean_rms(), report.median_rms());
-    println!("{}: {provenance}", options.output.display());
-    Ok(())
+    let fits = report.fits.iter();
+    let lines: String = match options.verbose {
+        true => fits.clone().map(|fit| format!("{:40} RMS error {:.4} 1/sr\n", fit.name, fit.rms)).collect(),
+        false => String::new(),
+    };
+    let (mean, median) = (report.mean_rms(), report.median_rms());
+    let mut outcome = written(&options.output, &provenance);
+    outcome.text =
+        format!("{lines}RMS error over theta < 80 deg: mean {mean:.3}, median {median:.3} 1/sr\n{}", outcome.text);
+    let each: serde_json::Map<String, Value> = fits.map(|fit| (fit.name.clone(), json!(fit.rms))).collect();
+    outcome.fields.insert("rms".into(), json!({ "mean": mean, "median": median, "materials": each }));
+    Ok(outcome)
 }
 
-fn posterior(options: &Posterior) -> Result<()> {
+fn posterior(options: &Posterior) -> Result<Outcome> {
     if options.cameras == 0 || options.draws == 0 || options.epochs == 0 {
         bail!("--cameras, --draws and --epochs must be at least 1");
     }
@@ -313,11 +324,10 @@ fn posterior(options: &Posterior) -> Result<()> {
         options.seed
     );
     write_file(&options.output, &encode_posterior(&amortised, &provenance))?;
-    println!("{}: {provenance}", options.output.display());
-    Ok(())
+    Ok(written(&options.output, &provenance))
 }
 
-fn join(options: &Join) -> Result<()> {
+fn join(options: &Join) -> Result<Outcome> {
     let (light, light_provenance) = read_lighting(&options.lighting)?;
     let (reflectance, reflectance_provenance) = read_reflectance(&options.reflectance)?;
     let mut provenance = format!("{light_provenance}; {reflectance_provenance}");
@@ -330,6 +340,5 @@ fn join(options: &Join) -> Result<()> {
     let model = Model { light, reflectance, posterior, provenance };
     model.check()?;
     write_file(&options.output, &encode_model(&model))?;
-    println!("{}: {}", options.output.display(), model.provenance);
-    Ok(())
+    Ok(written(&options.output, &model.provenance))
 }

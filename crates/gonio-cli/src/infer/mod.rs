@@ -20,6 +20,7 @@ use gonio_io::atomic::StagedFolder;
 use gonio_io::npy;
 use serde_json::{Value, json};
 
+use crate::outcome::Outcome;
 use crate::photograph::{self, Photograph};
 use crate::progress::Stage;
 use crate::shape::MeshOptions;
@@ -177,7 +178,7 @@ fn name_of(value: MethodName) -> String {
     value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
 }
 
-pub(crate) fn run(options: &Options) -> Result<()> {
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let start = Instant::now();
     let mut warnings = Vec::new();
     if (options.method == MethodName::KnownLight) != options.light.is_some() {
@@ -291,12 +292,15 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let text = serde_json::to_string_pretty(&result).context("the result cannot be written as JSON")?;
     write("result.json", text.as_bytes())?;
     folder.commit()?;
-    input::warn(&warnings);
-    println!(
-        "{}: BRDF, light, pictures and result.json from {} observations in {:.1} s",
-        options.output.display(),
+    let output = options.output.display().to_string();
+    let text = format!(
+        "{output}: BRDF, light, pictures and result.json from {} observations in {:.1} s",
         scene.observations.report.used,
         start.elapsed().as_secs_f64()
     );
-    Ok(())
+    // What fills no screen; the rest is in result.json.
+    let fields = ["method", "posterior", "colour", "noise", "seconds"].map(|key| (key.to_owned(), result[key].take()));
+    let mut outcome = Outcome::new(text, json!({ "output": output })).warning(warnings);
+    outcome.fields.extend(fields);
+    Ok(outcome)
 }

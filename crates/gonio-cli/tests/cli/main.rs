@@ -2,8 +2,10 @@
 
 #![allow(missing_docs)]
 
+mod batch;
 mod colour;
 mod export;
+mod help;
 mod infer;
 mod marginal;
 mod merge;

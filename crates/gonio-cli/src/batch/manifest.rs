@@ -1,0 +1,138 @@
+//! The table of a batch.
+
+use std::any::TypeId;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::CommandFactory;
+
+use super::NOTES;
+use crate::Args;
+
+/// Longest table, in rows.
+const MOST: usize = 1_000_000;
+
+/// A row: one run of `gonio infer`.
+#[derive(Debug)]
+pub(super) struct Row {
+    pub(super) name: String,
+    pub(super) folder: PathBuf,
+    /// All that comes after `gonio infer`.
+    pub(super) arguments: Vec<String>,
+}
+
+/// What a column is.
+enum Column {
+    Name,
+    /// Files, parted by semicolons.
+    Image,
+    /// An option by its name, whether it takes a value, and whether that is a file.
+    Option {
+        flag: String,
+        takes_value: bool,
+        is_file: bool,
+    },
+}
+
+impl Column {
+    fn of(header: &str, path: &Path) -> Result<Self> {
+        let key = header.trim().trim_start_matches("--").replace('_', "-");
+        match key.as_str() {
+            "name" => return Ok(Self::Name),
+            "image" => return Ok(Self::Image),
+            "output" => bail!("{}: the column output: results go to -o DIR and the column name", path.display()),
+            _ => (),
+        }
+        let mut program = Args::command();
+        program.build();
+        let infer = program.find_subcommand("infer").context("a program without infer")?;
+        let found = infer.get_arguments().find(|arg| arg.get_long() == Some(&key) && !arg.is_global_set());
+        let Some(arg) = found.filter(|_| !matches!(key.as_str(), "help" | "json")) else {
+            bail!(
+                "{}: the column {}: there is no such option of gonio infer; give image, name and options by their long names",
+                path.display(),
+                header.trim()
+            );
+        };
+        Ok(Self::Option {
+            flag: format!("--{key}"),
+            takes_value: arg.get_action().takes_values(),
+            is_file: arg.get_value_parser().type_id() == TypeId::of::<PathBuf>(),
+        })
+    }
+}
+
+/// Reads a table; results go to folders below `output`.
+pub(super) fn read(path: &Path, output: &Path) -> Result<Vec<Row>> {
+    let shown = path.display();
+    let mut table = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_path(path)
+        .with_context(|| format!("{shown}: cannot be read"))?;
+    let headers = table.headers().with_context(|| format!("{shown}: has no line of column names"))?.clone();
+    let columns: Vec<Column> = headers.iter().map(|h| Column::of(h, path)).collect::<Result<_>>()?;
+    if !columns.iter().any(|c| matches!(c, Column::Image)) {
+        bail!("{shown}: has no column image");
+    }
+    let base = path.parent().unwrap_or(Path::new(""));
+    let (mut rows, mut names) = (Vec::new(), BTreeSet::new());
+    for (n, record) in table.records().enumerate() {
+        let record = record.with_context(|| format!("{shown}: row {} cannot be read", n + 1))?;
+        if n == MOST {
+            bail!("{shown}: has more than {MOST} rows; part it");
+        }
+        let row = row(&columns, &record, base, output).with_context(|| format!("{shown}: row {}", n + 1))?;
+        if !names.insert(row.name.clone()) {
+            bail!(
+                "{shown}: row {}: the name {} is there twice; give a column name without repetition",
+                n + 1,
+                row.name
+            );
+        }
+        rows.push(row);
+    }
+    if rows.is_empty() {
+        bail!("{shown}: has no rows");
+    }
+    Ok(rows)
+}
+
+fn row(columns: &[Column], record: &csv::StringRecord, base: &Path, output: &Path) -> Result<Row> {
+    let (mut name, mut images, mut arguments) = (None, Vec::new(), Vec::new());
+    for (column, cell) in columns.iter().zip(record).filter(|(_, cell)| !cell.is_empty()) {
+        match column {
+            Column::Name => name = Some(cell.to_owned()),
+            Column::Image => images.extend(cell.split(';').map(|file| beside(base, file.trim()))),
+            Column::Option { flag, takes_value: true, is_file } => {
+                let value = if *is_file { beside(base, cell) } else { cell.to_owned() };
+                // As one word: values may begin with a minus.
+                arguments.push(format!("{flag}={value}"));
+            }
+            Column::Option { flag, .. } => match cell.to_ascii_lowercase().as_str() {
+                "yes" | "true" | "1" => arguments.push(flag.clone()),
+                "no" | "false" | "0" => (),
+                _ => bail!("{cell} for {flag}: give yes or no"),
+            },
+        }
+    }
+    let Some(first) = images.first() else { bail!("the image is not given") };
+    let of_image = || Path::new(first).file_stem().map(|s| s.to_string_lossy().into_owned());
+    let name = name.or_else(of_image).unwrap_or_default();
+    let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ' | '+' | '=');
+    if name.is_empty() || name.starts_with('.') || name == NOTES || !name.chars().all(plain) {
+        bail!("the name {name:?} is none for a folder: give letters, digits, -, _ and .");
+    }
+    let folder = output.join(&name);
+    arguments.push(format!("--output={}", folder.display()));
+    arguments.push("--".to_owned());
+    arguments.extend(images);
+    Ok(Row { name, folder, arguments })
+}
+
+/// A file named in the table, beside which it is looked for first.
+fn beside(base: &Path, file: &str) -> String {
+    let there = base.join(file);
+    if there.exists() { there.display().to_string() } else { file.to_owned() }
+}

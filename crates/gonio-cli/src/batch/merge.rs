@@ -1,0 +1,105 @@
+//! What all rows have found, in one table.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use gonio_io::atomic::write_file;
+use serde_json::{Value, json};
+
+use super::manifest::Row;
+use super::{NOTES, Note, read_note};
+use crate::outcome::Outcome;
+
+const COLUMNS: [&str; 13] = [
+    "name",
+    "status",
+    "seconds",
+    "material",
+    "weight",
+    "gloss_5",
+    "gloss_50",
+    "gloss_95",
+    "undetermined",
+    "strangeness",
+    "misfit",
+    "warnings",
+    "error",
+];
+
+/// Writes `batch.csv` from the notes of all rows; with the table also what is missing.
+pub(super) fn merge(output: &Path, rows: Option<&[Row]>) -> Result<Outcome> {
+    let shown = output.display();
+    let names = match rows {
+        Some(rows) => rows.iter().map(|row| row.name.clone()).collect(),
+        None => noted(output)?,
+    };
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(COLUMNS)?;
+    let mut counts = [0_usize; 3];
+    for name in &names {
+        let note = read_note(output, name);
+        let status = match &note {
+            None => 2,
+            Some(note) => usize::from(note.error.is_some()),
+        };
+        counts[status] += 1;
+        writer.write_record(record(output, name, ["done", "failed", "missing"][status], note.as_ref()))?;
+    }
+    let bytes = writer.into_inner().map_err(|e| anyhow::anyhow!("{e}"))?;
+    let file = output.join("batch.csv");
+    write_file(&file, &bytes)?;
+    let [done, failed, missing] = counts;
+    let text = format!("{}: {done} done, {failed} failed, {missing} missing", file.display());
+    if names.is_empty() {
+        bail!("{shown}: holds no results of gonio batch");
+    }
+    Ok(Outcome::new(
+        text,
+        json!({ "output": file.display().to_string(), "done": done, "failed": failed, "missing": missing }),
+    ))
+}
+
+/// The names of all rows that anything is noted of.
+fn noted(output: &Path) -> Result<Vec<String>> {
+    let notes = output.join(NOTES);
+    let failed = || format!("{}: cannot list this folder; give the one that gonio batch wrote to", notes.display());
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(&notes).with_context(failed)? {
+        let path = entry.with_context(failed)?.path();
+        if path.extension().is_some_and(|e| e == "json")
+            && let Some(stem) = path.file_stem()
+        {
+            names.push(stem.to_string_lossy().into_owned());
+        }
+    }
+    names.sort();
+    Ok(names)
+}
+
+fn record(output: &Path, name: &str, status: &str, note: Option<&Note>) -> Vec<String> {
+    let result: Value = match note {
+        Some(note) if note.error.is_none() => std::fs::read(output.join(name).join("result.json"))
+            .ok()
+            .and_then(|bytes| serde_json::from_slice(&bytes).ok())
+            .unwrap_or_default(),
+        _ => Value::Null,
+    };
+    let number =
+        |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).map(|v| format!("{v:.4}")).unwrap_or_default();
+    let nearest = result.pointer("/posterior/materials/0/name").and_then(Value::as_str).unwrap_or_default();
+    vec![
+        name.to_owned(),
+        status.to_owned(),
+        note.map(|n| format!("{:.1}", n.seconds)).unwrap_or_default(),
+        nearest.to_owned(),
+        number("/posterior/materials/0/weight"),
+        number("/posterior/gloss/5"),
+        number("/posterior/gloss/50"),
+        number("/posterior/gloss/95"),
+        number("/posterior/undetermined"),
+        number("/posterior/strangeness"),
+        number("/noise/misfit"),
+        note.map(|n| n.warnings.join("; ")).unwrap_or_default(),
+        note.and_then(|n| n.error.clone()).unwrap_or_default(),
+    ]
+}

@@ -1,0 +1,131 @@
+//! `gonio batch`: `gonio infer` for every row of a table.
+//!
+//! A row becomes the arguments of `gonio infer`. What became of it is noted in a file of its own below `rows/`, so that shards that run at the same
+//! time do not meet, and a run that was killed goes on where it was.
+
+mod manifest;
+mod merge;
+mod shard;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use clap::Parser;
+use gonio_io::atomic::write_file;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::outcome::Outcome;
+use crate::{Args, Command, infer};
+use manifest::Row;
+use shard::Shard;
+
+/// Folder of what became of each row, within that of the results.
+const NOTES: &str = "rows";
+
+/// Options of `gonio batch`.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Table (CSV): a column `image`, a column `name` for the folder of each row's results, and a column for any option of gonio infer
+    /// (`mask`, `normals`, `light-color`, …); files are relative to the table, cells may be empty
+    #[arg(required_unless_present = "merge")]
+    manifest: Option<PathBuf>,
+    /// Folder for a folder of results of each row, and for batch.csv
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Only each N-th row, beginning with the I-th; in a Slurm array its variables say this
+    #[arg(long, value_name = "I/N", value_parser = shard::parse, conflicts_with = "merge")]
+    shard: Option<Shard>,
+    /// Infer nothing: put what all shards have found into batch.csv
+    #[arg(long)]
+    merge: bool,
+}
+
+/// What became of a row.
+#[derive(Debug, Serialize, Deserialize)]
+struct Note {
+    name: String,
+    /// Of `gonio infer`: with others the row is done again.
+    arguments: Vec<String>,
+    seconds: f64,
+    /// What is wrong with it, if it failed.
+    error: Option<String>,
+    warnings: Vec<String>,
+}
+
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
+    let rows = options.manifest.as_deref().map(|path| manifest::read(path, &options.output)).transpose()?;
+    if options.merge {
+        return merge::merge(&options.output, rows.as_deref());
+    }
+    let rows = rows.context("without a table")?;
+    let shard = options.shard.map_or_else(shard::of_slurm, |shard| Ok(Some(shard)))?;
+    let own: Vec<&Row> =
+        rows.iter().enumerate().filter(|(i, _)| shard.is_none_or(|s| s.has(*i))).map(|(_, r)| r).collect();
+    let notes = options.output.join(NOTES);
+    std::fs::create_dir_all(&notes).with_context(|| format!("{}: cannot make this folder", notes.display()))?;
+    let (mut failed, mut skipped) = (Vec::new(), 0);
+    for (i, row) in own.iter().enumerate() {
+        let done = read_note(&options.output, &row.name).filter(|note| {
+            note.error.is_none() && note.arguments == row.arguments && row.folder.join("result.json").is_file()
+        });
+        if done.is_some() {
+            skipped += 1;
+            continue;
+        }
+        let note = infer_row(row);
+        let text = serde_json::to_string_pretty(&note).context("a note that is no JSON")?;
+        write_file(note_path(&options.output, &row.name), text.as_bytes())?;
+        let end = note.error.as_ref().map_or_else(|| format!("{:.1} s", note.seconds), |e| format!("failed: {e}"));
+        eprintln!("[{}/{}] {}: {end}", i + 1, own.len(), row.name);
+        if note.error.is_some() {
+            failed.push(row.name.clone());
+        }
+    }
+    // Shards leave this to the one that merges.
+    if shard.is_none() {
+        merge::merge(&options.output, Some(&rows))?;
+    }
+    let output = options.output.display().to_string();
+    if !failed.is_empty() {
+        bail!("{output}: {} of {} rows failed ({}); the others are done", failed.len(), own.len(), failed.join(", "));
+    }
+    let count = own.len() - skipped;
+    let text = format!("{output}: {count} rows inferred, {skipped} were done before");
+    Ok(Outcome::new(text, json!({ "output": output, "rows": own.len(), "inferred": count, "skipped": skipped })))
+}
+
+/// Infers a row; whatever happens is noted.
+fn infer_row(row: &Row) -> Note {
+    let start = Instant::now();
+    let whole = || -> Result<Vec<String>> {
+        let words = ["gonio", "infer"].into_iter().map(str::to_owned).chain(row.arguments.iter().cloned());
+        let parsed = Args::try_parse_from(words).map_err(|e| anyhow::anyhow!("{}", crate::problem(&e)))?;
+        let Command::Infer(options) = parsed.command else { bail!("not a row") };
+        Ok(infer::run(&options)?.warnings)
+    };
+    let ended = catch_unwind(AssertUnwindSafe(whole));
+    let (error, warnings) = match ended {
+        Ok(Ok(warnings)) => (None, warnings),
+        Ok(Err(error)) => (Some(crate::one_line(&format!("{error:#}"))), Vec::new()),
+        Err(_) => (Some("a fault of gonio itself; please report it".to_owned()), Vec::new()),
+    };
+    Note {
+        name: row.name.clone(),
+        arguments: row.arguments.clone(),
+        seconds: start.elapsed().as_secs_f64(),
+        error,
+        warnings,
+    }
+}
+
+fn note_path(output: &Path, name: &str) -> PathBuf {
+    output.join(NOTES).join(format!("{name}.json"))
+}
+
+/// What became of a row before; `None` also where the note cannot be read: the row is done again.
+fn read_note(output: &Path, name: &str) -> Option<Note> {
+    serde_json::from_slice(&std::fs::read(note_path(output, name)).ok()?).ok()
+}

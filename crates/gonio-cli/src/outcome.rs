@@ -1,0 +1,38 @@
+//! What a command has to say when it is done: for people, or with `--json` for programs.
+
+use serde_json::{Map, Value, json};
+
+/// The end of a command that did what it was asked for.
+pub(crate) struct Outcome {
+    /// Lines for standard output.
+    pub(crate) text: String,
+    /// What went well enough, but not quite; one line each.
+    pub(crate) warnings: Vec<String>,
+    /// The same and more by name.
+    pub(crate) fields: Map<String, Value>,
+}
+
+impl Outcome {
+    /// Without warnings.
+    pub(crate) fn new(text: impl Into<String>, fields: Value) -> Self {
+        let fields = if let Value::Object(fields) = fields { fields } else { Map::new() };
+        Self { text: text.into(), warnings: Vec::new(), fields }
+    }
+
+    /// With them.
+    pub(crate) fn warning(mut self, warnings: Vec<String>) -> Self {
+        self.warnings = warnings;
+        self
+    }
+
+    /// Prints it: warnings to standard error and text to standard output, or one object with all of it to standard output.
+    pub(crate) fn print(mut self, json: bool) {
+        if json {
+            self.fields.insert("warnings".into(), json!(self.warnings));
+            println!("{}", Value::Object(self.fields));
+        } else {
+            self.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+            println!("{}", self.text);
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! `gonio batch`.
+
+use std::process::Command;
+
+use crate::support::Bench;
+
+/// Three rows, the second of which names a file that is not there.
+const TABLE: &str = "name,image,normals,grid,no-shadows\n\
+                     one,ball.exr,,16,\n\
+                     # a remark\n\
+                     two,none.exr,,16,\n\
+                     three,ball.exr,normals.npy,16,yes\n";
+
+fn bench() -> Bench {
+    let bench = Bench::with_ball();
+    std::fs::create_dir(bench.path("photos")).unwrap();
+    for file in ["ball.exr", "normals.npy"] {
+        std::fs::rename(bench.path(file), bench.path("photos").join(file)).unwrap();
+    }
+    bench.write("photos/list.csv", TABLE.as_bytes());
+    bench
+}
+
+fn column(bench: &Bench, index: usize) -> Vec<String> {
+    let text = String::from_utf8(bench.read("out/batch.csv")).unwrap();
+    text.lines().skip(1).map(|line| line.split(',').nth(index).unwrap().to_owned()).collect()
+}
+
+#[test]
+fn one_bad_row_does_not_stop_the_rest_and_a_run_goes_on_where_it_was() {
+    let bench = bench();
+    let run = bench.run("batch photos/list.csv -o out");
+    assert_eq!(run.code, Some(2));
+    assert!(run.stderr.contains("out: 1 of 3 rows failed (two)"), "{run:?}");
+    assert!(run.stderr.contains("[2/3] two: failed: none.exr"), "{run:?}");
+    assert_eq!(column(&bench, 1), ["done", "failed", "done"]);
+    assert!(!column(&bench, 3)[0].is_empty());
+    assert!(!bench.path("out/two").exists());
+    let first = bench.read("out/one/result.json");
+    // Repaired; the finished rows are left as they are.
+    std::fs::copy(bench.path("photos/ball.exr"), bench.path("photos/none.exr")).unwrap();
+    let run = bench.run("--json batch photos/list.csv -o out").succeeds();
+    let said: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!((said["inferred"].as_u64(), said["skipped"].as_u64()), (Some(1), Some(2)));
+    assert_eq!(bench.read("out/one/result.json"), first);
+    assert_eq!(column(&bench, 1), ["done"; 3]);
+    // Other arguments make it another row.
+    bench.write("photos/list.csv", TABLE.replace("one,ball.exr,,16", "one,ball.exr,,8").as_bytes());
+    let run = bench.run("--json batch photos/list.csv -o out").succeeds();
+    let said: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!(said["inferred"].as_u64(), Some(1));
+    assert_eq!(bench.json("out/one/result.json")["settings"]["grid"], 8);
+}
+
+#[test]
+fn the_slurm_example_runs() {
+    let bench = bench();
+    std::fs::copy(bench.path("photos/ball.exr"), bench.path("photos/none.exr")).unwrap();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/slurm/infer.sbatch");
+    let program = std::path::Path::new(env!("CARGO_BIN_EXE_gonio"));
+    let path = format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap());
+    for task in ["4", "6"] {
+        let status = Command::new("bash")
+            .args([script, "photos/list.csv", "out"])
+            .current_dir(bench.path(""))
+            .env("PATH", &path)
+            .env("GONIO_CACHE_DIR", std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"))
+            .env("SLURM_CPUS_PER_TASK", "2")
+            .env("SLURM_ARRAY_TASK_ID", task)
+            .env("SLURM_ARRAY_TASK_MIN", "4")
+            .env("SLURM_ARRAY_TASK_COUNT", "2")
+            .env("SLURM_ARRAY_TASK_STEP", "2")
+            .status()
+            .unwrap();
+        assert!(status.success());
+        assert!(!bench.path("out/batch.csv").exists());
+    }
+    let run = bench.run("batch --merge photos/list.csv -o out").succeeds();
+    assert!(run.stdout.contains("3 done, 0 failed, 0 missing"), "{run:?}");
+    bench.run("batch --merge -o out").succeeds();
+    assert_eq!(column(&bench, 0), ["one", "three", "two"]);
+}
+
+#[test]
+fn bad_tables_are_refused() {
+    let bench = bench();
+    for (table, says) in [
+        ("name\none\n", "has no column image"),
+        ("image\n", "has no rows"),
+        ("image,colour\nball.exr,red\n", "the column colour: there is no such option"),
+        ("image,output\nball.exr,x\n", "the column output"),
+        ("image\nball.exr\nball.exr\n", "row 2: the name ball is there twice"),
+        ("image,name\nball.exr,../up\n", "row 1: the name \"../up\" is none for a folder"),
+        ("image,name\nball.exr,rows\n", "row 1: the name \"rows\" is none"),
+        ("image,no-shadows\nball.exr,perhaps\n", "perhaps for --no-shadows: give yes or no"),
+        ("image,mask\nball.exr\n", "row 1 cannot be read"),
+        ("image,mask\n,ball.exr\n", "row 1: the image is not given"),
+    ] {
+        bench.write("photos/bad.csv", table.as_bytes());
+        bench.refuses("batch photos/bad.csv -o x", &["photos/bad.csv", says]);
+    }
+    bench.refuses("batch none.csv -o x", &["none.csv: cannot be read"]);
+    bench.refuses("batch photos/list.csv -o x --shard 4/3", &["--shard"]);
+    bench.refuses("batch --merge -o x", &["x/rows: cannot list"]);
+    bench.refuses("batch -o x", &["<MANIFEST>"]);
+}

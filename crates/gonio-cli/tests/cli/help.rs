@@ -1,0 +1,54 @@
+//! What goes around the commands: completions, manual pages, answers for programs.
+
+use std::process::Command;
+
+use crate::support::Bench;
+
+#[test]
+fn shells_take_the_completions() {
+    let bench = Bench::new();
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let script = bench.run(&format!("completions {shell}")).succeeds().stdout;
+        assert!(script.contains("gonio") && script.contains("infer"), "{shell}");
+        if shell == "bash" {
+            bench.write("gonio.bash", script.as_bytes());
+            let asked =
+                "source gonio.bash; COMP_WORDS=(gonio inf); COMP_CWORD=1; _gonio gonio inf gonio; echo ${COMPREPLY[@]}";
+            let out = Command::new("bash").args(["-c", asked]).current_dir(bench.path("")).output().unwrap();
+            assert_eq!(String::from_utf8(out.stdout).unwrap().trim(), "infer", "{:?}", String::from_utf8(out.stderr));
+        }
+    }
+    bench.refuses("completions tcsh", &["tcsh"]);
+}
+
+#[test]
+fn every_command_has_a_page() {
+    let bench = Bench::new();
+    bench.run("man -o pages").succeeds();
+    let names = bench.names("pages");
+    for page in ["gonio.1", "gonio-infer.1", "gonio-batch.1", "gonio-train-lighting.1"] {
+        assert!(names.iter().any(|n| n == page), "{page} in {names:?}");
+    }
+    let page = String::from_utf8(bench.read("pages/gonio-infer.1")).unwrap();
+    assert!(page.starts_with(".ie") && page.contains("\\-\\-mask"), "{page}");
+}
+
+#[test]
+fn programs_get_one_object() {
+    let bench = Bench::with_ball();
+    let object = |line: &str, code: i32| -> serde_json::Value {
+        let run = bench.run(line);
+        assert_eq!((run.code, run.stderr.as_str()), (Some(code), ""), "{line}");
+        serde_json::from_str(&run.stdout).unwrap_or_else(|e| panic!("{line}: {e}: {}", run.stdout))
+    };
+    let found = object("infer ball.exr -o out --grid 16 --json", 0);
+    assert_eq!((found["output"].as_str(), found["method"].as_str()), (Some("out"), Some("marginal")));
+    assert!(found["posterior"]["materials"][0]["weight"].as_f64().unwrap() > 0.0);
+    assert!(found["warnings"].is_array());
+    let exported = object("export out --to ward --json", 0);
+    assert!(exported["exports"]["ward"]["relight"].is_number());
+    assert_eq!(object("convert out/brdf.binary x.bsdf --json", 0)["output"], "x.bsdf");
+    assert_eq!(object("infer none.exr -o x --json", 2)["error"].as_str().unwrap().split(':').next(), Some("none.exr"));
+    assert!(object("--json render --nonsense", 2)["error"].as_str().unwrap().contains("--nonsense"));
+    assert!(object("completions bash --json", 0)["script"].is_string());
+}

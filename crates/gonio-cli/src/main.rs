@@ -4,7 +4,6 @@
 //! the input ends in one line on standard error and exit code 2, with nothing half-written.
 
 mod batch;
-mod canvas;
 mod convert;
 mod export;
 mod help;
@@ -16,9 +15,7 @@ mod photograph;
 mod progress;
 mod render;
 mod shape;
-mod summary;
 mod train;
-mod uncertainty;
 
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, set_hook};
 use std::process::ExitCode;

@@ -11,9 +11,9 @@ use gonio_io::atomic::write_file;
 use gonio_io::picture::{encode_exr_clipped, encode_png, encode_response};
 use serde_json::json;
 
-use crate::canvas::{LETTER, fill, place, sheet, text};
 use crate::outcome::Outcome;
 use crate::photograph::{self, MergedBracket};
+use gonio_report::canvas::{LETTER, fill, place, sheet, text};
 
 /// Options of `gonio merge`.
 #[derive(clap::Args)]

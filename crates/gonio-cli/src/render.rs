@@ -68,7 +68,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let placed = options.shape.place(size, &mut warnings)?;
     let stage = Stage::new("rendering");
     let picture = match &placed {
-        Some(placed) => {
+        Some((placed, _)) => {
             let settings = SurfaceSettings { samples, integrator, shadows: !options.no_shadows };
             render_surface(&brdf, &light, placed.surface.as_ref(), &placed.camera, &settings, &|x| stage.at(x))
         }

@@ -5,6 +5,7 @@
 pub mod appearance;
 pub mod bracket;
 pub mod colour;
+pub mod estimate;
 pub mod inference;
 pub mod lighting;
 mod linalg;

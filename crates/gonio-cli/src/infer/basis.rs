@@ -1,6 +1,7 @@
 //! Methods that find the coefficients of reflectance in a basis: the paper's and those to compare with.
 
 use anyhow::{Context, Result, bail};
+use gonio::estimate::ALBEDO;
 use gonio::inference::{
     Hyper, JointMapSettings, MODEL_ERROR, Method, Posterior, Problem, Solver, VariationalSettings,
     infer as find_posterior,
@@ -14,7 +15,7 @@ use gonio_io::cache::Cache;
 use gonio_io::plan::{PlanOrigin, load_or_build};
 use serde_json::json;
 
-use super::{Answer, MethodName, Options, SolverName, with_albedo};
+use super::{Answer, MethodName, Options, SolverName};
 use crate::progress::Stage;
 
 /// The answer of the methods `variational`, `map` and `known-light`.
@@ -34,7 +35,7 @@ pub(super) fn answer(
     if posterior.starts.iter().all(|s| !s.converged) {
         warnings.push("no start converged within its iterations; the result may be rough".into());
     }
-    let (table, scale) = with_albedo(&table);
+    let (table, scale) = table.with_normal_albedo(ALBEDO);
     let light = (options.method != MethodName::KnownLight).then(|| {
         let radiance: Vec<f64> = posterior.light.iter().map(|l| l * posterior.exposure / scale).collect();
         LightGrid::from_coefficients(model.light.map, &radiance)
@@ -64,7 +65,7 @@ pub(super) fn answer(
     });
     let seconds = vec![("plan", plan_seconds), ("inference", infer_seconds)];
     let caption = format!("noise {:.1} %", 100.0 * relative);
-    Ok(Answer { table, light, caption, sections, seconds, outlook: None })
+    Ok(Answer { table, light, caption, sections, seconds, material: None })
 }
 
 /// The rows on which the inference runs.

@@ -1,17 +1,10 @@
 //! The colours of the BRDF found: `--color` and `--light-color`.
 
-use glam::{DQuat, DVec3, Vec3};
-use gonio::appearance::Lattice;
-use gonio::colour::{
-    Chroma, ClueFinder, ColourModel, ColourPosterior, TwoColours, highlight_share, is_grey, white_chroma,
-};
+use glam::{DQuat, DVec3};
+use gonio::colour::{Chroma, white_chroma};
+use gonio::estimate::ColouringRule;
 use gonio::lighting::EnvironmentMap;
-use gonio::picture::Plane;
-use gonio::reflectance::BivariateTable;
-use gonio::render::median_colour;
-use gonio::scene::Observations;
 use gonio::sphere::OctahedralMap;
-use serde_json::{Value, json};
 
 use super::Options;
 
@@ -26,16 +19,6 @@ pub(super) enum ColourName {
     None,
 }
 
-/// What the BRDF is coloured with.
-pub(super) struct Colouring {
-    /// Of the BRDF.
-    pub(super) colours: TwoColours,
-    /// Of the light, linear RGB of luminance one; white where it is not estimated.
-    pub(super) light: Vec3,
-    /// The section of result.json.
-    pub(super) notes: Value,
-}
-
 /// `R,G,B`, linear, positive.
 pub(super) fn parse_light(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
@@ -45,34 +28,12 @@ pub(super) fn parse_light(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
-/// The colours of an answer whose luminance is `table`.
-pub(super) fn colouring(
-    options: &Options,
-    observations: &Observations,
-    table: &BivariateTable,
-    known: Option<&EnvironmentMap>,
-) -> Colouring {
-    let plain =
-        |how: &str| Colouring { colours: TwoColours::default(), light: Vec3::ONE, notes: json!({ "how": how }) };
-    let seen: Vec<Vec3> = observations.colours.iter().flatten().copied().collect();
-    if options.color == ColourName::None {
-        return plain("none");
-    }
-    if is_grey(&seen) {
-        return plain("grey photograph");
-    }
-    if options.color == ColourName::Median {
-        let median = median_colour(&Plane::from_vec(seen.len(), 1, seen), |_| true);
-        let colours = TwoColours::same(Chroma::of(median.as_dvec3()));
-        return Colouring {
-            colours,
-            light: Vec3::ONE,
-            notes: json!({
-                "how": "median",
-                "rgb": colours.body.rgb().to_array(),
-                "note": "the median colour of the photograph, of luminance one, light and reflectance together",
-            }),
-        };
+/// What the options ask for, and in words what they take for the light's colour.
+pub(super) fn rule(options: &Options, known: Option<&EnvironmentMap>) -> (ColouringRule, &'static str) {
+    match options.color {
+        ColourName::None => return (ColouringRule::Grey, ""),
+        ColourName::Median => return (ColouringRule::Median, ""),
+        ColourName::Estimate => (),
     }
     let (light, assumption) = match (options.light_color, known) {
         (Some(rgb), _) => (Some(Chroma::of(DVec3::from_array(rgb))), "the light has the colour given by --light-color"),
@@ -82,40 +43,7 @@ pub(super) fn colouring(
         }
         (None, None) => (None, "the light has a colour as captured lights have, around white"),
     };
-    let lattice = Lattice::new();
-    let image = lattice.gather_colours(&observations.points, &observations.colours);
-    let clues = ClueFinder::new(&lattice).of(&image, highlight_share(table));
-    let posterior = ColourModel::default().posterior(&clues, light);
-    Colouring {
-        colours: posterior.colours(),
-        light: posterior.light().rgb().as_vec3(),
-        notes: notes(&posterior, clues.share, assumption),
-    }
-}
-
-fn notes(posterior: &ColourPosterior, share: f64, assumption: &str) -> Value {
-    let intervals = posterior.intervals();
-    let part = |chroma: Chroma, at: usize| {
-        json!({
-            "rgb": chroma.rgb().to_array(),
-            "log_chroma": chroma.0,
-            "interval_90": [intervals[at], intervals[at + 1]],
-        })
-    };
-    let colours = posterior.colours();
-    json!({
-        "how": "estimate",
-        "assumption": assumption,
-        "body": part(colours.body, 0),
-        "highlight": part(colours.highlight, 2),
-        "light": part(posterior.light(), 4),
-        "coloured_highlight": posterior.coloured,
-        "highlight_share": share,
-        "note": "rgb: linear, of luminance one; log_chroma: ln R/G and ln B/G, with their 90 % intervals; each channel of \
-                 brdf.binary is rgb of the body times the luminance BRDF far from the highlight plus rgb of the highlight times the \
-                 rest; coloured_highlight: probability that the highlight is coloured as a metal's is; light: of a white \
-                 matte ball in the object's place",
-    })
+    (ColouringRule::Estimate { light }, assumption)
 }
 
 #[cfg(test)]

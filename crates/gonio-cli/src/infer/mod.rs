@@ -12,19 +12,20 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
-use gonio::inference::amortised::Neighbour;
+use gonio::estimate::{Colouring, EstimateSettings, Material};
 use gonio::lighting::LightGrid;
 use gonio::reflectance::{BivariateTable, CELLS, MerlTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_io::atomic::StagedFolder;
 use gonio_io::npy;
+use gonio_report::{summary, uncertainty};
 use serde_json::{Value, json};
 
+use crate::input;
 use crate::outcome::Outcome;
 use crate::photograph::{self, Photograph};
 use crate::progress::Stage;
 use crate::shape::MeshOptions;
-use crate::{input, summary, uncertainty};
 
 /// Options of `gonio infer`.
 #[derive(clap::Args)]
@@ -141,7 +142,7 @@ fn parse_circle(text: &str) -> Result<Circle, String> {
 
 /// What a method found.
 struct Answer {
-    /// Reflectance, scaled by [`with_albedo`].
+    /// Reflectance, of albedo [`ALBEDO`].
     table: BivariateTable,
     /// The light on the scale that goes with it, for a blind method.
     light: Option<LightGrid>,
@@ -151,26 +152,8 @@ struct Answer {
     sections: Value,
     /// Seconds of the stages.
     seconds: Vec<(&'static str, f64)>,
-    /// What is not known of the reflectance, for the method that tells.
-    outlook: Option<Outlook>,
-}
-
-/// How sure the reflectance is.
-pub(crate) struct Outlook {
-    /// Its 5, 25, 75 and 95 % quantiles in each cell, on the scale of the answer.
-    pub(crate) quantiles: Vec<Vec<f32>>,
-    /// Cells that the photograph leaves open.
-    pub(crate) undetermined: Vec<bool>,
-    /// The measured materials nearest to it, by falling weight.
-    pub(crate) materials: Vec<Neighbour>,
-    /// The dull and the glossy end of what is probable, with a label.
-    pub(crate) ends: [(&'static str, BivariateTable); 2],
-}
-
-/// A table with an albedo of a half along the normal, and the factor that was needed: an image fixes the product of light and reflectance alone.
-fn with_albedo(table: &BivariateTable) -> (BivariateTable, f64) {
-    let scale = 0.5 / table.normal_albedo();
-    (BivariateTable::from_vec(table.as_slice().iter().map(|x| (f64::from(*x) * scale) as f32).collect()), scale)
+    /// How sure the reflectance is, for the method that tells.
+    material: Option<Material>,
 }
 
 /// The name of a value as the command line takes it.
@@ -206,35 +189,38 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let known = options.light.as_deref().map(input::light).transpose()?;
     let Photograph { picture, clip, notes } =
         photograph::read(&options.image, &options.exposures, &options.reading, options.clip, &mut warnings)?;
-    let scene = observe::observe(options, &picture, clip, model.light.map, &mut warnings)?;
+    let (sighting, observations_notes) = observe::observe(options, &picture, clip, model.light.map, &mut warnings)?;
     // Made before the long work: a folder that cannot be made is told at once.
     let folder = StagedFolder::create(&options.output)?;
     let read_seconds = start.elapsed().as_secs_f64() - model_seconds;
-    let answer = match options.method {
-        MethodName::Marginal => marginal::answer(options, &model, &scene.observations, &mut warnings)?,
-        _ => basis::answer(options, &model, known.as_ref(), &scene.observations, &mut warnings)?,
+    let (rule, assumption) = colour::rule(options, known.as_ref());
+    let (answer, colouring) = match options.method {
+        MethodName::Marginal => {
+            let settings = EstimateSettings { side: options.grid, colouring: rule, ..EstimateSettings::default() };
+            marginal::answer(options, &model, &sighting.observations, &settings, &mut warnings)?
+        }
+        _ => {
+            let answer = basis::answer(options, &model, known.as_ref(), &sighting.observations, &mut warnings)?;
+            let colouring = Colouring::of(&sighting.observations, &answer.table, &rule);
+            (answer, colouring)
+        }
     };
-    let colouring_from = Instant::now();
-    let colouring = colour::colouring(options, &scene.observations, &answer.table, known.as_ref());
-    let colour_seconds = colouring_from.elapsed().as_secs_f64();
     let stage = Stage::new("drawing");
     let pictures = summary::draw(
         &summary::Subject {
             picture: &picture,
-            coverage: scene.coverage.as_ref(),
-            circle: scene.circle,
-            normals: scene.normals.as_ref(),
-            placed: scene.placed.as_ref().filter(|_| !options.no_shadows),
-            colours: colouring.colours,
-            light_colour: colouring.light,
+            sighting: &sighting,
+            shadows: !options.no_shadows,
+            colours: colouring.colours(),
+            light_colour: colouring.light(),
             table: &answer.table,
             light: answer.light.as_ref(),
             known_light: known.as_ref(),
-            outlook: answer.outlook.as_ref(),
+            material: answer.material.as_ref(),
             caption: format!(
                 "{} | {} observations | {} | {:.0} s",
                 name_of(options.method),
-                scene.observations.report.used,
+                sighting.observations.report.used,
                 answer.caption,
                 start.elapsed().as_secs_f64()
             ),
@@ -249,15 +235,15 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         "image": options.image.display().to_string(),
         "method": name_of(options.method),
         "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
-        "observations": scene.notes,
-        "colour": colouring.notes,
+        "observations": observations_notes,
+        "colour": gonio_report::notes::colouring(&colouring, assumption),
         "warnings": warnings,
     });
     if let Some(notes) = notes {
         result["bracket"] = notes;
     }
     let mut seconds = json!({
-        "model": model_seconds, "reading": read_seconds, "colour": colour_seconds, "drawing": drawing_seconds,
+        "model": model_seconds, "reading": read_seconds, "drawing": drawing_seconds,
     });
     seconds.as_object_mut().into_iter().for_each(|s| {
         s.extend(answer.seconds.iter().map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))));
@@ -270,7 +256,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let table = &answer.table;
     write(
         "brdf.binary",
-        &gonio_io::merl::encode(&MerlTable::from_bivariate(colouring.colours.tables(table).each_ref())),
+        &gonio_io::merl::encode(&MerlTable::from_bivariate(colouring.colours().tables(table).each_ref())),
     )?;
     if let Some(light) = &answer.light {
         write("light.exr", &gonio_io::picture::encode_exr(&light.to_lat_long(128), None))?;
@@ -279,12 +265,12 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     }
     write("relit.png", &gonio_io::picture::encode_png(&pictures.relit))?;
     write("summary.png", &gonio_io::picture::encode_png(&pictures.summary))?;
-    if let Some(outlook) = &answer.outlook {
-        let values = outlook.quantiles.concat();
-        debug_assert_eq!(values.len(), outlook.quantiles.len() * CELLS);
-        let array = npy::Array { shape: vec![outlook.quantiles.len(), THETA_H, THETA_D], values };
+    if let Some(material) = &answer.material {
+        let values = material.quantiles.concat();
+        debug_assert_eq!(values.len(), material.quantiles.len() * CELLS);
+        let array = npy::Array { shape: vec![material.quantiles.len(), THETA_H, THETA_D], values };
         write("brdf_quantiles.npy", &npy::encode(&array))?;
-        write("uncertainty.png", &gonio_io::picture::encode_png(&uncertainty::draw(table, outlook)))?;
+        write("uncertainty.png", &gonio_io::picture::encode_png(&uncertainty::draw(material)))?;
     }
     seconds["writing"] = json!(writing.elapsed().as_secs_f64());
     seconds["total"] = json!(start.elapsed().as_secs_f64());
@@ -295,7 +281,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let output = options.output.display().to_string();
     let text = format!(
         "{output}: BRDF, light, pictures and result.json from {} observations in {:.1} s",
-        scene.observations.report.used,
+        sighting.observations.report.used,
         start.elapsed().as_secs_f64()
     );
     // What fills no screen; the rest is in result.json.

@@ -164,6 +164,13 @@ impl BivariateTable {
         2.0 * PI * sum / STEPS as f64
     }
 
+    /// The table scaled to a [`Self::normal_albedo`], and the factor that was needed: a photograph under unknown light fixes the product of light and
+    /// reflectance alone.
+    pub fn with_normal_albedo(&self, albedo: f64) -> (Self, f64) {
+        let scale = albedo / self.normal_albedo();
+        (Self::from_vec(self.values.iter().map(|x| (f64::from(*x) * scale) as f32).collect()), scale)
+    }
+
     /// Largest value over the trusted cells.
     pub fn trusted_max(&self) -> f32 {
         (0..CELLS)
@@ -294,6 +301,13 @@ mod tests {
     fn a_lambertian_surface_of_one_over_pi_has_albedo_one() {
         let t = BivariateTable::from_fn(|_, _| 1.0 / PI);
         assert!((t.normal_albedo() - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn albedos_can_be_given() {
+        let (half, scale) = wavy().with_normal_albedo(0.5);
+        assert!((half.normal_albedo() - 0.5).abs() < 1e-6);
+        assert!((f64::from(half.cell(3, 4)) - scale * f64::from(wavy().cell(3, 4))).abs() < 1e-6);
     }
 
     #[test]

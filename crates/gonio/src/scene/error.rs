@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use crate::shape::{CameraError, MeshError};
+
 /// Why a picture gives no observations; each says what to do about it.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SceneError {
@@ -178,7 +180,47 @@ pub enum SceneError {
         "a point that was observed is not on the surface: give the mesh or the depth that the normals were made of"
     )]
     NoSurface,
+    /// Nothing says where the object is.
+    #[error(
+        "no alpha channel and no constant background to tell the object from; give a mask (--mask FILE), or the outline of a ball (--circle \
+         X,Y,RADIUS)"
+    )]
+    NoOutline,
+    /// The surface is not where the mask is.
+    #[error(
+        "the shape does not lie on the object: only {:.0} % of the pixels of either belong to both; check the pose and the camera (--pose, --camera)",
+        100.0 * .overlap
+    )]
+    Elsewhere {
+        /// Pixels of both over pixels of either.
+        overlap: f64,
+    },
+    /// Normals that contradict themselves.
+    #[error("{0}, or --trust-normals to take them as they are")]
+    Contradiction(String),
+    /// Places of the surface that make none.
+    #[error(transparent)]
+    Relief(#[from] MeshError),
+    /// A picture that no camera takes.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
     /// Every observed value is zero.
     #[error("the object is entirely black: check the exposure, and that mask or circle lie on the object")]
     Black,
+}
+
+impl SceneError {
+    /// Whether it is the outline that is at fault, and so whatever the outline was found in.
+    pub fn is_of_outline(&self) -> bool {
+        matches!(
+            self,
+            Self::EmptyMask
+                | Self::MaskEverywhere
+                | Self::TooSmall { .. }
+                | Self::ShortOutline { .. }
+                | Self::Elliptic { .. }
+                | Self::NotACircle { .. }
+                | Self::NotAnEllipse { .. }
+        )
+    }
 }

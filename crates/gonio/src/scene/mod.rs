@@ -5,6 +5,8 @@
 //! 2. [`Observations::of_sphere`] samples the picture at normals spread evenly over the visible hemisphere;
 //!    [`Observations::of_normals`] does the same for any shape that comes with a picture of its normals.
 //!
+//! [`Sighting::of`] is all of it, for any [`Object`].
+//!
 //! [`Orientation`] says whether the channels of such a picture are in order, and which [`Correction`] brings them there.
 //!
 //! The camera is orthographic and looks along -z: the direction to the camera is +z at every point. Pictures have x to
@@ -25,6 +27,7 @@ mod observed;
 mod orientation;
 mod outline;
 mod shadowed;
+mod sighting;
 mod thinned;
 mod view;
 mod weights;
@@ -36,4 +39,5 @@ pub use error::SceneError;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
 pub use orientation::{Fit, Orientation};
 pub use outline::{Ellipse, find_ball, find_ellipse};
+pub use sighting::{Found, NormalPicture, Object, Oddity, Relief, Sighting};
 pub use view::SurfaceView;

@@ -14,6 +14,7 @@ mod camera;
 mod depth;
 mod forms;
 mod mesh;
+mod placed;
 mod smooth;
 mod surface;
 #[cfg(test)]
@@ -27,6 +28,7 @@ pub use camera::{Camera, CameraError, Projection, Ray};
 pub use depth::{DepthKind, DepthSize, positions_of_depth};
 pub use forms::Form;
 pub use mesh::{Mesh, MeshError, MeshParts, Soundness};
+pub use placed::{Placed, PlacedError};
 pub use surface::{Ellipsoid, EllipsoidError, Hit, Surface};
 pub use tracer::Tracer;
 pub use visibility::{Lookout, Openness, Visibility};

@@ -13,7 +13,7 @@ mod numbers;
 mod posterior;
 mod simulate;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod train;
 mod unshadow;
 

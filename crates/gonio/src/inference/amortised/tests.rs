@@ -15,7 +15,7 @@ use crate::render::{IntegratorSettings, LightTree, Relighter};
 use crate::sphere::direction_of_lat_long;
 
 /// A sky, a ground and a few lamps.
-fn light(seed: u64) -> LightTree {
+pub(crate) fn light_map(seed: u64) -> EnvironmentMap {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut draw = |low: f64, high: f64| -> f64 { rng.random_range(low..high) };
     let lamps: Vec<(DVec3, f64, f64)> = (0..4)
@@ -31,7 +31,11 @@ fn light(seed: u64) -> LightTree {
         let lit = lamps.iter().filter(|(lamp, width, _)| d.angle_between(*lamp) < *width).map(|l| l.2).sum::<f64>();
         Vec3::splat((base + lit) as f32)
     });
-    LightTree::of_map(&EnvironmentMap::new(map).unwrap())
+    EnvironmentMap::new(map).unwrap()
+}
+
+fn light(seed: u64) -> LightTree {
+    LightTree::of_map(&light_map(seed))
 }
 
 fn lobe(width: f64, strength: f64) -> BivariateTable {
@@ -53,7 +57,7 @@ fn training() -> TrainingSettings {
     TrainingSettings { hidden: 32, epochs: 12, batch: 64, ..TrainingSettings::default() }
 }
 
-fn trained() -> &'static (Simulation, Amortised) {
+pub(crate) fn trained() -> &'static (Simulation, Amortised) {
     static ONCE: OnceLock<(Simulation, Amortised)> = OnceLock::new();
     ONCE.get_or_init(|| {
         let simulation = simulation();

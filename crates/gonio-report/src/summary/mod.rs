@@ -4,45 +4,48 @@ mod view;
 
 use glam::{DVec3, Vec3};
 use gonio::colour::TwoColours;
+use gonio::estimate::Material;
+use gonio::inference::amortised::Neighbour;
 use gonio::lighting::{EnvironmentMap, LightGrid, studio_light};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
 use gonio::render::{Exposure, IntegratorSettings, LightTree};
-use gonio::scene::Circle;
+use gonio::scene::Sighting;
 
 use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
-use crate::infer::Outlook;
-use crate::shape::Placed;
 use view::View;
 
 /// Everything that the pictures show.
-pub(crate) struct Subject<'a> {
-    pub(crate) picture: &'a Picture,
-    pub(crate) coverage: Option<&'a Plane<f32>>,
-    /// Outline of the sphere, unless the shape is given by normals.
-    pub(crate) circle: Option<Circle>,
-    pub(crate) normals: Option<&'a Plane<Vec3>>,
-    /// The surface behind the normals, where it shadows itself or is seen in perspective.
-    pub(crate) placed: Option<&'a Placed>,
+#[derive(Clone)]
+pub struct Subject<'a> {
+    /// The photograph.
+    pub picture: &'a Picture,
+    /// Where the object is in it.
+    pub sighting: &'a Sighting,
+    /// Whether the surface keeps light from itself in the reproduction.
+    pub shadows: bool,
     /// Of the inferred reflectance.
-    pub(crate) colours: TwoColours,
+    pub colours: TwoColours,
     /// Of the estimated light, which is found in luminance alone.
-    pub(crate) light_colour: Vec3,
-    /// Inferred reflectance.
-    pub(crate) table: &'a BivariateTable,
+    pub light_colour: Vec3,
+    /// Inferred reflectance, luminance in 1/sr.
+    pub table: &'a BivariateTable,
     /// Estimated light, for a blind method.
-    pub(crate) light: Option<&'a LightGrid>,
+    pub light: Option<&'a LightGrid>,
     /// Given light.
-    pub(crate) known_light: Option<&'a EnvironmentMap>,
+    pub known_light: Option<&'a EnvironmentMap>,
     /// How sure the reflectance is, if the method tells.
-    pub(crate) outlook: Option<&'a Outlook>,
-    pub(crate) caption: String,
+    pub material: Option<&'a Material>,
+    /// A line under all.
+    pub caption: String,
 }
 
-/// Linear display values in 0..1.
-pub(crate) struct Pictures {
-    pub(crate) relit: Plane<Vec3>,
-    pub(crate) summary: Plane<Vec3>,
+/// Linear display values in 0..=1.
+pub struct Pictures {
+    /// A sphere of the BRDF found, in [`studio_light`].
+    pub relit: Plane<Vec3>,
+    /// The overview.
+    pub summary: Plane<Vec3>,
 }
 
 /// Height of a panel, pixels.
@@ -55,7 +58,7 @@ const LINE: usize = 24;
 const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 1.0, max_cells: 6000 };
 
 /// Draws the pictures; `progress` is told a fraction in 0..=1.
-pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pictures {
+pub fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pictures {
     let coloured = |table: &BivariateTable| subject.colours.tables(table);
     let view = View::of(subject);
     let input = view.cut(subject.picture);
@@ -95,9 +98,8 @@ pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pi
         })
     };
     let studio = LightTree::of_map(&studio_light(128));
-    let ends = subject.outlook.iter().flat_map(|outlook| &outlook.ends);
-    let shown: Vec<[BivariateTable; 3]> =
-        std::iter::once(subject.table).chain(ends.map(|(_, table)| table)).map(coloured).collect();
+    let ends = subject.material.iter().flat_map(|material| &material.ends);
+    let shown: Vec<[BivariateTable; 3]> = std::iter::once(subject.table).chain(ends).map(coloured).collect();
     let mut relit = view::spheres(&shown, &studio);
     let ends = relit.split_off(1);
     let relit = relit.remove(0);
@@ -109,11 +111,11 @@ pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pi
         ("the model's reproduction", over_paper(&model, Exposure(exposure.0 * scale))),
         (given, light.map(|p| light_exposure.apply(*p))),
     ]];
-    if let Some(outlook) = subject.outlook {
+    if let Some(material) = subject.material {
         let mut second = vec![("BRDF found, in a new light", relit.clone())];
-        let labels = outlook.ends.iter().map(|(label, _)| *label);
-        second.extend(labels.zip(&ends).map(|(label, p)| (label, over_paper(p, relit_exposure))));
-        second.push(("nearest measured materials", nearest(outlook)));
+        let labels = ["its dull end, at 5 %", "its glossy end, at 95 %"];
+        second.extend(labels.into_iter().zip(&ends).map(|(label, p)| (label, over_paper(p, relit_exposure))));
+        second.push(("nearest measured materials", nearest(&material.neighbours)));
         rows.push(second);
     } else {
         rows[0].push(("BRDF found, in a new light", relit.clone()));
@@ -123,10 +125,10 @@ pub(crate) fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Pi
 }
 
 /// Names with bars as long as their weights.
-fn nearest(outlook: &Outlook) -> Plane<Vec3> {
+fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
     let mut out = sheet(PANEL, PANEL);
-    let top = outlook.materials.first().map_or(1.0, |m| m.weight);
-    for (n, material) in outlook.materials.iter().enumerate() {
+    let top = neighbours.first().map_or(1.0, |m| m.weight);
+    for (n, material) in neighbours.iter().enumerate() {
         let y = n * LINE;
         let name: String = material.name.chars().take(PANEL / LETTER - 6).collect();
         text(&mut out, 0, y, &name);

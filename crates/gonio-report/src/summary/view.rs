@@ -5,13 +5,12 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::{BivariateTable, CELLS};
 use gonio::render::{Brdf, LightTree, nodes};
 use gonio::scene::Circle;
-use gonio::shape::{Lookout, Visibility, hit_at, view_at};
+use gonio::shape::{Lookout, Placed, Visibility, hit_at, view_at};
 use gonio::sphere::OctahedralMap;
 use gonio::transfer::SurfacePoint;
 use rayon::prelude::*;
 
 use super::{DRAFT, PANEL, Subject};
-use crate::shape::Placed;
 
 /// Texels along a side of the grid on which the pictures' shadows are found.
 const SHADOWS: usize = 16;
@@ -25,13 +24,14 @@ pub(super) enum View<'a> {
 
 impl<'a> View<'a> {
     pub(super) fn of(subject: &Subject<'a>) -> Self {
-        match (subject.circle, subject.normals) {
-            (Some(circle), _) => Self::Sphere(circle, subject.coverage),
+        let (sighting, coverage) = (subject.sighting, subject.sighting.coverage.as_ref());
+        match (sighting.circle(), &sighting.normals) {
+            (Some(circle), _) => Self::Sphere(circle, coverage),
             (None, Some(normals)) => {
                 let (width, height) = normals.size();
                 let (mut low, mut high) = ((width, height), (0, 0));
                 for (i, n) in normals.as_slice().iter().enumerate() {
-                    let seen = subject.coverage.is_none_or(|c| c.as_slice()[i] > 0.5);
+                    let seen = coverage.is_none_or(|c| c.as_slice()[i] > 0.5);
                     if n.is_finite() && *n != Vec3::ZERO && seen {
                         let (x, y) = (i % width, i / width);
                         low = (low.0.min(x), low.1.min(y));
@@ -43,11 +43,11 @@ impl<'a> View<'a> {
                 Self::Normals(
                     normals,
                     [centre.0 - 0.5 * side, centre.1 - 0.5 * side, side],
-                    subject.coverage,
-                    subject.placed,
+                    coverage,
+                    sighting.placed.as_ref().filter(|_| subject.shadows),
                 )
             }
-            (None, None) => unreachable!("a subject has a circle or normals"),
+            (None, None) => unreachable!("a sighting has a circle or normals"),
         }
     }
 

@@ -5,19 +5,19 @@ use glam::Vec3;
 use gonio::picture::Plane;
 
 /// Colour of empty paper.
-pub(crate) const PAPER: Vec3 = Vec3::new(0.012, 0.013, 0.015);
+pub const PAPER: Vec3 = Vec3::new(0.012, 0.013, 0.015);
 /// Colour of text.
-pub(crate) const INK: Vec3 = Vec3::new(0.75, 0.75, 0.72);
+pub const INK: Vec3 = Vec3::new(0.75, 0.75, 0.72);
 /// Width and height of a letter, pixels.
-pub(crate) const LETTER: usize = 8;
+pub const LETTER: usize = 8;
 
 /// An empty sheet.
-pub(crate) fn sheet(width: usize, height: usize) -> Plane<Vec3> {
+pub fn sheet(width: usize, height: usize) -> Plane<Vec3> {
     Plane::from_fn(width, height, |_, _| PAPER)
 }
 
 /// Copies a picture to where its top left corner shall be; what does not fit is cut off.
-pub(crate) fn place(out: &mut Plane<Vec3>, left: usize, top: usize, picture: &Plane<Vec3>) {
+pub fn place(out: &mut Plane<Vec3>, left: usize, top: usize, picture: &Plane<Vec3>) {
     for y in 0..picture.height().min(out.height().saturating_sub(top)) {
         for x in 0..picture.width().min(out.width().saturating_sub(left)) {
             out[(left + x, top + y)] = picture[(x, y)];
@@ -26,12 +26,12 @@ pub(crate) fn place(out: &mut Plane<Vec3>, left: usize, top: usize, picture: &Pl
 }
 
 /// Fills a rectangle.
-pub(crate) fn fill(out: &mut Plane<Vec3>, (left, top): (usize, usize), (width, height): (usize, usize), colour: Vec3) {
+pub fn fill(out: &mut Plane<Vec3>, (left, top): (usize, usize), (width, height): (usize, usize), colour: Vec3) {
     place(out, left, top, &Plane::from_fn(width, height, |_, _| colour));
 }
 
 /// Writes a line in eight by eight letters.
-pub(crate) fn text(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
+pub fn text(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
     for (n, letter) in line.chars().enumerate() {
         let Some(rows) = font8x8::BASIC_FONTS.get(letter) else { continue };
         for (y, row) in rows.iter().enumerate() {

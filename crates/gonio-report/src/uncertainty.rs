@@ -1,11 +1,11 @@
 //! The picture of how sure a BRDF is: its mean, and the width of the interval around it.
 
 use glam::Vec3;
+use gonio::estimate::Material;
 use gonio::picture::{Plane, srgb_decode};
-use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted};
+use gonio::reflectance::{THETA_D, THETA_H, is_trusted};
 
 use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
-use crate::infer::Outlook;
 
 /// Pixels along a side of a cell of the table.
 const CELL: usize = 4;
@@ -32,21 +32,22 @@ const STOPS: [[u8; 3]; 9] = [
     [253, 231, 37],
 ];
 
-/// The mean over half and difference angle beside the factor between the 5 and the 95 % quantile; hatched where the photograph does not tell.
-pub(crate) fn draw(mean: &BivariateTable, outlook: &Outlook) -> Plane<Vec3> {
+/// The mean over half and difference angle beside the factor between the 5 and the 95 % quantile, hatched where the photograph does not tell: linear
+/// display values in 0..=1.
+pub fn draw(material: &Material) -> Plane<Vec3> {
     let panel = LEFT + MAP + BAR.0 + BAR.1 + BAR.2;
     let mut out = sheet(2 * panel, TOP + MAP + BOTTOM);
     let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
     let kept = || (0..THETA_H * THETA_D).filter(trusted);
-    let value = |c: usize| f64::from(mean.as_slice()[c].max(1e-9));
+    let value = |c: usize| f64::from(material.table.as_slice()[c].max(1e-9));
     let (low, high) = kept().fold((f64::INFINITY, 0.0_f64), |(low, high), c| (low.min(value(c)), high.max(value(c))));
     let scale = Scale { low, high: high.max(2.0 * low) };
     map(&mut out, 0, "mean BRDF (1/sr)", &scale, &value, &|c| !trusted(&c));
-    let (lower, upper) = (&outlook.quantiles[0], &outlook.quantiles[outlook.quantiles.len() - 1]);
+    let (lower, upper) = (&material.quantiles[0], &material.quantiles[material.quantiles.len() - 1]);
     let factor = |c: usize| f64::from(upper[c].max(1e-9)) / f64::from(lower[c].max(1e-9));
     let scale = Scale { low: 1.0, high: kept().map(factor).fold(4.0, f64::max) };
     let title = "width of the 90 % interval (factor)";
-    map(&mut out, panel, title, &scale, &factor, &|c| outlook.undetermined[c]);
+    map(&mut out, panel, title, &scale, &factor, &|c| material.undetermined[c]);
     let note = "hatched: left open by the photograph, or beyond 80 degrees";
     text(&mut out, panel + LEFT, TOP + MAP + 60, note);
     out

@@ -1,0 +1,133 @@
+//! What was found, by name: the sections of `result.json`.
+
+use gonio::colour::Chroma;
+use gonio::estimate::{Colouring, Estimate, Light, LightEstimator, Material};
+use gonio::inference::amortised::Neighbour;
+use gonio::inference::marginal::LightProblem;
+use gonio::scene::{Found, Sighting};
+use serde_json::{Value, json};
+
+/// The sections `posterior`, `reflectance`, `light` and `noise` of an estimate.
+pub fn estimate(estimate: &Estimate) -> Value {
+    let Estimate { material, light, .. } = estimate;
+    json!({
+        "posterior": posterior(material),
+        "reflectance": {
+            "quantiles": "brdf_quantiles.npy",
+            "note": "brdf.binary is the mean of the posterior, in 1/sr with a normal albedo of 0.5; brdf_quantiles.npy holds \
+                     its 5, 25, 75 and 95 % quantiles, [quantile][theta_h][theta_d]; the scale of reflectance is not \
+                     determined by a photograph under unknown light",
+        },
+        "light": light_notes(light),
+        "noise": { "sd": light.noise, "relative": light.relative_noise, "misfit": light.misfit },
+    })
+}
+
+/// The section `settings`: what the estimate was asked for. `linear` says whether integer values were taken for radiance.
+pub fn settings(settings: &gonio::estimate::EstimateSettings, linear: bool) -> Value {
+    json!({ "grid": settings.side, "linear": linear, "rows": settings.rows, "steps": LightProblem::STEPS })
+}
+
+fn posterior(material: &Material) -> Value {
+    let share = |n: &Neighbour| json!({ "name": n.name, "weight": n.weight });
+    let [low, median, high] = material.gloss;
+    json!({
+        "materials": material.neighbours.iter().map(share).collect::<Vec<_>>(),
+        "undetermined": material.open,
+        "strangeness": material.strangeness,
+        "normals": material.normals,
+        "filled": material.filled,
+        "unshadowed": material.unshadowed,
+        "gloss": {
+            "5": low, "50": median, "95": high,
+            "note": "the BRDF along the normal over its mean at half angles beyond 45 degrees: its quantiles at 5, 50 and 95 %",
+        },
+        "note": "undetermined: share of the domain (both angles below 80 degrees) where the 90 % interval is most of \
+                 what it is without a photograph; strangeness: share of the picture's statistics outside of what was \
+                 seen in training; filled: normals of the lattice without an observation near; unshadowed: mean absolute logarithm of the ratio by which \
+                 values were changed to those of a sphere, for shapes that keep light from themselves",
+    })
+}
+
+fn light_notes(light: &Light) -> Value {
+    let how = match light.estimator {
+        LightEstimator::NonNegative { steps, settled } => {
+            json!({ "estimator": "mean without negative texels", "steps": steps, "settled": settled })
+        }
+        LightEstimator::CutOff => json!({ "estimator": "mean cut off at zero" }),
+    };
+    json!({
+        "coefficients": light.coefficients,
+        "sd": light.sd,
+        "exposure": light.exposure,
+        "non_negative": how,
+        "rows": light.rows,
+        "evidence": {
+            "objective": light.objective, "effective": light.effective, "converged": light.converged, "trace": light.trace,
+        },
+        "note": "given the mean of the posterior of reflectance: the mean of the posterior of the light among those without \
+                 negative texels; radiance is exposure times the Haar synthesis of the coefficients",
+    })
+}
+
+/// The section `colour`. `assumption` says in words what was taken for the light's colour.
+pub fn colouring(colouring: &Colouring, assumption: &str) -> Value {
+    let (posterior, share) = match colouring {
+        Colouring::Grey => return json!({ "how": "none" }),
+        Colouring::GreyPhotograph => return json!({ "how": "grey photograph" }),
+        Colouring::Median(chroma) => {
+            return json!({
+                "how": "median",
+                "rgb": chroma.rgb().to_array(),
+                "note": "the median colour of the photograph, of luminance one, light and reflectance together",
+            });
+        }
+        Colouring::Estimate { posterior, share } => (posterior, share),
+    };
+    let intervals = posterior.intervals();
+    let part = |chroma: Chroma, at: usize| {
+        json!({
+            "rgb": chroma.rgb().to_array(),
+            "log_chroma": chroma.0,
+            "interval_90": [intervals[at], intervals[at + 1]],
+        })
+    };
+    let colours = posterior.colours();
+    json!({
+        "how": "estimate",
+        "assumption": assumption,
+        "body": part(colours.body, 0),
+        "highlight": part(colours.highlight, 2),
+        "light": part(posterior.light(), 4),
+        "coloured_highlight": posterior.coloured,
+        "highlight_share": share,
+        "note": "rgb: linear, of luminance one; log_chroma: ln R/G and ln B/G, with their 90 % intervals; each channel of \
+                 brdf.binary is rgb of the body times the luminance BRDF far from the highlight plus rgb of the highlight times the \
+                 rest; coloured_highlight: probability that the highlight is coloured as a metal's is; light: of a white \
+                 matte ball in the object's place",
+    })
+}
+
+/// The section `observations`: what was found of the shape, and what became of the pixels.
+pub fn sighting(sighting: &Sighting) -> Value {
+    let mut notes = match &sighting.found {
+        Found::Circle(circle) => json!({ "circle": circle }),
+        Found::Ball(centre) => json!({ "shape": { "ball": { "centre": centre.to_array() } } }),
+        Found::Ellipse(ellipse, depth) => json!({ "shape": { "ellipse": ellipse, "depth_axis": depth } }),
+        Found::Surface => json!({ "shape": {} }),
+        Found::Normals(soundness) => {
+            let shape = soundness.as_ref().map(|soundness| json!({ "soundness": soundness }));
+            json!({ "shape": shape })
+        }
+    };
+    if let (Some(placed), Some(shape)) = (&sighting.placed, notes.get_mut("shape").and_then(Value::as_object_mut))
+        && !matches!(sighting.found, Found::Ellipse(..))
+    {
+        shape.insert("projection".into(), json!(placed.camera.projection));
+    }
+    if let Some((seen, inside)) = sighting.pixels {
+        notes["pixels"] = json!({ "seen": seen, "inside": inside });
+    }
+    notes["report"] = json!(sighting.observations.report);
+    notes
+}

@@ -1,0 +1,88 @@
+//! The colours of a material whose luminance is known.
+
+use glam::Vec3;
+
+use crate::appearance::Lattice;
+use crate::colour::{Chroma, ClueFinder, ColourModel, ColourPosterior, TwoColours, highlight_share, is_grey};
+use crate::picture::Plane;
+use crate::reflectance::BivariateTable;
+use crate::render::median_colour;
+use crate::scene::Observations;
+
+/// Ways to colour a BRDF.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ColouringRule {
+    /// A colour of the body and one of the highlight, each with the light's colour taken off as far as the photograph tells it.
+    Estimate {
+        /// The light's colour, where it is known.
+        light: Option<Chroma>,
+    },
+    /// The median colour of the photograph for all, light and reflectance together: how the paper displays its results.
+    Median,
+    /// Three equal channels.
+    Grey,
+}
+
+impl Default for ColouringRule {
+    fn default() -> Self {
+        Self::Estimate { light: None }
+    }
+}
+
+/// Colours, and how they were found.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Colouring {
+    /// Nobody asked for any.
+    Grey,
+    /// The photograph has none.
+    GreyPhotograph,
+    /// The median colour of the photograph.
+    Median(Chroma),
+    /// The colours of body, highlight and light.
+    Estimate {
+        /// With their uncertainty.
+        posterior: Box<ColourPosterior>,
+        /// Share of the image that is highlight, by which the clues were read ([`highlight_share`]).
+        share: f64,
+    },
+}
+
+impl Colouring {
+    /// The colours of a BRDF whose luminance is `table`.
+    pub fn of(observations: &Observations, table: &BivariateTable, rule: &ColouringRule) -> Self {
+        let light = match rule {
+            ColouringRule::Grey => return Self::Grey,
+            ColouringRule::Median => None,
+            ColouringRule::Estimate { light } => *light,
+        };
+        let seen: Vec<Vec3> = observations.colours.iter().flatten().copied().collect();
+        if is_grey(&seen) {
+            return Self::GreyPhotograph;
+        }
+        if *rule == ColouringRule::Median {
+            let median = median_colour(&Plane::from_vec(seen.len(), 1, seen), |_| true);
+            return Self::Median(Chroma::of(median.as_dvec3()));
+        }
+        let lattice = Lattice::new();
+        let image = lattice.gather_colours(&observations.points, &observations.colours);
+        let clues = ClueFinder::new(&lattice).of(&image, highlight_share(table));
+        Self::Estimate { posterior: Box::new(ColourModel::default().posterior(&clues, light)), share: clues.share }
+    }
+
+    /// Of body and highlight.
+    pub fn colours(&self) -> TwoColours {
+        match self {
+            Self::Grey | Self::GreyPhotograph => TwoColours::default(),
+            Self::Median(chroma) => TwoColours::same(*chroma),
+            Self::Estimate { posterior, .. } => posterior.colours(),
+        }
+    }
+
+    /// Linear RGB of the light, of luminance one; white where it is not estimated.
+    pub fn light(&self) -> Vec3 {
+        match self {
+            Self::Estimate { posterior, .. } => posterior.light().rgb().as_vec3(),
+            _ => Vec3::ONE,
+        }
+    }
+}

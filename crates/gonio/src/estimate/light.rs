@@ -1,0 +1,103 @@
+//! What light explains a photograph of a material that is known.
+
+use super::{EstimateError, EstimateSettings, Stage};
+use crate::inference::marginal::{LightProblem, NonNegativeSettings, cut_off_at_zero};
+use crate::lighting::LightGrid;
+use crate::model::Model;
+use crate::reflectance::BivariateTable;
+use crate::scene::Observations;
+use crate::transfer::PlanSettings;
+
+/// The largest grid on which the light is kept from negative texels by its posterior, which takes a minute there; on finer ones, whose
+/// dense matrices would not fit, the mean is cut off at zero.
+const LARGEST: usize = 64;
+
+/// How the light was kept from being negative.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightEstimator {
+    /// The mean of the posterior among lights without negative texels: of the ways compared by `gonio-eval lights` the nearest to the true one.
+    NonNegative {
+        /// Steps of its refinement.
+        steps: usize,
+        /// Whether they settled.
+        settled: bool,
+    },
+    /// The mean of the posterior, cut off at zero: for grids beyond 64 x 64.
+    CutOff,
+}
+
+/// The light of a photograph, in luminance, given a BRDF.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Light {
+    /// Radiance on the scale of the photograph, for the table it was found with.
+    pub grid: LightGrid,
+    /// Coefficients of the light in units of the prior: radiance over [`Self::exposure`].
+    pub coefficients: Vec<f64>,
+    /// Their standard deviations.
+    pub sd: Vec<f64>,
+    /// Radiance of a coefficient of one.
+    pub exposure: f64,
+    /// How it was kept from being negative.
+    pub estimator: LightEstimator,
+    /// Observations it was found from.
+    pub rows: usize,
+    /// Objective of the evidence at its end ([`Evidence::objective`](crate::inference::marginal::Evidence::objective)).
+    pub objective: f64,
+    /// Effective number of coefficients ([`Evidence::effective`](crate::inference::marginal::Evidence::effective)).
+    pub effective: f64,
+    /// Objective of each step.
+    pub trace: Vec<f64>,
+    /// Whether the steps settled.
+    pub converged: bool,
+    /// Standard deviation of what light and table leave over, as the evidence has it, on the scale of the photograph.
+    pub noise: f64,
+    /// The same over the root mean square of the observations.
+    pub relative_noise: f64,
+    /// Root mean square of what light and table leave of the photograph, relative to the photograph's.
+    pub misfit: f64,
+}
+
+impl Light {
+    /// The light given a BRDF (1/sr). `progress` is told of [`Stage::Transfer`] and [`Stage::Light`].
+    ///
+    /// # Errors
+    /// If the prior does not cover the grid of the settings, or the image is black.
+    pub fn of(
+        model: &Model,
+        observations: &Observations,
+        table: &BivariateTable,
+        settings: &EstimateSettings,
+        progress: &(dyn Fn(Stage) + Sync),
+    ) -> Result<Self, EstimateError> {
+        settings.check(model)?;
+        progress(Stage::Transfer);
+        let plan = PlanSettings { side: settings.side, ..PlanSettings::default() };
+        let problem = LightProblem::of_observations(&observations.thinned(settings.rows), table, &model.light, &plan)?;
+        progress(Stage::Light);
+        let evidence = problem.posterior()?;
+        let (coefficients, sd, exposure, estimator) = if settings.side <= LARGEST {
+            let found = problem.non_negative(&evidence, &NonNegativeSettings::default())?;
+            let how = LightEstimator::NonNegative { steps: found.steps, settled: found.converged };
+            (found.light, found.light_sd, found.exposure, how)
+        } else {
+            let light = cut_off_at_zero(&evidence.light);
+            (light, evidence.light_sd.clone(), evidence.exposure, LightEstimator::CutOff)
+        };
+        let radiance: Vec<f64> = coefficients.iter().map(|l| l * exposure).collect();
+        Ok(Self {
+            grid: LightGrid::from_coefficients(model.light.map, &radiance),
+            misfit: problem.misfit(&radiance),
+            coefficients,
+            sd,
+            exposure,
+            estimator,
+            rows: problem.rows(),
+            objective: evidence.objective,
+            effective: evidence.effective,
+            converged: evidence.converged,
+            noise: evidence.noise,
+            relative_noise: evidence.noise / problem.rms(),
+            trace: evidence.trace,
+        })
+    }
+}

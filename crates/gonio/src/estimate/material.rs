@@ -1,0 +1,174 @@
+//! What the object is made of.
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+use super::{Doubt, EstimateError};
+use crate::appearance::{Lattice, Statistics};
+use crate::inference::amortised::{
+    Amortised, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
+};
+use crate::model::Model;
+use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
+use crate::scene::Observations;
+use crate::transfer::PlanSettings;
+
+/// The albedo along the normal to which estimates are scaled: a photograph under unknown light does not tell it.
+pub const ALBEDO: f64 = 0.5;
+
+/// Shares of the quantiles in [`Material::quantiles`].
+pub const SHARES: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
+
+/// Measured materials that are named: at most so many, of at least this weight.
+const NAMED: (usize, f64) = (10, 0.005);
+
+/// A material with its uncertainty, in luminance.
+#[derive(Clone, Debug)]
+pub struct Material {
+    /// The mean of the posterior ([`MaterialPosterior::mean`]), in 1/sr, with a normal albedo of [`ALBEDO`].
+    pub table: BivariateTable,
+    /// What [`MaterialPosterior::mean`] was multiplied by for it.
+    pub scale: f64,
+    /// Quantiles of each cell at [`SHARES`], `[quantile][cell]`, on the scale of the table.
+    pub quantiles: Vec<Vec<f32>>,
+    /// Cells that the photograph leaves open ([`MaterialPosterior::undetermined`]).
+    pub undetermined: Vec<bool>,
+    /// Their share of the trusted domain (both angles below 80 degrees), in 0..=1.
+    pub open: f64,
+    /// The nearest measured materials by falling weight, at most ten; the weights of all measured materials would sum to one.
+    pub neighbours: Vec<Neighbour>,
+    /// The dull and the glossy end of what is probable: entries of the dictionary at 5 and 95 % of the posterior by gloss, of albedo [`ALBEDO`].
+    pub ends: [BivariateTable; 2],
+    /// 5, 50 and 95 % quantiles of the gloss, [`peak_over_base`].
+    pub gloss: [f64; 3],
+    /// Share of the photograph's statistics outside of the range of those the posterior was learnt from ([`Amortised::strangeness`]).
+    pub strangeness: f64,
+    /// Normals of the lattice to which the photograph was brought.
+    pub normals: usize,
+    /// Those of them without an observation near, filled in from others.
+    pub filled: usize,
+    /// Mean absolute logarithm of the ratio by which values were changed to those of a sphere ([`unshadow`]).
+    pub unshadowed: f64,
+    /// The weights behind all this.
+    pub posterior: MaterialPosterior,
+}
+
+impl Material {
+    /// What observations tell of the material. `side` is that of the light's grid, which counts for shapes that keep light from themselves alone.
+    ///
+    /// # Errors
+    /// If the model has no posterior of materials, or the image is black.
+    ///
+    /// # Panics
+    /// If nothing is observed.
+    pub fn of(model: &Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
+        Ok(Impression::of(model, observations, side)?.describe())
+    }
+
+    /// What speaks against believing it.
+    pub fn doubts(&self) -> Vec<Doubt> {
+        let filled = self.filled as f64 / self.normals as f64;
+        [
+            (filled > 0.2).then_some(Doubt::Filled(filled)),
+            (self.strangeness > 0.05).then_some(Doubt::Strange(self.strangeness)),
+            (self.open > 0.5).then_some(Doubt::Open(self.open)),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+
+    /// Draws from the posterior over the dictionary of `model`, each of albedo [`ALBEDO`]; the same `seed` gives the same draws. The quantiles are wider:
+    /// they allow for what the dictionary misses.
+    ///
+    /// # Errors
+    /// [`EstimateError::NoPosterior`] if it is not the model of this estimate.
+    pub fn samples(&self, model: &Model, count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
+        let dictionary = &model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?.dictionary;
+        if dictionary.entries.len() != self.posterior.weights.len() {
+            return Err(EstimateError::NoPosterior);
+        }
+        let sums: Vec<f64> = self
+            .posterior
+            .weights
+            .iter()
+            .scan(0.0, |sum, weight| {
+                *sum += weight;
+                Some(*sum)
+            })
+            .collect();
+        let total = sums.last().copied().unwrap_or(0.0);
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let draw = |_| {
+            let at = total * rng.random_range(0.0..1.0);
+            let entry = sums.partition_point(|sum| *sum <= at).min(sums.len() - 1);
+            dictionary.table(&dictionary.entries[entry]).with_normal_albedo(ALBEDO).0
+        };
+        Ok((0..count).map(draw).collect())
+    }
+}
+
+/// What the posterior says before it is spelt out, which takes a while.
+pub(super) struct Impression<'a> {
+    amortised: &'a Amortised,
+    posterior: MaterialPosterior,
+    strangeness: f64,
+    normals: usize,
+    filled: usize,
+    unshadowed: f64,
+}
+
+impl<'a> Impression<'a> {
+    pub(super) fn of(model: &'a Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
+        let amortised = model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?;
+        let lattice = Lattice::new();
+        let measures = Statistics::new(&lattice);
+        let plan = PlanSettings { side, ..PlanSettings::default() };
+        let settings = UnshadowSettings::default();
+        let unshadowed = unshadow(observations, (&lattice, &measures), amortised, &model.light, &plan, &settings)?;
+        let statistics = measures.of(&unshadowed.gathered.values);
+        Ok(Self {
+            amortised,
+            posterior: amortised.posterior(&statistics),
+            strangeness: amortised.strangeness(&statistics),
+            normals: lattice.normals().len(),
+            filled: unshadowed.gathered.filled,
+            unshadowed: unshadowed.change,
+        })
+    }
+
+    /// The estimate and the scale it was given.
+    pub(super) fn table(&self) -> (BivariateTable, f64) {
+        self.posterior.mean.with_normal_albedo(ALBEDO)
+    }
+
+    pub(super) fn describe(self) -> Material {
+        let (dictionary, posterior) = (&self.amortised.dictionary, self.posterior);
+        let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
+        let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * scale) as f32).collect();
+        let quantiles = posterior.quantiles(dictionary, &SHARES).into_iter().map(rescaled).collect();
+        let undetermined = posterior.undetermined(dictionary);
+        let trusted: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
+        let open = trusted.iter().filter(|&&c| undetermined[c]).count() as f64 / trusted.len() as f64;
+        let (most, least) = NAMED;
+        let neighbours = posterior.neighbours.iter().take(most).filter(|n| n.weight >= least).cloned().collect();
+        let ranking = posterior.ranking(dictionary, peak_over_base);
+        let end = |share: f64| dictionary.table(&dictionary.entries[ranking.entry(share)]).with_normal_albedo(ALBEDO).0;
+        let gloss = ranking.quantiles(&[0.05, 0.5, 0.95]);
+        Material {
+            table,
+            scale,
+            quantiles,
+            undetermined,
+            open,
+            neighbours,
+            ends: [end(0.05), end(0.95)],
+            gloss: [gloss[0], gloss[1], gloss[2]],
+            strangeness: self.strangeness,
+            normals: self.normals,
+            filled: self.filled,
+            unshadowed: self.unshadowed,
+            posterior,
+        }
+    }
+}

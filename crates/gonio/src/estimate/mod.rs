@@ -1,0 +1,127 @@
+//! Everything from observations to an answer, by the posterior of materials with the light integrated out.
+//!
+//! [`estimate`] does it all. Its steps stand by themselves too: [`Material::of`] says what the object is made of, [`Light::of`] what light would then
+//! explain the photograph, [`Colouring::of`] which colours both have. The methods of the paper, which find coefficients in a basis, are in
+//! [`inference`](crate::inference).
+
+mod colouring;
+mod doubt;
+mod light;
+mod material;
+#[cfg(test)]
+mod tests;
+
+use thiserror::Error;
+
+pub use colouring::{Colouring, ColouringRule};
+pub use doubt::Doubt;
+pub use light::{Light, LightEstimator};
+pub use material::{ALBEDO, Material, SHARES};
+
+use crate::inference::marginal::LightError;
+use crate::model::Model;
+use crate::scene::Observations;
+use material::Impression;
+
+/// How an answer is found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EstimateSettings {
+    /// Texels along a side of the light's grid: a power of two from 4 to what the model's prior covers
+    /// ([`LightPrior::scales`](crate::lighting::LightPrior::scales)).
+    pub side: usize,
+    /// Observations from which the light is found, about: a mirror sees each texel of 32 x 32 in one or two of 1,600. With fewer than there are texels
+    /// those between the observations are left to the prior, and show as a checkerboard.
+    pub rows: usize,
+    /// Where the colours come from.
+    pub colouring: ColouringRule,
+}
+
+impl Default for EstimateSettings {
+    fn default() -> Self {
+        Self { side: 32, rows: 1600, colouring: ColouringRule::default() }
+    }
+}
+
+/// What a photograph tells.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    /// What the object is made of, in luminance.
+    pub material: Material,
+    /// The light, in luminance, on the scale that goes with [`Material::table`].
+    pub light: Light,
+    /// The colours of both.
+    pub colouring: Colouring,
+}
+
+/// Stages of [`estimate`], in their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Brings the observations to standard normals and asks the posterior of materials.
+    Material,
+    /// Integrates the BRDF over the texels of the light.
+    Transfer,
+    /// Finds the light.
+    Light,
+    /// Finds the colours.
+    Colours,
+}
+
+/// Why there is no answer.
+#[derive(Debug, Error)]
+pub enum EstimateError {
+    /// The model was made for other methods.
+    #[error(
+        "the model has no posterior of materials; learn one with `gonio train posterior` and join it with `gonio train model --posterior`"
+    )]
+    NoPosterior,
+    /// A grid that is none, or finer than the prior.
+    #[error(
+        "a light of {side} texels a side is not possible: take a power of two from 4 to {most}, which the model's prior of light covers"
+    )]
+    Grid {
+        /// What was asked for.
+        side: usize,
+        /// The most that the prior covers.
+        most: usize,
+    },
+    /// The image is black or not finite, or its equations have no solution.
+    #[error(transparent)]
+    Light(#[from] LightError),
+}
+
+/// What observations tell of the material, its light and their colours. `progress` is told when a stage begins.
+///
+/// # Errors
+/// If the model has no posterior of materials or does not cover the grid, or the image is black.
+///
+/// # Panics
+/// If nothing is observed.
+pub fn estimate(
+    model: &Model,
+    observations: &Observations,
+    settings: &EstimateSettings,
+    progress: &(dyn Fn(Stage) + Sync),
+) -> Result<Estimate, EstimateError> {
+    settings.check(model)?;
+    progress(Stage::Material);
+    let impression = Impression::of(model, observations, settings.side)?;
+    let (table, _) = impression.table();
+    // The factorisations of the light leave a core idle half of the time.
+    let (material, light) =
+        rayon::join(|| impression.describe(), || Light::of(model, observations, &table, settings, progress));
+    let light = light?;
+    progress(Stage::Colours);
+    let colouring = Colouring::of(observations, &material.table, &settings.colouring);
+    Ok(Estimate { material, light, colouring })
+}
+
+impl EstimateSettings {
+    fn check(&self, model: &Model) -> Result<(), EstimateError> {
+        let most = 1 << model.light.scales;
+        if self.side.is_power_of_two() && (4..=most).contains(&self.side) {
+            Ok(())
+        } else {
+            Err(EstimateError::Grid { side: self.side, most })
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! From a rendered ball to an estimate, in a small world of formulas.
+
+use std::sync::Mutex;
+
+use glam::Vec3;
+
+use super::*;
+use crate::colour::Chroma;
+use crate::inference::amortised::tests::{light_map, trained};
+use crate::lighting::{LightGrid, LightPrior, PriorSettings};
+use crate::picture::{Picture, luminance};
+use crate::reflectance::{BivariateTable, CELLS, ReflectanceBasis, THETA_D, is_trusted};
+use crate::render::{IntegratorSettings, LightTree, SphereSettings, render_sphere};
+use crate::scene::{Object, ObservationSettings, Sighting};
+use crate::sphere::OctahedralMap;
+use crate::transfer::{QuadratureSettings, predict};
+
+fn model() -> Model {
+    let grids: Vec<LightGrid> = (0..12).map(|seed| light_map(seed).to_grid(OctahedralMap::EqualArea, 16)).collect();
+    let light = LightPrior::learn(&grids, grids.len(), &PriorSettings { restarts: 2, seed: 1 }).unwrap();
+    let reflectance = ReflectanceBasis { functions: Vec::new(), rates: Vec::new(), materials: Vec::new() };
+    Model { light, reflectance, posterior: Some(trained().1.clone()), provenance: String::new() }
+}
+
+/// A ball of an entry of the dictionary, of this colour, in a light that was not learnt from.
+fn photograph(entry: usize, colour: Vec3) -> Picture {
+    let dictionary = &trained().1.dictionary;
+    let table = dictionary.table(&dictionary.entries[entry]);
+    let settings = SphereSettings {
+        size: 96,
+        integrator: IntegratorSettings { tolerance: 0.5, max_cells: 3000 },
+        ..SphereSettings::default()
+    };
+    let mut picture = render_sphere(&table, &LightTree::of_map(&light_map(100)), &settings, &|_| ());
+    picture.rgb.as_mut_slice().iter_mut().for_each(|p| *p *= colour);
+    picture
+}
+
+fn observations(picture: &Picture) -> Observations {
+    let settings = ObservationSettings { normals: 3000, ..ObservationSettings::default() };
+    Sighting::of(picture, None, Object::Sphere(None), &settings).unwrap().observations
+}
+
+fn settings() -> EstimateSettings {
+    EstimateSettings { side: 16, rows: 900, ..EstimateSettings::default() }
+}
+
+#[test]
+fn a_ball_gives_a_material_and_the_light_that_explains_it() {
+    let model = model();
+    let observations = observations(&photograph(2, Vec3::ONE));
+    let stages = Mutex::new(Vec::new());
+    let found = estimate(&model, &observations, &settings(), &|stage| stages.lock().unwrap().push(stage)).unwrap();
+    assert_eq!(*stages.lock().unwrap(), [Stage::Material, Stage::Transfer, Stage::Light, Stage::Colours]);
+
+    let material = &found.material;
+    for table in material.ends.iter().chain([&material.table]) {
+        assert!((table.normal_albedo() - ALBEDO).abs() < 1e-6);
+    }
+    let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
+    let ordered = |c: usize| material.quantiles.windows(2).all(|pair| pair[0][c] < pair[1][c]);
+    assert!(material.quantiles.len() == SHARES.len() && (0..CELLS).filter(trusted).all(ordered));
+    assert!(material.gloss.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", material.gloss);
+    assert!((0.0..=1.0).contains(&material.open) && material.filled < material.normals);
+
+    // Table and light together are the photograph.
+    let all = predict(observations.seen(), &material.table, &found.light.grid, QuadratureSettings::default());
+    let (mut off, mut sum) = (0.0, 0.0);
+    for (prediction, value) in all.iter().zip(&observations.values) {
+        if let Some(value) = value {
+            off += (prediction.seen - value).powi(2);
+            sum += value * value;
+        }
+    }
+    let misfit = (off / sum).sqrt();
+    assert!(misfit < 0.15, "{misfit}");
+    assert!((misfit - found.light.misfit).abs() < 0.03, "{misfit} {}", found.light.misfit);
+    assert!(matches!(found.light.estimator, LightEstimator::NonNegative { .. }));
+    assert!(found.light.grid.texels().iter().all(|t| luminance(*t) > -1e-6));
+    assert_eq!(found.colouring, Colouring::GreyPhotograph);
+}
+
+#[test]
+fn steps_by_themselves_say_the_same() {
+    let (model, observations) = (model(), observations(&photograph(4, Vec3::ONE)));
+    let whole = estimate(&model, &observations, &settings(), &|_| ()).unwrap();
+    let material = Material::of(&model, &observations, 16).unwrap();
+    assert_eq!(material.table, whole.material.table);
+    let light = Light::of(&model, &observations, &material.table, &settings(), &|_| ()).unwrap();
+    assert_eq!(light, whole.light);
+}
+
+#[test]
+fn samples_follow_the_weights_and_the_seed() {
+    let model = model();
+    let material = Material::of(&model, &observations(&photograph(0, Vec3::ONE)), 16).unwrap();
+    let samples = material.samples(&model, 400, 7).unwrap();
+    assert_eq!(samples, material.samples(&model, 400, 7).unwrap());
+    assert_ne!(samples, material.samples(&model, 400, 8).unwrap());
+    // The likeliest entry comes as often as its weight says.
+    let weights = &material.posterior.weights;
+    let top = (0..weights.len()).max_by(|a, b| weights[*a].total_cmp(&weights[*b])).unwrap();
+    let dictionary = &model.posterior.as_ref().unwrap().dictionary;
+    let (table, _) = dictionary.table(&dictionary.entries[top]).with_normal_albedo(ALBEDO);
+    let share = samples.iter().filter(|s| **s == table).count() as f64 / 400.0;
+    assert!((share - weights[top]).abs() < 4.0 * (weights[top] / 400.0).sqrt(), "{share} {}", weights[top]);
+}
+
+#[test]
+fn colours_are_taken_as_asked_for() {
+    let colour = Vec3::new(1.0, 0.6, 0.3);
+    let observations = observations(&photograph(4, colour));
+    let table = BivariateTable::from_fn(|_, _| 0.2);
+    assert_eq!(Colouring::of(&observations, &table, &ColouringRule::Grey), Colouring::Grey);
+    let median = Colouring::of(&observations, &table, &ColouringRule::Median);
+    let Colouring::Median(chroma) = &median else { panic!("{median:?}") };
+    assert!(chroma.distance(Chroma::of(colour.as_dvec3())) < 0.02);
+    assert_eq!(median.light(), Vec3::ONE);
+    // In a light of that colour the body is less coloured than in one that nobody knows.
+    let body = |light: Option<Chroma>| {
+        Colouring::of(&observations, &table, &ColouringRule::Estimate { light })
+            .colours()
+            .body
+            .distance(Chroma::default())
+    };
+    let (blind, lit) = (body(None), body(Some(Chroma::of(colour.as_dvec3()))));
+    assert!(lit < 0.5 * blind, "{lit} {blind}");
+}
+
+#[test]
+fn what_cannot_be_answered_is_said() {
+    let (whole, observations) = (model(), observations(&photograph(0, Vec3::ONE)));
+    for side in [0, 3, 2, 32] {
+        let wrong = EstimateSettings { side, ..settings() };
+        let error = estimate(&whole, &observations, &wrong, &|_| ()).unwrap_err();
+        assert!(matches!(error, EstimateError::Grid { most: 16, .. }), "{error}");
+    }
+    let bare = Model { posterior: None, ..whole };
+    assert!(matches!(estimate(&bare, &observations, &settings(), &|_| ()), Err(EstimateError::NoPosterior)));
+}
+
+#[test]
+fn doubts_say_what_and_how_much() {
+    let text = [Doubt::Filled(0.4), Doubt::Strange(0.12), Doubt::Open(0.6)].map(|d| d.to_string());
+    assert!(text[0].contains("40 %") && text[1].contains("12 %") && text[2].contains("60 %"), "{text:?}");
+}

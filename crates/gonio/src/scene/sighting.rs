@@ -1,0 +1,325 @@
+//! Where a picture shows an object of known shape, and what it shows of it.
+
+use std::fmt;
+
+use glam::{DVec3, Vec3};
+
+use super::{
+    Circle, Ellipse, ObservationSettings, Observations, Orientation, SceneError, SurfaceView, background_coverage,
+    find_ball, find_ellipse, find_sphere,
+};
+use crate::picture::{Picture, Plane};
+use crate::shape::{Camera, GeometryBuffer, Mesh, Placed, Projection, Soundness, Tracer};
+use crate::sphere::OctahedralMap;
+
+/// Edges of a surface of places more than so many times as long as the median one are steps.
+const STEP: f64 = 8.0;
+
+/// A surface that shares less than this with the mask is somewhere else.
+const LEAST_OVERLAP: f64 = 0.5;
+/// And with less than this it does not quite fit.
+const GOOD_OVERLAP: f64 = 0.93;
+
+/// Places of a surface pixel by pixel, in coordinates of the camera that sees them.
+pub struct Relief {
+    /// Where the surface is behind each pixel.
+    pub places: Plane<Option<DVec3>>,
+    /// The camera.
+    pub camera: Camera,
+}
+
+/// What is known of an object's shape and place.
+pub enum Object {
+    /// A ball seen from far away, of this outline; without one it is found.
+    Sphere(Option<Circle>),
+    /// A ball before a camera; its outline tells where it is.
+    Ball(Camera),
+    /// An ellipsoid seen from far away, one of its axes towards the camera: the semi-axis in pixels; without one the geometric mean of the two that are
+    /// seen.
+    Ellipsoid(Option<f64>),
+    /// A surface before a camera.
+    Surface(Placed),
+    /// Any shape by a picture of its normals.
+    Normals(Box<NormalPicture>),
+}
+
+/// A picture of an object's normals, and what goes with it.
+pub struct NormalPicture {
+    /// The normals, in camera space: x right, y up, z towards the camera; `ZERO` or not finite where there is none.
+    pub normals: Plane<Vec3>,
+    /// The camera; `None` for an orthographic one.
+    pub camera: Option<Camera>,
+    /// Where the surface is, to know which light it keeps from itself.
+    pub relief: Option<Relief>,
+    /// Take the normals as they are even if they contradict themselves.
+    pub trusted: bool,
+}
+
+/// Something odd about a sighting; each says so in a line.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Oddity {
+    /// Shape and object share less than they should.
+    Misplaced {
+        /// Pixels of both over pixels of either.
+        overlap: f64,
+    },
+    /// Pixels that see the back of the surface.
+    Inside {
+        /// So many.
+        inside: usize,
+        /// Of so many that see the surface.
+        seen: usize,
+    },
+    /// An ellipsoid of unknown depth.
+    Depth(f64),
+    /// Normals that contradict themselves, taken all the same.
+    Contradiction(String),
+    /// Pixels that are clipped.
+    Clipped {
+        /// So many.
+        clipped: usize,
+        /// Of so many on the object.
+        observed: usize,
+    },
+}
+
+impl fmt::Display for Oddity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Misplaced { overlap } => write!(
+                f,
+                "the shape does not quite fit the object: {:.0} % of the pixels of either belong to both",
+                100.0 * overlap
+            ),
+            Self::Inside { inside, seen } => write!(
+                f,
+                "{inside} of {seen} pixels see the back of the surface; its normals were turned to the camera there"
+            ),
+            Self::Depth(depth) => write!(
+                f,
+                "the outline does not tell how deep the ellipsoid is: {depth:.1} pixels were taken, the geometric mean of the other two \
+                 semi-axes; give --depth-axis PIXELS if you know it"
+            ),
+            Self::Contradiction(complaint) => f.write_str(complaint),
+            Self::Clipped { clipped, observed } => {
+                write!(f, "{clipped} of {observed} pixels on the object are clipped and left out")
+            }
+        }
+    }
+}
+
+/// What was found of the shape, beside the observations.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Found {
+    /// A ball's outline, given or found.
+    Circle(Circle),
+    /// The centre of a ball of radius one, in coordinates of the camera.
+    Ball(DVec3),
+    /// An ellipsoid's outline and its semi-axis towards the camera, in pixels.
+    Ellipse(Ellipse, f64),
+    /// A surface as it was given.
+    Surface,
+    /// Normals as they were given, and what their relief is like.
+    Normals(Option<Soundness>),
+}
+
+/// What a picture shows of an object, and where.
+pub struct Sighting {
+    /// The points and their values.
+    pub observations: Observations,
+    /// Where the object is, 0..=1, if anything tells.
+    pub coverage: Option<Plane<f32>>,
+    /// What was found of its shape.
+    pub found: Found,
+    /// Its normals, unless it is a ball seen from far away.
+    pub normals: Option<Plane<Vec3>>,
+    /// The surface and its camera, where they are known.
+    pub placed: Option<Placed>,
+    /// Pixels that see the surface, and those of them that see its back, where a surface was looked at.
+    pub pixels: Option<(usize, usize)>,
+    /// What is odd.
+    pub oddities: Vec<Oddity>,
+}
+
+impl Sighting {
+    /// Finds the object and samples the picture on it. `mask` says where the object is; without one the alpha channel of the picture, or its
+    /// [`background_coverage`], tells.
+    ///
+    /// # Errors
+    /// Of outlines ([`SceneError::is_of_outline`]) where one has to be found, of normals and surfaces that do not lie on the object or contradict
+    /// themselves, and of pictures with too little to observe.
+    pub fn of(
+        picture: &Picture,
+        mask: Option<Plane<f32>>,
+        object: Object,
+        settings: &ObservationSettings,
+    ) -> Result<Self, SceneError> {
+        let size = picture.rgb.size();
+        if let Some(mask) = mask.as_ref().filter(|mask| mask.size() != size) {
+            let ((width, height), (picture_width, picture_height)) = (mask.size(), size);
+            return Err(SceneError::Sizes { what: "mask", width, height, picture_width, picture_height });
+        }
+        let coverage = mask.or_else(|| picture.alpha.clone()).or_else(|| background_coverage(&picture.rgb));
+        let looker = Looker { picture, coverage, settings };
+        let mut sighting = match object {
+            Object::Sphere(Some(circle)) => looker.circle(circle)?,
+            Object::Sphere(None) => {
+                let circle = find_sphere(looker.outlined()?)?.circle;
+                looker.circle(circle)?
+            }
+            Object::Ball(camera) => {
+                let ball = find_ball(looker.outlined()?, &camera)?;
+                looker.surface(Placed { surface: Box::new(ball), camera }, Found::Ball(ball.centre()))?
+            }
+            Object::Ellipsoid(given) => {
+                let ellipse = find_ellipse(looker.outlined()?)?;
+                let depth = given.unwrap_or((ellipse.axes.0 * ellipse.axes.1).sqrt());
+                let surface = Box::new(ellipse.with_depth(depth)?);
+                let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size)?;
+                let mut sighting = looker.surface(Placed { surface, camera }, Found::Ellipse(ellipse, depth))?;
+                if given.is_none() {
+                    sighting.oddities.push(Oddity::Depth(depth));
+                }
+                sighting
+            }
+            Object::Surface(placed) => looker.surface(placed, Found::Surface)?,
+            Object::Normals(view) => looker.normals(*view)?,
+        };
+        let report = &sighting.observations.report;
+        if report.clipped_pixels > 0 {
+            let (clipped, observed) = (report.clipped_pixels, report.observed_pixels);
+            sighting.oddities.push(Oddity::Clipped { clipped, observed });
+        }
+        Ok(sighting)
+    }
+
+    /// Asks which light the surface keeps from itself, where there is one: [`Observations::shadowed_by`].
+    ///
+    /// # Errors
+    /// If observations and surface do not belong together.
+    pub fn shadow(&mut self, grid: (OctahedralMap, usize), progress: &(dyn Fn(f64) + Sync)) -> Result<(), SceneError> {
+        match &self.placed {
+            Some(placed) => self.observations.shadowed_by(placed.surface.as_ref(), &placed.camera, grid, progress),
+            None => Ok(()),
+        }
+    }
+
+    /// The outline of a ball seen from far away.
+    pub fn circle(&self) -> Option<Circle> {
+        match self.found {
+            Found::Circle(circle) => Some(circle),
+            _ => None,
+        }
+    }
+}
+
+/// What is known before the shape is.
+struct Looker<'a> {
+    picture: &'a Picture,
+    coverage: Option<Plane<f32>>,
+    settings: &'a ObservationSettings,
+}
+
+impl Looker<'_> {
+    fn outlined(&self) -> Result<&Plane<f32>, SceneError> {
+        self.coverage.as_ref().ok_or(SceneError::NoOutline)
+    }
+
+    fn circle(self, circle: Circle) -> Result<Sighting, SceneError> {
+        let observations = Observations::of_sphere(self.picture, &circle, self.coverage.as_ref(), self.settings)?;
+        Ok(self.sighting(observations, Found::Circle(circle)))
+    }
+
+    fn surface(self, placed: Placed, found: Found) -> Result<Sighting, SceneError> {
+        let buffer = GeometryBuffer::of(placed.surface.as_ref(), &placed.camera);
+        let mut oddities = Vec::new();
+        if let Some(coverage) = &self.coverage {
+            let overlap = overlap(coverage, &buffer.distances);
+            if overlap < LEAST_OVERLAP {
+                return Err(SceneError::Elsewhere { overlap });
+            }
+            if overlap < GOOD_OVERLAP {
+                oddities.push(Oddity::Misplaced { overlap });
+            }
+        }
+        if 20 * buffer.inside > buffer.seen {
+            oddities.push(Oddity::Inside { inside: buffer.inside, seen: buffer.seen });
+        }
+        let view =
+            SurfaceView { normals: &buffer.normals, camera: Some(&placed.camera), distances: Some(&buffer.distances) };
+        let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
+        Ok(Sighting {
+            normals: Some(buffer.normals),
+            placed: Some(placed),
+            pixels: Some((buffer.seen, buffer.inside)),
+            oddities,
+            ..self.sighting(observations, found)
+        })
+    }
+
+    fn normals(self, view: NormalPicture) -> Result<Sighting, SceneError> {
+        let NormalPicture { normals, camera, relief, trusted } = view;
+        let mut oddities = Vec::new();
+        if normals.size() == self.picture.rgb.size()
+            && let Some(complaint) = Orientation::of(&normals, self.coverage.as_ref())?.complaint()
+        {
+            if !trusted {
+                return Err(SceneError::Contradiction(complaint));
+            }
+            oddities.push(Oddity::Contradiction(complaint));
+        }
+        let view = SurfaceView { normals: &normals, camera: camera.as_ref(), distances: None };
+        let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;
+        let (placed, soundness) = relief.map(|relief| self.relief(relief)).transpose()?.unzip();
+        Ok(Sighting {
+            normals: Some(normals),
+            placed,
+            oddities,
+            ..self.sighting(observations, Found::Normals(soundness))
+        })
+    }
+
+    /// The surface of a picture of places, where the object is.
+    fn relief(&self, Relief { mut places, camera }: Relief) -> Result<(Placed, Soundness), SceneError> {
+        let size = self.picture.rgb.size();
+        if places.size() != size {
+            let ((width, height), (picture_width, picture_height)) = (places.size(), size);
+            return Err(SceneError::Sizes {
+                what: "picture of depths or positions",
+                width,
+                height,
+                picture_width,
+                picture_height,
+            });
+        }
+        if let Some(coverage) = &self.coverage {
+            let cut = places.as_slice().iter().zip(coverage.as_slice()).map(|(p, c)| p.filter(|_| *c >= 0.5));
+            places = Plane::from_vec(size.0, size.1, cut.collect());
+        }
+        let (mesh, soundness) = Mesh::of_positions(&places, STEP)?;
+        Ok((Placed { surface: Box::new(Tracer::new(mesh)), camera }, soundness))
+    }
+
+    fn sighting(self, observations: Observations, found: Found) -> Sighting {
+        Sighting {
+            observations,
+            coverage: self.coverage,
+            found,
+            normals: None,
+            placed: None,
+            pixels: None,
+            oddities: Vec::new(),
+        }
+    }
+}
+
+/// Pixels of both over pixels of either.
+fn overlap(coverage: &Plane<f32>, distances: &Plane<f32>) -> f64 {
+    let (mut either, mut shared) = (0_usize, 0_usize);
+    for (covered, seen) in coverage.as_slice().iter().zip(distances.as_slice()) {
+        let (covered, seen) = (*covered >= 0.5, seen.is_finite());
+        either += usize::from(covered || seen);
+        shared += usize::from(covered && seen);
+    }
+    shared as f64 / either.max(1) as f64
+}

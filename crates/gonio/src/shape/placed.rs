@@ -1,0 +1,105 @@
+//! Surfaces before the camera that sees them.
+
+use super::{Camera, CameraError, Mesh, MeshError, Soundness, Surface, Tracer, hit_at};
+use thiserror::Error;
+
+/// Share of the smaller side of the picture that is left free around a mesh without a camera.
+const MARGIN: f64 = 0.05;
+
+/// A surface, in coordinates of the camera that sees it.
+pub struct Placed {
+    /// The surface.
+    pub surface: Box<dyn Surface + Send>,
+    /// The camera.
+    pub camera: Camera,
+}
+
+/// Why a mesh cannot be placed.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum PlacedError {
+    /// The mesh has no extent to frame.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The mesh cannot be brought to the camera.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// No ray meets it.
+    #[error("the camera sees nothing of the mesh; check its pose and the camera (it looks along -z, y is up)")]
+    Unseen,
+}
+
+impl Placed {
+    /// A mesh in coordinates of the world before its camera; without one before an orthographic camera along -z that frames it, for pictures of `size`.
+    ///
+    /// # Errors
+    /// If the camera sees nothing of the mesh, or one of both cannot be.
+    pub fn of_mesh(mesh: &Mesh, camera: Option<Camera>, size: (usize, usize)) -> Result<Self, PlacedError> {
+        let camera = match camera {
+            Some(camera) => camera,
+            None => {
+                let (centre, radius) = mesh.bounds();
+                Camera::framing(centre, radius, size, MARGIN)?
+            }
+        };
+        let surface = Box::new(Tracer::new(mesh.transformed(&camera.to_world.inverse())?));
+        let placed = Self { surface, camera };
+        if placed.is_seen() { Ok(placed) } else { Err(PlacedError::Unseen) }
+    }
+
+    /// Whether one of some hundred rays through the picture meets the surface, or failing that any pixel's.
+    fn is_seen(&self) -> bool {
+        let (width, height) = self.camera.size;
+        let step = (width.max(height) / 24).max(1);
+        let met = |x: usize, y: usize| hit_at(self.surface.as_ref(), &self.camera, x, y).is_some();
+        let coarse = (0..height).step_by(step).any(|y| (0..width).step_by(step).any(|x| met(x, y)));
+        coarse || (0..height).any(|y| (0..width).any(|x| met(x, y)))
+    }
+}
+
+impl Soundness {
+    /// What is odd about the mesh, in words; `None` if nothing is.
+    pub fn complaint(&self) -> Option<String> {
+        let Self { triangles, degenerate, non_manifold_edges, inconsistent_edges, inside_out, normals_against, .. } =
+            *self;
+        let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
+        let odd: Vec<String> = [
+            count(degenerate, "triangles without an area (left out)"),
+            count(non_manifold_edges, "edges of more than two triangles"),
+            count(inconsistent_edges, "edges between triangles that are turned to different sides"),
+            count(
+                if 20 * normals_against > triangles { normals_against } else { 0 },
+                "triangles whose normals point to their back (taken on the side that is seen)",
+            ),
+            inside_out.then(|| "all triangles are turned inwards (taken on the side that is seen)".to_owned()),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        (!odd.is_empty()).then(|| format!("the mesh of {triangles} triangles has {}", odd.join(", ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::{Form, Projection};
+
+    #[test]
+    fn a_mesh_is_framed_or_told_to_be_out_of_sight() {
+        let mesh = Form::Blob.mesh(24).unwrap();
+        let framed = Placed::of_mesh(&mesh, None, (40, 30)).unwrap();
+        assert_eq!(framed.camera.size, (40, 30));
+        // Beside the picture.
+        let aside = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (-500.0, 0.0), (40, 30)).unwrap();
+        assert_eq!(Placed::of_mesh(&mesh, Some(aside), (40, 30)).err(), Some(PlacedError::Unseen));
+    }
+
+    #[test]
+    fn only_odd_meshes_are_complained_of() {
+        assert_eq!(Soundness { triangles: 10, ..Default::default() }.complaint(), None);
+        let odd = Soundness { triangles: 10, degenerate: 2, inside_out: true, ..Default::default() };
+        let complaint = odd.complaint().unwrap();
+        assert!(complaint.starts_with("the mesh of 10 triangles has 2 triangles without an area"), "{complaint}");
+        assert!(complaint.contains("inwards"), "{complaint}");
+    }
+}

@@ -10,7 +10,6 @@ mod lights;
 mod materials;
 mod metrics;
 mod outside;
-mod page;
 mod paper;
 mod posteriors;
 mod quadrature;

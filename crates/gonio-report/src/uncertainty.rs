@@ -3,7 +3,7 @@
 use glam::Vec3;
 use gonio::estimate::Material;
 use gonio::picture::{Plane, srgb_decode};
-use gonio::reflectance::{THETA_D, THETA_H, is_trusted};
+use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted};
 
 use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
 
@@ -35,22 +35,35 @@ const STOPS: [[u8; 3]; 9] = [
 /// The mean over half and difference angle beside the factor between the 5 and the 95 % quantile, hatched where the photograph does not tell: linear
 /// display values in 0..=1.
 pub fn draw(material: &Material) -> Plane<Vec3> {
-    let panel = LEFT + MAP + BAR.0 + BAR.1 + BAR.2;
-    let mut out = sheet(2 * panel, TOP + MAP + BOTTOM);
-    let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
-    let kept = || (0..THETA_H * THETA_D).filter(trusted);
-    let value = |c: usize| f64::from(material.table.as_slice()[c].max(1e-9));
-    let (low, high) = kept().fold((f64::INFINITY, 0.0_f64), |(low, high), c| (low.min(value(c)), high.max(value(c))));
+    let (left, right) = (mean(&material.table), width(material));
+    let mut out = sheet(left.width() + right.width(), left.height());
+    place(&mut out, 0, 0, &left);
+    place(&mut out, left.width(), 0, &right);
+    out
+}
+
+/// A BRDF (1/sr) over half and difference angle, hatched beyond the trusted angles.
+pub fn mean(table: &BivariateTable) -> Plane<Vec3> {
+    let value = |c: usize| f64::from(table.as_slice()[c].max(1e-9));
+    let (low, high) =
+        trusted().fold((f64::INFINITY, 0.0_f64), |(low, high), c| (low.min(value(c)), high.max(value(c))));
     let scale = Scale { low, high: high.max(2.0 * low) };
-    map(&mut out, 0, "mean BRDF (1/sr)", &scale, &value, &|c| !trusted(&c));
+    map("BRDF (1/sr)", &scale, &value, &|c| !is_trusted(c / THETA_D, c % THETA_D))
+}
+
+/// The factor between the 5 and the 95 % quantile over the same, hatched where the photograph does not tell.
+pub fn width(material: &Material) -> Plane<Vec3> {
     let (lower, upper) = (&material.quantiles[0], &material.quantiles[material.quantiles.len() - 1]);
     let factor = |c: usize| f64::from(upper[c].max(1e-9)) / f64::from(lower[c].max(1e-9));
-    let scale = Scale { low: 1.0, high: kept().map(factor).fold(4.0, f64::max) };
-    let title = "width of the 90 % interval (factor)";
-    map(&mut out, panel, title, &scale, &factor, &|c| material.undetermined[c]);
-    let note = "hatched: left open by the photograph, or beyond 80 degrees";
-    text(&mut out, panel + LEFT, TOP + MAP + 60, note);
+    let scale = Scale { low: 1.0, high: trusted().map(factor).fold(4.0, f64::max) };
+    let mut out = map("width of the 90 % interval (factor)", &scale, &factor, &|c| material.undetermined[c]);
+    text(&mut out, LEFT, TOP + MAP + 60, "hatched: left open, or beyond 80 degrees");
     out
+}
+
+/// The trusted cells.
+fn trusted() -> impl Iterator<Item = usize> {
+    (0..THETA_H * THETA_D).filter(|c| is_trusted(c / THETA_D, c % THETA_D))
 }
 
 /// A logarithmic scale.
@@ -84,15 +97,9 @@ fn colour(at: f64) -> Vec3 {
 }
 
 /// One map with axes and a colour bar: half angle to the right, on the axis of the table, difference angle upwards.
-fn map(
-    out: &mut Plane<Vec3>,
-    left: usize,
-    title: &str,
-    scale: &Scale,
-    value: &dyn Fn(usize) -> f64,
-    hatched: &dyn Fn(usize) -> bool,
-) {
-    let left = left + LEFT;
+fn map(title: &str, scale: &Scale, value: &dyn Fn(usize) -> f64, hatched: &dyn Fn(usize) -> bool) -> Plane<Vec3> {
+    let mut sheet = sheet(LEFT + MAP + BAR.0 + BAR.1 + BAR.2, TOP + MAP + BOTTOM);
+    let (out, left) = (&mut sheet, LEFT);
     text(out, left, TOP - 20, title);
     let pixels = Plane::from_fn(MAP, MAP, |x, y| {
         let (i, j) = (x / CELL, THETA_D - 1 - y / CELL);
@@ -121,7 +128,7 @@ fn map(
         text(out, left - 9 - label.len() * LETTER, y - LETTER / 2, &label);
     }
     for (n, line) in ["theta_d", "(deg.)"].iter().enumerate() {
-        text(out, left - LEFT + 2, TOP + MAP / 2 - 36 + 12 * n, line);
+        text(out, 2, TOP + MAP / 2 - 36 + 12 * n, line);
     }
     let bar = left + MAP + BAR.0;
     place(out, bar, TOP, &Plane::from_fn(BAR.1, MAP, |_, y| colour(1.0 - y as f64 / (MAP - 1) as f64)));
@@ -130,6 +137,7 @@ fn map(
         fill(out, (bar + BAR.1, y), (4, 1), INK);
         text(out, bar + BAR.1 + 8, y.saturating_sub(LETTER / 2), &number(tick));
     }
+    sheet
 }
 
 /// A round number as short as it goes.

@@ -18,6 +18,9 @@ use gonio::reflectance::{BivariateTable, CELLS, MerlTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_io::atomic::StagedFolder;
 use gonio_io::npy;
+use gonio_io::picture::encode_png;
+use gonio_report::panels::{Panels, Subject};
+use gonio_report::report::{Fits, Report};
 use gonio_report::{summary, uncertainty};
 use serde_json::{Value, json};
 
@@ -90,6 +93,9 @@ pub(crate) struct Options {
     /// brightness does not matter
     #[arg(long, value_name = "R,G,B", value_parser = colour::parse_light, conflicts_with = "light")]
     light_color: Option<[f64; 3]>,
+    /// Write no report.html, which takes a few seconds
+    #[arg(long, env = "GONIO_NO_REPORT")]
+    no_report: bool,
     #[command(flatten)]
     reading: photograph::Reading,
     /// Radiance at which the camera clips; found by itself where many pixels share the maximum
@@ -206,26 +212,26 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         }
     };
     let stage = Stage::new("drawing");
-    let pictures = summary::draw(
-        &summary::Subject {
-            picture: &picture,
-            sighting: &sighting,
-            shadows: !options.no_shadows,
-            colours: colouring.colours(),
-            light_colour: colouring.light(),
-            table: &answer.table,
-            light: answer.light.as_ref(),
-            known_light: known.as_ref(),
-            material: answer.material.as_ref(),
-            caption: format!(
-                "{} | {} observations | {} | {:.0} s",
-                name_of(options.method),
-                sighting.observations.report.used,
-                answer.caption,
-                start.elapsed().as_secs_f64()
-            ),
-        },
-        &|x| stage.at(x),
+    let subject = Subject {
+        picture: &picture,
+        sighting: &sighting,
+        shadows: !options.no_shadows,
+        colours: colouring.colours(),
+        light_colour: colouring.light(),
+        table: &answer.table,
+        light: answer.light.as_ref(),
+        known_light: known.as_ref(),
+        material: answer.material.as_ref(),
+    };
+    let tables = subject.coloured(&answer.table);
+    let (panels, fits) =
+        rayon::join(|| Panels::draw(&subject, &|x| stage.at(x)), || (!options.no_report).then(|| Fits::of(&tables)));
+    let caption = format!(
+        "{} | {} observations | {} | {:.0} s",
+        name_of(options.method),
+        sighting.observations.report.used,
+        answer.caption,
+        start.elapsed().as_secs_f64()
     );
     let drawing_seconds = stage.finish();
     let mut result = json!({
@@ -253,34 +259,39 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     }
     let write = |name: &str, bytes: &[u8]| folder.write(name, bytes);
     let writing = Instant::now();
-    let table = &answer.table;
-    write(
-        "brdf.binary",
-        &gonio_io::merl::encode(&MerlTable::from_bivariate(colouring.colours().tables(table).each_ref())),
-    )?;
+    write("brdf.binary", &gonio_io::merl::encode(&MerlTable::from_bivariate(tables.each_ref())))?;
     if let Some(light) = &answer.light {
         write("light.exr", &gonio_io::picture::encode_exr(&light.to_lat_long(128), None))?;
     } else if let Some(known) = &known {
         write("light.exr", &gonio_io::picture::encode_exr(known.radiance(), None))?;
     }
-    write("relit.png", &gonio_io::picture::encode_png(&pictures.relit))?;
-    write("summary.png", &gonio_io::picture::encode_png(&pictures.summary))?;
+    if let Some((_, relit)) = panels.spheres.first() {
+        write("relit.png", &encode_png(relit))?;
+    }
+    write("summary.png", &encode_png(&summary::compose(&subject, &panels, &caption)))?;
     if let Some(material) = &answer.material {
         let values = material.quantiles.concat();
         debug_assert_eq!(values.len(), material.quantiles.len() * CELLS);
         let array = npy::Array { shape: vec![material.quantiles.len(), THETA_H, THETA_D], values };
         write("brdf_quantiles.npy", &npy::encode(&array))?;
-        write("uncertainty.png", &gonio_io::picture::encode_png(&uncertainty::draw(material)))?;
+        write("uncertainty.png", &encode_png(&uncertainty::draw(material)))?;
     }
     seconds["writing"] = json!(writing.elapsed().as_secs_f64());
     seconds["total"] = json!(start.elapsed().as_secs_f64());
     result["seconds"] = seconds;
+    if let Some(fits) = &fits {
+        let name = options.image.file_stem().unwrap_or_default().to_string_lossy();
+        let page =
+            Report { name: &name, subject: &subject, panels: &panels, fits, warnings: &warnings, result: &result };
+        write("report.html", page.render().as_bytes())?;
+    }
     let text = serde_json::to_string_pretty(&result).context("the result cannot be written as JSON")?;
     write("result.json", text.as_bytes())?;
     folder.commit()?;
     let output = options.output.display().to_string();
+    let page = if options.no_report { "result.json" } else { "report.html" };
     let text = format!(
-        "{output}: BRDF, light, pictures and result.json from {} observations in {:.1} s",
+        "{output}: BRDF, light, pictures and {page} from {} observations in {:.1} s",
         sighting.observations.report.used,
         start.elapsed().as_secs_f64()
     );

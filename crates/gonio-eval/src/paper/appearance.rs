@@ -6,7 +6,7 @@ use super::recovery::{Estimate, Recovered};
 use super::show;
 use super::workshop::{LIGHTS, Material, NOVEL, Workshop};
 use crate::metrics;
-use crate::page::{figure, table};
+use gonio_report::page::{figure, table};
 
 pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
     let pairs = || workshop.materials.iter().zip(recovered);

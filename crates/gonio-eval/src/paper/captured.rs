@@ -14,8 +14,8 @@ use super::show;
 use super::step;
 use super::workshop::Workshop;
 use crate::metrics::{self, Relight};
-use crate::page::chart::{self, Axis, Series};
-use crate::page::{figure, table};
+use gonio_report::page::chart::{self, Axis, Series};
+use gonio_report::page::{figure, table};
 
 /// Columns of the measurement that are charted, degrees of `theta_d`; each stands for the cell from there to one more.
 const CHARTED: [usize; 3] = [2, 10, 20];

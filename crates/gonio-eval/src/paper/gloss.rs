@@ -5,8 +5,8 @@ use maud::{Markup, html};
 use super::recovery::Recovered;
 use super::workshop::{LIGHTS, Workshop};
 use crate::metrics::{Gloss, spearman};
-use crate::page::chart::{self, Axis, Frame, Series};
-use crate::page::{figure, table};
+use gonio_report::page::chart::{self, Axis, Frame, Series};
+use gonio_report::page::{figure, table};
 
 pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
     let truth: Vec<Gloss> = workshop.materials.iter().map(|m| Gloss::of(&m.truth)).collect();

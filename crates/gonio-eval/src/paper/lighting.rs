@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use super::step;
 use super::workshop::{LIGHTS, Workshop};
 use crate::data;
-use crate::page::chart::{self, Axis, Histogram, Series};
-use crate::page::figure;
+use gonio_report::page::chart::{self, Axis, Histogram, Series};
+use gonio_report::page::figure;
 
 /// Texels along a side: the paper's.
 const SIDE: usize = 32;

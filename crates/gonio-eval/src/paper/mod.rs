@@ -21,7 +21,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use maud::html;
 
-use crate::page::{Section, document};
+use gonio_report::page::{Section, document};
 use workshop::Workshop;
 
 /// Options of `gonio-eval paper`.

@@ -16,8 +16,8 @@ use super::step;
 use super::workshop::{Material, Workshop};
 use crate::bases::Trained;
 use crate::metrics;
-use crate::page::chart::{self, Axis, Histogram, Series};
-use crate::page::{figure, table};
+use gonio_report::page::chart::{self, Axis, Histogram, Series};
+use gonio_report::page::{figure, table};
 
 /// Rendered side by side.
 const SHOWN: [&str; 6] =

@@ -12,7 +12,7 @@ use super::recovery::Recovered;
 use super::show;
 use super::workshop::{LIGHTS, Material, Workshop};
 use crate::metrics;
-use crate::page::figure;
+use gonio_report::page::figure;
 
 /// Angles between lamp and view, degrees: they sweep theta_d from 0 to 70 degrees where the highlight is.
 const ANGLES: [f64; 5] = [0.0, 35.0, 70.0, 105.0, 140.0];

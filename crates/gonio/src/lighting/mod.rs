@@ -5,6 +5,7 @@ mod map;
 mod mixture;
 mod prior;
 mod rectified;
+mod scenes;
 mod studio;
 
 pub use grid::LightGrid;
@@ -12,4 +13,5 @@ pub use map::{EnvironmentMap, MapError};
 pub use mixture::{MixtureSettings, ScaleMixture};
 pub use prior::{CoefficientPrior, LightPrior, PriorError, PriorGroup, PriorSettings};
 pub use rectified::{Moments, RectifiedGaussian};
+pub use scenes::{lamp_light, sky_light};
 pub use studio::studio_light;

@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::EnvironmentMap;
+use super::scenes::smooth;
 use crate::picture::Plane;
 use crate::sphere::direction_of_lat_long;
 
@@ -37,10 +38,4 @@ pub fn studio_light(height: usize) -> EnvironmentMap {
         sum + Vec3::new(150.0, 135.0, 110.0) * smooth((0.045 - away) / 0.01) as f32
     });
     EnvironmentMap::new(radiance).expect("the studio is lit and has the shape of a map")
-}
-
-/// Smooth step from 0 at 0 to 1 at 1.
-fn smooth(x: f64) -> f64 {
-    let x = x.clamp(0.0, 1.0);
-    x * x * (3.0 - 2.0 * x)
 }

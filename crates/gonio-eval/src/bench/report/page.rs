@@ -8,8 +8,8 @@ use crate::bench::judge::{Record, Records};
 use crate::bench::store::Conditions;
 use crate::bench::summary::{Group, Row, Summary};
 use crate::metrics::{Class, Interval};
-use crate::page::chart::{Axis, Frame, Series, ecdf, scatter};
-use crate::page::{Section, document, figure, table};
+use gonio_report::page::chart::{Axis, Frame, Series, ecdf, scatter};
+use gonio_report::page::{Section, document, figure, table};
 
 /// Headings of the table of estimators.
 pub(super) const COLUMNS: [&str; 10] = [

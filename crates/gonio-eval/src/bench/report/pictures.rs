@@ -7,7 +7,7 @@ use maud::{Markup, html};
 use crate::bench::estimators::Estimator;
 use crate::bench::judge::Record;
 use crate::metrics::Class;
-use crate::page::figure;
+use gonio_report::page::figure;
 
 /// Cells shown as the worst.
 const WORST: usize = 12;

@@ -10,11 +10,11 @@ mod statistics;
 use maud::{Markup, html};
 
 use scale::Scale;
-pub(crate) use statistics::{Histogram, ecdf_steps};
+pub use statistics::{Histogram, ecdf_steps};
 
 /// How an axis is divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Axis {
+pub enum Axis {
     /// Evenly.
     Linear,
     /// By factors.
@@ -23,7 +23,7 @@ pub(crate) enum Axis {
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Mark {
+pub enum Mark {
     /// A line through the points, in their order.
     Line,
     /// A dashed line.
@@ -36,47 +36,47 @@ pub(crate) enum Mark {
 
 /// What is drawn.
 #[derive(Clone, Debug)]
-pub(crate) struct Series {
+pub struct Series {
     /// For the legend.
-    pub(crate) name: String,
+    pub name: String,
     /// `(x, y)` in the units of the axes.
-    pub(crate) points: Vec<(f64, f64)>,
+    pub points: Vec<(f64, f64)>,
     /// How.
-    pub(crate) mark: Mark,
+    pub mark: Mark,
 }
 
 impl Series {
     /// A line.
-    pub(crate) fn line(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+    pub fn line(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { name: name.into(), points, mark: Mark::Line }
     }
 
     /// A dashed line.
-    pub(crate) fn dashed(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+    pub fn dashed(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { name: name.into(), points, mark: Mark::Dashed }
     }
 
     /// Dots.
-    pub(crate) fn dots(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+    pub fn dots(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { name: name.into(), points, mark: Mark::Dots }
     }
 }
 
 /// The axes of a chart.
 #[derive(Clone, Debug)]
-pub(crate) struct Frame<'a> {
+pub struct Frame<'a> {
     /// Stands above the chart.
-    pub(crate) title: &'a str,
+    pub title: &'a str,
     /// Label and division of the horizontal axis.
-    pub(crate) x: (&'a str, Axis),
+    pub x: (&'a str, Axis),
     /// Label and division of the vertical axis.
-    pub(crate) y: (&'a str, Axis),
+    pub y: (&'a str, Axis),
     /// Range of the vertical axis instead of that of the data.
-    pub(crate) y_range: Option<(f64, f64)>,
+    pub y_range: Option<(f64, f64)>,
 }
 
 /// A chart of any series, in the order given; later ones lie over earlier ones.
-pub(crate) fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
+pub fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
     // What a given range leaves out below is cut off, not drawn along the edge.
     let foot = frame.y_range.map_or(f64::NEG_INFINITY, |(low, _)| low);
     let drawable = |(x, y): &(f64, f64)| frame.x.1.shows(*x) && frame.y.1.shows(*y) && *y >= foot;
@@ -108,12 +108,12 @@ pub(crate) fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
 }
 
 /// Curves over the range of their points; `x` and `y` are label and division of the axes.
-pub(crate) fn lines(title: &str, x: (&str, Axis), y: (&str, Axis), series: &[Series]) -> Markup {
+pub fn lines(title: &str, x: (&str, Axis), y: (&str, Axis), series: &[Series]) -> Markup {
     chart(&Frame { title, x, y, y_range: None }, series)
 }
 
 /// The density of samples as bars under curves of model densities.
-pub(crate) fn histogram(title: &str, x_label: &str, histogram: &Histogram, curves: &[Series], y: Axis) -> Markup {
+pub fn histogram(title: &str, x_label: &str, histogram: &Histogram, curves: &[Series], y: Axis) -> Markup {
     let bars = Series { name: "samples".into(), points: histogram.corners(), mark: Mark::Bars };
     let series: Vec<Series> = std::iter::once(bars).chain(curves.iter().cloned()).collect();
     // A curve may fall far below what the samples can show: the axis ends at half of one sample in a bin.
@@ -126,7 +126,7 @@ pub(crate) fn histogram(title: &str, x_label: &str, histogram: &Histogram, curve
 }
 
 /// Dots, with the line on which both coordinates are equal if `identity`.
-pub(crate) fn scatter(frame: &Frame<'_>, series: &[Series], identity: bool) -> Markup {
+pub fn scatter(frame: &Frame<'_>, series: &[Series], identity: bool) -> Markup {
     let mut all = series.to_vec();
     if identity {
         let values = series.iter().flat_map(|s| &s.points).flat_map(|p| [p.0, p.1]).filter(|v| frame.x.1.shows(*v));
@@ -139,7 +139,7 @@ pub(crate) fn scatter(frame: &Frame<'_>, series: &[Series], identity: bool) -> M
 }
 
 /// Empirical distributions: for each named set of values, the share of them that is at most `x`.
-pub(crate) fn ecdf(title: &str, x_label: &str, x: Axis, sets: &[(&str, Vec<f64>)]) -> Markup {
+pub fn ecdf(title: &str, x_label: &str, x: Axis, sets: &[(&str, Vec<f64>)]) -> Markup {
     let series: Vec<Series> = sets
         .iter()
         .map(|(name, values)| Series::line(*name, ecdf_steps(values.iter().copied().filter(|v| x.shows(*v)).collect())))

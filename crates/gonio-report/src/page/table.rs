@@ -6,7 +6,7 @@ use maud::{Markup, html};
 /// scrolls within itself.
 ///
 /// Rows shorter than the headings end early; longer ones go on without a heading.
-pub(crate) fn table(caption: &str, columns: &[&str], rows: &[Vec<String>]) -> Markup {
+pub fn table(caption: &str, columns: &[&str], rows: &[Vec<String>]) -> Markup {
     html! {
         // Keyboards reach what scrolls.
         div.scroll role="region" aria-label=(caption) tabindex="0" {

@@ -6,44 +6,52 @@ use gonio::picture::Plane;
 use maud::{Markup, html};
 
 /// A picture of linear display values in 0..=1 as PNG inside the page. `alt` says in words what it shows.
-pub(crate) fn picture(rgb: &Plane<Vec3>, alt: &str) -> Markup {
+pub fn picture(rgb: &Plane<Vec3>, alt: &str) -> Markup {
     image(rgb, alt, "", 1)
 }
 
 /// The same for a picture of cells: each is shown as a square of `zoom` by `zoom` pixels with hard edges.
-pub(crate) fn cells(rgb: &Plane<Vec3>, alt: &str, zoom: usize) -> Markup {
+pub fn cells(rgb: &Plane<Vec3>, alt: &str, zoom: usize) -> Markup {
     image(rgb, alt, "cells", zoom)
 }
 
+/// The same at most `width` pixels wide: finer on a screen with more pixels.
+pub fn sized(rgb: &Plane<Vec3>, width: usize, alt: &str) -> Markup {
+    html! { img src=(source(rgb)) width=(width) height=(width * rgb.height() / rgb.width().max(1)) alt=(alt); }
+}
+
 fn image(rgb: &Plane<Vec3>, alt: &str, class: &str, zoom: usize) -> Markup {
-    let png = gonio_io::picture::encode_png(rgb);
-    let source = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png));
     let class = (!class.is_empty()).then_some(class);
-    html! { img class=[class] src=(source) width=(zoom * rgb.width()) height=(zoom * rgb.height()) alt=(alt); }
+    html! { img class=[class] src=(source(rgb)) width=(zoom * rgb.width()) height=(zoom * rgb.height()) alt=(alt); }
+}
+
+fn source(rgb: &Plane<Vec3>) -> String {
+    let png = gonio_io::picture::encode_png(rgb);
+    format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
 }
 
 /// A square PNG file that is in base64 already.
-pub(crate) fn encoded(png: &str, side: usize, alt: &str) -> Markup {
+pub fn encoded(png: &str, side: usize, alt: &str) -> Markup {
     html! { img src={ "data:image/png;base64," (png) } width=(side) height=(side) alt=(alt); }
 }
 
 /// Something shown, with its caption beneath.
-pub(crate) fn figure(content: &Markup, caption: &Markup) -> Markup {
+pub fn figure(content: &Markup, caption: &Markup) -> Markup {
     html! { figure { (content) figcaption { (caption) } } }
 }
 
 /// A framed figure with a heading of its own, to stand among others in a [`grid`].
-pub(crate) fn card(heading: &str, content: &Markup, caption: &Markup) -> Markup {
-    html! { figure.card { h4 { (heading) } (content) figcaption { (caption) } } }
+pub fn card(heading: &str, content: &Markup, caption: &Markup) -> Markup {
+    html! { figure.card { h3 { (heading) } (content) figcaption { (caption) } } }
 }
 
 /// Pictures side by side, each with a short label beneath. In a card they share its width, elsewhere they wrap.
-pub(crate) fn tiles(pictures: &[(&str, Markup)]) -> Markup {
+pub fn tiles(pictures: &[(&str, Markup)]) -> Markup {
     html! { div.tiles { @for (label, picture) in pictures { div.tile { (picture) span { (label) } } } } }
 }
 
 /// Figures side by side, as many as fit when each is at least `least` rem wide.
-pub(crate) fn grid(least: u32, figures: &[Markup]) -> Markup {
+pub fn grid(least: u32, figures: &[Markup]) -> Markup {
     html! { div.grid style={ "--least: " (least) "rem" } { @for figure in figures { (figure) } } }
 }
 

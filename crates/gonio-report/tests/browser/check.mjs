@@ -9,11 +9,8 @@ import { existsSync } from "node:fs";
 import { resolve } from "node:path";
 import { pathToFileURL } from "node:url";
 import { chromium } from "playwright-core";
+import { FLAGS } from "./flags.mjs";
 
-const FLAGS = [
-  "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-  "--disable-component-update", "--disable-sync",
-];
 const VIEWS = [
   { name: "", width: 1280, height: 900, colorScheme: "light" },
   { name: "-dark", width: 1280, height: 900, colorScheme: "dark" },

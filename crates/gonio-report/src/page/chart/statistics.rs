@@ -2,7 +2,7 @@
 
 /// Samples counted in bins of equal width.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Histogram {
+pub struct Histogram {
     low: f64,
     width: f64,
     counts: Vec<usize>,
@@ -12,7 +12,7 @@ pub(crate) struct Histogram {
 
 impl Histogram {
     /// Counts samples in `bins` bins from `low` to `high`. Those outside have no bin, but count in the density.
-    pub(crate) fn new(samples: &[f64], low: f64, high: f64, bins: usize) -> Self {
+    pub fn new(samples: &[f64], low: f64, high: f64, bins: usize) -> Self {
         let width = (high - low) / bins as f64;
         let mut counts = vec![0; bins];
         for sample in samples.iter().filter(|s| (low..=high).contains(*s)) {
@@ -23,12 +23,12 @@ impl Histogram {
     }
 
     /// Density of one sample in one bin.
-    pub(crate) fn one_sample(&self) -> f64 {
+    pub fn one_sample(&self) -> f64 {
         1.0 / (self.total.max(1) as f64 * self.width)
     }
 
     /// Share of the samples that have no bin.
-    pub(crate) fn outside(&self) -> f64 {
+    pub fn outside(&self) -> f64 {
         1.0 - self.counts.iter().sum::<usize>() as f64 / self.total.max(1) as f64
     }
 
@@ -41,7 +41,7 @@ impl Histogram {
 }
 
 /// The steps of the empirical distribution of finite values: from `(least, 0)` up to `(largest, 1)`.
-pub(crate) fn ecdf_steps(mut values: Vec<f64>) -> Vec<(f64, f64)> {
+pub fn ecdf_steps(mut values: Vec<f64>) -> Vec<(f64, f64)> {
     values.sort_by(f64::total_cmp);
     let n = values.len() as f64;
     let step = |(i, x): (usize, f64)| [(x, i as f64 / n), (x, (i + 1) as f64 / n)];

@@ -16,14 +16,14 @@ use super::{DRAFT, PANEL, Subject};
 const SHADOWS: usize = 16;
 
 /// The part of the photograph that a panel shows, and how the model is drawn into the same frame.
-pub(super) enum View<'a> {
+pub(crate) enum View<'a> {
     Sphere(Circle, Option<&'a Plane<f32>>),
     /// Normals, and the square frame in pixels: left, top, side.
     Normals(&'a Plane<Vec3>, [f64; 3], Option<&'a Plane<f32>>, Option<&'a Placed>),
 }
 
 impl<'a> View<'a> {
-    pub(super) fn of(subject: &Subject<'a>) -> Self {
+    pub(crate) fn of(subject: &Subject<'a>) -> Self {
         let (sighting, coverage) = (subject.sighting, subject.sighting.coverage.as_ref());
         match (sighting.circle(), &sighting.normals) {
             (Some(circle), _) => Self::Sphere(circle, coverage),
@@ -51,16 +51,21 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Position in the photograph of a panel's pixel.
-    fn place(&self, x: usize, y: usize) -> (f64, f64) {
-        let (x, y) = ((x as f64 + 0.5) / PANEL as f64, (y as f64 + 0.5) / PANEL as f64);
+    /// The part of the photograph that is shown: left, top and side in pixels.
+    fn frame(&self) -> [f64; 3] {
         match self {
             Self::Sphere(c, _) => {
                 let side = 2.0 * c.radius * PANEL as f64 / (PANEL as f64 - 4.0);
-                (c.x + (x - 0.5) * side, c.y + (y - 0.5) * side)
+                [c.x - 0.5 * side, c.y - 0.5 * side, side]
             }
-            Self::Normals(_, [left, top, side], ..) => (left + x * side, top + y * side),
+            Self::Normals(_, frame, ..) => *frame,
         }
+    }
+
+    /// Where a place of the photograph is in a panel of `side` pixels.
+    pub(crate) fn shown(&self, (x, y): (f64, f64), side: usize) -> (f64, f64) {
+        let [left, top, whole] = self.frame();
+        ((x - left) / whole * side as f64, (y - top) / whole * side as f64)
     }
 
     fn coverage(&self) -> Option<&'a Plane<f32>> {
@@ -69,21 +74,21 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The photograph in the frame; black where it has no pixels, alpha where the object is.
-    pub(super) fn cut(&self, picture: &Picture) -> Picture {
-        let (width, height) = picture.rgb.size();
-        let pixel = |x: usize, y: usize| self.pixel(x, y, (width, height));
-        let rgb = Plane::from_fn(PANEL, PANEL, |x, y| match pixel(x, y) {
+    /// The photograph in the frame, `side` pixels wide; black where it has no pixels, alpha where the object is.
+    pub(crate) fn cut(&self, picture: &Picture, side: usize) -> Picture {
+        let size = picture.rgb.size();
+        let pixel = |x: usize, y: usize| self.pixel(x, y, side, size);
+        let rgb = Plane::from_fn(side, side, |x, y| match pixel(x, y) {
             Some(at) if picture.rgb[at].is_finite() => picture.rgb[at].max(Vec3::ZERO),
             _ => Vec3::ZERO,
         });
-        let alpha = Plane::from_fn(PANEL, PANEL, |x, y| match (pixel(x, y), self.coverage()) {
+        let alpha = Plane::from_fn(side, side, |x, y| match (pixel(x, y), self.coverage()) {
             (Some(at), Some(coverage)) => coverage[at].clamp(0.0, 1.0),
             (Some(_), None) => 1.0,
             (None, _) => 0.0,
         });
         // Around a ball on a real background only the ball is of interest.
-        let rgb = Plane::from_fn(PANEL, PANEL, |x, y| if alpha[(x, y)] > 0.5 { rgb[(x, y)] } else { Vec3::ZERO });
+        let rgb = Plane::from_fn(side, side, |x, y| if alpha[(x, y)] > 0.5 { rgb[(x, y)] } else { Vec3::ZERO });
         Picture { rgb, alpha: Some(alpha) }
     }
 
@@ -97,7 +102,7 @@ impl<'a> View<'a> {
                     sphere_normal(x as f64, y as f64).map(|normal| SurfacePoint { normal, view: DVec3::Z })
                 }
                 Self::Normals(normals, _, coverage, placed) => {
-                    let at = self.pixel(x, y, normals.size())?;
+                    let at = self.pixel(x, y, PANEL, normals.size())?;
                     let seen = coverage.is_none_or(|c| c[at] > 0.5) && normals[at].is_finite();
                     let normal = seen.then(|| normals[at].as_dvec3()).and_then(DVec3::try_normalize)?;
                     let view = placed.map_or(DVec3::Z, |p| view_at(&p.camera, at.0, at.1));
@@ -108,9 +113,11 @@ impl<'a> View<'a> {
         (0..half * half).map(point).collect()
     }
 
-    /// The pixel of the photograph behind a panel's pixel.
-    fn pixel(&self, x: usize, y: usize, (width, height): (usize, usize)) -> Option<(usize, usize)> {
-        let (u, v) = self.place(x, y);
+    /// The pixel of the photograph behind a pixel of a panel of `side` pixels.
+    fn pixel(&self, x: usize, y: usize, side: usize, (width, height): (usize, usize)) -> Option<(usize, usize)> {
+        let [left, top, whole] = self.frame();
+        let at = |i: usize| (i as f64 + 0.5) / side as f64 * whole;
+        let (u, v) = (left + at(x), top + at(y));
         let inside = u >= 0.0 && v >= 0.0 && (u as usize) < width && (v as usize) < height;
         inside.then_some((u as usize, v as usize))
     }
@@ -124,7 +131,7 @@ impl<'a> View<'a> {
         let half = PANEL / 2;
         let lookout = |(i, point): (usize, &Option<SurfacePoint>)| {
             let hit = point.as_ref().and_then(|_| {
-                let (x, y) = self.pixel(2 * (i % half) + 1, 2 * (i / half) + 1, normals.size())?;
+                let (x, y) = self.pixel(2 * (i % half) + 1, 2 * (i / half) + 1, PANEL, normals.size())?;
                 hit_at(placed.surface.as_ref(), &placed.camera, x, y)
             });
             // What is no point asks for nothing.
@@ -138,7 +145,7 @@ impl<'a> View<'a> {
     }
 
     /// The object of this material in the frame.
-    pub(super) fn render(&self, material: &[BivariateTable; 3], light: &LightTree) -> Picture {
+    pub(crate) fn render(&self, material: &[BivariateTable; 3], light: &LightTree) -> Picture {
         match self {
             Self::Sphere(..) => spheres(std::slice::from_ref(material), light).remove(0),
             Self::Normals(..) => {
@@ -168,7 +175,7 @@ fn sphere_normal(x: f64, y: f64) -> Option<DVec3> {
 }
 
 /// Spheres of these materials that fill a panel.
-pub(super) fn spheres(materials: &[[BivariateTable; 3]], light: &LightTree) -> Vec<Picture> {
+pub(crate) fn spheres(materials: &[[BivariateTable; 3]], light: &LightTree) -> Vec<Picture> {
     let whole = View::Sphere(Circle { x: 0.0, y: 0.0, radius: 1.0 }, None);
     pictures(&whole.points(), None, materials, light).into_iter().map(cut_out).collect()
 }

@@ -1,0 +1,107 @@
+//! Reports as one HTML file: pictures, charts and tables that need nothing but the file itself.
+//!
+//! * [`document`] is the frame: title, contents, one embedded stylesheet, no request to anywhere; [`Document`] adds to it.
+//! * [`figure`]: pictures as PNG in the text, rows of tiles, captions. [`table`]: tables with proper headers.
+//! * [`chart`]: charts as SVG in the text.
+//!
+//! All content is [`Markup`], which escapes what is interpolated.
+
+pub mod chart;
+pub mod figure;
+#[cfg(test)]
+mod sample;
+pub mod table;
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+const STYLE: &str = include_str!("style.css");
+
+/// A part of a report with its own heading.
+#[derive(Clone)]
+pub struct Section {
+    /// Anchor: a word of ASCII letters, digits and hyphens, unique within the report.
+    pub id: String,
+    /// Heading.
+    pub title: String,
+    /// What it shows.
+    pub body: Markup,
+}
+
+/// What a browser may do with a page: nothing but show what is in it.
+const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
+
+/// A whole report.
+#[derive(Default)]
+pub struct Document<'a> {
+    /// Title and main heading.
+    pub title: &'a str,
+    /// Stands under the title, before the contents.
+    pub lead: Markup,
+    /// Its parts.
+    pub sections: Vec<Section>,
+    /// Styles beyond those of all reports.
+    pub style: &'a str,
+    /// Runs when all is there.
+    pub script: &'a str,
+}
+
+/// A report without a script. `lead` stands under the title, before the contents.
+pub fn document(title: &str, lead: &Markup, sections: &[Section]) -> String {
+    Document { title, lead: lead.clone(), sections: sections.to_vec(), ..Document::default() }.render()
+}
+
+impl Document<'_> {
+    /// As HTML.
+    pub fn render(&self) -> String {
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    meta name="color-scheme" content="light dark";
+                    meta http-equiv="Content-Security-Policy" content=(POLICY);
+                    // An empty icon: without one browsers ask the server for it.
+                    link rel="icon" href="data:,";
+                    title { (self.title) }
+                    style { (PreEscaped(STYLE)) (PreEscaped(self.style)) }
+                }
+                body {
+                    header {
+                        h1 { (self.title) }
+                        (self.lead)
+                        nav aria-label="Contents" {
+                            ol { @for section in &self.sections { li { a href={ "#" (section.id) } { (section.title) } } } }
+                        }
+                    }
+                    main {
+                        @for section in &self.sections {
+                            section id=(section.id) {
+                                h2 { (section.title) }
+                                (section.body)
+                            }
+                        }
+                    }
+                    @if !self.script.is_empty() { script { (PreEscaped(self.script)) } }
+                }
+            }
+        };
+        page.into_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_escaped_and_nothing_is_fetched() {
+        let body = html! { p { "a < b & c" } };
+        let page = document("x < y", &html! {}, &[Section { id: "one".into(), title: "\"One\"".into(), body }]);
+        assert!(page.contains("a &lt; b &amp; c") && page.contains("<title>x &lt; y</title>"));
+        assert!(page.contains("<a href=\"#one\">") && page.contains("<section id=\"one\">"));
+        for outside in ["http:", "https:", "<script", "url(", "@import"] {
+            assert!(!page.contains(outside), "{outside}");
+        }
+    }
+}

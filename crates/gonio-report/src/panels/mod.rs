@@ -1,0 +1,242 @@
+//! The pictures of a result, one by one: the photograph and what explains it, and the material in lights of our own.
+
+mod view;
+
+use glam::{DVec3, Vec3};
+use gonio::colour::TwoColours;
+use gonio::estimate::Material;
+use gonio::lighting::{EnvironmentMap, LightGrid, lamp_light, sky_light, studio_light};
+use gonio::picture::{Picture, Plane, luminance};
+use gonio::reflectance::BivariateTable;
+use gonio::render::{Exposure, IntegratorSettings, LightTree};
+use gonio::scene::Sighting;
+
+use crate::canvas::PAPER;
+use view::View;
+
+/// Height of a panel, pixels.
+pub const PANEL: usize = 240;
+/// Good enough to look at.
+const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 1.0, max_cells: 6000 };
+/// Rows of the lights that are rendered.
+const LIGHT_ROWS: usize = 128;
+
+/// An observation with a value, and one without, in the picture of them.
+const USED: Vec3 = Vec3::new(0.10, 0.85, 0.75);
+const UNUSED: Vec3 = Vec3::new(0.95, 0.08, 0.05);
+/// Where the photograph is brighter than its reproduction, where they are equal, and where it is darker.
+const BRIGHTER: Vec3 = Vec3::new(0.95, 0.30, 0.03);
+const EQUAL: Vec3 = Vec3::new(0.16, 0.16, 0.16);
+const DARKER: Vec3 = Vec3::new(0.03, 0.22, 0.95);
+/// The relative difference that has the full colour.
+const FULL: f32 = 0.5;
+
+/// Everything that the pictures show.
+#[derive(Clone)]
+pub struct Subject<'a> {
+    /// The photograph.
+    pub picture: &'a Picture,
+    /// Where the object is in it.
+    pub sighting: &'a Sighting,
+    /// Whether the surface keeps light from itself in the reproduction.
+    pub shadows: bool,
+    /// Of the inferred reflectance.
+    pub colours: TwoColours,
+    /// Of the estimated light, which is found in luminance alone.
+    pub light_colour: Vec3,
+    /// Inferred reflectance, luminance in 1/sr.
+    pub table: &'a BivariateTable,
+    /// Estimated light, for a blind method.
+    pub light: Option<&'a LightGrid>,
+    /// Given light.
+    pub known_light: Option<&'a EnvironmentMap>,
+    /// How sure the reflectance is, if the method tells.
+    pub material: Option<&'a Material>,
+}
+
+/// Linear display values in 0..=1; squares of [`PANEL`] pixels but where it says otherwise.
+pub struct Panels {
+    /// The photograph of the object.
+    pub photograph: Plane<Vec3>,
+    /// The same at twice the size, with a dot at each observation.
+    pub observed: Plane<Vec3>,
+    /// What table and light make of it.
+    pub reproduction: Plane<Vec3>,
+    /// The relative difference of both in luminance: orange where the photograph is brighter, blue where it is darker, at 50 % in full.
+    pub residual: Plane<Vec3>,
+    /// The light as a lat-long picture, twice as wide as high.
+    pub light: Plane<Vec3>,
+    /// Spheres of the BRDF in [`own_lights`], with their names.
+    pub spheres: Vec<(&'static str, Plane<Vec3>)>,
+    /// The dull and the glossy end of what is probable in the first of these lights, for the method that tells.
+    pub ends: Vec<Plane<Vec3>>,
+}
+
+/// The lights that results are shown in: formulas, `2 height` by `height`.
+pub fn own_lights(height: usize) -> [(&'static str, EnvironmentMap); 3] {
+    [("studio", studio_light(height)), ("clear sky", sky_light(height)), ("lamps at night", lamp_light(height))]
+}
+
+impl Subject<'_> {
+    /// A BRDF of this luminance in the colours of the answer.
+    pub fn coloured(&self, table: &BivariateTable) -> [BivariateTable; 3] {
+        self.colours.tables(table)
+    }
+}
+
+impl Panels {
+    /// Draws them all; `progress` is told a fraction in 0..=1.
+    pub fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Self {
+        let view = View::of(subject);
+        let input = view.cut(subject.picture, PANEL);
+        let exposure = Exposure::by_quantile(&input.rgb, |i| is_covered(&input, i), 0.9, 0.6);
+        let model = reproduction(subject, &view, &input);
+        progress(0.3);
+        let ends = subject.material.iter().flat_map(|material| &material.ends);
+        let shown: Vec<[BivariateTable; 3]> =
+            std::iter::once(subject.table).chain(ends).map(|table| subject.coloured(table)).collect();
+        let mut spheres = Vec::new();
+        let mut ends = Vec::new();
+        for (i, (name, light)) in own_lights(LIGHT_ROWS).into_iter().enumerate() {
+            // The ends differ in the first light as well as in any.
+            let materials = if i == 0 { &shown[..] } else { &shown[..1] };
+            let drawn = view::spheres(materials, &LightTree::of_map(&light));
+            let exposure = Exposure::by_quantile(&drawn[0].rgb, |i| is_covered(&drawn[0], i), 0.8, 0.5);
+            let mut drawn = drawn.iter().map(|p| over_paper(p, exposure));
+            spheres.extend(drawn.next().map(|p| (name, p)));
+            ends.extend(drawn);
+            progress(0.3 + 0.7 * (i + 1) as f64 / 3.0);
+        }
+        Self {
+            observed: observed(subject, &view, exposure),
+            residual: residual(&input, &model),
+            photograph: over_paper(&input, exposure),
+            reproduction: over_paper(&model, exposure),
+            light: light(subject),
+            spheres,
+            ends,
+        }
+    }
+}
+
+/// The object in the light that was found or given, on the scale of the photograph.
+fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Picture {
+    let tree = match (subject.light, subject.known_light) {
+        (Some(grid), _) => LightTree::of_grid(grid),
+        (None, Some(map)) => LightTree::of_map(map),
+        (None, None) => LightTree::of_map(&studio_light(16)),
+    };
+    let mut model = view.render(&subject.coloured(subject.table), &tree);
+    let factor = match subject.light {
+        // Reflectance and light carry the photograph's scale in luminance.
+        Some(_) => subject.light_colour,
+        // A known light has its own.
+        None => {
+            let sum = |p: &Picture| -> f32 {
+                let covered = (0..p.rgb.as_slice().len()).filter(|&i| is_covered(p, i));
+                covered.map(|i| luminance(p.rgb.as_slice()[i])).sum()
+            };
+            Vec3::splat(sum(input) / sum(&model).max(1e-30))
+        }
+    };
+    model.rgb.as_mut_slice().iter_mut().for_each(|p| *p *= factor);
+    model
+}
+
+/// The photograph, darkened, under a dot for each observation.
+fn observed(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Plane<Vec3> {
+    let side = 2 * PANEL;
+    let mut out = over_paper(&view.cut(subject.picture, side), exposure).map(|p| 0.6 * *p);
+    let observations = &subject.sighting.observations;
+    for (at, value) in observations.pixels.iter().zip(&observations.values) {
+        let (x, y) = view.shown(*at, side);
+        if x >= 0.0 && y >= 0.0 && (x as usize) < side && (y as usize) < side {
+            out[(x as usize, y as usize)] = if value.is_some() { USED } else { UNUSED };
+        }
+    }
+    out
+}
+
+/// Where photograph and model differ in luminance, relative to the mean of both.
+fn residual(input: &Picture, model: &Picture) -> Plane<Vec3> {
+    let both = |i: usize| is_covered(input, i) && is_covered(model, i);
+    let count = input.rgb.as_slice().len();
+    let values = |p: &Picture| p.rgb.as_slice().iter().map(|v| luminance(*v)).collect::<Vec<f32>>();
+    let (seen, made) = (values(input), values(model));
+    let (sum, number) = (0..count).filter(|&i| both(i)).fold((0.0, 0.0), |(sum, n), i| (sum + seen[i], n + 1.0_f32));
+    // What is dark in both is not far off by being twice as bright.
+    let floor = 0.1 * sum / number.max(1.0);
+    Plane::from_fn(input.rgb.width(), input.rgb.height(), |x, y| {
+        let i = y * input.rgb.width() + x;
+        if !both(i) {
+            return PAPER;
+        }
+        let off = (seen[i] - made[i]) / (0.5 * (seen[i] + made[i]) + floor);
+        EQUAL.lerp(if off > 0.0 { BRIGHTER } else { DARKER }, (off.abs() / FULL).min(1.0))
+    })
+}
+
+fn light(subject: &Subject<'_>) -> Plane<Vec3> {
+    let light = match (subject.light, subject.known_light) {
+        (Some(grid), _) => grid.to_lat_long(PANEL).map(|p| *p * subject.light_colour),
+        (None, Some(map)) => resize(map.radiance(), 2 * PANEL, PANEL),
+        (None, None) => Plane::from_fn(2 * PANEL, PANEL, |_, _| Vec3::ZERO),
+    };
+    let exposure = Exposure::by_quantile(&light, |_| true, 0.9, 0.6);
+    light.map(|p| exposure.apply(*p))
+}
+
+fn is_covered(picture: &Picture, i: usize) -> bool {
+    picture.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.99)
+}
+
+fn over_paper(p: &Picture, exposure: Exposure) -> Plane<Vec3> {
+    let alpha = p.alpha.as_ref();
+    Plane::from_fn(p.rgb.width(), p.rgb.height(), |x, y| {
+        let a = alpha.map_or(1.0, |a| a[(x, y)]);
+        exposure.apply(p.rgb[(x, y)]) + PAPER * (1.0 - a)
+    })
+}
+
+/// Mean over the source pixels of each target pixel.
+pub(crate) fn resize(source: &Plane<Vec3>, width: usize, height: usize) -> Plane<Vec3> {
+    Plane::from_fn(width, height, |x, y| {
+        let range = |i: usize, n: usize, of: usize| {
+            let low = i * of / n;
+            low..((i + 1) * of / n).max(low + 1)
+        };
+        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+        for v in range(y, height, source.height()) {
+            for u in range(x, width, source.width()) {
+                sum += source[(u, v)].as_dvec3();
+                count += 1.0;
+            }
+        }
+        (sum / count).as_vec3()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_have_the_colour_of_their_sign() {
+        let picture = |left: f32, right: f32| Picture {
+            rgb: Plane::from_fn(2, 1, |x, _| Vec3::splat(if x == 0 { left } else { right })),
+            alpha: None,
+        };
+        let off = residual(&picture(1.0, 1.0), &picture(1.0, 1.0));
+        assert_eq!(off.as_slice(), [EQUAL, EQUAL]);
+        let off = residual(&picture(3.0, 1.0), &picture(1.0, 3.0));
+        assert_eq!(off.as_slice(), [BRIGHTER, DARKER]);
+    }
+
+    #[test]
+    fn means_are_kept_by_resizing() {
+        let source = Plane::from_fn(6, 4, |x, y| Vec3::new(x as f32, y as f32, 1.0));
+        let small = resize(&source, 3, 2);
+        assert_eq!(small[(0, 0)], Vec3::new(0.5, 0.5, 1.0));
+        assert_eq!(resize(&source, 12, 8)[(11, 7)], Vec3::new(5.0, 3.0, 1.0));
+    }
+}

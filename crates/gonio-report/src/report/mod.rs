@@ -1,0 +1,270 @@
+//! One page that says what was found in a photograph, and how far to trust it: a single file that asks for nothing but itself.
+
+mod lobes;
+mod packed;
+mod reflectance;
+mod renderers;
+mod sphere;
+
+use gonio::estimate::Material;
+use gonio::scene::ObservationReport;
+use maud::{Markup, PreEscaped, html};
+use serde_json::Value;
+
+use crate::page::{Document, Section, figure, table};
+use crate::panels::{PANEL, Panels, Subject};
+pub use renderers::Fits;
+
+/// Styles and scripts of the page beyond those of all reports.
+const STYLE: &str = concat!(include_str!("report.css"), include_str!("../../viewer/viewer.css"));
+const SCRIPT: &str = concat!(
+    include_str!("../../viewer/renderer.js"),
+    include_str!("../../viewer/viewer.js"),
+    include_str!("report.js")
+);
+
+/// What the page is made from.
+pub struct Report<'a> {
+    /// Name of the photograph, for title and files.
+    pub name: &'a str,
+    /// What was found.
+    pub subject: &'a Subject<'a>,
+    /// Its pictures.
+    pub panels: &'a Panels,
+    /// What comes nearest to it in renderers' own parameters.
+    pub fits: &'a Fits,
+    /// What the user should know, one line each.
+    pub warnings: &'a [String],
+    /// `result.json`, of which the page takes numbers: `method`, `noise`, `colour`, `seconds`, `settings`, `model`, `gonio`, as far as they are there.
+    pub result: &'a Value,
+}
+
+impl Report<'_> {
+    /// The page as HTML.
+    pub fn render(&self) -> String {
+        let section = |id: &str, title: &str, body: Markup| Section { id: id.into(), title: title.into(), body };
+        let mut sections = vec![
+            section("found", "What was found", self.found()),
+            section("photograph", "The photograph and what explains it", self.photograph()),
+            section("reflectance", "The BRDF", reflectance::section(self.subject, self.panels)),
+        ];
+        if let Some(material) = self.subject.material {
+            sections.push(section("trust", "How far to trust it", self.trust(material)));
+        }
+        sections.push(section("renderers", "Parameters for renderers", renderers::section(self.name, self.fits)));
+        sections.push(section("making", "How this was made", self.making()));
+        let title = format!("What {} is made of", self.name);
+        let lead = html! {
+            p { "The reflectance (BRDF) of an object, estimated from one photograph in light that nobody measured. \
+                 Brightness of light and reflectance cannot be told apart: the albedo along the normal is set to one half." }
+        };
+        Document { title: &title, lead, sections, style: STYLE, script: SCRIPT }.render()
+    }
+
+    fn found(&self) -> Markup {
+        html! {
+            (warnings(self.warnings))
+            div.found {
+                div {
+                    div #sphere { p.note { "A sphere to turn needs scripts. The pictures below do not." } }
+                    script #sphere-data type="application/json" { (PreEscaped(sphere::data(self.subject))) }
+                }
+                div {
+                    @if let Some(material) = self.subject.material { (facts(material, self.result)) }
+                    (figure::tiles(&[
+                        ("photograph", figure::picture(&self.panels.photograph, "The photograph of the object")),
+                        ("what BRDF and light make of it", figure::picture(&self.panels.reproduction, "The object as the BRDF and the light found reproduce it")),
+                    ]))
+                }
+            }
+        }
+    }
+
+    fn photograph(&self) -> Markup {
+        let Panels { photograph, observed, reproduction, residual, light, .. } = self.panels;
+        let given = if self.subject.light.is_some() { "estimated" } else { "given" };
+        let light_words = format!("The {given} light as a map of all directions, tone-mapped");
+        let small = |picture, alt: &str| figure::picture(picture, alt);
+        let misfit = self.result["noise"]["misfit"].as_f64().or(self.result["noise"]["relative"].as_f64());
+        html! {
+            (figure::grid(15, &[
+                figure::card("Photograph", &small(photograph, "The photograph of the object"), &html! { "As it was given, tone-mapped." }),
+                figure::card("Observations", &figure::sized(observed, PANEL, "The photograph under a dot for each observation"),
+                    &html! { span.used { "Teal" } ": used. " span.unused { "Red" } ": seen, but left out (clipped, covered, in shadow)." }),
+                figure::card("Reproduction", &small(reproduction, "The object as the BRDF and the light found reproduce it"),
+                    &html! { "The BRDF found in the " (given) " light, at the same exposure." @if self.subject.light.is_some() { " That light has one colour." } }),
+                figure::card("Residual", &small(residual, "Where the photograph is brighter or darker than its reproduction"),
+                    &html! { span.brighter { "Orange" } ": the photograph is brighter. " span.darker { "Blue" } ": it is darker. Full colour is 50 % off." }),
+            ]))
+            @if let Some(misfit) = misfit {
+                p { "Root mean square of what is left over: " strong { (percent(misfit)) } " of the photograph's. A small residual does not prove \
+                     the material right: a blurry light on a mirror can look like a sharp light on a dull surface." }
+            }
+            (counts(&self.subject.sighting.observations.report))
+            (figure::figure(&small(light, &light_words), &html! {
+                "The " (given) " light, latitude over longitude: the middle lies behind the object, the left and right edges behind the camera. "
+                @if self.subject.light.is_some() {
+                    "It is what explains the photograph given the mean BRDF, and as sharp as the object's reflection allows."
+                }
+            }))
+        }
+    }
+
+    fn trust(&self, material: &Material) -> Markup {
+        let rows: Vec<Vec<String>> =
+            material.neighbours.iter().map(|n| vec![n.name.clone(), percent(n.weight)]).collect();
+        let ends = ["its dull end, at 5 %", "the estimate", "its glossy end, at 95 %"];
+        let pictures = [self.panels.ends.first(), self.panels.spheres.first().map(|s| &s.1), self.panels.ends.get(1)];
+        let tiles: Vec<(&str, Markup)> = ends
+            .into_iter()
+            .zip(pictures)
+            .filter_map(|(label, p)| Some((label, figure::picture(p?, &format!("A sphere of the material: {label}")))))
+            .collect();
+        html! {
+            (figure::figure(&figure::tiles(&tiles), &html! {
+                "Materials that the photograph allows, by their gloss, in a studio light. If the two ends differ to your eye, the photograph does not settle the matter."
+            }))
+            (figure::grid(22, &[
+                figure::figure(&figure::sized(&crate::uncertainty::width(material), 540, "Map of the width of the 90 % interval over half and difference angle"),
+                    &html! { "How wide the 90 % interval is in each cell, as a factor between its ends. Hatched: the photograph leaves it open ("
+                        (percent(material.open)) " of the domain)." }),
+                html! { div { @if !rows.is_empty() {
+                (table::table("Nearest measured materials (MERL database), by their share of the posterior among the measured ones", &["material", "share"], &rows))
+                } } },
+            ]))
+        }
+    }
+
+    fn making(&self) -> Markup {
+        let result = self.result;
+        let words = |value: &Value| value.as_str().map(str::to_owned).unwrap_or_else(|| value.to_string());
+        let mut rows: Vec<Vec<String>> = [
+            ("method", &result["method"]),
+            ("texels along a side of the light", &result["settings"]["grid"]),
+            ("gonio", &result["gonio"]),
+            ("model", &result["model"]["provenance"]),
+        ]
+        .into_iter()
+        .filter(|(_, value)| !value.is_null())
+        .map(|(name, value)| vec![name.to_owned(), words(value)])
+        .collect();
+        let seconds = result["seconds"].as_object().into_iter().flatten();
+        let stages: Vec<String> =
+            seconds.filter_map(|(stage, s)| Some(format!("{stage} {:.1}", s.as_f64()?))).collect();
+        if !stages.is_empty() {
+            rows.push(vec!["seconds".into(), stages.join(", ")]);
+        }
+        html! {
+            dl.facts { @for row in &rows { div { dt { (row[0]) } dd { (row[1]) } } } }
+            p.note { "The numbers are in result.json, the BRDF in brdf.binary (MERL) beside this page; gonio export writes it for renderers." }
+        }
+    }
+}
+
+/// Lines that should be read first.
+fn warnings(lines: &[String]) -> Markup {
+    html! {
+        @if !lines.is_empty() {
+            div.warnings role="note" aria-label="Warnings" {
+                strong { @if lines.len() == 1 { "Mind this" } @else { "Mind these" } }
+                ul { @for line in lines { li { (line) } } }
+            }
+        }
+    }
+}
+
+/// The answer in words.
+fn facts(material: &Material, result: &Value) -> Markup {
+    let [low, median, high] = material.gloss;
+    let nearest = material.neighbours.first();
+    let rgb = |part: &str| -> Option<Vec<f64>> {
+        result["colour"][part]["rgb"].as_array()?.iter().map(Value::as_f64).collect()
+    };
+    html! {
+        dl.facts {
+            @if let Some(nearest) = nearest {
+                div { dt { "most like" } dd { strong { (nearest.name) } " (" (percent(nearest.weight)) " among the measured materials)" } }
+            }
+            div {
+                dt { "gloss" }
+                dd { strong { (short(median)) } ", 90 % between " (short(low)) " and " (short(high))
+                    span.note { " (peak over base: 1 is chalk, tens are satin paint, thousands polished metal)" } }
+            }
+            div { dt { "left open" } dd { strong { (percent(material.open)) } " of the directions" } }
+            @for (name, part) in [("body colour", "body"), ("highlight colour", "highlight")] {
+                @if let Some(rgb) = rgb(part) {
+                    div { dt { (name) } dd { span.swatch style={ "background: " (css(&rgb)) } {} " "
+                        (rgb.iter().map(|x| format!("{x:.2}")).collect::<Vec<_>>().join(", ")) span.note { " (linear, luminance one)" } } }
+                }
+            }
+        }
+    }
+}
+
+/// What became of the observations.
+fn counts(report: &ObservationReport) -> Markup {
+    let rows: Vec<Vec<String>> = [
+        ("points on the object", report.points),
+        ("used", report.used),
+        ("clipped", report.clipped),
+        ("covered or outside", report.outside),
+        ("in the object's own shadow", report.in_shadow),
+        ("dark specks", report.specks),
+        ("at edges", report.at_edges),
+    ]
+    .into_iter()
+    .enumerate()
+    .filter(|(i, (_, count))| *i < 2 || *count > 0)
+    .map(|(_, (name, count))| vec![name.to_owned(), count.to_string()])
+    .collect();
+    table::table("Observations", &["what", "number"], &rows)
+}
+
+/// A share as a percentage with two digits.
+fn percent(share: f64) -> String {
+    let value = 100.0 * share;
+    if value >= 9.95 || value == 0.0 { format!("{value:.0} %") } else { format!("{value:.1} %") }
+}
+
+/// A positive number with two digits.
+fn short(value: f64) -> String {
+    if !value.is_finite() || value <= 0.0 {
+        return format!("{value}");
+    }
+    let digits = 1 - value.log10().floor() as i32;
+    if digits > 0 {
+        format!("{value:.*}", digits as usize)
+    } else {
+        format!("{}", (value / 10_f64.powi(-digits)).round() * 10_f64.powi(-digits))
+    }
+}
+
+/// A linear colour, as bright as a screen shows it, for a style.
+fn css(rgb: &[f64]) -> String {
+    let top = rgb.iter().copied().fold(1e-9, f64::max);
+    let code = |x: f64| (255.0 * gonio::picture::srgb_encode((0.7 * x / top).clamp(0.0, 1.0) as f32)).round();
+    let codes: Vec<String> = rgb.iter().map(|x| code(*x).to_string()).collect();
+    format!("rgb({})", codes.join(" "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short() {
+        assert_eq!([0.123, 1.234, 12.34, 1234.0, 99_700.0].map(short), ["0.12", "1.2", "12", "1200", "100000"]);
+        assert_eq!([0.0, 0.012, 0.0996, 0.5].map(percent), ["0 %", "1.2 %", "10 %", "50 %"]);
+    }
+
+    #[test]
+    fn colours_are_those_of_a_style() {
+        assert_eq!(css(&[1.0, 0.0, 0.0]), "rgb(218 0 0)");
+    }
+
+    #[test]
+    fn warnings_are_escaped_and_left_out_where_there_are_none() {
+        assert_eq!(warnings(&[]).into_string(), "");
+        assert!(warnings(&["a < b".into()]).into_string().contains("a &lt; b"));
+    }
+}

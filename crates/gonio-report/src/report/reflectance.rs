@@ -1,0 +1,72 @@
+//! The pictures of the BRDF.
+
+use gonio::reflectance::{BivariateTable, THETA_H, is_trusted, theta_h_of};
+use maud::{Markup, html};
+
+use super::lobes::{curve, lobe};
+use super::short;
+use crate::page::chart::{Axis, Frame, Series, chart};
+use crate::page::figure;
+use crate::panels::{Panels, Subject};
+
+/// Angles of incidence of the lobes, degrees.
+const INCIDENCES: [f64; 3] = [15.0, 45.0, 70.0];
+/// Difference angles of the cuts, degrees.
+const CUTS: [usize; 2] = [5, 60];
+
+pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
+    let table = subject.table;
+    let band = subject.material.map(|m| {
+        let quantile = |q: &Vec<f32>| BivariateTable::from_vec(q.clone());
+        (quantile(&m.quantiles[0]), quantile(&m.quantiles[m.quantiles.len() - 1]))
+    });
+    let band = band.as_ref().map(|(low, high)| (low, high));
+    let spheres: Vec<(&str, Markup)> = panels
+        .spheres
+        .iter()
+        .map(|(light, sphere)| (*light, figure::picture(sphere, &format!("A sphere of the material, {light}"))))
+        .collect();
+    let interval =
+        if band.is_some() { " The band holds 90 % of what the photograph allows, angle by angle." } else { "" };
+    let lobes = INCIDENCES.map(|incidence| {
+        let peak = |t: &BivariateTable| curve(t, incidence).iter().map(|p| p.1).fold(1e-6, f64::max);
+        let top = band.map_or(0.0, |(_, high)| peak(high)).max(peak(table));
+        let drawn = lobe(table, band, incidence, top);
+        figure::card(&format!("Light at {incidence:.0}°"), &drawn, &html! { "Up to " (short(top)) " per steradian." })
+    });
+    html! {
+        (figure::figure(&figure::tiles(&spheres), &html! { "Spheres of the estimate in three lights of our own making." }))
+        (figure::grid(22, &[
+            figure::figure(&figure::sized(&crate::uncertainty::mean(table), 540, "Map of the BRDF over half and difference angle"),
+                &html! { "The luminance of the BRDF over the half angle (across, stretched at the highlight) and the difference angle (up). \
+                    Left: the highlight; top: grazing light." }),
+            html! { div { @for cut in CUTS { (cut_at(table, band, cut)) } } },
+        ]))
+        h3 { "Polar lobes" }
+        (figure::grid(17, &lobes))
+        p.note { "Distance from the centre is the cube root of the BRDF, rings are in 1/sr; the thin line is the ray of light." (interval) }
+    }
+}
+
+/// The BRDF over the half angle at one difference angle.
+fn cut_at(table: &BivariateTable, band: Option<(&BivariateTable, &BivariateTable)>, cut: usize) -> Markup {
+    let points = |t: &BivariateTable| -> Vec<(f64, f64)> {
+        (0..THETA_H)
+            .filter(|&i| is_trusted(i, cut))
+            .map(|i| (theta_h_of(i).to_degrees(), f64::from(t.cell(i, cut))))
+            .collect()
+    };
+    let mut series = vec![Series::line("estimate", points(table))];
+    if let Some((low, high)) = band {
+        series.push(Series::dashed("5 %", points(low)));
+        series.push(Series::dashed("95 %", points(high)));
+    }
+    let title = format!("At a difference angle of {cut}°");
+    let axes = Frame {
+        title: &title,
+        x: ("half angle (degrees)", Axis::Linear),
+        y: ("BRDF (1/sr)", Axis::Log),
+        y_range: None,
+    };
+    chart(&axes, &series)
+}

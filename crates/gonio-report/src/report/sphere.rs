@@ -1,0 +1,57 @@
+//! What the sphere to turn shows: materials and lights.
+
+use glam::Vec3;
+use gonio::lighting::LightGrid;
+use gonio::picture::Plane;
+use gonio::reflectance::{BivariateTable, CELLS};
+use serde_json::{Value, json};
+
+use super::packed::packed;
+use crate::panels::{Subject, own_lights};
+
+/// Rows of the lights: finer ones would hardly be seen on a sphere, and make the page larger.
+const ROWS: usize = 64;
+
+/// The data of the viewer as JSON that can stand within HTML.
+pub(super) fn data(subject: &Subject<'_>) -> String {
+    let mut materials = vec![material("the estimate", &subject.coloured(subject.table))];
+    if let Some(found) = subject.material {
+        let names = ["its dull end, at 5 %", "its glossy end, at 95 %"];
+        materials.extend(names.into_iter().zip(&found.ends).map(|(name, end)| material(name, &subject.coloured(end))));
+    }
+    let mut lights: Vec<Value> = own_lights(ROWS).iter().map(|(name, map)| light(name, map.radiance())).collect();
+    let seen = match (subject.light, subject.known_light) {
+        (Some(grid), _) => Some(("the light found", lit(grid, subject.light_colour))),
+        (None, Some(map)) => Some(("the light given", shrunk(map.radiance()))),
+        (None, None) => None,
+    };
+    lights.extend(seen.map(|(name, map)| light(name, &map)));
+    // A closing tag within a name would end the script.
+    json!({ "materials": materials, "lights": lights }).to_string().replace('<', "\\u003c")
+}
+
+fn material(name: &str, tables: &[BivariateTable; 3]) -> Value {
+    let values = (0..CELLS).flat_map(|c| [0, 1, 2].map(|channel| tables[channel].as_slice()[c]));
+    named(name, packed(values))
+}
+
+fn light(name: &str, map: &Plane<Vec3>) -> Value {
+    let mut light = named(name, packed(map.as_slice().iter().flat_map(|p| p.to_array())));
+    light["width"] = json!(map.width());
+    light["height"] = json!(map.height());
+    light
+}
+
+fn named(name: &str, mut value: Value) -> Value {
+    value["name"] = json!(name);
+    value
+}
+
+fn lit(grid: &LightGrid, colour: Vec3) -> Plane<Vec3> {
+    grid.to_lat_long(ROWS).map(|p| p.max(Vec3::ZERO) * colour)
+}
+
+/// A map of the rows of the others.
+fn shrunk(map: &Plane<Vec3>) -> Plane<Vec3> {
+    if map.height() <= 2 * ROWS { map.clone() } else { crate::panels::resize(map, 2 * ROWS, ROWS) }
+}

@@ -1,0 +1,79 @@
+//! More lights of our own making, beside the studio: outdoors, and a room at night.
+
+use glam::{DVec3, Vec3};
+
+use super::EnvironmentMap;
+use crate::picture::Plane;
+use crate::sphere::direction_of_lat_long;
+
+/// A clear day, `2 height` by `height`: a sky that pales towards the horizon, a low sun behind the left shoulder, and dull ground. Relative units, mean about
+/// one; the sun brings half of the light.
+pub fn sky_light(height: usize) -> EnvironmentMap {
+    let sun = DVec3::new(-0.6, 0.55, 0.65).normalize();
+    map(height, |d| {
+        let up = d.y.max(0.0) as f32;
+        let sky = Vec3::new(0.90, 0.92, 0.95).lerp(Vec3::new(0.18, 0.36, 0.80), up.sqrt());
+        let ground = Vec3::new(0.16, 0.14, 0.11);
+        let away = d.angle_between(sun);
+        // What the air scatters around the sun.
+        let glow = Vec3::new(1.0, 0.85, 0.6) * (2.5 * (-away / 0.25).exp()) as f32;
+        let mixed = ground.lerp(sky + glow, smooth((d.y + 0.01) / 0.03) as f32);
+        mixed + Vec3::new(560.0, 500.0, 410.0) * smooth((0.05 - away) / 0.02) as f32
+    })
+}
+
+/// A dark room with lamps, `2 height` by `height`: a row of warm bulbs over the object, a screen at the left, a doorway behind. Relative units, mean about
+/// one.
+pub fn lamp_light(height: usize) -> EnvironmentMap {
+    let bulbs: Vec<DVec3> = (-2..=2).map(|i| DVec3::new(0.55 * f64::from(i), 1.0, 0.55).normalize()).collect();
+    let (screen, door) = (DVec3::new(-1.0, 0.05, 0.3).normalize(), DVec3::new(0.5, 0.1, -1.0).normalize());
+    map(height, |d| {
+        let room = Vec3::new(0.05, 0.045, 0.04) * (1.5 + d.y as f32);
+        let bulb = |b: &DVec3| smooth((0.075 - d.angle_between(*b)) / 0.02) as f32;
+        let warm = Vec3::new(130.0, 84.0, 42.0) * bulbs.iter().map(bulb).sum::<f32>();
+        let cold = Vec3::new(2.2, 3.4, 5.2) * rectangle(d, screen, 0.45, 0.30) as f32;
+        room + warm + cold + Vec3::new(2.6, 2.1, 1.5) * rectangle(d, door, 0.16, 0.42) as f32
+    })
+}
+
+/// A map of a function of the direction.
+fn map(height: usize, radiance: impl Fn(DVec3) -> Vec3) -> EnvironmentMap {
+    let pixel = |x: usize, y: usize| {
+        radiance(direction_of_lat_long((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64))
+    };
+    EnvironmentMap::new(Plane::from_fn(2 * height, height, pixel)).expect("a lit map of the right shape")
+}
+
+/// One within an upright rectangle about a direction, of these halves of its sides in the tangent plane, zero outside.
+fn rectangle(d: DVec3, centre: DVec3, half_width: f64, half_height: f64) -> f64 {
+    let right = DVec3::Y.cross(centre).normalize();
+    let (top, depth) = (centre.cross(right), d.dot(centre));
+    if depth <= 0.0 {
+        return 0.0;
+    }
+    let edge = |x: f64, half: f64| smooth((half - x.abs()) / 0.04);
+    edge(d.dot(right) / depth, half_width) * edge(d.dot(top) / depth, half_height)
+}
+
+/// Smooth step from 0 at 0 to 1 at 1.
+pub(super) fn smooth(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lighting::studio_light;
+    use crate::picture::luminance;
+    use crate::sphere::OctahedralMap;
+
+    #[test]
+    fn lights_of_our_own_have_a_mean_of_about_one() {
+        for light in [studio_light(128), sky_light(128), lamp_light(128)] {
+            let mean = light.to_grid(OctahedralMap::EqualArea, 32).integral() / (4.0 * std::f64::consts::PI);
+            let mean = luminance(mean.as_vec3());
+            assert!((0.4..2.5).contains(&mean), "{mean}");
+        }
+    }
+}

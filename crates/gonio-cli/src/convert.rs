@@ -27,13 +27,16 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let format = Format::of(&options.output)?;
     let table = input::brdf(&options.input)?;
+    let tables = || {
+        let tables = [0, 1, 2].map(|c| table.bivariate(c));
+        if options.grey { grey(&tables) } else { tables }
+    };
     let bytes = match format {
-        Format::Merl if options.grey => gonio_io::merl::encode(&MerlTable::from_bivariate(grey(&table).each_ref())),
+        Format::Merl if options.grey => gonio_io::merl::encode(&MerlTable::from_bivariate(tables().each_ref())),
         Format::Merl => gonio_io::merl::encode(&table),
         Format::Rgl(channels) => {
-            let tables = if options.grey { grey(&table) } else { [0, 1, 2].map(|c| table.bivariate(c)) };
             let name = options.input.file_stem().unwrap_or_default().to_string_lossy();
-            rgl::encode(&tables, &name, channels)
+            rgl::encode(&tables(), &name, channels)
         }
     };
     write_file(&options.output, &bytes)?;
@@ -62,7 +65,7 @@ impl Format {
 }
 
 /// The luminance in all channels.
-pub(crate) fn grey(table: &MerlTable) -> [BivariateTable; 3] {
-    let luminance = BivariateTable::luminance(&[0, 1, 2].map(|c| table.bivariate(c)));
+pub(crate) fn grey(tables: &[BivariateTable; 3]) -> [BivariateTable; 3] {
+    let luminance = BivariateTable::luminance(tables);
     [luminance.clone(), luminance.clone(), luminance]
 }

@@ -91,7 +91,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     }
     let scale = options.albedo.map_or(1.0, |albedo| albedo / measured);
     if scale != 1.0 {
-        tables = tables.map(|t| scaled(&t, scale));
+        tables = tables.map(|table| table.scaled(scale));
     }
     let folder = StagedFolder::create(&output)?;
     let targets: Vec<Target> =
@@ -101,6 +101,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         folder,
         name,
         fitter: Fitter::new(&tables),
+        layered: None,
         tables,
         // With its dependence on the third angle, if it is taken as it is.
         whole: (scale == 1.0).then_some(table),
@@ -138,15 +139,13 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     Ok(outcome)
 }
 
-fn scaled(table: &BivariateTable, by: f64) -> BivariateTable {
-    BivariateTable::from_vec(table.as_slice().iter().map(|x| (f64::from(*x) * by) as f32).collect())
-}
-
 /// Writes one target after the other.
 struct Writer {
     folder: StagedFolder,
     name: String,
     fitter: Fitter,
+    /// The fit that more than one target is written from, once it is there.
+    layered: Option<Fitted<Layered>>,
     tables: [BivariateTable; 3],
     whole: Option<MerlTable>,
     with_tables: bool,
@@ -170,7 +169,7 @@ impl Writer {
                 )
             }
             Target::MerlGrey => {
-                let grey = grey(&MerlTable::from_bivariate(self.tables.each_ref()));
+                let grey = grey(&self.tables);
                 let bytes = merl::encode(&MerlTable::from_bivariate(grey.each_ref()));
                 self.table(target, "brdf_grey.binary", &bytes, grey, "MERL: the luminance in all channels")
             }
@@ -192,7 +191,7 @@ impl Writer {
                 self.model(target, "principled.xml", text.as_bytes(), &fitted, "alpha = roughness^2")
             }
             Target::Blender => {
-                let fitted = self.fitter.fit::<Layered>();
+                let fitted = self.layered();
                 let text = blender_script(&self.name, &fitted.model);
                 let note = "Blender 4.0 or later; alpha = Roughness^2; the same fit as mtlx";
                 self.model(target, "blender.py", text.as_bytes(), &fitted, note)
@@ -209,7 +208,7 @@ impl Writer {
                 )
             }
             Target::Mtlx => {
-                let fitted = self.fitter.fit::<Layered>();
+                let fitted = self.layered();
                 let text = materialx(&self.name, &fitted.model);
                 self.model(target, "openpbr.mtlx", text.as_bytes(), &fitted, "OpenPBR; alpha = specular_roughness^2")
             }
@@ -226,6 +225,11 @@ impl Writer {
                 self.model(target, "ward.json", text.as_bytes(), &fitted, note)
             }
         }
+    }
+
+    /// The fit of OpenPBR, at the first call.
+    fn layered(&mut self) -> Fitted<Layered> {
+        self.layered.get_or_insert_with(|| self.fitter.fit()).clone()
     }
 
     /// A file of a table that reads back as `tables`.

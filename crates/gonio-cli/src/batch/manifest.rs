@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use clap::CommandFactory;
+use clap::{Command, CommandFactory};
 
 use super::NOTES;
 use crate::Args;
@@ -36,7 +36,8 @@ enum Column {
 }
 
 impl Column {
-    fn of(header: &str, path: &Path) -> Result<Self> {
+    /// The column of a name, by the options of `gonio infer`.
+    fn of(header: &str, path: &Path, infer: &Command) -> Result<Self> {
         let key = header.trim().trim_start_matches("--").replace('_', "-");
         match key.as_str() {
             "name" => return Ok(Self::Name),
@@ -44,9 +45,6 @@ impl Column {
             "output" => bail!("{}: the column output: results go to -o DIR and the column name", path.display()),
             _ => (),
         }
-        let mut program = Args::command();
-        program.build();
-        let infer = program.find_subcommand("infer").context("a program without infer")?;
         let found = infer.get_arguments().find(|arg| arg.get_long() == Some(&key) && !arg.is_global_set());
         let Some(arg) = found.filter(|_| !matches!(key.as_str(), "help" | "json")) else {
             bail!(
@@ -72,7 +70,10 @@ pub(super) fn read(path: &Path, output: &Path) -> Result<Vec<Row>> {
         .from_path(path)
         .with_context(|| format!("{shown}: cannot be read"))?;
     let headers = table.headers().with_context(|| format!("{shown}: has no line of column names"))?.clone();
-    let columns: Vec<Column> = headers.iter().map(|h| Column::of(h, path)).collect::<Result<_>>()?;
+    let mut program = Args::command();
+    program.build();
+    let infer = program.find_subcommand("infer").context("a program without infer")?;
+    let columns: Vec<Column> = headers.iter().map(|h| Column::of(h, path, infer)).collect::<Result<_>>()?;
     if !columns.iter().any(|c| matches!(c, Column::Image)) {
         bail!("{shown}: has no column image");
     }

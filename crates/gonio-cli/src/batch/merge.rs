@@ -28,11 +28,13 @@ const COLUMNS: [&str; 13] = [
 
 /// Writes `batch.csv` from the notes of all rows; with the table also what is missing.
 pub(super) fn merge(output: &Path, rows: Option<&[Row]>) -> Result<Outcome> {
-    let shown = output.display();
-    let names = match rows {
+    let names: Vec<String> = match rows {
         Some(rows) => rows.iter().map(|row| row.name.clone()).collect(),
         None => noted(output)?,
     };
+    if names.is_empty() {
+        bail!("{}: holds no results of gonio batch", output.display());
+    }
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(COLUMNS)?;
     let mut counts = [0_usize; 3];
@@ -50,9 +52,6 @@ pub(super) fn merge(output: &Path, rows: Option<&[Row]>) -> Result<Outcome> {
     write_file(&file, &bytes)?;
     let [done, failed, missing] = counts;
     let text = format!("{}: {done} done, {failed} failed, {missing} missing", file.display());
-    if names.is_empty() {
-        bail!("{shown}: holds no results of gonio batch");
-    }
     Ok(Outcome::new(
         text,
         json!({ "output": file.display().to_string(), "done": done, "failed": failed, "missing": missing }),

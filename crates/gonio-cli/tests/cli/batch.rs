@@ -102,5 +102,8 @@ fn bad_tables_are_refused() {
     bench.refuses("batch none.csv -o x", &["none.csv: cannot be read"]);
     bench.refuses("batch photos/list.csv -o x --shard 4/3", &["--shard"]);
     bench.refuses("batch --merge -o x", &["x/rows: cannot list"]);
+    std::fs::create_dir_all(bench.path("x/rows")).unwrap();
+    bench.refuses("batch --merge -o x", &["x: holds no results of gonio batch"]);
+    assert!(!bench.path("x/batch.csv").exists());
     bench.refuses("batch -o x", &["<MANIFEST>"]);
 }

@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn scale_changes_nothing_and_a_lambertian_surface_has_no_highlight() {
         let a = lobe(20.0, 0.2);
-        let scaled = BivariateTable::from_vec(a.as_slice().iter().map(|x| 1e-3 * x).collect());
+        let scaled = a.scaled(1e-3);
         let (a, b) = (Gloss::of(&a), Gloss::of(&scaled));
         assert!((a.contrast - b.contrast).abs() < 1e-5 && (a.width - b.width).abs() < 1e-5);
         let flat = Gloss::of(&BivariateTable::from_fn(|_, _| 0.3));

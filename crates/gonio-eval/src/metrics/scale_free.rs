@@ -102,7 +102,7 @@ mod tests {
     #[test]
     fn identical_and_scaled_tables_score_zero() {
         let a = glossy(0.1);
-        let scaled = BivariateTable::from_vec(a.as_slice().iter().map(|x| 37.0 * x).collect());
+        let scaled = a.scaled(37.0);
         assert!(brdf_error(&a, &a) < 1e-6);
         assert!(brdf_error(&scaled, &a) < 1e-4);
         assert!(brdf_error(&glossy(0.3), &a) > 0.2 && brdf_error(&a, &glossy(0.3)) > 0.2);

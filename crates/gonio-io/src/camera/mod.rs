@@ -104,10 +104,10 @@ fn one_of<T: Copy>(path: &Path, what: &str, ways: &[(&str, Option<T>)]) -> Resul
     }
 }
 
-/// Refuses keys that mean nothing for the other projection.
-fn foreign(path: &Path, projection: &str, keys: &[(&str, bool)]) -> Result<(), Error> {
+/// Refuses keys that mean nothing beside what the file holds, each with whether it is given.
+fn foreign(path: &Path, beside: &str, keys: &[(&str, bool)]) -> Result<(), Error> {
     match keys.iter().find(|k| k.1) {
-        Some((key, _)) => Err(Error::invalid(path, format!("has {key:?} for {projection} camera"), "remove it")),
+        Some((key, _)) => Err(Error::invalid(path, format!("has {key:?} beside {beside}"), "remove it")),
         None => Ok(()),
     }
 }
@@ -115,7 +115,7 @@ fn foreign(path: &Path, projection: &str, keys: &[(&str, bool)]) -> Result<(), E
 /// The focal length in pixels.
 fn focal(path: &Path, file: &File, (width, height): (usize, usize)) -> Result<f64, Error> {
     let keys = [("pixels_per_unit", file.pixels_per_unit), ("width", file.width), ("height", file.height)];
-    foreign(path, "a perspective", &keys.map(|(key, value)| (key, value.is_some())))?;
+    foreign(path, "a perspective projection", &keys.map(|(key, value)| (key, value.is_some())))?;
     let ways = [
         ("focal_pixels", file.focal_pixels),
         ("focal_mm", file.focal_mm),
@@ -123,8 +123,8 @@ fn focal(path: &Path, file: &File, (width, height): (usize, usize)) -> Result<f6
         ("fov_y_degrees", file.fov_y_degrees),
     ];
     let (way, value) = one_of(path, "focal length", &ways)?;
-    if way != 1 && file.sensor_mm.is_some() {
-        return Err(Error::invalid(path, format!("has \"sensor_mm\" beside {:?}", ways[way].0), "remove it"));
+    if way != 1 {
+        foreign(path, &format!("{:?}", ways[way].0), &[("sensor_mm", file.sensor_mm.is_some())])?;
     }
     let (width, height) = (width as f64, height as f64);
     let of_angle = |side: f64| {
@@ -167,7 +167,7 @@ fn scale(path: &Path, file: &File, (width, height): (usize, usize)) -> Result<f6
         ("fov_x_degrees", file.fov_x_degrees.is_some()),
         ("fov_y_degrees", file.fov_y_degrees.is_some()),
     ];
-    foreign(path, "an orthographic", &keys)?;
+    foreign(path, "an orthographic projection", &keys)?;
     let ways = [("pixels_per_unit", file.pixels_per_unit), ("width", file.width), ("height", file.height)];
     Ok(match one_of(path, "scale", &ways)? {
         (0, value) => value,
@@ -262,7 +262,10 @@ mod tests {
             (perspective(r#""focal_mm": 50, "sensor_mm": 0"#), "\"sensor_mm\" of 0; give a positive number"),
             (perspective(r#""focal_pixels": -5"#), "the focal length is -5; give a positive"),
             (perspective(r#""fov_x_degrees": 180"#), "between 0 and 180"),
-            (perspective(r#""focal_pixels": 5, "height": 4"#), "has \"height\" for a perspective camera; remove it"),
+            (
+                perspective(r#""focal_pixels": 5, "height": 4"#),
+                "has \"height\" beside a perspective projection; remove it",
+            ),
             (
                 perspective(r#""focal_pixels": 5, "size": [60, 40]"#),
                 "for pictures of 60x40 pixels and this one has 600x400",
@@ -274,7 +277,10 @@ mod tests {
                 "unknown variant `fisheye`, expected `orthographic` or `perspective`",
             ),
             (r#"{"focal_pixels": 3}"#.into(), "missing field `projection`"),
-            (r#"{"projection": "orthographic", "focal_mm": 4}"#.into(), "\"focal_mm\" for an orthographic camera"),
+            (
+                r#"{"projection": "orthographic", "focal_mm": 4}"#.into(),
+                "\"focal_mm\" beside an orthographic projection; remove it",
+            ),
             (
                 r#"{"projection": "orthographic"}"#.into(),
                 "nothing of the scale; give one of pixels_per_unit, width, height",
@@ -298,6 +304,10 @@ mod tests {
             (
                 r#"{"position": [0, 5, 0], "look_at": [0, 0, 0], "convention": "opencv"}"#,
                 "\"convention\" without a matrix",
+            ),
+            (
+                r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "up": [0, 1, 0]}"#,
+                "\"up\" beside a matrix; remove it",
             ),
             (r#"{"position": [0, 5, 0], "from": 1}"#, "unknown field `from`"),
             (r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0]]}"#, "2 rows"),

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::{DMat4, DQuat, DVec3, DVec4, EulerRot};
 use serde::Deserialize;
 
-use super::{MAX_BYTES, from_json, one_of};
+use super::{MAX_BYTES, foreign, from_json, one_of};
 use crate::{Error, guard};
 
 /// Rows of a matrix, three or four.
@@ -45,11 +45,7 @@ impl CameraPose {
         if way == 2 {
             return self.looking(path);
         }
-        for (key, given) in [("look_at", self.look_at.is_some()), ("up", self.up.is_some())] {
-            if given {
-                return Err(Error::invalid(path, format!("has {key:?} beside a matrix"), "remove it"));
-            }
-        }
+        foreign(path, "a matrix", &[("look_at", self.look_at.is_some()), ("up", self.up.is_some())])?;
         let rows = self.camera_to_world.as_ref().or(self.world_to_camera.as_ref());
         let matrix = matrix(path, rows.map_or(&[], Vec::as_slice))?;
         let to_world = if way == 0 { matrix } else { inverse(path, matrix)? };
@@ -156,9 +152,7 @@ pub fn decode_pose(path: &Path, bytes: &[u8]) -> Result<DMat4, Error> {
                 ("quaternion_xyzw", file.quaternion_xyzw.is_some()),
                 ("scale", file.scale.is_some()),
             ];
-            if let Some((key, _)) = others.iter().find(|o| o.1) {
-                return Err(Error::invalid(path, format!("has {key:?} beside a matrix"), "keep one of them"));
-            }
+            foreign(path, "a matrix", &others)?;
             matrix(path, rows)?
         }
         None => parts(path, &file)?,
@@ -232,7 +226,7 @@ mod tests {
     fn what_is_wrong_is_told_by_name() {
         for (json, says) in [
             (r#"{"rotation": [1, 2, 3]}"#, "unknown field `rotation`, expected one of `matrix`"),
-            (r#"{"matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "scale": 2}"#, "\"scale\" beside a matrix"),
+            (r#"{"matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "scale": 2}"#, "\"scale\" beside a matrix; remove it"),
             (r#"{"quaternion_wxyz": [1, 1, 0, 0]}"#, "of length 1.4"),
             (r#"{"quaternion_wxyz": [1, 0, 0, 0], "rotation_degrees": [0, 0, 0]}"#, "more than once"),
             (r#"{"scale": 0}"#, "flattens the object"),

@@ -8,8 +8,7 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use glam::{DVec3, Vec3};
-use gonio::picture::luminance;
+use glam::DVec3;
 use gonio::reflectance::BivariateTable;
 
 use super::spectra::{self, BASIS};
@@ -96,6 +95,8 @@ struct Sample {
 
 /// The lobe that a file is built around.
 struct Shape {
+    /// Of the tables.
+    luminance: BivariateTable,
     /// At [`FINE`] places of the coordinate `sqrt(2 theta / pi)`.
     lobe: Vec<f64>,
     warp: Vec<f64>,
@@ -105,9 +106,10 @@ struct Shape {
 
 impl Shape {
     fn of(tables: &[BivariateTable; 3]) -> Self {
+        let luminance = BivariateTable::luminance(tables);
         let mean = |i: usize| -> f64 {
             let theta = angle(unit(i, FINE));
-            let over = (0..=60).map(|d| luminance_at(tables, theta, f64::from(d).to_radians()));
+            let over = (0..=60).map(|d| luminance.eval(theta, f64::from(d).to_radians()));
             over.sum::<f64>() / 61.0
         };
         let mut lobe: Vec<f64> = (0..FINE).map(mean).collect();
@@ -121,7 +123,7 @@ impl Shape {
         let carried: Vec<f64> = (0..FINE).map(carried).collect();
         let total = carried.iter().sum::<f64>() / (FINE - 1) as f64;
         let warp: Vec<f64> = carried.iter().map(|c| 0.5 + 0.5 * c / total).collect();
-        let mut shape = Self { lobe, warp, places: Vec::new() };
+        let mut shape = Self { luminance, lobe, warp, places: Vec::new() };
         shape.places = (0..SIDE).map(|u| shape.place(unit(u, SIDE))).collect();
         shape
     }
@@ -160,7 +162,7 @@ impl Shape {
         let theta_d = cosine.clamp(0.0, 1.0).acos();
         let f = tables.each_ref().map(|table| table.eval(theta, theta_d));
         let solid = x * theta.sin() * cosine.max(0.0);
-        let density = luminance_of(f) * below.max(0.0) * solid / self.warp(x);
+        let density = self.luminance.eval(theta, theta_d) * below.max(0.0) * solid / self.warp(x);
         Sample { rgb: f.map(|f| f * below.max(0.0) / self.lobe(x)), density }
     }
 }
@@ -170,14 +172,6 @@ fn between(samples: &[f64], x: f64) -> f64 {
     let at = x * (samples.len() - 1) as f64;
     let i = (at as usize).min(samples.len() - 2);
     samples[i] + (at - i as f64) * (samples[i + 1] - samples[i])
-}
-
-fn luminance_at(tables: &[BivariateTable; 3], theta_h: f64, theta_d: f64) -> f64 {
-    luminance_of(tables.each_ref().map(|table| table.eval(theta_h, theta_d)))
-}
-
-fn luminance_of(rgb: [f64; 3]) -> f64 {
-    luminance(Vec3::from_array(rgb.map(|v| v as f32))).into()
 }
 
 /// The unit vector at an angle to the normal, `+z`, and an azimuth.

@@ -130,6 +130,11 @@ impl BivariateTable {
         [(at, (1.0 - s) * (1.0 - t)), (at + 1, (1.0 - s) * t), (at + THETA_D, s * (1.0 - t)), (at + THETA_D + 1, s * t)]
     }
 
+    /// The table with every cell multiplied by a factor.
+    pub fn scaled(&self, by: f64) -> Self {
+        Self::from_vec(self.values.iter().map(|&v| (f64::from(v) * by) as f32).collect())
+    }
+
     /// Luminance of an RGB reflectance (Rec. 709 weights).
     pub fn luminance(rgb: &[Self; 3]) -> Self {
         let [r, g, b] = rgb.each_ref().map(Self::as_slice);
@@ -168,7 +173,7 @@ impl BivariateTable {
     /// reflectance alone.
     pub fn with_normal_albedo(&self, albedo: f64) -> (Self, f64) {
         let scale = albedo / self.normal_albedo();
-        (Self::from_vec(self.values.iter().map(|x| (f64::from(*x) * scale) as f32).collect()), scale)
+        (self.scaled(scale), scale)
     }
 
     /// Largest value over the trusted cells.
@@ -308,6 +313,14 @@ mod tests {
         let (half, scale) = wavy().with_normal_albedo(0.5);
         assert!((half.normal_albedo() - 0.5).abs() < 1e-6);
         assert!((f64::from(half.cell(3, 4)) - scale * f64::from(wavy().cell(3, 4))).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_scaled_table_reflects_as_much_more() {
+        let t = wavy();
+        let scaled = t.scaled(0.25);
+        assert_eq!(scaled.cell(7, 30), 0.25 * t.cell(7, 30));
+        assert!((scaled.normal_albedo() / t.normal_albedo() - 0.25).abs() < 1e-6);
     }
 
     #[test]

@@ -35,8 +35,7 @@ impl Brdf for Tinted {
     }
 
     fn envelope(&self) -> BivariateTable {
-        let strongest = self.colour.max_element() as f32;
-        BivariateTable::from_vec(self.table.as_slice().iter().map(|x| x * strongest).collect())
+        self.table.scaled(self.colour.max_element())
     }
 }
 

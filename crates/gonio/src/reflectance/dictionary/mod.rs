@@ -211,7 +211,7 @@ mod tests {
     fn scale_is_not_a_coordinate() {
         let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 20, ..Default::default() });
         let table = dictionary.table(&dictionary.entries[7]);
-        let bright = BivariateTable::from_vec(table.as_slice().iter().map(|v| 50.0 * v).collect());
+        let bright = table.scaled(50.0);
         let (a, b) = (dictionary.coordinates.of(&table), dictionary.coordinates.of(&bright));
         assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-4));
     }

@@ -23,13 +23,17 @@ pub struct Ggx {
 impl Parametric for Ggx {
     fn eval(&self, wi: DVec3, wo: DVec3) -> f64 {
         let Some(facet) = Facet::new(wi, wo) else { return 0.0 };
-        let (a2, ci, co) = (self.alpha * self.alpha, facet.cos_i, facet.cos_o);
-        self.diffuse * FRAC_1_PI + distribution(&facet, a2) * facet.schlick(self.f0) * visibility(a2, ci, co)
+        self.diffuse * FRAC_1_PI + lobe(&facet, self.alpha * self.alpha) * facet.schlick(self.f0)
     }
 }
 
+/// `D G / (4 cos_i cos_o)`: the reflection of a mirror's facets.
+pub(in crate::reflectance) fn lobe(facet: &Facet, alpha2: f64) -> f64 {
+    distribution(facet, alpha2) * visibility(alpha2, facet.cos_i, facet.cos_o)
+}
+
 /// Density of the facets' normals, which integrates with `cos_h` to 1 over the hemisphere.
-fn distribution(facet: &Facet, alpha2: f64) -> f64 {
+pub(in crate::reflectance) fn distribution(facet: &Facet, alpha2: f64) -> f64 {
     1.0 / (PI * alpha2 * (facet.cos_h * facet.cos_h * (1.0 + facet.tan2_h / alpha2)).powi(2))
 }
 

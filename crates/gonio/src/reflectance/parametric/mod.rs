@@ -18,6 +18,8 @@ pub use lafortune::Lafortune;
 pub use lobes::lobes;
 pub use ward::Ward;
 
+pub(super) use ggx::{distribution, lobe};
+
 use super::table::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, theta_d_of, theta_h_of};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -26,7 +28,7 @@ use std::f64::consts::FRAC_1_PI;
 
 /// Cosine below which a sample of the grid counts as on the horizon: there round-off decides, and models that divide by
 /// the cosines have a pole.
-pub(super) const HORIZON: f64 = 1e-9;
+const HORIZON: f64 = 1e-9;
 
 /// An isotropic BRDF given by a formula.
 pub trait Parametric: Sync {
@@ -36,20 +38,31 @@ pub trait Parametric: Sync {
     /// The mean over the `phi_d` samples of the MERL grid with light and view above the surface, as
     /// [`MerlTable::bivariate`](super::MerlTable::bivariate) reduces a measured table.
     fn to_bivariate(&self) -> BivariateTable {
-        let cell = |c: usize| {
-            let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
-            let (mut sum, mut count) = (0.0, 0_u32);
-            for k in 0..PHI_D {
-                let (wi, wo) = directions(h, d, (k as f64).to_radians());
-                if wi.z > HORIZON && wo.z > HORIZON {
-                    sum += self.eval(wi, wo);
-                    count += 1;
-                }
-            }
-            if count > 0 { (sum / f64::from(count)) as f32 } else { 0.0 }
-        };
-        BivariateTable::from_vec((0..CELLS).into_par_iter().map(cell).collect())
+        let [table] = azimuth_means(1, |wi, wo| [self.eval(wi, wo)]);
+        table
     }
+}
+
+/// The mean of each of several values over every `step`-th `phi_d` sample of the MERL grid, among those with light and view above the surface; zero where there
+/// is none.
+pub(super) fn azimuth_means<const N: usize>(
+    step: usize,
+    values: impl Fn(DVec3, DVec3) -> [f64; N] + Sync,
+) -> [BivariateTable; N] {
+    let cell = |c: usize| {
+        let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+        let (mut sum, mut count) = ([0.0; N], 0_u32);
+        for k in (0..PHI_D).step_by(step) {
+            let (wi, wo) = directions(h, d, (k as f64).to_radians());
+            if wi.z > HORIZON && wo.z > HORIZON {
+                sum.iter_mut().zip(values(wi, wo)).for_each(|(sum, value)| *sum += value);
+                count += 1;
+            }
+        }
+        sum.map(|sum| if count > 0 { (sum / f64::from(count)) as f32 } else { 0.0 })
+    };
+    let cells: Vec<[f32; N]> = (0..CELLS).into_par_iter().map(cell).collect();
+    std::array::from_fn(|which| BivariateTable::from_vec(cells.iter().map(|cell| cell[which]).collect()))
 }
 
 /// The table of the MERL database that holds a BRDF, given by channel in 1/sr for unit vectors towards the light and the
@@ -77,17 +90,19 @@ pub fn directions(theta_h: f64, theta_d: f64, phi_d: f64) -> (DVec3, DVec3) {
 
 /// The half/difference quantities of a pair of directions that microfacet formulas are written in.
 #[derive(Clone, Copy, Debug)]
-struct Facet {
-    cos_i: f64,
-    cos_o: f64,
-    cos_h: f64,
-    cos_d: f64,
-    tan2_h: f64,
+pub(super) struct Facet {
+    pub(super) cos_i: f64,
+    pub(super) cos_o: f64,
+    /// Between the normal and the half vector.
+    pub(super) cos_h: f64,
+    /// Between either direction and the half vector.
+    pub(super) cos_d: f64,
+    pub(super) tan2_h: f64,
 }
 
 impl Facet {
     /// `None` unless light and view are above the surface.
-    fn new(wi: DVec3, wo: DVec3) -> Option<Self> {
+    pub(super) fn new(wi: DVec3, wo: DVec3) -> Option<Self> {
         if wi.z <= 0.0 || wo.z <= 0.0 {
             return None;
         }
@@ -99,7 +114,7 @@ impl Facet {
     }
 
     /// Fresnel reflectance by Schlick 1994, `f0 + (1 - f0) (1 - cos_d)^5`.
-    fn schlick(&self, f0: f64) -> f64 {
+    pub(super) fn schlick(&self, f0: f64) -> f64 {
         f0 + (1.0 - f0) * (1.0 - self.cos_d).powi(5)
     }
 }

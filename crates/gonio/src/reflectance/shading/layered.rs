@@ -4,8 +4,9 @@ use std::sync::OnceLock;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::microfacet::{Pair, fresnel_dielectric, schlick_weight};
-use super::{Parameter, Shading, UNIT};
+use super::microfacet::{f0_of, fresnel_dielectric, schlick_weight};
+use super::{MetallicRoughness, Parameter, Shading};
+use crate::reflectance::parametric::{Facet, lobe};
 
 /// Base and specular layer of OpenPBR, on which Blender's Principled (4.0 and later) is built too: a mixture of a metal and of a Lambertian body under a
 /// dielectric, which takes from the body what it reflects itself. Both are GGX with `alpha = roughness^2`, height-correlated masking and energy that is
@@ -23,32 +24,30 @@ pub struct Layered {
 }
 
 impl Shading for Layered {
-    const PARAMETERS: &'static [Parameter] =
-        &[UNIT, UNIT, UNIT, UNIT, Parameter { low: 0.03, high: 1.0 }, Parameter { low: 1.0, high: 2.5 }];
+    // The same parameters, by another name for one of them.
+    const PARAMETERS: &'static [Parameter] = MetallicRoughness::PARAMETERS;
 
-    fn of(p: &[f64]) -> Self {
-        Self { base_color: DVec3::new(p[0], p[1], p[2]), metalness: p[3], roughness: p[4], ior: p[5] }
+    fn of(parameters: &[f64]) -> Self {
+        let MetallicRoughness { base_color, metallic, roughness, ior } = MetallicRoughness::of(parameters);
+        Self { base_color, metalness: metallic, roughness, ior }
     }
 
     fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>> {
-        super::MetallicRoughness::starts(body, highlight)
+        MetallicRoughness::starts(body, highlight)
     }
 
     fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3 {
-        let Some(pair) = Pair::new(wi, wo) else { return DVec3::ZERO };
-        let alpha = self.roughness * self.roughness;
-        let (a2, ci, co) = (alpha * alpha, pair.cos_i, pair.cos_o);
-        let masking = 0.5 / (co * (a2 + (1.0 - a2) * ci * ci).sqrt() + ci * (a2 + (1.0 - a2) * co * co).sqrt());
-        let lobe = pair.ggx(alpha) * masking;
-        let [at_zero, at_grazing] = Albedo::table().at(co, self.roughness);
+        let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
+        let lobe = lobe(&facet, self.roughness.powi(4));
+        let [at_zero, at_grazing] = Albedo::table().at(facet.cos_o, self.roughness);
         // What a white lobe reflects at once; the rest comes back later, coloured once more.
         let at_once = at_zero + at_grazing;
         let later = (1.0 - at_once) / at_once;
-        let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
+        let f0 = f0_of(self.ior);
         let reflected = (f0 * at_zero + at_grazing).min(1.0) * (1.0 + f0 * later);
         let dielectric = self.base_color * (FRAC_1_PI * (1.0 - reflected).max(0.0))
-            + DVec3::splat(fresnel_dielectric(pair.cos_d, self.ior) * lobe * (1.0 + f0 * later));
-        let fresnel = self.base_color + (DVec3::ONE - self.base_color) * schlick_weight(pair.cos_d);
+            + DVec3::splat(fresnel_dielectric(facet.cos_d, self.ior) * lobe * (1.0 + f0 * later));
+        let fresnel = self.base_color + (DVec3::ONE - self.base_color) * schlick_weight(facet.cos_d);
         let metal = fresnel * lobe * (DVec3::ONE + self.base_color * later);
         dielectric.lerp(metal, self.metalness)
     }

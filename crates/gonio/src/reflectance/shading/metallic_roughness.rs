@@ -3,8 +3,9 @@ use std::f64::consts::FRAC_1_PI;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::microfacet::{Pair, schlick_weight};
+use super::microfacet::{f0_of, schlick_weight};
 use super::{Parameter, Shading, UNIT};
+use crate::reflectance::parametric::{Facet, lobe};
 
 /// The metallic-roughness material of glTF 2.0 with the index of `KHR_materials_ior`, by appendix B of the specification: a mixture of a metal and of a Lambertian
 /// body under a dielectric, both GGX with `alpha = roughness^2`, height-correlated masking and Schlick's formula.
@@ -40,16 +41,11 @@ impl Shading for MetallicRoughness {
     }
 
     fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3 {
-        let Some(pair) = Pair::new(wi, wo) else { return DVec3::ZERO };
-        let alpha = self.roughness * self.roughness;
-        let (a2, ci, co) = (alpha * alpha, pair.cos_i, pair.cos_o);
-        let masking = 0.5 / (co * (a2 + (1.0 - a2) * ci * ci).sqrt() + ci * (a2 + (1.0 - a2) * co * co).sqrt());
-        let lobe = pair.ggx(alpha) * masking;
-        let grazing = schlick_weight(pair.cos_d);
-        let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
-        let fresnel = f0 + (1.0 - f0) * grazing;
+        let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
+        let lobe = lobe(&facet, self.roughness.powi(4));
+        let fresnel = facet.schlick(f0_of(self.ior));
         let dielectric = self.base_color * (FRAC_1_PI * (1.0 - fresnel)) + DVec3::splat(fresnel * lobe);
-        let metal = (self.base_color + (DVec3::ONE - self.base_color) * grazing) * lobe;
+        let metal = (self.base_color + (DVec3::ONE - self.base_color) * schlick_weight(facet.cos_d)) * lobe;
         dielectric.lerp(metal, self.metallic)
     }
 }

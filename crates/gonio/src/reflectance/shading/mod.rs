@@ -27,9 +27,7 @@ pub use principled::Principled;
 use glam::DVec3;
 
 use super::BivariateTable;
-use super::parametric::{HORIZON, directions};
-use super::table::{CELLS, PHI_D, THETA_D, theta_d_of, theta_h_of};
-use rayon::prelude::*;
+use super::parametric::azimuth_means;
 
 /// An isotropic BRDF in colour with parameters that go into a file.
 pub trait Shading: Sync + Send + Sized {
@@ -48,20 +46,7 @@ pub trait Shading: Sync + Send + Sized {
     /// The means over `phi_d` of each channel, as [`Parametric::to_bivariate`](super::parametric::Parametric::to_bivariate) takes them, of samples every so
     /// many degrees: formulas are smooth.
     fn to_bivariate(&self, step: usize) -> [BivariateTable; 3] {
-        let cell = |c: usize| {
-            let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
-            let (mut sum, mut count) = (DVec3::ZERO, 0.0);
-            for k in (0..PHI_D).step_by(step) {
-                let (wi, wo) = directions(h, d, (k as f64).to_radians());
-                if wi.z > HORIZON && wo.z > HORIZON {
-                    sum += self.eval(wi, wo);
-                    count += 1.0;
-                }
-            }
-            if count > 0.0 { (sum / count).as_vec3() } else { glam::Vec3::ZERO }
-        };
-        let cells: Vec<glam::Vec3> = (0..CELLS).into_par_iter().map(cell).collect();
-        [0, 1, 2].map(|c| BivariateTable::from_vec(cells.iter().map(|v| v[c]).collect()))
+        azimuth_means(step, |wi, wo| self.eval(wi, wo).to_array())
     }
 }
 

@@ -3,8 +3,9 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::microfacet::{Pair, fresnel_dielectric, schlick_weight, smith};
+use super::microfacet::{fresnel_dielectric, schlick_weight, smith};
 use super::{Parameter, Shading, UNIT};
+use crate::reflectance::parametric::{Facet, distribution};
 
 /// The reflecting part of Mitsuba 3's `principled`, after Burley 2012 and 2015: his diffuse lobe with retro-reflection and sheen, GGX with
 /// `alpha = roughness^2` and separable masking, dielectric by index and metallic by Schlick's formula, under a clear coat.
@@ -65,19 +66,20 @@ impl Shading for Principled {
     }
 
     fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3 {
-        let Some(pair) = Pair::new(wi, wo) else { return DVec3::ZERO };
-        let Pair { cos_i, cos_o, cos_d, .. } = pair;
+        let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
+        let Facet { cos_i, cos_o, cos_h, cos_d, .. } = facet;
         let alpha = (self.roughness * self.roughness).max(1e-3);
         let fresnel = DVec3::splat((1.0 - self.metallic) * fresnel_dielectric(cos_d, self.eta))
             + self.metallic * (self.base_color + (DVec3::ONE - self.base_color) * schlick_weight(cos_d));
-        let mut f = fresnel * (pair.ggx(alpha) * smith(cos_i, alpha) * smith(cos_o, alpha) / (4.0 * cos_i * cos_o));
+        let normals = distribution(&facet, alpha * alpha);
+        let mut f = fresnel * (normals * smith(cos_i, alpha) * smith(cos_o, alpha) / (4.0 * cos_i * cos_o));
         let (at_i, at_o, at_d) = (schlick_weight(cos_i), schlick_weight(cos_o), schlick_weight(cos_d));
         let back = 2.0 * self.roughness * cos_d * cos_d;
         let diffuse = (1.0 - 0.5 * at_i) * (1.0 - 0.5 * at_o) + back * (at_o + at_i + at_o * at_i * (back - 1.0));
         f += (1.0 - self.metallic) * (self.base_color * (FRAC_1_PI * diffuse) + DVec3::splat(self.sheen * at_d));
         // The coat has an index of 1.5 and masking of width 1/4; what it takes from below is not taken off.
         let a2 = (0.1 + (0.001 - 0.1) * self.clearcoat_gloss).powi(2);
-        let d = (a2 - 1.0) / (PI * a2.ln() * (1.0 + (a2 - 1.0) * pair.cos_h * pair.cos_h));
+        let d = (a2 - 1.0) / (PI * a2.ln() * (1.0 + (a2 - 1.0) * cos_h * cos_h));
         let coat = 0.25 * self.clearcoat * (0.04 + 0.96 * at_d) * d * smith(cos_i, 0.25) * smith(cos_o, 0.25);
         f + DVec3::splat(coat)
     }

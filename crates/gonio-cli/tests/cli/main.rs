@@ -11,6 +11,7 @@ mod marginal;
 mod merge;
 mod refusals;
 mod render;
+mod report;
 mod shapes;
 mod support;
 mod train;

@@ -1,6 +1,6 @@
-"""Writes example.html: the viewer with materials and lights made up from formulas.
+"""Writes a page for viewer.mjs: the viewer with materials and lights made up from formulas.
 
-    python3 make_example.py [OUTPUT.html]
+    python3 viewer_example.py OUTPUT.html
 """
 
 import base64
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-HERE = Path(__file__).parent
+VIEWER = Path(__file__).parents[2] / "viewer"
 SIDE = 90
 THETA_H = (np.arange(SIDE) / SIDE) ** 2 * (np.pi / 2)
 THETA_D = np.radians(np.arange(SIDE))
@@ -159,6 +159,5 @@ globalThis.viewer = gonioViewer(document.getElementById("sphere"), JSON.parse(do
 """
 
 if __name__ == "__main__":
-    output = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "example.html"
-    css, renderer, viewer = ((HERE / name).read_text() for name in ("viewer.css", "renderer.js", "viewer.js"))
-    output.write_text(PAGE.format(css=css, js=renderer + viewer, data=json.dumps(data())))
+    css, renderer, viewer = ((VIEWER / name).read_text() for name in ("viewer.css", "renderer.js", "viewer.js"))
+    Path(sys.argv[1]).write_text(PAGE.format(css=css, js=renderer + viewer, data=json.dumps(data())))

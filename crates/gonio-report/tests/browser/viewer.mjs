@@ -1,21 +1,18 @@
 // Opens the example in a browser with a software WebGL 2 and checks what the viewer shows, how it is used, and its numbers.
 //
-//     npm i playwright-core && python3 make_example.py && node test.mjs [FOLDER_FOR_SCREENSHOTS]
+//     python3 viewer_example.py EXAMPLE.html && node viewer.mjs EXAMPLE.html [FOLDER_FOR_SCREENSHOTS]
 //
 // CHROMIUM names the browser, /usr/bin/chromium otherwise.
 import { existsSync } from "node:fs";
 import { join, resolve } from "node:path";
 import { pathToFileURL } from "node:url";
 import { chromium } from "playwright-core";
+import { FLAGS } from "./flags.mjs";
 
-const FLAGS = [
-  "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-  "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-];
-const PAGE = resolve(import.meta.dirname, "example.html");
-const SHOTS = process.argv[2];
+const [example, SHOTS] = process.argv.slice(2);
+const PAGE = resolve(example ?? "example.html");
 if (!existsSync(PAGE)) {
-  console.error(`${PAGE}: no such file; run make_example.py`);
+  console.error(`${PAGE}: no such file; make it with viewer_example.py`);
   process.exit(2);
 }
 const url = pathToFileURL(PAGE).href;

@@ -1,0 +1,94 @@
+//! The page that `gonio infer` writes.
+
+use std::fs;
+
+use gonio::lighting::studio_light;
+use gonio_io::picture::encode_hdr;
+use serde_json::Value;
+
+use crate::support::{Bench, SIZE, encode_normals, normals};
+
+/// Runs that write the page; others leave it out for speed.
+const WITH_REPORT: [(&str, &str); 1] = [("GONIO_NO_REPORT", "false")];
+
+/// Every quoted value of an attribute.
+fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {
+    let start = format!(" {name}=\"");
+    page.split(&start).skip(1).map(|rest| rest.split('"').next().unwrap()).collect()
+}
+
+/// The data of the sphere to turn.
+fn sphere(page: &str) -> Value {
+    let from = page.split("id=\"sphere-data\"").nth(1).unwrap();
+    let text = from.split_once('>').unwrap().1.split("</script>").next().unwrap();
+    serde_json::from_str(text).unwrap()
+}
+
+fn names(list: &Value) -> Vec<&str> {
+    list.as_array().unwrap().iter().map(|entry| entry["name"].as_str().unwrap()).collect()
+}
+
+#[test]
+fn a_result_comes_with_a_page_that_needs_nothing_else() {
+    let bench = Bench::with_ball();
+    // A name that would break out of text or attributes.
+    let name = "<b>&\"x.exr";
+    fs::rename(bench.path("ball.exr"), bench.path(name)).unwrap();
+    bench.run_with(&format!("infer {name} -o out --grid 8"), &WITH_REPORT).succeeds();
+    let page = String::from_utf8(bench.read("out/report.html")).unwrap();
+    assert!((500_000..4_000_000).contains(&page.len()), "{} bytes", page.len());
+
+    for source in attributes(&page, "src") {
+        assert!(source.starts_with("data:image/png;base64,"), "{source:.80}");
+    }
+    for link in attributes(&page, "href") {
+        assert!(link.starts_with('#') || link == "data:,", "{link:.80}");
+    }
+    assert!(page.contains("default-src 'none'") && !page.contains("@import"));
+    assert!(attributes(&page, "src").len() >= 13);
+    assert!(attributes(&page, "alt").iter().all(|words| words.len() > 10));
+    for id in ["found", "photograph", "reflectance", "trust", "renderers", "making"] {
+        assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
+    }
+    assert!(page.contains("What &lt;b&gt;&amp;&quot;x is made of") && !page.contains("<b>"));
+
+    let data = sphere(&page);
+    assert_eq!(names(&data["materials"]).len(), 3);
+    assert_eq!(names(&data["lights"]), ["studio", "clear sky", "lamps at night", "the light found"]);
+    // What result.json says, the page says.
+    let result = bench.json("out/result.json");
+    for material in result["posterior"]["materials"].as_array().unwrap() {
+        assert!(page.contains(material["name"].as_str().unwrap()));
+    }
+    for warning in result["warnings"].as_array().unwrap() {
+        let escaped = warning
+            .as_str()
+            .unwrap()
+            .replace('&', "&amp;")
+            .replace('<', "&lt;")
+            .replace('>', "&gt;")
+            .replace('"', "&quot;");
+        assert!(page.contains(&escaped), "{escaped}");
+    }
+    for word in ["principled", "BSDF_PRINCIPLED", "open_pbr_surface", "pbrMetallicRoughness"] {
+        assert!(page.contains(word), "{word}");
+    }
+}
+
+#[test]
+fn other_methods_and_shapes_have_one_too() {
+    let bench = Bench::with_ball();
+    bench.write("normals.npy", &encode_normals(&normals(SIZE)));
+    bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
+    let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light --light light.hdr";
+    bench.run_with(line, &WITH_REPORT).succeeds();
+    let page = String::from_utf8(bench.read("out/report.html")).unwrap();
+    // Nothing is said of what this method does not know.
+    assert!(!page.contains("id=\"trust\"") && page.contains("id=\"renderers\""));
+    assert_eq!(names(&sphere(&page)["materials"]), ["the estimate"]);
+    assert_eq!(names(&sphere(&page)["lights"])[3], "the light given");
+    assert!(!page.contains("NaN"));
+
+    bench.run("infer ball.exr -o plain --grid 8").succeeds();
+    assert!(!bench.path("plain/report.html").exists());
+}

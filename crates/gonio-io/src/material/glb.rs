@@ -60,8 +60,9 @@ pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
             "extensions": { "KHR_materials_ior": { "ior": model.ior } },
         }],
         "buffers": [{ "byteLength": binary.len() }],
+        // Places and normals share the first, which needs a stride for that.
         "bufferViews": [
-            { "buffer": 0, "byteOffset": 0, "byteLength": split, "target": 34962 },
+            { "buffer": 0, "byteOffset": 0, "byteLength": split, "byteStride": 12, "target": 34962 },
             { "buffer": 0, "byteOffset": split, "byteLength": 2 * triangles.len(), "target": 34963 },
         ],
         "accessors": [

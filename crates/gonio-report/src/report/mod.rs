@@ -209,8 +209,8 @@ fn counts(report: &ObservationReport) -> Markup {
         ("clipped", report.clipped),
         ("covered or outside", report.outside),
         ("in the object's own shadow", report.in_shadow),
-        ("dark specks", report.specks),
-        ("at edges", report.at_edges),
+        ("pixels left out as dark specks", report.specks),
+        ("pixels left out at edges", report.at_edges),
     ]
     .into_iter()
     .enumerate()

@@ -41,7 +41,7 @@
     at("trouble").replaceChildren(make("p", { textContent: what }), make("p", { textContent: advice }));
     show("trouble");
     tell("");
-    for (const step of document.querySelectorAll("#steps .running")) step.className = "";
+    for (const step of document.querySelectorAll("#steps .running")) step.className = "failed";
   }
 
   /** Begins anew with a file. */
@@ -65,6 +65,7 @@
     }
     const source = urls([at("worker").textContent], "text/javascript");
     const worker = new Worker(source);
+    worker.addEventListener("message", () => URL.revokeObjectURL(source), { once: true });
     run = { worker, name, start: performance.now(), data: { materials: [], lights: [] }, viewer: null };
     const own = run;
     worker.onmessage = ({ data }) => own === run && heard(data);
@@ -172,12 +173,12 @@
     at("words").querySelector("details").hidden = true;
   }
 
-  function light({ side, misfit, settled, png, light: packed }) {
+  function light({ side, misfit, png, light: packed }) {
     show("light");
     Object.assign(at("light").querySelector("img"), { src: png, alt: `The light as a lat-long map, from a grid of ${side} × ${side}` });
     at("light").querySelector("figcaption").textContent =
-      `A lat-long map, what is behind the ball in its middle; ${side} × ${side} texels. Material and light together miss the photograph by ` +
-      `${percent(misfit)}.${settled ? "" : " The search for the light did not settle."}`;
+      `A lat-long map, what is behind the ball in its middle, from ${side} × ${side} texels over the sphere; in one colour, for only its ` +
+      `brightness is found place by place. Material and light together miss the photograph’s brightness by ${percent(misfit)}.`;
     run.data.lights[1] = packed;
   }
 

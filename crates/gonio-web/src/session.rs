@@ -144,8 +144,8 @@ impl Session {
         let [dull, glossy] = &material.ends;
         let views = [
             ("The estimate", &material.table),
-            ("The dullest of what is probable", dull),
-            ("The glossiest of what is probable", glossy),
+            ("The dullest that is probable", dull),
+            ("The glossiest that is probable", glossy),
         ]
         .map(|(name, table)| pack::material(name, &colours.tables(table)));
         let neighbours: Vec<Value> =
@@ -177,7 +177,6 @@ impl Session {
         let notes = json!({
             "side": side,
             "misfit": light.misfit,
-            "settled": light.converged,
             "png": png(&preview::light(&radiance)),
             "light": pack::light("The light of the photograph", &radiance),
         });
@@ -216,8 +215,7 @@ impl Session {
     fn result(&self, seconds: &str) -> Result<String, String> {
         let (sighting, (material, colouring)) = self.known()?;
         let (light, settings) = self.light.as_ref().ok_or("the light has not been found yet")?;
-        let estimate =
-            Estimate { material: material.clone(), light: light.clone(), colouring: colouring.clone() };
+        let estimate = Estimate { material: material.clone(), light: light.clone(), colouring: colouring.clone() };
         let oddities = sighting.oddities.iter().map(ToString::to_string);
         let doubts = material.doubts();
         let warnings = self.warnings.iter().cloned().chain(oddities).chain(doubts.iter().map(ToString::to_string));
@@ -242,7 +240,8 @@ impl Session {
         // The picture of the quantiles is for the program alone: what the page offers has no such file.
         if let Some(reflectance) = result["reflectance"].as_object_mut() {
             reflectance.remove("quantiles");
-            reflectance["note"] = json!("brdf.binary is the mean of the posterior, in 1/sr with a normal albedo of 0.5");
+            reflectance["note"] =
+                json!("brdf.binary is the mean of the posterior, in 1/sr with a normal albedo of 0.5");
         }
         serde_json::to_string_pretty(&result).map_err(|e| e.to_string())
     }

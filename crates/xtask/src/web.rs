@@ -35,6 +35,8 @@ pub(crate) fn make(output: &Path) -> Result<String> {
         .input_path(&module)
         .no_modules(true)?
         .typescript(false)
+        // Not by the profile's `strip`, which takes the list of vector instructions away too.
+        .remove_name_section(true)
         .generate_output()
         .with_context(|| format!("{}: cannot be bound to JavaScript", module.display()))?;
     let worker = format!("{}\n{}", bound.js(), read(&root, "crates/gonio-web/page/worker.js")?);

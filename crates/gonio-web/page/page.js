@@ -125,7 +125,7 @@
   }
 
   function material(found) {
-    run.data = { materials: found.materials, lights: [found.studio] };
+    run.data = { materials: found.materials, lights: found.lights };
     run.shown = performance.now() - run.start;
     show("found", "words");
     view({});
@@ -179,7 +179,7 @@
     at("light").querySelector("figcaption").textContent =
       `A lat-long map, what is behind the ball in its middle, from ${side} × ${side} texels over the sphere; in one colour, for only its ` +
       `brightness is found place by place. Material and light together miss the photograph’s brightness by ${percent(misfit)}.`;
-    run.data.lights[1] = packed;
+    run.light = packed;
   }
 
   function drawing({ uncertainty }) {
@@ -189,7 +189,7 @@
 
   function finished() {
     // In the light that was found the sphere looks like the photograph.
-    run.data.lights.reverse();
+    run.data.lights.unshift(run.light);
     view({ light: 0 });
     at("downloads").querySelector("ul").replaceChildren(...FILES.map(([name, text]) => {
       const button = make("button", { type: "button", textContent: name });

@@ -1,13 +1,12 @@
 //! The inference of gonio in a browser: a photograph of a ball in, its material, light and files out, and nothing leaves the machine.
 //!
 //! * [`session`]: a photograph and what is found of it, step by step, as JSON and bytes;
-//! * [`preview`]: a photograph to look at; [`pack`]: tables and lights as the viewer of `gonio-report` takes them.
+//! * [`preview`]: a photograph to look at.
 //!
 //! This module hands a [`session::Session`] to JavaScript. `page/` holds the page: `index.html` with its style, `page.js`, which shows, and
 //! `worker.js`, which runs a session in a worker, so that the page stays alive. `cargo run -p xtask -- web` makes one file of all this. Times
 //! are taken by the worker; nothing here reads a clock.
 
-pub mod pack;
 pub mod preview;
 pub mod session;
 

@@ -6,22 +6,23 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::Vec3;
 use gonio::estimate::{Colouring, ColouringRule, Estimate, EstimateSettings, Light, Material};
-use gonio::lighting::studio_light;
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::MerlTable;
 use gonio::scene::{Circle, Object, ObservationSettings, SceneError, Sighting};
 use gonio_io::picture::{Encoding, ReadOptions};
 use gonio_io::rgl::{self, Channels};
+use gonio_report::panels::own_lights;
+use gonio_report::report::sphere;
 use gonio_report::{notes, uncertainty};
 use serde_json::{Value, json};
 
-use crate::{pack, preview};
+use crate::preview;
 
 /// Pixels at most: decoded and looked at, they take a good part of the four gigabytes that a page may have.
 const MAX_PIXELS: u64 = 1 << 25;
-/// Rows of the lights of the viewer.
-const VIEWER_ROWS: usize = 64;
+/// Rows of the lights of the viewer that are not found, as in the report.
+const ROWS: usize = 64;
 /// Rows of `light.exr`, as the program writes it.
 const LIGHT_ROWS: usize = 128;
 /// What is taken for the light's colour, in words.
@@ -142,12 +143,9 @@ impl Session {
         let colouring = Colouring::of(&sighting.observations, &material.table, &ColouringRule::default());
         let colours = colouring.colours();
         let [dull, glossy] = &material.ends;
-        let views = [
-            ("The estimate", &material.table),
-            ("The dullest that is probable", dull),
-            ("The glossiest that is probable", glossy),
-        ]
-        .map(|(name, table)| pack::material(name, &colours.tables(table)));
+        let views =
+            [("the estimate", &material.table), ("its dull end, at 5 %", dull), ("its glossy end, at 95 %", glossy)]
+                .map(|(name, table)| sphere::material(name, &colours.tables(table)));
         let neighbours: Vec<Value> =
             material.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
         let notes = json!({
@@ -157,7 +155,7 @@ impl Session {
             "neighbours": neighbours,
             "coloured": !matches!(colouring, Colouring::Grey | Colouring::GreyPhotograph),
             "materials": views,
-            "studio": pack::light("A studio", studio_light(VIEWER_ROWS).radiance()),
+            "lights": own_lights(ROWS).iter().map(|(name, map)| sphere::light(name, map.radiance())).collect::<Vec<_>>(),
         });
         self.found = Some((material, colouring));
         Ok(notes)
@@ -172,13 +170,12 @@ impl Session {
         let settings = EstimateSettings { side, ..EstimateSettings::default() };
         let light = Light::of(&self.model, &sighting.observations, &material.table, &settings, &|_| ())
             .map_err(|e| self.blamed(&e))?;
-        let tint = colouring.light();
-        let radiance = light.grid.to_lat_long(VIEWER_ROWS).map(|v| *v * tint);
+        let radiance = sphere::lit(&light.grid, colouring.light());
         let notes = json!({
             "side": side,
             "misfit": light.misfit,
             "png": png(&preview::light(&radiance)),
-            "light": pack::light("The light of the photograph", &radiance),
+            "light": sphere::light("the light found", &radiance),
         });
         self.light = Some((light, settings));
         Ok(notes)
@@ -293,7 +290,7 @@ mod tests {
         assert_eq!(material["materials"].as_array().unwrap().len(), 3);
         assert!(session.product(Product::Light, "{}").is_err());
         let light = session.light(8).unwrap();
-        assert_eq!(light["light"]["height"], VIEWER_ROWS);
+        assert_eq!(light["light"]["name"], "the light found");
         let merl = session.product(Product::Merl, "{}").unwrap();
         assert_eq!(merl.len() as u64, gonio_io::merl::FILE_BYTES);
         let result = session.product(Product::Result, r#"{"ball":0.5}"#).unwrap();

@@ -4,19 +4,18 @@
 //     node check.mjs PAGE.html PHOTOGRAPH.exr [NATIVE.binary] [SCREENSHOT.png]
 //
 // NATIVE.binary is what `gonio infer` gives for the same photograph. CHROMIUM names the browser, /usr/bin/chromium otherwise. The package
-// is that of gonio-eval: run `npm ci` in crates/gonio-eval/tests/browser first.
+// is that of gonio-report: run `npm ci` in crates/gonio-report/tests/browser first.
 import { readFile, readFileSync, statSync } from "node:fs";
 import { createServer } from "node:http";
 import { createRequire } from "node:module";
 import { basename, resolve } from "node:path";
 import { pathToFileURL } from "node:url";
 
-const { chromium } = createRequire(new URL("../../gonio-eval/tests/browser/", import.meta.url))("playwright-core");
+const REPORT = new URL("../../gonio-report/tests/browser/", import.meta.url);
+const { chromium } = createRequire(REPORT)("playwright-core");
+const axe = readFileSync(createRequire(REPORT).resolve("axe-core/axe.min.js"), "utf8");
+const { FLAGS } = await import(new URL("flags.mjs", REPORT));
 
-const FLAGS = [
-  "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic",
-  "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-];
 const MOST_BYTES = 15e6;
 const MOST_SECONDS = 20;
 const TOLERANCE = 1e-3; // relative, of a trusted cell, to the program
@@ -88,7 +87,7 @@ function difference(a, b) {
   return most;
 }
 
-/** Nothing is wider than the window, and every picture has words. */
+/** Nothing is wider than the window, every picture has words, and axe finds nothing against the page. */
 async function layout(page, name) {
   const found = await page.evaluate(() => ({
     over: document.documentElement.scrollWidth - document.documentElement.clientWidth,
@@ -100,6 +99,9 @@ async function layout(page, name) {
   check(found.over <= 0, `${name}: ${found.over} pixels too wide`);
   check(found.wordless === 0, `${name}: ${found.wordless} pictures without words or broken`);
   check(found.nameless === 0, `${name}: ${found.nameless} controls without a name`);
+  await page.evaluate(axe);
+  const { violations } = await page.evaluate(() => axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21aa", "best-practice"] }));
+  for (const v of violations) fault(`${name}: axe: ${v.id} (${v.nodes.length}: ${v.nodes[0].html.slice(0, 100)})`);
   if (screenshot) await page.screenshot({ path: screenshot.replace(/(\.png)?$/, `-${name}.png`), fullPage: true });
 }
 

@@ -48,7 +48,7 @@
   async function begin(name, bytes) {
     run?.worker.terminate();
     run?.viewer?.dispose();
-    for (const id of ["trouble", "results", "found", "words", "light", "downloads"]) at(id).hidden = true;
+    for (const id of ["trouble", "results", "found", "words", "light", "cells", "downloads"]) at(id).hidden = true;
     document.body.classList.add("busy-or-done");
     at("steps").replaceChildren(...STEPS.map(([key, text]) => {
       const step = make("li", { textContent: text }, make("span", { className: "note" }));
@@ -170,7 +170,6 @@
     const items = warnings.map((textContent) => make("li", { textContent }));
     at("words").querySelector("div").replaceChildren(
       ...(items.length > 0 ? [make("ul", { className: "doubts" }, ...items)] : []), list);
-    at("words").querySelector("details").hidden = true;
   }
 
   function light({ side, misfit, png, light: packed }) {
@@ -184,7 +183,7 @@
 
   function drawing({ uncertainty }) {
     at("uncertainty").src = urls([uncertainty], "image/png");
-    at("words").querySelector("details").hidden = false;
+    show("cells");
   }
 
   function finished() {

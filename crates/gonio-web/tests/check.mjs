@@ -121,7 +121,7 @@ try {
   await page.waitForFunction(isFinished);
   const last = since();
   await page.waitForFunction(isDrawn);
-  await page.click("#words summary");
+  await page.click("#cells summary");
   await layout(page, "finished");
   const steps = await page.$$eval("#steps li", (list) => list.map((li) => `${li.firstChild.textContent} ${li.lastChild.textContent}`));
   console.log(`page ${(size / 1e6).toFixed(1)} MB; first result ${first.toFixed(1)} s, all ${last.toFixed(1)} s: ${steps.join("; ")}`);

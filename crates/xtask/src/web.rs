@@ -13,6 +13,8 @@ use wasm_bindgen_cli_support::Bindgen;
 const TARGET: &str = "wasm32-unknown-unknown";
 /// What browsers have had since 2023 at the latest, and the inference needs to be quick.
 const FEATURES: &str = "-C target-feature=+simd128";
+/// How the module says that it has vector instructions that not every browser has: an entry of its section `target_features`.
+const REFUSED: &[u8] = b"+\x0crelaxed-simd";
 /// Places of the page, each once in `index.html`, and the file of the workspace that goes there as it is.
 const PARTS: [(&str, &[&str]); 2] = [
     ("@@STYLE@@", &["crates/gonio-report/viewer/viewer.css", "crates/gonio-web/page/page.css"]),
@@ -31,6 +33,12 @@ const PARTS: [(&str, &[&str]); 2] = [
 pub(crate) fn make(output: &Path) -> Result<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize()?;
     let module = compile(&root)?;
+    let compiled = fs::read(&module).with_context(|| module.display().to_string())?;
+    if compiled.windows(REFUSED.len()).any(|bytes| bytes == REFUSED) {
+        bail!(
+            "the module has relaxed vector instructions, with which some browsers refuse it: a dependency brings them, as pulp's default features do"
+        );
+    }
     let mut bound = Bindgen::new()
         .input_path(&module)
         .no_modules(true)?

@@ -1,5 +1,6 @@
 //! Tasks of the workspace that cargo has no command for: `cargo run -p xtask -- TASK`.
 
+mod relaxed;
 mod web;
 
 use std::path::PathBuf;

@@ -10,11 +10,11 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::Value;
 use wasm_bindgen_cli_support::Bindgen;
 
+use crate::relaxed;
+
 const TARGET: &str = "wasm32-unknown-unknown";
 /// What browsers have had since 2023 at the latest, and the inference needs to be quick.
 const FEATURES: &str = "-C target-feature=+simd128";
-/// How the module says that it has vector instructions that not every browser has: an entry of its section `target_features`.
-const REFUSED: &[u8] = b"+\x0crelaxed-simd";
 /// Places of the page, each once in `index.html`, and the file of the workspace that goes there as it is.
 const PARTS: [(&str, &[&str]); 2] = [
     ("@@STYLE@@", &["crates/gonio-report/viewer/viewer.css", "crates/gonio-web/page/page.css"]),
@@ -33,12 +33,6 @@ const PARTS: [(&str, &[&str]); 2] = [
 pub(crate) fn make(output: &Path) -> Result<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize()?;
     let module = compile(&root)?;
-    let compiled = fs::read(&module).with_context(|| module.display().to_string())?;
-    if compiled.windows(REFUSED.len()).any(|bytes| bytes == REFUSED) {
-        bail!(
-            "the module has relaxed vector instructions, with which some browsers refuse it: a dependency brings them, as pulp's default features do"
-        );
-    }
     let mut bound = Bindgen::new()
         .input_path(&module)
         .no_modules(true)?
@@ -48,6 +42,7 @@ pub(crate) fn make(output: &Path) -> Result<String> {
         .generate_output()
         .with_context(|| format!("{}: cannot be bound to JavaScript", module.display()))?;
     let worker = format!("{}\n{}", bound.js(), read(&root, "crates/gonio-web/page/worker.js")?);
+    relaxed::replace(bound.wasm_mut())?;
     let wasm = bound.wasm_mut().emit_wasm();
     let sample = root.join("samples/ball.exr");
     let sample = fs::read(&sample).with_context(|| sample.display().to_string())?;
@@ -97,7 +92,7 @@ fn compile(root: &Path) -> Result<PathBuf> {
     let names = files.filter_map(|file| file.as_str().map(PathBuf::from));
     names
         .filter(|file| file.file_name().is_some_and(|name| name == "gonio_web.wasm"))
-        .last()
+        .next_back()
         .context("cargo does not say where it put the module")
 }
 

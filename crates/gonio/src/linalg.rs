@@ -6,7 +6,8 @@ use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_s
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+use rayon::prelude::*;
 
 /// Eigenvalues, ascending, and eigenvectors of a symmetric matrix, on one thread: the parallel tridiagonalisation splits its
 /// sums by the number of threads.
@@ -39,6 +40,28 @@ pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<
     solve_upper_triangular_in_place(matrix.transpose(), x.as_mut(), Par::Seq);
     let solution: Vec<f64> = x.col(0).iter().copied().collect();
     solution.iter().all(|v| v.is_finite()).then_some(solution)
+}
+
+/// Columns of a matrix that are worth handing to another thread.
+const COLUMNS: usize = 8;
+
+/// Does something to every column of a column-major matrix, in the caller's pool: the parallel iterators of faer itself do not build for browsers.
+pub(crate) fn each_column(columns: MatMut<'_, f64>, work: &(impl Fn(&mut [f64]) + Sync)) {
+    if columns.ncols() > COLUMNS {
+        let middle = columns.ncols() / 2;
+        let (left, right) = columns.split_at_col_mut(middle);
+        rayon::join(|| each_column(left, work), || each_column(right, work));
+    } else {
+        for column in columns.col_iter_mut() {
+            let column = column.try_as_col_major_mut().expect("columns of a matrix of its own are contiguous");
+            work(column.as_slice_mut());
+        }
+    }
+}
+
+/// The squared Euclidean norm of every column.
+pub(crate) fn squared_norms(matrix: MatRef<'_, f64>) -> Vec<f64> {
+    (0..matrix.ncols()).into_par_iter().map(|c| matrix.col(c).squared_norm_l2()).collect()
 }
 
 pub(crate) fn project(x: &[f64], mean: &[f64], axis: &[f64]) -> f64 {

@@ -4,7 +4,7 @@ mod lobes;
 mod packed;
 mod reflectance;
 mod renderers;
-mod sphere;
+pub mod sphere;
 
 use gonio::estimate::Material;
 use gonio::scene::ObservationReport;

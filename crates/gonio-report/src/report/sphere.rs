@@ -1,4 +1,4 @@
-//! What the sphere to turn shows: materials and lights.
+//! What the sphere to turn shows: materials and lights, as `viewer/viewer.js` takes them.
 
 use glam::Vec3;
 use gonio::lighting::LightGrid;
@@ -30,12 +30,14 @@ pub(super) fn data(subject: &Subject<'_>) -> String {
     json!({ "materials": materials, "lights": lights }).to_string().replace('<', "\\u003c")
 }
 
-fn material(name: &str, tables: &[BivariateTable; 3]) -> Value {
+/// A material, its tables linear RGB.
+pub fn material(name: &str, tables: &[BivariateTable; 3]) -> Value {
     let values = (0..CELLS).flat_map(|c| [0, 1, 2].map(|channel| tables[channel].as_slice()[c]));
     named(name, packed(values))
 }
 
-fn light(name: &str, map: &Plane<Vec3>) -> Value {
+/// A light, a lat-long map in linear RGB.
+pub fn light(name: &str, map: &Plane<Vec3>) -> Value {
     let mut light = named(name, packed(map.as_slice().iter().flat_map(|p| p.to_array())));
     light["width"] = json!(map.width());
     light["height"] = json!(map.height());
@@ -47,7 +49,8 @@ fn named(name: &str, mut value: Value) -> Value {
     value
 }
 
-fn lit(grid: &LightGrid, colour: Vec3) -> Plane<Vec3> {
+/// The light found as a map for the viewer, in its colour.
+pub fn lit(grid: &LightGrid, colour: Vec3) -> Plane<Vec3> {
     grid.to_lat_long(ROWS).map(|p| p.max(Vec3::ZERO) * colour)
 }
 

@@ -7,6 +7,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
 use super::dense::{Cholesky, bands_of};
+use crate::linalg::squared_norms;
 
 /// Which of two equal matrices is factorised; `X = B V^(1/2)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -183,7 +184,7 @@ impl<'a> Factor<'a> {
     pub(super) fn posterior_variances(&mut self) -> Vec<f64> {
         self.ensure_solved();
         let solved = self.solved.as_ref().expect("just solved");
-        let squares = solved.as_ref().par_col_iter().map(|column| column.squared_norm_l2()).collect::<Vec<_>>();
+        let squares = squared_norms(solved.as_ref());
         let by_rows = self.by_rows();
         // A coefficient that the image fixes beyond round-off keeps a variance.
         let share = |s: f64| if by_rows { (1.0 - self.rho * s).max(1e-14) } else { s };

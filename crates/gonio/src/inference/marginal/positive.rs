@@ -1,12 +1,12 @@
 //! Light without negative texels.
 
 use faer::Mat;
-use rayon::prelude::*;
 
 use super::factor::Design;
 use super::mode::{Mode, mode};
 use super::truncated::{Sites, truncated};
 use super::{Evidence, LightOperator, Marginal, MarginalError};
+use crate::linalg::{each_column, squared_norms};
 use crate::sphere::Haar;
 
 /// How [`Marginal::non_negative_light`] iterates.
@@ -173,22 +173,15 @@ fn texels(haar: Haar, coefficients: &[f64]) -> Vec<f64> {
 
 /// `W' P` for the transform `W` from texels to coefficients.
 fn inverse_of_columns(mut p: Mat<f64>, haar: Haar) -> Mat<f64> {
-    p.as_mut().par_col_iter_mut().for_each(|column| {
-        let column = column.try_as_col_major_mut().expect("columns of a matrix of its own are contiguous");
-        haar.inverse(column.as_slice_mut(), &mut Vec::new());
-    });
+    each_column(p.as_mut(), &|column| haar.inverse(column, &mut Vec::new()));
     p
 }
 
 /// The diagonal of `W R'R W'` (M) for a covariance `R'R` of texels.
 fn variances_of_coefficients(root: &Mat<f64>, haar: Haar) -> Vec<f64> {
     let mut turned = root.transpose().to_owned();
-    turned.as_mut().par_col_iter_mut().for_each(|column| {
-        let column = column.try_as_col_major_mut().expect("columns of a matrix of its own are contiguous");
-        haar.forward(column.as_slice_mut(), &mut Vec::new());
-    });
-    let turned = turned.transpose().to_owned();
-    turned.as_ref().par_col_iter().map(|column| column.squared_norm_l2()).collect()
+    each_column(turned.as_mut(), &|column| haar.forward(column, &mut Vec::new()));
+    squared_norms(turned.transpose().to_owned().as_ref())
 }
 
 #[cfg(test)]

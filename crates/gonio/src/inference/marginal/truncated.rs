@@ -1,10 +1,10 @@
 //! The mean of a Gaussian among `x >= 0`, by expectation propagation.
 
 use faer::Mat;
-use rayon::prelude::*;
 
 use super::dense::Cholesky;
 use crate::lighting::RectifiedGaussian;
+use crate::linalg::squared_norms;
 
 /// A Gaussian `exp(-t x^2 / 2 + s x)` in place of each of the n bounds.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,7 +65,7 @@ pub(super) fn truncated(
     loop {
         let factor = Cholesky::of_sum(h, &sites.precisions)?;
         let root = factor.inverse_of_lower();
-        let variances: Vec<f64> = root.as_ref().par_col_iter().map(|column| column.squared_norm_l2()).collect();
+        let variances: Vec<f64> = squared_norms(root.as_ref());
         let right: Vec<f64> = c.iter().zip(&sites.shifts).map(|(c, s)| c + s).collect();
         let joint = factor.solve(&right);
         let mut mean = Vec::with_capacity(n);

@@ -1,0 +1,254 @@
+// The page of gonio-web: takes a photograph, gives it to a worker (worker.js), and shows what comes back step by step.
+(() => {
+  "use strict";
+
+  const STEPS = [
+    ["photograph", "Photograph"], ["ball", "Ball"], ["material", "Material"],
+    ["light 8", "Light, 8 × 8"], ["light 16", "16 × 16"], ["light 32", "32 × 32"],
+  ];
+  const FILES = [
+    ["brdf.binary", "BRDF in the format of the MERL database, 35 MB"],
+    ["brdf_rgb.bsdf", "BRDF for Mitsuba 3, plugin “measured”, RGB variants"],
+    ["light.exr", "Light as a lat-long map, luminance"],
+    ["result.json", "All numbers, with their uncertainty"],
+  ];
+  const GLOSSES = [[3, "matte"], [30, "satin"], [1000, "glossy"], [Infinity, "mirror-like"]];
+
+  const at = (id) => document.getElementById(id);
+  const make = (name, properties = {}, ...children) => {
+    const made = Object.assign(document.createElement(name), properties);
+    made.append(...children);
+    return made;
+  };
+  const show = (...ids) => ids.forEach((id) => (at(id).hidden = false));
+  const percent = (x) => `${(100 * x).toFixed(x < 0.095 ? 1 : 0)} %`;
+  const round = (x) => (x < 10 ? x.toFixed(1) : Number(x.toPrecision(2)).toLocaleString("en"));
+  const bytesOf = (id) => Uint8Array.from(atob(at(id).textContent), (c) => c.charCodeAt(0));
+  const urls = (parts, type) => URL.createObjectURL(new Blob(parts, { type }));
+
+  let compiled; // the module, compiled once for all workers
+  let run = null; // what is shown: its worker, viewer, and what came back so far
+  const outline = gonioOutline(document.querySelector(".stage"), at("outline"), (...marked) => {
+    at("trouble").hidden = true;
+    run.worker.postMessage({ outline: marked });
+  });
+
+  function tell(text) {
+    at("status").textContent = text;
+  }
+
+  function trouble(what, advice) {
+    at("trouble").replaceChildren(make("p", { textContent: what }), make("p", { textContent: advice }));
+    show("trouble");
+    tell("");
+    for (const step of document.querySelectorAll("#steps .running")) step.className = "failed";
+  }
+
+  /** Begins anew with a file. */
+  async function begin(name, bytes) {
+    run?.worker.terminate();
+    run?.viewer?.dispose();
+    for (const id of ["trouble", "results", "found", "words", "light", "cells", "downloads"]) at(id).hidden = true;
+    document.body.classList.add("busy-or-done");
+    at("steps").replaceChildren(...STEPS.map(([key, text]) => {
+      const step = make("li", { textContent: text }, make("span", { className: "note" }));
+      step.dataset.step = key;
+      return step;
+    }));
+    show("steps");
+    tell(`Reading ${name} …`);
+    let module;
+    try {
+      module = await (compiled ??= WebAssembly.compile(bytesOf("module")));
+    } catch (error) {
+      return trouble(`This browser cannot run the computation: ${error.message}`, "A current Chrome, Edge, Firefox or Safari can.");
+    }
+    const source = urls([at("worker").textContent], "text/javascript");
+    const worker = new Worker(source);
+    worker.addEventListener("message", () => URL.revokeObjectURL(source), { once: true });
+    run = { worker, name, start: performance.now(), data: { materials: [], lights: [] }, viewer: null };
+    const own = run;
+    worker.onmessage = ({ data }) => own === run && heard(data);
+    worker.onerror = (event) => {
+      event.preventDefault();
+      if (own === run) trouble("The computation could not be started.", event.message || "Reload the page and try again.");
+    };
+    worker.postMessage({ module, name, bytes }, [bytes]);
+  }
+
+  function heard(message) {
+    const listeners = { begin: begun, end: ended, outline: unfound, product: received, failed, finished };
+    listeners[message.event](message);
+  }
+
+  const stepOf = (name) => document.querySelector(`#steps [data-step="${name}"]`);
+
+  function begun({ step }) {
+    if (!stepOf(step)) return;
+    stepOf(step).className = "running";
+    const texts = { photograph: "Reading", ball: "Looking for the ball", material: "Asking what it is made of" };
+    tell(`${texts[step] ?? "Finding the light"} …`);
+  }
+
+  function ended({ step, seconds, ...found }) {
+    if (stepOf(step)) {
+      stepOf(step).className = "done";
+      stepOf(step).querySelector(".note").textContent = `${seconds.toFixed(seconds < 1 ? 2 : 1)} s`;
+    }
+    const [kind] = step.split(" ");
+    ({ photograph, ball, material, light, drawing })[kind](found);
+  }
+
+  function photograph({ png, width, height }) {
+    run.size = [width, height];
+    const image = document.querySelector(".stage img");
+    Object.assign(image, { src: png, alt: `The photograph ${run.name}` });
+    at("photograph").querySelector("figcaption").textContent = `${run.name}, ${width} × ${height} pixels`;
+    outline.show(run.size);
+    show("results");
+  }
+
+  function ball({ circle, used, warnings }) {
+    if (!circle) return;
+    run.warnings = warnings;
+    outline.show(run.size, circle);
+    at("photograph").querySelector("figcaption").textContent =
+      `${run.name}, ${run.size.join(" × ")} pixels. Dashed: the outline of the ball, radius ${circle.radius.toFixed(1)} pixels; ` +
+      `${used.toLocaleString("en")} places on it were looked at.`;
+  }
+
+  function unfound({ why }) {
+    stepOf("ball").className = "";
+    outline.ask(`No outline was found: ${why}.`);
+    tell("The ball was not found: mark it on the photograph.");
+    at("outline").scrollIntoView({ block: "nearest" });
+  }
+
+  function material(found) {
+    run.data = { materials: found.materials, lights: found.lights };
+    run.shown = performance.now() - run.start;
+    show("found", "words");
+    view({});
+    words(found);
+  }
+
+  /** Shows the sphere, with the focus kept where it was. */
+  function view(options) {
+    const container = at("sphere");
+    const index = [...container.querySelectorAll("*")].indexOf(document.activeElement);
+    const material = container.querySelector("select")?.selectedIndex ?? 0;
+    run.viewer?.dispose();
+    run.viewer = gonioViewer(container, run.data, { material, ...options });
+    if (index >= 0) container.querySelectorAll("*")[index]?.focus();
+    document.documentElement.dataset.viewer = "drawing";
+    run.viewer.ready.then((drawn) => (document.documentElement.dataset.viewer = drawn ? "drawn" : "none"));
+  }
+
+  function words({ gloss: [low, middle, high], open, doubts, neighbours, coloured }) {
+    const named = (value) => GLOSSES.find(([limit]) => value < limit)[1];
+    const kinds = [...new Set([low, middle, high].map(named))];
+    const kind = kinds.length === 1 ? kinds[0] : `${kinds[0]} to ${kinds.at(-1)}`;
+    const facts = {
+      Gloss: `${kind[0].toUpperCase()}${kind.slice(1)}: straight back it reflects ${round(middle)} times as much as far from the ` +
+        `highlight (90 % interval ${round(low)} to ${round(high)}).`,
+      Undetermined: `${percent(open)} of all pairs of angles: there the photograph says no more than was known before.`,
+      Colour: coloured ? "Body and highlight each have one; the light’s is taken off as far as it can be told."
+        : "None: the photograph is grey.",
+      Scale: "Not told by a photograph in unknown light: the BRDF has an albedo of 0.5.",
+    };
+    const list = make("dl", { className: "facts" });
+    for (const [name, text] of Object.entries(facts)) {
+      list.append(make("dt", { textContent: name }), make("dd", { textContent: text }));
+    }
+    const most = Math.max(...neighbours.map(({ weight }) => weight));
+    const near = make("table", { className: "near" }, ...neighbours.slice(0, 6).map(({ name, weight }) => {
+      const bar = make("i", { style: `width: ${(5 * weight) / most}rem` });
+      return make("tr", {}, make("th", { scope: "row", textContent: name.replaceAll("-", " ") }), make("td", {}, bar, percent(weight)));
+    }));
+    if (neighbours.length > 0) list.append(make("dt", { textContent: "Nearest measured materials, by weight" }), make("dd", {}, near));
+    const warnings = [...run.warnings, ...doubts];
+    const items = warnings.map((textContent) => make("li", { textContent }));
+    at("words").querySelector("div").replaceChildren(
+      ...(items.length > 0 ? [make("ul", { className: "doubts" }, ...items)] : []), list);
+  }
+
+  function light({ side, misfit, png, light: packed }) {
+    show("light");
+    Object.assign(at("light").querySelector("img"), { src: png, alt: `The light as a lat-long map, from a grid of ${side} × ${side}` });
+    at("light").querySelector("figcaption").textContent =
+      `A lat-long map, what is behind the ball in its middle, from ${side} × ${side} texels over the sphere; in one colour, for only its ` +
+      `brightness is found place by place. Material and light together miss the photograph’s brightness by ${percent(misfit)}.`;
+    run.light = packed;
+  }
+
+  function drawing({ uncertainty }) {
+    at("uncertainty").src = urls([uncertainty], "image/png");
+    show("cells");
+  }
+
+  function finished() {
+    // In the light that was found the sphere looks like the photograph.
+    run.data.lights.unshift(run.light);
+    view({ light: 0 });
+    at("downloads").querySelector("ul").replaceChildren(...FILES.map(([name, text]) => {
+      const button = make("button", { type: "button", textContent: name });
+      button.dataset.product = name;
+      button.onclick = () => {
+        button.disabled = true;
+        run.worker.postMessage({ product: name });
+      };
+      return make("li", {}, button, make("span", { textContent: text }));
+    }));
+    show("downloads");
+    const total = (performance.now() - run.start) / 1000;
+    Object.assign(document.documentElement.dataset, { firstResult: run.shown / 1000, finished: total });
+    tell(`Done in ${total.toFixed(1)} s, the material after ${(run.shown / 1000).toFixed(1)} s.`);
+  }
+
+  const buttonOf = (product) => document.querySelector(`[data-product="${product}"]`);
+
+  function received({ product, bytes }) {
+    buttonOf(product).disabled = false;
+    const url = urls([bytes], "application/octet-stream");
+    make("a", { href: url, download: product }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 60000);
+  }
+
+  function failed({ refused, message, product }) {
+    if (product && buttonOf(product)) buttonOf(product).disabled = false;
+    if (refused) return trouble(message, "Then drop the photograph again, or another one.");
+    run.worker.terminate();
+    trouble(`The computation stopped: ${message}`, "The file may be damaged, or too large for this browser. Another one can be dropped.");
+  }
+
+  async function take(file) {
+    if (!file) return;
+    try {
+      await begin(file.name, await file.arrayBuffer());
+    } catch (error) {
+      trouble(`${file.name} cannot be read: ${error.message}`, "Drop one file, not a folder.");
+    }
+  }
+
+  const zone = at("drop");
+  zone.onclick = () => at("file").click();
+  at("file").onchange = ({ target }) => {
+    take(target.files[0]);
+    target.value = ""; // so that the same file can be chosen again
+  };
+  at("sample").onclick = () => begin("ball.exr", bytesOf("sample-data").buffer);
+  // The whole page takes files: one that is dropped beside the zone would replace the page.
+  let depth = 0;
+  const hover = (change) => {
+    depth = Math.max(depth + change, 0);
+    zone.classList.toggle("over", depth > 0);
+  };
+  addEventListener("dragenter", (event) => (event.preventDefault(), hover(1)));
+  addEventListener("dragleave", () => hover(-1));
+  addEventListener("dragover", (event) => event.preventDefault());
+  addEventListener("drop", (event) => {
+    event.preventDefault();
+    hover(-depth);
+    take(event.dataTransfer.files[0]);
+  });
+})();

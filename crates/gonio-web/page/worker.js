@@ -1,0 +1,58 @@
+// Runs one session of gonio-web. What goes before this is the binding of the module.
+//
+// Messages in: { module, name, bytes } once; { outline } marks the ball; { product } asks for a file.
+// Messages out: { event, ... }: "begin" and "end" of a step, "outline" where the ball has to be marked, "product", "failed".
+"use strict";
+
+const PREVIEW = 720; // pixels of the photograph as it is shown
+const GRIDS = [8, 16, 32]; // of the light, the last as in the program
+
+const seconds = {};
+let session, panic;
+globalThis.gonioPanicked = (message) => (panic = message);
+
+/** Runs a step, tells of its begin and end, and gives what it found. */
+function step(name, work) {
+  postMessage({ event: "begin", step: name });
+  const start = performance.now();
+  const found = work();
+  seconds[name] = (performance.now() - start) / 1000;
+  postMessage({ event: "end", step: name, seconds: seconds[name], ...found });
+  return found;
+}
+
+function open({ module, name, bytes }) {
+  step("photograph", () => {
+    wasm_bindgen.initSync({ module });
+    wasm_bindgen.prepare();
+    session = new wasm_bindgen.Session(name, new Uint8Array(bytes));
+    return JSON.parse(session.preview(PREVIEW));
+  });
+  observe();
+}
+
+function observe(outline) {
+  const { circle, why } = step("ball", () => JSON.parse(session.observe(outline && Float64Array.from(outline))));
+  if (!circle) return postMessage({ event: "outline", why });
+  step("material", () => JSON.parse(session.material()));
+  for (const side of GRIDS) step(`light ${side}`, () => JSON.parse(session.light(side)));
+  step("drawing", () => ({ uncertainty: session.uncertainty() }));
+  postMessage({ event: "finished", seconds });
+}
+
+function give(product) {
+  const bytes = session.product(product, JSON.stringify(seconds));
+  postMessage({ event: "product", product, bytes }, [bytes.buffer]);
+}
+
+onmessage = ({ data }) => {
+  try {
+    if (data.module) open(data);
+    else if (data.outline) observe(data.outline);
+    else if (data.product) give(data.product);
+  } catch (error) {
+    // What the library refuses is a string; anything else is a fault, after which the module cannot go on.
+    const refused = typeof error === "string";
+    postMessage({ event: "failed", refused, message: refused ? error : panic ?? String(error), product: data.product });
+  }
+};

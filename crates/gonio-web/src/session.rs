@@ -1,0 +1,331 @@
+//! A photograph and what is found of it, one step after the other, so that the page can show each.
+
+use std::path::Path;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use glam::Vec3;
+use gonio::estimate::{Colouring, ColouringRule, Estimate, EstimateSettings, Light, Material};
+use gonio::model::Model;
+use gonio::picture::{Picture, Plane};
+use gonio::reflectance::MerlTable;
+use gonio::scene::{Circle, Object, ObservationSettings, SceneError, Sighting};
+use gonio_io::picture::{Encoding, ReadOptions};
+use gonio_io::rgl::{self, Channels};
+use gonio_report::panels::own_lights;
+use gonio_report::report::sphere;
+use gonio_report::{notes, uncertainty};
+use serde_json::{Value, json};
+
+use crate::preview;
+
+/// Pixels at most: decoded and looked at, they take a good part of the four gigabytes that a page may have.
+const MAX_PIXELS: u64 = 1 << 25;
+/// Rows of the lights of the viewer that are not found, as in the report.
+const ROWS: usize = 64;
+/// Rows of `light.exr`, as the program writes it.
+const LIGHT_ROWS: usize = 128;
+/// What is taken for the light's colour, in words.
+const ASSUMPTION: &str = "the light has a colour as captured lights have, around white";
+
+/// A file to keep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Product {
+    /// The BRDF in the format of the MERL database.
+    Merl,
+    /// The BRDF for Mitsuba's RGB variants.
+    Mitsuba,
+    /// The light as a lat-long map.
+    Light,
+    /// All numbers.
+    Result,
+}
+
+impl Product {
+    /// By the name of the file.
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "brdf.binary" => Some(Self::Merl),
+            "brdf_rgb.bsdf" => Some(Self::Mitsuba),
+            "light.exr" => Some(Self::Light),
+            "result.json" => Some(Self::Result),
+            _ => None,
+        }
+    }
+}
+
+/// A photograph, and what has been found of it so far.
+pub struct Session {
+    model: Model,
+    name: String,
+    picture: Picture,
+    clip: Option<f32>,
+    warnings: Vec<String>,
+    sighting: Option<Sighting>,
+    found: Option<(Material, Colouring)>,
+    light: Option<(Light, EstimateSettings)>,
+}
+
+impl Session {
+    /// Decodes a photograph; `name` tells nothing but its extension and serves the messages.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn open(name: &str, bytes: &[u8]) -> Result<Self, String> {
+        let model = gonio_io::model::embedded().map_err(|e| e.to_string())?;
+        let options = ReadOptions { max_pixels: MAX_PIXELS, ..ReadOptions::default() };
+        let decoded = gonio_io::picture::decode(Path::new(name), bytes, &options).map_err(|e| e.to_string())?;
+        let mut warnings = Vec::new();
+        if let Encoding::Srgb { bits } = decoded.encoding {
+            warnings.push(format!(
+                "this is a {bits}-bit picture, taken as sRGB-coded; its highlights are probably clipped and its tone curve unknown: prefer an HDR \
+                 picture"
+            ));
+        }
+        if let Some(layer) = &decoded.layer {
+            warnings.push(format!("the file holds several pictures: {} was taken", layer.name));
+        }
+        Ok(Self {
+            model,
+            name: name.to_owned(),
+            picture: decoded.picture,
+            clip: decoded.full_scale,
+            warnings,
+            sighting: None,
+            found: None,
+            light: None,
+        })
+    }
+
+    /// The photograph as a PNG of at most `side` pixels a side, with its true size.
+    pub fn preview(&self, side: usize) -> Value {
+        let (width, height) = self.picture.rgb.size();
+        json!({ "width": width, "height": height, "png": png(&preview::preview(&self.picture, side)) })
+    }
+
+    /// Finds the ball and samples the photograph on it. An outline of `[x, y, radius]` in pixels is not looked for. Where none can be found, what
+    /// comes back says `why`, and the user may give one.
+    ///
+    /// # Errors
+    /// If too little of the ball can be used.
+    pub fn observe(&mut self, outline: Option<&[f64]>) -> Result<Value, String> {
+        let circle = match outline {
+            None => None,
+            Some(&[x, y, radius]) if radius > 0.0 => Some(Circle { x, y, radius }),
+            Some(_) => return Err("an outline is a centre and a positive radius".into()),
+        };
+        let settings = ObservationSettings { clip: self.clip, ..ObservationSettings::default() };
+        let sighting = match Sighting::of(&self.picture, None, Object::Sphere(circle), &settings) {
+            Ok(sighting) => sighting,
+            Err(error) if error.is_of_outline() || error == SceneError::NoOutline => {
+                return Ok(json!({ "why": without_options(&error.to_string()) }));
+            }
+            Err(error) => return Err(format!("{}: {}", self.name, without_options(&error.to_string()))),
+        };
+        let oddities = sighting.oddities.iter().map(ToString::to_string);
+        let notes = json!({
+            "circle": sighting.circle(),
+            "used": sighting.observations.report.used,
+            "warnings": self.warnings.iter().cloned().chain(oddities).collect::<Vec<_>>(),
+        });
+        self.sighting = Some(sighting);
+        Ok(notes)
+    }
+
+    /// Finds the material with its colours: what the viewer shows, and the uncertainty.
+    ///
+    /// # Errors
+    /// If nothing was observed yet, or the photograph is black.
+    pub fn material(&mut self) -> Result<Value, String> {
+        let sighting = self.sighting.as_ref().ok_or("the ball has not been found yet")?;
+        let side = EstimateSettings::default().side;
+        let material = Material::of(&self.model, &sighting.observations, side).map_err(|e| self.blamed(&e))?;
+        let colouring = Colouring::of(&sighting.observations, &material.table, &ColouringRule::default());
+        let colours = colouring.colours();
+        let [dull, glossy] = &material.ends;
+        let views =
+            [("the estimate", &material.table), ("its dull end, at 5 %", dull), ("its glossy end, at 95 %", glossy)]
+                .map(|(name, table)| sphere::material(name, &colours.tables(table)));
+        let neighbours: Vec<Value> =
+            material.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
+        let notes = json!({
+            "gloss": material.gloss,
+            "open": material.open,
+            "doubts": material.doubts().iter().map(ToString::to_string).collect::<Vec<_>>(),
+            "neighbours": neighbours,
+            "coloured": !matches!(colouring, Colouring::Grey | Colouring::GreyPhotograph),
+            "materials": views,
+            "lights": own_lights(ROWS).iter().map(|(name, map)| sphere::light(name, map.radiance())).collect::<Vec<_>>(),
+        });
+        self.found = Some((material, colouring));
+        Ok(notes)
+    }
+
+    /// Finds the light on a grid of `side` texels a side: a coarse one comes sooner. The last one found is kept.
+    ///
+    /// # Errors
+    /// If the material has not been found, or the grid is none that the prior covers.
+    pub fn light(&mut self, side: usize) -> Result<Value, String> {
+        let (sighting, (material, colouring)) = self.known()?;
+        let settings = EstimateSettings { side, ..EstimateSettings::default() };
+        let light = Light::of(&self.model, &sighting.observations, &material.table, &settings, &|_| ())
+            .map_err(|e| self.blamed(&e))?;
+        let radiance = sphere::lit(&light.grid, colouring.light());
+        let notes = json!({
+            "side": side,
+            "misfit": light.misfit,
+            "png": png(&preview::light(&radiance)),
+            "light": sphere::light("the light found", &radiance),
+        });
+        self.light = Some((light, settings));
+        Ok(notes)
+    }
+
+    /// The picture of the uncertainty, as PNG.
+    ///
+    /// # Errors
+    /// If the material has not been found.
+    pub fn uncertainty(&self) -> Result<Vec<u8>, String> {
+        let (_, (material, _)) = self.known()?;
+        Ok(gonio_io::picture::encode_png(&uncertainty::draw(material)))
+    }
+
+    /// A file to keep. `seconds`, JSON, is what the steps took, for `result.json`.
+    ///
+    /// # Errors
+    /// If what it holds has not been found yet.
+    pub fn product(&self, product: Product, seconds: &str) -> Result<Vec<u8>, String> {
+        let (_, (material, colouring)) = self.known()?;
+        let tables = || colouring.colours().tables(&material.table);
+        Ok(match product {
+            Product::Merl => gonio_io::merl::encode(&MerlTable::from_bivariate(tables().each_ref())),
+            Product::Mitsuba => rgl::encode(&tables(), &stem(&self.name), Channels::Rgb),
+            Product::Light => {
+                let (light, _) = self.light.as_ref().ok_or("the light has not been found yet")?;
+                gonio_io::picture::encode_exr(&light.grid.to_lat_long(LIGHT_ROWS), None)
+            }
+            Product::Result => self.result(seconds)?.into_bytes(),
+        })
+    }
+
+    /// What `gonio infer` writes as `result.json`, but for what only files have.
+    fn result(&self, seconds: &str) -> Result<String, String> {
+        let (sighting, (material, colouring)) = self.known()?;
+        let (light, settings) = self.light.as_ref().ok_or("the light has not been found yet")?;
+        let estimate = Estimate { material: material.clone(), light: light.clone(), colouring: colouring.clone() };
+        let oddities = sighting.oddities.iter().map(ToString::to_string);
+        let doubts = material.doubts();
+        let warnings = self.warnings.iter().cloned().chain(oddities).chain(doubts.iter().map(ToString::to_string));
+        let mut result = json!({
+            "format": "gonio-result",
+            "version": 1,
+            "gonio": env!("CARGO_PKG_VERSION"),
+            "image": self.name,
+            "method": "marginal",
+            "model": {
+                "provenance": self.model.provenance, "rank": self.model.reflectance.len(), "map": self.model.light.map,
+            },
+            "observations": notes::sighting(sighting),
+            "colour": notes::colouring(colouring, ASSUMPTION),
+            "settings": notes::settings(settings, false),
+            "warnings": warnings.collect::<Vec<_>>(),
+            "seconds": serde_json::from_str::<Value>(seconds).unwrap_or_default(),
+        });
+        if let (Value::Object(result), Value::Object(sections)) = (&mut result, notes::estimate(&estimate)) {
+            result.extend(sections);
+        }
+        // The picture of the quantiles is for the program alone: what the page offers has no such file.
+        if let Some(reflectance) = result["reflectance"].as_object_mut() {
+            reflectance.remove("quantiles");
+            reflectance["note"] =
+                json!("brdf.binary is the mean of the posterior, in 1/sr with a normal albedo of 0.5");
+        }
+        serde_json::to_string_pretty(&result).map_err(|e| e.to_string())
+    }
+
+    fn known(&self) -> Result<(&Sighting, &(Material, Colouring)), String> {
+        let sighting = self.sighting.as_ref().ok_or("the ball has not been found yet")?;
+        let found = self.found.as_ref().ok_or("the material has not been found yet")?;
+        Ok((sighting, found))
+    }
+
+    fn blamed(&self, error: &dyn std::error::Error) -> String {
+        format!("{}: {error}", self.name)
+    }
+}
+
+/// A data URL of linear display values.
+fn png(picture: &Plane<Vec3>) -> String {
+    format!("data:image/png;base64,{}", STANDARD.encode(gonio_io::picture::encode_png(picture)))
+}
+
+/// The name of a file without what comes after the last dot.
+fn stem(name: &str) -> String {
+    Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// A message up to the advice that names an option of the program, which a page does not have.
+fn without_options(message: &str) -> &str {
+    let Some(option) = message.find("--") else { return message };
+    let advice = ["; ", ": "].iter().filter_map(|mark| message[..option].rfind(mark)).max();
+    advice.map_or(message, |end| &message[..end])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample() -> Vec<u8> {
+        std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../../samples/ball.exr")).unwrap()
+    }
+
+    #[test]
+    fn a_photograph_goes_all_the_way() {
+        let mut session = Session::open("ball.exr", &sample()).unwrap();
+        assert!(session.material().unwrap_err().contains("not been found"));
+        let preview = session.preview(100);
+        assert!(preview["png"].as_str().unwrap().starts_with("data:image/png;base64,"));
+        assert!(session.observe(None).unwrap()["circle"]["radius"].as_f64().unwrap() > 10.0);
+        let material = session.material().unwrap();
+        assert_eq!(material["materials"].as_array().unwrap().len(), 3);
+        assert!(session.product(Product::Light, "{}").is_err());
+        let light = session.light(8).unwrap();
+        assert_eq!(light["light"]["name"], "the light found");
+        let merl = session.product(Product::Merl, "{}").unwrap();
+        assert_eq!(merl.len() as u64, gonio_io::merl::FILE_BYTES);
+        let result = session.product(Product::Result, r#"{"ball":0.5}"#).unwrap();
+        let result: Value = serde_json::from_slice(&result).unwrap();
+        assert_eq!((&result["seconds"]["ball"], &result["settings"]["grid"]), (&json!(0.5), &json!(8)));
+        assert!(session.product(Product::Mitsuba, "{}").unwrap().len() > 1000);
+    }
+
+    #[test]
+    fn an_outline_may_be_given_where_none_is_found() {
+        let grey = Plane::from_fn(64, 64, |x, y| Vec3::splat(1.0 + 0.3 * ((x * 7 + y * 3) % 11) as f32));
+        let bytes = gonio_io::picture::encode_exr(&grey, None);
+        let mut session = Session::open("grey.exr", &bytes).unwrap();
+        let why = session.observe(None).unwrap()["why"].as_str().unwrap().to_owned();
+        assert!(!why.contains("--") && why.len() > 10, "{why}");
+        assert!(session.observe(Some(&[1.0])).is_err());
+        assert!(session.observe(Some(&[32.0, 32.0, 25.0])).unwrap()["used"].as_u64().unwrap() > 0);
+    }
+
+    #[test]
+    fn what_is_no_picture_is_refused_in_a_line() {
+        let refused = Session::open("ball.exr", b"no picture at all").err().unwrap();
+        assert!(refused.starts_with("ball.exr: ") && !refused.contains('\n'), "{refused}");
+        let cut = sample();
+        assert!(Session::open("ball.exr", &cut[..cut.len() / 2]).is_err());
+    }
+
+    #[test]
+    fn options_of_the_program_are_not_advised() {
+        for (message, rest) in [
+            ("no circle: it strays; give it with --circle", "no circle: it strays"),
+            ("is an ellipse, no circle: say --shape or --circle", "is an ellipse, no circle"),
+            ("mask it; fully", "mask it; fully"),
+        ] {
+            assert_eq!(without_options(message), rest);
+        }
+    }
+}

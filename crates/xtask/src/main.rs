@@ -1,0 +1,37 @@
+//! Tasks of the workspace that cargo has no command for: `cargo run -p xtask -- TASK`.
+
+mod relaxed;
+mod web;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+/// Tasks of the gonio workspace.
+#[derive(Parser)]
+#[command(name = "xtask")]
+enum Task {
+    /// Makes the page that infers in the browser, one file that needs nothing else
+    Web {
+        /// Folder for index.html
+        #[arg(short, long, value_name = "DIR", default_value = "target/web")]
+        output: PathBuf,
+    },
+}
+
+fn main() -> ExitCode {
+    let done = match Task::parse() {
+        Task::Web { output } => web::make(&output),
+    };
+    match done {
+        Ok(line) => {
+            println!("{line}");
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! Takes relaxed vector instructions out of a module: where a browser does not have them, it refuses the module as a whole.
+//!
+//! They come with code that asks at run time whether it may use them, and with default features of dependencies of dependencies, which cannot be
+//! turned off here. A relaxed multiplication with addition may round once or twice, so that a multiplication and an addition are one.
+
+use anyhow::{Result, bail};
+use walrus::ir::{
+    BinaryOp, Binop, Instr, InstrSeq, LocalGet, LocalSet, TernOp, TernaryOp, UnaryOp, Unop, VisitorMut,
+    dfs_pre_order_mut,
+};
+use walrus::{LocalId, Module, ValType};
+
+/// Replaces them all; gives how many there were.
+pub(crate) fn replace(module: &mut Module) -> Result<usize> {
+    let mut count = 0;
+    let functions: Vec<_> = module.funcs.iter_local().map(|(id, _)| id).collect();
+    for id in functions {
+        let spare = module.locals.add(ValType::V128);
+        let function = module.funcs.get_mut(id).kind.unwrap_local_mut();
+        let mut replacer = Replacer { spare, count: 0, unknown: None };
+        dfs_pre_order_mut(&mut replacer, function, function.entry_block());
+        if let Some(unknown) = replacer.unknown {
+            bail!("the module has the relaxed vector instruction {unknown}, with which some browsers refuse it");
+        }
+        count += replacer.count;
+    }
+    Ok(count)
+}
+
+struct Replacer {
+    /// A variable of the function, for the summand.
+    spare: LocalId,
+    count: usize,
+    unknown: Option<String>,
+}
+
+impl VisitorMut for Replacer {
+    fn start_instr_seq_mut(&mut self, sequence: &mut InstrSeq) {
+        for at in (0..sequence.instrs.len()).rev() {
+            match self.replacement(&sequence.instrs[at].0) {
+                Ok(None) => (),
+                Ok(Some(instructions)) => {
+                    let place = sequence.instrs[at].1;
+                    sequence.instrs.splice(at..=at, instructions.into_iter().map(|instruction| (instruction, place)));
+                    self.count += 1;
+                }
+                Err(name) => self.unknown = Some(name),
+            }
+        }
+    }
+}
+
+impl Replacer {
+    /// What does the same as an instruction if it is a relaxed one; its name if nothing is known to.
+    fn replacement(&self, instruction: &Instr) -> Result<Option<Vec<Instr>>, String> {
+        match instruction {
+            Instr::TernOp(TernOp { op }) => self.ternary(*op).map(Some),
+            Instr::Binop(Binop { op }) => binary(*op).map(|op| op.map(|op| vec![Instr::Binop(Binop { op })])),
+            Instr::Unop(Unop { op }) if name(op).contains("Relaxed") => Err(name(op)),
+            _ => Ok(None),
+        }
+    }
+
+    fn ternary(&self, op: TernaryOp) -> Result<Vec<Instr>, String> {
+        let (mul, negate, add) = match op {
+            TernaryOp::F32x4RelaxedMadd => (BinaryOp::F32x4Mul, None, BinaryOp::F32x4Add),
+            TernaryOp::F64x2RelaxedMadd => (BinaryOp::F64x2Mul, None, BinaryOp::F64x2Add),
+            TernaryOp::F32x4RelaxedNmadd => (BinaryOp::F32x4Mul, Some(UnaryOp::F32x4Neg), BinaryOp::F32x4Add),
+            TernaryOp::F64x2RelaxedNmadd => (BinaryOp::F64x2Mul, Some(UnaryOp::F64x2Neg), BinaryOp::F64x2Add),
+            other => return Err(name(&other)),
+        };
+        let (local, binary) = (self.spare, |op| Instr::Binop(Binop { op }));
+        // The summand lies on top of the two factors.
+        let mut instructions = vec![Instr::LocalSet(LocalSet { local }), binary(mul)];
+        instructions.extend(negate.map(|op| Instr::Unop(Unop { op })));
+        instructions.extend([Instr::LocalGet(LocalGet { local }), binary(add)]);
+        Ok(instructions)
+    }
+}
+
+/// The operation that a relaxed one may be taken for: it leaves open what becomes of zeros with signs and of what is no number.
+fn binary(op: BinaryOp) -> Result<Option<BinaryOp>, String> {
+    Ok(Some(match op {
+        BinaryOp::F32x4RelaxedMin => BinaryOp::F32x4Min,
+        BinaryOp::F32x4RelaxedMax => BinaryOp::F32x4Max,
+        BinaryOp::F64x2RelaxedMin => BinaryOp::F64x2Min,
+        BinaryOp::F64x2RelaxedMax => BinaryOp::F64x2Max,
+        other if name(&other).contains("Relaxed") => return Err(name(&other)),
+        _ => return Ok(None),
+    }))
+}
+
+fn name(op: &impl std::fmt::Debug) -> String {
+    format!("{op:?}")
+}
+
+#[cfg(test)]
+mod tests {
+    use walrus::{FunctionBuilder, ModuleConfig};
+
+    use super::*;
+
+    /// A function of three vectors with one instruction.
+    fn module(op: TernaryOp) -> Module {
+        let mut module = Module::with_config(ModuleConfig::new());
+        let mut builder = FunctionBuilder::new(&mut module.types, &[ValType::V128; 3], &[ValType::V128]);
+        let locals = [(); 3].map(|()| module.locals.add(ValType::V128));
+        let mut body = builder.func_body();
+        for local in locals {
+            body.local_get(local);
+        }
+        body.instr(TernOp { op });
+        let function = builder.finish(locals.to_vec(), &mut module.funcs);
+        module.exports.add("f", function);
+        module
+    }
+
+    #[test]
+    fn multiplications_with_additions_are_taken_apart() {
+        for op in [TernaryOp::F64x2RelaxedMadd, TernaryOp::F32x4RelaxedNmadd] {
+            let mut module = module(op);
+            assert_eq!(replace(&mut module).unwrap(), 1);
+            assert_eq!(replace(&mut module).unwrap(), 0);
+            // What was written is sound.
+            assert!(Module::from_buffer(&module.emit_wasm()).is_ok());
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_is_refused() {
+        let error = replace(&mut module(TernaryOp::I8x16RelaxedLaneselect)).unwrap_err();
+        assert!(error.to_string().contains("Laneselect"), "{error}");
+    }
+}

@@ -1,0 +1,138 @@
+//! The page of `gonio-web`: the module compiled and bound, and everything put into one file.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, bail};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::Value;
+use wasm_bindgen_cli_support::Bindgen;
+
+use crate::relaxed;
+
+const TARGET: &str = "wasm32-unknown-unknown";
+/// What browsers have had since 2023 at the latest, and the inference needs to be quick.
+const FEATURES: &str = "-C target-feature=+simd128";
+/// Places of the page, each once in `index.html`, and the file of the workspace that goes there as it is.
+const PARTS: [(&str, &[&str]); 2] = [
+    ("@@STYLE@@", &["crates/gonio-report/viewer/viewer.css", "crates/gonio-web/page/page.css"]),
+    (
+        "@@SCRIPT@@",
+        &[
+            "crates/gonio-report/viewer/renderer.js",
+            "crates/gonio-report/viewer/viewer.js",
+            "crates/gonio-web/page/outline.js",
+            "crates/gonio-web/page/page.js",
+        ],
+    ),
+];
+
+/// Makes `index.html` in a folder, and says so in a line.
+pub(crate) fn make(output: &Path) -> Result<String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize()?;
+    let module = compile(&root)?;
+    let mut bound = Bindgen::new()
+        .input_path(&module)
+        .no_modules(true)?
+        .typescript(false)
+        // Not by the profile's `strip`, which takes the list of vector instructions away too.
+        .remove_name_section(true)
+        .generate_output()
+        .with_context(|| format!("{}: cannot be bound to JavaScript", module.display()))?;
+    let worker = format!("{}\n{}", bound.js(), read(&root, "crates/gonio-web/page/worker.js")?);
+    relaxed::replace(bound.wasm_mut())?;
+    let wasm = bound.wasm_mut().emit_wasm();
+    let sample = root.join("samples/ball.exr");
+    let sample = fs::read(&sample).with_context(|| sample.display().to_string())?;
+
+    let mut page = read(&root, "crates/gonio-web/page/index.html")?;
+    for (place, files) in PARTS {
+        let texts: Result<Vec<String>> = files.iter().map(|file| read(&root, file)).collect();
+        fill(&mut page, place, &texts?.join("\n"))?;
+    }
+    fill(&mut page, "@@WORKER@@", &worker)?;
+    fill(&mut page, "@@MODULE@@", &STANDARD.encode(&wasm))?;
+    fill(&mut page, "@@SAMPLE@@", &STANDARD.encode(&sample))?;
+    fs::create_dir_all(output).with_context(|| output.display().to_string())?;
+    let path = output.join("index.html");
+    fs::write(&path, &page).with_context(|| path.display().to_string())?;
+    let megabytes = |bytes: usize| bytes as f64 / 1e6;
+    Ok(format!(
+        "{}: {:.1} MB, of which the module is {:.1} MB",
+        path.display(),
+        megabytes(page.len()),
+        megabytes(wasm.len())
+    ))
+}
+
+/// Compiles `gonio-web`; gives the path of the module.
+fn compile(root: &Path) -> Result<PathBuf> {
+    if !has_target()? {
+        bail!("Rust cannot compile for browsers here: run `rustup target add {TARGET}`");
+    }
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let built = Command::new(cargo)
+        .current_dir(root)
+        .args(["build", "--package", "gonio-web", "--lib", "--profile", "web", "--target", TARGET])
+        .arg("--message-format=json-render-diagnostics")
+        // Flags that are meant for the host would take the place of those for the browser.
+        .env_remove("RUSTFLAGS")
+        .env_remove("CARGO_ENCODED_RUSTFLAGS")
+        .env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", FEATURES)
+        .stderr(Stdio::inherit())
+        .output()
+        .context("cargo cannot be run")?;
+    if !built.status.success() {
+        bail!("gonio-web does not compile for {TARGET}");
+    }
+    let messages = built.stdout.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok());
+    let files = messages.flat_map(|message: Value| message["filenames"].as_array().cloned().unwrap_or_default());
+    let names = files.filter_map(|file| file.as_str().map(PathBuf::from));
+    names
+        .filter(|file| file.file_name().is_some_and(|name| name == "gonio_web.wasm"))
+        .next_back()
+        .context("cargo does not say where it put the module")
+}
+
+/// Whether the standard library for browsers is installed.
+fn has_target() -> Result<bool> {
+    let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let found = Command::new(rustc)
+        .args(["--print", "target-libdir", "--target", TARGET])
+        .output()
+        .context("rustc cannot be run")?;
+    let folder = String::from_utf8_lossy(&found.stdout);
+    Ok(found.status.success() && Path::new(folder.trim()).is_dir())
+}
+
+fn read(root: &Path, file: &str) -> Result<String> {
+    fs::read_to_string(root.join(file)).with_context(|| file.to_owned())
+}
+
+/// Puts a text in its place. What would end the script it stands in is refused.
+fn fill(page: &mut String, place: &str, text: &str) -> Result<()> {
+    if text.contains("</script") || text.contains("<!--") {
+        bail!("{place}: what goes there would end its element");
+    }
+    if page.matches(place).count() != 1 {
+        bail!("{place}: must be in index.html once");
+    }
+    *page = page.replace(place, text);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_place_is_filled_once() {
+        let mut page = "a PLACE b".to_owned();
+        assert!(fill(&mut page, "PLACE", "</script>").is_err());
+        fill(&mut page, "PLACE", "text").unwrap();
+        assert_eq!(page, "a text b");
+        assert!(fill(&mut page, "PLACE", "text").is_err());
+    }
+}

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio::reflectance::MerlTable;
 use gonio_io::atomic::write_file;
+use gonio_io::material::grey;
 use gonio_io::rgl::{self, Channels};
 use serde_json::json;
 
@@ -62,10 +63,4 @@ impl Format {
             bail!("{}: write to a name ending in .binary or .bsdf", path.display())
         })
     }
-}
-
-/// The luminance in all channels.
-pub(crate) fn grey(tables: &[BivariateTable; 3]) -> [BivariateTable; 3] {
-    let luminance = BivariateTable::luminance(tables);
-    [luminance.clone(), luminance.clone(), luminance]
 }

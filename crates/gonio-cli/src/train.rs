@@ -1,24 +1,22 @@
 //! `gonio train`: the priors of light and reflectance from measurements.
 
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
-use anyhow::{Context, Result, bail};
-use gonio::inference::amortised::{Simulation, SimulationSettings, TrainingSettings};
-use gonio::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
-use gonio::model::Model;
+use anyhow::Result;
+use gonio::inference::amortised::{SimulationSettings, TrainingSettings};
 use gonio::reflectance::nmf::NmfSettings;
-use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis, MerlTable, TrainSettings, train};
-use gonio::render::LightTree;
 use gonio::sphere::OctahedralMap;
 use gonio_io::atomic::write_file;
 use gonio_io::model::{
     encode_lighting, encode_model, encode_posterior, encode_reflectance, read_lighting, read_posterior,
     read_reflectance,
 };
-use rayon::prelude::*;
+use gonio_io::training::{
+    self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, TrainingError,
+};
 use serde_json::{Value, json};
 
-use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::Stage;
 
@@ -102,11 +100,12 @@ pub(crate) enum Channel {
 }
 
 impl Channel {
-    /// Of a material whose channels (red, green, blue) are `table(0)` to `table(2)`.
-    fn of(self, table: impl Fn(usize) -> BivariateTable) -> BivariateTable {
+    fn of(self) -> training::Channel {
         match self {
-            Self::Red | Self::Green | Self::Blue => table(self as usize),
-            Self::Luminance => BivariateTable::luminance(&[0, 1, 2].map(table)),
+            Self::Red => training::Channel::Red,
+            Self::Green => training::Channel::Green,
+            Self::Blue => training::Channel::Blue,
+            Self::Luminance => training::Channel::Luminance,
         }
     }
 }
@@ -172,99 +171,64 @@ fn written(output: &Path, provenance: &str) -> Outcome {
     Outcome::new(format!("{output}: {provenance}"), json!({ "output": output, "provenance": provenance }))
 }
 
-/// Files of a folder with one of the extensions, by name.
-fn files(dir: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>> {
-    let entries = std::fs::read_dir(dir).with_context(|| format!("{}: cannot list this folder", dir.display()))?;
-    let mut files = Vec::new();
-    for entry in entries {
-        let path = entry.with_context(|| format!("{}: cannot list this folder", dir.display()))?.path();
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        if extensions.contains(&extension.as_str()) {
-            files.push(path);
+/// A bar for each stage that is reported.
+#[derive(Default)]
+struct Bars(Mutex<Option<(&'static str, Stage)>>);
+
+impl Bars {
+    fn at(&self, name: &'static str, fraction: f64) {
+        let Ok(mut current) = self.0.lock() else { return };
+        if current.as_ref().is_none_or(|(last, _)| *last != name) {
+            if let Some((_, last)) = current.take() {
+                last.finish();
+            }
+            *current = Some((name, Stage::new(name)));
+        }
+        if let Some((_, stage)) = current.as_ref() {
+            stage.at(fraction);
         }
     }
-    files.sort();
-    Ok(files)
+
+    /// Takes the last one away.
+    fn finish(self) {
+        if let Ok(Some((_, last))) = self.0.into_inner() {
+            last.finish();
+        }
+    }
+}
+
+/// Learns with bars; settings are called as the command line calls them.
+fn learn<T>(job: impl FnOnce(training::Progress<'_>) -> Result<T, TrainingError>) -> Result<T> {
+    let bars = Bars::default();
+    let learnt = job(&|name, fraction| bars.at(name, fraction));
+    bars.finish();
+    learnt.map_err(|error| match error {
+        TrainingError::Setting(problem) => anyhow::anyhow!("--{problem}"),
+        error => error.into(),
+    })
 }
 
 fn lighting(options: &Lighting) -> Result<Outcome> {
-    if !options.grid.is_power_of_two() || !(8..=512).contains(&options.grid) {
-        bail!("--grid {}: give a power of two from 8 to 512", options.grid);
-    }
-    let paths = files(&options.dir, &["hdr", "exr", "pfm"])?;
-    if paths.is_empty() {
-        bail!("{}: no .hdr, .exr or .pfm files here", options.dir.display());
-    }
     let map = match options.map {
         MapName::EqualArea => OctahedralMap::EqualArea,
         MapName::PraunHoppe => OctahedralMap::PraunHoppe,
     };
-    let stage = Stage::new("reading lights");
-    let mut lights: Vec<LightGrid> = Vec::new();
-    for (i, path) in paths.iter().enumerate() {
-        let light: EnvironmentMap = input::light(path)?;
-        let width = light.radiance().width();
-        let turns = options.turns as usize;
-        lights
-            .par_extend((0..turns).into_par_iter().map(|t| light.turned(t * width / turns).to_grid(map, options.grid)));
-        stage.at((i + 1) as f64 / paths.len() as f64);
-    }
-    stage.finish();
-    let settings = PriorSettings { seed: options.seed, ..PriorSettings::default() };
-    let prior =
-        LightPrior::learn(&lights, paths.len(), &settings).with_context(|| options.dir.display().to_string())?;
-    let provenance = format!(
-        "light prior by gonio {} from {} maps at {} azimuths each, grid {}, seed {}",
-        env!("CARGO_PKG_VERSION"),
-        paths.len(),
-        options.turns,
-        options.grid,
-        options.seed
-    );
+    let settings = LightingSettings { grid: options.grid, map, turns: options.turns as usize, seed: options.seed };
+    let lights = Lights::Folder(options.dir.clone());
+    let (prior, provenance) = learn(|progress| training::lighting(&lights, &settings, progress))?;
     write_file(&options.output, &encode_lighting(&prior, &provenance))?;
     Ok(written(&options.output, &provenance))
 }
 
-/// One channel of every material of a folder.
-fn materials(dir: &Path, channel: Channel) -> Result<Vec<(String, BivariateTable)>> {
-    if dir.join("bivariate_rgb_f32.npy").is_file() {
-        let set = gonio_io::bivariate::read_bivariate_set(dir)?;
-        return Ok(set.into_iter().map(|(name, rgb)| (name, channel.of(|c| rgb[c].clone()))).collect());
-    }
-    let list = gonio_io::brdf::list(dir)?;
-    let stage = Stage::new("reading materials");
-    let mut out = Vec::with_capacity(list.len());
-    for (i, (name, path)) in list.iter().enumerate() {
-        let table: MerlTable = gonio_io::brdf::read(path)?;
-        out.push((name.clone(), channel.of(|c| table.bivariate(c))));
-        stage.at((i + 1) as f64 / list.len() as f64);
-    }
-    stage.finish();
-    Ok(out)
-}
-
 fn reflectance(options: &Reflectance) -> Result<Outcome> {
-    if options.restarts == 0 {
-        bail!("--restarts 0: give at least 1");
-    }
-    let materials = materials(&options.dir, options.channel)?;
-    if !(1..=materials.len()).contains(&options.rank) {
-        let (dir, count) = (options.dir.display(), materials.len());
-        bail!("--rank {}: {dir} holds {count} materials; give a rank from 1 to {count}", options.rank);
-    }
-    let nmf =
-        NmfSettings { rank: options.rank, restarts: options.restarts, seed: options.seed, ..NmfSettings::default() };
-    let (basis, report) = train(&materials, &TrainSettings { nmf, ..TrainSettings::default() })
-        .with_context(|| options.dir.display().to_string())?;
-    let provenance = format!(
-        "reflectance basis by gonio {} from the {:?} channel of {} materials, rank {}, {} starts, seed {}",
-        env!("CARGO_PKG_VERSION"),
-        options.channel,
-        materials.len(),
-        options.rank,
-        options.restarts,
-        options.seed
-    );
+    let settings = ReflectanceSettings {
+        rank: options.rank,
+        channel: options.channel.of(),
+        restarts: options.restarts,
+        seed: options.seed,
+    };
+    let materials = Materials::Folder(options.dir.clone());
+    let (basis, report, provenance) = learn(|progress| training::reflectance(&materials, &settings, progress))?;
     write_file(&options.output, &encode_reflectance(&basis, &provenance))?;
     let fits = report.fits.iter();
     let lines: String = match options.verbose {
@@ -281,64 +245,24 @@ fn reflectance(options: &Reflectance) -> Result<Outcome> {
 }
 
 fn posterior(options: &Posterior) -> Result<Outcome> {
-    if options.cameras == 0 || options.draws == 0 || options.epochs == 0 {
-        bail!("--cameras, --draws and --epochs must be at least 1");
-    }
-    let paths = files(&options.lights, &["hdr", "exr", "pfm"])?;
-    if paths.is_empty() {
-        bail!("{}: no .hdr, .exr or .pfm files here", options.lights.display());
-    }
-    let materials = materials(&options.materials, options.channel)?;
-    if materials.is_empty() {
-        bail!("{}: no materials here", options.materials.display());
-    }
-    let stage = Stage::new("learning materials");
-    let basis = LogBasis::fit(&materials, LogBasis::RANK);
-    let dictionary =
-        Dictionary::new(basis, &DictionarySettings { seed: options.seed, ..DictionarySettings::default() });
-    stage.finish();
-    let settings = SimulationSettings {
+    let settings = PosteriorSettings {
+        channel: options.channel.of(),
         cameras: options.cameras,
         draws: options.draws,
+        epochs: options.epochs,
         seed: options.seed,
-        ..SimulationSettings::default()
     };
-    let mut simulation = Simulation::new(dictionary, settings);
-    let stage = Stage::new("simulating photographs");
-    for (i, path) in paths.iter().enumerate() {
-        simulation.add_light(&LightTree::of_map(&input::light(path)?));
-        stage.at((i + 1) as f64 / paths.len() as f64);
-    }
-    stage.finish();
-    let stage = Stage::new("learning the posterior");
-    let training = TrainingSettings { epochs: options.epochs, seed: options.seed, ..TrainingSettings::default() };
-    let amortised = simulation.train(&training, &|share| stage.at(share));
-    stage.finish();
-    let provenance = format!(
-        "posterior of materials by gonio {} from the {:?} channel of {} materials in {} maps, {} photographs, seed {}",
-        env!("CARGO_PKG_VERSION"),
-        options.channel,
-        materials.len(),
-        paths.len(),
-        simulation.count(),
-        options.seed
-    );
+    let (lights, materials) = (Lights::Folder(options.lights.clone()), Materials::Folder(options.materials.clone()));
+    let (amortised, provenance) = learn(|progress| training::posterior(&lights, &materials, &settings, progress))?;
     write_file(&options.output, &encode_posterior(&amortised, &provenance))?;
     Ok(written(&options.output, &provenance))
 }
 
 fn join(options: &Join) -> Result<Outcome> {
-    let (light, light_provenance) = read_lighting(&options.lighting)?;
-    let (reflectance, reflectance_provenance) = read_reflectance(&options.reflectance)?;
-    let mut provenance = format!("{light_provenance}; {reflectance_provenance}");
-    let mut posterior = None;
-    if let Some(path) = &options.posterior {
-        let (amortised, more) = read_posterior(path)?;
-        provenance = format!("{provenance}; {more}");
-        posterior = Some(amortised);
-    }
-    let model = Model { light, reflectance, posterior, provenance };
-    model.check()?;
+    let light = read_lighting(&options.lighting)?;
+    let reflectance = read_reflectance(&options.reflectance)?;
+    let posterior = options.posterior.as_ref().map(read_posterior).transpose()?;
+    let model = training::join(light, reflectance, posterior)?;
     write_file(&options.output, &encode_model(&model))?;
     Ok(written(&options.output, &model.provenance))
 }

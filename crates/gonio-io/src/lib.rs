@@ -37,5 +37,6 @@ pub mod npy;
 pub mod picture;
 pub mod plan;
 pub mod rgl;
+pub mod training;
 
 pub use error::{Error, Kind};

@@ -3,14 +3,27 @@
 //! Row 0 is the top row. Values are linear and on an arbitrary scale; what file they came from, and how they were
 //! coded there, is the business of `gonio-io`.
 
+use std::fmt;
+use std::sync::Arc;
+
 use glam::Vec3;
 
 /// A rectangular array of pixels, row-major, row 0 at the top.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone)]
 pub struct Plane<T> {
     width: usize,
     height: usize,
-    data: Vec<T>,
+    data: Pixels<T>,
+}
+
+/// Pixels in memory that belongs to someone else, who keeps it for as long as this lives.
+pub type Lent<T> = Arc<dyn AsRef<[T]> + Send + Sync>;
+
+/// Where the pixels are.
+#[derive(Clone)]
+enum Pixels<T> {
+    Own(Vec<T>),
+    Lent(Lent<T>),
 }
 
 impl<T> Plane<T> {
@@ -20,13 +33,21 @@ impl<T> Plane<T> {
     /// If the length of `data` is not `width * height`.
     pub fn from_vec(width: usize, height: usize, data: Vec<T>) -> Self {
         assert_eq!(data.len(), width * height, "a plane of {width}x{height} pixels");
-        Self { width, height, data }
+        Self { width, height, data: Pixels::Own(data) }
+    }
+
+    /// As [`Self::from_vec`] without taking the pixels over: they are read where they are, and copied before they are changed.
+    ///
+    /// # Panics
+    /// If there are not `width * height` of them.
+    pub fn lent(width: usize, height: usize, data: Lent<T>) -> Self {
+        assert_eq!((*data).as_ref().len(), width * height, "a plane of {width}x{height} pixels");
+        Self { width, height, data: Pixels::Lent(data) }
     }
 
     /// The plane whose pixel at column `x`, row `y` is `f(x, y)`.
     pub fn from_fn(width: usize, height: usize, mut f: impl FnMut(usize, usize) -> T) -> Self {
-        let data = (0..width * height).map(|i| f(i % width, i / width)).collect();
-        Self { width, height, data }
+        Self::from_vec(width, height, (0..width * height).map(|i| f(i % width, i / width)).collect())
     }
 
     /// Number of columns.
@@ -46,17 +67,49 @@ impl<T> Plane<T> {
 
     /// All pixels, row-major.
     pub fn as_slice(&self) -> &[T] {
-        &self.data
-    }
-
-    /// All pixels, row-major.
-    pub fn as_mut_slice(&mut self) -> &mut [T] {
-        &mut self.data
+        match &self.data {
+            Pixels::Own(data) => data,
+            Pixels::Lent(data) => (**data).as_ref(),
+        }
     }
 
     /// The plane with every pixel mapped by `f`.
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Plane<U> {
-        Plane { width: self.width, height: self.height, data: self.data.iter().map(f).collect() }
+        Plane::from_vec(self.width, self.height, self.as_slice().iter().map(f).collect())
+    }
+}
+
+impl<T: Clone> Plane<T> {
+    /// All pixels, row-major.
+    pub fn as_mut_slice(&mut self) -> &mut [T] {
+        if let Pixels::Lent(data) = &self.data {
+            self.data = Pixels::Own((**data).as_ref().to_vec());
+        }
+        match &mut self.data {
+            Pixels::Own(data) => data,
+            Pixels::Lent(_) => unreachable!("lent pixels have just been copied"),
+        }
+    }
+
+    /// All pixels, row-major.
+    pub fn into_vec(self) -> Vec<T> {
+        match self.data {
+            Pixels::Own(data) => data,
+            Pixels::Lent(data) => (*data).as_ref().to_vec(),
+        }
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for Plane<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { width, height, .. } = self;
+        f.debug_struct("Plane").field("width", width).field("height", height).field("data", &self.as_slice()).finish()
+    }
+}
+
+impl<T: PartialEq> PartialEq for Plane<T> {
+    fn eq(&self, other: &Self) -> bool {
+        self.size() == other.size() && self.as_slice() == other.as_slice()
     }
 }
 
@@ -65,14 +118,15 @@ impl<T> std::ops::Index<(usize, usize)> for Plane<T> {
     /// The pixel at `(column, row)`.
     fn index(&self, (x, y): (usize, usize)) -> &T {
         debug_assert!(x < self.width && y < self.height);
-        &self.data[y * self.width + x]
+        &self.as_slice()[y * self.width + x]
     }
 }
 
-impl<T> std::ops::IndexMut<(usize, usize)> for Plane<T> {
+impl<T: Clone> std::ops::IndexMut<(usize, usize)> for Plane<T> {
     fn index_mut(&mut self, (x, y): (usize, usize)) -> &mut T {
         debug_assert!(x < self.width && y < self.height);
-        &mut self.data[y * self.width + x]
+        let at = y * self.width + x;
+        &mut self.as_mut_slice()[at]
     }
 }
 
@@ -124,5 +178,15 @@ mod tests {
         let plane = Plane::from_fn(3, 2, |x, y| 10 * y + x);
         assert_eq!(plane[(2, 1)], 12);
         assert_eq!(plane.as_slice(), [0, 1, 2, 10, 11, 12]);
+    }
+
+    #[test]
+    fn lent_pixels_stay_where_they_are_until_they_are_changed() {
+        let owner = Arc::new(vec![1, 2, 3, 4]);
+        let mut plane = Plane::lent(2, 2, owner.clone());
+        assert_eq!(plane.as_slice().as_ptr(), owner.as_ptr());
+        assert_eq!(plane, Plane::from_vec(2, 2, vec![1, 2, 3, 4]));
+        plane[(1, 0)] = 7;
+        assert_eq!((plane.into_vec(), &owner[..]), (vec![1, 7, 3, 4], &[1, 2, 3, 4][..]));
     }
 }

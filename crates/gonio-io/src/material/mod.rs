@@ -4,11 +4,13 @@
 //! underscores for everything that is no letter, digit or underscore.
 
 mod blender;
+mod export;
 mod glb;
 mod materialx;
 mod mitsuba;
 
 pub use blender::blender_script;
+pub use export::{Export, Target, grey};
 pub use glb::glb_sphere;
 pub use materialx::materialx;
 pub use mitsuba::{mitsuba_measured, mitsuba_principled};

@@ -156,6 +156,14 @@ pub fn read_model(path: impl AsRef<Path>) -> Result<Model, Error> {
     decode_model(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
 }
 
+/// Reads the bytes of any of these files, to be decoded later.
+///
+/// # Errors
+/// If the file cannot be read.
+pub fn read_part(path: impl AsRef<Path>) -> Result<Vec<u8>, Error> {
+    guard::read_whole(path.as_ref(), MAX_BYTES)
+}
+
 /// Reads a light prior and the note of its origin.
 ///
 /// # Errors

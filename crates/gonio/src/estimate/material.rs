@@ -84,28 +84,34 @@ impl Material {
     /// # Errors
     /// [`EstimateError::NoPosterior`] if it is not the model of this estimate.
     pub fn samples(&self, model: &Model, count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
-        let dictionary = &model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?.dictionary;
-        if dictionary.entries.len() != self.posterior.weights.len() {
-            return Err(EstimateError::NoPosterior);
-        }
-        let sums: Vec<f64> = self
-            .posterior
-            .weights
-            .iter()
-            .scan(0.0, |sum, weight| {
-                *sum += weight;
-                Some(*sum)
-            })
-            .collect();
-        let total = sums.last().copied().unwrap_or(0.0);
-        let mut rng = Pcg64::seed_from_u64(seed);
-        let draw = |_| {
-            let at = total * rng.random_range(0.0..1.0);
-            let entry = sums.partition_point(|sum| *sum <= at).min(sums.len() - 1);
-            dictionary.table(&dictionary.entries[entry]).with_normal_albedo(ALBEDO).0
-        };
-        Ok((0..count).map(draw).collect())
+        draws(model, &self.posterior.weights, count, seed)
     }
+}
+
+/// What [`Material::samples`] does, of the weights in [`MaterialPosterior::weights`] alone.
+///
+/// # Errors
+/// [`EstimateError::NoPosterior`] if the model has not as many entries as there are weights.
+pub fn draws(model: &Model, weights: &[f64], count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
+    let dictionary = &model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?.dictionary;
+    if dictionary.entries.len() != weights.len() {
+        return Err(EstimateError::NoPosterior);
+    }
+    let sums: Vec<f64> = weights
+        .iter()
+        .scan(0.0, |sum, weight| {
+            *sum += weight;
+            Some(*sum)
+        })
+        .collect();
+    let total = sums.last().copied().unwrap_or(0.0);
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let draw = |_| {
+        let at = total * rng.random_range(0.0..1.0);
+        let entry = sums.partition_point(|sum| *sum <= at).min(sums.len() - 1);
+        dictionary.table(&dictionary.entries[entry]).with_normal_albedo(ALBEDO).0
+    };
+    Ok((0..count).map(draw).collect())
 }
 
 /// What the posterior says before it is spelt out, which takes a while.

@@ -16,7 +16,7 @@ use thiserror::Error;
 pub use colouring::{Colouring, ColouringRule};
 pub use doubt::Doubt;
 pub use light::{Light, LightEstimator};
-pub use material::{ALBEDO, Material, SHARES};
+pub use material::{ALBEDO, Material, SHARES, draws};
 
 use crate::inference::marginal::LightError;
 use crate::model::Model;

@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# Builds the wheel, installs it into a new virtual environment, and tests it there: tests, types, and the tutorial from its first cell to its last.
+#
+# PYTHON_VENV names an environment of tools to keep from run to run; GONIO_CLI a program whose results the package must repeat.
+set -euo pipefail
+cd "$(dirname "$0")"
+target="${CARGO_TARGET_DIR:-$PWD/../../target}"
+tools="${PYTHON_VENV:-$target/python-venv}"
+step() { echo "== python: $1 ($SECONDS s)"; }
+
+step "tools"
+[ -x "$tools/bin/pip" ] || python3 -m venv "$tools"
+"$tools/bin/pip" install --quiet --disable-pip-version-check -r requirements.txt
+
+# The profile of the workspace's tests, whose libraries it shares.
+step "wheel"
+wheels="$(mktemp -d)"
+trap 'rm -rf "$wheels"' EXIT
+"$tools/bin/maturin" build --profile dev --locked --out "$wheels" --quiet
+
+step "a new environment"
+python3 -m venv "$wheels/new"
+"$wheels/new/bin/pip" install --quiet --disable-pip-version-check "$wheels"/gonio-*.whl
+(cd "$wheels" && new/bin/python -c "import gonio; print('gonio', gonio.__version__, gonio.Model.embedded())")
+
+step "tests"
+"$tools/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/gonio-*.whl
+"$tools/bin/python" -m pytest -q --durations=5 -p no:cacheprovider tests
+
+step "types"
+"$tools/bin/python" -m mypy --cache-dir "$wheels/mypy" python/gonio
+(cd tests && "$tools/bin/python" -m mypy --strict --cache-dir "$wheels/mypy-use" typed.py)
+echo 'gonio._gonio.__all__' > "$wheels/allowed"
+(cd "$wheels" && "$tools/bin/python" -m mypy.stubtest gonio._gonio --allowlist allowed)
+
+step "tutorial"
+"$tools/bin/python" - ../../docs/tutorial.ipynb <<'PYTHON'
+import pathlib, sys, tempfile
+import nbclient, nbformat
+
+path = pathlib.Path(sys.argv[1]).resolve()
+notebook = nbformat.read(path, as_version=4)
+assert all(cell.outputs or cell.metadata.get("tags") == ["quiet"] for cell in notebook.cells if cell.cell_type == "code"), "a cell without its output"
+nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": path.parent}}).execute()
+PYTHON
+step "done"

@@ -1,0 +1,95 @@
+"""The extension module: see the package for what it is used for."""
+
+import os
+from collections.abc import Sequence
+from typing import TypeAlias, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._types import (
+    Found,
+    GivenScene,
+    GivenShape,
+    LightingOptions,
+    Listeners,
+    PosteriorOptions,
+    ReflectanceOptions,
+    RenderSettings,
+    SavedResult,
+    Settings,
+)
+
+__version__: str
+
+_Floats: TypeAlias = NDArray[np.float32]
+_Doubles: TypeAlias = NDArray[np.float64]
+_Bytes: TypeAlias = NDArray[np.uint8]
+
+@final
+class Model:
+    """What inference knows beforehand: the prior of light, the basis of reflectance and the posterior of materials."""
+
+    @staticmethod
+    def embedded() -> Model:
+        """The model that travels with the package."""
+    @staticmethod
+    def read(path: str | os.PathLike[str]) -> Model:
+        """A model from a file."""
+    @staticmethod
+    def decode(bytes: bytes, name: str) -> Model:
+        """A model from the bytes of its file."""
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Writes the model to a file, whole or not at all."""
+    @property
+    def provenance(self) -> str:
+        """What it was learnt from and how."""
+    @property
+    def largest_grid(self) -> int:
+        """The largest grid of light that it covers, in texels a side."""
+    @property
+    def has_posterior(self) -> bool:
+        """Whether it has the posterior of materials that inference needs."""
+
+def infer(scene: GivenScene, settings: Settings, model: Model, listeners: Listeners) -> Found: ...
+def render(
+    table: _Floats,
+    full: _Floats | None,
+    light: _Floats,
+    shape: GivenShape,
+    settings: RenderSettings,
+    listeners: Listeners,
+) -> tuple[_Floats, _Floats, list[str]]: ...
+def draw(model: Model, weights: _Doubles, count: int, seed: int) -> _Floats: ...
+def studio(height: int) -> _Floats: ...
+def normal_albedo(table: _Floats) -> float: ...
+def eval(table: _Floats, theta_h: _Doubles, theta_d: _Doubles) -> _Doubles: ...
+def read_image(path: str, linear: bool, layer: str | None) -> tuple[_Floats, _Floats | None, float | None, list[str]]: ...
+def read_normals(path: str) -> _Floats: ...
+def write_image(path: str, rgb: _Floats, alpha: _Floats | None) -> None: ...
+def encode_png(samples: _Bytes) -> bytes: ...
+def read_brdf(path: str, any: bool) -> tuple[_Floats, _Floats]: ...
+def write_brdf(path: str, table: _Floats, full: _Floats | None, name: str) -> None: ...
+def save(folder: str, result: SavedResult) -> None: ...
+def read_file(path: str) -> bytes: ...
+def write_file(path: str, bytes: bytes) -> None: ...
+def export(
+    folder: str,
+    table: _Floats,
+    full: _Floats | None,
+    to: Sequence[str] | None,
+    name: str,
+    albedo: float | None,
+    tables: bool,
+    input: str,
+    listeners: Listeners,
+) -> str: ...
+def export_targets() -> list[tuple[str, str]]: ...
+def train_lighting(lights: str | list[_Floats], options: LightingOptions, listeners: Listeners) -> tuple[bytes, str]: ...
+def train_reflectance(
+    materials: str | list[tuple[str, _Floats]], options: ReflectanceOptions, listeners: Listeners
+) -> tuple[bytes, str, list[tuple[str, float]]]: ...
+def train_posterior(
+    lights: str | list[_Floats], materials: str | list[tuple[str, _Floats]], options: PosteriorOptions, listeners: Listeners
+) -> tuple[bytes, str]: ...
+def join(lighting: tuple[bytes, str], reflectance: tuple[bytes, str], posterior: tuple[bytes, str] | None) -> Model: ...

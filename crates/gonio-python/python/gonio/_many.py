@@ -1,0 +1,141 @@
+"""Many photographs at once."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from inspect import signature
+from typing import Any, cast
+
+import numpy as np
+
+from ._arguments import Path, is_path
+from ._errors import GonioError
+from ._infer import infer, run
+from ._posterior import Posterior
+
+
+class Failure:
+    """What takes the place of a :class:`Posterior` where inference failed. It counts as false."""
+
+    def __init__(self, index: int, name: str, error: BaseException) -> None:
+        self.index = index
+        """Which item it was, from 0."""
+        self.name = name
+        """The item's file, or its number."""
+        self.error = error
+        """Why."""
+
+    def __bool__(self) -> bool:
+        return False
+
+    def __repr__(self) -> str:
+        return f"<gonio.Failure {self.name}: {self.error}>"
+
+
+class _Stopped(BaseException):
+    """Ends work for which nobody waits any more."""
+
+
+def infer_many(
+    items: Iterable[Any],
+    client: Any = None,
+    *,
+    workers: int = 2,
+    progress: Callable[[int, int], object] | None = None,
+    **options: Any,
+) -> list[Posterior | Failure]:
+    """Infers many photographs, and goes on where one fails.
+
+    :param items: photographs as :func:`gonio.infer` takes them, or dictionaries of its arguments.
+    :param client: a ``distributed.Client``: the work is spread over its workers, which must have gonio and see the same files. Without
+        one, threads of this process do it.
+    :param workers: number of threads. A single inference uses several cores for most of its time, so that few are enough.
+    :param progress: called with the number of items that are done and the number of all; an exception ends the work.
+    :param options: arguments of :func:`gonio.infer` for all items that do not give their own.
+    :returns: a :class:`Posterior` or a :class:`Failure` for each item, in their order. Warnings are in the posteriors and not issued.
+    """
+    unknown = set(options) - set(_defaults())
+    if unknown:
+        raise TypeError(f"infer has no argument {', '.join(sorted(unknown))}")
+    if workers < 1:
+        raise GonioError(f"workers {workers}: give at least 1")
+    tasks = [_task(item, options) for item in items]
+    stop = threading.Event()
+    pool = None if client is not None else ThreadPoolExecutor(workers, thread_name_prefix="gonio")
+    try:
+        futures = [_on_client(client, task) if pool is None else pool.submit(_one, task, stop) for task in tasks]
+        results = _gather(tasks, futures, client, progress)
+    except BaseException:
+        # Ctrl-C, or an exception of `progress`: what runs stops soon, what waits never begins.
+        stop.set()
+        if client is not None:
+            client.cancel(list(locals().get("futures", [])))
+        raise
+    finally:
+        if pool is not None:
+            pool.shutdown(wait=False, cancel_futures=True)
+    return results
+
+
+def _defaults() -> dict[str, Any]:
+    """The arguments of infer with their values if not given."""
+    return {name: parameter.default for name, parameter in signature(infer).parameters.items()}
+
+
+def _task(item: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+    """All arguments of infer for an item. What is wrong with them is told when it is inferred."""
+    own = dict(item) if isinstance(item, Mapping) else {"image": item}
+    return {**_defaults(), **options, **own}
+
+
+def _one(task: dict[str, Any], stop: threading.Event | None) -> Posterior:
+    def poll() -> None:
+        if stop is not None and stop.is_set():
+            raise _Stopped
+
+    unknown = set(task) - set(_defaults())
+    if unknown:
+        raise TypeError(f"infer has no argument {', '.join(sorted(unknown))}")
+    if task["image"] is _defaults()["image"]:
+        raise TypeError("an item without an image")
+    poll()
+    return run(task, poll)
+
+
+def _on_client(client: Any, task: dict[str, Any]) -> Any:
+    """One task for a cluster. Pictures in memory go to a worker by themselves, not within the graph of tasks."""
+    large = {key: value for key, value in task.items() if isinstance(value, np.ndarray)}
+    rest = {key: value for key, value in task.items() if key not in large}
+    sent = dict(zip(large, client.scatter(list(large.values()), hash=False))) if large else {}
+    return client.submit(_assembled, rest, pure=False, **{f"array_{key}": value for key, value in sent.items()})
+
+
+def _assembled(rest: dict[str, Any], **arrays: Any) -> Posterior:
+    return _one({**rest, **{key.removeprefix("array_"): value for key, value in arrays.items()}}, None)
+
+
+def _gather(
+    tasks: list[dict[str, Any]], futures: list[Any], client: Any, progress: Callable[[int, int], object] | None
+) -> list[Posterior | Failure]:
+    index = {future: i for i, future in enumerate(futures)}
+    results: list[Any] = [None] * len(futures)
+    if client is None:
+        finished: Iterable[Future[Posterior]] = as_completed(futures)
+    else:
+        import distributed
+
+        on_cluster: Any = distributed.as_completed
+        finished = on_cluster(futures)
+    for done, future in enumerate(finished, 1):
+        i = index[future]
+        try:
+            results[i] = future.result()
+        except Exception as error:
+            image = tasks[i].get("image")
+            results[i] = Failure(i, os.fspath(cast(Path, image)) if is_path(image) else f"item {i}", error)
+        if progress is not None:
+            progress(done, len(futures))
+    return results

@@ -1,0 +1,156 @@
+"""What inference finds."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _gonio
+from ._arguments import Path, Picture, Shape
+from ._brdf import Brdf
+from ._types import Floats, Found, SavedResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+QUANTILES = (0.05, 0.25, 0.75, 0.95)
+"""Shares of :attr:`Posterior.quantiles`."""
+
+DRAWS = 64
+"""Number of :attr:`Posterior.samples`."""
+
+
+class Posterior:
+    """What one photograph tells of a material and of the light on it.
+
+    All BRDFs have an albedo of 0.5 along the normal: a photograph under unknown light does not tell the scale of reflectance.
+    Posteriors can be pickled, and hold no reference to the photograph.
+    """
+
+    brdf: Brdf
+    """The mean of the posterior, in colour."""
+    ends: tuple[Brdf, Brdf]
+    """The dull and the glossy end of what is probable: 5 and 95 % of the posterior by gloss."""
+    luminance: Floats
+    """The mean in luminance, shape (90, 90): what quantiles and samples go with."""
+    quantiles: Floats
+    """5, 25, 75 and 95 % quantiles of the luminance of each cell, shape (4, 90, 90)."""
+    undetermined: NDArray[np.bool_]
+    """Cells of the table that the photograph leaves open, shape (90, 90)."""
+    open: float
+    """Their share of the domain in which both angles are below 80 degrees."""
+    materials: list[tuple[str, float]]
+    """The nearest measured materials and their weights."""
+    gloss: NDArray[np.float64]
+    """5, 50 and 95 % quantiles of the gloss: the BRDF along the normal over its mean at half angles beyond 45 degrees."""
+    light: Floats
+    """The estimated light, a lat-long map of shape (128, 256, 3) in luminance: row 0 is up, the centre looks along -z, the right half is
+    +x, in coordinates of the camera. Times :attr:`light_color` it goes with :attr:`brdf`."""
+    light_color: Floats
+    """Linear colour of the light, of luminance one, shape (3,); white where it was not estimated."""
+    misfit: float
+    """What BRDF and light leave of the photograph, relative to it (root mean square)."""
+    warnings: tuple[str, ...]
+    """What speaks against believing it, one line each."""
+    pictures: dict[str, NDArray[np.uint8]]
+    """sRGB pictures of shape (height, width, 3): photograph, observed (where it was sampled), reproduction, residual, light;
+    spheres of the BRDF in lights of gonio's own, the first called relit; summary, uncertainty. Empty if inferred with ``pictures=False``."""
+    report: str | None
+    """The page ``report.html``, if it was asked for."""
+    model: _gonio.Model
+    """The model it was inferred with."""
+
+    def __init__(self, found: Found, name: str) -> None:
+        self.brdf = Brdf(found["table"], name=name)
+        dull, glossy = found["ends"]
+        self.ends = (Brdf(dull, name=f"{name}, dull end"), Brdf(glossy, name=f"{name}, glossy end"))
+        self.luminance = found["luminance"]
+        self.quantiles = found["quantiles"]
+        self.undetermined = found["undetermined"]
+        self.open = found["open"]
+        self.materials = found["materials"]
+        self.gloss = np.array(found["gloss"])
+        self.light = found["light"]
+        self.light_color = found["light_color"]
+        self.misfit = found["misfit"]
+        self.warnings = tuple(found["warnings"])
+        self.pictures = found["pictures"]
+        self.report = found["page"]
+        self.model = found["model"]
+        self._weights = found["weights"]
+        self._notes = found["notes"]
+
+    @cached_property
+    def samples(self) -> Floats:
+        """64 draws from the posterior, in luminance, shape (64, 90, 90); :meth:`draw` gives others."""
+        return self.draw(DRAWS)
+
+    def draw(self, count: int, seed: int = 0) -> Floats:
+        """Draws from the posterior over the materials of the model, in luminance, shape (count, 90, 90). The same seed gives the same draws.
+        :attr:`quantiles` are wider: they allow for what these materials miss."""
+        return _gonio.draw(self.model, self._weights, count, seed)
+
+    @cached_property
+    def notes(self) -> dict[str, Any]:
+        """All numbers by name, as in the ``result.json`` of ``gonio infer``."""
+        notes: dict[str, Any] = json.loads(self._notes)
+        notes["warnings"] = list(self.warnings)
+        return notes
+
+    def relight(self, light: Picture | None = None, shape: Shape = "sphere", size: int | tuple[int, int] = 256, **options: Any) -> Floats:
+        """:func:`gonio.render` of :attr:`brdf`: radiance and coverage, shape (height, width, 4)."""
+        return self.brdf.render(light, shape=shape, size=size, **options)
+
+    def save(self, directory: Path) -> None:
+        """Writes the folder of results that ``gonio infer`` writes, whole or not at all: ``brdf.binary``, ``brdf_quantiles.npy``,
+        ``light.exr``, pictures and ``result.json``; ``report.html`` if :func:`gonio.infer` was asked for it."""
+        shown = [name for name in ("relit", "summary", "uncertainty") if name in self.pictures]
+        files = [(f"{name}.png", _gonio.encode_png(self.pictures[name])) for name in shown]
+        files.append(("result.json", json.dumps(self.notes, indent=2, allow_nan=False).encode()))
+        if self.report is not None:
+            files.append(("report.html", self.report.encode()))
+        result: SavedResult = {"table": self.brdf.table, "light": self.light, "quantiles": self.quantiles, "files": files}
+        _gonio.save(os.fspath(directory), result)
+
+    def export(
+        self,
+        directory: Path,
+        to: Sequence[str] | str | None = None,
+        *,
+        name: str | None = None,
+        albedo: float | None = None,
+        tables: bool = False,
+        progress: Callable[[str, float], object] | None = None,
+    ) -> dict[str, Any]:
+        """Writes files for renderers into a folder, as ``gonio export`` does; see :meth:`Brdf.export`."""
+        return self.brdf.export(directory, to, name=name, albedo=albedo, tables=tables, progress=progress)
+
+    def plot(self) -> Figure:
+        """A figure of the photograph, its reproduction, the light, the BRDF on a sphere and along its lobe, and how sure it is. Needs
+        matplotlib; in a notebook the figure shows itself."""
+        from ._show import plot
+
+        return plot(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What is computed when asked for is computed again.
+        return {key: value for key, value in self.__dict__.items() if key not in ("samples", "notes")}
+
+    def __repr__(self) -> str:
+        nearest = f", like {self.materials[0][0]}" if self.materials else ""
+        low, median, high = self.gloss
+        return (
+            f"<gonio.Posterior {self.brdf.name!r}: gloss {median:.3g} ({low:.3g} to {high:.3g}){nearest}, "
+            f"{100 * self.open:.0f} % of the domain open, misfit {100 * self.misfit:.1f} %>"
+        )
+
+    def _repr_html_(self) -> str:
+        from ._show import html
+
+        return html(self)

@@ -1,0 +1,106 @@
+//! NumPy arrays as pictures and pictures as NumPy arrays, without copying their values.
+
+use std::sync::Arc;
+
+use bytemuck::allocation::cast_vec;
+use bytemuck::{AnyBitPattern, cast_slice};
+use glam::Vec3;
+use gonio::picture::Plane;
+use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
+use numpy::ndarray::{Array, Dimension};
+use numpy::{Element, IntoPyArray, PyArray, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::error::Problem;
+
+/// The values of an array, which lives as long as this does.
+struct Borrowed {
+    start: *const f32,
+    length: usize,
+    /// The array.
+    _owner: Py<PyAny>,
+}
+
+// SAFETY: the memory belongs to an array that `_owner` keeps, and nothing here writes to it. As with every function of NumPy that lets other threads run,
+// the caller must not write to the array meanwhile; the documentation of the package says so.
+#[expect(unsafe_code, reason = "a picture in the memory of an array outlives the call that it was given to")]
+unsafe impl Send for Borrowed {}
+// SAFETY: as above; all access is reading.
+#[expect(unsafe_code, reason = "many threads read one picture")]
+unsafe impl Sync for Borrowed {}
+
+impl<T: AnyBitPattern> AsRef<[T]> for Borrowed {
+    fn as_ref(&self) -> &[T] {
+        // SAFETY: `of` has checked that so many aligned values follow each other here; the owner keeps them.
+        #[expect(unsafe_code, reason = "the only way to values whose owner is Python's")]
+        let values = unsafe { std::slice::from_raw_parts(self.start, self.length) };
+        cast_slice(values)
+    }
+}
+
+impl Borrowed {
+    fn of<D: Dimension>(array: &Bound<'_, PyArray<f32, D>>) -> PyResult<Self> {
+        let start: *const f32 = array.data();
+        if !array.is_c_contiguous() || !start.is_aligned() || array.is_empty() {
+            let problem = Problem::new("an array is not in one piece in rows of native float32, or is empty");
+            return Err(problem.raise(array.py()));
+        }
+        Ok(Self { start, length: array.len(), _owner: array.clone().into_any().unbind() })
+    }
+}
+
+/// The picture in an array of shape (height, width, 3).
+pub(crate) fn colours(array: &Bound<'_, PyArray3<f32>>) -> PyResult<Plane<Vec3>> {
+    let &[height, width, channels] = array.shape() else { unreachable!("three axes") };
+    if channels != 3 {
+        let problem = Problem::new(format!("an array has {channels} channels; give one of shape (height, width, 3)"));
+        return Err(problem.raise(array.py()));
+    }
+    Ok(Plane::lent(width, height, Arc::new(Borrowed::of(array)?)))
+}
+
+/// The picture in an array of shape (height, width).
+pub(crate) fn values(array: &Bound<'_, PyArray2<f32>>) -> PyResult<Plane<f32>> {
+    let &[height, width] = array.shape() else { unreachable!("two axes") };
+    Ok(Plane::lent(width, height, Arc::new(Borrowed::of(array)?)))
+}
+
+/// An array that takes the values over.
+pub(crate) fn array<'py, T: Element, D: Dimension>(
+    py: Python<'py>,
+    shape: impl numpy::ndarray::ShapeBuilder<Dim = D>,
+    values: Vec<T>,
+) -> Bound<'py, PyArray<T, D>> {
+    Array::from_shape_vec(shape, values).expect("as many values as the shape has").into_pyarray(py)
+}
+
+/// Shape (height, width, 3), in the memory of the picture.
+pub(crate) fn of_colours(py: Python<'_>, picture: Plane<Vec3>) -> Bound<'_, PyArray3<f32>> {
+    let (width, height) = picture.size();
+    array(py, (height, width, 3), cast_vec(picture.into_vec()))
+}
+
+/// The tables of three channels from an array of shape (90, 90, 3).
+pub(crate) fn tables(array: &Bound<'_, PyArray3<f32>>) -> PyResult<[BivariateTable; 3]> {
+    let plane = colours(array)?;
+    if plane.size() != (THETA_D, THETA_H) {
+        let (width, height) = plane.size();
+        let problem =
+            Problem::new(format!("a BRDF has the shape ({THETA_H}, {THETA_D}, 3), not ({height}, {width}, 3)"));
+        return Err(problem.raise(array.py()));
+    }
+    let cells = plane.as_slice();
+    if let Some(wrong) = cells.iter().position(|c| !c.is_finite() || c.min_element() < 0.0) {
+        let (i, j) = (wrong / THETA_D, wrong % THETA_D);
+        let problem = Problem::new(format!("the BRDF is negative or not finite at [{i}, {j}]"));
+        return Err(problem.raise(array.py()));
+    }
+    Ok([0, 1, 2].map(|c| BivariateTable::from_vec(cells.iter().map(|v| v[c]).collect())))
+}
+
+/// Shape (90, 90, 3).
+pub(crate) fn of_tables<'py>(py: Python<'py>, tables: &[BivariateTable; 3]) -> Bound<'py, PyArray3<f32>> {
+    let [r, g, b] = tables.each_ref().map(BivariateTable::as_slice);
+    let values = r.iter().zip(g).zip(b).flat_map(|((r, g), b)| [*r, *g, *b]).collect();
+    array(py, (THETA_H, THETA_D, 3), values)
+}

@@ -1,0 +1,57 @@
+//! Files for renderers.
+
+use std::path::PathBuf;
+
+use gonio_io::atomic::StagedFolder;
+use gonio_io::material::{Export, Target};
+use numpy::{PyArray3, PyArray4};
+use pyo3::prelude::*;
+
+use crate::arrays;
+use crate::error::Problem;
+use crate::render::merl_table;
+use crate::work::{self, Listeners};
+
+/// Names of the targets and what they are.
+#[pyfunction]
+pub(crate) fn export_targets() -> Vec<(&'static str, &'static str)> {
+    Target::ALL.map(Target::names).into()
+}
+
+/// Writes a folder; gives what its `export.json` says.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "called from one place, which names them")]
+#[pyo3(signature = (folder, table, full, to, name, albedo, tables, input, listeners))]
+pub(crate) fn export(
+    py: Python<'_>,
+    folder: PathBuf,
+    table: &Bound<'_, PyArray3<f32>>,
+    full: Option<&Bound<'_, PyArray4<f32>>>,
+    to: Option<Vec<String>>,
+    name: String,
+    albedo: Option<f64>,
+    tables: bool,
+    input: String,
+    listeners: Listeners,
+) -> PyResult<String> {
+    let wanted = |to: Vec<String>| -> Result<Vec<Target>, Problem> {
+        let all = || Target::ALL.map(|target| target.names().0).join(", ");
+        let target = |name: &String| {
+            Target::named(name).ok_or_else(|| Problem::new(format!("to {name:?}: give some of {}", all())))
+        };
+        to.iter().map(target).collect()
+    };
+    let targets = to.map_or_else(|| Ok(Target::ALL.to_vec()), wanted).map_err(|problem| problem.raise(py))?;
+    if let Some(albedo) = albedo.filter(|a| !(*a > 0.0 && *a <= 1.0)) {
+        return Err(Problem::new(format!("albedo {albedo}: give a number above 0, at most 1")).raise(py));
+    }
+    let whole = full.map(merl_table).transpose()?;
+    let export = Export { name, tables: arrays::tables(table)?, whole, albedo, with_tables: tables };
+    work::run(py, listeners, move |reporter| {
+        let folder = StagedFolder::create(&folder)?;
+        let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;
+        let Some(summary) = written else { return Err(Problem::of(input, "reflects nothing along the normal")) };
+        folder.commit()?;
+        Ok(summary.to_string())
+    })
+}

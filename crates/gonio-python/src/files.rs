@@ -1,0 +1,172 @@
+//! Reading and writing files.
+
+use std::path::{Path, PathBuf};
+
+use gonio::picture::Picture;
+use gonio::reflectance::{BivariateTable, MerlTable, PHI_D, THETA_D, THETA_H};
+use gonio_io::atomic::{StagedFolder, write_file as write_whole};
+use gonio_io::npy;
+use gonio_io::picture::{encode_exr, encode_hdr, encode_pfm, encode_png_srgb8};
+use gonio_io::rgl::{self, Channels};
+use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::arrays;
+use crate::error::Problem;
+use crate::render::merl_table;
+use crate::scene;
+
+/// Colours, coverage, the radiance at which the file says that it clips, and warnings.
+type ReadImage<'py> = (Bound<'py, PyArray3<f32>>, Option<Bound<'py, PyArray2<f32>>>, Option<f32>, Vec<String>);
+
+/// Reads a picture.
+#[pyfunction]
+#[pyo3(signature = (path, linear, layer))]
+pub(crate) fn read_image(
+    py: Python<'_>,
+    path: PathBuf,
+    linear: bool,
+    layer: Option<String>,
+) -> PyResult<ReadImage<'_>> {
+    let mut warnings = Vec::new();
+    let decoded =
+        py.detach(|| scene::read_image(&path, linear, layer, &mut warnings)).map_err(|problem| problem.raise(py))?;
+    let Picture { rgb, alpha } = decoded.picture;
+    let alpha = alpha.map(|alpha| arrays::array(py, (alpha.height(), alpha.width()), alpha.into_vec()));
+    Ok((arrays::of_colours(py, rgb), alpha, decoded.full_scale, warnings))
+}
+
+/// Reads a picture of normals.
+#[pyfunction]
+pub(crate) fn read_normals(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
+    let normals = py.detach(|| gonio_io::normals::read_normals(&path)).map_err(|e| Problem::from(e).raise(py))?;
+    Ok(arrays::of_colours(py, normals))
+}
+
+/// Writes a picture by the ending of its name: .exr, .hdr or .pfm.
+#[pyfunction]
+#[pyo3(signature = (path, rgb, alpha))]
+pub(crate) fn write_image(
+    py: Python<'_>,
+    path: PathBuf,
+    rgb: &Bound<'_, PyArray3<f32>>,
+    alpha: Option<&Bound<'_, PyArray2<f32>>>,
+) -> PyResult<()> {
+    let (rgb, alpha) = (arrays::colours(rgb)?, alpha.map(arrays::values).transpose()?);
+    py.detach(|| {
+        let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        let bytes = match extension.as_deref() {
+            Some("exr") if alpha.as_ref().is_none_or(|a| a.size() == rgb.size()) => encode_exr(&rgb, alpha.as_ref()),
+            Some("exr") => return Err(Problem::new("colours and coverage are not of one size")),
+            Some("hdr") => encode_hdr(&rgb),
+            Some("pfm") => encode_pfm(&rgb),
+            _ => return Err(Problem::of(path.display(), "write to a name ending in .exr, .hdr or .pfm")),
+        };
+        Ok(write_whole(&path, &bytes)?)
+    })
+    .map_err(|problem| problem.raise(py))
+}
+
+/// A PNG of 8-bit samples of shape (height, width, 3).
+#[pyfunction]
+pub(crate) fn encode_png<'py>(py: Python<'py>, samples: &Bound<'py, PyArray3<u8>>) -> PyResult<Bound<'py, PyBytes>> {
+    let &[height, width, channels] = samples.shape() else { unreachable!("three axes") };
+    if channels != 3 || samples.is_empty() {
+        return Err(Problem::new("a picture has the shape (height, width, 3)").raise(py));
+    }
+    let samples: Vec<u8> = samples.readonly().as_array().iter().copied().collect();
+    Ok(PyBytes::new(py, &py.detach(|| encode_png_srgb8(width, height, &samples))))
+}
+
+/// A table over two angles and all of it over three, shape (3, 90, 90, 180).
+type ReadBrdf<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray4<f32>>);
+
+/// Reads a MERL table, or with `any` an RGL file too.
+#[pyfunction]
+pub(crate) fn read_brdf(py: Python<'_>, path: PathBuf, any: bool) -> PyResult<ReadBrdf<'_>> {
+    let read = || if any { gonio_io::brdf::read(&path) } else { gonio_io::merl::read(&path) };
+    let read = || read().map(|table| ([0, 1, 2].map(|c| table.bivariate(c)), table));
+    let (tables, whole) = py.detach(read).map_err(|e| Problem::from(e).raise(py))?;
+    let values: Vec<f32> = [0, 1, 2].map(|c| whole.channel(c)).concat();
+    Ok((arrays::of_tables(py, &tables), arrays::array(py, (3, THETA_H, THETA_D, PHI_D), values)))
+}
+
+/// Writes a BRDF by the ending of its name: .binary (MERL), _spec.bsdf or .bsdf (RGL).
+#[pyfunction]
+#[pyo3(signature = (path, table, full, name))]
+pub(crate) fn write_brdf(
+    py: Python<'_>,
+    path: PathBuf,
+    table: &Bound<'_, PyArray3<f32>>,
+    full: Option<&Bound<'_, PyArray4<f32>>>,
+    name: &str,
+) -> PyResult<()> {
+    let (tables, full) = (arrays::tables(table)?, full.map(merl_table).transpose()?);
+    py.detach(|| Ok(write_whole(&path, &encode_brdf(&path, &tables, full.as_ref(), name)?)?))
+        .map_err(|problem: Problem| problem.raise(py))
+}
+
+fn encode_brdf(
+    path: &Path,
+    tables: &[BivariateTable; 3],
+    full: Option<&MerlTable>,
+    name: &str,
+) -> Result<Vec<u8>, Problem> {
+    let file = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    Ok(if file.ends_with(".binary") {
+        full.map_or_else(
+            || gonio_io::merl::encode(&MerlTable::from_bivariate(tables.each_ref())),
+            gonio_io::merl::encode,
+        )
+    } else if file.ends_with("_spec.bsdf") {
+        rgl::encode(tables, name, Channels::Spectral)
+    } else if file.ends_with(".bsdf") {
+        rgl::encode(tables, name, Channels::Rgb)
+    } else {
+        return Err(Problem::of(path.display(), "write to a name ending in .binary or .bsdf"));
+    })
+}
+
+/// The files of a posterior as `gonio infer` writes them.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct SavedResult<'py> {
+    table: Bound<'py, PyArray3<f32>>,
+    light: Bound<'py, PyArray3<f32>>,
+    quantiles: Bound<'py, PyArray3<f32>>,
+    /// Names and contents of further files.
+    files: Vec<(String, Vec<u8>)>,
+}
+
+/// Fills a folder, all of it or, on error, nothing.
+#[pyfunction]
+pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> PyResult<()> {
+    let (tables, light) = (arrays::tables(&result.table)?, arrays::colours(&result.light)?);
+    let quantiles = npy::Array {
+        shape: result.quantiles.shape().to_vec(),
+        values: result.quantiles.readonly().as_array().iter().copied().collect(),
+    };
+    let write = || {
+        let folder = StagedFolder::create(&folder)?;
+        folder.write("brdf.binary", &gonio_io::merl::encode(&MerlTable::from_bivariate(tables.each_ref())))?;
+        folder.write("light.exr", &encode_exr(&light, None))?;
+        folder.write("brdf_quantiles.npy", &npy::encode(&quantiles))?;
+        result.files.iter().try_for_each(|(name, bytes)| folder.write(name, bytes))?;
+        folder.commit()
+    };
+    py.detach(write).map_err(|e| Problem::from(e).raise(py))
+}
+
+/// Writes a file, all of it or nothing.
+#[pyfunction]
+pub(crate) fn write_file(py: Python<'_>, path: PathBuf, bytes: &[u8]) -> PyResult<()> {
+    py.detach(|| write_whole(&path, bytes)).map_err(|e| Problem::from(e).raise(py))
+}
+
+/// Reads the file of a part of a model.
+#[pyfunction]
+pub(crate) fn read_file(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyBytes>> {
+    let bytes = py.detach(|| gonio_io::model::read_part(&path)).map_err(|e| Problem::from(e).raise(py))?;
+    Ok(PyBytes::new(py, &bytes).unbind())
+}

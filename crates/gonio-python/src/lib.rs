@@ -1,0 +1,44 @@
+//! The extension module `gonio._gonio`: what the Python package cannot do itself, over plain arrays and dictionaries. Classes, defaults and documentation
+//! are in `python/gonio`, the types of all this in `_gonio.pyi`.
+//!
+//! Long work runs on a thread of its own without the interpreter's lock, and ends when the user presses Ctrl-C (`work`). Arrays come and go without
+//! copies (`arrays`).
+
+mod arrays;
+mod error;
+mod export;
+mod files;
+mod infer;
+mod model;
+mod render;
+mod scene;
+mod train;
+mod work;
+
+use pyo3::prelude::*;
+
+/// What the package `gonio` is made of; not for use by itself.
+#[pymodule]
+mod _gonio {
+    #[pymodule_export]
+    use super::export::{export, export_targets};
+    #[pymodule_export]
+    use super::files::{
+        encode_png, read_brdf, read_file, read_image, read_normals, save, write_brdf, write_file, write_image,
+    };
+    #[pymodule_export]
+    use super::infer::infer;
+    #[pymodule_export]
+    use super::model::Model;
+    #[pymodule_export]
+    use super::render::{draw, eval, normal_albedo, render, studio};
+    #[pymodule_export]
+    use super::train::{join, train_lighting, train_posterior, train_reflectance};
+    use super::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        super::error::keep_panics_quiet();
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

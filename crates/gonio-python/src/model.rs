@@ -1,0 +1,95 @@
+//! Models, decoded once.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use gonio_io::atomic::write_file;
+use gonio_io::model::{decode_model, embedded, encode_model, read_model};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+
+use crate::error::Problem;
+
+/// What inference knows beforehand: the prior of light, the basis of reflectance and the posterior of materials.
+#[pyclass(frozen, module = "gonio")]
+pub(crate) struct Model {
+    pub(crate) model: Arc<gonio::model::Model>,
+    /// How messages call it.
+    pub(crate) name: String,
+    is_embedded: bool,
+}
+
+/// How messages call the model that travels with the package.
+const EMBEDDED: &str = "the embedded model";
+
+impl Model {
+    /// One that has just been learnt.
+    pub(crate) fn learnt(model: Arc<gonio::model::Model>) -> Self {
+        Self { model, name: "the model".into(), is_embedded: false }
+    }
+}
+
+#[pymethods]
+impl Model {
+    /// The model that travels with the package; decoded at the first call.
+    #[staticmethod]
+    fn embedded(py: Python<'_>) -> PyResult<Py<Self>> {
+        static MODEL: PyOnceLock<Py<Model>> = PyOnceLock::new();
+        let decode = || -> PyResult<Py<Self>> {
+            let model = py.detach(embedded).map_err(|e| Problem::from(e).raise(py))?;
+            Py::new(py, Self { model: Arc::new(model), name: EMBEDDED.into(), is_embedded: true })
+        };
+        Ok(MODEL.get_or_try_init(py, decode)?.clone_ref(py))
+    }
+
+    /// A model from a file.
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let model = py.detach(|| read_model(&path)).map_err(|e| Problem::from(e).raise(py))?;
+        Ok(Self { model: Arc::new(model), name: path.display().to_string(), is_embedded: false })
+    }
+
+    /// A model from the bytes of its file.
+    #[staticmethod]
+    fn decode(py: Python<'_>, bytes: &[u8], name: String) -> PyResult<Self> {
+        let model = decode_model(Path::new(&name), bytes).map_err(|e| Problem::from(e).raise(py))?;
+        Ok(Self { model: Arc::new(model), name, is_embedded: false })
+    }
+
+    /// Writes the model to a file, whole or not at all.
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| write_file(&path, &encode_model(&self.model))).map_err(|e| Problem::from(e).raise(py))
+    }
+
+    /// What it was learnt from and how.
+    #[getter]
+    fn provenance(&self) -> &str {
+        &self.model.provenance
+    }
+
+    /// The largest grid of light that it covers, in texels a side.
+    #[getter]
+    fn largest_grid(&self) -> usize {
+        1 << self.model.light.scales
+    }
+
+    /// Whether it has the posterior of materials that inference needs.
+    #[getter]
+    fn has_posterior(&self) -> bool {
+        self.model.posterior.is_some()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<gonio.Model: {}>", self.name)
+    }
+
+    /// The embedded one is found by name wherever the package is; others travel whole.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let class = py.get_type::<Self>();
+        if self.is_embedded {
+            return Ok((class.getattr("embedded")?, pyo3::types::PyTuple::empty(py).into_any()));
+        }
+        let bytes = pyo3::types::PyBytes::new(py, &py.detach(|| encode_model(&self.model)));
+        Ok((class.getattr("decode")?, (bytes, &self.name).into_pyobject(py)?.into_any()))
+    }
+}

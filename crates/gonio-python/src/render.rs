@@ -1,0 +1,133 @@
+//! Pictures of a BRDF, and draws from a posterior.
+
+use gonio::estimate::draws;
+use gonio::lighting::{EnvironmentMap, studio_light};
+use gonio::picture::Picture;
+use gonio::reflectance::{MerlTable, THETA_D, THETA_H};
+use gonio::render::{
+    Brdf, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface,
+};
+use numpy::{PyArray1, PyArray3, PyArray4, PyArrayMethods};
+use pyo3::prelude::*;
+
+use crate::arrays;
+use crate::error::Problem;
+use crate::model::Model;
+use crate::scene::take_shape;
+use crate::work::{self, Listeners};
+
+/// How a picture is made.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Settings {
+    width: usize,
+    height: usize,
+    samples: usize,
+    tolerance: f64,
+    shadows: bool,
+}
+
+/// Radiance of shape (height, width, 3), coverage of shape (height, width), and warnings.
+type Rendered<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, numpy::PyArray2<f32>>, Vec<String>);
+
+/// Renders a sphere or a mesh of a BRDF, by its table or by what depends on the third angle too, under a lat-long light.
+#[pyfunction]
+#[pyo3(signature = (table, full, light, shape, settings, listeners))]
+pub(crate) fn render<'py>(
+    py: Python<'py>,
+    table: &Bound<'py, PyArray3<f32>>,
+    full: Option<&Bound<'py, PyArray4<f32>>>,
+    light: &Bound<'py, PyArray3<f32>>,
+    shape: &Bound<'py, PyAny>,
+    settings: Settings,
+    listeners: Listeners,
+) -> PyResult<Rendered<'py>> {
+    let brdf: Box<dyn Brdf + Send> = match full {
+        Some(full) => Box::new(merl_table(full)?),
+        None => Box::new(arrays::tables(table)?),
+    };
+    let light = arrays::colours(light)?;
+    let shape = take_shape(shape)?;
+    let (picture, warnings) = work::run(py, listeners, move |reporter| {
+        let light = EnvironmentMap::new(light).map_err(|e| Problem::of("the light", e))?;
+        let tree = LightTree::of_map(&light);
+        let mut warnings = Vec::new();
+        let Settings { width, height, samples, tolerance, shadows } = settings;
+        let placed = shape.surface((width, height), &mut warnings)?;
+        let integrator = IntegratorSettings { tolerance, ..IntegratorSettings::default() };
+        let report = |x| reporter.at("rendering", x);
+        let picture = match &placed {
+            Some(placed) => {
+                let settings = SurfaceSettings { samples, integrator, shadows };
+                render_surface(&*brdf, &tree, placed.surface.as_ref(), &placed.camera, &settings, &report)
+            }
+            None => {
+                let settings = SphereSettings { size: width, samples, integrator, ..SphereSettings::default() };
+                render_sphere(&*brdf, &tree, &settings, &report)
+            }
+        };
+        Ok((picture, warnings))
+    })?;
+    let Picture { rgb, alpha } = picture;
+    let (width, height) = rgb.size();
+    let alpha = alpha.map_or_else(|| vec![1.0; width * height], gonio::picture::Plane::into_vec);
+    Ok((arrays::of_colours(py, rgb), arrays::array(py, (height, width), alpha), warnings))
+}
+
+/// The table in an array of shape (3, 90, 90, 180).
+pub(crate) fn merl_table(array: &Bound<'_, PyArray4<f32>>) -> PyResult<MerlTable> {
+    let values = array.readonly();
+    let values = values.as_array();
+    if values.shape() != [3, THETA_H, THETA_D, gonio::reflectance::PHI_D] {
+        let problem = Problem::new("a whole MERL table has the shape (3, 90, 90, 180)");
+        return Err(problem.raise(array.py()));
+    }
+    Ok(MerlTable::from_channels(
+        [0, 1, 2].map(|c| values.index_axis(numpy::ndarray::Axis(0), c).iter().copied().collect()),
+    ))
+}
+
+/// Draws from the posterior that the weights are: shape (count, 90, 90).
+#[pyfunction]
+pub(crate) fn draw<'py>(
+    py: Python<'py>,
+    model: &Bound<'py, Model>,
+    weights: &Bound<'py, PyArray1<f64>>,
+    count: usize,
+    seed: u64,
+) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    let (model, weights) = (model.get().model.clone(), weights.readonly().as_array().to_vec());
+    let listeners = Listeners::none();
+    let tables = work::run(py, listeners, move |_| {
+        let tables = draws(&model, &weights, count, seed).map_err(|e| Problem::new(e.to_string()))?;
+        Ok(tables.into_iter().flat_map(Vec::<f32>::from).collect::<Vec<f32>>())
+    })?;
+    Ok(arrays::array(py, (count, THETA_H, THETA_D), tables))
+}
+
+/// The light that results are shown in: shape (height, 2 height, 3).
+#[pyfunction]
+pub(crate) fn studio(py: Python<'_>, height: usize) -> Bound<'_, PyArray3<f32>> {
+    arrays::of_colours(py, studio_light(height).radiance().clone())
+}
+
+/// Share of the light along the normal that the luminance of a table reflects.
+#[pyfunction]
+pub(crate) fn normal_albedo(table: &Bound<'_, PyArray3<f32>>) -> PyResult<f64> {
+    Ok(gonio::reflectance::BivariateTable::luminance(&arrays::tables(table)?).normal_albedo())
+}
+
+/// Values of a table at half and difference angles in radians: shape (n, 3).
+#[pyfunction]
+pub(crate) fn eval<'py>(
+    py: Python<'py>,
+    table: &Bound<'py, PyArray3<f32>>,
+    theta_h: &Bound<'py, PyArray1<f64>>,
+    theta_d: &Bound<'py, PyArray1<f64>>,
+) -> PyResult<Bound<'py, numpy::PyArray2<f64>>> {
+    let tables = arrays::tables(table)?;
+    let (h, d) = (theta_h.readonly(), theta_d.readonly());
+    let angles = h.as_array().into_iter().copied().zip(d.as_array().into_iter().copied());
+    let values: Vec<f64> = angles.flat_map(|(h, d)| tables.each_ref().map(|t| t.eval(h, d))).collect();
+    Ok(arrays::array(py, (values.len() / 3, 3), values))
+}

@@ -1,0 +1,217 @@
+//! Learning models.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use gonio::lighting::EnvironmentMap;
+use gonio::reflectance::BivariateTable;
+use gonio::sphere::OctahedralMap;
+use gonio_io::model::{
+    decode_lighting, decode_posterior, decode_reflectance, encode_lighting, encode_posterior, encode_reflectance,
+};
+use gonio_io::training::{
+    self, Channel, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, TrainingError,
+};
+use numpy::PyArray3;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::arrays;
+use crate::error::Problem;
+use crate::model::Model;
+use crate::work::{self, Listeners};
+
+impl From<TrainingError> for Problem {
+    fn from(error: TrainingError) -> Self {
+        match error {
+            TrainingError::File(error) => error.into(),
+            error => Self::new(error.to_string()),
+        }
+    }
+}
+
+/// A folder, or maps.
+#[derive(FromPyObject)]
+pub(crate) enum GivenLights<'py> {
+    Folder(PathBuf),
+    Maps(Vec<Bound<'py, PyArray3<f32>>>),
+}
+
+impl GivenLights<'_> {
+    fn take(self) -> PyResult<Lights> {
+        let maps = match self {
+            Self::Folder(folder) => return Ok(Lights::Folder(folder)),
+            Self::Maps(maps) => maps,
+        };
+        let map = |(i, map): (usize, Bound<'_, PyArray3<f32>>)| {
+            let picture = arrays::colours(&map)?;
+            EnvironmentMap::new(picture).map_err(|e| Problem::of(format!("light {i}"), e).raise(map.py()))
+        };
+        Ok(Lights::Maps(maps.into_iter().enumerate().map(map).collect::<PyResult<_>>()?))
+    }
+}
+
+/// A folder, or names and tables.
+#[derive(FromPyObject)]
+pub(crate) enum GivenMaterials<'py> {
+    Folder(PathBuf),
+    Tables(Vec<(String, Bound<'py, PyArray3<f32>>)>),
+}
+
+impl GivenMaterials<'_> {
+    fn take(self) -> PyResult<Materials> {
+        let tables = match self {
+            Self::Folder(folder) => return Ok(Materials::Folder(folder)),
+            Self::Tables(tables) => tables,
+        };
+        let one = |(name, table): (String, Bound<'_, PyArray3<f32>>)| -> PyResult<(String, [BivariateTable; 3])> {
+            Ok((name, arrays::tables(&table)?))
+        };
+        Ok(Materials::Tables(tables.into_iter().map(one).collect::<PyResult<_>>()?))
+    }
+}
+
+fn channel(name: &str) -> Result<Channel, Problem> {
+    Ok(match name {
+        "red" => Channel::Red,
+        "green" => Channel::Green,
+        "blue" => Channel::Blue,
+        "luminance" => Channel::Luminance,
+        _ => {
+            return Err(Problem::new(format!("channel {name:?}: give \"red\", \"green\", \"blue\" or \"luminance\"")));
+        }
+    })
+}
+
+/// How the prior of light is learnt.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct LightingOptions {
+    grid: usize,
+    layout: String,
+    turns: usize,
+    seed: u64,
+}
+
+/// The bytes of a file that was not written, and the note of its origin.
+type Part = (Py<PyBytes>, String);
+
+/// The prior of light.
+#[pyfunction]
+pub(crate) fn train_lighting(
+    py: Python<'_>,
+    lights: GivenLights<'_>,
+    options: LightingOptions,
+    listeners: Listeners,
+) -> PyResult<Part> {
+    let lights = lights.take()?;
+    let (bytes, provenance) = work::run(py, listeners, move |reporter| {
+        let LightingOptions { grid, layout, turns, seed } = options;
+        let map = match layout.as_str() {
+            "equal-area" => OctahedralMap::EqualArea,
+            "praun-hoppe" => OctahedralMap::PraunHoppe,
+            _ => return Err(Problem::new(format!("layout {layout:?}: give \"equal-area\" or \"praun-hoppe\""))),
+        };
+        if !(1..=64).contains(&turns) {
+            return Err(Problem::new(format!("turns {turns}: give a number from 1 to 64")));
+        }
+        let settings = LightingSettings { grid, map, turns, seed };
+        let (prior, provenance) = training::lighting(&lights, &settings, &|stage, x| reporter.at(stage, x))?;
+        Ok((encode_lighting(&prior, &provenance), provenance))
+    })?;
+    Ok((PyBytes::new(py, &bytes).unbind(), provenance))
+}
+
+/// How the basis of reflectance is learnt.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct ReflectanceOptions {
+    rank: usize,
+    channel: String,
+    restarts: Option<usize>,
+    seed: u64,
+}
+
+/// Root mean square errors by material.
+type Errors = Vec<(String, f64)>;
+
+/// The basis of reflectance, and how well it shows each material.
+#[pyfunction]
+pub(crate) fn train_reflectance(
+    py: Python<'_>,
+    materials: GivenMaterials<'_>,
+    options: ReflectanceOptions,
+    listeners: Listeners,
+) -> PyResult<(Py<PyBytes>, String, Errors)> {
+    let materials = materials.take()?;
+    let (bytes, provenance, errors) = work::run(py, listeners, move |reporter| {
+        let default = ReflectanceSettings::default();
+        let settings = ReflectanceSettings {
+            rank: options.rank,
+            channel: channel(&options.channel)?,
+            restarts: options.restarts.unwrap_or(default.restarts),
+            seed: options.seed,
+        };
+        let (basis, report, provenance) =
+            training::reflectance(&materials, &settings, &|stage, x| reporter.at(stage, x))?;
+        let errors: Errors = report.fits.into_iter().map(|fit| (fit.name, fit.rms)).collect();
+        Ok((encode_reflectance(&basis, &provenance), provenance, errors))
+    })?;
+    Ok((PyBytes::new(py, &bytes).unbind(), provenance, errors))
+}
+
+/// How the posterior of materials is learnt.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct PosteriorOptions {
+    channel: String,
+    cameras: Option<usize>,
+    draws: Option<usize>,
+    epochs: Option<usize>,
+    seed: u64,
+}
+
+/// The posterior of materials.
+#[pyfunction]
+pub(crate) fn train_posterior(
+    py: Python<'_>,
+    lights: GivenLights<'_>,
+    materials: GivenMaterials<'_>,
+    options: PosteriorOptions,
+    listeners: Listeners,
+) -> PyResult<Part> {
+    let (lights, materials) = (lights.take()?, materials.take()?);
+    let (bytes, provenance) = work::run(py, listeners, move |reporter| {
+        let default = PosteriorSettings::default();
+        let settings = PosteriorSettings {
+            channel: channel(&options.channel)?,
+            cameras: options.cameras.unwrap_or(default.cameras),
+            draws: options.draws.unwrap_or(default.draws),
+            epochs: options.epochs.unwrap_or(default.epochs),
+            seed: options.seed,
+        };
+        let (amortised, provenance) =
+            training::posterior(&lights, &materials, &settings, &|stage, x| reporter.at(stage, x))?;
+        Ok((encode_posterior(&amortised, &provenance), provenance))
+    })?;
+    Ok((PyBytes::new(py, &bytes).unbind(), provenance))
+}
+
+/// A model of its parts: each the bytes of a file and how messages call it.
+#[pyfunction]
+#[pyo3(signature = (lighting, reflectance, posterior))]
+pub(crate) fn join(
+    py: Python<'_>,
+    lighting: (Vec<u8>, String),
+    reflectance: (Vec<u8>, String),
+    posterior: Option<(Vec<u8>, String)>,
+) -> PyResult<Model> {
+    let join = || -> Result<_, Problem> {
+        let light = decode_lighting(Path::new(&lighting.1), &lighting.0)?;
+        let basis = decode_reflectance(Path::new(&reflectance.1), &reflectance.0)?;
+        let posterior = posterior.map(|(bytes, name)| decode_posterior(Path::new(&name), &bytes)).transpose()?;
+        Ok(training::join(light, basis, posterior)?)
+    };
+    let model = py.detach(join).map_err(|problem| problem.raise(py))?;
+    Ok(Model::learnt(Arc::new(model)))
+}

@@ -1,0 +1,112 @@
+//! Long work beside Python: on a thread of its own, with progress and Ctrl-C on the thread that waits for it.
+
+use std::mem::take;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use pyo3::prelude::*;
+
+use crate::error::{Problem, fault};
+
+/// How often signals are looked for and progress is told.
+const POLL: Duration = Duration::from_millis(50);
+
+/// Who hears of the work while it goes on. Either may raise, which ends the work.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Listeners {
+    /// Called with the name of a stage and the fraction of it that is done.
+    progress: Option<Py<PyAny>>,
+    /// Called whenever signals are looked for.
+    poll: Option<Py<PyAny>>,
+}
+
+/// What both threads see.
+#[derive(Default)]
+struct Shared {
+    stop: AtomicBool,
+    /// What was not told yet: of each stage the latest.
+    events: Mutex<Vec<(&'static str, f64)>>,
+}
+
+/// The worker's end: tells of progress, and ends the work when nobody waits for it any more.
+#[derive(Clone)]
+pub(crate) struct Reporter(Arc<Shared>);
+
+/// What a worker unwinds with when it is told to stop.
+struct Stopped;
+
+impl Reporter {
+    /// A fraction (0..=1) of a stage is done.
+    pub(crate) fn at(&self, stage: &'static str, fraction: f64) {
+        if self.0.stop.load(Ordering::Relaxed) {
+            resume_unwind(Box::new(Stopped));
+        }
+        if let Ok(mut events) = self.0.events.lock() {
+            match events.last_mut().filter(|(last, _)| *last == stage) {
+                // Several threads report: a stage never goes back.
+                Some((_, at)) => *at = at.max(fraction),
+                None => events.push((stage, fraction)),
+            }
+        }
+    }
+}
+
+/// Does the work while other threads of Python run. When waiting ends before the work does, by Ctrl-C or by an exception of a listener, the worker stops the
+/// next time it reports.
+pub(crate) fn run<T: Send + 'static>(
+    py: Python<'_>,
+    listeners: Listeners,
+    job: impl FnOnce(&Reporter) -> Result<T, Problem> + Send + 'static,
+) -> PyResult<T> {
+    let shared = Arc::new(Shared::default());
+    let reporter = Reporter(shared.clone());
+    let (sender, mut receiver) = mpsc::channel();
+    thread::Builder::new().name("gonio".to_owned()).spawn(move || {
+        let done = catch_unwind(AssertUnwindSafe(|| job(&reporter)));
+        // Nobody listens after an interruption.
+        let _ = sender.send(done);
+    })?;
+    loop {
+        // The receiver goes along: it is not to be shared between threads.
+        let (back, got) = py.detach(move || {
+            let got = receiver.recv_timeout(POLL);
+            (receiver, got)
+        });
+        receiver = back;
+        if let Err(exception) = listeners.tell(py, &shared) {
+            shared.stop.store(true, Ordering::Relaxed);
+            return Err(exception);
+        }
+        match got {
+            Err(RecvTimeoutError::Timeout) => (),
+            Ok(Ok(result)) => return result.map_err(|problem| problem.raise(py)),
+            Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => return Err(fault()),
+        }
+    }
+}
+
+impl Listeners {
+    /// Nobody, but Ctrl-C works.
+    pub(crate) fn none() -> Self {
+        Self { progress: None, poll: None }
+    }
+
+    fn tell(&self, py: Python<'_>, shared: &Shared) -> PyResult<()> {
+        py.check_signals()?;
+        if let Some(poll) = &self.poll {
+            poll.call0(py)?;
+        }
+        let events = shared.events.lock().map(|mut events| take(&mut *events)).unwrap_or_default();
+        if let Some(progress) = &self.progress {
+            for event in events {
+                progress.call1(py, event)?;
+            }
+        }
+        Ok(())
+    }
+}

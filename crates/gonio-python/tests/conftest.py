@@ -1,0 +1,40 @@
+"""What the tests share: the sample photograph, and what was found on it once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gonio
+
+BALL = Path(__file__).resolve().parents[3] / "samples" / "ball.exr"
+
+
+@pytest.fixture(scope="session")
+def ball() -> Path:
+    return BALL
+
+
+@pytest.fixture(scope="session")
+def photograph() -> np.ndarray:
+    """The sample as an array."""
+    return gonio.read_image(BALL)
+
+
+@pytest.fixture(scope="session")
+def found() -> gonio.Posterior:
+    return gonio.infer(BALL)
+
+
+def small_ball(size: int = 48, *, colour: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> np.ndarray:
+    """A rendered ball with alpha, quick to infer from."""
+    brdf = gonio.Brdf.of(lambda h, d: 0.1 + 3.0 * np.exp(-((h / 0.15) ** 2)))
+    light = gonio.studio_light(32) * np.array(colour, np.float32)
+    return gonio.render(brdf, light, size=size)
+
+
+@pytest.fixture(scope="session")
+def small() -> np.ndarray:
+    return small_ball()

@@ -1,0 +1,78 @@
+"""Many photographs: threads and a Dask cluster."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+import gonio
+
+QUICK = {"grid": 8, "pictures": False}
+
+
+def items(small, ball):
+    return [
+        small,
+        "none.exr",
+        {"image": small, "grid": 16},
+        {"image": small, "grid": 5},
+        {"image": small, "nonsense": 1},
+        {"mask": None},
+    ]
+
+
+def check(results, small):
+    assert [bool(result) for result in results] == [True, False, True, False, False, False]
+    want = gonio.infer(small, **QUICK)
+    assert np.array_equal(results[0].brdf.table, want.brdf.table)
+    assert results[2].notes["settings"]["grid"] == 16
+    missing, grid, argument, image = (results[i] for i in (1, 3, 4, 5))
+    assert missing.name == "none.exr" and isinstance(missing.error, FileNotFoundError) and missing.index == 1
+    assert isinstance(grid.error, gonio.GonioError) and "grid 5" in repr(grid) and grid.name == "item 3"
+    assert isinstance(argument.error, TypeError) and isinstance(image.error, TypeError)
+
+
+def test_threads_go_on_where_one_fails(small, ball):
+    told = []
+    results = gonio.infer_many(items(small, ball), progress=lambda done, of: told.append((done, of)), **QUICK)
+    check(results, small)
+    assert told == [(i, 6) for i in range(1, 7)]
+
+
+def test_an_exception_of_progress_ends_all(small):
+    def progress(done: int, of: int) -> None:
+        raise RuntimeError("enough")
+
+    before = threading.active_count()
+    with pytest.raises(RuntimeError, match="enough"):
+        gonio.infer_many([small] * 20, progress=progress, workers=1, **QUICK)
+    assert threading.active_count() <= before + 1
+
+
+def test_arguments_are_checked_before(small):
+    with pytest.raises(TypeError, match="infer has no argument nonsense"):
+        gonio.infer_many([small], nonsense=1)
+    with pytest.raises(gonio.GonioError, match="workers 0"):
+        gonio.infer_many([small], workers=0)
+    assert gonio.infer_many([]) == []
+
+
+def test_a_cluster_does_the_same(small, ball):
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(processes=True, n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        told = []
+        results = gonio.infer_many(items(small, ball), client, progress=lambda done, of: told.append((done, of)), **QUICK)
+        check(results, small)
+        assert told == [(i, 6) for i in range(1, 7)]
+        # What came back can do everything.
+        assert results[0].samples.shape == (64, 90, 90)
+        assert results[0].relight(size=8).shape == (8, 8, 4)
+        # The work was elsewhere.
+        import os
+
+        assert os.getpid() not in client.run(os.getpid).values()

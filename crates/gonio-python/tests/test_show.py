@@ -1,0 +1,98 @@
+"""Figures, notebooks and folders of results."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import gonio
+
+
+class Balanced(HTMLParser):
+    """Fails where tags are not closed in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.images: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "img":
+            self.images.append(dict(attrs)["src"])
+        else:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_notebooks_show_pictures_and_numbers(found):
+    page = found._repr_html_()
+    parser = Balanced()
+    parser.feed(page)
+    assert not parser.open and len(parser.images) == 1
+    head, data = parser.images[0].split(",", 1)
+    assert head == "data:image/png;base64" and base64.b64decode(data).startswith(b"\x89PNG")
+    assert found.materials[0][0] in page and len(page) < 500_000
+
+
+def test_figures_are_drawn(found):
+    figure = found.plot()
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=50)
+    assert file.getvalue().startswith(b"\x89PNG")
+    titles = [axes.get_title() for axes in figure.axes]
+    assert {"photograph", "reproduction", "estimated light"} <= set(titles)
+    assert "image/png" in figure._repr_mimebundle_() if hasattr(figure, "_repr_mimebundle_") else True
+
+
+def test_without_matplotlib_the_rest_works():
+    code = (
+        "import sys; sys.modules['matplotlib'] = None\n"
+        "import gonio, gonio._show\n"
+        "try: gonio._show.plot(None)\n"
+        "except ImportError as error: print(error)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "plot needs matplotlib: pip install matplotlib, or gonio[plot]"
+
+
+def test_folders_of_results(found, tmp_path):
+    found.save(tmp_path / "a" / "ball")
+    names = {path.name for path in (tmp_path / "a" / "ball").iterdir()}
+    assert names == {
+        "brdf.binary", "brdf_quantiles.npy", "light.exr", "relit.png", "summary.png", "uncertainty.png", "result.json"
+    }
+    assert np.allclose(gonio.read_merl(tmp_path / "a" / "ball" / "brdf.binary").table, found.brdf.table, rtol=1e-5)
+    assert np.array_equal(np.load(tmp_path / "a" / "ball" / "brdf_quantiles.npy"), found.quantiles)
+    assert np.array_equal(gonio.read_image(tmp_path / "a" / "ball" / "light.exr"), found.light)
+    assert json.loads((tmp_path / "a" / "ball" / "result.json").read_text()) == found.notes
+    found.save(tmp_path / "a" / "ball")
+
+
+def test_a_report_is_made_where_it_is_asked_for(small, tmp_path):
+    found = gonio.infer(small, grid=8, report=True)
+    found.save(tmp_path / "out")
+    assert (tmp_path / "out" / "report.html").read_text().startswith("<!DOCTYPE html>")
+
+
+def test_pictures_can_be_left_out(small, tmp_path):
+    found = gonio.infer(small, grid=8, pictures=False)
+    assert found.pictures == {} and "<img" not in found._repr_html_()
+    found.save(tmp_path / "out")
+    assert not (tmp_path / "out" / "summary.png").exists()
+    with pytest.raises(gonio.GonioError, match="pictures=True"):
+        found.plot()
+
+
+def test_all_pictures_are_there(found):
+    assert {"photograph", "observed", "reproduction", "residual", "light", "relit", "summary", "uncertainty"} <= set(found.pictures)
+    for picture in found.pictures.values():
+        assert picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3

@@ -1,0 +1,79 @@
+"""Learning models from small made-up data, in memory and in folders."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import gonio
+
+
+def lights() -> list[np.ndarray]:
+    studio = gonio.studio_light(16)
+    y, x = np.mgrid[:16, :32]
+    return [np.roll(studio, turn, axis=1) * (1 + 0.5 * np.sin(0.4 * x + 0.3 * i * y))[:, :, None] for i, turn in enumerate([0, 5, 11])]
+
+
+def materials() -> dict[str, gonio.Brdf]:
+    def make(diffuse: float, width: float) -> gonio.Brdf:
+        return gonio.Brdf.of(lambda h, d: diffuse / np.pi + np.exp(-((h / width) ** 2)) / width)
+
+    return {"matt": make(0.3, 0.6), "satin": make(0.2, 0.3), "gloss": make(0.05, 0.15)}
+
+
+def test_a_model_is_learnt_and_used(small, tmp_path):
+    told = []
+    lighting = gonio.train_lighting(lights(), grid=16, turns=2, progress=lambda stage, x: told.append(stage))
+    basis = gonio.train_reflectance(materials(), rank=2, restarts=2)
+    posterior = gonio.train_posterior(lights(), materials(), cameras=2, draws=10, epochs=2)
+    assert told and set(told) == {"reading lights"}
+    assert "3 maps" in lighting.provenance and set(basis.errors) == {"matt", "satin", "gloss"}
+    model = gonio.train_model(lighting, basis, posterior)
+    assert model.has_posterior and model.largest_grid == 16 and "3 materials" in model.provenance
+    model.write(str(tmp_path / "x.model"))
+    found = gonio.infer(small, model=tmp_path / "x.model", grid=8, pictures=False)
+    assert found.notes["model"]["provenance"] == model.provenance
+    assert np.array_equal(gonio.infer(small, model=model, grid=8, pictures=False).brdf.table, found.brdf.table)
+    # A model of one's own travels along.
+    assert pickle.loads(pickle.dumps(found)).draw(2).shape == (2, 90, 90)
+    with pytest.raises(gonio.GonioError, match="the model: has no posterior of materials"):
+        gonio.infer(small, model=gonio.train_model(lighting, basis), grid=8, pictures=False)
+
+
+def test_folders_and_files_do_as_well(tmp_path):
+    (tmp_path / "lights").mkdir()
+    (tmp_path / "materials").mkdir()
+    for i, light in enumerate(lights()):
+        gonio.write_image(tmp_path / "lights" / f"{i}.exr", light)
+    for name, brdf in materials().items():
+        brdf.write(tmp_path / "materials" / f"{name}.binary")
+    by_folder = gonio.train_lighting(tmp_path / "lights", grid=16, turns=2)
+    assert by_folder.data == gonio.train_lighting(lights(), grid=16, turns=2).data
+    basis = gonio.train_reflectance(tmp_path / "materials", rank=2, restarts=2)
+    by_folder.write(tmp_path / "light.model")
+    model = gonio.train_model(tmp_path / "light.model", basis)
+    assert not model.has_posterior
+
+
+def test_what_cannot_be_learnt_from_is_refused(tmp_path):
+    with pytest.raises(gonio.GonioError, match="grid 17: give a power of two from 8 to 512"):
+        gonio.train_lighting(lights(), grid=17)
+    with pytest.raises(gonio.GonioError, match="turns 0"):
+        gonio.train_lighting(lights(), turns=0)
+    with pytest.raises(gonio.GonioError, match="the lights: there are none"):
+        gonio.train_lighting([])
+    with pytest.raises(gonio.GonioError, match="light 1: a lat-long map is twice as wide as high"):
+        gonio.train_lighting([lights()[0], np.ones((4, 4, 3))])
+    with pytest.raises(gonio.GonioError, match="no .hdr, .exr or .pfm files here"):
+        gonio.train_lighting(tmp_path)
+    with pytest.raises(gonio.MissingFileError, match="cannot list this folder"):
+        gonio.train_lighting(tmp_path / "none")
+    with pytest.raises(gonio.GonioError, match="rank 4: the list holds 3 materials"):
+        gonio.train_reflectance(materials(), rank=4)
+    with pytest.raises(gonio.GonioError, match='channel "white"'):
+        gonio.train_reflectance(materials(), channel="white")
+    part = gonio.train_lighting(lights(), grid=8, turns=1)
+    with pytest.raises(gonio.GonioError, match="the lighting: .*a light prior alone"):
+        gonio.train_model(part, part)

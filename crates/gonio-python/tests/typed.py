@@ -1,0 +1,34 @@
+"""Checked by mypy --strict, never run: how the package looks to a program with types."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import gonio
+
+
+def told(stage: str, fraction: float) -> None:
+    print(stage, fraction)
+
+
+def use(image: NDArray[np.float32], path: Path) -> NDArray[np.float32]:
+    found: gonio.Posterior = gonio.infer(image, shape="sphere", mask=None, model=None, progress=told)
+    table: NDArray[np.float32] = found.brdf.table
+    open_cells: NDArray[np.bool_] = found.undetermined
+    names: list[str] = [name for name, _ in found.materials]
+    print(table.shape, open_cells.sum(), names, found.notes["seconds"])
+    found.plot().savefig(path / "figure.png")
+    found.save(path)
+    summary = found.export(path / "export", to=["mitsuba", "blender"])
+    print(summary["exports"])
+    for result in gonio.infer_many([path, image, {"image": image, "grid": 16}], grid=32):
+        if isinstance(result, gonio.Failure):
+            print(result.name, result.error)
+        else:
+            print(result.gloss)
+    model: gonio.Model = gonio.train_model(gonio.train_lighting(path), gonio.train_reflectance({"a": found.brdf}))
+    model.write(str(path))
+    return found.relight(gonio.studio_light(64), shape="bunny", size=(64, 48))

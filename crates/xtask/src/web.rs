@@ -89,10 +89,9 @@ fn compile(root: &Path) -> Result<PathBuf> {
     }
     let messages = built.stdout.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok());
     let files = messages.flat_map(|message: Value| message["filenames"].as_array().cloned().unwrap_or_default());
-    let names = files.filter_map(|file| file.as_str().map(PathBuf::from));
+    let mut names = files.filter_map(|file| file.as_str().map(PathBuf::from));
     names
-        .filter(|file| file.file_name().is_some_and(|name| name == "gonio_web.wasm"))
-        .next_back()
+        .rfind(|file| file.file_name().is_some_and(|name| name == "gonio_web.wasm"))
         .context("cargo does not say where it put the module")
 }
 

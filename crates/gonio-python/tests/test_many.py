@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -73,6 +78,23 @@ def test_a_cluster_does_the_same(small, ball):
         assert results[0].samples.shape == (64, 90, 90)
         assert results[0].relight(size=8).shape == (8, 8, 4)
         # The work was elsewhere.
-        import os
-
         assert os.getpid() not in client.run(os.getpid).values()
+
+
+def test_ctrl_c_ends_all(ball):
+    code = (
+        "import gonio\n"
+        "print('go', flush=True)\n"
+        "try:\n"
+        f"    gonio.infer_many([{str(ball)!r}] * 20, pictures=False)\n"
+        "except KeyboardInterrupt:\n"
+        "    print('interrupted', flush=True)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "go\n"
+    time.sleep(1)
+    process.send_signal(signal.SIGINT)
+    sent = time.perf_counter()
+    assert process.stdout.readline() == "interrupted\n"
+    assert time.perf_counter() - sent < 1.5
+    assert process.wait(timeout=30) == 0 and time.perf_counter() - sent < 15

@@ -83,7 +83,8 @@ def test_a_cluster_does_the_same(small, ball):
 
 def test_ctrl_c_ends_all(ball):
     code = (
-        "import gonio\n"
+        "import gonio, signal\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "print('go', flush=True)\n"
         "try:\n"
         f"    gonio.infer_many([{str(ball)!r}] * 20, pictures=False)\n"

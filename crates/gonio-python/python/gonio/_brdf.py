@@ -123,7 +123,7 @@ class Brdf:
 
 
 def read_merl(path: Path) -> Brdf:
-    """Reads a table of the MERL database (``.binary``)."""
+    """Reads a table of the MERL database (``.binary``); the whole table is copied once on its way."""
     return _read(path, False)
 
 

@@ -44,7 +44,8 @@ def render(
     :param size: width and height in pixels, or both as a pair.
     :param camera: where the camera of a mesh is (docs/camera.md), ``pose``: where the mesh is.
     :param samples: along each side of a pixel.
-    :param tolerance: sum of error bounds relative to the radiance; the true error is far smaller, about a percent.
+    :param tolerance: sum of error bounds relative to the radiance; the true error is smaller, by some
+        fifty times in detailed light, by five in the worst case known (a coarse even map).
     :param shadows: whether a mesh throws shadows on itself.
     :returns: radiance and coverage, shape (height, width, 4); colour is multiplied by coverage.
     """

@@ -3,13 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use gonio::shape::{Camera, Form, Placed, PlacedError, Soundness};
+use gonio::shape::{Camera, Placed, PlacedError};
 use gonio_io::camera::{read_camera, read_pose};
-use gonio_io::mesh::read_mesh;
-use serde_json::{Value, json};
-
-/// Cells along a side from which a shape of our own is made.
-const FORM_CELLS: usize = 96;
+use gonio_io::mesh::read_shape;
+use serde_json::Value;
 
 /// Options that say what the object is and where the camera stands.
 #[derive(clap::Args)]
@@ -35,12 +32,7 @@ impl MeshOptions {
     pub(crate) fn place(&self, size: (usize, usize), warnings: &mut Vec<String>) -> Result<Option<(Placed, Value)>> {
         let Some(path) = &self.mesh else { return Ok(None) };
         let name = path.display();
-        let own = [("blob", Form::Blob), ("bunny", Form::Bunny), ("bowl", Form::Bowl)];
-        let own = own.into_iter().find(|(name, _)| path.as_os_str() == *name).filter(|_| !path.exists());
-        let (mesh, soundness) = match own {
-            Some((_, form)) => (form.mesh(FORM_CELLS)?, Soundness::default()),
-            None => read_mesh(path)?,
-        };
+        let (mesh, soundness) = read_shape(path)?;
         warnings.extend(soundness.complaint().map(|odd| format!("{name}: {odd}")));
         let posed = match &self.pose {
             Some(pose) => {
@@ -55,10 +47,7 @@ impl MeshOptions {
             ),
             placed => placed.with_context(|| name.to_string())?,
         };
-        let notes = json!({
-            "mesh": name.to_string(), "soundness": soundness, "principal_point": placed.camera.principal,
-            "camera_to_world": placed.camera.to_world.transpose().to_cols_array_2d(),
-        });
+        let notes = gonio_report::notes::mesh(&name.to_string(), &soundness, &placed.camera);
         Ok(Some((placed, notes)))
     }
 }

@@ -1,7 +1,7 @@
 //! A photograph to everything that a `gonio.Posterior` holds.
 
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
@@ -9,6 +9,7 @@ use gonio::colour::Chroma;
 use gonio::estimate::{ColouringRule, Estimate, EstimateSettings, Stage, estimate};
 use gonio::picture::{Plane, srgb_encode};
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
+use gonio_report::clock::StageClock;
 use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
 use gonio_report::{notes, summary, uncertainty};
@@ -120,28 +121,21 @@ fn answer(
     let shadows = settings.shadows.then_some((model.light.map, side));
     let Observed { picture, sighting, notes: seen } = scene.observe(shadows, &mut warnings, reporter)?;
     let read = start.elapsed().as_secs_f64();
-    let clock = Mutex::new(Vec::new());
+    let clock = StageClock::default();
     let begin = |stage: Stage| {
-        if let Ok(mut clock) = clock.lock() {
-            if let Some((last, _)) = clock.last() {
-                reporter.at(name_of(*last), 1.0);
-            }
-            clock.push((stage, Instant::now()));
+        if let Some(last) = clock.begin(stage) {
+            reporter.at(last.name(), 1.0);
         }
-        reporter.at(name_of(stage), 0.0);
+        reporter.at(stage.name(), 0.0);
     };
     let ask = EstimateSettings { side, colouring: rule, ..EstimateSettings::default() };
     let found = estimate(model, &sighting.observations, &ask, &begin).map_err(|error| Problem::of(&name, error))?;
     let end = Instant::now();
-    let clock = clock.into_inner().unwrap_or_default();
-    let ends = clock.iter().skip(1).map(|(_, begin)| *begin).chain([end]);
-    let mut seconds: serde_json::Map<String, Value> = clock
-        .iter()
-        .zip(ends)
-        .map(|((stage, begin), end)| (name_of(*stage).to_owned(), json!((end - *begin).as_secs_f64())))
-        .collect();
+    let stages = clock.finish();
+    let mut seconds: serde_json::Map<String, Value> =
+        stages.into_iter().map(|(name, s)| (name.to_owned(), json!(s))).collect();
     warnings.extend(found.material.doubts().iter().map(ToString::to_string));
-    reporter.at(name_of(Stage::Colours), 1.0);
+    reporter.at(Stage::Colours.name(), 1.0);
     let (colours, light_colour) = (found.colouring.colours(), found.colouring.light());
     let subject = Subject {
         picture: &picture,
@@ -155,30 +149,21 @@ fn answer(
         material: Some(&found.material),
     };
     let panels = settings.pictures.then(|| Panels::draw(&subject, &|x| reporter.at("drawing", x)));
-    let mut notes = json!({
-        "format": "gonio-result",
-        "version": 1,
-        "gonio": env!("CARGO_PKG_VERSION"),
-        "image": name,
-        "method": "marginal",
-        "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
-        "observations": seen,
-        "colour": notes::colouring(&found.colouring, assumption),
-        "settings": notes::settings(&ask, linear),
-        "warnings": warnings,
-    });
+    let mut result = notes::head(&name, "marginal", model);
+    result["observations"] = seen;
+    result["colour"] = notes::colouring(&found.colouring, assumption);
+    result["settings"] = notes::settings(&ask, linear);
+    result["warnings"] = json!(warnings);
     seconds.insert("reading".into(), json!(read));
     seconds.insert("drawing".into(), json!(end.elapsed().as_secs_f64()));
     seconds.insert("total".into(), json!(start.elapsed().as_secs_f64()));
-    notes["seconds"] = Value::Object(seconds);
-    if let (Some(notes), Value::Object(sections)) = (notes.as_object_mut(), gonio_report::notes::estimate(&found)) {
-        notes.extend(sections);
-    }
+    result["seconds"] = Value::Object(seconds);
+    notes::extend(&mut result, notes::estimate(&found));
     let page = panels.as_ref().filter(|_| settings.report).map(|panels| {
         reporter.at("report", 0.0);
         let fits = Fits::of(&subject.coloured(&found.material.table));
         let (name, warnings) = (&stem, &warnings[..]);
-        Report { name, subject: &subject, panels, fits: &fits, warnings, result: &notes }.render()
+        Report { name, subject: &subject, panels, fits: &fits, warnings, result: &result }.render()
     });
     let pictures = panels.map_or_else(Vec::new, |panels| {
         let caption = format!(
@@ -196,7 +181,7 @@ fn answer(
         found,
         pictures,
         warnings,
-        notes: notes.to_string(),
+        notes: result.to_string(),
         page,
     })
 }
@@ -219,16 +204,6 @@ fn pictures(
     let name = |i: usize, name: &'static str| if i == 0 { "relit" } else { name };
     pictures.extend(spheres.into_iter().enumerate().map(|(i, (own, sphere))| (name(i, own), sphere)));
     pictures
-}
-
-/// The name of a stage, for progress and among the seconds.
-fn name_of(stage: Stage) -> &'static str {
-    match stage {
-        Stage::Material => "posterior",
-        Stage::Transfer => "transfer",
-        Stage::Light => "light",
-        Stage::Colours => "colour",
-    }
 }
 
 impl Answer {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, NormalPicture, Object, ObservationSettings, Oddity, SceneError, Sighting};
-use gonio::shape::{Camera, Form, Mesh, MeshParts, Placed, Soundness, Visibility};
+use gonio::shape::{Camera, Mesh, MeshParts, Placed, Visibility};
 use gonio::sphere::OctahedralMap;
 use gonio_io::camera::{decode_camera, decode_pose, read_camera, read_pose};
 use gonio_io::picture::{Decoded, Encoding, ReadOptions};
@@ -16,9 +16,6 @@ use serde_json::{Value, json};
 use crate::arrays;
 use crate::error::Problem;
 use crate::work::Reporter;
-
-/// Cells along a side from which a shape of our own is made.
-const FORM_CELLS: usize = 96;
 
 /// A picture, in a file or in memory.
 #[derive(FromPyObject)]
@@ -236,8 +233,8 @@ impl Scene {
             let visibility = sighting.observations.visibility.as_ref();
             notes["visibility"] = json!({ "hidden": visibility.is_some(), "bytes": visibility.map(Visibility::bytes) });
         }
-        if let (Some(shape), Value::Object(own)) = (notes.get_mut("shape").and_then(Value::as_object_mut), own_notes) {
-            shape.extend(own);
+        if let Some(shape) = notes.get_mut("shape") {
+            gonio_report::notes::extend(shape, own_notes);
         }
         Ok(Observed { picture, sighting, notes })
     }
@@ -355,14 +352,7 @@ fn place(
     let (name, (mesh, soundness)) = match source {
         Source::Here(parts) => ("the mesh".to_owned(), Mesh::new(parts).map_err(|e| Problem::of("the mesh", e))?),
         Source::File(path) => {
-            let own = [("blob", Form::Blob), ("bunny", Form::Bunny), ("bowl", Form::Bowl)];
-            let own = own.into_iter().find(|(name, _)| path.as_os_str() == *name).filter(|_| !path.exists());
-            let mesh = match own {
-                Some((_, form)) => {
-                    (form.mesh(FORM_CELLS).map_err(|e| Problem::of(path.display(), e))?, Soundness::default())
-                }
-                None => gonio_io::mesh::read_mesh(&path)?,
-            };
+            let mesh = gonio_io::mesh::read_shape(&path)?;
             (path.display().to_string(), mesh)
         }
     };
@@ -380,9 +370,6 @@ fn place(
         }
     };
     let placed = Placed::of_mesh(&mesh, camera, size).map_err(|e| Problem::of(&name, e))?;
-    let notes = json!({
-        "mesh": name, "soundness": soundness, "principal_point": placed.camera.principal,
-        "camera_to_world": placed.camera.to_world.transpose().to_cols_array_2d(),
-    });
+    let notes = gonio_report::notes::mesh(&name, &soundness, &placed.camera);
     Ok((placed, notes))
 }

@@ -4,6 +4,7 @@
 //! Nothing is read or written here: pictures are linear display values, which `gonio-io` encodes. [`page`] is the frame of all reports.
 
 pub mod canvas;
+pub mod clock;
 pub mod notes;
 pub mod page;
 pub mod panels;

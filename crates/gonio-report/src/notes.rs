@@ -4,8 +4,37 @@ use gonio::colour::Chroma;
 use gonio::estimate::{Colouring, Estimate, Light, LightEstimator, Material};
 use gonio::inference::amortised::Neighbour;
 use gonio::inference::marginal::LightProblem;
+use gonio::model::Model;
 use gonio::scene::{Found, Sighting};
+use gonio::shape::{Camera, Soundness};
 use serde_json::{Value, json};
+
+/// The beginning of `result.json`: what was asked, by which version and model.
+pub fn head(image: &str, method: &str, model: &Model) -> Value {
+    json!({
+        "format": "gonio-result",
+        "version": 1,
+        "gonio": env!("CARGO_PKG_VERSION"),
+        "image": image,
+        "method": method,
+        "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
+    })
+}
+
+/// Adds sections to others. What is no object stays as it is.
+pub fn extend(notes: &mut Value, more: Value) {
+    if let (Some(notes), Value::Object(more)) = (notes.as_object_mut(), more) {
+        notes.extend(more);
+    }
+}
+
+/// What is said of a mesh before its camera, beside what [`sighting`] says of it.
+pub fn mesh(name: &str, soundness: &Soundness, camera: &Camera) -> Value {
+    json!({
+        "mesh": name, "soundness": soundness, "principal_point": camera.principal,
+        "camera_to_world": camera.to_world.transpose().to_cols_array_2d(),
+    })
+}
 
 /// The sections `posterior`, `reflectance`, `light` and `noise` of an estimate.
 pub fn estimate(estimate: &Estimate) -> Value {

@@ -216,24 +216,13 @@ impl Session {
         let oddities = sighting.oddities.iter().map(ToString::to_string);
         let doubts = material.doubts();
         let warnings = self.warnings.iter().cloned().chain(oddities).chain(doubts.iter().map(ToString::to_string));
-        let mut result = json!({
-            "format": "gonio-result",
-            "version": 1,
-            "gonio": env!("CARGO_PKG_VERSION"),
-            "image": self.name,
-            "method": "marginal",
-            "model": {
-                "provenance": self.model.provenance, "rank": self.model.reflectance.len(), "map": self.model.light.map,
-            },
-            "observations": notes::sighting(sighting),
-            "colour": notes::colouring(colouring, ASSUMPTION),
-            "settings": notes::settings(settings, false),
-            "warnings": warnings.collect::<Vec<_>>(),
-            "seconds": serde_json::from_str::<Value>(seconds).unwrap_or_default(),
-        });
-        if let (Value::Object(result), Value::Object(sections)) = (&mut result, notes::estimate(&estimate)) {
-            result.extend(sections);
-        }
+        let mut result = notes::head(&self.name, "marginal", &self.model);
+        result["observations"] = notes::sighting(sighting);
+        result["colour"] = notes::colouring(colouring, ASSUMPTION);
+        result["settings"] = notes::settings(settings, false);
+        result["warnings"] = json!(warnings.collect::<Vec<_>>());
+        result["seconds"] = serde_json::from_str(seconds).unwrap_or_default();
+        notes::extend(&mut result, notes::estimate(&estimate));
         // The picture of the quantiles is for the program alone: what the page offers has no such file.
         if let Some(reflectance) = result["reflectance"].as_object_mut() {
             reflectance.remove("quantiles");

@@ -1,12 +1,10 @@
 //! The method `marginal`: the posterior of the material with the light integrated out, then the light given its mean.
 
-use std::sync::Mutex;
-use std::time::Instant;
-
 use anyhow::{Context, Result, bail};
-use gonio::estimate::{Colouring, Estimate, EstimateSettings, Stage, estimate};
+use gonio::estimate::{Colouring, Estimate, EstimateSettings, estimate};
 use gonio::model::Model;
 use gonio::scene::Observations;
+use gonio_report::clock::StageClock;
 
 use super::{Answer, Options};
 
@@ -30,17 +28,12 @@ pub(super) fn answer(
     settings: &EstimateSettings,
     warnings: &mut Vec<String>,
 ) -> Result<(Answer, Colouring)> {
-    let clock = Mutex::new(Vec::new());
-    let begin = |stage: Stage| {
-        if let Ok(mut clock) = clock.lock() {
-            clock.push((stage, Instant::now()));
-        }
+    let clock = StageClock::default();
+    let begin = |stage| {
+        clock.begin(stage);
     };
     let found = estimate(model, observations, settings, &begin).with_context(|| options.image.display().to_string())?;
-    let end = Instant::now();
-    let clock = clock.into_inner().unwrap_or_default();
-    let ends = clock.iter().skip(1).map(|(_, begin)| *begin).chain([end]);
-    let seconds = clock.iter().zip(ends).map(|((stage, begin), end)| (name_of(*stage), (end - *begin).as_secs_f64()));
+    let seconds = clock.finish();
     let mut sections = gonio_report::notes::estimate(&found);
     sections["settings"] = gonio_report::notes::settings(settings, options.reading.linear);
     let Estimate { material, light, colouring } = found;
@@ -50,18 +43,8 @@ pub(super) fn answer(
         caption: format!("misfit {:.1} %", 100.0 * light.misfit),
         light: Some(light.grid),
         sections,
-        seconds: seconds.collect(),
+        seconds,
         material: Some(material),
     };
     Ok((answer, colouring))
-}
-
-/// The name of a stage among the seconds of result.json.
-fn name_of(stage: Stage) -> &'static str {
-    match stage {
-        Stage::Material => "posterior",
-        Stage::Transfer => "transfer",
-        Stage::Light => "light",
-        Stage::Colours => "colour",
-    }
 }

@@ -21,7 +21,7 @@ use gonio_io::npy;
 use gonio_io::picture::encode_png;
 use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
-use gonio_report::{summary, uncertainty};
+use gonio_report::{notes, summary, uncertainty};
 use serde_json::{Value, json};
 
 use crate::input;
@@ -193,7 +193,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let model_seconds = start.elapsed().as_secs_f64();
     // Read before the long work, used again for the pictures.
     let known = options.light.as_deref().map(input::light).transpose()?;
-    let Photograph { picture, clip, notes } =
+    let Photograph { picture, clip, notes: bracket } =
         photograph::read(&options.image, &options.exposures, &options.reading, options.clip, &mut warnings)?;
     let (sighting, observations_notes) = observe::observe(options, &picture, clip, model.light.map, &mut warnings)?;
     // Made before the long work: a folder that cannot be made is told at once.
@@ -234,19 +234,12 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         start.elapsed().as_secs_f64()
     );
     let drawing_seconds = stage.finish();
-    let mut result = json!({
-        "format": "gonio-result",
-        "version": 1,
-        "gonio": env!("CARGO_PKG_VERSION"),
-        "image": options.image.display().to_string(),
-        "method": name_of(options.method),
-        "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
-        "observations": observations_notes,
-        "colour": gonio_report::notes::colouring(&colouring, assumption),
-        "warnings": warnings,
-    });
-    if let Some(notes) = notes {
-        result["bracket"] = notes;
+    let mut result = notes::head(&options.image.display().to_string(), &name_of(options.method), &model);
+    result["observations"] = observations_notes;
+    result["colour"] = notes::colouring(&colouring, assumption);
+    result["warnings"] = json!(warnings);
+    if let Some(bracket) = bracket {
+        result["bracket"] = bracket;
     }
     let mut seconds = json!({
         "model": model_seconds, "reading": read_seconds, "drawing": drawing_seconds,
@@ -254,9 +247,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     seconds.as_object_mut().into_iter().for_each(|s| {
         s.extend(answer.seconds.iter().map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))));
     });
-    if let (Some(result), Value::Object(sections)) = (result.as_object_mut(), answer.sections) {
-        result.extend(sections);
-    }
+    notes::extend(&mut result, answer.sections);
     let write = |name: &str, bytes: &[u8]| folder.write(name, bytes);
     let writing = Instant::now();
     write("brdf.binary", &gonio_io::merl::encode(&MerlTable::from_bivariate(tables.each_ref())))?;

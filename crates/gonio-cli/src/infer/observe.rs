@@ -104,8 +104,8 @@ pub(super) fn observe(
     if !hidden.is_null() {
         notes["visibility"] = hidden;
     }
-    if let (Some(shape), Value::Object(own)) = (notes.get_mut("shape").and_then(Value::as_object_mut), own_notes) {
-        shape.extend(own);
+    if let Some(shape) = notes.get_mut("shape") {
+        gonio_report::notes::extend(shape, own_notes);
     }
     Ok((sighting, notes))
 }

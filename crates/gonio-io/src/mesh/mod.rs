@@ -17,7 +17,7 @@ mod write;
 
 use std::path::Path;
 
-use gonio::shape::{Mesh, Soundness};
+use gonio::shape::{Form, Mesh, Soundness};
 
 use crate::{Error, guard};
 
@@ -39,6 +39,21 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
     let path = path.as_ref();
     let bytes = guard::read_whole(path, MAX_BYTES)?;
     decode_with(path, &bytes, &|name, length| gltf::read_sibling(path, name, length))
+}
+
+/// Reads a mesh; where there is no file of the name of one of our own shapes ([`Form::named`]), makes that.
+///
+/// # Errors
+/// Like [`read_mesh`].
+pub fn read_shape(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
+    let path = path.as_ref();
+    match path.to_str().and_then(Form::named).filter(|_| !path.exists()) {
+        Some(form) => {
+            let mesh = form.mesh(Form::CELLS).expect("the lattice is fine enough for every shape of our own");
+            Ok((mesh, Soundness::default()))
+        }
+        None => read_mesh(path),
+    }
 }
 
 /// Decodes a mesh held in memory; `path` serves the messages only. A glTF file must then hold all its buffers.
@@ -126,5 +141,12 @@ mod tests {
             assert_eq!(error.kind(), kind);
             assert!(error.to_string().contains(says), "{error}");
         }
+    }
+
+    #[test]
+    fn our_own_shapes_are_made_where_there_is_no_file() {
+        let (mesh, soundness) = read_shape("bowl").unwrap();
+        assert!(mesh.triangles().len() > 1000 && soundness == Soundness::default());
+        assert!(read_shape("cup").unwrap_err().to_string().starts_with("cup: "));
     }
 }

@@ -118,6 +118,9 @@ pub fn draws(model: &Model, weights: &[f64], count: usize, seed: u64) -> Result<
 pub(super) struct Impression<'a> {
     amortised: &'a Amortised,
     posterior: MaterialPosterior,
+    /// The estimate, and the scale it was given.
+    pub(super) table: BivariateTable,
+    scale: f64,
     strangeness: f64,
     normals: usize,
     filled: usize,
@@ -133,9 +136,13 @@ impl<'a> Impression<'a> {
         let settings = UnshadowSettings::default();
         let unshadowed = unshadow(observations, (&lattice, &measures), amortised, &model.light, &plan, &settings)?;
         let statistics = measures.of(&unshadowed.gathered.values);
+        let posterior = amortised.posterior(&statistics);
+        let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
         Ok(Self {
             amortised,
-            posterior: amortised.posterior(&statistics),
+            posterior,
+            table,
+            scale,
             strangeness: amortised.strangeness(&statistics),
             normals: lattice.normals().len(),
             filled: unshadowed.gathered.filled,
@@ -143,14 +150,9 @@ impl<'a> Impression<'a> {
         })
     }
 
-    /// The estimate and the scale it was given.
-    pub(super) fn table(&self) -> (BivariateTable, f64) {
-        self.posterior.mean.with_normal_albedo(ALBEDO)
-    }
-
     pub(super) fn describe(self) -> Material {
         let (dictionary, posterior) = (&self.amortised.dictionary, self.posterior);
-        let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
+        let (table, scale) = (self.table, self.scale);
         let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * scale) as f32).collect();
         let quantiles = posterior.quantiles(dictionary, &SHARES).into_iter().map(rescaled).collect();
         let undetermined = posterior.undetermined(dictionary);

@@ -66,6 +66,18 @@ pub enum Stage {
     Colours,
 }
 
+impl Stage {
+    /// In a word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Material => "posterior",
+            Self::Transfer => "transfer",
+            Self::Light => "light",
+            Self::Colours => "colour",
+        }
+    }
+}
+
 /// Why there is no answer.
 #[derive(Debug, Error)]
 pub enum EstimateError {
@@ -105,7 +117,7 @@ pub fn estimate(
     settings.check(model)?;
     progress(Stage::Material);
     let impression = Impression::of(model, observations, settings.side)?;
-    let (table, _) = impression.table();
+    let table = impression.table.clone();
     // The factorisations of the light leave a core idle half of the time.
     let (material, light) =
         rayon::join(|| impression.describe(), || Light::of(model, observations, &table, settings, progress));

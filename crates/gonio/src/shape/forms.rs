@@ -19,6 +19,19 @@ pub enum Form {
 }
 
 impl Form {
+    /// Cells along a side of the lattice from which these shapes are made to be looked at.
+    pub const CELLS: usize = 96;
+
+    /// The shape of a name in small letters: `blob`, `bunny`, `bowl`.
+    pub fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "blob" => Self::Blob,
+            "bunny" => Self::Bunny,
+            "bowl" => Self::Bowl,
+            _ => return None,
+        })
+    }
+
     /// The function that is negative within the shape.
     fn field(self) -> fn(DVec3) -> f64 {
         match self {

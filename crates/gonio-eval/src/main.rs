@@ -3,6 +3,7 @@
 
 mod bases;
 mod bench;
+mod captured;
 mod colour;
 mod data;
 mod folds;
@@ -43,6 +44,8 @@ enum Command {
     Colour(colour::Options),
     /// What shapes other than a sphere cost, with and without the light they keep from themselves.
     Shapes(shapes::Options),
+    /// The default method on photographs of real objects, by their measured BRDF and their photographs in other lights.
+    Captured(captured::Options),
     /// Estimators and references against each other over a grid of materials and lights.
     Bench(Box<bench::Options>),
     /// The learnt posterior on training materials in training lights that it has not seen.
@@ -60,6 +63,7 @@ fn main() -> ExitCode {
         Command::Lights(options) => lights::run(&data, &options),
         Command::Colour(options) => colour::run(&data, &options),
         Command::Shapes(options) => shapes::run(&data, &options),
+        Command::Captured(options) => captured::run(&data, &options),
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),

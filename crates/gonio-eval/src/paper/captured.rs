@@ -1,6 +1,8 @@
 //! Fig. 6: a BRDF from a photograph of a real ball, judged by the photographs under its other lights and by measurement.
 
-use anyhow::{Context, Result};
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
 use glam::{DVec3, Vec3};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
@@ -9,13 +11,16 @@ use gonio::scene::{ObservationSettings, Observations};
 use maud::{Markup, html};
 use rayon::prelude::*;
 
-use super::ball::{Ball, LIGHTS, reflected};
 use super::show;
 use super::step;
 use super::workshop::Workshop;
+use crate::captured::{Captured, Cell, reflected};
 use crate::metrics::{self, Relight};
 use gonio_report::page::chart::{self, Axis, Series};
 use gonio_report::page::{figure, table};
+
+/// The lights of the photographs that are shown.
+const LIGHTS: [&str; 3] = ["city", "interior", "sunset"];
 
 /// Columns of the measurement that are charted, degrees of `theta_d`; each stands for the cell from there to one more.
 const CHARTED: [usize; 3] = [2, 10, 20];
@@ -39,10 +44,10 @@ struct Prediction {
 }
 
 pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
-    let ball = Ball::read(&workshop.data)?;
+    let ball = read(&workshop.data)?;
     let estimates = (0..LIGHTS.len()).map(|i| infer(workshop, &ball, i)).collect::<Result<Vec<_>>>()?;
     let mean = workshop.training_mean()?;
-    let pixels = ball.pixels();
+    let pixels = ball.pixels(80.0);
     let predict = |light: usize, colour: DVec3, f: &(dyn Fn(f64, f64) -> f64 + Sync)| {
         prediction(&ball, &pixels, light, &ball.render(light, f), colour)
     };
@@ -57,11 +62,11 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
                 of(&estimate.known),
                 of(&mean),
                 predict(light, estimate.colour, &|_, _| 1.0),
-                predict(light, estimate.colour, &|h, d| ball.measured.eval(h, d)),
+                predict(light, estimate.colour, &|h, d| ball.slice.eval(h, d)),
             ];
-            let exposure = show::exposure(&cropped(&ball, &ball.photographs[light].rgb));
+            let exposure = show::exposure(&ball.cropped(&ball.photographs[light].picture.rgb));
             let alt = format!("The ball under {}, predicted from {}", LIGHTS[light], LIGHTS[i]);
-            let shown = show::display(&cropped(&ball, &ours.picture.rgb), exposure);
+            let shown = show::display(&ball.cropped(&ours.picture.rgb), exposure);
             tiles.push((format!("{} predicted", LIGHTS[light]), figure::picture(&shown, &alt)));
             tiles.push((format!("{} photographed", LIGHTS[light]), photograph(&ball, light)));
             errors.push(format!("{} {:.2}, log {:.2}", LIGHTS[light], ours.error.relative, ours.error.log));
@@ -84,7 +89,7 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     Ok(html! {
         p {
             "A ball photographed under single lamps, which add up to three known lights. All light comes from a frontal patch, at most "
-            (format!("{:.0}", ball.reach())) " degrees from the view: " strong { "the prior of natural light is wrong for it" }
+            (format!("{:.0}", reach(&ball))) " degrees from the view: " strong { "the prior of natural light is wrong for it" }
             ", since natural light comes from all around. The blind estimates see one photograph each, and neither its light nor the others. "
             "Predictions sum the inferred BRDF over the lamps of the other lights; their colour is the median colour of the input."
         }
@@ -106,6 +111,23 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     })
 }
 
+/// The ball with the photographs in [`LIGHTS`].
+fn read(data: &Path) -> Result<Captured> {
+    let folder = data.join("captured/ball");
+    let mut ball = Captured::read(&folder)?;
+    ball.photographs.retain(|p| LIGHTS.contains(&p.name.as_str()));
+    if ball.photographs.len() != LIGHTS.len() {
+        bail!("{}: there must be photographs in {}", folder.display(), LIGHTS.join(", "));
+    }
+    Ok(ball)
+}
+
+/// The largest angle (degrees) between a light and the view.
+fn reach(ball: &Captured) -> f64 {
+    let lights = ball.photographs.iter().flat_map(|p| &p.lights);
+    lights.map(|l| l.direction.angle_between(DVec3::Z).to_degrees()).fold(0.0, f64::max)
+}
+
 /// Which of the trivial answers do better than the blind one.
 fn better_than_blind(ours: f64, trivial: &[(&str, f64)]) -> String {
     let better: Vec<&str> = trivial.iter().filter(|(_, error)| *error < ours).map(|(name, _)| *name).collect();
@@ -116,17 +138,17 @@ fn better_than_blind(ours: f64, trivial: &[(&str, f64)]) -> String {
     }
 }
 
-fn infer(workshop: &Workshop, ball: &Ball, i: usize) -> Result<Estimate> {
+fn infer(workshop: &Workshop, ball: &Captured, i: usize) -> Result<Estimate> {
     let name = format!("captured/ball/{}.exr", LIGHTS[i]);
     step(&format!("Fig. 6, {}", LIGHTS[i]), || {
         let settings = ObservationSettings::default();
-        let found = Observations::of_normals(&ball.photographs[i], &ball.normals, Some(&ball.mask), &settings)
+        let found = Observations::of_normals(&ball.photographs[i].picture, &ball.normals, Some(&ball.mask), &settings)
             .with_context(|| name.clone())?;
         let projected = workshop.plan(&found.points)?.project(&found.values, 1e-5)?;
         let (_, blind) = workshop.infer(&projected, &name)?;
         let functions = &workshop.model.reflectance.functions;
         let row = |normal: DVec3| {
-            let of = |t: &BivariateTable| reflected(&|h, d| t.eval(h, d), normal, &ball.lights[i]);
+            let of = |t: &BivariateTable| reflected(&|h, d| t.eval(h, d), normal, &ball.photographs[i].lights);
             functions.iter().map(|t| luminance(of(t).as_vec3())).collect::<Vec<f32>>()
         };
         let rows: Vec<f32> = found.points.par_iter().flat_map_iter(|p| row(p.normal)).collect();
@@ -138,8 +160,8 @@ fn infer(workshop: &Workshop, ball: &Ball, i: usize) -> Result<Estimate> {
 }
 
 /// Compares what a BRDF sends to the camera with the photograph, and colours it.
-fn prediction(ball: &Ball, pixels: &[usize], light: usize, sent: &Plane<DVec3>, colour: DVec3) -> Prediction {
-    let photograph = ball.photographs[light].rgb.as_slice();
+fn prediction(ball: &Captured, pixels: &[usize], light: usize, sent: &Plane<DVec3>, colour: DVec3) -> Prediction {
+    let photograph = ball.photographs[light].picture.rgb.as_slice();
     let ours: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(sent.as_slice()[i].as_vec3()))).collect();
     let reference: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(photograph[i]))).collect();
     let rgb = sent.map(|c| (*c * colour).as_vec3());
@@ -152,40 +174,23 @@ fn prediction(ball: &Ball, pixels: &[usize], light: usize, sent: &Plane<DVec3>, 
     }
 }
 
-/// The part of a picture that has the ball, with the mask as alpha.
-fn cropped(ball: &Ball, rgb: &Plane<Vec3>) -> Picture {
-    let (width, height) = rgb.size();
-    let on: Vec<(usize, usize)> =
-        (0..width * height).filter(|&i| ball.mask.as_slice()[i] > 0.5).map(|i| (i % width, i / width)).collect();
-    let range = |values: &dyn Fn(&(usize, usize)) -> usize, limit: usize| {
-        let low = on.iter().map(values).min().unwrap_or(0).saturating_sub(3);
-        let high = (on.iter().map(values).max().unwrap_or(0) + 4).min(limit);
-        (low, high)
-    };
-    let ((x0, x1), (y0, y1)) = (range(&|p| p.0, width), range(&|p| p.1, height));
-    let size = (x1 - x0, y1 - y0);
-    let alpha = Plane::from_fn(size.0, size.1, |x, y| ball.mask[(x0 + x, y0 + y)].clamp(0.0, 1.0));
-    let rgb = Plane::from_fn(size.0, size.1, |x, y| rgb[(x0 + x, y0 + y)].max(Vec3::ZERO) * alpha[(x, y)]);
-    Picture { rgb, alpha: Some(alpha) }
-}
-
-fn photograph(ball: &Ball, light: usize) -> Markup {
-    let picture = cropped(ball, &ball.photographs[light].rgb);
+fn photograph(ball: &Captured, light: usize) -> Markup {
+    let picture = ball.cropped(&ball.photographs[light].picture.rgb);
     let alt = format!("Photograph of the ball under {}", LIGHTS[light]);
     figure::picture(&show::display(&picture, show::exposure(&picture)), &alt)
 }
 
 /// The best scale of a BRDF against the measured cells, and the log error after it: `min_s rms ln((s F^ + e)/(F + e))`, `e` a
 /// thousandth of the measured diffuse level, over cells below 80 degrees.
-fn fit(ball: &Ball, f: impl Fn(f64, f64) -> f64) -> (f64, f64) {
-    let degrees = |cell: &super::ball::Cell| cell.theta_h.to_degrees();
-    let broad = ball.measured.cells().filter(|c| (45.0..80.0).contains(&degrees(c))).map(|c| c.value);
+fn fit(ball: &Captured, f: impl Fn(f64, f64) -> f64) -> (f64, f64) {
+    let degrees = |cell: &Cell| cell.theta_h.to_degrees();
+    let broad = ball.slice.cells().filter(|c| (45.0..80.0).contains(&degrees(c))).map(|c| c.value);
     let floor = 1e-3 * metrics::median(broad.collect());
-    let cells = ball.measured.cells().filter(|c| degrees(c) < 80.0);
+    let cells = ball.slice.cells().filter(|c| degrees(c) < 80.0);
     metrics::log_fit(cells.map(|c| (f(c.theta_h, c.theta_d), c.value)), floor)
 }
 
-fn against_measurement(ball: &Ball, estimates: &[Estimate], mean: &BivariateTable) -> Markup {
+fn against_measurement(ball: &Captured, estimates: &[Estimate], mean: &BivariateTable) -> Markup {
     let of = |t: &BivariateTable| fit(ball, |h, d| t.eval(h, d));
     let mut rows = Vec::new();
     for (estimate, light) in estimates.iter().zip(LIGHTS) {
@@ -202,8 +207,8 @@ fn against_measurement(ball: &Ball, estimates: &[Estimate], mean: &BivariateTabl
         .iter()
         .map(|&column| {
             let theta_d = (column as f64 + 0.5).to_radians();
-            let inside = |c: &super::ball::Cell| (c.theta_d - theta_d).abs() < 1e-9 && c.theta_h.to_degrees() < 80.0;
-            let measured = ball.measured.cells().filter(inside).map(|c| (c.theta_h.to_degrees(), c.value)).collect();
+            let inside = |c: &Cell| (c.theta_d - theta_d).abs() < 1e-9 && c.theta_h.to_degrees() < 80.0;
+            let measured = ball.slice.cells().filter(inside).map(|c| (c.theta_h.to_degrees(), c.value)).collect();
             let mut series = vec![Series::line("measured", measured)];
             let curve = |t: &BivariateTable| -> Vec<(f64, f64)> {
                 let scale = of(t).0;
@@ -220,8 +225,8 @@ fn against_measurement(ball: &Ball, estimates: &[Estimate], mean: &BivariateTabl
             figure::figure(&chart::lines(&title, x, y, &series), &html! { "Scales aligned over all measured cells." })
         })
         .collect();
-    let count = ball.measured.cells().count();
-    let furthest = ball.measured.cells().map(|c| c.theta_d.to_degrees() + 0.5).fold(0.0, f64::max);
+    let count = ball.slice.cells().count();
+    let furthest = ball.slice.cells().map(|c| c.theta_d.to_degrees() + 0.5).fold(0.0, f64::max);
     html! {
         h3 { "Against the measured BRDF" }
         p {

@@ -1,17 +1,16 @@
 //! `gonio-eval paper`: every figure and table of the paper, made anew from the data, as one HTML file.
 //!
 //! One file per figure: [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3), [`appearance`] (Fig. 4), [`stability`] (Fig. 5),
-//! [`captured`] (Fig. 6, with the [`ball`] it shows), [`gloss`] (the remark on Fig. 6). [`workshop`] holds what they share:
+//! [`captured`] (Fig. 6), [`gloss`] (the remark on Fig. 6). [`workshop`] holds what they share:
 //! data, model, estimator; [`recovery`] makes the estimates of Figs. 4, 5 and of the gloss order once; [`show`] turns radiance into something to look at.
 
 mod appearance;
-mod ball;
 mod captured;
 mod gloss;
 mod lighting;
 mod recovery;
 mod reflectance;
-mod show;
+pub(crate) mod show;
 mod stability;
 mod workshop;
 

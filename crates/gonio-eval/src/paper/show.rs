@@ -27,12 +27,12 @@ fn covered(picture: &Picture, i: usize) -> bool {
 }
 
 /// The exposure at which most of the object is well seen.
-pub(super) fn exposure(picture: &Picture) -> Exposure {
+pub(crate) fn exposure(picture: &Picture) -> Exposure {
     Exposure::by_quantile(&picture.rgb, |i| covered(picture, i), 0.9, 0.6)
 }
 
 /// Linear display values of a picture whose colour is multiplied by its alpha.
-pub(super) fn display(picture: &Picture, exposure: Exposure) -> Plane<Vec3> {
+pub(crate) fn display(picture: &Picture, exposure: Exposure) -> Plane<Vec3> {
     Plane::from_fn(picture.rgb.width(), picture.rgb.height(), |x, y| {
         let alpha = picture.alpha.as_ref().map_or(1.0, |a| a[(x, y)].clamp(0.0, 1.0));
         exposure.apply(picture.rgb[(x, y)]) + GROUND * (1.0 - alpha)
@@ -51,7 +51,7 @@ pub(super) fn beside(pictures: &[Plane<Vec3>]) -> Plane<Vec3> {
 }
 
 /// A picture times a number.
-pub(super) fn scaled(picture: &Picture, factor: f64) -> Picture {
+pub(crate) fn scaled(picture: &Picture, factor: f64) -> Picture {
     Picture { rgb: picture.rgb.map(|p| *p * factor as f32), alpha: picture.alpha.clone() }
 }
 

@@ -1,0 +1,77 @@
+//! How a BRDF is judged by a captured object: by the measured slice, and by photographs in other lights.
+
+use glam::DVec3;
+use gonio::picture::{Plane, luminance};
+use gonio::reflectance::BivariateTable;
+
+use super::object::Captured;
+use super::slice::Cell;
+use crate::metrics::{self, Relight};
+
+/// Predictions are judged where the normal is less than so many degrees from the view.
+const WITHIN: f32 = 75.0;
+
+/// Half angles, in degrees, that count as the highlight, and those that count as the base.
+const HIGHLIGHT: f64 = 3.0;
+const BASE: std::ops::Range<f64> = 45.0..80.0;
+
+/// A BRDF of half and difference angle in radians, up to a scale.
+pub(super) type Reflectance<'a> = &'a (dyn Fn(f64, f64) -> f64 + Sync);
+
+/// Natural logarithm of a reflectance over that of the measurement, in each cell.
+fn log_ratios(cells: &[Cell], f: Reflectance<'_>) -> Vec<f64> {
+    cells.iter().map(|c| f(c.theta_h, c.theta_d).max(1e-12).ln() - c.value.ln()).collect()
+}
+
+/// Root mean square of the difference of natural logarithms over the cells, after the median offset.
+pub(super) fn slice_error(cells: &[Cell], f: Reflectance<'_>) -> f64 {
+    let ratios = log_ratios(cells, f);
+    let offset = metrics::median(ratios.clone());
+    (ratios.iter().map(|r| (r - offset).powi(2)).sum::<f64>() / ratios.len() as f64).sqrt()
+}
+
+/// Shares of the cells inside the 50 % and the 90 % interval, the measurement brought to the estimate by the median offset. `quantiles` are at
+/// [`SHARES`](gonio::estimate::SHARES).
+pub(super) fn coverage(cells: &[Cell], table: &BivariateTable, quantiles: &[BivariateTable; 4]) -> [f64; 2] {
+    let scale = metrics::median(log_ratios(cells, &|h, d| table.eval(h, d))).exp();
+    let inside = |low: &BivariateTable, high: &BivariateTable| {
+        let holds = |c: &&Cell| {
+            let value = scale * c.value;
+            low.eval(c.theta_h, c.theta_d) <= value && value <= high.eval(c.theta_h, c.theta_d)
+        };
+        cells.iter().filter(holds).count() as f64 / cells.len() as f64
+    };
+    [inside(&quantiles[1], &quantiles[2]), inside(&quantiles[0], &quantiles[3])]
+}
+
+/// How glossy a reflectance is, as far as the measurement tells: its mean over the cells with `theta_h` below 3 degrees over its mean over those from 45 to
+/// 80 degrees. One for a Lambertian surface; NaN if either are not among the cells.
+pub(super) fn gloss(cells: &[Cell], f: Reflectance<'_>) -> f64 {
+    let mean = |wanted: &dyn Fn(f64) -> bool| {
+        let those = cells.iter().filter(|c| wanted(c.theta_h.to_degrees()));
+        metrics::mean(&those.map(|c| f(c.theta_h, c.theta_d)).collect::<Vec<f64>>())
+    };
+    mean(&|h| h < HIGHLIGHT) / mean(&|h| BASE.contains(&h)).max(1e-300)
+}
+
+/// The same of the measurement.
+pub(super) fn measured_gloss(object: &Captured, cells: &[Cell]) -> f64 {
+    // At the centres of cells the slice is what was measured there.
+    gloss(cells, &|h, d| object.slice.eval(h, d))
+}
+
+/// What the object would look like in the lights of a photograph, and how far that is from the photograph: in luminance, at the best scale.
+pub(super) fn prediction(object: &Captured, photograph: usize, f: Reflectance<'_>) -> (Plane<DVec3>, Relight) {
+    let sent = object.render(photograph, f);
+    let seen = object.photographs[photograph].picture.rgb.as_slice();
+    let grey = |&p: &usize| [f64::from(luminance(sent.as_slice()[p].as_vec3())), f64::from(luminance(seen[p]))];
+    let pairs: Vec<[f64; 2]> = object.pixels(WITHIN).iter().map(grey).collect();
+    let column = |i: usize| pairs.iter().map(|pair| pair[i]).collect::<Vec<f64>>();
+    let error = metrics::relight(&column(0), &column(1));
+    (sent, error)
+}
+
+/// How far each photograph is from its [`prediction`].
+pub(super) fn predictions(object: &Captured, f: Reflectance<'_>) -> Vec<Relight> {
+    (0..object.photographs.len()).map(|i| prediction(object, i, f).1).collect()
+}

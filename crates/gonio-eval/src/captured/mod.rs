@@ -1,0 +1,68 @@
+//! `gonio-eval captured`: the default method on photographs of real objects, by what is known of them.
+//!
+//! [`object`] and [`slice`](mod@slice) are what was captured, [`judge`] how a BRDF is judged by it, [`study`] what becomes of each photograph, [`report`] the
+//! tables and [`page`] the pictures of that. Each estimate stands beside a Lambertian answer, the measured slice itself, which has only the errors that shadows,
+//! texture and registration leave, and the profile of that slice, the best of all answers that depend on `theta_h` alone.
+
+mod judge;
+mod object;
+mod page;
+mod report;
+mod slice;
+mod study;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+
+pub(crate) use object::{Captured, reflected};
+pub(crate) use slice::Cell;
+
+/// What is measured.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Model instead of the embedded one
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Objects, folders of DATA/captured [default: all]
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    objects: Vec<String>,
+    /// Folder for `captured.csv`, `captured.json` and pictures in `captured.html`
+    #[arg(short, long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+    let folders = if options.objects.is_empty() {
+        object::folders(data)?
+    } else {
+        options.objects.iter().map(|name| data.join("captured").join(name)).collect()
+    };
+    let model = match &options.model {
+        Some(path) => gonio_io::model::read_model(path)?,
+        None => gonio_io::model::embedded()?,
+    };
+    if let Some(out) = &options.out {
+        std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    }
+    let (mut records, mut sections) = (Vec::new(), Vec::new());
+    for folder in folders {
+        if !folder.is_dir() {
+            bail!("{}: there is no such object", folder.display());
+        }
+        let object = Captured::read(&folder)?;
+        let study = study::Study::new(&object).with_context(|| folder.display().to_string())?;
+        let answers = study.answers(&model).with_context(|| folder.display().to_string())?;
+        if options.out.is_some() {
+            sections.push(page::section(&object, &answers));
+        }
+        records.extend(answers.into_iter().map(|answer| answer.record));
+    }
+    if let Some(out) = &options.out {
+        gonio_io::atomic::write_file(out.join("captured.csv"), report::csv(&records).as_bytes())?;
+        gonio_io::atomic::write_file(out.join("captured.json"), &serde_json::to_vec_pretty(&records)?)?;
+        gonio_io::atomic::write_file(out.join("captured.html"), page::page(&sections).as_bytes())?;
+    }
+    print!("{}", report::markdown(&records));
+    Ok(())
+}

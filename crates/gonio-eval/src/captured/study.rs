@@ -1,0 +1,175 @@
+//! What the default method makes of each photograph of an object.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use gonio::estimate::{EstimateSettings, Light, Material};
+use gonio::model::Model;
+use gonio::reflectance::BivariateTable;
+use gonio::scene::{NormalPicture, Object, ObservationSettings, Sighting};
+use serde::Serialize;
+
+use super::judge::{self, Reflectance};
+use super::object::Captured;
+use super::slice::Cell;
+use crate::metrics::{Relight, mean};
+
+/// Errors of one answer.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(super) struct Errors {
+    /// Against the measured slice.
+    pub(super) slice: f64,
+    /// Of the object's other photographs, predicted: the mean over them; none if there is one photograph.
+    pub(super) relight: f64,
+    /// The same by the log version.
+    pub(super) relight_log: f64,
+}
+
+/// What is known of one photograph after the estimate.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Record {
+    pub(super) object: String,
+    pub(super) photograph: String,
+    pub(super) estimate: Errors,
+    pub(super) lambert: Errors,
+    /// Of the measured slice itself.
+    pub(super) measured: Errors,
+    /// Of the profile of the measured slice.
+    pub(super) profile: Errors,
+    /// [`judge::gloss`] of the measurement.
+    pub(super) gloss_measured: f64,
+    /// Of the estimate.
+    pub(super) gloss_estimate: f64,
+    /// 5, 50 and 95 % quantiles under the posterior.
+    pub(super) gloss: [f64; 3],
+    /// Shares of the measured slice inside the 50 and 90 % intervals.
+    pub(super) coverage: [f64; 2],
+    /// Of light and material together.
+    pub(super) misfit: f64,
+    /// What the program says against believing it.
+    pub(super) warnings: Vec<String>,
+    /// From the decoded picture to material and light.
+    pub(super) seconds: f64,
+}
+
+impl Record {
+    /// Whether the interval of the gloss holds the measured one.
+    pub(super) fn gloss_held(&self) -> bool {
+        (self.gloss[0]..=self.gloss[2]).contains(&self.gloss_measured)
+    }
+}
+
+/// A record and the BRDF it is of.
+pub(super) struct Answer {
+    pub(super) record: Record,
+    pub(super) table: BivariateTable,
+}
+
+/// An object and how the references do on it.
+pub(super) struct Study<'a> {
+    object: &'a Captured,
+    cells: Vec<Cell>,
+    lambert: Judged,
+    measured: Judged,
+    profile: Judged,
+}
+
+/// Slice error, and errors in each photograph.
+struct Judged {
+    slice: f64,
+    predictions: Vec<Relight>,
+}
+
+impl Judged {
+    fn of(object: &Captured, cells: &[Cell], f: Reflectance<'_>) -> Self {
+        Self { slice: judge::slice_error(cells, f), predictions: judge::predictions(object, f) }
+    }
+
+    /// The mean over all photographs but the one that was seen.
+    fn without(&self, seen: usize) -> Errors {
+        let others = |f: fn(&Relight) -> f64| {
+            let errors = self.predictions.iter().enumerate().filter(|(i, _)| *i != seen);
+            mean(&errors.map(|(_, e)| f(e)).collect::<Vec<f64>>())
+        };
+        Errors { slice: self.slice, relight: others(|e| e.relative), relight_log: others(|e| e.log) }
+    }
+}
+
+impl<'a> Study<'a> {
+    /// Judges the references.
+    pub(super) fn new(object: &'a Captured) -> Result<Self> {
+        let cells = object.slice.judged();
+        if cells.is_empty() {
+            bail!("measured_bivariate.npz: no cell has enough observations to judge by");
+        }
+        let profile = object.slice.profile();
+        Ok(Self {
+            lambert: Judged::of(object, &cells, &|_, _| 1.0),
+            measured: Judged::of(object, &cells, &|h, d| object.slice.eval(h, d)),
+            profile: Judged::of(object, &cells, &|h, _| profile(h)),
+            object,
+            cells,
+        })
+    }
+
+    /// The answers to all photographs, in their order.
+    pub(super) fn answers(&self, model: &Model) -> Result<Vec<Answer>> {
+        let answer = |seen: usize| {
+            let start = Instant::now();
+            let (material, light) =
+                estimate(self.object, seen, model).with_context(|| self.object.photographs[seen].name.clone())?;
+            let seconds = start.elapsed().as_secs_f64();
+            eprintln!("{}, {}: {seconds:.1} s", self.object.name, self.object.photographs[seen].name);
+            let record = self.record(seen, model, &material, &light, seconds)?;
+            Ok(Answer { record, table: material.table })
+        };
+        (0..self.object.photographs.len()).map(answer).collect()
+    }
+
+    fn record(&self, seen: usize, model: &Model, material: &Material, light: &Light, seconds: f64) -> Result<Record> {
+        let (object, cells, table) = (self.object, &self.cells, &material.table);
+        let quantiles: Vec<BivariateTable> =
+            material.quantiles.iter().map(|values| BivariateTable::from_vec(values.clone())).collect();
+        let Ok(quantiles) = <[BivariateTable; 4]>::try_from(quantiles) else {
+            bail!("the estimate has not the quantiles that coverage is measured by")
+        };
+        Ok(Record {
+            object: object.name.clone(),
+            photograph: object.photographs[seen].name.clone(),
+            estimate: Judged::of(object, cells, &|h, d| table.eval(h, d)).without(seen),
+            lambert: self.lambert.without(seen),
+            measured: self.measured.without(seen),
+            profile: self.profile.without(seen),
+            gloss_measured: judge::measured_gloss(object, cells),
+            gloss_estimate: judge::gloss(cells, &|h, d| table.eval(h, d)),
+            gloss: gloss_quantiles(model, material, cells)?,
+            coverage: judge::coverage(cells, table, &quantiles),
+            misfit: light.misfit,
+            warnings: material.doubts().iter().map(ToString::to_string).collect(),
+            seconds,
+        })
+    }
+}
+
+/// What the program does with `--normals normal.exr --mask mask.png`, in luminance.
+fn estimate(object: &Captured, seen: usize, model: &Model) -> Result<(Material, Light)> {
+    let normals = NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false };
+    let sighting = Sighting::of(
+        &object.photographs[seen].picture,
+        Some(object.mask.clone()),
+        Object::Normals(Box::new(normals)),
+        &ObservationSettings::default(),
+    )?;
+    let settings = EstimateSettings::default();
+    let material = Material::of(model, &sighting.observations, settings.side)?;
+    let light = Light::of(model, &sighting.observations, &material.table, &settings, &|_| ())?;
+    Ok((material, light))
+}
+
+/// 5, 50 and 95 % quantiles of [`judge::gloss`] under the posterior.
+fn gloss_quantiles(model: &Model, material: &Material, cells: &[Cell]) -> Result<[f64; 3]> {
+    let dictionary = &model.posterior.as_ref().context("the model has no posterior of materials")?.dictionary;
+    let number = |table: &BivariateTable| judge::gloss(cells, &|h, d| table.eval(h, d));
+    let quantiles = material.posterior.ranking(dictionary, number).quantiles(&[0.05, 0.5, 0.95]);
+    Ok([quantiles[0], quantiles[1], quantiles[2]])
+}

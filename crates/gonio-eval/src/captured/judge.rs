@@ -75,3 +75,61 @@ pub(super) fn prediction(object: &Captured, photograph: usize, f: Reflectance<'_
 pub(super) fn predictions(object: &Captured, f: Reflectance<'_>) -> Vec<Relight> {
     (0..object.photographs.len()).map(|i| prediction(object, i, f).1).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::planted;
+    use super::*;
+
+    fn glossy() -> BivariateTable {
+        BivariateTable::from_fn(|h, d| 0.1 + 3.0 * (-(h / 0.2).powi(2)).exp() + 0.05 * d)
+    }
+
+    #[test]
+    fn the_truth_has_no_error_on_any_scale() {
+        let truth = glossy();
+        let ball = planted::ball(&truth);
+        let scaled = |h: f64, d: f64| 7.0 * truth.eval(h, d);
+        assert!(slice_error(&ball.slice.judged(), &scaled) < 1e-5);
+        for error in predictions(&ball, &scaled) {
+            assert!(error.relative < 1e-6 && error.log < 1e-4, "{error:?}");
+        }
+        for error in predictions(&ball, &|_, _| 1.0) {
+            assert!(error.relative > 0.1 && error.log > 0.1, "{error:?}");
+        }
+    }
+
+    #[test]
+    fn the_slice_error_is_the_spread_around_the_median() {
+        // A quarter of the judged cells is doubled: the median stays, and a quarter of ln(2)^2 is left.
+        let cells = planted::measured(|h, _| 1.0 + h).judged();
+        assert_eq!(cells.len(), 80 * 30);
+        let edge = 20.0_f64.to_radians();
+        let off = slice_error(&cells, &|h, _| if h < edge { 6.0 * (1.0 + h) } else { 3.0 * (1.0 + h) });
+        assert!((off - 0.5 * std::f64::consts::LN_2).abs() < 1e-6, "{off}");
+    }
+
+    #[test]
+    fn gloss_is_the_highlight_over_the_base() {
+        let f = |h: f64, _: f64| if h.to_degrees() < 10.0 { 24.0 } else { 2.0 };
+        let ball = Captured { slice: planted::measured(f), ..planted::ball(&glossy()) };
+        let cells = ball.slice.judged();
+        assert!((measured_gloss(&ball, &cells) - 12.0).abs() < 1e-5);
+        assert!((gloss(&cells, &|_, _| 0.3) - 1.0).abs() < 1e-9);
+        let base: Vec<Cell> = cells.iter().copied().filter(|c| c.theta_h > 0.5).collect();
+        assert!(gloss(&base, &f).is_nan());
+    }
+
+    #[test]
+    fn intervals_hold_what_lies_inside_them() {
+        let truth = glossy();
+        // Three in four cells are the table's, the others are higher by half.
+        let edge = 20.0_f64.to_radians();
+        let cells = planted::measured(|h, d| truth.eval(h, d) * if h < edge { 1.5 } else { 1.0 }).judged();
+        let estimate = truth.scaled(0.2);
+        let quantiles = [0.5, 0.9, 1.1, 2.0].map(|factor| estimate.scaled(factor));
+        assert_eq!(coverage(&cells, &estimate, &quantiles), [0.75, 1.0]);
+        let narrow = [0.5, 0.9, 1.1, 1.4].map(|factor| estimate.scaled(factor));
+        assert_eq!(coverage(&cells, &estimate, &narrow), [0.75, 0.75]);
+    }
+}

@@ -7,6 +7,8 @@
 mod judge;
 mod object;
 mod page;
+#[cfg(test)]
+mod planted;
 mod report;
 mod slice;
 mod study;

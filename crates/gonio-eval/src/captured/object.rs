@@ -204,4 +204,21 @@ mod tests {
             assert!(parse_light(bad).is_err(), "{bad}");
         }
     }
+
+    #[test]
+    fn errors_name_the_file() {
+        let data = tempfile::tempdir().unwrap();
+        let said = |result: Result<Vec<String>>| format!("{:#}", result.err().unwrap());
+        assert!(format!("{:#}", folders(data.path()).err().unwrap()).contains("captured"));
+        let folder = data.path().join("captured/vase");
+        std::fs::create_dir_all(&folder).unwrap();
+        assert_eq!(folders(data.path()).unwrap(), [folder.as_path()]);
+        assert!(said(names(&folder)).contains("vase: no photographs"));
+        let file = folder.join("dusk_lights.txt");
+        std::fs::write(&file, "# lamps\n0 0 1 1 1 1\n0 0 1 1 1\n").unwrap();
+        assert_eq!(names(&folder).unwrap(), ["dusk"]);
+        let error = format!("{:#}", read_lights(&file).unwrap_err());
+        assert!(error.contains("dusk_lights.txt, line 3"), "{error}");
+        assert!(format!("{:#}", Captured::read(&folder).err().unwrap()).contains("normal.exr"));
+    }
 }

@@ -1,4 +1,5 @@
-//! How a BRDF is judged by a captured object: by the measured slice, and by photographs in other lights.
+//! How a BRDF is judged by a captured object: by the measured slice, and by photographs in other
+//! lights.
 
 use glam::DVec3;
 use gonio::picture::{Plane, luminance};
@@ -23,15 +24,16 @@ fn log_ratios(cells: &[Cell], f: Reflectance<'_>) -> Vec<f64> {
     cells.iter().map(|c| f(c.theta_h, c.theta_d).max(1e-12).ln() - c.value.ln()).collect()
 }
 
-/// Root mean square of the difference of natural logarithms over the cells, after the median offset.
+/// Root mean square of the difference of natural logarithms over the cells, after the median
+/// offset.
 pub(super) fn slice_error(cells: &[Cell], f: Reflectance<'_>) -> f64 {
     let ratios = log_ratios(cells, f);
     let offset = metrics::median(ratios.clone());
     (ratios.iter().map(|r| (r - offset).powi(2)).sum::<f64>() / ratios.len() as f64).sqrt()
 }
 
-/// Shares of the cells inside the 50 % and the 90 % interval, the measurement brought to the estimate by the median offset. `quantiles` are at
-/// [`SHARES`](gonio::estimate::SHARES).
+/// Shares of the cells inside the 50 % and the 90 % interval, the measurement brought to the
+/// estimate by the median offset. `quantiles` are at [`SHARES`](gonio::estimate::SHARES).
 pub(super) fn coverage(cells: &[Cell], table: &BivariateTable, quantiles: &[BivariateTable; 4]) -> [f64; 2] {
     let scale = metrics::median(log_ratios(cells, &|h, d| table.eval(h, d))).exp();
     let inside = |low: &BivariateTable, high: &BivariateTable| {
@@ -44,8 +46,9 @@ pub(super) fn coverage(cells: &[Cell], table: &BivariateTable, quantiles: &[Biva
     [inside(&quantiles[1], &quantiles[2]), inside(&quantiles[0], &quantiles[3])]
 }
 
-/// How glossy a reflectance is, as far as the measurement tells: its mean over the cells with `theta_h` below 3 degrees over its mean over those from 45 to
-/// 80 degrees. One for a Lambertian surface; NaN if either are not among the cells.
+/// How glossy a reflectance is, as far as the measurement tells: its mean over the cells with
+/// `theta_h` below 3 degrees over its mean over those from 45 to 80 degrees. One for a Lambertian
+/// surface; NaN if either are not among the cells.
 pub(super) fn gloss(cells: &[Cell], f: Reflectance<'_>) -> f64 {
     let mean = |wanted: &dyn Fn(f64) -> bool| {
         let those = cells.iter().filter(|c| wanted(c.theta_h.to_degrees()));
@@ -60,7 +63,8 @@ pub(super) fn measured_gloss(object: &Captured, cells: &[Cell]) -> f64 {
     gloss(cells, &|h, d| object.slice.eval(h, d))
 }
 
-/// What the object would look like in the lights of a photograph, and how far that is from the photograph: in luminance, at the best scale.
+/// What the object would look like in the lights of a photograph, and how far that is from the
+/// photograph: in luminance, at the best scale.
 pub(super) fn prediction(object: &Captured, photograph: usize, f: Reflectance<'_>) -> (Plane<DVec3>, Relight) {
     let sent = object.render(photograph, f);
     let seen = object.photographs[photograph].picture.rgb.as_slice();
@@ -101,7 +105,8 @@ mod tests {
 
     #[test]
     fn the_slice_error_is_the_spread_around_the_median() {
-        // A quarter of the judged cells is doubled: the median stays, and a quarter of ln(2)^2 is left.
+        // A quarter of the judged cells is doubled: the median stays, and a quarter of ln(2)^2 is
+        // left.
         let cells = planted::measured(|h, _| 1.0 + h).judged();
         assert_eq!(cells.len(), 80 * 30);
         let edge = 20.0_f64.to_radians();

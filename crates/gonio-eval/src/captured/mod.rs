@@ -1,8 +1,11 @@
-//! `gonio-eval captured`: the default method on photographs of real objects, by what is known of them.
+//! `gonio-eval captured`: the default method on photographs of real objects, by what is known of
+//! them.
 //!
-//! [`object`] and [`slice`](mod@slice) are what was captured, [`judge`] how a BRDF is judged by it, [`study`] what becomes of each photograph, [`report`] the
-//! tables and [`page`] the pictures of that. Each estimate stands beside a Lambertian answer, the measured slice itself, which has only the errors that shadows,
-//! texture and registration leave, and the profile of that slice, the best of all answers that depend on `theta_h` alone.
+//! [`object`] and [`slice`](mod@slice) are what was captured, [`judge`] how a BRDF is judged by it,
+//! [`study`] what becomes of each photograph, [`report`] the tables and [`page`] the pictures of
+//! that. Each estimate stands beside a Lambertian answer, the measured slice itself, which has only
+//! the errors that shadows, texture and registration leave, and the profile of that slice, the best
+//! of all answers that depend on `theta_h` alone.
 
 mod judge;
 mod object;

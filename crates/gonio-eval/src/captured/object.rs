@@ -1,4 +1,5 @@
-//! A captured object: photographs under known lights, its normals, and its BRDF as measured from single lights.
+//! A captured object: photographs under known lights, its normals, and its BRDF as measured from
+//! single lights.
 
 use std::path::{Path, PathBuf};
 
@@ -61,7 +62,8 @@ pub(crate) fn folders(data: &Path) -> Result<Vec<PathBuf>> {
 }
 
 impl Captured {
-    /// Reads a folder of `normal.exr`, `mask.png`, `measured_bivariate.npz`, and `NAME.exr` with `NAME_lights.txt` for each photograph.
+    /// Reads a folder of `normal.exr`, `mask.png`, `measured_bivariate.npz`, and `NAME.exr` with
+    /// `NAME_lights.txt` for each photograph.
     pub(crate) fn read(folder: &Path) -> Result<Self> {
         let normals = gonio_io::normals::read_normals(folder.join("normal.exr"))?;
         let mask = gonio_io::picture::read_mask(folder.join("mask.png"))?;
@@ -90,7 +92,8 @@ impl Captured {
         (0..self.mask.as_slice().len()).filter(seen).collect()
     }
 
-    /// The picture of the object with reflectance `f(theta_h, theta_d)` (radians) under the lights of one of its photographs.
+    /// The picture of the object with reflectance `f(theta_h, theta_d)` (radians) under the lights
+    /// of one of its photographs.
     pub(crate) fn render(&self, photograph: usize, f: impl Fn(f64, f64) -> f64 + Sync) -> Plane<DVec3> {
         let (width, height) = self.normals.size();
         let lights = &self.photographs[photograph].lights;
@@ -135,7 +138,8 @@ fn names(folder: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// What a surface seen from +z sends to the camera: the sum over the lights of `F(theta_h, theta_d) max(n . w, 0) weight`.
+/// What a surface seen from +z sends to the camera: the sum over the lights of
+/// `F(theta_h, theta_d) max(n . w, 0) weight`.
 pub(crate) fn reflected(f: &impl Fn(f64, f64) -> f64, normal: DVec3, lights: &[Directional]) -> DVec3 {
     let one = |light: &Directional| {
         let cosine = normal.dot(light.direction);
@@ -190,7 +194,8 @@ mod tests {
         let got = reflected(&|_, _| 0.5, DVec3::Z, &lights);
         let want = 0.5 * (DVec3::new(1.0, 2.0, 3.0) + DVec3::splat(4.0 * 0.5_f64.sqrt()));
         assert!((got - want).length() < 1e-12, "{got}");
-        // Half and difference angles of light at 45 degrees on a surface that faces the camera are both half of that.
+        // Half and difference angles of light at 45 degrees on a surface that faces the camera are
+        // both half of that.
         let angles = reflected(&|h, d| 10.0 * h + d, DVec3::Z, &lights[1..2]);
         let eighth = 22.5_f64.to_radians();
         assert!((angles.x - 4.0 * 0.5_f64.sqrt() * 11.0 * eighth).abs() < 1e-12);

@@ -1,4 +1,5 @@
-//! The BRDF of a captured object as measured from its single lights, over half and difference angle.
+//! The BRDF of a captured object as measured from its single lights, over half and difference
+//! angle.
 
 use std::fs::File;
 use std::io::Read;
@@ -13,7 +14,8 @@ const DEGREES: usize = 90;
 /// Cells of no more observations are not judged by.
 const OBSERVED: f64 = 50.0;
 
-/// A BRDF measured over `(theta_h, theta_d)` in cells of one degree; unlike MERL's, both axes are even.
+/// A BRDF measured over `(theta_h, theta_d)` in cells of one degree; unlike MERL's, both axes are
+/// even.
 pub(crate) struct Slice {
     /// Relative reflectance, `theta_d` fastest.
     mean: Vec<f32>,
@@ -58,8 +60,8 @@ impl Slice {
         Ok(Self::new(array("mean")?, array("count")?))
     }
 
-    /// Fills in along `theta_h` within each column that has values, then between such columns: linearly between values,
-    /// constant beyond them.
+    /// Fills in along `theta_h` within each column that has values, then between such columns:
+    /// linearly between values, constant beyond them.
     pub(crate) fn new(mean: Vec<f32>, count: Vec<f32>) -> Self {
         let mut slice = Self { mean, count, filled: vec![0.0; DEGREES * DEGREES] };
         let rows = |d: usize| (0..DEGREES).filter(|&h| slice.value(h, d).is_some()).collect::<Vec<usize>>();
@@ -89,14 +91,15 @@ impl Slice {
         })
     }
 
-    /// The cells that estimates are judged by: of more than 50 observations, `theta_h` below 80 degrees, not black.
+    /// The cells that estimates are judged by: of more than 50 observations, `theta_h` below 80
+    /// degrees, not black.
     pub(crate) fn judged(&self) -> Vec<Cell> {
         let sound = |c: &Cell| c.count > OBSERVED && c.theta_h < TRUSTED && c.value > 0.0;
         self.cells().filter(sound).collect()
     }
 
-    /// The best that a function of `theta_h` alone can say: the mean of the judged cells over `theta_d`, linear between rows
-    /// and constant beyond them.
+    /// The best that a function of `theta_h` alone can say: the mean of the judged cells over
+    /// `theta_d`, linear between rows and constant beyond them.
     pub(crate) fn profile(&self) -> impl Fn(f64) -> f64 + Sync + use<> {
         let mut rows = vec![(0.0, 0.0); DEGREES];
         for cell in self.judged() {
@@ -121,7 +124,8 @@ impl Slice {
     }
 }
 
-/// Linear interpolation between the values at ascending places, constant beyond them; zero without any.
+/// Linear interpolation between the values at ascending places, constant beyond them; zero without
+/// any.
 fn between(places: &[usize], x: f64, value: impl Fn(usize) -> f64) -> f64 {
     let after = places.partition_point(|p| *p as f64 <= x);
     match (after.checked_sub(1).map(|i| places[i]), places.get(after)) {

@@ -19,7 +19,8 @@ use crate::metrics::{Relight, mean};
 pub(super) struct Errors {
     /// Against the measured slice.
     pub(super) slice: f64,
-    /// Of the object's other photographs, predicted: the mean over them; none if there is one photograph.
+    /// Of the object's other photographs, predicted: the mean over them; none if there is one
+    /// photograph.
     pub(super) relight: f64,
     /// The same by the log version.
     pub(super) relight_log: f64,

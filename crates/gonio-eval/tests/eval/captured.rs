@@ -12,7 +12,8 @@ use super::bench::run;
 
 const SIDE: usize = 64;
 
-/// A matte ball under a lamp at the camera's side and under one from above: brightness is the cosine, the measured slice flat.
+/// A matte ball under a lamp at the camera's side and under one from above: brightness is the
+/// cosine, the measured slice flat.
 fn write(folder: &Path) {
     std::fs::create_dir_all(folder).unwrap();
     let normal = |x: usize, y: usize| {

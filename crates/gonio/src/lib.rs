@@ -15,5 +15,6 @@ pub mod reflectance;
 pub mod render;
 pub mod scene;
 pub mod shape;
+pub mod simulation;
 pub mod sphere;
 pub mod transfer;

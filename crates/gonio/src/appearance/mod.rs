@@ -4,8 +4,10 @@
 //! material under them: how strong and how skewed they are at each scale, how they change towards the rim. [`inference::amortised`](crate::inference::amortised)
 //! learns what these numbers say of the material.
 
+pub mod disk;
 mod lattice;
 mod statistics;
 
+pub use disk::{DiskImage, Sample, scatter};
 pub use lattice::{Gathered, Lattice};
 pub use statistics::{STATISTICS, Statistics};

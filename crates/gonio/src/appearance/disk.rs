@@ -1,0 +1,325 @@
+//! An image on the disk of normals: what a photograph of any shape shows, as a ball seen from far away would show it.
+
+use glam::Vec3;
+
+/// Cells along each side of the square around the disk.
+pub const SIDE: usize = 128;
+
+/// Channels of [`DiskImage::write_channels`].
+pub const CHANNELS: usize = 5;
+
+/// Numbers of [`DiskImage::globals`].
+pub const GLOBALS: usize = 4;
+
+/// Sine of the largest angle between normal and view, 80 degrees as in the paper.
+const RIM: f32 = 0.984_807_75;
+
+/// What is darker than this, relative to the mean, is black.
+const BLACK: f32 = 0.003;
+
+/// Patches of cells that the scatter is looked for in need at least so many observations.
+const PATCH: usize = 6;
+
+/// Least scatter: no camera is better.
+const LEAST_SCATTER: f32 = 0.001;
+
+/// One observation: where on the disk, and how bright.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Normal in the frame of its view, right; in -1..=1.
+    pub x: f32,
+    /// The same, up.
+    pub y: f32,
+    /// Luminance, not negative.
+    pub value: f32,
+    /// How far it is to be trusted, in 0..=1.
+    pub weight: f32,
+}
+
+/// The disk `x^2 + y^2 <= sin^2 80 degrees` of a ball's normals `(x, y, z)` in cells: row 0 is the top, `y` near 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DiskImage {
+    /// Mean luminance of each cell, row by row, zero off the disk. Cells without observations are filled in from others.
+    pub values: Vec<f32>,
+    /// Observations of each cell, weighted; zero where it was filled in.
+    pub counts: Vec<f32>,
+    /// Standard deviation of single observations of one normal, relative to their mean: the noise, texture, shadows and errors of normals.
+    pub scatter: f32,
+}
+
+/// Whether a cell is on the disk.
+pub fn on_disk(cell: usize) -> bool {
+    let (x, y) = centre(cell);
+    x * x + y * y <= RIM * RIM
+}
+
+/// Middle of a cell, `(x, y)`.
+pub fn centre(cell: usize) -> (f32, f32) {
+    let place = |i: usize| (i as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0;
+    (place(cell % SIDE), -place(cell / SIDE))
+}
+
+/// Normal at the middle of a cell of the disk.
+pub fn normal(cell: usize) -> Vec3 {
+    let (x, y) = centre(cell);
+    Vec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt())
+}
+
+/// The cell of a place, if it is on the disk.
+fn cell_of(x: f32, y: f32) -> Option<usize> {
+    let place = |v: f32| ((v + 1.0) * (0.5 * SIDE as f32)) as usize;
+    let cell = place(-y).min(SIDE - 1) * SIDE + place(x).min(SIDE - 1);
+    (x * x + y * y <= RIM * RIM && on_disk(cell)).then_some(cell)
+}
+
+impl DiskImage {
+    /// Gathers observations. `None` if none with a weight is on the disk or all are black.
+    pub fn gather(samples: &[Sample]) -> Option<Self> {
+        let mut sums = vec![[0.0_f64; 2]; SIDE * SIDE];
+        for sample in samples {
+            if let Some(cell) = cell_of(sample.x, sample.y).filter(|_| sample.weight > 0.0) {
+                let weight = f64::from(sample.weight);
+                sums[cell][0] += weight;
+                sums[cell][1] += weight * f64::from(sample.value.max(0.0));
+            }
+        }
+        let counts: Vec<f32> = sums.iter().map(|s| s[0] as f32).collect();
+        let means: Vec<f32> = sums.iter().map(|s| if s[0] > 0.0 { (s[1] / s[0]) as f32 } else { 0.0 }).collect();
+        if means.iter().all(|v| *v <= 0.0) {
+            return None;
+        }
+        Some(Self { values: filled(means, &counts), counts, scatter: scatter(samples).unwrap_or(0.0) })
+    }
+
+    /// An image of cells whose values, counts and scatter are known; those of count zero are filled in.
+    ///
+    /// # Panics
+    /// If there are not `SIDE * SIDE` values and counts.
+    pub fn of_cells(values: Vec<f32>, counts: Vec<f32>, scatter: f32) -> Self {
+        assert!(values.len() == SIDE * SIDE && counts.len() == values.len());
+        Self { values: filled(values, &counts), counts, scatter }
+    }
+
+    /// Share of the disk's cells that are observed, in 0..=1.
+    pub fn observed(&self) -> f32 {
+        let (mut seen, mut all) = (0, 0);
+        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+            all += 1;
+            seen += usize::from(self.counts[cell] > 0.0);
+        }
+        seen as f32 / all as f32
+    }
+
+    /// Mean over the disk.
+    fn mean(&self) -> f32 {
+        let on: Vec<f32> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(|c| self.values[c]).collect();
+        (on.iter().map(|v| f64::from(*v)).sum::<f64>() / on.len() as f64).max(1e-30) as f32
+    }
+
+    /// Writes `[row][column][channel]`, zero off the disk: the value over the mean as the eye sees it (its cube root, less one), half its logarithm, `n_z`,
+    /// whether it was observed, and the logarithm of the relative standard error (a third of it, plus one).
+    ///
+    /// # Panics
+    /// If `out` has not `SIDE * SIDE * CHANNELS` values.
+    pub fn write_channels(&self, out: &mut [f32]) {
+        assert_eq!(out.len(), SIDE * SIDE * CHANNELS);
+        let mean = self.mean();
+        out.fill(0.0);
+        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+            let relative = (self.values[cell] / mean).max(0.0);
+            let count = self.counts[cell];
+            let error = if count > 0.0 { (self.scatter.powi(2) / count + 1e-6).sqrt().min(1.0) } else { 1.0 };
+            out[cell * CHANNELS..][..CHANNELS].copy_from_slice(&[
+                relative.cbrt() - 1.0,
+                0.5 * (relative + BLACK).ln(),
+                normal(cell).z,
+                f32::from(u8::from(count > 0.0)),
+                error.ln() / 3.0 + 1.0,
+            ]);
+        }
+    }
+
+    /// The image as a whole: logarithm of the scatter, share of cells observed, logarithm of the observations a cell, logarithm of the largest value over
+    /// the mean; each of the order of one.
+    pub fn globals(&self) -> [f32; GLOBALS] {
+        let observed = self.observed();
+        let (mut total, mut seen, mut largest) = (0.0, 0.0_f32, 0.0_f32);
+        for cell in 0..SIDE * SIDE {
+            total += self.counts[cell];
+            seen += f32::from(u8::from(self.counts[cell] > 0.0));
+            largest = largest.max(self.values[cell]);
+        }
+        [
+            (self.scatter + 0.003).ln() / 3.0 + 1.0,
+            2.0 * observed - 1.0,
+            (total / seen.max(1.0)).ln() / 2.0,
+            (largest / self.mean()).ln() / 3.0 - 0.5,
+        ]
+    }
+}
+
+/// Fills cells of count zero from ever larger squares around them (push and pull, Gortler et al. 1996). Cells off the disk stay zero.
+fn filled(mut values: Vec<f32>, counts: &[f32]) -> Vec<f32> {
+    let mut levels: Vec<Vec<[f32; 2]>> = Vec::new();
+    let mut current: Vec<[f32; 2]> =
+        values.iter().zip(counts).map(|(v, c)| if *c > 0.0 { [*v, 1.0] } else { [0.0, 0.0] }).collect();
+    let mut side = SIDE;
+    while side > 1 {
+        let half = side / 2;
+        let mut next = vec![[0.0_f32; 2]; half * half];
+        for (at, next) in next.iter_mut().enumerate() {
+            let (x, y) = (2 * (at % half), 2 * (at / half));
+            let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| current[y * side + x]);
+            let weight: f32 = four.iter().map(|f| f[1]).sum();
+            let sum: f32 = four.iter().map(|f| f[0] * f[1]).sum();
+            *next = if weight > 0.0 { [sum / weight, weight.min(1.0)] } else { [0.0, 0.0] };
+        }
+        levels.push(current);
+        current = next;
+        side = half;
+    }
+    let mut coarse: Vec<f32> = current.iter().map(|c| c[0]).collect();
+    let mut side = 1;
+    for level in levels.iter().rev() {
+        let wide = 2 * side;
+        // Halfway between the middles of the coarser squares.
+        let at = |x: isize, y: isize| {
+            let clamp = |i: isize| i.clamp(0, side as isize - 1) as usize;
+            coarse[clamp(y) * side + clamp(x)]
+        };
+        let fine = |cell: usize| {
+            let (x, y) = ((cell % wide) as isize, (cell / wide) as isize);
+            let (ox, oy) = (x / 2, y / 2);
+            let (nx, ny) = (ox + if x % 2 == 0 { -1 } else { 1 }, oy + if y % 2 == 0 { -1 } else { 1 });
+            let up = 0.5625 * at(ox, oy) + 0.1875 * (at(nx, oy) + at(ox, ny)) + 0.0625 * at(nx, ny);
+            let [own, weight] = level[cell];
+            weight * own + (1.0 - weight) * up
+        };
+        coarse = (0..wide * wide).map(fine).collect();
+        side = wide;
+    }
+    for (cell, value) in values.iter_mut().enumerate() {
+        *value = if !on_disk(cell) { 0.0 } else if counts[cell] > 0.0 { *value } else { coarse[cell] };
+    }
+    values
+}
+
+/// The relative standard deviation of observations that share a normal: in small patches of the disk with six or more of them, that about a plane through
+/// them; the median over patches. The patches are the smallest of which a quarter of the disk's have so many. `None` where no size has.
+pub fn scatter(samples: &[Sample]) -> Option<f32> {
+    for side in [SIDE, SIDE / 2, SIDE / 4, SIDE / 8] {
+        let mut order: Vec<(u32, u32)> = Vec::with_capacity(samples.len());
+        let cells = side as f32 * 0.5;
+        for (at, s) in samples.iter().enumerate() {
+            if s.weight > 0.0 && s.x * s.x + s.y * s.y <= RIM * RIM {
+                let place = |v: f32| (((v + 1.0) * cells) as usize).min(side - 1);
+                order.push(((place(-s.y) * side + place(s.x)) as u32, at as u32));
+            }
+        }
+        order.sort_unstable();
+        let mut variances: Vec<f32> = order
+            .chunk_by(|a, b| a.0 == b.0)
+            .filter(|patch| patch.len() >= PATCH)
+            .filter_map(|patch| about_plane(patch.iter().map(|(_, at)| &samples[*at as usize])))
+            .collect();
+        if variances.len() * 4 >= (0.76 * (side * side) as f32) as usize && !variances.is_empty() {
+            let middle = variances.len() / 2;
+            let (_, median, _) = variances.select_nth_unstable_by(middle, f32::total_cmp);
+            return Some(median.sqrt().max(LEAST_SCATTER));
+        }
+    }
+    None
+}
+
+/// Variance about a plane by least squares, over the squared mean; `None` for black patches.
+fn about_plane<'a>(patch: impl Iterator<Item = &'a Sample> + Clone) -> Option<f32> {
+    let count = patch.clone().count() as f64;
+    let mean = |f: &dyn Fn(&Sample) -> f32| patch.clone().map(|s| f64::from(f(s))).sum::<f64>() / count;
+    let (x, y, value) = (mean(&|s| s.x), mean(&|s| s.y), mean(&|s| s.value));
+    let (mut xx, mut xy, mut yy, mut xv, mut yv, mut vv) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for s in patch {
+        let (a, b, c) = (f64::from(s.x) - x, f64::from(s.y) - y, f64::from(s.value) - value);
+        xx += a * a;
+        xy += a * b;
+        yy += b * b;
+        xv += a * c;
+        yv += b * c;
+        vv += c * c;
+    }
+    let determinant = xx * yy - xy * xy;
+    let explained = if determinant > 1e-9 * (xx + yy).powi(2) {
+        (yy * xv * xv - 2.0 * xy * xv * yv + xx * yv * yv) / determinant
+    } else {
+        0.0
+    };
+    (value > 0.0).then(|| (((vv - explained).max(0.0) / (count - 3.0)) / (value * value)) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    /// `count` observations of a smooth ball at random places, with relative noise.
+    fn ball(count: usize, noise: f32) -> Vec<Sample> {
+        let mut rng = Pcg64::seed_from_u64(3);
+        let mut draw = || {
+            let (x, y) = (rng.random_range(-1.0..1.0_f32), rng.random_range(-1.0..1.0_f32));
+            let z: f32 = StandardNormal.sample(&mut rng);
+            Sample { x, y, value: (1.0 + 0.5 * x - 0.3 * y) * (1.0 + noise * z), weight: 1.0 }
+        };
+        (0..count).map(|_| draw()).collect()
+    }
+
+    #[test]
+    fn cells_hold_the_mean_of_what_falls_into_them() {
+        let image = DiskImage::gather(&ball(200_000, 0.0)).unwrap();
+        assert!(image.observed() > 0.99);
+        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+            let (x, y) = centre(cell);
+            assert!((image.values[cell] - (1.0 + 0.5 * x - 0.3 * y)).abs() < 0.02);
+        }
+        assert_eq!(centre(0).1, 1.0 - 1.0 / SIDE as f32);
+    }
+
+    #[test]
+    fn scatter_is_the_noise_of_single_observations() {
+        for (count, noise) in [(200_000, 0.2), (200_000, 0.01), (12_000, 0.1), (2_000, 0.3)] {
+            let got = scatter(&ball(count, noise)).unwrap();
+            assert!((got / noise - 1.0).abs() < 0.15, "{count} {noise}: {got}");
+        }
+        // The floor, and too few to say.
+        assert!(scatter(&ball(200_000, 0.0)).unwrap() < 0.002);
+        assert_eq!(scatter(&ball(40, 0.1)), None);
+    }
+
+    #[test]
+    fn gaps_are_filled_from_around_them() {
+        let hole = |s: &Sample| (s.x - 0.2).hypot(s.y + 0.1) > 0.2;
+        let image = DiskImage::gather(&ball(100_000, 0.0).into_iter().filter(hole).collect::<Vec<_>>()).unwrap();
+        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+            let (x, y) = centre(cell);
+            let tolerance = if image.counts[cell] > 0.0 { 0.02 } else { 0.1 };
+            assert!((image.values[cell] - (1.0 + 0.5 * x - 0.3 * y)).abs() < tolerance, "{x} {y}");
+        }
+        assert!((image.observed() - (1.0 - 0.04 / 0.97)).abs() < 0.01);
+    }
+
+    #[test]
+    fn scale_does_not_matter_and_nothing_is_no_image() {
+        let (mut one, mut two) = (vec![0.0; SIDE * SIDE * CHANNELS], vec![0.0; SIDE * SIDE * CHANNELS]);
+        let samples = ball(50_000, 0.1);
+        let bright: Vec<Sample> = samples.iter().map(|s| Sample { value: 70.0 * s.value, ..*s }).collect();
+        let (a, b) = (DiskImage::gather(&samples).unwrap(), DiskImage::gather(&bright).unwrap());
+        a.write_channels(&mut one);
+        b.write_channels(&mut two);
+        assert!(one.iter().zip(&two).all(|(a, b)| (a - b).abs() < 1e-4 && a.is_finite()));
+        assert!(a.globals().iter().zip(b.globals()).all(|(a, b)| (a - b).abs() < 1e-4));
+        assert_eq!(DiskImage::gather(&[]), None);
+        let black = [Sample { x: 0.0, y: 0.0, value: 0.0, weight: 1.0 }];
+        assert_eq!(DiskImage::gather(&black), None);
+    }
+}

@@ -1,0 +1,260 @@
+//! Lights to photograph in: captured ones, and what people make of them or put in their place.
+
+use glam::{DQuat, DVec3, Vec3};
+use rand::{Rng, RngExt};
+
+use super::pyramid::LightPyramid;
+use crate::lighting::EnvironmentMap;
+use crate::picture::luminance;
+
+/// What kind of light a photograph is taken in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightKind {
+    /// A captured map.
+    Captured,
+    /// A captured map, dimmed, with one to four lamps.
+    Lamped,
+    /// A patch of a captured map before black: a window, a screen, a stage of lamps.
+    Patch,
+    /// One to eight lamps in a dark room.
+    Lamps,
+    /// A lamp near the camera.
+    Flash,
+    /// Even light from all around, with a few large bright and dark fields: a tent, a studio.
+    Tent,
+    /// A dim room with one to three bright windows.
+    Windows,
+}
+
+impl LightKind {
+    /// All, with how often each is drawn: half are captured lights as they are, the rest what no captured sky is like.
+    pub const SHARES: [(Self, f64); 7] = [
+        (Self::Captured, 0.5),
+        (Self::Lamped, 0.08),
+        (Self::Patch, 0.13),
+        (Self::Lamps, 0.09),
+        (Self::Flash, 0.06),
+        (Self::Tent, 0.06),
+        (Self::Windows, 0.08),
+    ];
+
+    /// The kind of the `index`-th camera: in every hundred as many as [`Self::SHARES`] says, spread evenly.
+    pub fn of(index: usize) -> Self {
+        let at = (index as f64 * 0.618_034).fract();
+        let mut below = 0.0;
+        for (kind, share) in Self::SHARES {
+            below += share;
+            if at < below {
+                return kind;
+            }
+        }
+        Self::Captured
+    }
+
+    /// A light of this kind in the frame of a camera (z towards it) that `camera` turns to the frame of the map.
+    pub fn light(self, map: &EnvironmentMap, camera: DQuat, rng: &mut impl Rng) -> LightPyramid {
+        let captured = |d: DVec3| f64::from(luminance(map.at(camera * d)));
+        let mean = mean_of(map);
+        match self {
+            Self::Captured => LightPyramid::new(captured),
+            Self::Lamped => {
+                let lamps = Lamp::several(4, mean, (0.1, 3.0), rng);
+                let dim = log_between(rng, 0.05, 1.0);
+                LightPyramid::new(|d| dim * captured(d) + lamps.iter().map(|l| l.at(d)).sum::<f64>())
+            }
+            Self::Patch => {
+                let centre = around(DVec3::Z, between(rng, 0.0, 60.0), rng);
+                let (radius, edge) = (between(rng, 20.0, 70.0).to_radians(), between(rng, 1.0, 15.0).to_radians());
+                let rest = if rng.random_range(0.0..1.0) < 0.5 { 0.0 } else { log_between(rng, 0.003, 0.1) };
+                LightPyramid::new(|d| {
+                    let inside = ((radius - d.angle_between(centre)) / edge + 0.5).clamp(0.0, 1.0);
+                    (rest + (1.0 - rest) * inside) * captured(d)
+                })
+            }
+            Self::Lamps => {
+                let lamps = Lamp::several(8, 1.0, (0.3, 1.5), rng);
+                let rest = if rng.random_range(0.0..1.0) < 0.5 { 0.0 } else { log_between(rng, 0.003, 0.2) / mean };
+                LightPyramid::new(|d| rest * captured(d) + lamps.iter().map(|l| l.at(d)).sum::<f64>())
+            }
+            Self::Flash => {
+                let direction = around(DVec3::Z, between(rng, 0.0, 45.0), rng);
+                let lamp = Lamp::new(direction, log_between(rng, 0.6, 12.0), 1.0);
+                let rest = if rng.random_range(0.0..1.0) < 0.5 { 0.0 } else { log_between(rng, 0.003, 0.3) / mean };
+                LightPyramid::new(|d| rest * captured(d) + lamp.at(d))
+            }
+            Self::Tent => {
+                let towards = around(DVec3::Y, between(rng, 0.0, 90.0), rng);
+                let slope = between(rng, 0.0, 0.9);
+                let fields: Vec<Panel> = (0..rng.random_range(1..6))
+                    .map(|_| {
+                        let brightness = if rng.random_range(0.0..1.0) < 0.6 { log_between(rng, 2.0, 15.0) } else { -0.9 };
+                        Panel::new(around(DVec3::Z, between(rng, 0.0, 150.0), rng), (8.0, 35.0), brightness, rng)
+                    })
+                    .collect();
+                LightPyramid::new(|d| {
+                    let even = 1.0 + slope * d.dot(towards);
+                    (even + fields.iter().map(|f| f.at(d)).sum::<f64>()).max(0.02)
+                })
+            }
+            Self::Windows => {
+                let windows: Vec<Panel> = (0..rng.random_range(1..4))
+                    .map(|_| {
+                        let centre = around(DVec3::Z, between(rng, 15.0, 110.0), rng);
+                        let brightness = log_between(rng, 20.0, 300.0);
+                        Panel::new(centre, (5.0, 22.0), brightness, rng)
+                    })
+                    .collect();
+                let power = log_between(rng, 0.05, 1.0) / mean;
+                // Through a window one sees some sky or house: not quite even.
+                LightPyramid::new(|d| {
+                    let view = 0.6 + 0.4 * (3.0 * d.y + 2.0 * d.x).sin();
+                    power * captured(d) + view * windows.iter().map(|w| w.at(d)).sum::<f64>()
+                })
+            }
+        }
+    }
+}
+
+/// Mean luminance over all directions.
+fn mean_of(map: &EnvironmentMap) -> f64 {
+    let (width, height) = map.radiance().size();
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for y in 0..height {
+        let weight = (std::f64::consts::PI * (y as f64 + 0.5) / height as f64).sin();
+        for x in 0..width {
+            sum += weight * f64::from(luminance(map.radiance()[(x, y)]));
+        }
+        weights += weight * width as f64;
+    }
+    (sum / weights).max(1e-30)
+}
+
+fn between(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
+    rng.random_range(low..high)
+}
+
+fn log_between(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
+    between(rng, low.ln(), high.ln()).exp()
+}
+
+/// A direction at an angle (degrees) from another, at a random azimuth about it.
+fn around(axis: DVec3, degrees: f64, rng: &mut impl Rng) -> DVec3 {
+    let (x, y) = axis.any_orthonormal_pair();
+    let (angle, phi) = (degrees.to_radians(), between(rng, 0.0, std::f64::consts::TAU));
+    angle.cos() * axis + angle.sin() * (phi.cos() * x + phi.sin() * y)
+}
+
+/// A round lamp.
+struct Lamp {
+    direction: DVec3,
+    least: f64,
+    radiance: f64,
+}
+
+impl Lamp {
+    /// Of a radius in degrees, as bright as an even light of radiance `mean` over the whole sphere.
+    fn new(direction: DVec3, degrees: f64, mean: f64) -> Self {
+        let least = degrees.to_radians().cos();
+        Self { direction, least, radiance: 2.0 * mean / (1.0 - least) }
+    }
+
+    /// Up to so many before or beside the object, each of a share of the power of an even light of radiance `mean`.
+    fn several(most: usize, mean: f64, share: (f64, f64), rng: &mut impl Rng) -> Vec<Self> {
+        (0..rng.random_range(1..=most))
+            .map(|_| {
+                let direction = around(DVec3::Z, between(rng, 0.0, 115.0), rng);
+                let power = mean * log_between(rng, share.0, share.1);
+                Self::new(direction, log_between(rng, 0.6, 12.0), power)
+            })
+            .collect()
+    }
+
+    fn at(&self, d: DVec3) -> f64 {
+        if d.dot(self.direction) > self.least { self.radiance } else { 0.0 }
+    }
+}
+
+/// A rectangle of light.
+struct Panel {
+    axes: [Vec3; 3],
+    half: (f32, f32),
+    radiance: f64,
+}
+
+impl Panel {
+    /// Half sides are drawn from a range of degrees.
+    fn new(centre: DVec3, degrees: (f64, f64), radiance: f64, rng: &mut impl Rng) -> Self {
+        let half = |rng: &mut _| between(rng, degrees.0, degrees.1).to_radians().tan() as f32;
+        let (a, b) = centre.any_orthonormal_pair();
+        let turn = between(rng, 0.0, std::f64::consts::TAU);
+        let (x, y) = (turn.cos() * a + turn.sin() * b, turn.cos() * b - turn.sin() * a);
+        Self { axes: [x, y, centre].map(|v| v.as_vec3()), half: (half(rng), half(rng)), radiance }
+    }
+
+    fn at(&self, d: DVec3) -> f64 {
+        let [x, y, z] = self.axes.map(|a| a.dot(d.as_vec3()));
+        if z > 0.0 && x.abs() < self.half.0 * z && y.abs() < self.half.1 * z { self.radiance } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    use super::super::pyramid::Part;
+    use super::*;
+    use crate::picture::Plane;
+    use crate::sphere::{direction_of_lat_long, fibonacci_hemisphere};
+
+    fn map() -> EnvironmentMap {
+        let value = |x: usize, y: usize| {
+            let d = direction_of_lat_long((x as f64 + 0.5) / 64.0, (y as f64 + 0.5) / 32.0);
+            Vec3::splat(2.0 + d.y as f32)
+        };
+        EnvironmentMap::new(Plane::from_fn(64, 32, value)).unwrap()
+    }
+
+    fn mean(light: &LightPyramid, of: impl Fn(DVec3) -> bool) -> f64 {
+        let all: Vec<DVec3> = fibonacci_hemisphere(50_000).flat_map(|n| [n, -n]).filter(|d| of(*d)).collect();
+        all.iter().map(|d| f64::from(light.at(Part::All, d.as_vec3(), 0))).sum::<f64>() / all.len() as f64
+    }
+
+    #[test]
+    fn kinds_come_as_often_as_they_should() {
+        for (kind, share) in LightKind::SHARES {
+            let count = (0..2000).filter(|&i| LightKind::of(i) == kind).count();
+            assert!((count as f64 / 2000.0 - share).abs() < 0.005, "{kind:?} {count}");
+        }
+    }
+
+    #[test]
+    fn captured_light_is_turned_with_the_camera() {
+        let mut rng = Pcg64::seed_from_u64(1);
+        // The camera lies on its back: what is above in the map is behind it.
+        let turn = DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2);
+        let light = LightKind::Captured.light(&map(), turn, &mut rng);
+        for d in fibonacci_hemisphere(50) {
+            let want = 2.0 + (turn * d).y;
+            assert!((f64::from(light.at(Part::All, d.as_vec3(), 0)) - want).abs() < 0.06, "{d}");
+        }
+    }
+
+    #[test]
+    fn lamps_have_the_power_they_are_given() {
+        let lamp = Lamp::new(DVec3::new(0.6, 0.0, 0.8), 5.0, 3.0);
+        let light = LightPyramid::new(|d| lamp.at(d));
+        assert!((mean(&light, |_| true) / 3.0 - 1.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn all_kinds_light_the_front_and_are_finite() {
+        for (kind, _) in LightKind::SHARES {
+            for seed in 0..6 {
+                let light = kind.light(&map(), DQuat::IDENTITY, &mut Pcg64::seed_from_u64(seed));
+                let (front, back) = (mean(&light, |d| d.z > 0.0), mean(&light, |d| d.z < -0.6));
+                assert!(front.is_finite() && back >= 0.0 && front > 0.0, "{kind:?} {seed}: {front} {back}");
+            }
+        }
+    }
+}

@@ -7,7 +7,10 @@
 //! [`Coordinates`](crate::reflectance::Coordinates) of materials (Papamakarios & Murray 2016 call it neural posterior estimation);
 //! and the entries of a [`Dictionary`] are weighted by its density.
 
+mod convolution;
+mod encoder;
 mod head;
+mod mixture;
 mod network;
 mod numbers;
 mod posterior;
@@ -20,6 +23,9 @@ mod unshadow;
 use crate::appearance::STATISTICS;
 use crate::reflectance::Dictionary;
 
+pub use convolution::{Convolution, silu, silu_backward};
+pub use encoder::{Encoder, EncoderError, EncoderShape, NamedLayer, Step, inside_disk, pool};
+pub use mixture::{LARGEST_LOG, MixtureDensity};
 pub use network::{Dense, Network};
 pub use numbers::{Ranking, peak_over_base};
 pub use posterior::{MaterialPosterior, Neighbour};

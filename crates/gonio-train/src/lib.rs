@@ -1,0 +1,32 @@
+//! Fits the [`Encoder`](gonio::inference::amortised::Encoder) of images to an endless stream of simulated ones.
+//!
+//! Differentiation is candle's; convolutions are operations of our own in it, with the products of matrices that the encoder itself uses. A batch is
+//! cut into parts of a fixed size that are drawn, passed forward and passed back each on one thread, and their gradients are summed in order:
+//! the result does not depend on the number of threads.
+
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
+mod graph;
+mod layers;
+mod loss;
+mod optimiser;
+mod parameters;
+#[cfg(test)]
+mod tests;
+mod train;
+
+pub use train::{PART, TrainError, TrainingSettings, evaluate, train};
+
+/// An endless stream of images with what is to be read from them. The same index is the same sample.
+pub trait Samples: Sync {
+    /// Cells along a side of the images.
+    fn side(&self) -> usize;
+    /// Channels of the images.
+    fn channels(&self) -> usize;
+    /// Numbers that come with an image.
+    fn globals(&self) -> usize;
+    /// Numbers to be read from an image.
+    fn dimensions(&self) -> usize;
+    /// Writes one sample: the image `[side][side][channels]`, its globals and the target, both with means near 0 and deviations near 1. All are zero before.
+    fn draw(&self, index: u64, image: &mut [f32], globals: &mut [f32], target: &mut [f32]);
+}

@@ -1,0 +1,99 @@
+//! Steps down the gradient.
+
+use std::ops::Range;
+
+/// AdamW (Loshchilov & Hutter 2019) with a bound on the gradient's norm, and the moving average of what it moves.
+pub(crate) struct Optimiser {
+    mean: Vec<f32>,
+    square: Vec<f32>,
+    average: Vec<f32>,
+    steps: i32,
+}
+
+/// How far a step goes.
+pub(crate) struct Stride {
+    /// Rate of this step.
+    pub(crate) rate: f32,
+    /// Share of the weights that decays, times the rate.
+    pub(crate) decay: f32,
+    /// Gradients longer than this are scaled down to it.
+    pub(crate) longest: f64,
+    /// Share of the average that stays.
+    pub(crate) average: f32,
+}
+
+impl Optimiser {
+    pub(crate) fn new(values: &[f32]) -> Self {
+        let zeros = vec![0.0; values.len()];
+        Self { mean: zeros.clone(), square: zeros, average: values.to_vec(), steps: 0 }
+    }
+
+    /// The average over the steps so far, in which early ones are forgotten.
+    pub(crate) fn average(&self) -> &[f32] {
+        &self.average
+    }
+
+    /// Moves the values. Those at the `decaying` places are also made smaller.
+    pub(crate) fn step(
+        &mut self,
+        values: &mut [f32],
+        gradient: &[f32],
+        decaying: impl Iterator<Item = Range<usize>>,
+        stride: &Stride,
+    ) {
+        const MEAN: f32 = 0.9;
+        const SQUARE: f32 = 0.999;
+        self.steps += 1;
+        let norm = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+        let scale = if norm > stride.longest { (stride.longest / norm) as f32 } else { 1.0 };
+        let (first, second) = (1.0 - MEAN.powi(self.steps), 1.0 - SQUARE.powi(self.steps));
+        for range in decaying {
+            values[range].iter_mut().for_each(|v| *v *= 1.0 - stride.rate * stride.decay);
+        }
+        // A short run is not to be averaged with where it started.
+        let keep = stride.average.min((1 + self.steps) as f32 / (10 + self.steps) as f32);
+        let moments = self.mean.iter_mut().zip(&mut self.square).zip(&mut self.average);
+        for ((value, gradient), ((mean, square), average)) in values.iter_mut().zip(gradient).zip(moments) {
+            let g = scale * gradient;
+            *mean = MEAN * *mean + (1.0 - MEAN) * g;
+            *square = SQUARE * *square + (1.0 - SQUARE) * g * g;
+            *value -= stride.rate * (*mean / first) / ((*square / second).sqrt() + 1e-8);
+            *average = keep * *average + (1.0 - keep) * *value;
+        }
+    }
+}
+
+/// Share of the largest rate at a share of the steps: a rise over three tenths and a fall over the rest, both along a cosine
+/// (Smith & Topin 2019).
+pub(crate) fn one_cycle(at: f64) -> f64 {
+    let cosine = |from: f64, to: f64, t: f64| to + 0.5 * (from - to) * (1.0 + (std::f64::consts::PI * t).cos());
+    if at < 0.3 { cosine(0.04, 1.0, at / 0.3) } else { cosine(1.0, 1e-5, (at - 0.3) / 0.7) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_end_at_the_least_value_and_so_does_the_average() {
+        let mut values = vec![3.0, -2.0, 8.0];
+        let mut optimiser = Optimiser::new(&values);
+        let steps = 800;
+        for step in 0..steps {
+            let gradient: Vec<f32> = values.iter().zip([1.0, 10.0, 0.1]).map(|(v, a)| a * (v - 1.0)).collect();
+            let rate = 0.1 * one_cycle(f64::from(step) / f64::from(steps)) as f32;
+            let stride = Stride { rate, decay: 0.0, longest: 5.0, average: 0.95 };
+            optimiser.step(&mut values, &gradient, std::iter::empty(), &stride);
+        }
+        assert!(values.iter().chain(optimiser.average()).all(|v| (v - 1.0).abs() < 0.02), "{values:?}");
+    }
+
+    #[test]
+    fn only_what_decays_gets_smaller_without_a_gradient() {
+        let mut values = vec![1.0; 3];
+        let mut optimiser = Optimiser::new(&values);
+        let stride = Stride { rate: 0.5, decay: 0.2, longest: 5.0, average: 0.9 };
+        optimiser.step(&mut values, &[0.0; 3], std::iter::once(1..2), &stride);
+        assert_eq!(values, [1.0, 0.9, 1.0]);
+    }
+}

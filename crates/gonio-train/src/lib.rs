@@ -11,10 +11,12 @@ mod layers;
 mod loss;
 mod optimiser;
 mod parameters;
+mod photographs;
 #[cfg(test)]
 mod tests;
 mod train;
 
+pub use photographs::Photographs;
 pub use train::{PART, TrainError, TrainingSettings, evaluate, train};
 
 /// An endless stream of images with what is to be read from them. The same index is the same sample.

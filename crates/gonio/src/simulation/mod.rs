@@ -42,7 +42,7 @@ pub struct StockSettings {
 
 impl Default for StockSettings {
     fn default() -> Self {
-        Self { cameras: 10, tilt: 12.0, draws: 128, seed: 1, prior: Prior::default() }
+        Self { cameras: 6, tilt: 12.0, draws: 160, seed: 1, prior: Prior::default() }
     }
 }
 
@@ -71,6 +71,9 @@ struct Packed {
     top: f32,
     values: Vec<u16>,
 }
+
+/// Share of the photographs that are of a mixture of two drawn materials.
+const MIXED: f64 = 0.25;
 
 /// Range of the logarithms of a packed picture.
 const RANGE: f32 = 24.0;
@@ -138,7 +141,7 @@ impl Stock {
         self.lights += 1;
     }
 
-    /// One of endless photographs, the same for the same number: of one of the materials or, as often, of a mixture of two; turned by quarters about the view and
+    /// One of endless photographs, the same for the same number: of one of the materials or, in a quarter, of a mixture of two; turned by quarters about the view and
     /// mirrored at random.
     ///
     /// # Panics
@@ -148,7 +151,7 @@ impl Stock {
         let shot = &self.shots[rng.random_range(0..self.shots.len())];
         let mut pick = || rng.random_range(0..shot.materials.len());
         let (one, two, three) = (pick(), pick(), pick());
-        let share: f32 = if rng.random_range(0..2) == 0 { 1.0 } else { rng.random_range(0.0..1.0) };
+        let share: f32 = if rng.random_range(0.0..1.0) < MIXED { rng.random_range(0.0..1.0) } else { 1.0 };
         let (mut scene, mut other) = (vec![0.0; SIDE * SIDE], vec![0.0; SIDE * SIDE]);
         shot.pictures[one].add_to(share, &self.cells, &mut scene);
         let mut material: Mixture = shot.materials[one].iter().map(|(c, w)| (*c, w * f64::from(share))).collect();

@@ -1,0 +1,36 @@
+//! Simulated photographs as samples.
+
+use gonio::appearance::disk::{CHANNELS, GLOBALS, SIDE};
+use gonio::simulation::Stock;
+
+use crate::Samples;
+
+/// Photographs of a stock, and where their materials lie in the coordinates of its dictionary.
+pub struct Photographs<'a>(pub &'a Stock);
+
+impl Samples for Photographs<'_> {
+    fn side(&self) -> usize {
+        SIDE
+    }
+
+    fn channels(&self) -> usize {
+        CHANNELS
+    }
+
+    fn globals(&self) -> usize {
+        GLOBALS
+    }
+
+    fn dimensions(&self) -> usize {
+        self.0.dictionary().coordinates.axes.len()
+    }
+
+    fn draw(&self, index: u64, image: &mut [f32], globals: &mut [f32], target: &mut [f32]) {
+        let photograph = self.0.photograph(index);
+        photograph.image.write_channels(image);
+        globals.copy_from_slice(&photograph.image.globals());
+        let dictionary = self.0.dictionary();
+        let place = dictionary.coordinates.of(&dictionary.table(&photograph.material));
+        target.iter_mut().zip(place).for_each(|(t, z)| *t = z as f32);
+    }
+}

@@ -112,7 +112,10 @@ impl Parameters {
                 let mut out = Vec::new();
                 for var in &vars {
                     match gradients.get(var) {
-                        Some(g) => with_slice(&g.contiguous()?, |g| Ok(out.extend_from_slice(g)))?,
+                        Some(g) => with_slice(&g.contiguous()?, |g| {
+                            out.extend_from_slice(g);
+                            Ok(())
+                        })?,
                         None => out.resize(out.len() + var.elem_count(), 0.0),
                     }
                 }

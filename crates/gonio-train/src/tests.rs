@@ -173,6 +173,7 @@ fn wrong_settings_and_samples_are_told() {
 /// Printed, not asserted: machines differ.
 #[test]
 #[ignore = "a measurement"]
+#[allow(clippy::print_stdout)]
 fn samples_in_a_second() {
     let big = Spots { side: 128, channels: 5 };
     let settings = TrainingSettings { steps: 6, ..TrainingSettings::default() };

@@ -1,7 +1,7 @@
 //! Minus the log density of a mixture, in tensors. The same as
 //! [`MixtureDensity::log_density`](gonio::inference::amortised::MixtureDensity::log_density).
 
-use candle_core::{D, Device, Result, Tensor};
+use candle_core::{D, Device, Result, Tensor, Var};
 use gonio::inference::amortised::LARGEST_LOG;
 
 /// What is the same for all batches of a mixture.
@@ -31,6 +31,19 @@ impl MixtureLoss {
             diagonal: Tensor::from_vec(diagonal, d, &Device::Cpu)?,
             identity: Tensor::eye(d, candle_core::DType::F32, &Device::Cpu)?,
         })
+    }
+
+    /// The sum over samples, and its gradient in the outputs; both as for [`Self::sum`].
+    pub(crate) fn gradient(&self, outputs: &[f32], targets: Vec<f32>, count: usize) -> Result<(f64, Vec<f32>)> {
+        let outputs = Var::from_slice(outputs, (count, outputs.len() / count), &Device::Cpu)?;
+        let targets = Tensor::from_vec(targets, (count, self.dimensions), &Device::Cpu)?;
+        let sum = self.sum(&outputs, &targets)?;
+        let gradients = sum.backward()?;
+        let gradient = match gradients.get(&outputs) {
+            Some(g) => g.flatten_all()?.to_vec1()?,
+            None => vec![0.0; outputs.elem_count()],
+        };
+        Ok((f64::from(sum.to_scalar::<f32>()?), gradient))
     }
 
     /// Sum over samples, for outputs `[sample][outputs]` and targets `[sample][dimensions]`.

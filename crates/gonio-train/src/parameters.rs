@@ -10,10 +10,8 @@ use gonio::inference::amortised::{Encoder, EncoderError, EncoderShape, MixtureDe
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 
-use crate::graph::Graph;
-use crate::layers::with_slice;
+use crate::pass::Layers;
 
 /// `silu` of a standard normal times this has variance one.
 const SILU_GAIN: f64 = 1.788_129;
@@ -40,14 +38,14 @@ pub(crate) struct Parameters {
 }
 
 impl Parameters {
-    pub(crate) fn new(graph: &Graph) -> Self {
+    pub(crate) fn new(layers: &Layers) -> Self {
         let mut count = 0;
         let mut take = |n: usize| {
             count += n;
             count - n..count
         };
-        let slots = graph
-            .layers()
+        let slots = layers
+            .all()
             .map(|layer| {
                 let g = &layer.geometry;
                 let standard = g.side > 1;
@@ -93,36 +91,30 @@ impl Parameters {
         values
     }
 
-    /// Weights `[neighbourhood + 1][outputs]` of all layers with the bias last, which gradients can be asked for.
-    pub(crate) fn weights(&self, values: &[f32]) -> Result<Vec<Tensor>> {
-        let one = |slots: &Slots| Ok(Var::from_tensor(&slots.weights(values)?.1.detach())?.into_inner());
-        self.slots.par_iter().map(one).collect()
+    /// Weights `[neighbourhood + 1][outputs]` of all layers, the bias last.
+    pub(crate) fn weights(&self, values: &[f32]) -> Result<Vec<Vec<f32>>> {
+        self.slots.iter().map(|slots| slots.weights(values)?.1.flatten_all()?.to_vec1()).collect()
     }
 
     /// The gradient in the numbers for the gradients in [`Self::weights`].
-    pub(crate) fn pull(&self, values: &[f32], weights: &[Vec<f32>]) -> Result<Vec<f32>> {
-        let parts: Vec<Vec<f32>> = self
-            .slots
-            .par_iter()
-            .zip(weights)
-            .map(|(slots, back)| {
-                let (vars, made) = slots.weights(values)?;
-                let back = Tensor::from_slice(back, made.shape(), &Device::Cpu)?;
-                let gradients = (made * back)?.sum_all()?.backward()?;
-                let mut out = Vec::new();
-                for var in &vars {
-                    match gradients.get(var) {
-                        Some(g) => with_slice(&g.contiguous()?, |g| {
-                            out.extend_from_slice(g);
-                            Ok(())
-                        })?,
-                        None => out.resize(out.len() + var.elem_count(), 0.0),
-                    }
+    pub(crate) fn pull(&self, values: &[f32], weights: Vec<Vec<f32>>) -> Result<Vec<f32>> {
+        let mut out = Vec::with_capacity(self.count);
+        for (slots, back) in self.slots.iter().zip(weights) {
+            if slots.gain.is_none() {
+                out.extend(back);
+                continue;
+            }
+            let (vars, made) = slots.weights(values)?;
+            let back = Tensor::from_vec(back, made.shape(), &Device::Cpu)?;
+            let gradients = (made * back)?.sum_all()?.backward()?;
+            for var in &vars {
+                match gradients.get(var) {
+                    Some(g) => out.extend(g.flatten_all()?.to_vec1::<f32>()?),
+                    None => out.resize(out.len() + var.elem_count(), 0.0),
                 }
-                Ok(out)
-            })
-            .collect::<Result<_>>()?;
-        Ok(parts.concat())
+            }
+        }
+        Ok(out)
     }
 
     /// The encoder of these numbers.

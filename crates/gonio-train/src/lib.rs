@@ -1,6 +1,6 @@
 //! Fits the [`Encoder`](gonio::inference::amortised::Encoder) of images to an endless stream of simulated ones.
 //!
-//! The layers are passed forward and back by the same products of matrices that the encoder itself uses; the density and the weights' standardisation are
+//! The layers are passed forward and back by the same products of matrices that the encoder itself uses; the density is
 //! differentiated by candle. A batch is cut into parts of a fixed size which are drawn, passed forward and passed back on one thread each, and their gradients are summed in order:
 //! the result does not depend on the number of threads.
 

@@ -1,6 +1,6 @@
 //! The encoder forward and back for some images on one thread.
 //!
-//! By hand, not by candle's differentiation: that adds each gradient to zeros, and operations on large tensors wait there for a pool of threads which all parts
+//! By hand, not by candle's differentiation, which is left the density: it adds each gradient to zeros, and operations on large tensors wait there for a pool of threads which all parts
 //! of a batch would share.
 
 use gonio::inference::amortised::{

@@ -170,7 +170,7 @@ impl Model {
         count: usize,
         seed: u64,
     ) -> candle_core::Result<(f64, Vec<f32>)> {
-        let weights = self.parameters.weights(values)?;
+        let weights = self.parameters.weights(values);
         let parts: Vec<(f64, Vec<Vec<f32>>)> = (0..count.div_ceil(PART))
             .into_par_iter()
             .map(|at| {
@@ -191,7 +191,7 @@ impl Model {
             })
             .collect();
         let value = parts.iter().map(|p| p.0).sum::<f64>() / count as f64;
-        Ok((value, self.parameters.pull(values, sums)?))
+        Ok((value, self.parameters.pull(values, &sums)))
     }
 }
 
@@ -221,7 +221,7 @@ pub fn train(
         optimiser.step(&mut values, &gradient, model.parameters.decaying(), &stride);
         progress((step + 1) as f64 / settings.steps as f64, loss);
     }
-    Ok(model.parameters.export(optimiser.average(), &model.shape)??)
+    Ok(model.parameters.export(optimiser.average(), &model.shape)?)
 }
 
 /// Mean loss (minus the log density, in nats) of an encoder of so many components over samples. Deterministic; on rayon's threads.

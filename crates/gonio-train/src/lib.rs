@@ -1,16 +1,15 @@
 //! Fits the [`Encoder`](gonio::inference::amortised::Encoder) of images to an endless stream of simulated ones.
 //!
-//! Differentiation is candle's; convolutions are operations of our own in it, with the products of matrices that the encoder itself uses. A batch is
-//! cut into parts of a fixed size that are drawn, passed forward and passed back each on one thread, and their gradients are summed in order:
-//! the result does not depend on the number of threads.
+//! The layers are passed forward and back by the same products of matrices that the encoder itself uses. A batch is cut
+//! into parts of a fixed size which are drawn, passed forward and passed back on one thread each, and their gradients are
+//! summed in order: the result does not depend on the number of threads.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
-mod graph;
-mod layers;
 mod loss;
 mod optimiser;
 mod parameters;
+mod pass;
 mod photographs;
 #[cfg(test)]
 mod tests;

@@ -5,15 +5,13 @@
 
 use std::ops::Range;
 
-use candle_core::{D, Device, Result, Tensor, Var};
 use gonio::inference::amortised::{Encoder, EncoderError, EncoderShape, MixtureDensity, NamedLayer};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use crate::graph::Graph;
-use crate::layers::with_slice;
+use crate::pass::Layers;
 
 /// `silu` of a standard normal times this has variance one.
 const SILU_GAIN: f64 = 1.788_129;
@@ -30,7 +28,7 @@ struct Slots {
     gain: Option<Range<usize>>,
     /// The factor of a residual block, at its end.
     skip: Option<Range<usize>>,
-    scale: f64,
+    scale: f32,
 }
 
 /// What the numbers of all layers mean, in one vector.
@@ -40,14 +38,14 @@ pub(crate) struct Parameters {
 }
 
 impl Parameters {
-    pub(crate) fn new(graph: &Graph) -> Self {
+    pub(crate) fn new(layers: &Layers) -> Self {
         let mut count = 0;
         let mut take = |n: usize| {
             count += n;
             count - n..count
         };
-        let slots = graph
-            .layers()
+        let slots = layers
+            .all()
             .map(|layer| {
                 let g = &layer.geometry;
                 let standard = g.side > 1;
@@ -57,7 +55,7 @@ impl Parameters {
                     gain: standard.then(|| take(g.outputs)),
                     skip: layer.name.ends_with(".second").then(|| take(1)),
                     // The image is not what `silu` made.
-                    scale: if layer.name == "stem" { 1.0 } else { SILU_GAIN },
+                    scale: if layer.name == "stem" { 1.0 } else { SILU_GAIN as f32 },
                     layer: layer.clone(),
                 }
             })
@@ -68,6 +66,13 @@ impl Parameters {
     /// Places of the numbers that decay: all weights, but no bias, gain or factor.
     pub(crate) fn decaying(&self) -> impl Iterator<Item = Range<usize>> {
         self.slots.iter().map(|s| s.weights.clone())
+    }
+
+    /// Places of each tensor.
+    #[cfg(test)]
+    pub(crate) fn ranges(&self) -> Vec<Range<usize>> {
+        let all = self.slots.iter().map(|s| (Some(&s.weights), Some(&s.bias), s.gain.as_ref(), s.skip.as_ref()));
+        all.flat_map(|(w, b, g, s)| [w, b, g, s]).flatten().cloned().collect()
     }
 
     /// Numbers to start from, for outputs that are a mixture: it is near a standard normal, and its components are not all the same.
@@ -93,44 +98,22 @@ impl Parameters {
         values
     }
 
-    /// Weights `[neighbourhood + 1][outputs]` of all layers with the bias last, which gradients can be asked for.
-    pub(crate) fn weights(&self, values: &[f32]) -> Result<Vec<Tensor>> {
-        let one = |slots: &Slots| Ok(Var::from_tensor(&slots.weights(values)?.1.detach())?.into_inner());
-        self.slots.par_iter().map(one).collect()
+    /// Weights `[neighbourhood + 1][outputs]` of all layers, the bias last.
+    pub(crate) fn weights(&self, values: &[f32]) -> Vec<Vec<f32>> {
+        self.slots.par_iter().map(|slots| slots.weights(values)).collect()
     }
 
     /// The gradient in the numbers for the gradients in [`Self::weights`].
-    pub(crate) fn pull(&self, values: &[f32], weights: &[Vec<f32>]) -> Result<Vec<f32>> {
-        let parts: Vec<Vec<f32>> = self
-            .slots
-            .par_iter()
-            .zip(weights)
-            .map(|(slots, back)| {
-                let (vars, made) = slots.weights(values)?;
-                let back = Tensor::from_slice(back, made.shape(), &Device::Cpu)?;
-                let gradients = (made * back)?.sum_all()?.backward()?;
-                let mut out = Vec::new();
-                for var in &vars {
-                    match gradients.get(var) {
-                        Some(g) => with_slice(&g.contiguous()?, |g| Ok(out.extend_from_slice(g)))?,
-                        None => out.resize(out.len() + var.elem_count(), 0.0),
-                    }
-                }
-                Ok(out)
-            })
-            .collect::<Result<_>>()?;
-        Ok(parts.concat())
+    pub(crate) fn pull(&self, values: &[f32], weights: &[Vec<f32>]) -> Vec<f32> {
+        let parts: Vec<Vec<f32>> =
+            self.slots.par_iter().zip(weights).map(|(slots, back)| slots.pull(values, back)).collect();
+        parts.concat()
     }
 
     /// The encoder of these numbers.
-    pub(crate) fn export(
-        &self,
-        values: &[f32],
-        shape: &EncoderShape,
-    ) -> Result<std::result::Result<Encoder, EncoderError>> {
-        let made =
-            self.slots.iter().map(|s| s.weights(values)?.1.flatten_all()?.to_vec1()).collect::<Result<Vec<_>>>()?;
-        Ok(Encoder::from_tensors(shape.clone(), |name| {
+    pub(crate) fn export(&self, values: &[f32], shape: &EncoderShape) -> Result<Encoder, EncoderError> {
+        let made = self.weights(values);
+        Encoder::from_tensors(shape.clone(), |name| {
             let (layer, part) = name.rsplit_once('.')?;
             let at = self.slots.iter().position(|s| s.layer.name == layer)?;
             let layer = &self.slots[at].layer;
@@ -140,33 +123,78 @@ impl Parameters {
             } else {
                 (layer.dimensions(), weights.to_vec())
             })
-        }))
+        })
+    }
+}
+
+/// The columns of a layer's weights in standard form: mean zero, and one for the sum of squares.
+struct Standard {
+    columns: Vec<f32>,
+    /// Root of the sum of squares about the mean, of each column before.
+    spread: Vec<f32>,
+}
+
+/// For each column `f` of what is in a row and column, summed over rows. `values` has rows of `columns`.
+fn sums(values: &[f32], columns: usize, f: impl Fn(usize, f32) -> f32) -> Vec<f32> {
+    let mut sums = vec![0.0; columns];
+    for (row, values) in values.chunks_exact(columns).enumerate() {
+        for (column, (sum, v)) in sums.iter_mut().zip(values).enumerate() {
+            *sum += f(row * columns + column, *v);
+        }
+    }
+    sums
+}
+
+impl Standard {
+    fn of(weights: &[f32], outputs: usize) -> Self {
+        let rows = (weights.len() / outputs) as f32;
+        let mean: Vec<f32> = sums(weights, outputs, |_, v| v / rows);
+        let spread: Vec<f32> = sums(weights, outputs, |at, v| (v - mean[at % outputs]).powi(2))
+            .iter()
+            .map(|square| (square + 1e-6).sqrt())
+            .collect();
+        let one = |(at, v): (usize, &f32)| (v - mean[at % outputs]) / spread[at % outputs];
+        Self { columns: weights.iter().enumerate().map(one).collect(), spread }
     }
 }
 
 impl Slots {
-    /// The learnt tensors in the order of their places, and the weights that they make.
-    fn weights(&self, values: &[f32]) -> Result<(Vec<Var>, Tensor)> {
-        let g = &self.layer.geometry;
-        let var = |range: &Range<usize>, rows: usize| {
-            Var::from_slice(&values[range.clone()], (rows, range.len() / rows), &Device::Cpu)
-        };
-        let (raw, bias) = (var(&self.weights, g.neighbourhood())?, var(&self.bias, 1)?);
-        let mut vars = vec![raw.clone(), bias.clone()];
-        let mut weights = raw.into_inner();
+    /// What the standardised weights of each output are multiplied by, without its gain.
+    fn factor(&self, values: &[f32]) -> f32 {
+        self.scale * self.skip.as_ref().map_or(1.0, |skip| values[skip.start])
+    }
+
+    /// Weights and bias that the numbers make.
+    fn weights(&self, values: &[f32]) -> Vec<f32> {
+        let mut out = values[self.weights.start..self.bias.end].to_vec();
         if let Some(gain) = &self.gain {
-            let centred = weights.broadcast_sub(&weights.mean_keepdim(0)?)?;
-            let variance = (centred.sqr()?.mean_keepdim(0)? * g.neighbourhood() as f64)?;
-            let gain = var(gain, 1)?;
-            let factor = ((gain.as_tensor() * self.scale)? / (variance + 1e-6)?.sqrt()?)?;
-            weights = centred.broadcast_mul(&factor)?;
-            vars.push(gain);
+            let (gain, factor) = (&values[gain.clone()], self.factor(values));
+            let standard = Standard::of(&values[self.weights.clone()], gain.len());
+            for (row, standard) in out.chunks_exact_mut(gain.len()).zip(standard.columns.chunks_exact(gain.len())) {
+                row.iter_mut().zip(standard).zip(gain).for_each(|((o, s), g)| *o = factor * g * s);
+            }
         }
-        if let Some(skip) = &self.skip {
-            let skip = var(skip, 1)?;
-            weights = weights.broadcast_mul(&skip)?;
-            vars.push(skip);
+        out
+    }
+
+    /// The gradient in the layer's numbers, in the order of their places, for that in its weights and bias.
+    fn pull(&self, values: &[f32], back: &[f32]) -> Vec<f32> {
+        let mut out = back.to_vec();
+        let Some(gain) = &self.gain else { return out };
+        let (gain, factor, outputs) = (&values[gain.clone()], self.factor(values), gain.len());
+        let standard = Standard::of(&values[self.weights.clone()], outputs);
+        let rows = self.layer.geometry.neighbourhood() as f32;
+        let (back, _) = back.split_at(self.weights.len());
+        let mean = sums(back, outputs, |_, b| b / rows);
+        let along = sums(back, outputs, |at, b| b * standard.columns[at]);
+        for (at, out) in out[..self.weights.len()].iter_mut().enumerate() {
+            let o = at % outputs;
+            *out = factor * gain[o] / standard.spread[o] * (*out - mean[o] - standard.columns[at] * along[o]);
         }
-        Ok((vars, Tensor::cat(&[&weights, bias.as_tensor()], D::Minus2)?))
+        out.extend(along.iter().map(|a| factor * a));
+        if self.skip.is_some() {
+            out.push(self.scale * along.iter().zip(gain).map(|(a, g)| a * g).sum::<f32>());
+        }
+        out
     }
 }

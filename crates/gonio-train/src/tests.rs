@@ -1,7 +1,5 @@
-use candle_core::{Device, Tensor};
 use gonio::inference::amortised::{MixtureDensity, Step};
 
-use crate::loss::MixtureLoss;
 use crate::train::{Model, Part};
 use crate::{PART, Samples, TrainingSettings, evaluate, train};
 
@@ -66,68 +64,54 @@ fn small() -> TrainingSettings {
 }
 
 #[test]
-fn the_loss_is_that_of_the_mixture() {
-    for (d, k) in [(1, 1), (2, 3), (4, 2)] {
-        let (count, each) = (5, MixtureDensity::outputs(d, k));
-        let outputs: Vec<f32> = (0..count * each).map(|i| 5.0 * uniform(i as u64, 1).powi(3)).collect();
-        let targets: Vec<f32> = (0..count * d).map(|i| uniform(i as u64, 2)).collect();
-        let want: f64 = outputs
-            .chunks_exact(each)
-            .zip(targets.chunks_exact(d))
-            .map(|(o, z)| {
-                let z: Vec<f64> = z.iter().map(|v| f64::from(*v)).collect();
-                -MixtureDensity::of(o, d, k).log_density(&z)
-            })
-            .sum();
-        let outputs = Tensor::from_vec(outputs, (count, each), &Device::Cpu).unwrap();
-        let targets = Tensor::from_vec(targets, (count, d), &Device::Cpu).unwrap();
-        let got = MixtureLoss::new(d, k).unwrap().sum(&outputs, &targets).unwrap().to_scalar::<f32>().unwrap();
-        assert!((f64::from(got) - want).abs() < 1e-5 * (1.0 + want.abs()), "{d} {k}: {got} {want}");
-    }
-}
-
-#[test]
 fn the_gradient_is_that_of_the_loss() {
     for drop in [0.0, 0.3] {
         let model = Model::new(&SMALL, &TrainingSettings { drop, ..small() }).unwrap();
         let values = model.parameters.random(2, 2, 7);
         let count = PART + 3;
-        let (_, gradient) = model.batch(&SMALL, &values, 5, count, 3).unwrap();
-        let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
+        let (_, gradient) = model.batch(&SMALL, &values, 5, count, 3);
         assert_eq!(gradient.len(), values.len());
-        // Along whole directions: single entries are below the rounding of the loss.
-        for direction in 0..40 {
-            let stride = 37 + 11 * direction;
-            let chosen = |at: usize| (at + direction as usize * 13).is_multiple_of(stride as usize);
-            let way: Vec<f32> =
-                (0..values.len()).map(|at| if chosen(at) { uniform(at as u64, direction) } else { 0.0 }).collect();
+        // Tensor by tensor, along its gradient: single entries are below the rounding of the loss.
+        for range in model.parameters.ranges() {
+            let length = gradient[range.clone()].iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+            assert!(length > 1e-4, "{range:?}");
+            let moved = |step: f64| {
+                let mut values = values.clone();
+                let ways = values[range.clone()].iter_mut().zip(&gradient[range.clone()]);
+                ways.for_each(|(v, g)| *v += (step / length) as f32 * g);
+                model.batch(&SMALL, &values, 5, count, 3).0
+            };
+            let step = 5e-3;
+            let numeric = (moved(step) - moved(-step)) / (2.0 * step);
+            assert!((numeric - length).abs() < 0.01 * length + 3e-4, "{range:?}: {numeric} {length}");
+        }
+        // Along ways through all of them.
+        for direction in 0..10 {
+            let way: Vec<f32> = (0..values.len()).map(|at| uniform(at as u64, direction)).collect();
             let moved = |step: f32| {
                 let values: Vec<f32> = values.iter().zip(&way).map(|(v, w)| v + step * w).collect();
-                model.batch(&SMALL, &values, 5, count, 3).unwrap().0
+                model.batch(&SMALL, &values, 5, count, 3).0
             };
-            let step = 2e-3;
+            let step = 1e-3;
             let numeric = (moved(step) - moved(-step)) / f64::from(2.0 * step);
             let got: f64 = gradient.iter().zip(&way).map(|(g, w)| f64::from(g * w)).sum();
-            let error = (numeric - got).abs();
-            assert!(error < 0.01 * (numeric.abs() + f64::from(largest)), "{direction}: {numeric} {got}");
+            assert!((numeric - got).abs() < 0.02 * (1.0 + numeric.abs()), "{direction}: {numeric} {got}");
         }
     }
 }
 
 #[test]
-fn the_exported_encoder_gives_what_the_graph_gives() {
+fn the_exported_encoder_gives_what_training_saw() {
     let settings = TrainingSettings { drop: 0.0, ..small() };
     let model = Model::new(&SMALL, &settings).unwrap();
     assert!(model.shape.steps().contains(&Step::Pool));
     let mut values = model.parameters.random(2, 2, 7);
     values.iter_mut().enumerate().for_each(|(i, v)| *v += 0.1 * uniform(i as u64, 9));
-    let encoder = model.parameters.export(&values, &model.shape).unwrap().unwrap();
-    let weights = model.parameters.weights(&values).unwrap();
+    let encoder = model.parameters.export(&values, &model.shape).unwrap();
+    let weights = model.parameters.weights(&values);
     let part = Part::draw(&SMALL, 3, 4);
-    let images = Tensor::from_vec(part.images.clone(), (4, 16, 16, 2), &Device::Cpu).unwrap();
-    let globals = Tensor::from_vec(part.globals.clone(), (4, 2), &Device::Cpu).unwrap();
-    let outputs = model.graph.forward(images, &globals, &weights, &[]).unwrap();
-    for (at, want) in outputs.to_vec2::<f32>().unwrap().iter().enumerate() {
+    let trace = model.layers.forward(part.images.clone(), &part.globals, 4, &weights, &[]);
+    for (at, want) in trace.outputs().chunks_exact(MixtureDensity::outputs(2, 2)).enumerate() {
         let (got, features) = encoder.apply(&part.images[at * 512..][..512], &part.globals[at * 2..][..2]);
         assert_eq!(features.len(), 9);
         for (got, want) in got.iter().zip(want) {
@@ -173,6 +157,7 @@ fn wrong_settings_and_samples_are_told() {
 /// Printed, not asserted: machines differ.
 #[test]
 #[ignore = "a measurement"]
+#[allow(clippy::print_stdout)]
 fn samples_in_a_second() {
     let big = Spots { side: 128, channels: 5 };
     let settings = TrainingSettings { steps: 6, ..TrainingSettings::default() };

@@ -1,6 +1,5 @@
 //! The loop over batches.
 
-use candle_core::{Device, Tensor};
 use gonio::inference::amortised::{Encoder, EncoderError, EncoderShape, MixtureDensity};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -8,11 +7,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::Samples;
-use crate::graph::Graph;
-use crate::layers::with_slice;
-use crate::loss::MixtureLoss;
+use crate::loss::mixture_loss;
 use crate::optimiser::{Optimiser, Stride, one_cycle};
 use crate::parameters::Parameters;
+use crate::pass::Layers;
 
 /// Samples that are worked on together by one thread: few enough for their activations to stay in cache.
 pub const PART: usize = 8;
@@ -79,9 +77,6 @@ pub enum TrainError {
         /// Counted from zero.
         step: usize,
     },
-    /// From candle.
-    #[error("an operation on tensors failed: {0}")]
-    Tensor(#[from] candle_core::Error),
 }
 
 /// Images, globals and targets of some samples, one after the other.
@@ -113,9 +108,9 @@ impl Part {
 /// An encoder in training.
 pub(crate) struct Model {
     pub(crate) shape: EncoderShape,
-    pub(crate) graph: Graph,
+    pub(crate) layers: Layers,
     pub(crate) parameters: Parameters,
-    loss: MixtureLoss,
+    components: usize,
     drop: f64,
 }
 
@@ -138,47 +133,30 @@ impl Model {
             outputs: MixtureDensity::outputs(dimensions, settings.components),
         };
         shape.check()?;
-        let graph = Graph::new(&shape);
-        let parameters = Parameters::new(&graph);
-        let loss = MixtureLoss::new(dimensions, settings.components)?;
-        Ok(Self { shape, graph, parameters, loss, drop: settings.drop })
+        let layers = Layers::new(&shape);
+        let parameters = Parameters::new(&layers);
+        Ok(Self { shape, layers, parameters, components: settings.components, drop: settings.drop })
     }
 
     /// Sum of the loss over a part, and its gradient in the weights of each layer. Units are left out by `seed`.
-    pub(crate) fn gradient(
-        &self,
-        part: Part,
-        weights: &[Tensor],
-        seed: u64,
-    ) -> candle_core::Result<(f64, Vec<Vec<f32>>)> {
-        let (side, channels, count) = (self.shape.side, self.shape.channels, part.count);
-        let images = Tensor::from_vec(part.images, (count, side, side, channels), &Device::Cpu)?;
-        let globals = Tensor::from_vec(part.globals, (count, self.shape.globals), &Device::Cpu)?;
-        let dimensions = part.targets.len() / count;
-        let targets = Tensor::from_vec(part.targets, (count, dimensions), &Device::Cpu)?;
-        let outputs = self.graph.forward(images, &globals, weights, &self.masks(count, seed)?)?;
-        let loss = self.loss.sum(&outputs, &targets)?;
-        let gradients = loss.backward()?;
-        let value = f64::from(loss.to_scalar::<f32>()?);
-        let each = |w: &Tensor| match gradients.get(w) {
-            Some(g) => with_slice(&g.contiguous()?, |g| Ok(g.to_vec())),
-            None => Ok(vec![0.0; w.elem_count()]),
-        };
-        Ok((value, weights.iter().map(each).collect::<candle_core::Result<_>>()?))
+    fn gradient(&self, part: Part, weights: &[Vec<f32>], seed: u64) -> (f64, Vec<Vec<f32>>) {
+        let masks = self.masks(part.count, seed);
+        let trace = self.layers.forward(part.images, &part.globals, part.count, weights, &masks);
+        let mut back = trace.outputs().to_vec();
+        let samples = back.chunks_exact_mut(self.shape.outputs).zip(part.targets.chunks_exact(part.targets.len() / part.count));
+        let value = samples.map(|(outputs, target)| mixture_loss(outputs, target, self.components)).sum();
+        (value, self.layers.backward(trace, back, weights, &masks))
     }
 
     /// What the units of the hidden layers are multiplied by: zero for those left out, and more than one for the rest to keep the mean.
-    fn masks(&self, count: usize, seed: u64) -> candle_core::Result<Vec<Tensor>> {
+    fn masks(&self, count: usize, seed: u64) -> Vec<Vec<f32>> {
         if self.drop == 0.0 {
-            return Ok(Vec::new());
+            return Vec::new();
         }
         let mut rng = Pcg64::seed_from_u64(seed);
         let rest = (1.0 / (1.0 - self.drop)) as f32;
-        let mut mask = |units: usize| {
-            let mut draw = || if rng.random_range(0.0..1.0) < self.drop { 0.0 } else { rest };
-            Tensor::from_vec((0..count * units).map(|_| draw()).collect(), (count, units), &Device::Cpu)
-        };
-        self.shape.hidden.iter().map(|units| mask(*units)).collect()
+        let mut draw = || if rng.random_range(0.0..1.0) < self.drop { 0.0 } else { rest };
+        self.shape.hidden.iter().map(|units| (0..count * units).map(|_| draw()).collect()).collect()
     }
 
     /// Mean of the loss over the samples from `first` on, and its gradient in all that is learnt.
@@ -189,8 +167,8 @@ impl Model {
         first: u64,
         count: usize,
         seed: u64,
-    ) -> candle_core::Result<(f64, Vec<f32>)> {
-        let weights = self.parameters.weights(values)?;
+    ) -> (f64, Vec<f32>) {
+        let weights = self.parameters.weights(values);
         let parts: Vec<(f64, Vec<Vec<f32>>)> = (0..count.div_ceil(PART))
             .into_par_iter()
             .map(|at| {
@@ -198,12 +176,12 @@ impl Model {
                 // Neighbouring seeds of the generator give streams that have nothing in common.
                 self.gradient(part, &weights, (seed << 32).wrapping_add(first).wrapping_add((at * PART) as u64))
             })
-            .collect::<candle_core::Result<_>>()?;
+            .collect();
         let scale = 1.0 / count as f32;
         let sums: Vec<Vec<f32>> = (0..weights.len())
             .into_par_iter()
             .map(|layer| {
-                let mut sum = vec![0.0; weights[layer].elem_count()];
+                let mut sum = vec![0.0; weights[layer].len()];
                 for (_, part) in &parts {
                     sum.iter_mut().zip(&part[layer]).for_each(|(s, g)| *s += scale * g);
                 }
@@ -211,7 +189,7 @@ impl Model {
             })
             .collect();
         let value = parts.iter().map(|p| p.0).sum::<f64>() / count as f64;
-        Ok((value, self.parameters.pull(values, &sums)?))
+        (value, self.parameters.pull(values, &sums))
     }
 }
 
@@ -228,7 +206,7 @@ pub fn train(
     let mut optimiser = Optimiser::new(&values);
     for step in 0..settings.steps {
         let first = (step * settings.batch) as u64;
-        let (loss, gradient) = model.batch(samples, &values, first, settings.batch, settings.seed)?;
+        let (loss, gradient) = model.batch(samples, &values, first, settings.batch, settings.seed);
         if !loss.is_finite() || gradient.iter().any(|g| !g.is_finite()) {
             return Err(TrainError::Diverged { step });
         }
@@ -241,7 +219,7 @@ pub fn train(
         optimiser.step(&mut values, &gradient, model.parameters.decaying(), &stride);
         progress((step + 1) as f64 / settings.steps as f64, loss);
     }
-    Ok(model.parameters.export(optimiser.average(), &model.shape)??)
+    Ok(model.parameters.export(optimiser.average(), &model.shape)?)
 }
 
 /// Mean loss (minus the log density, in nats) of an encoder of so many components over samples. Deterministic; on rayon's threads.

@@ -1,152 +1,7 @@
 //! From an image of an object to the outputs of a network: convolutions, what they found inside the disk of normals, dense layers.
 
-use serde::{Deserialize, Serialize};
-
-use super::convolution::{Convolution, silu};
-
-/// How an [`Encoder`] is built. The first convolution (4 x 4) and one at the start of each level (3 x 3) halve the side; two more (3 x 3) on each level
-/// make a residual block (He et al. 2016). Between layers is [`silu`].
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct EncoderShape {
-    /// Cells along a side of the image, a multiple of two to the number of `widths`.
-    pub side: usize,
-    /// Channels of the image.
-    pub channels: usize,
-    /// Numbers that come with the image.
-    pub globals: usize,
-    /// Channels after the first convolution, then those of each level.
-    pub widths: Vec<usize>,
-    /// Units of the hidden dense layers; the last are the features.
-    pub hidden: Vec<usize>,
-    /// Numbers that come out.
-    pub outputs: usize,
-}
-
-/// What is wrong with the description or the numbers of an encoder.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum EncoderError {
-    /// The description is not one of a network, or of one too large.
-    #[error("the encoder's {0} is out of range")]
-    Shape(&'static str),
-    /// A tensor is not there.
-    #[error("the encoder has no tensor {0}")]
-    Missing(String),
-    /// A tensor has other dimensions than the description asks for.
-    #[error("the tensor {name} is {found:?} where the encoder needs {needed:?}")]
-    Dimensions {
-        /// Name of the tensor.
-        name: String,
-        /// Its dimensions, or its length if that does not go with them.
-        found: Vec<usize>,
-        /// Those of the description.
-        needed: Vec<usize>,
-    },
-    /// A tensor has an entry that is not finite.
-    #[error("the tensor {0} has an entry that is not finite")]
-    NotFinite(String),
-}
-
-/// What happens to the activations, in order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
-    /// The convolution of this number, then [`silu`].
-    Convolve(usize),
-    /// The convolutions of this number and the next with [`silu`] between them; what went in is added; [`silu`].
-    Block(usize),
-    /// Mean and maximum of each channel [inside the disk](inside_disk) are noted.
-    Pool,
-}
-
-/// A layer with its name.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct NamedLayer {
-    /// Beginning of the names of its tensors.
-    pub name: String,
-    /// Sizes.
-    pub geometry: Convolution,
-}
-
-impl NamedLayer {
-    /// Dimensions of the weights: `[row][column][input][output]`, or `[input][output]` of a dense layer.
-    pub fn dimensions(&self) -> Vec<usize> {
-        let g = &self.geometry;
-        if g.side == 1 { vec![g.inputs, g.outputs] } else { vec![g.kernel, g.kernel, g.inputs, g.outputs] }
-    }
-}
-
-impl EncoderShape {
-    /// The usual widths, for images of 128 x 128 cells: 66 million products for five channels.
-    pub fn new(channels: usize, globals: usize, outputs: usize) -> Self {
-        Self { side: 128, channels, globals, widths: vec![16, 32, 64, 96], hidden: vec![256, 256], outputs }
-    }
-
-    /// Whether all is there and small enough for the sizes of a 32-bit machine.
-    pub fn check(&self) -> Result<(), EncoderError> {
-        let one = |ok: bool, name| if ok { Ok(()) } else { Err(EncoderError::Shape(name)) };
-        one((2..=8).contains(&self.widths.len()), "number of widths")?;
-        let coarsest = 1 << self.widths.len();
-        one(self.side <= 1024 && self.side >= 2 * coarsest && self.side.is_multiple_of(coarsest), "side")?;
-        one((1..=256).contains(&self.channels), "number of channels")?;
-        one(self.globals <= 4096, "number of globals")?;
-        one(self.widths.iter().all(|w| (1..=1024).contains(w)), "widths")?;
-        one((1..=8).contains(&self.hidden.len()), "number of hidden layers")?;
-        one(self.hidden.iter().all(|w| (1..=4096).contains(w)), "hidden layers")?;
-        one((1..=4096).contains(&self.outputs), "number of outputs")
-    }
-
-    /// Convolutions in the order of [`Self::steps`].
-    pub fn convolutions(&self) -> Vec<NamedLayer> {
-        let mut layers = Vec::new();
-        let (mut side, mut inputs) = (self.side, self.channels);
-        for (level, &outputs) in self.widths.iter().enumerate() {
-            let kernel = if level == 0 { 4 } else { 3 };
-            let name = if level == 0 { "stem".into() } else { format!("level{level}.down") };
-            layers.push(NamedLayer { name, geometry: Convolution { side, inputs, outputs, kernel, stride: 2 } });
-            (side, inputs) = (side / 2, outputs);
-            for part in ["first", "second"].iter().filter(|_| level > 0) {
-                let geometry = Convolution { side, inputs, outputs, kernel, stride: 1 };
-                layers.push(NamedLayer { name: format!("level{level}.{part}"), geometry });
-            }
-        }
-        layers
-    }
-
-    /// Dense layers, the outputs last.
-    pub fn dense_layers(&self) -> Vec<NamedLayer> {
-        let mut inputs = self.pooled() + self.globals;
-        let mut layers = Vec::new();
-        for (at, &outputs) in self.hidden.iter().chain([&self.outputs]).enumerate() {
-            let name = if at == self.hidden.len() { "outputs".into() } else { format!("hidden{}", at + 1) };
-            layers.push(NamedLayer { name, geometry: Convolution::dense(inputs, outputs) });
-            inputs = outputs;
-        }
-        layers
-    }
-
-    /// What is done to an image. Pooled are the first level before its block and each level after it.
-    pub fn steps(&self) -> Vec<Step> {
-        let mut steps = vec![Step::Convolve(0)];
-        for level in 1..self.widths.len() {
-            steps.push(Step::Convolve(3 * level - 2));
-            if level == 1 {
-                steps.push(Step::Pool);
-            }
-            steps.extend([Step::Block(3 * level - 1), Step::Pool]);
-        }
-        steps
-    }
-
-    /// Numbers that pooling yields.
-    pub fn pooled(&self) -> usize {
-        2 * (self.widths[1] + self.widths[1..].iter().sum::<usize>())
-    }
-
-    /// Products of one pass.
-    pub fn products(&self) -> usize {
-        let layers = self.convolutions().into_iter().chain(self.dense_layers());
-        layers.map(|l| l.geometry.output_len() * l.geometry.neighbourhood()).sum()
-    }
-}
+use super::convolution::silu;
+use super::encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
 
 /// Cells of a square of `side` x `side` over -1..1 whose centres are inside the unit disk, row by row.
 pub fn inside_disk(side: usize) -> Vec<usize> {
@@ -313,29 +168,6 @@ mod tests {
     }
 
     #[test]
-    fn the_usual_shape_is_that_of_the_design() {
-        let shape = EncoderShape::new(5, 3, 180);
-        assert_eq!(shape.check(), Ok(()));
-        assert_eq!(shape.pooled(), 448);
-        let layers = shape.convolutions();
-        let of = |l: &NamedLayer| (l.geometry.side_after(), l.geometry.inputs, l.geometry.outputs);
-        let want = [
-            (64, 5, 16),
-            (32, 16, 32),
-            (32, 32, 32),
-            (32, 32, 32),
-            (16, 32, 64),
-            (16, 64, 64),
-            (16, 64, 64),
-            (8, 64, 96),
-            (8, 96, 96),
-            (8, 96, 96),
-        ];
-        assert_eq!(layers.iter().map(of).collect::<Vec<_>>(), want);
-        assert!((65_000_000..70_000_000).contains(&shape.products()), "{}", shape.products());
-    }
-
-    #[test]
     fn tensors_make_the_same_encoder() {
         let encoder = any(small());
         let tensors = encoder.tensors();
@@ -350,11 +182,14 @@ mod tests {
         assert_ne!(encoder.apply(&image, &[0.1, 0.5, 0.3]).0, outputs);
     }
 
+    /// Spoils the tensor of a name; false takes it away.
+    type Change = dyn Fn(&str, &mut Vec<usize>, &mut Vec<f32>) -> bool;
+
     #[test]
     fn wrong_tensors_and_shapes_are_told() {
         let encoder = any(small());
         let tensors = encoder.tensors();
-        let load = |shape, change: &dyn Fn(&str, &mut Vec<usize>, &mut Vec<f32>) -> bool| {
+        let load = |shape, change: &Change| {
             Encoder::from_tensors(shape, |name| {
                 let (_, dimensions, values) = tensors.iter().find(|t| t.0 == name)?;
                 let (mut dimensions, mut values) = (dimensions.clone(), values.to_vec());
@@ -397,6 +232,7 @@ mod tests {
     /// Printed, not asserted: machines differ.
     #[test]
     #[ignore = "a measurement"]
+    #[allow(clippy::print_stdout)]
     fn one_image_is_quick() {
         let encoder = any(EncoderShape::new(5, 8, 180));
         let image = vec![0.5; 128 * 128 * 5];

@@ -9,6 +9,7 @@
 
 mod convolution;
 mod encoder;
+mod encoder_shape;
 mod head;
 mod mixture;
 mod network;
@@ -24,7 +25,8 @@ use crate::appearance::STATISTICS;
 use crate::reflectance::Dictionary;
 
 pub use convolution::{Convolution, silu, silu_backward};
-pub use encoder::{Encoder, EncoderError, EncoderShape, NamedLayer, Step, inside_disk, pool};
+pub use encoder::{Encoder, inside_disk, pool};
+pub use encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
 pub use mixture::{LARGEST_LOG, MixtureDensity};
 pub use network::{Dense, Network};
 pub use numbers::{Ranking, peak_over_base};

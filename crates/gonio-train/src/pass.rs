@@ -1,0 +1,233 @@
+//! The encoder forward and back for some images on one thread.
+//!
+//! By hand: the tape of candle 0.11, tried first, adds each gradient to zeros, and its operations on large tensors wait
+//! for one pool of threads that all parts of a batch share; two threads were slower than one (docs/trials.md).
+
+use gonio::inference::amortised::{
+    Convolution, EncoderShape, NamedLayer, Step, inside_disk, pool, silu, silu_backward,
+};
+
+/// The layers of an encoder, without their numbers. Weights of a layer are `[neighbourhood + 1][outputs]`, the bias last.
+pub(crate) struct Layers {
+    steps: Vec<Step>,
+    convolutions: Vec<NamedLayer>,
+    dense: Vec<NamedLayer>,
+}
+
+/// What a pass forward leaves for the pass back. Activations have the samples first.
+pub(crate) struct Trace {
+    /// What goes into each convolution, and what comes out of the last.
+    images: Vec<Vec<f32>>,
+    /// Means and maxima at each [`Step::Pool`].
+    pooled: Vec<Vec<f32>>,
+    /// What goes into each dense layer, and the outputs `[sample][outputs]`.
+    vectors: Vec<Vec<f32>>,
+    /// What comes out of each layer before [`silu`], but for the last.
+    before: Vec<Vec<f32>>,
+}
+
+impl Trace {
+    pub(crate) fn outputs(&self) -> &[f32] {
+        self.vectors.last().expect("there are layers")
+    }
+}
+
+/// The layer's output for its input, with what is added to it.
+fn affine(g: &Convolution, weights: &[f32], input: &[f32], added: Option<&[f32]>) -> Vec<f32> {
+    let (weights, bias) = weights.split_at(g.neighbourhood() * g.outputs);
+    let mut out = bias.repeat(input.len() / g.input_len() * g.output_len() / g.outputs);
+    if let Some(added) = added {
+        out.iter_mut().zip(added).for_each(|(o, a)| *o += a);
+    }
+    g.forward(input, weights, &mut out);
+    out
+}
+
+/// The gradient in a layer's weights and bias; that in its input is added to `to_input`.
+fn affine_backward(
+    g: &Convolution,
+    weights: &[f32],
+    input: &[f32],
+    back: &[f32],
+    to_input: Option<&mut [f32]>,
+) -> Vec<f32> {
+    let mut gradient = vec![0.0; weights.len()];
+    let (products, bias) = gradient.split_at_mut(g.neighbourhood() * g.outputs);
+    for cell in back.chunks_exact(g.outputs) {
+        bias.iter_mut().zip(cell).for_each(|(b, c)| *b += c);
+    }
+    g.backward(input, &weights[..products.len()], back, products, to_input);
+    gradient
+}
+
+fn activated(before: &[f32]) -> Vec<f32> {
+    let mut out = before.to_vec();
+    silu(&mut out);
+    out
+}
+
+/// Adds the gradient of [`pool`]ing one image to that in its activations. Of equal maxima the first moves.
+fn pool_backward(image: &[f32], cells: &[usize], pooled: &[f32], back: &[f32], to: &mut [f32]) {
+    let channels = pooled.len() / 2;
+    let mean: Vec<f32> = back[..channels].iter().map(|m| m / cells.len() as f32).collect();
+    let mut left = back[channels..].to_vec();
+    for cell in cells {
+        let places = cell * channels..(cell + 1) * channels;
+        let (to, image) = (&mut to[places.clone()], &image[places]);
+        for c in 0..channels {
+            to[c] += mean[c];
+            if image[c] == pooled[channels + c] {
+                to[c] += std::mem::take(&mut left[c]);
+            }
+        }
+    }
+}
+
+impl Layers {
+    pub(crate) fn new(shape: &EncoderShape) -> Self {
+        Self { steps: shape.steps(), convolutions: shape.convolutions(), dense: shape.dense_layers() }
+    }
+
+    /// Convolutions, then dense layers.
+    pub(crate) fn all(&self) -> impl Iterator<Item = &NamedLayer> {
+        self.convolutions.iter().chain(&self.dense)
+    }
+
+    /// For images `[sample][side][side][channels]` and globals `[sample][globals]`. `masks` multiply the units of the hidden layers, `[sample][units]`; none
+    /// for a pass in which nothing is left out.
+    pub(crate) fn forward(
+        &self,
+        images: Vec<f32>,
+        globals: &[f32],
+        count: usize,
+        weights: &[Vec<f32>],
+        masks: &[Vec<f32>],
+    ) -> Trace {
+        let (mut images, mut pooled, mut before) = (vec![images], Vec::new(), Vec::new());
+        for step in &self.steps {
+            let convolve = |at: usize, input: &[f32], added: Option<&[f32]>| {
+                affine(&self.convolutions[at].geometry, &weights[at], input, added)
+            };
+            let last = images.last().expect("at least what goes in");
+            match *step {
+                Step::Convolve(at) => {
+                    let out = convolve(at, last, None);
+                    images.push(activated(&out));
+                    before.push(out);
+                }
+                Step::Block(at) => {
+                    let first = convolve(at, last, None);
+                    let inner = activated(&first);
+                    let second = convolve(at + 1, &inner, Some(last));
+                    images.extend([inner, activated(&second)]);
+                    before.extend([first, second]);
+                }
+                Step::Pool => {
+                    let g = &self.convolutions[images.len() - 2].geometry;
+                    let (cells, each) = (inside_disk(g.side_after()), 2 * g.outputs);
+                    let mut out = vec![0.0; count * each];
+                    for (image, out) in last.chunks_exact(g.output_len()).zip(out.chunks_exact_mut(each)) {
+                        pool(image, &cells, out);
+                    }
+                    pooled.push(out);
+                }
+            }
+        }
+        let mut first = Vec::new();
+        for at in 0..count {
+            for part in pooled.iter().map(Vec::as_slice).chain([globals]) {
+                let each = part.len() / count;
+                first.extend_from_slice(&part[at * each..][..each]);
+            }
+        }
+        let mut vectors = vec![first];
+        for (at, layer) in self.dense.iter().enumerate() {
+            let input = vectors.last().expect("at least what goes in");
+            let out = affine(&layer.geometry, &weights[self.convolutions.len() + at], input, None);
+            if at + 1 == self.dense.len() {
+                vectors.push(out);
+            } else {
+                let mut units = activated(&out);
+                if let Some(mask) = masks.get(at) {
+                    units.iter_mut().zip(mask).for_each(|(u, m)| *u *= m);
+                }
+                vectors.push(units);
+                before.push(out);
+            }
+        }
+        Trace { images, pooled, vectors, before }
+    }
+
+    /// The gradient in the weights of each layer, for that in the outputs `[sample][outputs]` and the masks of the pass forward.
+    pub(crate) fn backward(
+        &self,
+        mut trace: Trace,
+        back: Vec<f32>,
+        weights: &[Vec<f32>],
+        masks: &[Vec<f32>],
+    ) -> Vec<Vec<f32>> {
+        let convolutions = self.convolutions.len();
+        let mut gradients = vec![Vec::new(); weights.len()];
+        let mut now = back;
+        for (at, layer) in self.dense.iter().enumerate().rev() {
+            if at + 1 < self.dense.len() {
+                if let Some(mask) = masks.get(at) {
+                    now.iter_mut().zip(mask).for_each(|(n, m)| *n *= m);
+                }
+                now = through_silu(&mut trace, convolutions + at, &now);
+            }
+            let (input, weights) = (&trace.vectors[at], &weights[convolutions + at]);
+            let mut to = vec![0.0; input.len()];
+            gradients[convolutions + at] = affine_backward(&layer.geometry, weights, input, &now, Some(&mut to));
+            now = to;
+        }
+        let (vector, count) = (now, trace.vectors[0].len() / self.dense[0].geometry.inputs);
+        let mut end: usize = trace.pooled.iter().map(|p| p.len() / count).sum();
+        let mut layer = convolutions;
+        let mut now = vec![0.0; trace.images[layer].len()];
+        for step in self.steps.iter().rev() {
+            match *step {
+                Step::Pool => {
+                    let pooled = trace.pooled.pop().expect("one for each of these steps");
+                    let g = &self.convolutions[layer - 1].geometry;
+                    let (cells, each, size) = (inside_disk(g.side_after()), 2 * g.outputs, g.output_len());
+                    end -= each;
+                    for at in 0..count {
+                        let image = &trace.images[layer][at * size..][..size];
+                        let back = &vector[at * (vector.len() / count) + end..][..each];
+                        let pooled = &pooled[at * each..][..each];
+                        pool_backward(image, &cells, pooled, back, &mut now[at * size..][..size]);
+                    }
+                }
+                Step::Convolve(at) => {
+                    let back = through_silu(&mut trace, at, &now);
+                    let input = &trace.images[at];
+                    // The photograph itself does not move.
+                    now = vec![0.0; if at == 0 { 0 } else { input.len() }];
+                    let to = (at > 0).then_some(now.as_mut_slice());
+                    gradients[at] = affine_backward(&self.convolutions[at].geometry, &weights[at], input, &back, to);
+                    layer = at;
+                }
+                Step::Block(at) => {
+                    let mut outer = through_silu(&mut trace, at + 1, &now);
+                    let (first, second) = (&self.convolutions[at].geometry, &self.convolutions[at + 1].geometry);
+                    let mut inner = vec![0.0; trace.images[at + 1].len()];
+                    let input = &trace.images[at + 1];
+                    gradients[at + 1] = affine_backward(second, &weights[at + 1], input, &outer, Some(&mut inner));
+                    let inner = through_silu(&mut trace, at, &inner);
+                    // What was added has the gradient of the sum, to which that of the way through the block comes.
+                    gradients[at] = affine_backward(first, &weights[at], &trace.images[at], &inner, Some(&mut outer));
+                    (now, layer) = (outer, at);
+                }
+            }
+        }
+        gradients
+    }
+}
+
+/// The gradient before the [`silu`] of a layer for that after it. Uses up what the trace kept.
+fn through_silu(trace: &mut Trace, layer: usize, back: &[f32]) -> Vec<f32> {
+    let mut values = std::mem::take(&mut trace.before[layer]);
+    silu_backward(&mut values, back);
+    values
+}

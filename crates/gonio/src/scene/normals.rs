@@ -5,11 +5,13 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Vec3};
 
 use super::components::neighbours;
+use super::fate::{Judged, judge};
+use super::foreign::Underlay;
 use super::observations::LEAST_POINTS;
-use super::observed::{COVERED, Seen, check_radiance, check_size, clip_level, is_clipped};
+use super::observed::{COVERED, Seen, check_size};
 use super::view::{SurfaceView, has_normal};
 use super::weights::weights;
-use super::{ObservationReport, ObservationSettings, Observations, SceneError};
+use super::{Fate, ObservationReport, ObservationSettings, Observations, SceneError};
 use crate::picture::{Picture, Plane, luminance};
 use crate::sphere::OctahedralMap;
 use crate::transfer::SurfacePoint;
@@ -61,7 +63,7 @@ impl Observations {
     /// [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more than 2 % of the normals are
     /// off by more than 0.05 in length; [`SceneError::FacingAway`] when more than 2 % face away from the camera;
     /// [`SceneError::TooFewPoints`] when fewer than 50 points have a value; [`SceneError::TooFlat`] when there are
-    /// fewer than 50 different directions; [`SceneError::BadPixels`] among the points before thinning;
+    /// fewer than 50 different directions; [`SceneError::BadPixels`] when more than half of the points before thinning are faulty;
     /// [`SceneError::Black`].
     pub fn of_view(
         picture: &Picture,
@@ -88,9 +90,14 @@ impl Observations {
         let steep = facing.iter().filter(within).count();
         let (width, height) = rgb.size();
         let coordinates = |i: usize| (i % width, i / width);
+        let mut edges = Vec::new();
         facing.retain(|c| {
             let (x, y) = coordinates(c.pixel as usize);
-            !surface.is_edge(x, y)
+            let edge = surface.is_edge(x, y);
+            if edge && c.cosine(surface) > least {
+                edges.push(c.pixel as usize);
+            }
+            !edge
         });
         let used = facing.iter().filter(within).count();
         report.at_edges = steep - used;
@@ -110,27 +117,41 @@ impl Observations {
         for candidate in facing.iter().filter(within) {
             region.as_mut_slice()[candidate.pixel as usize] = true;
         }
-        check_radiance(rgb, &region)?;
-        let level = clip_level(rgb, &region, settings.clip);
+        let normal = |at| normals[at].normalize_or_zero();
+        let underlay = Underlay { normal: &normal, convex: false };
+        let Judged { mut fates, mut report } = judge(rgb, &region, settings, &underlay, report)?;
+        for (inside, fate) in region.as_mut_slice().iter_mut().zip(fates.as_slice()) {
+            *inside = *inside && !fate.is_faulty() && *fate != Fate::OtherColour;
+        }
         let dark: Vec<bool> = facing.iter().map(|c| is_speck(rgb, &region, coordinates(c.pixel as usize))).collect();
         report.specks = dark.iter().filter(|dark| **dark).count();
+        for (candidate, _) in facing.iter().zip(&dark).filter(|(_, dark)| **dark) {
+            let fate = &mut fates.as_mut_slice()[candidate.pixel as usize];
+            *fate = if *fate == Fate::Outside { *fate } else { Fate::Speck };
+        }
+        edges.into_iter().for_each(|pixel| fates.as_mut_slice()[pixel] = Fate::Edge);
+        for (i, (fate, covered)) in fates.as_mut_slice().iter_mut().zip(covered.as_slice()).enumerate() {
+            if *covered && *fate == Fate::Outside && !is_sound(surface, i) {
+                *fate = Fate::NoNormal;
+            }
+        }
         let mut dark = dark.into_iter();
         facing.retain(|_| !dark.next().unwrap_or(false));
         // Thinned before the cut at the largest angle: cells that it divides would else be sampled too densely.
         let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
-        let seen = taken.iter().map(|c| {
-            let colour = rgb.as_slice()[c.pixel as usize];
-            if is_clipped(colour, level) { Seen::Clipped } else { Seen::Colour(colour) }
+        let seen = taken.iter().map(|c| match fates.as_slice()[c.pixel as usize] {
+            Fate::Clipped => Seen::Clipped,
+            Fate::OtherColour => Seen::OtherColour,
+            fate if fate.is_faulty() => Seen::Faulty,
+            _ => Seen::Colour(rgb.as_slice()[c.pixel as usize]),
         });
         let centre = |i: usize| ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
         let mut observations = Self::assemble(
             taken.iter().map(|c| c.point(surface)).collect(),
             taken.iter().map(|c| centre(c.pixel as usize)).collect(),
             seen.collect(),
-            level,
-            (rgb, &region),
-            report,
+            Judged { fates, report },
         )?;
         let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
         observations.weights = weights(rgb, normals, &region, &pixels);
@@ -138,8 +159,11 @@ impl Observations {
     }
 }
 
-/// Whether a pixel is less than a quarter as bright as each of its neighbours, of which there are five at least.
+/// Whether a sound pixel is less than a quarter as bright as each of its neighbours, of which there are five at least.
 fn is_speck(rgb: &Plane<Vec3>, region: &Plane<bool>, at: (usize, usize)) -> bool {
+    if Fate::fault(rgb[at]).is_some() {
+        return false;
+    }
     let own = luminance(rgb[at]);
     let around = || neighbours(at, rgb.size(), true).filter(|next| region[*next]);
     around().count() >= 5 && around().all(|next| luminance(rgb[next]) > 4.0 * own)
@@ -167,6 +191,13 @@ impl Candidate {
     fn seen(&self, surface: &SurfaceView<'_>) -> DVec3 {
         self.point(surface).in_view()
     }
+}
+
+/// Whether a pixel (its index, row-major) has a unit normal that faces the camera.
+fn is_sound(surface: &SurfaceView<'_>, pixel: usize) -> bool {
+    let normal = surface.normals.as_slice()[pixel];
+    let unit = has_normal(normal) && (normal.length() - 1.0).abs() <= LENGTH_TOLERANCE;
+    unit && Candidate { pixel: pixel as u32, normal }.cosine(surface) > 0.0
 }
 
 /// The covered pixels whose normals are sound and face the camera, row-major.
@@ -379,15 +410,34 @@ mod tests {
     }
 
     #[test]
-    fn bad_radiance_is_an_error_where_it_is_observed() {
-        let normals = ball();
+    fn faulty_pixels_are_left_out_and_counted_where_they_are_observed() {
+        let (normals, settings) =
+            (ball(), ObservationSettings { normals: 1_000_000, ..ObservationSettings::default() });
+        let observe = |picture: &Picture| Observations::of_normals(picture, &normals, None, &settings);
+        let clean = observe(&picture(&normals)).unwrap();
+        assert!(clean.fates.is_none() && clean.report.faulty == 0);
         let mut bad = picture(&normals);
         bad.rgb[(0, 0)] = Vec3::NAN;
-        bad.rgb[(200, 100)].z = -1.0;
-        let settings = ObservationSettings::default();
-        let error = Observations::of_normals(&bad, &normals, None, &settings).unwrap_err();
-        assert_eq!(error, SceneError::BadPixels { count: 1, column: 200, row: 100 });
+        bad.rgb[(200, 100)] = Vec3::splat(-1.0);
+        bad.rgb[(201, 100)].z = f32::NAN;
+        bad.rgb[(150, 150)].x = -0.5;
+        let got = observe(&bad).unwrap();
+        let ObservationReport { negative, not_finite, negative_channels, faulty, used, specks, .. } = got.report;
+        assert_eq!((negative, not_finite, negative_channels, faulty, specks), (1, 1, 1, 2, 0));
+        assert_eq!((used, &got.points), (clean.report.used - 2, &clean.points));
+        let fates = got.fates.as_ref().unwrap();
+        assert_eq!(
+            [(200, 100), (201, 100), (150, 150), (0, 0)].map(|at| fates[at]),
+            [Fate::Negative, Fate::NotFinite, Fate::Used, Fate::Outside]
+        );
+        assert!(got.weights.iter().all(|w| (0.0..=1.0).contains(w)));
+        let at = got.pixels.iter().position(|at| *at == (150.5, 150.5)).unwrap();
+        let (colour, value) = (got.colours[at].unwrap(), got.values[at].unwrap());
+        assert!(colour.x == 0.0 && value < f64::from(luminance(colour)), "{colour} {value}");
+        let mostly =
+            Picture { rgb: normals.map(|n| Vec3::splat(if n.x > -0.1 { f32::NAN } else { 1.0 + n.y })), alpha: None };
+        assert!(matches!(observe(&mostly), Err(SceneError::BadPixels { negative: 0, not_finite: 50_000.., .. })));
         let black = Picture { rgb: normals.map(|_| Vec3::ZERO), alpha: None };
-        assert_eq!(Observations::of_normals(&black, &normals, None, &settings).unwrap_err(), SceneError::Black);
+        assert_eq!(observe(&black).unwrap_err(), SceneError::Black);
     }
 }

@@ -1,11 +1,15 @@
 //! Observations of a surface: points, and what the picture shows of each.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::circle::LEAST_RADIUS;
-use super::observed::{COVERED, Seen, check_radiance, check_size, clip_level, is_clipped};
-use super::{Circle, SceneError};
+use super::fate::{Judged, judge};
+use super::foreign::Underlay;
+use super::observed::{COVERED, Seen, check_size};
+use super::{Circle, Fate, SceneError};
 use crate::picture::{Picture, Plane, luminance};
 use crate::shape::Visibility;
 use crate::sphere::fibonacci_hemisphere;
@@ -13,6 +17,9 @@ use crate::transfer::{Points, SurfacePoint};
 
 /// Least number of points with a value: what [`Plan::project`](crate::transfer::Plan::project) needs.
 pub(super) const LEAST_POINTS: usize = 50;
+
+/// Where some of the pixels around a point are faulty, the others must have this share of the interpolation.
+const LEAST_WEIGHT: f32 = 0.5;
 
 /// How a picture is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,19 +32,24 @@ pub struct ObservationSettings {
     /// Channels at or above this radiance are clipped (for integer pictures, the full scale). `None` finds the level:
     /// the largest value of the object, if at least 12 pixels and 0.02 % of the observed ones have exactly that value.
     pub clip: Option<f32>,
+    /// Observe regions of another colour as well: paint, stickers. By default they are left out where it is safe to tell them from highlights and
+    /// reflections.
+    #[serde(default)]
+    pub keep_colours: bool,
 }
 
 impl Default for ObservationSettings {
     /// The values of the paper.
     fn default() -> Self {
-        Self { normals: 12_000, max_angle: 80.0_f64.to_radians(), clip: None }
+        Self { normals: 12_000, max_angle: 80.0_f64.to_radians(), clip: None, keep_colours: false }
     }
 }
 
 /// What became of the points and pixels of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct ObservationReport {
-    /// Points of the surface: `used + clipped + outside`.
+    /// Points of the surface: `used + clipped + outside + faulty + other_colour`, and those in shadow.
     pub points: usize,
     /// Points with a value.
     pub used: usize,
@@ -45,12 +57,24 @@ pub struct ObservationReport {
     pub clipped: usize,
     /// Points without a value because a pixel they need is uncovered or outside the picture.
     pub outside: usize,
+    /// Points without a value because pixels they need are negative, NaN or infinite.
+    pub faulty: usize,
+    /// Points without a value because a pixel they need is of another colour than the object.
+    pub other_colour: usize,
     /// Pixels of the observed part of the object.
     pub observed_pixels: usize,
     /// Those of them that are clipped.
     pub clipped_pixels: usize,
     /// Radiance at or above which a channel counts as clipped, given or found.
     pub clip_level: Option<f32>,
+    /// Those of negative luminance, which are left out.
+    pub negative: usize,
+    /// Those with a channel that is NaN or infinite, which are left out.
+    pub not_finite: usize,
+    /// Those that are used although a channel is negative: their luminance is not, and the channel counts as zero.
+    pub negative_channels: usize,
+    /// Those in regions of another colour, which are left out.
+    pub other_colour_pixels: usize,
     /// Covered pixels whose normal is missing (shorter than 0.1, or not finite); 0 for a sphere.
     pub without_normal: usize,
     /// Covered pixels skipped because their normal is not a unit vector; 0 for a sphere.
@@ -85,6 +109,8 @@ pub struct Observations {
     pub open: Vec<f64>,
     /// What became of the points.
     pub report: ObservationReport,
+    /// What became of each pixel, where any but those outside were left out.
+    pub fates: Option<Arc<Plane<Fate>>>,
 }
 
 /// The points of a sphere that [`Observations::of_sphere`] observes, for plans made without a picture: normals of a
@@ -125,6 +151,7 @@ impl Observations {
             visibility: self.visibility.as_ref().map(|v| v.select(indices)),
             open: some(&self.open, indices),
             report: self.report,
+            fates: self.fates.clone(),
         }
     }
 
@@ -136,11 +163,12 @@ impl Observations {
     /// explain.
     ///
     /// A point has no value where one of the four pixels is clipped, outside the picture, not wholly within the circle,
-    /// or covered by less than 0.99. Without `coverage` the alpha channel of the picture is used, if it has one.
+    /// covered by less than 0.99, or of another colour. Faulty pixels (of negative luminance, NaN or infinite) are passed over as long as the others have
+    /// half of the weight. Without `coverage` the alpha channel of the picture is used, if it has one.
     ///
     /// # Errors
-    /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] among pixels that points can need;
-    /// [`SceneError::TooFewPoints`] when fewer than 50 have a value; [`SceneError::Black`].
+    /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when more than half of the pixels that points can need are
+    /// faulty, or too few points are left for it; [`SceneError::TooFewPoints`] when fewer than 50 have a value; [`SceneError::Black`].
     pub fn of_sphere(
         picture: &Picture,
         circle: &Circle,
@@ -168,53 +196,60 @@ impl Observations {
                 && (dx + 0.5).hypot(dy + 0.5) <= radius
                 && coverage.is_none_or(|coverage| coverage[(column, row)] >= COVERED)
         });
-        check_radiance(rgb, &region)?;
-        let level = clip_level(rgb, &region, settings.clip);
+        let normal = |(column, row): (usize, usize)| {
+            let (nx, ny) = ((column as f64 + 0.5 - x) / radius, (y - row as f64 - 0.5) / radius);
+            DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt()).as_vec3()
+        };
+        let underlay = Underlay { normal: &normal, convex: true };
+        let judged = judge(rgb, &region, settings, &underlay, ObservationReport::default())?;
 
         let points = sphere_points(settings);
         let pixels: Vec<(f64, f64)> =
             points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
-        let seen = pixels.iter().map(|&at| sample(rgb, &region, level, at)).collect();
-        Self::assemble(points, pixels, seen, level, (rgb, &region), ObservationReport::default())
+        let seen = pixels.iter().map(|&at| sample(rgb, &judged.fates, at)).collect();
+        Self::assemble(points, pixels, seen, judged)
     }
 
-    /// Puts observations together and counts them; `report` holds what only the caller knows.
+    /// Puts observations together and counts them.
     pub(super) fn assemble(
         points: Vec<SurfacePoint>,
         pixels: Vec<(f64, f64)>,
         seen: Vec<Seen>,
-        clip_level: Option<f32>,
-        (rgb, region): (&Plane<Vec3>, &Plane<bool>),
-        report: ObservationReport,
+        Judged { fates, report }: Judged,
     ) -> Result<Self, SceneError> {
-        let colours: Vec<Option<Vec3>> =
-            seen.iter().map(|s| if let Seen::Colour(colour) = s { Some(*colour) } else { None }).collect();
-        let observed = || rgb.as_slice().iter().zip(region.as_slice()).filter(|(_, region)| **region);
+        let colour = |s: &Seen| if let Seen::Colour(colour) = s { Some(*colour) } else { None };
+        let count = |which: Seen| seen.iter().filter(|s| **s == which).count();
         let report = ObservationReport {
             points: points.len(),
-            used: colours.iter().flatten().count(),
-            clipped: seen.iter().filter(|s| **s == Seen::Clipped).count(),
-            outside: seen.iter().filter(|s| **s == Seen::Outside).count(),
-            observed_pixels: observed().count(),
-            clipped_pixels: observed().filter(|(colour, _)| is_clipped(**colour, clip_level)).count(),
-            clip_level,
+            used: seen.iter().filter_map(colour).count(),
+            clipped: count(Seen::Clipped),
+            outside: count(Seen::Outside),
+            faulty: count(Seen::Faulty),
+            other_colour: count(Seen::OtherColour),
             ..report
         };
-        let ObservationReport { used, clipped, outside, .. } = report;
+        let ObservationReport { used, clipped, outside, faulty, .. } = report;
+        if used < LEAST_POINTS && used + faulty >= LEAST_POINTS {
+            return Err(SceneError::bad_pixels(&report));
+        }
         if used < LEAST_POINTS {
             return Err(SceneError::TooFewPoints { used, clipped, outside, least: LEAST_POINTS });
         }
-        let values: Vec<Option<f64>> = colours.iter().map(|c| c.map(|c| f64::from(luminance(c)))).collect();
+        // Of the colours as they are: a channel below zero is part of the luminance.
+        let values: Vec<Option<f64>> = seen.iter().map(|s| colour(s).map(|c| f64::from(luminance(c)))).collect();
         if values.iter().flatten().all(|&value| value <= 0.0) {
             return Err(SceneError::Black);
         }
+        let colours = seen.iter().map(|s| colour(s).map(|c| c.max(Vec3::ZERO))).collect();
+        let left_out = fates.as_slice().iter().any(|fate| !matches!(fate, Fate::Used | Fate::Outside));
+        let fates = left_out.then(|| Arc::new(fates));
         let (weights, open) = (vec![1.0; points.len()], vec![1.0; points.len()]);
-        Ok(Self { points, pixels, values, colours, weights, visibility: None, open, report })
+        Ok(Self { points, pixels, values, colours, weights, visibility: None, open, report, fates })
     }
 }
 
 /// Bilinear interpolation at `(x, y)` between the four pixels whose centres are around it.
-fn sample(rgb: &Plane<Vec3>, region: &Plane<bool>, level: Option<f32>, (x, y): (f64, f64)) -> Seen {
+fn sample(rgb: &Plane<Vec3>, fates: &Plane<Fate>, (x, y): (f64, f64)) -> Seen {
     let (x, y) = (x - 0.5, y - 0.5);
     let (left, top) = (x.floor(), y.floor());
     let inside = left >= 0.0 && top >= 0.0 && left + 1.0 < rgb.width() as f64 && top + 1.0 < rgb.height() as f64;
@@ -224,13 +259,20 @@ fn sample(rgb: &Plane<Vec3>, region: &Plane<bool>, level: Option<f32>, (x, y): (
     let (s, t) = ((x - left) as f32, (y - top) as f32);
     let (column, row) = (left as usize, top as usize);
     let four = [(column, row), (column + 1, row), (column, row + 1), (column + 1, row + 1)];
-    if four.iter().any(|&at| !region[at]) {
+    let any = |which: Fate| four.iter().any(|&at| fates[at] == which);
+    if any(Fate::Outside) {
         return Seen::Outside;
+    } else if any(Fate::Clipped) {
+        return Seen::Clipped;
+    } else if any(Fate::OtherColour) {
+        return Seen::OtherColour;
+    } else if four.iter().any(|&at| fates[at].is_faulty()) {
+        let weights = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
+        let sound = four.iter().zip(weights).filter(|(at, _)| !fates[**at].is_faulty());
+        let (sum, weight) = sound.fold((Vec3::ZERO, 0.0), |(sum, all), (at, w)| (sum + w * rgb[*at], all + w));
+        return if weight >= LEAST_WEIGHT { Seen::Colour(sum / weight) } else { Seen::Faulty };
     }
     let [a, b, c, d] = four.map(|at| rgb[at]);
-    if [a, b, c, d].iter().any(|&colour| is_clipped(colour, level)) {
-        return Seen::Clipped;
-    }
     Seen::Colour(a.lerp(b, s).lerp(c.lerp(d, s), t))
 }
 
@@ -289,8 +331,8 @@ mod tests {
             assert_eq!(point.view, DVec3::Z);
         }
         let picture = Plane::from_fn(4, 4, |x, y| Vec3::splat((x + 10 * y) as f32));
-        let everywhere = picture.map(|_| true);
-        let at = |x, y| sample(&picture, &everywhere, None, (x, y));
+        let everywhere = picture.map(|_| Fate::Used);
+        let at = |x, y| sample(&picture, &everywhere, (x, y));
         assert_eq!(at(1.5, 2.5), Seen::Colour(Vec3::splat(21.0)));
         assert_eq!(at(2.0, 1.0), Seen::Colour(Vec3::splat(6.5)));
         assert_eq!(at(0.5, 0.5), Seen::Colour(Vec3::splat(0.0)));
@@ -348,15 +390,49 @@ mod tests {
     }
 
     #[test]
-    fn bad_pixels_are_an_error_only_where_they_are_observed() {
-        for bad in [f32::NAN, f32::INFINITY, -0.1] {
+    fn faulty_pixels_are_passed_over_where_others_are_near() {
+        let clean = observe(&tilted()).unwrap();
+        for (bad, fate) in [(f32::NAN, Fate::NotFinite), (f32::INFINITY, Fate::NotFinite), (-0.1, Fate::Negative)] {
             let mut picture = tilted();
-            picture.rgb[(170, 140)].y = bad;
-            picture.rgb[(120, 141)].x = bad;
-            assert_eq!(observe(&picture).unwrap_err(), SceneError::BadPixels { count: 2, column: 170, row: 140 });
-            picture.alpha = Some(Plane::from_fn(300, 300, |x, y| f32::from(!(140..142).contains(&y) || x < 20)));
-            assert!(observe(&picture).unwrap().report.outside > 0);
+            picture.rgb[(170, 140)] = Vec3::splat(bad);
+            let got = observe(&picture).unwrap();
+            let report = &got.report;
+            assert_eq!((report.negative + report.not_finite, report.used + report.faulty), (1, report.points));
+            assert_eq!(got.fates.as_ref().unwrap()[(170, 140)], fate);
+            for ((at, value), was) in got.pixels.iter().zip(&got.values).zip(&clean.values) {
+                let weight = (1.0 - (at.0 - 170.5).abs()).max(0.0) * (1.0 - (at.1 - 140.5).abs()).max(0.0);
+                assert_eq!(value.is_none(), weight > 0.5, "{at:?}");
+                let off = value.map_or(0.0, |v| (v - was.unwrap()).abs());
+                assert!(off < 0.01 && (weight > 0.0 || off == 0.0), "{at:?}");
+            }
+            // Where the fault is not observed nothing is said of it.
+            picture.alpha = Some(Plane::from_fn(300, 300, |_, y| f32::from(!(140..142).contains(&y))));
+            let report = observe(&picture).unwrap().report;
+            assert!(report.outside > 0 && report.negative + report.not_finite == 0);
         }
+    }
+
+    #[test]
+    fn a_negative_channel_counts_as_zero_in_the_colour_and_as_itself_in_the_luminance() {
+        let got = observe(&ball(|n| Vec3::new(-0.1, 2.0 + n.x as f32, 1.0))).unwrap();
+        assert_eq!((got.report.used, got.report.negative, got.fates), (9916, 0, None));
+        assert_eq!(got.report.negative_channels, got.report.observed_pixels);
+        for (colour, value) in got.colours.iter().zip(&got.values) {
+            let colour = colour.unwrap();
+            let want = luminance(colour) - 0.1 * luminance(Vec3::X);
+            assert!(colour.x == 0.0 && (value.unwrap() - f64::from(want)).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn little_left_is_refused_with_the_numbers() {
+        let most = observe(&ball(|n| Vec3::splat(if n.x < 0.2 { f32::NAN } else { 1.0 }))).unwrap_err();
+        assert!(matches!(most, SceneError::BadPixels { negative: 0, not_finite: 30_000.., .. }), "{most}");
+        let dark = observe(&ball(|n| Vec3::splat(n.x as f32 - 0.2))).unwrap_err();
+        assert!(dark.to_string().contains("are negative and 0 NaN"), "{dark}");
+        // Black is seen: half a ball of it is no fault.
+        let black = observe(&ball(|n| Vec3::splat((n.x as f32).max(0.0)))).unwrap();
+        assert_eq!((black.report.used, black.report.negative), (9916, 0));
     }
 
     #[test]

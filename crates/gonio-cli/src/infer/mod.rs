@@ -96,7 +96,8 @@ pub(crate) struct Options {
     /// Write no report.html, which takes a few seconds
     #[arg(long, env = "GONIO_NO_REPORT")]
     no_report: bool,
-    /// Observe regions of another colour (paint, stickers) as well, which are left out where they are told safely from reflections
+    /// Observe regions of another colour (paint, stickers) as well, which are left out where they
+    /// are told safely from reflections
     #[arg(long)]
     keep_colors: bool,
     #[command(flatten)]

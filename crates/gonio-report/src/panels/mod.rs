@@ -61,7 +61,8 @@ pub struct Panels {
     pub photograph: Plane<Vec3>,
     /// The same at twice the size, with a dot at each observation.
     pub observed: Plane<Vec3>,
-    /// At that size too, with the pixels that were left out marked; `None` if there are none but those outside.
+    /// At that size too, with the pixels that were left out marked; `None` if there are none but
+    /// those outside.
     pub used: Option<Plane<Vec3>>,
     /// What table and light make of it.
     pub reproduction: Plane<Vec3>,

@@ -38,8 +38,8 @@ pub const MARKS: [Mark; 6] = [
     Mark { label: "no sound normal", colour: Vec3::new(0.3, 0.3, 0.3), fates: &[Fate::NoNormal] },
 ];
 
-/// The photograph at twice the size of a panel, dark where it lies outside of what is observed, with the other pixels that were left out marked; `None` if
-/// none were.
+/// The photograph at twice the size of a panel, dark where it lies outside of what is observed,
+/// with the other pixels that were left out marked; `None` if none were.
 pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Option<Plane<Vec3>> {
     let fates = subject.sighting.observations.fates.as_ref()?;
     let side = 2 * PANEL;

@@ -122,7 +122,8 @@ impl<'a> View<'a> {
         inside.then_some((u as usize, v as usize))
     }
 
-    /// All pixels of the photograph, of this size, that fall on a pixel of a panel of `side` pixels; one at least if there are any near.
+    /// All pixels of the photograph, of this size, that fall on a pixel of a panel of `side`
+    /// pixels; one at least if there are any near.
     pub(crate) fn behind(
         &self,
         x: usize,

@@ -40,9 +40,10 @@ impl Fate {
 
     /// What is wrong with a colour, if anything.
     ///
-    /// A channel may be negative where the luminance is not: colours out of the gamut of a file's primaries and the ringing of a resampler make
-    /// such pixels, and their luminance is right. Zero in all channels is black, and seen as such: renderings of dark metals have it wherever the
-    /// light has. A negative luminance is nothing that a surface sends out.
+    /// A channel may be negative where the luminance is not: colours out of the gamut of a file's
+    /// primaries and the ringing of a resampler make such pixels, and their luminance is right.
+    /// Zero in all channels is black, and seen as such: renderings of dark metals have it wherever
+    /// the light has. A negative luminance is nothing that a surface sends out.
     pub(super) fn fault(colour: Vec3) -> Option<Self> {
         if !colour.is_finite() {
             Some(Self::NotFinite)
@@ -61,7 +62,8 @@ pub(super) struct Judged {
     pub(super) report: ObservationReport,
 }
 
-/// Judges the pixels of `region`, which are of the object and seen well enough; `report` holds what only the caller knows.
+/// Judges the pixels of `region`, which are of the object and seen well enough; `report` holds what
+/// only the caller knows.
 ///
 /// # Errors
 /// [`SceneError::BadPixels`] if more than half of them are faulty.

@@ -1,34 +1,41 @@
 //! Regions of another colour on an object of one: paint, stickers, eyes of figures.
 //!
-//! Chromaticity alone does not tell paint: highlights have the colour of the light, metals that of what they reflect, and shadows, lamps of several
-//! colours and reflections of the object in itself all change it. What is left out must therefore pass every test of what paint does and light does not:
+//! Chromaticity alone does not tell paint: highlights have the colour of the light, metals that of
+//! what they reflect, and shadows, lamps of several colours and reflections of the object in itself
+//! all change it. What is left out must therefore pass every test of what paint does and light does
+//! not:
 //!
-//! 1. It is a compact region behind a sharp step of chromaticity, small beside the rest, with normals on both sides alike.
-//! 2. Some channel falls across the step: highlights and other added light raise them all. On a surface that may shadow itself some channel also rises,
-//!    since shadows lower them all.
-//! 3. Light falls on both sides alike: brightness and chromaticity of the inside follow those of the outside along the whole step, but for one factor. What
-//!    a mirror shows does not, and where there is no shading to follow nothing is decided.
+//! 1. It is a compact region behind a sharp step of chromaticity, small beside the rest, with
+//!    normals on both sides alike.
+//! 2. Some channel falls across the step: highlights and other added light raise them all. On a
+//!    surface that may shadow itself some channel also rises, since shadows lower them all.
+//! 3. Light falls on both sides alike: brightness and chromaticity of the inside follow those of
+//!    the outside along the whole step, but for one factor. What a mirror shows does not, and where
+//!    there is no shading to follow nothing is decided.
 //! 4. There are few other steps of the kind elsewhere: reflections of a coloured world have many.
 //!
-//! If in doubt everything is left in: a few painted pixels cost the answer little, and a reflection taken for paint costs it much.
+//! If in doubt everything is left in: a few painted pixels cost the answer little, and a reflection
+//! taken for paint costs it much.
 
 use glam::{DVec2, DVec3, Vec3};
 
 use super::components::{fill_holes, neighbours};
 use crate::picture::{Plane, luminance};
 
-/// Pictures are looked at in cells, about so many along the longer side of the object: finer structure is noise or texture.
+/// Pictures are looked at in cells, about so many along the longer side of the object: finer
+/// structure is noise or texture.
 const CELLS: f64 = 300.0;
 /// A cell is known if at least this share of its pixels is.
 const KNOWN: f32 = 0.5;
-/// Added to all channels before the logarithm, relative to the median luminance: chromaticity means little in the dark.
+/// Added to all channels before the logarithm, relative to the median luminance: chromaticity means
+/// little in the dark.
 const DARK: f32 = 0.02;
 /// A step is a change of chromaticity (natural logarithms of R/G and B/G) of more than this...
 const STEP: f64 = 0.25;
 /// ...from cells so far on one side to cells so far on the other.
 const SPAN: usize = 2;
-/// The farthest that the two sides of a step may lie apart, in cells: a span on both sides, the smoothing and some blur. Changes that take longer are those of
-/// light.
+/// The farthest that the two sides of a step may lie apart, in cells: a span on both sides, the
+/// smoothing and some blur. Changes that take longer are those of light.
 const REACH: usize = 8;
 /// Side of the window, from its middle, in which the outside is continued as a plane.
 const WINDOW: usize = 4;
@@ -40,23 +47,27 @@ const LEAST_MAIN: f64 = 0.5;
 const MOST_SHARE: f64 = 0.25;
 /// `4 pi area / perimeter^2` of a region, one for a disc: less is a fringe.
 const LEAST_COMPACT: f64 = 0.2;
-/// At least this share of a region's border lies against the rest of the object, not against its outline or other regions.
+/// At least this share of a region's border lies against the rest of the object, not against its
+/// outline or other regions.
 const LEAST_BORDER: f64 = 0.5;
 /// And at least so many cells do.
 const LEAST_PAIRS: usize = 8;
 /// Cosine of the largest angle between the normals of both sides: 15 degrees.
 const ALIKE: f32 = 0.966;
-/// The step from side to side, at least: the change of chromaticity, the fall of a channel, and the rise of another where that is asked for, in natural logarithms.
+/// The step from side to side, at least: the change of chromaticity, the fall of a channel, and the
+/// rise of another where that is asked for, in natural logarithms.
 const LEAST_CHANGE: f64 = 0.3;
 const LEAST_FALL: f64 = 0.15;
 const LEAST_RISE: f64 = 0.05;
-/// The factor between the sides varies by at most this along the step (median deviation of its logarithm)...
+/// The factor between the sides varies by at most this along the step (median deviation of its
+/// logarithm)...
 const MOST_SPREAD: f64 = 0.1;
 /// ...and by at most this share of the variation of the outside, which is...
 const MOST_RELATIVE: f64 = 0.5;
 /// ...at least this.
 const LEAST_SHADING: f64 = 0.01;
-/// Of the way from the outside's chromaticity to the inside's, from where on a cell at the step belongs to the region.
+/// Of the way from the outside's chromaticity to the inside's, from where on a cell at the step
+/// belongs to the region.
 const MIXED: f64 = 0.2;
 /// Steps elsewhere that no light explains, over those around what is left out.
 const MOST_ELSEWHERE: f64 = 0.3;
@@ -131,7 +142,8 @@ impl Cells {
         Some(Self { side, origin: low, tones, normals })
     }
 
-    /// The change from one side of a cell to the other along both axes, each side the cell itself where there is nothing.
+    /// The change from one side of a cell to the other along both axes, each side the cell itself
+    /// where there is nothing.
     fn changes(&self, (u, v): (usize, usize)) -> Option<[DVec3; 2]> {
         let own = self.tones[(u, v)]?;
         let (width, height) = self.tones.size();
@@ -212,7 +224,8 @@ pub(super) fn foreign(
     if lost == 0 || lost as f64 > MOST_SHARE * known as f64 {
         return None;
     }
-    // Steps where some channel rises and another falls: neither light that is added nor light that is kept off.
+    // Steps where some channel rises and another falls: neither light that is added nor light that
+    // is kept off.
     let crossing = |at: (usize, usize)| {
         let crosses = |change: &DVec3| change.max_element() > LEAST_RISE && change.min_element() < -LEAST_RISE;
         cells.changes(at).is_some_and(|both| both.iter().any(|c| chroma(*c).length() > STEP && crosses(c)))
@@ -234,7 +247,8 @@ pub(super) fn foreign(
     }))
 }
 
-/// Regions between steps, numbered from one, and how many cells each has; zero is what belongs to none.
+/// Regions between steps, numbered from one, and how many cells each has; zero is what belongs to
+/// none.
 fn label(cells: &Cells, stepped: &Plane<bool>) -> (Plane<u32>, Vec<usize>) {
     let size = stepped.size();
     let mut seen = stepped.map(|_| false);
@@ -375,185 +389,4 @@ fn grow(taken: &mut Plane<bool>, cells: &Cells, labels: &Plane<u32>, stepped: &P
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SIZE: usize = 300;
-
-    fn normal((x, y): (usize, usize)) -> Vec3 {
-        let at = |i: usize| (i as f32 + 0.5 - 150.0) / 140.0;
-        let (nx, ny) = (at(x), -at(y));
-        Vec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt())
-    }
-
-    fn usable(at: (usize, usize)) -> bool {
-        normal(at).z > 0.17
-    }
-
-    /// A ball whose radiance is `f` of normal and mirrored view.
-    fn ball(f: impl Fn(Vec3, Vec3) -> Vec3) -> Plane<Vec3> {
-        let mut noise = 1_u32;
-        Plane::from_fn(SIZE, SIZE, |x, y| {
-            let n = normal((x, y));
-            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            let grain = 1.0 + 0.02 * ((noise >> 8) as f32 / (1 << 23) as f32 - 1.0);
-            grain * f(n, 2.0 * n.z * n - Vec3::Z)
-        })
-    }
-
-    const LAMPS: [([f32; 3], [f32; 3]); 4] = [
-        ([0.3, 0.8, 0.5], [1.0, 0.9, 0.7]),
-        ([-0.8, 0.2, 0.6], [0.2, 0.3, 1.0]),
-        ([0.7, -0.5, 0.5], [1.0, 0.25, 0.15]),
-        ([-0.1, -0.9, 0.3], [0.2, 0.8, 0.3]),
-    ];
-
-    /// Irradiance under four lamps, coloured by so much, and some light from all around.
-    fn irradiance(n: Vec3, colour: f32) -> Vec3 {
-        LAMPS.iter().fold(Vec3::splat(0.15), |sum, (from, rgb)| {
-            sum + n.dot(Vec3::from_array(*from).normalize()).max(0.0) * Vec3::ONE.lerp(Vec3::from_array(*rgb), colour)
-        })
-    }
-
-    /// Reflections of the lamps, of a width given by the power.
-    fn highlights(r: Vec3, power: f32) -> Vec3 {
-        LAMPS.iter().fold(Vec3::ZERO, |sum, (from, rgb)| {
-            sum + r.dot(Vec3::from_array(*from).normalize()).max(0.0).powf(power) * Vec3::from_array(*rgb)
-        })
-    }
-
-    fn found(rgb: &Plane<Vec3>, convex: bool) -> usize {
-        foreign(rgb, &usable, &Underlay { normal: &normal, convex })
-            .map_or(0, |plane| plane.as_slice().iter().filter(|taken| **taken).count())
-    }
-
-    /// Shares lost of the pixels of a spot around a direction, and of the others.
-    fn lost(rgb: &Plane<Vec3>, inside: impl Fn(Vec3) -> bool, convex: bool) -> (f64, f64) {
-        let taken = foreign(rgb, &usable, &Underlay { normal: &normal, convex });
-        let share = |spot: bool| {
-            let all =
-                (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at) && inside(normal(*at)) == spot);
-            let (mut count, mut lost) = (0, 0);
-            for at in all {
-                count += 1;
-                lost += usize::from(taken.as_ref().is_some_and(|taken| taken[at]));
-            }
-            f64::from(lost as u32) / f64::from(count)
-        };
-        (share(true), share(false))
-    }
-
-    #[test]
-    fn paint_on_a_matte_ball_is_found() {
-        let bodies = [Vec3::new(0.6, 0.1, 0.08), Vec3::new(0.7, 0.7, 0.65), Vec3::new(0.2, 0.3, 0.5)];
-        let paints = [Vec3::new(0.1, 0.15, 0.5), Vec3::new(0.5, 0.06, 0.05), Vec3::new(0.25, 0.1, 0.06)];
-        for (body, paint) in bodies.into_iter().zip(paints) {
-            for (towards, radius) in [([0.2, 0.3, 0.9], 0.35), ([-0.5, 0.1, 0.8], 0.2), ([0.3, -0.6, 0.7], 0.1_f32)] {
-                let towards = Vec3::from_array(towards).normalize();
-                let inside = |n: Vec3| n.dot(towards) > radius.cos();
-                for colour in [0.0, 0.5] {
-                    let rgb = ball(|n, _| irradiance(n, colour) * if inside(n) { paint } else { body });
-                    let (spot, rest) = lost(&rgb, inside, true);
-                    assert!(spot > 0.9 && rest < 0.01, "{body} {towards} {radius} {colour}: {spot:.3} {rest:.4}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn paint_that_only_darkens_is_left_in_where_there_may_be_shadows() {
-        let inside = |n: Vec3| n.dot(Vec3::new(0.2, 0.3, 0.93).normalize()) > 0.94;
-        let rgb =
-            ball(|n, _| irradiance(n, 0.3) * if inside(n) { Vec3::new(0.4, 0.06, 0.05) } else { Vec3::splat(0.7) });
-        assert_eq!(lost(&rgb, inside, false), (0.0, 0.0));
-        assert!(lost(&rgb, inside, true).0 > 0.9);
-        let crossing = ball(|n, _| {
-            irradiance(n, 0.3) * if inside(n) { Vec3::new(0.1, 0.2, 0.5) } else { Vec3::new(0.5, 0.3, 0.1) }
-        });
-        let (spot, rest) = lost(&crossing, inside, false);
-        assert!(spot > 0.9 && rest < 0.01, "{spot} {rest}");
-    }
-
-    #[test]
-    fn highlights_and_coloured_lamps_are_not_paint() {
-        for body in [Vec3::new(0.6, 0.05, 0.04), Vec3::new(0.05, 0.1, 0.4), Vec3::splat(0.4), Vec3::ZERO] {
-            for power in [10.0, 100.0, 3000.0] {
-                for strength in [0.1, 5.0] {
-                    for colour in [0.0, 0.7] {
-                        let rgb = ball(|n, r| body * irradiance(n, colour) + strength * highlights(r, power));
-                        assert_eq!(found(&rgb, true), 0, "{body} {power} {strength} {colour}");
-                    }
-                }
-                // White highlights with sharp edges, as of windows.
-                let rgb = ball(|n, r| {
-                    body * irradiance(n, 0.0) + Vec3::splat(if r.x > 0.3 && r.y > 0.5 { 0.5 } else { 0.0 })
-                });
-                assert_eq!(found(&rgb, true), 0, "{body}");
-            }
-        }
-    }
-
-    #[test]
-    fn hard_terminators_in_the_dark_are_not_paint() {
-        for body in [Vec3::new(0.6, 0.3, 0.1), Vec3::splat(0.5)] {
-            for fill in [0.0, 0.01, 0.1] {
-                let rgb = ball(|n, _| body * (irradiance(n, 1.0) - Vec3::splat(0.15 - fill)));
-                assert_eq!(found(&rgb, true), 0, "{body} {fill}");
-            }
-        }
-    }
-
-    #[test]
-    fn what_metals_reflect_is_not_paint() {
-        // Walls of many colours: pieces of a room, cut by planes, each with a gradient; and one coloured card before an even or graded wall.
-        let hue = |seed: u32| {
-            let channel =
-                |k: u32| 0.05 + ((seed.wrapping_mul(2_654_435_761).rotate_left(8 * k) >> 7) & 255) as f32 / 255.0;
-            Vec3::new(channel(0), channel(1), channel(2))
-        };
-        for tint in [Vec3::ONE, Vec3::new(1.0, 0.7, 0.3), Vec3::new(0.9, 0.5, 0.4)] {
-            for pieces in [1.5_f32, 2.5, 4.0, 8.0] {
-                for seed in 0..12 {
-                    let rgb = ball(|_, r| {
-                        let cell = |v: f32| ((v + 1.0) * pieces) as u32;
-                        let number = seed * 1000 + cell(r.x) + 17 * cell(r.y) + 289 * cell(r.z);
-                        tint * hue(number) * (0.6 + 0.4 * r.x * r.y + 0.3 * r.y)
-                    });
-                    assert_eq!(found(&rgb, true), 0, "{tint} {pieces} {seed}");
-                }
-            }
-            for (grade, inner) in [(0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.0, 0.5)] {
-                for seed in 0..12 {
-                    let rgb = ball(|_, r| {
-                        let card = (r - Vec3::new(0.3, 0.4, 0.86)).length() < 0.7;
-                        let (colour, slope) =
-                            if card { (hue(seed), inner * r.x) } else { (hue(seed + 99), grade * r.y) };
-                        tint * colour * (1.0 + slope)
-                    });
-                    assert_eq!(found(&rgb, true), 0, "{tint} {grade} {inner} {seed}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn much_of_another_colour_is_no_exception() {
-        let rgb = ball(|n, _| {
-            irradiance(n, 0.2) * if n.x > 0.1 { Vec3::new(0.1, 0.2, 0.6) } else { Vec3::new(0.6, 0.2, 0.1) }
-        });
-        assert_eq!(found(&rgb, true), 0);
-        // Checks all over.
-        let check = |n: Vec3| ((n.x * 6.0).floor() + (n.y * 6.0).floor()) as i32 % 2 == 0;
-        let rgb = ball(|n, _| {
-            irradiance(n, 0.2) * if check(n) { Vec3::new(0.1, 0.2, 0.6) } else { Vec3::new(0.6, 0.2, 0.1) }
-        });
-        assert_eq!(found(&rgb, true), 0);
-    }
-
-    #[test]
-    fn grey_and_empty_pictures_have_none() {
-        assert_eq!(found(&ball(|n, _| Vec3::splat(n.z)), true), 0);
-        assert_eq!(found(&ball(|_, _| Vec3::ZERO), true), 0);
-        assert!(foreign(&ball(|_, _| Vec3::ONE), &|_| false, &Underlay { normal: &normal, convex: true }).is_none());
-    }
-}
+mod tests;

@@ -48,8 +48,10 @@ fn fit<const N: usize>(
     Some(Fit { slope_square, variance })
 }
 
-/// A weight in 0..=1 for each of `pixels` (indices, row-major), of which those outside of `region` have no value: `1 / (1 + (s^2 + t^2) / floor^2)`. `s` is the noise of pixels of its brightness, from
-/// the residuals about local planes; `t` what the residual of the normals about a plane makes of the slope of the picture.
+/// A weight in 0..=1 for each of `pixels` (indices, row-major), of which those outside of `region`
+/// have no value: `1 / (1 + (s^2 + t^2) / floor^2)`. `s` is the noise of pixels of its brightness,
+/// from the residuals about local planes; `t` what the residual of the normals about a plane makes
+/// of the slope of the picture.
 pub(super) fn weights(rgb: &Plane<Vec3>, normals: &Plane<Vec3>, region: &Plane<bool>, pixels: &[usize]) -> Vec<f64> {
     let (size, width) = (rgb.size(), rgb.width());
     let bright = |i: usize| f64::from(luminance(rgb.as_slice()[i]));

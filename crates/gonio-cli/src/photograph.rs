@@ -113,7 +113,7 @@ fn single(path: &Path, options: &Reading, clip: Option<f32>, warnings: &mut Vec<
 
 /// The largest value where so many pixels share it that it is no coincidence. Division by a flat field would hide it.
 fn repeated_maximum(picture: &Picture) -> Option<f32> {
-    let values = || picture.rgb.as_slice().iter().map(|v| v.max_element());
+    let values = || picture.rgb.as_slice().iter().filter(|v| v.is_finite()).map(|v| v.max_element());
     let largest = values().fold(0.0, f32::max);
     (largest > 0.0 && values().filter(|v| *v == largest).count() >= CLIPPED_PIXELS).then_some(largest)
 }

@@ -10,6 +10,7 @@ use gonio::estimate::{ColouringRule, Estimate, EstimateSettings, Stage, estimate
 use gonio::picture::{Plane, srgb_encode};
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio_report::clock::StageClock;
+use gonio_report::panels::used::with_legend;
 use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
 use gonio_report::{notes, summary, uncertainty};
@@ -197,7 +198,10 @@ fn pictures(
         ("summary", summary::compose(subject, &panels, caption)),
         ("uncertainty", uncertainty::draw(&found.material)),
     ];
-    let Panels { photograph, observed, reproduction, residual, light, spheres, .. } = panels;
+    let Panels { photograph, observed, used, reproduction, residual, light, spheres, .. } = panels;
+    if let (Some(used), Some(fates)) = (used, &subject.sighting.observations.fates) {
+        pictures.push(("used", with_legend(&used, fates)));
+    }
     pictures.extend([("photograph", photograph), ("observed", observed), ("reproduction", reproduction)]);
     pictures.extend([("residual", residual), ("light", light)]);
     // The first is the one that folders of results hold.

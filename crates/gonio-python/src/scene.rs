@@ -70,6 +70,7 @@ pub(crate) struct GivenScene<'py> {
     layer: Option<String>,
     mask: Option<GivenMask<'py>>,
     clip: Option<f32>,
+    keep_colors: bool,
     object: GivenShape<'py>,
 }
 
@@ -88,6 +89,7 @@ pub(crate) struct Scene {
     layer: Option<String>,
     mask: Option<Source<Plane<f32>>>,
     clip: Option<f32>,
+    keep_colours: bool,
     shape: Shape,
 }
 
@@ -127,6 +129,7 @@ impl GivenScene<'_> {
             layer: self.layer,
             mask: mask.transpose()?,
             clip: self.clip,
+            keep_colours: self.keep_colors,
             shape: self.object.take()?,
         })
     }
@@ -208,7 +211,7 @@ impl Scene {
             Some(shape) => format!("{} with {shape}", self.name),
             None => self.name.clone(),
         };
-        let settings = ObservationSettings { clip, ..Default::default() };
+        let settings = ObservationSettings { clip, keep_colours: self.keep_colours, ..Default::default() };
         let mut sighting = Sighting::of(&picture, mask, object, &settings).map_err(|error| {
             let origin = match &error {
                 error if error.is_of_outline() => mask_name.as_ref().unwrap_or(&self.name),
@@ -219,7 +222,8 @@ impl Scene {
         })?;
         warnings.extend(sighting.oddities.iter().map(|odd| match odd {
             Oddity::Depth(_) => odd.to_string(),
-            Oddity::Clipped { .. } => format!("{}: {odd}", self.name),
+            Oddity::Clipped { .. } | Oddity::Faulty { .. } => format!("{}: {odd}", self.name),
+            Oddity::OtherColour { .. } => format!("{}: {odd}; keep_colors=True uses them", self.name),
             Oddity::Contradiction(_) => format!("{}: {odd}", shape_name.as_ref().unwrap_or(&self.name)),
             Oddity::Misplaced { .. } | Oddity::Inside { .. } => format!("{whole}: {odd}"),
         }));

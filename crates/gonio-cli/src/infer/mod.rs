@@ -96,6 +96,10 @@ pub(crate) struct Options {
     /// Write no report.html, which takes a few seconds
     #[arg(long, env = "GONIO_NO_REPORT")]
     no_report: bool,
+    /// Observe regions of another colour (paint, stickers) as well, which are left out where they
+    /// are told safely from reflections
+    #[arg(long)]
+    keep_colors: bool,
     #[command(flatten)]
     reading: photograph::Reading,
     /// Radiance at which the camera clips; found by itself where many pixels share the maximum
@@ -258,6 +262,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     }
     if let Some((_, relit)) = panels.spheres.first() {
         write("relit.png", &encode_png(relit))?;
+    }
+    if let (Some(used), Some(fates)) = (&panels.used, &sighting.observations.fates) {
+        write("used.png", &encode_png(&gonio_report::panels::used::with_legend(used, fates)))?;
     }
     write("summary.png", &encode_png(&summary::compose(&subject, &panels, &caption)))?;
     if let Some(material) = &answer.material {

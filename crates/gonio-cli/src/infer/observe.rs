@@ -80,14 +80,15 @@ pub(super) fn observe(
         bail!("{}: the mask is {w}x{h}, the photograph {pw}x{ph}; give one of the same size", path.display());
     }
     let (object, own_notes) = object(options, size, warnings)?;
-    let settings = ObservationSettings { clip, ..Default::default() };
+    let settings = ObservationSettings { clip, keep_colours: options.keep_colors, ..Default::default() };
     let mut sighting = Sighting::of(picture, mask, object, &settings).map_err(|error| {
         let origin = to_blame(options, &error);
         anyhow::Error::new(error).context(origin)
     })?;
     warnings.extend(sighting.oddities.iter().map(|odd| match odd {
         Oddity::Depth(_) => odd.to_string(),
-        Oddity::Clipped { .. } => format!("{}: {odd}", options.image.display()),
+        Oddity::Clipped { .. } | Oddity::Faulty { .. } => format!("{}: {odd}", options.image.display()),
+        Oddity::OtherColour { .. } => format!("{}: {odd}; --keep-colors uses them", options.image.display()),
         Oddity::Contradiction(_) => format!("{}: {odd}", shape_file(options).unwrap_or(&options.image).display()),
         Oddity::Misplaced { .. } | Oddity::Inside { .. } => format!("{}: {odd}", whole(options)),
     }));

@@ -9,6 +9,7 @@ mod help;
 mod infer;
 mod marginal;
 mod merge;
+mod pictures;
 mod refusals;
 mod render;
 mod report;

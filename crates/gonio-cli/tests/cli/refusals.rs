@@ -6,7 +6,7 @@ use std::process::Command;
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 
-use crate::support::{Bench, SIZE, ball, ball_with, encode_normals, exr, grey, mask, normals};
+use crate::support::{Bench, SIZE, ball, encode_normals, exr, grey, mask, normals};
 
 #[test]
 fn bad_photographs() {
@@ -17,9 +17,6 @@ fn bad_photographs() {
     bench.write("text.exr", b"no picture at all\n");
     bench.write("notes.txt", b"no picture at all\n");
     bench.write("empty.exr", b"");
-    bench.write("nan.exr", &exr(&ball_with(f32::NAN)));
-    bench.write("infinite.exr", &exr(&ball_with(f32::INFINITY)));
-    bench.write("negative.exr", &exr(&ball_with(-0.1)));
     let black = Picture { rgb: ball().rgb.map(|_| Vec3::ZERO), ..ball() };
     bench.write("black.exr", &exr(&black));
     bench.write("constant.exr", &grey(0.5, SIZE, SIZE));
@@ -35,9 +32,6 @@ fn bad_photographs() {
         ("text.exr", "text.exr: does not begin like a .exr file"),
         ("notes.txt", "notes.txt: is a .txt file"),
         ("empty.exr", "empty.exr: is empty"),
-        ("nan.exr", "nan.exr: 1 pixels of the object are NaN"),
-        ("infinite.exr", "infinite.exr: 1 pixels of the object are NaN, infinite"),
-        ("negative.exr", "negative.exr: 1 pixels of the object are NaN, infinite or negative"),
         ("black.exr", "black.exr: the object is entirely black"),
         ("constant.exr", "constant.exr: no alpha channel and no constant background"),
         ("uneven.pfm", "uneven.pfm: no alpha channel and no constant background"),

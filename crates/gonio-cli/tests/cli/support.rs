@@ -148,13 +148,6 @@ pub(crate) fn ball() -> Picture {
     picture
 }
 
-/// The same photograph with another value at the middle of the ball.
-pub(crate) fn ball_with(value: f32) -> Picture {
-    let mut picture = ball();
-    picture.rgb[(SIZE / 2, SIZE / 2)] = Vec3::splat(value);
-    picture
-}
-
 pub(crate) fn exr(picture: &Picture) -> Vec<u8> {
     gonio_io::picture::encode_exr(&picture.rgb, picture.alpha.as_ref())
 }

@@ -36,6 +36,7 @@ def infer(
     pose: Camera | None = None,
     trust_normals: bool = False,
     clip: float | None = None,
+    keep_colors: bool = False,
     linear: bool = False,
     layer: str | None = None,
     grid: int = 32,
@@ -65,6 +66,8 @@ def infer(
     :param depth_axis: semi-axis of an ellipsoid towards the camera, in pixels.
     :param camera: the camera (docs/camera.md), a file or a dictionary; ``pose``: where a mesh is.
     :param clip: radiance at which the camera clips; found where many pixels share the maximum.
+    :param keep_colors: observe regions of another colour (paint, stickers) as well, which are left
+        out where they are told safely from reflections.
     :param linear: values of integers are linear radiance. ``layer``: which one of an OpenEXR file.
     :param grid: texels along a side of the light's grid, a power of two.
     :param color: ``"estimate"``, ``"median"`` or ``"none"``: how the BRDF, which is found from luminance, is coloured.
@@ -101,6 +104,7 @@ def run(options: dict[str, Any], poll: Callable[[], object] | None) -> Posterior
         "layer": options["layer"],
         "mask": given_mask(options["mask"]),
         "clip": clip,
+        "keep_colors": options["keep_colors"],
         "object": given_shape(options["shape"], **{key: options[key] for key in shape_names}),
     }
     settings: Settings = {

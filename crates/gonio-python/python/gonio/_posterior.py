@@ -60,7 +60,8 @@ class Posterior:
     """What speaks against believing it, one line each."""
     pictures: dict[str, NDArray[np.uint8]]
     """sRGB pictures of shape (height, width, 3): photograph, observed (where it was sampled), reproduction, residual, light;
-    spheres of the BRDF in lights of gonio's own, the first called relit; summary, uncertainty. Empty if inferred with ``pictures=False``."""
+    spheres of the BRDF in lights of gonio's own, the first called relit; summary, uncertainty; used (what was left out and why), if
+    anything was. Empty if inferred with ``pictures=False``."""
     report: str | None
     """The page ``report.html``, if it was asked for."""
     model: _gonio.Model
@@ -110,7 +111,7 @@ class Posterior:
     def save(self, directory: Path) -> None:
         """Writes the folder of results that ``gonio infer`` writes, whole or not at all: ``brdf.binary``, ``brdf_quantiles.npy``,
         ``light.exr``, pictures and ``result.json``; ``report.html`` if :func:`gonio.infer` was asked for it."""
-        shown = [name for name in ("relit", "summary", "uncertainty") if name in self.pictures]
+        shown = [name for name in ("relit", "summary", "uncertainty", "used") if name in self.pictures]
         files = [(f"{name}.png", _gonio.encode_png(self.pictures[name])) for name in shown]
         files.append(("result.json", json.dumps(self.notes, indent=2, allow_nan=False).encode()))
         if self.report is not None:

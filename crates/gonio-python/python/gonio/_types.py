@@ -48,6 +48,7 @@ class GivenScene(TypedDict):
     layer: str | None
     mask: str | Floats | None
     clip: float | None
+    keep_colors: bool
     object: GivenShape
 
 

@@ -1,5 +1,6 @@
 //! The pictures of a result, one by one: the photograph and what explains it, and the material in lights of our own.
 
+pub mod used;
 mod view;
 
 use glam::{DVec3, Vec3};
@@ -60,6 +61,9 @@ pub struct Panels {
     pub photograph: Plane<Vec3>,
     /// The same at twice the size, with a dot at each observation.
     pub observed: Plane<Vec3>,
+    /// At that size too, with the pixels that were left out marked; `None` if there are none but
+    /// those outside.
+    pub used: Option<Plane<Vec3>>,
     /// What table and light make of it.
     pub reproduction: Plane<Vec3>,
     /// The relative difference of both in luminance: orange where the photograph is brighter, blue where it is darker, at 50 % in full.
@@ -109,6 +113,7 @@ impl Panels {
         }
         Self {
             observed: observed(subject, &view, exposure),
+            used: used::draw(subject, &view, exposure),
             residual: residual(&input, &model),
             photograph: over_paper(&input, exposure),
             reproduction: over_paper(&model, exposure),

@@ -122,6 +122,26 @@ impl<'a> View<'a> {
         inside.then_some((u as usize, v as usize))
     }
 
+    /// All pixels of the photograph, of this size, that fall on a pixel of a panel of `side`
+    /// pixels; one at least if there are any near.
+    pub(crate) fn behind(
+        &self,
+        x: usize,
+        y: usize,
+        side: usize,
+        (width, height): (usize, usize),
+    ) -> impl Iterator<Item = (usize, usize)> {
+        let [left, top, whole] = self.frame();
+        let span = |low: f64, i: usize, most: usize| {
+            let at = |i: usize| (low + i as f64 / side as f64 * whole).floor();
+            let (first, end) = (at(i), at(i + 1).max(at(i) + 1.0));
+            // Casts saturate: what lies before the first pixel is none.
+            (first.max(0.0) as usize)..(end.max(0.0) as usize).min(most)
+        };
+        let columns = span(left, x, width);
+        span(top, y, height).flat_map(move |row| columns.clone().map(move |column| (column, row)))
+    }
+
     /// Which light reaches each of some points, on a grid good enough to look at; `None` if all does.
     fn visibility(&self, points: &[Option<SurfacePoint>]) -> Option<Visibility> {
         let Self::Normals(normals, _, _, Some(placed)) = self else { return None };

@@ -6,13 +6,14 @@ mod reflectance;
 mod renderers;
 pub mod sphere;
 
+use glam::Vec3;
 use gonio::estimate::Material;
 use gonio::scene::ObservationReport;
 use maud::{Markup, PreEscaped, html};
 use serde_json::Value;
 
 use crate::page::{Document, Section, figure, table};
-use crate::panels::{PANEL, Panels, Subject};
+use crate::panels::{PANEL, Panels, Subject, used};
 pub use renderers::Fits;
 
 /// Styles and scripts of the page beyond those of all reports.
@@ -86,16 +87,31 @@ impl Report<'_> {
         let light_words = format!("The {given} light as a map of all directions, tone-mapped");
         let small = |picture, alt: &str| figure::picture(picture, alt);
         let misfit = self.result["noise"]["misfit"].as_f64().or(self.result["noise"]["relative"].as_f64());
+        let pictures = [
+            figure::card(
+                "Photograph",
+                &small(photograph, "The photograph of the object"),
+                &html! { "As it was given, tone-mapped." },
+            ),
+            figure::card(
+                "Observations",
+                &figure::sized(observed, PANEL, "The photograph under a dot for each observation"),
+                &html! { span.used { "Teal" } ": used. " span.unused { "Red" } ": seen, but left out (clipped, faulty, covered, in shadow, of another colour)." },
+            ),
+            figure::card(
+                "Reproduction",
+                &small(reproduction, "The object as the BRDF and the light found reproduce it"),
+                &html! { "The BRDF found in the " (given) " light, at the same exposure." @if self.subject.light.is_some() { " That light has one colour." } },
+            ),
+            figure::card(
+                "Residual",
+                &small(residual, "Where the photograph is brighter or darker than its reproduction"),
+                &html! { span.brighter { "Orange" } ": the photograph is brighter. " span.darker { "Blue" } ": it is darker. Full colour is 50 % off." },
+            ),
+        ];
+        let pictures: Vec<Markup> = pictures.into_iter().chain(self.used()).collect();
         html! {
-            (figure::grid(15, &[
-                figure::card("Photograph", &small(photograph, "The photograph of the object"), &html! { "As it was given, tone-mapped." }),
-                figure::card("Observations", &figure::sized(observed, PANEL, "The photograph under a dot for each observation"),
-                    &html! { span.used { "Teal" } ": used. " span.unused { "Red" } ": seen, but left out (clipped, covered, in shadow)." }),
-                figure::card("Reproduction", &small(reproduction, "The object as the BRDF and the light found reproduce it"),
-                    &html! { "The BRDF found in the " (given) " light, at the same exposure." @if self.subject.light.is_some() { " That light has one colour." } }),
-                figure::card("Residual", &small(residual, "Where the photograph is brighter or darker than its reproduction"),
-                    &html! { span.brighter { "Orange" } ": the photograph is brighter. " span.darker { "Blue" } ": it is darker. Full colour is 50 % off." }),
-            ]))
+            (figure::grid(15, &pictures))
             @if let Some(misfit) = misfit {
                 p { "Root mean square of what is left over: " strong { (percent(misfit)) } " of the photograph's. A small residual does not prove \
                      the material right: a blurry light on a mirror can look like a sharp light on a dull surface." }
@@ -108,6 +124,26 @@ impl Report<'_> {
                 }
             }))
         }
+    }
+
+    /// What was left out and why, if anything but what lies outside was.
+    fn used(&self) -> Option<Markup> {
+        let (picture, fates) = (self.panels.used.as_ref()?, self.subject.sighting.observations.fates.as_ref()?);
+        let reasons = used::reasons(fates);
+        let dot = |colour: Vec3| {
+            let [r, g, b] = colour.to_array().map(|x| (255.0 * gonio::picture::srgb_encode(x)).round());
+            format!("--dot: rgb({r} {g} {b})")
+        };
+        let caption = html! {
+            "Left out: "
+            @for (i, (mark, count)) in reasons.iter().enumerate() {
+                @if i > 0 { ", " }
+                span.mark style=(dot(mark.colour)) { (mark.label) } " (" (count) ")"
+            }
+            ", in pixels. Dark: outside, or seen too steeply."
+        };
+        let alt = "The photograph with the pixels marked that were left out";
+        Some(figure::card("What was used", &figure::sized(picture, PANEL, alt), &caption))
     }
 
     fn trust(&self, material: &Material) -> Markup {
@@ -208,6 +244,8 @@ fn counts(report: &ObservationReport) -> Markup {
         ("used", report.used),
         ("clipped", report.clipped),
         ("covered or outside", report.outside),
+        ("negative, NaN or infinite", report.faulty),
+        ("of another colour", report.other_colour),
         ("in the object's own shadow", report.in_shadow),
         ("pixels left out as dark specks", report.specks),
         ("pixels left out at edges", report.at_edges),

@@ -43,7 +43,7 @@ pub fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
         let (mut sum, mut count) = (Vec3::ZERO, 0.0);
         for v in y.saturating_sub(2)..(y + 3).min(rgb.height()) {
             for u in x.saturating_sub(2)..(x + 3).min(rgb.width()) {
-                if !near_background[(u, v)] && !background[(u, v)] {
+                if !near_background[(u, v)] && !background[(u, v)] && rgb[(u, v)].is_finite() {
                     sum += rgb[(u, v)] - base;
                     count += 1.0;
                 }

@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+use super::ObservationReport;
 use crate::shape::{CameraError, MeshError};
 
 /// Why a picture gives no observations; each says what to do about it.
@@ -147,18 +148,18 @@ pub enum SceneError {
         /// Least number that is accepted.
         least: usize,
     },
-    /// Radiance that no light can have.
+    /// Too much radiance that no light can have.
     #[error(
-        "{count} pixels of the object are NaN, infinite or negative, the first at column {column}, row {row}: mask \
-         them out"
+        "of {observed} pixels of the object {negative} are negative and {not_finite} NaN or infinite, which leaves too \
+         few: write the picture again from linear radiance, or check that mask or circle lie on the object"
     )]
     BadPixels {
-        /// Number of such pixels within the observed part.
-        count: usize,
-        /// Column of the first, from 0 at the left.
-        column: usize,
-        /// Row of the first, from 0 at the top.
-        row: usize,
+        /// Pixels of negative luminance.
+        negative: usize,
+        /// Pixels with a channel that is NaN or infinite.
+        not_finite: usize,
+        /// All pixels of the observed part.
+        observed: usize,
     },
     /// Too few points have a value.
     #[error(
@@ -210,6 +211,12 @@ pub enum SceneError {
 }
 
 impl SceneError {
+    /// That what is faulty leaves too little.
+    pub(super) fn bad_pixels(report: &ObservationReport) -> Self {
+        let ObservationReport { negative, not_finite, observed_pixels: observed, .. } = *report;
+        Self::BadPixels { negative, not_finite, observed }
+    }
+
     /// Whether it is the outline that is at fault, and so whatever the outline was found in.
     pub fn is_of_outline(&self) -> bool {
         matches!(

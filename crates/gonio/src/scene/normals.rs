@@ -5,11 +5,13 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Vec3};
 
 use super::components::neighbours;
+use super::fate::{Judged, judge};
+use super::foreign::Underlay;
 use super::observations::LEAST_POINTS;
-use super::observed::{COVERED, Seen, check_radiance, check_size, clip_level, is_clipped};
+use super::observed::{COVERED, Seen, check_size};
 use super::view::{SurfaceView, has_normal};
 use super::weights::weights;
-use super::{ObservationReport, ObservationSettings, Observations, SceneError};
+use super::{Fate, ObservationReport, ObservationSettings, Observations, SceneError};
 use crate::picture::{Picture, Plane, luminance};
 use crate::sphere::OctahedralMap;
 use crate::transfer::SurfacePoint;
@@ -57,12 +59,12 @@ impl Observations {
     /// part. Pixels at edges of the surface, and specks far darker than all around them, are left out; how
     /// far the rest can be trusted is in [`Observations::weights`].
     ///
-    /// # Errors
-    /// [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more than 2 % of the normals are
-    /// off by more than 0.05 in length; [`SceneError::FacingAway`] when more than 2 % face away from the camera;
-    /// [`SceneError::TooFewPoints`] when fewer than 50 points have a value; [`SceneError::TooFlat`] when there are
-    /// fewer than 50 different directions; [`SceneError::BadPixels`] among the points before thinning;
-    /// [`SceneError::Black`].
+    /// # Errors [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more
+    /// than 2 % of the normals are off by more than 0.05 in length; [`SceneError::FacingAway`] when
+    /// more than 2 % face away from the camera; [`SceneError::TooFewPoints`] when fewer than 50
+    /// points have a value; [`SceneError::TooFlat`] when there are fewer than 50 different
+    /// directions; [`SceneError::BadPixels`] when more than half of the points before thinning are
+    /// faulty; [`SceneError::Black`].
     pub fn of_view(
         picture: &Picture,
         surface: &SurfaceView<'_>,
@@ -88,9 +90,14 @@ impl Observations {
         let steep = facing.iter().filter(within).count();
         let (width, height) = rgb.size();
         let coordinates = |i: usize| (i % width, i / width);
+        let mut edges = Vec::new();
         facing.retain(|c| {
             let (x, y) = coordinates(c.pixel as usize);
-            !surface.is_edge(x, y)
+            let edge = surface.is_edge(x, y);
+            if edge && c.cosine(surface) > least {
+                edges.push(c.pixel as usize);
+            }
+            !edge
         });
         let used = facing.iter().filter(within).count();
         report.at_edges = steep - used;
@@ -110,27 +117,41 @@ impl Observations {
         for candidate in facing.iter().filter(within) {
             region.as_mut_slice()[candidate.pixel as usize] = true;
         }
-        check_radiance(rgb, &region)?;
-        let level = clip_level(rgb, &region, settings.clip);
+        let normal = |at| normals[at].normalize_or_zero();
+        let underlay = Underlay { normal: &normal, convex: false };
+        let Judged { mut fates, mut report } = judge(rgb, &region, settings, &underlay, report)?;
+        for (inside, fate) in region.as_mut_slice().iter_mut().zip(fates.as_slice()) {
+            *inside = *inside && !fate.is_faulty() && *fate != Fate::OtherColour;
+        }
         let dark: Vec<bool> = facing.iter().map(|c| is_speck(rgb, &region, coordinates(c.pixel as usize))).collect();
         report.specks = dark.iter().filter(|dark| **dark).count();
+        for (candidate, _) in facing.iter().zip(&dark).filter(|(_, dark)| **dark) {
+            let fate = &mut fates.as_mut_slice()[candidate.pixel as usize];
+            *fate = if *fate == Fate::Outside { *fate } else { Fate::Speck };
+        }
+        edges.into_iter().for_each(|pixel| fates.as_mut_slice()[pixel] = Fate::Edge);
+        for (i, (fate, covered)) in fates.as_mut_slice().iter_mut().zip(covered.as_slice()).enumerate() {
+            if *covered && *fate == Fate::Outside && !is_sound(surface, i) {
+                *fate = Fate::NoNormal;
+            }
+        }
         let mut dark = dark.into_iter();
         facing.retain(|_| !dark.next().unwrap_or(false));
         // Thinned before the cut at the largest angle: cells that it divides would else be sampled too densely.
         let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
-        let seen = taken.iter().map(|c| {
-            let colour = rgb.as_slice()[c.pixel as usize];
-            if is_clipped(colour, level) { Seen::Clipped } else { Seen::Colour(colour) }
+        let seen = taken.iter().map(|c| match fates.as_slice()[c.pixel as usize] {
+            Fate::Clipped => Seen::Clipped,
+            Fate::OtherColour => Seen::OtherColour,
+            fate if fate.is_faulty() => Seen::Faulty,
+            _ => Seen::Colour(rgb.as_slice()[c.pixel as usize]),
         });
         let centre = |i: usize| ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
         let mut observations = Self::assemble(
             taken.iter().map(|c| c.point(surface)).collect(),
             taken.iter().map(|c| centre(c.pixel as usize)).collect(),
             seen.collect(),
-            level,
-            (rgb, &region),
-            report,
+            Judged { fates, report },
         )?;
         let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
         observations.weights = weights(rgb, normals, &region, &pixels);
@@ -138,8 +159,12 @@ impl Observations {
     }
 }
 
-/// Whether a pixel is less than a quarter as bright as each of its neighbours, of which there are five at least.
+/// Whether a sound pixel is less than a quarter as bright as each of its neighbours, of which there
+/// are five at least.
 fn is_speck(rgb: &Plane<Vec3>, region: &Plane<bool>, at: (usize, usize)) -> bool {
+    if Fate::fault(rgb[at]).is_some() {
+        return false;
+    }
     let own = luminance(rgb[at]);
     let around = || neighbours(at, rgb.size(), true).filter(|next| region[*next]);
     around().count() >= 5 && around().all(|next| luminance(rgb[next]) > 4.0 * own)
@@ -167,6 +192,13 @@ impl Candidate {
     fn seen(&self, surface: &SurfaceView<'_>) -> DVec3 {
         self.point(surface).in_view()
     }
+}
+
+/// Whether a pixel (its index, row-major) has a unit normal that faces the camera.
+fn is_sound(surface: &SurfaceView<'_>, pixel: usize) -> bool {
+    let normal = surface.normals.as_slice()[pixel];
+    let unit = has_normal(normal) && (normal.length() - 1.0).abs() <= LENGTH_TOLERANCE;
+    unit && Candidate { pixel: pixel as u32, normal }.cosine(surface) > 0.0
 }
 
 /// The covered pixels whose normals are sound and face the camera, row-major.
@@ -237,157 +269,4 @@ fn thin(candidates: &[Candidate], surface: &SurfaceView<'_>, most: usize) -> Vec
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::picture::luminance;
-
-    const SIZE: usize = 400;
-
-    /// Normals of a ball of radius 190 in the middle of the picture; none around it.
-    fn ball() -> Plane<Vec3> {
-        Plane::from_fn(SIZE, SIZE, |x, y| {
-            let (nx, ny) = ((x as f32 + 0.5 - 200.0) / 190.0, (200.0 - y as f32 - 0.5) / 190.0);
-            let squared = nx * nx + ny * ny;
-            if squared < 1.0 { Vec3::new(nx, ny, (1.0 - squared).sqrt()) } else { Vec3::ZERO }
-        })
-    }
-
-    /// The radiance `2 + n`, which is never negative.
-    fn picture(normals: &Plane<Vec3>) -> Picture {
-        Picture { rgb: normals.map(|n| Vec3::splat(2.0) + *n), alpha: None }
-    }
-
-    fn observe(normals: &Plane<Vec3>) -> Result<Observations, SceneError> {
-        Observations::of_normals(&picture(normals), normals, None, &ObservationSettings::default())
-    }
-
-    /// The ball with its normals mapped by `f` of the index of the pixel.
-    fn with(f: impl Fn(usize, Vec3) -> Vec3) -> Plane<Vec3> {
-        let mut normals = ball();
-        for (i, normal) in normals.as_mut_slice().iter_mut().enumerate().filter(|(_, n)| **n != Vec3::ZERO) {
-            *normal = f(i, *normal);
-        }
-        normals
-    }
-
-    #[test]
-    fn each_point_has_the_radiance_of_its_pixel() {
-        let got = observe(&ball()).unwrap();
-        assert_eq!(got.report.used, got.points.len());
-        for ((point, value), (x, y)) in got.points.iter().zip(&got.values).zip(&got.pixels) {
-            let want = luminance(Vec3::splat(2.0) + point.normal.as_vec3());
-            assert!((value.unwrap() - f64::from(want)).abs() < 1e-5);
-            let (nx, ny) = ((x - 200.0) / 190.0, (200.0 - y) / 190.0);
-            assert!((point.normal.x - nx).abs() + (point.normal.y - ny).abs() < 1e-5 && point.view == DVec3::Z);
-            assert!(point.normal.z > 80.0_f64.to_radians().cos());
-        }
-    }
-
-    #[test]
-    fn thinning_is_even_over_the_directions() {
-        let got = observe(&ball()).unwrap();
-        assert!((9_000..=10_500).contains(&got.points.len()), "{}", got.points.len());
-        // The mean height of a cap that reaches to 80 degrees; that of all the pixels is 0.66.
-        let mean = got.points.iter().map(|p| p.normal).sum::<DVec3>() / got.points.len() as f64;
-        assert!((mean - DVec3::new(0.0, 0.0, 0.587)).length() < 0.01, "{mean}");
-        let mut counts = BTreeMap::new();
-        for point in got.points.iter().filter(|p| p.normal.z > 0.3) {
-            *counts.entry(cell(point.normal, 16)).or_insert(0_usize) += 1;
-        }
-        let mut counts: Vec<usize> = counts.into_values().collect();
-        counts.sort_unstable();
-        let (low, high) = (counts[counts.len() / 4], counts[counts.len() - 1]);
-        assert!(high as f64 <= 1.35 * low as f64, "{counts:?}");
-    }
-
-    #[test]
-    fn few_pixels_are_all_taken_and_the_number_wanted_is_never_exceeded() {
-        let all = Observations::of_normals(
-            &picture(&ball()),
-            &ball(),
-            None,
-            &ObservationSettings { normals: 1_000_000, ..ObservationSettings::default() },
-        );
-        let all = all.unwrap();
-        assert_eq!(all.points.len(), all.report.observed_pixels);
-        for normals in [90, 200, 1000, 5000] {
-            let settings = ObservationSettings { normals, ..ObservationSettings::default() };
-            let got = Observations::of_normals(&picture(&ball()), &ball(), None, &settings).unwrap();
-            assert!(got.points.len() <= normals && got.points.len() >= normals / 2, "{normals} {}", got.points.len());
-        }
-    }
-
-    #[test]
-    fn points_do_not_depend_on_the_radiance() {
-        let (normals, settings) = (ball(), ObservationSettings::default());
-        let one = observe(&normals).unwrap();
-        assert_eq!(observe(&normals).unwrap(), one);
-        let other = Picture { rgb: normals.map(|n| Vec3::splat((5.0 - 9.0 * n.z).clamp(0.0, 2.0))), alpha: None };
-        let two = Observations::of_normals(&other, &normals, None, &settings).unwrap();
-        assert_eq!(one.points, two.points);
-        assert_eq!(two.report.clip_level, Some(2.0));
-        assert!(two.report.clipped > 100 && two.report.clipped_pixels > two.report.clipped);
-    }
-
-    #[test]
-    fn a_mask_says_what_is_covered() {
-        let mask = Plane::from_fn(SIZE, SIZE, |x, _| if x < 200 { 1.0 } else { 0.98 });
-        let settings = ObservationSettings::default();
-        let got = Observations::of_normals(&picture(&ball()), &ball(), Some(&mask), &settings).unwrap();
-        assert!(got.points.iter().all(|p| p.normal.x < 0.0));
-        assert!(got.report.without_normal > 1000);
-        let by_alpha = Picture { alpha: Some(mask), ..picture(&ball()) };
-        assert_eq!(Observations::of_normals(&by_alpha, &ball(), None, &settings).unwrap(), got);
-    }
-
-    #[test]
-    fn a_few_faulty_normals_are_skipped_and_counted() {
-        let got = observe(&with(|i, n| if i % 100 == 0 { 1.1 * n } else { n })).unwrap();
-        assert!(got.report.not_unit > 500 && got.report.facing_away == 0, "{:?}", got.report);
-        let got = observe(&with(|i, n| if i % 100 == 0 { -n } else { n })).unwrap();
-        assert!(got.report.facing_away > 500 && got.report.not_unit == 0, "{:?}", got.report);
-    }
-
-    #[test]
-    fn faulty_maps_are_refused() {
-        let refused = |normals: &Plane<Vec3>| observe(normals).unwrap_err();
-        assert_eq!(refused(&ball().map(|_| Vec3::ZERO)), SceneError::NoNormals);
-        assert_eq!(refused(&ball().map(|_| Vec3::NAN)), SceneError::NoNormals);
-        let coded = refused(&with(|_, n| 0.5 * (n + Vec3::ONE)));
-        assert!(matches!(coded, SceneError::NotUnit { .. }), "{coded}");
-        let long = refused(&with(|i, n| if i % 20 == 0 { 1.25 * n } else { n }));
-        assert!(long.to_string().contains("the worst has length 1.25"), "{long}");
-        let flipped = refused(&with(|_, n| n * Vec3::new(1.0, 1.0, -1.0)));
-        assert!(matches!(flipped, SceneError::FacingAway { count, covered } if count == covered), "{flipped}");
-        assert!(flipped.to_string().contains("y or z may be flipped"));
-        assert_eq!(refused(&with(|_, _| Vec3::Z)), SceneError::TooFlat { directions: 1, least: 50 });
-        let few = refused(&Plane::from_fn(6, 6, |_, _| Vec3::Z));
-        assert!(matches!(few, SceneError::TooFewPoints { used: 36, .. }), "{few}");
-    }
-
-    #[test]
-    fn sizes_must_agree() {
-        let refused = |normals: &Plane<Vec3>, mask: Option<&Plane<f32>>| {
-            Observations::of_normals(&picture(&ball()), normals, mask, &ObservationSettings::default()).unwrap_err()
-        };
-        let small = Plane::from_fn(30, 20, |_, _| Vec3::Z);
-        let want = "the normal map is 30x20 pixels and the picture 400x400: make both of one size";
-        assert_eq!(refused(&small, None).to_string(), want);
-        let mask = Plane::from_fn(400, 20, |_, _| 1.0);
-        let want = "the mask is 400x20 pixels and the picture 400x400: make both of one size";
-        assert_eq!(refused(&ball(), Some(&mask)).to_string(), want);
-    }
-
-    #[test]
-    fn bad_radiance_is_an_error_where_it_is_observed() {
-        let normals = ball();
-        let mut bad = picture(&normals);
-        bad.rgb[(0, 0)] = Vec3::NAN;
-        bad.rgb[(200, 100)].z = -1.0;
-        let settings = ObservationSettings::default();
-        let error = Observations::of_normals(&bad, &normals, None, &settings).unwrap_err();
-        assert_eq!(error, SceneError::BadPixels { count: 1, column: 200, row: 100 });
-        let black = Picture { rgb: normals.map(|_| Vec3::ZERO), alpha: None };
-        assert_eq!(Observations::of_normals(&black, &normals, None, &settings).unwrap_err(), SceneError::Black);
-    }
-}
+mod tests;

@@ -1,11 +1,15 @@
 //! Observations of a surface: points, and what the picture shows of each.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::circle::LEAST_RADIUS;
-use super::observed::{COVERED, Seen, check_radiance, check_size, clip_level, is_clipped};
-use super::{Circle, SceneError};
+use super::fate::{Judged, judge};
+use super::foreign::Underlay;
+use super::observed::{COVERED, Seen, check_size};
+use super::{Circle, Fate, SceneError};
 use crate::picture::{Picture, Plane, luminance};
 use crate::shape::Visibility;
 use crate::sphere::fibonacci_hemisphere;
@@ -13,6 +17,10 @@ use crate::transfer::{Points, SurfacePoint};
 
 /// Least number of points with a value: what [`Plan::project`](crate::transfer::Plan::project) needs.
 pub(super) const LEAST_POINTS: usize = 50;
+
+/// Where some of the pixels around a point are faulty, the others must have this share of the
+/// interpolation.
+const LEAST_WEIGHT: f32 = 0.5;
 
 /// How a picture is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,19 +33,25 @@ pub struct ObservationSettings {
     /// Channels at or above this radiance are clipped (for integer pictures, the full scale). `None` finds the level:
     /// the largest value of the object, if at least 12 pixels and 0.02 % of the observed ones have exactly that value.
     pub clip: Option<f32>,
+    /// Observe regions of another colour as well: paint, stickers. By default they are left out
+    /// where it is safe to tell them from highlights and reflections.
+    #[serde(default)]
+    pub keep_colours: bool,
 }
 
 impl Default for ObservationSettings {
     /// The values of the paper.
     fn default() -> Self {
-        Self { normals: 12_000, max_angle: 80.0_f64.to_radians(), clip: None }
+        Self { normals: 12_000, max_angle: 80.0_f64.to_radians(), clip: None, keep_colours: false }
     }
 }
 
 /// What became of the points and pixels of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct ObservationReport {
-    /// Points of the surface: `used + clipped + outside`.
+    /// Points of the surface: `used + clipped + outside + faulty + other_colour`, and those in
+    /// shadow.
     pub points: usize,
     /// Points with a value.
     pub used: usize,
@@ -45,12 +59,25 @@ pub struct ObservationReport {
     pub clipped: usize,
     /// Points without a value because a pixel they need is uncovered or outside the picture.
     pub outside: usize,
+    /// Points without a value because pixels they need are negative, NaN or infinite.
+    pub faulty: usize,
+    /// Points without a value because a pixel they need is of another colour than the object.
+    pub other_colour: usize,
     /// Pixels of the observed part of the object.
     pub observed_pixels: usize,
     /// Those of them that are clipped.
     pub clipped_pixels: usize,
     /// Radiance at or above which a channel counts as clipped, given or found.
     pub clip_level: Option<f32>,
+    /// Those of negative luminance, which are left out.
+    pub negative: usize,
+    /// Those with a channel that is NaN or infinite, which are left out.
+    pub not_finite: usize,
+    /// Those that are used although a channel is negative: their luminance is not, and the channel
+    /// counts as zero.
+    pub negative_channels: usize,
+    /// Those in regions of another colour, which are left out.
+    pub other_colour_pixels: usize,
     /// Covered pixels whose normal is missing (shorter than 0.1, or not finite); 0 for a sphere.
     pub without_normal: usize,
     /// Covered pixels skipped because their normal is not a unit vector; 0 for a sphere.
@@ -85,6 +112,8 @@ pub struct Observations {
     pub open: Vec<f64>,
     /// What became of the points.
     pub report: ObservationReport,
+    /// What became of each pixel, where any but those outside were left out.
+    pub fates: Option<Arc<Plane<Fate>>>,
 }
 
 /// The points of a sphere that [`Observations::of_sphere`] observes, for plans made without a picture: normals of a
@@ -125,6 +154,7 @@ impl Observations {
             visibility: self.visibility.as_ref().map(|v| v.select(indices)),
             open: some(&self.open, indices),
             report: self.report,
+            fates: self.fates.clone(),
         }
     }
 
@@ -135,12 +165,14 @@ impl Observations {
     /// half a degree wider and dimmer than the operator, which evaluates reflectance at one normal a point, can
     /// explain.
     ///
-    /// A point has no value where one of the four pixels is clipped, outside the picture, not wholly within the circle,
-    /// or covered by less than 0.99. Without `coverage` the alpha channel of the picture is used, if it has one.
+    /// A point has no value where one of the four pixels is clipped, outside the picture, not
+    /// wholly within the circle, covered by less than 0.99, or of another colour. Faulty pixels (of
+    /// negative luminance, NaN or infinite) are passed over as long as the others have half of the
+    /// weight. Without `coverage` the alpha channel of the picture is used, if it has one.
     ///
-    /// # Errors
-    /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] among pixels that points can need;
-    /// [`SceneError::TooFewPoints`] when fewer than 50 have a value; [`SceneError::Black`].
+    /// # Errors [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when
+    /// more than half of the pixels that points can need are faulty, or too few points are left for
+    /// it; [`SceneError::TooFewPoints`] when fewer than 50 have a value; [`SceneError::Black`].
     pub fn of_sphere(
         picture: &Picture,
         circle: &Circle,
@@ -168,53 +200,60 @@ impl Observations {
                 && (dx + 0.5).hypot(dy + 0.5) <= radius
                 && coverage.is_none_or(|coverage| coverage[(column, row)] >= COVERED)
         });
-        check_radiance(rgb, &region)?;
-        let level = clip_level(rgb, &region, settings.clip);
+        let normal = |(column, row): (usize, usize)| {
+            let (nx, ny) = ((column as f64 + 0.5 - x) / radius, (y - row as f64 - 0.5) / radius);
+            DVec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt()).as_vec3()
+        };
+        let underlay = Underlay { normal: &normal, convex: true };
+        let judged = judge(rgb, &region, settings, &underlay, ObservationReport::default())?;
 
         let points = sphere_points(settings);
         let pixels: Vec<(f64, f64)> =
             points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
-        let seen = pixels.iter().map(|&at| sample(rgb, &region, level, at)).collect();
-        Self::assemble(points, pixels, seen, level, (rgb, &region), ObservationReport::default())
+        let seen = pixels.iter().map(|&at| sample(rgb, &judged.fates, at)).collect();
+        Self::assemble(points, pixels, seen, judged)
     }
 
-    /// Puts observations together and counts them; `report` holds what only the caller knows.
+    /// Puts observations together and counts them.
     pub(super) fn assemble(
         points: Vec<SurfacePoint>,
         pixels: Vec<(f64, f64)>,
         seen: Vec<Seen>,
-        clip_level: Option<f32>,
-        (rgb, region): (&Plane<Vec3>, &Plane<bool>),
-        report: ObservationReport,
+        Judged { fates, report }: Judged,
     ) -> Result<Self, SceneError> {
-        let colours: Vec<Option<Vec3>> =
-            seen.iter().map(|s| if let Seen::Colour(colour) = s { Some(*colour) } else { None }).collect();
-        let observed = || rgb.as_slice().iter().zip(region.as_slice()).filter(|(_, region)| **region);
+        let colour = |s: &Seen| if let Seen::Colour(colour) = s { Some(*colour) } else { None };
+        let count = |which: Seen| seen.iter().filter(|s| **s == which).count();
         let report = ObservationReport {
             points: points.len(),
-            used: colours.iter().flatten().count(),
-            clipped: seen.iter().filter(|s| **s == Seen::Clipped).count(),
-            outside: seen.iter().filter(|s| **s == Seen::Outside).count(),
-            observed_pixels: observed().count(),
-            clipped_pixels: observed().filter(|(colour, _)| is_clipped(**colour, clip_level)).count(),
-            clip_level,
+            used: seen.iter().filter_map(colour).count(),
+            clipped: count(Seen::Clipped),
+            outside: count(Seen::Outside),
+            faulty: count(Seen::Faulty),
+            other_colour: count(Seen::OtherColour),
             ..report
         };
-        let ObservationReport { used, clipped, outside, .. } = report;
+        let ObservationReport { used, clipped, outside, faulty, .. } = report;
+        if used < LEAST_POINTS && used + faulty >= LEAST_POINTS {
+            return Err(SceneError::bad_pixels(&report));
+        }
         if used < LEAST_POINTS {
             return Err(SceneError::TooFewPoints { used, clipped, outside, least: LEAST_POINTS });
         }
-        let values: Vec<Option<f64>> = colours.iter().map(|c| c.map(|c| f64::from(luminance(c)))).collect();
+        // Of the colours as they are: a channel below zero is part of the luminance.
+        let values: Vec<Option<f64>> = seen.iter().map(|s| colour(s).map(|c| f64::from(luminance(c)))).collect();
         if values.iter().flatten().all(|&value| value <= 0.0) {
             return Err(SceneError::Black);
         }
+        let colours = seen.iter().map(|s| colour(s).map(|c| c.max(Vec3::ZERO))).collect();
+        let left_out = fates.as_slice().iter().any(|fate| !matches!(fate, Fate::Used | Fate::Outside));
+        let fates = left_out.then(|| Arc::new(fates));
         let (weights, open) = (vec![1.0; points.len()], vec![1.0; points.len()]);
-        Ok(Self { points, pixels, values, colours, weights, visibility: None, open, report })
+        Ok(Self { points, pixels, values, colours, weights, visibility: None, open, report, fates })
     }
 }
 
 /// Bilinear interpolation at `(x, y)` between the four pixels whose centres are around it.
-fn sample(rgb: &Plane<Vec3>, region: &Plane<bool>, level: Option<f32>, (x, y): (f64, f64)) -> Seen {
+fn sample(rgb: &Plane<Vec3>, fates: &Plane<Fate>, (x, y): (f64, f64)) -> Seen {
     let (x, y) = (x - 0.5, y - 0.5);
     let (left, top) = (x.floor(), y.floor());
     let inside = left >= 0.0 && top >= 0.0 && left + 1.0 < rgb.width() as f64 && top + 1.0 < rgb.height() as f64;
@@ -224,156 +263,22 @@ fn sample(rgb: &Plane<Vec3>, region: &Plane<bool>, level: Option<f32>, (x, y): (
     let (s, t) = ((x - left) as f32, (y - top) as f32);
     let (column, row) = (left as usize, top as usize);
     let four = [(column, row), (column + 1, row), (column, row + 1), (column + 1, row + 1)];
-    if four.iter().any(|&at| !region[at]) {
+    let any = |which: Fate| four.iter().any(|&at| fates[at] == which);
+    if any(Fate::Outside) {
         return Seen::Outside;
+    } else if any(Fate::Clipped) {
+        return Seen::Clipped;
+    } else if any(Fate::OtherColour) {
+        return Seen::OtherColour;
+    } else if four.iter().any(|&at| fates[at].is_faulty()) {
+        let weights = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
+        let sound = four.iter().zip(weights).filter(|(at, _)| !fates[**at].is_faulty());
+        let (sum, weight) = sound.fold((Vec3::ZERO, 0.0), |(sum, all), (at, w)| (sum + w * rgb[*at], all + w));
+        return if weight >= LEAST_WEIGHT { Seen::Colour(sum / weight) } else { Seen::Faulty };
     }
     let [a, b, c, d] = four.map(|at| rgb[at]);
-    if [a, b, c, d].iter().any(|&colour| is_clipped(colour, level)) {
-        return Seen::Clipped;
-    }
     Seen::Colour(a.lerp(b, s).lerp(c.lerp(d, s), t))
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const CIRCLE: Circle = Circle { x: 151.3, y: 148.6, radius: 140.0 };
-
-    /// A ball whose radiance is `f` of the normal, over a background that no point may see.
-    fn ball(f: impl Fn(DVec3) -> Vec3) -> Picture {
-        let rgb = Plane::from_fn(300, 300, |x, y| {
-            let (nx, ny) = ((x as f64 + 0.5 - CIRCLE.x) / CIRCLE.radius, (CIRCLE.y - y as f64 - 0.5) / CIRCLE.radius);
-            let squared = nx * nx + ny * ny;
-            if squared < 1.0 { f(DVec3::new(nx, ny, (1.0 - squared).sqrt())) } else { Vec3::splat(f32::NAN) }
-        });
-        Picture { rgb, alpha: None }
-    }
-
-    fn tilted() -> Picture {
-        ball(|n| Vec3::new(2.0 + n.x as f32, 2.0 + n.y as f32, 1.0))
-    }
-
-    fn observe(picture: &Picture) -> Result<Observations, SceneError> {
-        Observations::of_sphere(picture, &CIRCLE, None, &ObservationSettings::default())
-    }
-
-    #[test]
-    fn radiance_that_is_linear_in_the_picture_comes_back() {
-        let got = observe(&tilted()).unwrap();
-        assert_eq!((got.report.points, got.report.used), (9916, 9916), "{:?}", got.report);
-        for ((point, colour), value) in got.points.iter().zip(&got.colours).zip(&got.values) {
-            let n = point.normal.as_vec3();
-            let want = Vec3::new(2.0 + n.x, 2.0 + n.y, 1.0);
-            assert!((colour.unwrap() - want).length() < 1e-5, "{n}");
-            assert!((value.unwrap() - f64::from(luminance(want))).abs() < 1e-5);
-        }
-    }
-
-    #[test]
-    fn curved_radiance_comes_back_to_interpolation_accuracy() {
-        let got = observe(&ball(|n| Vec3::splat(n.z as f32))).unwrap();
-        for (point, value) in got.points.iter().zip(&got.values) {
-            // h^2 / 4 of the second derivative, 1 / (r^2 z^3), and more at the rim.
-            let bound = 0.5 / (CIRCLE.radius * CIRCLE.radius * point.normal.z.powi(3));
-            assert!((value.unwrap() - point.normal.z).abs() < bound + 1e-6, "{}", point.normal);
-        }
-    }
-
-    #[test]
-    fn up_is_up_and_pixel_centres_are_at_a_half() {
-        let got = observe(&tilted()).unwrap();
-        for (point, (x, y)) in got.points.iter().zip(&got.pixels) {
-            assert_eq!(point.normal.y > 0.0, *y < CIRCLE.y);
-            assert_eq!(point.normal.x > 0.0, *x > CIRCLE.x);
-            assert_eq!(point.view, DVec3::Z);
-        }
-        let picture = Plane::from_fn(4, 4, |x, y| Vec3::splat((x + 10 * y) as f32));
-        let everywhere = picture.map(|_| true);
-        let at = |x, y| sample(&picture, &everywhere, None, (x, y));
-        assert_eq!(at(1.5, 2.5), Seen::Colour(Vec3::splat(21.0)));
-        assert_eq!(at(2.0, 1.0), Seen::Colour(Vec3::splat(6.5)));
-        assert_eq!(at(0.5, 0.5), Seen::Colour(Vec3::splat(0.0)));
-        assert_eq!((at(0.4, 2.0), at(2.0, 3.6)), (Seen::Outside, Seen::Outside));
-    }
-
-    #[test]
-    fn points_depend_on_the_settings_alone() {
-        let settings = ObservationSettings::default();
-        let mut clipped = tilted();
-        for (i, colour) in clipped.rgb.as_mut_slice().iter_mut().enumerate().filter(|(i, _)| i % 7 == 0) {
-            *colour = if colour.is_finite() { Vec3::splat(9.0 + (i % 2) as f32) } else { *colour };
-        }
-        let (one, two) = (observe(&tilted()).unwrap(), observe(&clipped).unwrap());
-        assert_eq!(one.points, two.points);
-        assert_eq!(one.points, sphere_points(&settings));
-        assert_eq!(observe(&tilted()).unwrap(), one);
-        assert!(two.report.used < one.report.used);
-    }
-
-    #[test]
-    fn clipped_pixels_take_the_points_around_them_along() {
-        let mut picture = tilted();
-        // A patch of 6 x 6 pixels about the centre, one channel only.
-        for y in 146..152 {
-            for x in 149..155 {
-                picture.rgb[(x, y)].z = 50.0;
-            }
-        }
-        let got = observe(&picture).unwrap();
-        assert_eq!((got.report.clip_level, got.report.clipped_pixels), (Some(50.0), 36));
-        for ((x, y), value) in got.pixels.iter().zip(&got.values) {
-            let near = (148.5..155.5).contains(x) && (145.5..152.5).contains(y);
-            assert_eq!(value.is_none(), near, "{x} {y}");
-        }
-        let expected = got.pixels.iter().filter(|(x, y)| (x - 152.0).abs() < 3.5 && (y - 149.0).abs() < 3.5).count();
-        assert_eq!((got.report.clipped, got.report.outside), (expected, 0));
-        let given = ObservationSettings { clip: Some(2.5), ..ObservationSettings::default() };
-        let got = Observations::of_sphere(&tilted(), &CIRCLE, None, &given).unwrap();
-        assert!(got.colours.iter().flatten().all(|c| c.max_element() < 2.5) && got.report.clipped > 1000);
-    }
-
-    #[test]
-    fn uncovered_and_cropped_points_have_no_value() {
-        let mask = Plane::from_fn(300, 300, |x, _| if x < 150 { 1.0 } else { 0.98 });
-        let settings = ObservationSettings::default();
-        let got = Observations::of_sphere(&tilted(), &CIRCLE, Some(&mask), &settings).unwrap();
-        assert!(got.pixels.iter().zip(&got.values).all(|((x, _), value)| value.is_some() == (*x < 149.5)));
-        let by_alpha = Picture { alpha: Some(mask), ..tilted() };
-        assert_eq!(observe(&by_alpha).unwrap(), got);
-        let cropped = Circle { x: 10.0, ..CIRCLE };
-        let grey = Picture { rgb: Plane::from_fn(300, 300, |x, y| Vec3::splat((x + y) as f32)), alpha: None };
-        let got = Observations::of_sphere(&grey, &cropped, None, &settings).unwrap();
-        assert!(got.pixels.iter().zip(&got.values).all(|((x, _), value)| value.is_some() == (*x >= 0.5)));
-    }
-
-    #[test]
-    fn bad_pixels_are_an_error_only_where_they_are_observed() {
-        for bad in [f32::NAN, f32::INFINITY, -0.1] {
-            let mut picture = tilted();
-            picture.rgb[(170, 140)].y = bad;
-            picture.rgb[(120, 141)].x = bad;
-            assert_eq!(observe(&picture).unwrap_err(), SceneError::BadPixels { count: 2, column: 170, row: 140 });
-            picture.alpha = Some(Plane::from_fn(300, 300, |x, y| f32::from(!(140..142).contains(&y) || x < 20)));
-            assert!(observe(&picture).unwrap().report.outside > 0);
-        }
-    }
-
-    #[test]
-    fn pictures_that_say_nothing_are_refused() {
-        assert_eq!(observe(&ball(|_| Vec3::ZERO)).unwrap_err(), SceneError::Black);
-        let error = observe(&ball(|_| Vec3::ONE)).unwrap_err();
-        assert_eq!(error, SceneError::TooFewPoints { used: 0, clipped: 9916, outside: 0, least: 50 });
-        let settings = ObservationSettings::default();
-        let observe = |circle, coverage| Observations::of_sphere(&tilted(), &circle, coverage, &settings).unwrap_err();
-        let away = observe(Circle { x: 900.0, ..CIRCLE }, None);
-        assert!(matches!(away, SceneError::TooFewPoints { outside: 9916, .. }));
-        for radius in [7.9, f64::NAN, f64::INFINITY] {
-            assert!(matches!(observe(Circle { radius, ..CIRCLE }, None), SceneError::BadCircle { .. }), "{radius}");
-        }
-        assert!(matches!(observe(Circle { y: f64::NAN, ..CIRCLE }, None), SceneError::BadCircle { .. }));
-        let small = Plane::from_fn(30, 20, |_, _| 1.0);
-        let error = observe(CIRCLE, Some(&small));
-        assert_eq!(error.to_string(), "the mask is 30x20 pixels and the picture 300x300: make both of one size");
-    }
-}
+mod tests;

@@ -1,4 +1,4 @@
-//! The observed part of a picture: its faults, the level at which it clips, and what is seen of each point.
+//! The observed part of a picture: the level at which it clips, and what is seen of each point.
 
 use glam::Vec3;
 
@@ -15,12 +15,16 @@ const CLIPPED_SHARE: f64 = 2e-4;
 /// What the picture shows of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Seen {
-    /// Its radiance.
+    /// Its radiance, of which a channel may be negative.
     Colour(Vec3),
     /// Only that it is at or above the clip level.
     Clipped,
     /// Nothing: it is not covered, or not within the picture.
     Outside,
+    /// Nothing: pixels that it needs are negative, NaN or infinite.
+    Faulty,
+    /// Something of another colour than the object.
+    OtherColour,
 }
 
 /// Checks that the mask or normal map of `size` belongs to a picture of `picture` size.
@@ -30,22 +34,6 @@ pub(super) fn check_size(what: &'static str, size: (usize, usize), picture: (usi
         return Ok(());
     }
     Err(SceneError::Sizes { what, width, height, picture_width, picture_height })
-}
-
-/// Checks that all radiance within `region` is finite and not negative.
-pub(super) fn check_radiance(rgb: &Plane<Vec3>, region: &Plane<bool>) -> Result<(), SceneError> {
-    let bad = |&i: &usize| {
-        let colour = rgb.as_slice()[i];
-        region.as_slice()[i] && !(colour.is_finite() && colour.min_element() >= 0.0)
-    };
-    let mut all = (0..rgb.as_slice().len()).filter(bad);
-    match all.next() {
-        None => Ok(()),
-        Some(i) => {
-            let (column, row) = (i % rgb.width(), i / rgb.width());
-            Err(SceneError::BadPixels { count: 1 + all.count(), column, row })
-        }
-    }
 }
 
 /// The value at or above which a channel counts as clipped: the one `given`, or else the largest value of the region

@@ -81,6 +81,22 @@ pub enum Oddity {
         /// Of so many on the object.
         observed: usize,
     },
+    /// Pixels that no light can make.
+    Faulty {
+        /// So many of negative luminance.
+        negative: usize,
+        /// So many that are NaN or infinite.
+        not_finite: usize,
+        /// Of so many on the object.
+        observed: usize,
+    },
+    /// Regions of another colour, left out.
+    OtherColour {
+        /// Of so many pixels.
+        pixels: usize,
+        /// Of so many on the object.
+        observed: usize,
+    },
 }
 
 impl fmt::Display for Oddity {
@@ -103,6 +119,20 @@ impl fmt::Display for Oddity {
             Self::Contradiction(complaint) => f.write_str(complaint),
             Self::Clipped { clipped, observed } => {
                 write!(f, "{clipped} of {observed} pixels on the object are clipped and left out")
+            }
+            Self::Faulty { negative, not_finite, observed } => {
+                let what = match (negative, not_finite) {
+                    (n, 0) => format!("{n} of {observed} pixels on the object are negative"),
+                    (0, n) => format!("{n} of {observed} pixels on the object are NaN or infinite"),
+                    (n, m) => format!("of {observed} pixels on the object {n} are negative and {m} NaN or infinite"),
+                };
+                write!(f, "{what}; they are left out")
+            }
+            Self::OtherColour { pixels, observed } => {
+                write!(
+                    f,
+                    "{pixels} of {observed} pixels on the object are of another colour than the rest and left out"
+                )
             }
         }
     }
@@ -189,6 +219,15 @@ impl Sighting {
         if report.clipped_pixels > 0 {
             let (clipped, observed) = (report.clipped_pixels, report.observed_pixels);
             sighting.oddities.push(Oddity::Clipped { clipped, observed });
+        }
+        let report = &sighting.observations.report;
+        let (negative, not_finite, observed) = (report.negative, report.not_finite, report.observed_pixels);
+        if negative + not_finite > 0 {
+            sighting.oddities.push(Oddity::Faulty { negative, not_finite, observed });
+        }
+        let pixels = sighting.observations.report.other_colour_pixels;
+        if pixels > 0 {
+            sighting.oddities.push(Oddity::OtherColour { pixels, observed });
         }
         Ok(sighting)
     }

@@ -48,12 +48,18 @@ fn fit<const N: usize>(
     Some(Fit { slope_square, variance })
 }
 
-/// A weight in 0..=1 for each of `pixels` (indices, row-major): `1 / (1 + (s^2 + t^2) / floor^2)`. `s` is the noise of pixels of its brightness, from
-/// the residuals about local planes; `t` what the residual of the normals about a plane makes of the slope of the picture.
+/// A weight in 0..=1 for each of `pixels` (indices, row-major), of which those outside of `region`
+/// have no value: `1 / (1 + (s^2 + t^2) / floor^2)`. `s` is the noise of pixels of its brightness,
+/// from the residuals about local planes; `t` what the residual of the normals about a plane makes
+/// of the slope of the picture.
 pub(super) fn weights(rgb: &Plane<Vec3>, normals: &Plane<Vec3>, region: &Plane<bool>, pixels: &[usize]) -> Vec<f64> {
     let (size, width) = (rgb.size(), rgb.width());
     let bright = |i: usize| f64::from(luminance(rgb.as_slice()[i]));
-    let square = pixels.iter().map(|&i| bright(i).powi(2)).sum::<f64>() / pixels.len().max(1) as f64;
+    let (sum, count) = pixels
+        .iter()
+        .filter(|i| region.as_slice()[**i])
+        .fold((0.0, 0_usize), |(sum, count), &i| (sum + bright(i).powi(2), count + 1));
+    let square = sum / count.max(1) as f64;
     let floor = FLOOR * FLOOR * square;
     let light = |x: usize, y: usize| region[(x, y)].then(|| [f64::from(luminance(rgb[(x, y)]))]);
     let normal = |x: usize, y: usize| region[(x, y)].then(|| normals[(x, y)].normalize_or_zero().as_dvec3().to_array());

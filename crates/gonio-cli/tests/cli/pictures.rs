@@ -1,0 +1,122 @@
+//! Pictures as they come: negative and missing values, and parts of another colour.
+
+use glam::Vec3;
+use gonio::lighting::studio_light;
+use gonio::picture::{Picture, Plane};
+use gonio::reflectance::BivariateTable;
+use gonio::render::{LightTree, SphereSettings, render_sphere};
+use gonio_io::picture::{ReadOptions, read};
+
+use crate::support::{Bench, encode_normals, exr, material, merl, normals};
+
+/// Large enough for some hundreds of bad pixels.
+const SIZE: usize = 128;
+
+fn ball() -> Picture {
+    let settings = SphereSettings { size: SIZE, ..SphereSettings::default() };
+    let mut picture =
+        render_sphere(&merl(&material(0.1, 0.3)), &LightTree::of_map(&studio_light(32)), &settings, &|_| ());
+    for (i, colour) in picture.rgb.as_mut_slice().iter_mut().enumerate() {
+        *colour *= 1.0 + 0.02 * (1e4 * (i as f32 * 0.73).sin()).sin();
+    }
+    picture
+}
+
+/// 500 pixels slightly negative and 20 NaN, spread over the ball.
+fn spoilt() -> Picture {
+    let mut picture = ball();
+    let inside = normals(SIZE);
+    let places: Vec<usize> = (0..SIZE * SIZE).filter(|i| inside.as_slice()[*i].z > 0.35).collect();
+    for (k, at) in (0..520).map(|k| (k, places[k * places.len() / 520])) {
+        picture.rgb.as_mut_slice()[at] = Vec3::splat(if k % 26 == 3 { f32::NAN } else { -0.001 });
+    }
+    picture
+}
+
+fn luminance(bench: &Bench, folder: &str) -> BivariateTable {
+    let brdf = gonio_io::merl::read(bench.path(&format!("{folder}/brdf.binary"))).unwrap();
+    BivariateTable::luminance(&[0, 1, 2].map(|c| brdf.bivariate(c)))
+}
+
+#[test]
+fn negative_and_missing_pixels_are_left_out_and_told() {
+    let bench = Bench::new();
+    bench.write("clean.exr", &exr(&ball()));
+    bench.write("spoilt.exr", &exr(&spoilt()));
+    bench.write("normals.npy", &encode_normals(&normals(SIZE)));
+    for shape in ["", "--normals normals.npy"] {
+        bench.run(&format!("infer clean.exr -o clean --grid 8 {shape}")).succeeds();
+        let run = bench.run(&format!("infer spoilt.exr -o spoilt --grid 8 {shape}")).succeeds();
+        assert!(
+            run.stderr.contains("spoilt.exr: of ") && run.stderr.contains("500 are negative and 20 NaN"),
+            "{run:?}"
+        );
+        let (clean, spoilt) = (luminance(&bench, "clean"), luminance(&bench, "spoilt"));
+        let logs = |table: &BivariateTable| -> Vec<f64> {
+            (0..60).flat_map(|h| (0..60).map(move |d| f64::from(table.as_slice()[90 * h + d]).ln())).collect()
+        };
+        let square: f64 = logs(&clean).iter().zip(logs(&spoilt)).map(|(a, b)| (a - b).powi(2)).sum();
+        assert!((square / 3600.0).sqrt() < 0.1, "{shape}: {}", (square / 3600.0).sqrt());
+        let result = bench.json("spoilt/result.json");
+        let report = &result["observations"]["report"];
+        assert_eq!((&report["negative"], &report["not_finite"]), (&500.into(), &20.into()));
+        assert!(result["warnings"].to_string().contains("500 are negative"), "{}", result["warnings"]);
+        let used = read(bench.path("spoilt/used.png"), &ReadOptions::default()).unwrap().picture.rgb;
+        assert!(used.width() == 480 && used.height() > 480);
+        if shape.is_empty() {
+            assert!(!bench.path("clean/used.png").exists());
+        }
+    }
+}
+
+#[test]
+fn what_is_mostly_missing_is_refused_with_the_numbers() {
+    let bench = Bench::new();
+    let bad = |value: f32| {
+        let mut picture = ball();
+        let half = picture.rgb.as_mut_slice().iter_mut().enumerate().filter(|(i, _)| i % 5 > 1);
+        half.for_each(|(_, colour)| *colour = Vec3::splat(value));
+        exr(&picture)
+    };
+    bench.write("nan.exr", &bad(f32::NAN));
+    bench.write("infinite.exr", &bad(f32::INFINITY));
+    bench.write("negative.exr", &bad(-0.1));
+    bench.write("normals.npy", &encode_normals(&normals(SIZE)));
+    for (image, says) in [
+        ("nan.exr", " 0 are negative and "),
+        ("infinite.exr", "NaN or infinite, which leaves too few"),
+        ("negative.exr", " are negative and 0 NaN"),
+    ] {
+        for shape in ["", "--normals normals.npy"] {
+            bench.refuses(&format!("infer {image} -o out {shape}"), &[image, " pixels of the object ", says]);
+        }
+    }
+}
+
+#[test]
+fn paint_is_left_out_unless_it_is_wanted() {
+    let bench = Bench::new();
+    let size = 200;
+    let inside = normals(size);
+    let spot = |n: Vec3| n.dot(Vec3::new(-0.25, 0.3, 0.92).normalize()) > 0.95;
+    let rgb = Plane::from_fn(size, size, |x, y| {
+        let n = inside[(x, y)];
+        let paint = if spot(n) { Vec3::new(0.1, 0.2, 0.5) } else { Vec3::new(0.6, 0.25, 0.1) };
+        let lamp = |from: Vec3| n.dot(from.normalize()).max(0.0);
+        if n == Vec3::ZERO {
+            n
+        } else {
+            paint * (0.2 + lamp(Vec3::new(0.5, 0.7, 0.5)) + 0.4 * lamp(Vec3::new(-0.8, 0.1, 0.3)))
+        }
+    });
+    let alpha = inside.map(|n| if *n == Vec3::ZERO { 0.0 } else { 1.0 });
+    bench.write("painted.exr", &exr(&Picture { rgb, alpha: Some(alpha) }));
+    let run = bench.run("infer painted.exr -o out --grid 8").succeeds();
+    assert!(run.stderr.contains("are of another colour") && run.stderr.contains("--keep-colors"), "{run:?}");
+    let report = bench.json("out/result.json")["observations"]["report"].clone();
+    let (lost, points) = (report["other_colour"].as_f64().unwrap(), report["points"].as_f64().unwrap());
+    assert!((0.02..0.1).contains(&(lost / points)), "{report}");
+    assert!(bench.path("out/used.png").exists());
+    let kept = bench.run("infer painted.exr -o kept --grid 8 --keep-colors").succeeds();
+    assert!(!kept.stderr.contains("another colour") && !bench.path("kept/used.png").exists(), "{kept:?}");
+}

@@ -1,0 +1,75 @@
+//! What of the photograph was used, and what was left out and why.
+
+use glam::Vec3;
+use gonio::picture::Plane;
+use gonio::render::Exposure;
+use gonio::scene::Fate;
+
+use super::view::View;
+use super::{PANEL, Subject, over_paper};
+use crate::canvas::{LETTER, PAPER, fill, place, sheet, text};
+
+/// How much of the photograph is left where it is not used for lying outside.
+const SHADE: f32 = 0.2;
+/// Height of a line of the legend, pixels.
+const LINE: usize = 2 * LETTER;
+
+/// A reason to leave pixels out.
+#[derive(Clone, Copy)]
+pub struct Mark {
+    /// In a word or two.
+    pub label: &'static str,
+    /// Colour of the pixels in the picture, linear.
+    pub colour: Vec3,
+    fates: &'static [Fate],
+}
+
+/// All reasons but lying outside; of pixels that share one of the picture the first is shown.
+pub const MARKS: [Mark; 6] = [
+    Mark {
+        label: "negative, NaN or infinite",
+        colour: Vec3::new(0.9, 0.02, 0.6),
+        fates: &[Fate::Negative, Fate::NotFinite],
+    },
+    Mark { label: "dark speck", colour: Vec3::new(0.05, 0.7, 0.1), fates: &[Fate::Speck] },
+    Mark { label: "clipped", colour: Vec3::new(0.95, 0.08, 0.05), fates: &[Fate::Clipped] },
+    Mark { label: "another colour", colour: Vec3::new(0.03, 0.22, 0.95), fates: &[Fate::OtherColour] },
+    Mark { label: "at an edge", colour: Vec3::new(0.85, 0.55, 0.02), fates: &[Fate::Edge] },
+    Mark { label: "no sound normal", colour: Vec3::new(0.3, 0.3, 0.3), fates: &[Fate::NoNormal] },
+];
+
+/// The photograph at twice the size of a panel, dark where it lies outside of what is observed,
+/// with the other pixels that were left out marked; `None` if none were.
+pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Option<Plane<Vec3>> {
+    let fates = subject.sighting.observations.fates.as_ref()?;
+    let side = 2 * PANEL;
+    let photograph = over_paper(&view.cut(subject.picture, side), exposure);
+    Some(Plane::from_fn(side, side, |x, y| {
+        let found = || view.behind(x, y, side, fates.size()).map(|at| fates[at]);
+        if let Some(mark) = MARKS.iter().find(|mark| found().any(|fate| mark.fates.contains(&fate))) {
+            return mark.colour;
+        }
+        let used = found().any(|fate| fate == Fate::Used);
+        if used { photograph[(x, y)] } else { SHADE * photograph[(x, y)] }
+    }))
+}
+
+/// The reasons that there are, each with its number of pixels.
+pub fn reasons(fates: &Plane<Fate>) -> Vec<(Mark, usize)> {
+    let count = |mark: &Mark| fates.as_slice().iter().filter(|fate| mark.fates.contains(fate)).count();
+    MARKS.iter().map(|mark| (*mark, count(mark))).filter(|(_, count)| *count > 0).collect()
+}
+
+/// The picture with what its colours mean.
+pub fn with_legend(picture: &Plane<Vec3>, fates: &Plane<Fate>) -> Plane<Vec3> {
+    let reasons = reasons(fates);
+    let mut out = sheet(picture.width(), picture.height() + (reasons.len() + 1) * LINE + LETTER);
+    place(&mut out, 0, 0, picture);
+    let lines = reasons.iter().map(|(mark, count)| (mark.colour, format!("{}: {count} pixels", mark.label)));
+    for (n, (colour, line)) in lines.chain([(PAPER, "dark: outside, or seen too steeply".to_owned())]).enumerate() {
+        let top = picture.height() + LETTER + n * LINE;
+        fill(&mut out, (LETTER, top), (LETTER, LETTER), colour);
+        text(&mut out, 3 * LETTER, top, &line);
+    }
+    out
+}

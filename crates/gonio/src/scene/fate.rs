@@ -1,0 +1,152 @@
+//! What becomes of each pixel: used, or left out and why.
+
+use glam::Vec3;
+
+use super::foreign::{Underlay, foreign};
+use super::observed::{clip_level, is_clipped};
+use super::{ObservationReport, ObservationSettings, SceneError};
+use crate::picture::{Plane, luminance};
+
+/// What became of a pixel of the picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Fate {
+    /// It is not on the object, not within the circle, or seen too steeply.
+    #[default]
+    Outside,
+    /// It may be observed.
+    Used,
+    /// A channel is at or above the clip level.
+    Clipped,
+    /// Its luminance is negative, or zero because a channel is.
+    Negative,
+    /// A channel is NaN or infinite.
+    NotFinite,
+    /// It belongs to a region of another colour than the rest of the object.
+    OtherColour,
+    /// The surface ends, steps back or folds next to it.
+    Edge,
+    /// It is far darker than all around it.
+    Speck,
+    /// It is on the object but has no sound normal.
+    NoNormal,
+}
+
+impl Fate {
+    /// Whether the value of the pixel itself means nothing.
+    pub fn is_faulty(self) -> bool {
+        matches!(self, Self::Negative | Self::NotFinite)
+    }
+
+    /// What is wrong with a colour, if anything.
+    ///
+    /// A channel may be negative where the luminance is not: colours out of the gamut of a file's
+    /// primaries and the ringing of a resampler make such pixels, and their luminance is right.
+    /// Zero in all channels is black, and seen as such: renderings of dark metals have it wherever
+    /// the light has. A negative luminance is nothing that a surface sends out.
+    pub(super) fn fault(colour: Vec3) -> Option<Self> {
+        if !colour.is_finite() {
+            Some(Self::NotFinite)
+        } else if luminance(colour) > 0.0 || colour == Vec3::ZERO {
+            None
+        } else {
+            Some(Self::Negative)
+        }
+    }
+}
+
+/// The fates of all pixels.
+pub(super) struct Judged {
+    pub(super) fates: Plane<Fate>,
+    /// Its counts of pixels are filled in.
+    pub(super) report: ObservationReport,
+}
+
+/// Judges the pixels of `region`, which are of the object and seen well enough; `report` holds what
+/// only the caller knows.
+///
+/// # Errors
+/// [`SceneError::BadPixels`] if more than half of them are faulty.
+pub(super) fn judge(
+    rgb: &Plane<Vec3>,
+    region: &Plane<bool>,
+    settings: &ObservationSettings,
+    underlay: &Underlay<'_>,
+    report: ObservationReport,
+) -> Result<Judged, SceneError> {
+    let (width, height) = rgb.size();
+    let fate = |(&colour, &inside): (&Vec3, &bool)| match inside {
+        true => Fate::fault(colour).unwrap_or(Fate::Used),
+        false => Fate::Outside,
+    };
+    let fates: Vec<Fate> = rgb.as_slice().iter().zip(region.as_slice()).map(fate).collect();
+    let mut fates = Plane::from_vec(width, height, fates);
+    let sound = fates.map(|fate| *fate == Fate::Used);
+    let clip_level = clip_level(rgb, &sound, settings.clip);
+    for (fate, colour) in fates.as_mut_slice().iter_mut().zip(rgb.as_slice()) {
+        if matches!(fate, Fate::Used | Fate::Negative) && is_clipped(*colour, clip_level) {
+            *fate = Fate::Clipped;
+        }
+    }
+    if !settings.keep_colours
+        && let Some(other) = foreign(rgb, &|at| fates[at] == Fate::Used, underlay)
+    {
+        for (fate, other) in fates.as_mut_slice().iter_mut().zip(other.as_slice()) {
+            if *other && *fate == Fate::Used {
+                *fate = Fate::OtherColour;
+            }
+        }
+    }
+    let count = |which: Fate| fates.as_slice().iter().filter(|fate| **fate == which).count();
+    let tainted = |(fate, colour): &(&Fate, &Vec3)| **fate == Fate::Used && colour.min_element() < 0.0;
+    let report = ObservationReport {
+        observed_pixels: region.as_slice().iter().filter(|inside| **inside).count(),
+        clipped_pixels: count(Fate::Clipped),
+        clip_level,
+        negative: count(Fate::Negative),
+        not_finite: count(Fate::NotFinite),
+        negative_channels: fates.as_slice().iter().zip(rgb.as_slice()).filter(tainted).count(),
+        other_colour_pixels: count(Fate::OtherColour),
+        ..report
+    };
+    if 2 * (report.negative + report.not_finite) > report.observed_pixels {
+        return Err(SceneError::bad_pixels(&report));
+    }
+    Ok(Judged { fates, report })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_are_told_by_luminance() {
+        for (colour, want) in [
+            (Vec3::ONE, None),
+            (Vec3::new(1.0, -0.1, 0.3), None),
+            (Vec3::ZERO, None),
+            (-Vec3::ZERO, None),
+            (Vec3::new(0.1, -1.0, 0.1), Some(Fate::Negative)),
+            (Vec3::splat(-1e-6), Some(Fate::Negative)),
+            (Vec3::new(1.0, 1.0, f32::NAN), Some(Fate::NotFinite)),
+            (Vec3::new(1.0, f32::INFINITY, 1.0), Some(Fate::NotFinite)),
+            (Vec3::new(f32::NEG_INFINITY, 1.0, 1.0), Some(Fate::NotFinite)),
+        ] {
+            assert_eq!(Fate::fault(colour), want, "{colour}");
+        }
+    }
+
+    #[test]
+    fn more_than_half_faulty_is_too_much() {
+        let region = Plane::from_fn(40, 40, |_, _| true);
+        let underlay = Underlay { normal: &|_| Vec3::Z, convex: true };
+        let judged = |faulty: usize| {
+            let value = |x, y| if 40 * y + x < faulty { f32::NAN } else { 1.0 + 0.01 * x as f32 };
+            let rgb = Plane::from_fn(40, 40, |x, y| Vec3::splat(value(x, y)));
+            judge(&rgb, &region, &ObservationSettings::default(), &underlay, ObservationReport::default())
+        };
+        assert_eq!(judged(800).unwrap().report.not_finite, 800);
+        let refused = judged(801).err().unwrap();
+        assert_eq!(refused, SceneError::BadPixels { negative: 0, not_finite: 801, observed: 1600 });
+    }
+}

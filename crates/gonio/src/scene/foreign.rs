@@ -1,0 +1,392 @@
+//! Regions of another colour on an object of one: paint, stickers, eyes of figures.
+//!
+//! Chromaticity alone does not tell paint: highlights have the colour of the light, metals that of
+//! what they reflect, and shadows, lamps of several colours and reflections of the object in itself
+//! all change it. What is left out must therefore pass every test of what paint does and light does
+//! not:
+//!
+//! 1. It is a compact region behind a sharp step of chromaticity, small beside the rest, with
+//!    normals on both sides alike.
+//! 2. Some channel falls across the step: highlights and other added light raise them all. On a
+//!    surface that may shadow itself some channel also rises, since shadows lower them all.
+//! 3. Light falls on both sides alike: brightness and chromaticity of the inside follow those of
+//!    the outside along the whole step, but for one factor. What a mirror shows does not, and where
+//!    there is no shading to follow nothing is decided.
+//! 4. There are few other steps of the kind elsewhere: reflections of a coloured world have many.
+//!
+//! If in doubt everything is left in: a few painted pixels cost the answer little, and a reflection
+//! taken for paint costs it much.
+
+use glam::{DVec2, DVec3, Vec3};
+
+use super::components::{fill_holes, neighbours};
+use crate::picture::{Plane, luminance};
+
+/// Pictures are looked at in cells, about so many along the longer side of the object: finer
+/// structure is noise or texture.
+const CELLS: f64 = 300.0;
+/// A cell is known if at least this share of its pixels is.
+const KNOWN: f32 = 0.5;
+/// Added to all channels before the logarithm, relative to the median luminance: chromaticity means
+/// little in the dark.
+const DARK: f32 = 0.02;
+/// A step is a change of chromaticity (natural logarithms of R/G and B/G) of more than this...
+const STEP: f64 = 0.25;
+/// ...from cells so far on one side to cells so far on the other.
+const SPAN: usize = 2;
+/// The farthest that the two sides of a step may lie apart, in cells: a span on both sides, the
+/// smoothing and some blur. Changes that take longer are those of light.
+const REACH: usize = 8;
+/// Side of the window, from its middle, in which the outside is continued as a plane.
+const WINDOW: usize = 4;
+/// Regions of fewer cells are left alone.
+const LEAST_CELLS: usize = 12;
+/// The rest of the object must be at least this share of it in one piece...
+const LEAST_MAIN: f64 = 0.5;
+/// ...and all that is left out at most this.
+const MOST_SHARE: f64 = 0.25;
+/// `4 pi area / perimeter^2` of a region, one for a disc: less is a fringe.
+const LEAST_COMPACT: f64 = 0.2;
+/// At least this share of a region's border lies against the rest of the object, not against its
+/// outline or other regions.
+const LEAST_BORDER: f64 = 0.5;
+/// And at least so many cells do.
+const LEAST_PAIRS: usize = 8;
+/// Cosine of the largest angle between the normals of both sides: 15 degrees.
+const ALIKE: f32 = 0.966;
+/// The step from side to side, at least: the change of chromaticity, the fall of a channel, and the
+/// rise of another where that is asked for, in natural logarithms.
+const LEAST_CHANGE: f64 = 0.3;
+const LEAST_FALL: f64 = 0.15;
+const LEAST_RISE: f64 = 0.05;
+/// The factor between the sides varies by at most this along the step (median deviation of its
+/// logarithm)...
+const MOST_SPREAD: f64 = 0.1;
+/// ...and by at most this share of the variation of the outside, which is...
+const MOST_RELATIVE: f64 = 0.5;
+/// ...at least this.
+const LEAST_SHADING: f64 = 0.01;
+/// Of the way from the outside's chromaticity to the inside's, from where on a cell at the step
+/// belongs to the region.
+const MIXED: f64 = 0.2;
+/// Steps elsewhere that no light explains, over those around what is left out.
+const MOST_ELSEWHERE: f64 = 0.3;
+
+/// What is known of the surface under the pixels.
+pub(super) struct Underlay<'a> {
+    /// The normal of a pixel, of length one.
+    pub(super) normal: &'a dyn Fn((usize, usize)) -> Vec3,
+    /// Whether no part of the surface can shadow another.
+    pub(super) convex: bool,
+}
+
+/// The picture in cells.
+struct Cells {
+    /// Pixels along a side of each.
+    side: usize,
+    /// The pixel at the corner of the first.
+    origin: (usize, usize),
+    /// Logarithms of the channels, where they are known.
+    tones: Plane<Option<DVec3>>,
+    /// The normal in the middle.
+    normals: Plane<Vec3>,
+}
+
+/// `ln R/G` and `ln B/G`.
+fn chroma(tone: DVec3) -> DVec2 {
+    DVec2::new(tone.x - tone.y, tone.z - tone.y)
+}
+
+impl Cells {
+    fn of(rgb: &Plane<Vec3>, usable: &dyn Fn((usize, usize)) -> bool, underlay: &Underlay<'_>) -> Option<Self> {
+        let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
+        for (x, y) in (0..rgb.height()).flat_map(|y| (0..rgb.width()).map(move |x| (x, y))).filter(|at| usable(*at)) {
+            low = (low.0.min(x), low.1.min(y));
+            high = (high.0.max(x + 1), high.1.max(y + 1));
+        }
+        if high == (0, 0) {
+            return None;
+        }
+        let (width, height) = (high.0 - low.0, high.1 - low.1);
+        let side = ((width.max(height) as f64 / CELLS).round() as usize).max(1);
+        let size = (width.div_ceil(side), height.div_ceil(side));
+        let means = Plane::from_fn(size.0, size.1, |u, v| {
+            let (left, top) = (low.0 + u * side, low.1 + v * side);
+            let inside =
+                (top..(top + side).min(high.1)).flat_map(|y| (left..(left + side).min(high.0)).map(move |x| (x, y)));
+            let (sum, count) = inside
+                .filter(|at| usable(*at))
+                .fold((Vec3::ZERO, 0.0_f32), |(sum, n), at| (sum + rgb[at].max(Vec3::ZERO), n + 1.0));
+            (count >= KNOWN * (side * side) as f32).then(|| sum / count)
+        });
+        let mut bright: Vec<f32> = means.as_slice().iter().flatten().map(|c| luminance(*c)).collect();
+        if bright.is_empty() {
+            return None;
+        }
+        let middle = bright.len() / 2;
+        let floor = Vec3::splat(DARK * *bright.select_nth_unstable_by(middle, f32::total_cmp).1);
+        if floor.x <= 0.0 {
+            return None;
+        }
+        let tones = Plane::from_fn(size.0, size.1, |u, v| {
+            means[(u, v)]?;
+            let around = std::iter::once((u, v)).chain(neighbours((u, v), size, true)).filter_map(|at| means[at]);
+            let (sum, count) = around.fold((Vec3::ZERO, 0.0), |(sum, n), c| (sum + c, n + 1.0));
+            let colour = (sum / count + floor).as_dvec3();
+            Some(DVec3::new(colour.x.ln(), colour.y.ln(), colour.z.ln()))
+        });
+        let normals = Plane::from_fn(size.0, size.1, |u, v| {
+            let at = |low: usize, cell: usize, high: usize| (low + cell * side + side / 2).min(high - 1);
+            (underlay.normal)((at(low.0, u, high.0), at(low.1, v, high.1)))
+        });
+        Some(Self { side, origin: low, tones, normals })
+    }
+
+    /// The change from one side of a cell to the other along both axes, each side the cell itself
+    /// where there is nothing.
+    fn changes(&self, (u, v): (usize, usize)) -> Option<[DVec3; 2]> {
+        let own = self.tones[(u, v)]?;
+        let (width, height) = self.tones.size();
+        let at = |u: Option<usize>, v: Option<usize>| {
+            let place = (u?, v?);
+            if place.0 < width && place.1 < height { self.tones[place] } else { None }
+        };
+        let both = |a: Option<DVec3>, b: Option<DVec3>| a.unwrap_or(own) - b.unwrap_or(own);
+        Some([
+            both(at(u.checked_sub(SPAN), Some(v)), at(Some(u + SPAN), Some(v))),
+            both(at(Some(u), v.checked_sub(SPAN)), at(Some(u), Some(v + SPAN))),
+        ])
+    }
+
+    /// The tones of a labelled region around one of its cells, continued to another as a plane.
+    fn continued(&self, labels: &Plane<u32>, from: (usize, usize), to: (usize, usize)) -> Option<DVec3> {
+        let (width, height) = self.tones.size();
+        let (mut gram, mut moments, mut count) = ([[0.0; 3]; 3], [DVec3::ZERO; 3], 0);
+        for v in from.1.saturating_sub(WINDOW)..(from.1 + WINDOW + 1).min(height) {
+            for u in from.0.saturating_sub(WINDOW)..(from.0 + WINDOW + 1).min(width) {
+                let Some(tone) = self.tones[(u, v)].filter(|_| labels[(u, v)] == labels[from]) else { continue };
+                let row = [1.0, u as f64 - from.0 as f64, v as f64 - from.1 as f64];
+                for i in 0..3 {
+                    moments[i] += row[i] * tone;
+                    (0..3).for_each(|j| gram[i][j] += row[i] * row[j]);
+                }
+                count += 1;
+            }
+        }
+        if count < 2 * WINDOW {
+            return None;
+        }
+        let row = [1.0, to.0 as f64 - from.0 as f64, to.1 as f64 - from.1 as f64];
+        // The weights of the moments that make the value of the plane at `to`.
+        let weights = solve_three(gram, row)?;
+        Some((0..3).map(|i| weights[i] * moments[i]).sum())
+    }
+}
+
+/// Solves three equations by Cramer's rule, unless they are (nearly) singular.
+fn solve_three(rows: [[f64; 3]; 3], right: [f64; 3]) -> Option<[f64; 3]> {
+    let matrix = glam::DMat3::from_cols_array_2d(&rows);
+    let sound = matrix.determinant().abs() > 1e-6 * rows[0][0] * rows[1][1] * rows[2][2];
+    sound.then(|| (matrix.inverse() * DVec3::from_array(right)).to_array())
+}
+
+/// The pixels of another colour, where leaving them out is safe; `None` if there are none.
+pub(super) fn foreign(
+    rgb: &Plane<Vec3>,
+    usable: &dyn Fn((usize, usize)) -> bool,
+    underlay: &Underlay<'_>,
+) -> Option<Plane<bool>> {
+    let cells = Cells::of(rgb, usable, underlay)?;
+    let size = cells.tones.size();
+    let places = || (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v)));
+    let stepped = Plane::from_fn(size.0, size.1, |u, v| {
+        cells.changes((u, v)).is_some_and(|both| both.iter().any(|change| chroma(*change).length() > STEP))
+    });
+    if !stepped.as_slice().contains(&true) {
+        return None;
+    }
+    let (labels, sizes) = label(&cells, &stepped);
+    let known = cells.tones.as_slice().iter().flatten().count();
+    let main = (1..sizes.len()).max_by_key(|at| sizes[*at])?;
+    if (sizes[main] as f64) < LEAST_MAIN * known as f64 {
+        return None;
+    }
+    let mut taken = stepped.map(|_| false);
+    for region in (1..sizes.len()).filter(|at| *at != main && sizes[*at] >= LEAST_CELLS) {
+        if let Some(step) = Border::of(&cells, &labels, region as u32, main as u32)
+            .and_then(|border| border.step(sizes[region], underlay.convex))
+        {
+            grow(&mut taken, &cells, &labels, &stepped, region as u32, &step);
+        }
+    }
+    let taken = fill_holes(&taken);
+    let lost = places().filter(|at| taken[*at] && cells.tones[*at].is_some()).count();
+    if lost == 0 || lost as f64 > MOST_SHARE * known as f64 {
+        return None;
+    }
+    // Steps where some channel rises and another falls: neither light that is added nor light that
+    // is kept off.
+    let crossing = |at: (usize, usize)| {
+        let crosses = |change: &DVec3| change.max_element() > LEAST_RISE && change.min_element() < -LEAST_RISE;
+        cells.changes(at).is_some_and(|both| both.iter().any(|c| chroma(*c).length() > STEP && crosses(c)))
+    };
+    let near = |(u, v): (usize, usize)| {
+        let reach = 2 * SPAN;
+        (v.saturating_sub(reach)..(v + reach + 1).min(size.1))
+            .any(|y| (u.saturating_sub(reach)..(u + reach + 1).min(size.0)).any(|x| taken[(x, y)]))
+    };
+    let (around, elsewhere): (Vec<_>, Vec<_>) = places().filter(|at| stepped[*at]).partition(|at| near(*at));
+    let elsewhere = elsewhere.into_iter().filter(|at| crossing(*at)).count();
+    if elsewhere as f64 > MOST_ELSEWHERE * around.len() as f64 {
+        return None;
+    }
+    Some(Plane::from_fn(rgb.width(), rgb.height(), |x, y| {
+        let (Some(x), Some(y)) = (x.checked_sub(cells.origin.0), y.checked_sub(cells.origin.1)) else { return false };
+        let at = (x / cells.side, y / cells.side);
+        at.0 < size.0 && at.1 < size.1 && taken[at]
+    }))
+}
+
+/// Regions between steps, numbered from one, and how many cells each has; zero is what belongs to
+/// none.
+fn label(cells: &Cells, stepped: &Plane<bool>) -> (Plane<u32>, Vec<usize>) {
+    let size = stepped.size();
+    let mut seen = stepped.map(|_| false);
+    let mut labels = stepped.map(|_| 0_u32);
+    let mut sizes = vec![0];
+    let open = |at: (usize, usize)| cells.tones[at].is_some() && !stepped[at];
+    for at in (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v))) {
+        if !open(at) || seen[at] {
+            continue;
+        }
+        let number = sizes.len() as u32;
+        let mut stack = vec![at];
+        let mut count = 0;
+        seen[at] = true;
+        while let Some(at) = stack.pop() {
+            labels[at] = number;
+            count += 1;
+            for next in neighbours(at, size, false) {
+                if open(next) && !seen[next] {
+                    seen[next] = true;
+                    stack.push(next);
+                }
+            }
+        }
+        sizes.push(count);
+    }
+    (labels, sizes)
+}
+
+/// A cell inside of a region's border with what is across the step.
+struct Pair {
+    inside: DVec3,
+    /// The nearest cell outside.
+    outside: DVec3,
+    /// The outside continued to the cell inside.
+    continued: DVec3,
+}
+
+/// The border of a region against the rest of the object.
+struct Border {
+    /// Its cells, all around the region.
+    length: usize,
+    pairs: Vec<Pair>,
+}
+
+/// The chromaticity on both sides of a step.
+struct Step {
+    inside: DVec2,
+    outside: DVec2,
+}
+
+impl Border {
+    fn of(cells: &Cells, labels: &Plane<u32>, region: u32, main: u32) -> Option<Self> {
+        let size = labels.size();
+        let (mut length, mut pairs) = (0, Vec::new());
+        for at in (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v))).filter(|at| labels[*at] == region) {
+            if neighbours(at, size, false).count() == 4
+                && neighbours(at, size, false).all(|next| labels[next] == region)
+            {
+                continue;
+            }
+            length += 1;
+            let Some(across) = nearest(labels, at, main) else { continue };
+            if cells.normals[at].dot(cells.normals[across]) < ALIKE {
+                continue;
+            }
+            let (Some(inside), Some(outside)) = (cells.tones[at], cells.tones[across]) else { continue };
+            let Some(continued) = cells.continued(labels, across, at) else { continue };
+            pairs.push(Pair { inside, outside, continued });
+        }
+        let enough = pairs.len() >= LEAST_PAIRS && pairs.len() as f64 >= LEAST_BORDER * length as f64;
+        enough.then_some(Self { length, pairs })
+    }
+
+    /// The step, if it is that of paint.
+    fn step(&self, area: usize, convex: bool) -> Option<Step> {
+        let compact = 4.0 * std::f64::consts::PI * area as f64 / (self.length as f64).powi(2);
+        let steps = || self.pairs.iter().map(|p| p.inside - p.continued);
+        let channels = [0, 1, 2].map(|c| middle(steps().map(|s| s[c]).collect()));
+        let change = DVec3::from_array(channels.map(|(median, _)| median));
+        let spread = channels.into_iter().map(|(_, spread)| spread).fold(0.0, f64::max);
+        let mean = |v: DVec3| v.element_sum() / 3.0;
+        let (_, follows) = middle(steps().map(mean).collect());
+        let (_, shading) = middle(self.pairs.iter().map(|p| mean(p.outside)).collect());
+        let painted = compact >= LEAST_COMPACT
+            && chroma(change).length() >= LEAST_CHANGE
+            && change.min_element() <= -LEAST_FALL
+            && (convex || change.max_element() >= LEAST_RISE)
+            && spread <= MOST_SPREAD
+            && shading >= LEAST_SHADING
+            && follows <= MOST_RELATIVE * shading;
+        let side = |tone: &dyn Fn(&Pair) -> DVec3| {
+            let of = |c: usize| middle(self.pairs.iter().map(|p| chroma(tone(p))[c]).collect()).0;
+            DVec2::new(of(0), of(1))
+        };
+        painted.then(|| Step { inside: side(&|p| p.inside), outside: side(&|p| p.outside) })
+    }
+}
+
+/// The median, and the median distance from it.
+fn middle(mut values: Vec<f64>) -> (f64, f64) {
+    let at = values.len() / 2;
+    let median = *values.select_nth_unstable_by(at, f64::total_cmp).1;
+    values.iter_mut().for_each(|v| *v = (*v - median).abs());
+    (median, *values.select_nth_unstable_by(at, f64::total_cmp).1)
+}
+
+/// The cell of a region nearest to another cell, within reach.
+fn nearest(labels: &Plane<u32>, (u, v): (usize, usize), region: u32) -> Option<(usize, usize)> {
+    let (width, height) = labels.size();
+    let across = |x: usize, y: usize| x.abs_diff(u).pow(2) + y.abs_diff(v).pow(2);
+    (v.saturating_sub(REACH)..(v + REACH + 1).min(height))
+        .flat_map(|y| (u.saturating_sub(REACH)..(u + REACH + 1).min(width)).map(move |x| (x, y)))
+        .filter(|at| labels[*at] == region && across(at.0, at.1) <= REACH * REACH)
+        .min_by_key(|at| across(at.0, at.1))
+}
+
+/// Takes a region, and of the step around it the cells that have some of its colour.
+fn grow(taken: &mut Plane<bool>, cells: &Cells, labels: &Plane<u32>, stepped: &Plane<bool>, region: u32, step: &Step) {
+    let size = labels.size();
+    let way = step.inside - step.outside;
+    let mixed = |at: (usize, usize)| {
+        cells.tones[at].is_some_and(|tone| (chroma(tone) - step.outside).dot(way) >= MIXED * way.length_squared())
+    };
+    let mut ring: Vec<(usize, usize)> =
+        (0..size.1).flat_map(|v| (0..size.0).map(move |u| (u, v))).filter(|at| labels[*at] == region).collect();
+    ring.iter().for_each(|at| taken[*at] = true);
+    for _ in 0..REACH {
+        let mut next = Vec::new();
+        for at in ring.iter().flat_map(|at| neighbours(*at, size, true)) {
+            if !taken[at] && stepped[at] && mixed(at) {
+                taken[at] = true;
+                next.push(at);
+            }
+        }
+        ring = next;
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,173 @@
+use super::*;
+
+const SIZE: usize = 300;
+
+fn normal((x, y): (usize, usize)) -> Vec3 {
+    let at = |i: usize| (i as f32 + 0.5 - 150.0) / 140.0;
+    let (nx, ny) = (at(x), -at(y));
+    Vec3::new(nx, ny, (1.0 - nx * nx - ny * ny).max(0.0).sqrt())
+}
+
+fn usable(at: (usize, usize)) -> bool {
+    normal(at).z > 0.17
+}
+
+/// A ball whose radiance is `f` of normal and mirrored view.
+fn ball(f: impl Fn(Vec3, Vec3) -> Vec3) -> Plane<Vec3> {
+    let mut noise = 1_u32;
+    Plane::from_fn(SIZE, SIZE, |x, y| {
+        let n = normal((x, y));
+        noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let grain = 1.0 + 0.02 * ((noise >> 8) as f32 / (1 << 23) as f32 - 1.0);
+        grain * f(n, 2.0 * n.z * n - Vec3::Z)
+    })
+}
+
+const LAMPS: [([f32; 3], [f32; 3]); 4] = [
+    ([0.3, 0.8, 0.5], [1.0, 0.9, 0.7]),
+    ([-0.8, 0.2, 0.6], [0.2, 0.3, 1.0]),
+    ([0.7, -0.5, 0.5], [1.0, 0.25, 0.15]),
+    ([-0.1, -0.9, 0.3], [0.2, 0.8, 0.3]),
+];
+
+/// Irradiance under four lamps, coloured by so much, and some light from all around.
+fn irradiance(n: Vec3, colour: f32) -> Vec3 {
+    LAMPS.iter().fold(Vec3::splat(0.15), |sum, (from, rgb)| {
+        sum + n.dot(Vec3::from_array(*from).normalize()).max(0.0) * Vec3::ONE.lerp(Vec3::from_array(*rgb), colour)
+    })
+}
+
+/// Reflections of the lamps, of a width given by the power.
+fn highlights(r: Vec3, power: f32) -> Vec3 {
+    LAMPS.iter().fold(Vec3::ZERO, |sum, (from, rgb)| {
+        sum + r.dot(Vec3::from_array(*from).normalize()).max(0.0).powf(power) * Vec3::from_array(*rgb)
+    })
+}
+
+fn found(rgb: &Plane<Vec3>, convex: bool) -> usize {
+    foreign(rgb, &usable, &Underlay { normal: &normal, convex })
+        .map_or(0, |plane| plane.as_slice().iter().filter(|taken| **taken).count())
+}
+
+/// Shares lost of the pixels of a spot around a direction, and of the others.
+fn lost(rgb: &Plane<Vec3>, inside: impl Fn(Vec3) -> bool, convex: bool) -> (f64, f64) {
+    let taken = foreign(rgb, &usable, &Underlay { normal: &normal, convex });
+    let share = |spot: bool| {
+        let all =
+            (0..SIZE * SIZE).map(|i| (i % SIZE, i / SIZE)).filter(|at| usable(*at) && inside(normal(*at)) == spot);
+        let (mut count, mut lost) = (0, 0);
+        for at in all {
+            count += 1;
+            lost += usize::from(taken.as_ref().is_some_and(|taken| taken[at]));
+        }
+        f64::from(lost as u32) / f64::from(count)
+    };
+    (share(true), share(false))
+}
+
+#[test]
+fn paint_on_a_matte_ball_is_found() {
+    let bodies = [Vec3::new(0.6, 0.1, 0.08), Vec3::new(0.7, 0.7, 0.65), Vec3::new(0.2, 0.3, 0.5)];
+    let paints = [Vec3::new(0.1, 0.15, 0.5), Vec3::new(0.5, 0.06, 0.05), Vec3::new(0.25, 0.1, 0.06)];
+    for (body, paint) in bodies.into_iter().zip(paints) {
+        for (towards, radius) in [([0.2, 0.3, 0.9], 0.35), ([-0.5, 0.1, 0.8], 0.2), ([0.3, -0.6, 0.7], 0.1_f32)] {
+            let towards = Vec3::from_array(towards).normalize();
+            let inside = |n: Vec3| n.dot(towards) > radius.cos();
+            for colour in [0.0, 0.5] {
+                let rgb = ball(|n, _| irradiance(n, colour) * if inside(n) { paint } else { body });
+                let (spot, rest) = lost(&rgb, inside, true);
+                assert!(spot > 0.9 && rest < 0.01, "{body} {towards} {radius} {colour}: {spot:.3} {rest:.4}");
+            }
+        }
+    }
+}
+
+#[test]
+fn paint_that_only_darkens_is_left_in_where_there_may_be_shadows() {
+    let inside = |n: Vec3| n.dot(Vec3::new(0.2, 0.3, 0.93).normalize()) > 0.94;
+    let rgb = ball(|n, _| irradiance(n, 0.3) * if inside(n) { Vec3::new(0.4, 0.06, 0.05) } else { Vec3::splat(0.7) });
+    assert_eq!(lost(&rgb, inside, false), (0.0, 0.0));
+    assert!(lost(&rgb, inside, true).0 > 0.9);
+    let crossing =
+        ball(|n, _| irradiance(n, 0.3) * if inside(n) { Vec3::new(0.1, 0.2, 0.5) } else { Vec3::new(0.5, 0.3, 0.1) });
+    let (spot, rest) = lost(&crossing, inside, false);
+    assert!(spot > 0.9 && rest < 0.01, "{spot} {rest}");
+}
+
+#[test]
+fn highlights_and_coloured_lamps_are_not_paint() {
+    for body in [Vec3::new(0.6, 0.05, 0.04), Vec3::new(0.05, 0.1, 0.4), Vec3::splat(0.4), Vec3::ZERO] {
+        for power in [10.0, 100.0, 3000.0] {
+            for strength in [0.1, 5.0] {
+                for colour in [0.0, 0.7] {
+                    let rgb = ball(|n, r| body * irradiance(n, colour) + strength * highlights(r, power));
+                    assert_eq!(found(&rgb, true), 0, "{body} {power} {strength} {colour}");
+                }
+            }
+            // White highlights with sharp edges, as of windows.
+            let rgb =
+                ball(|n, r| body * irradiance(n, 0.0) + Vec3::splat(if r.x > 0.3 && r.y > 0.5 { 0.5 } else { 0.0 }));
+            assert_eq!(found(&rgb, true), 0, "{body}");
+        }
+    }
+}
+
+#[test]
+fn hard_terminators_in_the_dark_are_not_paint() {
+    for body in [Vec3::new(0.6, 0.3, 0.1), Vec3::splat(0.5)] {
+        for fill in [0.0, 0.01, 0.1] {
+            let rgb = ball(|n, _| body * (irradiance(n, 1.0) - Vec3::splat(0.15 - fill)));
+            assert_eq!(found(&rgb, true), 0, "{body} {fill}");
+        }
+    }
+}
+
+#[test]
+fn what_metals_reflect_is_not_paint() {
+    // Walls of many colours: pieces of a room, cut by planes, each with a gradient; and one coloured card before an even or graded wall.
+    let hue = |seed: u32| {
+        let channel = |k: u32| 0.05 + ((seed.wrapping_mul(2_654_435_761).rotate_left(8 * k) >> 7) & 255) as f32 / 255.0;
+        Vec3::new(channel(0), channel(1), channel(2))
+    };
+    for tint in [Vec3::ONE, Vec3::new(1.0, 0.7, 0.3), Vec3::new(0.9, 0.5, 0.4)] {
+        for pieces in [1.5_f32, 2.5, 4.0, 8.0] {
+            for seed in 0..12 {
+                let rgb = ball(|_, r| {
+                    let cell = |v: f32| ((v + 1.0) * pieces) as u32;
+                    let number = seed * 1000 + cell(r.x) + 17 * cell(r.y) + 289 * cell(r.z);
+                    tint * hue(number) * (0.6 + 0.4 * r.x * r.y + 0.3 * r.y)
+                });
+                assert_eq!(found(&rgb, true), 0, "{tint} {pieces} {seed}");
+            }
+        }
+        for (grade, inner) in [(0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.0, 0.5)] {
+            for seed in 0..12 {
+                let rgb = ball(|_, r| {
+                    let card = (r - Vec3::new(0.3, 0.4, 0.86)).length() < 0.7;
+                    let (colour, slope) = if card { (hue(seed), inner * r.x) } else { (hue(seed + 99), grade * r.y) };
+                    tint * colour * (1.0 + slope)
+                });
+                assert_eq!(found(&rgb, true), 0, "{tint} {grade} {inner} {seed}");
+            }
+        }
+    }
+}
+
+#[test]
+fn much_of_another_colour_is_no_exception() {
+    let rgb =
+        ball(|n, _| irradiance(n, 0.2) * if n.x > 0.1 { Vec3::new(0.1, 0.2, 0.6) } else { Vec3::new(0.6, 0.2, 0.1) });
+    assert_eq!(found(&rgb, true), 0);
+    // Checks all over.
+    let check = |n: Vec3| ((n.x * 6.0).floor() + (n.y * 6.0).floor()) as i32 % 2 == 0;
+    let rgb =
+        ball(|n, _| irradiance(n, 0.2) * if check(n) { Vec3::new(0.1, 0.2, 0.6) } else { Vec3::new(0.6, 0.2, 0.1) });
+    assert_eq!(found(&rgb, true), 0);
+}
+
+#[test]
+fn grey_and_empty_pictures_have_none() {
+    assert_eq!(found(&ball(|n, _| Vec3::splat(n.z)), true), 0);
+    assert_eq!(found(&ball(|_, _| Vec3::ZERO), true), 0);
+    assert!(foreign(&ball(|_, _| Vec3::ONE), &|_| false, &Underlay { normal: &normal, convex: true }).is_none());
+}

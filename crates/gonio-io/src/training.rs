@@ -4,15 +4,16 @@
 
 use std::path::{Path, PathBuf};
 
-use gonio::inference::amortised::{Amortised, Simulation, SimulationSettings, TrainingSettings};
+use gonio::inference::amortised::Amortised;
 use gonio::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use gonio::model::{Model, ModelError};
 use gonio::reflectance::nmf::NmfSettings;
 use gonio::reflectance::{
     BivariateTable, Dictionary, DictionarySettings, LogBasis, ReflectanceBasis, TrainReport, TrainSettings, train,
 };
-use gonio::render::LightTree;
+use gonio::simulation::{Stock, StockSettings};
 use gonio::sphere::OctahedralMap;
+use gonio_train::{TrainError, TrainingSettings, learn};
 use rayon::prelude::*;
 use thiserror::Error;
 
@@ -31,6 +32,9 @@ pub enum TrainingError {
     /// A setting is out of range.
     #[error("{0}")]
     Setting(String),
+    /// The training has no result.
+    #[error(transparent)]
+    Training(#[from] TrainError),
     /// Parts do not make a model.
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -127,20 +131,20 @@ pub struct PosteriorSettings {
     pub cameras: usize,
     /// Materials before each camera.
     pub draws: usize,
-    /// Passes of the training over all simulated photographs.
-    pub epochs: usize,
+    /// Steps of the training, each on 128 photographs.
+    pub steps: usize,
     /// Seed of everything random.
     pub seed: u64,
 }
 
 impl Default for PosteriorSettings {
     fn default() -> Self {
-        let (simulation, training) = (SimulationSettings::default(), TrainingSettings::default());
+        let (stock, training) = (StockSettings::default(), TrainingSettings::default());
         Self {
             channel: Channel::Luminance,
-            cameras: simulation.cameras,
-            draws: simulation.draws,
-            epochs: training.epochs,
+            cameras: stock.cameras,
+            draws: stock.draws,
+            steps: training.steps,
             seed: 1,
         }
     }
@@ -217,9 +221,9 @@ pub fn posterior(
     settings: &PosteriorSettings,
     progress: Progress<'_>,
 ) -> Result<(Amortised, String), TrainingError> {
-    let PosteriorSettings { channel, cameras, draws, epochs, seed } = *settings;
-    if cameras == 0 || draws == 0 || epochs == 0 {
-        return Err(TrainingError::Setting("cameras, draws and epochs must be at least 1".into()));
+    let PosteriorSettings { channel, cameras, draws, steps, seed } = *settings;
+    if cameras == 0 || draws == 0 || steps == 0 {
+        return Err(TrainingError::Setting("cameras, draws and steps must be at least 1".into()));
     }
     lights.count()?;
     let tables = materials.channel(channel, progress)?;
@@ -229,19 +233,19 @@ pub fn posterior(
     progress("learning materials", 0.0);
     let basis = LogBasis::fit(&tables, LogBasis::RANK);
     let dictionary = Dictionary::new(basis, &DictionarySettings { seed, ..DictionarySettings::default() });
-    let simulated = SimulationSettings { cameras, draws, seed, ..SimulationSettings::default() };
-    let mut simulation = Simulation::new(dictionary, simulated);
+    let mut stock = Stock::new(dictionary, StockSettings { cameras, draws, seed, ..StockSettings::default() });
     let count = lights.each(&mut |share, light| {
-        simulation.add_light(&LightTree::of_map(light));
-        progress("simulating photographs", share);
+        stock.add_light(light);
+        progress("simulating scenes", share);
     })?;
-    let training = TrainingSettings { epochs, seed, ..TrainingSettings::default() };
-    let amortised = simulation.train(&training, &|share| progress("learning the posterior", share));
+    let training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
+    let amortised = learn(&stock, &training, &|share, _| progress("learning the posterior", share))?;
     let provenance = format!(
-        "posterior of materials by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} photographs, seed {seed}",
+        "posterior of materials by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} scenes, {} photographs, seed {seed}",
         env!("CARGO_PKG_VERSION"),
         tables.len(),
-        simulation.count(),
+        stock.scenes(),
+        training.steps * training.batch,
     );
     Ok((amortised, provenance))
 }

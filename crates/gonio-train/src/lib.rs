@@ -6,6 +6,7 @@
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+mod learn;
 mod loss;
 mod optimiser;
 mod parameters;
@@ -15,6 +16,7 @@ mod photographs;
 mod tests;
 mod train;
 
+pub use learn::{learn, posterior};
 pub use photographs::Photographs;
 pub use train::{PART, TrainError, TrainingSettings, evaluate, train};
 

@@ -47,11 +47,11 @@ impl Default for TrainingSettings {
     fn default() -> Self {
         let shape = EncoderShape::new(1, 0, 1);
         Self {
-            steps: 10_000,
+            steps: 2_800,
             batch: 128,
             rate: 2e-3,
             decay: 1e-3,
-            drop: 0.1,
+            drop: 0.0,
             components: 4,
             longest: 5.0,
             average: 0.999,

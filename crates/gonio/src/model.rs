@@ -3,10 +3,10 @@
 
 use thiserror::Error;
 
-use crate::appearance::STATISTICS;
-use crate::inference::amortised::{Amortised, Network, Scaling};
+use crate::appearance::disk::{CHANNELS, GLOBALS, SIDE};
+use crate::inference::amortised::{Amortised, MixtureDensity};
 use crate::lighting::{CoefficientPrior, LightPrior, PriorGroup};
-use crate::reflectance::{CELLS, Coordinates, Dictionary, LogBasis, Mixture, ReflectanceBasis, THETA_D};
+use crate::reflectance::{CELLS, ReflectanceBasis, THETA_D};
 
 /// The prior of light and the basis of reflectance, with a note of where they come from.
 #[derive(Clone, Debug, PartialEq)]
@@ -139,12 +139,9 @@ pub enum PosteriorFault {
     /// There is nothing in it.
     #[error("it has no {0}")]
     Empty(&'static str),
-    /// An entry that is no mixture of components.
-    #[error("entry {0} is not a mixture of the components")]
-    Entry(usize),
-    /// A statistic whose scale is not positive.
-    #[error("statistic {0} has no scale")]
-    Scale(usize),
+    /// A range whose end lies before its beginning.
+    #[error("feature {0} has no range")]
+    Range(usize),
 }
 
 /// Scales of a prior at most: a grid of 16384 texels a side.
@@ -162,9 +159,7 @@ impl Model {
         check_light(&self.light)?;
         check_reflectance(&self.reflectance)?;
         match &self.posterior {
-            Some(Amortised { dictionary: d, scaling, network }) => {
-                check_posterior(&d.measured, &d.entries, &d.coordinates, &d.places, scaling, network)
-            }
+            Some(amortised) => check_posterior(amortised),
             None => Ok(()),
         }
     }
@@ -257,18 +252,11 @@ pub fn check_reflectance(basis: &ReflectanceBasis) -> Result<(), ModelError> {
     Ok(())
 }
 
-/// The check of a posterior of materials, by its parts.
+/// The check of a posterior of materials.
 ///
 /// # Errors
 /// The first thing found that is not consistent.
-pub fn check_posterior(
-    measured: &LogBasis,
-    entries: &[Mixture],
-    coordinates: &Coordinates,
-    places: &[Vec<f64>],
-    scaling: &[Scaling],
-    network: &Network,
-) -> Result<(), ModelError> {
+pub fn check_posterior(posterior: &Amortised) -> Result<(), ModelError> {
     let length = |what, got: usize, expected: usize| {
         if got == expected { Ok(()) } else { Err(PosteriorFault::Length(what, got, expected)) }
     };
@@ -276,53 +264,33 @@ pub fn check_posterior(
         if values.iter().all(|v| v.is_finite()) { Ok(()) } else { Err(PosteriorFault::NotFinite(what)) }
     };
     let filled = |what, there: bool| if there { Ok(()) } else { Err(PosteriorFault::Empty(what)) };
-    filled("materials", !measured.is_empty())?;
-    length("the materials' coefficients", measured.coefficients.len(), measured.len())?;
-    for row in &measured.coefficients {
-        length("a material's coefficients", row.len(), measured.axes.len())?;
-        finite("a material's coefficients", row)?;
-    }
-    filled("coordinates", !coordinates.axes.is_empty())?;
-    let tables = [&measured.mean, &coordinates.mean].into_iter().chain(&measured.axes).chain(&coordinates.axes);
-    for table in tables {
+    let Amortised { names, places, coordinates, widths, encoder, components, ranges } = posterior;
+    let dimensions = coordinates.axes.len();
+    filled("materials", !names.is_empty())?;
+    filled("coordinates", dimensions > 0)?;
+    filled("components", *components > 0)?;
+    for table in [&coordinates.mean, widths].into_iter().chain(&coordinates.axes) {
         length("a table", table.len(), CELLS)?;
         finite("a table", table)?;
     }
-    let components = Dictionary::components_with(measured.len());
-    for (at, entry) in entries.iter().enumerate() {
-        let proper = entry.iter().all(|&(c, weight)| c < components && positive(weight));
-        let sum: f64 = entry.iter().map(|(_, w)| w).sum();
-        let alone = at >= measured.len() || *entry == [(at, 1.0)];
-        if !proper || !alone || (sum - 1.0).abs() > WEIGHT_TOLERANCE {
-            return Err(PosteriorFault::Entry(at).into());
-        }
-    }
-    filled("entries for its materials", entries.len() >= measured.len())?;
-    length("the places of its entries", places.len(), entries.len())?;
+    length("the places of its materials", places.len(), names.len())?;
     for place in places {
-        length("a place", place.len(), coordinates.axes.len())?;
+        length("a place", place.len(), dimensions)?;
         if !place.iter().all(|v| v.is_finite()) {
             return Err(PosteriorFault::NotFinite("a place").into());
         }
     }
-    length("the scaling", scaling.len(), STATISTICS)?;
-    for (at, s) in scaling.iter().enumerate() {
-        let finite = s.low.is_finite() && s.high.is_finite() && s.centre.is_finite();
-        if !(finite && s.low <= s.high && positive(f64::from(s.deviation))) {
-            return Err(PosteriorFault::Scale(at).into());
-        }
+    let shape = encoder.shape();
+    length("a side of the encoder's image", shape.side, SIDE)?;
+    length("a cell of the encoder's image", shape.channels, CHANNELS)?;
+    length("what the encoder knows of the image as a whole", shape.globals, GLOBALS)?;
+    length("the encoder's output", shape.outputs, MixtureDensity::outputs(dimensions, *components))?;
+    length("the ranges of its features", ranges.len(), shape.hidden.last().copied().unwrap_or(0))?;
+    let proper = |(low, high): &(f32, f32)| low.is_finite() && high.is_finite() && low <= high;
+    match ranges.iter().position(|range| !proper(range)) {
+        Some(feature) => Err(PosteriorFault::Range(feature).into()),
+        None => Ok(()),
     }
-    filled("network", !network.layers.is_empty())?;
-    let mut inputs = STATISTICS;
-    for layer in &network.layers {
-        length("the input of a layer", layer.inputs, inputs)?;
-        length("the weights of a layer", layer.weights.len(), inputs.saturating_mul(layer.bias.len()))?;
-        finite("a layer", &layer.weights)?;
-        finite("a layer", &layer.bias)?;
-        inputs = layer.bias.len();
-    }
-    length("the network's output", inputs, Amortised::outputs(coordinates.axes.len()))?;
-    Ok(())
 }
 
 #[cfg(test)]

@@ -126,10 +126,6 @@ impl<'a> Container<'a> {
         serde_json::from_str(self.text(name)?).map_err(|e| self.wrong(format!("has odd metadata \"{name}\": {e}")))
     }
 
-    /// Whether there is a tensor of this name.
-    pub(super) fn has(&self, name: &str) -> bool {
-        self.tensors.tensor(name).is_ok()
-    }
 
     /// Whether the metadata have this entry.
     pub(super) fn says(&self, name: &str) -> bool {
@@ -139,6 +135,12 @@ impl<'a> Container<'a> {
     pub(super) fn f32s(&self, name: &str, shape: &[Option<usize>]) -> Result<(Vec<usize>, Vec<f32>), Error> {
         let (shape, bytes) = self.tensor(name, Dtype::F32, shape)?;
         Ok((shape, little_endian::f32s(bytes)))
+    }
+
+    /// A tensor of any shape, if there is one of the type.
+    pub(super) fn any_f32s(&self, name: &str) -> Option<(Vec<usize>, Vec<f32>)> {
+        let found = self.tensors.tensor(name).ok().filter(|t| t.dtype() == Dtype::F32)?;
+        Some((found.shape().to_vec(), little_endian::f32s(found.data())))
     }
 
     pub(super) fn f64s(&self, name: &str, shape: &[Option<usize>]) -> Result<(Vec<usize>, Vec<f64>), Error> {

@@ -1,99 +1,72 @@
 //! The learnt posterior of materials as tensors.
 
-use gonio::appearance::STATISTICS;
-use gonio::inference::amortised::{Amortised, Dense, Network, Scaling};
+use gonio::inference::amortised::{Amortised, Encoder, EncoderShape};
 use gonio::model::check_posterior;
-use gonio::reflectance::{CELLS, Coordinates, Dictionary, LogBasis, Mixture, THETA_D, THETA_H};
+use gonio::reflectance::{CELLS, Coordinates, THETA_D, THETA_H};
 
 use super::container::{Container, Metadata, Tensor};
 use crate::Error;
 
-/// Metadata that only files with a posterior have.
+/// Metadata that only files with a posterior have: the names of its materials.
 pub(super) const NAMES: &str = "posterior";
+
+/// Metadata of the sizes of the encoder's layers.
+const SHAPE: &str = "encoder";
+
+/// Metadata of the number of Gaussians.
+const COMPONENTS: &str = "components";
+
+/// Before the names of the encoder's own tensors.
+const ENCODER: &str = "encoder.";
 
 /// Metadata and tensors, those of the widest type first.
 pub(super) fn parts(amortised: &Amortised) -> (Metadata, Vec<Tensor>) {
-    let Amortised { dictionary, scaling, network } = amortised;
-    let basis = &dictionary.measured;
-    let names = serde_json::to_string(&basis.names).expect("names are JSON");
-    let entries: Vec<f64> = dictionary
-        .entries
-        .iter()
-        .enumerate()
-        .flat_map(|(at, entry)| entry.iter().flat_map(move |&(c, weight)| [at as f64, c as f64, weight]))
-        .collect();
-    let scales: Vec<f32> = scaling.iter().flat_map(|s| [s.low, s.high, s.centre, s.deviation]).collect();
-    let rank = basis.axes.len();
-    let dimensions = dictionary.coordinates.axes.len();
+    let Amortised { names, places, coordinates, widths, encoder, components, ranges } = amortised;
+    let dimensions = coordinates.axes.len();
+    let ranges: Vec<f32> = ranges.iter().flat_map(|(low, high)| [*low, *high]).collect();
     let mut tensors = vec![
-        Tensor::f64("entries", &[entries.len() / 3, 3], &entries),
-        Tensor::f64("places", &[dictionary.places.len(), dimensions], &dictionary.places.concat()),
-        Tensor::f32("material_mean", &[THETA_H, THETA_D], &basis.mean),
-        Tensor::f32("material_axes", &[rank, THETA_H, THETA_D], &basis.axes.concat()),
-        Tensor::f32("material_coefficients", &[basis.len(), rank], &basis.coefficients.concat()),
-        Tensor::f32("place_mean", &[THETA_H, THETA_D], &dictionary.coordinates.mean),
-        Tensor::f32("place_axes", &[dimensions, THETA_H, THETA_D], &dictionary.coordinates.axes.concat()),
-        Tensor::f32("scaling", &[STATISTICS, 4], &scales),
+        Tensor::f64("places", &[places.len(), dimensions], &places.concat()),
+        Tensor::f32("place_mean", &[THETA_H, THETA_D], &coordinates.mean),
+        Tensor::f32("place_axes", &[dimensions, THETA_H, THETA_D], &coordinates.axes.concat()),
+        Tensor::f32("widths", &[THETA_H, THETA_D], widths),
+        Tensor::f32("ranges", &[ranges.len() / 2, 2], &ranges),
     ];
-    for (at, layer) in network.layers.iter().enumerate() {
-        let outputs = layer.bias.len();
-        tensors.push(Tensor::f32(format!("layer_{at}_weights"), &[outputs, layer.inputs], &layer.weights));
-        tensors.push(Tensor::f32(format!("layer_{at}_bias"), &[outputs], &layer.bias));
+    for (name, shape, values) in encoder.tensors() {
+        tensors.push(Tensor::f32(format!("{ENCODER}{name}"), &shape, values));
     }
-    (Metadata::from([(NAMES, names)]), tensors)
+    let json = |value: serde_json::Result<String>| value.expect("names and numbers are JSON");
+    let metadata = Metadata::from([
+        (NAMES, json(serde_json::to_string(names))),
+        (SHAPE, json(serde_json::to_string(encoder.shape()))),
+        (COMPONENTS, components.to_string()),
+    ]);
+    (metadata, tensors)
 }
 
 /// What [`parts`] made.
 pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
     let wrong = |e: String| file.wrong(format!("holds a model that cannot be: {e}"));
     let cells = [Some(THETA_H), Some(THETA_D)];
-    let tables = [None, Some(THETA_H), Some(THETA_D)];
     let names: Vec<String> = file.json(NAMES)?;
-    let (_, mean) = file.f32s("material_mean", &cells)?;
-    let (shape, axes) = file.f32s("material_axes", &tables)?;
-    let (_, coefficients) = file.f32s("material_coefficients", &[Some(names.len()), Some(shape[0])])?;
-    let measured = LogBasis { axes: rows(&axes, CELLS), coefficients: rows(&coefficients, shape[0]), names, mean };
     let (_, mean) = file.f32s("place_mean", &cells)?;
-    let (_, axes) = file.f32s("place_axes", &tables)?;
+    let (_, axes) = file.f32s("place_axes", &[None, Some(THETA_H), Some(THETA_D)])?;
     let coordinates = Coordinates { mean, axes: rows(&axes, CELLS) };
-    let (_, entries) = file.f64s("entries", &[None, Some(3)])?;
-    let entries = mixtures(&entries).ok_or_else(|| wrong("the entries of its posterior are not in order".into()))?;
-    let (_, places) = file.f64s("places", &[Some(entries.len()), Some(coordinates.axes.len())])?;
+    let (_, places) = file.f64s("places", &[Some(names.len()), Some(coordinates.axes.len())])?;
     let places = rows(&places, coordinates.axes.len());
-    let (_, scales) = file.f32s("scaling", &[Some(STATISTICS), Some(4)])?;
-    let scale = |s: &[f32]| Scaling { low: s[0], high: s[1], centre: s[2], deviation: s[3] };
-    let scaling: Vec<Scaling> = scales.chunks_exact(4).map(scale).collect();
-    let mut layers = Vec::new();
-    while file.has(&format!("layer_{}_bias", layers.len())) {
-        let at = layers.len();
-        let (_, bias) = file.f32s(&format!("layer_{at}_bias"), &[None])?;
-        let (shape, weights) = file.f32s(&format!("layer_{at}_weights"), &[Some(bias.len()), None])?;
-        layers.push(Dense { inputs: shape[1], weights, bias });
-    }
-    let network = Network { layers };
+    let (_, widths) = file.f32s("widths", &cells)?;
+    let (_, ranges) = file.f32s("ranges", &[None, Some(2)])?;
+    let ranges = ranges.chunks_exact(2).map(|r| (r[0], r[1])).collect();
+    let shape: EncoderShape = file.json(SHAPE)?;
+    // Before memory is taken in proportion.
+    shape.check().map_err(|e| wrong(e.to_string()))?;
+    let find = |name: &str| file.any_f32s(&format!("{ENCODER}{name}"));
+    let encoder = Encoder::from_tensors(shape, find).map_err(|e| wrong(e.to_string()))?;
+    let amortised = Amortised { names, places, coordinates, widths, encoder, components: file.json(COMPONENTS)?, ranges };
     // Before anything is computed from it.
-    check_posterior(&measured, &entries, &coordinates, &places, &scaling, &network)
-        .map_err(|e| wrong(e.to_string()))?;
-    Ok(Amortised { dictionary: Dictionary::restore(measured, entries, coordinates, places), scaling, network })
+    check_posterior(&amortised).map_err(|e| wrong(e.to_string()))?;
+    Ok(amortised)
 }
 
 fn rows<T: Copy>(values: &[T], width: usize) -> Vec<Vec<T>> {
     if width == 0 { Vec::new() } else { values.chunks_exact(width).map(<[T]>::to_vec).collect() }
-}
-
-/// Entries from rows of entry, component and weight; `None` if the entries do not count up from zero.
-fn mixtures(rows: &[f64]) -> Option<Vec<Mixture>> {
-    let mut entries: Vec<Mixture> = Vec::new();
-    for row in rows.chunks_exact(3) {
-        if row[0] == entries.len() as f64 {
-            entries.push(Vec::new());
-        } else if row[0] + 1.0 != entries.len() as f64 {
-            return None;
-        }
-        // Indices are whole and small; what is not becomes one out of range.
-        let component =
-            if row[1].fract() == 0.0 && (0.0..1e6).contains(&row[1]) { row[1] as usize } else { usize::MAX };
-        entries.last_mut()?.push((component, row[2]));
-    }
-    Some(entries)
 }

@@ -1,6 +1,6 @@
 //! An image on the disk of normals: what a photograph of any shape shows, as a ball seen from far away would show it.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Cells along each side of the square around the disk.
 pub const SIDE: usize = 128;
@@ -34,6 +34,13 @@ pub struct Sample {
     pub value: f32,
     /// How far it is to be trusted, in 0..=1.
     pub weight: f32,
+}
+
+impl Sample {
+    /// Of a unit normal in the frame of its view. Values below zero count as zero.
+    pub fn of(normal: DVec3, value: f64, weight: f64) -> Self {
+        Self { x: normal.x as f32, y: normal.y as f32, value: value.max(0.0) as f32, weight: weight as f32 }
+    }
 }
 
 /// The disk `x^2 + y^2 <= sin^2 80 degrees` of a ball's normals `(x, y, z)` in cells: row 0 is the top, `y` near 1.
@@ -98,6 +105,11 @@ impl DiskImage {
     pub fn of_cells(values: Vec<f32>, counts: Vec<f32>, scatter: f32) -> Self {
         assert!(values.len() == SIDE * SIDE && counts.len() == values.len());
         Self { values: filled(values, &counts), counts, scatter }
+    }
+
+    /// Number of cells of the disk.
+    pub fn cells() -> usize {
+        (0..SIDE * SIDE).filter(|&c| on_disk(c)).count()
     }
 
     /// Share of the disk's cells that are observed, in 0..=1.

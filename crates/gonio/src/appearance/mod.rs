@@ -6,8 +6,6 @@
 
 pub mod disk;
 mod lattice;
-mod statistics;
 
 pub use disk::{DiskImage, Sample, scatter};
 pub use lattice::{Gathered, Lattice};
-pub use statistics::{STATISTICS, Statistics};

@@ -1,13 +1,10 @@
 //! What the object is made of.
 
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
-
 use super::{Doubt, EstimateError};
-use crate::appearance::{Lattice, Statistics};
 use crate::inference::amortised::{
-    Amortised, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
+    self, Amortised, MaterialPosterior, MixtureDensity, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
+use crate::appearance::DiskImage;
 use crate::model::Model;
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 use crate::scene::Observations;
@@ -37,19 +34,22 @@ pub struct Material {
     pub open: f64,
     /// The nearest measured materials by falling weight, at most ten; the weights of all measured materials would sum to one.
     pub neighbours: Vec<Neighbour>,
-    /// The dull and the glossy end of what is probable: entries of the dictionary at 5 and 95 % of the posterior by gloss, of albedo [`ALBEDO`].
+    /// The dull and the glossy end of what is probable: draws at 5 and 95 % of the posterior by gloss, of albedo [`ALBEDO`].
     pub ends: [BivariateTable; 2],
     /// 5, 50 and 95 % quantiles of the gloss, [`peak_over_base`].
     pub gloss: [f64; 3],
-    /// Share of the photograph's statistics outside of the range of those the posterior was learnt from ([`Amortised::strangeness`]).
+    /// Share of the photograph's features outside of the range of those the posterior was learnt from
+    /// ([`Reading::strangeness`](crate::inference::amortised::Reading::strangeness)).
     pub strangeness: f64,
-    /// Normals of the lattice to which the photograph was brought.
+    /// Standard deviation of pixels that share a normal, relative to their mean ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).
+    pub scatter: f64,
+    /// Cells of the disk of normals to which the photograph was brought.
     pub normals: usize,
-    /// Those of them without an observation near, filled in from others.
+    /// Those of them without an observation, filled in from others.
     pub filled: usize,
     /// Mean absolute logarithm of the ratio by which values were changed to those of a sphere ([`unshadow`]).
     pub unshadowed: f64,
-    /// The weights behind all this.
+    /// The density behind all this, and draws from it.
     pub posterior: MaterialPosterior,
 }
 
@@ -78,40 +78,32 @@ impl Material {
         .collect()
     }
 
-    /// Draws from the posterior over the dictionary of `model`, each of albedo [`ALBEDO`]; the same `seed` gives the same draws. The quantiles are wider:
-    /// they allow for what the dictionary misses.
+    /// Draws from the posterior, each of albedo [`ALBEDO`]; the same `seed` gives the same draws. The quantiles are wider:
+    /// they allow for what the coordinates of materials miss.
     ///
     /// # Errors
-    /// [`EstimateError::NoPosterior`] if it is not the model of this estimate.
+    /// [`EstimateError::NoPosterior`] if `model` is not the model of this estimate.
     pub fn samples(&self, model: &Model, count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
-        draws(model, &self.posterior.weights, count, seed)
+        draws(model, &self.posterior.density, count, seed)
     }
 }
 
-/// What [`Material::samples`] does, of the weights in [`MaterialPosterior::weights`] alone.
+/// What [`Material::samples`] does, of the density in [`MaterialPosterior::density`] alone.
 ///
 /// # Errors
-/// [`EstimateError::NoPosterior`] if the model has not as many entries as there are weights.
-pub fn draws(model: &Model, weights: &[f64], count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
-    let dictionary = &model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?.dictionary;
-    if dictionary.entries.len() != weights.len() {
+/// [`EstimateError::NoPosterior`] if the model has not as many coordinates as the density.
+pub fn draws(
+    model: &Model,
+    density: &MixtureDensity,
+    count: usize,
+    seed: u64,
+) -> Result<Vec<BivariateTable>, EstimateError> {
+    let amortised = model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?;
+    if amortised.coordinates.axes.len() != density.dimensions() {
         return Err(EstimateError::NoPosterior);
     }
-    let sums: Vec<f64> = weights
-        .iter()
-        .scan(0.0, |sum, weight| {
-            *sum += weight;
-            Some(*sum)
-        })
-        .collect();
-    let total = sums.last().copied().unwrap_or(0.0);
-    let mut rng = Pcg64::seed_from_u64(seed);
-    let draw = |_| {
-        let at = total * rng.random_range(0.0..1.0);
-        let entry = sums.partition_point(|sum| *sum <= at).min(sums.len() - 1);
-        dictionary.table(&dictionary.entries[entry]).with_normal_albedo(ALBEDO).0
-    };
-    Ok((0..count).map(draw).collect())
+    let tables = amortised::draws(amortised, density, count, seed);
+    Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
 }
 
 /// What the posterior says before it is spelt out, which takes a while.
@@ -122,6 +114,7 @@ pub(super) struct Impression<'a> {
     pub(super) table: BivariateTable,
     scale: f64,
     strangeness: f64,
+    scatter: f64,
     normals: usize,
     filled: usize,
     unshadowed: f64,
@@ -130,38 +123,38 @@ pub(super) struct Impression<'a> {
 impl<'a> Impression<'a> {
     pub(super) fn of(model: &'a Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
         let amortised = model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?;
-        let lattice = Lattice::new();
-        let measures = Statistics::new(&lattice);
         let plan = PlanSettings { side, ..PlanSettings::default() };
         let settings = UnshadowSettings::default();
-        let unshadowed = unshadow(observations, (&lattice, &measures), amortised, &model.light, &plan, &settings)?;
-        let statistics = measures.of(&unshadowed.gathered.values);
-        let posterior = amortised.posterior(&statistics);
+        let unshadowed = unshadow(observations, amortised, &model.light, &plan, &settings)?;
+        let reading = amortised.read(&unshadowed.image);
+        let posterior = MaterialPosterior::of(amortised, reading.density);
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
+        let normals = DiskImage::cells();
         Ok(Self {
             amortised,
             posterior,
             table,
             scale,
-            strangeness: amortised.strangeness(&statistics),
-            normals: lattice.normals().len(),
-            filled: unshadowed.gathered.filled,
+            strangeness: reading.strangeness,
+            scatter: f64::from(unshadowed.image.scatter),
+            normals,
+            filled: normals - (f64::from(unshadowed.image.observed()) * normals as f64).round() as usize,
             unshadowed: unshadowed.change,
         })
     }
 
     pub(super) fn describe(self) -> Material {
-        let (dictionary, posterior) = (&self.amortised.dictionary, self.posterior);
+        let posterior = self.posterior;
         let (table, scale) = (self.table, self.scale);
         let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * scale) as f32).collect();
-        let quantiles = posterior.quantiles(dictionary, &SHARES).into_iter().map(rescaled).collect();
-        let undetermined = posterior.undetermined(dictionary);
+        let quantiles = posterior.quantiles(&SHARES).into_iter().map(rescaled).collect();
+        let undetermined = posterior.undetermined(self.amortised);
         let trusted: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
         let open = trusted.iter().filter(|&&c| undetermined[c]).count() as f64 / trusted.len() as f64;
         let (most, least) = NAMED;
         let neighbours = posterior.neighbours.iter().take(most).filter(|n| n.weight >= least).cloned().collect();
-        let ranking = posterior.ranking(dictionary, peak_over_base);
-        let end = |share: f64| dictionary.table(&dictionary.entries[ranking.entry(share)]).with_normal_albedo(ALBEDO).0;
+        let ranking = posterior.ranking(peak_over_base);
+        let end = |share: f64| posterior.draws[ranking.draw(share)].scaled(ALBEDO);
         let gloss = ranking.quantiles(&[0.05, 0.5, 0.95]);
         Material {
             table,
@@ -173,6 +166,7 @@ impl<'a> Impression<'a> {
             ends: [end(0.05), end(0.95)],
             gloss: [gloss[0], gloss[1], gloss[2]],
             strangeness: self.strangeness,
+            scatter: self.scatter,
             normals: self.normals,
             filled: self.filled,
             unshadowed: self.unshadowed,

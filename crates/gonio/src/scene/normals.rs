@@ -12,6 +12,7 @@ use super::observed::{COVERED, Seen, check_size};
 use super::view::{SurfaceView, has_normal};
 use super::weights::weights;
 use super::{Fate, ObservationReport, ObservationSettings, Observations, SceneError};
+use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
 use crate::sphere::OctahedralMap;
 use crate::transfer::SurfacePoint;
@@ -137,6 +138,11 @@ impl Observations {
         }
         let mut dark = dark.into_iter();
         facing.retain(|_| !dark.next().unwrap_or(false));
+        let dense = facing
+            .iter()
+            .filter(|c| within(c) && fates.as_slice()[c.pixel as usize] == Fate::Used)
+            .map(|c| Sample::of(c.seen(surface), f64::from(luminance(rgb.as_slice()[c.pixel as usize])), 1.0))
+            .collect();
         // Thinned before the cut at the largest angle: cells that it divides would else be sampled too densely.
         let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
@@ -155,6 +161,7 @@ impl Observations {
         )?;
         let pixels: Vec<usize> = taken.iter().map(|c| c.pixel as usize).collect();
         observations.weights = weights(rgb, normals, &region, &pixels);
+        observations.dense = dense;
         Ok(observations)
     }
 }

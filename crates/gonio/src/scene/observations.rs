@@ -10,6 +10,7 @@ use super::fate::{Judged, judge};
 use super::foreign::Underlay;
 use super::observed::{COVERED, Seen, check_size};
 use super::{Circle, Fate, SceneError};
+use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
 use crate::shape::Visibility;
 use crate::sphere::fibonacci_hemisphere;
@@ -114,6 +115,8 @@ pub struct Observations {
     pub report: ObservationReport,
     /// What became of each pixel, where any but those outside were left out.
     pub fates: Option<Arc<Plane<Fate>>>,
+    /// Every pixel that shows the object, by its normal: many more than there are points. Empty where the points are all there is.
+    pub dense: Vec<Sample>,
 }
 
 /// The points of a sphere that [`Observations::of_sphere`] observes, for plans made without a picture: normals of a
@@ -155,7 +158,17 @@ impl Observations {
             open: some(&self.open, indices),
             report: self.report,
             fates: self.fates.clone(),
+            dense: Vec::new(),
         }
+    }
+
+    /// What the picture shows by normal, from all pixels, or from the points where there is no more.
+    pub fn samples(&self) -> Vec<Sample> {
+        if !self.dense.is_empty() {
+            return self.dense.clone();
+        }
+        let each = self.points.iter().zip(&self.values).zip(self.trust());
+        each.filter_map(|((point, value), weight)| value.map(|value| Sample::of(point.in_view(), value, weight))).collect()
     }
 
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
@@ -211,7 +224,14 @@ impl Observations {
         let pixels: Vec<(f64, f64)> =
             points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
         let seen = pixels.iter().map(|&at| sample(rgb, &judged.fates, at)).collect();
-        Self::assemble(points, pixels, seen, judged)
+        let used = (0..width * height).filter(|&i| judged.fates.as_slice()[i] == Fate::Used);
+        let dense = used
+            .map(|i| {
+                let normal = normal((i % width, i / width)).as_dvec3();
+                Sample::of(normal, f64::from(luminance(rgb.as_slice()[i])), 1.0)
+            })
+            .collect();
+        Ok(Self { dense, ..Self::assemble(points, pixels, seen, judged)? })
     }
 
     /// Puts observations together and counts them.
@@ -248,7 +268,7 @@ impl Observations {
         let left_out = fates.as_slice().iter().any(|fate| !matches!(fate, Fate::Used | Fate::Outside));
         let fates = left_out.then(|| Arc::new(fates));
         let (weights, open) = (vec![1.0; points.len()], vec![1.0; points.len()]);
-        Ok(Self { points, pixels, values, colours, weights, visibility: None, open, report, fates })
+        Ok(Self { points, pixels, values, colours, weights, visibility: None, open, report, fates, dense: Vec::new() })
     }
 }
 

@@ -1,75 +1,79 @@
 //! The posterior of the material with the light integrated out over captured lights (eq. 3), learnt beforehand.
 //!
 //! The captured lights are samples of `p(L)`, measured materials and what lies between them samples of `p(F)`: photographs
-//! simulated from both are samples of `p(F, I)`, and a regression from the image to the material fitted to them is the
+//! simulated from both ([`simulation`](crate::simulation)) are samples of `p(F, I)`, and a regression from the image to the material fitted to them is the
 //! posterior `p(F | I)`, marginal over light by construction. It knows of lamps, horizons and edges what no prior of independent wavelet
-//! coefficients can say. An image is reduced to its [`Statistics`](crate::appearance::Statistics); a small network turns them into a Gaussian over the
-//! [`Coordinates`](crate::reflectance::Coordinates) of materials (Papamakarios & Murray 2016 call it neural posterior estimation);
-//! and the entries of a [`Dictionary`] are weighted by its density.
+//! coefficients can say, and of noise, texture and wrong normals what no equation of the image does. The image is brought to the
+//! [disk of normals](crate::appearance::disk) with how far each of them can be trusted; a small convolutional [`Encoder`] turns it into a
+//! [mixture of Gaussians](MixtureDensity) over the [`Coordinates`] of materials (Papamakarios & Murray 2016 call it neural posterior estimation).
 
 mod convolution;
 mod encoder;
 mod encoder_shape;
-mod head;
 mod mixture;
-mod network;
 mod numbers;
 mod posterior;
-mod simulate;
 #[cfg(test)]
 pub(crate) mod tests;
-mod train;
 mod unshadow;
-
-use crate::appearance::STATISTICS;
-use crate::reflectance::Dictionary;
 
 pub use convolution::{Convolution, silu, silu_backward};
 pub use encoder::{Encoder, inside_disk, pool};
 pub use encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
 pub use mixture::{LARGEST_LOG, MixtureDensity};
-pub use network::{Dense, Network};
 pub use numbers::{Ranking, peak_over_base};
-pub use posterior::{MaterialPosterior, Neighbour};
-pub use simulate::{Simulation, SimulationSettings};
-pub use train::{Scaling, TrainingSettings};
+pub(crate) use posterior::draws;
+pub use posterior::{MaterialPosterior, Neighbour, interval_widths};
 pub use unshadow::{UnshadowSettings, Unshadowed, unshadow};
 
-/// What was learnt: from the statistics of an image to the posterior of its material.
+use crate::appearance::DiskImage;
+use crate::appearance::disk::{CHANNELS, SIDE};
+use crate::reflectance::Coordinates;
+
+/// What was learnt: from an image to the posterior of its material.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Amortised {
-    /// Materials to weigh.
-    pub dictionary: Dictionary,
-    /// One for each statistic.
-    pub scaling: Vec<Scaling>,
-    /// From scaled statistics to a Gaussian over coordinates.
-    pub network: Network,
+    /// Names of the measured materials that were learnt from.
+    pub names: Vec<String>,
+    /// Where each of them lies.
+    pub places: Vec<Vec<f64>>,
+    /// The space of materials.
+    pub coordinates: Coordinates,
+    /// Width of the prior's 90 % interval of the logarithm of each cell ([`interval_widths`]).
+    pub widths: Vec<f32>,
+    /// From the channels and globals of a [`DiskImage`] to a density.
+    pub encoder: Encoder,
+    /// Gaussians of the density.
+    pub components: usize,
+    /// Least and largest value of each feature of the encoder in training, but for one in a thousand at either end.
+    pub ranges: Vec<(f32, f32)>,
+}
+
+/// What the encoder makes of an image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading {
+    /// The posterior over the coordinates of materials.
+    pub density: MixtureDensity,
+    /// Share of the encoder's features that are outside of what was seen in training: near 0.002 for a photograph like those simulated, and large for
+    /// one unlike them, whose posterior is not to be trusted.
+    pub strangeness: f64,
 }
 
 impl Amortised {
-    /// Outputs of a network for a Gaussian over so many coordinates: its mean, and the factor of its precision.
-    pub fn outputs(dimensions: usize) -> usize {
-        head::outputs(dimensions)
+    /// Reads an image.
+    pub fn read(&self, image: &DiskImage) -> Reading {
+        let mut channels = vec![0.0; SIDE * SIDE * CHANNELS];
+        image.write_channels(&mut channels);
+        let (outputs, features) = self.encoder.apply(&channels, &image.globals());
+        let outside = features.iter().zip(&self.ranges).filter(|(v, (low, high))| *v < low || *v > high).count();
+        Reading {
+            density: MixtureDensity::of(&outputs, self.coordinates.axes.len(), self.components),
+            strangeness: outside as f64 / self.ranges.len().max(1) as f64,
+        }
     }
 
-    /// The posterior of the material in an image of these [`STATISTICS`] (see [`Statistics::of`](crate::appearance::Statistics::of)).
-    ///
-    /// # Panics
-    /// If there are not as many; [`Self::strangeness`] likewise.
-    pub fn posterior(&self, statistics: &[f32]) -> MaterialPosterior {
-        assert_eq!(statistics.len(), STATISTICS);
-        let scaled: Vec<f32> = statistics.iter().zip(&self.scaling).map(|(v, s)| s.apply(*v)).collect();
-        let outputs = self.network.apply(&scaled);
-        let gaussian = head::Gaussian::of(&outputs, self.dictionary.coordinates.axes.len());
-        let densities: Vec<f64> = self.dictionary.places.iter().map(|z| gaussian.log_density(z)).collect();
-        MaterialPosterior::of(&self.dictionary, &densities)
-    }
-
-    /// Share of the statistics that are outside of what was seen in training: near 0.002 for a photograph like those simulated, and large for
-    /// one unlike them, whose posterior is not to be trusted.
-    pub fn strangeness(&self, statistics: &[f32]) -> f64 {
-        assert_eq!(statistics.len(), STATISTICS);
-        let outside = statistics.iter().zip(&self.scaling).filter(|(v, s)| **v < s.low || **v > s.high).count();
-        outside as f64 / STATISTICS as f64
+    /// The posterior of the material of an image.
+    pub fn posterior(&self, image: &DiskImage) -> MaterialPosterior {
+        MaterialPosterior::of(self, self.read(image).density)
     }
 }

@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::posterior::{MaterialPosterior, QUARTERS, SPREAD, active, weighted_quantiles};
-use crate::reflectance::{BivariateTable, Dictionary, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
+use super::posterior::{MaterialPosterior, SPREAD, quantile};
+use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
 /// How much brighter the mirror direction is than what lies far from it: the value along the normal over the mean at half angles beyond
 /// 45 degrees (difference angles below). One for chalk, tens for a satin paint, thousands for polished metal.
@@ -19,45 +19,34 @@ pub fn peak_over_base(table: &BivariateTable) -> f64 {
     f64::from(table.cell(0, 0)) * count / f64::max(sum, 1e-300)
 }
 
-/// Entries of a dictionary by a number of their tables.
+/// Draws of a posterior by a number of their tables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ranking {
-    /// Logarithm of the number, weight, entry; by rising number.
-    entries: Vec<(f64, f64, usize)>,
+    /// Logarithm of the number, and which draw; by rising number.
+    draws: Vec<(f32, usize)>,
 }
 
 impl MaterialPosterior {
-    /// The entries, but for those of next to no weight, by a positive number of their tables.
-    pub fn ranking(&self, dictionary: &Dictionary, number: impl Fn(&BivariateTable) -> f64 + Sync) -> Ranking {
-        let mut entries: Vec<(f64, f64, usize)> = active(&self.weights)
-            .into_par_iter()
-            .map(|e| (number(&dictionary.table(&dictionary.entries[e])).max(1e-300).ln(), self.weights[e], e))
-            .collect();
-        entries.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Ranking { entries }
+    /// The draws by a positive number of their tables.
+    pub fn ranking(&self, number: impl Fn(&BivariateTable) -> f64 + Sync) -> Ranking {
+        let log = |(at, table): (usize, &BivariateTable)| (number(table).max(1e-300).ln() as f32, at);
+        let mut draws: Vec<(f32, usize)> = self.draws.par_iter().enumerate().map(log).collect();
+        draws.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ranking { draws }
     }
 }
 
 impl Ranking {
-    /// Quantiles of the number, spread by what the dictionary misses as those of the cells are. Shares in 0..1, ascending.
+    /// Quantiles of the number, spread by what the coordinates miss as those of the cells are. Shares in 0..1, ascending.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
-        let spread = |&(value, weight, _): &(f64, f64, usize)| QUARTERS.map(|z| (value + SPREAD * z, weight));
-        let mut values: Vec<(f64, f64)> = self.entries.iter().flat_map(spread).collect();
-        values.sort_by(|a, b| a.0.total_cmp(&b.0));
-        weighted_quantiles(&values, shares).into_iter().map(f64::exp).collect()
+        let values: Vec<f32> = self.draws.iter().map(|d| d.0).collect();
+        shares.iter().map(|share| f64::from(quantile(&values, *share as f32, SPREAD as f32)).exp()).collect()
     }
 
-    /// The entry at a quantile, by weight.
-    pub fn entry(&self, share: f64) -> usize {
-        let total: f64 = self.entries.iter().map(|(_, w, _)| w).sum();
-        let mut below = 0.0;
-        for &(_, weight, entry) in &self.entries {
-            below += weight;
-            if below >= share * total {
-                return entry;
-            }
-        }
-        self.entries.last().map_or(0, |e| e.2)
+    /// The draw at a quantile, as its index in [`MaterialPosterior::draws`].
+    pub fn draw(&self, share: f64) -> usize {
+        let at = (share * self.draws.len() as f64) as usize;
+        self.draws[at.min(self.draws.len() - 1)].1
     }
 }
 
@@ -73,11 +62,11 @@ mod tests {
     }
 
     #[test]
-    fn entries_and_quantiles_by_weight() {
-        let ranking = Ranking { entries: vec![(0.0, 0.1, 7), (1.0, 0.8, 3), (2.0, 0.1, 5)] };
-        assert_eq!([0.05, 0.5, 0.95].map(|share| ranking.entry(share)), [7, 3, 5]);
+    fn draws_and_quantiles_by_number() {
+        let ranking = Ranking { draws: (0..101).map(|i| (0.01 * i as f32, 200 - i)).collect() };
+        assert_eq!([0.0, 0.5, 1.0].map(|share| ranking.draw(share)), [200, 150, 100]);
         let quantiles = ranking.quantiles(&[0.05, 0.5, 0.95]);
-        assert!((quantiles[1] - 1.0_f64.exp()).abs() < 0.1, "{quantiles:?}");
-        assert!(quantiles[0] < 2.0 && quantiles[2] > 5.0, "{quantiles:?}");
+        assert!((quantiles[1] - 0.5_f64.exp()).abs() < 0.01, "{quantiles:?}");
+        assert!(quantiles[0] < 1.0 && quantiles[2] > 2.8, "{quantiles:?}");
     }
 }

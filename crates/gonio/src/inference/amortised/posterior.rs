@@ -1,19 +1,21 @@
 //! What a photograph says of its material.
 
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use crate::reflectance::{BivariateTable, CELLS, Dictionary, THETA_D, is_trusted};
+use super::{Amortised, MixtureDensity};
+use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 
-/// Standard deviation of the logarithm of reflectance that is added to every entry when intervals are taken: materials are not
-/// entries of a dictionary, and its best entry for one that it does not hold is off by so much. Chosen so that intervals hold what they
-/// say for kinds of materials that were left out of the training, and more for those that were not (`docs/trials.md`).
-pub(super) const SPREAD: f64 = 0.45;
+/// Draws that stand for a posterior.
+const DRAWS: usize = 256;
+
+/// Standard deviation of the logarithm of reflectance that is added to every draw when intervals are taken: what the coordinates
+/// cannot express, and what the photographs of the training do not know of others (`docs/trials.md`).
+pub(super) const SPREAD: f64 = 0.3;
 
 /// A cell is undetermined if its 90 % interval is at least this share of the prior's.
 const UNDETERMINED: f64 = 0.6;
-
-/// Entries with less than this share of the largest weight do not count for intervals.
-const NEGLIGIBLE: f64 = 1e-3;
 
 /// A Gaussian as four equally likely values.
 pub(super) const QUARTERS: [f64; 4] = [-1.271_1, -0.324_7, 0.324_7, 1.271_1];
@@ -27,14 +29,16 @@ pub struct Neighbour {
     pub weight: f64,
 }
 
-/// Weights over the entries of a dictionary, and what follows from them.
+/// A density over materials, and what follows from it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaterialPosterior {
-    /// Weight of each entry, with sum one.
-    pub weights: Vec<f64>,
-    /// The estimate: the mean of the entries as the eye sees it, of the cube roots of their tables (each of albedo one), cubed.
+    /// Over the coordinates of materials.
+    pub density: MixtureDensity,
+    /// Materials drawn from it, equally likely, of albedo one along the normal; always the same for one density.
+    pub draws: Vec<BivariateTable>,
+    /// The estimate: the mean of the draws as the eye sees it, of their cube roots, cubed.
     ///
-    /// A mean of the tables themselves (eq. 3) has the peak of the sharpest entry that has a share in it and is glossier than most of what
+    /// A mean of the tables themselves (eq. 3) has the peak of the sharpest material that has a share in it and is glossier than most of what
     /// it stands for; a mean of the logarithms is duller. Relit, all three are as good (`docs/trials.md`).
     pub mean: BivariateTable,
     /// Measured materials by falling weight.
@@ -42,37 +46,36 @@ pub struct MaterialPosterior {
 }
 
 impl MaterialPosterior {
-    /// From the logarithm of the density at each entry.
-    pub(super) fn of(dictionary: &Dictionary, log_densities: &[f64]) -> Self {
-        let weights = normalised(log_densities.iter().copied());
-        let measured = dictionary.measured.len();
-        // Among themselves: their entries are few beside the draws.
-        let own = normalised(log_densities[..measured].iter().copied());
-        let mut neighbours: Vec<Neighbour> = dictionary
-            .measured
-            .names
-            .iter()
-            .zip(own)
-            .map(|(name, weight)| Neighbour { name: name.clone(), weight })
-            .collect();
+    /// From a density over the coordinates.
+    pub fn of(amortised: &Amortised, density: MixtureDensity) -> Self {
+        let draws = draws(amortised, &density, DRAWS, 1);
+        let mut sum = vec![0.0_f64; CELLS];
+        for table in &draws {
+            sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += f64::from(v.cbrt()));
+        }
+        let count = draws.len() as f64;
+        let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).powi(3) as f32).collect());
+        let shares = normalised(amortised.places.iter().map(|z| density.log_density(z)));
+        let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
+        let mut neighbours: Vec<Neighbour> = amortised.names.iter().zip(shares).map(named).collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        Self { mean: mean_lightness(dictionary, &weights), weights, neighbours }
+        Self { density, draws, mean, neighbours }
     }
 
-    /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the entries' tables brought to the
-    /// geometric mean of `mean` over the trusted cells, spread by what the dictionary misses. Shares in 0..1, ascending. Cells beyond the trusted
+    /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws brought to the
+    /// geometric mean of `mean` over the trusted cells, spread by what the coordinates miss. Shares in 0..1, ascending. Cells beyond the trusted
     /// ones have the quantiles of the nearest trusted cell.
-    pub fn quantiles(&self, dictionary: &Dictionary, shares: &[f64]) -> Vec<Vec<f32>> {
-        self.quantiles_spread(dictionary, shares, SPREAD)
+    pub fn quantiles(&self, shares: &[f64]) -> Vec<Vec<f32>> {
+        self.quantiles_spread(shares, SPREAD)
     }
 
-    /// [`Self::quantiles`] with entries spread by another standard deviation of the logarithm.
-    pub fn quantiles_spread(&self, dictionary: &Dictionary, shares: &[f64], spread: f64) -> Vec<Vec<f32>> {
-        let level = log_level(&self.mean);
+    /// [`Self::quantiles`] with draws spread by another standard deviation of the logarithm.
+    pub fn quantiles_spread(&self, shares: &[f64], spread: f64) -> Vec<Vec<f32>> {
+        let level = log_level(&self.mean) as f32;
         let mut out = vec![vec![0.0_f32; CELLS]; shares.len()];
-        for (cell, values) in quantiles_of_log(dictionary, &self.weights, shares, spread).into_iter().enumerate() {
+        for (cell, values) in quantiles_of_log(&self.draws, shares, spread as f32).into_iter().enumerate() {
             for (out, value) in out.iter_mut().zip(values) {
-                out[cell] = (value + level).exp() as f32;
+                out[cell] = (value + level).exp();
             }
         }
         out.into_iter()
@@ -84,29 +87,25 @@ impl MaterialPosterior {
             .collect()
     }
 
-    /// Which cells the image leaves open: those in which the entries' 90 % interval, in the logarithm and without the spread of
+    /// Which cells the image leaves open: those in which the draws' 90 % interval, in the logarithm and without the spread of
     /// [`Self::quantiles`], is more than six tenths of what it is without an image. Cells beyond the trusted ones always are.
-    pub fn undetermined(&self, dictionary: &Dictionary) -> Vec<bool> {
-        let width = |weights: &[f64]| -> Vec<f64> {
-            // No photograph narrows the spread.
-            let ends = quantiles_of_log(dictionary, weights, &[0.05, 0.95], 0.0);
-            ends.into_iter().map(|e| e[1] - e[0]).collect()
-        };
-        let prior = vec![1.0 / self.weights.len() as f64; self.weights.len()];
-        let (posterior, prior) = (width(&self.weights), width(&prior));
-        let open = |c: usize| posterior[c] > UNDETERMINED * prior[c];
+    pub fn undetermined(&self, amortised: &Amortised) -> Vec<bool> {
+        let widths = interval_widths(&self.draws);
+        let open = |c: usize| f64::from(widths[c]) > UNDETERMINED * f64::from(amortised.widths[c]);
         (0..CELLS).map(|c| !is_trusted(c / THETA_D, c % THETA_D) || open(c)).collect()
     }
 }
 
-/// Mean of the cube roots of the entries, cubed.
-fn mean_lightness(dictionary: &Dictionary, weights: &[f64]) -> BivariateTable {
-    let mut sum = vec![0.0_f64; CELLS];
-    for (entry, &weight) in dictionary.entries.iter().zip(weights).filter(|(_, w)| **w > 1e-6) {
-        let table = dictionary.table(entry);
-        sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += weight * f64::from(*v).cbrt());
-    }
-    BivariateTable::from_vec(sum.into_iter().map(|v| v.powi(3) as f32).collect())
+/// Materials drawn from a density, of albedo one along the normal. The same seed gives the same.
+pub(crate) fn draws(amortised: &Amortised, density: &MixtureDensity, count: usize, seed: u64) -> Vec<BivariateTable> {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let places: Vec<Vec<f64>> = (0..count).map(|_| density.sample(&mut rng)).collect();
+    amortised.coordinates.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
+}
+
+/// Width of the 90 % interval of the logarithm of each cell over equally likely tables, each relative to its own geometric mean; zero beyond the trusted cells.
+pub fn interval_widths(tables: &[BivariateTable]) -> Vec<f32> {
+    quantiles_of_log(tables, &[0.05, 0.95], 0.0).into_iter().map(|ends| ends[1] - ends[0]).collect()
 }
 
 /// Weights in proportion to the exponentials, with sum one.
@@ -127,62 +126,45 @@ fn log_level(table: &BivariateTable) -> f64 {
     sum / count
 }
 
-/// The entries that count for intervals.
-pub(super) fn active(weights: &[f64]) -> Vec<usize> {
-    let largest = weights.iter().copied().fold(0.0, f64::max);
-    (0..weights.len()).filter(|&e| weights[e] > NEGLIGIBLE * largest).collect()
-}
-
 /// Quantiles of the logarithm of each cell relative to the [`log_level`] of its table, `[cell][quantile]`; zeros beyond the trusted cells.
-fn quantiles_of_log(dictionary: &Dictionary, weights: &[f64], shares: &[f64], spread: f64) -> Vec<Vec<f64>> {
-    let active = active(weights);
-    let tables: Vec<(BivariateTable, f64)> = active
+fn quantiles_of_log(tables: &[BivariateTable], shares: &[f64], spread: f32) -> Vec<Vec<f32>> {
+    let logs: Vec<Vec<f32>> = tables
         .par_iter()
-        .map(|&e| {
-            let table = dictionary.table(&dictionary.entries[e]);
-            let level = log_level(&table);
-            (table, level)
+        .map(|table| {
+            let level = log_level(table) as f32;
+            table.as_slice().iter().map(|v| v.max(1e-12).ln() - level).collect()
         })
         .collect();
     let cell = |c: usize| {
         if !is_trusted(c / THETA_D, c % THETA_D) {
             return vec![0.0; shares.len()];
         }
-        let value = |(table, level): &(BivariateTable, f64)| f64::from(table.as_slice()[c].max(1e-12)).ln() - level;
-        let mut values: Vec<(f64, f64)> =
-            tables.iter().zip(&active).map(|(table, &entry)| (value(table), weights[entry])).collect();
-        values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        if spread > 0.0 {
-            // Four rising runs, which the stable sort merges.
-            let shifted = |z: f64| values.iter().map(move |&(value, weight)| (value + spread * z, weight));
-            let mut all: Vec<(f64, f64)> = QUARTERS.into_iter().flat_map(shifted).collect();
-            all.sort_by(|a, b| a.0.total_cmp(&b.0));
-            values = all;
-        }
-        weighted_quantiles(&values, shares)
+        let mut values: Vec<f32> = logs.iter().map(|l| l[c]).collect();
+        values.sort_unstable_by(f32::total_cmp);
+        shares.iter().map(|share| quantile(&values, *share as f32, spread)).collect()
     };
     (0..CELLS).into_par_iter().map(cell).collect()
 }
 
-/// Of `(value, weight)` by rising value: linear between the middles of the weights.
-pub(super) fn weighted_quantiles(values: &[(f64, f64)], shares: &[f64]) -> Vec<f64> {
-    let total: f64 = values.iter().map(|(_, w)| w).sum();
-    let (mut below, mut last, mut next) = (0.0, None::<(f64, f64)>, 0);
-    let mut out = Vec::with_capacity(shares.len());
-    for &(value, weight) in values {
-        let middle = (below + 0.5 * weight) / total;
-        below += weight;
-        while next < shares.len() && shares[next] <= middle {
-            out.push(match last {
-                Some((at, before)) => before + (value - before) * (shares[next] - at) / (middle - at),
-                None => value,
-            });
-            next += 1;
-        }
-        last = Some((middle, value));
+/// A quantile of ascending values of equal weight, each spread by a Gaussian of a standard deviation: linear between the values.
+pub(super) fn quantile(values: &[f32], share: f32, spread: f32) -> f32 {
+    let last = values.len() - 1;
+    if spread <= 0.0 {
+        let at = (share * values.len() as f32 - 0.5).clamp(0.0, last as f32);
+        let below = (at as usize).min(last.saturating_sub(1));
+        return values[below] + (at - below as f32) * (values[(below + 1).min(last)] - values[below]);
     }
-    out.resize(shares.len(), values.last().map_or(0.0, |v| v.0));
-    out
+    // The share of the values, spread, that lies below a point rises with it.
+    let reach = spread * QUARTERS[3] as f32;
+    let (mut low, mut high) = (values[0] - reach, values[last] + reach);
+    let wanted = share * 4.0 * values.len() as f32;
+    for _ in 0..24 {
+        let middle = 0.5 * (low + high);
+        let below: usize =
+            QUARTERS.iter().map(|z| values.partition_point(|v| *v <= middle - spread * *z as f32)).sum();
+        if (below as f32) < wanted { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
 }
 
 #[cfg(test)]
@@ -190,11 +172,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_of_weights() {
-        let values = [(1.0, 1.0), (2.0, 2.0), (4.0, 1.0)];
-        // Middles at 1/8, 1/2, 7/8.
-        assert_eq!(weighted_quantiles(&values, &[0.05, 0.125, 0.3125, 0.5, 0.99]), [1.0, 1.0, 1.5, 2.0, 4.0]);
-        assert_eq!(weighted_quantiles(&[(3.0, 0.2)], &[0.1, 0.9]), [3.0, 3.0]);
+    fn quantiles_of_values() {
+        let values = [1.0, 2.0, 3.0, 4.0];
+        // Middles at 1/8, 3/8, 5/8, 7/8.
+        for (share, want) in [(0.05, 1.0), (0.125, 1.0), (0.25, 1.5), (0.5, 2.5), (0.99, 4.0)] {
+            assert_eq!(quantile(&values, share, 0.0), want);
+        }
+        assert_eq!(quantile(&[3.0], 0.3, 0.0), 3.0);
+    }
+
+    #[test]
+    fn spread_values_are_wider() {
+        let many: Vec<f32> = (0..1000).map(|i| i as f32 / 1000.0).collect();
+        // Of nearly one value the quantiles are those of the four that stand for the Gaussian.
+        assert!((quantile(&[5.0; 4], 0.9, 1.0) - 6.271).abs() < 1e-3);
+        let (low, high) = (quantile(&many, 0.05, 0.5), quantile(&many, 0.95, 0.5));
+        assert!(low < -0.3 && high > 1.3 && (low + high - 1.0).abs() < 0.01, "{low} {high}");
     }
 
     #[test]

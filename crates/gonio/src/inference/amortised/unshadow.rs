@@ -4,8 +4,9 @@
 //! keeps light from itself, or the camera is near, an estimate of material and light tells how much brighter or darker the point would be on the sphere:
 //! its value is multiplied by that ratio, and a new estimate made.
 
-use super::{Amortised, MaterialPosterior};
-use crate::appearance::{Gathered, Lattice, Statistics};
+use super::Amortised;
+use crate::appearance::{DiskImage, Lattice, Sample};
+use crate::inference::ProblemError;
 use crate::inference::marginal::{LightError, LightProblem, cut_off_at_zero};
 use crate::lighting::{LightGrid, LightPrior};
 use crate::scene::Observations;
@@ -36,25 +37,24 @@ const MOST: f64 = 5.0;
 /// Observations on the edge of a shadow count so little, squared: only where there are no others of their normal.
 const LEAST: f64 = 1e-3;
 
-/// An image on the lattice.
+/// An image on the disk of normals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unshadowed {
     /// The values as a sphere would show them.
-    pub gathered: Gathered,
+    pub image: DiskImage,
     /// Mean of how much values were changed, as the absolute logarithm of the ratio; zero where nothing was to be done.
     pub change: f64,
 }
 
-/// The observations on the lattice, as a sphere would show them. `statistics` are those of the lattice.
+/// The observations on the disk of normals, as a sphere would show them.
 ///
 /// # Errors
-/// As [`LightProblem::new`] and [`LightProblem::posterior`].
+/// [`LightError`] if all are black, and as [`LightProblem::new`] and [`LightProblem::posterior`].
 ///
 /// # Panics
 /// If nothing is observed.
 pub fn unshadow(
     observations: &Observations,
-    (lattice, statistics): (&Lattice, &Statistics),
     amortised: &Amortised,
     prior: &LightPrior,
     plan: &PlanSettings,
@@ -62,18 +62,19 @@ pub fn unshadow(
 ) -> Result<Unshadowed, LightError> {
     let weights = observations.trust();
     let points = &observations.points;
-    let mut gathered = lattice.gather_weighted(points, &observations.values, &weights);
+    let mut image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
     let parallel = points.iter().all(|p| p.view == glam::DVec3::Z);
     let mut change = 0.0;
     if observations.visibility.is_none() && parallel {
-        return Ok(Unshadowed { gathered, change });
+        return Ok(Unshadowed { image, change });
     }
+    let lattice = Lattice::new();
     let few = observations.thinned(settings.rows);
     let chosen = observations.select(&lattice.choose(points, &weights, settings.each));
     let weights = chosen.trust();
     let mut last = vec![0.0; weights.len()];
     for _ in 0..settings.rounds {
-        let posterior: MaterialPosterior = amortised.posterior(&statistics.of(&gathered.values));
+        let posterior = amortised.posterior(&image);
         let problem = LightProblem::of_observations(&few, &posterior.mean, prior, plan)?;
         let evidence = problem.posterior()?;
         let radiance: Vec<f64> = cut_off_at_zero(&evidence.light).iter().map(|l| l * evidence.exposure).collect();
@@ -91,7 +92,12 @@ pub fn unshadow(
             weight * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(LEAST).powi(2)
         };
         let reliable: Vec<f64> = weights.iter().zip(&logs).zip(&predictions).map(reliable).collect();
-        gathered = lattice.gather_weighted(&chosen.points, &values, &reliable);
+        let seen = chosen.points.iter().zip(&values).zip(&reliable);
+        let samples: Vec<Sample> = seen
+            .filter_map(|((point, value), weight)| value.map(|value| Sample::of(point.in_view(), value, *weight)))
+            .collect();
+        let Some(corrected) = DiskImage::gather(&samples) else { break };
+        image = corrected;
         let mean = |each: &mut dyn Iterator<Item = f64>| each.map(f64::abs).sum::<f64>() / weights.len() as f64;
         change = mean(&mut logs.iter().copied());
         let moved = mean(&mut logs.iter().zip(&last).map(|(a, b)| a - b));
@@ -100,5 +106,5 @@ pub fn unshadow(
             break;
         }
     }
-    Ok(Unshadowed { gathered, change })
+    Ok(Unshadowed { image, change })
 }

@@ -65,7 +65,7 @@ pub struct DictionarySettings {
 
 impl Default for DictionarySettings {
     fn default() -> Self {
-        Self { draws: 1200, dimensions: 8, seed: 1, prior: Prior::default() }
+        Self { draws: 1200, dimensions: 16, seed: 1, prior: Prior::default() }
     }
 }
 
@@ -78,6 +78,29 @@ impl Coordinates {
             terms.map(|((x, m), a)| (x - f64::from(*m)) * f64::from(*a)).sum()
         };
         self.axes.iter().map(axis).collect()
+    }
+
+    /// The tables at some places, on a scale of their own: `exp(mean + sum_k z_k a_k)`, with `a_k` the axis times the variance along it. Cells beyond the trusted ones have
+    /// the value of the nearest that is.
+    ///
+    /// # Panics
+    /// If a place has not a number for each axis.
+    pub fn tables(&self, places: &[Vec<f64>]) -> Vec<BivariateTable> {
+        let square = |axis: &Vec<f32>| axis.iter().map(|a| f64::from(*a).powi(2)).sum::<f64>().max(1e-300);
+        let norms: Vec<f64> = self.axes.iter().map(square).collect();
+        let table = |place: &Vec<f64>| {
+            assert_eq!(place.len(), self.axes.len());
+            let mut log = self.mean.clone();
+            for ((axis, norm), z) in self.axes.iter().zip(&norms).zip(place) {
+                let along = (z / norm) as f32;
+                log.iter_mut().zip(axis).for_each(|(l, a)| *l += along * a);
+            }
+            // Nothing measured is farther from the mean than this.
+            let mut table = BivariateTable::from_vec(log.into_iter().map(|l| l.clamp(-25.0, 25.0).exp()).collect());
+            table.extend_from_trusted();
+            table
+        };
+        places.par_iter().map(table).collect()
     }
 }
 
@@ -204,6 +227,23 @@ mod tests {
         for k in 0..dictionary.coordinates.axes.len() {
             let square: f64 = dictionary.places.iter().map(|p| p[k] * p[k]).sum();
             assert!((square / 65.0 - 1.0).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn places_are_those_of_their_tables() {
+        let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 40, dimensions: 6, ..Default::default() });
+        let places = &dictionary.places[..8];
+        let log_rms = |a: &BivariateTable, b: &BivariateTable| {
+            let (a, b) = (relative_log(a), relative_log(b));
+            (a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / CELLS as f64).sqrt()
+        };
+        for (at, (table, place)) in dictionary.coordinates.tables(places).iter().zip(places).enumerate() {
+            // The floor of the logarithm bends what is near it.
+            for (a, b) in dictionary.coordinates.of(table).iter().zip(place) {
+                assert!((a - b).abs() < 0.02, "{at}: {a} {b}");
+            }
+            assert!(log_rms(table, &dictionary.table(&dictionary.entries[at])) < 0.1, "{at}");
         }
     }
 

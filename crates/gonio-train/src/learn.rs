@@ -1,0 +1,60 @@
+//! From a stock of scenes to a posterior of materials.
+
+use gonio::appearance::disk::{CHANNELS, SIDE};
+use gonio::inference::amortised::{Amortised, Encoder, interval_widths};
+use gonio::reflectance::BivariateTable;
+use gonio::simulation::Stock;
+use rayon::prelude::*;
+
+use crate::{Photographs, TrainError, TrainingSettings, train};
+
+/// Photographs that the ranges of features are taken from, and the number of the first: beyond those that the training sees.
+const RANGED: (u64, u64) = (2000, 1 << 40);
+
+/// Learns the posterior from photographs of a stock. `progress` is told the share done, in 0..=1, and the loss in nats.
+///
+/// # Errors
+/// If a setting is out of range or the training diverges.
+///
+/// # Panics
+/// If the stock has no scenes.
+pub fn learn(
+    stock: &Stock,
+    settings: &TrainingSettings,
+    progress: &(dyn Fn(f64, f64) + Sync),
+) -> Result<Amortised, TrainError> {
+    let encoder = train(&Photographs(stock), settings, progress)?;
+    Ok(posterior(stock, encoder, settings.components))
+}
+
+/// The posterior that an encoder of a stock's photographs makes, with what goes with it: the places of the measured materials, what is usual of features and how
+/// wide the prior is.
+pub fn posterior(stock: &Stock, encoder: Encoder, components: usize) -> Amortised {
+    let dictionary = stock.dictionary();
+    let features: Vec<Vec<f32>> = (RANGED.1..RANGED.1 + RANGED.0)
+        .into_par_iter()
+        .map(|number| {
+            let image = stock.photograph(number).image;
+            let mut channels = vec![0.0; SIDE * SIDE * CHANNELS];
+            image.write_channels(&mut channels);
+            encoder.apply(&channels, &image.globals()).1
+        })
+        .collect();
+    let range = |feature: usize| {
+        let mut values: Vec<f32> = features.iter().map(|f| f[feature]).collect();
+        values.sort_by(f32::total_cmp);
+        let out = values.len() / 1000;
+        (values[out], values[values.len() - 1 - out])
+    };
+    let measured = dictionary.measured.len();
+    let tables: Vec<BivariateTable> = dictionary.entries.par_iter().map(|entry| dictionary.table(entry)).collect();
+    Amortised {
+        names: dictionary.measured.names.clone(),
+        places: dictionary.places[..measured].to_vec(),
+        coordinates: dictionary.coordinates.clone(),
+        widths: interval_widths(&tables),
+        ranges: (0..features[0].len()).map(range).collect(),
+        encoder,
+        components,
+    }
+}

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use anyhow::Result;
-use gonio::inference::amortised::{SimulationSettings, TrainingSettings};
 use gonio::reflectance::nmf::NmfSettings;
 use gonio::sphere::OctahedralMap;
 use gonio_io::atomic::write_file;
@@ -126,14 +125,14 @@ pub(crate) struct Posterior {
     #[arg(long, value_enum, default_value_t = Channel::Luminance)]
     channel: Channel,
     /// Cameras in each light
-    #[arg(long, default_value_t = SimulationSettings::default().cameras)]
+    #[arg(long, default_value_t = PosteriorSettings::default().cameras)]
     cameras: usize,
     /// Materials before each camera
-    #[arg(long, default_value_t = SimulationSettings::default().draws)]
+    #[arg(long, default_value_t = PosteriorSettings::default().draws)]
     draws: usize,
-    /// Passes of the training over all simulated photographs
-    #[arg(long, default_value_t = TrainingSettings::default().epochs)]
-    epochs: usize,
+    /// Steps of the training, each on 128 simulated photographs
+    #[arg(long, default_value_t = PosteriorSettings::default().steps)]
+    steps: usize,
     /// Seed of everything random
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -249,7 +248,7 @@ fn posterior(options: &Posterior) -> Result<Outcome> {
         channel: options.channel.of(),
         cameras: options.cameras,
         draws: options.draws,
-        epochs: options.epochs,
+        steps: options.steps,
         seed: options.seed,
     };
     let (lights, materials) = (Lights::Folder(options.lights.clone()), Materials::Folder(options.materials.clone()));

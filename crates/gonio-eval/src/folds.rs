@@ -1,25 +1,29 @@
 //! `gonio-eval folds`: how the learnt posterior does on training materials in training lights that were left out of its training:
 //! what its settings are chosen by (`docs/trials.md`), so that test materials and test lights stay unseen.
+//! Each left-out material is photographed twice in each left-out light: without any fault ("clean")
+//! and as photographs come ("camera").
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Result, bail};
 use clap::Args;
-use gonio::appearance::{Lattice, Statistics};
-use gonio::inference::amortised::{Amortised, Simulation, SimulationSettings, TrainingSettings};
-use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, Kind, LogBasis, Prior};
-use gonio::render::{IntegratorSettings, LightTree, Relighter};
+use glam::DQuat;
+use gonio::appearance::Lattice;
+use gonio::inference::amortised::{Amortised, MaterialPosterior};
+use gonio::reflectance::{BivariateTable, DictionarySettings, Kind, Prior};
+use gonio::render::{IntegratorSettings, Relighter};
+use gonio::simulation::{Camera, LightKind, Stock, generator};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use crate::bench::Progress;
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{Gloss, brdf_error, coverage, median, relight};
+use crate::posteriors::{Effort, Learning, empty_stock, train};
 
-/// Spreads of the entries that intervals are tried with.
+/// Spreads of the draws that intervals are tried with.
 const SPREADS: [f64; 4] = [0.2, 0.3, 0.45, 0.6];
 
 /// Draws of each kind that was left out, a fold.
@@ -28,8 +32,12 @@ const DRAWS: usize = 12;
 /// The intervals of one photograph in so many are looked at: they take longer than everything else.
 const WITH_INTERVALS: usize = 5;
 
-/// Lights that estimates are relit in.
+/// Lights that estimates are relit in, and how exactly.
 const RELIT: usize = 3;
+const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
+
+/// The photograph without any fault: a ball of 256 pixels.
+const CLEAN: Camera = Camera { radius: 128.0, ..Camera::CLEAN };
 
 /// Cross-validation of the learnt posterior on training materials and lights.
 #[derive(Args)]
@@ -43,24 +51,14 @@ pub(crate) struct Options {
     /// Kinds of materials that are left out of the prior, and tested beside the measured ones.
     #[arg(long, value_delimiter = ',', value_parser = kind)]
     without: Vec<Kind>,
-    /// Cameras in each light.
-    #[arg(long, default_value_t = 6)]
-    cameras: usize,
-    /// Materials before each camera.
-    #[arg(long, default_value_t = 60)]
-    draws: usize,
+    #[command(flatten)]
+    effort: Effort,
     /// Coordinates of materials.
     #[arg(long)]
     dimensions: Option<usize>,
     /// Entries drawn for the dictionary.
     #[arg(long)]
     entries: Option<usize>,
-    /// Units of the network's hidden layers.
-    #[arg(long)]
-    hidden: Option<usize>,
-    /// Passes over the simulated photographs.
-    #[arg(long)]
-    epochs: Option<usize>,
 }
 
 /// A kind by its name in files; the error lists the names.
@@ -87,8 +85,8 @@ struct Outcome {
 }
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
-    if options.folds < 2 || options.cameras == 0 || options.draws == 0 {
-        bail!("--folds must be at least 2, --cameras and --draws at least 1");
+    if options.folds < 2 {
+        bail!("--folds must be at least 2");
     }
     if options.without.contains(&Kind::Measured) {
         bail!("--without measured: of measured materials some are always left out");
@@ -114,7 +112,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         let unseen: Vec<(String, BivariateTable)> = unseen.into_iter().map(|m| materials[m].clone()).collect();
         let lit: Vec<&str> = lit.into_iter().map(|l| names[l].as_str()).collect();
         let unlit: Vec<&str> = unlit.into_iter().map(|l| names[l].as_str()).collect();
-        let amortised = learn(options, &seen, &lights, &lit)?;
+        let amortised = train(&seen, &lights, &lit, &learning(options))?;
         let test = Test::new(options, fold, unseen)?;
         outcomes.extend(test.run(&amortised, &lights, &unlit, &lit[..RELIT.min(lit.len())])?);
         eprintln!("fold {fold}: {} photographs", outcomes.len());
@@ -127,60 +125,37 @@ fn kept(options: &Options) -> Prior {
     Prior::of(&Kind::ALL.into_iter().filter(|kind| !options.without.contains(kind)).collect::<Vec<_>>())
 }
 
-fn learn(
-    options: &Options,
-    materials: &[(String, BivariateTable)],
-    lights: &Lights,
-    names: &[&str],
-) -> Result<Amortised> {
-    let default = DictionarySettings::default();
-    let settings = DictionarySettings {
-        prior: kept(options),
+fn learning(options: &Options) -> Learning {
+    let mut learning = options.effort.learning();
+    let prior = kept(options);
+    learning.stock.prior = prior;
+    let default = learning.dictionary;
+    learning.dictionary = DictionarySettings {
+        prior,
         dimensions: options.dimensions.unwrap_or(default.dimensions),
         draws: options.entries.unwrap_or(default.draws),
         ..default
     };
-    let dictionary = Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &settings);
-    let conditions = SimulationSettings {
-        cameras: options.cameras,
-        draws: options.draws,
-        prior: settings.prior,
-        ..SimulationSettings::default()
-    };
-    let mut simulation = Simulation::new(dictionary, conditions);
-    let progress = Progress::new("simulating", names.len());
-    for name in names {
-        simulation.add_light(&lights.tree(name)?);
-        progress.step();
-    }
-    progress.finish();
-    let default = TrainingSettings::default();
-    let training = TrainingSettings {
-        hidden: options.hidden.unwrap_or(default.hidden),
-        epochs: options.epochs.unwrap_or(default.epochs),
-        ..default
-    };
-    Ok(simulation.train(&training, &|_| ()))
+    learning
 }
 
 /// What a fold is tested with.
 struct Test {
+    /// Its number.
+    fold: usize,
     /// Group and name of each material.
     names: Vec<(String, String)>,
     tables: Vec<BivariateTable>,
-    lattice: Lattice,
-    statistics: Statistics,
-    accuracy: IntegratorSettings,
+    /// Without scenes of its own: renders the photographs.
+    stock: Stock,
 }
 
 impl Test {
     fn new(options: &Options, fold: usize, unseen: Vec<(String, BivariateTable)>) -> Result<Self> {
         let mut rng = Pcg64::seed_from_u64(1000 + fold as u64);
         // Left-out materials are what left-out kinds are made of.
-        let dictionary = Dictionary::new(
-            LogBasis::fit(&unseen, LogBasis::RANK),
-            &DictionarySettings { draws: 1, dimensions: 1, ..DictionarySettings::default() },
-        );
+        let stock = empty_stock(&unseen);
+        let dictionary = stock.dictionary();
         let (mut names, mut tables) = (Vec::new(), Vec::new());
         for &kind in &options.without {
             let group = title(kind)?;
@@ -193,44 +168,41 @@ impl Test {
             tables.push(table);
             names.push(("measured".to_owned(), name));
         }
-        let lattice = Lattice::new();
-        let statistics = Statistics::new(&lattice);
-        let accuracy = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
-        Ok(Self { names, tables, lattice, statistics, accuracy })
-    }
-
-    /// The operator from tables to photographs, looking along an azimuth in degrees.
-    fn operator(&self, light: &LightTree, azimuth: f64) -> Relighter {
-        let camera = glam::DQuat::from_rotation_y(azimuth.to_radians());
-        Relighter::new(&self.lattice.points(camera), &self.tables, light, &self.accuracy)
+        Ok(Self { fold, names, tables, stock })
     }
 
     fn run(&self, amortised: &Amortised, lights: &Lights, unlit: &[&str], relit: &[&str]) -> Result<Vec<Outcome>> {
-        let others: Vec<Relighter> =
-            relit.iter().map(|name| Ok(self.operator(&lights.tree(name)?, 0.0))).collect::<Result<_>>()?;
+        let points = Lattice::new().points(DQuat::IDENTITY);
+        let other = |name: &&str| Ok(Relighter::new(&points, &self.tables, &lights.tree(name)?, &ACCURACY));
+        let others: Vec<Relighter> = relit.iter().map(other).collect::<Result<_>>()?;
         let mut outcomes = Vec::new();
         for (at, name) in unlit.iter().enumerate() {
-            let operator = self.operator(&lights.tree(name)?, 137.5 * at as f64);
-            let found: Vec<Outcome> = (0..self.tables.len())
-                .into_par_iter()
-                .map(|m| self.judge(amortised, &operator, &others, m, (at + m) % WITH_INTERVALS == 0))
-                .collect();
-            outcomes.extend(found);
+            let turn = DQuat::from_rotation_y((137.5 * at as f64).to_radians());
+            let light = LightKind::Captured.light(&lights.map(name)?, turn, &mut generator(0));
+            let scenes = self.stock.scenes_of(&self.tables, &light);
+            let taken = |m: usize| {
+                let mut rng = generator(((self.fold * 1000 + at) * 1000 + m) as u64);
+                // Pixels of another material are of one that is as unknown.
+                let (scene, other) = (&scenes[m], &scenes[(m + scenes.len() / 2) % scenes.len()]);
+                let any = Camera::draw(&mut rng);
+                [("clean", CLEAN), ("camera", any)].map(|(title, camera)| {
+                    let posterior = amortised.posterior(&camera.photograph(scene, other, &mut rng));
+                    self.judge(&posterior, &others, (m, title), (at + m).is_multiple_of(WITH_INTERVALS))
+                })
+            };
+            outcomes.par_extend((0..self.tables.len()).into_par_iter().flat_map_iter(taken));
         }
         Ok(outcomes)
     }
 
     fn judge(
         &self,
-        amortised: &Amortised,
-        operator: &Relighter,
+        posterior: &MaterialPosterior,
         others: &[Relighter],
-        material: usize,
+        (material, camera): (usize, &str),
         intervals: bool,
     ) -> Outcome {
         let ((group, name), truth) = (&self.names[material], &self.tables[material]);
-        let image: Vec<f32> = operator.render(truth).into_iter().map(|v| v as f32).collect();
-        let posterior = amortised.posterior(&self.statistics.of(&image));
         let estimate = &posterior.mean;
         let (mut relative, mut log) = (0.0, 0.0);
         for other in others {
@@ -240,13 +212,13 @@ impl Test {
         }
         let coverage = intervals.then(|| {
             let covered = |spread: f64| {
-                let quantiles = posterior.quantiles_spread(&amortised.dictionary, &[0.05, 0.25, 0.75, 0.95], spread);
+                let quantiles = posterior.quantiles_spread(&[0.05, 0.25, 0.75, 0.95], spread);
                 coverage(estimate, &quantiles.try_into().expect("four shares"), truth)
             };
             SPREADS.map(covered).to_vec()
         });
         Outcome {
-            group: group.clone(),
+            group: format!("{group} {camera}"),
             material: name.clone(),
             relative,
             log,

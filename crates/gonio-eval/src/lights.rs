@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use glam::DQuat;
-use gonio::appearance::{Lattice, Statistics};
+use gonio::appearance::Lattice;
 use gonio::inference::amortised::peak_over_base;
 use gonio::inference::marginal::{LightProblem, NonNegativeSettings, cut_off_at_zero};
 use gonio::lighting::{LightGrid, LightPrior};
@@ -23,6 +23,7 @@ use crate::bench::{ACCURACY, Progress};
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{mean, median};
+use crate::posteriors::{ball, on_disk};
 
 /// What is measured.
 #[derive(clap::Args)]
@@ -79,8 +80,8 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let names = evenly(lights.names(), usize::from(options.lights))?;
     let model = gonio_io::model::embedded()?;
     let amortised = model.posterior.as_ref().context("the embedded model has no posterior of materials")?;
-    let lattice = Lattice::new();
-    let (statistics, points) = (Statistics::new(&lattice), lattice.points(DQuat::IDENTITY));
+    // Few points are enough to find the light, not to find the material.
+    let (points, dense) = (Lattice::new().points(DQuat::IDENTITY), ball(DQuat::IDENTITY));
     let tables: Vec<BivariateTable> = materials.iter().map(|(_, table)| table.clone()).collect();
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let progress = Progress::new("photographs", names.len() * materials.len());
@@ -89,11 +90,12 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         let map = lights.map(light)?;
         let grid = map.to_grid(model.light.map, PlanSettings::default().side);
         let truth: Vec<f64> = grid.texels().iter().map(|t| f64::from(luminance(*t))).collect();
-        let relighter = Relighter::new(&points, &tables, &LightTree::of_map(&map), &ACCURACY);
+        let tree = LightTree::of_map(&map);
+        let [relighter, photographer] = [&points, &dense].map(|p| Relighter::new(p, &tables, &tree, &ACCURACY));
         for (material, table) in &materials {
             let image = relighter.render(table);
-            let single: Vec<f32> = image.iter().map(|v| *v as f32).collect();
-            let estimate = amortised.posterior(&statistics.of(&single)).mean;
+            let photograph = on_disk(&dense, photographer.render(table).into_iter().map(Some))?;
+            let estimate = amortised.posterior(&photograph).mean;
             for (given, brdf) in GIVEN.into_iter().zip([table, &estimate]) {
                 let found = find(&points, &image, brdf, &model.light)
                     .with_context(|| format!("{material} in {light}, {given} BRDF"))?;

@@ -3,6 +3,7 @@
 
 mod bases;
 mod bench;
+mod camera;
 mod captured;
 mod colour;
 mod data;
@@ -48,6 +49,9 @@ enum Command {
     Captured(captured::Options),
     /// Estimators and references against each other over a grid of materials and lights.
     Bench(Box<bench::Options>),
+    /// What each fault of a photograph costs the learnt posterior: test materials in test lights,
+    /// one camera effect at a time.
+    Camera(camera::Options),
     /// The learnt posterior on training materials in training lights that it has not seen.
     Folds(folds::Options),
     /// One report of the folders that the jobs of `bench --shard` have filled.
@@ -65,6 +69,7 @@ fn main() -> ExitCode {
         Command::Shapes(options) => shapes::run(&data, &options),
         Command::Captured(options) => captured::run(&data, &options),
         Command::Bench(options) => bench::bench(&data, &options),
+        Command::Camera(options) => camera::run(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),
     };

@@ -1,49 +1,135 @@
-//! Posteriors of materials learnt from the training lights, trained once and then kept in the user's cache.
+//! Posteriors of materials learnt from the training lights, trained once and then kept in the
+//! user's cache.
 
 use std::path::Path;
 
-use anyhow::Result;
-use gonio::inference::amortised::{Amortised, Simulation, SimulationSettings, TrainingSettings};
+use anyhow::{Context, Result};
+use clap::builder::RangedU64ValueParser;
+use glam::{DQuat, DVec3};
+use gonio::appearance::{DiskImage, Sample};
+use gonio::inference::amortised::Amortised;
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
+use gonio::scene::{ObservationSettings, sphere_points};
+use gonio::simulation::{Stock, StockSettings};
+use gonio::transfer::SurfacePoint;
 use gonio_io::cache::Cache;
 use gonio_io::model::{decode_posterior, encode_posterior};
+use gonio_train::TrainingSettings;
+use serde::{Deserialize, Serialize};
 
 use crate::bases::key;
 use crate::bench::Progress;
 use crate::data::Lights;
 
-/// Enters every key: to be raised whenever simulation or training gives other results for the same input.
-const VERSION: u32 = 2;
+/// Enters every key: to be raised whenever simulation or training gives other results for the same
+/// input.
+const VERSION: u32 = 3;
+
+/// Normals of the visible hemisphere where photographs are rendered that only the posterior sees:
+/// those of the smallest balls that it is learnt from, of some 40 pixels of radius.
+const NORMALS: usize = 6_000;
+
+/// How a posterior is learnt.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Learning {
+    /// The materials.
+    pub(crate) dictionary: DictionarySettings,
+    /// The photographs of them.
+    pub(crate) stock: StockSettings,
+    /// The encoder.
+    pub(crate) training: TrainingSettings,
+}
+
+/// How much goes into the learning of a posterior.
+#[derive(clap::Args)]
+pub(crate) struct Effort {
+    /// Cameras in each training light, for the photographs that the posterior is learnt from
+    #[arg(long, default_value_t = StockSettings::default().cameras, value_parser = some())]
+    cameras: usize,
+    /// Materials before each of those cameras
+    #[arg(long, default_value_t = StockSettings::default().draws, value_parser = some())]
+    draws: usize,
+    /// Steps of the training, each on 128 photographs
+    #[arg(long, default_value_t = TrainingSettings::default().steps, value_parser = some())]
+    steps: usize,
+}
+
+fn some() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(1..)
+}
+
+impl Effort {
+    /// The usual way with so much of it.
+    pub(crate) fn learning(&self) -> Learning {
+        Learning {
+            dictionary: DictionarySettings::default(),
+            stock: StockSettings { cameras: self.cameras, draws: self.draws, ..StockSettings::default() },
+            training: TrainingSettings { steps: self.steps, ..TrainingSettings::default() },
+        }
+    }
+}
 
 /// Trains on materials in all lights, or finds the result of having done so.
 pub(crate) fn load_or_train(
     cache: &Cache,
     materials: &[(String, BivariateTable)],
     lights: &Lights,
-    settings: &SimulationSettings,
+    learning: &Learning,
 ) -> Result<Amortised> {
-    let (training, prior) = (TrainingSettings::default(), DictionarySettings::default());
-    let seen = lights.names().iter().map(|name| lights.fingerprint(name)).collect::<Result<Vec<String>>>()?;
-    let conditions = (settings, &training, &prior, seen);
-    let key = key(&format!("gonio posterior {VERSION}"), &conditions, materials)?;
+    let names = lights.names();
+    let seen = names.iter().map(|name| lights.fingerprint(name)).collect::<Result<Vec<String>>>()?;
+    let key = key(&format!("gonio posterior {VERSION}"), &(learning, seen), materials)?;
     let stored =
         cache.load(&key).and_then(|bytes| decode_posterior(Path::new("a posterior of the cache"), &bytes).ok());
     if let Some((found, _)) = stored {
         return Ok(found);
     }
-    let dictionary = Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &prior);
-    let mut simulation = Simulation::new(dictionary, *settings);
-    let names = lights.names();
-    let progress = Progress::new("simulating", names.len());
-    for name in &names {
-        simulation.add_light(&lights.tree(name)?);
-        progress.step();
-    }
-    progress.finish();
-    eprintln!("learning the posterior from {} simulated photographs", simulation.count());
-    let amortised = simulation.train(&training, &|_| ());
+    let amortised = train(materials, lights, &names, learning)?;
     if let Err(error) = cache.store(&key, &encode_posterior(&amortised, "of the benchmark")) {
         eprintln!("the posterior could not be kept for next time: {error}");
     }
     Ok(amortised)
+}
+
+/// Trains on materials in some of the lights.
+pub(crate) fn train(
+    materials: &[(String, BivariateTable)],
+    lights: &Lights,
+    names: &[impl AsRef<str>],
+    learning: &Learning,
+) -> Result<Amortised> {
+    let dictionary = Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &learning.dictionary);
+    let mut stock = Stock::new(dictionary, learning.stock);
+    let progress = Progress::new("simulating", names.len());
+    for name in names {
+        stock.add_light(&lights.map(name.as_ref())?);
+        progress.step();
+    }
+    progress.finish();
+    eprintln!("learning the posterior from photographs of {} scenes", stock.scenes());
+    let progress = Progress::new("steps", learning.training.steps);
+    let amortised = gonio_train::learn(&stock, &learning.training, &|_, _| progress.step())?;
+    progress.finish();
+    Ok(amortised)
+}
+
+/// A stock without scenes: it renders others on the disk of normals, and its dictionary has what
+/// can be made of these materials.
+pub(crate) fn empty_stock(materials: &[(String, BivariateTable)]) -> Stock {
+    let least = DictionarySettings { draws: 1, dimensions: 1, ..DictionarySettings::default() };
+    Stock::new(Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &least), StockSettings::default())
+}
+
+/// Points of a ball that a photograph for the posterior is rendered at, seen from `+z` of the frame
+/// that `camera` turns to.
+pub(crate) fn ball(camera: DQuat) -> Vec<SurfacePoint> {
+    let points = sphere_points(&ObservationSettings { normals: NORMALS, ..ObservationSettings::default() });
+    points.iter().map(|p| SurfacePoint { normal: camera * p.normal, view: camera * DVec3::Z }).collect()
+}
+
+/// What a posterior is told of the values observed at points.
+pub(crate) fn on_disk(points: &[SurfacePoint], values: impl IntoIterator<Item = Option<f64>>) -> Result<DiskImage> {
+    let seen = points.iter().zip(values);
+    let samples: Vec<Sample> = seen.filter_map(|(p, v)| v.map(|v| Sample::of(p.in_view(), v, 1.0))).collect();
+    DiskImage::gather(&samples).context("nothing is seen in the photograph")
 }

@@ -10,8 +10,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use glam::{DVec3, Vec3};
-use gonio::appearance::{Lattice, Statistics};
-use gonio::inference::amortised::{Amortised, SimulationSettings, UnshadowSettings, unshadow};
+use gonio::inference::amortised::{Amortised, UnshadowSettings, unshadow};
 use gonio::lighting::LightPrior;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
@@ -25,7 +24,7 @@ use crate::bench::{ACCURACY, Progress, Protocol, Stage, add_noise};
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{brdf_error, mean, median, relight};
-use crate::posteriors::load_or_train;
+use crate::posteriors::{Learning, load_or_train};
 
 /// What is measured.
 #[derive(clap::Args)]
@@ -69,8 +68,8 @@ struct Record {
     relative: f64,
     log: f64,
     brdf: f64,
-    /// Normals of the lattice without an observation near.
-    filled: usize,
+    /// Share of the disk of normals that was observed.
+    observed: f32,
     seconds: f64,
 }
 
@@ -104,7 +103,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let learnt = Protocol::LeaveOut.training(&materials);
     let training: Vec<(String, BivariateTable)> =
         learnt.into_iter().map(|at| (materials.names[at].clone(), materials.luminance(at))).collect();
-    let amortised = load_or_train(&cache, &training, &Lights::training(data)?, &SimulationSettings::default())?;
+    let amortised = load_or_train(&cache, &training, &Lights::training(data)?, &Learning::default())?;
     let prior = gonio_io::model::embedded()?.light;
     let lights = Lights::open(data)?;
     let wanted = materials.held_out().into_iter().step_by(usize::from(options.every));
@@ -176,8 +175,6 @@ impl Study<'_> {
         let photographs = Relighter::of_surface(&open.points, (surface.as_ref(), &clear), &tables, light, &ACCURACY);
         let mut shadowed = open.clone();
         shadowed.shadowed_by(surface.as_ref(), camera, (self.prior.map, plan.side), &|_| ())?;
-        let lattice = Lattice::new();
-        let statistics = Statistics::new(&lattice);
         for (material, table) in self.subjects {
             let mut values = photographs.render(table);
             add_noise(&mut values, NOISE, &format!("{shape} {name} {material}"));
@@ -186,17 +183,11 @@ impl Study<'_> {
                     continue;
                 }
                 let seen = scene.values.iter().zip(&values).map(|(kept, v)| kept.map(|_| v.max(0.0)));
-                let observations = Observations { values: seen.collect(), ..scene.clone() };
+                // Rendered at the points alone, not in every pixel.
+                let observations = Observations { values: seen.collect(), dense: Vec::new(), ..scene.clone() };
                 let start = Instant::now();
-                let found = unshadow(
-                    &observations,
-                    (&lattice, &statistics),
-                    self.amortised,
-                    self.prior,
-                    &plan,
-                    &UnshadowSettings::default(),
-                )?;
-                let estimate = self.amortised.posterior(&statistics.of(&found.gathered.values)).mean;
+                let found = unshadow(&observations, self.amortised, self.prior, &plan, &UnshadowSettings::default())?;
+                let estimate = self.amortised.posterior(&found.image).mean;
                 let errors: Vec<_> = self
                     .relit
                     .iter()
@@ -213,7 +204,7 @@ impl Study<'_> {
                     relative: mean(&errors.iter().map(|e| e.relative).collect::<Vec<_>>()),
                     log: mean(&errors.iter().map(|e| e.log).collect::<Vec<_>>()),
                     brdf: brdf_error(&estimate, table),
-                    filled: found.gathered.filled,
+                    observed: found.image.observed(),
                     seconds: start.elapsed().as_secs_f64(),
                 });
             }
@@ -224,12 +215,12 @@ impl Study<'_> {
 }
 
 fn csv(records: &[Record]) -> String {
-    let mut text = "shape,visibility,light,material,relight,log,brdf_log,filled,seconds\n".to_owned();
+    let mut text = "shape,visibility,light,material,relight,log,brdf_log,observed,seconds\n".to_owned();
     for r in records {
-        let Record { shape, hidden, light, material, relative, log, brdf, filled, seconds } = r;
+        let Record { shape, hidden, light, material, relative, log, brdf, observed, seconds } = r;
         let _ = writeln!(
             text,
-            "{shape},{hidden},{light},{material},{relative:.4},{log:.4},{brdf:.4},{filled},{seconds:.2}"
+            "{shape},{hidden},{light},{material},{relative:.4},{log:.4},{brdf:.4},{observed:.3},{seconds:.2}"
         );
     }
     text
@@ -237,7 +228,7 @@ fn csv(records: &[Record]) -> String {
 
 /// Medians by shape, with and without visibility, and how often modelling it was better.
 fn summary(records: &[Record], shapes: &[String]) -> String {
-    let mut text = "shape    V_i   relight   log  BRDF log  filled  seconds  better with V_i\n".to_owned();
+    let mut text = "shape    V_i   relight   log  BRDF log  observed  seconds  better with V_i\n".to_owned();
     for shape in shapes {
         for hidden in [false, true] {
             let of: Vec<&Record> = records.iter().filter(|r| r.shape == *shape && r.hidden == hidden).collect();
@@ -254,12 +245,12 @@ fn summary(records: &[Record], shapes: &[String]) -> String {
                 if hidden { format!("{:.0} %", 100.0 * better as f64 / of.len() as f64) } else { String::new() };
             let _ = writeln!(
                 text,
-                "{shape:8} {:4}  {:7.3} {:6.3}  {:7.2}  {:6.0}  {:7.2}  {better:>12}",
+                "{shape:8} {:4}  {:7.3} {:6.3}  {:7.2}  {:8.2}  {:7.2}  {better:>12}",
                 if hidden { "yes" } else { "no" },
                 typical(|r| r.relative),
                 typical(|r| r.log),
                 typical(|r| r.brdf),
-                typical(|r| r.filled as f64),
+                typical(|r| f64::from(r.observed)),
                 typical(|r| r.seconds),
             );
         }

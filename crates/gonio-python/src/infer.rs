@@ -19,6 +19,7 @@ use pyo3::types::PyDict;
 use serde_json::{Value, json};
 
 use crate::arrays;
+use crate::density::Density;
 use crate::error::Problem;
 use crate::model::Model;
 use crate::scene::{GivenScene, Observed, Scene};
@@ -227,8 +228,8 @@ impl Answer {
         let materials: Vec<(String, f64)> = material.neighbours.into_iter().map(|n| (n.name, n.weight)).collect();
         out.set_item("materials", materials)?;
         out.set_item("gloss", material.gloss.to_vec())?;
-        let weights = material.posterior.weights;
-        out.set_item("weights", arrays::array(py, weights.len(), weights))?;
+        out.set_item("density", Density(material.posterior.density))?;
+        out.set_item("scatter", material.scatter)?;
         out.set_item("light", arrays::of_colours(py, light))?;
         out.set_item("light_color", arrays::array(py, 3, colour.to_array().to_vec()))?;
         out.set_item("misfit", found.light.misfit)?;

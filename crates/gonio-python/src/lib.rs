@@ -5,6 +5,7 @@
 //! copies (`arrays`).
 
 mod arrays;
+mod density;
 mod error;
 mod export;
 mod files;
@@ -21,6 +22,8 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _gonio {
     #[pymodule_export]
+    use super::density::{Density, draw};
+    #[pymodule_export]
     use super::export::{export, export_targets};
     #[pymodule_export]
     use super::files::{
@@ -31,7 +34,7 @@ mod _gonio {
     #[pymodule_export]
     use super::model::Model;
     #[pymodule_export]
-    use super::render::{draw, eval, normal_albedo, render, studio};
+    use super::render::{eval, normal_albedo, render, studio};
     #[pymodule_export]
     use super::train::{join, train_lighting, train_posterior, train_reflectance};
     use super::*;

@@ -1,6 +1,5 @@
-//! Pictures of a BRDF, and draws from a posterior.
+//! Pictures of a BRDF.
 
-use gonio::estimate::draws;
 use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::picture::Picture;
 use gonio::reflectance::{MerlTable, THETA_D, THETA_H};
@@ -12,7 +11,6 @@ use pyo3::prelude::*;
 
 use crate::arrays;
 use crate::error::Problem;
-use crate::model::Model;
 use crate::scene::take_shape;
 use crate::work::{self, Listeners};
 
@@ -85,24 +83,6 @@ pub(crate) fn merl_table(array: &Bound<'_, PyArray4<f32>>) -> PyResult<MerlTable
     Ok(MerlTable::from_channels(
         [0, 1, 2].map(|c| values.index_axis(numpy::ndarray::Axis(0), c).iter().copied().collect()),
     ))
-}
-
-/// Draws from the posterior that the weights are: shape (count, 90, 90).
-#[pyfunction]
-pub(crate) fn draw<'py>(
-    py: Python<'py>,
-    model: &Bound<'py, Model>,
-    weights: &Bound<'py, PyArray1<f64>>,
-    count: usize,
-    seed: u64,
-) -> PyResult<Bound<'py, PyArray3<f32>>> {
-    let (model, weights) = (model.get().model.clone(), weights.readonly().as_array().to_vec());
-    let listeners = Listeners::none();
-    let tables = work::run(py, listeners, move |_| {
-        let tables = draws(&model, &weights, count, seed).map_err(|e| Problem::new(e.to_string()))?;
-        Ok(tables.into_iter().flat_map(Vec::<f32>::from).collect::<Vec<f32>>())
-    })?;
-    Ok(arrays::array(py, (count, THETA_H, THETA_D), tables))
 }
 
 /// The light that results are shown in: shape (height, 2 height, 3).

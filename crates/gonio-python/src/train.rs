@@ -167,7 +167,7 @@ pub(crate) struct PosteriorOptions {
     channel: String,
     cameras: Option<usize>,
     draws: Option<usize>,
-    epochs: Option<usize>,
+    steps: Option<usize>,
     seed: u64,
 }
 
@@ -187,7 +187,7 @@ pub(crate) fn train_posterior(
             channel: channel(&options.channel)?,
             cameras: options.cameras.unwrap_or(default.cameras),
             draws: options.draws.unwrap_or(default.draws),
-            epochs: options.epochs.unwrap_or(default.epochs),
+            steps: options.steps.unwrap_or(default.steps),
             seed: options.seed,
         };
         let (amortised, provenance) =

@@ -64,6 +64,7 @@ fn posterior(material: &Material) -> Value {
         "materials": material.neighbours.iter().map(share).collect::<Vec<_>>(),
         "undetermined": material.open,
         "strangeness": material.strangeness,
+        "scatter": material.scatter,
         "normals": material.normals,
         "filled": material.filled,
         "unshadowed": material.unshadowed,
@@ -72,9 +73,12 @@ fn posterior(material: &Material) -> Value {
             "note": "the BRDF along the normal over its mean at half angles beyond 45 degrees: its quantiles at 5, 50 and 95 %",
         },
         "note": "undetermined: share of the domain (both angles below 80 degrees) where the 90 % interval is most of \
-                 what it is without a photograph; strangeness: share of the picture's statistics outside of what was \
-                 seen in training; filled: normals of the lattice without an observation near; unshadowed: mean absolute logarithm of the ratio by which \
-                 values were changed to those of a sphere, for shapes that keep light from themselves",
+                 what it is without a photograph; strangeness: share of the encoder's features outside of what was \
+                 seen in training; scatter: standard deviation of pixels that share a normal, relative to their mean \
+                 (noise, texture, shadows and wrong normals; 0 where too few share one); normals: cells of the disk of \
+                 normals; filled: those of them without an observation; unshadowed: mean absolute logarithm of \
+                 the ratio by which values were changed to those of a sphere, for shapes that keep light \
+                 from themselves",
     })
 }
 

@@ -8,8 +8,11 @@ use rayon::prelude::*;
 
 use crate::{Photographs, TrainError, TrainingSettings, train};
 
-/// Photographs that the ranges of features are taken from, and the number of the first: beyond those that the training sees.
-const RANGED: (u64, u64) = (2000, 1 << 40);
+/// Photographs that the ranges of features are taken from: no more than the training saw.
+const RANGED: usize = 2000;
+
+/// The number of the first of them, beyond those of the training.
+const FIRST: u64 = 1 << 40;
 
 /// Learns the posterior from photographs of a stock. `progress` is told the share done, in 0..=1, and the loss in nats.
 ///
@@ -24,14 +27,14 @@ pub fn learn(
     progress: &(dyn Fn(f64, f64) + Sync),
 ) -> Result<Amortised, TrainError> {
     let encoder = train(&Photographs(stock), settings, progress)?;
-    Ok(posterior(stock, encoder, settings.components))
+    Ok(posterior(stock, encoder, settings.components, RANGED.min(settings.steps * settings.batch)))
 }
 
-/// The posterior that an encoder of a stock's photographs makes, with what goes with it: the places of the measured materials, what is usual of features and how
+/// The posterior that an encoder of a stock's photographs makes, with what goes with it: the places of the measured materials, what is usual of features, from so many photographs, and how
 /// wide the prior is.
-pub fn posterior(stock: &Stock, encoder: Encoder, components: usize) -> Amortised {
+fn posterior(stock: &Stock, encoder: Encoder, components: usize, ranged: usize) -> Amortised {
     let dictionary = stock.dictionary();
-    let features: Vec<Vec<f32>> = (RANGED.1..RANGED.1 + RANGED.0)
+    let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)
         .into_par_iter()
         .map(|number| {
             let image = stock.photograph(number).image;

@@ -16,7 +16,7 @@ mod photographs;
 mod tests;
 mod train;
 
-pub use learn::{learn, posterior};
+pub use learn::learn;
 pub use photographs::Photographs;
 pub use train::{PART, TrainError, TrainingSettings, evaluate, train};
 

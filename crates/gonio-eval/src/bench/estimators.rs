@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::learning::Knowledge;
 use crate::metrics::brdf_error;
+use crate::posteriors::on_disk;
 
 /// A photograph with everything that an estimator or an oracle may look at.
 pub(crate) struct Photograph<'a> {
@@ -168,12 +169,11 @@ impl Estimator {
     }
 }
 
-/// Weights of the dictionary by the posterior learnt from simulated photographs.
+/// The posterior learnt from simulated photographs.
 fn marginal(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Estimate> {
     let amortised = knowledge.model.posterior.as_ref().context("no posterior was learnt")?;
-    let gathered = knowledge.lattice.gather(&knowledge.points, image);
-    let posterior = amortised.posterior(&knowledge.statistics.of(&gathered.values));
-    let quantiles = posterior.quantiles(&amortised.dictionary, &[0.05, 0.25, 0.75, 0.95]);
+    let posterior = amortised.posterior(&on_disk(&knowledge.points, image.iter().copied())?);
+    let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]);
     let quantiles = quantiles.try_into().ok().context("four quantiles")?;
     let nearest = &posterior.neighbours[0];
     let note = format!("{} {:.2}", nearest.name, nearest.weight);

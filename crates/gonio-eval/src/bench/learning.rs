@@ -1,8 +1,6 @@
 //! What a protocol lets the estimators know beforehand.
 
 use anyhow::{Context, Result};
-use gonio::appearance::{Lattice, Statistics};
-use gonio::inference::amortised::SimulationSettings;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, TrainSettings};
 use gonio::transfer::{Plan, PlanSettings, SurfacePoint};
@@ -12,7 +10,7 @@ use super::grid::Protocol;
 use crate::bases::Trained;
 use crate::data::Lights;
 use crate::materials::Materials;
-use crate::posteriors;
+use crate::posteriors::{self, Learning};
 
 /// Everything learnt before a photograph is seen, and the operator made of it.
 pub(crate) struct Knowledge {
@@ -24,10 +22,6 @@ pub(crate) struct Knowledge {
     pub(crate) plan: Plan,
     /// Those points.
     pub(crate) points: Vec<SurfacePoint>,
-    /// What images are gathered on for the marginal posterior, where one is asked for.
-    pub(crate) lattice: Lattice,
-    /// The statistics that it looks at.
-    pub(crate) statistics: Statistics,
 }
 
 impl Knowledge {
@@ -38,7 +32,7 @@ impl Knowledge {
         rank: usize,
         points: &[SurfacePoint],
         plan: &PlanSettings,
-        simulated: Option<(&Lights, &SimulationSettings)>,
+        posterior: Option<(&Lights, &Learning)>,
         cache: &Cache,
     ) -> Result<Self> {
         let kept = protocol.training(materials);
@@ -53,18 +47,9 @@ impl Knowledge {
                 .context("the operator")?;
         let training: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
-        let learn = |(lights, settings)| posteriors::load_or_train(cache, &training, lights, settings);
-        let posterior = simulated.map(learn).transpose().context("the marginal posterior")?;
-        let lattice = Lattice::new();
-        let statistics = Statistics::new(&lattice);
+        let learn = |(lights, learning)| posteriors::load_or_train(cache, &training, lights, learning);
+        let posterior = posterior.map(learn).transpose().context("the marginal posterior")?;
         let provenance = format!("basis of {} materials", kept.len());
-        Ok(Self {
-            model: Model { light, reflectance, posterior, provenance },
-            training,
-            plan,
-            points: points.to_vec(),
-            lattice,
-            statistics,
-        })
+        Ok(Self { model: Model { light, reflectance, posterior, provenance }, training, plan, points: points.to_vec() })
     }
 }

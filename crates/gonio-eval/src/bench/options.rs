@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio::inference::amortised::SimulationSettings;
 use gonio::transfer::PlanSettings;
 
 use super::estimators::Estimator;
@@ -11,6 +10,7 @@ use super::grid::{Protocol, Shard};
 use super::store::{Conditions, VERSION};
 use crate::data::Lights;
 use crate::materials::Materials;
+use crate::posteriors::Effort;
 
 /// Options of `gonio-eval bench`.
 #[derive(clap::Args)]
@@ -61,12 +61,8 @@ pub(crate) struct Options {
     /// Pixels along a side of the relit sphere
     #[arg(long, default_value_t = 64)]
     size: usize,
-    /// Cameras in each training light, for the photographs that the marginal posterior is learnt from
-    #[arg(long, default_value_t = SimulationSettings::default().cameras)]
-    cameras: usize,
-    /// Materials before each of those cameras
-    #[arg(long, default_value_t = SimulationSettings::default().draws)]
-    draws: usize,
+    #[command(flatten)]
+    effort: Effort,
     /// Only every N-th photograph, from the I-th on: one of N jobs
     #[arg(long, value_name = "I/N")]
     pub(crate) shard: Option<Shard>,
@@ -128,13 +124,7 @@ impl Options {
         if !self.grid.is_power_of_two() || !(8..=128).contains(&self.grid) {
             bail!("--grid {}: give a power of two from 8 to 128", self.grid);
         }
-        for (name, value) in [
-            ("starts", self.starts),
-            ("rank", self.rank),
-            ("rows", self.rows),
-            ("cameras", self.cameras),
-            ("draws", self.draws),
-        ] {
+        for (name, value) in [("starts", self.starts), ("rank", self.rank), ("rows", self.rows)] {
             if value == 0 {
                 bail!("--{name} 0: give at least 1");
             }
@@ -162,11 +152,7 @@ impl Options {
             rank: self.rank,
             normals: self.normals,
             starts: self.starts,
-            simulation: SimulationSettings {
-                cameras: self.cameras,
-                draws: self.draws,
-                ..SimulationSettings::default()
-            },
+            learning: self.effort.learning(),
             noise: self.noise,
             relight: self.relight.clone(),
             spare,

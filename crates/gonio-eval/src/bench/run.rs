@@ -180,10 +180,10 @@ impl Bench {
         let start = Instant::now();
         let mut knowledge: BTreeMap<Protocol, Knowledge> = BTreeMap::new();
         for protocol in work.iter().map(|(u, _)| u.protocol.learns_as()).collect::<BTreeSet<_>>() {
-            let Conditions { rank, plan, simulation, .. } = &self.conditions;
-            let simulated = self.training.as_ref().map(|lights| (lights, simulation));
+            let Conditions { rank, plan, learning, .. } = &self.conditions;
+            let posterior = self.training.as_ref().map(|lights| (lights, learning));
             let cache = &self.cache;
-            let learnt = Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, simulated, cache)?;
+            let learnt = Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, posterior, cache)?;
             knowledge.insert(protocol, learnt);
         }
         let relit: BTreeSet<(bool, String)> = work

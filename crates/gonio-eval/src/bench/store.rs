@@ -6,7 +6,6 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use gonio::inference::amortised::SimulationSettings;
 use gonio::transfer::PlanSettings;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -14,6 +13,7 @@ use serde_json::Value;
 use super::estimators::Estimator;
 use super::grid::Protocol;
 use super::judge::{Record, Records, file};
+use crate::posteriors::Learning;
 
 /// What all cells of a folder have in common.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,8 +30,8 @@ pub(crate) struct Conditions {
     pub(crate) normals: usize,
     /// Starts of each method.
     pub(crate) starts: usize,
-    /// How the photographs are simulated that the marginal posterior is learnt from.
-    pub(crate) simulation: SimulationSettings,
+    /// How the marginal posterior is learnt.
+    pub(crate) learning: Learning,
     /// Noise added to the photographs, relative to their mean.
     pub(crate) noise: f64,
     /// Lights that estimates are relit in.
@@ -43,7 +43,7 @@ pub(crate) struct Conditions {
 }
 
 /// Version of [`Record`] and of what its numbers mean.
-pub(crate) const VERSION: u32 = 2;
+pub(crate) const VERSION: u32 = 3;
 const CONDITIONS: &str = "conditions.json";
 const CELLS: &str = "cells";
 
@@ -170,7 +170,7 @@ mod tests {
             rank: 10,
             normals: 100,
             starts: 1,
-            simulation: SimulationSettings::default(),
+            learning: Learning::default(),
             noise: 0.0,
             relight: vec!["a".into()],
             spare: vec![],

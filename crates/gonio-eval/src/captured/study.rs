@@ -121,13 +121,13 @@ impl<'a> Study<'a> {
                 estimate(self.object, seen, model).with_context(|| self.object.photographs[seen].name.clone())?;
             let seconds = start.elapsed().as_secs_f64();
             eprintln!("{}, {}: {seconds:.1} s", self.object.name, self.object.photographs[seen].name);
-            let record = self.record(seen, model, &material, &light, seconds)?;
+            let record = self.record(seen, &material, &light, seconds)?;
             Ok(Answer { record, table: material.table })
         };
         (0..self.object.photographs.len()).map(answer).collect()
     }
 
-    fn record(&self, seen: usize, model: &Model, material: &Material, light: &Light, seconds: f64) -> Result<Record> {
+    fn record(&self, seen: usize, material: &Material, light: &Light, seconds: f64) -> Result<Record> {
         let (object, cells, table) = (self.object, &self.cells, &material.table);
         let quantiles: Vec<BivariateTable> =
             material.quantiles.iter().map(|values| BivariateTable::from_vec(values.clone())).collect();
@@ -143,7 +143,7 @@ impl<'a> Study<'a> {
             profile: self.profile.without(seen),
             gloss_measured: judge::measured_gloss(object, cells),
             gloss_estimate: judge::gloss(cells, &|h, d| table.eval(h, d)),
-            gloss: gloss_quantiles(model, material, cells)?,
+            gloss: gloss_quantiles(material, cells),
             coverage: judge::coverage(cells, table, &quantiles),
             misfit: light.misfit,
             warnings: material.doubts().iter().map(ToString::to_string).collect(),
@@ -168,9 +168,8 @@ fn estimate(object: &Captured, seen: usize, model: &Model) -> Result<(Material, 
 }
 
 /// 5, 50 and 95 % quantiles of [`judge::gloss`] under the posterior.
-fn gloss_quantiles(model: &Model, material: &Material, cells: &[Cell]) -> Result<[f64; 3]> {
-    let dictionary = &model.posterior.as_ref().context("the model has no posterior of materials")?.dictionary;
+fn gloss_quantiles(material: &Material, cells: &[Cell]) -> [f64; 3] {
     let number = |table: &BivariateTable| judge::gloss(cells, &|h, d| table.eval(h, d));
-    let quantiles = material.posterior.ranking(dictionary, number).quantiles(&[0.05, 0.5, 0.95]);
-    Ok([quantiles[0], quantiles[1], quantiles[2]])
+    let quantiles = material.posterior.ranking(number).quantiles(&[0.05, 0.5, 0.95]);
+    [quantiles[0], quantiles[1], quantiles[2]]
 }

@@ -2,9 +2,8 @@
 
 use anyhow::Result;
 use glam::{DQuat, Vec3};
-use gonio::colour::{ColourModel, Sample, TwoColours, highlight_share, white_chroma};
+use gonio::colour::{ColourModel, Sample, TwoColours, white_chroma};
 use gonio::inference::amortised::Amortised;
-use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{IntegratorSettings, LightTree, Relighter};
 use gonio::sphere::OctahedralMap;
@@ -15,14 +14,17 @@ use crate::bench::Progress;
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::median;
+use crate::posteriors::ball;
 
 /// Quarters of the materials and of the lights that are left out together, in turn.
 const FOLDS: usize = 4;
 
-/// As of the simulation of the luminance posterior.
+/// Enough for photographs that are only learnt from.
 const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
 
-/// Learns from one photograph of each training material in each training light, and prints what comes out.
+/// Learns from one photograph of each training material in each training light, and prints what
+/// comes out. The luminance posterior is the one that there is, learnt from these materials and
+/// lights too: what is left out in [`validate`] is left out of the model of colours alone.
 pub(super) fn run(materials: &Materials, training: &[usize], lights: &Lights, posterior: &Amortised) -> Result<()> {
     let bench = Bench::new(posterior.clone());
     let rgb: Vec<[BivariateTable; 3]> = training.iter().map(|&at| trusted(materials.rgb(at))).collect();
@@ -36,18 +38,17 @@ pub(super) fn run(materials: &Materials, training: &[usize], lights: &Lights, po
         let map = lights.map(name)?;
         let camera = DQuat::from_rotation_y((137.5 * at as f64).to_radians());
         let light = white_chroma(&map.to_grid(OctahedralMap::EqualArea, 32), camera);
-        let operator =
-            Relighter::of_channels(&bench.lattice.points(camera), &examples, &LightTree::of_map(&map), &DRAFT);
+        let points = ball(camera);
+        let operator = Relighter::of_channels(&points, &examples, &LightTree::of_map(&map), &DRAFT);
         let images: Vec<Vec<Vec3>> = rgb.par_iter().map(|rgb| picture(&operator, rgb)).collect();
         let found: Vec<Sample> = images
             .par_iter()
             .zip(&truths)
             .map(|(image, colours)| {
-                let values: Vec<f32> = image.iter().map(|c| luminance(*c)).collect();
-                let table = bench.posterior.posterior(&bench.statistics.of(&values)).mean;
-                Sample { clues: bench.finder.of(image, highlight_share(&table)), colours: *colours, light }
+                let (_, clues) = bench.read(&points, image)?;
+                Ok(Sample { clues, colours: *colours, light })
             })
-            .collect();
+            .collect::<Result<_>>()?;
         samples.extend(found.into_iter().enumerate().map(|(material, sample)| (material, at, sample)));
         progress.step();
     }

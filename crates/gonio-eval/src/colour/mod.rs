@@ -1,8 +1,10 @@
 //! `gonio-eval colour`: coloured BRDFs by several rules against each other, on materials and lights that nothing was learnt from; and
 //! with `--learn` what the rules are learnt from, training materials in training lights.
 //!
-//! Photographs are bivariate RGB tables on the lattice of the posterior in full-resolution RGB light. Each rule colours the same
-//! luminance estimate; its luminance is the same for all but those that name another.
+//! Photographs are bivariate RGB tables on a ball in full-resolution RGB light. Each rule colours
+//! the same luminance estimate; its luminance is the same for all but those that name another.
+//! No entries of a dictionary are left out by hand: the posterior is taken as it is, learnt from
+//! the training materials alone.
 
 mod learn;
 mod rules;
@@ -12,21 +14,22 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use glam::{DQuat, Vec3};
-use gonio::appearance::{Lattice, Statistics};
-use gonio::colour::{Chroma, ClueFinder, ColourModel, TwoColours, highlight_share, white_chroma};
-use gonio::inference::amortised::{Amortised, SimulationSettings};
+use gonio::appearance::Lattice;
+use gonio::colour::{Chroma, ClueFinder, Clues, ColourModel, TwoColours, highlight_share, white_chroma};
+use gonio::inference::amortised::Amortised;
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter};
 use gonio::sphere::OctahedralMap;
+use gonio::transfer::SurfacePoint;
 use gonio_io::cache::Cache;
 
 use crate::bench::{ACCURACY, Progress};
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{mean, median, relight};
-use crate::posteriors;
+use crate::posteriors::{self, Effort};
 use rules::{RULES, Rule, View};
 
 /// What is measured.
@@ -41,9 +44,8 @@ pub(crate) struct Options {
     /// Test lights that estimates are relit in
     #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
     relight: Vec<String>,
-    /// Cameras in each training light, for the photographs that the luminance posterior is learnt from
-    #[arg(long, default_value_t = SimulationSettings::default().cameras)]
-    cameras: usize,
+    #[command(flatten)]
+    effort: Effort,
     /// Learn the model of colours from training materials in training lights instead, print it, and how it does on left-out quarters
     /// of both
     #[arg(long)]
@@ -77,10 +79,9 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let training: Vec<usize> = materials.database().filter(|at| !held_out.contains(at)).collect();
     let tables: Vec<(String, BivariateTable)> =
         training.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
-    let settings = SimulationSettings { cameras: options.cameras, ..SimulationSettings::default() };
     let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
     let lights = Lights::training(data)?;
-    let posterior = posteriors::load_or_train(&cache, &tables, &lights, &settings)?;
+    let posterior = posteriors::load_or_train(&cache, &tables, &lights, &options.effort.learning())?;
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     if options.learn {
         return learn::run(&materials, &training, &lights, &posterior);
@@ -88,20 +89,24 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let bench = Bench::new(posterior);
     let lights = Lights::open(data)?;
     let subjects: Vec<[BivariateTable; 3]> = held_out.iter().map(|&at| trusted(materials.rgb(at))).collect();
+    let luminances: Vec<BivariateTable> = subjects.iter().map(BivariateTable::luminance).collect();
     let names: Vec<&str> = held_out.iter().map(|&at| materials.names[at].as_str()).collect();
-    let others: Vec<[Relighter; 3]> =
-        options.relight.iter().map(|name| Ok(bench.operator(&lights.map(name)?, &subjects))).collect::<Result<_>>()?;
+    let others: Vec<[Relighter; 3]> = options
+        .relight
+        .iter()
+        .map(|name| Ok(bench.operator(&lights.map(name)?, &luminances)))
+        .collect::<Result<_>>()?;
     let truths: Vec<Vec<Vec<Vec3>>> =
         subjects.iter().map(|rgb| others.iter().map(|o| picture(o, rgb)).collect()).collect();
     let mut records = Vec::new();
     let progress = Progress::new("photographs", options.lights.len() * names.len());
     for light in &options.lights {
         let map = lights.map(light)?;
-        let operator = bench.operator(&map, &subjects);
+        let camera = posteriors::ball(DQuat::IDENTITY);
+        let operator = Relighter::of_channels(&camera, &luminances, &LightTree::of_map(&map), &ACCURACY);
         let chroma = white_chroma(&map.to_grid(OctahedralMap::EqualArea, 32), DQuat::IDENTITY);
         for ((name, rgb), truth) in names.iter().zip(&subjects).zip(&truths) {
-            let image = picture(&operator, rgb);
-            let seen = bench.view(&image, chroma, rgb);
+            let seen = bench.view(&camera, picture(&operator, rgb), chroma, rgb)?;
             for rule in RULES {
                 let (estimate, colours, covered) = rule.apply(&seen, &bench.model, rgb);
                 let mut errors = [Vec::new(), Vec::new(), Vec::new()];
@@ -149,27 +154,38 @@ struct Bench {
     posterior: Amortised,
     model: ColourModel,
     lattice: Lattice,
-    statistics: Statistics,
     finder: ClueFinder,
 }
 
 impl Bench {
     fn new(posterior: Amortised) -> Self {
         let lattice = Lattice::new();
-        let (statistics, finder) = (Statistics::new(&lattice), ClueFinder::new(&lattice));
-        Self { posterior, model: ColourModel::default(), lattice, statistics, finder }
+        Self { posterior, model: ColourModel::default(), finder: ClueFinder::new(&lattice), lattice }
     }
 
-    fn operator(&self, map: &EnvironmentMap, subjects: &[[BivariateTable; 3]]) -> [Relighter; 3] {
-        let examples: Vec<BivariateTable> = subjects.iter().map(BivariateTable::luminance).collect();
-        Relighter::of_channels(&self.lattice.points(DQuat::IDENTITY), &examples, &LightTree::of_map(map), &ACCURACY)
+    /// What estimates are relit by.
+    fn operator(&self, map: &EnvironmentMap, examples: &[BivariateTable]) -> [Relighter; 3] {
+        Relighter::of_channels(&self.lattice.points(DQuat::IDENTITY), examples, &LightTree::of_map(map), &ACCURACY)
     }
 
-    fn view(&self, image: &[Vec3], light: Chroma, rgb: &[BivariateTable; 3]) -> View {
-        let values: Vec<f32> = image.iter().map(|c| luminance(*c)).collect();
-        let table = self.posterior.posterior(&self.statistics.of(&values)).mean;
-        let clues = self.finder.of(image, highlight_share(&table));
-        View { image: image.to_vec(), table, clues, light, truth: TwoColours::of(rgb) }
+    fn view(
+        &self,
+        points: &[SurfacePoint],
+        image: Vec<Vec3>,
+        light: Chroma,
+        rgb: &[BivariateTable; 3],
+    ) -> Result<View> {
+        let (table, clues) = self.read(points, &image)?;
+        Ok(View { image, table, clues, light, truth: TwoColours::of(rgb) })
+    }
+
+    /// The luminance estimate from the colours of points, and what they say of its colours.
+    fn read(&self, points: &[SurfacePoint], image: &[Vec3]) -> Result<(BivariateTable, Clues)> {
+        let values = image.iter().map(|c| Some(f64::from(luminance(*c))));
+        let table = self.posterior.posterior(&posteriors::on_disk(points, values)?).mean;
+        let colours: Vec<Option<Vec3>> = image.iter().copied().map(Some).collect();
+        let clues = self.finder.of(&self.lattice.gather_colours(points, &colours), highlight_share(&table));
+        Ok((table, clues))
     }
 }
 

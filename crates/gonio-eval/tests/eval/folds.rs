@@ -5,22 +5,38 @@ use super::bench::{Place, run};
 #[test]
 fn errors_are_of_what_was_left_out() {
     let place = Place::new();
-    let small = ["folds", "--folds", "2", "--cameras", "2", "--draws", "30", "--entries", "60", "--dimensions", "3"];
-    let output = run(place.command(&small).args(["--hidden", "24", "--epochs", "6", "--without", "metal,cloth"]));
+    let small = [
+        "folds",
+        "--folds",
+        "2",
+        "--cameras",
+        "2",
+        "--draws",
+        "30",
+        "--steps",
+        "4",
+        "--entries",
+        "60",
+        "--dimensions",
+        "3",
+    ];
+    let output = run(place.command(&small).args(["--without", "metal,cloth"]));
     let table = String::from_utf8(output.stdout).unwrap();
     let cells = |group: &str| -> Vec<f64> {
         let row = table.lines().find(|l| l.starts_with(&format!("| {group} "))).unwrap_or_else(|| panic!("{table}"));
         let number = |cell: &str| cell.split([' ', '%']).find(|w| !w.is_empty()).unwrap().parse().unwrap();
         row.trim_matches('|').split('|').skip(1).map(|c| number(c.trim())).collect()
     };
-    // Every material and light that may be learnt from is left out once; of each kind there are a dozen draws for each light.
-    let (measured, metal, cloth) = (cells("measured"), cells("metal"), cells("cloth"));
-    assert_eq!((measured[0], metal[0], cloth[0]), (12.0, 36.0, 36.0), "{table}");
-    for row in [&measured, &metal, &cloth] {
-        assert_eq!(row.len(), 10, "{table}");
-        assert!(row[1] > 0.0 && row[1] < 1.0 && row[2] > 0.0 && row[3] > 0.0, "{table}");
-        // Wider spreads hold no less.
-        assert!(row[6..].windows(2).all(|w| w[0] <= w[1]), "{table}");
+    // Every material and light that may be learnt from is left out once; of each kind there are a
+    // dozen draws for each light. Each is photographed with and without faults.
+    for camera in ["clean", "camera"] {
+        for (kind, photographs) in [("measured", 12.0), ("metal", 36.0), ("cloth", 36.0)] {
+            let row = cells(&format!("{kind} {camera}"));
+            assert_eq!((row.len(), row[0]), (10, photographs), "{table}");
+            assert!(row[1] > 0.0 && row[1] < 1.0 && row[2] > 0.0 && row[3] > 0.0, "{table}");
+            // Wider spreads hold no less, but for what the middle of the interval moves.
+            assert!(row[6..].windows(2).all(|w| w[0] <= w[1] + 2.0), "{table}");
+        }
     }
     assert!(table.contains("hardest"), "{table}");
 

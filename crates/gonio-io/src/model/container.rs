@@ -126,7 +126,6 @@ impl<'a> Container<'a> {
         serde_json::from_str(self.text(name)?).map_err(|e| self.wrong(format!("has odd metadata \"{name}\": {e}")))
     }
 
-
     /// Whether the metadata have this entry.
     pub(super) fn says(&self, name: &str) -> bool {
         self.metadata.contains_key(name)

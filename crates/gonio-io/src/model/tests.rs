@@ -2,10 +2,10 @@
 
 use std::sync::LazyLock;
 
-use gonio::appearance::STATISTICS;
-use gonio::inference::amortised::{Network, Scaling};
+use gonio::appearance::disk::{CHANNELS, GLOBALS};
+use gonio::inference::amortised::{Encoder, EncoderShape, MixtureDensity};
 use gonio::lighting::{CoefficientPrior, PriorGroup, RectifiedGaussian, ScaleMixture};
-use gonio::reflectance::{Dictionary, DictionarySettings, LogBasis};
+use gonio::reflectance::{CELLS, Dictionary, DictionarySettings, LogBasis};
 use gonio::sphere::OctahedralMap;
 
 use super::*;
@@ -183,15 +183,33 @@ fn every_flipped_byte_is_noticed() {
     refused(decode(&data), Kind::Damaged, &["checksum", "fetch or write it again"]);
 }
 
-/// A posterior of two materials whose network knows nothing.
+/// A posterior of two materials whose encoder knows nothing.
 static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.1 + (-(h / w).powi(2)).exp());
     let basis = LogBasis::fit(&[0.1, 0.5].map(|w| (format!("lobe {w}"), lobe(w))), 3);
     let settings = DictionarySettings { draws: 4, dimensions: 2, seed: 1, ..Default::default() };
+    let dictionary = Dictionary::new(basis, &settings);
+    let shape = EncoderShape {
+        widths: vec![1, 2],
+        hidden: vec![3],
+        ..EncoderShape::new(CHANNELS, GLOBALS, MixtureDensity::outputs(2, 2))
+    };
+    let layers: Vec<_> = shape.convolutions().into_iter().chain(shape.dense_layers()).collect();
+    let find = |name: &str| {
+        let (layer, part) = name.rsplit_once('.')?;
+        let layer = layers.iter().find(|l| l.name == layer)?;
+        let dimensions = if part == "bias" { vec![layer.geometry.outputs] } else { layer.dimensions() };
+        let count = dimensions.iter().product();
+        Some((dimensions, (0..count).map(|i: usize| 1.0 / (3.0 + i as f32)).collect()))
+    };
     let posterior = Amortised {
-        dictionary: Dictionary::new(basis, &settings),
-        scaling: vec![Scaling { low: -1.0, high: 1.0, centre: 0.1, deviation: 0.5 }; STATISTICS],
-        network: Network::random(&[STATISTICS, 3, Amortised::outputs(2)], 7),
+        names: dictionary.measured.names.clone(),
+        places: dictionary.places[..2].to_vec(),
+        coordinates: dictionary.coordinates.clone(),
+        widths: vec![0.1; CELLS],
+        encoder: Encoder::from_tensors(shape, find).unwrap(),
+        components: 2,
+        ranges: vec![(-1.0, 1.0 / 3.0); 3],
     };
     Model { posterior: Some(posterior), ..toy(1, 2) }
 });
@@ -207,6 +225,18 @@ fn posteriors_come_back_as_they_were() {
 }
 
 #[test]
+fn encoders_that_cannot_be_are_refused() {
+    let bytes = encode_model(&KNOWING);
+    for (old, new, says) in [
+        ("encoder.outputs.bias", "encoder.outputs.bies", "outputs.bias"),
+        (r#"\"side\":128"#, r#"\"side\":120"#, "encoder"),
+        (r#"\"hidden\":[3]"#, r#"\"hidden\":[4]"#, "hidden1.weight"),
+    ] {
+        refused(decode(&forged(&bytes, old, new)), Kind::Invalid, &[says]);
+    }
+}
+
+#[test]
 fn posteriors_that_cannot_be_are_refused() {
     let spoilt = |spoil: fn(&mut Amortised), says: &str| {
         let mut model = KNOWING.clone();
@@ -214,21 +244,11 @@ fn posteriors_that_cannot_be_are_refused() {
         assert!(model.check().is_err(), "{says}");
         refused(decode(&encode_model(&model)), Kind::Invalid, &[says]);
     };
-    spoilt(|p| p.dictionary.measured.mean[5] = f32::NAN, "a table has values that are not finite");
-    spoilt(|p| p.dictionary.measured.coefficients[1][0] = f32::INFINITY, "coefficients has values that are not finite");
-    spoilt(|p| p.dictionary.entries[3][0].1 += 0.5, "entry 3 is not a mixture");
-    spoilt(|p| p.dictionary.entries[2][0].0 = 9_999, "entry 2 is not a mixture");
-    spoilt(|p| p.dictionary.entries.swap(0, 1), "entry 0 is not a mixture");
-    spoilt(
-        |p| {
-            p.dictionary.entries.truncate(1);
-            p.dictionary.places.truncate(1);
-        },
-        "no entries for its materials",
-    );
-    spoilt(|p| p.dictionary.places[1][0] = f64::NAN, "a place has values that are not finite");
-    spoilt(|p| p.scaling[4].deviation = 0.0, "statistic 4 has no scale");
-    spoilt(|p| p.network.layers[1].bias[0] = f32::NAN, "a layer has values that are not finite");
-    spoilt(|p| p.network.layers.truncate(1), "the network's output has 3 values, 5 are expected");
-    spoilt(|p| p.network.layers.clear(), "no network");
+    spoilt(|p| p.coordinates.mean[5] = f32::NAN, "a table has values that are not finite");
+    spoilt(|p| p.widths[7] = f32::INFINITY, "a table has values that are not finite");
+    spoilt(|p| p.places[1][0] = f64::NAN, "a place has values that are not finite");
+    spoilt(|p| p.components = 3, "the encoder's output has 12 values, 18 are expected");
+    spoilt(|p| p.components = 0, "no components");
+    spoilt(|p| p.ranges.truncate(2), "the ranges of its features has 2 values, 3 are expected");
+    spoilt(|p| p.ranges[1] = (1.0, 0.0), "feature 1 has no range");
 }

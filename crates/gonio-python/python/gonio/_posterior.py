@@ -56,6 +56,9 @@ class Posterior:
     """Linear colour of the light, of luminance one, shape (3,); white where it was not estimated."""
     misfit: float
     """What BRDF and light leave of the photograph, relative to it (root mean square)."""
+    scatter: float
+    """Standard deviation of pixels that share a normal, relative to their mean: noise, texture, shadows and wrong normals. 0 where too
+    few share one."""
     warnings: tuple[str, ...]
     """What speaks against believing it, one line each."""
     pictures: dict[str, NDArray[np.uint8]]
@@ -80,11 +83,12 @@ class Posterior:
         self.light = found["light"]
         self.light_color = found["light_color"]
         self.misfit = found["misfit"]
+        self.scatter = found["scatter"]
         self.warnings = tuple(found["warnings"])
         self.pictures = found["pictures"]
         self.report = found["page"]
         self.model = found["model"]
-        self._weights = found["weights"]
+        self._density = found["density"]
         self._notes = found["notes"]
 
     @cached_property
@@ -93,9 +97,9 @@ class Posterior:
         return self.draw(DRAWS)
 
     def draw(self, count: int, seed: int = 0) -> Floats:
-        """Draws from the posterior over the materials of the model, in luminance, shape (count, 90, 90). The same seed gives the same draws.
-        :attr:`quantiles` are wider: they allow for what these materials miss."""
-        return _gonio.draw(self.model, self._weights, count, seed)
+        """Draws from the posterior over the model's space of materials, in luminance, shape (count, 90, 90).
+        The same seed gives the same draws. :attr:`quantiles` are wider: they allow for what the space misses."""
+        return _gonio.draw(self.model, self._density, count, seed)
 
     @cached_property
     def notes(self) -> dict[str, Any]:

@@ -64,6 +64,7 @@ def html(found: Posterior) -> str:
         ("nearest measured", ", ".join(f"{escaped(n)} ({100 * w:.0f}&nbsp;%)" for n, w in found.materials[:3])),
         ("left open", f"{100 * found.open:.0f} % of the domain"),
         ("misfit", f"{100 * found.misfit:.1f} %"),
+        ("scatter", f"{100 * found.scatter:.1f} %"),
     ]
     rows += [("warning", escaped(message)) for message in found.warnings]
     cell = 'style="text-align:left;vertical-align:top"'

@@ -93,15 +93,15 @@ def train_posterior(
     channel: str = "luminance",
     cameras: int | None = None,
     draws: int | None = None,
-    epochs: int | None = None,
+    steps: int | None = None,
     seed: int = 1,
     progress: Progress | None = None,
 ) -> Part:
     """Learns the posterior of materials that :func:`gonio.infer` needs, from simulated photographs of the materials in the lights.
 
-    :param cameras: in each light. ``draws``: materials before each camera. ``epochs``: passes of the training.
+    :param cameras: in each light. ``draws``: materials before each camera. ``steps``: of the training, each on 128 photographs.
     """
-    options: PosteriorOptions = {"channel": channel, "cameras": cameras, "draws": draws, "epochs": epochs, "seed": seed}
+    options: PosteriorOptions = {"channel": channel, "cameras": cameras, "draws": draws, "steps": steps, "seed": seed}
     data, provenance = _gonio.train_posterior(_lights(lights), _materials(materials), options, _listeners(progress))
     return Part("posterior", provenance, data)
 

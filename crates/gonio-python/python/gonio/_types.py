@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ._gonio import Model
+    from ._gonio import Density, Model
 
 Floats: TypeAlias = NDArray[np.float32]
 Doubles: TypeAlias = NDArray[np.float64]
@@ -84,7 +84,8 @@ class Found(TypedDict):
     open: float
     materials: list[tuple[str, float]]
     gloss: list[float]
-    weights: Doubles
+    density: Density
+    scatter: float
     light: Floats
     light_color: Floats
     misfit: float
@@ -128,5 +129,5 @@ class PosteriorOptions(TypedDict):
     channel: str
     cameras: int | None
     draws: int | None
-    epochs: int | None
+    steps: int | None
     seed: int

@@ -58,13 +58,14 @@ impl Report<'_> {
         let lead = html! {
             p { "The reflectance (BRDF) of an object, estimated from one photograph in light that nobody measured. \
                  Brightness of light and reflectance cannot be told apart: the albedo along the normal is set to one half." }
+            (self.verdict())
+            (warnings(self.warnings))
         };
         Document { title: &title, lead, sections, style: STYLE, script: SCRIPT }.render()
     }
 
     fn found(&self) -> Markup {
         html! {
-            (warnings(self.warnings))
             div.found {
                 div {
                     div #sphere { p.note { "A sphere to turn needs scripts. The pictures below do not." } }
@@ -81,12 +82,18 @@ impl Report<'_> {
         }
     }
 
+    /// Misfit and scatter, as far as they are known.
+    fn verdict(&self) -> Markup {
+        let misfit = self.result["noise"]["misfit"].as_f64().or(self.result["noise"]["relative"].as_f64());
+        let scatter = self.subject.material.map(|material| material.scatter).filter(|scatter| *scatter > 0.0);
+        verdict(misfit, scatter)
+    }
+
     fn photograph(&self) -> Markup {
         let Panels { photograph, observed, reproduction, residual, light, .. } = self.panels;
         let given = if self.subject.light.is_some() { "estimated" } else { "given" };
         let light_words = format!("The {given} light as a map of all directions, tone-mapped");
         let small = |picture, alt: &str| figure::picture(picture, alt);
-        let misfit = self.result["noise"]["misfit"].as_f64().or(self.result["noise"]["relative"].as_f64());
         let pictures = [
             figure::card(
                 "Photograph",
@@ -112,10 +119,8 @@ impl Report<'_> {
         let pictures: Vec<Markup> = pictures.into_iter().chain(self.used()).collect();
         html! {
             (figure::grid(15, &pictures))
-            @if let Some(misfit) = misfit {
-                p { "Root mean square of what is left over: " strong { (percent(misfit)) } " of the photograph's. A small residual does not prove \
-                     the material right: a blurry light on a mirror can look like a sharp light on a dull surface." }
-            }
+            p { "A small residual does not prove the material right: a blurry light on a mirror can look \
+                 like a sharp light on a dull surface." }
             (counts(&self.subject.sighting.observations.report))
             (figure::figure(&small(light, &light_words), &html! {
                 "The " (given) " light, latitude over longitude: the middle lies behind the object, the left and right edges behind the camera. "
@@ -197,7 +202,30 @@ impl Report<'_> {
     }
 }
 
-/// Lines that should be read first.
+/// The two numbers that should be read first.
+fn verdict(misfit: Option<f64>, scatter: Option<f64>) -> Markup {
+    let numbers = [
+        (
+            misfit,
+            "misfit",
+            "of the photograph's brightness is what light and material leave unexplained (root mean square)",
+        ),
+        (scatter, "scatter", "is how far pixels differ that share a normal: noise, texture, shadows, wrong normals"),
+    ];
+    html! {
+        @if misfit.or(scatter).is_some() {
+            dl.facts.verdict {
+                @for (value, name, words) in numbers {
+                    @if let Some(value) = value {
+                        div { dt { (name) } dd { strong { (percent(value)) } span.note { " " (words) } } }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Lines that tell what to beware of.
 fn warnings(lines: &[String]) -> Markup {
     html! {
         @if !lines.is_empty() {
@@ -298,6 +326,14 @@ mod tests {
     #[test]
     fn colours_are_those_of_a_style() {
         assert_eq!(css(&[1.0, 0.0, 0.0]), "rgb(218 0 0)");
+    }
+
+    #[test]
+    fn the_verdict_has_the_numbers_that_there_are() {
+        let both = verdict(Some(0.123), Some(0.034)).into_string();
+        assert!(both.contains("12 %") && both.contains("3.4 %"), "{both}");
+        assert!(!verdict(Some(0.123), None).into_string().contains("scatter"));
+        assert_eq!(verdict(None, None).into_string(), "");
     }
 
     #[test]

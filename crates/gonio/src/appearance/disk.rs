@@ -12,7 +12,7 @@ pub const CHANNELS: usize = 5;
 pub const GLOBALS: usize = 4;
 
 /// Sine of the largest angle between normal and view, 80 degrees as in the paper.
-const RIM: f32 = 0.984_807_75;
+const RIM: f32 = 0.984_807_8;
 
 /// What is darker than this, relative to the mean, is black.
 const BLACK: f32 = 0.003;

@@ -7,10 +7,12 @@ use std::fmt;
 pub enum Doubt {
     /// So large a share of a sphere's normals is not seen on the object.
     Filled(f64),
-    /// So large a share of the photograph's statistics is out of the range of those learnt from.
+    /// So large a share of the photograph's features is out of the range of those learnt from.
     Strange(f64),
     /// So large a share of the BRDF's domain is left open.
     Open(f64),
+    /// Pixels that share a normal differ by so much, relative to their mean.
+    Scatter(f64),
 }
 
 impl fmt::Display for Doubt {
@@ -23,8 +25,14 @@ impl fmt::Display for Doubt {
             ),
             Self::Strange(share) => write!(
                 f,
-                "the photograph is unlike those the posterior was learnt from: {:.0} % of its statistics are out of their range; the answer may be far off",
+                "the photograph is unlike those the posterior was learnt from: {:.0} % of what it is read by is out of range; the answer may be far off",
                 100.0 * share
+            ),
+            Self::Scatter(deviation) => write!(
+                f,
+                "pixels that share a normal differ by {:.0} %: texture, shadows of the object on itself, several materials, noise, or normals that do not lie \
+                 on the picture; what is fine in the highlights cannot be told from it",
+                100.0 * deviation
             ),
             Self::Open(share) => write!(
                 f,

@@ -72,6 +72,7 @@ impl Material {
             (filled > 0.2).then_some(Doubt::Filled(filled)),
             (self.strangeness > 0.05).then_some(Doubt::Strange(self.strangeness)),
             (self.open > 0.5).then_some(Doubt::Open(self.open)),
+            (self.scatter > 0.1).then_some(Doubt::Scatter(self.scatter)),
         ]
         .into_iter()
         .flatten()

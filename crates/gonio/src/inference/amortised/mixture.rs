@@ -2,12 +2,13 @@
 
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
 
 /// Bound of the logarithms on the diagonal of the factors: components neither narrower nor wider than `e^-4` to `e^4`.
 pub const LARGEST_LOG: f32 = 4.0;
 
 /// One Gaussian with precision `T' T`, `T` lower triangular with positive diagonal, and its share of the mixture.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Component {
     log_share: f64,
     mean: Vec<f64>,
@@ -16,7 +17,7 @@ struct Component {
 }
 
 /// A density over points of a space of a few dimensions.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MixtureDensity {
     components: Vec<Component>,
 }

@@ -1,0 +1,208 @@
+//! `gonio-eval camera`: what each fault of a photograph costs. Test materials in test lights, as
+//! the learnt posterior of the leave-out protocol reads them: from photographs without a fault, and
+//! with one camera effect at a time.
+//!
+//! Photographs are simulated as those of the training are, by the same renderer and the same models
+//! of the effects: this says what an effect costs where it is as modelled. Real photographs are
+//! judged by `gonio-eval captured`. The errors are taken by the exact renderer.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use glam::DQuat;
+use gonio::appearance::DiskImage;
+use gonio::inference::amortised::Amortised;
+use gonio::reflectance::BivariateTable;
+use gonio::render::Relighter;
+use gonio::simulation::{Camera, LightKind, generator};
+use gonio_io::cache::Cache;
+use rayon::prelude::*;
+
+use crate::bench::{ACCURACY, Progress, Protocol, Stage};
+use crate::data::Lights;
+use crate::materials::Materials;
+use crate::metrics::{Gloss, coverage, mean, median, relight};
+use crate::posteriors::{Effort, empty_stock, load_or_train};
+
+/// What is measured.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Folder of the MERL database, if it is not DATA/merl
+    #[arg(long)]
+    merl: Option<PathBuf>,
+    /// Test lights of the photographs
+    #[arg(long, value_delimiter = ',', default_value = "debevec_stpeters,debevec_grace,debevec_rnl,noon_grass")]
+    lights: Vec<String>,
+    /// Test lights that estimates are relit in, but for that of the photograph
+    #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
+    relight: Vec<String>,
+    #[command(flatten)]
+    effort: Effort,
+}
+
+/// The effects, each alone; a ball of 128 pixels otherwise without fault.
+const EFFECTS: [(&str, Camera); 14] = [
+    ("none", Camera::CLEAN),
+    ("speckle 10 %", Camera { speckle: 0.10, ..Camera::CLEAN }),
+    ("speckle 25 %", Camera { speckle: 0.25, ..Camera::CLEAN }),
+    ("stains 15 %", Camera { stains: 0.15, ..Camera::CLEAN }),
+    ("blur of one cell", Camera { blur: 1.0, ..Camera::CLEAN }),
+    ("glare 3 %", Camera { glare: 0.03, ..Camera::CLEAN }),
+    ("8 bits", Camera { levels: 256.0, ..Camera::CLEAN }),
+    ("clipping 1 %", Camera { clipped: 0.01, ..Camera::CLEAN }),
+    ("rough normals 0.03", Camera { rough_normals: 0.03, ..Camera::CLEAN }),
+    ("wrong normals 0.02", Camera { wrong_normals: 0.02, ..Camera::CLEAN }),
+    ("outline 1 %", Camera { outline: 0.01, ..Camera::CLEAN }),
+    ("missing 20 %", Camera { missing: 0.20, ..Camera::CLEAN }),
+    ("shadow 0.4", Camera { shadow: 0.4, ..Camera::CLEAN }),
+    ("foreign 5 %", Camera { foreign: 0.05, ..Camera::CLEAN }),
+];
+
+/// Errors of one answer.
+struct Errors {
+    /// Relight error and its log version, means over the lights.
+    relative: f64,
+    log: f64,
+    /// Gloss index less that of the reference: a logarithm.
+    gloss: f64,
+    /// Shares of the cells in the 50 and 90 % intervals, where there are any.
+    coverage: Option<[f64; 2]>,
+}
+
+pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
+    let materials = Materials::open(data, options.merl.as_deref())?;
+    let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
+    let luminance = |at: usize| (materials.names[at].clone(), materials.luminance(at));
+    let training: Vec<(String, BivariateTable)> =
+        Protocol::LeaveOut.training(&materials).into_iter().map(luminance).collect();
+    let amortised = load_or_train(&cache, &training, &Lights::training(data)?, &options.effort.learning())?;
+    let mut subjects: Vec<(String, BivariateTable)> = materials.held_out().into_iter().map(luminance).collect();
+    subjects.iter_mut().for_each(|(_, table)| table.extend_from_trusted());
+    let stock = empty_stock(&subjects);
+    let subjects: Vec<BivariateTable> = subjects.into_iter().map(|(_, table)| table).collect();
+    let lights = Lights::open(data)?;
+    let judge = Judge::new(options, &lights, &subjects)?;
+    let flat = BivariateTable::from_fn(|_, _| 1.0);
+    let (mut answers, mut lambertian) = (EFFECTS.map(|_| Vec::new()), Vec::new());
+    let progress = Progress::new("photographs", options.lights.len() * EFFECTS.len() * subjects.len());
+    for (at, name) in options.lights.iter().enumerate() {
+        if judge.relit_besides(name) == 0 {
+            bail!("--relight has no light but that of the photograph, {name}");
+        }
+        let light = LightKind::Captured.light(&lights.map(name)?, DQuat::IDENTITY, &mut generator(0));
+        let scenes = stock.scenes_of(&subjects, &light);
+        for ((_, camera), answers) in EFFECTS.iter().zip(&mut answers) {
+            answers.par_extend((0..subjects.len()).into_par_iter().map(|m| {
+                // The other material of the effect that has one is as unknown.
+                let other = &scenes[(m + scenes.len() / 2) % scenes.len()];
+                let mut rng = generator((at * subjects.len() + m) as u64);
+                let photograph = camera.photograph(&scenes[m], other, &mut rng);
+                progress.step();
+                judge.posterior(&amortised, &photograph, m, name)
+            }));
+        }
+        lambertian.extend((0..subjects.len()).map(|m| judge.errors(&flat, m, name)));
+    }
+    progress.finish();
+    let titles = EFFECTS.iter().map(|(title, _)| *title);
+    let rows = titles.zip(&answers).chain([("Lambertian answer to any", &lambertian)]);
+    print!("{}", report(rows));
+    Ok(())
+}
+
+/// What answers are held against.
+struct Judge<'a> {
+    subjects: &'a [BivariateTable],
+    stage: Stage,
+    /// Each light that answers are relit in, with what the subjects look like there.
+    relit: Vec<(String, Relighter, Vec<Vec<f64>>)>,
+}
+
+impl<'a> Judge<'a> {
+    fn new(options: &Options, lights: &Lights, subjects: &'a [BivariateTable]) -> Result<Self> {
+        let stage = Stage::new(64);
+        let relit = |name: &String| {
+            let relighter = Relighter::new(&stage.points, subjects, &lights.tree(name)?, &ACCURACY);
+            let truths = subjects.iter().map(|table| stage.counted(&relighter.render(table))).collect();
+            Ok((name.clone(), relighter, truths))
+        };
+        let relit = options.relight.iter().map(relit).collect::<Result<_>>()?;
+        Ok(Self { subjects, stage, relit })
+    }
+
+    /// Lights to relight in that are not that of the photograph.
+    fn relit_besides(&self, light: &str) -> usize {
+        self.relit.iter().filter(|(name, ..)| name != light).count()
+    }
+
+    fn errors(&self, table: &BivariateTable, material: usize, light: &str) -> Errors {
+        let others = self.relit.iter().filter(|(name, ..)| name != light);
+        let errors: Vec<_> = others
+            .map(|(_, operator, truths)| relight(&self.stage.counted(&operator.render(table)), &truths[material]))
+            .collect();
+        Errors {
+            relative: mean(&errors.iter().map(|e| e.relative).collect::<Vec<f64>>()),
+            log: mean(&errors.iter().map(|e| e.log).collect::<Vec<f64>>()),
+            gloss: Gloss::of(table).peak - Gloss::of(&self.subjects[material]).peak,
+            coverage: None,
+        }
+    }
+
+    fn posterior(&self, amortised: &Amortised, photograph: &DiskImage, material: usize, light: &str) -> Errors {
+        let posterior = amortised.posterior(photograph);
+        let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().expect("four shares");
+        let covered = coverage(&posterior.mean, &quantiles, &self.subjects[material]);
+        Errors { coverage: Some(covered), ..self.errors(&posterior.mean, material, light) }
+    }
+}
+
+/// Medians of the errors, the share of highlights that are off by more than a factor of four, and
+/// the mean share of cells in their intervals.
+fn report<'a>(rows: impl Iterator<Item = (&'a str, &'a Vec<Errors>)>) -> String {
+    let mut out = String::from(
+        "| photographs with | number | relight | log relight | gloss off by more than 4x | in 50 / 90 % intervals |\n\
+         |---|---|---|---|---|---|\n",
+    );
+    for (title, list) in rows {
+        let middle = |f: fn(&Errors) -> f64| median(list.iter().map(f).collect());
+        let off = list.iter().filter(|e| e.gloss.abs() > 4_f64.ln()).count();
+        let covered: Vec<[f64; 2]> = list.iter().filter_map(|e| e.coverage).collect();
+        let share = |k: usize| 100.0 * mean(&covered.iter().map(|c| c[k]).collect::<Vec<f64>>());
+        let covered = if covered.is_empty() { "-".to_owned() } else { format!("{:.0} / {:.0}", share(0), share(1)) };
+        let _ = writeln!(
+            out,
+            "| {title} | {} | {:.3} | {:.3} | {:.0} % | {covered} |",
+            list.len(),
+            middle(|e| e.relative),
+            middle(|e| e.log),
+            100.0 * off as f64 / list.len().max(1) as f64,
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn effects_have_names_of_their_own_and_none_is_no_effect() {
+        let names: BTreeSet<&str> = EFFECTS.iter().map(|(name, _)| *name).collect();
+        assert_eq!(names.len(), EFFECTS.len());
+        for (name, camera) in &EFFECTS {
+            assert_eq!(*name == "none", *camera == Camera::CLEAN, "{name}");
+        }
+    }
+
+    #[test]
+    fn the_table_has_medians_and_shares() {
+        let one = |relative: f64, gloss: f64, coverage| Errors { relative, log: 2.0 * relative, gloss, coverage };
+        let seen = vec![one(0.1, 0.0, Some([0.4, 0.8])), one(0.3, -2.0, Some([0.6, 1.0])), one(0.2, 1.0, None)];
+        let table = report([("some", &seen), ("flat", &vec![one(0.5, 3.0, None)])].into_iter());
+        assert!(table.contains("| some | 3 | 0.200 | 0.400 | 33 % | 50 / 90 |"), "{table}");
+        assert!(table.contains("| flat | 1 | 0.500 | 1.000 | 100 % | - |"), "{table}");
+    }
+}

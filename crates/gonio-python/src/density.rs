@@ -1,0 +1,49 @@
+//! Draws from a posterior.
+
+use gonio::estimate::draws;
+use gonio::inference::amortised::MixtureDensity;
+use gonio::reflectance::{THETA_D, THETA_H};
+use numpy::PyArray3;
+use pyo3::prelude::*;
+
+use crate::arrays;
+use crate::error::Problem;
+use crate::model::Model;
+use crate::work::{self, Listeners};
+
+/// A posterior over the materials of a model.
+#[pyclass(frozen, module = "gonio._gonio")]
+pub(crate) struct Density(pub(crate) MixtureDensity);
+
+#[pymethods]
+impl Density {
+    /// From what it is pickled as.
+    #[staticmethod]
+    fn decode(py: Python<'_>, json: &str) -> PyResult<Self> {
+        let density = serde_json::from_str(json).map_err(|e| Problem::of("the pickled posterior", e).raise(py))?;
+        Ok(Self(density))
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        let json = serde_json::to_string(&self.0).map_err(|e| Problem::new(e.to_string()).raise(py))?;
+        Ok((py.get_type::<Self>().getattr("decode")?, (json,)))
+    }
+}
+
+/// Draws from a posterior: shape (count, 90, 90).
+#[pyfunction]
+pub(crate) fn draw<'py>(
+    py: Python<'py>,
+    model: &Bound<'py, Model>,
+    density: &Bound<'py, Density>,
+    count: usize,
+    seed: u64,
+) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    let (model, density) = (model.get().model.clone(), density.get().0.clone());
+    let listeners = Listeners::none();
+    let tables = work::run(py, listeners, move |_| {
+        let tables = draws(&model, &density, count, seed).map_err(|e| Problem::new(e.to_string()))?;
+        Ok(tables.into_iter().flat_map(Vec::<f32>::from).collect::<Vec<f32>>())
+    })?;
+    Ok(arrays::array(py, (count, THETA_H, THETA_D), tables))
+}

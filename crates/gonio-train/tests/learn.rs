@@ -1,0 +1,84 @@
+//! From lights and materials to a posterior, in a small world of formulas.
+
+use glam::{DVec3, Vec3};
+use gonio::lighting::EnvironmentMap;
+use gonio::picture::Plane;
+use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
+use gonio::simulation::{Stock, StockSettings};
+use gonio::sphere::direction_of_lat_long;
+use gonio_train::{Photographs, TrainingSettings, evaluate, learn};
+
+/// A sky with a lamp whose place, width and power depend on the number.
+fn light(number: u32) -> EnvironmentMap {
+    let turn = f64::from(number) * 2.4;
+    let lamp = DVec3::new(turn.cos(), 0.6, turn.sin()).normalize();
+    let (width, power) = (0.05 + 0.04 * f64::from(number % 5), 5.0 * f64::from(1 + number % 7));
+    EnvironmentMap::new(Plane::from_fn(96, 48, |x, y| {
+        let d = direction_of_lat_long((x as f64 + 0.5) / 96.0, (y as f64 + 0.5) / 48.0);
+        Vec3::splat((if d.angle_between(lamp) < width { power } else { 1.2 + d.y }) as f32)
+    }))
+    .unwrap()
+}
+
+fn dictionary() -> Dictionary {
+    let lobe = |w: f64, s: f64| BivariateTable::from_fn(move |h, _| 0.1 + s * (-(h / w).powi(2)).exp());
+    let set = [(0.06, 30.0), (0.1, 8.0), (0.2, 3.0), (0.4, 1.0), (1.0, 0.05)];
+    let tables: Vec<(String, BivariateTable)> = set.iter().map(|&(w, s)| (format!("{w}"), lobe(w, s))).collect();
+    let settings = DictionarySettings { draws: 60, dimensions: 3, ..DictionarySettings::default() };
+    Dictionary::new(LogBasis::fit(&tables, 8), &settings)
+}
+
+fn stock(lights: u32) -> Stock {
+    let settings = StockSettings { cameras: 1, draws: 12, ..StockSettings::default() };
+    let mut stock = Stock::new(dictionary(), settings);
+    (0..lights).for_each(|number| stock.add_light(&light(number)));
+    stock
+}
+
+fn settings(steps: usize) -> TrainingSettings {
+    TrainingSettings {
+        steps,
+        batch: 16,
+        rate: 6e-3,
+        average: 0.9,
+        components: 2,
+        widths: vec![4, 6, 8],
+        hidden: vec![32],
+        ..TrainingSettings::default()
+    }
+}
+
+#[test]
+fn photographs_tell_their_materials() {
+    let stock = stock(4);
+    assert_eq!(stock.scenes(), 4 * 12);
+    let posterior = learn(&stock, &settings(50), &|_, _| ()).unwrap();
+    // Against a Gaussian of variance one, which knows of no photograph.
+    let unseen = (1 << 41)..(1 << 41) + 60;
+    let loss = evaluate(&posterior.encoder, posterior.components, &Photographs(&stock), unseen.clone());
+    let prior: f64 = 1.5 * (std::f64::consts::TAU.ln() + 1.0);
+    assert!(loss < prior - 0.2, "{loss} {prior}");
+    // What the posterior says goes the right way, and nothing of it is strange.
+    let (mut along, mut strange) = (0.0, 0.0);
+    for number in unseen {
+        let photograph = stock.photograph(number);
+        let reading = posterior.read(&photograph.image);
+        let truth = stock.dictionary().coordinates.of(&stock.dictionary().table(&photograph.material));
+        along += truth[0] * reading.density.mean()[0] / 60.0;
+        strange += reading.strangeness / 60.0;
+    }
+    assert!(along > 0.1, "{along}");
+    assert!(strange < 0.1, "{strange}");
+    assert_eq!(posterior.names.len(), 5);
+}
+
+#[test]
+fn a_seed_makes_one_posterior_whatever_the_threads() {
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            gonio_train::train(&Photographs(&stock(1)), &settings(2), &|_, _| ()).unwrap()
+        })
+    };
+    assert_eq!(run(1), run(3));
+}

@@ -140,13 +140,7 @@ pub struct PosteriorSettings {
 impl Default for PosteriorSettings {
     fn default() -> Self {
         let (stock, training) = (StockSettings::default(), TrainingSettings::default());
-        Self {
-            channel: Channel::Luminance,
-            cameras: stock.cameras,
-            draws: stock.draws,
-            steps: training.steps,
-            seed: 1,
-        }
+        Self { channel: Channel::Luminance, cameras: stock.cameras, draws: stock.draws, steps: training.steps, seed: 1 }
     }
 }
 

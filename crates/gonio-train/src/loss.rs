@@ -31,7 +31,8 @@ pub(crate) fn mixture_loss(outputs: &mut [f32], z: &[f32], components: usize) ->
     }
     let all = log_sum_exp(terms.iter().map(|t| t.0));
     let shares = log_sum_exp(logits.iter().map(|l| f64::from(*l)));
-    for ((logit, part), (log, gap, factor, whitened)) in logits.iter_mut().zip(rest.chunks_exact_mut(each)).zip(&terms) {
+    for ((logit, part), (log, gap, factor, whitened)) in logits.iter_mut().zip(rest.chunks_exact_mut(each)).zip(&terms)
+    {
         let responsibility = (log - all).exp();
         *logit = ((f64::from(*logit) - shares).exp() - responsibility) as f32;
         let mut mean = vec![0.0; d];

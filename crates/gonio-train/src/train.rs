@@ -143,7 +143,8 @@ impl Model {
         let masks = self.masks(part.count, seed);
         let trace = self.layers.forward(part.images, &part.globals, part.count, weights, &masks);
         let mut back = trace.outputs().to_vec();
-        let samples = back.chunks_exact_mut(self.shape.outputs).zip(part.targets.chunks_exact(part.targets.len() / part.count));
+        let samples =
+            back.chunks_exact_mut(self.shape.outputs).zip(part.targets.chunks_exact(part.targets.len() / part.count));
         let value = samples.map(|(outputs, target)| mixture_loss(outputs, target, self.components)).sum();
         (value, self.layers.backward(trace, back, weights, &masks))
     }

@@ -76,9 +76,7 @@ fn photographs_tell_their_materials() {
 fn a_seed_makes_one_posterior_whatever_the_threads() {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            gonio_train::train(&Photographs(&stock(1)), &settings(2), &|_, _| ()).unwrap()
-        })
+        pool.install(|| gonio_train::train(&Photographs(&stock(1)), &settings(2), &|_, _| ()).unwrap())
     };
     assert_eq!(run(1), run(3));
 }

@@ -61,7 +61,8 @@ pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
     shape.check().map_err(|e| wrong(e.to_string()))?;
     let find = |name: &str| file.any_f32s(&format!("{ENCODER}{name}"));
     let encoder = Encoder::from_tensors(shape, find).map_err(|e| wrong(e.to_string()))?;
-    let amortised = Amortised { names, places, coordinates, widths, encoder, components: file.json(COMPONENTS)?, ranges };
+    let amortised =
+        Amortised { names, places, coordinates, widths, encoder, components: file.json(COMPONENTS)?, ranges };
     // Before anything is computed from it.
     check_posterior(&amortised).map_err(|e| wrong(e.to_string()))?;
     Ok(amortised)

@@ -211,7 +211,13 @@ fn filled(mut values: Vec<f32>, counts: &[f32]) -> Vec<f32> {
         side = wide;
     }
     for (cell, value) in values.iter_mut().enumerate() {
-        *value = if !on_disk(cell) { 0.0 } else if counts[cell] > 0.0 { *value } else { coarse[cell] };
+        *value = if !on_disk(cell) {
+            0.0
+        } else if counts[cell] > 0.0 {
+            *value
+        } else {
+            coarse[cell]
+        };
     }
     values
 }

@@ -26,15 +26,6 @@ pub struct Lattice {
     normals: Vec<DVec3>,
 }
 
-/// An image on a [`Lattice`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct Gathered {
-    /// A value for each normal of the lattice, on the scale of the observations; not negative.
-    pub values: Vec<f32>,
-    /// Normals without an observation within 2 degrees: their value is a mean over the nearest there are.
-    pub filled: usize,
-}
-
 impl Default for Lattice {
     fn default() -> Self {
         Self::new()
@@ -59,57 +50,21 @@ impl Lattice {
         self.normals.iter().map(|&n| SurfacePoint { normal: camera * n, view }).collect()
     }
 
-    /// The mean of the observations around each normal of the lattice. Where none is near, wider means are taken.
-    ///
-    /// Points beyond 80 degrees count as others do; `None` is not observed.
+    /// The mean of the colours (linear RGB) around each normal of the lattice; `None` is not observed. Where none is near, wider means are taken.
     ///
     /// # Panics
-    /// If `points` and `values` differ in number or nothing is observed.
-    pub fn gather(&self, points: &[SurfacePoint], values: &[Option<f64>]) -> Gathered {
-        self.gather_weighted(points, values, &vec![1.0; points.len()])
-    }
-
-    /// As [`Self::gather`], with a weight for each observation. Those of weight zero are not observed.
-    ///
-    /// # Panics
-    /// Likewise, and if the weights differ in number.
-    pub fn gather_weighted(&self, points: &[SurfacePoint], values: &[Option<f64>], weights: &[f64]) -> Gathered {
-        assert!(points.len() == values.len() && points.len() == weights.len());
-        let grey = |(v, &weight): (&Option<f64>, &f64)| v.filter(|_| weight > 0.0).map(|v| ([v], weight));
-        let (values, filled) = self.means(points, values.iter().zip(weights).map(grey));
-        Gathered { values: values.into_iter().map(|[v]| v).collect(), filled }
-    }
-
-    /// As [`Self::gather`], of linear RGB.
-    ///
-    /// # Panics
-    /// Likewise.
+    /// If `points` and `colours` differ in number or nothing is observed.
     pub fn gather_colours(&self, points: &[SurfacePoint], colours: &[Option<Vec3>]) -> Vec<Vec3> {
         assert_eq!(points.len(), colours.len());
-        let rgb = |c: &Option<Vec3>| c.map(|c| (c.as_dvec3().to_array(), 1.0));
-        self.means(points, colours.iter().map(rgb)).0.into_iter().map(Vec3::from_array).collect()
-    }
-
-    /// Means of what is given with a weight for each point, and how many of them had to reach farther than they should.
-    fn means<const N: usize>(
-        &self,
-        points: &[SurfacePoint],
-        values: impl Iterator<Item = Option<([f64; N], f64)>>,
-    ) -> (Vec<[f32; N]>, usize) {
-        let observed: Vec<Observed<N>> = points
-            .iter()
-            .zip(values)
-            .filter_map(|(p, v)| {
-                v.map(|(v, weight)| Observed { normal: p.in_view(), value: v.map(|v| v.max(0.0)), weight })
-            })
-            .collect();
+        let seen = |(p, c): (&SurfacePoint, &Option<Vec3>)| {
+            c.map(|c| Observed { normal: p.in_view(), colour: c.as_dvec3().max(DVec3::ZERO) })
+        };
+        let observed: Vec<Observed> = points.iter().zip(colours).filter_map(seen).collect();
         assert!(!observed.is_empty(), "an image without observations");
-        let gathered: Vec<([f32; N], bool)> = self.normals.par_iter().map(|n| mean_around(*n, &observed)).collect();
-        let filled = gathered.iter().filter(|(_, filled)| *filled).count();
-        (gathered.into_iter().map(|(v, _)| v).collect(), filled)
+        self.normals.par_iter().map(|n| mean_around(*n, &observed)).collect()
     }
 
-    /// Of points with weights those that matter most to [`Self::gather_weighted`]: for each normal of the lattice up to `each` of the greatest weight
+    /// Of points with weights those that matter most to means at its normals: for each normal of the lattice up to `each` of the greatest weight
     /// within two degrees, or the nearest one. In order, each once.
     ///
     /// # Panics
@@ -140,30 +95,28 @@ impl Lattice {
 }
 
 /// An observation in the frame of its own view.
-struct Observed<const N: usize> {
+struct Observed {
     normal: DVec3,
-    value: [f64; N],
-    weight: f64,
+    colour: DVec3,
 }
 
-/// The weighted mean around a normal, and whether it had to reach farther than it should.
-fn mean_around<const N: usize>(normal: DVec3, observed: &[Observed<N>]) -> ([f32; N], bool) {
+/// The mean around a normal.
+fn mean_around(normal: DVec3, observed: &[Observed]) -> Vec3 {
     // Chords in place of angles: alike where they are small, and monotone.
     let squares: Vec<f64> = observed.iter().map(|o| (o.normal - normal).length_squared()).collect();
     let nearest = squares.iter().copied().fold(f64::INFINITY, f64::min);
     let reach = (REACH * WIDTH).to_radians().powi(2);
-    let filled = nearest > reach;
     // Beyond its reach the Gaussian grows until the nearest observation is two standard deviations away.
-    let variance = if filled { nearest / 4.0 } else { WIDTH.to_radians().powi(2) };
-    let (mut sum, mut weights) = ([0.0; N], 0.0);
+    let variance = if nearest > reach { nearest / 4.0 } else { WIDTH.to_radians().powi(2) };
+    let (mut sum, mut weights) = (DVec3::ZERO, 0.0);
     for (square, observed) in squares.iter().zip(observed) {
         if *square <= REACH * REACH * variance {
-            let weight = observed.weight * (-0.5 * square / variance).exp();
-            sum.iter_mut().zip(&observed.value).for_each(|(s, v)| *s += weight * v);
+            let weight = (-0.5 * square / variance).exp();
+            sum += weight * observed.colour;
             weights += weight;
         }
     }
-    (sum.map(|s| (s / weights) as f32), filled)
+    (sum / weights).as_vec3()
 }
 
 #[cfg(test)]
@@ -171,8 +124,8 @@ mod tests {
     use super::*;
     use crate::scene::{ObservationSettings, sphere_points};
 
-    fn smooth(n: DVec3) -> f64 {
-        1.0 + 0.5 * n.x + 0.3 * n.y * n.z
+    fn smooth(n: DVec3) -> Vec3 {
+        DVec3::new(1.0 + 0.5 * n.x, 1.0 + 0.3 * n.y * n.z, n.z).as_vec3()
     }
 
     #[test]
@@ -180,11 +133,9 @@ mod tests {
         let lattice = Lattice::new();
         assert_eq!(lattice.normals().len(), 1653);
         let points = sphere_points(&ObservationSettings::default());
-        let values: Vec<Option<f64>> = points.iter().map(|p| Some(smooth(p.normal))).collect();
-        let got = lattice.gather(&points, &values);
-        assert_eq!(got.filled, 0);
-        for (n, v) in lattice.normals().iter().zip(&got.values) {
-            assert!((smooth(*n) - f64::from(*v)).abs() < 0.01, "{n} {v}");
+        let colours: Vec<Option<Vec3>> = points.iter().map(|p| Some(smooth(p.normal))).collect();
+        for (n, c) in lattice.normals().iter().zip(lattice.gather_colours(&points, &colours)) {
+            assert!((smooth(*n) - c).abs().max_element() < 0.02, "{n} {c}");
         }
     }
 
@@ -193,11 +144,10 @@ mod tests {
         let lattice = Lattice::new();
         let turn = DQuat::from_rotation_y(0.4) * DQuat::from_rotation_x(-0.2);
         let points = lattice.points(turn);
-        let values: Vec<Option<f64>> = lattice.normals().iter().map(|n| Some(n.z)).collect();
-        let got = lattice.gather(&points, &values);
+        let colours: Vec<Option<Vec3>> = lattice.normals().iter().map(|n| Some(Vec3::splat(n.z as f32))).collect();
         // The turn back is not the inverse of `turn`, but both leave the angle to the view alone.
-        for (n, v) in lattice.normals().iter().zip(&got.values) {
-            assert!((n.z - f64::from(*v)).abs() < 0.06, "{n} {v}");
+        for (n, c) in lattice.normals().iter().zip(lattice.gather_colours(&points, &colours)) {
+            assert!((n.z - f64::from(c.y)).abs() < 0.06, "{n} {c}");
         }
     }
 
@@ -206,13 +156,10 @@ mod tests {
         let lattice = Lattice::new();
         let points = lattice.points(DQuat::IDENTITY);
         let hole = DVec3::new(0.3, 0.2, 0.9).normalize();
-        let values: Vec<Option<f64>> =
+        let colours: Vec<Option<Vec3>> =
             points.iter().map(|p| (p.normal.angle_between(hole) > 0.25).then(|| smooth(p.normal))).collect();
-        let got = lattice.gather(&points, &values);
-        let inside = lattice.normals().iter().filter(|n| n.angle_between(hole) <= 0.25).count();
-        assert!(got.filled > inside / 2 && got.filled <= inside, "{} of {inside}", got.filled);
-        for (n, v) in lattice.normals().iter().zip(&got.values) {
-            assert!((smooth(*n) - f64::from(*v)).abs() < 0.2, "{n} {v}");
+        for (n, c) in lattice.normals().iter().zip(lattice.gather_colours(&points, &colours)) {
+            assert!((smooth(*n) - c).abs().max_element() < 0.2, "{n} {c}");
         }
     }
 }

@@ -1,11 +1,9 @@
-//! What a photograph of a material looks like, apart from its light: statistics of the image over normals.
+//! What a photograph shows of each normal, whatever the shape: light from far away makes the brightness of a convex surface a function of its normal.
 //!
-//! Lights differ, but the lights of the world have something in common (lamps are small, edges run through all scales), and so do the images of one
-//! material under them: how strong and how skewed they are at each scale, how they change towards the rim. [`inference::amortised`](crate::inference::amortised)
-//! learns what these numbers say of the material.
+//! [`DiskImage`] is what [`inference::amortised`](crate::inference::amortised) reads the material from, [`Lattice`] what [`colour`](crate::colour) reads.
 
 pub mod disk;
 mod lattice;
 
 pub use disk::{DiskImage, Sample, scatter};
-pub use lattice::{Gathered, Lattice};
+pub use lattice::Lattice;

@@ -1,10 +1,10 @@
 //! What the object is made of.
 
 use super::{Doubt, EstimateError};
+use crate::appearance::DiskImage;
 use crate::inference::amortised::{
     self, Amortised, MaterialPosterior, MixtureDensity, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
-use crate::appearance::DiskImage;
 use crate::model::Model;
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 use crate::scene::Observations;

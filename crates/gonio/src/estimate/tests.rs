@@ -141,7 +141,8 @@ fn what_cannot_be_answered_is_said() {
 
 #[test]
 fn doubts_say_what_and_how_much() {
-    let text = [Doubt::Filled(0.4), Doubt::Strange(0.12), Doubt::Open(0.6), Doubt::Scatter(0.23)].map(|d| d.to_string());
+    let text =
+        [Doubt::Filled(0.4), Doubt::Strange(0.12), Doubt::Open(0.6), Doubt::Scatter(0.23)].map(|d| d.to_string());
     assert!(text[0].contains("40 %") && text[1].contains("12 %") && text[2].contains("60 %"), "{text:?}");
     assert!(text[3].contains("23 %"), "{text:?}");
 }

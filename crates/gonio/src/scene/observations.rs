@@ -168,7 +168,8 @@ impl Observations {
             return self.dense.clone();
         }
         let each = self.points.iter().zip(&self.values).zip(self.trust());
-        each.filter_map(|((point, value), weight)| value.map(|value| Sample::of(point.in_view(), value, weight))).collect()
+        each.filter_map(|((point, value), weight)| value.map(|value| Sample::of(point.in_view(), value, weight)))
+            .collect()
     }
 
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].

@@ -77,15 +77,19 @@ impl BallRenderer {
             for spoke in 0..spokes {
                 // Rings are turned against each other by the golden section.
                 let phi = std::f64::consts::TAU * ((spoke as f64 + 0.5) / spokes as f64 + 0.618_034 * ring as f64);
-                let half = Vec3::new(
-                    (theta.sin() * phi.cos()) as f32,
-                    (theta.sin() * phi.sin()) as f32,
-                    theta.cos() as f32,
-                );
+                let half =
+                    Vec3::new((theta.sin() * phi.cos()) as f32, (theta.sin() * phi.sin()) as f32, theta.cos() as f32);
                 let row = (place as usize * THETA_D) as u32;
                 let level = LightPyramid::level(4.0 * TYPICAL * solid_angle) as u32;
                 let counted = counted(theta.to_degrees() as f32);
-                samples.push(Sample { half, solid_angle: solid_angle as f32, row, beyond: place.fract() as f32, level, counted });
+                samples.push(Sample {
+                    half,
+                    solid_angle: solid_angle as f32,
+                    row,
+                    beyond: place.fract() as f32,
+                    level,
+                    counted,
+                });
             }
         }
         Self { samples }
@@ -224,8 +228,7 @@ mod tests {
             let want = want.render(&tables[0]);
             let seen: Vec<Vec3> = normals.iter().map(|n| n.as_vec3()).collect();
             let got = BallRenderer::new().render(&seen, &tables, &LightPyramid::new(light));
-            let mut errors: Vec<f64> =
-                got[0].iter().zip(&want).map(|(a, b)| (f64::from(*a) / b - 1.0).abs()).collect();
+            let mut errors: Vec<f64> = got[0].iter().zip(&want).map(|(a, b)| (f64::from(*a) / b - 1.0).abs()).collect();
             errors.sort_by(f64::total_cmp);
             let (middle, last) = (errors[errors.len() / 2], errors[errors.len() - 1]);
             assert!(middle < median && last < worst, "{width}: {middle} {last}");

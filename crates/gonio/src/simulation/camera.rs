@@ -186,9 +186,8 @@ impl Camera {
         let mut counts = vec![each; SIDE * SIDE];
         if self.uneven > 0.0 {
             let density = field(10, rng);
-            let mut poisson = |mean: f32| {
-                Poisson::new(f64::from(mean.clamp(1e-4, 1e4))).map_or(0.0, |p| p.sample(rng) as f32)
-            };
+            let mut poisson =
+                |mean: f32| Poisson::new(f64::from(mean.clamp(1e-4, 1e4))).map_or(0.0, |p| p.sample(rng) as f32);
             counts.iter_mut().zip(&density).for_each(|(c, d)| *c = poisson(*c * (self.uneven * d).exp()));
         } else if each < 1.0 {
             // A grid of pixels coarser than the cells.
@@ -232,7 +231,8 @@ impl Camera {
             .map(|c| {
                 let value = image[c];
                 let tilt = slope.get(c).map_or(0.0, |s| s * rough);
-                let rest = self.shot.powi(2) * mean * value + (self.read * mean).powi(2) + tilt * tilt + step * step / 12.0;
+                let rest =
+                    self.shot.powi(2) * mean * value + (self.read * mean).powi(2) + tilt * tilt + step * step / 12.0;
                 rest / (value * value)
             })
             .collect();
@@ -357,7 +357,12 @@ fn field(across: usize, rng: &mut impl Rng) -> Vec<f32> {
     let shift = (between(rng, 0.0, 1.0), between(rng, 0.0, 1.0));
     let basis = |t: f32| {
         let u = 1.0 - t;
-        [u * u * u / 6.0, (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0, (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0, t * t * t / 6.0]
+        [
+            u * u * u / 6.0,
+            (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
+            (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0,
+            t * t * t / 6.0,
+        ]
     };
     let line = |shift: f32| -> Vec<(usize, [f32; 4])> {
         (0..SIDE)
@@ -374,7 +379,9 @@ fn field(across: usize, rng: &mut impl Rng) -> Vec<f32> {
     for (row, v) in &rows {
         let across_rows: Vec<f32> =
             (0..side).map(|c| (0..4).map(|k| v[k] * nodes[(row + k) * side + c]).sum::<f32>()).collect();
-        out.extend(columns.iter().map(|(column, u)| SCALE * (0..4).map(|k| u[k] * across_rows[column + k]).sum::<f32>()));
+        out.extend(
+            columns.iter().map(|(column, u)| SCALE * (0..4).map(|k| u[k] * across_rows[column + k]).sum::<f32>()),
+        );
     }
     out
 }
@@ -412,7 +419,10 @@ mod tests {
     fn a_clean_camera_shows_the_scene() {
         let image = taken(&Camera::CLEAN, 1);
         assert!(error(&image) < 1e-6 && image.observed() > 0.999);
-        assert_eq!(taken(&Camera::draw(&mut Pcg64::seed_from_u64(5)), 2), taken(&Camera::draw(&mut Pcg64::seed_from_u64(5)), 2));
+        assert_eq!(
+            taken(&Camera::draw(&mut Pcg64::seed_from_u64(5)), 2),
+            taken(&Camera::draw(&mut Pcg64::seed_from_u64(5)), 2)
+        );
     }
 
     #[test]

@@ -87,7 +87,8 @@ impl LightKind {
                 let slope = between(rng, 0.0, 0.9);
                 let fields: Vec<Panel> = (0..rng.random_range(1..6))
                     .map(|_| {
-                        let brightness = if rng.random_range(0.0..1.0) < 0.6 { log_between(rng, 2.0, 15.0) } else { -0.9 };
+                        let brightness =
+                            if rng.random_range(0.0..1.0) < 0.6 { log_between(rng, 2.0, 15.0) } else { -0.9 };
                         Panel::new(around(DVec3::Z, between(rng, 0.0, 150.0), rng), (8.0, 35.0), brightness, rng)
                     })
                     .collect();

@@ -160,8 +160,7 @@ pub(super) fn quantile(values: &[f32], share: f32, spread: f32) -> f32 {
     let wanted = share * 4.0 * values.len() as f32;
     for _ in 0..24 {
         let middle = 0.5 * (low + high);
-        let below: usize =
-            QUARTERS.iter().map(|z| values.partition_point(|v| *v <= middle - spread * *z as f32)).sum();
+        let below: usize = QUARTERS.iter().map(|z| values.partition_point(|v| *v <= middle - spread * *z as f32)).sum();
         if (below as f32) < wanted { low = middle } else { high = middle }
     }
     0.5 * (low + high)

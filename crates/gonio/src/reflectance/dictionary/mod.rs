@@ -232,7 +232,8 @@ mod tests {
 
     #[test]
     fn places_are_those_of_their_tables() {
-        let dictionary = Dictionary::new(measured(), &DictionarySettings { draws: 40, dimensions: 6, ..Default::default() });
+        let dictionary =
+            Dictionary::new(measured(), &DictionarySettings { draws: 40, dimensions: 6, ..Default::default() });
         let places = &dictionary.places[..8];
         let log_rms = |a: &BivariateTable, b: &BivariateTable| {
             let (a, b) = (relative_log(a), relative_log(b));

@@ -393,6 +393,9 @@ mod tests {
 
     use super::*;
 
+    /// Gives a camera an effect of a strength.
+    type Set<'a> = &'a dyn Fn(&mut Camera, f32);
+
     fn scene() -> Vec<f32> {
         (0..SIDE * SIDE)
             .map(|c| {
@@ -438,12 +441,12 @@ mod tests {
 
     #[test]
     fn each_effect_changes_something_and_more_of_it_more() {
-        let with = |set: &dyn Fn(&mut Camera, f32), strength: f32| {
+        let with = |set: Set<'_>, strength: f32| {
             let mut camera = Camera { radius: 128.0, ..Camera::CLEAN };
             set(&mut camera, strength);
             error(&taken(&camera, 7))
         };
-        let effects: [(&str, &dyn Fn(&mut Camera, f32), f32); 10] = [
+        let effects: [(&str, Set<'_>, f32); 10] = [
             ("read", &|c, s| c.read = s, 0.1),
             ("shot", &|c, s| c.shot = s, 0.1),
             ("blur", &|c, s| c.blur = s, 2.0),

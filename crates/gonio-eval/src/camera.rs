@@ -76,7 +76,8 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let luminance = |at: usize| (materials.names[at].clone(), materials.luminance(at));
     let training: Vec<(String, BivariateTable)> =
         Protocol::LeaveOut.training(&materials).into_iter().map(luminance).collect();
-    let amortised = load_or_train(&cache, &training, &Lights::training(data)?, &options.effort.learning())?;
+    let lit = Lights::training(data)?;
+    let amortised = load_or_train(&cache, &training, &lit, &lit.names(), &options.effort.learning())?;
     let mut subjects: Vec<(String, BivariateTable)> = materials.held_out().into_iter().map(luminance).collect();
     subjects.iter_mut().for_each(|(_, table)| table.extend_from_trusted());
     let stock = empty_stock(&subjects);

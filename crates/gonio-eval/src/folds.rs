@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use glam::DQuat;
 use gonio::appearance::Lattice;
@@ -14,6 +14,7 @@ use gonio::inference::amortised::{Amortised, MaterialPosterior};
 use gonio::reflectance::{BivariateTable, DictionarySettings, Kind, Prior};
 use gonio::render::{IntegratorSettings, Relighter};
 use gonio::simulation::{Camera, LightKind, Stock, generator};
+use gonio_io::cache::Cache;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
@@ -21,7 +22,7 @@ use rayon::prelude::*;
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{Gloss, brdf_error, coverage, median, relight};
-use crate::posteriors::{Effort, Learning, empty_stock, train};
+use crate::posteriors::{Effort, Learning, empty_stock, load_or_train};
 
 /// Spreads of the draws that intervals are tried with.
 const SPREADS: [f64; 4] = [0.2, 0.3, 0.45, 0.6];
@@ -103,6 +104,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     if materials.len() < options.folds || names.len() < options.folds {
         bail!("{} materials and {} lights are too few for {} folds", materials.len(), names.len(), options.folds);
     }
+    let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
     let mut outcomes = Vec::new();
     for fold in 0..options.first.unwrap_or(options.folds).min(options.folds) {
         let inside = |at: usize| at % options.folds != fold;
@@ -112,7 +114,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         let unseen: Vec<(String, BivariateTable)> = unseen.into_iter().map(|m| materials[m].clone()).collect();
         let lit: Vec<&str> = lit.into_iter().map(|l| names[l].as_str()).collect();
         let unlit: Vec<&str> = unlit.into_iter().map(|l| names[l].as_str()).collect();
-        let amortised = train(&seen, &lights, &lit, &learning(options))?;
+        let amortised = load_or_train(&cache, &seen, &lights, &lit, &learning(options))?;
         let test = Test::new(options, fold, unseen)?;
         outcomes.extend(test.run(&amortised, &lights, &unlit, &lit[..RELIT.min(lit.len())])?);
         eprintln!("fold {fold}: {} photographs", outcomes.len());

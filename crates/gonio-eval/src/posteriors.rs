@@ -69,30 +69,29 @@ impl Effort {
     }
 }
 
-/// Trains on materials in all lights, or finds the result of having done so.
+/// Trains on materials in the lights of these names, or finds the result of having done so.
 pub(crate) fn load_or_train(
     cache: &Cache,
     materials: &[(String, BivariateTable)],
     lights: &Lights,
+    names: &[impl AsRef<str>],
     learning: &Learning,
 ) -> Result<Amortised> {
-    let names = lights.names();
-    let seen = names.iter().map(|name| lights.fingerprint(name)).collect::<Result<Vec<String>>>()?;
+    let seen = names.iter().map(|name| lights.fingerprint(name.as_ref())).collect::<Result<Vec<String>>>()?;
     let key = key(&format!("gonio posterior {VERSION}"), &(learning, seen), materials)?;
     let stored =
         cache.load(&key).and_then(|bytes| decode_posterior(Path::new("a posterior of the cache"), &bytes).ok());
     if let Some((found, _)) = stored {
         return Ok(found);
     }
-    let amortised = train(materials, lights, &names, learning)?;
+    let amortised = train(materials, lights, names, learning)?;
     if let Err(error) = cache.store(&key, &encode_posterior(&amortised, "of the benchmark")) {
         eprintln!("the posterior could not be kept for next time: {error}");
     }
     Ok(amortised)
 }
 
-/// Trains on materials in some of the lights.
-pub(crate) fn train(
+fn train(
     materials: &[(String, BivariateTable)],
     lights: &Lights,
     names: &[impl AsRef<str>],

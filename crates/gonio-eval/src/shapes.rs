@@ -103,7 +103,8 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let learnt = Protocol::LeaveOut.training(&materials);
     let training: Vec<(String, BivariateTable)> =
         learnt.into_iter().map(|at| (materials.names[at].clone(), materials.luminance(at))).collect();
-    let amortised = load_or_train(&cache, &training, &Lights::training(data)?, &Learning::default())?;
+    let lit = Lights::training(data)?;
+    let amortised = load_or_train(&cache, &training, &lit, &lit.names(), &Learning::default())?;
     let prior = gonio_io::model::embedded()?.light;
     let lights = Lights::open(data)?;
     let wanted = materials.held_out().into_iter().step_by(usize::from(options.every));

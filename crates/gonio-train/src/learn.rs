@@ -39,8 +39,8 @@ fn posterior(stock: &Stock, encoder: Encoder, components: usize, ranged: usize) 
         .map(|number| {
             let image = stock.photograph(number).image;
             let mut channels = vec![0.0; SIDE * SIDE * CHANNELS];
-            image.write_channels(&mut channels);
-            encoder.apply(&channels, &image.globals()).1
+            let globals = image.write(&mut channels);
+            encoder.apply(&channels, &globals).1
         })
         .collect();
     let range = |feature: usize| {

@@ -81,7 +81,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         training.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
     let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
     let lights = Lights::training(data)?;
-    let posterior = posteriors::load_or_train(&cache, &tables, &lights, &options.effort.learning())?;
+    let posterior = posteriors::load_or_train(&cache, &tables, &lights, &lights.names(), &options.effort.learning())?;
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     if options.learn {
         return learn::run(&materials, &training, &lights, &posterior);

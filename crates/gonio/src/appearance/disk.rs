@@ -5,10 +5,10 @@ use glam::{DVec3, Vec3};
 /// Cells along each side of the square around the disk.
 pub const SIDE: usize = 128;
 
-/// Channels of [`DiskImage::write_channels`].
+/// Channels of [`DiskImage::write`].
 pub const CHANNELS: usize = 5;
 
-/// Numbers of [`DiskImage::globals`].
+/// Numbers for the image as a whole, of [`DiskImage::write`].
 pub const GLOBALS: usize = 4;
 
 /// Sine of the largest angle between normal and view, 80 degrees as in the paper.
@@ -122,52 +122,51 @@ impl DiskImage {
         seen as f32 / all as f32
     }
 
-    /// Mean over the disk.
-    fn mean(&self) -> f32 {
-        let on: Vec<f32> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(|c| self.values[c]).collect();
-        (on.iter().map(|v| f64::from(*v)).sum::<f64>() / on.len() as f64).max(1e-30) as f32
-    }
-
-    /// Writes `[row][column][channel]`, zero off the disk: the value over the mean as the eye sees it (its cube root, less one), half its logarithm, `n_z`,
-    /// whether it was observed, and the logarithm of the relative standard error (a third of it, plus one).
+    /// Writes what an encoder reads: `[row][column][channel]`, zero off the disk, and the [`GLOBALS`] of the image as a whole, each of the order of one.
+    ///
+    /// Channels: the value over the mean as the eye sees it (its cube root, less one), half its logarithm, `n_z`, whether it was observed, and the logarithm of the
+    /// relative standard error (a third of it, plus one). Globals: logarithm of the scatter, share of cells observed, logarithm of the observations a cell,
+    /// logarithm of the largest value over the mean.
     ///
     /// # Panics
-    /// If `out` has not `SIDE * SIDE * CHANNELS` values.
-    pub fn write_channels(&self, out: &mut [f32]) {
-        assert_eq!(out.len(), SIDE * SIDE * CHANNELS);
-        let mean = self.mean();
-        out.fill(0.0);
+    /// If `channels` has not `SIDE * SIDE * CHANNELS` values.
+    pub fn write(&self, channels: &mut [f32]) -> [f32; GLOBALS] {
+        assert_eq!(channels.len(), SIDE * SIDE * CHANNELS);
+        let mean = mean(&self.values).max(1e-30);
+        let (mut total, mut seen, mut largest, mut cells) = (0.0, 0.0_f32, 0.0_f32, 0.0_f32);
+        channels.fill(0.0);
         for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
-            let relative = (self.values[cell] / mean).max(0.0);
-            let count = self.counts[cell];
+            let (value, count) = (self.values[cell], self.counts[cell]);
+            let relative = (value / mean).max(0.0);
+            let observed = f32::from(u8::from(count > 0.0));
             let error = if count > 0.0 { (self.scatter.powi(2) / count + 1e-6).sqrt().min(1.0) } else { 1.0 };
-            out[cell * CHANNELS..][..CHANNELS].copy_from_slice(&[
+            channels[cell * CHANNELS..][..CHANNELS].copy_from_slice(&[
                 relative.cbrt() - 1.0,
                 0.5 * (relative + BLACK).ln(),
                 normal(cell).z,
-                f32::from(u8::from(count > 0.0)),
+                observed,
                 error.ln() / 3.0 + 1.0,
             ]);
-        }
-    }
-
-    /// The image as a whole: logarithm of the scatter, share of cells observed, logarithm of the observations a cell, logarithm of the largest value over
-    /// the mean; each of the order of one.
-    pub fn globals(&self) -> [f32; GLOBALS] {
-        let observed = self.observed();
-        let (mut total, mut seen, mut largest) = (0.0, 0.0_f32, 0.0_f32);
-        for cell in 0..SIDE * SIDE {
-            total += self.counts[cell];
-            seen += f32::from(u8::from(self.counts[cell] > 0.0));
-            largest = largest.max(self.values[cell]);
+            total += count;
+            seen += observed;
+            largest = largest.max(value);
+            cells += 1.0;
         }
         [
             (self.scatter + 0.003).ln() / 3.0 + 1.0,
-            2.0 * observed - 1.0,
+            2.0 * seen / cells - 1.0,
             (total / seen.max(1.0)).ln() / 2.0,
-            (largest / self.mean()).ln() / 3.0 - 0.5,
+            (largest / mean).ln() / 3.0 - 0.5,
         ]
     }
+}
+
+/// Mean of an image over the disk.
+pub(crate) fn mean(values: &[f32]) -> f32 {
+    let (sum, count) = (0..SIDE * SIDE)
+        .filter(|&c| on_disk(c))
+        .fold((0.0_f64, 0.0_f64), |(sum, count), c| (sum + f64::from(values[c]), count + 1.0));
+    (sum / count) as f32
 }
 
 /// Fills cells of count zero from ever larger squares around them (push and pull, Gortler et al. 1996). Cells off the disk stay zero.
@@ -332,10 +331,9 @@ mod tests {
         let samples = ball(50_000, 0.1);
         let bright: Vec<Sample> = samples.iter().map(|s| Sample { value: 70.0 * s.value, ..*s }).collect();
         let (a, b) = (DiskImage::gather(&samples).unwrap(), DiskImage::gather(&bright).unwrap());
-        a.write_channels(&mut one);
-        b.write_channels(&mut two);
+        let globals = (a.write(&mut one), b.write(&mut two));
         assert!(one.iter().zip(&two).all(|(a, b)| (a - b).abs() < 1e-4 && a.is_finite()));
-        assert!(a.globals().iter().zip(b.globals()).all(|(a, b)| (a - b).abs() < 1e-4));
+        assert!(globals.0.iter().zip(globals.1).all(|(a, b)| (a - b).abs() < 1e-4));
         assert_eq!(DiskImage::gather(&[]), None);
         let black = [Sample { x: 0.0, y: 0.0, value: 0.0, weight: 1.0 }];
         assert_eq!(DiskImage::gather(&black), None);

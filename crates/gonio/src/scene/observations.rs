@@ -1,5 +1,6 @@
 //! Observations of a surface: points, and what the picture shows of each.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
@@ -163,9 +164,9 @@ impl Observations {
     }
 
     /// What the picture shows by normal, from all pixels, or from the points where there is no more.
-    pub fn samples(&self) -> Vec<Sample> {
+    pub fn samples(&self) -> Cow<'_, [Sample]> {
         if !self.dense.is_empty() {
-            return self.dense.clone();
+            return Cow::Borrowed(&self.dense);
         }
         let each = self.points.iter().zip(&self.values).zip(self.trust());
         each.filter_map(|((point, value), weight)| value.map(|value| Sample::of(point.in_view(), value, weight)))

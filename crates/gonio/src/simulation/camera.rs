@@ -130,7 +130,7 @@ impl Camera {
         if width > 0.15 {
             image = blurred(&image, width);
         }
-        let mean = mean_of(&image);
+        let mean = disk::mean(&image);
         if self.glare > 0.0 {
             image.iter_mut().for_each(|v| *v = (1.0 - self.glare) * *v + self.glare * mean);
         }
@@ -264,13 +264,6 @@ fn told_of_cells(values: &[f32], counts: &[f32]) -> f32 {
         })
         .collect();
     scatter(&samples).unwrap_or(0.0)
-}
-
-fn mean_of(image: &[f32]) -> f32 {
-    let (sum, count) = (0..SIDE * SIDE)
-        .filter(|&c| on_disk(c))
-        .fold((0.0_f64, 0.0_f64), |(sum, count), c| (sum + f64::from(image[c]), count + 1.0));
-    (sum / count) as f32
 }
 
 /// Value below which a share of the disk lies.

@@ -63,8 +63,8 @@ impl Amortised {
     /// Reads an image.
     pub fn read(&self, image: &DiskImage) -> Reading {
         let mut channels = vec![0.0; SIDE * SIDE * CHANNELS];
-        image.write_channels(&mut channels);
-        let (outputs, features) = self.encoder.apply(&channels, &image.globals());
+        let globals = image.write(&mut channels);
+        let (outputs, features) = self.encoder.apply(&channels, &globals);
         let outside = features.iter().zip(&self.ranges).filter(|(v, (low, high))| *v < low || *v > high).count();
         Reading {
             density: MixtureDensity::of(&outputs, self.coordinates.axes.len(), self.components),

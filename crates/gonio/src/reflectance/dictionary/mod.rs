@@ -144,16 +144,6 @@ impl Dictionary {
         dictionary
     }
 
-    /// The dictionary with entries, coordinates and places that were made before.
-    pub fn restore(measured: LogBasis, entries: Vec<Mixture>, coordinates: Coordinates, places: Vec<Vec<f64>>) -> Self {
-        Self { entries, coordinates, places, ..Self::components_of(measured) }
-    }
-
-    /// Number of components of a dictionary of so many measured materials.
-    pub fn components_with(measured: usize) -> usize {
-        Layout { measured }.count()
-    }
-
     fn layout(&self) -> Layout {
         Layout { measured: self.measured.len() }
     }
@@ -256,13 +246,5 @@ mod tests {
         let bright = table.scaled(50.0);
         let (a, b) = (dictionary.coordinates.of(&table), dictionary.coordinates.of(&bright));
         assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-4));
-    }
-
-    #[test]
-    fn a_dictionary_comes_back_from_its_parts() {
-        let basis = measured();
-        let made = Dictionary::new(basis.clone(), &DictionarySettings { draws: 30, ..Default::default() });
-        let back = Dictionary::restore(basis, made.entries.clone(), made.coordinates.clone(), made.places.clone());
-        assert_eq!(made, back);
     }
 }

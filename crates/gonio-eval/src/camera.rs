@@ -15,7 +15,7 @@ use gonio::appearance::DiskImage;
 use gonio::inference::amortised::Amortised;
 use gonio::reflectance::BivariateTable;
 use gonio::render::Relighter;
-use gonio::simulation::{Camera, LightKind, generator};
+use gonio::simulation::{Camera, LightKind, SceneRenderer, generator};
 use gonio_io::cache::Cache;
 use rayon::prelude::*;
 
@@ -23,7 +23,7 @@ use crate::bench::{ACCURACY, Progress, Protocol, Stage};
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{Gloss, coverage, mean, median, relight};
-use crate::posteriors::{Effort, empty_stock, load_or_train};
+use crate::posteriors::{Effort, load_or_train};
 
 /// What is measured.
 #[derive(clap::Args)]
@@ -80,9 +80,9 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let amortised = load_or_train(&cache, &training, &lit, &lit.names(), &options.effort.learning())?;
     let mut subjects: Vec<(String, BivariateTable)> = materials.held_out().into_iter().map(luminance).collect();
     subjects.iter_mut().for_each(|(_, table)| table.extend_from_trusted());
-    let stock = empty_stock(&subjects);
     let subjects: Vec<BivariateTable> = subjects.into_iter().map(|(_, table)| table).collect();
     let lights = Lights::open(data)?;
+    let renderer = SceneRenderer::new();
     let judge = Judge::new(options, &lights, &subjects)?;
     let flat = BivariateTable::from_fn(|_, _| 1.0);
     let (mut answers, mut lambertian) = (EFFECTS.map(|_| Vec::new()), Vec::new());
@@ -92,7 +92,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
             bail!("--relight has no light but that of the photograph, {name}");
         }
         let light = LightKind::Captured.light(&lights.map(name)?, DQuat::IDENTITY, &mut generator(0));
-        let scenes = stock.scenes_of(&subjects, &light);
+        let scenes = renderer.render(&subjects, &light);
         for ((_, camera), answers) in EFFECTS.iter().zip(&mut answers) {
             answers.par_extend((0..subjects.len()).into_par_iter().map(|m| {
                 // The other material of the effect that has one is as unknown.

@@ -23,7 +23,7 @@ use crate::data::Lights;
 
 /// Enters every key: to be raised whenever simulation or training gives other results for the same
 /// input.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// Normals of the visible hemisphere where photographs are rendered that only the posterior sees:
 /// those of the smallest balls that it is learnt from, of some 40 pixels of radius.
@@ -112,11 +112,10 @@ fn train(
     Ok(amortised)
 }
 
-/// A stock without scenes: it renders others on the disk of normals, and its dictionary has what
-/// can be made of these materials.
-pub(crate) fn empty_stock(materials: &[(String, BivariateTable)]) -> Stock {
+/// What can be made of these materials: a dictionary to draw from, not to learn with.
+pub(crate) fn kinds_of(materials: &[(String, BivariateTable)]) -> Dictionary {
     let least = DictionarySettings { draws: 1, dimensions: 1, ..DictionarySettings::default() };
-    Stock::new(Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &least), StockSettings::default())
+    Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &least)
 }
 
 /// Points of a ball that a photograph for the posterior is rendered at, seen from `+z` of the frame

@@ -136,7 +136,7 @@ fn answer(
     let stages = clock.finish();
     let mut seconds: serde_json::Map<String, Value> =
         stages.into_iter().map(|(name, s)| (name.to_owned(), json!(s))).collect();
-    warnings.extend(found.material.doubts().iter().map(ToString::to_string));
+    warnings.extend(found.doubts().iter().map(ToString::to_string));
     reporter.at(Stage::Colours.name(), 1.0);
     let (colours, light_colour) = (found.colouring.colours(), found.colouring.light());
     let subject = Subject {

@@ -1,7 +1,7 @@
 //! What was found, by name: the sections of `result.json`.
 
 use gonio::colour::Chroma;
-use gonio::estimate::{Colouring, Estimate, Light, LightEstimator, Material};
+use gonio::estimate::{Colouring, Estimate, Light, LightEstimator, Material, expected_misfit};
 use gonio::inference::amortised::Neighbour;
 use gonio::inference::marginal::LightProblem;
 use gonio::model::Model;
@@ -48,7 +48,14 @@ pub fn estimate(estimate: &Estimate) -> Value {
                      determined by a photograph under unknown light",
         },
         "light": light_notes(light),
-        "noise": { "sd": light.noise, "relative": light.relative_noise, "misfit": light.misfit },
+        "noise": {
+            "sd": light.noise,
+            "relative": light.relative_noise,
+            "misfit": light.misfit,
+            "expected": expected_misfit(material),
+            "note": "misfit: what light and material leave of the photograph (root mean square, relative); expected: what noise and the \
+                     light's resolution would leave if the material were right",
+        },
     })
 }
 

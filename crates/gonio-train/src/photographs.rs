@@ -28,8 +28,6 @@ impl Samples for Photographs<'_> {
     fn draw(&self, index: u64, image: &mut [f32], globals: &mut [f32], target: &mut [f32]) {
         let photograph = self.0.photograph(index);
         globals.copy_from_slice(&photograph.image.write(image));
-        let dictionary = self.0.dictionary();
-        let place = dictionary.coordinates.of(&dictionary.table(&photograph.material));
-        target.iter_mut().zip(place).for_each(|(t, z)| *t = z as f32);
+        target.iter_mut().zip(photograph.place).for_each(|(t, z)| *t = z as f32);
     }
 }

@@ -63,7 +63,7 @@ fn photographs_tell_their_materials() {
     for number in unseen {
         let photograph = stock.photograph(number);
         let reading = posterior.read(&photograph.image);
-        let truth = stock.dictionary().coordinates.of(&stock.dictionary().table(&photograph.material));
+        let truth = &photograph.place;
         along += truth[0] * reading.density.mean()[0] / 60.0;
         strange += reading.strangeness / 60.0;
     }

@@ -214,7 +214,7 @@ impl Session {
         let (light, settings) = self.light.as_ref().ok_or("the light has not been found yet")?;
         let estimate = Estimate { material: material.clone(), light: light.clone(), colouring: colouring.clone() };
         let oddities = sighting.oddities.iter().map(ToString::to_string);
-        let doubts = material.doubts();
+        let doubts = estimate.doubts();
         let warnings = self.warnings.iter().cloned().chain(oddities).chain(doubts.iter().map(ToString::to_string));
         let mut result = notes::head(&self.name, "marginal", &self.model);
         result["observations"] = notes::sighting(sighting);

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use gonio::estimate::{EstimateSettings, Light, Material};
+use gonio::estimate::{EstimateSettings, Light, Material, doubts};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::{NormalPicture, Object, ObservationSettings, Sighting};
@@ -146,7 +146,7 @@ impl<'a> Study<'a> {
             gloss: gloss_quantiles(material, cells),
             coverage: judge::coverage(cells, table, &quantiles),
             misfit: light.misfit,
-            warnings: material.doubts().iter().map(ToString::to_string).collect(),
+            warnings: doubts(material, light).iter().map(ToString::to_string).collect(),
             seconds,
         })
     }

@@ -86,7 +86,7 @@ impl Report<'_> {
     fn verdict(&self) -> Markup {
         let misfit = self.result["noise"]["misfit"].as_f64().or(self.result["noise"]["relative"].as_f64());
         let scatter = self.subject.material.map(|material| material.scatter).filter(|scatter| *scatter > 0.0);
-        verdict(misfit, scatter)
+        verdict(misfit, self.result["noise"]["expected"].as_f64(), scatter)
     }
 
     fn photograph(&self) -> Markup {
@@ -202,14 +202,16 @@ impl Report<'_> {
     }
 }
 
-/// The two numbers that should be read first.
-fn verdict(misfit: Option<f64>, scatter: Option<f64>) -> Markup {
+/// The two numbers that should be read first; with the misfit what was to be expected of it, if that is known.
+fn verdict(misfit: Option<f64>, expected: Option<f64>, scatter: Option<f64>) -> Markup {
+    let beside =
+        expected.map(|e| format!("; about {} were to be expected of noise and of the light's resolution", percent(e)));
+    let words = format!(
+        "of the photograph's brightness is what light and material leave unexplained (root mean square){}",
+        beside.unwrap_or_default()
+    );
     let numbers = [
-        (
-            misfit,
-            "misfit",
-            "of the photograph's brightness is what light and material leave unexplained (root mean square)",
-        ),
+        (misfit, "misfit", words.as_str()),
         (scatter, "scatter", "is how far pixels differ that share a normal: noise, texture, shadows, wrong normals"),
     ];
     html! {
@@ -330,10 +332,10 @@ mod tests {
 
     #[test]
     fn the_verdict_has_the_numbers_that_there_are() {
-        let both = verdict(Some(0.123), Some(0.034)).into_string();
+        let both = verdict(Some(0.123), Some(0.05), Some(0.034)).into_string();
         assert!(both.contains("12 %") && both.contains("3.4 %"), "{both}");
-        assert!(!verdict(Some(0.123), None).into_string().contains("scatter"));
-        assert_eq!(verdict(None, None).into_string(), "");
+        assert!(!verdict(Some(0.123), None, None).into_string().contains("scatter"));
+        assert_eq!(verdict(None, None, None).into_string(), "");
     }
 
     #[test]

@@ -2,26 +2,26 @@
 
 use glam::{DVec3, Vec3};
 
+use super::detail::details;
+use super::scatter;
+
 /// Cells along each side of the square around the disk.
 pub const SIDE: usize = 128;
 
 /// Channels of [`DiskImage::write`].
-pub const CHANNELS: usize = 5;
+pub const CHANNELS: usize = 6;
 
 /// Numbers for the image as a whole, of [`DiskImage::write`].
-pub const GLOBALS: usize = 4;
+pub const GLOBALS: usize = 5;
 
 /// Sine of the largest angle between normal and view, 80 degrees as in the paper.
-const RIM: f32 = 0.984_807_8;
+pub(super) const RIM: f32 = 0.984_807_8;
 
 /// What is darker than this, relative to the mean, is black.
 const BLACK: f32 = 0.003;
 
-/// Patches of cells that the scatter is looked for in need at least so many observations.
-const PATCH: usize = 6;
-
-/// Least scatter: no camera is better.
-const LEAST_SCATTER: f32 = 0.001;
+/// Relative detail that cannot be told from none.
+const LEAST_DETAIL: f32 = 0.003;
 
 /// One observation: where on the disk, and how bright.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +50,9 @@ pub struct DiskImage {
     pub values: Vec<f32>,
     /// Observations of each cell, weighted; zero where it was filled in.
     pub counts: Vec<f32>,
+    /// What is finer than the cells: the root mean square, over the quarters of a cell, of their distance to the plane through the cells around. In units of `values`;
+    /// `None` where a quarter has no observation.
+    pub details: Vec<Option<f32>>,
     /// Standard deviation of single observations of one normal, relative to their mean: the noise, texture, shadows and errors of normals.
     pub scatter: f32,
 }
@@ -72,39 +75,52 @@ pub fn normal(cell: usize) -> Vec3 {
     Vec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt())
 }
 
-/// The cell of a place, if it is on the disk.
-fn cell_of(x: f32, y: f32) -> Option<usize> {
-    let place = |v: f32| ((v + 1.0) * (0.5 * SIDE as f32)) as usize;
-    let cell = place(-y).min(SIDE - 1) * SIDE + place(x).min(SIDE - 1);
-    (x * x + y * y <= RIM * RIM && on_disk(cell)).then_some(cell)
+/// Middles of the quarters of a cell, `(x, y)`: upper left, upper right, lower left, lower right.
+pub fn quarters(cell: usize) -> [(f32, f32); 4] {
+    let ((x, y), off) = (centre(cell), 0.5 / SIDE as f32);
+    [(x - off, y + off), (x + off, y + off), (x - off, y - off), (x + off, y - off)]
+}
+
+/// The cell of a place and its quarter there, if it is on the disk.
+fn quarter_of(x: f32, y: f32) -> Option<(usize, usize)> {
+    let place = |v: f32| (((v + 1.0) * SIDE as f32) as usize).min(2 * SIDE - 1);
+    let (column, row) = (place(x), place(-y));
+    let cell = row / 2 * SIDE + column / 2;
+    (x * x + y * y <= RIM * RIM && on_disk(cell)).then_some((cell, row % 2 * 2 + column % 2))
 }
 
 impl DiskImage {
     /// Gathers observations. `None` if none with a weight is on the disk or all are black.
     pub fn gather(samples: &[Sample]) -> Option<Self> {
-        let mut sums = vec![[0.0_f64; 2]; SIDE * SIDE];
+        let mut quarters = vec![[[0.0_f64; 2]; 4]; SIDE * SIDE];
         for sample in samples {
-            if let Some(cell) = cell_of(sample.x, sample.y).filter(|_| sample.weight > 0.0) {
-                let weight = f64::from(sample.weight);
-                sums[cell][0] += weight;
-                sums[cell][1] += weight * f64::from(sample.value.max(0.0));
+            if let Some((cell, quarter)) = quarter_of(sample.x, sample.y).filter(|_| sample.weight > 0.0) {
+                let (weight, sums) = (f64::from(sample.weight), &mut quarters[cell][quarter]);
+                sums[0] += weight;
+                sums[1] += weight * f64::from(sample.value.max(0.0));
             }
         }
-        let counts: Vec<f32> = sums.iter().map(|s| s[0] as f32).collect();
-        let means: Vec<f32> = sums.iter().map(|s| if s[0] > 0.0 { (s[1] / s[0]) as f32 } else { 0.0 }).collect();
-        if means.iter().all(|v| *v <= 0.0) {
+        let total = |cell: usize, k: usize| quarters[cell].iter().map(|q| q[k]).sum::<f64>();
+        let counts: Vec<f32> = (0..SIDE * SIDE).map(|c| total(c, 0) as f32).collect();
+        let mean = |c: usize| if counts[c] > 0.0 { (total(c, 1) / total(c, 0)) as f32 } else { 0.0 };
+        let values: Vec<f32> = (0..SIDE * SIDE).map(mean).collect();
+        if values.iter().all(|v| *v <= 0.0) {
             return None;
         }
-        Some(Self { values: filled(means, &counts), counts, scatter: scatter(samples).unwrap_or(0.0) })
+        let details = details(&values, &counts, |cell| {
+            let all = quarters[cell].iter().all(|q| q[0] > 0.0);
+            all.then(|| quarters[cell].map(|q| (q[1] / q[0]) as f32))
+        });
+        Some(Self { values: filled(values, &counts), counts, details, scatter: scatter(samples).unwrap_or(0.0) })
     }
 
-    /// An image of cells whose values, counts and scatter are known; those of count zero are filled in.
+    /// An image of cells whose values, counts, details and scatter are known; values of those of count zero are filled in.
     ///
     /// # Panics
-    /// If there are not `SIDE * SIDE` values and counts.
-    pub fn of_cells(values: Vec<f32>, counts: Vec<f32>, scatter: f32) -> Self {
-        assert!(values.len() == SIDE * SIDE && counts.len() == values.len());
-        Self { values: filled(values, &counts), counts, scatter }
+    /// If there are not `SIDE * SIDE` values, counts and details.
+    pub fn of_cells(values: Vec<f32>, counts: Vec<f32>, details: Vec<Option<f32>>, scatter: f32) -> Self {
+        assert!(values.len() == SIDE * SIDE && counts.len() == values.len() && details.len() == values.len());
+        Self { values: filled(values, &counts), counts, details, scatter }
     }
 
     /// Number of cells of the disk.
@@ -124,39 +140,43 @@ impl DiskImage {
 
     /// Writes what an encoder reads: `[row][column][channel]`, zero off the disk, and the [`GLOBALS`] of the image as a whole, each of the order of one.
     ///
-    /// Channels: the value over the mean as the eye sees it (its cube root, less one), half its logarithm, `n_z`, whether it was observed, and the logarithm of the
-    /// relative standard error (a third of it, plus one). Globals: logarithm of the scatter, share of cells observed, logarithm of the observations a cell,
-    /// logarithm of the largest value over the mean.
+    /// Channels: the value over the mean as the eye sees it (its cube root, less one), half its logarithm, `n_z`, whether it was observed, the logarithm of the
+    /// relative standard error and that of the relative detail (a third of each, plus one; zero where no detail is known). Globals: logarithm of the scatter, share of cells observed,
+    /// logarithm of the observations a cell, logarithm of the largest value over the mean, share of cells of known detail.
     ///
     /// # Panics
     /// If `channels` has not `SIDE * SIDE * CHANNELS` values.
     pub fn write(&self, channels: &mut [f32]) -> [f32; GLOBALS] {
         assert_eq!(channels.len(), SIDE * SIDE * CHANNELS);
         let mean = mean(&self.values).max(1e-30);
-        let (mut total, mut seen, mut largest, mut cells) = (0.0, 0.0_f32, 0.0_f32, 0.0_f32);
+        let (mut total, mut seen, mut largest, mut cells, mut fine) = (0.0, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
         channels.fill(0.0);
         for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
             let (value, count) = (self.values[cell], self.counts[cell]);
             let relative = (value / mean).max(0.0);
             let observed = f32::from(u8::from(count > 0.0));
             let error = if count > 0.0 { (self.scatter.powi(2) / count + 1e-6).sqrt().min(1.0) } else { 1.0 };
+            let detail = self.details[cell].map(|d| d / value.max(BLACK * mean) + LEAST_DETAIL);
             channels[cell * CHANNELS..][..CHANNELS].copy_from_slice(&[
                 relative.cbrt() - 1.0,
                 0.5 * (relative + BLACK).ln(),
                 normal(cell).z,
                 observed,
                 error.ln() / 3.0 + 1.0,
+                detail.map_or(0.0, |d| d.ln() / 3.0 + 1.0),
             ]);
             total += count;
             seen += observed;
             largest = largest.max(value);
             cells += 1.0;
+            fine += f32::from(u8::from(detail.is_some()));
         }
         [
             (self.scatter + 0.003).ln() / 3.0 + 1.0,
             2.0 * seen / cells - 1.0,
             (total / seen.max(1.0)).ln() / 2.0,
             (largest / mean).ln() / 3.0 - 0.5,
+            2.0 * fine / cells - 1.0,
         ]
     }
 }
@@ -221,59 +241,8 @@ fn filled(mut values: Vec<f32>, counts: &[f32]) -> Vec<f32> {
     values
 }
 
-/// The relative standard deviation of observations that share a normal: in small patches of the disk with six or more of them, that about a plane through
-/// them; the median over patches. The patches are the smallest of which a quarter of the disk's have so many. `None` where no size has.
-pub fn scatter(samples: &[Sample]) -> Option<f32> {
-    for side in [SIDE, SIDE / 2, SIDE / 4, SIDE / 8] {
-        let mut order: Vec<(u32, u32)> = Vec::with_capacity(samples.len());
-        let cells = side as f32 * 0.5;
-        for (at, s) in samples.iter().enumerate() {
-            if s.weight > 0.0 && s.x * s.x + s.y * s.y <= RIM * RIM {
-                let place = |v: f32| (((v + 1.0) * cells) as usize).min(side - 1);
-                order.push(((place(-s.y) * side + place(s.x)) as u32, at as u32));
-            }
-        }
-        order.sort_unstable();
-        let mut variances: Vec<f32> = order
-            .chunk_by(|a, b| a.0 == b.0)
-            .filter(|patch| patch.len() >= PATCH)
-            .filter_map(|patch| about_plane(patch.iter().map(|(_, at)| &samples[*at as usize])))
-            .collect();
-        if variances.len() * 4 >= (0.76 * (side * side) as f32) as usize && !variances.is_empty() {
-            let middle = variances.len() / 2;
-            let (_, median, _) = variances.select_nth_unstable_by(middle, f32::total_cmp);
-            return Some(median.sqrt().max(LEAST_SCATTER));
-        }
-    }
-    None
-}
-
-/// Variance about a plane by least squares, over the squared mean; `None` for black patches.
-fn about_plane<'a>(patch: impl Iterator<Item = &'a Sample> + Clone) -> Option<f32> {
-    let count = patch.clone().count() as f64;
-    let mean = |f: &dyn Fn(&Sample) -> f32| patch.clone().map(|s| f64::from(f(s))).sum::<f64>() / count;
-    let (x, y, value) = (mean(&|s| s.x), mean(&|s| s.y), mean(&|s| s.value));
-    let (mut xx, mut xy, mut yy, mut xv, mut yv, mut vv) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    for s in patch {
-        let (a, b, c) = (f64::from(s.x) - x, f64::from(s.y) - y, f64::from(s.value) - value);
-        xx += a * a;
-        xy += a * b;
-        yy += b * b;
-        xv += a * c;
-        yv += b * c;
-        vv += c * c;
-    }
-    let determinant = xx * yy - xy * xy;
-    let explained = if determinant > 1e-9 * (xx + yy).powi(2) {
-        (yy * xv * xv - 2.0 * xy * xv * yv + xx * yv * yv) / determinant
-    } else {
-        0.0
-    };
-    (value > 0.0).then(|| (((vv - explained).max(0.0) / (count - 3.0)) / (value * value)) as f32)
-}
-
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_distr::{Distribution, StandardNormal};
     use rand_pcg::Pcg64;
@@ -281,7 +250,7 @@ mod tests {
     use super::*;
 
     /// `count` observations of a smooth ball at random places, with relative noise.
-    fn ball(count: usize, noise: f32) -> Vec<Sample> {
+    pub(in crate::appearance) fn ball(count: usize, noise: f32) -> Vec<Sample> {
         let mut rng = Pcg64::seed_from_u64(3);
         let mut draw = || {
             let (x, y) = (rng.random_range(-1.0..1.0_f32), rng.random_range(-1.0..1.0_f32));
@@ -300,17 +269,6 @@ mod tests {
             assert!((image.values[cell] - (1.0 + 0.5 * x - 0.3 * y)).abs() < 0.02);
         }
         assert_eq!(centre(0).1, 1.0 - 1.0 / SIDE as f32);
-    }
-
-    #[test]
-    fn scatter_is_the_noise_of_single_observations() {
-        for (count, noise) in [(200_000, 0.2), (200_000, 0.01), (12_000, 0.1), (2_000, 0.3)] {
-            let got = scatter(&ball(count, noise)).unwrap();
-            assert!((got / noise - 1.0).abs() < 0.15, "{count} {noise}: {got}");
-        }
-        // The floor, and too few to say.
-        assert!(scatter(&ball(200_000, 0.0)).unwrap() < 0.002);
-        assert_eq!(scatter(&ball(40, 0.1)), None);
     }
 
     #[test]

@@ -2,8 +2,11 @@
 //!
 //! [`DiskImage`] is what [`inference::amortised`](crate::inference::amortised) reads the material from, [`Lattice`] what [`colour`](crate::colour) reads.
 
+pub(crate) mod detail;
 pub mod disk;
 mod lattice;
+mod scatter;
 
-pub use disk::{DiskImage, Sample, scatter};
+pub use disk::{DiskImage, Sample};
 pub use lattice::Lattice;
+pub use scatter::scatter;

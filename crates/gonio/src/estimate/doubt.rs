@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::Reason;
+
 /// A reason to believe an estimate less; each says so in a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Doubt {
@@ -13,6 +15,15 @@ pub enum Doubt {
     Open(f64),
     /// Pixels that share a normal differ by so much, relative to their mean.
     Scatter(f64),
+    /// Light and material leave more of the photograph than noise and the light's resolution explain.
+    Misfit {
+        /// What they leave, relative to the photograph.
+        left: f64,
+        /// What was to be expected ([`expected_misfit`](super::expected_misfit)).
+        expected: f64,
+        /// The most probable reason.
+        reason: Reason,
+    },
 }
 
 impl fmt::Display for Doubt {
@@ -33,6 +44,17 @@ impl fmt::Display for Doubt {
                 "pixels that share a normal differ by {:.0} %: texture, shadows of the object on itself, several materials, noise, or normals that do not lie \
                  on the picture; what is fine in the highlights cannot be told from it",
                 100.0 * deviation
+            ),
+            Self::Misfit { left, expected, reason } => write!(
+                f,
+                "light and material leave {:.0} % of the photograph unexplained where {:.0} % was to be expected; the likely reason: {}",
+                100.0 * left,
+                100.0 * expected,
+                match reason {
+                    Reason::Texture => "a strong texture, or noise",
+                    Reason::Regions =>
+                        "several materials, shadows of the object on itself, light that is not far away, or an outline or normals that do not lie on the picture",
+                }
             ),
             Self::Open(share) => write!(
                 f,

@@ -8,6 +8,7 @@ mod colouring;
 mod doubt;
 mod light;
 mod material;
+mod misfit;
 #[cfg(test)]
 mod tests;
 
@@ -17,6 +18,7 @@ pub use colouring::{Colouring, ColouringRule};
 pub use doubt::Doubt;
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};
+pub use misfit::{Reason, expected_misfit};
 
 use crate::inference::marginal::LightError;
 use crate::model::Model;
@@ -51,6 +53,23 @@ pub struct Estimate {
     pub light: Light,
     /// The colours of both.
     pub colouring: Colouring,
+}
+
+impl Estimate {
+    /// What speaks against believing it.
+    pub fn doubts(&self) -> Vec<Doubt> {
+        doubts(&self.material, &self.light)
+    }
+}
+
+/// What speaks against believing a material and its light: misfit first.
+pub fn doubts(material: &Material, light: &Light) -> Vec<Doubt> {
+    let misfit = misfit::reason(material, light).map(|reason| Doubt::Misfit {
+        left: light.misfit,
+        expected: expected_misfit(material),
+        reason,
+    });
+    misfit.into_iter().chain(material.doubts()).collect()
 }
 
 /// Stages of [`estimate`], in their order.

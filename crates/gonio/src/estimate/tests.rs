@@ -146,3 +146,24 @@ fn doubts_say_what_and_how_much() {
     assert!(text[0].contains("40 %") && text[1].contains("12 %") && text[2].contains("60 %"), "{text:?}");
     assert!(text[3].contains("23 %"), "{text:?}");
 }
+
+#[test]
+fn a_ball_of_two_materials_is_doubted() {
+    let model = model(4);
+    let picture = photograph(4, Vec3::ONE);
+    // Squares of which every second one is five times as dark.
+    let mut painted = picture.clone();
+    let (width, height) = painted.rgb.size();
+    for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+        if (x / 12 + y / 12) % 2 == 1 {
+            painted.rgb[(x, y)] = painted.rgb[(x, y)] / 5.0;
+        }
+    }
+    let found = |picture: &Picture| estimate(&model, &observations(picture), &settings(), &|_| ()).unwrap();
+    let misfit = |found: &Estimate| found.doubts().into_iter().find(|d| matches!(d, Doubt::Misfit { .. }));
+    let (one, two) = (found(&picture), found(&painted));
+    assert_eq!(misfit(&one), None, "{}", one.light.misfit);
+    let said = misfit(&two).unwrap_or_else(|| panic!("{} {}", two.light.misfit, expected_misfit(&two.material)));
+    assert!(matches!(said, Doubt::Misfit { reason: Reason::Regions, .. }), "{said}");
+    assert!(said.to_string().contains("several materials"), "{said}");
+}

@@ -10,8 +10,10 @@ use faer::{Accum, MatMut, MatRef, Par};
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::gather::{Gather, LANES, LampBlock, RingBlock, RingSample};
 use super::pyramid::{LightPyramid, Part};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H};
+use crate::transfer::kernels::dispatch;
 
 /// Rings of half vectors about a normal, even in the square root of the angle as the rows of a table are.
 const RINGS: usize = 90;
@@ -28,28 +30,27 @@ const CHUNK: usize = 24;
 /// Half vectors about a normal along z.
 #[derive(Clone, Debug)]
 pub struct BallRenderer {
-    samples: Vec<Sample>,
-}
-
-/// A half vector.
-#[derive(Clone, Copy, Debug)]
-struct Sample {
-    half: Vec3,
-    solid_angle: f32,
-    /// Row of the table below it, as an index of cells, and how far it is to the next.
-    row: u32,
-    beyond: f32,
-    /// Level of the light whose texels are as large as what the sample stands for.
-    level: u32,
-    /// Share of the lamps that is counted one by one at this half angle, not by samples.
-    counted: f32,
+    near: Vec<RingBlock>,
+    far: Vec<RingBlock>,
+    /// Rows of a table that the near rings reach.
+    near_rows: usize,
 }
 
 /// Half angles in degrees between which lamps pass from samples, which show their shape in a sharp highlight, to points, which are exact in a wide one.
 const NEAR: (f32, f32) = (3.0, 6.0);
 
-/// Share of the lamps that are points at a half angle in degrees.
-fn counted(theta_h: f32) -> f32 {
+/// How far the rings about a normal are counted: those of half angles below [`NEAR`], beyond it, and between with a share in both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rings {
+    /// What sharp highlights are seen by, lamps by samples.
+    Near,
+    /// What changes little over a degree, with lamps counted one by one.
+    Far,
+}
+
+/// Share of the far rings, and of the lamps that are points, at a half angle in degrees.
+#[inline(always)]
+pub(super) fn counted(theta_h: f32) -> f32 {
     ((theta_h - NEAR.0) / (NEAR.1 - NEAR.0)).clamp(0.0, 1.0)
 }
 
@@ -62,7 +63,7 @@ impl Default for BallRenderer {
 impl BallRenderer {
     /// The rings.
     pub fn new() -> Self {
-        let mut samples = Vec::new();
+        let (mut near, mut far, mut near_rows) = (Vec::new(), Vec::new(), 0);
         let right = std::f64::consts::FRAC_PI_2;
         for ring in 0..RINGS {
             let edge = |r: usize| (r as f64 / RINGS as f64).powi(2) * right;
@@ -79,40 +80,56 @@ impl BallRenderer {
                 let phi = std::f64::consts::TAU * ((spoke as f64 + 0.5) / spokes as f64 + 0.618_034 * ring as f64);
                 let half =
                     Vec3::new((theta.sin() * phi.cos()) as f32, (theta.sin() * phi.sin()) as f32, theta.cos() as f32);
-                let row = (place as usize * THETA_D) as u32;
-                let level = LightPyramid::level(4.0 * TYPICAL * solid_angle) as u32;
-                let counted = counted(theta.to_degrees() as f32);
-                samples.push(Sample {
+                let row = place as usize * THETA_D;
+                let level = LightPyramid::level(4.0 * TYPICAL * solid_angle);
+                let far_share = counted(theta.to_degrees() as f32);
+                let sample = |share: f32| RingSample {
                     half,
-                    solid_angle: solid_angle as f32,
+                    solid_angle: share * solid_angle as f32,
                     row,
                     beyond: place.fract() as f32,
                     level,
-                    counted,
-                });
+                };
+                if far_share < 1.0 {
+                    near.push(sample(1.0 - far_share));
+                    near_rows = row / THETA_D + 2;
+                }
+                if far_share > 0.0 {
+                    far.push(sample(far_share));
+                }
             }
         }
-        Self { samples }
+        let blocks = |samples: Vec<RingSample>| samples.chunks(LANES).map(RingBlock::of).collect();
+        Self { near: blocks(near), far: blocks(far), near_rows }
     }
 
-    /// Luminance of points with these normals, seen from +z, of each of the tables: `[table][point]`.
-    pub fn render(&self, normals: &[Vec3], tables: &[BivariateTable], light: &LightPyramid) -> Vec<Vec<f32>> {
-        let mut matrix = Vec::with_capacity(tables.len() * CELLS);
-        tables.iter().for_each(|t| matrix.extend_from_slice(t.as_slice()));
-        let tables_as_columns = MatRef::from_column_major_slice(&matrix, CELLS, tables.len());
+    /// Luminance of points with these normals, seen from +z, of each of the tables by some of the rings: `[table][point]`. The sum over both kinds of rings is all light.
+    pub fn render(
+        &self,
+        normals: &[Vec3],
+        tables: &[BivariateTable],
+        light: &LightPyramid,
+        rings: Rings,
+    ) -> Vec<Vec<f32>> {
+        // Near rings need the first rows of the tables only.
+        let (blocks, lamps, part, cells) = match rings {
+            Rings::Near => (&self.near, Vec::new(), Part::All, self.near_rows * THETA_D),
+            Rings::Far => (&self.far, LampBlock::all(light), Part::Even, CELLS),
+        };
+        let mut matrix = Vec::with_capacity(tables.len() * cells);
+        tables.iter().for_each(|t| matrix.extend_from_slice(&t.as_slice()[..cells]));
+        let tables_as_columns = MatRef::from_column_major_slice(&matrix, cells, tables.len());
         let parts: Vec<Vec<f32>> = normals
             .par_chunks(CHUNK)
             .map_init(
-                || vec![0.0_f32; CHUNK * CELLS],
+                || vec![0.0_f32; CHUNK * cells],
                 |rows, normals| {
-                    let rows = &mut rows[..normals.len() * CELLS];
+                    let rows = &mut rows[..normals.len() * cells];
                     rows.fill(0.0);
-                    for (normal, row) in normals.iter().zip(rows.chunks_exact_mut(CELLS)) {
-                        self.gather(*normal, light, row);
-                    }
+                    dispatch(Gather { rings: blocks, lamps: &lamps, light, part, normals, rows, cells });
                     let mut out = vec![0.0_f32; normals.len() * tables.len()];
                     let product = MatMut::from_column_major_slice_mut(&mut out, normals.len(), tables.len());
-                    let rows = MatRef::from_row_major_slice(rows, normals.len(), CELLS);
+                    let rows = MatRef::from_row_major_slice(rows, normals.len(), cells);
                     matmul(product, Accum::Replace, rows, tables_as_columns, 1.0, Par::Seq);
                     out
                 },
@@ -126,68 +143,6 @@ impl BallRenderer {
         }
         pictures
     }
-
-    /// Adds the light that reaches a point to the cells by whose reflectance it is seen.
-    fn gather(&self, normal: Vec3, light: &LightPyramid, row: &mut [f32]) {
-        let (right, up) = normal.any_orthonormal_pair();
-        for sample in &self.samples {
-            let half = sample.half.x * right + sample.half.y * up + sample.half.z * normal;
-            let cos_d = half.z;
-            if cos_d <= 0.0 {
-                continue;
-            }
-            let towards = 2.0 * cos_d * half - Vec3::Z;
-            let cosine = towards.dot(normal);
-            if cosine <= 0.0 {
-                continue;
-            }
-            let solid_angle = 4.0 * cos_d * sample.solid_angle;
-            let level = sample.level as usize;
-            let radiance = match sample.counted {
-                0.0 => light.at(Part::All, towards, level),
-                1.0 => light.at(Part::Even, towards, level),
-                share => {
-                    share * light.at(Part::Even, towards, level) + (1.0 - share) * light.at(Part::All, towards, level)
-                }
-            };
-            add(row, sample.row as usize, sample.beyond, cos_d, radiance * cosine * solid_angle);
-        }
-        for &(towards, irradiance) in light.lamps() {
-            let cosine = towards.dot(normal);
-            let sum = towards + Vec3::Z;
-            let twice_cos_d = sum.length();
-            if cosine <= 0.0 || twice_cos_d < 1e-3 {
-                continue;
-            }
-            let theta_h = degrees_of_cosine(sum.dot(normal) / twice_cos_d);
-            let share = counted(theta_h);
-            if share > 0.0 {
-                let place = (theta_h / 90.0).sqrt() * THETA_H as f32;
-                let place = place.min((THETA_H - 1) as f32 - 1e-3);
-                let below = place as usize;
-                add(row, below * THETA_D, place - below as f32, 0.5 * twice_cos_d, share * irradiance * cosine);
-            }
-        }
-    }
-}
-
-/// Adds light to the four cells around a half angle (as a row of the table and a share of the way to the next) and a difference angle.
-fn add(cells: &mut [f32], row: usize, beyond: f32, cos_d: f32, weight: f32) {
-    let place = degrees_of_cosine(cos_d).min((THETA_D - 1) as f32 - 1e-3);
-    let column = place as usize;
-    let next = weight * (place - column as f32);
-    let at = row + column;
-    cells[at] += (1.0 - beyond) * (weight - next);
-    cells[at + 1] += (1.0 - beyond) * next;
-    cells[at + THETA_D] += beyond * (weight - next);
-    cells[at + THETA_D + 1] += beyond * next;
-}
-
-/// The angle in 0..=90 degrees of a cosine, to 0.01 degrees (Abramowitz & Stegun 4.4.45).
-fn degrees_of_cosine(cosine: f32) -> f32 {
-    let x = cosine.min(1.0);
-    let polynomial = 1.570_728_8 + x * (-0.212_114_4 + x * (0.074_261 - 0.018_729_3 * x));
-    (1.0 - x).sqrt() * polynomial.to_degrees()
 }
 
 #[cfg(test)]
@@ -200,15 +155,6 @@ mod tests {
     use crate::render::{IntegratorSettings, LightTree, Relighter};
     use crate::sphere::{direction_of_lat_long, fibonacci_hemisphere};
     use crate::transfer::SurfacePoint;
-
-    #[test]
-    fn angles_of_cosines() {
-        for i in 0..=900 {
-            let angle = 0.1 * f64::from(i);
-            let got = degrees_of_cosine(angle.to_radians().cos() as f32);
-            assert!((f64::from(got) - angle).abs() < 0.02, "{angle} {got}");
-        }
-    }
 
     #[test]
     fn it_shows_what_the_integrator_does() {
@@ -227,8 +173,11 @@ mod tests {
             let want = Relighter::new(&points, &tables, &LightTree::of_map(map.as_ref().unwrap()), &fine);
             let want = want.render(&tables[0]);
             let seen: Vec<Vec3> = normals.iter().map(|n| n.as_vec3()).collect();
-            let got = BallRenderer::new().render(&seen, &tables, &LightPyramid::new(light));
-            let mut errors: Vec<f64> = got[0].iter().zip(&want).map(|(a, b)| (f64::from(*a) / b - 1.0).abs()).collect();
+            let pyramid = LightPyramid::new(light);
+            let [near, far] = [Rings::Near, Rings::Far]
+                .map(|rings| BallRenderer::new().render(&seen, &tables, &pyramid, rings).swap_remove(0));
+            let got = near.iter().zip(&far).map(|(near, far)| f64::from(near + far));
+            let mut errors: Vec<f64> = got.zip(&want).map(|(a, b)| (a / b - 1.0).abs()).collect();
             errors.sort_by(f64::total_cmp);
             let (middle, last) = (errors[errors.len() / 2], errors[errors.len() - 1]);
             assert!(middle < median && last < worst, "{width}: {middle} {last}");

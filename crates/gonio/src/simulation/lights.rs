@@ -203,7 +203,6 @@ mod tests {
     use rand::SeedableRng;
     use rand_pcg::Pcg64;
 
-    use super::super::pyramid::Part;
     use super::*;
     use crate::picture::Plane;
     use crate::sphere::{direction_of_lat_long, fibonacci_hemisphere};
@@ -218,7 +217,7 @@ mod tests {
 
     fn mean(light: &LightPyramid, of: impl Fn(DVec3) -> bool) -> f64 {
         let all: Vec<DVec3> = fibonacci_hemisphere(50_000).flat_map(|n| [n, -n]).filter(|d| of(*d)).collect();
-        all.iter().map(|d| f64::from(light.at(Part::All, d.as_vec3(), 0))).sum::<f64>() / all.len() as f64
+        all.iter().map(|d| f64::from(light.towards(*d, 0))).sum::<f64>() / all.len() as f64
     }
 
     #[test]
@@ -237,7 +236,7 @@ mod tests {
         let light = LightKind::Captured.light(&map(), turn, &mut rng);
         for d in fibonacci_hemisphere(50) {
             let want = 2.0 + (turn * d).y;
-            assert!((f64::from(light.at(Part::All, d.as_vec3(), 0)) - want).abs() < 0.06, "{d}");
+            assert!((f64::from(light.towards(d, 0)) - want).abs() < 0.06, "{d}");
         }
     }
 

@@ -5,23 +5,28 @@
 
 mod ball;
 mod camera;
+mod fields;
+mod gather;
 mod lights;
 mod pyramid;
+mod scene;
 
-use glam::{DQuat, Vec3};
+use glam::DQuat;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-pub use ball::BallRenderer;
+pub use ball::{BallRenderer, Rings};
 pub use camera::Camera;
 pub use lights::LightKind;
 pub use pyramid::LightPyramid;
+use scene::Packed;
+pub use scene::{Scene, SceneRenderer};
 
 use crate::appearance::DiskImage;
-use crate::appearance::disk::{self, SIDE, on_disk};
+use crate::appearance::disk::SIDE;
 use crate::lighting::EnvironmentMap;
 use crate::reflectance::{BivariateTable, Dictionary, Mixture, Prior};
 
@@ -50,10 +55,7 @@ impl Default for StockSettings {
 pub struct Stock {
     dictionary: Dictionary,
     settings: StockSettings,
-    renderer: BallRenderer,
-    /// The cells of the disk, and their normals.
-    cells: Vec<usize>,
-    normals: Vec<Vec3>,
+    renderer: SceneRenderer,
     lights: u64,
     shots: Vec<Shot>,
 }
@@ -61,54 +63,27 @@ pub struct Stock {
 /// Materials before one camera in one light.
 struct Shot {
     materials: Vec<Mixture>,
-    /// Pictures, one after the other.
-    pictures: Vec<Packed>,
-}
-
-/// A picture as logarithms in 16 bits, to 0.04 %.
-struct Packed {
-    /// Logarithm of the largest value.
-    top: f32,
-    values: Vec<u16>,
+    /// Where they are.
+    places: Vec<Vec<f64>>,
+    /// Their scenes.
+    scenes: Vec<Packed>,
 }
 
 /// Share of the photographs that are of a mixture of two drawn materials.
 const MIXED: f64 = 0.25;
 
-/// Range of the logarithms of a packed picture.
-const RANGE: f32 = 24.0;
-
-impl Packed {
-    fn of(values: &[f32]) -> Self {
-        let top = values.iter().copied().fold(1e-30, f32::max).ln();
-        let steps = f32::from(u16::MAX) / RANGE;
-        let pack = |v: &f32| ((top - v.max(1e-35).ln()) * steps).round().clamp(0.0, f32::from(u16::MAX)) as u16;
-        Self { top, values: values.iter().map(pack).collect() }
-    }
-
-    fn add_to(&self, weight: f32, cells: &[usize], image: &mut [f32]) {
-        let step = RANGE / f32::from(u16::MAX);
-        for (value, &cell) in self.values.iter().zip(cells) {
-            image[cell] += weight * (self.top - step * f32::from(*value)).exp();
-        }
-    }
-}
-
-/// A photograph and the material that it is of.
+/// A photograph and what it is of.
 pub struct Photograph {
     /// What it shows.
     pub image: DiskImage,
-    /// The material, of albedo one.
-    pub material: Mixture,
+    /// The place of the material among the coordinates of the dictionary.
+    pub place: Vec<f64>,
 }
 
 impl Stock {
     /// Without scenes yet.
     pub fn new(dictionary: Dictionary, settings: StockSettings) -> Self {
-        let cells: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).collect();
-        let normals = cells.iter().map(|&c| disk::normal(c)).collect();
-        let renderer = BallRenderer::new();
-        Self { dictionary, settings, renderer, cells, normals, lights: 0, shots: Vec::new() }
+        Self { dictionary, settings, renderer: SceneRenderer::new(), lights: 0, shots: Vec::new() }
     }
 
     /// The materials that are drawn.
@@ -134,9 +109,9 @@ impl Stock {
             let materials: Vec<Mixture> =
                 (0..self.settings.draws).map(|_| self.dictionary.draw(&self.settings.prior, &mut rng)).collect();
             let tables: Vec<BivariateTable> = materials.par_iter().map(|m| self.dictionary.table(m)).collect();
-            let pictures = self.renderer.render(&self.normals, &tables, &light);
-            let pictures = pictures.par_iter().map(|p| Packed::of(p)).collect();
-            self.shots.push(Shot { materials, pictures });
+            let scenes = self.renderer.render(&tables, &light).par_iter().map(Packed::of).collect();
+            let places = tables.par_iter().map(|t| self.dictionary.coordinates.of(t)).collect();
+            self.shots.push(Shot { materials, places, scenes });
         }
         self.lights += 1;
     }
@@ -152,30 +127,23 @@ impl Stock {
         let mut pick = || rng.random_range(0..shot.materials.len());
         let (one, two, three) = (pick(), pick(), pick());
         let share: f32 = if rng.random_range(0.0..1.0) < MIXED { rng.random_range(0.0..1.0) } else { 1.0 };
-        let (mut scene, mut other) = (vec![0.0; SIDE * SIDE], vec![0.0; SIDE * SIDE]);
-        shot.pictures[one].add_to(share, &self.cells, &mut scene);
-        let mut material: Mixture = shot.materials[one].iter().map(|(c, w)| (*c, w * f64::from(share))).collect();
-        if share < 1.0 {
-            shot.pictures[two].add_to(1.0 - share, &self.cells, &mut scene);
-            material.extend(shot.materials[two].iter().map(|(c, w)| (*c, w * f64::from(1.0 - share))));
-        }
+        let (mut scene, mut other) = (Scene::black(), Scene::black());
+        shot.scenes[one].add_to(share, &mut scene);
+        let place = if share < 1.0 {
+            shot.scenes[two].add_to(1.0 - share, &mut scene);
+            let part = |at: usize, share: f32| shot.materials[at].iter().map(move |(c, w)| (*c, w * f64::from(share)));
+            let material: Mixture = part(one, share).chain(part(two, 1.0 - share)).collect();
+            self.dictionary.coordinates.of(&self.dictionary.table(&material))
+        } else {
+            shot.places[one].clone()
+        };
         let camera = Camera::draw(&mut rng);
         if camera.foreign > 0.0 {
-            shot.pictures[three].add_to(1.0, &self.cells, &mut other);
+            shot.scenes[three].add_to(1.0, &mut other);
         }
         let mut image = camera.photograph(&scene, &other, &mut rng);
         turn(&mut image, rng.random_range(0..8));
-        Photograph { image, material }
-    }
-
-    /// A fresh scene without faults: luminance at each cell of the disk of a table in one light, for tests and benchmarks.
-    pub fn scenes_of(&self, tables: &[BivariateTable], light: &LightPyramid) -> Vec<Vec<f32>> {
-        let spread = |picture: Vec<f32>| {
-            let mut image = vec![0.0; SIDE * SIDE];
-            self.cells.iter().zip(picture).for_each(|(&cell, value)| image[cell] = value);
-            image
-        };
-        self.renderer.render(&self.normals, tables, light).into_iter().map(spread).collect()
+        Photograph { image, place }
     }
 }
 
@@ -189,9 +157,12 @@ fn turn(image: &mut DiskImage, way: usize) {
         let (x, y) = if way & 4 == 0 { (x, y) } else { (y, x) };
         y * SIDE + x
     };
-    let laid = |values: &[f32]| (0..SIDE * SIDE).map(|c| values[from(c)]).collect();
-    image.values = laid(&image.values);
-    image.counts = laid(&image.counts);
+    fn laid<T: Copy>(values: &[T], from: impl Fn(usize) -> usize) -> Vec<T> {
+        (0..SIDE * SIDE).map(|c| values[from(c)]).collect()
+    }
+    image.values = laid(&image.values, from);
+    image.counts = laid(&image.counts, from);
+    image.details = laid(&image.details, from);
 }
 
 /// A generator for the photographs of a camera outside of a stock.

@@ -30,7 +30,7 @@ pub struct LightPyramid {
 
 /// What part of a light is looked up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub(super) enum Part {
     /// All of it.
     All,
     /// What is left without its [`LightPyramid::lamps`].
@@ -95,27 +95,65 @@ impl LightPyramid {
         (level.max(0.0) as usize).min(Self::SIDE.ilog2() as usize - 1)
     }
 
-    /// Mean luminance around a unit direction at a level, bilinear.
-    pub fn at(&self, part: Part, direction: Vec3, level: usize) -> f32 {
+    /// Half of the texels along a side of a level.
+    pub(super) fn half_side(level: usize) -> f32 {
+        (Self::SIDE >> (level + 1)) as f32
+    }
+
+    /// Mean luminance at a place of [`Place::of`] on a level, bilinear.
+    #[inline(always)]
+    pub(super) fn at(&self, part: Part, level: usize, place: &Place) -> f32 {
         let Level { side, texels } = match part {
             Part::All => &self.all[level],
             Part::Even => &self.even[level],
         };
-        let sum = direction.x.abs() + direction.y.abs() + direction.z.abs();
-        let (a, b) = (direction.x.abs() / sum, direction.y.abs() / sum);
-        let (a, b) = if direction.z >= 0.0 { (a, b) } else { (1.0 - b, 1.0 - a) };
-        let half = 0.5 * *side as f32;
-        // With the border a texel centre is at a whole number plus one half.
-        let x = half * (1.0 + a.copysign(direction.x)) + 0.5;
-        let y = half * (1.0 - b.copysign(direction.y)) + 0.5;
-        let (column, row) = ((x as usize).min(*side), (y as usize).min(*side));
-        let (s, t) = (x - column as f32, y - row as f32);
-        let first = row * (side + 2) + column;
+        let first = place.row as usize * (side + 2) + place.column as usize;
         let (upper, lower) = (&texels[first..first + 2], &texels[first + side + 2..first + side + 4]);
-        let top = upper[0] + s * (upper[1] - upper[0]);
-        let bottom = lower[0] + s * (lower[1] - lower[0]);
-        top + t * (bottom - top)
+        let top = upper[0] + place.right * (upper[1] - upper[0]);
+        let bottom = lower[0] + place.right * (lower[1] - lower[0]);
+        top + place.down * (bottom - top)
     }
+}
+
+#[cfg(test)]
+impl LightPyramid {
+    /// Mean luminance of all of it around a direction.
+    pub(super) fn towards(&self, direction: DVec3, level: usize) -> f32 {
+        let d = direction.as_vec3();
+        self.at(Part::All, level, &Place::of(d.x, d.y, d.z, Self::half_side(level)))
+    }
+}
+
+/// Where on a level a direction is: the upper left of four texels, and how far it is to the right and down from there.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Place {
+    column: u32,
+    row: u32,
+    right: f32,
+    down: f32,
+}
+
+impl Place {
+    /// Of a unit direction, on a level of this [`LightPyramid::half_side`]. Without branches, for many at once.
+    #[inline(always)]
+    pub(super) fn of(x: f32, y: f32, z: f32, half_side: f32) -> Self {
+        let scale = 1.0 / (x.abs() + y.abs() + z.abs());
+        let (a, b) = (x.abs() * scale, y.abs() * scale);
+        let (a, b) = if z >= 0.0 { (a, b) } else { (1.0 - b, 1.0 - a) };
+        // With the border a texel centre is at a whole number plus one half.
+        let (column, right) = whole(half_side * (1.0 + a.copysign(x)) + 0.5);
+        let (row, down) = whole(half_side * (1.0 - b.copysign(y)) + 0.5);
+        Self { column, row, right, down }
+    }
+}
+
+/// Whole part of a number in 0..2^21 and the rest, which is 1 at some whole numbers.
+#[inline(always)]
+pub(super) fn whole(x: f32) -> (u32, f32) {
+    // One and a half times 2^23: adding it rounds to an integer, which is then in the lowest bits.
+    const ROUND: f32 = 12_582_912.0;
+    let rounded = (x - 0.5) + ROUND;
+    (rounded.to_bits() & 0x3f_ffff, x - (rounded - ROUND))
 }
 
 impl Level {
@@ -162,6 +200,15 @@ mod tests {
     use super::*;
     use crate::sphere::fibonacci_hemisphere;
 
+    #[test]
+    fn whole_numbers_and_rests() {
+        for i in 0..6000 {
+            let x = i as f32 * 0.037;
+            let (whole, rest) = whole(x);
+            assert!((0.0..=1.0).contains(&rest) && (whole as f32 + rest - x).abs() < 1e-5, "{x} {whole} {rest}");
+        }
+    }
+
     fn everywhere() -> impl Iterator<Item = DVec3> {
         fibonacci_hemisphere(500).flat_map(|n| [n, -n])
     }
@@ -172,7 +219,7 @@ mod tests {
         let pyramid = LightPyramid::new(light);
         for (level, bound) in [(0, 3e-3), (2, 8e-3), (4, 0.06)] {
             for d in everywhere() {
-                let got = f64::from(pyramid.at(Part::All, d.as_vec3(), level));
+                let got = f64::from(pyramid.towards(d, level));
                 assert!((got - light(d)).abs() < bound, "{level} {d}: {got} {}", light(d));
             }
         }
@@ -184,7 +231,7 @@ mod tests {
         let pyramid = LightPyramid::new(|d| if d.angle_between(lamp) < 0.06 { 1000.0 } else { 0.0 });
         let power = |level: usize| {
             let directions: Vec<DVec3> = fibonacci_hemisphere(400_000).flat_map(|n| [n, -n]).collect();
-            let sum: f64 = directions.iter().map(|d| f64::from(pyramid.at(Part::All, d.as_vec3(), level))).sum();
+            let sum: f64 = directions.iter().map(|&d| f64::from(pyramid.towards(d, level))).sum();
             sum / directions.len() as f64
         };
         let want = 1000.0 * 0.5 * (1.0 - 0.06_f64.cos());

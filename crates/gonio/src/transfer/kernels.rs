@@ -3,9 +3,9 @@
 /// `f32` values in a SIMD register that the loops are laid out for.
 pub(super) const LANES: usize = 4;
 
-/// Runs `f` compiled for the widest vector instructions of this processor. Only what is inlined into `f` profits.
+/// Runs `f` compiled for the widest vector instructions of this processor. Only what is inlined into `f` profits; closures that are too large to be inlined themselves do not.
 #[inline]
-pub(crate) fn dispatch<R>(f: impl FnOnce() -> R) -> R {
+pub(crate) fn dispatch<R>(f: impl pulp::NullaryFnOnce<Output = R>) -> R {
     pulp::Arch::new().dispatch(f)
 }
 

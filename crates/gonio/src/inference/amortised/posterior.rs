@@ -7,12 +7,15 @@ use rayon::prelude::*;
 use super::{Amortised, MixtureDensity};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 
+/// The root that the estimate is the mean of.
+const ROOT: f64 = 6.0;
+
 /// Draws that stand for a posterior.
 const DRAWS: usize = 256;
 
 /// Standard deviation of the logarithm of reflectance that is added to every draw when intervals are taken: what the coordinates
 /// cannot express, and what the photographs of the training do not know of others (`docs/trials.md`).
-pub(super) const SPREAD: f64 = 0.3;
+pub(super) const SPREAD: f64 = 0.2;
 
 /// A cell is undetermined if its 90 % interval is at least this share of the prior's.
 const UNDETERMINED: f64 = 0.6;
@@ -36,10 +39,10 @@ pub struct MaterialPosterior {
     pub density: MixtureDensity,
     /// Materials drawn from it, equally likely, of albedo one along the normal; always the same for one density.
     pub draws: Vec<BivariateTable>,
-    /// The estimate: the mean of the draws as the eye sees it, of their cube roots, cubed.
+    /// The estimate: the mean of the sixth roots of the draws, to the sixth power.
     ///
     /// A mean of the tables themselves (eq. 3) has the peak of the sharpest material that has a share in it and is glossier than most of what
-    /// it stands for; a mean of the logarithms is duller. Relit, all three are as good (`docs/trials.md`).
+    /// it stands for; a mean of the logarithms is duller. This one is too glossy as often as too dull. Relit, all are as good (`docs/trials.md`).
     pub mean: BivariateTable,
     /// Measured materials by falling weight.
     pub neighbours: Vec<Neighbour>,
@@ -51,10 +54,10 @@ impl MaterialPosterior {
         let draws = draws(amortised, &density, DRAWS, 1);
         let mut sum = vec![0.0_f64; CELLS];
         for table in &draws {
-            sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += f64::from(v.cbrt()));
+            sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += f64::from(v.max(0.0)).powf(1.0 / ROOT));
         }
         let count = draws.len() as f64;
-        let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).powi(3) as f32).collect());
+        let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).powf(ROOT) as f32).collect());
         let shares = normalised(amortised.places.iter().map(|z| density.log_density(z)));
         let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
         let mut neighbours: Vec<Neighbour> = amortised.names.iter().zip(shares).map(named).collect();

@@ -88,7 +88,8 @@ pub(crate) fn knowing(material: usize) -> Amortised {
 
 fn any_image() -> DiskImage {
     let on = |c: usize| f32::from(u8::from(on_disk(c)));
-    DiskImage::of_cells((0..SIDE * SIDE).map(on).collect(), (0..SIDE * SIDE).map(on).collect(), 0.01)
+    let all: Vec<f32> = (0..SIDE * SIDE).map(on).collect();
+    DiskImage::of_cells(all.clone(), all, vec![None; SIDE * SIDE], 0.01)
 }
 
 #[test]

@@ -3,6 +3,8 @@
 //! Each left-out material is photographed twice in each left-out light: without any fault ("clean")
 //! and as photographs come ("camera").
 
+mod misfit;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -10,22 +12,24 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use glam::DQuat;
 use gonio::appearance::Lattice;
-use gonio::inference::amortised::{Amortised, MaterialPosterior};
+use gonio::inference::amortised::{Amortised, MaterialPosterior, peak_over_base};
+use gonio::lighting::LightPrior;
 use gonio::reflectance::{BivariateTable, DictionarySettings, Kind, Prior};
 use gonio::render::{IntegratorSettings, Relighter};
-use gonio::simulation::{Camera, LightKind, Stock, generator};
+use gonio::simulation::{Camera, LightKind, SceneRenderer, generator};
 use gonio_io::cache::Cache;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
+use self::misfit::Left;
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{Gloss, brdf_error, coverage, median, relight};
-use crate::posteriors::{Effort, Learning, empty_stock, load_or_train};
+use crate::posteriors::{Effort, Learning, kinds_of, load_or_train};
 
 /// Spreads of the draws that intervals are tried with.
-const SPREADS: [f64; 4] = [0.2, 0.3, 0.45, 0.6];
+const SPREADS: [f64; 4] = [0.1, 0.2, 0.3, 0.45];
 
 /// Draws of each kind that was left out, a fold.
 const DRAWS: usize = 12;
@@ -52,6 +56,9 @@ pub(crate) struct Options {
     /// Kinds of materials that are left out of the prior, and tested beside the measured ones.
     #[arg(long, value_delimiter = ',', value_parser = kind)]
     without: Vec<Kind>,
+    /// So many of the materials that were learnt from are tested too: what new materials cost.
+    #[arg(long, default_value_t = 0)]
+    seen: usize,
     #[command(flatten)]
     effort: Effort,
     /// Coordinates of materials.
@@ -83,6 +90,10 @@ struct Outcome {
     gloss: f64,
     /// 50 and 90 %, by spread.
     coverage: Option<Vec<[f64; 2]>>,
+    /// Whether the 90 % interval of the gloss holds the true one.
+    held: Option<bool>,
+    /// What is left of a photograph without fault.
+    left: Option<Left>,
 }
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
@@ -115,7 +126,9 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         let lit: Vec<&str> = lit.into_iter().map(|l| names[l].as_str()).collect();
         let unlit: Vec<&str> = unlit.into_iter().map(|l| names[l].as_str()).collect();
         let amortised = load_or_train(&cache, &seen, &lights, &lit, &learning(options))?;
-        let test = Test::new(options, fold, unseen)?;
+        let every = seen.len().div_ceil(options.seen.max(1));
+        let known = seen.into_iter().step_by(every).take(options.seen).collect();
+        let test = Test::new(options, fold, unseen, known)?;
         outcomes.extend(test.run(&amortised, &lights, &unlit, &lit[..RELIT.min(lit.len())])?);
         eprintln!("fold {fold}: {} photographs", outcomes.len());
     }
@@ -148,16 +161,22 @@ struct Test {
     /// Group and name of each material.
     names: Vec<(String, String)>,
     tables: Vec<BivariateTable>,
-    /// Without scenes of its own: renders the photographs.
-    stock: Stock,
+    /// Renders the photographs.
+    renderer: SceneRenderer,
+    /// Of light, for what explains a photograph.
+    prior: LightPrior,
 }
 
 impl Test {
-    fn new(options: &Options, fold: usize, unseen: Vec<(String, BivariateTable)>) -> Result<Self> {
+    fn new(
+        options: &Options,
+        fold: usize,
+        unseen: Vec<(String, BivariateTable)>,
+        known: Vec<(String, BivariateTable)>,
+    ) -> Result<Self> {
         let mut rng = Pcg64::seed_from_u64(1000 + fold as u64);
         // Left-out materials are what left-out kinds are made of.
-        let stock = empty_stock(&unseen);
-        let dictionary = stock.dictionary();
+        let dictionary = kinds_of(&unseen);
         let (mut names, mut tables) = (Vec::new(), Vec::new());
         for &kind in &options.without {
             let group = title(kind)?;
@@ -166,11 +185,15 @@ impl Test {
                 names.push((group.clone(), format!("{group} {fold}.{at}")));
             }
         }
-        for (name, table) in unseen {
-            tables.push(table);
-            names.push(("measured".to_owned(), name));
+        for (group, list) in [("measured", unseen), ("seen", known)] {
+            for (name, mut table) in list {
+                // As in training: what lies beyond the trusted cells is extrapolation.
+                table.extend_from_trusted();
+                tables.push(table);
+                names.push((group.to_owned(), name));
+            }
         }
-        Ok(Self { fold, names, tables, stock })
+        Ok(Self { fold, names, tables, renderer: SceneRenderer::new(), prior: gonio_io::model::embedded()?.light })
     }
 
     fn run(&self, amortised: &Amortised, lights: &Lights, unlit: &[&str], relit: &[&str]) -> Result<Vec<Outcome>> {
@@ -181,29 +204,31 @@ impl Test {
         for (at, name) in unlit.iter().enumerate() {
             let turn = DQuat::from_rotation_y((137.5 * at as f64).to_radians());
             let light = LightKind::Captured.light(&lights.map(name)?, turn, &mut generator(0));
-            let scenes = self.stock.scenes_of(&self.tables, &light);
+            let scenes = self.renderer.render(&self.tables, &light);
             let taken = |m: usize| {
                 let mut rng = generator(((self.fold * 1000 + at) * 1000 + m) as u64);
                 // Pixels of another material are of one that is as unknown.
                 let (scene, other) = (&scenes[m], &scenes[(m + scenes.len() / 2) % scenes.len()]);
                 let any = Camera::draw(&mut rng);
                 [("clean", CLEAN), ("camera", any)].map(|(title, camera)| {
-                    let posterior = amortised.posterior(&camera.photograph(scene, other, &mut rng));
-                    self.judge(&posterior, &others, (m, title), (at + m).is_multiple_of(WITH_INTERVALS))
+                    let image = camera.photograph(scene, other, &mut rng);
+                    let posterior = amortised.posterior(&image);
+                    let mut outcome = self.judge(&posterior, &others, (m, title));
+                    if (at + m).is_multiple_of(WITH_INTERVALS) {
+                        self.add_intervals(&posterior, m, &mut outcome);
+                        outcome.left =
+                            (camera == CLEAN).then(|| Left::of(&image, &posterior, &self.prior)).transpose()?;
+                    }
+                    Ok(outcome)
                 })
             };
-            outcomes.par_extend((0..self.tables.len()).into_par_iter().flat_map_iter(taken));
+            let some: Result<Vec<Outcome>> = (0..self.tables.len()).into_par_iter().flat_map_iter(taken).collect();
+            outcomes.extend(some?);
         }
         Ok(outcomes)
     }
 
-    fn judge(
-        &self,
-        posterior: &MaterialPosterior,
-        others: &[Relighter],
-        (material, camera): (usize, &str),
-        intervals: bool,
-    ) -> Outcome {
+    fn judge(&self, posterior: &MaterialPosterior, others: &[Relighter], (material, camera): (usize, &str)) -> Outcome {
         let ((group, name), truth) = (&self.names[material], &self.tables[material]);
         let estimate = &posterior.mean;
         let (mut relative, mut log) = (0.0, 0.0);
@@ -212,13 +237,6 @@ impl Test {
             relative += error.relative / others.len() as f64;
             log += error.log / others.len() as f64;
         }
-        let coverage = intervals.then(|| {
-            let covered = |spread: f64| {
-                let quantiles = posterior.quantiles_spread(&[0.05, 0.25, 0.75, 0.95], spread);
-                coverage(estimate, &quantiles.try_into().expect("four shares"), truth)
-            };
-            SPREADS.map(covered).to_vec()
-        });
         Outcome {
             group: format!("{group} {camera}"),
             material: name.clone(),
@@ -226,17 +244,32 @@ impl Test {
             log,
             brdf: brdf_error(estimate, truth),
             gloss: Gloss::of(estimate).peak - Gloss::of(truth).peak,
-            coverage,
+            coverage: None,
+            held: None,
+            left: None,
         }
+    }
+
+    fn add_intervals(&self, posterior: &MaterialPosterior, material: usize, outcome: &mut Outcome) {
+        let truth = &self.tables[material];
+        let covered = |spread: f64| {
+            let quantiles = posterior.quantiles_spread(&[0.05, 0.25, 0.75, 0.95], spread);
+            coverage(&posterior.mean, &quantiles.try_into().expect("four shares"), truth)
+        };
+        outcome.coverage = Some(SPREADS.map(covered).to_vec());
+        let ends = posterior.ranking(peak_over_base).quantiles(&[0.05, 0.95]);
+        outcome.held = Some((ends[0]..=ends[1]).contains(&peak_over_base(truth)));
     }
 }
 
 /// Tables by group, and the materials that are hardest.
 fn report(outcomes: &[Outcome]) -> String {
     use std::fmt::Write;
-    let mut out = String::from("| group | photographs | relight | log | BRDF log | > 4x glossier | > 4x duller |");
+    let mut out = String::from(
+        "| group | photographs | relight | log | BRDF log | > 4x glossier | > 4x duller | gloss held (90 %) |",
+    );
     SPREADS.iter().for_each(|s| write!(out, " 50 / 90 % at {s} |").expect("memory"));
-    out += "\n|---|---|---|---|---|---|---|";
+    out += "\n|---|---|---|---|---|---|---|---|";
     out += &"---|".repeat(SPREADS.len());
     let mut groups: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
     outcomes.iter().for_each(|o| groups.entry(&o.group).or_default().push(o));
@@ -251,9 +284,11 @@ fn report(outcomes: &[Outcome]) -> String {
             100.0 * list.iter().filter(|o| outside(o.gloss)).count() as f64 / list.len() as f64
         };
         let (glossier, duller) = (share(|gloss| gloss > 4_f64.ln()), share(|gloss| gloss < -4_f64.ln()));
+        let held: Vec<bool> = list.iter().filter_map(|o| o.held).collect();
+        let held = 100.0 * held.iter().filter(|h| **h).count() as f64 / held.len().max(1) as f64;
         write!(
             out,
-            "\n| {group} | {} | {} | {} | {} | {glossier:.1} % | {duller:.1} % |",
+            "\n| {group} | {} | {} | {} | {} | {glossier:.1} % | {duller:.1} % | {held:.0} % |",
             list.len(),
             middle(|o| o.relative),
             middle(|o| o.log),
@@ -272,5 +307,7 @@ fn report(outcomes: &[Outcome]) -> String {
     hardest.sort_by(|a, b| b.0.total_cmp(&a.0));
     out += "\n\nhardest (median log relight error):";
     hardest.iter().take(16).for_each(|(log, name)| write!(out, " {name} {log:.2};").expect("memory"));
+    let left: Vec<Left> = outcomes.iter().filter_map(|o| o.left).collect();
+    write!(out, "\n\n{}", misfit::report(&left)).expect("memory");
     out
 }

@@ -1,0 +1,98 @@
+//! What the light of an estimate leaves of a photograph without fault: what
+//! [`Misfit::expected`](gonio::estimate::Misfit::expected) is calibrated by.
+
+use std::fmt::Write;
+
+use anyhow::{Context, Result};
+use glam::DVec3;
+use gonio::appearance::DiskImage;
+use gonio::appearance::disk::{SIDE, normal, on_disk};
+use gonio::inference::amortised::MaterialPosterior;
+use gonio::inference::amortised::peak_over_base;
+use gonio::inference::marginal::{LightProblem, NonNegativeSettings};
+use gonio::lighting::LightPrior;
+use gonio::transfer::{PlanSettings, SurfacePoint};
+
+/// Observations that a light is found from, as in
+/// [`EstimateSettings`](gonio::estimate::EstimateSettings).
+const ROWS: usize = 1_600;
+
+/// Bounds of the logarithm of gloss between which photographs are counted together.
+const BOUNDS: [f64; 6] = [f64::NEG_INFINITY, 1.5, 3.5, 6.0, 8.5, f64::INFINITY];
+
+/// What is left of one photograph.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Left {
+    /// Logarithm of the gloss in the middle of the posterior.
+    gloss: f64,
+    /// Relative root mean square of what light and material leave, without what noise explains.
+    misfit: f64,
+}
+
+impl Left {
+    /// Of an image of the disk as it is read.
+    pub(super) fn of(image: &DiskImage, posterior: &MaterialPosterior, prior: &LightPrior) -> Result<Self> {
+        let seen: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c) && image.counts[c] > 0.0).collect();
+        let seen: Vec<usize> = seen.iter().copied().step_by(seen.len().div_ceil(ROWS).max(1)).collect();
+        let point = |&c: &usize| SurfacePoint { normal: normal(c).as_dvec3(), view: DVec3::Z };
+        let points: Vec<SurfacePoint> = seen.iter().map(point).collect();
+        let values: Vec<Option<f64>> = seen.iter().map(|&c| Some(f64::from(image.values[c]))).collect();
+        let problem = LightProblem::new(&points, &values, None, &posterior.mean, prior, &PlanSettings::default())
+            .context("the light of a photograph")?;
+        let light = problem.non_negative(&problem.posterior()?, &NonNegativeSettings::default())?;
+        let radiance: Vec<f64> = light.light.iter().map(|l| l * light.exposure).collect();
+        let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
+        let noise =
+            square(&mut seen.iter().map(|&c| f64::from(image.scatter * image.values[c] / image.counts[c].sqrt())));
+        let all = square(&mut values.iter().flatten().copied());
+        Ok(Self {
+            gloss: posterior.ranking(peak_over_base).quantiles(&[0.5])[0].ln(),
+            misfit: (problem.misfit(&radiance).powi(2) - noise / all).max(0.0).sqrt(),
+        })
+    }
+}
+
+/// A table by gloss.
+pub(super) fn report(all: &[Left]) -> String {
+    let mut out = String::from(
+        "| logarithm of gloss | photographs | median of it | misfit without noise: median | 95 % |\n|---|---|---|---|---|\n",
+    );
+    for bounds in BOUNDS.windows(2) {
+        let mut misfits: Vec<f64> =
+            all.iter().filter(|l| (bounds[0]..bounds[1]).contains(&l.gloss)).map(|l| l.misfit).collect();
+        let mut glosses: Vec<f64> =
+            all.iter().filter(|l| (bounds[0]..bounds[1]).contains(&l.gloss)).map(|l| l.gloss).collect();
+        if misfits.is_empty() {
+            continue;
+        }
+        misfits.sort_by(f64::total_cmp);
+        glosses.sort_by(f64::total_cmp);
+        let at = |values: &[f64], share: f64| values[(share * (values.len() - 1) as f64).round() as usize];
+        let _ = writeln!(
+            out,
+            "| {:.1} to {:.1} | {} | {:.1} | {:.3} | {:.3} |",
+            bounds[0],
+            bounds[1],
+            misfits.len(),
+            at(&glosses, 0.5),
+            at(&misfits, 0.5),
+            at(&misfits, 0.95),
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_is_by_gloss() {
+        let all: Vec<Left> =
+            (0..40).map(|i| Left { gloss: f64::from(i % 2) * 5.0, misfit: 0.01 * f64::from(i) }).collect();
+        let table = report(&all);
+        assert!(table.contains("| -inf to 1.5 | 20 | 0.0 | 0.200 | 0.360 |"), "{table}");
+        assert!(table.contains("| 3.5 to 6.0 | 20 | 5.0 | 0.210 | 0.370 |"), "{table}");
+        assert_eq!(table.lines().count(), 4);
+    }
+}

@@ -1,0 +1,76 @@
+//! What is finer than the cells of the disk: highlights of less than a degree.
+//!
+//! A photograph of a thousand pixels across has dozens in a cell. Their finest structure is kept as one number, how far the quarters of a cell are from the plane
+//! through the cells around: it does not change under turns, and textures leave it where their scatter says.
+
+use super::disk::{SIDE, on_disk};
+
+/// The root mean square distance of the quarters of each cell to the plane through the cells around it, `None` off the disk and where `quarters` has none.
+///
+/// `values` and `counts` are those of the cells; the plane has the mean of the quarters and the lesser of the slopes to the cells on either side (minmod, so that it never
+/// leads beyond them), zero where one of these has no count.
+pub(crate) fn details(
+    values: &[f32],
+    counts: &[f32],
+    quarters: impl Fn(usize) -> Option<[f32; 4]>,
+) -> Vec<Option<f32>> {
+    let slope = |cell: usize, step: usize| {
+        let known = |c: usize| on_disk(c) && counts[c] > 0.0;
+        if !known(cell - step) || !known(cell + step) {
+            return 0.0;
+        }
+        let (before, after) = (values[cell] - values[cell - step], values[cell + step] - values[cell]);
+        if before * after <= 0.0 { 0.0 } else { before.abs().min(after.abs()).copysign(after) }
+    };
+    // No cell at the border of the square is on the disk.
+    let detail = |cell: usize| {
+        let quarters = quarters(cell).filter(|_| on_disk(cell))?;
+        let mean = 0.25 * quarters.iter().sum::<f32>();
+        // A quarter's middle is a quarter of a cell from that of the cell.
+        let (x, y) = (0.25 * slope(cell, 1), 0.25 * slope(cell, SIDE));
+        let plane = [-x - y, x - y, y - x, x + y];
+        let squares = quarters.iter().zip(plane).map(|(q, p)| (q - mean - p).powi(2));
+        Some((0.25 * squares.sum::<f32>()).sqrt())
+    };
+    (0..SIDE * SIDE).map(detail).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::disk::{centre, quarters};
+    use super::*;
+
+    fn of(f: impl Fn(f32, f32) -> f32) -> Vec<Option<f32>> {
+        let fine = |cell: usize| quarters(cell).map(|(x, y)| f(x, y));
+        let values: Vec<f32> = (0..SIDE * SIDE).map(|c| 0.25 * fine(c).iter().sum::<f32>()).collect();
+        details(&values, &vec![1.0; SIDE * SIDE], |c| Some(fine(c)))
+    }
+
+    fn inner() -> impl Iterator<Item = usize> {
+        (0..SIDE * SIDE).filter(|&c| centre(c).0.hypot(centre(c).1) < 0.9)
+    }
+
+    #[test]
+    fn planes_have_no_detail() {
+        let plane = of(|x, y| 2.0 + x - 0.7 * y);
+        assert!(inner().all(|c| plane[c].unwrap() < 1e-6));
+        assert_eq!(plane[0], None);
+    }
+
+    #[test]
+    fn what_alternates_from_quarter_to_quarter_is_all_detail() {
+        // The plane through the cells is flat.
+        let sign = |v: f32| if ((v + 1.0) * SIDE as f32) as usize % 2 == 0 { 1.0 } else { -1.0 };
+        let board = of(|x, y| 2.0 + 0.3 * sign(x) * sign(-y));
+        assert!(inner().all(|c| (board[c].unwrap() - 0.3).abs() < 1e-6));
+    }
+
+    #[test]
+    fn narrow_highlights_have_more_of_it() {
+        let lobe = |width: f32| of(move |x, y| (-(x * x + y * y) / (width * width)).exp());
+        let most = |width: f32| inner().filter_map(|c| lobe(width)[c]).fold(0.0, f32::max);
+        // Widths of 0.6, 1.1 and 2.3 degrees.
+        let [fine, middle, wide] = [0.01, 0.02, 0.04].map(most);
+        assert!(fine > 1.5 * middle && middle > 2.5 * wide, "{fine} {middle} {wide}");
+    }
+}

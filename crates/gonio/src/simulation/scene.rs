@@ -1,0 +1,158 @@
+//! Pictures of a ball without any fault, on the disk of normals.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::ball::{BallRenderer, Rings};
+use super::pyramid::LightPyramid;
+use crate::appearance::detail::details;
+use crate::appearance::disk::{self, SIDE, on_disk};
+use crate::reflectance::BivariateTable;
+
+/// What a photograph without any fault would show. Both are zero off the disk.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Mean luminance of each cell.
+    pub values: Vec<f32>,
+    /// What is finer than the cells, as [`DiskImage::details`](crate::appearance::DiskImage::details).
+    pub details: Vec<f32>,
+}
+
+/// Makes scenes.
+#[derive(Clone, Debug)]
+pub struct SceneRenderer {
+    ball: BallRenderer,
+    cells: Vec<usize>,
+    /// Normals at the middles of the cells.
+    middles: Vec<Vec3>,
+    /// Normals at the middles of their quarters, four to a cell.
+    quarters: Vec<Vec3>,
+}
+
+impl Default for SceneRenderer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl SceneRenderer {
+    /// For all of the disk.
+    pub fn new() -> Self {
+        let cells: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).collect();
+        let up = |(x, y): (f32, f32)| Vec3::new(x, y, (1.0 - x * x - y * y).sqrt());
+        let middles = cells.iter().map(|&c| disk::normal(c)).collect();
+        let quarters = cells.iter().flat_map(|&c| disk::quarters(c).map(up)).collect();
+        Self { ball: BallRenderer::new(), cells, middles, quarters }
+    }
+
+    /// The ball of each table in one light.
+    ///
+    /// What is seen by half vectors far from the normal changes little within a cell and is rendered at its middle; the rest is
+    /// rendered at its quarters.
+    pub fn render(&self, tables: &[BivariateTable], light: &LightPyramid) -> Vec<Scene> {
+        let far = self.ball.render(&self.middles, tables, light, Rings::Far);
+        let near = self.ball.render(&self.quarters, tables, light, Rings::Near);
+        far.into_par_iter().zip(near).map(|(far, near)| self.scene(&far, &near)).collect()
+    }
+
+    fn scene(&self, far: &[f32], near: &[f32]) -> Scene {
+        let (mut values, mut quarters) = (vec![0.0; SIDE * SIDE], vec![[0.0; 4]; SIDE * SIDE]);
+        for ((&cell, far), near) in self.cells.iter().zip(far).zip(near.as_chunks::<4>().0) {
+            quarters[cell] = *near;
+            values[cell] = far + 0.25 * near.iter().sum::<f32>();
+        }
+        // The plane is that of the near part: of the far one there is no detail to compare.
+        let sharp: Vec<f32> = quarters.iter().map(|q| 0.25 * q.iter().sum::<f32>()).collect();
+        let details = details(&sharp, &vec![1.0; SIDE * SIDE], |cell| Some(quarters[cell]));
+        Scene { values, details: details.into_iter().map(|d| d.unwrap_or(0.0)).collect() }
+    }
+}
+
+/// A scene in three bytes a cell: logarithms of values to 0.04 %, and of details to 3 %.
+#[derive(Clone, Debug)]
+pub(super) struct Packed {
+    /// Logarithm of the largest value.
+    top: f32,
+    values: Vec<u16>,
+    /// Of the detail over the value; zero if there is next to none.
+    details: Vec<u8>,
+}
+
+/// Range of the logarithms of packed values.
+const RANGE: f32 = 24.0;
+
+/// Most that a detail can be relative to the value, and the range of the logarithms of that.
+const MOST_DETAIL: f32 = 2.0;
+const DETAIL_RANGE: f32 = 7.0;
+
+impl Packed {
+    pub(super) fn of(scene: &Scene) -> Self {
+        let on = || (0..SIDE * SIDE).filter(|&c| on_disk(c));
+        let top = scene.values.iter().copied().fold(1e-30, f32::max).ln();
+        let steps = f32::from(u16::MAX) / RANGE;
+        let value = |c: usize| ((top - scene.values[c].max(1e-35).ln()) * steps).round() as u16;
+        let detail = |c: usize| {
+            let relative = scene.details[c] / scene.values[c].max(1e-35);
+            (255.0 + 255.0 / DETAIL_RANGE * (relative / MOST_DETAIL).ln()).round() as u8
+        };
+        Self { top, values: on().map(value).collect(), details: on().map(detail).collect() }
+    }
+
+    /// Adds the scene, times a weight.
+    pub(super) fn add_to(&self, weight: f32, scene: &mut Scene) {
+        let (step, fine) = (RANGE / f32::from(u16::MAX), DETAIL_RANGE / 255.0);
+        let cells = (0..SIDE * SIDE).filter(|&c| on_disk(c));
+        for ((cell, value), detail) in cells.zip(&self.values).zip(&self.details) {
+            let value = weight * (self.top - step * f32::from(*value)).exp();
+            scene.values[cell] += value;
+            if *detail > 0 {
+                scene.details[cell] += value * MOST_DETAIL * (fine * (f32::from(*detail) - 255.0)).exp();
+            }
+        }
+    }
+}
+
+impl Scene {
+    /// Black.
+    pub(super) fn black() -> Self {
+        Self { values: vec![0.0; SIDE * SIDE], details: vec![0.0; SIDE * SIDE] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A lamp of a degree and a half, before grey.
+    fn lamp() -> LightPyramid {
+        let lamp = glam::DVec3::new(0.3, 0.2, 0.9).normalize();
+        LightPyramid::new(move |d| if d.angle_between(lamp) < 0.013 { 5000.0 } else { 1.0 })
+    }
+
+    fn shiny(width: f64) -> BivariateTable {
+        BivariateTable::from_fn(move |h, _| 0.1 + 0.02 / (width * width) * (-(h / width).powi(2)).exp())
+    }
+
+    #[test]
+    fn sharper_materials_have_more_detail() {
+        let scenes = SceneRenderer::new().render(&[shiny(0.005), shiny(0.02), shiny(0.08)], &lamp());
+        let most = |s: &Scene| s.details.iter().zip(&s.values).map(|(d, v)| d / v.max(1e-9)).fold(0.0, f32::max);
+        let [sharp, middle, wide] = [0, 1, 2].map(|at| most(&scenes[at]));
+        assert!(sharp > 2.0 * middle && middle > 2.0 * wide, "{sharp} {middle} {wide}");
+        assert!(scenes.iter().all(|s| s.values.iter().all(|v| v.is_finite())));
+    }
+
+    #[test]
+    fn a_packed_scene_is_the_scene() {
+        let scene = SceneRenderer::new().render(&[shiny(0.01)], &lamp()).swap_remove(0);
+        let packed = Packed::of(&scene);
+        let mut back = Scene::black();
+        packed.add_to(0.75, &mut back);
+        packed.add_to(0.25, &mut back);
+        for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
+            let (value, detail) = (scene.values[cell], scene.details[cell]);
+            assert!((back.values[cell] / value - 1.0).abs() < 5e-4);
+            assert!((back.details[cell] - detail).abs() < 0.02 * detail + 0.002 * value, "{}", back.details[cell]);
+        }
+    }
+}

@@ -1,5 +1,5 @@
 //! What the light of an estimate leaves of a photograph without fault: what
-//! [`Misfit::expected`](gonio::estimate::Misfit::expected) is calibrated by.
+//! [`expected_misfit`](gonio::estimate::expected_misfit) is calibrated by.
 
 use std::fmt::Write;
 

@@ -39,7 +39,7 @@ pub struct BallRenderer {
 /// Half angles in degrees between which lamps pass from samples, which show their shape in a sharp highlight, to points, which are exact in a wide one.
 const NEAR: (f32, f32) = (3.0, 6.0);
 
-/// How far the rings about a normal are counted: those of half angles below [`NEAR`], beyond it, and between with a share in both.
+/// How far the rings about a normal are counted: those of half angles below three degrees, beyond six, and between with a share in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rings {
     /// What sharp highlights are seen by, lamps by samples.

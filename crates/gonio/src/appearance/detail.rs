@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn what_alternates_from_quarter_to_quarter_is_all_detail() {
         // The plane through the cells is flat.
-        let sign = |v: f32| if ((v + 1.0) * SIDE as f32) as usize % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = |v: f32| if (((v + 1.0) * SIDE as f32) as usize).is_multiple_of(2) { 1.0 } else { -1.0 };
         let board = of(|x, y| 2.0 + 0.3 * sign(x) * sign(-y));
         assert!(inner().all(|c| (board[c].unwrap() - 0.3).abs() < 1e-6));
     }

@@ -156,7 +156,7 @@ fn a_ball_of_two_materials_is_doubted() {
     let (width, height) = painted.rgb.size();
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
         if (x / 12 + y / 12) % 2 == 1 {
-            painted.rgb[(x, y)] = painted.rgb[(x, y)] / 5.0;
+            painted.rgb[(x, y)] /= 5.0;
         }
     }
     let found = |picture: &Picture| estimate(&model, &observations(picture), &settings(), &|_| ()).unwrap();

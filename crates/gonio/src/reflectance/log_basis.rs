@@ -55,9 +55,14 @@ impl LogBasis {
 
     /// The table of a material, 1/sr.
     pub fn table(&self, material: usize) -> BivariateTable {
+        self.at(&self.coefficients[material].iter().map(|c| f64::from(*c)).collect::<Vec<_>>())
+    }
+
+    /// The table with these coefficients, one for each axis, 1/sr.
+    pub(crate) fn at(&self, coefficients: &[f64]) -> BivariateTable {
         let mut log: Vec<f64> = self.mean.iter().map(|v| f64::from(*v)).collect();
-        for (axis, c) in self.axes.iter().zip(&self.coefficients[material]) {
-            log.iter_mut().zip(axis).for_each(|(log, a)| *log += f64::from(*c) * f64::from(*a));
+        for (axis, c) in self.axes.iter().zip(coefficients) {
+            log.iter_mut().zip(axis).for_each(|(log, a)| *log += c * f64::from(*a));
         }
         BivariateTable::from_vec(log.into_iter().map(|v| v.exp() as f32).collect())
     }

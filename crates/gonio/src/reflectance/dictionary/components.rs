@@ -1,5 +1,8 @@
 //! The components of a dictionary: what its entries are mixtures of.
 
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
 use super::super::log_basis::LogBasis;
@@ -8,6 +11,16 @@ use super::super::table::{BivariateTable, CELLS, THETA_D, THETA_H, theta_d_of, t
 
 /// Factors by which the highlights of measured materials are made narrower or wider.
 pub(super) const WARPS: [f64; 4] = [0.5, 0.707, 1.414, 2.0];
+
+/// Materials bred for each measured one.
+pub(super) const LITTER: usize = 8;
+
+/// Standard deviation of the step that a bred material takes from between its parents, in units of the
+/// difference of two more materials: bred ones then vary as much as the measured.
+const STEP: f64 = 0.4;
+
+/// No step is longer.
+const LONGEST: f64 = 0.8;
 
 /// Widths of the analytic lobes; those between are mixtures of neighbours.
 pub(super) const ALPHAS: [f64; 15] =
@@ -22,7 +35,7 @@ pub(super) const DIFFUSE: usize = 5;
 /// Widths of the sheen of cloth.
 pub(super) const SHEENS: [f64; 3] = [0.15, 0.3, 0.6];
 
-/// Where components are: measured, measured with other highlights, diffuse, sheen, lobes.
+/// Where components are: measured, measured with other highlights, bred, diffuse, sheen, lobes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Layout {
     /// Number of measured materials.
@@ -38,8 +51,12 @@ impl Layout {
         self.measured + material * WARPS.len() + warp
     }
 
+    pub(super) fn bred(self, child: usize) -> usize {
+        self.warped(self.measured, 0) + child
+    }
+
     pub(super) fn diffuse(self, kind: usize) -> usize {
-        self.warped(self.measured, 0) + kind
+        self.bred(self.measured * LITTER) + kind
     }
 
     pub(super) fn sheen(self, width: usize) -> usize {
@@ -57,6 +74,9 @@ pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>)
     let own: Vec<BivariateTable> = (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
     let warped = own.par_iter().flat_map_iter(|table| WARPS.iter().map(move |&factor| warp(table, factor)));
     let mut all: Vec<BivariateTable> = own.par_iter().cloned().chain(warped).collect();
+    let mut rng = Pcg64::seed_from_u64(1);
+    let bred: Vec<Vec<f64>> = (0..measured.len() * LITTER).map(|_| breed(measured, &mut rng)).collect();
+    all.par_extend(bred.par_iter().map(|coefficients| measured.at(coefficients)));
     all.push(Lambert { albedo: 1.0 }.to_bivariate());
     all.extend([0.0, 0.5, 1.0].map(|roughness| Burley { albedo: 1.0, roughness }.to_bivariate()));
     all.push(Undercoat { albedo: 1.0, f0: 0.04 }.to_bivariate());
@@ -68,6 +88,22 @@ pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>)
         table.as_mut_slice().iter_mut().for_each(|v| *v = (f64::from(*v) / albedo) as f32);
     });
     (all, albedos)
+}
+
+/// Coefficients of a material between two measured ones, and a step beside the line between them: their
+/// logarithms mixed, and the difference of two more added (differential evolution; Storn and Price 1997). New
+/// materials are unlike every measured one, in the same ways as these are unlike each other.
+fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
+    let mut parent = || &measured.coefficients[rng.random_range(0..measured.len())];
+    let [one, two, from, to] = [parent(), parent(), parent(), parent()];
+    let share: f64 = rng.random_range(0.0..1.0);
+    let step: f64 = StandardNormal.sample(rng);
+    let step = (STEP * step).clamp(-LONGEST, LONGEST);
+    let child = |k: usize| {
+        let [one, two, from, to] = [one, two, from, to].map(|parent| f64::from(parent[k]));
+        share * one + (1.0 - share) * two + step * (to - from)
+    };
+    (0..measured.axes.len()).map(child).collect()
 }
 
 /// The table with highlights `factor` times as wide: tangents of half angles are stretched, so that the horizon stays where it is.
@@ -100,11 +136,32 @@ mod tests {
         };
         same(1, &basis.table(1));
         same(layout.warped(1, 3), &warp(&basis.table(1), WARPS[3]));
+        assert_eq!(layout.diffuse(0), layout.bred(2 * LITTER));
         same(layout.diffuse(0), &Lambert { albedo: 1.0 }.to_bivariate());
         same(layout.diffuse(2), &Burley { albedo: 1.0, roughness: 0.5 }.to_bivariate());
         same(layout.diffuse(4), &Undercoat { albedo: 1.0, f0: 0.04 }.to_bivariate());
         same(layout.sheen(1), &Sheen { factor: 1.0, width: SHEENS[1] }.to_bivariate());
         same(layout.lobe(9, 2, true), &lobes(ALPHAS[9], &TAILS)[2][1]);
+    }
+
+    #[test]
+    fn bred_materials_vary_as_the_measured_do() {
+        let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.02 + (-(h / w).powi(2)).exp() / w);
+        let set: Vec<(String, BivariateTable)> =
+            (0..20).map(|i| (i.to_string(), lobe(0.03 * 1.2_f64.powi(i)))).collect();
+        let basis = LogBasis::fit(&set, 10);
+        let mut rng = Pcg64::seed_from_u64(1);
+        let bred: Vec<Vec<f64>> = (0..4000).map(|_| breed(&basis, &mut rng)).collect();
+        for k in 0..3 {
+            let spread = |of: &[f64]| {
+                let mean = of.iter().sum::<f64>() / of.len() as f64;
+                (mean, (of.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / of.len() as f64).sqrt())
+            };
+            let (mean, wide) = spread(&basis.coefficients.iter().map(|c| f64::from(c[k])).collect::<Vec<_>>());
+            let (bred_mean, bred_wide) = spread(&bred.iter().map(|c| c[k]).collect::<Vec<_>>());
+            assert!((bred_mean - mean).abs() < 0.1 * wide, "{k}: {bred_mean} {mean} {wide}");
+            assert!((0.85..1.1).contains(&(bred_wide / wide)), "{k}: {bred_wide} {wide}");
+        }
     }
 
     #[test]

@@ -4,10 +4,10 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-use super::components::{ALPHAS, DIFFUSE, Layout, SHEENS, TAILS, WARPS};
+use super::components::{ALPHAS, DIFFUSE, LITTER, Layout, SHEENS, TAILS, WARPS};
 use super::{Dictionary, Mixture};
 
-/// Kinds of materials of the prior.
+/// Kinds of materials of the prior. Where it is left open, the material is a measured or a bred one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -15,11 +15,13 @@ pub enum Kind {
     Measured,
     /// A measured material with highlights up to twice or half as wide.
     Warped,
-    /// Two measured materials.
+    /// Between measured materials in the logarithm, and beside the line between them.
+    Bred,
+    /// Two materials.
     Pair,
-    /// A measured material and a diffuse reflector.
+    /// A material and a diffuse reflector.
     Based,
-    /// A measured material below a clear surface.
+    /// A material below a clear surface.
     Coated,
     /// A diffuse base with the lobe or two of a dielectric.
     Dielectric,
@@ -31,9 +33,10 @@ pub enum Kind {
 
 impl Kind {
     /// All, in the order of [`Prior::shares`].
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Measured,
         Self::Warped,
+        Self::Bred,
         Self::Pair,
         Self::Based,
         Self::Coated,
@@ -47,13 +50,13 @@ impl Kind {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Prior {
     /// By kind, in the order of [`Kind::ALL`]: not negative, not all zero.
-    pub shares: [f64; 8],
+    pub shares: [f64; 9],
 }
 
 impl Default for Prior {
     /// Chosen by leaving out materials, lights and whole kinds (`docs/trials.md`).
     fn default() -> Self {
-        Self { shares: [0.3, 0.1, 0.15, 0.1, 0.05, 0.15, 0.08, 0.07] }
+        Self { shares: [0.1, 0.1, 0.25, 0.12, 0.1, 0.06, 0.13, 0.08, 0.06] }
     }
 }
 
@@ -106,8 +109,9 @@ impl Draw<'_> {
         let share = self.between(0.0, 1.0);
         let mut parts = Vec::new();
         match kind {
-            Kind::Measured => parts.push((self.material(), 1.0)),
+            Kind::Measured => parts.push((self.measured(), 1.0)),
             Kind::Warped => self.warped(&mut parts),
+            Kind::Bred => parts.push((self.bred(), 1.0)),
             Kind::Pair => parts.extend([(self.material(), share), (self.material(), 1.0 - share)]),
             Kind::Based => {
                 parts.push((self.material(), share));
@@ -149,12 +153,20 @@ impl Draw<'_> {
         self.between(low.ln(), high.ln()).exp()
     }
 
-    fn material(&mut self) -> usize {
+    fn measured(&mut self) -> usize {
         self.rng.random_range(0..self.layout.measured)
     }
 
+    fn bred(&mut self) -> usize {
+        self.layout.bred(self.rng.random_range(0..self.layout.measured * LITTER))
+    }
+
+    fn material(&mut self) -> usize {
+        if self.rng.random_range(0..2) == 0 { self.measured() } else { self.bred() }
+    }
+
     fn warped(&mut self, parts: &mut Mixture) {
-        let material = self.material();
+        let material = self.measured();
         // The material itself stands between the warps to either side.
         let at = self.between(0.0, WARPS.len() as f64);
         let component = |step: usize| match step.cmp(&(WARPS.len() / 2)) {
@@ -224,7 +236,7 @@ mod tests {
         let dictionary = dictionary();
         let layout = dictionary.layout();
         let mut rng = Pcg64::seed_from_u64(3);
-        let mut counts = [0; 8];
+        let mut counts = [0; 9];
         for _ in 0..4000 {
             let kind = Prior::default().kind(&mut rng);
             counts[Kind::ALL.iter().position(|k| *k == kind).unwrap()] += 1;
@@ -232,14 +244,14 @@ mod tests {
         for (count, share) in counts.iter().zip(Prior::default().shares) {
             assert!((f64::from(*count) / 4000.0 - share).abs() < 0.03, "{counts:?}");
         }
-        let measured = |c: usize| c < layout.diffuse(0);
+        let made_of_measured = |c: usize| c < layout.diffuse(0);
         let sheen = |c: usize| (layout.sheen(0)..layout.sheen(SHEENS.len())).contains(&c);
         for (at, kind) in Kind::ALL.into_iter().enumerate() {
             for _ in 0..200 {
                 let mixture = dictionary.draw(&Prior::of(&[kind]), &mut rng);
                 let sum: f64 = mixture.iter().map(|(_, w)| w).sum();
                 assert!((sum - 1.0).abs() < 1e-12 && mixture.iter().all(|m| m.0 < layout.count()));
-                assert_eq!(mixture.iter().any(|m| measured(m.0)), at < 5, "{kind:?}");
+                assert_eq!(mixture.iter().any(|m| made_of_measured(m.0)), at < 6, "{kind:?}");
                 assert_eq!(mixture.iter().any(|m| sheen(m.0)), kind == Kind::Cloth);
                 if kind == Kind::Warped {
                     let material = |c: usize| if c < 3 { c } else { (c - 3) / WARPS.len() };

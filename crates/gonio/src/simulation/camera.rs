@@ -6,6 +6,7 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson};
 
 use super::fields::{between, bilinear, blurred, field, gauss, quantile, slopes};
+use super::figure::{Figure, Regions};
 use super::scene::Scene;
 use crate::appearance::disk::{self, DiskImage, SIDE, on_disk};
 use crate::appearance::{Sample, scatter};
@@ -36,9 +37,9 @@ pub struct Camera {
     pub speckle: f32,
     /// Standard deviation of the logarithm of the albedo over regions: stains, wear.
     pub stains: f32,
-    /// How much of the light the darkest regions lack: shadows that nobody modelled, 0..=1.
+    /// How much of the light the darkest parts of a figure lack: shadows that nobody modelled, 0..=1.
     pub shadow: f32,
-    /// Light that the object throws onto itself, relative to the mean of the picture.
+    /// Light that a figure throws onto itself, relative to the mean of the picture.
     pub bounce: f32,
     /// Share of the pixels that are of another material.
     pub foreign: f32,
@@ -48,7 +49,7 @@ pub struct Camera {
     pub wrong_normals: f32,
     /// Error of the outline: its radius and centre, relative to the radius.
     pub outline: f32,
-    /// Whether pixels of one normal come from several places, so that their scatter shows what differs between regions.
+    /// Whether pixels of one normal come from several places, which differ in albedo, shadow and bounced light.
     pub figure: bool,
 }
 
@@ -100,8 +101,8 @@ impl Camera {
             glare: maybe(0.4, &|r| log(r, 0.002, 0.05)),
             speckle: maybe(0.7, &|r| log(r, 0.003, 0.35)),
             stains: maybe(0.5, &|r| log(r, 0.01, 0.3)),
-            shadow: if figure { maybe(0.5, &|r| between(r, 0.0, 0.7)) } else { 0.0 },
-            bounce: if figure { maybe(0.4, &|r| log(r, 0.005, 0.15)) } else { 0.0 },
+            shadow: if figure { maybe(0.7, &|r| between(r, 0.0, 0.8)) } else { 0.0 },
+            bounce: if figure { maybe(0.6, &|r| log(r, 0.005, 0.15)) } else { 0.0 },
             foreign: maybe(0.12, &|r| log(r, 0.003, 0.12)),
             rough_normals: maybe(0.4, &|r| log(r, 0.003, 0.08)),
             wrong_normals: maybe(0.4, &|r| log(r, 0.003, 0.05)),
@@ -138,9 +139,16 @@ impl Camera {
         if self.glare > 0.0 {
             image.iter_mut().for_each(|v| *v = (1.0 - self.glare) * *v + self.glare * mean);
         }
-        self.over_regions(&mut image, &mut details, mean, rng);
+        let figure = self.figure.then(|| Figure::draw(self.regions(), rng));
+        let among = match &figure {
+            Some(figure) => figure.show(&mut image, &mut details, mean),
+            None => {
+                self.stain(&mut image, &mut details, rng);
+                Vec::new()
+            }
+        };
         let clip = if self.clipped > 0.0 { quantile(&image, 1.0 - self.clipped) } else { f32::INFINITY };
-        let (counts, fine) = self.counts(rng);
+        let (counts, fine) = self.counts(figure.as_ref().map(|f| &f.density[..]), rng);
         let top = image.iter().copied().fold(0.0, f32::max).min(clip);
         let step = if self.levels > 0.0 { top / self.levels } else { 0.0 };
         let mut seen = vec![0.0; SIDE * SIDE];
@@ -156,7 +164,8 @@ impl Camera {
                 + self.shot.powi(2) * mean * value
                 + (self.read * mean).powi(2)
                 + tilt * tilt
-                + step * step / 12.0;
+                + step * step / 12.0
+                + among.get(cell).copied().unwrap_or(0.0);
             let error = (variance / count).sqrt();
             let noisy = value + gauss(rng) * error;
             // Rounding shows where few pixels are averaged.
@@ -170,7 +179,7 @@ impl Camera {
             }
         }
         let told = if fine {
-            self.told(&image, &details, &slope, (mean, rough, step), rng)
+            self.told([&image, &details, &slope, &among], (mean, rough, step), rng)
         } else {
             told_of_cells(&seen, &kept)
         };
@@ -183,8 +192,13 @@ impl Camera {
         share >= 1.0 || (share > 0.0 && between(rng, 0.0, 1.0) < share)
     }
 
-    /// Stains, shadows and light from elsewhere on the object.
-    fn over_regions(&self, image: &mut [f32], details: &mut [f32], mean: f32, rng: &mut impl Rng) {
+    /// What differs between the parts of a figure.
+    fn regions(&self) -> Regions {
+        Regions { stains: self.stains, shadow: self.shadow, bounce: self.bounce }
+    }
+
+    /// Stains of an object that shows each normal once.
+    fn stain(&self, image: &mut [f32], details: &mut [f32], rng: &mut impl Rng) {
         if self.stains > 0.0 {
             let (coarse, fine) = (field(6, rng), field(16, rng));
             let each = image.iter_mut().zip(&mut *details).zip(coarse.iter().zip(&fine));
@@ -193,29 +207,21 @@ impl Camera {
                 (*v, *d) = (*v * albedo, *d * albedo);
             });
         }
-        if self.shadow > 0.0 {
-            let dark = field(5, rng);
-            for ((value, detail), dark) in image.iter_mut().zip(details).zip(&dark) {
-                let open = 1.0 - self.shadow * (0.7 * dark).clamp(0.0, 1.0);
-                (*value, *detail) = (*value * open, *detail * open);
-            }
-        }
-        if self.bounce > 0.0 {
-            let lit = field(4, rng);
-            image.iter_mut().zip(&lit).for_each(|(v, l)| *v += self.bounce * mean * l.max(0.0));
-        }
     }
 
     /// Pixels of each cell, and whether single pixels can be told apart in them.
-    fn counts(&self, rng: &mut impl Rng) -> (Vec<f32>, bool) {
+    fn counts(&self, density: Option<&[f32]>, rng: &mut impl Rng) -> (Vec<f32>, bool) {
         let each = (self.radius / (0.5 * SIDE as f32)).powi(2);
         let mut counts = vec![each; SIDE * SIDE];
+        if let Some(density) = density {
+            counts.iter_mut().zip(density).for_each(|(c, d)| *c *= d);
+        }
         if self.uneven > 0.0 {
             let density = field(10, rng);
             let mut poisson =
                 |mean: f32| Poisson::new(f64::from(mean.clamp(1e-4, 1e4))).map_or(0.0, |p| p.sample(rng) as f32);
             counts.iter_mut().zip(&density).for_each(|(c, d)| *c = poisson(*c * (self.uneven * d).exp()));
-        } else if each < 1.0 {
+        } else if density.is_none() && each < 1.0 {
             // A grid of pixels coarser than the cells.
             let stride = 1.0 / each.sqrt();
             let line = |i: usize| ((i + 1) as f32 / stride).floor() > (i as f32 / stride).floor();
@@ -252,9 +258,7 @@ impl Camera {
     /// The scatter as it would be estimated from pixels that share a normal, not quite right.
     fn told(
         &self,
-        image: &[f32],
-        details: &[f32],
-        slope: &[f32],
+        [image, details, slope, among]: [&[f32]; 4],
         (mean, rough, step): (f32, f32, f32),
         rng: &mut impl Rng,
     ) -> f32 {
@@ -266,14 +270,14 @@ impl Camera {
                 let tilt = slope.get(c).map_or(0.0, |s| s * rough);
                 let rest =
                     self.shot.powi(2) * mean * value + (self.read * mean).powi(2) + tilt * tilt + step * step / 12.0;
+                let among = among.get(c).copied().unwrap_or(0.0);
                 // Sharp reflections vary within a cell too.
-                (rest + details[c] * details[c]) / (value * value)
+                (rest + among + details[c] * details[c]) / (value * value)
             })
             .collect();
         let middle = relative.len() / 2;
         let rest = if relative.is_empty() { 0.0 } else { *relative.select_nth_unstable_by(middle, f32::total_cmp).1 };
-        let regional = if self.figure { self.stains.powi(2) + 0.06 * self.shadow.powi(2) } else { 0.0 };
-        let told = (self.speckle.powi(2) + rest + regional).sqrt() * (0.15 * gauss(rng)).exp();
+        let told = (self.speckle.powi(2) + rest).sqrt() * (0.15 * gauss(rng)).exp();
         told.max(0.001)
     }
 }
@@ -364,8 +368,8 @@ mod tests {
             ("blur", &|c, s| c.blur = s, 2.0),
             ("glare", &|c, s| c.glare = s, 0.1),
             ("stains", &|c, s| c.stains = s, 0.3),
-            ("shadow", &|c, s| c.shadow = s, 0.5),
-            ("bounce", &|c, s| c.bounce = s, 0.2),
+            ("shadow", &|c, s| (c.figure, c.shadow) = (true, s), 0.5),
+            ("bounce", &|c, s| (c.figure, c.bounce) = (true, s), 0.2),
             ("foreign", &|c, s| c.foreign = s, 0.2),
             ("rough normals", &|c, s| c.rough_normals = s, 0.05),
             ("wrong normals", &|c, s| c.wrong_normals = s, 0.05),

@@ -6,6 +6,7 @@
 mod ball;
 mod camera;
 mod fields;
+mod figure;
 mod gather;
 mod lights;
 mod pyramid;

@@ -50,14 +50,15 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     if let Some(out) = &options.out {
         std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     }
-    let (mut records, mut sections) = (Vec::new(), Vec::new());
+    let (mut records, mut sections, mut refused) = (Vec::new(), Vec::new(), Vec::new());
     for folder in folders {
         if !folder.is_dir() {
             bail!("{}: there is no such object", folder.display());
         }
         let object = Captured::read(&folder)?;
         let study = study::Study::new(&object).with_context(|| folder.display().to_string())?;
-        let answers = study.answers(&model).with_context(|| folder.display().to_string())?;
+        let (answers, without) = study.answers(&model);
+        refused.extend(without);
         if options.out.is_some() {
             sections.push(page::section(&object, &answers));
         }
@@ -69,5 +70,8 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         gonio_io::atomic::write_file(out.join("captured.html"), page::page(&sections).as_bytes())?;
     }
     print!("{}", report::markdown(&records));
+    if !refused.is_empty() {
+        bail!("no answer to {} of the photographs:\n{}", refused.len(), refused.join("\n"));
+    }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use gonio::estimate::{EstimateSettings, Light, Material, doubts};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
@@ -113,18 +113,27 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// The answers to all photographs, in their order.
-    pub(super) fn answers(&self, model: &Model) -> Result<Vec<Answer>> {
-        let answer = |seen: usize| {
-            let start = Instant::now();
-            let (material, light) =
-                estimate(self.object, seen, model).with_context(|| self.object.photographs[seen].name.clone())?;
-            let seconds = start.elapsed().as_secs_f64();
-            eprintln!("{}, {}: {seconds:.1} s", self.object.name, self.object.photographs[seen].name);
-            let record = self.record(seen, &material, &light, seconds)?;
-            Ok(Answer { record, table: material.table })
-        };
-        (0..self.object.photographs.len()).map(answer).collect()
+    /// The answers to all photographs, in their order, and what was said of those that got none.
+    pub(super) fn answers(&self, model: &Model) -> (Vec<Answer>, Vec<String>) {
+        let (mut answers, mut refused) = (Vec::new(), Vec::new());
+        for (seen, photograph) in self.object.photographs.iter().enumerate() {
+            let title = format!("{}, {}", self.object.name, photograph.name);
+            match self.answer(seen, model) {
+                Ok(answer) => {
+                    eprintln!("{title}: {:.1} s", answer.record.seconds);
+                    answers.push(answer);
+                }
+                Err(problem) => refused.push(format!("{title}: {problem:#}")),
+            }
+        }
+        (answers, refused)
+    }
+
+    fn answer(&self, seen: usize, model: &Model) -> Result<Answer> {
+        let start = Instant::now();
+        let (material, light) = estimate(self.object, seen, model)?;
+        let record = self.record(seen, &material, &light, start.elapsed().as_secs_f64())?;
+        Ok(Answer { record, table: material.table })
     }
 
     fn record(&self, seen: usize, material: &Material, light: &Light, seconds: f64) -> Result<Record> {

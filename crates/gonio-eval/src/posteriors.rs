@@ -23,7 +23,7 @@ use crate::data::Lights;
 
 /// Enters every key: to be raised whenever simulation or training gives other results for the same
 /// input.
-const VERSION: u32 = 4;
+const VERSION: u32 = 6;
 
 /// Normals of the visible hemisphere where photographs are rendered that only the posterior sees:
 /// those of the smallest balls that it is learnt from, of some 40 pixels of radius.
@@ -67,6 +67,13 @@ impl Effort {
             training: TrainingSettings { steps: self.steps, ..TrainingSettings::default() },
         }
     }
+}
+
+/// The embedded posterior, if it was learnt from these very materials in the usual way: training it
+/// again would give the same.
+pub(crate) fn embedded_if_of(materials: &[(String, BivariateTable)], learning: &Learning) -> Result<Option<Amortised>> {
+    let names = |found: &Amortised| found.names.iter().eq(materials.iter().map(|(name, _)| name));
+    Ok(gonio_io::model::embedded()?.posterior.filter(|found| *learning == Learning::default() && names(found)))
 }
 
 /// Trains on materials in the lights of these names, or finds the result of having done so.

@@ -47,7 +47,10 @@ impl Knowledge {
                 .context("the operator")?;
         let training: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
-        let learn = |(lights, learning)| posteriors::load_or_train(cache, &training, lights, &lights.names(), learning);
+        let learn = |(lights, learning): (&Lights, &Learning)| match posteriors::embedded_if_of(&training, learning)? {
+            Some(embedded) => Ok(embedded),
+            None => posteriors::load_or_train(cache, &training, lights, &lights.names(), learning),
+        };
         let posterior = posterior.map(learn).transpose().context("the marginal posterior")?;
         let provenance = format!("basis of {} materials", kept.len());
         Ok(Self { model: Model { light, reflectance, posterior, provenance }, training, plan, points: points.to_vec() })

@@ -88,6 +88,9 @@ struct Outcome {
     brdf: f64,
     /// Gloss index less that of the reference.
     gloss: f64,
+    /// Logarithm of the density at the true place among the coordinates of materials: what the training
+    /// raises.
+    nats: f64,
     /// 50 and 90 %, by spread.
     coverage: Option<Vec<[f64; 2]>>,
     /// Whether the 90 % interval of the gloss holds the true one.
@@ -200,6 +203,7 @@ impl Test {
         let points = Lattice::new().points(DQuat::IDENTITY);
         let other = |name: &&str| Ok(Relighter::new(&points, &self.tables, &lights.tree(name)?, &ACCURACY));
         let others: Vec<Relighter> = relit.iter().map(other).collect::<Result<_>>()?;
+        let places: Vec<Vec<f64>> = self.tables.iter().map(|t| amortised.coordinates.of(t)).collect();
         let mut outcomes = Vec::new();
         for (at, name) in unlit.iter().enumerate() {
             let turn = DQuat::from_rotation_y((137.5 * at as f64).to_radians());
@@ -214,6 +218,7 @@ impl Test {
                     let image = camera.photograph(scene, other, &mut rng);
                     let posterior = amortised.posterior(&image);
                     let mut outcome = self.judge(&posterior, &others, (m, title));
+                    outcome.nats = posterior.density.log_density(&places[m]);
                     if (at + m).is_multiple_of(WITH_INTERVALS) {
                         self.add_intervals(&posterior, m, &mut outcome);
                         outcome.left =
@@ -244,6 +249,7 @@ impl Test {
             log,
             brdf: brdf_error(estimate, truth),
             gloss: Gloss::of(estimate).peak - Gloss::of(truth).peak,
+            nats: f64::NAN,
             coverage: None,
             held: None,
             left: None,
@@ -266,10 +272,10 @@ impl Test {
 fn report(outcomes: &[Outcome]) -> String {
     use std::fmt::Write;
     let mut out = String::from(
-        "| group | photographs | relight | log | BRDF log | > 4x glossier | > 4x duller | gloss held (90 %) |",
+        "| group | photographs | nats | relight | log | BRDF log | > 4x glossier | > 4x duller | gloss held (90 %) |",
     );
     SPREADS.iter().for_each(|s| write!(out, " 50 / 90 % at {s} |").expect("memory"));
-    out += "\n|---|---|---|---|---|---|---|---|";
+    out += "\n|---|---|---|---|---|---|---|---|---|";
     out += &"---|".repeat(SPREADS.len());
     let mut groups: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
     outcomes.iter().for_each(|o| groups.entry(&o.group).or_default().push(o));
@@ -288,8 +294,9 @@ fn report(outcomes: &[Outcome]) -> String {
         let held = 100.0 * held.iter().filter(|h| **h).count() as f64 / held.len().max(1) as f64;
         write!(
             out,
-            "\n| {group} | {} | {} | {} | {} | {glossier:.1} % | {duller:.1} % | {held:.0} % |",
+            "\n| {group} | {} | {:.2} | {} | {} | {} | {glossier:.1} % | {duller:.1} % | {held:.0} % |",
             list.len(),
+            crate::metrics::mean(&list.iter().map(|o| o.nats).collect::<Vec<f64>>()),
             middle(|o| o.relative),
             middle(|o| o.log),
             middle(|o| o.brdf),

@@ -52,7 +52,7 @@ fn settings(steps: usize) -> TrainingSettings {
 fn photographs_tell_their_materials() {
     let stock = stock(4);
     assert_eq!(stock.scenes(), 4 * 12);
-    let posterior = learn(&stock, &settings(50), &|_, _| ()).unwrap();
+    let posterior = learn(&stock, &settings(120), &|_, _| ()).unwrap();
     // Against a Gaussian of variance one, which knows of no photograph.
     let unseen = (1 << 41)..(1 << 41) + 60;
     let loss = evaluate(&posterior.encoder, posterior.components, &Photographs(&stock), unseen.clone());

@@ -69,13 +69,6 @@ impl Effort {
     }
 }
 
-/// The embedded posterior, if it was learnt from these very materials in the usual way: training it
-/// again would give the same.
-pub(crate) fn embedded_if_of(materials: &[(String, BivariateTable)], learning: &Learning) -> Result<Option<Amortised>> {
-    let names = |found: &Amortised| found.names.iter().eq(materials.iter().map(|(name, _)| name));
-    Ok(gonio_io::model::embedded()?.posterior.filter(|found| *learning == Learning::default() && names(found)))
-}
-
 /// Trains on materials in the lights of these names, or finds the result of having done so.
 pub(crate) fn load_or_train(
     cache: &Cache,

@@ -1,7 +1,7 @@
 //! The method `marginal`: the posterior of the material with the light integrated out, then the light given its mean.
 
 use anyhow::{Context, Result, bail};
-use gonio::estimate::{Colouring, Estimate, EstimateSettings, doubts, estimate};
+use gonio::estimate::{Colouring, Estimate, EstimateSettings, estimate};
 use gonio::model::Model;
 use gonio::scene::Observations;
 use gonio_report::clock::StageClock;
@@ -36,8 +36,8 @@ pub(super) fn answer(
     let seconds = clock.finish();
     let mut sections = gonio_report::notes::estimate(&found);
     sections["settings"] = gonio_report::notes::settings(settings, options.reading.linear);
+    warnings.extend(found.doubts().iter().map(ToString::to_string));
     let Estimate { material, light, colouring } = found;
-    warnings.extend(doubts(&material, &light).iter().map(ToString::to_string));
     let answer = Answer {
         table: material.table.clone(),
         caption: format!("misfit {:.1} %", 100.0 * light.misfit),

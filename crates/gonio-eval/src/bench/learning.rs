@@ -1,6 +1,7 @@
 //! What a protocol lets the estimators know beforehand.
 
 use anyhow::{Context, Result};
+use gonio::inference::amortised::Amortised;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, TrainSettings};
 use gonio::transfer::{Plan, PlanSettings, SurfacePoint};
@@ -41,15 +42,24 @@ impl Knowledge {
         let green: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.green(at).clone())).collect();
         let reflectance = Trained::load_or_train(Some(cache), &green, &settings)?.basis;
-        let light = gonio_io::model::embedded()?.light;
+        let Model { light, posterior: embedded, .. } = gonio_io::model::embedded()?;
         let (plan, _, _) =
             gonio_io::plan::load_or_build(Some(cache), points, &reflectance.functions, &light, plan, &|_| ())
                 .context("the operator")?;
         let training: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
-        let learn = |(lights, learning): (&Lights, &Learning)| match posteriors::embedded_if_of(&training, learning)? {
-            Some(embedded) => Ok(embedded),
-            None => posteriors::load_or_train(cache, &training, lights, &lights.names(), learning),
+        let learn = |(lights, learning): (&Lights, &Learning)| {
+            let names = lights.names();
+            // Of as many lights and these materials in the usual way: training it again would give the same.
+            let same = |found: &Amortised| {
+                *learning == Learning::default()
+                    && names.len() == light.lights
+                    && found.names.iter().eq(training.iter().map(|(name, _)| name))
+            };
+            match embedded.filter(same) {
+                Some(found) => Ok(found),
+                None => posteriors::load_or_train(cache, &training, lights, &names, learning),
+            }
         };
         let posterior = posterior.map(learn).transpose().context("the marginal posterior")?;
         let provenance = format!("basis of {} materials", kept.len());

@@ -7,15 +7,11 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 use gonio::appearance::DiskImage;
 use gonio::appearance::disk::{SIDE, normal, on_disk};
-use gonio::inference::amortised::MaterialPosterior;
-use gonio::inference::amortised::peak_over_base;
+use gonio::estimate::EstimateSettings;
+use gonio::inference::amortised::{MaterialPosterior, peak_over_base};
 use gonio::inference::marginal::{LightProblem, NonNegativeSettings};
 use gonio::lighting::LightPrior;
 use gonio::transfer::{PlanSettings, SurfacePoint};
-
-/// Observations that a light is found from, as in
-/// [`EstimateSettings`](gonio::estimate::EstimateSettings).
-const ROWS: usize = 1_600;
 
 /// Bounds of the logarithm of gloss between which photographs are counted together.
 const BOUNDS: [f64; 6] = [f64::NEG_INFINITY, 1.5, 3.5, 6.0, 8.5, f64::INFINITY];
@@ -33,7 +29,8 @@ impl Left {
     /// Of an image of the disk as it is read.
     pub(super) fn of(image: &DiskImage, posterior: &MaterialPosterior, prior: &LightPrior) -> Result<Self> {
         let seen: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c) && image.counts[c] > 0.0).collect();
-        let seen: Vec<usize> = seen.iter().copied().step_by(seen.len().div_ceil(ROWS).max(1)).collect();
+        let seen: Vec<usize> =
+            seen.iter().copied().step_by(seen.len().div_ceil(EstimateSettings::default().rows).max(1)).collect();
         let point = |&c: &usize| SurfacePoint { normal: normal(c).as_dvec3(), view: DVec3::Z };
         let points: Vec<SurfacePoint> = seen.iter().map(point).collect();
         let values: Vec<Option<f64>> = seen.iter().map(|&c| Some(f64::from(image.values[c]))).collect();
@@ -58,22 +55,23 @@ pub(super) fn report(all: &[Left]) -> String {
         "| logarithm of gloss | photographs | median of it | misfit without noise: median | 95 % |\n|---|---|---|---|---|\n",
     );
     for bounds in BOUNDS.windows(2) {
-        let mut misfits: Vec<f64> =
-            all.iter().filter(|l| (bounds[0]..bounds[1]).contains(&l.gloss)).map(|l| l.misfit).collect();
-        let mut glosses: Vec<f64> =
-            all.iter().filter(|l| (bounds[0]..bounds[1]).contains(&l.gloss)).map(|l| l.gloss).collect();
-        if misfits.is_empty() {
+        let those: Vec<&Left> = all.iter().filter(|l| (bounds[0]..bounds[1]).contains(&l.gloss)).collect();
+        if those.is_empty() {
             continue;
         }
-        misfits.sort_by(f64::total_cmp);
-        glosses.sort_by(f64::total_cmp);
+        let sorted = |f: fn(&Left) -> f64| {
+            let mut values: Vec<f64> = those.iter().map(|l| f(l)).collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        let (glosses, misfits) = (sorted(|l| l.gloss), sorted(|l| l.misfit));
         let at = |values: &[f64], share: f64| values[(share * (values.len() - 1) as f64).round() as usize];
         let _ = writeln!(
             out,
             "| {:.1} to {:.1} | {} | {:.1} | {:.3} | {:.3} |",
             bounds[0],
             bounds[1],
-            misfits.len(),
+            those.len(),
             at(&glosses, 0.5),
             at(&misfits, 0.5),
             at(&misfits, 0.95),

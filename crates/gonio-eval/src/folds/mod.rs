@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use self::misfit::Left;
 use crate::data::Lights;
 use crate::materials::Materials;
-use crate::metrics::{Gloss, brdf_error, coverage, median, relight};
+use crate::metrics::{Gloss, brdf_error, coverage, mean, median, relight};
 use crate::posteriors::{Effort, Learning, kinds_of, load_or_train};
 
 /// Spreads of the draws that intervals are tried with.
@@ -217,8 +217,7 @@ impl Test {
                 [("clean", CLEAN), ("camera", any)].map(|(title, camera)| {
                     let image = camera.photograph(scene, other, &mut rng);
                     let posterior = amortised.posterior(&image);
-                    let mut outcome = self.judge(&posterior, &others, (m, title));
-                    outcome.nats = posterior.density.log_density(&places[m]);
+                    let mut outcome = self.judge(&posterior, &others, &places[m], (m, title));
                     if (at + m).is_multiple_of(WITH_INTERVALS) {
                         self.add_intervals(&posterior, m, &mut outcome);
                         outcome.left =
@@ -233,7 +232,13 @@ impl Test {
         Ok(outcomes)
     }
 
-    fn judge(&self, posterior: &MaterialPosterior, others: &[Relighter], (material, camera): (usize, &str)) -> Outcome {
+    fn judge(
+        &self,
+        posterior: &MaterialPosterior,
+        others: &[Relighter],
+        place: &[f64],
+        (material, camera): (usize, &str),
+    ) -> Outcome {
         let ((group, name), truth) = (&self.names[material], &self.tables[material]);
         let estimate = &posterior.mean;
         let (mut relative, mut log) = (0.0, 0.0);
@@ -249,7 +254,7 @@ impl Test {
             log,
             brdf: brdf_error(estimate, truth),
             gloss: Gloss::of(estimate).peak - Gloss::of(truth).peak,
-            nats: f64::NAN,
+            nats: posterior.density.log_density(place),
             coverage: None,
             held: None,
             left: None,
@@ -296,7 +301,7 @@ fn report(outcomes: &[Outcome]) -> String {
             out,
             "\n| {group} | {} | {:.2} | {} | {} | {} | {glossier:.1} % | {duller:.1} % | {held:.0} % |",
             list.len(),
-            crate::metrics::mean(&list.iter().map(|o| o.nats).collect::<Vec<f64>>()),
+            mean(&list.iter().map(|o| o.nats).collect::<Vec<f64>>()),
             middle(|o| o.relative),
             middle(|o| o.log),
             middle(|o| o.brdf),

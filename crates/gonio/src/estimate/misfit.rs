@@ -1,6 +1,6 @@
 //! The answer against the photograph: what light and material were expected to leave of it.
 
-use super::{Light, Material};
+use super::{Doubt, Light, Material};
 
 /// The most probable reason for a misfit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,11 +33,11 @@ fn expected(gloss: f64, scatter: f64) -> f64 {
     (low + (high - low) * ((gloss - a) / (b - a)).clamp(0.0, 1.0)).hypot(scatter)
 }
 
-/// Why light and material leave more than that, if they do.
-pub(super) fn reason(material: &Material, light: &Light) -> Option<Reason> {
-    let texture = material.scatter > 0.5 * light.misfit;
-    let too_large = light.misfit > TOO_LARGE * expected_misfit(material);
-    too_large.then_some(if texture { Reason::Texture } else { Reason::Regions })
+/// What there is to say if they leave more than that.
+pub(super) fn doubt(material: &Material, light: &Light) -> Option<Doubt> {
+    let (left, expected) = (light.misfit, expected_misfit(material));
+    let reason = if material.scatter > 0.5 * left { Reason::Texture } else { Reason::Regions };
+    (left > TOO_LARGE * expected).then_some(Doubt::Misfit { left, expected, reason })
 }
 
 #[cfg(test)]

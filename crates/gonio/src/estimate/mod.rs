@@ -64,12 +64,7 @@ impl Estimate {
 
 /// What speaks against believing a material and its light: misfit first.
 pub fn doubts(material: &Material, light: &Light) -> Vec<Doubt> {
-    let misfit = misfit::reason(material, light).map(|reason| Doubt::Misfit {
-        left: light.misfit,
-        expected: expected_misfit(material),
-        reason,
-    });
-    misfit.into_iter().chain(material.doubts()).collect()
+    misfit::doubt(material, light).into_iter().chain(material.doubts()).collect()
 }
 
 /// Stages of [`estimate`], in their order.

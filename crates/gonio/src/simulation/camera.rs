@@ -6,7 +6,7 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson};
 
 use super::fields::{between, bilinear, blurred, field, gauss, quantile, slopes};
-use super::figure::{Figure, Regions};
+use super::figure::Figure;
 use super::scene::Scene;
 use crate::appearance::disk::{self, DiskImage, SIDE, on_disk};
 use crate::appearance::{Sample, scatter};
@@ -139,7 +139,7 @@ impl Camera {
         if self.glare > 0.0 {
             image.iter_mut().for_each(|v| *v = (1.0 - self.glare) * *v + self.glare * mean);
         }
-        let figure = self.figure.then(|| Figure::draw(self.regions(), rng));
+        let figure = self.figure.then(|| Figure::draw(self, rng));
         let among = match &figure {
             Some(figure) => figure.show(&mut image, &mut details, mean),
             None => {
@@ -148,7 +148,7 @@ impl Camera {
             }
         };
         let clip = if self.clipped > 0.0 { quantile(&image, 1.0 - self.clipped) } else { f32::INFINITY };
-        let (counts, fine) = self.counts(figure.as_ref().map(|f| &f.density[..]), rng);
+        let (counts, fine) = self.counts(figure.as_ref(), rng);
         let top = image.iter().copied().fold(0.0, f32::max).min(clip);
         let step = if self.levels > 0.0 { top / self.levels } else { 0.0 };
         let mut seen = vec![0.0; SIDE * SIDE];
@@ -192,11 +192,6 @@ impl Camera {
         share >= 1.0 || (share > 0.0 && between(rng, 0.0, 1.0) < share)
     }
 
-    /// What differs between the parts of a figure.
-    fn regions(&self) -> Regions {
-        Regions { stains: self.stains, shadow: self.shadow, bounce: self.bounce }
-    }
-
     /// Stains of an object that shows each normal once.
     fn stain(&self, image: &mut [f32], details: &mut [f32], rng: &mut impl Rng) {
         if self.stains > 0.0 {
@@ -210,18 +205,18 @@ impl Camera {
     }
 
     /// Pixels of each cell, and whether single pixels can be told apart in them.
-    fn counts(&self, density: Option<&[f32]>, rng: &mut impl Rng) -> (Vec<f32>, bool) {
+    fn counts(&self, figure: Option<&Figure>, rng: &mut impl Rng) -> (Vec<f32>, bool) {
         let each = (self.radius / (0.5 * SIDE as f32)).powi(2);
         let mut counts = vec![each; SIDE * SIDE];
-        if let Some(density) = density {
-            counts.iter_mut().zip(density).for_each(|(c, d)| *c *= d);
+        if let Some(figure) = figure {
+            counts.iter_mut().zip(figure.densities()).for_each(|(c, d)| *c *= d);
         }
         if self.uneven > 0.0 {
             let density = field(10, rng);
             let mut poisson =
                 |mean: f32| Poisson::new(f64::from(mean.clamp(1e-4, 1e4))).map_or(0.0, |p| p.sample(rng) as f32);
             counts.iter_mut().zip(&density).for_each(|(c, d)| *c = poisson(*c * (self.uneven * d).exp()));
-        } else if density.is_none() && each < 1.0 {
+        } else if figure.is_none() && each < 1.0 {
             // A grid of pixels coarser than the cells.
             let stride = 1.0 / each.sqrt();
             let line = |i: usize| ((i + 1) as f32 / stride).floor() > (i as f32 / stride).floor();

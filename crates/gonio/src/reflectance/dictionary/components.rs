@@ -108,7 +108,7 @@ fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
 
 /// The table with highlights `factor` times as wide: tangents of half angles are stretched, so that the horizon stays where it is.
 fn warp(table: &BivariateTable, factor: f64) -> BivariateTable {
-    // The same angle for a whole row: hundreds of these are made whenever a model is read.
+    // The same angle for a whole row: hundreds of these are made.
     let rows: Vec<f64> = (0..THETA_H).map(|i| (theta_h_of(i).tan() / factor).atan()).collect();
     let cell = |c: usize| table.eval(rows[c / THETA_D], theta_d_of(c % THETA_D)) as f32;
     BivariateTable::from_vec((0..CELLS).map(cell).collect())

@@ -54,7 +54,8 @@ pub struct Prior {
 }
 
 impl Default for Prior {
-    /// Chosen by leaving out materials, lights and whole kinds (`docs/trials.md`).
+    /// Kinds chosen by leaving out materials, lights and whole kinds; few are measured materials as they are, which
+    /// an encoder learns by heart (`docs/trials.md`).
     fn default() -> Self {
         Self { shares: [0.1, 0.1, 0.25, 0.12, 0.1, 0.06, 0.13, 0.08, 0.06] }
     }

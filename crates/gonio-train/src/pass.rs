@@ -1,13 +1,15 @@
 //! The encoder forward and back for some images on one thread.
 //!
-//! By hand: the tape of candle 0.11, tried first, adds each gradient to zeros, and its operations on large tensors wait
-//! for one pool of threads that all parts of a batch share; two threads were slower than one (docs/trials.md).
+//! By hand: the tape of candle 0.11, tried first, adds each gradient to zeros, and its operations
+//! on large tensors wait for one pool of threads that all parts of a batch share; two threads were
+//! slower than one (docs/trials.md).
 
 use gonio::inference::amortised::{
     Convolution, EncoderShape, NamedLayer, Step, inside_disk, pool, silu, silu_backward,
 };
 
-/// The layers of an encoder, without their numbers. Weights of a layer are `[neighbourhood + 1][outputs]`, the bias last.
+/// The layers of an encoder, without their numbers. Weights of a layer are `[neighbourhood +
+/// 1][outputs]`, the bias last.
 pub(crate) struct Layers {
     steps: Vec<Step>,
     convolutions: Vec<NamedLayer>,
@@ -18,7 +20,7 @@ pub(crate) struct Layers {
 pub(crate) struct Trace {
     /// What goes into each convolution, and what comes out of the last.
     images: Vec<Vec<f32>>,
-    /// Means and maxima at each [`Step::Pool`].
+    /// Means, maxima and spreads at each [`Step::Pool`].
     pooled: Vec<Vec<f32>>,
     /// What goes into each dense layer, and the outputs `[sample][outputs]`.
     vectors: Vec<Vec<f32>>,
@@ -66,16 +68,21 @@ fn activated(before: &[f32]) -> Vec<f32> {
     out
 }
 
-/// Adds the gradient of [`pool`]ing one image to that in its activations. Of equal maxima the first moves.
+/// Adds the gradient of [`pool`]ing one image to that in its activations. Of equal maxima the first
+/// moves.
 fn pool_backward(image: &[f32], cells: &[usize], pooled: &[f32], back: &[f32], to: &mut [f32]) {
-    let channels = pooled.len() / 2;
-    let mean: Vec<f32> = back[..channels].iter().map(|m| m / cells.len() as f32).collect();
-    let mut left = back[channels..].to_vec();
+    let channels = pooled.len() / 3;
+    let share = 1.0 / cells.len() as f32;
+    let mean: Vec<f32> = back[..channels].iter().map(|m| m * share).collect();
+    let mut left = back[channels..2 * channels].to_vec();
+    // Of s = log(v + e) / 2 with the variance v: ds/dx = (x - mean) / (n exp(2 s)).
+    let spread: Vec<f32> =
+        back[2 * channels..].iter().zip(&pooled[2 * channels..]).map(|(b, s)| b * share * (-2.0 * s).exp()).collect();
     for cell in cells {
         let places = cell * channels..(cell + 1) * channels;
         let (to, image) = (&mut to[places.clone()], &image[places]);
         for c in 0..channels {
-            to[c] += mean[c];
+            to[c] += mean[c] + spread[c] * (image[c] - pooled[c]);
             if image[c] == pooled[channels + c] {
                 to[c] += std::mem::take(&mut left[c]);
             }
@@ -93,8 +100,9 @@ impl Layers {
         self.convolutions.iter().chain(&self.dense)
     }
 
-    /// For images `[sample][side][side][channels]` and globals `[sample][globals]`. `masks` multiply the units of the hidden layers, `[sample][units]`; none
-    /// for a pass in which nothing is left out.
+    /// For images `[sample][side][side][channels]` and globals `[sample][globals]`. `masks`
+    /// multiply the units of the hidden layers, `[sample][units]`; none for a pass in which nothing
+    /// is left out.
     pub(crate) fn forward(
         &self,
         images: Vec<f32>,
@@ -124,7 +132,7 @@ impl Layers {
                 }
                 Step::Pool => {
                     let g = &self.convolutions[images.len() - 2].geometry;
-                    let (cells, each) = (inside_disk(g.side_after()), 2 * g.outputs);
+                    let (cells, each) = (inside_disk(g.side_after()), 3 * g.outputs);
                     let mut out = vec![0.0; count * each];
                     for (image, out) in last.chunks_exact(g.output_len()).zip(out.chunks_exact_mut(each)) {
                         pool(image, &cells, out);
@@ -158,7 +166,8 @@ impl Layers {
         Trace { images, pooled, vectors, before }
     }
 
-    /// The gradient in the weights of each layer, for that in the outputs `[sample][outputs]` and the masks of the pass forward.
+    /// The gradient in the weights of each layer, for that in the outputs `[sample][outputs]` and
+    /// the masks of the pass forward.
     pub(crate) fn backward(
         &self,
         mut trace: Trace,
@@ -190,7 +199,7 @@ impl Layers {
                 Step::Pool => {
                     let pooled = trace.pooled.pop().expect("one for each of these steps");
                     let g = &self.convolutions[layer - 1].geometry;
-                    let (cells, each, size) = (inside_disk(g.side_after()), 2 * g.outputs, g.output_len());
+                    let (cells, each, size) = (inside_disk(g.side_after()), 3 * g.outputs, g.output_len());
                     end -= each;
                     for at in 0..count {
                         let image = &trace.images[layer][at * size..][..size];
@@ -215,7 +224,8 @@ impl Layers {
                     let input = &trace.images[at + 1];
                     gradients[at + 1] = affine_backward(second, &weights[at + 1], input, &outer, Some(&mut inner));
                     let inner = through_silu(&mut trace, at, &inner);
-                    // What was added has the gradient of the sum, to which that of the way through the block comes.
+                    // What was added has the gradient of the sum, to which that of the way through
+                    // the block comes.
                     gradients[at] = affine_backward(first, &weights[at], &trace.images[at], &inner, Some(&mut outer));
                     (now, layer) = (outer, at);
                 }

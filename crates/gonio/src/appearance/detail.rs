@@ -1,14 +1,17 @@
 //! What is finer than the cells of the disk: highlights of less than a degree.
 //!
-//! A photograph of a thousand pixels across has dozens in a cell. Their finest structure is kept as one number, how far the quarters of a cell are from the plane
-//! through the cells around: it does not change under turns, and textures leave it where their scatter says.
+//! A photograph of a thousand pixels across has dozens in a cell. Their finest structure is kept as
+//! one number, how far the quarters of a cell are from the plane through the cells around: it does
+//! not change under turns, and textures leave it where their scatter says.
 
 use super::disk::{SIDE, on_disk};
 
-/// The root mean square distance of the quarters of each cell to the plane through the cells around it, `None` off the disk and where `quarters` has none.
+/// The root mean square distance of the quarters of each cell to the plane through the cells around
+/// it, `None` off the disk and where `quarters` has none.
 ///
-/// `values` and `counts` are those of the cells; the plane has the mean of the quarters and the lesser of the slopes to the cells on either side (minmod, so that it never
-/// leads beyond them), zero where one of these has no count.
+/// `values` and `counts` are those of the cells; the plane has the mean of the quarters and the
+/// lesser of the slopes to the cells on either side (minmod, so that it never leads beyond them),
+/// zero where one of these has no count.
 pub(crate) fn details(
     values: &[f32],
     counts: &[f32],

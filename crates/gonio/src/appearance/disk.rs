@@ -1,9 +1,11 @@
-//! An image on the disk of normals: what a photograph of any shape shows, as a ball seen from far away would show it.
+//! An image on the disk of normals: what a photograph of any shape shows, as a ball seen from far
+//! away would show it.
 
 use glam::{DVec3, Vec3};
 
 use super::detail::details;
 use super::scatter;
+use super::statistics::{STATISTICS, observed, statistics};
 
 /// Cells along each side of the square around the disk.
 pub const SIDE: usize = 128;
@@ -12,13 +14,13 @@ pub const SIDE: usize = 128;
 pub const CHANNELS: usize = 6;
 
 /// Numbers for the image as a whole, of [`DiskImage::write`].
-pub const GLOBALS: usize = 5;
+pub const GLOBALS: usize = 5 + STATISTICS;
 
 /// Sine of the largest angle between normal and view, 80 degrees as in the paper.
 pub(super) const RIM: f32 = 0.984_807_8;
 
 /// What is darker than this, relative to the mean, is black.
-const BLACK: f32 = 0.003;
+pub(super) const BLACK: f32 = 0.003;
 
 /// Relative detail that cannot be told from none.
 const LEAST_DETAIL: f32 = 0.003;
@@ -43,17 +45,21 @@ impl Sample {
     }
 }
 
-/// The disk `x^2 + y^2 <= sin^2 80 degrees` of a ball's normals `(x, y, z)` in cells: row 0 is the top, `y` near 1.
+/// The disk `x^2 + y^2 <= sin^2 80 degrees` of a ball's normals `(x, y, z)` in cells: row 0 is the
+/// top, `y` near 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DiskImage {
-    /// Mean luminance of each cell, row by row, zero off the disk. Cells without observations are filled in from others.
+    /// Mean luminance of each cell, row by row, zero off the disk. Cells without observations are
+    /// filled in from others.
     pub values: Vec<f32>,
     /// Observations of each cell, weighted; zero where it was filled in.
     pub counts: Vec<f32>,
-    /// What is finer than the cells: the root mean square, over the quarters of a cell, of their distance to the plane through the cells around. In units of `values`;
-    /// `None` where a quarter has no observation.
+    /// What is finer than the cells: the root mean square, over the quarters of a cell, of their
+    /// distance to the plane through the cells around. In units of `values`; `None` where a quarter
+    /// has no observation.
     pub details: Vec<Option<f32>>,
-    /// Standard deviation of single observations of one normal, relative to their mean: the noise, texture, shadows and errors of normals.
+    /// Standard deviation of single observations of one normal, relative to their mean: the noise,
+    /// texture, shadows and errors of normals.
     pub scatter: f32,
 }
 
@@ -114,7 +120,8 @@ impl DiskImage {
         Some(Self { values: filled(values, &counts), counts, details, scatter: scatter(samples).unwrap_or(0.0) })
     }
 
-    /// An image of cells whose values, counts, details and scatter are known; values of those of count zero are filled in.
+    /// An image of cells whose values, counts, details and scatter are known; values of those of
+    /// count zero are filled in.
     ///
     /// # Panics
     /// If there are not `SIDE * SIDE` values, counts and details.
@@ -138,11 +145,15 @@ impl DiskImage {
         seen as f32 / all as f32
     }
 
-    /// Writes what an encoder reads: `[row][column][channel]`, zero off the disk, and the [`GLOBALS`] of the image as a whole, each of the order of one.
+    /// Writes what an encoder reads: `[row][column][channel]`, zero off the disk, and the
+    /// [`GLOBALS`] of the image as a whole, each of the order of one.
     ///
-    /// Channels: the value over the mean as the eye sees it (its cube root, less one), half its logarithm, `n_z`, whether it was observed, the logarithm of the
-    /// relative standard error and that of the relative detail (a third of each, plus one; zero where no detail is known). Globals: logarithm of the scatter, share of cells observed,
-    /// logarithm of the observations a cell, logarithm of the largest value over the mean, share of cells of known detail.
+    /// Channels: the value over the mean as the eye sees it (its cube root, less one), half its
+    /// logarithm, `n_z`, whether it was observed, the logarithm of the relative standard error and
+    /// that of the relative detail (a third of each, plus one; zero where no detail is known).
+    /// Globals: logarithm of the scatter, share of cells observed, logarithm of the observations a
+    /// cell, logarithm of the largest value over the mean, share of cells of known detail; then
+    /// statistics of brightness and of contrast at several scales (`appearance/statistics.rs`).
     ///
     /// # Panics
     /// If `channels` has not `SIDE * SIDE * CHANNELS` values.
@@ -171,13 +182,19 @@ impl DiskImage {
             cells += 1.0;
             fine += f32::from(u8::from(detail.is_some()));
         }
-        [
+        let mut globals = [0.0; GLOBALS];
+        let (whole, rest) = globals.split_at_mut(GLOBALS - STATISTICS);
+        whole.copy_from_slice(&[
             (self.scatter + 0.003).ln() / 3.0 + 1.0,
             2.0 * seen / cells - 1.0,
             (total / seen.max(1.0)).ln() / 2.0,
             (largest / mean).ln() / 3.0 - 0.5,
             2.0 * fine / cells - 1.0,
-        ]
+        ]);
+        let relative: Vec<f32> = self.values.iter().map(|v| (v / mean).max(0.0)).collect();
+        let fine: Vec<Option<f32>> = self.details.iter().map(|d| d.map(|d| d / mean)).collect();
+        statistics(&relative, &fine, &observed(&self.counts), rest);
+        globals
     }
 }
 
@@ -189,7 +206,8 @@ pub(crate) fn mean(values: &[f32]) -> f32 {
     (sum / count) as f32
 }
 
-/// Fills cells of count zero from ever larger squares around them (push and pull, Gortler et al. 1996). Cells off the disk stay zero.
+/// Fills cells of count zero from ever larger squares around them (push and pull, Gortler et al.
+/// 1996). Cells off the disk stay zero.
 fn filled(mut values: Vec<f32>, counts: &[f32]) -> Vec<f32> {
     let mut levels: Vec<Vec<[f32; 2]>> = Vec::new();
     let mut current: Vec<[f32; 2]> =

@@ -6,21 +6,24 @@ use rayon::prelude::*;
 use crate::sphere::fibonacci_hemisphere;
 use crate::transfer::SurfacePoint;
 
-/// Normals on the visible hemisphere of the lattice, those beyond [`MAX_ANGLE`] included: 3.2 degrees apart.
+/// Normals on the visible hemisphere of the lattice, those beyond [`MAX_ANGLE`] included: 3.2
+/// degrees apart.
 const NORMALS: usize = 2000;
 
 /// Largest angle between normal and view in degrees, as in the paper.
 const MAX_ANGLE: f64 = 80.0;
 
-/// Observations are averaged with a Gaussian of this standard deviation in degrees: finer than the lattice, so that
-/// values stay nearly point samples, as wide as is needed to find one or two of 10,000 observations.
+/// Observations are averaged with a Gaussian of this standard deviation in degrees: finer than the
+/// lattice, so that values stay nearly point samples, as wide as is needed to find one or two of
+/// 10,000 observations.
 const WIDTH: f64 = 0.5;
 
 /// Observations farther than so many standard deviations away do not count.
 const REACH: f64 = 4.0;
 
-/// Standard normals of the visible hemisphere, in the frame of the view (z towards the camera). Light from far away makes the
-/// brightness of a convex surface a function of its normal, so that every shape is seen as a sphere.
+/// Standard normals of the visible hemisphere, in the frame of the view (z towards the camera).
+/// Light from far away makes the brightness of a convex surface a function of its normal, so that
+/// every shape is seen as a sphere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lattice {
     normals: Vec<DVec3>,
@@ -44,13 +47,15 @@ impl Lattice {
         &self.normals
     }
 
-    /// The lattice as points of a sphere seen from `+z` of the frame that `camera` turns to, for rendering what a camera would see.
+    /// The lattice as points of a sphere seen from `+z` of the frame that `camera` turns to, for
+    /// rendering what a camera would see.
     pub fn points(&self, camera: DQuat) -> Vec<SurfacePoint> {
         let view = camera * DVec3::Z;
         self.normals.iter().map(|&n| SurfacePoint { normal: camera * n, view }).collect()
     }
 
-    /// The mean of the colours (linear RGB) around each normal of the lattice; `None` is not observed. Where none is near, wider means are taken.
+    /// The mean of the colours (linear RGB) around each normal of the lattice; `None` is not
+    /// observed. Where none is near, wider means are taken.
     ///
     /// # Panics
     /// If `points` and `colours` differ in number or nothing is observed.
@@ -64,8 +69,9 @@ impl Lattice {
         self.normals.par_iter().map(|n| mean_around(*n, &observed)).collect()
     }
 
-    /// Of points with weights those that matter most to means at its normals: for each normal of the lattice up to `each` of the greatest weight
-    /// within two degrees, or the nearest one. In order, each once.
+    /// Of points with weights those that matter most to means at its normals: for each normal of
+    /// the lattice up to `each` of the greatest weight within two degrees, or the nearest one. In
+    /// order, each once.
     ///
     /// # Panics
     /// If `points` and `weights` differ in number.
@@ -106,7 +112,8 @@ fn mean_around(normal: DVec3, observed: &[Observed]) -> Vec3 {
     let squares: Vec<f64> = observed.iter().map(|o| (o.normal - normal).length_squared()).collect();
     let nearest = squares.iter().copied().fold(f64::INFINITY, f64::min);
     let reach = (REACH * WIDTH).to_radians().powi(2);
-    // Beyond its reach the Gaussian grows until the nearest observation is two standard deviations away.
+    // Beyond its reach the Gaussian grows until the nearest observation is two standard deviations
+    // away.
     let variance = if nearest > reach { nearest / 4.0 } else { WIDTH.to_radians().powi(2) };
     let (mut sum, mut weights) = (DVec3::ZERO, 0.0);
     for (square, observed) in squares.iter().zip(observed) {

@@ -8,8 +8,10 @@ const PATCH: usize = 6;
 /// Least scatter: no camera is better.
 const LEAST_SCATTER: f32 = 0.001;
 
-/// The relative standard deviation of observations that share a normal: in small patches of the disk with six or more of them, that about a plane through
-/// them; the median over patches. The patches are the smallest of which a quarter of the disk's have so many. `None` where no size has.
+/// The relative standard deviation of observations that share a normal: in small patches of the
+/// disk with six or more of them, that about a plane through them; the median over patches. The
+/// patches are the smallest of which a quarter of the disk's have so many. `None` where no size
+/// has.
 pub fn scatter(samples: &[Sample]) -> Option<f32> {
     for side in [SIDE, SIDE / 2, SIDE / 4, SIDE / 8] {
         let mut order: Vec<(u32, u32)> = Vec::with_capacity(samples.len());

@@ -1,6 +1,8 @@
-//! What stands between a scene and its photograph: camera, texture, shadows, and shapes that are not quite known.
+//! What stands between a scene and its photograph: camera, texture, shadows, and shapes that are
+//! not quite known.
 //!
-//! Each effect has a strength of its own, down to none. They act on the disk of normals, where every shape is alike.
+//! Each effect has a strength of its own, down to none. They act on the disk of normals, where
+//! every shape is alike.
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson};
@@ -14,16 +16,20 @@ use crate::appearance::{Sample, scatter};
 /// Strengths of all effects on one photograph; zero is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Radius in pixels of a ball with as many pixels as the object. Photographs of a hundred to a thousand pixels across are common.
+    /// Radius in pixels of a ball with as many pixels as the object. Photographs of a hundred to a
+    /// thousand pixels across are common.
     pub radius: f32,
-    /// Standard deviation of the logarithm of how many pixels show a normal: even for a ball, one or more for a figure with flat parts.
+    /// Standard deviation of the logarithm of how many pixels show a normal: even for a ball, one
+    /// or more for a figure with flat parts.
     pub uneven: f32,
-    /// Share of the normals that are not seen at all: what faces a pedestal, holes of a scan, a cropped picture.
+    /// Share of the normals that are not seen at all: what faces a pedestal, holes of a scan, a
+    /// cropped picture.
     pub missing: f32,
-    /// Noise that does not depend on brightness, relative to the mean of the picture: read noise, at most a few percent in the dark parts of one exposure
-    /// (EMVA 1288).
+    /// Noise that does not depend on brightness, relative to the mean of the picture: read noise,
+    /// at most a few percent in the dark parts of one exposure (EMVA 1288).
     pub read: f32,
-    /// Noise of a pixel of mean brightness that grows with the root of the brightness: photons (EMVA 1288).
+    /// Noise of a pixel of mean brightness that grows with the root of the brightness: photons
+    /// (EMVA 1288).
     pub shot: f32,
     /// Levels between black and the largest value, 2^8 for 8 bits; zero for floats.
     pub levels: f32,
@@ -31,13 +37,16 @@ pub struct Camera {
     pub clipped: f32,
     /// Standard deviation of the lens's blur, in cells of the disk.
     pub blur: f32,
-    /// Share of the light that the lens scatters over the whole picture: veiling glare, one to five percent of ordinary lenses (ISO 9358).
+    /// Share of the light that the lens scatters over the whole picture: veiling glare, one to five
+    /// percent of ordinary lenses (ISO 9358).
     pub glare: f32,
-    /// Relative standard deviation of the albedo from pixel to pixel: grain, flakes, weave. The three photographed objects beside this data have 6 to 23 %.
+    /// Relative standard deviation of the albedo from pixel to pixel: grain, flakes, weave. The
+    /// three photographed objects beside this data have 6 to 23 %.
     pub speckle: f32,
     /// Standard deviation of the logarithm of the albedo over regions: stains, wear.
     pub stains: f32,
-    /// How much of the light the darkest parts of a figure lack: shadows that nobody modelled, 0..=1.
+    /// How much of the light the darkest parts of a figure lack: shadows that nobody modelled,
+    /// 0..=1.
     pub shadow: f32,
     /// Light that a figure throws onto itself, relative to the mean of the picture.
     pub bounce: f32,
@@ -45,11 +54,13 @@ pub struct Camera {
     pub foreign: f32,
     /// Error of the normals from pixel to pixel, radians: the noise of a scan.
     pub rough_normals: f32,
-    /// Error of the normals over regions, radians: a scan that was smoothed or is a pixel beside the picture.
+    /// Error of the normals over regions, radians: a scan that was smoothed or is a pixel beside
+    /// the picture.
     pub wrong_normals: f32,
     /// Error of the outline: its radius and centre, relative to the radius.
     pub outline: f32,
-    /// Whether pixels of one normal come from several places, which differ in albedo, shadow and bounced light.
+    /// Whether pixels of one normal come from several places, which differ in albedo, shadow and
+    /// bounced light.
     pub figure: bool,
 }
 
@@ -76,14 +87,16 @@ impl Camera {
         figure: false,
     };
 
-    /// A camera, an object and its shape as they come. A quarter are renderings, clean but for a little noise; the others have each effect with a probability
-    /// of its own.
+    /// A camera, an object and its shape as they come. A quarter are renderings, clean but for a
+    /// little noise; the others have each effect with a probability of its own.
     pub fn draw(rng: &mut impl Rng) -> Self {
         let log = |rng: &mut _, low: f32, high: f32| between(rng, low.ln(), high.ln()).exp();
         let clean = rng.random_range(0.0..1.0) < 0.25;
         let radius = log(rng, 40.0, 600.0);
+        // The normals of a mesh or a list are not even as a ball's pixels are.
+        let scattered = if rng.random_range(0.0..1.0) < 0.4 { between(rng, 0.01, 0.6) } else { 0.0 };
         if clean {
-            return Self { radius, read: between(rng, 0.0, 0.01), ..Self::CLEAN };
+            return Self { radius, uneven: scattered, read: between(rng, 0.0, 0.01), ..Self::CLEAN };
         }
         let mut maybe = |share: f64, value: &dyn Fn(&mut _) -> f32| {
             if rng.random_range(0.0..1.0) < share { value(&mut *rng) } else { 0.0 }
@@ -91,7 +104,7 @@ impl Camera {
         let figure = maybe(0.6, &|_| 1.0) > 0.0;
         Self {
             radius: if figure { maybe(1.0, &|r| log(r, 60.0, 400.0)) } else { radius },
-            uneven: if figure { maybe(1.0, &|r| between(r, 0.0, 1.2)) } else { 0.0 },
+            uneven: if figure { maybe(1.0, &|r| between(r, 0.0, 1.2)) } else { scattered },
             missing: maybe(0.3, &|r| log(r, 0.01, 0.4)),
             read: maybe(0.7, &|r| log(r, 5e-4, 0.03)),
             shot: maybe(0.7, &|r| log(r, 1e-3, 0.05)),
@@ -172,7 +185,8 @@ impl Camera {
             let rounded = if step > 0.0 && count < 3.0 { (noisy / step).round() * step } else { noisy };
             seen[cell] = rounded.max(0.0);
             kept[cell] = count;
-            // Four quarters of a fourth of the pixels have three differences, each as uncertain as their mean.
+            // Four quarters of a fourth of the pixels have three differences, each as uncertain as
+            // their mean.
             if self.quarters_seen(count, rng) {
                 let [a, b, c] = [details[cell], 0.0, 0.0].map(|d| d + gauss(rng) * error);
                 found[cell] = Some((a * a + b * b + c * c).sqrt());
@@ -186,7 +200,8 @@ impl Camera {
         DiskImage::of_cells(seen, kept, found, told)
     }
 
-    /// Whether each quarter of a cell has one of its pixels, which lie evenly or, where `uneven`, at random.
+    /// Whether each quarter of a cell has one of its pixels, which lie evenly or, where `uneven`,
+    /// at random.
     fn quarters_seen(&self, count: f32, rng: &mut impl Rng) -> bool {
         let share = if self.uneven > 0.0 { (1.0 - (-0.25 * count).exp()).powi(4) } else { (count - 3.0) / 3.0 };
         share >= 1.0 || (share > 0.0 && between(rng, 0.0, 1.0) < share)
@@ -213,8 +228,11 @@ impl Camera {
         }
         if self.uneven > 0.0 {
             let density = field(10, rng);
-            let mut poisson =
-                |mean: f32| Poisson::new(f64::from(mean.clamp(1e-4, 1e4))).map_or(0.0, |p| p.sample(rng) as f32);
+            // Many pixels are nearly normally distributed, which is drawn much sooner.
+            let mut poisson = |mean: f32| match mean {
+                many if many > 12.0 => (many + many.sqrt() * gauss(rng)).round().max(0.0),
+                few => Poisson::new(f64::from(few.max(1e-4))).map_or(0.0, |p| p.sample(rng) as f32),
+            };
             counts.iter_mut().zip(&density).for_each(|(c, d)| *c = poisson(*c * (self.uneven * d).exp()));
         } else if figure.is_none() && each < 1.0 {
             // A grid of pixels coarser than the cells.
@@ -232,7 +250,8 @@ impl Camera {
         (counts, each >= 3.0)
     }
 
-    /// Where the cells of a shape show what they should show at their own places, `(x, y)` in cells: normals are off by a smooth field of shifts, a shift of all, and another radius.
+    /// Where the cells of a shape show what they should show at their own places, `(x, y)` in
+    /// cells: normals are off by a smooth field of shifts, a shift of all, and another radius.
     fn displaced(&self, rng: &mut impl Rng) -> Vec<(f32, f32)> {
         let cells = 0.5 * SIDE as f32;
         let (right, down) = (field(7, rng), field(7, rng));
@@ -393,11 +412,13 @@ mod tests {
         let large = Camera { radius: 256.0, ..Camera::CLEAN };
         near(large, 0.05);
         near(Camera { blur: 0.3, ..large }, 0.05 * (-7.0_f32 * 0.09).exp());
-        // Noise is taken for detail where a quarter has few pixels: 0.2 / sqrt(16) times the middle of chi with three degrees.
+        // Noise is taken for detail where a quarter has few pixels: 0.2 / sqrt(16) times the middle
+        // of chi with three degrees.
         near(Camera { blur: 1.0, speckle: 0.2, ..large }, 0.05 * 1.538);
         assert_eq!(median(&taken(&Camera { radius: 100.0, ..large }, 4)).0, 0.0);
         let few = Camera { uneven: 0.01, ..large };
-        assert!((median(&taken(&few, 4)).0 - 0.93).abs() < 0.03);
+        let known = median(&taken(&few, 4)).0;
+        assert!((known - 0.90).abs() < 0.02, "{known}");
     }
 
     #[test]

@@ -1,7 +1,9 @@
-//! Convolutions as products of matrices: neighbourhoods are gathered into rows, a tile of them at a time so that they stay in cache.
+//! Convolutions as products of matrices: neighbourhoods are gathered into rows, a tile of them at a
+//! time so that they stay in cache.
 //!
-//! Activations have their channels last, `[image][row][column][channel]`; weights are `[row][column][input][output]`, so that a
-//! gathered neighbourhood times the weights is a cell of the output.
+//! Activations have their channels last, `[image][row][column][channel]`; weights are
+//! `[row][column][input][output]`, so that a gathered neighbourhood times the weights is a cell of
+//! the output.
 
 use std::ops::Range;
 
@@ -13,7 +15,8 @@ use crate::transfer::kernels::dispatch;
 /// Bytes of gathered neighbourhoods that are worked on at once.
 const TILE: usize = 1 << 18;
 
-/// The geometry of a convolution of square images, padded with zeros by `(kernel - 1) / 2`. A dense layer is one of side and kernel 1.
+/// The geometry of a convolution of square images, padded with zeros by `(kernel - 1) / 2`. A dense
+/// layer is one of side and kernel 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Convolution {
     /// Cells along a side of the input, a multiple of the stride.
@@ -54,10 +57,12 @@ impl Convolution {
         self.kernel * self.kernel * self.inputs
     }
 
-    /// Adds the convolution of images `[image][side][side][inputs]` to `out`, `[image][side_after][side_after][outputs]`.
+    /// Adds the convolution of images `[image][side][side][inputs]` to `out`,
+    /// `[image][side_after][side_after][outputs]`.
     ///
     /// # Panics
-    /// If the lengths are not those of the geometry and of a whole number of images; [`Self::backward`] likewise.
+    /// If the lengths are not those of the geometry and of a whole number of images;
+    /// [`Self::backward`] likewise.
     pub fn forward(&self, images: &[f32], weights: &[f32], out: &mut [f32]) {
         let count = self.check(images, weights, out);
         let weights = MatRef::from_row_major_slice(weights, self.neighbourhood(), self.outputs);
@@ -71,7 +76,8 @@ impl Convolution {
         }
     }
 
-    /// Adds the gradient in the weights, and if asked that in the images, for the gradient `back` in the output.
+    /// Adds the gradient in the weights, and if asked that in the images, for the gradient `back`
+    /// in the output.
     pub fn backward(
         &self,
         images: &[f32],
@@ -130,8 +136,9 @@ impl Convolution {
         &mut out[lines.start * line..lines.end * line]
     }
 
-    /// For each row of the windows of the lines: the place of its first number inside the image, that in the neighbourhoods, and how many are inside.
-    /// Rows of windows that are outside have none, and the place of the neighbourhood only.
+    /// For each row of the windows of the lines: the place of its first number inside the image,
+    /// that in the neighbourhoods, and how many are inside. Rows of windows that are outside have
+    /// none, and the place of the neighbourhood only.
     #[inline(always)]
     fn each_row(&self, lines: Range<usize>, mut visit: impl FnMut(usize, usize, usize)) {
         let (after, pad) = (self.side_after(), (self.kernel - 1) / 2);
@@ -178,7 +185,8 @@ impl Convolution {
     }
 }
 
-/// `1 / (1 + e^-x)` by a polynomial that compilers turn into vector instructions (Cephes' `expf`), right to about 2e-7.
+/// `1 / (1 + e^-x)` by a polynomial that compilers turn into vector instructions (Cephes' `expf`),
+/// right to about 2e-7.
 #[inline(always)]
 fn sigmoid(x: f32) -> f32 {
     // One and a half times 2^23: adding it rounds to an integer, which is then in the lowest bits.
@@ -258,7 +266,8 @@ mod tests {
         }
     }
 
-    /// The map is linear in images and in weights: products with the gradients are products with the output.
+    /// The map is linear in images and in weights: products with the gradients are products with
+    /// the output.
     #[test]
     fn the_way_back_is_adjoint() {
         let dot = |a: &[f32], b: &[f32]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum() };

@@ -1,29 +1,44 @@
-//! From an image of an object to the outputs of a network: convolutions, what they found inside the disk of normals, dense layers.
+//! From an image of an object to the outputs of a network: convolutions, what they found inside the
+//! disk of normals, dense layers.
 
 use super::convolution::silu;
 use super::encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
 
-/// Cells of a square of `side` x `side` over -1..1 whose centres are inside the unit disk, row by row.
+/// Cells of a square of `side` x `side` over -1..1 whose centres are inside the unit disk, row by
+/// row.
 pub fn inside_disk(side: usize) -> Vec<usize> {
     let centre = |i: usize| (2 * i + 1) as f64 / side as f64 - 1.0;
     (0..side * side).filter(|at| centre(at % side).hypot(centre(at / side)) <= 1.0).collect()
 }
 
-/// Means of all channels over some cells, then their maxima: of activations `[cell][channel]` to twice as many numbers as there are channels.
+/// Added to the variance of a channel before its logarithm is taken, which keeps a constant channel
+/// finite.
+pub(super) const LEAST_VARIANCE: f32 = 1e-3;
+
+/// Means of all channels over some cells, then their maxima, then halves of the logarithms of their
+/// variances (plus [`LEAST_VARIANCE`]): from activations `[cell][channel]` to three times as many
+/// numbers as there are channels.
 ///
 /// # Panics
 /// If cells or channels are missing.
 pub fn pool(activations: &[f32], cells: &[usize], out: &mut [f32]) {
-    let channels = out.len() / 2;
-    let (mean, max) = out.split_at_mut(channels);
+    let channels = out.len() / 3;
+    let (mean, rest) = out.split_at_mut(channels);
+    let (max, spread) = rest.split_at_mut(channels);
     mean.fill(0.0);
     max.fill(f32::NEG_INFINITY);
-    for cell in cells {
-        let values = &activations[cell * channels..][..channels];
+    spread.fill(0.0);
+    let of = |cell: &usize| &activations[cell * channels..][..channels];
+    for values in cells.iter().map(of) {
         mean.iter_mut().zip(values).for_each(|(m, v)| *m += v);
         max.iter_mut().zip(values).for_each(|(m, v)| *m = if *v > *m { *v } else { *m });
     }
-    mean.iter_mut().for_each(|m| *m /= cells.len() as f32);
+    let share = 1.0 / cells.len() as f32;
+    mean.iter_mut().for_each(|m| *m *= share);
+    for values in cells.iter().map(of) {
+        spread.iter_mut().zip(values).zip(&*mean).for_each(|((s, v), m)| *s += (v - m) * (v - m));
+    }
+    spread.iter_mut().for_each(|s| *s = 0.5 * (*s * share + LEAST_VARIANCE).ln());
 }
 
 /// Weights and bias of a layer.
@@ -49,7 +64,8 @@ impl Weights {
     }
 }
 
-/// A trained network from an image `[side][side][channels]` and a few numbers to outputs and features.
+/// A trained network from an image `[side][side][channels]` and a few numbers to outputs and
+/// features.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Encoder {
     shape: EncoderShape,
@@ -58,7 +74,8 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// From tensors: `find` gives dimensions and entries for a name. Needed are `NAME.weight` (of [`NamedLayer::dimensions`]) and `NAME.bias` of all layers.
+    /// From tensors: `find` gives dimensions and entries for a name. Needed are `NAME.weight` (of
+    /// [`NamedLayer::dimensions`]) and `NAME.bias` of all layers.
     pub fn from_tensors(
         shape: EncoderShape,
         mut find: impl FnMut(&str) -> Option<(Vec<usize>, Vec<f32>)>,
@@ -130,7 +147,7 @@ impl Encoder {
                     silu(&mut now);
                 }
                 Step::Pool => {
-                    let mut pooled = vec![0.0; 2 * now.len() / (side * side)];
+                    let mut pooled = vec![0.0; 3 * now.len() / (side * side)];
                     pool(&now, &inside_disk(side), &mut pooled);
                     vector.extend(pooled);
                 }
@@ -224,9 +241,14 @@ mod tests {
         assert!((share - std::f64::consts::FRAC_PI_4).abs() < 0.002, "{share}");
         let mut activations: Vec<f32> = (0..32).map(|i| i as f32).collect();
         (activations[0], activations[31]) = (1e9, 1e9);
-        let mut out = [0.0; 4];
+        let mut out = [0.0; 6];
         pool(&activations, &inside_disk(4), &mut out);
-        assert_eq!(out, [15.0, 16.0, 28.0, 29.0]);
+        assert_eq!(out[..4], [15.0, 16.0, 28.0, 29.0]);
+        // Cells 1, 2, 4 to 11, 13, 14: a mean of 7.5, two channels apart.
+        let square = [6.5_f32, 5.5, 3.5, 2.5, 1.5, 0.5].map(|d| 2.0 * (2.0 * d).powi(2)).iter().sum::<f32>() / 12.0;
+        for got in &out[4..] {
+            assert!((got - 0.5 * (square + LEAST_VARIANCE).ln()).abs() < 1e-5, "{got} {square}");
+        }
     }
 
     /// Printed, not asserted: machines differ.

@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use super::convolution::Convolution;
 
-/// How an [`Encoder`](super::Encoder) is built. The first convolution (4 x 4) and one at the start of each level (3 x 3) halve the side; two more (3 x 3) on each level
-/// make a residual block (He et al. 2016). Between layers is [`silu`](super::silu).
+/// How an [`Encoder`](super::Encoder) is built. The first convolution (4 x 4) and one at the start
+/// of each level (3 x 3) halve the side; two more (3 x 3) on each level make a residual block (He
+/// et al. 2016). Between layers is [`silu`](super::silu).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EncoderShape {
     /// Cells along a side of the image, a multiple of two to the number of `widths`.
@@ -51,9 +52,10 @@ pub enum EncoderError {
 pub enum Step {
     /// The convolution of this number, then [`silu`](super::silu).
     Convolve(usize),
-    /// The convolutions of this number and the next with [`silu`](super::silu) between them; what went in is added; [`silu`](super::silu).
+    /// The convolutions of this number and the next with [`silu`](super::silu) between them; what
+    /// went in is added; [`silu`](super::silu).
     Block(usize),
-    /// Mean and maximum of each channel [inside the disk](super::inside_disk) are noted.
+    /// Mean, maximum and variance of each channel [inside the disk](super::inside_disk) are taken.
     Pool,
 }
 
@@ -67,7 +69,8 @@ pub struct NamedLayer {
 }
 
 impl NamedLayer {
-    /// Dimensions of the weights: `[row][column][input][output]`, or `[input][output]` of a dense layer.
+    /// Dimensions of the weights: `[row][column][input][output]`, or `[input][output]` of a dense
+    /// layer.
     pub fn dimensions(&self) -> Vec<usize> {
         let g = &self.geometry;
         if g.side == 1 { vec![g.inputs, g.outputs] } else { vec![g.kernel, g.kernel, g.inputs, g.outputs] }
@@ -123,7 +126,8 @@ impl EncoderShape {
         layers
     }
 
-    /// What is done to an image. Pooled are the first level before its block and each level after it.
+    /// What is done to an image. Pooled are the first level before its block and each level after
+    /// it.
     pub fn steps(&self) -> Vec<Step> {
         let mut steps = vec![Step::Convolve(0)];
         for level in 1..self.widths.len() {
@@ -138,7 +142,7 @@ impl EncoderShape {
 
     /// Numbers that pooling yields.
     pub fn pooled(&self) -> usize {
-        2 * (self.widths[1] + self.widths[1..].iter().sum::<usize>())
+        3 * (self.widths[1] + self.widths[1..].iter().sum::<usize>())
     }
 
     /// Products of one pass.
@@ -156,7 +160,7 @@ mod tests {
     fn the_usual_shape_is_that_of_the_design() {
         let shape = EncoderShape::new(5, 3, 180);
         assert_eq!(shape.check(), Ok(()));
-        assert_eq!(shape.pooled(), 448);
+        assert_eq!(shape.pooled(), 672);
         let layers = shape.convolutions();
         let of = |l: &NamedLayer| (l.geometry.side_after(), l.geometry.inputs, l.geometry.outputs);
         let want = [

@@ -1,13 +1,16 @@
-//! A mixture of Gaussians whose numbers are a network's outputs (Bishop 1994), with the whole precision of each.
+//! A mixture of Gaussians whose numbers are a network's outputs (Bishop 1994), with the whole
+//! precision of each.
 
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-/// Bound of the logarithms on the diagonal of the factors: components neither narrower nor wider than `e^-4` to `e^4`.
+/// Bound of the logarithms on the diagonal of the factors: components neither narrower nor wider
+/// than `e^-4` to `e^4`.
 pub const LARGEST_LOG: f32 = 4.0;
 
-/// One Gaussian with precision `T' T`, `T` lower triangular with positive diagonal, and its share of the mixture.
+/// One Gaussian with precision `T' T`, `T` lower triangular with positive diagonal, and its share
+/// of the mixture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Component {
     log_share: f64,
@@ -57,8 +60,9 @@ fn log_sum_exp(values: &[f64]) -> f64 {
 }
 
 impl MixtureDensity {
-    /// How many outputs describe a mixture of `components` in `dimensions`: first the logarithms of all shares, up to a constant; then for each component its mean
-    /// and the lower triangle of `T` row by row, with the logarithm of its diagonal.
+    /// How many outputs describe a mixture of `components` in `dimensions`: first the logarithms of
+    /// all shares, up to a constant; then for each component its mean and the lower triangle of `T`
+    /// row by row, with the logarithm of its diagonal.
     pub fn outputs(dimensions: usize, components: usize) -> usize {
         components * (1 + dimensions + dimensions * (dimensions + 1) / 2)
     }

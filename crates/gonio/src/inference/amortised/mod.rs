@@ -1,11 +1,15 @@
-//! The posterior of the material with the light integrated out over captured lights (eq. 3), learnt beforehand.
+//! The posterior of the material with the light integrated out over captured lights (eq. 3), learnt
+//! beforehand.
 //!
-//! The captured lights are samples of `p(L)`, measured materials and what lies between them samples of `p(F)`: photographs
-//! simulated from both ([`simulation`](crate::simulation)) are samples of `p(F, I)`, and a regression from the image to the material fitted to them is the
-//! posterior `p(F | I)`, marginal over light by construction. It knows of lamps, horizons and edges what no prior of independent wavelet
-//! coefficients can say, and of noise, texture and wrong normals what no equation of the image does. The image is brought to the
-//! [disk of normals](crate::appearance::disk) with how far each of them can be trusted; a small convolutional [`Encoder`] turns it into a
-//! [mixture of Gaussians](MixtureDensity) over the [`Coordinates`] of materials (Papamakarios & Murray 2016 call it neural posterior estimation).
+//! The captured lights are samples of `p(L)`, measured materials and what lies between them samples
+//! of `p(F)`: photographs simulated from both ([`simulation`](crate::simulation)) are samples of
+//! `p(F, I)`, and a regression from the image to the material fitted to them is the posterior
+//! `p(F | I)`, marginal over light by construction. It knows of lamps, horizons and edges what no
+//! prior of independent wavelet coefficients can say, and of noise, texture and wrong normals what
+//! no equation of the image does. The image is brought to the [disk of
+//! normals](crate::appearance::disk) with how far each of them can be trusted; a small
+//! convolutional [`Encoder`] turns it into a [mixture of Gaussians](MixtureDensity) over the
+//! [`Coordinates`] of materials (Papamakarios & Murray 2016 call it neural posterior estimation).
 
 mod convolution;
 mod encoder;
@@ -45,11 +49,13 @@ pub struct Amortised {
     pub encoder: Encoder,
     /// Gaussians of the density.
     pub components: usize,
-    /// Least and largest value of each feature of the encoder in training, but for one in a thousand at either end.
+    /// Least and largest value of each feature of the encoder in training, but for one in a
+    /// thousand at either end.
     pub ranges: Vec<(f32, f32)>,
 }
 
-/// Standard deviations of the encoder's density are multiplied by this: materials that it has not learnt from are found less well than it thinks (docs/trials.md).
+/// Standard deviations of the encoder's density are multiplied by this: materials that it has not
+/// learnt from are found less well than it thinks (docs/trials.md).
 const WIDTH: f64 = 1.25;
 
 /// What the encoder makes of an image.
@@ -57,8 +63,9 @@ const WIDTH: f64 = 1.25;
 pub struct Reading {
     /// The posterior over the coordinates of materials.
     pub density: MixtureDensity,
-    /// Share of the encoder's features that are outside of what was seen in training: near 0.002 for a photograph like those simulated, and large for
-    /// one unlike them, whose posterior is not to be trusted.
+    /// Share of the encoder's features that are outside of what was seen in training: near 0.002
+    /// for a photograph like those simulated, and large for one unlike them, whose posterior is not
+    /// to be trusted.
     pub strangeness: f64,
 }
 

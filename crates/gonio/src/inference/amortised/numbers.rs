@@ -5,8 +5,9 @@ use rayon::prelude::*;
 use super::posterior::{MaterialPosterior, SPREAD, quantile};
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
-/// How much brighter the mirror direction is than what lies far from it: the value along the normal over the mean at half angles beyond
-/// 45 degrees (difference angles below). One for chalk, tens for a satin paint, thousands for polished metal.
+/// How much brighter the mirror direction is than what lies far from it: the value along the normal
+/// over the mean at half angles beyond 45 degrees (difference angles below). One for chalk, tens
+/// for a satin paint, thousands for polished metal.
 pub fn peak_over_base(table: &BivariateTable) -> f64 {
     let far = std::f64::consts::FRAC_PI_4;
     let (mut sum, mut count) = (0.0, 0.0);
@@ -37,7 +38,8 @@ impl MaterialPosterior {
 }
 
 impl Ranking {
-    /// Quantiles of the number, spread by what the coordinates miss as those of the cells are. Shares in 0..1, ascending.
+    /// Quantiles of the number, spread by what the coordinates miss as those of the cells are.
+    /// Shares in 0..1, ascending.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
         let values: Vec<f32> = self.draws.iter().map(|d| d.0).collect();
         shares.iter().map(|share| f64::from(quantile(&values, *share as f32, SPREAD as f32)).exp()).collect()

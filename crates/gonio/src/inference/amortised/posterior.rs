@@ -7,14 +7,12 @@ use rayon::prelude::*;
 use super::{Amortised, MixtureDensity};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 
-/// The root that the estimate is the mean of.
-const ROOT: f64 = 6.0;
-
 /// Draws that stand for a posterior.
 const DRAWS: usize = 256;
 
-/// Standard deviation of the logarithm of reflectance that is added to every draw when intervals are taken: what the coordinates
-/// cannot express, and what the photographs of the training do not know of others (`docs/trials.md`).
+/// Standard deviation of the logarithm of reflectance that is added to every draw when intervals
+/// are taken: what the coordinates cannot express, and what the photographs of the training do not
+/// know of others (`docs/trials.md`).
 pub(super) const SPREAD: f64 = 0.2;
 
 /// A cell is undetermined if its 90 % interval is at least this share of the prior's.
@@ -37,12 +35,15 @@ pub struct Neighbour {
 pub struct MaterialPosterior {
     /// Over the coordinates of materials.
     pub density: MixtureDensity,
-    /// Materials drawn from it, equally likely, of albedo one along the normal; always the same for one density.
+    /// Materials drawn from it, equally likely, of albedo one along the normal; always the same for
+    /// one density.
     pub draws: Vec<BivariateTable>,
-    /// The estimate: the mean of the sixth roots of the draws, to the sixth power.
+    /// The estimate: the geometric mean of the draws, which is the mean of what the errors of a
+    /// BRDF are measured in.
     ///
-    /// A mean of the tables themselves (eq. 3) has the peak of the sharpest material that has a share in it and is glossier than most of what
-    /// it stands for; a mean of the logarithms is duller. This one is too glossy as often as too dull. Relit, all are as good (`docs/trials.md`).
+    /// A mean of the tables themselves (eq. 3) has the peak of the sharpest material that has a
+    /// share in it and is glossier than most of what it stands for. Relit, both are as good
+    /// (`docs/trials.md`).
     pub mean: BivariateTable,
     /// Measured materials by falling weight.
     pub neighbours: Vec<Neighbour>,
@@ -54,10 +55,10 @@ impl MaterialPosterior {
         let draws = draws(amortised, &density, DRAWS, 1);
         let mut sum = vec![0.0_f64; CELLS];
         for table in &draws {
-            sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += f64::from(v.max(0.0)).powf(1.0 / ROOT));
+            sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += f64::from(v.max(1e-12)).ln());
         }
         let count = draws.len() as f64;
-        let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).powf(ROOT) as f32).collect());
+        let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).exp() as f32).collect());
         let shares = normalised(amortised.places.iter().map(|z| density.log_density(z)));
         let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
         let mut neighbours: Vec<Neighbour> = amortised.names.iter().zip(shares).map(named).collect();
@@ -65,9 +66,10 @@ impl MaterialPosterior {
         Self { density, draws, mean, neighbours }
     }
 
-    /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws brought to the
-    /// geometric mean of `mean` over the trusted cells, spread by what the coordinates miss. Shares in 0..1, ascending. Cells beyond the trusted
-    /// ones have the quantiles of the nearest trusted cell.
+    /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws
+    /// brought to the geometric mean of `mean` over the trusted cells, spread by what the
+    /// coordinates miss. Shares in 0..1, ascending. Cells beyond the trusted ones have the
+    /// quantiles of the nearest trusted cell.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<Vec<f32>> {
         self.quantiles_spread(shares, SPREAD)
     }
@@ -90,8 +92,9 @@ impl MaterialPosterior {
             .collect()
     }
 
-    /// Which cells the image leaves open: those in which the draws' 90 % interval, in the logarithm and without the spread of
-    /// [`Self::quantiles`], is more than six tenths of what it is without an image. Cells beyond the trusted ones always are.
+    /// Which cells the image leaves open: those in which the draws' 90 % interval, in the logarithm
+    /// and without the spread of [`Self::quantiles`], is more than six tenths of what it is without
+    /// an image. Cells beyond the trusted ones always are.
     pub fn undetermined(&self, amortised: &Amortised) -> Vec<bool> {
         let widths = interval_widths(&self.draws);
         let open = |c: usize| f64::from(widths[c]) > UNDETERMINED * f64::from(amortised.widths[c]);
@@ -106,7 +109,8 @@ pub(crate) fn draws(amortised: &Amortised, density: &MixtureDensity, count: usiz
     amortised.coordinates.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
 }
 
-/// Width of the 90 % interval of the logarithm of each cell over equally likely tables, each relative to its own geometric mean; zero beyond the trusted cells.
+/// Width of the 90 % interval of the logarithm of each cell over equally likely tables, each
+/// relative to its own geometric mean; zero beyond the trusted cells.
 pub fn interval_widths(tables: &[BivariateTable]) -> Vec<f32> {
     quantiles_of_log(tables, &[0.05, 0.95], 0.0).into_iter().map(|ends| ends[1] - ends[0]).collect()
 }
@@ -129,7 +133,8 @@ fn log_level(table: &BivariateTable) -> f64 {
     sum / count
 }
 
-/// Quantiles of the logarithm of each cell relative to the [`log_level`] of its table, `[cell][quantile]`; zeros beyond the trusted cells.
+/// Quantiles of the logarithm of each cell relative to the [`log_level`] of its table,
+/// `[cell][quantile]`; zeros beyond the trusted cells.
 fn quantiles_of_log(tables: &[BivariateTable], shares: &[f64], spread: f32) -> Vec<Vec<f32>> {
     let logs: Vec<Vec<f32>> = tables
         .par_iter()
@@ -149,7 +154,8 @@ fn quantiles_of_log(tables: &[BivariateTable], shares: &[f64], spread: f32) -> V
     (0..CELLS).into_par_iter().map(cell).collect()
 }
 
-/// A quantile of ascending values of equal weight, each spread by a Gaussian of a standard deviation: linear between the values.
+/// A quantile of ascending values of equal weight, each spread by a Gaussian of a standard
+/// deviation: linear between the values.
 pub(super) fn quantile(values: &[f32], share: f32, spread: f32) -> f32 {
     let last = values.len() - 1;
     if spread <= 0.0 {

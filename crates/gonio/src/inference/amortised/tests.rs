@@ -45,7 +45,8 @@ pub(crate) static WORLD: LazyLock<Dictionary> = LazyLock::new(|| {
     Dictionary::new(LogBasis::fit(&tables, 8), &settings)
 });
 
-/// A posterior that answers every image by one Gaussian around a place, of this standard deviation along each coordinate.
+/// A posterior that answers every image by one Gaussian around a place, of this standard deviation
+/// along each coordinate.
 fn around(place: &[f64], deviation: f32) -> Amortised {
     let outputs = MixtureDensity::outputs(place.len(), 1);
     let shape = EncoderShape { widths: vec![1, 1], hidden: vec![2], ..EncoderShape::new(CHANNELS, GLOBALS, outputs) };

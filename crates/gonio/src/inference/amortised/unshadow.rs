@@ -1,8 +1,10 @@
-//! The image that a sphere of the same material would give in the same light, from observations of another shape.
+//! The image that a sphere of the same material would give in the same light, from observations of
+//! another shape.
 //!
-//! The learnt posterior knows images of spheres alone, on which all light above the horizon arrives and which are seen from far away. Where the surface
-//! keeps light from itself, or the camera is near, an estimate of material and light tells how much brighter or darker the point would be on the sphere:
-//! its value is multiplied by that ratio, and a new estimate made.
+//! The learnt posterior knows images of spheres alone, on which all light above the horizon arrives
+//! and which are seen from far away. Where the surface keeps light from itself, or the camera is
+//! near, an estimate of material and light tells how much brighter or darker the point would be on
+//! the sphere: its value is multiplied by that ratio, and a new estimate made.
 
 use super::Amortised;
 use crate::appearance::{DiskImage, Lattice, Sample};
@@ -17,7 +19,8 @@ use crate::transfer::{PlanSettings, Prediction, predict};
 pub struct UnshadowSettings {
     /// Estimates of material and light, at most.
     pub rounds: usize,
-    /// Ratios that change by less than this, as the mean of their absolute logarithm, are taken to have settled.
+    /// Ratios that change by less than this, as the mean of their absolute logarithm, are taken to
+    /// have settled.
     pub tolerance: f64,
     /// Observations for each normal of the lattice.
     pub each: usize,
@@ -31,10 +34,12 @@ impl Default for UnshadowSettings {
     }
 }
 
-/// Ratios are kept between this and its inverse: of a point that gets a fifth of what the sphere would, noise and what the object reflects onto itself are most.
+/// Ratios are kept between this and its inverse: of a point that gets a fifth of what the sphere
+/// would, noise and what the object reflects onto itself are most.
 const MOST: f64 = 5.0;
 
-/// Observations on the edge of a shadow count so little, squared: only where there are no others of their normal.
+/// Observations on the edge of a shadow count so little, squared: only where there are no others of
+/// their normal.
 const LEAST: f64 = 1e-3;
 
 /// An image on the disk of normals.
@@ -42,7 +47,8 @@ const LEAST: f64 = 1e-3;
 pub struct Unshadowed {
     /// The values as a sphere would show them.
     pub image: DiskImage,
-    /// Mean of how much values were changed, as the absolute logarithm of the ratio; zero where nothing was to be done.
+    /// Mean of how much values were changed, as the absolute logarithm of the ratio; zero where
+    /// nothing was to be done.
     pub change: f64,
 }
 
@@ -87,7 +93,8 @@ pub fn unshadow(
             .collect();
         let values: Vec<Option<f64>> =
             chosen.values.iter().zip(&logs).map(|(value, log)| value.map(|v| v * log.exp())).collect();
-        // What is multiplied by a large factor brings its noise along; where most light passes a shadow's edge the ratio is a guess.
+        // What is multiplied by a large factor brings its noise along; where most light passes a
+        // shadow's edge the ratio is a guess.
         let reliable = |((weight, log), prediction): ((&f64, &f64), &Prediction)| {
             weight * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(LEAST).powi(2)
         };

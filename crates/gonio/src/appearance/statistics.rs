@@ -1,0 +1,394 @@
+//! Statistics of an image on the disk of normals: how bright it is where, and how much contrast it
+//! has at which scale.
+//!
+//! The contrast of natural light falls from coarse to fine in a known way, and a lobe of the
+//! material takes away what is finer than it (Fleming et al. 2003; Dror et al. 2004). A network of
+//! convolutions would have to learn to square, sum and take logarithms before it sees that. None of
+//! the numbers depends on the scale of the image or changes when it is turned by quarters or
+//! mirrored.
+
+use std::ops::Range;
+use std::sync::LazyLock;
+
+use super::disk::{BLACK, SIDE, on_disk};
+use crate::transfer::kernels::dispatch;
+
+/// Scales, each twice as coarse as the one before, from one cell of the disk on.
+const LEVELS: usize = 5;
+
+/// Levels at which gradients are looked at.
+const GRADIENTS: Range<usize> = 1..4;
+
+/// Ends of the regions in which contrast is looked at, as cosines of the angle to the view: centre,
+/// middle, rim.
+const REGIONS: [f32; 4] = [1.0, 0.8, 0.5, 0.0];
+
+/// Ends of the rings in which brightness is looked at.
+const RINGS: [f32; 7] = [1.0, 0.95, 0.85, 0.7, 0.5, 0.3, 0.0];
+
+/// Quantiles of the logarithm.
+const QUANTILES: [f64; 13] = [0.0, 0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.98, 0.995, 1.0];
+
+/// How many numbers [`statistics`] gives.
+pub(super) const STATISTICS: usize = QUANTILES.len()
+    + 4 * (RINGS.len() - 1)
+    + (REGIONS.len() - 1)
+    + 2 * (5 * LEVELS * (REGIONS.len() - 1)
+        + 2 * (LEVELS - 1)
+        + 2 * (GRADIENTS.end - GRADIENTS.start) * (REGIONS.len() - 1));
+
+/// Statistics of values over their mean in observed cells, each of the order of one.
+///
+/// In order: quantiles of the logarithm; mean, deviation, least and largest logarithm in each ring;
+/// the logarithm of the mean square of what is finer than the cells, in each region; then, of the
+/// values and again of their logarithm, for each scale and region the logarithm of the mean square
+/// of the detail, its skewness, the logarithm of its kurtosis, its largest and least value, for
+/// each scale but the finest how its magnitude and its sign go with the next finer one's, and for
+/// some scales and each region the logarithms of the mean squares of the radial and the tangential
+/// slope. Zero where nothing is observed.
+///
+/// `relative`, `fine` (what is finer, where that is known) and `weights` are those of the cells,
+/// row by row; what has no weight is not looked at.
+pub(super) fn statistics(relative: &[f32], fine: &[Option<f32>], weights: &[f32], out: &mut [f32]) {
+    let mut all = Vec::with_capacity(STATISTICS);
+    let logs: Vec<f32> = relative.iter().map(|v| (v + BLACK).ln()).collect();
+    levels(&logs, weights, &mut all);
+    finest(fine, &mut all);
+    let weights = weights_of_levels(weights);
+    for field in [relative, &logs] {
+        contrast(field.to_vec(), &weights, &mut all);
+    }
+    out.copy_from_slice(&all);
+}
+
+/// What is known of the cells of each level beforehand.
+struct Grid {
+    side: usize,
+    /// Region of each cell; none off the disk.
+    region: Vec<Option<usize>>,
+    /// Ring of each cell.
+    ring: Vec<Option<usize>>,
+    /// Unit vector from the middle of the disk outwards, `(right, down)`.
+    outwards: Vec<(f32, f32)>,
+}
+
+static GRIDS: LazyLock<[Grid; LEVELS]> = LazyLock::new(|| {
+    std::array::from_fn(|level| {
+        let side = SIDE >> level;
+        let place = |i: usize| (i as f32 + 0.5) * (2.0 / side as f32) - 1.0;
+        let centre = |cell: usize| (place(cell % side), place(cell / side));
+        let within = |bounds: &[f32], cell: usize| {
+            let (x, y) = centre(cell);
+            let z = (1.0 - x * x - y * y).max(0.0).sqrt();
+            bounds.windows(2).position(|b| z <= b[0] && z > b[1]).or((z <= 0.0).then_some(bounds.len() - 2))
+        };
+        let outwards = |cell: usize| {
+            let (x, y) = centre(cell);
+            (x / x.hypot(y), y / x.hypot(y))
+        };
+        let cells = 0..side * side;
+        Grid {
+            side,
+            region: cells.clone().map(|c| within(&REGIONS, c)).collect(),
+            ring: cells.clone().map(|c| within(&RINGS, c)).collect(),
+            outwards: cells.map(outwards).collect(),
+        }
+    })
+});
+
+/// Weights of the cells of a level, and the same smoothed.
+struct Weights {
+    own: Vec<f32>,
+    smooth: Vec<f32>,
+}
+
+fn weights_of_levels(weights: &[f32]) -> Vec<Weights> {
+    let mut own = weights.to_vec();
+    (0..LEVELS)
+        .map(|level| {
+            let side = SIDE >> level;
+            let smooth = smoothed(&own, side);
+            let coarse = quartered(&own, side);
+            Weights { own: std::mem::replace(&mut own, coarse), smooth }
+        })
+        .collect()
+}
+
+/// Means over squares of two by two.
+fn quartered(fine: &[f32], side: usize) -> Vec<f32> {
+    let half = side / 2;
+    let mut coarse = Vec::with_capacity(half * half);
+    for rows in fine.chunks_exact(2 * side) {
+        let (upper, lower) = rows.split_at(side);
+        let pairs = upper.chunks_exact(2).zip(lower.chunks_exact(2));
+        coarse.extend(pairs.map(|(a, b)| 0.25 * ((a[0] + a[1]) + (b[0] + b[1]))));
+    }
+    coarse
+}
+
+/// Convolved with `[1 4 6 4 1] / 16` both ways; outside is zero.
+fn smoothed(field: &[f32], side: usize) -> Vec<f32> {
+    const TAPS: [f32; 3] = [0.375, 0.25, 0.0625];
+    let mut across = vec![0.0; side * (side + 4)];
+    let mut out = vec![0.0; side * side];
+    dispatch(|| {
+        let mut padded = vec![0.0; side + 4];
+        for (line, to) in field.chunks_exact(side).zip(across[2 * side..].chunks_exact_mut(side)) {
+            padded[2..side + 2].copy_from_slice(line);
+            for (x, to) in to.iter_mut().enumerate() {
+                let p = &padded[x..x + 5];
+                *to = TAPS[0] * p[2] + TAPS[1] * (p[1] + p[3]) + TAPS[2] * (p[0] + p[4]);
+            }
+        }
+        for (y, to) in out.chunks_exact_mut(side).enumerate() {
+            let line = |row: usize| &across[(y + row) * side..][..side];
+            let (a, b, c, d, e) = (line(0), line(1), line(2), line(3), line(4));
+            for x in 0..side {
+                to[x] = TAPS[0] * c[x] + TAPS[1] * (b[x] + d[x]) + TAPS[2] * (a[x] + e[x]);
+            }
+        }
+    });
+    out
+}
+
+/// Brightness as a whole and from the middle to the rim.
+fn levels(logs: &[f32], weights: &[f32], out: &mut Vec<f32>) {
+    let mut sorted: Vec<f32> = logs.iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(v, _)| *v).collect();
+    sorted.sort_unstable_by(f32::total_cmp);
+    let last = sorted.len().saturating_sub(1);
+    out.extend(QUANTILES.map(|q| sorted.get((q * last as f64).round() as usize).map_or(0.0, |v| 0.5 * v)));
+    let mut rings = [Moments::NONE; RINGS.len() - 1];
+    for ((value, weight), ring) in logs.iter().zip(weights).zip(&GRIDS[0].ring) {
+        if let Some(ring) = ring.filter(|_| *weight > 0.0) {
+            rings[ring].add(*value, *weight);
+        }
+    }
+    for ring in rings {
+        let [mean, square, ..] = ring.means();
+        let deviation = (square - mean * mean).max(0.0).sqrt();
+        out.extend([0.5 * mean as f32, deviation as f32, 0.5 * ring.least, 0.5 * ring.largest]);
+    }
+}
+
+/// What is finer than the cells, against their mean.
+fn finest(fine: &[Option<f32>], out: &mut Vec<f32>) {
+    let mut sums = [[0.0_f64; 2]; REGIONS.len() - 1];
+    for (detail, region) in fine.iter().zip(&GRIDS[0].region) {
+        if let (Some(detail), Some(region)) = (detail, region) {
+            sums[*region][0] += 1.0;
+            sums[*region][1] += f64::from(*detail).powi(2);
+        }
+    }
+    out.extend(sums.map(|[count, square]| if count > 0.0 { power(square / count) } else { 0.0 }));
+}
+
+/// Detail and slopes at each scale.
+fn contrast(mut field: Vec<f32>, weights: &[Weights], out: &mut Vec<f32>) {
+    let mut finer: Option<Vec<f32>> = None;
+    for (level, (grid, weights)) in GRIDS.iter().zip(weights).enumerate() {
+        let weighted: Vec<f32> = field.iter().zip(&weights.own).map(|(v, w)| v * w).collect();
+        let sums = smoothed(&weighted, grid.side);
+        let mean = |c: usize| if weights.smooth[c] > 0.0 { sums[c] / weights.smooth[c] } else { 0.0 };
+        let smooth: Vec<f32> = (0..field.len()).map(mean).collect();
+        let detail: Vec<f32> = field.iter().zip(&smooth).map(|(v, s)| v - s).collect();
+        details(&detail, &weights.own, grid, out);
+        if let Some(finer) = &finer {
+            agreement(&detail, &weights.own, finer, grid.side, out);
+        }
+        if GRADIENTS.contains(&level) {
+            slopes(&smooth, &weights.own, grid, out);
+        }
+        // The means of what is smooth, over what was observed.
+        let (above, below) = (quartered(&sums, grid.side), quartered(&weights.smooth, grid.side));
+        field = above.iter().zip(&below).map(|(a, b)| if *b > 0.0 { a / b } else { 0.0 }).collect();
+        finer = Some(detail);
+    }
+}
+
+/// The logarithm of a mean square, brought to the order of one.
+fn power(square: f64) -> f32 {
+    ((square + 1e-9).ln() / 6.0 + 1.0) as f32
+}
+
+fn details(detail: &[f32], weights: &[f32], grid: &Grid, out: &mut Vec<f32>) {
+    let mut regions = [Moments::NONE; REGIONS.len() - 1];
+    for ((value, weight), region) in detail.iter().zip(weights).zip(&grid.region) {
+        if let Some(region) = region.filter(|_| *weight > 0.0) {
+            regions[region].add(*value, *weight);
+        }
+    }
+    for region in regions {
+        if region.weight <= 0.0 {
+            out.extend([0.0; 5]);
+            continue;
+        }
+        let [_, square, cube, fourth] = region.means();
+        let deviation = (square + 1e-9).sqrt();
+        let largest = |v: f32| (f64::from(v.max(0.0)) / deviation).ln_1p() - 1.0;
+        out.extend([
+            power(square),
+            0.5 * (cube / deviation.powi(3)).asinh() as f32,
+            0.5 * ((fourth / deviation.powi(4) + 1e-3).ln() - 1.0) as f32,
+            largest(region.largest) as f32,
+            largest(-region.least) as f32,
+        ]);
+    }
+}
+
+/// Correlation of the magnitudes of two scales, and of their signed values.
+fn agreement(detail: &[f32], weights: &[f32], finer: &[f32], side: usize, out: &mut Vec<f32>) {
+    let magnitude = |v: &[f32]| v.iter().map(|x| x.abs()).collect::<Vec<f32>>();
+    let pairs =
+        [(magnitude(detail), quartered(&magnitude(finer), 2 * side)), (detail.to_vec(), quartered(finer, 2 * side))];
+    for (own, other) in pairs {
+        let mut sums = [0.0_f64; 6];
+        for ((a, b), w) in own.iter().zip(&other).zip(weights) {
+            let [a, b, w] = [*a, *b, *w].map(f64::from);
+            for (sum, term) in sums.iter_mut().zip([1.0, a, b, a * a, b * b, a * b]) {
+                *sum += w * term;
+            }
+        }
+        let [total, a, b, aa, bb, ab] = sums;
+        let total = total.max(1e-12);
+        let (va, vb, vab) = (aa - a * a / total, bb - b * b / total, ab - a * b / total);
+        out.push((vab / (va.max(0.0) * vb.max(0.0) + 1e-12 * total * total).sqrt()) as f32);
+    }
+}
+
+/// Mean squares of the slope outwards and across, in values a cell of the level.
+fn slopes(smooth: &[f32], weights: &[f32], grid: &Grid, out: &mut Vec<f32>) {
+    let side = grid.side;
+    let mut sums = [[0.0_f64; 3]; REGIONS.len() - 1];
+    for row in 1..side - 1 {
+        for cell in row * side + 1..row * side + side - 1 {
+            let around = [cell - 1, cell + 1, cell - side, cell + side];
+            let Some(region) = grid.region[cell].filter(|_| weights[cell] > 0.0) else { continue };
+            if around.iter().any(|&c| weights[c] <= 0.0) {
+                continue;
+            }
+            let [left, right, above, below] = around.map(|c| smooth[c]);
+            let (x, y) = (0.5 * (right - left), 0.5 * (below - above));
+            let (dx, dy) = grid.outwards[cell];
+            let (radial, tangential) = (x * dx + y * dy, y * dx - x * dy);
+            let weight = f64::from(weights[cell]);
+            let terms = [1.0, f64::from(radial * radial), f64::from(tangential * tangential)];
+            sums[region].iter_mut().zip(terms).for_each(|(s, t)| *s += weight * t);
+        }
+    }
+    for [weight, radial, tangential] in sums {
+        let mean = |sum: f64| if weight > 0.0 { power(sum / weight) } else { 0.0 };
+        out.extend([mean(radial), mean(tangential)]);
+    }
+}
+
+/// Weighted sums of powers, and extremes.
+#[derive(Clone, Copy)]
+struct Moments {
+    weight: f64,
+    sums: [f64; 4],
+    least: f32,
+    largest: f32,
+}
+
+impl Moments {
+    const NONE: Self = Self { weight: 0.0, sums: [0.0; 4], least: 0.0, largest: 0.0 };
+
+    fn add(&mut self, value: f32, weight: f32) {
+        let (x, w) = (f64::from(value), f64::from(weight));
+        let square = x * x;
+        for (sum, power) in self.sums.iter_mut().zip([x, square, x * square, square * square]) {
+            *sum += w * power;
+        }
+        (self.least, self.largest) =
+            if self.weight > 0.0 { (self.least.min(value), self.largest.max(value)) } else { (value, value) };
+        self.weight += w;
+    }
+
+    /// Means of the powers one to four; zero without any weight.
+    fn means(&self) -> [f64; 4] {
+        self.sums.map(|s| if self.weight > 0.0 { s / self.weight } else { 0.0 })
+    }
+}
+
+/// One for each observed cell of the disk, zero elsewhere.
+pub(super) fn observed(counts: &[f32]) -> Vec<f32> {
+    counts.iter().enumerate().map(|(c, n)| f32::from(u8::from(*n > 0.0 && on_disk(c)))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::super::disk::centre;
+    use super::*;
+
+    fn of(f: impl Fn(f32, f32) -> f32, seen: impl Fn(usize) -> bool) -> Vec<f32> {
+        let values: Vec<f32> = (0..SIDE * SIDE).map(|c| f(centre(c).0, centre(c).1)).collect();
+        let counts: Vec<f32> = (0..SIDE * SIDE).map(|c| f32::from(u8::from(seen(c)))).collect();
+        let mut out = vec![0.0; STATISTICS];
+        let fine: Vec<Option<f32>> = values.iter().map(|v| Some(0.1 * v)).collect();
+        statistics(&values, &fine, &observed(&counts), &mut out);
+        out
+    }
+
+    fn waves(x: f32, y: f32) -> f32 {
+        1.0 + 0.4 * (5.0 * x + 2.0 * y).sin() + 0.2 * (17.0 * y - 9.0 * x).sin()
+    }
+
+    /// Where the power of the detail at a level is, for the logarithm, in the middle region.
+    fn at(level: usize) -> usize {
+        let before = QUANTILES.len() + 4 * (RINGS.len() - 1) + REGIONS.len() - 1;
+        let field = (STATISTICS - before) / 2;
+        let gradients = GRADIENTS.filter(|g| *g < level).count() * 2 * (REGIONS.len() - 1);
+        before + field + level * 15 + level.saturating_sub(1) * 2 + gradients + 5
+    }
+
+    fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn turning_and_mirroring_changes_none() {
+        let upright = of(waves, |_| true);
+        assert!(upright.iter().all(|v| v.is_finite() && v.abs() < 10.0));
+        for turned in [of(|x, y| waves(-x, y), |_| true), of(|x, y| waves(y, -x), |_| true)] {
+            assert!(largest_difference(&upright, &turned) < 1e-3, "{}", largest_difference(&upright, &turned));
+        }
+        assert!(largest_difference(&upright, &of(|x, y| waves(3.0 * x, y), |_| true)) > 0.3);
+    }
+
+    #[test]
+    fn waves_show_at_their_scale() {
+        // Waves of 4, 8, 16 and 32 cells.
+        for level in 0..4 {
+            let k = std::f32::consts::TAU / (8 << level) as f32 * SIDE as f32;
+            let found = of(|x, y| (0.3 * (k * x).sin() + 0.3 * (k * y).sin()).exp(), |_| true);
+            let powers: Vec<f32> = (0..LEVELS).map(|l| found[at(l)]).collect();
+            let most = powers.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).unwrap().0;
+            assert_eq!(most, level, "{powers:?}");
+        }
+    }
+
+    #[test]
+    fn holes_change_little() {
+        let mut rng = Pcg64::seed_from_u64(1);
+        let seen: Vec<bool> = (0..SIDE * SIDE).map(|_| rng.random_range(0.0..1.0) < 0.7).collect();
+        let (whole, holed) = (of(waves, |_| true), of(waves, |c| seen[c]));
+        for level in 0..LEVELS {
+            let (a, b) = (whole[at(level)], holed[at(level)]);
+            assert!((a - b).abs() < 0.12, "{level}: {a} {b}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_not_a_number() {
+        for found in
+            [of(|_, _| 0.0, |_| true), of(|_, _| 1.0, |_| false), of(|_, _| 1.0, |c| c == SIDE * SIDE / 2 + 70)]
+        {
+            assert!(found.iter().all(|v| v.is_finite()));
+        }
+        let spike = of(|x, y| if x.hypot(y - 0.3) < 0.02 { 1e6 } else { 1e-6 }, |_| true);
+        assert!(spike.iter().all(|v| v.is_finite() && v.abs() < 10.0), "{spike:?}");
+    }
+}

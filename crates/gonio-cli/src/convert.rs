@@ -17,8 +17,8 @@ use crate::outcome::Outcome;
 pub(crate) struct Options {
     /// BRDF to read: a MERL table (.binary), or an RGB file of the RGL database (.bsdf)
     input: PathBuf,
-    /// File to write, by its ending: .binary (MERL), _spec.bsdf (spectra, for pbrt-v4 and spectral variants of Mitsuba 3) or any other .bsdf (RGB, for
-    /// Mitsuba 3)
+    /// File to write, by its ending: .binary (MERL), _spec.bsdf (spectra, for pbrt-v4 and spectral
+    /// variants of Mitsuba 3) or any other .bsdf (RGB, for Mitsuba 3)
     output: PathBuf,
     /// Three equal channels: the luminance
     #[arg(long)]

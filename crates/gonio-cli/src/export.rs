@@ -28,7 +28,8 @@ pub(crate) struct Options {
     /// Name of the material
     #[arg(long)]
     name: Option<String>,
-    /// Scale the BRDF to this albedo of its luminance along the normal: a photograph under unknown light does not tell it
+    /// Scale the BRDF to this albedo of its luminance along the normal: a photograph under unknown
+    /// light does not tell it
     #[arg(long, value_name = "ALBEDO", value_parser = parse_albedo, allow_negative_numbers = true)]
     albedo: Option<f64>,
     /// Write the table of each fitted model too (.binary), to be rendered beside the BRDF

@@ -1,4 +1,5 @@
-//! `gonio completions` and `gonio man`: what a shell and `man` want to know, made from the options themselves.
+//! `gonio completions` and `gonio man`: what a shell and `man` want to know, made from the options
+//! themselves.
 
 use std::path::PathBuf;
 

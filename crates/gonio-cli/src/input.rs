@@ -8,7 +8,8 @@ use gonio::model::Model;
 use gonio::reflectance::MerlTable;
 use gonio_io::picture::{Decoded, Encoding, ReadOptions};
 
-/// Reads a photograph. Integer pictures are taken as sRGB-coded, with a warning, unless `options.linear`.
+/// Reads a photograph. Integer pictures are taken as sRGB-coded, with a warning, unless
+/// `options.linear`.
 pub(crate) fn photograph(path: &Path, options: &ReadOptions, warnings: &mut Vec<String>) -> Result<Decoded> {
     let decoded = gonio_io::picture::read(path, options)?;
     if let Encoding::Srgb { bits } = decoded.encoding {

@@ -1,7 +1,8 @@
 //! `gonio`: one photograph of an object of known shape in, its BRDF out.
 //!
-//! The program is thin: it reads files with `gonio-io`, calls `gonio`, and writes files with `gonio-io`. Anything wrong with
-//! the input ends in one line on standard error and exit code 2, with nothing half-written.
+//! The program is thin: it reads files with `gonio-io`, calls `gonio`, and writes files with
+//! `gonio-io`. Anything wrong with the input ends in one line on standard error and exit code 2,
+//! with nothing half-written.
 
 mod batch;
 mod convert;
@@ -57,8 +58,8 @@ pub(crate) enum Command {
     Man(help::Man),
 }
 
-/// What the last panic said. Decoders of third parties panic on damaged files; `gonio-io` catches that and says what is
-/// wrong in one line, to which the message of the panic would only add noise.
+/// What the last panic said. Decoders of third parties panic on damaged files; `gonio-io` catches
+/// that and says what is wrong in one line, to which the message of the panic would only add noise.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
 fn note(panic: &PanicHookInfo<'_>) {

@@ -21,8 +21,9 @@ pub(crate) struct Options {
     /// Exposures of one still scene: 8 or 16-bit JPEG, PNG or TIFF files of one size
     #[arg(required = true)]
     images: Vec<PathBuf>,
-    /// HDR picture to write; pixels of which nothing is known hold the value of its attribute clipLevel, which
-    /// gonio infer leaves out and counts. What was used where goes to a .merge.png beside it
+    /// HDR picture to write; pixels of which nothing is known hold the value of its attribute
+    /// clipLevel, which gonio infer leaves out and counts. What was used where goes to a .merge.png
+    /// beside it
     #[arg(short, long, value_name = "X.exr")]
     output: PathBuf,
     /// Write the camera's curve: logarithm of the exposure of each code, as text
@@ -70,7 +71,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     Ok(Outcome::new(text, fields).warning(warnings))
 }
 
-/// Writes all files; where one cannot be written, those that were not there before are removed again.
+/// Writes all files; where one cannot be written, those that were not there before are removed
+/// again.
 fn write_all(files: &[(PathBuf, Vec<u8>)]) -> Result<()> {
     let mut made: Vec<&Path> = Vec::new();
     for (path, bytes) in files {

@@ -25,7 +25,8 @@ impl Outcome {
         self
     }
 
-    /// Prints it: warnings to standard error and text to standard output, or one object with all of it to standard output.
+    /// Prints it: warnings to standard error and text to standard output, or one object with all of
+    /// it to standard output.
     pub(crate) fn print(mut self, json: bool) {
         if json {
             self.fields.insert("warnings".into(), json!(self.warnings));

@@ -16,13 +16,15 @@ const CLIPPED_PIXELS: usize = 12;
 /// Options of reading a photograph.
 #[derive(clap::Args)]
 pub(crate) struct Reading {
-    /// Values of an integer picture are linear radiance, not sRGB-coded; the same as --response linear for exposures
+    /// Values of an integer picture are linear radiance, not sRGB-coded; the same as --response
+    /// linear for exposures
     #[arg(long, conflicts_with = "response")]
     pub(crate) linear: bool,
     /// Exposure times of the files in seconds, in place of those of their EXIF data
     #[arg(long, value_name = "1/30,1/8,0.5,...", value_parser = parse_times)]
     times: Option<Times>,
-    /// The camera's curve: srgb, linear, or a file as --save-response writes; without it, it is recovered from the exposures
+    /// The camera's curve: srgb, linear, or a file as --save-response writes; without it, it is
+    /// recovered from the exposures
     #[arg(long, value_name = "FILE|srgb|linear")]
     response: Option<String>,
     /// Black level of linear integer files, in their codes (0 to 255 or 65535)
@@ -111,7 +113,8 @@ fn single(path: &Path, options: &Reading, clip: Option<f32>, warnings: &mut Vec<
     Ok(Photograph { picture: decoded.picture, clip: level, notes: None })
 }
 
-/// The largest value where so many pixels share it that it is no coincidence. Division by a flat field would hide it.
+/// The largest value where so many pixels share it that it is no coincidence. Division by a flat
+/// field would hide it.
 fn repeated_maximum(picture: &Picture) -> Option<f32> {
     let values = || picture.rgb.as_slice().iter().filter(|v| v.is_finite()).map(|v| v.max_element());
     let largest = values().fold(0.0, f32::max);

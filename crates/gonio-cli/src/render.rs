@@ -41,7 +41,8 @@ pub(crate) struct Options {
     /// Samples along each side of a pixel
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     samples: u32,
-    /// Sum of error bounds relative to the radiance; the true error is smaller, by some fifty times in detailed light
+    /// Sum of error bounds relative to the radiance; the true error is smaller, by some fifty times
+    /// in detailed light
     #[arg(long, default_value_t = IntegratorSettings::default().tolerance)]
     tolerance: f64,
 }

@@ -28,7 +28,8 @@ impl MeshOptions {
         Ok(self.camera.as_ref().map(|path| read_camera(path, size)).transpose()?)
     }
 
-    /// The mesh before its camera, for pictures of `size`, and what result.json says of it; `None` if none is given.
+    /// The mesh before its camera, for pictures of `size`, and what result.json says of it; `None`
+    /// if none is given.
     pub(crate) fn place(&self, size: (usize, usize), warnings: &mut Vec<String>) -> Result<Option<(Placed, Value)>> {
         let Some(path) = &self.mesh else { return Ok(None) };
         let name = path.display();

@@ -66,7 +66,8 @@ pub(crate) enum MapName {
 /// Options of `gonio train reflectance`.
 #[derive(clap::Args)]
 pub(crate) struct Reflectance {
-    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with `materials.txt`
+    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with
+    /// `materials.txt`
     dir: PathBuf,
     /// File to write
     #[arg(short, long)]
@@ -115,7 +116,8 @@ pub(crate) struct Posterior {
     /// Folder of lat-long maps (.hdr, .exr, .pfm)
     #[arg(long, value_name = "DIR")]
     lights: PathBuf,
-    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with `materials.txt`
+    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with
+    /// `materials.txt`
     #[arg(long, value_name = "DIR")]
     materials: PathBuf,
     /// File to write

@@ -42,8 +42,8 @@ fn what() -> String {
     format!("gonio basis {VERSION}")
 }
 
-/// BLAKE3, in hexadecimal, of all that something learnt from materials depends on: what it is and its version, how it is
-/// learnt, and the materials.
+/// BLAKE3, in hexadecimal, of all that something learnt from materials depends on: what it is and
+/// its version, how it is learnt, and the materials.
 pub(crate) fn key(what: &str, settings: &impl Serialize, materials: &[(String, BivariateTable)]) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     // Each part after its length, so that nothing can move from one part to the next.

@@ -1,7 +1,9 @@
-//! `gonio-eval lights`: how near the light of a photograph is found, given its true BRDF and the one that the embedded model answers.
+//! `gonio-eval lights`: how near the light of a photograph is found, given its true BRDF and the
+//! one that the embedded model answers.
 //!
-//! Lights and materials are those that the model was learnt from, without the materials that the benchmark holds out: it compares
-//! ways to find the light, and says little of what they give on others.
+//! Lights and materials are those that the model was learnt from, without the materials that the
+//! benchmark holds out: it compares ways to find the light, and says little of what they give on
+//! others.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -119,7 +121,8 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Luminance tables of the materials that the benchmark does not hold out, from the most matte to the sharpest.
+/// Luminance tables of the materials that the benchmark does not hold out, from the most matte to
+/// the sharpest.
 fn training(all: &Materials) -> Vec<(String, BivariateTable)> {
     let held_out = all.held_out();
     let mut materials: Vec<(String, BivariateTable)> = all
@@ -229,7 +232,8 @@ fn csv(records: &[Record]) -> String {
     out
 }
 
-/// Medians and means over all photographs, and how often each method is nearer than the mean by the cube root.
+/// Medians and means over all photographs, and how often each method is nearer than the mean by the
+/// cube root.
 fn summary(records: &[Record]) -> String {
     let mut out = String::from(
         "Median (mean) over the photographs:\n\n\
@@ -290,7 +294,8 @@ mod tests {
         assert!(evenly(vec!['a'], 2).is_err());
     }
 
-    /// A lamp in a dim sky on a satin ball, without data: the light that is not negative is the nearest.
+    /// A lamp in a dim sky on a satin ball, without data: the light that is not negative is the
+    /// nearest.
     #[test]
     fn a_lamp_is_found_better_without_negative_light() {
         let model = gonio_io::model::embedded().unwrap();

@@ -1,5 +1,5 @@
-//! `gonio-eval`: the measurements behind the figures in `docs/`. The data are not part of the repository: `--data` or
-//! `GONIO_DATA` names their folder.
+//! `gonio-eval`: the measurements behind the figures in `docs/`. The data are not part of the
+//! repository: `--data` or `GONIO_DATA` names their folder.
 
 mod bases;
 mod bench;
@@ -39,13 +39,15 @@ enum Command {
     Paper(paper::Options),
     /// Convergence of the transfer's quadrature against a brute-force reference.
     Quadrature,
-    /// Ways to find the light given the BRDF against each other, on lights and materials of the training.
+    /// Ways to find the light given the BRDF against each other, on lights and materials of the
+    /// training.
     Lights(lights::Options),
     /// Ways to colour a BRDF against each other, on test materials in test lights.
     Colour(colour::Options),
     /// What shapes other than a sphere cost, with and without the light they keep from themselves.
     Shapes(shapes::Options),
-    /// The default method on photographs of real objects, by their measured BRDF and their photographs in other lights.
+    /// The default method on photographs of real objects, by their measured BRDF and their
+    /// photographs in other lights.
     Captured(captured::Options),
     /// Estimators and references against each other over a grid of materials and lights.
     Bench(Box<bench::Options>),

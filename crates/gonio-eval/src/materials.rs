@@ -1,4 +1,5 @@
-//! Measured materials: the full tables that inputs are rendered from and the bivariate ones that everything else uses.
+//! Measured materials: the full tables that inputs are rendered from and the bivariate ones that
+//! everything else uses.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -11,11 +12,12 @@ use rayon::prelude::*;
 
 use crate::outside::{self, Formula};
 
-/// A database of materials in the order of their file names: a folder of `.binary` files of the MERL database, or of
-/// bivariate tables, or both. After them, where asked for, come [materials of other kinds](outside).
+/// A database of materials in the order of their file names: a folder of `.binary` files of the
+/// MERL database, or of bivariate tables, or both. After them, where asked for, come [materials of
+/// other kinds](outside).
 pub(crate) struct Materials {
-    /// Names, in the order of `NAME.binary`: that of a listing of the database, `chrome-steel` before `chrome`; then those
-    /// outside of it.
+    /// Names, in the order of `NAME.binary`: that of a listing of the database, `chrome-steel`
+    /// before `chrome`; then those outside of it.
     pub(crate) names: Vec<String>,
     rgb: Vec<[BivariateTable; 3]>,
     origins: Vec<Origin>,
@@ -56,8 +58,9 @@ pub(crate) enum Source {
 }
 
 impl Materials {
-    /// Of the folder `full`, or `DATA/merl` without one. Materials whose full table is missing are taken from the
-    /// bivariate set of `DATA/merl`; full tables without a bivariate one are reduced.
+    /// Of the folder `full`, or `DATA/merl` without one. Materials whose full table is missing are
+    /// taken from the bivariate set of `DATA/merl`; full tables without a bivariate one are
+    /// reduced.
     pub(crate) fn open(data: &Path, full: Option<&Path>) -> Result<Self> {
         let default = data.join("merl");
         let folder = full.unwrap_or(&default);
@@ -93,7 +96,8 @@ impl Materials {
         Ok(Self { database: names.len(), names, rgb, origins })
     }
 
-    /// With the materials outside of the database: the files of `DATA/rgl`, if there are any, and the formulas.
+    /// With the materials outside of the database: the files of `DATA/rgl`, if there are any, and
+    /// the formulas.
     pub(crate) fn with_outside(mut self, data: &Path) -> Result<Self> {
         for (name, path) in outside::rgl_files(&data.join("rgl"))? {
             let table = gonio_io::rgl::read(&path)?.to_merl();
@@ -163,7 +167,8 @@ impl Materials {
                 hasher.update(format!("rgl {}", outside::VERSION).as_bytes());
                 hash_file(&mut hasher, path)?;
             }
-            // By parameters and not by value: processors round differently, and shards from several machines are merged.
+            // By parameters and not by value: processors round differently, and shards from several
+            // machines are merged.
             Origin::Formula(formula) => {
                 hasher.update(format!("formula {} {formula:?}", outside::VERSION).as_bytes());
             }
@@ -181,7 +186,8 @@ impl Materials {
         self.database..self.names.len()
     }
 
-    /// Every fifth material of the database, starting with the third: what a leave-out basis never sees.
+    /// Every fifth material of the database, starting with the third: what a leave-out basis never
+    /// sees.
     pub(crate) fn held_out(&self) -> Vec<usize> {
         self.database().filter(|i| i % 5 == 2).collect()
     }

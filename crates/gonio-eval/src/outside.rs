@@ -1,5 +1,6 @@
-//! Materials that neither a dictionary nor a training set contains: measurements of another laboratory (the RGL database)
-//! and formulas of other families than the GGX lobes over a Lambertian base of [`gonio::reflectance::Dictionary`].
+//! Materials that neither a dictionary nor a training set contains: measurements of another
+//! laboratory (the RGL database) and formulas of other families than the GGX lobes over a
+//! Lambertian base of [`gonio::reflectance::Dictionary`].
 
 use std::f64::consts::{FRAC_1_PI, PI};
 use std::fmt::Debug;
@@ -74,8 +75,9 @@ impl Angles {
         Some(Self { cos_i: wi.z, cos_o: wo.z, cos_h: half.z, cos_d: half.dot(wi).min(1.0), sin2_h })
     }
 
-    /// Microfacet reflection without its Fresnel factor, `D G / (4 cos_i cos_o)`, with the distribution of Beckmann of
-    /// mean square slope `roughness^2` and the masking of Smith by the approximation of Walter et al. 2007.
+    /// Microfacet reflection without its Fresnel factor, `D G / (4 cos_i cos_o)`, with the
+    /// distribution of Beckmann of mean square slope `roughness^2` and the masking of Smith by the
+    /// approximation of Walter et al. 2007.
     fn beckmann(&self, roughness: f64) -> f64 {
         let m2 = roughness * roughness;
         let c2 = self.cos_h * self.cos_h;
@@ -111,14 +113,15 @@ impl Parametric for OrenNayar {
         }
         let s2 = self.slope * self.slope;
         let (a, b) = (1.0 - 0.5 * s2 / (s2 + 0.33), 0.45 * s2 / (s2 + 0.09));
-        // cos(phi_i - phi_o) sin alpha tan beta, alpha the larger and beta the smaller angle to the normal.
+        // cos(phi_i - phi_o) sin alpha tan beta, alpha the larger and beta the smaller angle to the
+        // normal.
         let lateral = (wi.x * wo.x + wi.y * wo.y).max(0.0) / wi.z.max(wo.z);
         self.albedo * FRAC_1_PI * (a + b * lateral)
     }
 }
 
-/// Cloth: a sheen that is bright where facets stand upright (Estevez and Kulla 2017, with the denominator of Neubelt and
-/// Pettineo 2013) over a Lambertian part.
+/// Cloth: a sheen that is bright where facets stand upright (Estevez and Kulla 2017, with the
+/// denominator of Neubelt and Pettineo 2013) over a Lambertian part.
 #[derive(Debug)]
 struct Velvet {
     diffuse: f64,
@@ -138,9 +141,9 @@ impl Parametric for Velvet {
     }
 }
 
-/// Microfacets of a conductor, by the exact formula of Fresnel. The tails of Beckmann's distribution soon vanish; what
-/// dust and several reflections scatter is a Lambertian part, as in every measured metal, without which the logarithm of
-/// a reflectance would be no measure.
+/// Microfacets of a conductor, by the exact formula of Fresnel. The tails of Beckmann's
+/// distribution soon vanish; what dust and several reflections scatter is a Lambertian part, as in
+/// every measured metal, without which the logarithm of a reflectance would be no measure.
 #[derive(Debug)]
 struct Metal {
     /// Albedo of the Lambertian part.
@@ -160,7 +163,8 @@ impl Parametric for Metal {
     }
 }
 
-/// A smooth to rough dielectric coat over a rough diffuse base, which the light reaches and leaves through the coat.
+/// A smooth to rough dielectric coat over a rough diffuse base, which the light reaches and leaves
+/// through the coat.
 #[derive(Debug)]
 struct Coated {
     base: OrenNayar,
@@ -178,14 +182,16 @@ impl Parametric for Coated {
     }
 }
 
-/// Reflectance of unpolarised light by a dielectric of refractive index `eta`, at the cosine of incidence.
+/// Reflectance of unpolarised light by a dielectric of refractive index `eta`, at the cosine of
+/// incidence.
 fn dielectric(cos: f64, eta: f64) -> f64 {
     let g = (eta * eta - 1.0 + cos * cos).sqrt();
     let (minus, plus) = (g - cos, g + cos);
     0.5 * (minus / plus).powi(2) * (1.0 + ((cos * plus - 1.0) / (cos * minus + 1.0)).powi(2))
 }
 
-/// Reflectance of unpolarised light by a conductor of refractive index `eta - i k`, at the cosine of incidence.
+/// Reflectance of unpolarised light by a conductor of refractive index `eta - i k`, at the cosine
+/// of incidence.
 fn conductor(cos: f64, eta: f64, k: f64) -> f64 {
     let (c2, s2) = (cos * cos, 1.0 - cos * cos);
     let difference = eta * eta - k * k - s2;
@@ -232,12 +238,14 @@ mod tests {
 
     #[test]
     fn fresnel_by_hand() {
-        // Glass and silver along the normal: ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2). All light at the horizon.
+        // Glass and silver along the normal: ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2). All light at
+        // the horizon.
         assert!((dielectric(1.0, 1.5) - 0.04).abs() < 1e-12);
         let silver = (0.85_f64.powi(2) + 3.5 * 3.5) / (1.15_f64.powi(2) + 3.5 * 3.5);
         assert!((conductor(1.0, 0.15, 3.5) - silver).abs() < 1e-12);
         assert!((dielectric(1e-9, 1.5) - 1.0).abs() < 1e-6 && (conductor(1e-9, 0.15, 3.5) - 1.0).abs() < 1e-6);
-        // Without absorption a conductor is a dielectric; at Brewster's angle half of the light is reflected as if alone.
+        // Without absorption a conductor is a dielectric; at Brewster's angle half of the light is
+        // reflected as if alone.
         for cos in [0.1, 0.4, 0.9] {
             assert!((conductor(cos, 1.5, 0.0) - dielectric(cos, 1.5)).abs() < 1e-9);
         }
@@ -248,7 +256,8 @@ mod tests {
 
     #[test]
     fn lobes_reflect_what_reaches_them() {
-        // All light comes back from a perfect conductor but what is shadowed: next to nothing along the normal.
+        // All light comes back from a perfect conductor but what is shadowed: next to nothing along
+        // the normal.
         let mirror = Metal { diffuse: 0.0, lobes: &[(0.5, 0.05), (0.5, 0.1)], eta: 1e-3, k: 1e3 };
         let albedo = mirror.to_bivariate().normal_albedo();
         assert!((albedo - 1.0).abs() < 0.01, "{albedo}");

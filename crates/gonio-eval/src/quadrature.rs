@@ -1,4 +1,5 @@
-//! `gonio-eval quadrature`: error and cost of the adaptive quadrature against polar coordinates about the mirror direction.
+//! `gonio-eval quadrature`: error and cost of the adaptive quadrature against polar coordinates
+//! about the mirror direction.
 
 use std::path::Path;
 use std::time::Instant;
@@ -100,7 +101,8 @@ pub(crate) fn run(folder: &Path) -> Result<()> {
 /// Lights that the renderer is tried in.
 const LIGHTS: [&str; 3] = ["debevec_grace", "noon_grass", "debevec_rnl"];
 
-/// Error of rendered pictures against a far finer division of the light, after the best common scale.
+/// Error of rendered pictures against a far finer division of the light, after the best common
+/// scale.
 fn renders(folder: &Path, all: &Materials) -> Result<()> {
     let lights = Lights::open(folder)?;
     let points: Vec<SurfacePoint> = fibonacci_hemisphere(200)

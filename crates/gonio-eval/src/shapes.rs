@@ -1,8 +1,10 @@
-//! `gonio-eval shapes`: the same materials in the same lights on a sphere, a blob, an animal and a bowl, with the light that each keeps from itself
-//! modelled and not.
+//! `gonio-eval shapes`: the same materials in the same lights on a sphere, a blob, an animal and a
+//! bowl, with the light that each keeps from itself modelled and not.
 //!
-//! Materials are those that the benchmark holds out, lights those of the tests, and the posterior is that of the benchmark, learnt without either.
-//! Photographs have exact shadows (rays for all but half a percent of the light), no light that the object reflects onto itself, and noise of half a percent of the mean.
+//! Materials are those that the benchmark holds out, lights those of the tests, and the posterior
+//! is that of the benchmark, learnt without either. Photographs have exact shadows (rays for all
+//! but half a percent of the light), no light that the object reflects onto itself, and noise of
+//! half a percent of the mean.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! Speed of the cache: a plan that is found there must cost next to nothing against the seconds that it took to build.
+//! Speed of the cache: a plan that is found there must cost next to nothing against the seconds
+//! that it took to build.
 //!
 //! `cargo bench -p gonio-io`.
 
@@ -14,8 +15,8 @@ fn main() {
 
 const KEY: &str = "plan";
 
-/// A plan of about 70 MB, a little more than that of a sphere at the default settings (9,916 points, rank 800); values do not
-/// matter here.
+/// A plan of about 70 MB, a little more than that of a sphere at the default settings (9,916
+/// points, rank 800); values do not matter here.
 fn plan() -> Plan {
     let settings = PlanSettings { rank: 868, ..PlanSettings::default() };
     let (points, k, rank) = (9_916, 10, settings.rank);
@@ -47,7 +48,8 @@ fn load(bencher: Bencher<'_, '_>) {
     bencher.counter(BytesCount::new(bytes)).bench_local(|| cache.load(black_box(KEY)).expect("the entry is there"));
 }
 
-/// The same, and the plan made of them: all that stands between a photograph and its inference at the second time.
+/// The same, and the plan made of them: all that stands between a photograph and its inference at
+/// the second time.
 #[divan::bench(sample_count = 20, sample_size = 1)]
 fn load_and_decode(bencher: Bencher<'_, '_>) {
     let (_dir, cache, bytes) = filled();

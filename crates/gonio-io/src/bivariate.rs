@@ -11,11 +11,12 @@ const TABLES: &str = "bivariate_rgb_f32.npy";
 /// Name of the list of materials, one name a line, in the order of the array.
 const NAMES: &str = "materials.txt";
 
-/// Reads all materials of a folder: name and red, green and blue table in 1/sr, in the order of `materials.txt`.
+/// Reads all materials of a folder: name and red, green and blue table in 1/sr, in the order of
+/// `materials.txt`.
 ///
 /// # Errors
-/// If a file cannot be read, the array has not the shape (number of names, 90, 90, 3), a name occurs twice, or values
-/// are not finite.
+/// If a file cannot be read, the array has not the shape (number of names, 90, 90, 3), a name
+/// occurs twice, or values are not finite.
 pub fn read_bivariate_set(dir: impl AsRef<Path>) -> Result<Vec<(String, [BivariateTable; 3])>, Error> {
     let (names_path, path) = (dir.as_ref().join(NAMES), dir.as_ref().join(TABLES));
     let names = read_names(&names_path)?;

@@ -9,8 +9,9 @@ use gonio::reflectance::MerlTable;
 use crate::rgl::{self, MAGIC};
 use crate::{Error, guard, merl};
 
-/// Reads a material from a file of the MERL database (`.binary`) or of the RGL database (`_rgb.bsdf`), told apart by how they begin.
-/// Measurements of the latter are put on the angles of the former ([`rgl::Rgl::to_merl`]).
+/// Reads a material from a file of the MERL database (`.binary`) or of the RGL database
+/// (`_rgb.bsdf`), told apart by how they begin. Measurements of the latter are put on the angles of
+/// the former ([`rgl::Rgl::to_merl`]).
 ///
 /// # Errors
 /// As [`merl::read`] and [`rgl::read`].

@@ -1,9 +1,9 @@
 //! Results that took long to compute, kept between runs in the user's cache folder.
 //!
-//! An entry is a file `KEY.plan`: a header with the length and the BLAKE3 hash of the content, then the content.
-//! Whatever does not match its header counts as absent and is removed, so that nothing needs to be synced to the disk
-//! and a damaged entry costs a computation, never a wrong result. Entries appear by renaming: a reader sees a whole
-//! one or none, whatever other processes do.
+//! An entry is a file `KEY.plan`: a header with the length and the BLAKE3 hash of the content, then
+//! the content. Whatever does not match its header counts as absent and is removed, so that nothing
+//! needs to be synced to the disk and a damaged entry costs a computation, never a wrong result.
+//! Entries appear by renaming: a reader sees a whole one or none, whatever other processes do.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -15,7 +15,8 @@ use etcetera::BaseStrategy;
 
 use crate::Error;
 
-/// The variable that names the cache folder instead of the platform's; set but empty it turns the cache off.
+/// The variable that names the cache folder instead of the platform's; set but empty it turns the
+/// cache off.
 pub const DIR_VARIABLE: &str = "GONIO_CACHE_DIR";
 /// Bytes kept at most unless told otherwise: 2 GiB.
 pub const DEFAULT_BUDGET: u64 = 2 << 30;
@@ -37,8 +38,8 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// The user's cache: the folder in [`GONIO_CACHE_DIR`](DIR_VARIABLE), else `gonio` in the platform's cache folder.
-    /// `None` if the variable is empty or there is no home.
+    /// The user's cache: the folder in [`GONIO_CACHE_DIR`](DIR_VARIABLE), else `gonio` in the
+    /// platform's cache folder. `None` if the variable is empty or there is no home.
     pub fn user() -> Option<Self> {
         Self::user_or(std::env::var_os(DIR_VARIABLE))
     }
@@ -84,12 +85,12 @@ impl Cache {
         Some(content)
     }
 
-    /// Stores `content` under `key`, replacing what was there, then removes the entries that have been unused longest
-    /// until the budget is met.
+    /// Stores `content` under `key`, replacing what was there, then removes the entries that have
+    /// been unused longest until the budget is met.
     ///
     /// # Errors
-    /// If the folder cannot be made or written, the disk is full, or the content alone exceeds the budget. The caller
-    /// can go on regardless.
+    /// If the folder cannot be made or written, the disk is full, or the content alone exceeds the
+    /// budget. The caller can go on regardless.
     pub fn store(&self, key: &str, content: &[u8]) -> Result<(), Error> {
         let path = self.entry(key);
         if (content.len() + HEADER) as u64 > self.budget {
@@ -116,7 +117,8 @@ impl Cache {
         self.dir.join(format!("{stem}.{EXTENSION}"))
     }
 
-    /// Removes the oldest entries beyond the budget, but not `newest`, and what crashed processes have left.
+    /// Removes the oldest entries beyond the budget, but not `newest`, and what crashed processes
+    /// have left.
     fn trim(&self, newest: &Path) {
         let Ok(files) = fs::read_dir(&self.dir) else { return };
         let now = SystemTime::now();
@@ -175,7 +177,8 @@ fn read_entry(file: &mut File) -> std::io::Result<Option<Vec<u8>>> {
         return Ok(None);
     }
     let mut content = Vec::new();
-    // The length is the file's own, so that this asks for no more than is there; still not a reason to abort.
+    // The length is the file's own, so that this asks for no more than is there; still not a reason
+    // to abort.
     if content.try_reserve_exact(usize::try_from(content_length).unwrap_or(usize::MAX)).is_err() {
         return Err(std::io::ErrorKind::OutOfMemory.into());
     }

@@ -49,8 +49,8 @@ impl Error {
         &self.0.path
     }
 
-    /// What is wrong, without the name of the file and without advice. May hold several lines if a third party's
-    /// message does.
+    /// What is wrong, without the name of the file and without advice. May hold several lines if a
+    /// third party's message does.
     pub fn problem(&self) -> &str {
         &self.0.problem
     }
@@ -113,7 +113,8 @@ impl fmt::Display for Inner {
     }
 }
 
-/// Names of files and messages of third parties may hold line breaks and worse, which would forge lines of output.
+/// Names of files and messages of third parties may hold line breaks and worse, which would forge
+/// lines of output.
 fn one_line(text: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     text.chars().try_for_each(|c| match c {
         '\n' | '\r' | '\t' => f.write_str(" "),

@@ -1,7 +1,9 @@
-//! Published fits of parametric models to the MERL materials (Ngan et al. 2005), one text file per model.
+//! Published fits of parametric models to the MERL materials (Ngan et al. 2005), one text file per
+//! model.
 //!
-//! A line is `NAME = Aggregate(Lambertian(albedo = [r, g, b]), NganMODEL(albedo = [r, g, b], ...))`; lines that start
-//! with `#` and blank lines are skipped.
+//! A line is
+//! `NAME = Aggregate(Lambertian(albedo = [r, g, b]), NganMODEL(albedo = [r, g, b], ...))`; lines
+//! that start with `#` and blank lines are skipped.
 
 use std::path::Path;
 
@@ -48,8 +50,8 @@ pub enum Fit {
 /// Reads all materials of a `.fit` file, in file order.
 ///
 /// # Errors
-/// If the file cannot be read, a line does not parse (the message has its number), a material occurs twice, or there
-/// is none.
+/// If the file cannot be read, a line does not parse (the message has its number), a material
+/// occurs twice, or there is none.
 pub fn read_fits(path: impl AsRef<Path>) -> Result<Vec<(String, Fit)>, Error> {
     let path = path.as_ref();
     decode(path, &guard::read_whole(path, 1 << 24)?)

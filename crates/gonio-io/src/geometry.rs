@@ -1,12 +1,15 @@
 //! Pictures of geometry: depths, and places.
 //!
-//! * OpenEXR: depths in a channel `Z`, `V`, `depth` or `distance`, plain or of a pass such as `Depth.V`, or in grey; places in `X Y Z` or
-//!   `R G B`, those of a pass named `position` before others.
+//! * OpenEXR: depths in a channel `Z`, `V`, `depth` or `distance`, plain or of a pass such as
+//!   `Depth.V`, or in grey; places in `X Y Z` or `R G B`, those of a pass named `position` before
+//!   others.
 //! * NPY: depths of shape (height, width), places of shape (height, width, 3), row 0 at the top.
-//! * 16-bit PNG and TIFF: depths coded as 0..1 between a near and a far one. Float TIFF: depths as they are. PFM: both.
+//! * 16-bit PNG and TIFF: depths coded as 0..1 between a near and a far one. Float TIFF: depths as
+//!   they are. PFM: both.
 //!
-//! A pixel without surface holds zero, infinity, not-a-number or a number as large as renderers write for nothing (1e9 and above, as Blender's
-//! 1e10). In a coded picture it holds the least or the largest code, or is transparent.
+//! A pixel without surface holds zero, infinity, not-a-number or a number as large as renderers
+//! write for nothing (1e9 and above, as Blender's 1e10). In a coded picture it holds the least or
+//! the largest code, or is transparent.
 
 use std::path::Path;
 
@@ -23,17 +26,19 @@ const NOTHING: f64 = 1e9;
 /// How to read a picture of depths.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DepthOptions {
-    /// The depths that the codes 0 and 1 of an integer picture stand for, in either order. No effect on float files.
+    /// The depths that the codes 0 and 1 of an integer picture stand for, in either order. No
+    /// effect on float files.
     pub range: Option<(f64, f64)>,
     /// Limits.
     pub read: ReadOptions,
 }
 
-/// Reads depths, in the unit of the file; whether along the axis of the camera or along each ray only the caller knows. `None` without surface.
+/// Reads depths, in the unit of the file; whether along the axis of the camera or along each ray
+/// only the caller knows. `None` without surface.
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, in a format that holds no depths, integers without a range or of 8 bits, has no surface at all or
-/// too many pixels.
+/// If the file cannot be read, is damaged, in a format that holds no depths, integers without a
+/// range or of 8 bits, has no surface at all or too many pixels.
 pub fn read_depth(path: impl AsRef<Path>, options: &DepthOptions) -> Result<Plane<Option<f64>>, Error> {
     let path = path.as_ref();
     decode_depth(path, &guard::read_whole(path, options.read.max_bytes())?, options)
@@ -83,11 +88,12 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
     Ok(depths)
 }
 
-/// Reads the place that each pixel sees, in whatever frame and unit the file has. `None` without surface: where a place is not finite, huge, or
-/// exactly at the origin.
+/// Reads the place that each pixel sees, in whatever frame and unit the file has. `None` without
+/// surface: where a place is not finite, huge, or exactly at the origin.
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, in a format that holds no places, has no surface at all or too many pixels.
+/// If the file cannot be read, is damaged, in a format that holds no places, has no surface at all
+/// or too many pixels.
 pub fn read_positions(path: impl AsRef<Path>) -> Result<Plane<Option<DVec3>>, Error> {
     let path = path.as_ref();
     let options = ReadOptions::default();

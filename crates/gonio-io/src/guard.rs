@@ -1,4 +1,5 @@
-//! Guards between untrusted files and the rest: size limits on whole files, and panics of third parties' decoders.
+//! Guards between untrusted files and the rest: size limits on whole files, and panics of third
+//! parties' decoders.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -17,7 +18,8 @@ pub(crate) fn open(path: &Path) -> Result<(File, u64), Error> {
     Ok((file, meta.len()))
 }
 
-/// The whole of a file of at most `max` bytes. Nothing is allocated for a file that says it is longer.
+/// The whole of a file of at most `max` bytes. Nothing is allocated for a file that says it is
+/// longer.
 pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     let (file, length) = open(path)?;
     let too_long = || Error::limits(path, format!("is longer than {max} bytes"), "reduce it or raise the limit");
@@ -36,9 +38,11 @@ pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
-/// Runs the decoder of a third party and turns its panic, which only a damaged file provokes, into an error.
+/// Runs the decoder of a third party and turns its panic, which only a damaged file provokes, into
+/// an error.
 pub(crate) fn catching<T>(path: &Path, format: &str, decode: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-    // Whatever the decoder held is dropped by the unwinding, so no broken state can be seen afterwards.
+    // Whatever the decoder held is dropped by the unwinding, so no broken state can be seen
+    // afterwards.
     catch_unwind(AssertUnwindSafe(decode))
         .unwrap_or_else(|_| Err(Error::damaged(path, format!("contradicts itself as {format}"))))
 }

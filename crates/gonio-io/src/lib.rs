@@ -6,15 +6,17 @@
 //! * [`material`]: materials for renderers (Mitsuba, MaterialX, glTF, Blender);
 //! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
 //! * [`camera`]: cameras and poses (`docs/camera.md`);
-//! * [`brdf`]: measured BRDFs, of [`merl`] and [`rgl`]; [`bivariate`], [`fits`]: sets of them and published fits;
+//! * [`brdf`]: measured BRDFs, of [`merl`] and [`rgl`]; [`bivariate`], [`fits`]: sets of them and
+//!   published fits;
 //! * [`model`]: trained models and their halves (`docs/model-format.md`);
 //! * [`npy`]: arrays of numpy;
 //! * [`atomic`]: output that appears complete or not at all;
 //! * [`cache`], [`plan`]: computed plans that survive the process.
 //!
-//! Invariants: no input makes this crate panic; sizes are checked before memory is taken for them; an [`Error`] always
-//! names the file, the problem and a way out, on one line; nothing is ever printed by this crate (a third party's
-//! decoder that panics on a damaged file is caught, but its message has by then been written by the panic hook).
+//! Invariants: no input makes this crate panic; sizes are checked before memory is taken for them;
+//! an [`Error`] always names the file, the problem and a way out, on one line; nothing is ever
+//! printed by this crate (a third party's decoder that panics on a damaged file is caught, but its
+//! message has by then been written by the panic hook).
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

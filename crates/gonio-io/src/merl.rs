@@ -1,8 +1,9 @@
 //! The files of the MERL BRDF database (Matusik et al. 2003): `NAME.binary`, one material each.
 //!
-//! Three little-endian 32-bit integers, 90 90 180, then three channels of 90 x 90 x 180 doubles with `theta_h` slowest
-//! and `phi_d` fastest. A value times 1, 1.15 or 1.66 (red, green, blue) over 1500 is in 1/sr; a negative one means
-//! that there is none, as below the horizon and, in the genuine files, at a few other places.
+//! Three little-endian 32-bit integers, 90 90 180, then three channels of 90 x 90 x 180 doubles
+//! with `theta_h` slowest and `phi_d` fastest. A value times 1, 1.15 or 1.66 (red, green, blue)
+//! over 1500 is in 1/sr; a negative one means that there is none, as below the horizon and, in the
+//! genuine files, at a few other places.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -25,8 +26,8 @@ const RUN: usize = PHI_D * 8;
 /// Reads a material. Values become 32-bit floats in 1/sr, missing ones -1.
 ///
 /// # Errors
-/// If the file cannot be read, has other dimensions or another length than 90 x 90 x 180 samples need, or holds values
-/// that are not finite.
+/// If the file cannot be read, has other dimensions or another length than 90 x 90 x 180 samples
+/// need, or holds values that are not finite.
 pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
     let path = path.as_ref();
     let (file, length) = guard::open(path)?;

@@ -1,9 +1,11 @@
 //! Normal maps: one direction for each pixel of the photograph, zero where there is no surface.
 //!
-//! Axes are those of the camera: x right, y up, z towards the camera; nothing is flipped or turned here. Formats:
+//! Axes are those of the camera: x right, y up, z towards the camera; nothing is flipped or turned
+//! here. Formats:
 //! * OpenEXR with float channels `X Y Z` or `R G B`, plain or of a pass such as `Normal.X`; PFM;
 //! * NPY of shape (height, width, 3), row 0 at the top;
-//! * PNG, TIFF and JPEG with the usual code, `n = 2 v - 1` for `v` in 0..=1; float TIFF as plain components.
+//! * PNG, TIFF and JPEG with the usual code, `n = 2 v - 1` for `v` in 0..=1; float TIFF as plain
+//!   components.
 //!
 //! Whether the normals have unit length and face the camera is checked by whoever uses them.
 
@@ -20,11 +22,12 @@ const CODED_SLACK: f32 = 0.05;
 /// Shorter than this an integer code is the one of zero, which no integer hits exactly.
 const CODED_ZERO: f32 = 0.05;
 
-/// Reads a normal map. Pixels without surface (zero, not-a-number; black, mid-grey or transparent where integers code
-/// the normals) are [`Vec3::ZERO`].
+/// Reads a normal map. Pixels without surface (zero, not-a-number; black, mid-grey or transparent
+/// where integers code the normals) are [`Vec3::ZERO`].
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, is in a format that holds no normals, or has too many pixels (2^27).
+/// If the file cannot be read, is damaged, is in a format that holds no normals, or has too many
+/// pixels (2^27).
 pub fn read_normals(path: impl AsRef<Path>) -> Result<Plane<Vec3>, Error> {
     let path = path.as_ref();
     let options = ReadOptions { linear: true, ..Default::default() };
@@ -56,7 +59,8 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<
     }
 }
 
-/// The channels most likely to be normals: `X Y Z` before `R G B`, and a pass named for normals before all others.
+/// The channels most likely to be normals: `X Y Z` before `R G B`, and a pass named for normals
+/// before all others.
 fn select(path: &Path, headers: &[exr::meta::header::Header]) -> Result<Selection, Error> {
     let groups = picture::groups(headers);
     let mut found: Option<(u32, Selection)> = None;

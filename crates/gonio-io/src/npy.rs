@@ -18,7 +18,8 @@ pub struct Array {
     pub values: Vec<f32>,
 }
 
-/// Reads an array of floats; 64-bit values are rounded to 32 bits, Fortran order is turned into C order.
+/// Reads an array of floats; 64-bit values are rounded to 32 bits, Fortran order is turned into C
+/// order.
 ///
 /// # Errors
 /// If the file cannot be read, holds another type, or its length does not fit its shape.
@@ -78,7 +79,8 @@ pub fn encode(array: &Array) -> Vec<u8> {
     assert_eq!(array.shape.iter().product::<usize>(), array.values.len(), "as many values as the shape has");
     let axes: String = array.shape.iter().map(|n| format!("{n}, ")).collect();
     let dict = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}", axes.trim_end());
-    // The format asks for the values to start at a multiple of 64, and for a line break before them.
+    // The format asks for the values to start at a multiple of 64, and for a line break before
+    // them.
     let length = (MAGIC.len() + 4 + dict.len() + 1).next_multiple_of(64) - MAGIC.len() - 4;
     let mut bytes = MAGIC.to_vec();
     bytes.extend([1, 0]);

@@ -1,8 +1,9 @@
-//! Plans in the cache: their bytes, the keys they are found by, and making them when they are not there.
+//! Plans in the cache: their bytes, the keys they are found by, and making them when they are not
+//! there.
 //!
-//! The bytes are an eight-byte length, a JSON header of that length, and the arrays `q` and `r` (32-bit) and
-//! `energies` (64-bit) of the [`Plan`], little-endian. They are for the cache alone, which guards them against damage;
-//! the form may change with [`VERSION`].
+//! The bytes are an eight-byte length, a JSON header of that length, and the arrays `q` and `r`
+//! (32-bit) and `energies` (64-bit) of the [`Plan`], little-endian. They are for the cache alone,
+//! which guards them against damage; the form may change with [`VERSION`].
 
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
@@ -12,7 +13,8 @@ use serde::{Deserialize, Serialize};
 use crate::cache::Cache;
 use crate::{Error, little_endian};
 
-/// Enters every key: to be raised whenever the bytes change, or [`Plan::build`] gives other results for the same input.
+/// Enters every key: to be raised whenever the bytes change, or [`Plan::build`] gives other results
+/// for the same input.
 pub const VERSION: u32 = 2;
 
 #[derive(Serialize, Deserialize)]
@@ -64,9 +66,11 @@ pub fn decode_plan(bytes: &[u8]) -> Option<Plan> {
     Some(Plan { settings, points, k, q, r, energies: little_endian::f64s(energies), total_energy })
 }
 
-/// The name of the plan that [`Plan::build`] makes of these: BLAKE3, in hexadecimal, of all that it depends on.
+/// The name of the plan that [`Plan::build`] makes of these: BLAKE3, in hexadecimal, of all that it
+/// depends on.
 ///
-/// [`PlanSettings::hold`] does not enter: whether rows were held in memory changes nothing beyond round-off.
+/// [`PlanSettings::hold`] does not enter: whether rows were held in memory changes nothing beyond
+/// round-off.
 pub fn plan_key<'a>(
     points: impl Into<Points<'a>>,
     tables: &[BivariateTable],
@@ -117,10 +121,11 @@ pub enum PlanOrigin {
     Built,
 }
 
-/// The plan of the cache, or else a newly built one, which is then stored. Arguments as of [`Plan::build`].
+/// The plan of the cache, or else a newly built one, which is then stored. Arguments as of
+/// [`Plan::build`].
 ///
-/// The third value is why storing failed, if it did: worth a warning, the plan is as good. Several threads or processes
-/// may do this at once; at worst each builds the plan for itself.
+/// The third value is why storing failed, if it did: worth a warning, the plan is as good. Several
+/// threads or processes may do this at once; at worst each builds the plan for itself.
 ///
 /// # Errors
 /// As [`Plan::build`].

@@ -1,6 +1,7 @@
 //! Learning the parts of a model from measurements: what `gonio train` does.
 //!
-//! Measurements are folders of files or already in memory. Each function gives what it has learnt and a note of its origin, which goes into the file.
+//! Measurements are folders of files or already in memory. Each function gives what it has learnt
+//! and a note of its origin, which goes into the file.
 
 use std::path::{Path, PathBuf};
 
@@ -52,7 +53,8 @@ pub enum Lights {
 /// Measured materials.
 #[derive(Clone, Debug)]
 pub enum Materials {
-    /// A folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with `materials.txt`.
+    /// A folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with
+    /// `materials.txt`.
     Folder(PathBuf),
     /// Names and tables in memory.
     Tables(Vec<(String, [BivariateTable; 3])>),
@@ -87,7 +89,8 @@ impl Channel {
 /// How the prior of light is learnt.
 #[derive(Clone, Debug)]
 pub struct LightingSettings {
-    /// Texels along a side of the finest grid that the prior shall serve, a power of two from 8 to 512.
+    /// Texels along a side of the finest grid that the prior shall serve, a power of two from 8 to
+    /// 512.
     pub grid: usize,
     /// Layout of the sphere on the square.
     pub map: OctahedralMap,

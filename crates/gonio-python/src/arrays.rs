@@ -21,8 +21,9 @@ struct Borrowed {
     _owner: Py<PyAny>,
 }
 
-// SAFETY: the memory belongs to an array that `_owner` keeps, and nothing here writes to it. As with every function of NumPy that lets other threads run,
-// the caller must not write to the array meanwhile; the documentation of the package says so.
+// SAFETY: the memory belongs to an array that `_owner` keeps, and nothing here writes to it. As
+// with every function of NumPy that lets other threads run, the caller must not write to the array
+// meanwhile; the documentation of the package says so.
 #[expect(unsafe_code, reason = "a picture in the memory of an array outlives the call that it was given to")]
 unsafe impl Send for Borrowed {}
 // SAFETY: as above; all access is reading.
@@ -31,7 +32,8 @@ unsafe impl Sync for Borrowed {}
 
 impl<T: AnyBitPattern> AsRef<[T]> for Borrowed {
     fn as_ref(&self) -> &[T] {
-        // SAFETY: `of` has checked that so many aligned values follow each other here; the owner keeps them.
+        // SAFETY: `of` has checked that so many aligned values follow each other here; the owner
+        // keeps them.
         #[expect(unsafe_code, reason = "the only way to values whose owner is Python's")]
         let values = unsafe { std::slice::from_raw_parts(self.start, self.length) };
         cast_slice(values)

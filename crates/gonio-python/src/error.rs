@@ -1,4 +1,5 @@
-//! What can go wrong, and the exception that it becomes: the classes of `gonio._errors`, with the messages of the library.
+//! What can go wrong, and the exception that it becomes: the classes of `gonio._errors`, with the
+//! messages of the library.
 
 use std::fmt::Display;
 use std::io::ErrorKind;
@@ -49,8 +50,8 @@ impl From<gonio_io::Error> for Problem {
     }
 }
 
-/// What the last panic said. Decoders of third parties panic on damaged files; `gonio-io` catches that and says what is wrong in one line, to which the
-/// message of the panic would only add noise.
+/// What the last panic said. Decoders of third parties panic on damaged files; `gonio-io` catches
+/// that and says what is wrong in one line, to which the message of the panic would only add noise.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
 /// Keeps panics from being printed.

@@ -1,8 +1,9 @@
-//! The extension module `gonio._gonio`: what the Python package cannot do itself, over plain arrays and dictionaries. Classes, defaults and documentation
-//! are in `python/gonio`, the types of all this in `_gonio.pyi`.
+//! The extension module `gonio._gonio`: what the Python package cannot do itself, over plain arrays
+//! and dictionaries. Classes, defaults and documentation are in `python/gonio`, the types of all
+//! this in `_gonio.pyi`.
 //!
-//! Long work runs on a thread of its own without the interpreter's lock, and ends when the user presses Ctrl-C (`work`). Arrays come and go without
-//! copies (`arrays`).
+//! Long work runs on a thread of its own without the interpreter's lock, and ends when the user
+//! presses Ctrl-C (`work`). Arrays come and go without copies (`arrays`).
 
 mod arrays;
 mod density;

@@ -10,7 +10,8 @@ use pyo3::sync::PyOnceLock;
 
 use crate::error::Problem;
 
-/// What inference knows beforehand: the prior of light, the basis of reflectance and the posterior of materials.
+/// What inference knows beforehand: the prior of light, the basis of reflectance and the posterior
+/// of materials.
 #[pyclass(frozen, module = "gonio")]
 pub(crate) struct Model {
     pub(crate) model: Arc<gonio::model::Model>,

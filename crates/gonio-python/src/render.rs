@@ -28,7 +28,8 @@ pub(crate) struct Settings {
 /// Radiance of shape (height, width, 3), coverage of shape (height, width), and warnings.
 type Rendered<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, numpy::PyArray2<f32>>, Vec<String>);
 
-/// Renders a sphere or a mesh of a BRDF, by its table or by what depends on the third angle too, under a lat-long light.
+/// Renders a sphere or a mesh of a BRDF, by its table or by what depends on the third angle too,
+/// under a lat-long light.
 #[pyfunction]
 #[pyo3(signature = (table, full, light, shape, settings, listeners))]
 pub(crate) fn render<'py>(

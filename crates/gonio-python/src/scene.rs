@@ -330,7 +330,8 @@ impl Shape {
         Ok((object, Value::Null))
     }
 
-    /// The surface of a shape that is one before a camera, for pictures of `size`; `None` for a sphere seen from far away.
+    /// The surface of a shape that is one before a camera, for pictures of `size`; `None` for a
+    /// sphere seen from far away.
     pub(crate) fn surface(self, size: (usize, usize), warnings: &mut Vec<String>) -> Result<Option<Placed>, Problem> {
         match self.object(size, warnings)?.0 {
             Object::Surface(placed) => Ok(Some(placed)),

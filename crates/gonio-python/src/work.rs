@@ -1,4 +1,5 @@
-//! Long work beside Python: on a thread of its own, with progress and Ctrl-C on the thread that waits for it.
+//! Long work beside Python: on a thread of its own, with progress and Ctrl-C on the thread that
+//! waits for it.
 
 use std::mem::take;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -56,8 +57,8 @@ impl Reporter {
     }
 }
 
-/// Does the work while other threads of Python run. When waiting ends before the work does, by Ctrl-C or by an exception of a listener, the worker stops the
-/// next time it reports.
+/// Does the work while other threads of Python run. When waiting ends before the work does, by
+/// Ctrl-C or by an exception of a listener, the worker stops the next time it reports.
 pub(crate) fn run<T: Send + 'static>(
     py: Python<'_>,
     listeners: Listeners,

@@ -1,7 +1,8 @@
-//! What an estimate looks like: one page to read ([`report`]), its pictures ([`panels`], [`summary`], [`uncertainty`]), and its numbers by name
-//! ([`notes`]).
+//! What an estimate looks like: one page to read ([`report`]), its pictures ([`panels`],
+//! [`summary`], [`uncertainty`]), and its numbers by name ([`notes`]).
 //!
-//! Nothing is read or written here: pictures are linear display values, which `gonio-io` encodes. [`page`] is the frame of all reports.
+//! Nothing is read or written here: pictures are linear display values, which `gonio-io` encodes.
+//! [`page`] is the frame of all reports.
 
 pub mod canvas;
 pub mod clock;

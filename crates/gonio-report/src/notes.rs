@@ -59,7 +59,8 @@ pub fn estimate(estimate: &Estimate) -> Value {
     })
 }
 
-/// The section `settings`: what the estimate was asked for. `linear` says whether integer values were taken for radiance.
+/// The section `settings`: what the estimate was asked for. `linear` says whether integer values
+/// were taken for radiance.
 pub fn settings(settings: &gonio::estimate::EstimateSettings, linear: bool) -> Value {
     json!({ "grid": settings.side, "linear": linear, "rows": settings.rows, "steps": LightProblem::STEPS })
 }

@@ -12,7 +12,8 @@ const GAP: usize = 12;
 /// Height of a line of text.
 const LINE: usize = 24;
 
-/// Photograph, reproduction and light, under them the material with the ends of what is probable; a line of text under all. Linear display values in 0..=1.
+/// Photograph, reproduction and light, under them the material with the ends of what is probable; a
+/// line of text under all. Linear display values in 0..=1.
 pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<Vec3> {
     let given = if subject.light.is_some() { "estimated light" } else { "given light" };
     let found = panels.spheres.first().map(|(_, sphere)| ("BRDF found, in a new light", sphere));
@@ -48,7 +49,8 @@ fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
     out
 }
 
-/// Puts panels side by side and rows below each other with a line of text under each panel, and one under all.
+/// Puts panels side by side and rows below each other with a line of text under each panel, and one
+/// under all.
 fn side_by_side(rows: &[Vec<(&str, &Plane<Vec3>)>], caption: &str) -> Plane<Vec3> {
     let width = |row: &Vec<(&str, &Plane<Vec3>)>| GAP + row.iter().map(|(_, p)| p.width() + GAP).sum::<usize>();
     let high = PANEL + GAP + LINE;

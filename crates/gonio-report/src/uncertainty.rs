@@ -32,8 +32,8 @@ const STOPS: [[u8; 3]; 9] = [
     [253, 231, 37],
 ];
 
-/// The mean over half and difference angle beside the factor between the 5 and the 95 % quantile, hatched where the photograph does not tell: linear
-/// display values in 0..=1.
+/// The mean over half and difference angle beside the factor between the 5 and the 95 % quantile,
+/// hatched where the photograph does not tell: linear display values in 0..=1.
 pub fn draw(material: &Material) -> Plane<Vec3> {
     let (left, right) = (mean(&material.table), width(material));
     let mut out = sheet(left.width() + right.width(), left.height());
@@ -51,7 +51,8 @@ pub fn mean(table: &BivariateTable) -> Plane<Vec3> {
     map("BRDF (1/sr)", &scale, &value, &|c| !is_trusted(c / THETA_D, c % THETA_D))
 }
 
-/// The factor between the 5 and the 95 % quantile over the same, hatched where the photograph does not tell.
+/// The factor between the 5 and the 95 % quantile over the same, hatched where the photograph does
+/// not tell.
 pub fn width(material: &Material) -> Plane<Vec3> {
     let (lower, upper) = (&material.quantiles[0], &material.quantiles[material.quantiles.len() - 1]);
     let factor = |c: usize| f64::from(upper[c].max(1e-9)) / f64::from(lower[c].max(1e-9));
@@ -96,7 +97,8 @@ fn colour(at: f64) -> Vec3 {
     (mixed / 255.0).map(srgb_decode)
 }
 
-/// One map with axes and a colour bar: half angle to the right, on the axis of the table, difference angle upwards.
+/// One map with axes and a colour bar: half angle to the right, on the axis of the table,
+/// difference angle upwards.
 fn map(title: &str, scale: &Scale, value: &dyn Fn(usize) -> f64, hatched: &dyn Fn(usize) -> bool) -> Plane<Vec3> {
     let mut sheet = sheet(LEFT + MAP + BAR.0 + BAR.1 + BAR.2, TOP + MAP + BOTTOM);
     let (out, left) = (&mut sheet, LEFT);

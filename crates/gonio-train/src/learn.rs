@@ -14,7 +14,8 @@ const RANGED: usize = 2000;
 /// The number of the first of them, beyond those of the training.
 const FIRST: u64 = 1 << 40;
 
-/// Learns the posterior from photographs of a stock. `progress` is told the share done, in 0..=1, and the loss in nats.
+/// Learns the posterior from photographs of a stock. `progress` is told the share done, in 0..=1,
+/// and the loss in nats.
 ///
 /// # Errors
 /// If a setting is out of range or the training diverges.
@@ -30,8 +31,9 @@ pub fn learn(
     Ok(posterior(stock, encoder, settings.components, RANGED.min(settings.steps * settings.batch)))
 }
 
-/// The posterior that an encoder of a stock's photographs makes, with what goes with it: the places of the measured materials, what is usual of features, from so many photographs, and how
-/// wide the prior is.
+/// The posterior that an encoder of a stock's photographs makes, with what goes with it: the places
+/// of the measured materials, what is usual of features, from so many photographs, and how wide the
+/// prior is.
 fn posterior(stock: &Stock, encoder: Encoder, components: usize, ranged: usize) -> Amortised {
     let dictionary = stock.dictionary();
     let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)

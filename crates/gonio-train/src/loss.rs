@@ -3,10 +3,12 @@
 
 use gonio::inference::amortised::LARGEST_LOG;
 
-/// The loss of one sample: `-log sum_k share_k N(z; mean_k, (T_k' T_k)^-1)` in nats. The outputs are overwritten by its gradient in them.
+/// The loss of one sample: `-log sum_k share_k N(z; mean_k, (T_k' T_k)^-1)` in nats. The outputs
+/// are overwritten by its gradient in them.
 ///
-/// With the responsibilities `r_k` of the components, `w = T (z - mean)`: `share_k - r_k` in the logarithm of a share, `-r_k T' w` in a mean, `r_k w_i (z - mean)_j` in
-/// an entry of `T` and `r_k (w_i (z - mean)_i T_ii - 1)` in the logarithm of one on its diagonal.
+/// With the responsibilities `r_k` of the components, `w = T (z - mean)`: `share_k - r_k` in the
+/// logarithm of a share, `-r_k T' w` in a mean, `r_k w_i (z - mean)_j` in an entry of `T` and `r_k
+/// (w_i (z - mean)_i T_ii - 1)` in the logarithm of one on its diagonal.
 pub(crate) fn mixture_loss(outputs: &mut [f32], z: &[f32], components: usize) -> f64 {
     let d = z.len();
     let each = d + d * (d + 1) / 2;

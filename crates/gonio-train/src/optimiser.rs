@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-/// AdamW (Loshchilov & Hutter 2019) with a bound on the gradient's norm, and the moving average of what it moves.
+/// AdamW (Loshchilov & Hutter 2019) with a bound on the gradient's norm, and the moving average of
+/// what it moves.
 pub(crate) struct Optimiser {
     mean: Vec<f32>,
     square: Vec<f32>,
@@ -63,8 +64,8 @@ impl Optimiser {
     }
 }
 
-/// Share of the largest rate at a share of the steps: a rise over three tenths and a fall over the rest, both along a cosine
-/// (Smith & Topin 2019).
+/// Share of the largest rate at a share of the steps: a rise over three tenths and a fall over the
+/// rest, both along a cosine (Smith & Topin 2019).
 pub(crate) fn one_cycle(at: f64) -> f64 {
     let cosine = |from: f64, to: f64, t: f64| to + 0.5 * (from - to) * (1.0 + (std::f64::consts::PI * t).cos());
     if at < 0.3 { cosine(0.04, 1.0, at / 0.3) } else { cosine(1.0, 1e-5, (at - 0.3) / 0.7) }

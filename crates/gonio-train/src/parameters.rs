@@ -1,7 +1,9 @@
 //! The numbers that are learnt, and the weights that they make.
 //!
-//! Convolutions have their weights standardised over the neighbourhood of each output and scaled by a gain that is learnt (Brock et al. 2021), in place of a
-//! normalisation of activations; the last one of a residual block has a small factor besides (De & Smith 2020). Dense layers are learnt as they are.
+//! Convolutions have their weights standardised over the neighbourhood of each output and scaled by
+//! a gain that is learnt (Brock et al. 2021), in place of a normalisation of activations; the last
+//! one of a residual block has a small factor besides (De & Smith 2020). Dense layers are learnt as
+//! they are.
 
 use std::ops::Range;
 
@@ -75,7 +77,8 @@ impl Parameters {
         all.flat_map(|(w, b, g, s)| [w, b, g, s]).flatten().cloned().collect()
     }
 
-    /// Numbers to start from, for outputs that are a mixture: it is near a standard normal, and its components are not all the same.
+    /// Numbers to start from, for outputs that are a mixture: it is near a standard normal, and its
+    /// components are not all the same.
     pub(crate) fn random(&self, dimensions: usize, components: usize, seed: u64) -> Vec<f32> {
         let mut rng = Pcg64::seed_from_u64(seed);
         let mut normal = |deviation: f64| (deviation * Distribution::<f64>::sample(&StandardNormal, &mut rng)) as f32;
@@ -134,7 +137,8 @@ struct Standard {
     spread: Vec<f32>,
 }
 
-/// For each column `f` of what is in a row and column, summed over rows. `values` has rows of `columns`.
+/// For each column `f` of what is in a row and column, summed over rows. `values` has rows of
+/// `columns`.
 fn sums(values: &[f32], columns: usize, f: impl Fn(usize, f32) -> f32) -> Vec<f32> {
     let mut sums = vec![0.0; columns];
     for (row, values) in values.chunks_exact(columns).enumerate() {
@@ -177,7 +181,8 @@ impl Slots {
         out
     }
 
-    /// The gradient in the layer's numbers, in the order of their places, for that in its weights and bias.
+    /// The gradient in the layer's numbers, in the order of their places, for that in its weights
+    /// and bias.
     fn pull(&self, values: &[f32], back: &[f32]) -> Vec<f32> {
         let mut out = back.to_vec();
         let Some(gain) = &self.gain else { return out };

@@ -3,7 +3,8 @@ use gonio::inference::amortised::{MixtureDensity, Step};
 use crate::train::{Model, Part};
 use crate::{PART, Samples, TrainingSettings, evaluate, train};
 
-/// A bright spot in a noisy image: its width and place are asked for, and one of the globals says the place up and down.
+/// A bright spot in a noisy image: its width and place are asked for, and one of the globals says
+/// the place up and down.
 struct Spots {
     side: usize,
     channels: usize,

@@ -12,7 +12,8 @@ use crate::optimiser::{Optimiser, Stride, one_cycle};
 use crate::parameters::Parameters;
 use crate::pass::Layers;
 
-/// Samples that are worked on together by one thread: few enough for their activations to stay in cache.
+/// Samples that are worked on together by one thread: few enough for their activations to stay in
+/// cache.
 pub const PART: usize = 8;
 
 /// How an encoder is trained.
@@ -23,7 +24,8 @@ pub struct TrainingSettings {
     pub steps: usize,
     /// Samples between steps.
     pub batch: usize,
-    /// Largest rate of the optimiser; it rises over the first three tenths of the steps and falls over the rest.
+    /// Largest rate of the optimiser; it rises over the first three tenths of the steps and falls
+    /// over the rest.
     pub rate: f64,
     /// Decay of weights.
     pub decay: f64,
@@ -33,7 +35,8 @@ pub struct TrainingSettings {
     pub components: usize,
     /// Norm that gradients are cut to.
     pub longest: f64,
-    /// Share of the moving average of the weights that stays in each step; the average is what comes of the training.
+    /// Share of the moving average of the weights that stays in each step; the average is what
+    /// comes of the training.
     pub average: f64,
     /// As in [`EncoderShape::widths`].
     pub widths: Vec<usize>,
@@ -138,7 +141,8 @@ impl Model {
         Ok(Self { shape, layers, parameters, components: settings.components, drop: settings.drop })
     }
 
-    /// Sum of the loss over a part, and its gradient in the weights of each layer. Units are left out by `seed`.
+    /// Sum of the loss over a part, and its gradient in the weights of each layer. Units are left
+    /// out by `seed`.
     fn gradient(&self, part: Part, weights: &[Vec<f32>], seed: u64) -> (f64, Vec<Vec<f32>>) {
         let masks = self.masks(part.count, seed);
         let trace = self.layers.forward(part.images, &part.globals, part.count, weights, &masks);
@@ -149,7 +153,8 @@ impl Model {
         (value, self.layers.backward(trace, back, weights, &masks))
     }
 
-    /// What the units of the hidden layers are multiplied by: zero for those left out, and more than one for the rest to keep the mean.
+    /// What the units of the hidden layers are multiplied by: zero for those left out, and more
+    /// than one for the rest to keep the mean.
     fn masks(&self, count: usize, seed: u64) -> Vec<Vec<f32>> {
         if self.drop == 0.0 {
             return Vec::new();
@@ -194,9 +199,10 @@ impl Model {
     }
 }
 
-/// Fits an encoder whose outputs are a [`MixtureDensity`] of `settings.components` to the samples: step `i` sees those from `i * batch` on. `progress` is told the share
-/// of the steps done and the mean loss (minus the log density, in nats) of the last one. Runs on the threads of rayon's pool; deterministic for the
-/// seed, whatever their number.
+/// Fits an encoder whose outputs are a [`MixtureDensity`] of `settings.components` to the samples:
+/// step `i` sees those from `i * batch` on. `progress` is told the share of the steps done and the
+/// mean loss (minus the log density, in nats) of the last one. Runs on the threads of rayon's pool;
+/// deterministic for the seed, whatever their number.
 pub fn train(
     samples: &dyn Samples,
     settings: &TrainingSettings,
@@ -223,7 +229,8 @@ pub fn train(
     Ok(model.parameters.export(optimiser.average(), &model.shape)?)
 }
 
-/// Mean loss (minus the log density, in nats) of an encoder of so many components over samples. Deterministic; on rayon's threads.
+/// Mean loss (minus the log density, in nats) of an encoder of so many components over samples.
+/// Deterministic; on rayon's threads.
 ///
 /// # Panics
 /// If the encoder is not one for such samples, or if there are none.

@@ -1,11 +1,13 @@
-//! The inference of gonio in a browser: a photograph of a ball in, its material, light and files out, and nothing leaves the machine.
+//! The inference of gonio in a browser: a photograph of a ball in, its material, light and files
+//! out, and nothing leaves the machine.
 //!
 //! * [`session`]: a photograph and what is found of it, step by step, as JSON and bytes;
 //! * [`preview`]: a photograph to look at.
 //!
-//! This module hands a [`session::Session`] to JavaScript. `page/` holds the page: `index.html` with its style, `page.js`, which shows, and
-//! `worker.js`, which runs a session in a worker, so that the page stays alive. `cargo run -p xtask -- web` makes one file of all this. Times
-//! are taken by the worker; nothing here reads a clock.
+//! This module hands a [`session::Session`] to JavaScript. `page/` holds the page: `index.html`
+//! with its style, `page.js`, which shows, and `worker.js`, which runs a session in a worker, so
+//! that the page stays alive. `cargo run -p xtask -- web` makes one file of all this. Times are
+//! taken by the worker; nothing here reads a clock.
 
 pub mod preview;
 pub mod session;
@@ -29,7 +31,8 @@ pub fn prepare() {
     gemm_common::set_wasm_simd128(cfg!(target_feature = "simd128"));
 }
 
-/// A [`session::Session`] for JavaScript. What fails throws a string that can be shown. What is called before its turn throws too.
+/// A [`session::Session`] for JavaScript. What fails throws a string that can be shown. What is
+/// called before its turn throws too.
 #[wasm_bindgen]
 pub struct Session(session::Session);
 
@@ -49,7 +52,8 @@ impl Session {
         self.0.preview(side).to_string()
     }
 
-    /// Finds the ball; an outline of three numbers (centre and radius in pixels) is taken as it is. JSON.
+    /// Finds the ball; an outline of three numbers (centre and radius in pixels) is taken as it is.
+    /// JSON.
     ///
     /// # Errors
     /// If there is no ball, or too little of it.

@@ -4,8 +4,8 @@ use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::render::Exposure;
 
-/// The picture with its longer side at most `side` pixels, exposed so that four fifths of what is not black lie below a half: linear display
-/// values.
+/// The picture with its longer side at most `side` pixels, exposed so that four fifths of what is
+/// not black lie below a half: linear display values.
 pub fn preview(picture: &Picture, side: usize) -> Plane<Vec3> {
     let small = shrunk(&picture.rgb, side);
     let lit = |i: usize| small.as_slice()[i].max_element() > 0.0;

@@ -19,7 +19,8 @@ use serde_json::{Value, json};
 
 use crate::preview;
 
-/// Pixels at most: decoded and looked at, they take a good part of the four gigabytes that a page may have.
+/// Pixels at most: decoded and looked at, they take a good part of the four gigabytes that a page
+/// may have.
 const MAX_PIXELS: u64 = 1 << 25;
 /// Rows of the lights of the viewer that are not found, as in the report.
 const ROWS: usize = 64;
@@ -103,8 +104,9 @@ impl Session {
         json!({ "width": width, "height": height, "png": png(&preview::preview(&self.picture, side)) })
     }
 
-    /// Finds the ball and samples the photograph on it. An outline of `[x, y, radius]` in pixels is not looked for. Where none can be found, what
-    /// comes back says `why`, and the user may give one.
+    /// Finds the ball and samples the photograph on it. An outline of `[x, y, radius]` in pixels is
+    /// not looked for. Where none can be found, what comes back says `why`, and the user may give
+    /// one.
     ///
     /// # Errors
     /// If too little of the ball can be used.
@@ -161,7 +163,8 @@ impl Session {
         Ok(notes)
     }
 
-    /// Finds the light on a grid of `side` texels a side: a coarse one comes sooner. The last one found is kept.
+    /// Finds the light on a grid of `side` texels a side: a coarse one comes sooner. The last one
+    /// found is kept.
     ///
     /// # Errors
     /// If the material has not been found, or the grid is none that the prior covers.
@@ -223,7 +226,8 @@ impl Session {
         result["warnings"] = json!(warnings.collect::<Vec<_>>());
         result["seconds"] = serde_json::from_str(seconds).unwrap_or_default();
         notes::extend(&mut result, notes::estimate(&estimate));
-        // The picture of the quantiles is for the program alone: what the page offers has no such file.
+        // The picture of the quantiles is for the program alone: what the page offers has no such
+        // file.
         if let Some(reflectance) = result["reflectance"].as_object_mut() {
             reflectance.remove("quantiles");
             reflectance["note"] =

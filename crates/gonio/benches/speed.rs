@@ -1,8 +1,9 @@
-//! Speed of the steps between a photograph and its posterior: the plan, Algorithm 1, the block solver, the marginal
-//! inference, the renderer.
+//! Speed of the steps between a photograph and its posterior: the plan, Algorithm 1, the block
+//! solver, the marginal inference, the renderer.
 //!
-//! `cargo bench -p gonio`. Lights and reflectances are synthetic, of the sizes that a real image of a sphere has: a light
-//! of 32 x 32 texels (M = 1024), ten basis functions (K = 10), a projection on 800 directions.
+//! `cargo bench -p gonio`. Lights and reflectances are synthetic, of the sizes that a real image of
+//! a sphere has: a light of 32 x 32 texels (M = 1024), ten basis functions (K = 10), a projection
+//! on 800 directions.
 
 use std::sync::LazyLock;
 
@@ -46,7 +47,8 @@ impl World {
     }
 }
 
-/// A dozen skies with lamps, and ten lobes of maximum one, as the functions of a trained basis have it.
+/// A dozen skies with lamps, and ten lobes of maximum one, as the functions of a trained basis have
+/// it.
 static WORLD: LazyLock<World> = LazyLock::new(|| {
     let mut rng = Pcg64::seed_from_u64(1);
     let lights: Vec<LightGrid> = (0..12)
@@ -119,8 +121,9 @@ fn cost(bencher: Bencher<'_, '_>) {
     bencher.bench_local(|| Expectations::new(&problem, black_box(&ensemble)).cost(&problem));
 }
 
-/// One iteration from a random start. With [`Solver::Parallel`] an update and its line search; with [`Solver::Blocks`] a round
-/// of the block solver and, once for each image, the Gram matrices that [`grams`] measures.
+/// One iteration from a random start. With [`Solver::Parallel`] an update and its line search; with
+/// [`Solver::Blocks`] a round of the block solver and, once for each image, the Gram matrices that
+/// [`grams`] measures.
 #[divan::bench(args = [Solver::Parallel, Solver::Blocks], sample_count = 10, sample_size = 1)]
 fn iteration(bencher: Bencher<'_, '_>, solver: Solver) {
     let problem = problem();

@@ -1,4 +1,5 @@
-//! Blind reflectometry: the BRDF of an object of known shape from one photograph under light that nobody measured.
+//! Blind reflectometry: the BRDF of an object of known shape from one photograph under light that
+//! nobody measured.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

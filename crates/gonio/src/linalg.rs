@@ -9,8 +9,8 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-/// Eigenvalues, ascending, and eigenvectors of a symmetric matrix, on one thread: the parallel tridiagonalisation splits its
-/// sums by the number of threads.
+/// Eigenvalues, ascending, and eigenvectors of a symmetric matrix, on one thread: the parallel
+/// tridiagonalisation splits its sums by the number of threads.
 pub(crate) fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
     let n = a.nrows();
     let mut values = vec![0.0; n];
@@ -29,7 +29,8 @@ pub(crate) fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
     (values, vectors)
 }
 
-/// The solution of a symmetric positive definite system, on one thread. `None` where it is not positive definite.
+/// The solution of a symmetric positive definite system, on one thread. `None` where it is not
+/// positive definite.
 pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<f64>> {
     let size = matrix.nrows();
     let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
@@ -45,7 +46,8 @@ pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<
 /// Columns of a matrix that are worth handing to another thread.
 const COLUMNS: usize = 8;
 
-/// Does something to every column of a column-major matrix, in the caller's pool: the parallel iterators of faer itself do not build for browsers.
+/// Does something to every column of a column-major matrix, in the caller's pool: the parallel
+/// iterators of faer itself do not build for browsers.
 pub(crate) fn each_column(columns: MatMut<'_, f64>, work: &(impl Fn(&mut [f64]) + Sync)) {
     if columns.ncols() > COLUMNS {
         let middle = columns.ncols() / 2;
@@ -68,7 +70,8 @@ pub(crate) fn project(x: &[f64], mean: &[f64], axis: &[f64]) -> f64 {
     x.iter().zip(mean).zip(axis).map(|((x, m), a)| (x - m) * a).sum()
 }
 
-/// Mean, orthonormal axes of most variance, and the variance along each, of rows of equal length: by the Gram matrix of the rows.
+/// Mean, orthonormal axes of most variance, and the variance along each, of rows of equal length:
+/// by the Gram matrix of the rows.
 pub(crate) fn principal_axes(rows: &[Vec<f64>], rank: usize) -> (Vec<f64>, Vec<Vec<f64>>, Vec<f64>) {
     let (n, length) = (rows.len(), rows[0].len());
     let mean: Vec<f64> = (0..length).map(|c| rows.iter().map(|r| r[c]).sum::<f64>() / n as f64).collect();

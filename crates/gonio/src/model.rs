@@ -1,5 +1,5 @@
-//! A trained model: everything that was learnt from captured lights and measured materials, and that inference takes
-//! as given (paper 3.1 and 3.2).
+//! A trained model: everything that was learnt from captured lights and measured materials, and
+//! that inference takes as given (paper 3.1 and 3.2).
 
 use thiserror::Error;
 
@@ -117,7 +117,8 @@ pub enum ModelError {
     /// A posterior of materials whose parts do not fit.
     #[error("the posterior of materials cannot be: {0}")]
     Posterior(#[from] PosteriorFault),
-    /// A material whose scale is not positive or one of whose coefficients is negative or not finite.
+    /// A material whose scale is not positive or one of whose coefficients is negative or not
+    /// finite.
     #[error("material \"{material}\" has a scale or coefficient of {value}")]
     Material {
         /// Name of the material.
@@ -151,7 +152,8 @@ const MAX_SCALES: u32 = 14;
 const WEIGHT_TOLERANCE: f64 = 1e-6;
 
 impl Model {
-    /// Whether all parts are consistent: lengths fit, weights and variances are proper, everything is finite.
+    /// Whether all parts are consistent: lengths fit, weights and variances are proper, everything
+    /// is finite.
     ///
     /// # Errors
     /// The first thing found that is not.

@@ -1,7 +1,7 @@
 //! Pictures in memory: linear RGB radiance with an optional coverage channel.
 //!
-//! Row 0 is the top row. Values are linear and on an arbitrary scale; what file they came from, and how they were
-//! coded there, is the business of `gonio-io`.
+//! Row 0 is the top row. Values are linear and on an arbitrary scale; what file they came from, and
+//! how they were coded there, is the business of `gonio-io`.
 
 use std::fmt;
 use std::sync::Arc;
@@ -36,7 +36,8 @@ impl<T> Plane<T> {
         Self { width, height, data: Pixels::Own(data) }
     }
 
-    /// As [`Self::from_vec`] without taking the pixels over: they are read where they are, and copied before they are changed.
+    /// As [`Self::from_vec`] without taking the pixels over: they are read where they are, and
+    /// copied before they are changed.
     ///
     /// # Panics
     /// If there are not `width * height` of them.
@@ -130,7 +131,8 @@ impl<T: Clone> std::ops::IndexMut<(usize, usize)> for Plane<T> {
     }
 }
 
-/// A picture: linear RGB radiance, and how much of each pixel the object covers where the file says so.
+/// A picture: linear RGB radiance, and how much of each pixel the object covers where the file says
+/// so.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Linear RGB radiance.

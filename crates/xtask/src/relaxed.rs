@@ -1,7 +1,9 @@
-//! Takes relaxed vector instructions out of a module: where a browser does not have them, it refuses the module as a whole.
+//! Takes relaxed vector instructions out of a module: where a browser does not have them, it
+//! refuses the module as a whole.
 //!
-//! They come with code that asks at run time whether it may use them, and with default features of dependencies of dependencies, which cannot be
-//! turned off here. A relaxed multiplication with addition may round once or twice, so that a multiplication and an addition are one.
+//! They come with code that asks at run time whether it may use them, and with default features of
+//! dependencies of dependencies, which cannot be turned off here. A relaxed multiplication with
+//! addition may round once or twice, so that a multiplication and an addition are one.
 
 use anyhow::{Result, bail};
 use walrus::ir::{
@@ -51,7 +53,8 @@ impl VisitorMut for Replacer {
 }
 
 impl Replacer {
-    /// What does the same as an instruction if it is a relaxed one; its name if nothing is known to.
+    /// What does the same as an instruction if it is a relaxed one; its name if nothing is known
+    /// to.
     fn replacement(&self, instruction: &Instr) -> Result<Option<Vec<Instr>>, String> {
         match instruction {
             Instr::TernOp(TernOp { op }) => self.ternary(*op).map(Some),
@@ -78,7 +81,8 @@ impl Replacer {
     }
 }
 
-/// The operation that a relaxed one may be taken for: it leaves open what becomes of zeros with signs and of what is no number.
+/// The operation that a relaxed one may be taken for: it leaves open what becomes of zeros with
+/// signs and of what is no number.
 fn binary(op: BinaryOp) -> Result<Option<BinaryOp>, String> {
     Ok(Some(match op {
         BinaryOp::F32x4RelaxedMin => BinaryOp::F32x4Min,

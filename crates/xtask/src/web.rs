@@ -15,7 +15,8 @@ use crate::relaxed;
 const TARGET: &str = "wasm32-unknown-unknown";
 /// What browsers have had since 2023 at the latest, and the inference needs to be quick.
 const FEATURES: &str = "-C target-feature=+simd128";
-/// Places of the page, each once in `index.html`, and the file of the workspace that goes there as it is.
+/// Places of the page, each once in `index.html`, and the file of the workspace that goes there as
+/// it is.
 const PARTS: [(&str, &[&str]); 2] = [
     ("@@STYLE@@", &["crates/gonio-report/viewer/viewer.css", "crates/gonio-web/page/page.css"]),
     (

@@ -1,7 +1,8 @@
 //! `gonio batch`: `gonio infer` for every row of a table.
 //!
-//! A row becomes the arguments of `gonio infer`. What became of it is noted in a file of its own below `rows/`, so that shards that run at the same
-//! time do not meet, and a run that was killed goes on where it was.
+//! A row becomes the arguments of `gonio infer`. What became of it is noted in a file of its own
+//! below `rows/`, so that shards that run at the same time do not meet, and a run that was killed
+//! goes on where it was.
 
 mod manifest;
 mod merge;
@@ -28,8 +29,9 @@ const NOTES: &str = "rows";
 /// Options of `gonio batch`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Table (CSV): a column `image`, a column `name` for the folder of each row's results, and a column for any option of gonio infer
-    /// (`mask`, `normals`, `light-color`, …); files are relative to the table, cells may be empty
+    /// Table (CSV): a column `image`, a column `name` for the folder of each row's results, and a
+    /// column for any option of gonio infer (`mask`, `normals`, `light-color`, …); files are
+    /// relative to the table, cells may be empty
     #[arg(required_unless_present = "merge")]
     manifest: Option<PathBuf>,
     /// Folder for a folder of results of each row, and for batch.csv

@@ -1,4 +1,5 @@
-//! Methods that find the coefficients of reflectance in a basis: the paper's and those to compare with.
+//! Methods that find the coefficients of reflectance in a basis: the paper's and those to compare
+//! with.
 
 use anyhow::{Context, Result, bail};
 use gonio::estimate::ALBEDO;
@@ -86,7 +87,8 @@ fn project(
         return Ok((projected, json!({ "light": path.display().to_string() }), stage.finish()));
     }
     let settings = PlanSettings { side: options.grid, ..PlanSettings::default() };
-    // Few observations: nothing to gain from a plan, which has more directions than there are values.
+    // Few observations: nothing to gain from a plan, which has more directions than there are
+    // values.
     if options.full_rows || observations.report.used <= settings.rank {
         let stage = Stage::new("integrating the basis");
         let projected =

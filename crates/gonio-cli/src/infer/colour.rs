@@ -11,9 +11,11 @@ use super::Options;
 /// Ways to colour the BRDF.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 pub(super) enum ColourName {
-    /// A colour of the body and one of the highlight, each with the light's colour taken off as far as the photograph tells it
+    /// A colour of the body and one of the highlight, each with the light's colour taken off as far
+    /// as the photograph tells it
     Estimate,
-    /// The median colour of the photograph for all, light and reflectance together: how the paper displays its results
+    /// The median colour of the photograph for all, light and reflectance together: how the paper
+    /// displays its results
     Median,
     /// Three equal channels
     None,

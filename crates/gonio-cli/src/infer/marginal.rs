@@ -1,4 +1,5 @@
-//! The method `marginal`: the posterior of the material with the light integrated out, then the light given its mean.
+//! The method `marginal`: the posterior of the material with the light integrated out, then the
+//! light given its mean.
 
 use anyhow::{Context, Result, bail};
 use gonio::estimate::{Colouring, Estimate, EstimateSettings, estimate};

@@ -1,6 +1,7 @@
 //! `gonio infer`: photograph -> observations -> posterior -> outputs.
 //!
-//! What a method finds is an [`Answer`]: `marginal` and `basis` make one, the rest is common to all.
+//! What a method finds is an [`Answer`]: `marginal` and `basis` make one, the rest is common to
+//! all.
 
 mod basis;
 mod colour;
@@ -33,9 +34,11 @@ use crate::shape::MeshOptions;
 /// Options of `gonio infer`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// HDR photograph (EXR, Radiance HDR, PFM; PNG, TIFF, JPEG with a warning), or the first exposure of a bracket
+    /// HDR photograph (EXR, Radiance HDR, PFM; PNG, TIFF, JPEG with a warning), or the first
+    /// exposure of a bracket
     image: PathBuf,
-    /// Further exposures of the same scene (8 or 16-bit JPEG, PNG, TIFF), to be merged with it as by gonio merge
+    /// Further exposures of the same scene (8 or 16-bit JPEG, PNG, TIFF), to be merged with it as
+    /// by gonio merge
     exposures: Vec<PathBuf>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
@@ -48,15 +51,18 @@ pub(crate) struct Options {
     depth_axis: Option<f64>,
     #[command(flatten)]
     shape_options: MeshOptions,
-    /// Picture of the object's normals instead (EXR, NPY, PNG): camera space, x right, y up, z towards the camera
+    /// Picture of the object's normals instead (EXR, NPY, PNG): camera space, x right, y up, z
+    /// towards the camera
     #[arg(long, value_name = "FILE", conflicts_with = "mesh")]
     normals: Option<PathBuf>,
     #[command(flatten)]
     normal_options: observe::NormalOptions,
-    /// Take all light above a point's horizon to arrive there, whatever the object keeps from itself
+    /// Take all light above a point's horizon to arrive there, whatever the object keeps from
+    /// itself
     #[arg(long)]
     no_shadows: bool,
-    /// Where the object is: a picture that is bright on it; without one, the alpha channel or a constant background tells
+    /// Where the object is: a picture that is bright on it; without one, the alpha channel or a
+    /// constant background tells
     #[arg(long, value_name = "FILE")]
     mask: Option<PathBuf>,
     /// The sphere's outline in pixels, centre from the top left corner, if it is not to be found
@@ -83,14 +89,15 @@ pub(crate) struct Options {
     /// Texels along a side of the light grid, a power of two
     #[arg(long, default_value_t = 32)]
     grid: usize,
-    /// Run --method variational or map on all observations instead of their projection (slower, more memory)
+    /// Run --method variational or map on all observations instead of their projection (slower,
+    /// more memory)
     #[arg(long)]
     full_rows: bool,
     /// How the BRDF, which is found from luminance, is coloured
     #[arg(long, value_enum, default_value_t = colour::ColourName::Estimate)]
     color: colour::ColourName,
-    /// Linear colour of a white matte ball, or of a grey card towards the camera, in the object's place, where it is known; its
-    /// brightness does not matter
+    /// Linear colour of a white matte ball, or of a grey card towards the camera, in the object's
+    /// place, where it is known; its brightness does not matter
     #[arg(long, value_name = "R,G,B", value_parser = colour::parse_light, conflicts_with = "light")]
     light_color: Option<[f64; 3]>,
     /// Write no report.html, which takes a few seconds
@@ -119,7 +126,8 @@ enum Shape {
 /// Names of the methods.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum MethodName {
-    /// Posterior of the material with the light integrated out over captured lights, learnt beforehand
+    /// Posterior of the material with the light integrated out over captured lights, learnt
+    /// beforehand
     Marginal,
     /// Separable posterior of light and reflectance (Algorithm 1 of the paper)
     Variational,

@@ -31,7 +31,8 @@ pub(super) struct NormalOptions {
     /// Take the normals as they are even if they contradict themselves
     #[arg(long, requires = "normals")]
     trust_normals: bool,
-    /// Picture of the object's depth (EXR, NPY, 16-bit PNG), to know which light it keeps from itself
+    /// Picture of the object's depth (EXR, NPY, 16-bit PNG), to know which light it keeps from
+    /// itself
     #[arg(long, value_name = "FILE", requires = "normals", conflicts_with = "positions")]
     depth: Option<PathBuf>,
     /// Depths that the codes 0 and 1 of an integer picture stand for

@@ -103,7 +103,8 @@ fn jpeg(image: &RgbImage, exif: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// A bench with the exposures 0.png ... 5.png, 0.jpg ... 5.jpg, 0.tif ... 5.tif (without times), and curve.csv.
+/// A bench with the exposures 0.png ... 5.png, 0.jpg ... 5.jpg, 0.tif ... 5.tif (without times),
+/// and curve.csv.
 fn bench() -> (Bench, Picture) {
     let (bench, scene) = (Bench::new(), scene());
     for (i, fraction) in TIMES.iter().enumerate() {
@@ -126,7 +127,8 @@ fn read(bench: &Bench, name: &str) -> Decoded {
     decode(name.as_ref(), &bench.read(name), &ReadOptions::default()).unwrap()
 }
 
-/// Relative errors of all channels of pixels that are not clipped, in order; each channel on its best scale if it is free.
+/// Relative errors of all channels of pixels that are not clipped, in order; each channel on its
+/// best scale if it is free.
 fn errors(got: &Decoded, scene: &Plane<Vec3>, free_scale: bool) -> Vec<f32> {
     let level = got.full_scale.unwrap();
     let known = || got.picture.rgb.as_slice().iter().zip(scene.as_slice()).filter(|(v, _)| v.max_element() < level);

@@ -94,7 +94,8 @@ impl Bench {
         Run { code: out.status.code(), stdout: text(out.stdout), stderr: text(out.stderr) }
     }
 
-    /// Runs `gonio`, which refuses, says each of `says` in one line, and leaves the folder as it was.
+    /// Runs `gonio`, which refuses, says each of `says` in one line, and leaves the folder as it
+    /// was.
     #[track_caller]
     pub(crate) fn refuses(&self, line: &str, says: &[&str]) {
         let before = self.tree();
@@ -137,7 +138,8 @@ pub(crate) fn merl(table: &BivariateTable) -> MerlTable {
     MerlTable::from_bivariate([table, table, table])
 }
 
-/// A photograph of a ball: alpha around it, and noise of two per cent, without which the inference would take its time.
+/// A photograph of a ball: alpha around it, and noise of two per cent, without which the inference
+/// would take its time.
 pub(crate) fn ball() -> Picture {
     let settings = SphereSettings { size: SIZE, ..SphereSettings::default() };
     let light = LightTree::of_map(&studio_light(32));

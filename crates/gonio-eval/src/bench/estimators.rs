@@ -30,7 +30,8 @@ pub(crate) struct Photograph<'a> {
 pub(crate) struct Estimate {
     /// The BRDF, on any scale; none of it if the estimator failed.
     pub(crate) table: Option<BivariateTable>,
-    /// Ends of the central 50 % and 90 % intervals of each cell, on the scale of `table`: 5, 25, 75, 95 %.
+    /// Ends of the central 50 % and 90 % intervals of each cell, on the scale of `table`: 5, 25,
+    /// 75, 95 %.
     pub(crate) quantiles: Option<[Vec<f32>; 4]>,
     /// What the optimiser said.
     pub(crate) report: Report,
@@ -55,13 +56,15 @@ pub(crate) struct Report {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Estimator {
-    /// Mean of the training materials, each of albedo one: an answer that does not look at the image.
+    /// Mean of the training materials, each of albedo one: an answer that does not look at the
+    /// image.
     TrainingMean,
     /// A Lambertian surface.
     Lambertian,
     /// The training material with the least BRDF error: an oracle.
     NearestMaterial,
-    /// The true table without `phi_d` and colour: what no bivariate grey estimate beats but by luck.
+    /// The true table without `phi_d` and colour: what no bivariate grey estimate beats but by
+    /// luck.
     TrueBivariate,
     /// The separable posterior given the true light: an oracle.
     KnownLight,

@@ -1,4 +1,5 @@
-//! The grid of the benchmark: which material is seen in which light by an estimator that learnt from which materials.
+//! The grid of the benchmark: which material is seen in which light by an estimator that learnt
+//! from which materials.
 
 use std::str::FromStr;
 
@@ -15,7 +16,8 @@ pub(crate) enum Protocol {
     All,
     /// All but every fifth material, tested on those: the honest figure.
     LeaveOut,
-    /// All materials, tested on others: measurements of another laboratory and formulas of other families.
+    /// All materials, tested on others: measurements of another laboratory and formulas of other
+    /// families.
     Outside,
 }
 
@@ -114,7 +116,8 @@ impl FromStr for Shard {
     }
 }
 
-/// The lights that an estimate from `input` is relit in: those of `wanted`, `input` itself replaced by the first spare one.
+/// The lights that an estimate from `input` is relit in: those of `wanted`, `input` itself replaced
+/// by the first spare one.
 pub(crate) fn relight_lights(wanted: &[String], spare: &[String], input: &str) -> Vec<String> {
     let replacement = spare.iter().find(|s| *s != input && !wanted.contains(s));
     wanted.iter().filter_map(|w| if w == input { replacement.cloned() } else { Some(w.clone()) }).collect()

@@ -63,7 +63,8 @@ impl Record {
         if self.relight.is_empty() { 1.0 } else { mean(&self.relight.iter().map(|r| r.relative).collect::<Vec<_>>()) }
     }
 
-    /// Mean logarithmic relight error; that of a black picture (ln 101 at a pixel of mean brightness) without an estimate.
+    /// Mean logarithmic relight error; that of a black picture (ln 101 at a pixel of mean
+    /// brightness) without an estimate.
     pub(crate) fn log(&self) -> f64 {
         if self.relight.is_empty() {
             101.0_f64.ln()

@@ -26,7 +26,8 @@ pub(crate) struct Knowledge {
 }
 
 impl Knowledge {
-    /// Of the protocol's training materials; the light prior is the embedded one, from lights that no test uses.
+    /// Of the protocol's training materials; the light prior is the embedded one, from lights that
+    /// no test uses.
     pub(crate) fn gather(
         materials: &Materials,
         protocol: Protocol,
@@ -50,7 +51,8 @@ impl Knowledge {
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
         let learn = |(lights, learning): (&Lights, &Learning)| {
             let names = lights.names();
-            // Of as many lights and these materials in the usual way: training it again would give the same.
+            // Of as many lights and these materials in the usual way: training it again would give
+            // the same.
             let same = |found: &Amortised| {
                 *learning == Learning::default()
                     && names.len() == light.lights

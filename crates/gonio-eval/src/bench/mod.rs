@@ -1,7 +1,9 @@
-//! `gonio-eval bench`: estimators and references against each other over a grid of materials and lights.
+//! `gonio-eval bench`: estimators and references against each other over a grid of materials and
+//! lights.
 //!
-//! First everything is rendered, light by light (a tree of light is large), then the photographs are worked on, one by each
-//! thread. Both halves keep what is finished: renders in the cache, cells in the folder of the run.
+//! First everything is rendered, light by light (a tree of light is large), then the photographs
+//! are worked on, one by each thread. Both halves keep what is finished: renders in the cache,
+//! cells in the folder of the run.
 
 mod estimators;
 mod grid;

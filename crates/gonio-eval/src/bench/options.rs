@@ -25,7 +25,8 @@ pub(crate) struct Options {
     /// Folder of full MERL `.binary` files [default: DATA/merl]
     #[arg(long)]
     merl: Option<PathBuf>,
-    /// What the tested materials are to the estimators [default: all,leave-out; with --quick leave-out]
+    /// What the tested materials are to the estimators [default: all,leave-out; with --quick
+    /// leave-out]
     #[arg(long, value_enum, value_delimiter = ',')]
     protocols: Vec<Protocol>,
     /// Only these materials (each protocol tests those it may)

@@ -24,7 +24,8 @@ pub(crate) struct Render {
 /// Raised when the renderer gives other pictures for the same input.
 const VERSION: u32 = 1;
 
-/// Against a twentieth of this tolerance, pictures differ by 0.05 to 0.4 % after the common scale (`gonio-eval quadrature`).
+/// Against a twentieth of this tolerance, pictures differ by 0.05 to 0.4 % after the common scale
+/// (`gonio-eval quadrature`).
 pub(crate) const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.2, max_cells: 40_000 };
 
 /// The key of the render of a material (by the fingerprint of its table) in a light at points.
@@ -91,7 +92,8 @@ pub(crate) fn images(
     Ok(images)
 }
 
-/// White noise added to an image: standard deviation `relative` of its mean; the seed is that of the image's key.
+/// White noise added to an image: standard deviation `relative` of its mean; the seed is that of
+/// the image's key.
 pub(crate) fn add_noise(values: &mut [f64], relative: f64, key: &str) {
     if relative <= 0.0 {
         return;
@@ -128,7 +130,8 @@ mod tests {
         let white_table = BivariateTable::from_fn(|_, _| std::f64::consts::FRAC_1_PI);
         let full = MerlTable::from_bivariate([&white_table; 3]);
         let got = render(&full, &white(), &[point(); 3]);
-        // The midpoint rule under a constant light errs in one direction, and more than under any real one.
+        // The midpoint rule under a constant light errs in one direction, and more than under any
+        // real one.
         assert!((got.luminance[1] - 1.0).abs() < 0.05, "{got:?}");
         assert!(got.colour.iter().all(|c| (c - 1.0).abs() < 1e-3));
     }

@@ -135,8 +135,8 @@ impl Bench {
         self.materials.outside().contains(&unit.material)
     }
 
-    /// Luminance tables that relighting must be sharp enough for. Those outside of the database count only where one of them
-    /// was tested, so that the other cells do not depend on them.
+    /// Luminance tables that relighting must be sharp enough for. Those outside of the database
+    /// count only where one of them was tested, so that the other cells do not depend on them.
     fn examples(&self, outside: bool) -> Vec<BivariateTable> {
         let last = if outside { self.materials.outside().end } else { self.materials.database().end };
         (0..last).map(|m| self.materials.luminance(m)).collect()
@@ -146,7 +146,8 @@ impl Bench {
         renders::render_key(&self.fingerprints.materials[&material], &self.fingerprints.lights[light], points)
     }
 
-    /// Renders every photograph and every reference picture that is not in the cache, one light after the other.
+    /// Renders every photograph and every reference picture that is not in the cache, one light
+    /// after the other.
     fn render(&self, work: &[Work]) -> Result<()> {
         let mut wanted: BTreeSet<(String, bool, usize)> = BTreeSet::new();
         for (unit, _) in work {
@@ -219,8 +220,8 @@ impl Bench {
         std::thread::scope(|scope| {
             for _ in 0..threads.min(work.len()) {
                 scope.spawn(|| {
-                    // One core for each photograph: less waiting than with all cores on each in turn, and seconds that mean
-                    // something.
+                    // One core for each photograph: less waiting than with all cores on each in
+                    // turn, and seconds that mean something.
                     let pool = match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
                         Ok(pool) => pool,
                         Err(error) => return fail(anyhow!(error)),

@@ -62,7 +62,8 @@ impl Stage {
         gonio_io::picture::encode_png_srgb8(self.size, self.size, &out)
     }
 
-    /// For each pixel the index of the nearest of other points of the visible hemisphere: their values as a picture.
+    /// For each pixel the index of the nearest of other points of the visible hemisphere: their
+    /// values as a picture.
     pub(crate) fn nearest(&self, others: &[SurfacePoint]) -> Vec<usize> {
         let nearest = |p: &SurfacePoint| {
             let closeness = |i: &usize| others[*i].normal.dot(p.normal);

@@ -1,7 +1,7 @@
 //! The folder of a run: its conditions and one file for every finished cell.
 //!
-//! A cell's file appears by renaming a complete one, so that a killed run leaves whole cells or none, and several
-//! processes can fill one folder.
+//! A cell's file appears by renaming a complete one, so that a killed run leaves whole cells or
+//! none, and several processes can fill one folder.
 
 use std::path::{Path, PathBuf};
 

@@ -19,8 +19,9 @@ pub(crate) struct Summary {
     /// Whether all photographs were rendered from full tables.
     pub(crate) full_tables: bool,
     pub(crate) rows: Vec<Row>,
-    /// `wins[a][b]`: share of the photographs on which estimator `a` has the smaller logarithmic relight error than `b`, in
-    /// the order of `rows`; photographs that only one of them has seen do not count.
+    /// `wins[a][b]`: share of the photographs on which estimator `a` has the smaller logarithmic
+    /// relight error than `b`, in the order of `rows`; photographs that only one of them has seen
+    /// do not count.
     pub(crate) wins: Vec<Vec<f64>>,
     /// Median logarithmic relight error by class of material, in the order of `rows`.
     pub(crate) classes: Vec<Group>,

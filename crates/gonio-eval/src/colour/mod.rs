@@ -1,5 +1,6 @@
-//! `gonio-eval colour`: coloured BRDFs by several rules against each other, on materials and lights that nothing was learnt from; and
-//! with `--learn` what the rules are learnt from, training materials in training lights.
+//! `gonio-eval colour`: coloured BRDFs by several rules against each other, on materials and lights
+//! that nothing was learnt from; and with `--learn` what the rules are learnt from, training
+//! materials in training lights.
 //!
 //! Photographs are bivariate RGB tables on a ball in full-resolution RGB light. Each rule colours
 //! the same luminance estimate; its luminance is the same for all but those that name another.
@@ -46,8 +47,8 @@ pub(crate) struct Options {
     relight: Vec<String>,
     #[command(flatten)]
     effort: Effort,
-    /// Learn the model of colours from training materials in training lights instead, print it, and how it does on left-out quarters
-    /// of both
+    /// Learn the model of colours from training materials in training lights instead, print it, and
+    /// how it does on left-out quarters of both
     #[arg(long)]
     learn: bool,
 }

@@ -1,7 +1,7 @@
-//! `gonio-eval folds`: how the learnt posterior does on training materials in training lights that were left out of its training:
-//! what its settings are chosen by (`docs/trials.md`), so that test materials and test lights stay unseen.
-//! Each left-out material is photographed twice in each left-out light: without any fault ("clean")
-//! and as photographs come ("camera").
+//! `gonio-eval folds`: how the learnt posterior does on training materials in training lights that
+//! were left out of its training: what its settings are chosen by (`docs/trials.md`), so that test
+//! materials and test lights stay unseen. Each left-out material is photographed twice in each
+//! left-out light: without any fault ("clean") and as photographs come ("camera").
 
 mod misfit;
 
@@ -88,8 +88,8 @@ struct Outcome {
     brdf: f64,
     /// Gloss index less that of the reference.
     gloss: f64,
-    /// Logarithm of the density at the true place among the coordinates of materials: what the training
-    /// raises.
+    /// Logarithm of the density at the true place among the coordinates of materials: what the
+    /// training raises.
     nats: f64,
     /// 50 and 90 %, by spread.
     coverage: Option<Vec<[f64; 2]>>,

@@ -4,7 +4,8 @@ use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 
 use super::scale_free::brdf_scale;
 
-/// Shares of trusted cells inside the 50 % and the 90 % interval, the reference scaled to lie over the estimate.
+/// Shares of trusted cells inside the 50 % and the 90 % interval, the reference scaled to lie over
+/// the estimate.
 pub(crate) fn coverage(table: &BivariateTable, quantiles: &[Vec<f32>; 4], truth: &BivariateTable) -> [f64; 2] {
     let scale = 1.0 / brdf_scale(table, truth);
     let cells: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
@@ -29,7 +30,8 @@ mod tests {
         let quantiles = [at(0.8), at(0.9), at(1.1), at(1.2)];
         let scaled = BivariateTable::from_vec(at(5.0));
         assert_eq!(coverage(&table, &quantiles, &scaled), [1.0, 1.0]);
-        // A reference of another shape leaves the intervals: a step of 15 % up in half of the domain, 15 % down in the other.
+        // A reference of another shape leaves the intervals: a step of 15 % up in half of the
+        // domain, 15 % down in the other.
         let bent = BivariateTable::from_fn(|h, d| (1.0 + h) * if d < 0.698 { 1.15 } else { 0.87 });
         let [half, ninety] = coverage(&table, &quantiles, &bent);
         assert!(half < 0.1 && ninety > 0.9, "{half} {ninety}");

@@ -6,23 +6,26 @@ use serde::{Deserialize, Serialize};
 /// The highlight of a BRDF: how much it stands out and how wide it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Gloss {
-    /// Natural logarithm of the specular peak over the value of a Lambertian surface of the same albedo: zero for a Lambertian
-    /// surface, near 1 for satin paint, 6 for polished plastic, 10 for chrome. The gloss index of the benchmark: unlike the other two it
-    /// is as well defined for a metal without a diffuse part as for a surface without a highlight.
+    /// Natural logarithm of the specular peak over the value of a Lambertian surface of the same
+    /// albedo: zero for a Lambertian surface, near 1 for satin paint, 6 for polished plastic, 10
+    /// for chrome. The gloss index of the benchmark: unlike the other two it is as well defined for
+    /// a metal without a diffuse part as for a surface without a highlight.
     pub(crate) peak: f64,
-    /// Natural logarithm of the specular peak over the diffuse level: zero for a Lambertian surface, 3 for satin paint, above 10
-    /// for a mirror.
+    /// Natural logarithm of the specular peak over the diffuse level: zero for a Lambertian
+    /// surface, 3 for satin paint, above 10 for a mirror.
     pub(crate) contrast: f64,
-    /// Half angle (radians) at which what stands above the diffuse level has fallen to half; `pi / 2` without a highlight.
+    /// Half angle (radians) at which what stands above the diffuse level has fallen to half;
+    /// `pi / 2` without a highlight.
     pub(crate) width: f64,
 }
 
-/// Highlights are read here: the middle of the domain, which most photographs show and all measurements hold.
+/// Highlights are read here: the middle of the domain, which most photographs show and all
+/// measurements hold.
 const FURTHEST_D: f64 = 45.0;
 
 impl Gloss {
-    /// Of the peak (`theta_h` below half a degree) averaged over `theta_d` up to 45 degrees, against the median of the trusted
-    /// cells beyond `theta_h` of 45 degrees.
+    /// Of the peak (`theta_h` below half a degree) averaged over `theta_d` up to 45 degrees,
+    /// against the median of the trusted cells beyond `theta_h` of 45 degrees.
     pub(crate) fn of(table: &BivariateTable) -> Self {
         let diffuse = diffuse_level(table);
         let columns: Vec<usize> = (0..THETA_D).filter(|&j| theta_d_of(j).to_degrees() <= FURTHEST_D).collect();
@@ -31,7 +34,8 @@ impl Gloss {
             .collect();
         let near: Vec<f64> = (0..THETA_H).filter(|&i| theta_h_of(i).to_degrees() < 0.5).map(|i| profile[i]).collect();
         let peak = near.iter().sum::<f64>() / near.len() as f64;
-        // Both ends are kept off zero by one part in a million of the peak: a black diffuse part is common in metals.
+        // Both ends are kept off zero by one part in a million of the peak: a black diffuse part is
+        // common in metals.
         let floor = (1e-6 * peak).max(1e-30);
         let contrast = (peak.max(floor) / diffuse.max(floor)).ln();
         let half = diffuse + 0.5 * (peak - diffuse);
@@ -52,7 +56,8 @@ pub(crate) enum Class {
     Satin,
     /// A sharp one over a diffuse body that sends back at least two fifths of the light.
     DielectricGloss,
-    /// A sharp one with little beneath, up to three thousand times the mean: metals, metallic paints.
+    /// A sharp one with little beneath, up to three thousand times the mean: metals, metallic
+    /// paints.
     Metal,
     /// A sharper one.
     Mirror,

@@ -1,4 +1,5 @@
-//! Relight error and BRDF error: both blind to the common scale, which a photograph does not determine.
+//! Relight error and BRDF error: both blind to the common scale, which a photograph does not
+//! determine.
 
 use gonio::picture::{Picture, luminance};
 use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
@@ -10,7 +11,8 @@ use super::gloss::diffuse_level;
 pub(crate) struct Relight {
     /// `min_s |s I^ - I| / |I|`.
     pub(crate) relative: f64,
-    /// Root mean square of `ln((s I^ + e) / (I + e))`, `e` one percent of the mean of `I`, with the `s` that minimises it.
+    /// Root mean square of `ln((s I^ + e) / (I + e))`, `e` one percent of the mean of `I`, with the
+    /// `s` that minimises it.
     pub(crate) log: f64,
     /// The `s` of the log version: what lays the estimate over the reference for the eye.
     pub(crate) scale: f64,
@@ -40,8 +42,8 @@ pub(crate) fn relight(estimate: &[f64], reference: &[f64]) -> Relight {
     Relight { relative, log, scale }
 }
 
-/// BRDF error: `min_s` root mean square of `ln((s F^ + e)/(F + e))` over trusted cells, `e` a thousandth of the diffuse level
-/// of the reference.
+/// BRDF error: `min_s` root mean square of `ln((s F^ + e)/(F + e))` over trusted cells, `e` a
+/// thousandth of the diffuse level of the reference.
 pub(crate) fn brdf_error(estimate: &BivariateTable, reference: &BivariateTable) -> f64 {
     brdf_fit(estimate, reference).1
 }
@@ -57,8 +59,8 @@ fn brdf_fit(estimate: &BivariateTable, reference: &BivariateTable) -> (f64, f64)
     log_fit(cells.map(|c| (f64::from(estimate.as_slice()[c]), f64::from(reference.as_slice()[c]))), floor)
 }
 
-/// The `s` that minimises `rms ln((s a + e)/(b + e))` and the minimum, by golden section over `ln s` around the ratio of
-/// geometric means.
+/// The `s` that minimises `rms ln((s a + e)/(b + e))` and the minimum, by golden section over
+/// `ln s` around the ratio of geometric means.
 pub(crate) fn log_fit(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> (f64, f64) {
     let pairs: Vec<(f64, f64)> = pairs.map(|(a, b)| (a.max(0.0), (b.max(0.0) + floor).ln())).collect();
     let n = pairs.len() as f64;

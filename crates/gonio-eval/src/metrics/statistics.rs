@@ -31,8 +31,9 @@ pub(crate) struct Interval {
 /// Resampled sets of a bootstrap.
 const RESAMPLES: usize = 2000;
 
-/// Median with its 95 % bootstrap interval. `clusters[i]` is what sample `i` belongs to (its material): whole clusters are drawn, since
-/// the cells of one material rise and fall together and are no independent evidence.
+/// Median with its 95 % bootstrap interval. `clusters[i]` is what sample `i` belongs to (its
+/// material): whole clusters are drawn, since the cells of one material rise and fall together and
+/// are no independent evidence.
 pub(crate) fn median_interval(samples: &[f64], clusters: &[usize], seed: u64) -> Interval {
     assert_eq!(samples.len(), clusters.len());
     let value = median(samples.to_vec());
@@ -120,7 +121,8 @@ mod tests {
 
     #[test]
     fn intervals_cover_the_median_of_the_population() {
-        // The median of uniform numbers is one half; a 95 % interval misses it about once in twenty.
+        // The median of uniform numbers is one half; a 95 % interval misses it about once in
+        // twenty.
         let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
         let missed = (0..200)
             .filter(|&trial| {

@@ -1,4 +1,5 @@
-//! Fig. 6: a BRDF from a photograph of a real ball, judged by the photographs under its other lights and by measurement.
+//! Fig. 6: a BRDF from a photograph of a real ball, judged by the photographs under its other
+//! lights and by measurement.
 
 use std::path::Path;
 
@@ -22,7 +23,8 @@ use gonio_report::page::{figure, table};
 /// The lights of the photographs that are shown.
 const LIGHTS: [&str; 3] = ["city", "interior", "sunset"];
 
-/// Columns of the measurement that are charted, degrees of `theta_d`; each stands for the cell from there to one more.
+/// Columns of the measurement that are charted, degrees of `theta_d`; each stands for the cell from
+/// there to one more.
 const CHARTED: [usize; 3] = [2, 10, 20];
 
 /// What was inferred from one photograph.
@@ -180,8 +182,9 @@ fn photograph(ball: &Captured, light: usize) -> Markup {
     figure::picture(&show::display(&picture, show::exposure(&picture)), &alt)
 }
 
-/// The best scale of a BRDF against the measured cells, and the log error after it: `min_s rms ln((s F^ + e)/(F + e))`, `e` a
-/// thousandth of the measured diffuse level, over cells below 80 degrees.
+/// The best scale of a BRDF against the measured cells, and the log error after it:
+/// `min_s rms ln((s F^ + e)/(F + e))`, `e` a thousandth of the measured diffuse level, over cells
+/// below 80 degrees.
 fn fit(ball: &Captured, f: impl Fn(f64, f64) -> f64) -> (f64, f64) {
     let degrees = |cell: &Cell| cell.theta_h.to_degrees();
     let broad = ball.slice.cells().filter(|c| (45.0..80.0).contains(&degrees(c))).map(|c| c.value);

@@ -1,4 +1,5 @@
-//! Fig. 2: a light as lat-long and octahedral map; wavelet coefficients of lights and the prior fitted to them.
+//! Fig. 2: a light as lat-long and octahedral map; wavelet coefficients of lights and the prior
+//! fitted to them.
 
 use anyhow::{Context, Result};
 use gonio::lighting::{LightGrid, PriorGroup};

@@ -1,8 +1,10 @@
-//! `gonio-eval paper`: every figure and table of the paper, made anew from the data, as one HTML file.
+//! `gonio-eval paper`: every figure and table of the paper, made anew from the data, as one HTML
+//! file.
 //!
-//! One file per figure: [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3), [`appearance`] (Fig. 4), [`stability`] (Fig. 5),
-//! [`captured`] (Fig. 6), [`gloss`] (the remark on Fig. 6). [`workshop`] holds what they share:
-//! data, model, estimator; [`recovery`] makes the estimates of Figs. 4, 5 and of the gloss order once; [`show`] turns radiance into something to look at.
+//! One file per figure: [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3), [`appearance`] (Fig. 4),
+//! [`stability`] (Fig. 5), [`captured`] (Fig. 6), [`gloss`] (the remark on Fig. 6). [`workshop`]
+//! holds what they share: data, model, estimator; [`recovery`] makes the estimates of Figs. 4, 5
+//! and of the gloss order once; [`show`] turns radiance into something to look at.
 
 mod appearance;
 mod captured;
@@ -29,8 +31,8 @@ pub(crate) struct Options {
     /// The report, an HTML file
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Folder of full MERL `.binary` files; without one, or without a material's file, the bivariate tables of the data
-    /// are spread over phi_d
+    /// Folder of full MERL `.binary` files; without one, or without a material's file, the
+    /// bivariate tables of the data are spread over phi_d
     #[arg(long, value_name = "DIR")]
     merl: Option<PathBuf>,
     /// Random starts of each inference

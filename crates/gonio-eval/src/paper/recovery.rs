@@ -18,7 +18,8 @@ pub(super) struct Estimate {
     pub(super) input: Picture,
     /// Inferred monochrome BRDF, on a scale of its own.
     pub(super) table: BivariateTable,
-    /// The novel light on the estimate in the colour of the input, brought to the brightness of the truth.
+    /// The novel light on the estimate in the colour of the input, brought to the brightness of the
+    /// truth.
     pub(super) predicted: Picture,
     /// Error of the prediction.
     pub(super) relight: Relight,

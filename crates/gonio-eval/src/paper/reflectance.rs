@@ -1,4 +1,5 @@
-//! Fig. 3: how well few basis functions do, against parametric fits; what the functions are and how they are used.
+//! Fig. 3: how well few basis functions do, against parametric fits; what the functions are and how
+//! they are used.
 
 use anyhow::{Context, Result};
 use glam::Vec3;
@@ -213,12 +214,12 @@ fn comparison(errors: &[Errors], count: usize) -> Markup {
     }
 }
 
-/// What the functions of a basis are nearest to: the function that is most a highlight, and of the others the one that is
-/// most grazing.
+/// What the functions of a basis are nearest to: the function that is most a highlight, and of the
+/// others the one that is most grazing.
 ///
-/// A function is as specular as its mean over `theta_h < 5`, `theta_d < 60` degrees stands above its mean over all trusted
-/// cells, and as grazing as its mean over `theta_h < 30`, `theta_d > 65` stands above that over the same `theta_h` at
-/// `theta_d < 45`.
+/// A function is as specular as its mean over `theta_h < 5`, `theta_d < 60` degrees stands above
+/// its mean over all trusted cells, and as grazing as its mean over `theta_h < 30`, `theta_d > 65`
+/// stands above that over the same `theta_h` at `theta_d < 45`.
 fn specular_and_grazing(basis: &ReflectanceBasis) -> Option<(usize, usize)> {
     let mean = |table: &BivariateTable, keep: &dyn Fn(f64, f64) -> bool| {
         let cells: Vec<f64> = trusted()

@@ -10,7 +10,8 @@ const GROUND: Vec3 = Vec3::new(0.012, 0.013, 0.015);
 /// Sides of pictures of spheres, pixels.
 pub(super) const SPHERE: usize = 96;
 
-/// How a sphere is drawn: as accurately as it is measured when it is measured, else good enough to look at.
+/// How a sphere is drawn: as accurately as it is measured when it is measured, else good enough to
+/// look at.
 pub(super) fn settings(size: usize, measured: bool) -> SphereSettings {
     let integrator =
         if measured { IntegratorSettings::default() } else { IntegratorSettings { tolerance: 0.4, max_cells: 6000 } };
@@ -55,7 +56,8 @@ pub(crate) fn scaled(picture: &Picture, factor: f64) -> Picture {
     Picture { rgb: picture.rgb.map(|p| *p * factor as f32), alpha: picture.alpha.clone() }
 }
 
-/// The factor that brings an estimate over the reference for most pixels, highlights or not: the median ratio.
+/// The factor that brings an estimate over the reference for most pixels, highlights or not: the
+/// median ratio.
 pub(super) fn median_ratio(estimate: &[f64], reference: &[f64]) -> f64 {
     let ratios = estimate.iter().zip(reference).filter(|(e, _)| **e > 0.0).map(|(e, r)| r / e);
     let median = crate::metrics::median(ratios.collect());

@@ -14,7 +14,8 @@ use super::workshop::{LIGHTS, Material, Workshop};
 use crate::metrics;
 use gonio_report::page::figure;
 
-/// Angles between lamp and view, degrees: they sweep theta_d from 0 to 70 degrees where the highlight is.
+/// Angles between lamp and view, degrees: they sweep theta_d from 0 to 70 degrees where the
+/// highlight is.
 const ANGLES: [f64; 5] = [0.0, 35.0, 70.0, 105.0, 140.0];
 /// How far the lamp is raised, degrees.
 const ELEVATION: f64 = 20.0;
@@ -105,7 +106,8 @@ fn mean_colour(pictures: &[Picture]) -> DVec3 {
     if luminance > 0.0 { sum / luminance } else { DVec3::ONE }
 }
 
-/// BRDF log error between two estimates, neither of which is the reference: the mean of both directions.
+/// BRDF log error between two estimates, neither of which is the reference: the mean of both
+/// directions.
 fn distance(a: &BivariateTable, b: &BivariateTable) -> f64 {
     0.5 * (metrics::brdf_error(a, b) + metrics::brdf_error(b, a))
 }

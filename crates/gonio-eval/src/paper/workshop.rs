@@ -118,7 +118,8 @@ impl Workshop {
         Ok(plan)
     }
 
-    /// What the estimator makes of an image, blind: the posterior and its mean BRDF. `name` is for the message.
+    /// What the estimator makes of an image, blind: the posterior and its mean BRDF. `name` is for
+    /// the message.
     pub(super) fn infer(&self, image: &Projected, name: &str) -> Result<(Posterior, BivariateTable)> {
         let basis = &self.model.reflectance;
         let hyper = Hyper::with_model_error(image.pixels);
@@ -128,7 +129,8 @@ impl Workshop {
         self.solve(&problem, &self.method, name)
     }
 
-    /// The same with the light known: `rows` are the images of the basis functions, `[point][function]`.
+    /// The same with the light known: `rows` are the images of the basis functions,
+    /// `[point][function]`.
     pub(super) fn infer_under_known_light(
         &self,
         rows: &[f32],

@@ -52,7 +52,8 @@ fn json(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-/// Errors of all cells: relight errors in all lights and the BRDF error, by protocol, material, light and estimator.
+/// Errors of all cells: relight errors in all lights and the BRDF error, by protocol, material,
+/// light and estimator.
 fn cells(folder: &Path) -> BTreeMap<String, Vec<f64>> {
     let whole = json(&folder.join("results.json"));
     let cells = whole["cells"].as_array().unwrap().iter().map(|c| {
@@ -82,8 +83,8 @@ fn the_tiny_grid_has_its_golden_numbers() {
     // Protocol (a) tests all three, (b) only the two that are held out: m2 and m7.
     assert_eq!(row(&whole, "all", "lambertian")["cells"], 6);
     assert_eq!(row(&whole, "leave-out", "lambertian")["cells"], 4);
-    // Median log relight error and BRDF error under protocol (b). The estimators iterate to a tolerance, and processors round
-    // differently: two percent, plus half of the last digit here.
+    // Median log relight error and BRDF error under protocol (b). The estimators iterate to a
+    // tolerance, and processors round differently: two percent, plus half of the last digit here.
     let golden = [
         ("training-mean", 0.1130, 0.3982),
         ("lambertian", 0.0703, 0.8246),

@@ -1,4 +1,5 @@
-//! What only the measured data can prove. Without them (`GONIO_DATA`) every test says so and passes.
+//! What only the measured data can prove. Without them (`GONIO_DATA`) every test says so and
+//! passes.
 
 use std::path::PathBuf;
 

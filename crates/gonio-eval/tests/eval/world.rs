@@ -1,4 +1,5 @@
-//! A small world of our own: a few lights and materials by formulas, laid out as the data folder is.
+//! A small world of our own: a few lights and materials by formulas, laid out as the data folder
+//! is.
 
 use std::path::Path;
 
@@ -30,7 +31,8 @@ fn light(lamps: &[Vec3], phase: f64) -> Plane<Vec3> {
     })
 }
 
-/// Writes `lighting/test` with four lights `l0` to `l3`, `lighting/train` with three others, and `merl` with ten materials, one of them also as a full table.
+/// Writes `lighting/test` with four lights `l0` to `l3`, `lighting/train` with three others, and
+/// `merl` with ten materials, one of them also as a full table.
 pub(crate) fn write(dir: &Path) {
     let (lights, training, merl) = (dir.join("lighting/test"), dir.join("lighting/train"), dir.join("merl"));
     std::fs::create_dir_all(&lights).unwrap();

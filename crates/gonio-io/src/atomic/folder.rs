@@ -9,8 +9,9 @@ use tempfile::TempDir;
 use super::{folder_of, sync_folder, temporary};
 use crate::Error;
 
-/// Collects output files in a hidden folder on the same file system as the target, and moves them there at the end.
-/// Dropped without [`commit`](Self::commit) it removes them and every folder that it has made.
+/// Collects output files in a hidden folder on the same file system as the target, and moves them
+/// there at the end. Dropped without [`commit`](Self::commit) it removes them and every folder that
+/// it has made.
 #[derive(Debug)]
 pub struct StagedFolder {
     target: PathBuf,
@@ -34,8 +35,8 @@ impl StagedFolder {
             Err(e) => return Err(failed(e)),
         };
         let mut parents = MadeFolders::default();
-        // Next to a new folder, so that one rename makes it appear; inside an existing one, which may be a mount point
-        // or a link, and whose parent need not be writable.
+        // Next to a new folder, so that one rename makes it appear; inside an existing one, which
+        // may be a mount point or a link, and whose parent need not be writable.
         let beside = if exists { target.clone() } else { folder_of(&target) };
         parents.make(&beside).map_err(failed)?;
         let staging = temporary(0o777).tempdir_in(&beside).map_err(failed)?;
@@ -67,12 +68,13 @@ impl StagedFolder {
         &self.target
     }
 
-    /// Makes the files appear. A new folder appears in one step; in an existing one each file replaces its namesake,
-    /// after all of them have reached the disk. Other files there stay.
+    /// Makes the files appear. A new folder appears in one step; in an existing one each file
+    /// replaces its namesake, after all of them have reached the disk. Other files there stay.
     ///
     /// # Errors
-    /// If the files cannot reach the disk (it may be full), a folder stands where a file should go, or something is
-    /// in the way. Nothing has been replaced then, unless renaming itself failed half-way.
+    /// If the files cannot reach the disk (it may be full), a folder stands where a file should go,
+    /// or something is in the way. Nothing has been replaced then, unless renaming itself failed
+    /// half-way.
     pub fn commit(mut self) -> Result<(), Error> {
         let staging = self.staging.path();
         let names = self.sync()?;
@@ -83,7 +85,8 @@ impl StagedFolder {
             self.staging.disable_cleanup(true);
         } else {
             if !exists {
-                // Someone made it in the meantime, or renaming failed for a reason that this will state.
+                // Someone made it in the meantime, or renaming failed for a reason that this will
+                // state.
                 fs::create_dir(&self.target)
                     .or_else(|e| if self.target.is_dir() { Ok(()) } else { Err(e) })
                     .map_err(failed)?;

@@ -1,6 +1,7 @@
 //! Output that appears complete or not at all: single files, and whole folders of them.
 //!
-//! A process that is killed can leave a hidden file or folder behind, named `.gonio-*`; nothing else can.
+//! A process that is killed can leave a hidden file or folder behind, named `.gonio-*`; nothing
+//! else can.
 
 mod folder;
 
@@ -15,11 +16,12 @@ use crate::Error;
 /// How the names of unfinished files and folders begin.
 const PREFIX: &str = ".gonio-";
 
-/// Writes a file: all of `bytes`, or, on error, nothing. An existing file is replaced, through a symbolic link if
-/// there is one; a device or a pipe is written to in place. The folder must exist.
+/// Writes a file: all of `bytes`, or, on error, nothing. An existing file is replaced, through a
+/// symbolic link if there is one; a device or a pipe is written to in place. The folder must exist.
 ///
 /// # Errors
-/// If the folder is missing or not writable, the target is a folder or read-only, or the disk is full.
+/// If the folder is missing or not writable, the target is a folder or read-only, or the disk is
+/// full.
 pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Error> {
     let path = path.as_ref();
     write(path, bytes).map_err(|e| {
@@ -43,7 +45,8 @@ fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     // Dropping the temporary file on any of the errors below removes it.
     let mut file = temporary(0o666).tempfile_in(&folder)?;
     file.write_all(bytes)?;
-    // A full disk may show only here; without this a crash could leave an empty file under the final name.
+    // A full disk may show only here; without this a crash could leave an empty file under the
+    // final name.
     file.as_file().sync_all()?;
     file.persist(&target).map_err(|e| e.error)?;
     sync_folder(&folder);
@@ -58,8 +61,8 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Temporary files and folders get the permissions that the user's mask gives to ordinary ones: `mode` before the mask,
-/// 0o666 for files and 0o777 for folders.
+/// Temporary files and folders get the permissions that the user's mask gives to ordinary ones:
+/// `mode` before the mask, 0o666 for files and 0o777 for folders.
 fn temporary(mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(PREFIX);
@@ -70,7 +73,8 @@ fn temporary(mode: u32) -> tempfile::Builder<'static, 'static> {
     builder
 }
 
-/// Makes a rename last through a power cut. Not all file systems can, and the file is sound either way.
+/// Makes a rename last through a power cut. Not all file systems can, and the file is sound either
+/// way.
 fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|f| f.sync_all());
 }

@@ -53,8 +53,8 @@ enum Sensor {
 /// Reads the camera of a photograph of `size`, columns and rows.
 ///
 /// # Errors
-/// If the file cannot be read, is no such JSON, has keys that are not known or do not go together, is for pictures of another size, or the
-/// numbers make no camera.
+/// If the file cannot be read, is no such JSON, has keys that are not known or do not go together,
+/// is for pictures of another size, or the numbers make no camera.
 pub fn read_camera(path: impl AsRef<Path>, size: (usize, usize)) -> Result<Camera, Error> {
     let path = path.as_ref();
     decode_camera(path, &guard::read_whole(path, MAX_BYTES)?, size)

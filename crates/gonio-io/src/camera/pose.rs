@@ -128,10 +128,12 @@ enum Scale {
     Axes([f64; 3]),
 }
 
-/// Reads the pose of an object: the matrix from its coordinates to those of the world. It may scale and mirror.
+/// Reads the pose of an object: the matrix from its coordinates to those of the world. It may scale
+/// and mirror.
 ///
 /// # Errors
-/// If the file cannot be read, is no such JSON, has keys that are not known or do not go together, or flattens the object.
+/// If the file cannot be read, is no such JSON, has keys that are not known or do not go together,
+/// or flattens the object.
 pub fn read_pose(path: impl AsRef<Path>) -> Result<DMat4, Error> {
     let path = path.as_ref();
     decode_pose(path, &guard::read_whole(path, MAX_BYTES)?)

@@ -86,8 +86,9 @@ pub struct Export {
 }
 
 impl Export {
-    /// Writes the targets and `export.json` into a folder, which the caller commits; gives what `export.json` says. `input` says where the BRDF is from,
-    /// `progress` is told a fraction in 0..=1. `None` if the BRDF reflects nothing along the normal.
+    /// Writes the targets and `export.json` into a folder, which the caller commits; gives what
+    /// `export.json` says. `input` says where the BRDF is from, `progress` is told a fraction in
+    /// 0..=1. `None` if the BRDF reflects nothing along the normal.
     ///
     /// # Errors
     /// If a file cannot be written.

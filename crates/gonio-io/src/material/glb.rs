@@ -7,8 +7,9 @@ use serde_json::json;
 const RINGS: u16 = 48;
 const AROUND: u16 = 96;
 
-/// A glTF 2.0 binary file: a sphere of radius one with this material. `roughnessFactor` is the square root of GGX's width; the index of refraction is in
-/// `KHR_materials_ior`, which viewers that do not know it take for 1.5.
+/// A glTF 2.0 binary file: a sphere of radius one with this material. `roughnessFactor` is the
+/// square root of GGX's width; the index of refraction is in `KHR_materials_ior`, which viewers
+/// that do not know it take for 1.5.
 pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
     let (mut points, mut triangles) = (Vec::<f32>::new(), Vec::<u16>::new());
     for i in 0..=RINGS {

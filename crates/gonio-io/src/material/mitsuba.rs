@@ -2,7 +2,8 @@ use gonio::reflectance::shading::Principled;
 
 use super::{colour, identifier, number};
 
-/// A `principled` material for a scene of Mitsuba 3; its `roughness` is the square root of GGX's width.
+/// A `principled` material for a scene of Mitsuba 3; its `roughness` is the square root of GGX's
+/// width.
 pub fn mitsuba_principled(name: &str, model: &Principled) -> String {
     let float = |name: &str, value: f64| format!("    <float name=\"{name}\" value=\"{}\"/>\n", number(value));
     let values = [

@@ -1,7 +1,9 @@
-//! Materials in the files of renderers, as parameters of their own models: see [`gonio::reflectance::shading`] for what the models are.
+//! Materials in the files of renderers, as parameters of their own models: see
+//! [`gonio::reflectance::shading`] for what the models are.
 //!
-//! Colours are linear Rec. 709 throughout, as all these formats expect them. Names go in as they are where the format allows, and else with
-//! underscores for everything that is no letter, digit or underscore.
+//! Colours are linear Rec. 709 throughout, as all these formats expect them. Names go in as they
+//! are where the format allows, and else with underscores for everything that is no letter, digit
+//! or underscore.
 
 mod blender;
 mod export;

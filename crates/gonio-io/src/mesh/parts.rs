@@ -1,4 +1,5 @@
-//! What all formats have in common: polygons become triangles, and their number stays within bounds.
+//! What all formats have in common: polygons become triangles, and their number stays within
+//! bounds.
 
 use std::path::Path;
 
@@ -8,7 +9,8 @@ use gonio::shape::{Mesh, MeshParts, Soundness};
 use super::MAX_TRIANGLES;
 use crate::Error;
 
-/// A polygon that is not convex is cut up only if it has at most so many corners: the effort grows with the cube.
+/// A polygon that is not convex is cut up only if it has at most so many corners: the effort grows
+/// with the cube.
 const MAX_CONCAVE: usize = 256;
 
 /// Collects what a file holds.
@@ -35,8 +37,9 @@ impl<'a> Parts<'a> {
         Ok(())
     }
 
-    /// Adds a polygon given by the indices of its corners, with a normal for each corner, [`DVec3::ZERO`] where there is none. Fewer than
-    /// three corners are no surface and are passed over.
+    /// Adds a polygon given by the indices of its corners, with a normal for each corner,
+    /// [`DVec3::ZERO`] where there is none. Fewer than three corners are no surface and are passed
+    /// over.
     ///
     /// # Panics
     /// If there is not one normal for each corner.
@@ -82,8 +85,8 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// Triangles that cover a polygon, as indices of its corners; `None` if it is not convex and has too many corners. A polygon that crosses
-/// itself gives as many triangles, of which some overlap.
+/// Triangles that cover a polygon, as indices of its corners; `None` if it is not convex and has
+/// too many corners. A polygon that crosses itself gives as many triangles, of which some overlap.
 fn triangulate(places: &[DVec3]) -> Option<Vec<[usize; 3]>> {
     let flat = flatten(places);
     let count = flat.len();

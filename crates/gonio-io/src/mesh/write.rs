@@ -4,8 +4,9 @@ use std::fmt::Write;
 
 use gonio::shape::Mesh;
 
-/// Binary little-endian PLY: places in double, normals in float precision. As PLY has one normal for each vertex, every corner of a triangle
-/// becomes a vertex of its own; reading joins them again by their places.
+/// Binary little-endian PLY: places in double, normals in float precision. As PLY has one normal
+/// for each vertex, every corner of a triangle becomes a vertex of its own; reading joins them
+/// again by their places.
 pub fn encode_ply(mesh: &Mesh) -> Vec<u8> {
     let triangles = mesh.triangles();
     let mut bytes = format!(

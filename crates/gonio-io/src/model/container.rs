@@ -1,4 +1,5 @@
-//! The container of a model: a safetensors file whose metadata say what it is and guard it against damage.
+//! The container of a model: a safetensors file whose metadata say what it is and guard it against
+//! damage.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -50,8 +51,8 @@ enum Entry<'a> {
     Tensor { dtype: Dtype, shape: &'a [usize], data_offsets: (usize, usize) },
 }
 
-/// The bytes of a file. The crate's own writer keeps metadata in a `HashMap`, whose order changes from run to run.
-/// Tensors should come with the widest type first, which keeps all aligned.
+/// The bytes of a file. The crate's own writer keeps metadata in a `HashMap`, whose order changes
+/// from run to run. Tensors should come with the widest type first, which keeps all aligned.
 pub(super) fn encode(content: Content, mut metadata: Metadata, tensors: &[Tensor]) -> Vec<u8> {
     metadata.insert("format", "gonio".into());
     metadata.insert("version", VERSION.into());

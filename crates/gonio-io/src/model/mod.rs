@@ -1,8 +1,8 @@
 //! Trained models and their two halves, the prior of light and the basis of reflectance.
 //!
-//! The format is described in `docs/model-format.md`: a safetensors file, versioned, with a checksum. Equal models make
-//! equal files. What is read has passed the checks of [`gonio::model`]; a model that fails them can be encoded, but not
-//! decoded.
+//! The format is described in `docs/model-format.md`: a safetensors file, versioned, with a
+//! checksum. Equal models make equal files. What is read has passed the checks of [`gonio::model`];
+//! a model that fails them can be encoded, but not decoded.
 
 mod container;
 mod posterior;
@@ -105,7 +105,8 @@ fn encode(content: Content, mut metadata: Metadata, provenance: &str, tensors: &
 /// Decodes a model held in memory; `path` serves the messages only.
 ///
 /// # Errors
-/// For bytes that are no model of this version, damaged, incomplete, or inconsistent as [`Model::check`] finds.
+/// For bytes that are no model of this version, damaged, incomplete, or inconsistent as
+/// [`Model::check`] finds.
 pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
     let file = Container::decode(path, bytes, Content::Model)?;
     let posterior = file.says(posterior::NAMES).then(|| posterior::of(&file)).transpose()?;
@@ -113,7 +114,8 @@ pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
     Ok(Model { light, reflectance, posterior, provenance: provenance(&file)? })
 }
 
-/// Decodes a light prior held in memory, and the note of its origin; `path` serves the messages only.
+/// Decodes a light prior held in memory, and the note of its origin; `path` serves the messages
+/// only.
 ///
 /// # Errors
 /// As [`decode_model`].
@@ -122,7 +124,8 @@ pub fn decode_lighting(path: &Path, bytes: &[u8]) -> Result<(LightPrior, String)
     Ok((lighting(&file)?, provenance(&file)?))
 }
 
-/// Decodes a reflectance basis held in memory, and the note of its origin; `path` serves the messages only.
+/// Decodes a reflectance basis held in memory, and the note of its origin; `path` serves the
+/// messages only.
 ///
 /// # Errors
 /// As [`decode_model`].
@@ -131,7 +134,8 @@ pub fn decode_reflectance(path: &Path, bytes: &[u8]) -> Result<(ReflectanceBasis
     Ok((reflectance(&file)?, provenance(&file)?))
 }
 
-/// Decodes a posterior of materials held in memory, and the note of its origin; `path` serves the messages only.
+/// Decodes a posterior of materials held in memory, and the note of its origin; `path` serves the
+/// messages only.
 ///
 /// # Errors
 /// As [`decode_model`].

@@ -164,7 +164,8 @@ fn every_truncation_is_an_error() {
 
 #[test]
 fn every_flipped_byte_is_noticed() {
-    // A small linear congruential generator: places all over the file, and all of the header's first bytes.
+    // A small linear congruential generator: places all over the file, and all of the header's
+    // first bytes.
     let mut state = 7_u64;
     let mut next = |n: usize| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

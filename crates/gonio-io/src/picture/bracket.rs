@@ -16,7 +16,8 @@ const MOST_PIXELS: u64 = 1 << 29;
 /// How to read a bracket.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BracketOptions {
-    /// The exposure time of each file in seconds, in place of EXIF data; positive, as many as files.
+    /// The exposure time of each file in seconds, in place of EXIF data; positive, as many as
+    /// files.
     pub times: Option<Vec<f64>>,
     /// Limits of each picture. [`ReadOptions::linear`] has no effect: codes are codes.
     pub read: ReadOptions,
@@ -44,15 +45,16 @@ struct Coded {
     linear: bool,
 }
 
-/// Reads 8 or 16-bit JPEG, PNG and TIFF files (with the feature `raw` also a camera's raw files) as a bracket.
+/// Reads 8 or 16-bit JPEG, PNG and TIFF files (with the feature `raw` also a camera's raw files) as
+/// a bracket.
 ///
-/// The amount of light of each is its exposure time times its ISO sensitivity over the square of its f-number; a
-/// sensitivity or f-number that no file tells is taken as the same for all. With [`BracketOptions::times`] it is those
-/// times alone. A single file needs none.
+/// The amount of light of each is its exposure time times its ISO sensitivity over the square of
+/// its f-number; a sensitivity or f-number that no file tells is taken as the same for all. With
+/// [`BracketOptions::times`] it is those times alone. A single file needs none.
 ///
 /// # Errors
-/// If a file cannot be read, is damaged or holds no integers; if files differ in size, depth or orientation; if
-/// exposure times are missing, or sensitivity or f-number in some files only.
+/// If a file cannot be read, is damaged or holds no integers; if files differ in size, depth or
+/// orientation; if exposure times are missing, or sensitivity or f-number in some files only.
 pub fn read_bracket(paths: &[PathBuf], options: &BracketOptions) -> Result<Bracket, Error> {
     let mut files = Vec::new();
     for path in paths {
@@ -64,7 +66,8 @@ pub fn read_bracket(paths: &[PathBuf], options: &BracketOptions) -> Result<Brack
     assemble(files, options)
 }
 
-/// Decodes a bracket held in memory; the paths serve the messages only. Otherwise like [`read_bracket`].
+/// Decodes a bracket held in memory; the paths serve the messages only. Otherwise like
+/// [`read_bracket`].
 ///
 /// # Errors
 /// Like [`read_bracket`].

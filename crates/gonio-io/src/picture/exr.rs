@@ -68,7 +68,8 @@ fn clip_level(path: &Path, header: &Header) -> Result<Option<f32>, Error> {
     }
 }
 
-/// What red, green and blue of the file's primaries (those of Rec. 709 without others) add to luminance.
+/// What red, green and blue of the file's primaries (those of Rec. 709 without others) add to
+/// luminance.
 fn luminance_weights(header: &Header) -> Vec3 {
     const REC_709: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
     let Some(c) = header.shared_attributes.chromaticities else { return REC_709 };
@@ -77,8 +78,8 @@ fn luminance_weights(header: &Header) -> Vec3 {
     if weights.is_finite() && weights.y.abs() > 1e-3 { weights } else { REC_709 }
 }
 
-/// Reads the channels that `select` picks from the headers, at full resolution: width and height of the display window
-/// and one plane for each channel, zero outside the data window.
+/// Reads the channels that `select` picks from the headers, at full resolution: width and height of
+/// the display window and one plane for each channel, zero outside the data window.
 pub(crate) fn read_channels(
     path: &Path,
     bytes: &[u8],

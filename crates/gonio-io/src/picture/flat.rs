@@ -1,4 +1,5 @@
-//! What a camera adds and takes away evenly: the black level, and the fall of brightness towards the corners.
+//! What a camera adds and takes away evenly: the black level, and the fall of brightness towards
+//! the corners.
 
 use std::path::Path;
 
@@ -8,8 +9,8 @@ use gonio::picture::{Picture, Plane};
 use super::Decoded;
 use crate::Error;
 
-/// Subtracts the black level of a linear integer picture: `(v - black) / (1 - black)` with `black` a part of the full
-/// scale, 0 to less than 1. Values below it become 0. The full scale stays 1.
+/// Subtracts the black level of a linear integer picture: `(v - black) / (1 - black)` with `black`
+/// a part of the full scale, 0 to less than 1. Values below it become 0. The full scale stays 1.
 ///
 /// # Panics
 /// If `black` is not within its range.
@@ -20,14 +21,16 @@ pub fn subtract_black(decoded: &mut Decoded, black: f32) {
     }
 }
 
-/// Divides a picture by a flat field, a picture of an evenly lit surface by the same camera, whose channels are first
-/// divided by their largest values: the middle of the picture keeps its brightness more or less, the corners rise.
+/// Divides a picture by a flat field, a picture of an evenly lit surface by the same camera, whose
+/// channels are first divided by their largest values: the middle of the picture keeps its
+/// brightness more or less, the corners rise.
 ///
-/// Pixels with a channel at or above `clip` are not known: they get the level that is returned in all channels, above
-/// that of all others.
+/// Pixels with a channel at or above `clip` are not known: they get the level that is returned in
+/// all channels, above that of all others.
 ///
 /// # Errors
-/// If the flat field (from the file `path`) has another size, or pixels that are zero, negative or not finite.
+/// If the flat field (from the file `path`) has another size, or pixels that are zero, negative or
+/// not finite.
 pub fn divide_by_flat(
     picture: &mut Picture,
     flat: &Plane<Vec3>,

@@ -33,7 +33,8 @@ pub(super) fn load(
         let failed = |e| explain(path, e);
         let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
         let mut limits = Limits::no_limits();
-        // The picture itself (16 bytes a pixel at most), as much again for the decoder, and its tables.
+        // The picture itself (16 bytes a pixel at most), as much again for the decoder, and its
+        // tables.
         limits.max_alloc = Some(options.max_pixels.saturating_mul(32).saturating_add(1 << 24));
         reader.limits(limits);
         let mut decoder = reader.into_decoder().map_err(failed)?;
@@ -106,8 +107,8 @@ fn picture<T: Copy>(
     }
 }
 
-/// Sorts the errors of the `image` crate by cause. Its readers see memory only, so that even their I/O errors mean a
-/// file that ends too early.
+/// Sorts the errors of the `image` crate by cause. Its readers see memory only, so that even their
+/// I/O errors mean a file that ends too early.
 pub(super) fn explain(path: &Path, error: ImageError) -> Error {
     match error {
         ImageError::Unsupported(e) => Error::unsupported(path, e.to_string(), "write it as 8 or 16-bit RGB, or as EXR"),

@@ -1,4 +1,5 @@
-//! Which channels of an OpenEXR file are the picture: layers, and the names that programs give to colours.
+//! Which channels of an OpenEXR file are the picture: layers, and the names that programs give to
+//! colours.
 
 use std::path::Path;
 
@@ -14,7 +15,8 @@ pub(crate) struct Selection {
     pub(crate) channels: Vec<usize>,
 }
 
-/// Channels of one layer that share a prefix: `View.R`, `View.G` ... or, without prefix, `R`, `G` ...
+/// Channels of one layer that share a prefix: `View.R`, `View.G` ... or, without prefix, `R`, `G`
+/// ...
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Group {
     /// Lower case, without the last component; includes the name of the layer.
@@ -88,7 +90,8 @@ fn canonical(name: &str) -> &str {
     }
 }
 
-/// Prefix and last component of a channel's name. The separator is a dot; some programs write `beauty_R` or `beauty/R`.
+/// Prefix and last component of a channel's name. The separator is a dot; some programs write
+/// `beauty_R` or `beauty/R`.
 fn split(name: &str) -> (&str, &str) {
     let colour = |last: &str| matches!(canonical(last), "r" | "g" | "b" | "a");
     name.rsplit_once('.')
@@ -119,8 +122,8 @@ pub(crate) fn groups(headers: &[Header]) -> Vec<Group> {
     groups
 }
 
-/// The colour channels of the layer that the options name; without a name those without a prefix, else of the pass that
-/// holds the finished picture, else the first.
+/// The colour channels of the layer that the options name; without a name those without a prefix,
+/// else of the pass that holds the finished picture, else the first.
 pub(super) fn choose(path: &Path, headers: &[Header], options: &ReadOptions) -> Result<Chosen, Error> {
     let groups = groups(headers);
     let candidates: Vec<_> = groups.iter().filter_map(|g| g.colours().map(|c| (g, c))).collect();

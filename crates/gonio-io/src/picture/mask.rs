@@ -12,10 +12,10 @@ const SLACK: f32 = 1e-3;
 
 /// Reads a mask from a picture of any supported format: 1 inside the object, 0 outside.
 ///
-/// The mask is the grey value, never sRGB-decoded (the largest channel where there is colour). If the file has an
-/// alpha channel that is not 1 everywhere, a picture of constant or coloured content is a cut-out and its alpha is the
-/// mask; a grey one is multiplied by its alpha. In an OpenEXR file without colour a channel `A`, or the only channel
-/// there is, is the mask.
+/// The mask is the grey value, never sRGB-decoded (the largest channel where there is colour). If
+/// the file has an alpha channel that is not 1 everywhere, a picture of constant or coloured
+/// content is a cut-out and its alpha is the mask; a grey one is multiplied by its alpha. In an
+/// OpenEXR file without colour a channel `A`, or the only channel there is, is the mask.
 ///
 /// # Errors
 /// Those of [`read`](super::read), and if values are not numbers or lie outside 0..=1.
@@ -29,7 +29,8 @@ pub fn read_mask(path: impl AsRef<Path>) -> Result<Plane<f32>, Error> {
 fn decode_mask(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<f32>, Error> {
     let picture = match decode(path, bytes, options) {
         Ok(decoded) => {
-            // OpenEXR keeps colour multiplied by alpha; divided, a cut-out has its own colour again.
+            // OpenEXR keeps colour multiplied by alpha; divided, a cut-out has its own colour
+            // again.
             let associated = decoded.encoding == Encoding::LinearFloat;
             return unit_range(path, mask_of(decoded.picture, associated));
         }
@@ -39,7 +40,8 @@ fn decode_mask(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane
     unit_range(path, picture)
 }
 
-/// The alpha channel or the only channel of an OpenEXR file without colour; `error` if it has neither.
+/// The alpha channel or the only channel of an OpenEXR file without colour; `error` if it has
+/// neither.
 fn single_channel(path: &Path, bytes: &[u8], options: &ReadOptions, error: Error) -> Result<Plane<f32>, Error> {
     let (width, height, mut planes) = read_channels(path, bytes, options, |headers| {
         let only = |layer: usize| super::Selection { layer, channels: vec![0] };

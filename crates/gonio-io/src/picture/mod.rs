@@ -1,18 +1,21 @@
 //! Pictures on disk: photographs, light maps, masks.
 //!
 //! The format is recognised by content, never by the name. Conventions:
-//! * OpenEXR: channels `R G B [A]`, `Y [A]` (grey) or `Y RY BY [A]` (not subsampled), under these or other usual names,
-//!   also with a layer's prefix; 16/32-bit float or 32-bit integer.
-//!   The picture has the size of the display window; pixels outside the data window are zero. Colour stays multiplied
-//!   by alpha, as the format defines it.
-//! * Radiance HDR: values as stored; `EXPOSURE` and `COLORCORR` are ignored, as the scale is arbitrary anyway.
+//! * OpenEXR: channels `R G B [A]`, `Y [A]` (grey) or `Y RY BY [A]` (not subsampled), under these
+//!   or other usual names, also with a layer's prefix; 16/32-bit float or 32-bit integer. The
+//!   picture has the size of the display window; pixels outside the data window are zero. Colour
+//!   stays multiplied by alpha, as the format defines it.
+//! * Radiance HDR: values as stored; `EXPOSURE` and `COLORCORR` are ignored, as the scale is
+//!   arbitrary anyway.
 //! * PFM: values times the absolute value of the header's scale.
-//! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): sRGB-coded unless [`ReadOptions::linear`] says
-//!   otherwise; embedded colour profiles are ignored; an EXIF orientation is applied; colour is not multiplied by alpha.
-//! * A camera's raw files, with the feature `raw`: linear camera RGB, binned; see the module of that name.
+//! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): sRGB-coded unless
+//!   [`ReadOptions::linear`] says otherwise; embedded colour profiles are ignored; an EXIF
+//!   orientation is applied; colour is not multiplied by alpha.
+//! * A camera's raw files, with the feature `raw`: linear camera RGB, binned; see the module of
+//!   that name.
 //!
-//! Not-a-number, infinite and negative values are passed on: whether they matter depends on the mask, which only the
-//! caller knows.
+//! Not-a-number, infinite and negative values are passed on: whether they matter depends on the
+//! mask, which only the caller knows.
 
 mod bracket;
 mod exr;
@@ -52,10 +55,12 @@ pub use write::{
 pub struct ReadOptions {
     /// Take the samples of integer files as linear instead of sRGB-coded. No effect on float files.
     pub linear: bool,
-    /// Largest number of pixels, checked on the header before memory is taken; about 16 bytes are needed for each.
+    /// Largest number of pixels, checked on the header before memory is taken; about 16 bytes are
+    /// needed for each.
     pub max_pixels: u64,
-    /// Layer of an OpenEXR file to read, by its name or the last part of it, in any case; `rgb` is that of channels
-    /// without a layer. `None` takes the finished picture. No effect on other files.
+    /// Layer of an OpenEXR file to read, by its name or the last part of it, in any case; `rgb` is
+    /// that of channels without a layer. `None` takes the finished picture. No effect on other
+    /// files.
     pub layer: Option<String>,
 }
 
@@ -67,7 +72,8 @@ impl Default for ReadOptions {
 }
 
 impl ReadOptions {
-    /// Longest file worth reading into memory: 32 bytes a pixel leave room for layers that are not wanted.
+    /// Longest file worth reading into memory: 32 bytes a pixel leave room for layers that are not
+    /// wanted.
     pub(crate) fn max_bytes(&self) -> u64 {
         self.max_pixels.saturating_mul(32).saturating_add(1 << 24)
     }
@@ -90,8 +96,8 @@ impl ReadOptions {
 pub enum Encoding {
     /// Linear floating-point numbers.
     LinearFloat,
-    /// Integers coded with the sRGB curve, decoded to 0..=1. Photographs of this kind are rarely true to the light:
-    /// worth a warning.
+    /// Integers coded with the sRGB curve, decoded to 0..=1. Photographs of this kind are rarely
+    /// true to the light: worth a warning.
     Srgb {
         /// Bits per sample, 8 or 16.
         bits: u8,
@@ -110,8 +116,8 @@ pub struct Decoded {
     pub picture: Picture,
     /// How the file coded it.
     pub encoding: Encoding,
-    /// The value of a saturated sample, 1.0 for integer files. Float files tell it in the OpenEXR attribute `clipLevel`,
-    /// if at all.
+    /// The value of a saturated sample, 1.0 for integer files. Float files tell it in the OpenEXR
+    /// attribute `clipLevel`, if at all.
     pub full_scale: Option<f32>,
     /// Which picture was taken of an OpenEXR file that holds several.
     pub layer: Option<LayerChoice>,
@@ -176,8 +182,8 @@ impl Format {
 /// Reads a picture of any supported format.
 ///
 /// # Errors
-/// If the file cannot be read, is of another format, is damaged (files cut short included), or has more pixels than
-/// the options allow.
+/// If the file cannot be read, is of another format, is damaged (files cut short included), or has
+/// more pixels than the options allow.
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Decoded, Error> {
     let path = path.as_ref();
     decode(path, &guard::read_whole(path, options.max_bytes())?, options)

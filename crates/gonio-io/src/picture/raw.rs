@@ -1,9 +1,11 @@
-//! A camera's raw files, by `rawler`: linear camera RGB without white balance, colour matrix or tone curve.
+//! A camera's raw files, by `rawler`: linear camera RGB without white balance, colour matrix or
+//! tone curve.
 //!
-//! The black level is subtracted and the white level divided by, as the file or the table of cameras tells them. The mosaic is
-//! binned: every 2 x 2 pixels (3 x 3 of X-Trans) become one pixel with the means of their colours, so that no colour
-//! is invented. Light of unknown colour takes the white balance up. What the lens takes from the corners is given back
-//! where a DNG file says how much (`OpcodeList3`, `FixVignetteRadial`); other corrections of the lens are not made.
+//! The black level is subtracted and the white level divided by, as the file or the table of
+//! cameras tells them. The mosaic is binned: every 2 x 2 pixels (3 x 3 of X-Trans) become one pixel
+//! with the means of their colours, so that no colour is invented. Light of unknown colour takes
+//! the white balance up. What the lens takes from the corners is given back where a DNG file says
+//! how much (`OpcodeList3`, `FixVignetteRadial`); other corrections of the lens are not made.
 
 use std::path::Path;
 
@@ -114,7 +116,8 @@ fn shot(exif: &rawler::exif::Exif) -> Shot {
     }
 }
 
-/// The colour of the binned pixel whose first sample is at a column and row; `None` for a mosaic that is not RGB.
+/// The colour of the binned pixel whose first sample is at a column and row; `None` for a mosaic
+/// that is not RGB.
 type Develop<'a> = Box<dyn Fn(usize, usize) -> Option<Vec3> + 'a>;
 
 /// Linear colours of binned pixels, 1 in channels with a sample at the white level.
@@ -185,8 +188,8 @@ fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
     Ok(Plane::from_vec(columns, rows, pixels.ok_or_else(unsupported)?))
 }
 
-/// How a lens darkens the corners: the gain at distance `r` of the centre is `1 + k0 r^2 + k1 r^4 + ...`, where the
-/// farthest corner is at 1.
+/// How a lens darkens the corners: the gain at distance `r` of the centre is
+/// `1 + k0 r^2 + k1 r^4 + ...`, where the farthest corner is at 1.
 struct Radial {
     k: [f64; 5],
     /// Part of the width and height.

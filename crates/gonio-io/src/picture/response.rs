@@ -1,5 +1,5 @@
-//! Response curves as text: a line for each code, comma-separated, with the natural logarithms of the exposures that it
-//! stands for in red, green and blue.
+//! Response curves as text: a line for each code, comma-separated, with the natural logarithms of
+//! the exposures that it stands for in red, green and blue.
 //!
 //! ```text
 //! code,red,green,blue
@@ -9,8 +9,9 @@
 //! 255,0.83,0.82,0.85
 //! ```
 //!
-//! Codes count from 0 by one, to 255 or 65535 in general; pictures of another depth take the curve on their own scale.
-//! Lines that begin with `#`, the header and empty lines are skipped. One column instead of three is that of all channels.
+//! Codes count from 0 by one, to 255 or 65535 in general; pictures of another depth take the curve
+//! on their own scale. Lines that begin with `#`, the header and empty lines are skipped. One
+//! column instead of three is that of all channels.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -22,9 +23,10 @@ use crate::{Error, atomic, guard};
 /// Longest file: 65536 lines of three numbers leave room.
 const MAX_BYTES: u64 = 1 << 24;
 
-/// Reads a response curve: text with a line `code,red,green,blue` for each code from 0 on, of natural logarithms of the
-/// exposures that it stands for, or `code,all`. Pictures of another depth take the curve on their own scale. Lines that
-/// begin with `#` or `code` and empty lines are skipped.
+/// Reads a response curve: text with a line `code,red,green,blue` for each code from 0 on, of
+/// natural logarithms of the exposures that it stands for, or `code,all`. Pictures of another depth
+/// take the curve on their own scale. Lines that begin with `#` or `code` and empty lines are
+/// skipped.
 ///
 /// # Errors
 /// If the file cannot be read, a line is not so, or a curve falls or is flat.

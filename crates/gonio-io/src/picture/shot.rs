@@ -4,7 +4,8 @@ use std::io::Cursor;
 
 use exif::{Context, In, Reader, Tag, Value};
 
-/// The settings of a camera that make a picture bright or dark; what the file does not tell is `None`.
+/// The settings of a camera that make a picture bright or dark; what the file does not tell is
+/// `None`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shot {
     /// Exposure time, seconds; positive.
@@ -16,13 +17,16 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// What the EXIF data of a JPEG, PNG or TIFF file say; nothing where they are missing or cannot be read.
+    /// What the EXIF data of a JPEG, PNG or TIFF file say; nothing where they are missing or cannot
+    /// be read.
     pub(super) fn of(bytes: &[u8]) -> Self {
-        // The parser is not ours: whatever it makes of a damaged file must not stop the picture from being read.
+        // The parser is not ours: whatever it makes of a damaged file must not stop the picture
+        // from being read.
         let parse = || Reader::new().read_from_container(&mut Cursor::new(bytes)).ok();
         let Some(exif) = std::panic::catch_unwind(parse).ok().flatten() else { return Self::default() };
         let number = |tag: Tag| -> Option<f64> {
-            // Some programs write these tags beside those of the picture instead of in the EXIF directory.
+            // Some programs write these tags beside those of the picture instead of in the EXIF
+            // directory.
             let beside = || exif.get_field(Tag(Context::Tiff, tag.number()), In::PRIMARY);
             let value = match &exif.get_field(tag, In::PRIMARY).or_else(beside)?.value {
                 Value::Rational(v) => v.first()?.to_f64(),

@@ -1,4 +1,5 @@
-//! Pictures to bytes and files. Every file is encoded in memory first and then written [atomically](crate::atomic).
+//! Pictures to bytes and files. Every file is encoded in memory first and then written
+//! [atomically](crate::atomic).
 
 use std::io::Cursor;
 use std::path::Path;
@@ -15,8 +16,8 @@ use image::{ExtendedColorType, ImageEncoder};
 use super::{exr, pfm, radiance};
 use crate::{Error, atomic};
 
-/// OpenEXR with 32-bit float channels `R G B`, and `A` if alpha is given, compressed without loss. Any float value is
-/// kept. Colour should be multiplied by alpha already.
+/// OpenEXR with 32-bit float channels `R G B`, and `A` if alpha is given, compressed without loss.
+/// Any float value is kept. Colour should be multiplied by alpha already.
 ///
 /// # Panics
 /// If the picture has no pixels, or alpha another size.
@@ -24,8 +25,9 @@ pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
     encode(rgb, alpha, None)
 }
 
-/// [`encode_exr`] with the radiance from which on a channel is clipped, as the attribute `clipLevel`, which
-/// [`read`](super::read) gives back as [`Decoded::full_scale`](super::Decoded::full_scale).
+/// [`encode_exr`] with the radiance from which on a channel is clipped, as the attribute
+/// `clipLevel`, which [`read`](super::read) gives back as
+/// [`Decoded::full_scale`](super::Decoded::full_scale).
 ///
 /// # Panics
 /// Like [`encode_exr`], and if the level is not positive and finite.
@@ -73,8 +75,8 @@ pub fn encode_pfm(rgb: &Plane<Vec3>) -> Vec<u8> {
     pfm::encode(rgb)
 }
 
-/// Radiance HDR: precise to 1 part in 256 of the largest channel; negative values and not-a-number become 0,
-/// values beyond the range of the format its largest.
+/// Radiance HDR: precise to 1 part in 256 of the largest channel; negative values and not-a-number
+/// become 0, values beyond the range of the format its largest.
 pub fn encode_hdr(rgb: &Plane<Vec3>) -> Vec<u8> {
     radiance::encode(rgb)
 }

@@ -1,10 +1,13 @@
-//! Writing materials in the format of the RGL database: what Mitsuba 3 and pbrt-v4 read as `measured`.
+//! Writing materials in the format of the RGL database: what Mitsuba 3 and pbrt-v4 read as
+//! `measured`.
 //!
-//! A table over half and difference angle has no incident directions that were measured, so that those of the file, and what its values are
-//! divided by, may be chosen. The density `D` is the material's own lobe, the mean of its table over the difference angle: what is left over
-//! the warped square is smooth, however sharp the lobe. `sigma` is a constant. Half of the warp goes by the lobe, half is even over the
-//! coordinate of the angle, so that neither the peak nor the tail is sampled coarsely; it is the same for all incident directions. What a
-//! renderer draws its samples by, `luminance`, holds all that the warp does not.
+//! A table over half and difference angle has no incident directions that were measured, so that
+//! those of the file, and what its values are divided by, may be chosen. The density `D` is the
+//! material's own lobe, the mean of its table over the difference angle: what is left over the
+//! warped square is smooth, however sharp the lobe. `sigma` is a constant. Half of the warp goes by
+//! the lobe, half is even over the coordinate of the angle, so that neither the peak nor the tail
+//! is sampled coarsely; it is the same for all incident directions. What a renderer draws its
+//! samples by, `luminance`, holds all that the warp does not.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -31,8 +34,8 @@ const LEAST: f64 = 1e-9;
 pub enum Channels {
     /// Linear RGB, for Mitsuba's variants of this kind: `NAME_rgb.bsdf`.
     Rgb,
-    /// Fifteen wavelengths from 380 to 730 nm, of a smooth spectrum that has the colour under D65, for Mitsuba's spectral variants and pbrt-v4:
-    /// `NAME_spec.bsdf`.
+    /// Fifteen wavelengths from 380 to 730 nm, of a smooth spectrum that has the colour under D65,
+    /// for Mitsuba's spectral variants and pbrt-v4: `NAME_spec.bsdf`.
     Spectral,
 }
 

@@ -1,20 +1,22 @@
-//! Measured isotropic materials of the RGL database (Dupuy and Jakob 2018, *An Adaptive Parameterization for Efficient
-//! Material Acquisition and Rendering*): `NAME_rgb.bsdf`.
+//! Measured isotropic materials of the RGL database (Dupuy and Jakob 2018, *An Adaptive
+//! Parameterization for Efficient Material Acquisition and Rendering*): `NAME_rgb.bsdf`.
 //!
-//! A material was measured for a few incident directions. For each of them a density of visible microfacet normals is
-//! there, by which outgoing directions are spread so that the measured samples are dense where the material is bright.
-//! With the half vector `m` of incident direction `i` and outgoing direction `o`, all angles as unit coordinates
-//! (`sqrt(2 theta / pi)`, `phi / (2 pi) + 1/2`), and the warp `w_i` of the density:
+//! A material was measured for a few incident directions. For each of them a density of visible
+//! microfacet normals is there, by which outgoing directions are spread so that the measured
+//! samples are dense where the material is bright. With the half vector `m` of incident direction
+//! `i` and outgoing direction `o`, all angles as unit coordinates (`sqrt(2 theta / pi)`,
+//! `phi / (2 pi) + 1/2`), and the warp `w_i` of the density:
 //!
 //! `f(i, o) cos_o = rgb_i(w_i(m)) D(m) / (4 sigma(i))`,
 //!
-//! everything bilinear between its samples and linear between incident directions. Fields of the file (`phi` before
-//! `theta`, the last axis varies fastest): `phi_i`, `theta_i` (the incident directions, radians), `sigma` and `ndf` (the
-//! projected area of the microfacets by direction, their density `D` by normal), `vndf` (for each incident direction the
-//! density by normal, its azimuth relative to that of the incident direction), `rgb` (for each incident direction and
-//! channel, over the square that the warp leads to), `jacobian` (whether `D / (4 sigma)` is still to be multiplied
-//! with) and `description`. Others (`luminance`, for drawing samples; `valid`, which samples were measured and not
-//! filled in) are not used.
+//! everything bilinear between its samples and linear between incident directions. Fields of the
+//! file (`phi` before `theta`, the last axis varies fastest): `phi_i`, `theta_i` (the incident
+//! directions, radians), `sigma` and `ndf` (the projected area of the microfacets by direction,
+//! their density `D` by normal), `vndf` (for each incident direction the density by normal, its
+//! azimuth relative to that of the incident direction), `rgb` (for each incident direction and
+//! channel, over the square that the warp leads to), `jacobian` (whether `D / (4 sigma)` is still
+//! to be multiplied with) and `description`. Others (`luminance`, for drawing samples; `valid`,
+//! which samples were measured and not filled in) are not used.
 //!
 //! [`encode`] writes such a file from tables over half and difference angle.
 
@@ -58,7 +60,8 @@ pub struct Rgl {
 /// Reads a material.
 ///
 /// # Errors
-/// If the file cannot be read, contradicts itself or its format, is anisotropic or has no RGB values.
+/// If the file cannot be read, contradicts itself or its format, is anisotropic or has no RGB
+/// values.
 pub fn read(path: impl AsRef<Path>) -> Result<Rgl, Error> {
     let path = path.as_ref();
     decode(path, &guard::read_whole(path, MAX_BYTES)?)
@@ -127,10 +130,11 @@ fn jacobian(tensors: &Tensors<'_>) -> Result<bool, Error> {
 }
 
 impl Rgl {
-    /// BRDF in 1/sr, by channel, for unit vectors towards the light (`wi`) and the viewer (`wo`), the normal being `+z`;
-    /// zero where either is below the surface, and in a channel that the colour has less than nothing of (saturated
-    /// colours lie outside of what red, green and blue can mix). Measured values are reciprocal only within the error of
-    /// the measurement; the light has the part of the incident direction here.
+    /// BRDF in 1/sr, by channel, for unit vectors towards the light (`wi`) and the viewer (`wo`),
+    /// the normal being `+z`; zero where either is below the surface, and in a channel that the
+    /// colour has less than nothing of (saturated colours lie outside of what red, green and blue
+    /// can mix). Measured values are reciprocal only within the error of the measurement; the light
+    /// has the part of the incident direction here.
     pub fn eval(&self, wi: DVec3, wo: DVec3) -> [f64; 3] {
         // Written so that what is not a number counts as below.
         if !(wi.z > 0.0 && wo.z > 0.0) {
@@ -156,9 +160,10 @@ impl Rgl {
 
     /// The material as a table of the MERL database, missing (-1) below the horizon.
     ///
-    /// Such a table is reciprocal, which the measurement is not quite: a cell holds the mean of [`Self::eval`] at its
-    /// directions and of the same with light and viewer exchanged, each weighted by the cosine of its outgoing
-    /// direction. What was measured is the product with that cosine, so that errors grow as it falls.
+    /// Such a table is reciprocal, which the measurement is not quite: a cell holds the mean of
+    /// [`Self::eval`] at its directions and of the same with light and viewer exchanged, each
+    /// weighted by the cosine of its outgoing direction. What was measured is the product with that
+    /// cosine, so that errors grow as it falls.
     pub fn to_merl(&self) -> MerlTable {
         full_table(|wi, wo| {
             let (there, back) = (self.eval(wi, wo), self.eval(wo, wi));

@@ -1,10 +1,11 @@
 //! Spectra of red, green and blue, for renderers that have no colours but wavelengths.
 //!
-//! Every colour within sRGB is a mixture of these three; none is negative, together they are one, and under D65 they have the colours that
-//! they stand for (`tools/spectral_basis.py`, after Mallett and Yuksel 2019, *Spectral Primary Decomposition for Rendering with sRGB
-//! Reflectance*).
+//! Every colour within sRGB is a mixture of these three; none is negative, together they are one,
+//! and under D65 they have the colours that they stand for (`tools/spectral_basis.py`, after
+//! Mallett and Yuksel 2019, *Spectral Primary Decomposition for Rendering with sRGB Reflectance*).
 
-/// Wavelengths in nm, and how much the spectra of red, green and blue reflect there; linear between.
+/// Wavelengths in nm, and how much the spectra of red, green and blue reflect there; linear
+/// between.
 pub(super) const BASIS: [(f32, [f32; 3]); 15] = [
     (380.0, [0.1918, 0.0301, 0.7781]),
     (405.0, [0.1158, 0.0033, 0.8809]),

@@ -1,8 +1,9 @@
 //! The container of the RGL files: named arrays of numbers.
 //!
-//! `tensor_file` and a zero byte, the version 1 0, the number of fields (32 bits), then for each field the length of its
-//! name (16 bits), the name, the number of axes (16 bits), the type (8 bits), where the values start in the file (64
-//! bits), and the length of each axis (64 bits). Everything is little-endian, the last axis varies fastest.
+//! `tensor_file` and a zero byte, the version 1 0, the number of fields (32 bits), then for each
+//! field the length of its name (16 bits), the name, the number of axes (16 bits), the type (8
+//! bits), where the values start in the file (64 bits), and the length of each axis (64 bits).
+//! Everything is little-endian, the last axis varies fastest.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -73,7 +74,8 @@ impl<'a> Tensors<'a> {
     /// Shape and values of a field.
     ///
     /// # Errors
-    /// If there is none of this name with `AXES` axes and in single precision, it is empty, or a value is not finite.
+    /// If there is none of this name with `AXES` axes and in single precision, it is empty, or a
+    /// value is not finite.
     pub(super) fn floats<const AXES: usize>(&self, name: &str) -> Result<([usize; AXES], Vec<f32>), Error> {
         let Some(field) = self.fields.get(name) else {
             let advice = "give an RGB file of the RGL material database (NAME_rgb.bsdf)";
@@ -118,7 +120,8 @@ fn field<'a>(path: &Path, file: &'a [u8], header: &mut Cursor<'a>) -> Option<Res
     Some(Ok((name, Field { kind, shape, bytes })))
 }
 
-/// Bytes of one value: signed and unsigned integers of 8 to 64 bits from 1 on, then floats of 16 to 64 bits.
+/// Bytes of one value: signed and unsigned integers of 8 to 64 bits from 1 on, then floats of 16 to
+/// 64 bits.
 fn size_of(kind: u8) -> Option<u64> {
     match kind {
         1 | 2 => Some(1),

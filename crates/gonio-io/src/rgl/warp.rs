@@ -1,5 +1,5 @@
-//! Functions over the unit square that are bilinear between samples, one for each incident direction, and the map that
-//! spreads such a density evenly over the square.
+//! Functions over the unit square that are bilinear between samples, one for each incident
+//! direction, and the map that spreads such a density evenly over the square.
 
 use std::path::Path;
 
@@ -59,7 +59,8 @@ pub(super) struct Stack {
     values: Vec<f32>,
 }
 
-/// A place between four samples of a slice: index of the one of lowest coordinates, and the way to the others.
+/// A place between four samples of a slice: index of the one of lowest coordinates, and the way to
+/// the others.
 struct Cell {
     column: usize,
     row: usize,
@@ -108,8 +109,8 @@ impl Stack {
     }
 }
 
-/// Densities over the unit square, and for each the map that turns it into the even one: first the second coordinate by
-/// its marginal distribution, then the first given the second.
+/// Densities over the unit square, and for each the map that turns it into the even one: first the
+/// second coordinate by its marginal distribution, then the first given the second.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Warp {
     density: Stack,
@@ -143,7 +144,8 @@ impl Warp {
         }
     }
 
-    /// Where a place of the square goes under the density interpolated between slices, each of integral one.
+    /// Where a place of the square goes under the density interpolated between slices, each of
+    /// integral one.
     pub(super) fn flatten(&self, corners: &Corners, x: f64, y: f64) -> [f64; 2] {
         let Stack { width, height, .. } = self.density;
         let cell = self.density.cell(x, y);

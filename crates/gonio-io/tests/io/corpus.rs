@@ -1,4 +1,5 @@
-//! Damaged and hostile files, `tests/corpus/`: each goes through every reader, in bounded time and memory. What a fuzzer finds is kept there.
+//! Damaged and hostile files, `tests/corpus/`: each goes through every reader, in bounded time and
+//! memory. What a fuzzer finds is kept there.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -1,5 +1,6 @@
-//! A corpus of damaged files: every format's valid file, cut short at many places and with single bytes changed.
-//! Reading may succeed or fail, but it must not panic, and a file cut short must not pass for a whole one.
+//! A corpus of damaged files: every format's valid file, cut short at many places and with single
+//! bytes changed. Reading may succeed or fail, but it must not panic, and a file cut short must not
+//! pass for a whole one.
 
 use std::path::Path;
 
@@ -54,8 +55,8 @@ impl Numbers {
     }
 }
 
-/// Feeds damaged versions of `good` to `read`. A cut file may be read only if it lacks no more than `slack` bytes,
-/// which some formats have after their content.
+/// Feeds damaged versions of `good` to `read`. A cut file may be read only if it lacks no more than
+/// `slack` bytes, which some formats have after their content.
 #[track_caller]
 pub(crate) fn check<T>(name: &str, good: &[u8], slack: usize, read: impl Fn(&Path, &[u8]) -> Result<T, Error>) {
     let path = Path::new(name);
@@ -171,7 +172,8 @@ fn exposures_and_their_times() {
 #[test]
 fn response() {
     let good = picture::encode_response(&gonio::bracket::Response::srgb(255));
-    // A curve that ends early is a curve, of a camera with fewer codes, as is one whose last number lacks digits.
+    // A curve that ends early is a curve, of a camera with fewer codes, as is one whose last number
+    // lacks digits.
     check("a.csv", &good, good.len(), picture::decode_response);
 }
 

@@ -1,4 +1,5 @@
-//! What the file formats promise as a whole: damaged files never panic, full disks leave no trace, entries load fast.
+//! What the file formats promise as a whole: damaged files never panic, full disks leave no trace,
+//! entries load fast.
 
 #![allow(missing_docs)]
 

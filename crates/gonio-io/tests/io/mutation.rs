@@ -1,5 +1,6 @@
-//! Good files with lies in them: numbers in headers set to huge ones, words of binary headers set to all ones, cuts and flipped bits. The
-//! stream of changes is fixed, so that a failure can be repeated.
+//! Good files with lies in them: numbers in headers set to huge ones, words of binary headers set
+//! to all ones, cuts and flipped bits. The stream of changes is fixed, so that a failure can be
+//! repeated.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! Materials of the RGL database: formulas encoded as the database encodes measurements, damaged files, and, where
-//! `GONIO_DATA` names them, the real ones.
+//! Materials of the RGL database: formulas encoded as the database encodes measurements, damaged
+//! files, and, where `GONIO_DATA` names them, the real ones.
 
 use std::f64::consts::{FRAC_1_PI, FRAC_PI_2, PI, TAU};
 use std::path::{Path, PathBuf};
@@ -28,7 +28,8 @@ fn floats(name: &'static str, shape: &[usize], value: impl FnMut(usize) -> f64) 
     Field(name, 10, shape.iter().map(|n| *n as u64).collect(), values)
 }
 
-/// The file of fields, laid out as the database does: header, then values at multiples of eight bytes.
+/// The file of fields, laid out as the database does: header, then values at multiples of eight
+/// bytes.
 fn encode(fields: &[Field]) -> Vec<u8> {
     let header: usize = 18 + fields.iter().map(|f| 13 + f.0.len() + 8 * f.2.len()).sum::<usize>();
     let mut bytes = b"tensor_file\0\x01\0".to_vec();
@@ -59,19 +60,21 @@ fn theta_i(slice: usize) -> f64 {
     unit(slice, THETAS) * FRAC_PI_2
 }
 
-/// The densities are `1 + a (2x - 1) (2y - 1)`: bilinear, so that samples hold them exactly, and not separable.
+/// The densities are `1 + a (2x - 1) (2y - 1)`: bilinear, so that samples hold them exactly, and
+/// not separable.
 fn tilt(slice: usize) -> f64 {
     0.8 * unit(slice, THETAS)
 }
 
-/// The place that the density of a slice spreads to `(u, v)`: all of `y` is equally likely; given `y`, the integral up to
-/// `x` is `x + b (x^2 - x)` with `b = a (2y - 1)`.
+/// The place that the density of a slice spreads to `(u, v)`: all of `y` is equally likely; given
+/// `y`, the integral up to `x` is `x + b (x^2 - x)` with `b = a (2y - 1)`.
 fn spread(slice: usize, u: f64, v: f64) -> [f64; 2] {
     let b = tilt(slice) * (2.0 * v - 1.0);
     [2.0 * u / (1.0 - b + ((1.0 - b).powi(2) + 4.0 * b * u).sqrt()), v]
 }
 
-/// A facet density of no material in particular: all that matters is that it is divided by and multiplied with.
+/// A facet density of no material in particular: all that matters is that it is divided by and
+/// multiplied with.
 fn ndf(theta: f64) -> f64 {
     0.16 * FRAC_1_PI / (1.0 - 0.84 * theta.cos().powi(2)).powi(2)
 }
@@ -117,7 +120,8 @@ fn decode(bytes: &[u8]) -> Result<Rgl, Error> {
     rgl::decode(Path::new("a.bsdf"), bytes)
 }
 
-/// Directions all over the part of the hemisphere with cosines above `lowest`, the same ones each time.
+/// Directions all over the part of the hemisphere with cosines above `lowest`, the same ones each
+/// time.
 fn scattered(n: usize, lowest: f64) -> impl Iterator<Item = DVec3> {
     (0..n).map(move |i| {
         let z = lowest + (1.0 - lowest) * (0.5 + i as f64) / n as f64;
@@ -265,7 +269,8 @@ fn measured_materials_are_plausible() {
     for file in real() {
         let material = rgl::read(&file).unwrap();
         let name = file.display();
-        // Green light that is sent back, by angle of incidence. Broad enough for grids that do not follow the highlight.
+        // Green light that is sent back, by angle of incidence. Broad enough for grids that do not
+        // follow the highlight.
         for degrees in [30.0_f64, 45.0, 60.0] {
             let wi = DVec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
             let n = 100_000;
@@ -291,7 +296,8 @@ fn measured_materials_are_plausible() {
     }
 }
 
-/// A body under a coat whose lobe is `width` wide and whose reflection grows to the horizon, and red.
+/// A body under a coat whose lobe is `width` wide and whose reflection grows to the horizon, and
+/// red.
 fn tables(width: f64) -> [BivariateTable; 3] {
     [1.0, 0.4, 0.2].map(|body| {
         BivariateTable::from_fn(|h, d| {

@@ -1,4 +1,5 @@
-//! How fast an entry of the cache loads, and a mesh: `cargo test -p gonio-io --release -- --ignored --nocapture speed`.
+//! How fast an entry of the cache loads, and a mesh:
+//! `cargo test -p gonio-io --release -- --ignored --nocapture speed`.
 
 use std::path::Path;
 use std::time::Instant;

@@ -5,12 +5,14 @@ use glam::Vec3;
 use gonio::picture::Plane;
 use maud::{Markup, html};
 
-/// A picture of linear display values in 0..=1 as PNG inside the page. `alt` says in words what it shows.
+/// A picture of linear display values in 0..=1 as PNG inside the page. `alt` says in words what it
+/// shows.
 pub fn picture(rgb: &Plane<Vec3>, alt: &str) -> Markup {
     image(rgb, alt, "", 1)
 }
 
-/// The same for a picture of cells: each is shown as a square of `zoom` by `zoom` pixels with hard edges.
+/// The same for a picture of cells: each is shown as a square of `zoom` by `zoom` pixels with hard
+/// edges.
 pub fn cells(rgb: &Plane<Vec3>, alt: &str, zoom: usize) -> Markup {
     image(rgb, alt, "cells", zoom)
 }
@@ -45,7 +47,8 @@ pub fn card(heading: &str, content: &Markup, caption: &Markup) -> Markup {
     html! { figure.card { h3 { (heading) } (content) figcaption { (caption) } } }
 }
 
-/// Pictures side by side, each with a short label beneath. In a card they share its width, elsewhere they wrap.
+/// Pictures side by side, each with a short label beneath. In a card they share its width,
+/// elsewhere they wrap.
 pub fn tiles(pictures: &[(&str, Markup)]) -> Markup {
     html! { div.tiles { @for (label, picture) in pictures { div.tile { (picture) span { (label) } } } } }
 }

@@ -1,7 +1,9 @@
 //! Reports as one HTML file: pictures, charts and tables that need nothing but the file itself.
 //!
-//! * [`document`] is the frame: title, contents, one embedded stylesheet, no request to anywhere; [`Document`] adds to it.
-//! * [`figure`]: pictures as PNG in the text, rows of tiles, captions. [`table`]: tables with proper headers.
+//! * [`document`] is the frame: title, contents, one embedded stylesheet, no request to anywhere;
+//!   [`Document`] adds to it.
+//! * [`figure`]: pictures as PNG in the text, rows of tiles, captions. [`table`]: tables with
+//!   proper headers.
 //! * [`chart`]: charts as SVG in the text.
 //!
 //! All content is [`Markup`], which escapes what is interpolated.

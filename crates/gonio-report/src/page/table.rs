@@ -2,8 +2,8 @@
 
 use maud::{Markup, html};
 
-/// A table: headings of the columns, then rows whose first entry is the heading of the row. On a narrow screen it
-/// scrolls within itself.
+/// A table: headings of the columns, then rows whose first entry is the heading of the row. On a
+/// narrow screen it scrolls within itself.
 ///
 /// Rows shorter than the headings end early; longer ones go on without a heading.
 pub fn table(caption: &str, columns: &[&str], rows: &[Vec<String>]) -> Markup {

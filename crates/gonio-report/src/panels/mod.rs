@@ -1,4 +1,5 @@
-//! The pictures of a result, one by one: the photograph and what explains it, and the material in lights of our own.
+//! The pictures of a result, one by one: the photograph and what explains it, and the material in
+//! lights of our own.
 
 pub mod used;
 mod view;
@@ -25,7 +26,8 @@ const LIGHT_ROWS: usize = 128;
 /// An observation with a value, and one without, in the picture of them.
 const USED: Vec3 = Vec3::new(0.10, 0.85, 0.75);
 const UNUSED: Vec3 = Vec3::new(0.95, 0.08, 0.05);
-/// Where the photograph is brighter than its reproduction, where they are equal, and where it is darker.
+/// Where the photograph is brighter than its reproduction, where they are equal, and where it is
+/// darker.
 const BRIGHTER: Vec3 = Vec3::new(0.95, 0.30, 0.03);
 const EQUAL: Vec3 = Vec3::new(0.16, 0.16, 0.16);
 const DARKER: Vec3 = Vec3::new(0.03, 0.22, 0.95);
@@ -66,13 +68,15 @@ pub struct Panels {
     pub used: Option<Plane<Vec3>>,
     /// What table and light make of it.
     pub reproduction: Plane<Vec3>,
-    /// The relative difference of both in luminance: orange where the photograph is brighter, blue where it is darker, at 50 % in full.
+    /// The relative difference of both in luminance: orange where the photograph is brighter, blue
+    /// where it is darker, at 50 % in full.
     pub residual: Plane<Vec3>,
     /// The light as a lat-long picture, twice as wide as high.
     pub light: Plane<Vec3>,
     /// Spheres of the BRDF in [`own_lights`], with their names.
     pub spheres: Vec<(&'static str, Plane<Vec3>)>,
-    /// The dull and the glossy end of what is probable in the first of these lights, for the method that tells.
+    /// The dull and the glossy end of what is probable in the first of these lights, for the method
+    /// that tells.
     pub ends: Vec<Plane<Vec3>>,
 }
 

@@ -74,7 +74,8 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The photograph in the frame, `side` pixels wide; black where it has no pixels, alpha where the object is.
+    /// The photograph in the frame, `side` pixels wide; black where it has no pixels, alpha where
+    /// the object is.
     pub(crate) fn cut(&self, picture: &Picture, side: usize) -> Picture {
         let size = picture.rgb.size();
         let pixel = |x: usize, y: usize| self.pixel(x, y, side, size);
@@ -92,7 +93,8 @@ impl<'a> View<'a> {
         Picture { rgb, alpha: Some(alpha) }
     }
 
-    /// The points of the surface at every second pixel of a panel, row by row; `None` where there is none.
+    /// The points of the surface at every second pixel of a panel, row by row; `None` where there
+    /// is none.
     fn points(&self) -> Vec<Option<SurfacePoint>> {
         let half = PANEL / 2;
         let point = |i: usize| {
@@ -142,7 +144,8 @@ impl<'a> View<'a> {
         span(top, y, height).flat_map(move |row| columns.clone().map(move |column| (column, row)))
     }
 
-    /// Which light reaches each of some points, on a grid good enough to look at; `None` if all does.
+    /// Which light reaches each of some points, on a grid good enough to look at; `None` if all
+    /// does.
     fn visibility(&self, points: &[Option<SurfacePoint>]) -> Option<Visibility> {
         let Self::Normals(normals, _, _, Some(placed)) = self else { return None };
         if placed.surface.is_convex() {
@@ -177,13 +180,15 @@ impl<'a> View<'a> {
     }
 }
 
-/// Normals whose cosine with the view is below the negative of this are not of what the camera sees.
+/// Normals whose cosine with the view is below the negative of this are not of what the camera
+/// sees.
 const AWAY: f64 = 0.1;
 
 /// Radius of a sphere in a panel, pixels.
 const RADIUS: f64 = 0.5 * PANEL as f64 - 2.0;
 
-/// Sine of 80 degrees. Beyond nothing was observed, and an estimated light that only the rim would see may be anything.
+/// Sine of 80 degrees. Beyond nothing was observed, and an estimated light that only the rim would
+/// see may be anything.
 const RIM: f64 = 0.985;
 
 /// The normal of a sphere that fills a panel; its rim, and a little beyond, has that of [`RIM`].
@@ -210,8 +215,9 @@ fn cut_out(mut picture: Picture) -> Picture {
     Picture { alpha: Some(alpha), ..picture }
 }
 
-/// Panels of several materials at the same points, which are those of every second pixel: the light is divided once for all, and what is between
-/// the points is interpolated. Colour is premultiplied by alpha.
+/// Panels of several materials at the same points, which are those of every second pixel: the light
+/// is divided once for all, and what is between the points is interpolated. Colour is premultiplied
+/// by alpha.
 fn pictures(
     points: &[Option<SurfacePoint>],
     visibility: Option<&Visibility>,

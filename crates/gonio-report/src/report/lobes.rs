@@ -13,8 +13,9 @@ const FOOT: f64 = 168.0;
 const STEP: f64 = 0.25;
 const MOST: f64 = 80.0;
 
-/// A lobe for light at `incidence` degrees from the normal. The distance from the centre is the cube root of the BRDF, about as bright as it looks; the band
-/// reaches from the 5 to the 95 % quantile. `top` (1/sr) lies on the half circle.
+/// A lobe for light at `incidence` degrees from the normal. The distance from the centre is the
+/// cube root of the BRDF, about as bright as it looks; the band reaches from the 5 to the 95 %
+/// quantile. `top` (1/sr) lies on the half circle.
 pub(super) fn lobe(
     table: &BivariateTable,
     band: Option<(&BivariateTable, &BivariateTable)>,
@@ -55,7 +56,8 @@ pub(super) fn lobe(
     }
 }
 
-/// The BRDF in the plane of incidence at angles from the normal, in degrees; light comes from `-incidence`, so that a mirror has its peak at `incidence`.
+/// The BRDF in the plane of incidence at angles from the normal, in degrees; light comes from
+/// `-incidence`, so that a mirror has its peak at `incidence`.
 pub(super) fn curve(table: &BivariateTable, incidence: f64) -> Vec<(f64, f64)> {
     let count = (2.0 * MOST / STEP) as usize;
     let angles = (0..=count).map(|i| i as f64 * STEP - MOST);

@@ -1,4 +1,5 @@
-//! One page that says what was found in a photograph, and how far to trust it: a single file that asks for nothing but itself.
+//! One page that says what was found in a photograph, and how far to trust it: a single file that
+//! asks for nothing but itself.
 
 mod lobes;
 mod packed;
@@ -36,7 +37,8 @@ pub struct Report<'a> {
     pub fits: &'a Fits,
     /// What the user should know, one line each.
     pub warnings: &'a [String],
-    /// `result.json`, of which the page takes numbers: `method`, `noise`, `colour`, `seconds`, `settings`, `model`, `gonio`, as far as they are there.
+    /// `result.json`, of which the page takes numbers: `method`, `noise`, `colour`, `seconds`,
+    /// `settings`, `model`, `gonio`, as far as they are there.
     pub result: &'a Value,
 }
 
@@ -202,7 +204,8 @@ impl Report<'_> {
     }
 }
 
-/// The two numbers that should be read first; with the misfit what was to be expected of it, if that is known.
+/// The two numbers that should be read first; with the misfit what was to be expected of it, if
+/// that is known.
 fn verdict(misfit: Option<f64>, expected: Option<f64>, scatter: Option<f64>) -> Markup {
     let beside =
         expected.map(|e| format!("; about {} were to be expected of noise and of the light's resolution", percent(e)));

@@ -2,7 +2,8 @@
 
 use thiserror::Error;
 
-/// Why exposures cannot be merged; each says what to do about it. Exposures are counted from 1 as they were given.
+/// Why exposures cannot be merged; each says what to do about it. Exposures are counted from 1 as
+/// they were given.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum BracketError {
     /// No exposure, or too many.

@@ -16,15 +16,17 @@ const MOST_RESIDUALS: usize = 1 << 20;
 /// How exposures are merged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MergeSettings {
-    /// Codes from this part of the largest on are clipped, 0..=1. A file's own clipping is smeared a little by JPEG.
+    /// Codes from this part of the largest on are clipped, 0..=1. A file's own clipping is smeared
+    /// a little by JPEG.
     pub white: f64,
-    /// Largest part of the pixels, 0..=1, that may disagree between exposures before the bracket is refused.
+    /// Largest part of the pixels, 0..=1, that may disagree between exposures before the bracket is
+    /// refused.
     pub motion: f64,
 }
 
 impl Default for MergeSettings {
-    /// The five topmost of 256 codes are clipped; 6 % of the pixels may disagree: at high contrast JPEG alone makes
-    /// several per cent.
+    /// The five topmost of 256 codes are clipped; 6 % of the pixels may disagree: at high contrast
+    /// JPEG alone makes several per cent.
     fn default() -> Self {
         Self { white: 250.5 / 255.0, motion: 0.06 }
     }
@@ -37,8 +39,8 @@ pub enum Known {
     From(u8),
     /// Only that some channel is clipped even in the shortest exposure.
     Clipped,
-    /// Only that some channel is black in every exposure: its radiance is between 0 and that of the first code in the
-    /// longest, and half of that is given.
+    /// Only that some channel is black in every exposure: its radiance is between 0 and that of the
+    /// first code in the longest, and half of that is given.
     Dark,
     /// Nothing: its exposures contradict each other, as where something moved.
     Moved,
@@ -59,7 +61,8 @@ pub struct MergeReport {
     pub coarse: usize,
     /// How many pixels take most of their radiance from each exposure.
     pub from: Vec<usize>,
-    /// By which part each exposure is brighter than its time says, relative to the next shorter one.
+    /// By which part each exposure is brighter than its time says, relative to the next shorter
+    /// one.
     pub time_errors: Vec<f64>,
     /// Median disagreement of the exposures of a sample with its merged value, as a part of that.
     pub residual: f64,
@@ -68,8 +71,8 @@ pub struct MergeReport {
 /// A merged bracket.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Merged {
-    /// Radiance, in the units of the response for each unit of the amounts of light. Pixels that are clipped or have
-    /// moved hold `clip_level` in all channels.
+    /// Radiance, in the units of the response for each unit of the amounts of light. Pixels that
+    /// are clipped or have moved hold `clip_level` in all channels.
     pub picture: Picture,
     /// What is known of each pixel.
     pub known: Plane<Known>,
@@ -84,7 +87,8 @@ pub(super) struct Table {
     /// Logarithm of the exposure.
     log: Vec<f64>,
     exposure: Vec<f64>,
-    /// Inverse variance of the exposure for an error of one code, less towards the ends; 0 where a code says nothing.
+    /// Inverse variance of the exposure for an error of one code, less towards the ends; 0 where a
+    /// code says nothing.
     weight: Vec<f64>,
     /// The same without the fading, for what rounding leaves open.
     precision: Vec<f64>,
@@ -142,8 +146,8 @@ impl Table {
 
 /// One channel of one pixel.
 enum Sample {
-    /// Radiance, its relative error from rounding, the exposure of most weight and its weight, the exposures' mean
-    /// relative disagreement where there are several.
+    /// Radiance, its relative error from rounding, the exposure of most weight and its weight, the
+    /// exposures' mean relative disagreement where there are several.
     Value {
         radiance: f64,
         error: f64,
@@ -157,12 +161,14 @@ enum Sample {
 
 /// Merges a bracket. The result does not depend on the number of threads; it has no alpha channel.
 ///
-/// Each channel of a pixel is the mean of what its exposures say, weighed by inverse variances: the slope of the
-/// response and the time make an error of one code an error of radiance. Codes that are clipped or black say nothing.
+/// Each channel of a pixel is the mean of what its exposures say, weighed by inverse variances: the
+/// slope of the response and the time make an error of one code an error of radiance. Codes that
+/// are clipped or black say nothing.
 ///
 /// # Errors
-/// [`BracketError::Times`] and [`BracketError::Motion`] where exposures contradict their times or each other;
-/// [`BracketError::NothingKnown`]; what is wrong with sizes, depths and times of the exposures.
+/// [`BracketError::Times`] and [`BracketError::Motion`] where exposures contradict their times or
+/// each other; [`BracketError::NothingKnown`]; what is wrong with sizes, depths and times of the
+/// exposures.
 pub fn merge(exposures: &[Exposure], response: &Response, settings: &MergeSettings) -> Result<Merged, BracketError> {
     check(exposures)?;
     let response = response.resampled(exposures[0].codes.max());
@@ -242,7 +248,8 @@ fn sample(codes: &[u16], exposures: &[Exposure], table: &Table) -> Sample {
         let disagreement = (count > 1).then(|| strays.sum::<f64>() / count as f64);
         return Sample::Value { radiance, error, from: best.0, disagreement };
     }
-    // Neither here nor there: black in the long exposures would contradict clipped in the short ones.
+    // Neither here nor there: black in the long exposures would contradict clipped in the short
+    // ones.
     if codes.iter().any(|&code| code >= table.white) {
         return Sample::Clipped;
     }

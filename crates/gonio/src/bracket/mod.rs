@@ -1,8 +1,10 @@
-//! Brackets: several exposures of one still scene, as a camera codes them, merged to one picture of linear radiance.
+//! Brackets: several exposures of one still scene, as a camera codes them, merged to one picture of
+//! linear radiance.
 //!
-//! An [`Exposure`] is a picture of integer codes and how much light it took in. A [`Response`] says which exposure each
-//! code stands for; [`Response::recover`] finds it from the bracket itself. [`merge()`] weighs the exposures of every
-//! pixel by what their codes can tell apart, and says which pixels are known: see [`Known`].
+//! An [`Exposure`] is a picture of integer codes and how much light it took in. A [`Response`] says
+//! which exposure each code stands for; [`Response::recover`] finds it from the bracket itself.
+//! [`merge()`] weighs the exposures of every pixel by what their codes can tell apart, and says
+//! which pixels are known: see [`Known`].
 
 mod consistency;
 mod error;
@@ -64,12 +66,13 @@ impl Codes {
 pub struct Exposure {
     /// What the camera or its file says of each pixel.
     pub codes: Codes,
-    /// How much light it took in, on any scale common to the bracket: the time in seconds, where need be times
-    /// sensitivity and aperture. Positive.
+    /// How much light it took in, on any scale common to the bracket: the time in seconds, where
+    /// need be times sensitivity and aperture. Positive.
     pub amount: f64,
 }
 
-/// Checks what every function here needs: pictures of one size and depth, with positive amounts of light.
+/// Checks what every function here needs: pictures of one size and depth, with positive amounts of
+/// light.
 fn check(exposures: &[Exposure]) -> Result<(), BracketError> {
     let Some(first) = exposures.first() else { return Err(BracketError::Count { count: 0 }) };
     if exposures.len() > MOST_EXPOSURES {

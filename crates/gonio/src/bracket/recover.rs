@@ -1,15 +1,16 @@
-//! The response of a camera from a bracket that it took: Debevec and Malik (SIGGRAPH 1997) with the radiances of the
-//! pixels eliminated, so that every pixel can take part.
+//! The response of a camera from a bracket that it took: Debevec and Malik (SIGGRAPH 1997) with the
+//! radiances of the pixels eliminated, so that every pixel can take part.
 //!
-//! For each channel the unknowns are `g`, the logarithm of the exposure at 256 levels of the code. Pixel `i` with level
-//! `z_ij` in exposure `j` says `g(z_ij) = ln E_i + ln t_j`; the best `ln E_i` given `g` is a weighted mean, which leaves
-//! normal equations in `g` alone. What differs from the paper:
+//! For each channel the unknowns are `g`, the logarithm of the exposure at 256 levels of the code.
+//! Pixel `i` with level `z_ij` in exposure `j` says `g(z_ij) = ln E_i + ln t_j`; the best `ln E_i`
+//! given `g` is a weighted mean, which leaves normal equations in `g` alone. What differs from the
+//! paper:
 //!
-//! * an equation weighs by the inverse variance of `g(z)` under noise of the code, with the slope of a curve such as
-//!   cameras have, and once more by how well it fits (Cauchy), so that what moved or was clipped in between loses its
-//!   voice;
-//! * smoothness is asked of `g` over the logarithm of the code, where every power law is straight: what the data leave
-//!   open, near black above all, is continued by the local power law;
+//! * an equation weighs by the inverse variance of `g(z)` under noise of the code, with the slope
+//!   of a curve such as cameras have, and once more by how well it fits (Cauchy), so that what
+//!   moved or was clipped in between loses its voice;
+//! * smoothness is asked of `g` over the logarithm of the code, where every power law is straight:
+//!   what the data leave open, near black above all, is continued by the local power law;
 //! * the curve is made to rise by isotonic regression.
 
 use faer::Mat;
@@ -27,8 +28,9 @@ const TRUSTED: std::ops::RangeInclusive<f64> = 2.5..=251.5;
 const NOISE: f64 = 0.4;
 /// Relative error of an exposure below which nothing is better known.
 const FLOOR: f64 = 0.02;
-/// Weight of the curve's squared second derivative over the logarithm of the code. Times in a constant ratio leave
-/// functions of that period open, which only smoothness closes: less lets them in, more flattens sharp shoulders.
+/// Weight of the curve's squared second derivative over the logarithm of the code. Times in a
+/// constant ratio leave functions of that period open, which only smoothness closes: less lets them
+/// in, more flattens sharp shoulders.
 const SMOOTHNESS: f64 = 100.0;
 /// Standard deviations at which an equation loses half its weight.
 const OUTLYING: f64 = 4.0;
@@ -45,20 +47,21 @@ const LEAST_RATIO: f64 = 1.1;
 /// Largest median disagreement of exposures under the best curve.
 const LARGEST_RESIDUAL: f64 = 0.08;
 
-/// What a pixel says: for each exposure in which its code can be trusted the level and the logarithm of the time.
+/// What a pixel says: for each exposure in which its code can be trusted the level and the
+/// logarithm of the time.
 type Equations = Vec<(f64, f64)>;
 
 impl Response {
-    /// Finds the response of the camera that took a bracket. The middle code of each channel stands for an exposure of
-    /// 1: a pixel whose three codes are in the middle comes out grey.
+    /// Finds the response of the camera that took a bracket. The middle code of each channel stands
+    /// for an exposure of 1: a pixel whose three codes are in the middle comes out grey.
     ///
-    /// The codes must overlap, with each code range seen in two exposures. The scale of the logarithm rests on the
-    /// ratios of the times.
+    /// The codes must overlap, with each code range seen in two exposures. The scale of the
+    /// logarithm rests on the ratios of the times.
     ///
     /// # Errors
-    /// [`BracketError::TooLittleOverlap`] with fewer than 100 pixels that say something in a channel;
-    /// [`BracketError::NoResponse`] where no curve explains the bracket; and what [`merge()`](super::merge()) says of sizes,
-    /// depths and times.
+    /// [`BracketError::TooLittleOverlap`] with fewer than 100 pixels that say something in a
+    /// channel; [`BracketError::NoResponse`] where no curve explains the bracket; and what
+    /// [`merge()`](super::merge()) says of sizes, depths and times.
     pub fn recover(exposures: &[Exposure]) -> Result<Self, BracketError> {
         check(exposures)?;
         let max = exposures[0].codes.max();
@@ -107,7 +110,8 @@ fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
     Ok(curve.iter().map(|g| g - middle).collect())
 }
 
-/// By how much the exposures of a pixel stray from their mean, in logarithms; less than half as much is due to noise.
+/// By how much the exposures of a pixel stray from their mean, in logarithms; less than half as
+/// much is due to noise.
 fn disagreements(pixel: &Equations, curve: &[f64]) -> Vec<f64> {
     let logs: Vec<f64> = pixel.iter().map(|&(level, time)| interpolate(curve, level) - time).collect();
     let mean = logs.iter().sum::<f64>() / logs.len() as f64;
@@ -176,7 +180,8 @@ fn weights_of(pixel: &Equations, before: &[f64], slope: &[f64], robust: bool) ->
         return plain;
     }
     let log = |&(level, time): &(f64, f64)| interpolate(before, level) - time;
-    // With three or more exposures the middle one is the fair judge, with two there is none better than their mean.
+    // With three or more exposures the middle one is the fair judge, with two there is none better
+    // than their mean.
     let centre = if pixel.len() > 2 {
         median(&mut pixel.iter().map(log).collect::<Vec<_>>()).unwrap_or(0.0)
     } else {
@@ -201,7 +206,8 @@ fn smooth(matrix: &mut Mat<f64>) {
     }
 }
 
-/// The rising curve nearest to this one, strictly so: neighbours that fall are replaced by their mean.
+/// The rising curve nearest to this one, strictly so: neighbours that fall are replaced by their
+/// mean.
 fn rising(curve: &[f64]) -> Vec<f64> {
     const LEAST_STEP: f64 = 1e-5;
     // Sum and number of each block; minus the least step a curve that does not fall is wanted.

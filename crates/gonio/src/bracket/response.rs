@@ -3,18 +3,20 @@
 use super::BracketError;
 use crate::picture::srgb_decode;
 
-/// The part of a code that black stands for: what is below half a code is rounded to it, and its logarithm is finite.
+/// The part of a code that black stands for: what is below half a code is rounded to it, and its
+/// logarithm is finite.
 const BLACK: f64 = 0.25;
 
-/// The response of a camera: for each channel the natural logarithm of the exposure that each code stands for, rising
-/// with the code. Its scale is free, in each channel for itself.
+/// The response of a camera: for each channel the natural logarithm of the exposure that each code
+/// stands for, rising with the code. Its scale is free, in each channel for itself.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Response {
     channels: [Vec<f64>; 3],
 }
 
 impl Response {
-    /// Codes `0..=max` that are proportional to the exposure from `black`, a code, on. The largest code stands for 1.
+    /// Codes `0..=max` that are proportional to the exposure from `black`, a code, on. The largest
+    /// code stands for 1.
     ///
     /// # Panics
     /// If `black` is not below `max`.
@@ -38,8 +40,8 @@ impl Response {
     /// From the logarithms of the exposures of all codes, one list for each of red, green and blue.
     ///
     /// # Errors
-    /// [`BracketError::Curve`] if a curve falls, is flat from end to end, is not finite, or has not 2 to 65536 codes or
-    /// not as many as the first.
+    /// [`BracketError::Curve`] if a curve falls, is flat from end to end, is not finite, or has not
+    /// 2 to 65536 codes or not as many as the first.
     pub fn from_curves(channels: [Vec<f64>; 3]) -> Result<Self, BracketError> {
         let length = channels[0].len();
         for (i, curve) in channels.iter().enumerate() {
@@ -86,7 +88,8 @@ impl Response {
     }
 }
 
-/// The curve between its codes: straight in exposure over code, as the logarithm bends sharply near black.
+/// The curve between its codes: straight in exposure over code, as the logarithm bends sharply near
+/// black.
 pub(super) fn interpolate(curve: &[f64], position: f64) -> f64 {
     let lower = (position.max(0.0) as usize).min(curve.len() - 1);
     let upper = (lower + 1).min(curve.len() - 1);

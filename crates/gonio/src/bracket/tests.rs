@@ -64,7 +64,8 @@ fn take(scene: &Plane<Vec3>, amounts: &[f64], noise: f64) -> Vec<Exposure> {
 
 const AMOUNTS: [f64; 7] = [0.01, 0.04, 0.16, 0.64, 2.56, 10.24, 40.96];
 
-/// Largest relative error and the 99th per cent of it, each channel on its best scale, over well-known pixels.
+/// Largest relative error and the 99th per cent of it, each channel on its best scale, over
+/// well-known pixels.
 fn errors(merged: &Merged, scene: &Plane<Vec3>, free_scale: bool) -> (f64, f64) {
     let known: Vec<usize> =
         (0..scene.as_slice().len()).filter(|&i| matches!(merged.known.as_slice()[i], Known::From(_))).collect();

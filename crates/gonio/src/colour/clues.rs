@@ -17,7 +17,8 @@ const DETAIL: [(f64, f64); 2] = [(2.5, 5.0), (10.0, 20.0)];
 /// Cosine of the angle to the view within which the centre is.
 const CENTRE: f64 = 0.8;
 
-/// Shares of the highlight that are taken off the mean and the median, relative to [`highlight_share`](super::highlight_share).
+/// Shares of the highlight that are taken off the mean and the median, relative to
+/// [`highlight_share`](super::highlight_share).
 const TAKEN: [f64; 2] = [0.6, 0.4];
 
 /// Beyond this share of the highlight nothing more is taken off.
@@ -26,9 +27,10 @@ const MOST: f64 = 0.8;
 /// The chromas of a photograph on the [`Lattice`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clues {
-    /// In order: of the mean; of the median of each channel; of the mean of the centre, within 37 degrees of the view; of fine detail (2.5 to 5 degrees)
-    /// and of coarse (10 to 20), by regression of the channels on their luminance; of the mean and of the median with a share of the fine detail's colour
-    /// taken off.
+    /// In order: of the mean; of the median of each channel; of the mean of the centre, within 37
+    /// degrees of the view; of fine detail (2.5 to 5 degrees) and of coarse (10 to 20), by
+    /// regression of the channels on their luminance; of the mean and of the median with a share of
+    /// the fine detail's colour taken off.
     pub chromas: [Chroma; CLUES],
     /// Share of the highlight in the luminance BRDF, zero to one.
     pub share: f64,
@@ -62,8 +64,8 @@ impl ClueFinder {
         Self { details: DETAIL.map(detail).into(), normals }
     }
 
-    /// The clues of an image, a linear RGB value for each normal of the lattice, of a material whose highlight has this
-    /// [share](super::highlight_share).
+    /// The clues of an image, a linear RGB value for each normal of the lattice, of a material
+    /// whose highlight has this [share](super::highlight_share).
     ///
     /// # Panics
     /// If the image has not as many values as the lattice has normals.
@@ -96,7 +98,8 @@ impl ClueFinder {
         }
     }
 
-    /// Chroma of the detail: of each channel's slope over that of the luminance. An image without detail has the chroma of its mean.
+    /// Chroma of the detail: of each channel's slope over that of the luminance. An image without
+    /// detail has the chroma of its mean.
     fn slope(&self, filter: &[f32], image: &[Vec3], mean: DVec3) -> Chroma {
         let detail: Vec<DVec3> = filter
             .par_chunks(image.len())
@@ -122,8 +125,9 @@ pub fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
     colours.into_iter().all(|c| c.max_element() - c.min_element() <= 1e-5 * c.max_element().abs())
 }
 
-/// The chroma of light as a white matte ball shows it to a camera that looks along -z of the frame that `camera` turns to: of the
-/// mean of its radiance over the visible normals. What [`ColourModel`](super::ColourModel) means by the colour of the light.
+/// The chroma of light as a white matte ball shows it to a camera that looks along -z of the frame
+/// that `camera` turns to: of the mean of its radiance over the visible normals. What
+/// [`ColourModel`](super::ColourModel) means by the colour of the light.
 pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
     let normals: Vec<DVec3> = fibonacci_hemisphere(500).map(|n| camera * n).collect();
     let mut sum = DVec3::ZERO;

@@ -26,7 +26,8 @@ const ROUNDS: usize = 3;
 /// Share of the variance of a clue that draws its weight to zero.
 const RIDGE: f64 = 3e-4;
 
-/// Errors of both readings together beyond this count less for the noise: they are of materials of more than two colours.
+/// Errors of both readings together beyond this count less for the noise: they are of materials of
+/// more than two colours.
 const WILD: f64 = 1.2;
 
 /// The noise of materials that were not learnt from, over that of those that were.
@@ -44,8 +45,9 @@ const UNKNOWNS: usize = (CLUES + 1) * NODES.len();
 impl ColourModel {
     /// From samples in which every material and every light is as frequent as any other.
     ///
-    /// Readings are fitted by least squares with Huber's weights; their noise is the second moment of what is left; the priors
-    /// are the moments of lights and materials, and the probability of a coloured highlight is a logistic regression.
+    /// Readings are fitted by least squares with Huber's weights; their noise is the second moment
+    /// of what is left; the priors are the moments of lights and materials, and the probability of
+    /// a coloured highlight is a logistic regression.
     ///
     /// # Panics
     /// Without samples.

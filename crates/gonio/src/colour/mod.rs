@@ -1,16 +1,20 @@
-//! The colours of a BRDF whose luminance is known, from an RGB photograph in light of unknown colour (beyond the paper, which infers
-//! luminance and displays it in one colour).
+//! The colours of a BRDF whose luminance is known, from an RGB photograph in light of unknown
+//! colour (beyond the paper, which infers luminance and displays it in one colour).
 //!
-//! A BRDF of [`TwoColours`] has a chroma `b` of its body and `h` of its highlight. In light of mean chroma `w` the body shows `b + w` and
-//! the highlight `h + w`, in natural logarithms. [`Clues`] are what a photograph tells of both sums: means, medians, and the colour of
-//! fine detail, which is that of the highlight because the body is smooth. A [`ColourModel`] learnt from simulated photographs weighs the
-//! clues and knows how far off they are; with priors of `b`, `h` and `w` it gives a [`ColourPosterior`] in closed form:
+//! A BRDF of [`TwoColours`] has a chroma `b` of its body and `h` of its highlight. In light of mean
+//! chroma `w` the body shows `b + w` and the highlight `h + w`, in natural logarithms. [`Clues`]
+//! are what a photograph tells of both sums: means, medians, and the colour of fine detail, which
+//! is that of the highlight because the body is smooth. A [`ColourModel`] learnt from simulated
+//! photographs weighs the clues and knows how far off they are; with priors of `b`, `h` and `w` it
+//! gives a [`ColourPosterior`] in closed form:
 //!
 //! * `w`: colours of captured light, around white; or what is known of it.
 //! * `b`: broad.
-//! * `h`: a mixture of white, as of all dielectrics, and of colours that go with the body's, as of metals.
+//! * `h`: a mixture of white, as of all dielectrics, and of colours that go with the body's, as of
+//!   metals.
 //!
-//! No photograph separates `b` from `w` by itself. A coloured highlight tells of the light if the highlight is white.
+//! No photograph separates `b` from `w` by itself. A coloured highlight tells of the light if the
+//! highlight is white.
 
 mod chroma;
 mod clues;

@@ -5,7 +5,8 @@ use super::clues::{CLUES, Clues};
 use super::gaussian::solve;
 use super::parts::TwoColours;
 
-/// Shares of the highlight at which readings are learnt; between them they are interpolated over the logit of the share.
+/// Shares of the highlight at which readings are learnt; between them they are interpolated over
+/// the logit of the share.
 pub(super) const NODES: [f64; 4] = [0.05, 0.2, 0.5, 0.85];
 
 /// Variance of a light's chroma that is given: a grey card is read to about two percent.
@@ -23,7 +24,8 @@ pub struct Normal {
     pub covariance: [[f64; 2]; 2],
 }
 
-/// How a chroma is read from the [`Clues`]: the first, and of each other so many times its difference from the first.
+/// How a chroma is read from the [`Clues`]: the first, and of each other so many times its
+/// difference from the first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
     /// For each node of the highlight's share, for each clue but the first.
@@ -32,8 +34,9 @@ pub struct Reading {
     pub offsets: [[f64; 2]; NODES.len()],
 }
 
-/// What is known of colours before a photograph, and how they are read from one. Learnt by [`ColourModel::learn`]; the default is what
-/// was learnt from reconstructed MERL materials in captured lights (`docs/trials.md`).
+/// What is known of colours before a photograph, and how they are read from one. Learnt by
+/// [`ColourModel::learn`]; the default is what was learnt from reconstructed MERL materials in
+/// captured lights (`docs/trials.md`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColourModel {
     /// Of the chroma of the body plus that of the light.
@@ -48,11 +51,13 @@ pub struct ColourModel {
     pub bodies: Normal,
     /// Of highlights that are white.
     pub white: Normal,
-    /// A coloured highlight has so many times the difference of the body from the mean white highlight.
+    /// A coloured highlight has so many times the difference of the body from the mean white
+    /// highlight.
     pub follows: f64,
     /// Standard deviation of what is left.
     pub apart: f64,
-    /// Logit of the probability of a coloured highlight: a constant, and a factor of the logit of the highlight's share.
+    /// Logit of the probability of a coloured highlight: a constant, and a factor of the logit of
+    /// the highlight's share.
     pub coloured: [f64; 2],
 }
 
@@ -108,7 +113,8 @@ struct Joint {
 }
 
 impl Joint {
-    /// Given two readings that are sums with the light; also the logarithm of their density, without the constant.
+    /// Given two readings that are sums with the light; also the logarithm of their density,
+    /// without the constant.
     fn given(mut self, readings: &[f64; 4], noise: &[[f64; 4]; 4]) -> (Self, f64) {
         // Row i of the observation takes entry i and the light.
         let cross: Vec<[f64; 4]> =
@@ -132,7 +138,8 @@ impl Joint {
 }
 
 impl ColourModel {
-    /// The posterior given the clues and, where it is known, the chroma of the light (see [`white_chroma`](super::white_chroma)).
+    /// The posterior given the clues and, where it is known, the chroma of the light (see
+    /// [`white_chroma`](super::white_chroma)).
     pub fn posterior(&self, clues: &Clues, light: Option<Chroma>) -> ColourPosterior {
         let (body, highlight) = (self.body.of(clues).0, self.highlight.of(clues).0);
         let readings = [body[0], body[1], highlight[0], highlight[1]];
@@ -203,7 +210,8 @@ impl ColourPosterior {
         Chroma([self.mean[at], self.mean[at + 1]])
     }
 
-    /// 90 % intervals, from 5 to 95 %, of both numbers of body, highlight and light, as of a normal distribution.
+    /// 90 % intervals, from 5 to 95 %, of both numbers of body, highlight and light, as of a normal
+    /// distribution.
     pub fn intervals(&self) -> [[f64; 2]; 6] {
         std::array::from_fn(|i| {
             let reach = NINETY * self.covariance[i][i].max(0.0).sqrt();
@@ -279,12 +287,14 @@ mod tests {
         assert!(wide(&found) < 0.2 && wide(&blind) > 0.5, "{} {}", wide(&found), wide(&blind));
     }
 
-    /// Against the formula for one dimension: without cross terms each channel is a problem of its own.
+    /// Against the formula for one dimension: without cross terms each channel is a problem of its
+    /// own.
     #[test]
     fn the_update_is_the_closed_form() {
         let mut model = plain();
         model.coloured = [-50.0, 0.0];
-        // Without a highlight to read, the body is the reading less the light, weighed by precision.
+        // Without a highlight to read, the body is the reading less the light, weighed by
+        // precision.
         model.noise.iter_mut().for_each(|node| (2..4).for_each(|i| node[i][i] = 1e6));
         let found = model.posterior(&clues([1.0, -1.0], [0.0, 0.0]), None);
         let gain = 0.81 / (0.81 + 0.04 + 1e-4);

@@ -1,18 +1,21 @@
 //! A BRDF of two colours: that of its body and that of its highlight.
 //!
-//! `F_c(theta_h, theta_d) = b_c B(theta_h, theta_d) + h_c (F - B)` where `F` is the luminance BRDF, `B` its body and `b`, `h` colours of
-//! luminance one: the dichromatic model (Shafer 1985) with the reflectance of both parts taken from the luminance estimate. The luminance of
-//! `F_c` is `F`, and no channel is negative.
+//! `F_c(theta_h, theta_d) = b_c B(theta_h, theta_d) + h_c (F - B)` where `F` is the luminance BRDF,
+//! `B` its body and `b`, `h` colours of luminance one: the dichromatic model (Shafer 1985) with the
+//! reflectance of both parts taken from the luminance estimate. The luminance of `F_c` is `F`, and
+//! no channel is negative.
 
 use glam::DVec3;
 
 use super::chroma::Chroma;
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
-/// Half angles (radians) that show the body alone: highlights of all but mirrors in fog have ended there.
+/// Half angles (radians) that show the body alone: highlights of all but mirrors in fog have ended
+/// there.
 const BODY: (f64, f64) = (60.0 / 180.0 * std::f64::consts::PI, 80.0 / 180.0 * std::f64::consts::PI);
 
-/// How strongly two colours that a material hardly tells apart are drawn to its mean colour: a share of its squared brightness.
+/// How strongly two colours that a material hardly tells apart are drawn to its mean colour: a
+/// share of its squared brightness.
 const PULL: f64 = 0.003;
 
 /// The colours of a material's body and highlight.
@@ -24,7 +27,8 @@ pub struct TwoColours {
     pub highlight: Chroma,
 }
 
-/// The body of a luminance BRDF: for each difference angle the median over half angles of 60 to 80 degrees, or the BRDF where it is darker.
+/// The body of a luminance BRDF: for each difference angle the median over half angles of 60 to 80
+/// degrees, or the BRDF where it is darker.
 pub fn body(table: &BivariateTable) -> BivariateTable {
     let rows: Vec<usize> = (0..THETA_H).filter(|&i| (BODY.0..BODY.1).contains(&theta_h_of(i))).collect();
     let mut out = table.clone();
@@ -47,7 +51,8 @@ impl TwoColours {
         Self { body: chroma, highlight: chroma }
     }
 
-    /// Tables of the channels (red, green, blue) whose luminance is `table`; grey ones are copies of it.
+    /// Tables of the channels (red, green, blue) whose luminance is `table`; grey ones are copies
+    /// of it.
     pub fn tables(&self, table: &BivariateTable) -> [BivariateTable; 3] {
         if *self == Self::default() {
             return [table.clone(), table.clone(), table.clone()];
@@ -64,8 +69,9 @@ impl TwoColours {
         })
     }
 
-    /// The colours that explain the channels of a material best: least squares over the trusted cells in proportion to the brightness of
-    /// each, in which a part that the material hardly has takes the mean colour.
+    /// The colours that explain the channels of a material best: least squares over the trusted
+    /// cells in proportion to the brightness of each, in which a part that the material hardly has
+    /// takes the mean colour.
     pub fn of(channels: &[BivariateTable; 3]) -> Self {
         let table = BivariateTable::luminance(channels);
         let body = body(&table);
@@ -104,7 +110,8 @@ impl TwoColours {
     }
 }
 
-/// Brightness-weighted share of the highlight in light that comes back along the normal direction from everywhere: between zero and one.
+/// Brightness-weighted share of the highlight in light that comes back along the normal direction
+/// from everywhere: between zero and one.
 pub fn highlight_share(table: &BivariateTable) -> f64 {
     let body = body(table);
     let (mut part, mut all) = (0.0, 0.0);
@@ -116,7 +123,8 @@ pub fn highlight_share(table: &BivariateTable) -> f64 {
     if all > 0.0 { (part / all).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// Weight of a cell: the solid angle of its half vectors and, but for a small constant, of its difference angle's light.
+/// Weight of a cell: the solid angle of its half vectors and, but for a small constant, of its
+/// difference angle's light.
 fn solid(cell: usize) -> f64 {
     let (i, j) = (cell / THETA_D, cell % THETA_D);
     let width = 0.5 * (theta_h_of((i + 1).min(THETA_H - 1)) - theta_h_of(i.saturating_sub(1)));

@@ -12,12 +12,14 @@ use crate::scene::Observations;
 /// Ways to colour a BRDF.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ColouringRule {
-    /// A colour of the body and one of the highlight, each with the light's colour taken off as far as the photograph tells it.
+    /// A colour of the body and one of the highlight, each with the light's colour taken off as far
+    /// as the photograph tells it.
     Estimate {
         /// The light's colour, where it is known.
         light: Option<Chroma>,
     },
-    /// The median colour of the photograph for all, light and reflectance together: how the paper displays its results.
+    /// The median colour of the photograph for all, light and reflectance together: how the paper
+    /// displays its results.
     Median,
     /// Three equal channels.
     Grey,
@@ -42,7 +44,8 @@ pub enum Colouring {
     Estimate {
         /// With their uncertainty.
         posterior: Box<ColourPosterior>,
-        /// Share of the image that is highlight, by which the clues were read ([`highlight_share`]).
+        /// Share of the image that is highlight, by which the clues were read
+        /// ([`highlight_share`]).
         share: f64,
     },
 }

@@ -15,7 +15,8 @@ pub enum Doubt {
     Open(f64),
     /// Pixels that share a normal differ by so much, relative to their mean.
     Scatter(f64),
-    /// Light and material leave more of the photograph than noise and the light's resolution explain.
+    /// Light and material leave more of the photograph than noise and the light's resolution
+    /// explain.
     Misfit {
         /// What they leave, relative to the photograph.
         left: f64,

@@ -8,14 +8,15 @@ use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 use crate::transfer::PlanSettings;
 
-/// The largest grid on which the light is kept from negative texels by its posterior, which takes a minute there; on finer ones, whose
-/// dense matrices would not fit, the mean is cut off at zero.
+/// The largest grid on which the light is kept from negative texels by its posterior, which takes a
+/// minute there; on finer ones, whose dense matrices would not fit, the mean is cut off at zero.
 const LARGEST: usize = 64;
 
 /// How the light was kept from being negative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightEstimator {
-    /// The mean of the posterior among lights without negative texels: of the ways compared by `gonio-eval lights` the nearest to the true one.
+    /// The mean of the posterior among lights without negative texels: of the ways compared by
+    /// `gonio-eval lights` the nearest to the true one.
     NonNegative {
         /// Steps of its refinement.
         steps: usize,
@@ -41,24 +42,29 @@ pub struct Light {
     pub estimator: LightEstimator,
     /// Observations it was found from.
     pub rows: usize,
-    /// Objective of the evidence at its end ([`Evidence::objective`](crate::inference::marginal::Evidence::objective)).
+    /// Objective of the evidence at its end
+    /// ([`Evidence::objective`](crate::inference::marginal::Evidence::objective)).
     pub objective: f64,
-    /// Effective number of coefficients ([`Evidence::effective`](crate::inference::marginal::Evidence::effective)).
+    /// Effective number of coefficients
+    /// ([`Evidence::effective`](crate::inference::marginal::Evidence::effective)).
     pub effective: f64,
     /// Objective of each step.
     pub trace: Vec<f64>,
     /// Whether the steps settled.
     pub converged: bool,
-    /// Standard deviation of what light and table leave over, as the evidence has it, on the scale of the photograph.
+    /// Standard deviation of what light and table leave over, as the evidence has it, on the scale
+    /// of the photograph.
     pub noise: f64,
     /// The same over the root mean square of the observations.
     pub relative_noise: f64,
-    /// Root mean square of what light and table leave of the photograph, relative to the photograph's.
+    /// Root mean square of what light and table leave of the photograph, relative to the
+    /// photograph's.
     pub misfit: f64,
 }
 
 impl Light {
-    /// The light given a BRDF (1/sr). `progress` is told of [`Stage::Transfer`] and [`Stage::Light`].
+    /// The light given a BRDF (1/sr). `progress` is told of [`Stage::Transfer`] and
+    /// [`Stage::Light`].
     ///
     /// # Errors
     /// If the prior does not cover the grid of the settings, or the image is black.

@@ -10,7 +10,8 @@ use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 use crate::scene::Observations;
 use crate::transfer::PlanSettings;
 
-/// The albedo along the normal to which estimates are scaled: a photograph under unknown light does not tell it.
+/// The albedo along the normal to which estimates are scaled: a photograph under unknown light does
+/// not tell it.
 pub const ALBEDO: f64 = 0.5;
 
 /// Shares of the quantiles in [`Material::quantiles`].
@@ -22,7 +23,8 @@ const NAMED: (usize, f64) = (10, 0.005);
 /// A material with its uncertainty, in luminance.
 #[derive(Clone, Debug)]
 pub struct Material {
-    /// The mean of the posterior ([`MaterialPosterior::mean`]), in 1/sr, with a normal albedo of [`ALBEDO`].
+    /// The mean of the posterior ([`MaterialPosterior::mean`]), in 1/sr, with a normal albedo of
+    /// [`ALBEDO`].
     pub table: BivariateTable,
     /// What [`MaterialPosterior::mean`] was multiplied by for it.
     pub scale: f64,
@@ -32,29 +34,34 @@ pub struct Material {
     pub undetermined: Vec<bool>,
     /// Their share of the trusted domain (both angles below 80 degrees), in 0..=1.
     pub open: f64,
-    /// The nearest measured materials by falling weight, at most ten; the weights of all measured materials would sum to one.
+    /// The nearest measured materials by falling weight, at most ten; the weights of all measured
+    /// materials would sum to one.
     pub neighbours: Vec<Neighbour>,
-    /// The dull and the glossy end of what is probable: draws at 5 and 95 % of the posterior by gloss, of albedo [`ALBEDO`].
+    /// The dull and the glossy end of what is probable: draws at 5 and 95 % of the posterior by
+    /// gloss, of albedo [`ALBEDO`].
     pub ends: [BivariateTable; 2],
     /// 5, 50 and 95 % quantiles of the gloss, [`peak_over_base`].
     pub gloss: [f64; 3],
-    /// Share of the photograph's features outside of the range of those the posterior was learnt from
-    /// ([`Reading::strangeness`](crate::inference::amortised::Reading::strangeness)).
+    /// Share of the photograph's features outside of the range of those the posterior was learnt
+    /// from ([`Reading::strangeness`](crate::inference::amortised::Reading::strangeness)).
     pub strangeness: f64,
-    /// Standard deviation of pixels that share a normal, relative to their mean ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).
+    /// Standard deviation of pixels that share a normal, relative to their mean
+    /// ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).
     pub scatter: f64,
     /// Cells of the disk of normals to which the photograph was brought.
     pub normals: usize,
     /// Those of them without an observation, filled in from others.
     pub filled: usize,
-    /// Mean absolute logarithm of the ratio by which values were changed to those of a sphere ([`unshadow`]).
+    /// Mean absolute logarithm of the ratio by which values were changed to those of a sphere
+    /// ([`unshadow`]).
     pub unshadowed: f64,
     /// The density behind all this, and draws from it.
     pub posterior: MaterialPosterior,
 }
 
 impl Material {
-    /// What observations tell of the material. `side` is that of the light's grid, which counts for shapes that keep light from themselves alone.
+    /// What observations tell of the material. `side` is that of the light's grid, which counts for
+    /// shapes that keep light from themselves alone.
     ///
     /// # Errors
     /// If the model has no posterior of materials, or the image is black.
@@ -79,8 +86,8 @@ impl Material {
         .collect()
     }
 
-    /// Draws from the posterior, each of albedo [`ALBEDO`]; the same `seed` gives the same draws. The quantiles are wider:
-    /// they allow for what the coordinates of materials miss.
+    /// Draws from the posterior, each of albedo [`ALBEDO`]; the same `seed` gives the same draws.
+    /// The quantiles are wider: they allow for what the coordinates of materials miss.
     ///
     /// # Errors
     /// [`EstimateError::NoPosterior`] if `model` is not the model of this estimate.

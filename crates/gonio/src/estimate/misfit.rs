@@ -13,15 +13,16 @@ pub enum Reason {
 }
 
 /// What remains of a clean simulated photograph because its light has more than 32 x 32 texels, by
-/// the logarithm of the [gloss](Material::gloss), between which it is linear: about the 95 % quantile
-/// of photographs of left-out materials in left-out lights (`gonio-eval folds`, docs/trials.md).
+/// the logarithm of the [gloss](Material::gloss), between which it is linear: about the 95 %
+/// quantile of photographs of left-out materials in left-out lights (`gonio-eval folds`,
+/// docs/trials.md).
 const RESOLUTION: [(f64, f64); 5] = [(0.0, 0.05), (2.0, 0.08), (5.0, 0.22), (7.0, 0.45), (10.0, 0.45)];
 
 /// A misfit is doubted if it is so many times what was to be expected.
 const TOO_LARGE: f64 = 1.25;
 
-/// What light and material are expected to leave of a photograph, relative and as a root mean square,
-/// if the material is right: its noise, and what the light has no texels for.
+/// What light and material are expected to leave of a photograph, relative and as a root mean
+/// square, if the material is right: its noise, and what the light has no texels for.
 pub fn expected_misfit(material: &Material) -> f64 {
     expected(material.gloss[1], material.scatter)
 }

@@ -1,7 +1,9 @@
-//! Everything from observations to an answer, by the posterior of materials with the light integrated out.
+//! Everything from observations to an answer, by the posterior of materials with the light
+//! integrated out.
 //!
-//! [`estimate`] does it all. Its steps stand by themselves too: [`Material::of`] says what the object is made of, [`Light::of`] what light would then
-//! explain the photograph, [`Colouring::of`] which colours both have. The methods of the paper, which find coefficients in a basis, are in
+//! [`estimate`] does it all. Its steps stand by themselves too: [`Material::of`] says what the
+//! object is made of, [`Light::of`] what light would then explain the photograph, [`Colouring::of`]
+//! which colours both have. The methods of the paper, which find coefficients in a basis, are in
 //! [`inference`](crate::inference).
 
 mod colouring;
@@ -28,11 +30,12 @@ use material::Impression;
 /// How an answer is found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EstimateSettings {
-    /// Texels along a side of the light's grid: a power of two from 4 to what the model's prior covers
-    /// ([`LightPrior::scales`](crate::lighting::LightPrior::scales)).
+    /// Texels along a side of the light's grid: a power of two from 4 to what the model's prior
+    /// covers ([`LightPrior::scales`](crate::lighting::LightPrior::scales)).
     pub side: usize,
-    /// Observations from which the light is found, about: a mirror sees each texel of 32 x 32 in one or two of 1,600. With fewer than there are texels
-    /// those between the observations are left to the prior, and show as a checkerboard.
+    /// Observations from which the light is found, about: a mirror sees each texel of 32 x 32 in
+    /// one or two of 1,600. With fewer than there are texels those between the observations are
+    /// left to the prior, and show as a checkerboard.
     pub rows: usize,
     /// Where the colours come from.
     pub colouring: ColouringRule,
@@ -115,7 +118,8 @@ pub enum EstimateError {
     Light(#[from] LightError),
 }
 
-/// What observations tell of the material, its light and their colours. `progress` is told when a stage begins.
+/// What observations tell of the material, its light and their colours. `progress` is told when a
+/// stage begins.
 ///
 /// # Errors
 /// If the model has no posterior of materials or does not cover the grid, or the image is black.

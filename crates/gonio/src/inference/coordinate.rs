@@ -6,15 +6,15 @@ use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments};
 use crate::transfer::kernels::{axpy, dispatch, dot};
 
-/// The means of all light coefficients with mixture priors at once, given all else, by preconditioned conjugate
-/// gradients from their present values:
+/// The means of all light coefficients with mixture priors at once, given all else, by
+/// preconditioned conjugate gradients from their present values:
 ///
 /// ```text
 /// ( <b><g^2> [ B'B + sum_k vf_k A_k'A_k ] + diag d ) l = <b><g> B'I,    d_m = sum_n r_n / s_n^2
 /// ```
 ///
-/// Stopping early is safe: every step of conjugate gradients lowers the quadratic. Returns new means (DC and rectified coefficients
-/// unchanged) and the precisions `1/w` that go with them.
+/// Stopping early is safe: every step of conjugate gradients lowers the quadratic. Returns new
+/// means (DC and rectified coefficients unchanged) and the precisions `1/w` that go with them.
 pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, iterations: usize) -> (Vec<f64>, Vec<f64>) {
     let (op, m_count) = (problem.bilinear, problem.m());
     let AllMoments { f, l, g, precision } = &now.moments;
@@ -105,8 +105,8 @@ impl ReflectanceSystem {
         Self { gram, target }
     }
 
-    /// Coordinate descent to convergence: `u/w` and `1/w` of every coefficient, with `moments_of(u/w, 1/w)` giving the
-    /// moments that the coefficient has then.
+    /// Coordinate descent to convergence: `u/w` and `1/w` of every coefficient, with
+    /// `moments_of(u/w, 1/w)` giving the moments that the coefficient has then.
     pub(crate) fn descend(
         &self,
         problem: &Problem<'_>,
@@ -134,15 +134,16 @@ impl ReflectanceSystem {
     }
 }
 
-/// One exact update of a single light coefficient, responsibilities included, given all else; for the rectified
-/// coefficient and for tests. Returns `u/w` and `1/w`.
+/// One exact update of a single light coefficient, responsibilities included, given all else; for
+/// the rectified coefficient and for tests. Returns `u/w` and `1/w`.
 pub(crate) fn light_coordinate(problem: &Problem<'_>, now: &Expectations, ensemble: &mut Ensemble, m: usize) {
     let AllMoments { l, g, precision, .. } = &now.moments;
     let pull = now.pull(problem);
     let stiffness = precision * g.mean_square() * pull.stiffness[m];
     let push = precision * pull.light[m] + stiffness * l[m].mean;
     let mut moments = l[m];
-    // The responsibilities depend on the coefficient's own moments: a fixed point, monotone in the cost.
+    // The responsibilities depend on the coefficient's own moments: a fixed point, monotone in the
+    // cost.
     for _ in 0..200 {
         let (natural, prior) = prior_pull(problem.light[m - 1], &moments);
         ensemble.set_l(m, push + natural, stiffness + prior);
@@ -155,8 +156,8 @@ pub(crate) fn light_coordinate(problem: &Problem<'_>, now: &Expectations, ensemb
     }
 }
 
-/// One round of exact minimisation over light, reflectance and exposure in turn. Noise stays as it is. `now` belongs to
-/// `ensemble`; so does what is returned to its.
+/// One round of exact minimisation over light, reflectance and exposure in turn. Noise stays as it
+/// is. `now` belongs to `ensemble`; so does what is returned to its.
 pub(crate) fn round(
     problem: &Problem<'_>,
     ensemble: &Ensemble,
@@ -191,9 +192,9 @@ pub(crate) fn round(
     (next, now)
 }
 
-/// The image sees only the product of exposure and reflectance. Along `f -> c f, g -> g / c` the cost is
-/// `c sum_k lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed form; the other steps
-/// would creep along that ridge.
+/// The image sees only the product of exposure and reflectance. Along `f -> c f, g -> g / c` the
+/// cost is `c sum_k lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed
+/// form; the other steps would creep along that ridge.
 fn rescale(problem: &Problem<'_>, ensemble: &mut Ensemble) {
     let f: f64 = problem.rates.iter().enumerate().map(|(k, rate)| rate * ensemble.f_moments(k).mean).sum();
     let g = problem.hyper.exposure_rate * ensemble.g_moments().mean;

@@ -1,4 +1,5 @@
-//! The approximating distributions q of eqs. 12 to 14, and the intermediate variables Phi that determine them.
+//! The approximating distributions q of eqs. 12 to 14, and the intermediate variables Phi that
+//! determine them.
 
 use rand::RngExt;
 use rand_distr::{Distribution, Exp1, StandardNormal};
@@ -9,7 +10,8 @@ use crate::lighting::{CoefficientPrior, Moments, RectifiedGaussian};
 
 /// `Phi`: natural parameters of all q. Light entries cover `m >= 1`; DC is fixed.
 ///
-/// Layout of the flat vector: `Phi_1` (K), `Phi_2` (K), `Phi_3` (M - 1), `Phi_4` (M - 1), `Phi_5`, `Phi_6`, `Phi_7`.
+/// Layout of the flat vector: `Phi_1` (K), `Phi_2` (K), `Phi_3` (M - 1), `Phi_4` (M - 1), `Phi_5`,
+/// `Phi_6`, `Phi_7`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ensemble {
     k: usize,
@@ -58,8 +60,8 @@ impl Ensemble {
     /// Variances of the starts (paper 3.4): "relatively large".
     const START_VARIANCE: f64 = 0.1;
 
-    /// A random start: a random reflectance and a random light, variances of 0.1; exposure `u = 1, w = 10`;
-    /// `<sigma^-2> = 1`.
+    /// A random start: a random reflectance and a random light, variances of 0.1; exposure
+    /// `u = 1, w = 10`; `<sigma^-2> = 1`.
     pub fn random(problem: &Problem<'_>, rng: &mut Pcg64) -> Self {
         let f: Vec<f64> = if problem.examples.is_empty() {
             problem.rates.iter().map(|rate| <Exp1 as Distribution<f64>>::sample(&Exp1, rng) / rate).collect()
@@ -88,8 +90,8 @@ impl Ensemble {
         Self { phi, ..*self }
     }
 
-    /// The point `alpha` of the way to another ensemble in the natural parameters `(u/w, 1/w)`, `alpha` in 0..=1; noise
-    /// as in `self`.
+    /// The point `alpha` of the way to another ensemble in the natural parameters `(u/w, 1/w)`,
+    /// `alpha` in 0..=1; noise as in `self`.
     pub(crate) fn towards(&self, alpha: f64, other: &Self) -> Self {
         let mut next = self.clone();
         let noise = self.noise_index();
@@ -179,7 +181,8 @@ impl Ensemble {
         RectifiedGaussian { location: self.phi[natural] * variance, variance, threshold }
     }
 
-    /// Scales the reflectance by `c` and the exposure by `1 / c`: `u -> c u, w -> c^2 w` and the reverse.
+    /// Scales the reflectance by `c` and the exposure by `1 / c`: `u -> c u, w -> c^2 w` and the
+    /// reverse.
     pub(crate) fn rescale(&mut self, c: f64) {
         for k in 0..self.k {
             self.phi[k] /= c;
@@ -245,7 +248,8 @@ fn draw(prior: &CoefficientPrior, rng: &mut Pcg64) -> f64 {
             if x >= r.threshold {
                 return x;
             }
-            // A location far below the threshold would reject for ever: the exponential tail is exact enough there.
+            // A location far below the threshold would reject for ever: the exponential tail is
+            // exact enough there.
             if r.location < r.threshold - 3.0 * r.variance.sqrt() {
                 let e: f64 = Exp1.sample(rng);
                 return r.threshold + e * r.variance / (r.threshold - r.location);

@@ -30,7 +30,8 @@ fn log_gamma(x: f64, shape: f64, rate: f64) -> f64 {
     shape * rate.ln() - ln_gamma(shape) + (shape - 1.0) * x.ln() - rate * x
 }
 
-/// An ensemble that minimises the cost, all factors at their best. Wherever it stops, the cost is a bound.
+/// An ensemble that minimises the cost, all factors at their best. Wherever it stops, the cost is a
+/// bound.
 fn settled(problem: &Problem<'_>, mut ensemble: Ensemble) -> (Ensemble, f64) {
     let grams = problem.bilinear.reflectance_grams();
     let mut now = Expectations::new(problem, &ensemble);
@@ -58,8 +59,8 @@ fn single(pixels: usize, noise: f64) -> Projected {
     Projected { bilinear: Bilinear::new(pixels, 1, 1, data), target, outside: 0.1 * noise * noise, pixels: pixels + 1 }
 }
 
-/// `log p(I)` of a problem with one unknown reflectance coefficient, by sums over grids in the logarithms of `h = g f`
-/// (of which alone the image knows), of `g`, and of the precision.
+/// `log p(I)` of a problem with one unknown reflectance coefficient, by sums over grids in the
+/// logarithms of `h = g f` (of which alone the image knows), of `g`, and of the precision.
 fn log_evidence(problem: &Problem<'_>) -> f64 {
     let (low, step, count) = (-12.0, 1e-3, 16_000);
     // 0 at the largest, so that nothing overflows; the sums are of positive numbers.
@@ -97,7 +98,8 @@ fn log_evidence(problem: &Problem<'_>) -> f64 {
 fn gap(pixels: usize, noise: f64, rate: f64, hyper: Hyper) -> f64 {
     let image = single(pixels, noise);
     let problem = Problem::with_known_light(&image, &[rate], hyper).unwrap();
-    // Steps along the ridge `g f = const` are short: start where the priors balance, g near its final value.
+    // Steps along the ridge `g f = const` are short: start where the priors balance, g near its
+    // final value.
     let mut ensemble = Ensemble::at(&[1.0], &[], 0.1);
     let g = (rate / hyper.exposure_rate).sqrt();
     ensemble.set_g(1e4 / g, 1e4 / (g * g));
@@ -114,8 +116,9 @@ fn the_cost_is_never_below_minus_the_log_evidence() {
     }
 }
 
-/// Where the posterior is nearly separable q is nearly the posterior, and the bound nearly the evidence. Here that is
-/// where priors say more than the image: the likelihood alone ties `f` to `g`.
+/// Where the posterior is nearly separable q is nearly the posterior, and the bound nearly the
+/// evidence. Here that is where priors say more than the image: the likelihood alone ties `f` to
+/// `g`.
 #[test]
 fn the_bound_is_tight_where_the_posterior_is_separable() {
     let hyper = Hyper { exposure_rate: 5.0, noise_shape: 50.0, noise_rate: 50.0 };
@@ -124,9 +127,10 @@ fn the_bound_is_tight_where_the_posterior_is_separable() {
     assert!(gaps.iter().all(|g| *g > -1e-6), "{gaps:?}");
 }
 
-/// The other end: the exact posterior lies along the ridge `g f = const`, of the relative width `s` that the noise
-/// sets, and q has that width in every direction. Of the ridge it holds a part proportional to `s`, so that the gap is
-/// `-log s` and a constant: one decade of noise is `log 10`.
+/// The other end: the exact posterior lies along the ridge `g f = const`, of the relative width `s`
+/// that the noise sets, and q has that width in every direction. Of the ridge it holds a part
+/// proportional to `s`, so that the gap is `-log s` and a constant: one decade of noise is
+/// `log 10`.
 #[test]
 fn the_gap_is_the_part_of_the_ridge_that_a_separable_q_misses() {
     let gaps = [0.1, 0.01].map(|noise| gap(20, noise, 1.0, Hyper::default()));

@@ -1,6 +1,7 @@
 //! Expected residuals under q, the cost `C_KL` (eq. 11), and the updates of Algorithm 1.
 //!
-//! Notation of the code: `a_i = A_i' <l>` (K), `b_i = A_i <f>` (M), `y_i = <l>' A_i <f>`, `v` variances,
+//! Notation of the code: `a_i = A_i' <l>` (K), `b_i = A_i <f>` (M), `y_i = <l>' A_i <f>`, `v`
+//! variances,
 //! `Q_i = <(l' A_i f)^2> = y_i^2 + sum_m vl_m b_im^2 + sum_k vf_k a_ik^2 + sum_mk vl_m vf_k A_imk^2`,
 //! `E = sum_i I_i^2 - 2 <g> I_i y_i + <g^2> Q_i`.
 //!
@@ -32,7 +33,8 @@ pub struct Expectations {
     pub(crate) q: f64,
 }
 
-/// Gradient and diagonal curvature of the expected log likelihood in the light, without the factor `<sigma^-2>`.
+/// Gradient and diagonal curvature of the expected log likelihood in the light, without the factor
+/// `<sigma^-2>`.
 pub(crate) struct Pull {
     /// `sum_i { <g> I_i b_im - <g^2> [b_im y_i + sum_k vf_k A_imk a_ik] }`.
     pub(crate) light: Vec<f64>,
@@ -53,8 +55,8 @@ impl Expectations {
         Self::with(problem, moments, a, b)
     }
 
-    /// Under the moments of another ensemble: a pass for the means of light, one for those of reflectance, and none for what
-    /// has not changed.
+    /// Under the moments of another ensemble: a pass for the means of light, one for those of
+    /// reflectance, and none for what has not changed.
     pub(crate) fn after(self, problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
         self.after_moments(problem, ensemble.moments(problem))
     }
@@ -88,7 +90,8 @@ impl Expectations {
         (problem.energy - 2.0 * g.mean * self.iy + g.mean_square() * self.q).max(0.0)
     }
 
-    /// `C_KL` of eq. 11. Its difference to minus the log evidence is the divergence of q from the posterior.
+    /// `C_KL` of eq. 11. Its difference to minus the log evidence is the divergence of q from the
+    /// posterior.
     pub fn cost(&self, problem: &Problem<'_>) -> f64 {
         let reflectance: f64 =
             self.moments.f.iter().zip(&problem.rates).map(|(f, rate)| f.mean_log - rate.ln() + rate * f.mean).sum();
@@ -103,7 +106,8 @@ impl Expectations {
         reflectance + light + exposure + self.noise_cost(problem)
     }
 
-    /// The terms of the noise: `KL(q(b) || p(b)) - <log p(I | ...)>`. With `a_p = a_0 + N/2` fixed, digamma cancels.
+    /// The terms of the noise: `KL(q(b) || p(b)) - <log p(I | ...)>`. With `a_p = a_0 + N/2` fixed,
+    /// digamma cancels.
     fn noise_cost(&self, problem: &Problem<'_>) -> f64 {
         let (a0, b0, a) = (problem.hyper.noise_shape, problem.hyper.noise_rate, problem.noise_shape());
         let precision = self.moments.precision;
@@ -139,7 +143,8 @@ impl Expectations {
         next
     }
 
-    /// What the data say about the light, given all else: one pass over the operator, none for a point estimate.
+    /// What the data say about the light, given all else: one pass over the operator, none for a
+    /// point estimate.
     pub(crate) fn pull(&self, problem: &Problem<'_>) -> Pull {
         let (op, k_count, m) = (problem.bilinear, problem.k(), problem.m());
         let AllMoments { f, g, .. } = &self.moments;

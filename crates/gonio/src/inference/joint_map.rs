@@ -1,5 +1,5 @@
-//! The joint maximum of eq. 10 over light, reflectance, exposure and noise: the estimate of eq. 2, which prefers a mirror in
-//! a blurry world and is here to be compared with.
+//! The joint maximum of eq. 10 over light, reflectance, exposure and noise: the estimate of eq. 2,
+//! which prefers a mirror in a blurry world and is here to be compared with.
 
 use rand::SeedableRng;
 use serde::{Deserialize, Serialize};
@@ -90,7 +90,8 @@ fn ascend(
     let mut now = Expectations::of_moments(problem, at.clone());
     let mut trace = vec![-log_posterior(problem, &now)];
     for iteration in 0..settings.max_iterations {
-        // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient alone, cut off at its threshold.
+        // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient
+        // alone, cut off at its threshold.
         let (means, _) = light_step(problem, &now, 12);
         at.l = means.into_iter().map(point).collect();
         now = now.after_moments(problem, at.clone());

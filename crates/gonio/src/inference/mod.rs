@@ -3,11 +3,13 @@
 //! One [`Problem`] (image, priors), several [`Method`]s, one [`Posterior`]:
 //!
 //! * [`Method::Variational`], the separable posterior of eqs. 12 to 14 fitted by Algorithm 1;
-//! * [`Method::JointMap`], the single most probable pair of light and reflectance (eq. 2), the baseline that falls for
-//!   the mirror in a blurry world;
-//! * [`Method::KnownLight`], for a problem whose light is given: what the image could determine at best.
+//! * [`Method::JointMap`], the single most probable pair of light and reflectance (eq. 2), the
+//!   baseline that falls for the mirror in a blurry world;
+//! * [`Method::KnownLight`], for a problem whose light is given: what the image could determine at
+//!   best.
 //!
-//! [`marginal`] integrates the light out instead: the evidence of candidate reflectances, and the best of them.
+//! [`marginal`] integrates the light out instead: the evidence of candidate reflectances, and the
+//! best of them.
 
 pub mod amortised;
 mod coordinate;
@@ -39,11 +41,13 @@ pub enum Method {
     Variational(VariationalSettings),
     /// Joint maximum of eq. 10 over light, reflectance, exposure and noise.
     JointMap(JointMapSettings),
-    /// The light is known: the problem has one light coefficient, the DC. Separable posterior of the rest.
+    /// The light is known: the problem has one light coefficient, the DC. Separable posterior of
+    /// the rest.
     KnownLight(VariationalSettings),
 }
 
-/// Finds the posterior; deterministic for the seed in the method's settings. `progress` is told a fraction in 0..=1.
+/// Finds the posterior; deterministic for the seed in the method's settings. `progress` is told a
+/// fraction in 0..=1.
 pub fn infer(problem: &Problem<'_>, method: &Method, progress: &(dyn Fn(f64) + Sync)) -> Posterior {
     match method {
         Method::Variational(settings) | Method::KnownLight(settings) => variational::infer(problem, settings, progress),

@@ -13,7 +13,8 @@ use crate::lighting::CoefficientPrior;
 /// `log p(l, f, g, sigma^-2 | I)` up to a constant, as a function of free coordinates
 /// `[log f_k][l_m, or log(l_m - T) where rectified][log g][log sigma^-2]`, Jacobian included.
 ///
-/// With `z = f (x) l`, the residual is `sum I^2 - 2 g c'z + g^2 z'Gz`: other arithmetic than that of the inference.
+/// With `z = f (x) l`, the residual is `sum I^2 - 2 g c'z + g^2 z'Gz`: other arithmetic than that
+/// of the inference.
 #[derive(Clone)]
 struct Exact {
     /// `G = sum_i A_i (x) A_i`, over `[k][m]`.
@@ -172,7 +173,8 @@ struct Draws {
     divergences: usize,
 }
 
-/// Mean of a function of the posterior, its standard deviation, and the Monte Carlo error of the mean.
+/// Mean of a function of the posterior, its standard deviation, and the Monte Carlo error of the
+/// mean.
 #[derive(Clone, Copy, Debug)]
 struct Estimate {
     mean: f64,
@@ -249,14 +251,16 @@ fn the_gradient_is_that_of_the_density() {
 
 /// Exact posterior and both solvers on one problem.
 ///
-/// Light has a fixed DC, but the pair `(f, g)` is determined by the image up to a common scale only: the priors leave a
-/// ridge `g f = const` along which the exact posterior spreads over a factor of two, while a separable q must settle
-/// somewhere on it. So what is compared does not change along the ridge: `f / |f|`, `g f`, the light, the noise.
+/// Light has a fixed DC, but the pair `(f, g)` is determined by the image up to a common scale
+/// only: the priors leave a ridge `g f = const` along which the exact posterior spreads over a
+/// factor of two, while a separable q must settle somewhere on it. So what is compared does not
+/// change along the ridge: `f / |f|`, `g f`, the light, the noise.
 ///
-/// Across the ridge 50 and more pixels for each of the unknowns make the posterior nearly Gaussian, and a separable q
-/// has the mean of a Gaussian exactly; only its spreads are too small. What is left is the bias from the truncation at
-/// zero and from the product of `l` and `f`: below a twentieth of a standard deviation, measured. The tolerance is
-/// twice that and five Monte Carlo errors.
+/// Across the ridge 50 and more pixels for each of the unknowns make the posterior nearly Gaussian,
+/// and a separable q has the mean of a Gaussian exactly; only its spreads are too small. What is
+/// left is the bias from the truncation at zero and from the product of `l` and `f`: below a
+/// twentieth of a standard deviation, measured. The tolerance is twice that and five Monte Carlo
+/// errors.
 fn compare(rows: usize, noise: f64) {
     let planted = planted(rows, 3, noise, 21);
     let problem = planted.problem();
@@ -266,7 +270,8 @@ fn compare(rows: usize, noise: f64) {
     let directions = [0, 1, 2].map(|k| draws.estimate(|p| p.f[k] / norm(&p.f)));
     let agrees = |f: &[f64]| (0..3).all(|k| fits(directions[k], f[k] / norm(f)));
     for e in directions {
-        // Four chains from different places agree, and their error is small against what they are to measure.
+        // Four chains from different places agree, and their error is small against what they are
+        // to measure.
         assert!(e.error < 0.05 * e.sd, "{e:?}");
     }
     for solver in [Solver::Blocks, Solver::Parallel] {
@@ -289,8 +294,8 @@ fn compare(rows: usize, noise: f64) {
         // The ridge, and how little of it q sees.
         assert!(draws.estimate(|p| p.g.ln()).sd > 0.4 && got.exposure_sd < 0.05 * got.exposure);
     }
-    // Nothing else passes: not the same numbers in another order, not the prior mean, not even the truth, from which the
-    // noise of this one image leads away.
+    // Nothing else passes: not the same numbers in another order, not the prior mean, not even the
+    // truth, from which the noise of this one image leads away.
     assert!(!agrees(&[planted.f[1], planted.f[2], planted.f[0]]));
     assert!(!agrees(&[1.0; 3]));
     assert!(!agrees(&planted.f), "{:?} {directions:?}", planted.f);

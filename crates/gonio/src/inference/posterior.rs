@@ -30,7 +30,8 @@ pub struct Posterior {
     pub exposure_sd: f64,
     /// Standard deviation of the noise, `<sigma^-2>^(-1/2)`, in the units of the image.
     pub noise: f64,
-    /// Cost of the kept start after every iteration: `C_KL`, or minus the log posterior for the joint maximum.
+    /// Cost of the kept start after every iteration: `C_KL`, or minus the log posterior for the
+    /// joint maximum.
     pub trace: Vec<f64>,
     /// All starts, in the order they were made.
     pub starts: Vec<StartReport>,

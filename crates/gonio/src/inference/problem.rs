@@ -9,8 +9,9 @@ use crate::transfer::{Bilinear, Projected};
 /// Parameters of the priors of exposure and noise (paper 3.3).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hyper {
-    /// `lambda_gamma` of `p(gamma) = Exp(lambda_gamma)`, for an image scaled to the brightness that the prior means predict.
-    /// Small: the scale of reflectance is that of its maximum, so a mirror takes an exposure a thousand times a chalk's.
+    /// `lambda_gamma` of `p(gamma) = Exp(lambda_gamma)`, for an image scaled to the brightness that
+    /// the prior means predict. Small: the scale of reflectance is that of its maximum, so a mirror
+    /// takes an exposure a thousand times a chalk's.
     pub exposure_rate: f64,
     /// Shape `a` of `p(sigma^-2) = Gamma(a, b)`.
     pub noise_shape: f64,
@@ -26,18 +27,21 @@ impl Default for Hyper {
 }
 
 impl Hyper {
-    /// What real images need: `Gamma(a, b)` with as much weight as `pixels` observations that were all off by [`MODEL_ERROR`].
+    /// What real images need: `Gamma(a, b)` with as much weight as `pixels` observations that were
+    /// all off by [`MODEL_ERROR`].
     ///
-    /// The residual of an image is not noise but what grid and basis cannot express, and it is alike in neighbouring pixels.
-    /// Under a vague prior the noise falls until a light of wild oscillations explains every pixel.
+    /// The residual of an image is not noise but what grid and basis cannot express, and it is
+    /// alike in neighbouring pixels. Under a vague prior the noise falls until a light of wild
+    /// oscillations explains every pixel.
     pub fn with_model_error(pixels: usize) -> Self {
         let shape = pixels as f64;
         Self { noise_shape: shape, noise_rate: shape * MODEL_ERROR * MODEL_ERROR, ..Self::default() }
     }
 }
 
-/// Root mean square of the model's error relative to that of the image: with the true light, on a 32 x 32 grid, rank-10
-/// reflectance leaves 3 to 7 % of the images of matte and satin materials unexplained.
+/// Root mean square of the model's error relative to that of the image: with the true light, on a
+/// 32 x 32 grid, rank-10 reflectance leaves 3 to 7 % of the images of matte and satin materials
+/// unexplained.
 pub const MODEL_ERROR: f64 = 0.05;
 
 /// Why an image poses no problem.
@@ -59,8 +63,8 @@ pub enum ProblemError {
     },
 }
 
-/// `I_i = g l' A_i f + e_i` with the priors of `l`, `f`, `g` and the precision of `e`; the image scaled so that `g` near one is
-/// plausible.
+/// `I_i = g l' A_i f + e_i` with the priors of `l`, `f`, `g` and the precision of `e`; the image
+/// scaled so that `g` near one is plausible.
 #[derive(Clone, Debug)]
 pub struct Problem<'a> {
     pub(crate) bilinear: &'a Bilinear,
@@ -99,8 +103,8 @@ impl<'a> Problem<'a> {
         Self::new(image, priors, LightGrid::normalised_dc(), rates, hyper)
     }
 
-    /// The problem with known light: `image.bilinear` has one light coefficient, of value one, and its rows are the images
-    /// of the basis functions under that light.
+    /// The problem with known light: `image.bilinear` has one light coefficient, of value one, and
+    /// its rows are the images of the basis functions under that light.
     ///
     /// # Errors
     /// As [`Self::blind`].
@@ -127,8 +131,9 @@ impl<'a> Problem<'a> {
         if energy <= 0.0 {
             return Err(ProblemError::Black);
         }
-        // Root mean square one: the paper starts with a noise variance of one, as large as the signal. Which exposure
-        // that makes plausible depends on units only by a factor that the broad prior of g absorbs.
+        // Root mean square one: the paper starts with a noise variance of one, as large as the
+        // signal. Which exposure that makes plausible depends on units only by a factor that the
+        // broad prior of g absorbs.
         let scale = (image.pixels as f64 / energy).sqrt();
         Ok(Self {
             bilinear,
@@ -144,7 +149,8 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Draws the random reflectances of the starts from coefficients of known materials instead of from the exponential prior.
+    /// Draws the random reflectances of the starts from coefficients of known materials instead of
+    /// from the exponential prior.
     pub fn starting_from(mut self, examples: Vec<Vec<f64>>) -> Self {
         assert!(examples.iter().all(|e| e.len() == self.rates.len()));
         self.examples = examples;

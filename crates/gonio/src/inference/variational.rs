@@ -9,10 +9,11 @@ use super::{Ensemble, Expectations, Posterior, Problem, StartReport, coordinate}
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
-    /// As printed: all parameters updated in parallel, then a line search on `C_KL` along `Phi + alpha (Phi* - Phi)`.
+    /// As printed: all parameters updated in parallel, then a line search on `C_KL` along
+    /// `Phi + alpha (Phi* - Phi)`.
     Parallel,
-    /// Exact minimisation over light, reflectance and exposure in turn: lower `C_KL` in a fraction of the time, hence the
-    /// default.
+    /// Exact minimisation over light, reflectance and exposure in turn: lower `C_KL` in a fraction
+    /// of the time, hence the default.
     #[default]
     Blocks,
 }
@@ -26,10 +27,12 @@ pub struct VariationalSettings {
     pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
-    /// Stopping threshold (paper: 1e-4): of the change of `C_KL` per pixel at one noise level, three times in a row, and
-    /// of the change of `Phi_5` from level to level. Per pixel, because `C_KL` grows with their number.
+    /// Stopping threshold (paper: 1e-4): of the change of `C_KL` per pixel at one noise level,
+    /// three times in a row, and of the change of `Phi_5` from level to level. Per pixel, because
+    /// `C_KL` grows with their number.
     pub tolerance: f64,
-    /// Share of the last search direction that the next one keeps ([`Solver::Parallel`]); zero is Algorithm 1 to the letter,
+    /// Share of the last search direction that the next one keeps ([`Solver::Parallel`]); zero is
+    /// Algorithm 1 to the letter,
     /// 0.9 that of the older code that the paper builds on.
     pub momentum: f64,
     /// Iterations of one start at most.
@@ -127,7 +130,8 @@ fn run(
             progress(trace.len() as f64 / (settings.max_iterations + 1) as f64);
             settled = if (before - cost).abs() < settings.tolerance * problem.pixels { settled + 1 } else { 0 };
         }
-        // Only when all else has converged is the noise lowered, by the step that the line search ended with.
+        // Only when all else has converged is the noise lowered, by the step that the line search
+        // ended with.
         let change = search.noise_step() * (now.best_log_noise(problem) - ensemble.log_noise());
         ensemble.set_log_noise(ensemble.log_noise() + change);
         now = now.after(problem, &ensemble);
@@ -140,12 +144,14 @@ fn run(
     Run { ensemble, trace, converged }
 }
 
-/// `alpha* = argmin C_KL(Phi + alpha dPhi)`: a bracket grown or shrunk from the last step, then parabolas.
+/// `alpha* = argmin C_KL(Phi + alpha dPhi)`: a bracket grown or shrunk from the last step, then
+/// parabolas.
 ///
-/// In the paper's variables `(u/w, log 1/w)` the parallel update need not be a direction of descent: just after the
-/// noise was lowered all precisions want to grow by a large factor, and the search stalls. In the natural parameters `(u/w, 1/w)` it always is one,
-/// since there the gradient of `C_KL` is the Fisher matrix times `Phi - Phi*`. So a search that finds nothing is
-/// repeated along that line.
+/// In the paper's variables `(u/w, log 1/w)` the parallel update need not be a direction of
+/// descent: just after the noise was lowered all precisions want to grow by a large factor, and the
+/// search stalls. In the natural parameters `(u/w, 1/w)` it always is one, since there the gradient
+/// of `C_KL` is the Fisher matrix times `Phi - Phi*`. So a search that finds nothing is repeated
+/// along that line.
 struct LineSearch {
     alpha: f64,
     momentum: f64,
@@ -188,8 +194,8 @@ impl LineSearch {
     }
 }
 
-/// Minimiser of `at` near `start`, at most about `limit`; `None` if nothing down to a ten-thousandth of it falls below `cost`,
-/// the value at zero.
+/// Minimiser of `at` near `start`, at most about `limit`; `None` if nothing down to a
+/// ten-thousandth of it falls below `cost`, the value at zero.
 fn search(start: f64, limit: f64, cost: f64, at: impl Fn(f64) -> f64) -> Option<f64> {
     let mut middle = (start, at(start));
     let mut right = None;

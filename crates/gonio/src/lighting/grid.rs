@@ -5,7 +5,8 @@ use glam::{DVec3, Vec3};
 use crate::picture::{Plane, luminance};
 use crate::sphere::{Haar, OctahedralMap, direction_of_lat_long};
 
-/// Radiance on the `side * side` texels of an octahedral map, row-major, row 0 at the top (`v` near 1, the sky).
+/// Radiance on the `side * side` texels of an octahedral map, row-major, row 0 at the top (`v` near
+/// 1, the sky).
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightGrid {
     map: OctahedralMap,
@@ -75,14 +76,15 @@ impl LightGrid {
         self.texels[Self::texel_of(self.map, self.side, direction)]
     }
 
-    /// Integral over the square in the measure of [`Self::texel_measure`]: over the sphere on the equal-area map.
+    /// Integral over the square in the measure of [`Self::texel_measure`]: over the sphere on the
+    /// equal-area map.
     pub fn integral(&self) -> DVec3 {
         self.texels.iter().map(|t| t.as_dvec3()).sum::<DVec3>() * Self::texel_measure(self.side)
     }
 
-    /// Coefficients of the luminance in the Haar basis that is orthonormal in the measure of [`Self::texel_measure`]:
-    /// `l_m = sum_t L_t h_m(t) sqrt(measure)`, `h` the orthonormal wavelets of the grid. Coarse coefficients do not
-    /// depend on the side of the grid.
+    /// Coefficients of the luminance in the Haar basis that is orthonormal in the measure of
+    /// [`Self::texel_measure`]: `l_m = sum_t L_t h_m(t) sqrt(measure)`, `h` the orthonormal
+    /// wavelets of the grid. Coarse coefficients do not depend on the side of the grid.
     pub fn coefficients(&self) -> Vec<f64> {
         let mut values: Vec<f32> = self.texels.iter().map(|&t| luminance(t)).collect();
         Haar::new(self.side).expect("checked at construction").forward(&mut values, &mut Vec::new());
@@ -95,8 +97,8 @@ impl LightGrid {
         (4.0 * std::f64::consts::PI).sqrt().recip()
     }
 
-    /// Coefficients of the luminance scaled so that it integrates to one: `l[0]` is [`Self::normalised_dc`].
-    /// `None` when the light is black.
+    /// Coefficients of the luminance scaled so that it integrates to one: `l[0]` is
+    /// [`Self::normalised_dc`]. `None` when the light is black.
     pub fn normalised_coefficients(&self) -> Option<Vec<f64>> {
         let mut l = self.coefficients();
         let scale = Self::normalised_dc() / l[0];

@@ -29,8 +29,8 @@ pub enum MapError {
     Black,
 }
 
-/// Radiance from all directions as a lat-long map: row 0 is +y, the centre looks along -z, the right half is +x
-/// (see [`direction_of_lat_long`]); constant within each pixel.
+/// Radiance from all directions as a lat-long map: row 0 is +y, the centre looks along -z, the
+/// right half is +x (see [`direction_of_lat_long`]); constant within each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnvironmentMap {
     radiance: Plane<Vec3>,
@@ -69,7 +69,8 @@ impl EnvironmentMap {
         self.radiance[(((u * width as f64) as usize).min(width - 1), ((v * height as f64) as usize).min(height - 1))]
     }
 
-    /// The map turned about the vertical axis by whole pixels: what was at column `x` goes to column `x + columns`.
+    /// The map turned about the vertical axis by whole pixels: what was at column `x` goes to
+    /// column `x + columns`.
     pub fn turned(&self, columns: usize) -> Self {
         let (width, height) = self.radiance.size();
         let columns = columns % width;
@@ -78,11 +79,13 @@ impl EnvironmentMap {
 
     /// Mean radiance over each texel of an octahedral grid of `side` by `side`.
     ///
-    /// Every pixel is split into sub-pixels small against a texel, each of which gives its radiance, weighted by its solid
-    /// angle, to the texel it falls into: small lamps keep their flux whatever the grid.
+    /// Every pixel is split into sub-pixels small against a texel, each of which gives its
+    /// radiance, weighted by its solid angle, to the texel it falls into: small lamps keep their
+    /// flux whatever the grid.
     pub fn to_grid(&self, map: OctahedralMap, side: usize) -> LightGrid {
         let (width, height) = self.radiance.size();
-        // At least a dozen sub-pixels across a texel; never fewer than six to a pixel, where a lamp of one pixel is split.
+        // At least a dozen sub-pixels across a texel; never fewer than six to a pixel, where a lamp
+        // of one pixel is split.
         let split = (12 * side).div_ceil(height).clamp(6, 16);
         let (fine_width, fine_height) = (width * split, height * split);
         // Fixed bands, summed in order: the result does not depend on the number of threads.

@@ -35,8 +35,9 @@ impl Default for MixtureSettings {
     }
 }
 
-/// Beyond this many samples they are replaced by the root mean squares of equal-count runs of the sorted magnitudes:
-/// a zero-mean mixture sees only magnitudes, and a run holds less than one in four thousand of them.
+/// Beyond this many samples they are replaced by the root mean squares of equal-count runs of the
+/// sorted magnitudes: a zero-mean mixture sees only magnitudes, and a run holds less than one in
+/// four thousand of them.
 const QUANTISED: usize = 4096;
 
 impl ScaleMixture {
@@ -45,7 +46,8 @@ impl ScaleMixture {
         self.log_density_of_square(x * x)
     }
 
-    /// The same for a given `x^2`; for an expected square `<x^2>` the bound of `<log p>` with the best responsibilities.
+    /// The same for a given `x^2`; for an expected square `<x^2>` the bound of `<log p>` with the
+    /// best responsibilities.
     pub fn log_density_of_square(&self, x2: f64) -> f64 {
         self.log_joint(x2).fold(f64::NEG_INFINITY, log_add)
     }
@@ -110,7 +112,8 @@ impl ScaleMixture {
         (best, mixture)
     }
 
-    /// Maximum likelihood fit to samples; `None` without any non-zero finite sample. Deterministic for a seed.
+    /// Maximum likelihood fit to samples; `None` without any non-zero finite sample. Deterministic
+    /// for a seed.
     pub fn fit(samples: &[f64], settings: &MixtureSettings) -> Option<Self> {
         let mut squares: Vec<f64> = samples.iter().map(|x| x * x).filter(|x| x.is_finite()).collect();
         squares.sort_by(f64::total_cmp);

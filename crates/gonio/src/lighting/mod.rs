@@ -1,4 +1,5 @@
-//! Light from far away: environment maps, their octahedral grids and wavelet statistics (paper 3.1).
+//! Light from far away: environment maps, their octahedral grids and wavelet statistics (paper
+//! 3.1).
 
 mod grid;
 mod map;

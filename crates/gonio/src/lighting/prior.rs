@@ -1,4 +1,5 @@
-//! The prior of light: mixtures per group of Haar coefficients, learnt from captured environments (paper 3.1, eq. 5).
+//! The prior of light: mixtures per group of Haar coefficients, learnt from captured environments
+//! (paper 3.1, eq. 5).
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -82,7 +83,8 @@ impl PriorGroup {
         groups
     }
 
-    /// Mixture components of the paper: 2, 2, 3, 4, 5 for scales 1 to 5; finer scales continue with 5.
+    /// Mixture components of the paper: 2, 2, 3, 4, 5 for scales 1 to 5; finer scales continue with
+    /// 5.
     fn components(self) -> usize {
         match self {
             Self::Coarsest(_) => 2,
@@ -103,7 +105,8 @@ impl PriorGroup {
     }
 }
 
-/// `p(l)` of eq. 5 for lights normalised to integral one: every coefficient but DC independent, with the prior of its group.
+/// `p(l)` of eq. 5 for lights normalised to integral one: every coefficient but DC independent,
+/// with the prior of its group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LightPrior {
     /// How the sphere is laid out.
@@ -149,11 +152,13 @@ impl Default for PriorSettings {
 }
 
 impl LightPrior {
-    /// Learns the densities of all groups from lights on a common grid; `lights` may hold each capture several times, turned
-    /// about the vertical (`captures` is how many different ones there are). Deterministic for a seed.
+    /// Learns the densities of all groups from lights on a common grid; `lights` may hold each
+    /// capture several times, turned about the vertical (`captures` is how many different ones
+    /// there are). Deterministic for a seed.
     ///
     /// # Errors
-    /// Without lights, with lights on different grids, black lights, or a group in which every coefficient is zero.
+    /// Without lights, with lights on different grids, black lights, or a group in which every
+    /// coefficient is zero.
     pub fn learn(lights: &[LightGrid], captures: usize, settings: &PriorSettings) -> Result<Self, PriorError> {
         let first = lights.first().ok_or(PriorError::Empty)?;
         let coefficients: Vec<Vec<f64>> = lights
@@ -186,9 +191,10 @@ impl LightPrior {
         let flat = || PriorError::Flat(group.label());
         if group == PriorGroup::Coarsest(Orientation::Vertical) {
             let (low, high) = samples.iter().fold((f64::MAX, f64::MIN), |(a, b), &x| (a.min(x), b.max(x)));
-            // The likelihood always prefers the threshold at the smallest sample; the expected gap to the true end
-            // of a range is that range over the number of samples. It is never above zero (paper: "rectified at a
-            // negative value"), nor below the bound that non-negative light sets.
+            // The likelihood always prefers the threshold at the smallest sample; the expected gap
+            // to the true end of a range is that range over the number of samples. It is never
+            // above zero (paper: "rectified at a negative value"), nor below the bound that
+            // non-negative light sets.
             let gap = (high - low) / samples.len() as f64;
             let dc = LightGrid::normalised_dc();
             let threshold = (low - gap).clamp(-dc, -1e-3 * dc);
@@ -216,7 +222,8 @@ impl LightPrior {
         self.groups.get(at)
     }
 
-    /// Prior mean and variance of all coefficients of a grid of `side`; DC is the constant of normalised light.
+    /// Prior mean and variance of all coefficients of a grid of `side`; DC is the constant of
+    /// normalised light.
     ///
     /// # Panics
     /// If the prior does not cover the grid.

@@ -1,7 +1,7 @@
 //! The Gaussian rectified at a threshold: `N(x; u, w)` cut off below `T` and renormalised.
 //!
-//! The prior of the coarsest vertical wavelet (paper 3.1, `T < 0`) and the posterior form of everything that is
-//! bounded below (eqs. 12 to 14, `T = 0` or the prior's).
+//! The prior of the coarsest vertical wavelet (paper 3.1, `T < 0`) and the posterior form of
+//! everything that is bounded below (eqs. 12 to 14, `T = 0` or the prior's).
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_2_PI, TAU};
 
@@ -37,7 +37,8 @@ impl Moments {
     }
 }
 
-/// Beyond this many standard deviations between location and threshold the tail series is exact to round-off.
+/// Beyond this many standard deviations between location and threshold the tail series is exact to
+/// round-off.
 const SERIES_FROM: f64 = 60.0;
 
 /// `log(erfc(x))` without underflow.
@@ -68,16 +69,17 @@ impl RectifiedGaussian {
     /// Mean, variance and negative entropy.
     ///
     /// With `alpha = (T - u)/sqrt(w)` and the hazard `lambda = sqrt(2/pi) / erfcx(alpha/sqrt(2))`:
-    /// `<x> = u + sqrt(w) lambda`, `var = w (1 + alpha lambda - lambda^2)`. Both cancel for large `alpha`; there
-    /// `delta = lambda - alpha` comes from its asymptotic series and `<x> = T + sqrt(w) delta`.
+    /// `<x> = u + sqrt(w) lambda`, `var = w (1 + alpha lambda - lambda^2)`. Both cancel for large
+    /// `alpha`; there `delta = lambda - alpha` comes from its asymptotic series and
+    /// `<x> = T + sqrt(w) delta`.
     pub fn moments(&self) -> Moments {
         let (sd, alpha) = (self.variance.sqrt(), self.standard_threshold());
         if alpha > SERIES_FROM {
             let r = 1.0 / (alpha * alpha);
             let delta = (1.0 - r * (2.0 - r * (10.0 - r * 74.0))) / alpha;
             let spread = r * (1.0 - r * (6.0 - r * (50.0 - r * 518.0)));
-            // <log q> = -(log(2 pi w) + <z^2>)/2 - log mass with <z^2> = 1 + alpha lambda; the alpha^2 / 2 of both is
-            // taken out by erfcx.
+            // <log q> = -(log(2 pi w) + <z^2>)/2 - log mass with <z^2> = 1 + alpha lambda; the
+            // alpha^2 / 2 of both is taken out by erfcx.
             let log_scaled_mass = (0.5 * erfcx(alpha * FRAC_1_SQRT_2)).ln();
             let mean_log = -0.5 * ((TAU * self.variance).ln() + 1.0 + alpha * delta) - log_scaled_mass;
             return Moments { mean: self.threshold + sd * delta, variance: self.variance * spread, mean_log };
@@ -97,8 +99,9 @@ impl RectifiedGaussian {
         Moments { mean, variance, mean_log }
     }
 
-    /// Maximum likelihood location and variance for a given threshold below all samples, by expectation maximisation over the mass
-    /// that the rectification hides. `None` for fewer than two different samples.
+    /// Maximum likelihood location and variance for a given threshold below all samples, by
+    /// expectation maximisation over the mass that the rectification hides. `None` for fewer than
+    /// two different samples.
     pub fn fit(samples: &[f64], threshold: f64) -> Option<Self> {
         let n = samples.len() as f64;
         let mean = samples.iter().sum::<f64>() / n;
@@ -117,7 +120,8 @@ impl RectifiedGaussian {
             let about = |mean: f64, variance: f64| variance + (mean - location).powi(2);
             let variance = (about(mean, spread) + odds * about(hidden_mean, m.variance)) / total;
             let moved = (location - fit.location).abs() / spread.sqrt() + (variance / fit.variance - 1.0).abs();
-            // An exponential-looking sample would drive the location to minus infinity: stop at ten spreads.
+            // An exponential-looking sample would drive the location to minus infinity: stop at ten
+            // spreads.
             if !variance.is_finite() || (location - mean).abs() > 10.0 * spread.sqrt() {
                 break;
             }

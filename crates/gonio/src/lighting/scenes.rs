@@ -6,8 +6,9 @@ use super::EnvironmentMap;
 use crate::picture::Plane;
 use crate::sphere::direction_of_lat_long;
 
-/// A clear day, `2 height` by `height`: a sky that pales towards the horizon, a low sun behind the left shoulder, and dull ground. Relative units, mean about
-/// one; the sun brings half of the light.
+/// A clear day, `2 height` by `height`: a sky that pales towards the horizon, a low sun behind the
+/// left shoulder, and dull ground. Relative units, mean about one; the sun brings half of the
+/// light.
 pub fn sky_light(height: usize) -> EnvironmentMap {
     let sun = DVec3::new(-0.6, 0.55, 0.65).normalize();
     map(height, |d| {
@@ -22,8 +23,8 @@ pub fn sky_light(height: usize) -> EnvironmentMap {
     })
 }
 
-/// A dark room with lamps, `2 height` by `height`: a row of warm bulbs over the object, a screen at the left, a doorway behind. Relative units, mean about
-/// one.
+/// A dark room with lamps, `2 height` by `height`: a row of warm bulbs over the object, a screen at
+/// the left, a doorway behind. Relative units, mean about one.
 pub fn lamp_light(height: usize) -> EnvironmentMap {
     let bulbs: Vec<DVec3> = (-2..=2).map(|i| DVec3::new(0.55 * f64::from(i), 1.0, 0.55).normalize()).collect();
     let (screen, door) = (DVec3::new(-1.0, 0.05, 0.3).normalize(), DVec3::new(0.5, 0.1, -1.0).normalize());
@@ -44,7 +45,8 @@ fn map(height: usize, radiance: impl Fn(DVec3) -> Vec3) -> EnvironmentMap {
     EnvironmentMap::new(Plane::from_fn(2 * height, height, pixel)).expect("a lit map of the right shape")
 }
 
-/// One within an upright rectangle about a direction, of these halves of its sides in the tangent plane, zero outside.
+/// One within an upright rectangle about a direction, of these halves of its sides in the tangent
+/// plane, zero outside.
 fn rectangle(d: DVec3, centre: DVec3, half_width: f64, half_height: f64) -> f64 {
     let right = DVec3::Y.cross(centre).normalize();
     let (top, depth) = (centre.cross(right), d.dot(centre));

@@ -1,4 +1,5 @@
-//! The linear basis `F = sum_k f_k phi_k` of reflectance (paper 3.2) and the prior of its coefficients (paper eq. 6).
+//! The linear basis `F = sum_k f_k phi_k` of reflectance (paper 3.2) and the prior of its
+//! coefficients (paper eq. 6).
 
 use super::nnls::{NnlsError, nnls};
 use super::table::{BivariateTable, CELLS, THETA_D, is_trusted};
@@ -43,14 +44,15 @@ pub struct TrainingMaterial {
 
 /// Non-negative functions whose non-negative combinations are reflectances.
 ///
-/// The fields are open so that formats can store them; [`train`](super::train) makes them consistent: `functions`,
-/// `rates` and each material's coefficients have the same length `K`.
+/// The fields are open so that formats can store them; [`train`](super::train) makes them
+/// consistent: `functions`, `rates` and each material's coefficients have the same length `K`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReflectanceBasis {
-    /// The functions `phi_k`, each with maximum one over the trusted cells; those beyond continue it by a constant.
+    /// The functions `phi_k`, each with maximum one over the trusted cells; those beyond continue
+    /// it by a constant.
     pub functions: Vec<BivariateTable>,
-    /// The rates `lambda_k` of `p(f_k) = lambda_k exp(-lambda_k f_k)` (eq. 6): one over the mean of the training
-    /// materials' coefficients, which is their most likely value.
+    /// The rates `lambda_k` of `p(f_k) = lambda_k exp(-lambda_k f_k)` (eq. 6): one over the mean of
+    /// the training materials' coefficients, which is their most likely value.
     pub rates: Vec<f64>,
     /// The materials of the training, in the order given.
     pub materials: Vec<TrainingMaterial>,
@@ -84,7 +86,8 @@ impl ReflectanceBasis {
         Ok(BivariateTable::from_vec(sum.into_iter().map(|v| v as f32).collect()))
     }
 
-    /// The coefficients `f >= 0` that minimise the squared error to `table` over the trusted cells, in its units.
+    /// The coefficients `f >= 0` that minimise the squared error to `table` over the trusted cells,
+    /// in its units.
     ///
     /// # Errors
     /// If a trusted cell is not finite, or the least squares fail on functions that are not finite.

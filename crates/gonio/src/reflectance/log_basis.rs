@@ -1,8 +1,8 @@
 //! Measured materials as a mean and principal axes of the logarithm of their tables.
 //!
-//! Reflectance spans five orders of magnitude. In the logarithm a few dozen axes hold a hundred materials to a few percent
-//! everywhere, in the diffuse part as in the peak, where a factorisation of the values themselves spends all its functions on
-//! the peaks of metals.
+//! Reflectance spans five orders of magnitude. In the logarithm a few dozen axes hold a hundred
+//! materials to a few percent everywhere, in the diffuse part as in the peak, where a factorisation
+//! of the values themselves spends all its functions on the peaks of metals.
 
 use super::table::BivariateTable;
 use crate::linalg::{principal_axes, project};
@@ -24,11 +24,12 @@ pub struct LogBasis {
 }
 
 impl LogBasis {
-    /// Axes that hold the hundred reconstructed materials of the MERL database to 3 % (the root mean square of the logarithm
-    /// over trusted cells; 5 % for the worst).
+    /// Axes that hold the hundred reconstructed materials of the MERL database to 3 % (the root
+    /// mean square of the logarithm over trusted cells; 5 % for the worst).
     pub const RANK: usize = 40;
 
-    /// The `rank` leading axes (fewer if there are not as many materials). Cells beyond the trusted ones are taken from the last trusted.
+    /// The `rank` leading axes (fewer if there are not as many materials). Cells beyond the trusted
+    /// ones are taken from the last trusted.
     ///
     /// # Panics
     /// Without materials.

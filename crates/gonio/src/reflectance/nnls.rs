@@ -1,4 +1,5 @@
-//! Non-negative least squares in Gram form, by an exact active-set method (Lawson & Hanson 1974, ch. 23).
+//! Non-negative least squares in Gram form, by an exact active-set method (Lawson & Hanson 1974,
+//! ch. 23).
 
 use faer::MatRef;
 use thiserror::Error;
@@ -19,7 +20,8 @@ pub enum NnlsError {
     /// An input is NaN or infinite.
     #[error("an entry of the Gram matrix or of the right-hand side is not finite")]
     NotFinite,
-    /// The cost falls without end: only possible where `c` has negative entries or `G`, `h` belong to no `A`, `b`.
+    /// The cost falls without end: only possible where `c` has negative entries or `G`, `h` belong
+    /// to no `A`, `b`.
     #[error("the cost is unbounded below along variable {0}")]
     Unbounded(usize),
     /// The active set did not settle, which needs a matrix that is not positive semidefinite.
@@ -29,15 +31,17 @@ pub enum NnlsError {
 
 /// Relative size below which a gradient counts as zero.
 const ROUND_OFF: f64 = 1e-13;
-/// Part of a column's squared length outside the span of the others below which it counts as dependent.
+/// Part of a column's squared length outside the span of the others below which it counts as
+/// dependent.
 const DEPENDENT: f64 = 1e-12;
 
-/// Minimises `|A x - b|^2 + 2 c'x` over `x >= 0`, given `gram = G = A'A` (`n x n`, symmetric positive semidefinite,
-/// both triangles filled) and `h = A'b - c` (`n`).
+/// Minimises `|A x - b|^2 + 2 c'x` over `x >= 0`, given `gram = G = A'A` (`n x n`, symmetric
+/// positive semidefinite, both triangles filled) and `h = A'b - c` (`n`).
 ///
-/// The result satisfies the Karush-Kuhn-Tucker conditions up to round-off: `x >= 0`, `g = G x - h >= 0`, `x_k g_k = 0`.
-/// With dependent columns the minimiser is not unique, and one with a non-singular passive set is returned. The cost
-/// is `O(n^3)` per change of the active set: meant for the tens of coefficients of a basis.
+/// The result satisfies the Karush-Kuhn-Tucker conditions up to round-off: `x >= 0`,
+/// `g = G x - h >= 0`, `x_k g_k = 0`. With dependent columns the minimiser is not unique, and one
+/// with a non-singular passive set is returned. The cost is `O(n^3)` per change of the active set:
+/// meant for the tens of coefficients of a basis.
 ///
 /// # Errors
 /// See [`NnlsError`].
@@ -51,7 +55,8 @@ pub fn nnls(gram: MatRef<'_, f64>, h: &[f64]) -> Result<Vec<f64>, NnlsError> {
         return Err(NnlsError::NotFinite);
     }
     let mut state = ActiveSet { gram, h, x: vec![0.0; n], passive: Vec::new() };
-    // A variable that round-off throws out at once may not come back before something else has changed.
+    // A variable that round-off throws out at once may not come back before something else has
+    // changed.
     let mut barred = vec![false; n];
     for _ in 0..100 + 30 * n {
         let Some(entering) = state.most_promising(&barred) else {
@@ -75,7 +80,8 @@ struct ActiveSet<'a> {
 }
 
 impl ActiveSet<'_> {
-    /// The variable at zero whose increase lowers the cost fastest (in units of its column's length), if any does.
+    /// The variable at zero whose increase lowers the cost fastest (in units of its column's
+    /// length), if any does.
     fn most_promising(&self, barred: &[bool]) -> Option<usize> {
         let mut best = None;
         let mut steepest = 0.0;
@@ -95,14 +101,16 @@ impl ActiveSet<'_> {
         best
     }
 
-    /// Lets variable `t` in and restores optimality over the passive set. False if `t` fell straight back to zero.
+    /// Lets variable `t` in and restores optimality over the passive set. False if `t` fell
+    /// straight back to zero.
     fn admit(&mut self, t: usize) -> Result<bool, NnlsError> {
         let column: Vec<f64> = self.passive.iter().map(|&p| self.gram[(p, t)]).collect();
         let z = self.solve(&column).ok_or(NnlsError::NoConvergence)?;
         let fit: f64 = column.iter().zip(&z).map(|(a, b)| a * b).sum();
         let diagonal = self.gram[(t, t)];
         if diagonal - fit <= DEPENDENT * diagonal.abs() {
-            // Column t depends on the passive ones: the cost is linear along (1, -z), so walk until one of them is zero.
+            // Column t depends on the passive ones: the cost is linear along (1, -z), so walk until
+            // one of them is zero.
             let leaving = (0..z.len())
                 .filter(|&i| z[i] > 0.0)
                 .min_by(|&a, &b| (self.x[self.passive[a]] / z[a]).total_cmp(&(self.x[self.passive[b]] / z[b])));
@@ -132,7 +140,8 @@ impl ActiveSet<'_> {
                 }
                 return Ok(true);
             }
-            // As far towards the unconstrained optimum as the bounds allow; what arrives at zero leaves the set.
+            // As far towards the unconstrained optimum as the bounds allow; what arrives at zero
+            // leaves the set.
             let mut step = 1.0_f64;
             for (&p, &v) in self.passive.iter().zip(&target) {
                 if v <= 0.0 {

@@ -1,7 +1,8 @@
 //! BRDF tables in the half/difference parametrisation of the MERL database.
 //!
-//! Axes (Rusinkiewicz 1998, sampled as MERL does): `theta_h = (i/90)^2 * 90` degrees, `theta_d = j` degrees,
-//! `phi_d = k` degrees with `i, j` in 0..90 and `k` in 0..180; reciprocity gives `phi_d + 180`. Values are in 1/sr.
+//! Axes (Rusinkiewicz 1998, sampled as MERL does): `theta_h = (i/90)^2 * 90` degrees, `theta_d = j`
+//! degrees, `phi_d = k` degrees with `i, j` in 0..90 and `k` in 0..180; reciprocity gives
+//! `phi_d + 180`. Values are in 1/sr.
 
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -18,7 +19,8 @@ pub const CELLS: usize = THETA_H * THETA_D;
 /// Angle (radians) in `theta_h` and `theta_d` beyond which the measured tables are extrapolation.
 pub const TRUSTED: f64 = 80.0 / 180.0 * PI;
 
-/// Angle of sample `i` of the `theta_h` axis, radians: the axis is denser towards the specular peak.
+/// Angle of sample `i` of the `theta_h` axis, radians: the axis is denser towards the specular
+/// peak.
 pub fn theta_h_of(i: usize) -> f64 {
     (i as f64 / THETA_H as f64).powi(2) * FRAC_PI_2
 }
@@ -40,8 +42,8 @@ pub fn above_horizon(theta_h: f64, theta_d: f64, phi_d: f64) -> bool {
     vertical - lateral > 0.0 && vertical + lateral > 0.0
 }
 
-/// Position on an axis of `n` samples for linear interpolation: lower index and weight of the upper one.
-/// Beyond the last sample the last value is held.
+/// Position on an axis of `n` samples for linear interpolation: lower index and weight of the upper
+/// one. Beyond the last sample the last value is held.
 fn bracket(x: f64, n: usize) -> (usize, f64) {
     let x = x.clamp(0.0, (n - 1) as f64);
     let i = (x as usize).min(n - 2);
@@ -113,7 +115,8 @@ impl BivariateTable {
         self.values[i * THETA_D + j]
     }
 
-    /// Value at `(theta_h, theta_d)` in radians: bilinear in the sample indices, the last sample held up to 90 degrees.
+    /// Value at `(theta_h, theta_d)` in radians: bilinear in the sample indices, the last sample
+    /// held up to 90 degrees.
     pub fn eval(&self, theta_h: f64, theta_d: f64) -> f64 {
         let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
         let row = |i: usize| {
@@ -123,7 +126,8 @@ impl BivariateTable {
         row(i) * (1.0 - s) + row(i + 1) * s
     }
 
-    /// The four cells that [`Self::eval`] interpolates between, with their weights: `eval` is `sum_c weight_c value_c`.
+    /// The four cells that [`Self::eval`] interpolates between, with their weights: `eval` is
+    /// `sum_c weight_c value_c`.
     pub fn stencil(theta_h: f64, theta_d: f64) -> [(usize, f64); 4] {
         let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
         let at = i * THETA_D + j;
@@ -142,8 +146,9 @@ impl BivariateTable {
         Self::from_vec((0..CELLS).map(cell).collect())
     }
 
-    /// Replaces every cell beyond [`TRUSTED`] by the nearest trusted one along its axis (corner cells by the corner).
-    /// The largest values of many measured tables lie there and are extrapolation, not measurement.
+    /// Replaces every cell beyond [`TRUSTED`] by the nearest trusted one along its axis (corner
+    /// cells by the corner). The largest values of many measured tables lie there and are
+    /// extrapolation, not measurement.
     pub fn extend_from_trusted(&mut self) {
         let last_h = (0..THETA_H).rfind(|&i| is_trusted(i, 0)).expect("some rows are trusted");
         let last_d = (0..THETA_D).rfind(|&j| is_trusted(0, j)).expect("some columns are trusted");
@@ -154,8 +159,8 @@ impl BivariateTable {
         }
     }
 
-    /// Directional albedo seen along the normal: the share of light from straight above that is reflected,
-    /// `2 pi integral of f(t/2, t/2) cos t sin t dt`.
+    /// Directional albedo seen along the normal: the share of light from straight above that is
+    /// reflected, `2 pi integral of f(t/2, t/2) cos t sin t dt`.
     pub fn normal_albedo(&self) -> f64 {
         // Midpoints in sqrt(t), which resolves the lobe as the table does.
         const STEPS: usize = 4000;
@@ -169,8 +174,8 @@ impl BivariateTable {
         2.0 * PI * sum / STEPS as f64
     }
 
-    /// The table scaled to a [`Self::normal_albedo`], and the factor that was needed: a photograph under unknown light fixes the product of light and
-    /// reflectance alone.
+    /// The table scaled to a [`Self::normal_albedo`], and the factor that was needed: a photograph
+    /// under unknown light fixes the product of light and reflectance alone.
     pub fn with_normal_albedo(&self, albedo: f64) -> (Self, f64) {
         let scale = albedo / self.normal_albedo();
         (self.scaled(scale), scale)
@@ -185,11 +190,12 @@ impl BivariateTable {
     }
 }
 
-/// A measured isotropic BRDF: 90 x 90 x 180 samples of RGB reflectance in 1/sr, cells below the horizon absent.
+/// A measured isotropic BRDF: 90 x 90 x 180 samples of RGB reflectance in 1/sr, cells below the
+/// horizon absent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MerlTable {
-    /// Three channels, each `THETA_H * THETA_D * PHI_D` values with `phi_d` fastest; negative where the cell lies
-    /// below the horizon.
+    /// Three channels, each `THETA_H * THETA_D * PHI_D` values with `phi_d` fastest; negative where
+    /// the cell lies below the horizon.
     channels: [Vec<f32>; 3],
 }
 
@@ -197,7 +203,8 @@ impl MerlTable {
     /// Samples in one channel.
     pub const CHANNEL: usize = THETA_H * THETA_D * PHI_D;
 
-    /// Wraps three channels of [`Self::CHANNEL`] values in 1/sr, `phi_d` fastest, negative where there is no value.
+    /// Wraps three channels of [`Self::CHANNEL`] values in 1/sr, `phi_d` fastest, negative where
+    /// there is no value.
     ///
     /// # Panics
     /// If a channel has another length.
@@ -226,8 +233,9 @@ impl MerlTable {
         &self.channels[channel]
     }
 
-    /// Mean over the `phi_d` at which light and view are above the surface (Romeiro et al. 2008). Missing values
-    /// (negative) are skipped; a cell without any takes its neighbour's of the next smaller `theta_d`.
+    /// Mean over the `phi_d` at which light and view are above the surface (Romeiro et al. 2008).
+    /// Missing values (negative) are skipped; a cell without any takes its neighbour's of the next
+    /// smaller `theta_d`.
     pub fn bivariate(&self, channel: usize) -> BivariateTable {
         let samples = &self.channels[channel];
         let mut values = vec![0.0_f32; CELLS];
@@ -249,8 +257,9 @@ impl MerlTable {
         BivariateTable::from_vec(values)
     }
 
-    /// RGB reflectance at a half/difference direction in radians: linear between the samples of all three axes,
-    /// `phi_d` periodic in 180 degrees; samples without a value are left out of the interpolation.
+    /// RGB reflectance at a half/difference direction in radians: linear between the samples of all
+    /// three axes, `phi_d` periodic in 180 degrees; samples without a value are left out of the
+    /// interpolation.
     pub fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> [f64; 3] {
         let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
         let turn = phi_d.to_degrees().rem_euclid(PHI_D as f64);

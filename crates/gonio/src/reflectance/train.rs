@@ -14,13 +14,14 @@ use thiserror::Error;
 pub struct TrainSettings {
     /// The factorisation; its rank is the number of basis functions.
     pub nmf: NmfSettings,
-    /// Among the starts whose cost is at most `1 + cost_margin` times the least, the one with the least mean RMS error in
-    /// 1/sr is kept: minima of nearly equal cost in scaled units can differ much in the materials' own. Zero keeps the
-    /// least cost. Default 0.01.
+    /// Among the starts whose cost is at most `1 + cost_margin` times the least, the one with the
+    /// least mean RMS error in 1/sr is kept: minima of nearly equal cost in scaled units can differ
+    /// much in the materials' own. Zero keeps the least cost. Default 0.01.
     pub cost_margin: f64,
-    /// Power of its largest trusted value that each material is divided by before the factorisation. At 1 all weigh
-    /// alike relative to their maximum, as in the paper; at 0 errors count in 1/sr, so that the brightest decide.
-    /// Whatever its value, stored coefficients are those of materials of maximum one. Default 1.
+    /// Power of its largest trusted value that each material is divided by before the
+    /// factorisation. At 1 all weigh alike relative to their maximum, as in the paper; at 0 errors
+    /// count in 1/sr, so that the brightest decide. Whatever its value, stored coefficients are
+    /// those of materials of maximum one. Default 1.
     pub scale_power: f64,
 }
 
@@ -51,7 +52,8 @@ pub enum TrainError {
     /// All trusted cells of a material are zero.
     #[error("material {0} is zero in all trusted cells")]
     Black(String),
-    /// No material uses function `0`: the materials have fewer independent parts than functions were asked for.
+    /// No material uses function `0`: the materials have fewer independent parts than functions
+    /// were asked for.
     #[error("no material uses basis function {0}; ask for a lower rank")]
     Unused(usize),
     /// The margin is negative or NaN, or the power is not finite.
@@ -109,10 +111,11 @@ impl TrainReport {
     }
 }
 
-/// Learns basis functions from `materials` (name and one channel in 1/sr): each is scaled to maximum one over its
-/// trusted cells, the matrix of trusted cells x materials is factorised in the Frobenius norm, each function is scaled to
-/// maximum one and continued beyond the trusted cells, and the materials' coefficients are solved for once more. Of the
-/// starts, [`TrainSettings::cost_margin`] says which is kept.
+/// Learns basis functions from `materials` (name and one channel in 1/sr): each is scaled to
+/// maximum one over its trusted cells, the matrix of trusted cells x materials is factorised in the
+/// Frobenius norm, each function is scaled to maximum one and continued beyond the trusted cells,
+/// and the materials' coefficients are solved for once more. Of the starts,
+/// [`TrainSettings::cost_margin`] says which is kept.
 ///
 /// # Errors
 /// See [`TrainError`]. Values in cells that are not trusted are never looked at.
@@ -178,9 +181,9 @@ struct Scaled<'a> {
 }
 
 impl Scaled<'_> {
-    /// Functions from a factorisation, each material's coefficients and its error; the rates are still missing. The
-    /// coefficients are solved for once more, because the factorisation stops a little short and the functions have
-    /// since been rounded.
+    /// Functions from a factorisation, each material's coefficients and its error; the rates are
+    /// still missing. The coefficients are solved for once more, because the factorisation stops a
+    /// little short and the functions have since been rounded.
     fn solve(&self, nmf: &Nmf) -> Result<(ReflectanceBasis, Vec<MaterialFit>), TrainError> {
         let functions = (0..nmf.functions.ncols())
             .map(|k| function(nmf.functions.col_as_slice(k), &self.cells).ok_or(TrainError::Unused(k)))
@@ -239,7 +242,8 @@ fn rms(model: &BivariateTable, table: &BivariateTable, cells: &[usize]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Materials of two parts: a lobe and a constant, with nonsense in the cells that are not trusted.
+    /// Materials of two parts: a lobe and a constant, with nonsense in the cells that are not
+    /// trusted.
     fn materials() -> Vec<(String, BivariateTable)> {
         (0..6)
             .map(|m| {
@@ -317,7 +321,8 @@ mod tests {
 
     #[test]
     fn the_power_shifts_weight_to_bright_materials() {
-        // Rank one cannot fit both parts, so the brightest material's share of the error depends on the weights.
+        // Rank one cannot fit both parts, so the brightest material's share of the error depends on
+        // the weights.
         let error = |scale_power| {
             let (basis, report) = train(&materials(), &TrainSettings { scale_power, ..settings(1) }).unwrap();
             assert!(basis.materials.iter().all(|m| m.coefficients[0] < 1.1));

@@ -1,9 +1,10 @@
 //! The reflected radiance at one point, to a given relative error.
 //!
-//! A cell of light contributes its mean radiance times reflectance and cosine at its centre. That is wrong by no more than
-//! the deviation of the light in the cell times the variation of the reflectance over it, plus the error of the midpoint rule.
-//! The cell with the largest such bound is divided until the sum of all bounds is small against the radiance: small lamps
-//! and sharp lobes are found wherever they matter, and only there.
+//! A cell of light contributes its mean radiance times reflectance and cosine at its centre. That
+//! is wrong by no more than the deviation of the light in the cell times the variation of the
+//! reflectance over it, plus the error of the midpoint rule. The cell with the largest such bound
+//! is divided until the sum of all bounds is small against the radiance: small lamps and sharp
+//! lobes are found wherever they matter, and only there.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -19,8 +20,8 @@ use crate::transfer::SurfacePoint;
 /// Accuracy of the integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IntegratorSettings {
-    /// The sum of the error bounds of all cells, relative to the radiance. The true error is some fifty times smaller:
-    /// the bounds do not know of cancellation.
+    /// The sum of the error bounds of all cells, relative to the radiance. The true error is some
+    /// fifty times smaller: the bounds do not know of cancellation.
     pub tolerance: f64,
     /// Cells at most.
     pub max_cells: usize,
@@ -32,7 +33,8 @@ impl Default for IntegratorSettings {
     }
 }
 
-/// A direction of light with its weight: `L(w) max(n . w, 0) dw` of a cell, at the angles of its centre.
+/// A direction of light with its weight: `L(w) max(n . w, 0) dw` of a cell, at the angles of its
+/// centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
     /// Half angle, radians.
@@ -95,8 +97,9 @@ pub fn nodes(
     nodes_within(point, envelope, light, settings, f64::INFINITY)
 }
 
-/// As [`nodes`]; cells of a radius beyond `largest` (radians) count as wholly wrong, so that nearly all light comes from smaller ones: for surfaces
-/// that shadow themselves, of which the bounds do not know.
+/// As [`nodes`]; cells of a radius beyond `largest` (radians) count as wholly wrong, so that nearly
+/// all light comes from smaller ones: for surfaces that shadow themselves, of which the bounds do
+/// not know.
 pub fn nodes_within(
     point: &SurfacePoint,
     envelope: &BivariateTable,
@@ -159,7 +162,8 @@ pub fn radiance(
     nodes(point, envelope, light, settings).radiance(point, brdf)
 }
 
-/// Contribution of a cell under the envelope and the bound of its error; `None` if all of it lies below the horizon.
+/// Contribution of a cell under the envelope and the bound of its error; `None` if all of it lies
+/// below the horizon.
 fn assess(point: &SurfacePoint, envelope: &BivariateTable, cell: Cell) -> Option<Entry> {
     let SurfacePoint { normal, view } = *point;
     let cosine = normal.dot(cell.centre);
@@ -174,8 +178,8 @@ fn assess(point: &SurfacePoint, envelope: &BivariateTable, cell: Cell) -> Option
     // How far half vectors and elevation vary over the cell.
     let spread = cell.radius / twice_cos_d.max(0.02);
     let highest = (cosine + cell.radius).min(1.0);
-    // Reflectance at the ends of the ranges of both angles: tables are smooth between their samples, and cells that may
-    // hold the peak start at `theta_h = 0`.
+    // Reflectance at the ends of the ranges of both angles: tables are smooth between their
+    // samples, and cells that may hold the peak start at `theta_h = 0`.
     let tilt = 0.5 * cell.radius;
     let centre = envelope.eval(theta_h, theta_d);
     let ends = [
@@ -222,7 +226,8 @@ mod tests {
         .unwrap()
     }
 
-    /// The same integral by polar coordinates about the normal in the space of half vectors: an independent route.
+    /// The same integral by polar coordinates about the normal in the space of half vectors: an
+    /// independent route.
     fn reference(point: &SurfacePoint, brdf: &BivariateTable, light: &EnvironmentMap) -> f64 {
         let (rings, spokes) = (3000, 1500);
         let (n, v) = (point.normal, point.view);

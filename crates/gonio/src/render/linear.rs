@@ -13,9 +13,10 @@ use crate::shape::Hit;
 use crate::shape::{Ray, Surface};
 use crate::transfer::SurfacePoint;
 
-/// The luminance of each of a list of points, as a linear function of the cells of a [`BivariateTable`]: the light of eq. 1 gathered
-/// by the half and difference angle it arrives at. A picture costs a sparse product instead of an integration, so that
-/// thousands of BRDFs can be seen in one light.
+/// The luminance of each of a list of points, as a linear function of the cells of a
+/// [`BivariateTable`]: the light of eq. 1 gathered by the half and difference angle it arrives at.
+/// A picture costs a sparse product instead of an integration, so that thousands of BRDFs can be
+/// seen in one light.
 #[derive(Clone, Debug)]
 pub struct Relighter {
     /// Where the entries of each point end.
@@ -25,8 +26,9 @@ pub struct Relighter {
 }
 
 impl Relighter {
-    /// The matrix for these points under `light`. The light is divided as finely as the sharpest of `examples` needs to
-    /// the accuracy of `settings`, each as bright as the others; sharper BRDFs than these are rendered less exactly.
+    /// The matrix for these points under `light`. The light is divided as finely as the sharpest of
+    /// `examples` needs to the accuracy of `settings`, each as bright as the others; sharper BRDFs
+    /// than these are rendered less exactly.
     pub fn new(
         points: &[SurfacePoint],
         examples: &[BivariateTable],
@@ -39,7 +41,8 @@ impl Relighter {
         matrix
     }
 
-    /// As [`Self::new`], for points of a surface that keeps light from itself. `clear` says where rays from each point begin ([`Hit::clear`]).
+    /// As [`Self::new`], for points of a surface that keeps light from itself. `clear` says where
+    /// rays from each point begin ([`Hit::clear`]).
     ///
     /// # Panics
     /// If points and beginnings differ in number.
@@ -61,7 +64,8 @@ impl Relighter {
         matrix
     }
 
-    /// As [`Self::new`], but a matrix for each channel of the light (red, green, blue): what one channel of a BRDF reflects of it.
+    /// As [`Self::new`], but a matrix for each channel of the light (red, green, blue): what one
+    /// channel of a BRDF reflects of it.
     pub fn of_channels(
         points: &[SurfacePoint],
         examples: &[BivariateTable],
@@ -73,7 +77,8 @@ impl Relighter {
         Self::gathered(points.len(), divided, |radiance| radiance.as_dvec3().to_array())
     }
 
-    /// A matrix for each of the numbers that `measure` takes of the light, which `divided` gives for each of `count` points.
+    /// A matrix for each of the numbers that `measure` takes of the light, which `divided` gives
+    /// for each of `count` points.
     fn gathered<const N: usize>(
         count: usize,
         divided: impl Fn(usize) -> Nodes + Sync,

@@ -1,4 +1,5 @@
-//! Pictures of a BRDF on a sphere under a light (paper section 4): inputs, predictions, reference images.
+//! Pictures of a BRDF on a sphere under a light (paper section 4): inputs, predictions, reference
+//! images.
 
 mod brdf;
 mod integrate;

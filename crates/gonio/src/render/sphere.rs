@@ -38,8 +38,8 @@ impl SphereSettings {
     }
 }
 
-/// Renders a sphere of one material: unit radiance scale of the light, alpha the coverage, black outside (premultiplied).
-/// `progress` is told a fraction in 0..=1.
+/// Renders a sphere of one material: unit radiance scale of the light, alpha the coverage, black
+/// outside (premultiplied). `progress` is told a fraction in 0..=1.
 pub fn render_sphere(
     brdf: &dyn Brdf,
     light: &LightTree,
@@ -73,8 +73,9 @@ pub fn render_sphere(
     picture_of((size, size), pixel, progress)
 }
 
-/// Renders a surface given by a picture of its normals (zero where there is none), seen along -z; what hides light from
-/// it is not considered. Alpha is one where there is a normal that faces the camera.
+/// Renders a surface given by a picture of its normals (zero where there is none), seen along -z;
+/// what hides light from it is not considered. Alpha is one where there is a normal that faces the
+/// camera.
 pub fn render_normals(
     brdf: &dyn Brdf,
     light: &LightTree,
@@ -93,7 +94,8 @@ pub fn render_normals(
     picture_of(normals.size(), pixel, progress)
 }
 
-/// Luminance of every point under `light`, as far as it is visible, for each table: the rows of a problem whose light is known, `[point][table]`.
+/// Luminance of every point under `light`, as far as it is visible, for each table: the rows of a
+/// problem whose light is known, `[point][table]`.
 pub fn images_of_basis<'a>(
     points: impl Into<Points<'a>>,
     tables: &[BivariateTable],
@@ -101,8 +103,9 @@ pub fn images_of_basis<'a>(
     settings: &IntegratorSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Vec<f32> {
-    // One division of the light serves all tables: that for their common envelope, each table as bright as the others, so
-    // that a sharp one is resolved even where a broad one sends a thousand times its light.
+    // One division of the light serves all tables: that for their common envelope, each table as
+    // bright as the others, so that a sharp one is resolved even where a broad one sends a thousand
+    // times its light.
     let envelope = envelope(tables);
     let seen = points.into();
     let (points, visibility) = (seen.points(), seen.visibility());

@@ -11,7 +11,8 @@ use crate::reflectance::BivariateTable;
 use crate::shape::{Camera, Hit, Ray, Surface};
 use crate::transfer::SurfacePoint;
 
-/// Of the light that a point reflects so much is asked for by rays, strongest directions first; the rest is taken to be blocked as the asked part is.
+/// Of the light that a point reflects so much is asked for by rays, strongest directions first; the
+/// rest is taken to be blocked as the asked part is.
 const ASKED: f64 = 0.995;
 
 /// Light that may be blocked is divided into cells of this radius, in radians.
@@ -27,7 +28,8 @@ pub struct SurfaceSettings {
     pub samples: usize,
     /// Accuracy of each sample.
     pub integrator: IntegratorSettings,
-    /// Whether the surface keeps light from itself. Light that it reflects onto itself is left out in any case.
+    /// Whether the surface keeps light from itself. Light that it reflects onto itself is left out
+    /// in any case.
     pub shadows: bool,
 }
 
@@ -37,8 +39,9 @@ impl Default for SurfaceSettings {
     }
 }
 
-/// Renders a surface of one material in light from far away: unit radiance scale of the light, alpha the coverage, black outside
-/// (premultiplied). Light and BRDF are in coordinates of the camera. `progress` is told a fraction in 0..=1.
+/// Renders a surface of one material in light from far away: unit radiance scale of the light,
+/// alpha the coverage, black outside (premultiplied). Light and BRDF are in coordinates of the
+/// camera. `progress` is told a fraction in 0..=1.
 pub fn render_surface(
     brdf: &dyn Brdf,
     light: &LightTree,
@@ -95,8 +98,9 @@ fn radiance_of(
 }
 
 impl Nodes {
-    /// Takes away the light that is blocked. Directions that carry all but a last bit of what `envelope` reflects are asked for, strongest first; the
-    /// others lose the share that those lose.
+    /// Takes away the light that is blocked. Directions that carry all but a last bit of what
+    /// `envelope` reflects are asked for, strongest first; the others lose the share that those
+    /// lose.
     pub fn shadow(&mut self, envelope: &BivariateTable, blocked: impl Fn(DVec3) -> bool) {
         let strength: Vec<f64> =
             self.nodes.iter().map(|n| envelope.eval(n.theta_h, n.theta_d) * n.weight.abs().max_element()).collect();

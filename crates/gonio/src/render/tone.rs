@@ -9,7 +9,8 @@ use crate::picture::{Plane, luminance};
 pub struct Exposure(pub f32);
 
 impl Exposure {
-    /// Puts the `quantile` (0..=1) of the luminance of the pixels that `keep` selects at `level`; one for a black picture.
+    /// Puts the `quantile` (0..=1) of the luminance of the pixels that `keep` selects at `level`;
+    /// one for a black picture.
     pub fn by_quantile(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool, quantile: f32, level: f32) -> Self {
         let mut values: Vec<f32> =
             rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, p)| luminance(*p)).collect();
@@ -21,8 +22,8 @@ impl Exposure {
         Self(if *value > 0.0 { level / *value } else { 1.0 })
     }
 
-    /// Linear display value of a radiance, in 0..1: straight up to a half, then a shoulder that keeps highlights apart and
-    /// their hue.
+    /// Linear display value of a radiance, in 0..1: straight up to a half, then a shoulder that
+    /// keeps highlights apart and their hue.
     pub fn apply(self, radiance: Vec3) -> Vec3 {
         let x = (radiance * self.0).max(Vec3::ZERO);
         let peak = x.max_element();
@@ -35,8 +36,8 @@ impl Exposure {
     }
 }
 
-/// The median of each channel over pixels that `keep` selects: the colour in which the paper shows a monochrome BRDF,
-/// scaled to luminance one. White when there are none.
+/// The median of each channel over pixels that `keep` selects: the colour in which the paper shows
+/// a monochrome BRDF, scaled to luminance one. White when there are none.
 pub fn median_colour(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool) -> Vec3 {
     let kept: Vec<Vec3> = rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, p)| *p).collect();
     if kept.is_empty() {

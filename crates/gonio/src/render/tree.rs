@@ -39,7 +39,8 @@ pub(super) struct Cell {
     pub(super) mean: Vec3,
     /// Mean absolute deviation of the radiance from the mean, largest channel.
     pub(super) deviation: f32,
-    /// Index of the first of its children, which follow each other; `None` where the light is constant.
+    /// Index of the first of its children, which follow each other; `None` where the light is
+    /// constant.
     children: Option<(u32, u32)>,
 }
 

@@ -7,12 +7,13 @@ use glam::Vec3;
 use super::components::{border, flood, neighbours};
 use crate::picture::Plane;
 
-/// Coverage (0..1) of the object in a picture whose background has exactly one value, such as the black of a renderer;
-/// `None` when it has no such background.
+/// Coverage (0..1) of the object in a picture whose background has exactly one value, such as the
+/// black of a renderer; `None` when it has no such background.
 ///
-/// The background is the most frequent value on the border of the picture, where it must make up a quarter of it at
-/// least, and every pixel of that value that hangs together with those. A pixel next to it may be part background: its
-/// coverage is its contrast to the background over that of the object's pixels nearby, at most 1.
+/// The background is the most frequent value on the border of the picture, where it must make up a
+/// quarter of it at least, and every pixel of that value that hangs together with those. A pixel
+/// next to it may be part background: its coverage is its contrast to the background over that of
+/// the object's pixels nearby, at most 1.
 pub fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
     // Adding zero turns -0 into 0, which are equal but differ in their bits.
     let key = |at: (usize, usize)| (rgb[at] + Vec3::ZERO).to_array().map(f32::to_bits);

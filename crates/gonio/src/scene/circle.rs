@@ -12,8 +12,8 @@ use crate::picture::Plane;
 
 /// Least radius of a ball, in pixels.
 pub(super) const LEAST_RADIUS: f64 = 8.0;
-/// Least angle that the visible outline must span, in radians: 75 degrees, so that a ball in a corner of the picture
-/// passes.
+/// Least angle that the visible outline must span, in radians: 75 degrees, so that a ball in a
+/// corner of the picture passes.
 const LEAST_SPAN: f64 = 5.0 * PI / 12.0;
 /// Ellipses longer than this are no balls: a ball 18 degrees off the axis of a perspective camera.
 const LEAST_ASPECT: f64 = 0.95;
@@ -23,7 +23,8 @@ const MOST_STRAY: f64 = 0.3;
 /// A circle in a picture: the outline of a ball under an orthographic camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Circle {
-    /// Column of the centre, in pixels from the left edge (the centre of the first pixel is at 0.5).
+    /// Column of the centre, in pixels from the left edge (the centre of the first pixel is at
+    /// 0.5).
     pub x: f64,
     /// Row of the centre, in pixels from the top edge.
     pub y: f64,
@@ -38,8 +39,8 @@ pub struct FoundCircle {
     pub circle: Circle,
     /// Root mean square distance of the outline to the circle, in pixels, without the stray points.
     pub residual: f64,
-    /// Eccentricity of the outline, 0 for a circle; `None` when less than half of the outline can be seen. Quantisation
-    /// of the mask alone gives about 0.05 to a ball of 50 pixels.
+    /// Eccentricity of the outline, 0 for a circle; `None` when less than half of the outline can
+    /// be seen. Quantisation of the mask alone gives about 0.05 to a ball of 50 pixels.
     pub eccentricity: Option<f64>,
     /// Angle that the visible outline spans, in radians, up to 2 pi.
     pub span: f64,
@@ -53,18 +54,20 @@ pub struct FoundCircle {
     pub specks: usize,
 }
 
-/// Finds the outline of an orthographic ball in a mask or an alpha channel, with values from 0 to 1 (half-covered
-/// pixels at the rim; NaN counts as 0).
+/// Finds the outline of an orthographic ball in a mask or an alpha channel, with values from 0 to 1
+/// (half-covered pixels at the rim; NaN counts as 0).
 ///
-/// The ball is the largest connected set of pixels covered by half or more, its holes filled. Its rim is where the
-/// coverage, interpolated between neighbouring pixels, is one half; where the picture cuts the ball off there is no
-/// rim. To these points goes the circle of least distances; points far off it (a stand, a finger) do not count.
+/// The ball is the largest connected set of pixels covered by half or more, its holes filled. Its
+/// rim is where the coverage, interpolated between neighbouring pixels, is one half; where the
+/// picture cuts the ball off there is no rim. To these points goes the circle of least distances;
+/// points far off it (a stand, a finger) do not count.
 ///
 /// # Errors
-/// [`SceneError::EmptyMask`], [`SceneError::MaskEverywhere`]; [`SceneError::TooSmall`] under a radius of 8 pixels;
-/// [`SceneError::ShortOutline`] when the visible outline spans less than 75 degrees; [`SceneError::Elliptic`] when the
-/// shorter axis is under 0.95 of the longer; [`SceneError::NotACircle`] when the outline strays by more than half a
-/// pixel and 3 % of the radius, or more than 30 % of it lie far off.
+/// [`SceneError::EmptyMask`], [`SceneError::MaskEverywhere`]; [`SceneError::TooSmall`] under a
+/// radius of 8 pixels; [`SceneError::ShortOutline`] when the visible outline spans less than 75
+/// degrees; [`SceneError::Elliptic`] when the shorter axis is under 0.95 of the longer;
+/// [`SceneError::NotACircle`] when the outline strays by more than half a pixel and 3 % of the
+/// radius, or more than 30 % of it lie far off.
 pub fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
     let (ball, rim) = ball_and_rim(coverage)?;
     let too_small = |radius| SceneError::TooSmall { radius, least: LEAST_RADIUS };
@@ -123,7 +126,8 @@ fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), Scen
     Ok((ball, rim))
 }
 
-/// The points of the outline of the largest connected part of a mask, in pixels; not where the picture cuts it off.
+/// The points of the outline of the largest connected part of a mask, in pixels; not where the
+/// picture cuts it off.
 pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
     let (_, rim) = ball_and_rim(coverage)?;
     if rim.len() < 16 {
@@ -133,7 +137,8 @@ pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
     }
 }
 
-/// Points between a pixel of the ball and one outside it at which the interpolated coverage is one half.
+/// Points between a pixel of the ball and one outside it at which the interpolated coverage is one
+/// half.
 fn rim_points(coverage: &Plane<f32>, ball: &Plane<bool>) -> Vec<DVec2> {
     let mut points = Vec::new();
     for y in 0..ball.height() {

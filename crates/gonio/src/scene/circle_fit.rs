@@ -1,4 +1,5 @@
-//! The circle through scattered points: Taubin's algebraic fit, then the least distances, without the points far off.
+//! The circle through scattered points: Taubin's algebraic fit, then the least distances, without
+//! the points far off.
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
@@ -6,7 +7,8 @@ use glam::{DMat3, DVec2, DVec3};
 
 use super::circle::Circle;
 
-/// Distances beyond this multiple of their spread do not count (Tukey's biweight at 95 % efficiency).
+/// Distances beyond this multiple of their spread do not count (Tukey's biweight at 95 %
+/// efficiency).
 const FAR: f64 = 4.685;
 /// The spread is taken as at least this, in pixels: no mask is more exact.
 const LEAST_SPREAD: f64 = 0.15;
@@ -21,7 +23,8 @@ pub(super) struct Fit {
     pub near: Vec<DVec2>,
 }
 
-/// The circle of least distances to most of the `points`; `None` when they lie on a line, or nowhere.
+/// The circle of least distances to most of the `points`; `None` when they lie on a line, or
+/// nowhere.
 pub(super) fn fit_circle(points: &[DVec2]) -> Option<Fit> {
     let mut circle = taubin(points)?;
     let mut spread = 0.0;
@@ -66,8 +69,8 @@ fn median_distance(points: &[DVec2], circle: &Circle) -> f64 {
     *distances.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// Taubin's fit (1991) by Newton's method as in Chernov's book: unlike the simple algebraic one it does not shrink the
-/// circles of short arcs.
+/// Taubin's fit (1991) by Newton's method as in Chernov's book: unlike the simple algebraic one it
+/// does not shrink the circles of short arcs.
 fn taubin(points: &[DVec2]) -> Option<Circle> {
     if points.len() < 3 {
         return None;
@@ -113,9 +116,9 @@ fn taubin(points: &[DVec2]) -> Option<Circle> {
     })
 }
 
-/// Shorter over longer axis of the ellipse nearest to the points about `circle`, from the second harmonic of their
-/// distances: `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. For slight ellipses seen over half of
-/// the outline or more.
+/// Shorter over longer axis of the ellipse nearest to the points about `circle`, from the second
+/// harmonic of their distances: `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`.
+/// For slight ellipses seen over half of the outline or more.
 pub(super) fn aspect(near: &[DVec2], circle: &Circle) -> f64 {
     let rows = Mat::<f64>::from_fn(near.len(), 5, |i, j| {
         let (c, s) = from_rim(near[i], circle).0.into();

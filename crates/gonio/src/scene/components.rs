@@ -23,8 +23,8 @@ pub(super) fn border((width, height): (usize, usize)) -> impl Iterator<Item = (u
     })
 }
 
-/// Marks in `reached` every pixel that hangs together with `seeds` through pixels that are `open`; returns how many
-/// were added.
+/// Marks in `reached` every pixel that hangs together with `seeds` through pixels that are `open`;
+/// returns how many were added.
 pub(super) fn flood(
     reached: &mut Plane<bool>,
     seeds: impl IntoIterator<Item = (usize, usize)>,
@@ -52,7 +52,8 @@ pub(super) fn flood(
     count
 }
 
-/// The largest set of `open` pixels that hang together by their edges, and how many they are; ties go to the topmost.
+/// The largest set of `open` pixels that hang together by their edges, and how many they are; ties
+/// go to the topmost.
 pub(super) fn largest_component(
     size: (usize, usize),
     open: impl Fn((usize, usize)) -> bool,
@@ -75,7 +76,8 @@ pub(super) fn largest_component(
     Some((component, count))
 }
 
-/// Everything that cannot be reached from the border of the picture around `set`: the set with its holes filled.
+/// Everything that cannot be reached from the border of the picture around `set`: the set with its
+/// holes filled.
 pub(super) fn fill_holes(set: &Plane<bool>) -> Plane<bool> {
     let mut around = set.map(|_| false);
     flood(&mut around, border(set.size()), true, |at| !set[at]);

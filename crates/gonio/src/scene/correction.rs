@@ -8,7 +8,8 @@ use crate::picture::Plane;
 /// What brings channels into order: first which is which, then the signs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Correction {
-    /// The channels, from 0, that hold x, y and z: `[0, 1, 2]` if they are in order, `[1, 0, 2]` if x and y are swapped, `[2, 1, 0]` for BGR.
+    /// The channels, from 0, that hold x, y and z: `[0, 1, 2]` if they are in order, `[1, 0, 2]` if
+    /// x and y are swapped, `[2, 1, 0]` for BGR.
     pub order: [usize; 3],
     /// The sign of x is wrong.
     pub flip_x: bool,
@@ -34,7 +35,8 @@ impl Correction {
         *self == Self::default()
     }
 
-    /// The order of channels that three letters name: `xyz`, `yxz` (x and y swapped), `zyx` (BGR) and so on.
+    /// The order of channels that three letters name: `xyz`, `yxz` (x and y swapped), `zyx` (BGR)
+    /// and so on.
     pub fn order_named(name: &str) -> Option<[usize; 3]> {
         ORDERS.into_iter().find(|order| order_name(*order) == name)
     }
@@ -58,7 +60,8 @@ impl Correction {
         normals.map(|n| self.apply(*n))
     }
 
-    /// The options of the program that ask for it, with spaces between: `--normals-order yxz --normals-flip-y`.
+    /// The options of the program that ask for it, with spaces between:
+    /// `--normals-order yxz --normals-flip-y`.
     pub fn options(&self) -> String {
         let order = (self.order != [0, 1, 2]).then(|| format!("--normals-order {}", order_name(self.order)));
         let flips = self.flips().into_iter().map(|axis| format!("--normals-flip-{axis}"));

@@ -70,7 +70,8 @@ pub enum SceneError {
          with --mesh or --normals"
     )]
     NotAnEllipse {
-        /// How far the outline strays from the best one, in pixels (7 points in 10 are nearer); zero where there is no best one.
+        /// How far the outline strays from the best one, in pixels (7 points in 10 are nearer);
+        /// zero where there is no best one.
         residual: f64,
         /// Points of the outline.
         rim: usize,

@@ -34,8 +34,9 @@ fn cell(normal: DVec3, side: usize) -> usize {
 }
 
 impl Observations {
-    /// Observes a surface of which `normals` gives the normal at each pixel: camera space, x right, y up, z towards the
-    /// camera, as unit vectors. The camera is taken as orthographic. Otherwise as [`Self::of_view`].
+    /// Observes a surface of which `normals` gives the normal at each pixel: camera space, x right,
+    /// y up, z towards the camera, as unit vectors. The camera is taken as orthographic. Otherwise
+    /// as [`Self::of_view`].
     ///
     /// # Errors
     /// As [`Self::of_view`].
@@ -50,15 +51,17 @@ impl Observations {
 
     /// Observes a surface of any shape.
     ///
-    /// Where more than [`ObservationSettings::normals`] covered pixels face the camera, they are thinned evenly: the
-    /// directions are divided into cells of equal area, and from each the same number of pixels is taken, or all it
-    /// has, spread over the picture. Of these, the ones whose normal is less than [`ObservationSettings::max_angle`]
-    /// from the view are the points. They depend on shape and coverage, not on the radiance.
+    /// Where more than [`ObservationSettings::normals`] covered pixels face the camera, they are
+    /// thinned evenly: the directions are divided into cells of equal area, and from each the same
+    /// number of pixels is taken, or all it has, spread over the picture. Of these, the ones whose
+    /// normal is less than [`ObservationSettings::max_angle`] from the view are the points. They
+    /// depend on shape and coverage, not on the radiance.
     ///
-    /// Covered is what `coverage` (or else the alpha channel of the picture) gives as 0.99 or more. Without either it
-    /// is every pixel with a normal, but for those next to a pixel without one, which the object may cover only in
-    /// part. Pixels at edges of the surface, and specks far darker than all around them, are left out; how
-    /// far the rest can be trusted is in [`Observations::weights`].
+    /// Covered is what `coverage` (or else the alpha channel of the picture) gives as 0.99 or more.
+    /// Without either it is every pixel with a normal, but for those next to a pixel without one,
+    /// which the object may cover only in part. Pixels at edges of the surface, and specks far
+    /// darker than all around them, are left out; how far the rest can be trusted is in
+    /// [`Observations::weights`].
     ///
     /// # Errors [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more
     /// than 2 % of the normals are off by more than 0.05 in length; [`SceneError::FacingAway`] when
@@ -143,7 +146,8 @@ impl Observations {
             .filter(|c| within(c) && fates.as_slice()[c.pixel as usize] == Fate::Used)
             .map(|c| Sample::of(c.seen(surface), f64::from(luminance(rgb.as_slice()[c.pixel as usize])), 1.0))
             .collect();
-        // Thinned before the cut at the largest angle: cells that it divides would else be sampled too densely.
+        // Thinned before the cut at the largest angle: cells that it divides would else be sampled
+        // too densely.
         let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
         let seen = taken.iter().map(|c| match fates.as_slice()[c.pixel as usize] {
@@ -177,7 +181,8 @@ fn is_speck(rgb: &Plane<Vec3>, region: &Plane<bool>, at: (usize, usize)) -> bool
     around().count() >= 5 && around().all(|next| luminance(rgb[next]) > 4.0 * own)
 }
 
-/// A pixel (its index, row-major) that faces the camera, and its normal as the map has it: photographs have millions of them.
+/// A pixel (its index, row-major) that faces the camera, and its normal as the map has it:
+/// photographs have millions of them.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     pixel: u32,
@@ -259,7 +264,8 @@ fn thin(candidates: &[Candidate], surface: &SurfaceView<'_>, most: usize) -> Vec
     for (i, candidate) in candidates.iter().enumerate() {
         cells.entry(cell(candidate.seen(surface), side)).or_default().push(i);
     }
-    // The most that can be taken from each cell; there are fewer cells than points wanted, so it is one at least.
+    // The most that can be taken from each cell; there are fewer cells than points wanted, so it is
+    // one at least.
     let total = |each: usize| cells.values().map(|cell| cell.len().min(each)).sum::<usize>();
     let (mut fits, mut exceeds) = (1, candidates.len());
     while exceeds - fits > 1 {

@@ -17,7 +17,8 @@ use crate::shape::Visibility;
 use crate::sphere::fibonacci_hemisphere;
 use crate::transfer::{Points, SurfacePoint};
 
-/// Least number of points with a value: what [`Plan::project`](crate::transfer::Plan::project) needs.
+/// Least number of points with a value: what [`Plan::project`](crate::transfer::Plan::project)
+/// needs.
 pub(super) const LEAST_POINTS: usize = 50;
 
 /// Where some of the pixels around a point are faulty, the others must have this share of the
@@ -27,13 +28,15 @@ const LEAST_WEIGHT: f32 = 0.5;
 /// How a picture is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObservationSettings {
-    /// Normals on the visible hemisphere, before those beyond `max_angle` are dropped; of a picture of normals, the
-    /// most pixels that are taken, before the same.
+    /// Normals on the visible hemisphere, before those beyond `max_angle` are dropped; of a picture
+    /// of normals, the most pixels that are taken, before the same.
     pub normals: usize,
-    /// Largest angle between normal and view, in radians, exclusive. Beyond 80 degrees the picture says little.
+    /// Largest angle between normal and view, in radians, exclusive. Beyond 80 degrees the picture
+    /// says little.
     pub max_angle: f64,
-    /// Channels at or above this radiance are clipped (for integer pictures, the full scale). `None` finds the level:
-    /// the largest value of the object, if at least 12 pixels and 0.02 % of the observed ones have exactly that value.
+    /// Channels at or above this radiance are clipped (for integer pictures, the full scale).
+    /// `None` finds the level: the largest value of the object, if at least 12 pixels and 0.02 % of
+    /// the observed ones have exactly that value.
     pub clip: Option<f32>,
     /// Observe regions of another colour as well: paint, stickers. By default they are left out
     /// where it is safe to tell them from highlights and reflections.
@@ -86,12 +89,14 @@ pub struct ObservationReport {
     pub not_unit: usize,
     /// Covered pixels skipped because their normal faces away; 0 for a sphere.
     pub facing_away: usize,
-    /// Covered pixels skipped because the surface ends, steps back or folds next to them; 0 for a sphere.
+    /// Covered pixels skipped because the surface ends, steps back or folds next to them; 0 for a
+    /// sphere.
     pub at_edges: usize,
-    /// Covered pixels skipped because they are far darker than all their neighbours: dust, dead pixels; 0 for a sphere.
+    /// Covered pixels skipped because they are far darker than all their neighbours: dust, dead
+    /// pixels; 0 for a sphere.
     pub specks: usize,
-    /// Points without a value because the edge of a shadow of the object itself may lie on them, or because they see little of the light but what
-    /// the object reflects.
+    /// Points without a value because the edge of a shadow of the object itself may lie on them, or
+    /// because they see little of the light but what the object reflects.
     pub in_shadow: usize,
 }
 
@@ -102,26 +107,32 @@ pub struct Observations {
     pub points: Vec<SurfacePoint>,
     /// Position `(x, y)` of each point in the picture, in pixels from its top left corner.
     pub pixels: Vec<(f64, f64)>,
-    /// Luminance of each point on the scale of the picture; `None` where the picture does not show it.
+    /// Luminance of each point on the scale of the picture; `None` where the picture does not show
+    /// it.
     pub values: Vec<Option<f64>>,
     /// Linear RGB radiance of each point, where it has a value.
     pub colours: Vec<Option<Vec3>>,
-    /// How far each can be trusted, in 0..=1: inverse variances relative to that of the model's own error.
+    /// How far each can be trusted, in 0..=1: inverse variances relative to that of the model's own
+    /// error.
     pub weights: Vec<f64>,
-    /// Which light reaches each point, where the surface keeps some from itself ([`Self::shadowed_by`]).
+    /// Which light reaches each point, where the surface keeps some from itself
+    /// ([`Self::shadowed_by`]).
     pub visibility: Option<Visibility>,
-    /// The share of the light from an even sky that reaches each point, in 0..=1: one where nothing hides any of it.
+    /// The share of the light from an even sky that reaches each point, in 0..=1: one where nothing
+    /// hides any of it.
     pub open: Vec<f64>,
     /// What became of the points.
     pub report: ObservationReport,
     /// What became of each pixel, where any but those outside were left out.
     pub fates: Option<Arc<Plane<Fate>>>,
-    /// Every pixel that shows the object, by its normal: many more than there are points. Empty where the points are all there is.
+    /// Every pixel that shows the object, by its normal: many more than there are points. Empty
+    /// where the points are all there is.
     pub dense: Vec<Sample>,
 }
 
-/// The points of a sphere that [`Observations::of_sphere`] observes, for plans made without a picture: normals of a
-/// Fibonacci lattice of the visible hemisphere up to [`ObservationSettings::max_angle`], seen from +z.
+/// The points of a sphere that [`Observations::of_sphere`] observes, for plans made without a
+/// picture: normals of a Fibonacci lattice of the visible hemisphere up to
+/// [`ObservationSettings::max_angle`], seen from +z.
 pub fn sphere_points(settings: &ObservationSettings) -> Vec<SurfacePoint> {
     let least = settings.max_angle.cos();
     let normals = fibonacci_hemisphere(settings.normals).filter(|n| n.z > least);
@@ -134,8 +145,9 @@ impl Observations {
         Points::new(&self.points, self.visibility.as_ref())
     }
 
-    /// How much each observation counts among others of the same normal: its weight, less where much of the light is hidden from it, since what the object
-    /// reflects onto itself makes up for part of that. Zero without a value.
+    /// How much each observation counts among others of the same normal: its weight, less where
+    /// much of the light is hidden from it, since what the object reflects onto itself makes up for
+    /// part of that. Zero without a value.
     pub fn trust(&self) -> Vec<f64> {
         let each = self.values.iter().zip(&self.weights).zip(&self.open);
         each.map(|((value, weight), open)| if value.is_some() { weight * open.powi(4) } else { 0.0 }).collect()
@@ -163,7 +175,8 @@ impl Observations {
         }
     }
 
-    /// What the picture shows by normal, from all pixels, or from the points where there is no more.
+    /// What the picture shows by normal, from all pixels, or from the points where there is no
+    /// more.
     pub fn samples(&self) -> Cow<'_, [Sample]> {
         if !self.dense.is_empty() {
             return Cow::Borrowed(&self.dense);
@@ -175,10 +188,10 @@ impl Observations {
 
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
     ///
-    /// A value is the bilinear interpolation of the picture where the point projects to. It stays a point sample where
-    /// the picture is finer than the lattice: a mean over a cell of the lattice (1.3 degrees) would show highlights of
-    /// half a degree wider and dimmer than the operator, which evaluates reflectance at one normal a point, can
-    /// explain.
+    /// A value is the bilinear interpolation of the picture where the point projects to. It stays a
+    /// point sample where the picture is finer than the lattice: a mean over a cell of the lattice
+    /// (1.3 degrees) would show highlights of half a degree wider and dimmer than the operator,
+    /// which evaluates reflectance at one normal a point, can explain.
     ///
     /// A point has no value where one of the four pixels is clipped, outside the picture, not
     /// wholly within the circle, covered by less than 0.99, or of another colour. Faulty pixels (of

@@ -36,8 +36,9 @@ pub(super) fn check_size(what: &'static str, size: (usize, usize), picture: (usi
     Err(SceneError::Sizes { what, width, height, picture_width, picture_height })
 }
 
-/// The value at or above which a channel counts as clipped: the one `given`, or else the largest value of the region
-/// where so many of its pixels have exactly that value that it is no coincidence.
+/// The value at or above which a channel counts as clipped: the one `given`, or else the largest
+/// value of the region where so many of its pixels have exactly that value that it is no
+/// coincidence.
 pub(super) fn clip_level(rgb: &Plane<Vec3>, region: &Plane<bool>, given: Option<f32>) -> Option<f32> {
     if given.is_some() {
         return given;

@@ -1,12 +1,16 @@
-//! Whether the channels of a normal map are in order: x right, y up, z towards the camera, none flipped and none swapped.
+//! Whether the channels of a normal map are in order: x right, y up, z towards the camera, none
+//! flipped and none swapped.
 //!
 //! Three things are known of the normals of a surface, whatever its shape:
 //! * what the camera sees faces it: z is positive;
-//! * they are the slopes of one surface: around any closed path the slopes add up to nothing. This holds for one sign of y relative to x
-//!   and not for the other, but cannot tell a hill from a hollow (x and y both flipped);
-//! * where the outline is the rim of a rounded object they are square to it: they point out of the object or, in a hollow, into it.
+//! * they are the slopes of one surface: around any closed path the slopes add up to nothing. This
+//!   holds for one sign of y relative to x and not for the other, but cannot tell a hill from a
+//!   hollow (x and y both flipped);
+//! * where the outline is the rim of a rounded object they are square to it: they point out of the
+//!   object or, in a hollow, into it.
 //!
-//! Each can show that an order is wrong. What remains is between a hill and a hollow: the rounder object is offered.
+//! Each can show that an order is wrong. What remains is between a hill and a hollow: the rounder
+//! object is offered.
 
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -15,7 +19,8 @@ use super::observed::check_size;
 use super::{Correction, SceneError};
 use crate::picture::Plane;
 
-/// Normals at a larger angle to the view than this (`z` below it) have slopes that pixels cannot resolve.
+/// Normals at a larger angle to the view than this (`z` below it) have slopes that pixels cannot
+/// resolve.
 const LEAST_Z: f64 = 0.3;
 /// An order of channels under which more than this share faces away is not offered.
 const MOST_AWAY: f64 = 0.02;
@@ -32,17 +37,19 @@ const FITS: f64 = 0.35;
 const CONTRADICTS: f64 = 0.65;
 /// And so far apart at least.
 const APART: f64 = 0.4;
-/// A pixel of the outline belongs to a rim if the sine of its normal's angle to the view is at least this.
+/// A pixel of the outline belongs to a rim if the sine of its normal's angle to the view is at
+/// least this.
 const RIM_TILT: f64 = 0.8;
 /// Fewer pixels of a rim say nothing.
 const LEAST_RIM: usize = 40;
 /// And so does a smaller share of the outline within the picture.
 const RIM_SHARE: f64 = 0.4;
-/// Normals at a rim point along the direction out of it or against it: the mean cosine, whatever its sign, is above for a right order and below for
-/// a wrong one.
+/// Normals at a rim point along the direction out of it or against it: the mean cosine, whatever
+/// its sign, is above for a right order and below for a wrong one.
 const ALONG: f64 = 0.9;
 const ACROSS: f64 = 0.8;
-/// Orders whose normals point outwards less by this (a mean cosine) give way to those of a rounder object.
+/// Orders whose normals point outwards less by this (a mean cosine) give way to those of a rounder
+/// object.
 const RIM_APART: f64 = 0.3;
 
 /// How well an order of channels fits a surface.
@@ -50,11 +57,12 @@ const RIM_APART: f64 = 0.3;
 pub struct Fit {
     /// Share of normals that face away from the camera, 0 to 1.
     pub away: f64,
-    /// How far from zero the slopes add up around closed paths, 0 (a surface) to 1; `None` where nothing can be said: too few pixels, or a
-    /// shape such as an upright cylinder.
+    /// How far from zero the slopes add up around closed paths, 0 (a surface) to 1; `None` where
+    /// nothing can be said: too few pixels, or a shape such as an upright cylinder.
     pub circulation: Option<f64>,
-    /// At the rim, where normals are far from the view: the mean cosine between them and the direction out of the object, -1 (a hollow) to 1
-    /// (a round object), and its mean without sign. `None` without a rim.
+    /// At the rim, where normals are far from the view: the mean cosine between them and the
+    /// direction out of the object, -1 (a hollow) to 1 (a round object), and its mean without sign.
+    /// `None` without a rim.
     pub rim: Option<(f64, f64)>,
 }
 
@@ -69,17 +77,20 @@ impl Fit {
 pub struct Orientation {
     /// How well the order given fits.
     pub given: Fit,
-    /// Corrections that fit, those more usual first, where the order given clearly does not; else empty. Several where nothing tells them
-    /// apart, such as x or y flipped on a relief without rim.
+    /// Corrections that fit, those more usual first, where the order given clearly does not; else
+    /// empty. Several where nothing tells them apart, such as x or y flipped on a relief without
+    /// rim.
     pub corrections: Vec<Correction>,
     /// How much better the first correction fits than the order given, 0 to 1; zero without.
     pub confidence: f64,
 }
 
 impl Orientation {
-    /// Looks at the normals that `coverage` gives as at least half covered, or at all. Normals of length zero or that are not finite are none.
+    /// Looks at the normals that `coverage` gives as at least half covered, or at all. Normals of
+    /// length zero or that are not finite are none.
     ///
-    /// The verdict is cautious: without evidence, or where the shape explains as much as an error would, nothing is corrected.
+    /// The verdict is cautious: without evidence, or where the shape explains as much as an error
+    /// would, nothing is corrected.
     ///
     /// # Errors
     /// [`SceneError::Sizes`]; [`SceneError::NoNormals`].
@@ -150,7 +161,8 @@ fn gain(given: &Fit, other: &Fit) -> Option<f64> {
 
 /// Normals where they tell something.
 struct Evidence {
-    /// The number of normals, and of those with a negative or no, and a positive or no, value of each channel.
+    /// The number of normals, and of those with a negative or no, and a positive or no, value of
+    /// each channel.
     count: usize,
     not_positive: [usize; 3],
     not_negative: [usize; 3],
@@ -217,7 +229,8 @@ impl Evidence {
         }
     }
 
-    /// The sum over all squares of what the slopes add up to around them, over that of its two parts, which cancel each other for a surface.
+    /// The sum over all squares of what the slopes add up to around them, over that of its two
+    /// parts, which cancel each other for a surface.
     fn circulation(&self, order: impl Fn(DVec3) -> DVec3) -> Option<f64> {
         // The mean slope along a path, by the trapezoidal rule; none if it is too steep anywhere.
         let mean = |path: &[DVec3]| -> Option<DVec2> {
@@ -249,7 +262,8 @@ impl Evidence {
     }
 }
 
-/// Normals at the outline with the direction outwards. Pixels next to the border of the picture are left out: there the object may go on.
+/// Normals at the outline with the direction outwards. Pixels next to the border of the picture are
+/// left out: there the object may go on.
 fn outline(surface: &Plane<Option<DVec3>>) -> Vec<(DVec3, DVec2)> {
     /// Reach of the window whose centre of mass tells which way is out.
     const REACH: usize = 4;

@@ -12,7 +12,8 @@ use crate::linalg::solve_positive;
 use crate::picture::Plane;
 use crate::shape::{Camera, Ellipsoid};
 
-/// Solutions for a few points of the outline: with a third of it far off (a stand, a finger) one in ten is without any of that.
+/// Solutions for a few points of the outline: with a third of it far off (a stand, a finger) one in
+/// ten is without any of that.
 const DRAWS: usize = 120;
 /// Rounds of reweighting.
 const ROUNDS: usize = 12;
@@ -27,13 +28,15 @@ pub struct Ellipse {
     pub centre: (f64, f64),
     /// Longer and shorter semi-axis, in pixels.
     pub axes: (f64, f64),
-    /// Angle of the longer axis to the right, counterclockwise in the picture as one looks at it, in radians, -pi/2 to pi/2.
+    /// Angle of the longer axis to the right, counterclockwise in the picture as one looks at it,
+    /// in radians, -pi/2 to pi/2.
     pub angle: f64,
 }
 
 impl Ellipse {
-    /// The ellipsoid of which this is the outline for a camera that sees one pixel to the unit along -z with its principal point in the corner of the
-    /// picture; its third semi-axis is `depth` pixels long and points to the camera.
+    /// The ellipsoid of which this is the outline for a camera that sees one pixel to the unit
+    /// along -z with its principal point in the corner of the picture; its third semi-axis is
+    /// `depth` pixels long and points to the camera.
     ///
     /// # Errors
     /// [`SceneError::TooSmall`] if an axis is.
@@ -46,10 +49,12 @@ impl Ellipse {
     }
 }
 
-/// Finds the outline of an ellipsoid under an orthographic camera in a mask or an alpha channel. The picture may cut part of it off.
+/// Finds the outline of an ellipsoid under an orthographic camera in a mask or an alpha channel.
+/// The picture may cut part of it off.
 ///
 /// # Errors
-/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the outline lies within 2 % of the shorter axis and half a pixel.
+/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
+/// outline lies within 2 % of the shorter axis and half a pixel.
 pub fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
@@ -76,7 +81,8 @@ pub fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     if !(determinant > 0.0 && axes.0 > 0.0 && axes.1 > 0.0 && axes.0 < 1e6 * axes.1) {
         return Err(none(0.0));
     }
-    // In the picture y points down; the angle is that of the axis along which the conic is flattest.
+    // In the picture y points down; the angle is that of the axis along which the conic is
+    // flattest.
     let steep = 0.5 * c[1].atan2(c[0] - c[2]);
     let flat = if steep > 0.0 { steep - std::f64::consts::FRAC_PI_2 } else { steep + std::f64::consts::FRAC_PI_2 };
     let (long, short) = (unit * axes.0.sqrt(), unit * axes.1.sqrt());
@@ -92,11 +98,13 @@ pub fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     Ok(Ellipse { centre: (centre.x, centre.y), axes: (long, short), angle: -flat })
 }
 
-/// Finds a ball in a mask or an alpha channel of a picture that a camera took, at a distance of one (orthographic: wherever): in perspective its outline is where a cone
-/// meets the picture, an ellipse away from the middle. The picture may cut part of it off.
+/// Finds a ball in a mask or an alpha channel of a picture that a camera took, at a distance of one
+/// (orthographic: wherever): in perspective its outline is where a cone meets the picture, an
+/// ellipse away from the middle. The picture may cut part of it off.
 ///
 /// # Errors
-/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the outline lies within 2 % of the cone's angle and half a pixel.
+/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
+/// outline lies within 2 % of the cone's angle and half a pixel.
 pub fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellipsoid, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
@@ -113,7 +121,8 @@ pub fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellipsoid, Sc
         let centre = camera.ray((found.x, found.y)).origin - 2.0 * found.radius / scale * DVec3::Z;
         return Ellipsoid::sphere(centre, found.radius / scale).map_err(|_| none(0.0));
     }
-    // r . a = cos(alpha) for all rays of the outline: r . b = 1 with b = a / cos(alpha), linear. In a frame about the middle, where b is nearly z.
+    // r . a = cos(alpha) for all rays of the outline: r . b = 1 with b = a / cos(alpha), linear. In
+    // a frame about the middle, where b is nearly z.
     let (u, v) = axis.any_orthonormal_pair();
     let rows: Vec<Vec<f64>> = rays.iter().map(|r| vec![r.dot(u), r.dot(v), r.dot(axis)]).collect();
     let cone = |b: &[f64], i: usize| {
@@ -139,8 +148,9 @@ pub fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellipsoid, Sc
     Ellipsoid::sphere(centre, radius).map_err(|_| none(0.0))
 }
 
-/// Solves `row . x = 1` for most of the rows, whatever the others are: of solutions for a few rows drawn at random the one of least median distance
-/// (Rousseeuw 1984), then least squares that count rows the less the farther off they are (Geman & McClure), on a scale of at least `least`.
+/// Solves `row . x = 1` for most of the rows, whatever the others are: of solutions for a few rows
+/// drawn at random the one of least median distance (Rousseeuw 1984), then least squares that count
+/// rows the less the farther off they are (Geman & McClure), on a scale of at least `least`.
 fn fit(rows: &[Vec<f64>], distance: impl Fn(&[f64], usize) -> f64, least: f64) -> Option<Vec<f64>> {
     let unknowns = rows.first()?.len();
     let mut rng = Pcg64::seed_from_u64(1);

@@ -34,8 +34,8 @@ pub enum Object {
     Sphere(Option<Circle>),
     /// A ball before a camera; its outline tells where it is.
     Ball(Camera),
-    /// An ellipsoid seen from far away, one of its axes towards the camera: the semi-axis in pixels; without one the geometric mean of the two that are
-    /// seen.
+    /// An ellipsoid seen from far away, one of its axes towards the camera: the semi-axis in
+    /// pixels; without one the geometric mean of the two that are seen.
     Ellipsoid(Option<f64>),
     /// A surface before a camera.
     Surface(Placed),
@@ -45,7 +45,8 @@ pub enum Object {
 
 /// A picture of an object's normals, and what goes with it.
 pub struct NormalPicture {
-    /// The normals, in camera space: x right, y up, z towards the camera; `ZERO` or not finite where there is none.
+    /// The normals, in camera space: x right, y up, z towards the camera; `ZERO` or not finite
+    /// where there is none.
     pub normals: Plane<Vec3>,
     /// The camera; `None` for an orthographic one.
     pub camera: Option<Camera>,
@@ -165,19 +166,21 @@ pub struct Sighting {
     pub normals: Option<Plane<Vec3>>,
     /// The surface and its camera, where they are known.
     pub placed: Option<Placed>,
-    /// Pixels that see the surface, and those of them that see its back, where a surface was looked at.
+    /// Pixels that see the surface, and those of them that see its back, where a surface was looked
+    /// at.
     pub pixels: Option<(usize, usize)>,
     /// What is odd.
     pub oddities: Vec<Oddity>,
 }
 
 impl Sighting {
-    /// Finds the object and samples the picture on it. `mask` says where the object is; without one the alpha channel of the picture, or its
-    /// [`background_coverage`], tells.
+    /// Finds the object and samples the picture on it. `mask` says where the object is; without one
+    /// the alpha channel of the picture, or its [`background_coverage`], tells.
     ///
     /// # Errors
-    /// Of outlines ([`SceneError::is_of_outline`]) where one has to be found, of normals and surfaces that do not lie on the object or contradict
-    /// themselves, and of pictures with too little to observe.
+    /// Of outlines ([`SceneError::is_of_outline`]) where one has to be found, of normals and
+    /// surfaces that do not lie on the object or contradict themselves, and of pictures with too
+    /// little to observe.
     pub fn of(
         picture: &Picture,
         mask: Option<Plane<f32>>,
@@ -232,7 +235,8 @@ impl Sighting {
         Ok(sighting)
     }
 
-    /// Asks which light the surface keeps from itself, where there is one: [`Observations::shadowed_by`].
+    /// Asks which light the surface keeps from itself, where there is one:
+    /// [`Observations::shadowed_by`].
     ///
     /// # Errors
     /// If observations and surface do not belong together.

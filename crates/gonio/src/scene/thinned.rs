@@ -13,8 +13,9 @@ const NEAR: f64 = 2.0;
 const FEWEST: usize = 200;
 
 impl Observations {
-    /// Up to about `count` of them, evenly over the normals in the frame of their view: of those near a direction the one of most
-    /// [trust](Self::trust), discounted by its distance. All that have a value if there are no more.
+    /// Up to about `count` of them, evenly over the normals in the frame of their view: of those
+    /// near a direction the one of most [trust](Self::trust), discounted by its distance. All that
+    /// have a value if there are no more.
     pub fn thinned(&self, count: usize) -> Self {
         self.select(&evenly(&self.points, &self.trust(), count))
     }

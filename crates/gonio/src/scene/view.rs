@@ -10,13 +10,15 @@ use crate::shape::{Camera, Projection, view_at};
 const NO_NORMAL: f32 = 0.1;
 /// Neighbouring pixels whose normals are farther apart, in degrees, have an edge between them.
 const MOST_FOLD: f64 = 25.0;
-/// A surface that falls away by more from a pixel to its neighbour, in widths of a pixel, steps back: tan 80 degrees on the diagonal.
+/// A surface that falls away by more from a pixel to its neighbour, in widths of a pixel, steps
+/// back: tan 80 degrees on the diagonal.
 const STEEPEST: f64 = 8.0;
 
 /// What is known of the surface behind each pixel of a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceView<'a> {
-    /// Normals in coordinates of the camera, unit vectors; shorter than 0.1 or not finite where there is none.
+    /// Normals in coordinates of the camera, unit vectors; shorter than 0.1 or not finite where
+    /// there is none.
     pub normals: &'a Plane<Vec3>,
     /// The camera; `None` for an orthographic one.
     pub camera: Option<&'a Camera>,
@@ -31,8 +33,8 @@ impl SurfaceView<'_> {
         self.camera.map_or(DVec3::Z, |camera| view_at(camera, pixel % width, pixel / width))
     }
 
-    /// Whether the surface ends, steps back or folds between a pixel and one of its neighbours. Where only normals are known, an end is for the
-    /// mask to tell.
+    /// Whether the surface ends, steps back or folds between a pixel and one of its neighbours.
+    /// Where only normals are known, an end is for the mask to tell.
     pub(super) fn is_edge(&self, x: usize, y: usize) -> bool {
         let normal = self.normals[(x, y)];
         let least = MOST_FOLD.to_radians().cos() as f32;
@@ -46,7 +48,8 @@ impl SurfaceView<'_> {
         })
     }
 
-    /// Whether the surface steps back between two pixels: by more than it falls away where it is seen at 80 degrees, and diagonally.
+    /// Whether the surface steps back between two pixels: by more than it falls away where it is
+    /// seen at 80 degrees, and diagonally.
     fn steps(&self, (near, far): (f32, f32)) -> bool {
         let footprint = match self.camera.map(|c| c.projection) {
             Some(Projection::Orthographic { pixels_per_unit }) => 1.0 / pixels_per_unit,

@@ -1,17 +1,19 @@
-//! How far each pixel can be trusted: noise of the camera, and what an uncertain normal does to its brightness.
+//! How far each pixel can be trusted: noise of the camera, and what an uncertain normal does to its
+//! brightness.
 
 use glam::Vec3;
 
 use crate::picture::{Plane, luminance};
 
-/// The standard deviation at which a pixel counts half, relative to the root mean square of the picture: what the model itself is off by
-/// ([`MODEL_ERROR`](crate::inference::MODEL_ERROR)).
+/// The standard deviation at which a pixel counts half, relative to the root mean square of the
+/// picture: what the model itself is off by ([`MODEL_ERROR`](crate::inference::MODEL_ERROR)).
 const FLOOR: f64 = 0.05;
 /// Brightnesses are sorted into so many classes, in each of which the noise is taken to be one.
 const CLASSES: usize = 8;
 /// The noise of a class is read off the quieter pixels: this quantile of the local residuals...
 const QUIET: f64 = 0.25;
-/// ...which for Gaussian noise and six degrees of freedom is this share of the variance (chi-square).
+/// ...which for Gaussian noise and six degrees of freedom is this share of the variance
+/// (chi-square).
 const QUIET_SHARE: f64 = 0.576;
 
 /// A plane through the values of a 3 x 3 neighbourhood.
@@ -22,7 +24,8 @@ struct Fit {
     variance: f64,
 }
 
-/// Fits of the components of some quantity around a pixel; `None` at the border of the picture or of what is known.
+/// Fits of the components of some quantity around a pixel; `None` at the border of the picture or
+/// of what is known.
 fn fit<const N: usize>(
     (x, y): (usize, usize),
     (w, h): (usize, usize),
@@ -127,7 +130,8 @@ mod tests {
     fn noise_is_found_for_each_brightness() {
         let normals = Plane::from_fn(SIZE, SIZE, normal);
         let mut gauss = draw(3);
-        // The upper half is bright and has noise of a tenth of the root mean square; the lower half is dark and clean.
+        // The upper half is bright and has noise of a tenth of the root mean square; the lower half
+        // is dark and clean.
         let rgb = normals.map(|n| Vec3::splat(if n.y > 0.0 { 4.0 + 0.3 * gauss() } else { 1.0 }));
         let square = rgb.as_slice().iter().map(|c| f64::from(c.x).powi(2)).sum::<f64>() / (SIZE * SIZE) as f64;
         let want = 1.0 / (1.0 + 0.09 / (0.0025 * square));

@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use super::{Camera, Hit, Surface};
 use crate::picture::Plane;
 
-/// Normals and distances at the centres of the pixels (the renderers' G-buffer), in coordinates of the camera.
+/// Normals and distances at the centres of the pixels (the renderers' G-buffer), in coordinates of
+/// the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeometryBuffer {
     /// Unit normals; `ZERO` where nothing is seen.

@@ -91,7 +91,8 @@ impl Camera {
         Ok(Self { projection, principal, size, to_world: DMat4::IDENTITY })
     }
 
-    /// The camera at another pose, from its coordinates to those of the world. Rotations are made exact where they are so to 1e-3.
+    /// The camera at another pose, from its coordinates to those of the world. Rotations are made
+    /// exact where they are so to 1e-3.
     ///
     /// # Errors
     /// [`CameraError::NotRigid`].
@@ -111,8 +112,9 @@ impl Camera {
         Ok(Self { to_world: exact, ..self })
     }
 
-    /// The ray through `(x, y)`, in pixels from the top left corner, in coordinates of the camera. Orthographic rays begin in the plane
-    /// `z = 0`, and what lies behind it is seen too: they have no beginning that means anything.
+    /// The ray through `(x, y)`, in pixels from the top left corner, in coordinates of the camera.
+    /// Orthographic rays begin in the plane `z = 0`, and what lies behind it is seen too: they have
+    /// no beginning that means anything.
     pub fn ray(&self, (x, y): (f64, f64)) -> Ray {
         let (right, up) = (x - self.principal.0, self.principal.1 - y);
         match self.projection {
@@ -125,8 +127,8 @@ impl Camera {
         }
     }
 
-    /// An orthographic camera along -z of the world that sees all of a sphere with `margin` (a share of the picture's smaller side) around it, from a
-    /// distance of twice its radius.
+    /// An orthographic camera along -z of the world that sees all of a sphere with `margin` (a
+    /// share of the picture's smaller side) around it, from a distance of twice its radius.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -138,7 +140,8 @@ impl Camera {
         camera.at(DMat4::from_translation(centre + DVec3::new(0.0, 0.0, 2.0 * radius)))
     }
 
-    /// Where a place in coordinates of the camera is seen, in pixels; `None` behind a perspective camera.
+    /// Where a place in coordinates of the camera is seen, in pixels; `None` behind a perspective
+    /// camera.
     pub fn project(&self, place: DVec3) -> Option<(f64, f64)> {
         let scale = match self.projection {
             Projection::Orthographic { pixels_per_unit } => pixels_per_unit,

@@ -9,7 +9,8 @@ use crate::picture::Plane;
 /// What a depth measures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DepthKind {
-    /// The distance from the plane of the camera, along its axis: what renderers and most sensors give.
+    /// The distance from the plane of the camera, along its axis: what renderers and most sensors
+    /// give.
     #[default]
     AlongAxis,
     /// The distance from the camera, along the ray of the pixel.
@@ -29,8 +30,10 @@ pub struct DepthSize {
     pub camera: (usize, usize),
 }
 
-/// The place that each pixel sees, in coordinates of the camera: x right, y up, `z` of minus the depth along the axis. Depths are taken at the centres
-/// of pixels, in the unit of length of the camera; those that are not finite are none, and so are those of a perspective camera that are not positive.
+/// The place that each pixel sees, in coordinates of the camera: x right, y up, `z` of minus the
+/// depth along the axis. Depths are taken at the centres of pixels, in the unit of length of the
+/// camera; those that are not finite are none, and so are those of a perspective camera that are
+/// not positive.
 ///
 /// # Errors
 /// [`DepthSize`].

@@ -41,7 +41,8 @@ impl Form {
         }
     }
 
-    /// Its surface, from a lattice of `cells` cells along each side: about `8 cells^2` triangles with the normals of the function.
+    /// Its surface, from a lattice of `cells` cells along each side: about `8 cells^2` triangles
+    /// with the normals of the function.
     ///
     /// # Errors
     /// If the lattice is too coarse to meet the shape.

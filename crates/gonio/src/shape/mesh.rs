@@ -15,7 +15,8 @@ pub struct MeshParts {
     pub positions: Vec<DVec3>,
     /// Three indices of vertices for each triangle, counterclockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Normals at the three corners of each triangle, where the file has them; need not be of unit length. `ZERO` where one is missing.
+    /// Normals at the three corners of each triangle, where the file has them; need not be of unit
+    /// length. `ZERO` where one is missing.
     pub normals: Option<Vec<[DVec3; 3]>>,
 }
 
@@ -42,7 +43,8 @@ pub struct Soundness {
     pub inconsistent_edges: usize,
     /// The surface is closed and its triangles are turned inwards.
     pub inside_out: bool,
-    /// Triangles whose normals in the file point to the other side than their corners, in order, say.
+    /// Triangles whose normals in the file point to the other side than their corners, in order,
+    /// say.
     pub normals_against: usize,
     /// Normals were computed: the file has none, or none that could be used.
     pub normals_computed: bool,
@@ -94,8 +96,9 @@ pub enum MeshError {
 const LEAST_AREA: f64 = 1e-16;
 
 impl Mesh {
-    /// A mesh of its parts. Triangles without an area are left out. Where a normal is missing or useless all are computed: means over the
-    /// neighbouring triangles, but for edges sharper than 45 degrees.
+    /// A mesh of its parts. Triangles without an area are left out. Where a normal is missing or
+    /// useless all are computed: means over the neighbouring triangles, but for edges sharper than
+    /// 45 degrees.
     ///
     /// # Errors
     /// If there is nothing, or an index or a place is none.
@@ -146,8 +149,9 @@ impl Mesh {
         Ok((Self { positions, triangles, normals }, soundness))
     }
 
-    /// The surface of a picture of positions, in any one frame: two triangles between each four neighbouring pixels that all have a place,
-    /// except across steps. A step is an edge more than `jump` times as long as the median one (8 is a good value).
+    /// The surface of a picture of positions, in any one frame: two triangles between each four
+    /// neighbouring pixels that all have a place, except across steps. A step is an edge more than
+    /// `jump` times as long as the median one (8 is a good value).
     ///
     /// # Errors
     /// [`MeshError::Empty`] if no pixels are neighbours.
@@ -165,7 +169,8 @@ impl Mesh {
         let mut triangles = Vec::new();
         for y in 0..height.saturating_sub(1) {
             for x in 0..width.saturating_sub(1) {
-                // Rows run down, so that this order is counterclockwise for a camera that looks along -z.
+                // Rows run down, so that this order is counterclockwise for a camera that looks
+                // along -z.
                 let [a, b, c, d] = [at(x, y), at(x, y + 1), at(x + 1, y + 1), at(x + 1, y)];
                 triangles.extend([[a, b, c], [a, c, d]].into_iter().filter(|t| !t.contains(&u32::MAX)));
             }
@@ -264,7 +269,8 @@ fn kept<T>(all: Vec<T>, keep: &[bool]) -> Vec<T> {
 mod tests {
     use super::*;
 
-    /// A cube of side two about the origin, with split vertices like a file of flat faces would have.
+    /// A cube of side two about the origin, with split vertices like a file of flat faces would
+    /// have.
     fn cube() -> MeshParts {
         let mut parts = MeshParts::default();
         for axis in [DVec3::X, DVec3::Y, DVec3::Z] {

@@ -29,7 +29,8 @@ pub enum PlacedError {
 }
 
 impl Placed {
-    /// A mesh in coordinates of the world before its camera; without one before an orthographic camera along -z that frames it, for pictures of `size`.
+    /// A mesh in coordinates of the world before its camera; without one before an orthographic
+    /// camera along -z that frames it, for pictures of `size`.
     ///
     /// # Errors
     /// If the camera sees nothing of the mesh, or one of both cannot be.
@@ -46,7 +47,8 @@ impl Placed {
         if placed.is_seen() { Ok(placed) } else { Err(PlacedError::Unseen) }
     }
 
-    /// Whether one of some hundred rays through the picture meets the surface, or failing that any pixel's.
+    /// Whether one of some hundred rays through the picture meets the surface, or failing that any
+    /// pixel's.
     fn is_seen(&self) -> bool {
         let (width, height) = self.camera.size;
         let step = (width.max(height) / 24).max(1);

@@ -14,7 +14,8 @@ pub struct Hit {
     pub position: DVec3,
     /// Unit normal of the surface that is meant, on the side that the ray comes from.
     pub normal: DVec3,
-    /// Where rays towards the light begin: at the place, or a little above it, clear of the facets that stand for a smooth surface.
+    /// Where rays towards the light begin: at the place, or a little above it, clear of the facets
+    /// that stand for a smooth surface.
     pub clear: DVec3,
     /// The surface was met from its inner side, by the order of its corners.
     pub inside: bool,

@@ -107,8 +107,10 @@ fn open(surface: &Tracer, point: Lookout, side: usize) -> f64 {
 
 #[test]
 fn a_sphere_on_a_plane_takes_its_solid_angle_times_the_cosine() {
-    // A ball of radius 1 that touches the plane at the origin. From a point at distance x it is a cone about the direction to its centre of
-    // half angle a, sin a = 1 / sqrt(1 + x^2), wholly above the horizon: it takes sin^2 a cos(theta) of the irradiance, cos(theta) = 1 / sqrt(1 + x^2).
+    // A ball of radius 1 that touches the plane at the origin. From a point at distance x it is a
+    // cone about the direction to its centre of half angle a, sin a = 1 / sqrt(1 + x^2), wholly
+    // above the horizon: it takes sin^2 a cos(theta) of the irradiance, cos(theta) = 1 / sqrt(1 +
+    // x^2).
     let scene = join([plane(40.0), cap(DVec3::Y, 1.0, PI, 96, 192)]);
     for x in [1.2, 1.5, 2.0, 3.0, 6.0] {
         let (point, hit) = lookout(&scene, DVec3::new(x, 0.4, 0.3 * x), DVec3::NEG_Y);
@@ -122,7 +124,8 @@ fn a_sphere_on_a_plane_takes_its_solid_angle_times_the_cosine() {
 
 #[test]
 fn the_ground_below_a_hemispherical_bowl() {
-    // At the bottom of a bowl whose rim is seen at the angle e from the vertical, cos^2 of that is lost: sin^2 e is left.
+    // At the bottom of a bowl whose rim is seen at the angle e from the vertical, cos^2 of that is
+    // lost: sin^2 e is left.
     for end in [0.3, 0.5, 0.75] {
         let down = |mut parts: MeshParts| {
             parts.positions.iter_mut().for_each(|p| p.y = -p.y);
@@ -139,7 +142,8 @@ fn the_ground_below_a_hemispherical_bowl() {
 
 #[test]
 fn a_convex_mesh_keeps_no_light_from_itself() {
-    // Coarse facets that stand for a sphere: their corners' normals let light in that the facets themselves would stop.
+    // Coarse facets that stand for a sphere: their corners' normals let light in that the facets
+    // themselves would stop.
     for (rings, spokes) in [(12, 24), (40, 80)] {
         let sphere = join([cap(DVec3::ZERO, 1.0, PI, rings, spokes)]);
         for from in fibonacci_hemisphere(60) {

@@ -13,7 +13,8 @@ use super::Ray;
 use super::mesh::{Mesh, face};
 use super::surface::{Hit, Surface};
 
-/// Rays towards the light begin this share of the object's size above it: single precision places them no better.
+/// Rays towards the light begin this share of the object's size above it: single precision places
+/// them no better.
 const LIFT: f64 = 2e-5;
 
 /// Triangles whose normals are farther from their plane's (the cosine) are slivers or folds.
@@ -25,7 +26,8 @@ const PAD: f32 = 1e-6;
 /// A mesh with what it takes to find the triangles that a ray meets.
 pub struct Tracer {
     mesh: Mesh,
-    /// Bounding volumes of the triangles in `triangles`, in the frame of a sphere of radius one about the object.
+    /// Bounding volumes of the triangles in `triangles`, in the frame of a sphere of radius one
+    /// about the object.
     tree: CwBvh,
     triangles: Vec<Triangle>,
     centre: DVec3,
@@ -36,11 +38,13 @@ impl Tracer {
     /// Sorts the triangles of a mesh, which is in coordinates of the camera.
     pub fn new(mesh: Mesh) -> Self {
         let (centre, radius) = mesh.bounds();
-        // In units of the object's own size: files come in millimetres and in kilometres, and rays are single precision.
+        // In units of the object's own size: files come in millimetres and in kilometres, and rays
+        // are single precision.
         let place = |i: u32| Vec3A::from(((mesh.positions()[i as usize] - centre) / radius).as_vec3());
         let unsorted: Vec<Triangle> =
             mesh.triangles().iter().map(|t| Triangle { v0: place(t[0]), v1: place(t[1]), v2: place(t[2]) }).collect();
-        // Boxes of an axis-parallel side can end a rounding error short of it, and a ray along that side would miss both neighbours.
+        // Boxes of an axis-parallel side can end a rounding error short of it, and a ray along that
+        // side would miss both neighbours.
         let boxes: Vec<Aabb> = unsorted
             .iter()
             .map(|t| {
@@ -72,7 +76,8 @@ impl Tracer {
         (self.centre, self.radius)
     }
 
-    /// A ray in the frame of the tree, from where it enters the sphere around everything to where it leaves it; none if it passes by.
+    /// A ray in the frame of the tree, from where it enters the sphere around everything to where
+    /// it leaves it; none if it passes by.
     fn local(&self, ray: &Ray) -> Option<obvhs::ray::Ray> {
         let o = (ray.origin - self.centre) / self.radius;
         let nearest = -o.dot(ray.direction);
@@ -85,13 +90,15 @@ impl Tracer {
             return None;
         }
         let origin = Vec3A::from((o + enter * ray.direction).as_vec3());
-        // Zeros without a sign: the tree takes the octant from one test of it and the slope from another.
+        // Zeros without a sign: the tree takes the octant from one test of it and the slope from
+        // another.
         let direction = Vec3A::from(ray.direction.as_vec3()) + Vec3A::ZERO;
         Some(obvhs::ray::Ray::new(origin, direction, 0.0, (leave - enter) as f32))
     }
 }
 
-/// A ray turned to run along an axis, for a test of triangles that lets none slip through between two of them (Woop, Benthin & Wald 2013).
+/// A ray turned to run along an axis, for a test of triangles that lets none slip through between
+/// two of them (Woop, Benthin & Wald 2013).
 struct Sheared {
     axes: [usize; 3],
     shear: [f32; 3],
@@ -160,13 +167,15 @@ impl Surface for Tracer {
         let (u, v, w) = (share(b, c), share(c, a), share(a, b));
         let inside = slope > 0.0;
         let facing = if inside { -flat } else { flat };
-        // Normals are taken on the side that is seen, each by itself: files mix both. The plane of a sliver says nothing of its side, its normals do.
+        // Normals are taken on the side that is seen, each by itself: files mix both. The plane of
+        // a sliver says nothing of its side, its normals do.
         let given = self.mesh.normals()[index];
         let sliver = (given[0] + given[1] + given[2]).normalize_or_zero().dot(flat).abs() < SLIVER;
         let side = if sliver { -ray.direction } else { facing };
         let [na, nb, nc] = given.map(|n| if n.dot(side) < 0.0 { -n } else { n });
         let normal = (u * na + v * nb + w * nc).try_normalize().unwrap_or(facing);
-        // Hanika (2021), Hacking the Shadow Terminator: from above the corners' tangent planes, where the smooth surface is. Not where it curves inwards.
+        // Hanika (2021), Hacking the Shadow Terminator: from above the corners' tangent planes,
+        // where the smooth surface is. Not where it curves inwards.
         let above = |corner: DVec3, n: DVec3| (position - corner).dot(n).min(0.0) * n;
         let lift = -(u * above(a, na) + v * above(b, nb) + w * above(c, nc));
         let clear = position + lift + LIFT * self.radius * normal;

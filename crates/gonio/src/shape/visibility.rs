@@ -19,7 +19,8 @@ pub struct Lookout {
     pub normal: DVec3,
 }
 
-/// For each of some points the open share of every texel of a light grid. One bit a texel, and a byte for each that is open in part.
+/// For each of some points the open share of every texel of a light grid. One bit a texel, and a
+/// byte for each that is open in part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visibility {
     map: OctahedralMap,
@@ -37,9 +38,10 @@ struct Row {
 }
 
 impl Visibility {
-    /// Asks a surface by rays, for a grid of `side` squared texels. One ray goes to the centre of each texel above the horizon; where
-    /// neighbouring texels differ sixteen go, and the share of those above the horizon that pass is what is open. So an obstacle
-    /// that is thinner than a texel and misses all centres is not seen.
+    /// Asks a surface by rays, for a grid of `side` squared texels. One ray goes to the centre of
+    /// each texel above the horizon; where neighbouring texels differ sixteen go, and the share of
+    /// those above the horizon that pass is what is open. So an obstacle that is thinner than a
+    /// texel and misses all centres is not seen.
     ///
     /// # Panics
     /// If `side` is no power of two.
@@ -132,8 +134,9 @@ impl Visibility {
         self.rows[point].partial.iter().map(|&(texel, share)| (texel as usize, f32::from(share) / 255.0))
     }
 
-    /// Share of the light from an even sky that reaches each point through what blocks it: one where nothing does. And the share that comes
-    /// through texels that are open in part, the edges of what blocks.
+    /// Share of the light from an even sky that reaches each point through what blocks it: one
+    /// where nothing does. And the share that comes through texels that are open in part, the edges
+    /// of what blocks.
     ///
     /// # Panics
     /// If there are not as many normals as points.
@@ -194,7 +197,8 @@ impl Visibility {
 pub struct Openness {
     /// The share of light from an even sky that is left, in 0..=1.
     pub open: f64,
-    /// The share of that light, without obstacles, that would come from texels that are open in part.
+    /// The share of that light, without obstacles, that would come from texels that are open in
+    /// part.
     pub edge: f64,
 }
 

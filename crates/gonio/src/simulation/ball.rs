@@ -1,8 +1,9 @@
 //! Pictures of a ball of many materials in one light, quickly.
 //!
-//! Thousands of lights are gathered for the training of the posterior, each as a matrix from tables to pictures. Here the light of a point is sampled at half
-//! vectors, in rings about its normal that are as fine as the table, and each sample is the mean over its own solid angle (prefiltered importance
-//! sampling, Colbert & Krivanek 2007). That is a hundred times faster than
+//! Thousands of lights are gathered for the training of the posterior, each as a matrix from tables
+//! to pictures. Here the light of a point is sampled at half vectors, in rings about its normal
+//! that are as fine as the table, and each sample is the mean over its own solid angle (prefiltered
+//! importance sampling, Colbert & Krivanek 2007). That is a hundred times faster than
 //! [`Relighter`](crate::render::Relighter) and within some percent of it.
 
 use faer::linalg::matmul::matmul;
@@ -15,7 +16,8 @@ use super::pyramid::{LightPyramid, Part};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H};
 use crate::transfer::kernels::dispatch;
 
-/// Rings of half vectors about a normal, even in the square root of the angle as the rows of a table are.
+/// Rings of half vectors about a normal, even in the square root of the angle as the rows of a
+/// table are.
 const RINGS: usize = 90;
 
 /// Samples of a ring: at least, and at most.
@@ -36,10 +38,12 @@ pub struct BallRenderer {
     near_rows: usize,
 }
 
-/// Half angles in degrees between which lamps pass from samples, which show their shape in a sharp highlight, to points, which are exact in a wide one.
+/// Half angles in degrees between which lamps pass from samples, which show their shape in a sharp
+/// highlight, to points, which are exact in a wide one.
 const NEAR: (f32, f32) = (3.0, 6.0);
 
-/// How far the rings about a normal are counted: those of half angles below three degrees, beyond six, and between with a share in both.
+/// How far the rings about a normal are counted: those of half angles below three degrees, beyond
+/// six, and between with a share in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rings {
     /// What sharp highlights are seen by, lamps by samples.
@@ -103,7 +107,8 @@ impl BallRenderer {
         Self { near: blocks(near), far: blocks(far), near_rows }
     }
 
-    /// Luminance of points with these normals, seen from +z, of each of the tables by some of the rings: `[table][point]`. The sum over both kinds of rings is all light.
+    /// Luminance of points with these normals, seen from +z, of each of the tables by some of the
+    /// rings: `[table][point]`. The sum over both kinds of rings is all light.
     pub fn render(
         &self,
         normals: &[Vec3],

@@ -72,7 +72,8 @@ pub(super) fn bilinear(image: &[f32], x: f32, y: f32) -> f32 {
         + t * ((1.0 - s) * at(column, row + 1) + s * at(column + 1, row + 1))
 }
 
-/// A smooth random field of mean zero and variance one: Gaussian values on a grid of so many squares across, cubic splines between them.
+/// A smooth random field of mean zero and variance one: Gaussian values on a grid of so many
+/// squares across, cubic splines between them.
 pub(super) fn field(across: usize, rng: &mut impl Rng) -> Vec<f32> {
     let side = across + 3;
     let nodes: Vec<f32> = (0..side * side).map(|_| gauss(rng)).collect();

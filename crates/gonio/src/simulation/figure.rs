@@ -1,8 +1,9 @@
 //! Figures: objects on which a normal is seen in several places.
 //!
-//! The pixels of a figure that share a normal lie on different parts of its surface, some in the shadow of others, some
-//! lit by them, some worn. A part shows a region of normals and no more, so that what they share of a cell
-//! changes abruptly from one cell to the next: streaks and edges on the disk that are none of the reflected light.
+//! The pixels of a figure that share a normal lie on different parts of its surface, some in the
+//! shadow of others, some lit by them, some worn. A part shows a region of normals and no more, so
+//! that what they share of a cell changes abruptly from one cell to the next: streaks and edges on
+//! the disk that are none of the reflected light.
 
 use rand::Rng;
 
@@ -128,8 +129,8 @@ impl Figure {
         self.cells.iter().map(|c| c.density)
     }
 
-    /// What a scene of some mean shows of the figure: values and details are changed, and what comes back is
-    /// the variance among the pixels of each cell.
+    /// What a scene of some mean shows of the figure: values and details are changed, and what
+    /// comes back is the variance among the pixels of each cell.
     pub(super) fn show(&self, image: &mut [f32], details: &mut [f32], mean: f32) -> Vec<f32> {
         let seen = image.iter_mut().zip(details).zip(&self.cells);
         let cell = |((image, detail), shared): ((&mut f32, &mut f32), &Shared)| {
@@ -197,8 +198,8 @@ mod tests {
 
     #[test]
     fn parts_end_abruptly() {
-        // Larger steps between neighbouring cells than a smooth field of the same variance has, whose
-        // waves are no shorter than a dozen cells.
+        // Larger steps between neighbouring cells than a smooth field of the same variance has,
+        // whose waves are no shorter than a dozen cells.
         let (mut steps, mut total) = (0.0, 0.0);
         for seed in 0..8 {
             let (image, _) = shown(&ALL, seed);

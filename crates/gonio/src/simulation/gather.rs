@@ -1,4 +1,5 @@
-//! The innermost loops of [`BallRenderer`](super::BallRenderer): sixteen half vectors at a time, in vector instructions but for the lookups.
+//! The innermost loops of [`BallRenderer`](super::BallRenderer): sixteen half vectors at a time, in
+//! vector instructions but for the lookups.
 
 use std::array;
 
@@ -83,7 +84,8 @@ impl LampBlock {
     }
 }
 
-/// Adds the light that reaches points to the cells of a table by whose reflectance it is seen from +z, `[normal][cell]`.
+/// Adds the light that reaches points to the cells of a table by whose reflectance it is seen from
+/// +z, `[normal][cell]`.
 pub(super) struct Gather<'a> {
     pub(super) rings: &'a [RingBlock],
     pub(super) lamps: &'a [LampBlock],
@@ -126,7 +128,8 @@ fn add_ring(block: &RingBlock, normal: Vec3, light: &LightPyramid, part: Part, c
         let twice = 2.0 * cos_d;
         let (x, y, z) = (twice * x, twice * y, twice * cos_d - 1.0);
         let cosine = x * normal.x + y * normal.y + z * normal.z;
-        // Four times the cosine: solid angles of light are as much larger than those of half vectors.
+        // Four times the cosine: solid angles of light are as much larger than those of half
+        // vectors.
         weights[lane] = cosine.max(0.0) * 2.0 * twice.max(0.0) * block.solid_angle[lane];
         columns[lane] = column_of(cos_d.max(0.0));
         places[lane] = Place::of(x, y, z, block.half_side[lane]);
@@ -154,7 +157,8 @@ fn add_lamps(block: &LampBlock, normal: Vec3, cells: &mut [f32]) {
     }
 }
 
-/// Adds light to the four cells around a half angle (as a row of the table and a share of the way to the next) and a difference angle (likewise a column).
+/// Adds light to the four cells around a half angle (as a row of the table and a share of the way
+/// to the next) and a difference angle (likewise a column).
 #[inline(always)]
 fn add(cells: &mut [f32], row: usize, beyond: f32, (column, next): (u32, f32), weight: f32) {
     let (at, next) = (row + column as usize, weight * next);

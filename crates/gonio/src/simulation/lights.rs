@@ -27,7 +27,8 @@ pub enum LightKind {
 }
 
 impl LightKind {
-    /// All, with how often each is drawn: half are captured lights as they are, the rest what no captured sky is like.
+    /// All, with how often each is drawn: half are captured lights as they are, the rest what no
+    /// captured sky is like.
     pub const SHARES: [(Self, f64); 7] = [
         (Self::Captured, 0.5),
         (Self::Lamped, 0.08),
@@ -38,7 +39,8 @@ impl LightKind {
         (Self::Windows, 0.08),
     ];
 
-    /// The kind of the `index`-th camera: in every hundred as many as [`Self::SHARES`] says, spread evenly.
+    /// The kind of the `index`-th camera: in every hundred as many as [`Self::SHARES`] says, spread
+    /// evenly.
     pub fn of(index: usize) -> Self {
         let at = (index as f64 * 0.618_034).fract();
         let mut below = 0.0;
@@ -51,7 +53,8 @@ impl LightKind {
         Self::Captured
     }
 
-    /// A light of this kind in the frame of a camera (z towards it) that `camera` turns to the frame of the map.
+    /// A light of this kind in the frame of a camera (z towards it) that `camera` turns to the
+    /// frame of the map.
     pub fn light(self, map: &EnvironmentMap, camera: DQuat, rng: &mut impl Rng) -> LightPyramid {
         let captured = |d: DVec3| f64::from(luminance(map.at(camera * d)));
         let mean = mean_of(map);
@@ -159,7 +162,8 @@ impl Lamp {
         Self { direction, least, radiance: 2.0 * mean / (1.0 - least) }
     }
 
-    /// Up to so many before or beside the object, each of a share of the power of an even light of radiance `mean`.
+    /// Up to so many before or beside the object, each of a share of the power of an even light of
+    /// radiance `mean`.
     fn several(most: usize, mean: f64, share: (f64, f64), rng: &mut impl Rng) -> Vec<Self> {
         (0..rng.random_range(1..=most))
             .map(|_| {

@@ -1,7 +1,9 @@
-//! Photographs that could have been: materials of the prior in captured and made-up lights, taken by ordinary cameras.
+//! Photographs that could have been: materials of the prior in captured and made-up lights, taken
+//! by ordinary cameras.
 //!
-//! A [`Stock`] holds scenes, pictures of a ball without any fault; photographs are drawn from it without end, each of a material of its own (any mixture of two
-//! in one light is a material, and its picture the mixture of theirs) with camera effects of its own ([`Camera`]).
+//! A [`Stock`] holds scenes, pictures of a ball without any fault; photographs are drawn from it
+//! without end, each of a material of its own (any mixture of two in one light is a material, and
+//! its picture the mixture of theirs) with camera effects of its own ([`Camera`]).
 
 mod ball;
 mod camera;
@@ -97,7 +99,8 @@ impl Stock {
         self.shots.iter().map(|s| s.materials.len()).sum()
     }
 
-    /// Scenes in one more captured light and in others made of it. The random numbers depend on the seed and on how many lights there were before.
+    /// Scenes in one more captured light and in others made of it. The random numbers depend on the
+    /// seed and on how many lights there were before.
     pub fn add_light(&mut self, map: &EnvironmentMap) {
         let mut rng = Pcg64::seed_from_u64(self.settings.seed.wrapping_mul(0x9e37_79b9).wrapping_add(self.lights));
         let first: f64 = rng.random_range(0.0..1.0);
@@ -117,8 +120,8 @@ impl Stock {
         self.lights += 1;
     }
 
-    /// One of endless photographs, the same for the same number: of one of the materials or, in a quarter, of a mixture of two; turned by quarters about the view and
-    /// mirrored at random.
+    /// One of endless photographs, the same for the same number: of one of the materials or, in a
+    /// quarter, of a mixture of two; turned by quarters about the view and mirrored at random.
     ///
     /// # Panics
     /// Without scenes.

@@ -17,7 +17,8 @@ const BRIGHT: f64 = 12.0;
 /// ...and among so many brightest.
 const MOST_LAMPS: usize = 1500;
 
-/// Luminance over all directions, averaged over texels of an octahedral square of 4 pi sr, and over ever larger squares of them.
+/// Luminance over all directions, averaged over texels of an octahedral square of 4 pi sr, and over
+/// ever larger squares of them.
 #[derive(Clone, Debug)]
 pub struct LightPyramid {
     /// All of the light, from the finest level on.
@@ -82,7 +83,8 @@ impl LightPyramid {
         Self { lamps: bright.iter().map(lamp).collect(), all: Level::all(fine), even: Level::all(even) }
     }
 
-    /// Direction and irradiance, on a surface that faces it, of each texel that is much brighter than the rest.
+    /// Direction and irradiance, on a surface that faces it, of each texel that is much brighter
+    /// than the rest.
     pub fn lamps(&self) -> &[(Vec3, f32)] {
         &self.lamps
     }
@@ -90,7 +92,8 @@ impl LightPyramid {
     /// The level whose texels are about as wide as a patch of light of this solid angle (sr).
     pub fn level(solid_angle: f64) -> usize {
         let texel = 4.0 * std::f64::consts::PI / (Self::SIDE * Self::SIDE) as f64;
-        // Half of the logarithm to the base of two, rounded up rather than down; the coarsest level has two texels a side.
+        // Half of the logarithm to the base of two, rounded up rather than down; the coarsest level
+        // has two texels a side.
         let level = 0.5 * (solid_angle / texel).max(1e-9).log2() + 0.8;
         (level.max(0.0) as usize).min(Self::SIDE.ilog2() as usize - 1)
     }
@@ -124,7 +127,8 @@ impl LightPyramid {
     }
 }
 
-/// Where on a level a direction is: the upper left of four texels, and how far it is to the right and down from there.
+/// Where on a level a direction is: the upper left of four texels, and how far it is to the right
+/// and down from there.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Place {
     column: u32,
@@ -134,7 +138,8 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Of a unit direction, on a level of this [`LightPyramid::half_side`]. Without branches, for many at once.
+    /// Of a unit direction, on a level of this [`LightPyramid::half_side`]. Without branches, for
+    /// many at once.
     #[inline(always)]
     pub(super) fn of(x: f32, y: f32, z: f32, half_side: f32) -> Self {
         let scale = 1.0 / (x.abs() + y.abs() + z.abs());

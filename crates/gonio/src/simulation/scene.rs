@@ -14,7 +14,8 @@ use crate::reflectance::BivariateTable;
 pub struct Scene {
     /// Mean luminance of each cell.
     pub values: Vec<f32>,
-    /// What is finer than the cells, as [`DiskImage::details`](crate::appearance::DiskImage::details).
+    /// What is finer than the cells, as
+    /// [`DiskImage::details`](crate::appearance::DiskImage::details).
     pub details: Vec<f32>,
 }
 
@@ -47,8 +48,8 @@ impl SceneRenderer {
 
     /// The ball of each table in one light.
     ///
-    /// What is seen by half vectors far from the normal changes little within a cell and is rendered at its middle; the rest is
-    /// rendered at its quarters.
+    /// What is seen by half vectors far from the normal changes little within a cell and is
+    /// rendered at its middle; the rest is rendered at its quarters.
     pub fn render(&self, tables: &[BivariateTable], light: &LightPyramid) -> Vec<Scene> {
         let far = self.ball.render(&self.middles, tables, light, Rings::Far);
         let near = self.ball.render(&self.quarters, tables, light, Rings::Near);

@@ -4,26 +4,30 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-/// A pair of light and view directions in the frame of half and difference vectors (Rusinkiewicz 1998); radians.
+/// A pair of light and view directions in the frame of half and difference vectors (Rusinkiewicz
+/// 1998); radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfDifference {
     /// Angle between normal and half vector, 0..=pi/2.
     pub theta_h: f64,
     /// Angle between half vector and light (and view), 0..=pi/2.
     pub theta_d: f64,
-    /// Azimuth of the light around the half vector, measured from the plane of normal and half vector, in 0..2 pi.
+    /// Azimuth of the light around the half vector, measured from the plane of normal and half
+    /// vector, in 0..2 pi.
     pub phi_d: f64,
 }
 
-/// Half and difference angles of light `light` and view `view` on a surface of normal `normal`, all unit vectors.
+/// Half and difference angles of light `light` and view `view` on a surface of normal `normal`, all
+/// unit vectors.
 ///
-/// Angles come from chords, `2 asin(|a - b| / 2)`, which keep their accuracy where `acos` of a dot product has none:
-/// MERL's first `theta_h` samples are a hundredth of a degree apart.
+/// Angles come from chords, `2 asin(|a - b| / 2)`, which keep their accuracy where `acos` of a dot
+/// product has none: MERL's first `theta_h` samples are a hundredth of a degree apart.
 pub fn half_difference(normal: DVec3, light: DVec3, view: DVec3) -> HalfDifference {
     let half = (light + view).try_normalize().unwrap_or(normal);
     let theta_h = 2.0 * (0.5 * (half - normal).length()).min(1.0).asin();
     let theta_d = (0.5 * (light - view).length()).min(1.0).asin();
-    // In the frame of the half vector: x away from the normal's side, as rotating h onto the pole of the surface does.
+    // In the frame of the half vector: x away from the normal's side, as rotating h onto the pole
+    // of the surface does.
     let axis = normal.cross(half);
     let phi_d = match axis.try_normalize() {
         Some(y) => light.dot(y).atan2(light.dot(y.cross(half))).rem_euclid(TAU),
@@ -32,20 +36,23 @@ pub fn half_difference(normal: DVec3, light: DVec3, view: DVec3) -> HalfDifferen
     HalfDifference { theta_h, theta_d, phi_d }
 }
 
-/// Direction of the point `(u, v)` of a lat-long map, both in 0..1: the centre of the map looks along -z, row 0 up.
+/// Direction of the point `(u, v)` of a lat-long map, both in 0..1: the centre of the map looks
+/// along -z, row 0 up.
 pub fn direction_of_lat_long(u: f64, v: f64) -> DVec3 {
     let (azimuth, polar) = (TAU * (u - 0.5), PI * v);
     DVec3::new(azimuth.sin() * polar.sin(), polar.cos(), -azimuth.cos() * polar.sin())
 }
 
-/// Point `(u, v)` of a lat-long map, both in 0..=1, that a direction (of any length but zero) falls on.
+/// Point `(u, v)` of a lat-long map, both in 0..=1, that a direction (of any length but zero) falls
+/// on.
 pub fn lat_long_of_direction(direction: DVec3) -> (f64, f64) {
     let d = direction.normalize();
     let polar = d.x.hypot(d.z).atan2(d.y);
     (d.x.atan2(-d.z) / TAU + 0.5, polar / PI)
 }
 
-/// `count` normals spread evenly over the hemisphere z > 0 (a Fibonacci lattice: equal area to each point).
+/// `count` normals spread evenly over the hemisphere z > 0 (a Fibonacci lattice: equal area to each
+/// point).
 pub fn fibonacci_hemisphere(count: usize) -> impl Iterator<Item = DVec3> {
     let golden = PI * (3.0 - 5.0_f64.sqrt());
     (0..count).map(move |i| {

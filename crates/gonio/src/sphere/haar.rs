@@ -1,9 +1,9 @@
 //! The orthonormal two-dimensional Haar transform of a square whose side is a power of two.
 //!
-//! Coefficient order: 0 is DC; scale `s = 1, 2, ...` (1 the coarsest) takes the `3 * 4^(s-1)` indices from `4^(s-1)` on,
-//! first all horizontal wavelets, then vertical, then diagonal, each row by row from the top. So indices 1, 2, 3 are
-//! the three coarsest wavelets, and index 2 (the paper's m = 3, counted from one) weighs the top half of the square against
-//! the bottom half.
+//! Coefficient order: 0 is DC; scale `s = 1, 2, ...` (1 the coarsest) takes the `3 * 4^(s-1)`
+//! indices from `4^(s-1)` on, first all horizontal wavelets, then vertical, then diagonal, each row
+//! by row from the top. So indices 1, 2, 3 are the three coarsest wavelets, and index 2 (the
+//! paper's m = 3, counted from one) weighs the top half of the square against the bottom half.
 
 use std::ops::{Add, Mul, Sub};
 
@@ -46,7 +46,8 @@ impl Wavelet {
         Some(Self { scale, orientation: Orientation::ALL[which], row: at / side, column: at % side })
     }
 
-    /// Whether its support lies in the top half of the square; `None` at scale 1, whose wavelets cover all of it.
+    /// Whether its support lies in the top half of the square; `None` at scale 1, whose wavelets
+    /// cover all of it.
     pub fn above_horizon(self) -> Option<bool> {
         (self.scale > 1).then(|| self.row < 1 << (self.scale - 2))
     }
@@ -65,7 +66,8 @@ pub struct Haar {
 }
 
 impl Haar {
-    /// The transform of squares of `side` by `side`; `None` unless `side` is a power of two, at least 2.
+    /// The transform of squares of `side` by `side`; `None` unless `side` is a power of two, at
+    /// least 2.
     pub fn new(side: usize) -> Option<Self> {
         (side.is_power_of_two() && side >= 2).then_some(Self { side })
     }
@@ -80,13 +82,14 @@ impl Haar {
         self.side.ilog2()
     }
 
-    /// Coefficients of the `side * side` values in `square` (row-major, row 0 at the top), in place.
-    /// `scratch` is resized as needed.
+    /// Coefficients of the `side * side` values in `square` (row-major, row 0 at the top), in
+    /// place. `scratch` is resized as needed.
     pub fn forward<T: Real>(self, square: &mut [T], scratch: &mut Vec<T>) {
         let one_half = T::from(0.5);
         assert_eq!(square.len(), self.coefficients());
-        // The averages of each scale are kept in scratch, the details go straight to their final place; scale s
-        // occupies the indices from 4^(s-1) on, which the averages (indices below) no longer need.
+        // The averages of each scale are kept in scratch, the details go straight to their final
+        // place; scale s occupies the indices from 4^(s-1) on, which the averages (indices below)
+        // no longer need.
         scratch.clear();
         scratch.extend_from_slice(square);
         let mut side = self.side;
@@ -102,7 +105,8 @@ impl Haar {
                     square[block + at] = one_half * ((b + d) - (a + c));
                     square[2 * block + at] = one_half * ((a + b) - (c + d));
                     square[3 * block + at] = one_half * ((a + d) - (b + c));
-                    // Safe to overwrite: `at` is never behind a value still to be read in this scale.
+                    // Safe to overwrite: `at` is never behind a value still to be read in this
+                    // scale.
                     scratch[at] = one_half * ((a + b) + (c + d));
                 }
             }
@@ -202,7 +206,8 @@ mod tests {
 
     #[test]
     fn coarse_coefficients_do_not_depend_on_the_grid() {
-        // Averaging 2x2 texels and scaling by 2 (the measure of a texel) is the approximation space of the next scale.
+        // Averaging 2x2 texels and scaling by 2 (the measure of a texel) is the approximation space
+        // of the next scale.
         let fine = random(32 * 32, 3);
         let coarse: Vec<f32> = (0..256)
             .map(|i| {

@@ -1,4 +1,5 @@
-//! Directions and functions on the sphere: half/difference angles, lat-long and octahedral maps, the Haar transform.
+//! Directions and functions on the sphere: half/difference angles, lat-long and octahedral maps,
+//! the Haar transform.
 //!
 //! Axes: right-handed, x right, y up (gravity is -y), z from the object towards the camera.
 

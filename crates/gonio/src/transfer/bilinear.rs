@@ -1,13 +1,16 @@
-//! The bilinear operator `(l, f) -> l' A_i f` on a stack of rows, and the contractions that inference needs.
+//! The bilinear operator `(l, f) -> l' A_i f` on a stack of rows, and the contractions that
+//! inference needs.
 
 use rayon::prelude::*;
 
 use super::kernels::{add_product, axpy, dispatch, dot};
 
-/// Rows are worked on in groups of this many, summed in order: results do not depend on the number of threads.
+/// Rows are worked on in groups of this many, summed in order: results do not depend on the number
+/// of threads.
 const GROUP: usize = 32;
 
-/// Per-row matrices `A_i` (M x K) of eq. 8, kept row by row with the light coefficient fastest: `[row][k][m]`.
+/// Per-row matrices `A_i` (M x K) of eq. 8, kept row by row with the light coefficient fastest:
+/// `[row][k][m]`.
 #[derive(Clone, Debug)]
 pub struct Bilinear {
     rows: usize,
@@ -110,8 +113,9 @@ impl Bilinear {
         })
     }
 
-    /// `sum_ik A_imk ( f_k y_i + v_k a_ik )` (M) with `a_ik = sum_m A_imk p_m` and `y_i = sum_k a_ik f_k`: the curvature
-    /// `B'B + sum_k v_k A_k'A_k` of the expected residual in the light, times `p`. One pass.
+    /// `sum_ik A_imk ( f_k y_i + v_k a_ik )` (M) with `a_ik = sum_m A_imk p_m` and
+    /// `y_i = sum_k a_ik f_k`: the curvature `B'B + sum_k v_k A_k'A_k` of the expected residual in
+    /// the light, times `p`. One pass.
     pub fn light_curvature(&self, p: &[f64], f: &[f64], v: &[f64]) -> Vec<f64> {
         assert!(p.len() == self.m && f.len() == self.k && v.len() == self.k);
         self.sum_over_rows(self.m, |_, row, sum| {
@@ -126,8 +130,8 @@ impl Bilinear {
         })
     }
 
-    /// `sum_i A_imk A_imj` (`[k][j][m]`, for `j <= k` only): how alike the basis functions look in the light of
-    /// each coefficient.
+    /// `sum_i A_imk A_imj` (`[k][j][m]`, for `j <= k` only): how alike the basis functions look in
+    /// the light of each coefficient.
     pub fn reflectance_grams(&self) -> Vec<f64> {
         let (k, m) = (self.k, self.m);
         self.sum_over_rows(k * k * m, |_, row, sum| {

@@ -1,7 +1,10 @@
-//! The bilinear operator of eq. 8: how light and reflectance coefficients make an image of a known shape (paper 3.3).
+//! The bilinear operator of eq. 8: how light and reflectance coefficients make an image of a known
+//! shape (paper 3.3).
 //!
-//! * [`Quadrature`] integrates every basis function over every texel of the light grid for one point of the surface;
-//! * [`Plan::build`] does so for all points and keeps the leading left singular directions of the result;
+//! * [`Quadrature`] integrates every basis function over every texel of the light grid for one
+//!   point of the surface;
+//! * [`Plan::build`] does so for all points and keeps the leading left singular directions of the
+//!   result;
 //! * [`Bilinear`] is the operator on those directions that the inference runs on.
 
 mod bilinear;

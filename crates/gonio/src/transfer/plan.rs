@@ -1,8 +1,10 @@
-//! The plan: everything about the bilinear operator that depends on shape, view, basis and grid, but not on the image.
+//! The plan: everything about the bilinear operator that depends on shape, view, basis and grid,
+//! but not on the image.
 //!
-//! The N x (M K) stack of all rows has low numerical rank, so the plan keeps its leading left singular directions `Q`
-//! (weighted by how large light and reflectance coefficients are a priori) and `R = Q' A`. With `I_i = g l' A_i f + e_i`
-//! and white noise, `Q' I` and the energy of `I` outside `Q` are all that the likelihood sees of the image.
+//! The N x (M K) stack of all rows has low numerical rank, so the plan keeps its leading left
+//! singular directions `Q` (weighted by how large light and reflectance coefficients are a priori)
+//! and `R = Q' A`. With `I_i = g l' A_i f + e_i` and white noise, `Q' I` and the energy of `I`
+//! outside `Q` are all that the likelihood sees of the image.
 
 use faer::{Mat, MatRef, Side};
 use rayon::prelude::*;
@@ -28,7 +30,8 @@ pub struct PlanSettings {
     pub quadrature: QuadratureSettings,
     /// Seed of the random sketch.
     pub seed: u64,
-    /// Rows are held in memory while they take fewer bytes than this, and made anew for each of four passes otherwise.
+    /// Rows are held in memory while they take fewer bytes than this, and made anew for each of
+    /// four passes otherwise.
     pub hold: usize,
 }
 
@@ -147,8 +150,8 @@ impl Rows<'_> {
 }
 
 impl Rows<'_> {
-    /// Root mean square that each basis function alone gives to a pixel under lights with these root mean square
-    /// coefficients, from a few hundred of the points.
+    /// Root mean square that each basis function alone gives to a pixel under lights with these
+    /// root mean square coefficients, from a few hundred of the points.
     fn energies(&self, light: &[f64]) -> Vec<f64> {
         let step = self.points.len().div_ceil(400);
         let (some, columns) = (self.points.len().div_ceil(step), self.columns());
@@ -216,9 +219,10 @@ fn rows_of<'a>(points: Points<'a>, tables: &[BivariateTable], prior: &LightPrior
 impl Plan {
     /// Integrates the basis over the light grid for every point and keeps the leading directions.
     ///
-    /// Which directions matter is weighed by the root mean square of each light coefficient a priori, and by the
-    /// brightness of each basis function, so that all functions count alike: sharp ones are dim under average light, and
-    /// without that weight their images would be left out. `progress` is told about finished stages as a fraction in 0..=1.
+    /// Which directions matter is weighed by the root mean square of each light coefficient a
+    /// priori, and by the brightness of each basis function, so that all functions count alike:
+    /// sharp ones are dim under average light, and without that weight their images would be left
+    /// out. `progress` is told about finished stages as a fraction in 0..=1.
     ///
     /// # Errors
     /// With fewer than 50 points, an empty basis, or a grid that the prior does not cover.
@@ -290,14 +294,16 @@ impl Plan {
         (1.0 - self.energies.iter().sum::<f64>() / self.total_energy).max(0.0)
     }
 
-    /// Projects an image onto the plan. Points without a value (`None`) are left out exactly: the remaining rows of `Q` are
-    /// made orthonormal again.
+    /// Projects an image onto the plan. Points without a value (`None`) are left out exactly: the
+    /// remaining rows of `Q` are made orthonormal again.
     ///
-    /// The rank is chosen by the image: the smallest, in steps of 50, at which the energy left over is at most `slack` of
-    /// the image's above what it is at the full rank. (With points left out it is the full rank.)
+    /// The rank is chosen by the image: the smallest, in steps of 50, at which the energy left over
+    /// is at most `slack` of the image's above what it is at the full rank. (With points left out
+    /// it is the full rank.)
     ///
     /// # Errors
-    /// When the number of values is not that of the points, or fewer than 50 or than the rank have one.
+    /// When the number of values is not that of the points, or fewer than 50 or than the rank have
+    /// one.
     pub fn project(&self, image: &[Option<f64>], slack: f64) -> Result<Projected, PlanError> {
         if image.len() != self.points {
             return Err(PlanError::Points { plan: self.points, image: image.len() });
@@ -350,7 +356,8 @@ impl Plan {
     }
 }
 
-/// An image as the likelihood sees it: `I_i = g l' A_i f + e_i` on a few rows, and the energy outside them.
+/// An image as the likelihood sees it: `I_i = g l' A_i f + e_i` on a few rows, and the energy
+/// outside them.
 #[derive(Clone, Debug)]
 pub struct Projected {
     /// The operator on the rows.
@@ -364,7 +371,8 @@ pub struct Projected {
 }
 
 impl Projected {
-    /// The image on all its rows, without any projection: for images with much energy outside the leading directions.
+    /// The image on all its rows, without any projection: for images with much energy outside the
+    /// leading directions.
     ///
     /// # Errors
     /// As [`Plan::build`].
@@ -390,8 +398,8 @@ impl Projected {
         Ok(Self { bilinear, pixels: target.len(), target, outside: 0.0 })
     }
 
-    /// The image of points whose light is known: `rows` are the images of the `k` basis functions, `[point][k]`. Points without a
-    /// value are left out.
+    /// The image of points whose light is known: `rows` are the images of the `k` basis functions,
+    /// `[point][k]`. Points without a value are left out.
     ///
     /// # Panics
     /// If the lengths do not fit.

@@ -13,10 +13,12 @@ use crate::reflectance::BivariateTable;
 pub struct Prediction {
     /// As the point is: in its own view, without the light that does not reach it.
     pub seen: f64,
-    /// On a sphere: the point of the same normal relative to the view, seen from `+z` in the same light, all of which reaches it.
+    /// On a sphere: the point of the same normal relative to the view, seen from `+z` in the same
+    /// light, all of which reaches it.
     pub on_sphere: f64,
-    /// The share of `seen` that comes through texels that are open in part, in 0..=1: near one the edge of a shadow lies on the point, and how much light
-    /// arrives depends on where in a texel it comes from.
+    /// The share of `seen` that comes through texels that are open in part, in 0..=1: near one the
+    /// edge of a shadow lies on the point, and how much light arrives depends on where in a texel
+    /// it comes from.
     pub edge: f64,
 }
 

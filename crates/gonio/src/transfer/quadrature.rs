@@ -6,10 +6,11 @@
 //! T[t, k] = integral over t of phi_k(theta_h, theta_d) max(n . w, 0) dw,    h = (w + v) / |w + v|
 //! ```
 //!
-//! Measured materials have lobes of a fraction of a degree around `h = n`, sampled by MERL at steps of
-//! hundredths of a degree; a texel of a 32 x 32 grid is 6 degrees wide. So the square is divided as a quadtree: a cell is divided
-//! while its half vectors spread over more than a given fraction of its angle to the normal. Cells never straddle texels, and
-//! each undivided one counts with its centre.
+//! Measured materials have lobes of a fraction of a degree around `h = n`, sampled by MERL at steps
+//! of hundredths of a degree; a texel of a 32 x 32 grid is 6 degrees wide. So the square is divided
+//! as a quadtree: a cell is divided while its half vectors spread over more than a given fraction
+//! of its angle to the normal. Cells never straddle texels, and each undivided one counts with its
+//! centre.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -37,7 +38,8 @@ impl SurfacePoint {
         DQuat::from_rotation_arc(self.view, DVec3::Z) * self.normal
     }
 
-    /// The same point with its normal bent to where the camera just sees it, if it points away: normals that are interpolated do at the rim.
+    /// The same point with its normal bent to where the camera just sees it, if it points away:
+    /// normals that are interpolated do at the rim.
     #[must_use]
     pub fn facing(self) -> Self {
         let short = LEAST_COSINE - self.normal.dot(self.view);
@@ -74,12 +76,14 @@ impl InterleavedTables {
         self.count
     }
 
-    /// Distance between the values of neighbouring cells: the number of tables rounded up to whole SIMD lanes.
+    /// Distance between the values of neighbouring cells: the number of tables rounded up to whole
+    /// SIMD lanes.
     pub fn stride(&self) -> usize {
         self.count.next_multiple_of(kernels::LANES)
     }
 
-    /// Adds `weight` times the value of every table at `(theta_h, theta_d)` (radians) to `out` (of length `stride`).
+    /// Adds `weight` times the value of every table at `(theta_h, theta_d)` (radians) to `out` (of
+    /// length `stride`).
     #[inline(always)]
     fn add(&self, theta_h: f32, theta_d: f32, weight: f32, out: &mut [f32]) {
         let stride = self.stride();
@@ -99,11 +103,14 @@ impl InterleavedTables {
 /// How finely the quadrature divides.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct QuadratureSettings {
-    /// Every cell is divided at least down to `2^base` cells a side (or the light grid, if that is finer).
+    /// Every cell is divided at least down to `2^base` cells a side (or the light grid, if that is
+    /// finer).
     pub base: u32,
-    /// A cell is divided while its spread of half vectors exceeds this fraction of their angle to the normal.
+    /// A cell is divided while its spread of half vectors exceeds this fraction of their angle to
+    /// the normal.
     pub ratio: f32,
-    /// Angle (radians) added to the angle to the normal in that test: lobes are resolved to `ratio * core`.
+    /// Angle (radians) added to the angle to the normal in that test: lobes are resolved to
+    /// `ratio * core`.
     pub core: f32,
 }
 
@@ -115,7 +122,8 @@ impl Default for QuadratureSettings {
 }
 
 impl QuadratureSettings {
-    /// Twice as fine in every respect: the difference of the two results measures the error of the coarser one.
+    /// Twice as fine in every respect: the difference of the two results measures the error of the
+    /// coarser one.
     pub fn refined(self) -> Self {
         Self { base: self.base + 1, ratio: self.ratio / 2.0, core: self.core / 2.0 }
     }
@@ -189,7 +197,8 @@ impl Quadrature {
             }
             let sum = light + view;
             let twice_cos_d = sum.length();
-            // Chords keep their accuracy where the angle is small. sin(x) of half an angle is half its chord.
+            // Chords keep their accuracy where the angle is small. sin(x) of half an angle is half
+            // its chord.
             let half = sum / twice_cos_d.max(1e-6);
             let half_chord_square = 0.25 * (half - normal).length_squared();
             let theta_h = 2.0 * kernels::asin_of_sqrt(half_chord_square);

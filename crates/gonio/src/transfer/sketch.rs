@@ -1,5 +1,5 @@
-//! The leading left singular subspace of a tall stack of rows that need not fit in memory, by randomised sketching
-//! (Halko, Martinsson and Tropp 2011).
+//! The leading left singular subspace of a tall stack of rows that need not fit in memory, by
+//! randomised sketching (Halko, Martinsson and Tropp 2011).
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
@@ -31,8 +31,8 @@ pub(super) struct Sketch {
     pub(super) total: f64,
 }
 
-/// Splits the work of a product into fixed bands of result columns: every band is one sequential product, so the result
-/// does not depend on the number of threads.
+/// Splits the work of a product into fixed bands of result columns: every band is one sequential
+/// product, so the result does not depend on the number of threads.
 fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_, f32>) {
     const BAND: usize = 256;
     let columns = out.ncols();
@@ -42,7 +42,8 @@ fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_,
     });
 }
 
-/// Cuts a matrix into bands of columns that can be written at the same time, each with the index of its first column.
+/// Cuts a matrix into bands of columns that can be written at the same time, each with the index of
+/// its first column.
 pub(crate) fn column_bands<T>(matrix: MatMut<'_, T>, count: usize) -> Vec<(usize, MatMut<'_, T>)> {
     let columns = matrix.ncols();
     let (mut bands, mut rest, mut first) = (Vec::with_capacity(count), matrix, 0);
@@ -60,7 +61,8 @@ fn orthonormalise(y: &mut Mat<f32>) {
     for _ in 0..2 {
         let mut tall = Mat::<f64>::from_fn(y.nrows(), y.ncols(), |i, j| f64::from(y[(i, j)]));
         let mut gram = gram(tall.as_ref());
-        // Directions that the sketch does not reach: a ridge far below the smallest kept energy keeps the factor finite.
+        // Directions that the sketch does not reach: a ridge far below the smallest kept energy
+        // keeps the factor finite.
         let ridge = 1e-13 * (0..gram.ncols()).map(|j| gram[(j, j)]).fold(0.0, f64::max);
         for j in 0..gram.ncols() {
             gram[(j, j)] += ridge;
@@ -89,9 +91,11 @@ fn gram(y: MatRef<'_, f64>) -> Mat<f64> {
     gram
 }
 
-/// The `rank` left singular directions of `A D` with most energy, `D` the diagonal of `weights` (one per column).
+/// The `rank` left singular directions of `A D` with most energy, `D` the diagonal of `weights`
+/// (one per column).
 ///
-/// One power iteration on a Gaussian sketch of `rank + oversampling` columns; deterministic for a seed.
+/// One power iteration on a Gaussian sketch of `rank + oversampling` columns; deterministic for a
+/// seed.
 pub(super) fn sketch(source: &dyn RowBlocks, weights: &[f32], rank: usize, oversampling: usize, seed: u64) -> Sketch {
     let (rows, columns) = (source.rows(), source.columns());
     let width = (rank + oversampling).min(rows).min(columns);

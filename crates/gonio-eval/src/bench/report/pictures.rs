@@ -25,7 +25,8 @@ fn photographs<'a>(mine: &[&'a Record]) -> BTreeMap<(&'a str, &'a str), Photogra
     all
 }
 
-/// The row of pictures of one photograph: the reference first, then the estimates with their errors.
+/// The row of pictures of one photograph: the reference first, then the estimates with their
+/// errors.
 fn row(photograph: &Photograph<'_>) -> Markup {
     let reference = photograph.get(&Estimator::TrueBivariate).or_else(|| photograph.values().next());
     let order = photograph.values().filter(|r| r.estimator != Estimator::TrueBivariate);

@@ -1,4 +1,5 @@
-//! The bytes behind a glTF file, and the numbers in them; no offset or length of the file is believed.
+//! The bytes behind a glTF file, and the numbers in them; no offset or length of the file is
+//! believed.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -143,7 +144,8 @@ fn embedded(data: &str) -> Option<Vec<u8>> {
     kind.ends_with(";base64").then(|| STANDARD.decode(text).ok()).flatten()
 }
 
-/// Reads a file that the glTF file at `path` refers to as `uri`, of at most `most` bytes: it must be in the same folder or below.
+/// Reads a file that the glTF file at `path` refers to as `uri`, of at most `most` bytes: it must
+/// be in the same folder or below.
 pub(in crate::mesh) fn read_sibling(path: &Path, uri: &str, most: u64) -> Result<Vec<u8>, Error> {
     let outside = || {
         let problem = format!("refers to {uri:?}, which is not in its folder");

@@ -18,7 +18,8 @@ use crate::{Error, guard};
 
 pub(super) use buffers::read_sibling;
 
-/// Most objects of JSON (nodes, accessors and so on); in memory each takes a hundred times the two bytes it takes at least in the file.
+/// Most objects of JSON (nodes, accessors and so on); in memory each takes a hundred times the two
+/// bytes it takes at least in the file.
 const MAX_OBJECTS: usize = 1 << 18;
 /// Most values in lists and objects, for the same reason.
 const MAX_VALUES: usize = 1 << 22;

@@ -28,7 +28,8 @@ fn glb(json: &Value, bin: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Bytes of the unit square's four corners, of its four normals along z, and of the indices of its two triangles in 8, 16 and 32 bits.
+/// Bytes of the unit square's four corners, of its four normals along z, and of the indices of its
+/// two triangles in 8, 16 and 32 bits.
 fn square() -> (Value, Vec<u8>) {
     let floats = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0_f32]];
     let mut bin: Vec<u8> = floats.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();

@@ -1,7 +1,8 @@
 //! Charts as SVG: curves, histograms, scatter, empirical distributions.
 //!
-//! A [`Frame`] says what the axes are, [`Series`] what is drawn. The charts have a light ground of their own, so that they
-//! are as legible on a dark page. Values that an axis cannot show (not finite; not positive on a logarithmic one) are left out.
+//! A [`Frame`] says what the axes are, [`Series`] what is drawn. The charts have a light ground of
+//! their own, so that they are as legible on a dark page. Values that an axis cannot show (not
+//! finite; not positive on a logarithmic one) are left out.
 
 mod draw;
 mod scale;
@@ -87,7 +88,8 @@ pub fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
     let all = || shown.iter().flat_map(|s| &s.points);
     let x = Scale::around(frame.x.1, all().map(|p| p.0), None);
     let y = Scale::around(frame.y.1, all().map(|p| p.1), frame.y_range);
-    // Bars stand on the foot of the chart; without a given range that is zero where the axis has one.
+    // Bars stand on the foot of the chart; without a given range that is zero where the axis has
+    // one.
     let bars = shown.iter().any(|s| s.mark == Mark::Bars);
     let y = if bars && frame.y.1 == Axis::Linear && frame.y_range.is_none() { y.starting_at_zero() } else { y };
     let svg = draw::svg(frame, &x, &y, &shown);
@@ -116,7 +118,8 @@ pub fn lines(title: &str, x: (&str, Axis), y: (&str, Axis), series: &[Series]) -
 pub fn histogram(title: &str, x_label: &str, histogram: &Histogram, curves: &[Series], y: Axis) -> Markup {
     let bars = Series { name: "samples".into(), points: histogram.corners(), mark: Mark::Bars };
     let series: Vec<Series> = std::iter::once(bars).chain(curves.iter().cloned()).collect();
-    // A curve may fall far below what the samples can show: the axis ends at half of one sample in a bin.
+    // A curve may fall far below what the samples can show: the axis ends at half of one sample in
+    // a bin.
     let top = series.iter().flat_map(|s| &s.points).map(|p| p.1).filter(|y| y.is_finite()).fold(0.0, f64::max);
     let range = match y {
         Axis::Log if top > 0.0 => Some((0.5 * histogram.one_sample().min(0.1 * top), 2.0 * top)),

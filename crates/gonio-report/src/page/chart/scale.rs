@@ -6,7 +6,8 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 
 use super::Axis;
 
-/// A range of values on an axis, linear or logarithmic. Bounds are finite, in order and apart; positive if logarithmic.
+/// A range of values on an axis, linear or logarithmic. Bounds are finite, in order and apart;
+/// positive if logarithmic.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scale {
     axis: Axis,

@@ -11,7 +11,8 @@ pub struct Histogram {
 }
 
 impl Histogram {
-    /// Counts samples in `bins` bins from `low` to `high`. Those outside have no bin, but count in the density.
+    /// Counts samples in `bins` bins from `low` to `high`. Those outside have no bin, but count in
+    /// the density.
     pub fn new(samples: &[f64], low: f64, high: f64, bins: usize) -> Self {
         let width = (high - low) / bins as f64;
         let mut counts = vec![0; bins];
@@ -40,7 +41,8 @@ impl Histogram {
     }
 }
 
-/// The steps of the empirical distribution of finite values: from `(least, 0)` up to `(largest, 1)`.
+/// The steps of the empirical distribution of finite values: from `(least, 0)` up to
+/// `(largest, 1)`.
 pub fn ecdf_steps(mut values: Vec<f64>) -> Vec<(f64, f64)> {
     values.sort_by(f64::total_cmp);
     let n = values.len() as f64;

@@ -8,16 +8,19 @@ use rayon::prelude::*;
 
 use crate::transfer::column_bands;
 
-/// Columns of a result that one sequential product or solve makes: results do not depend on the number of threads.
+/// Columns of a result that one sequential product or solve makes: results do not depend on the
+/// number of threads.
 const BAND: usize = 128;
 
-/// The lower factor `L` of a symmetric positive definite `L L'` (n x n); what is above its diagonal means nothing.
+/// The lower factor `L` of a symmetric positive definite `L L'` (n x n); what is above its diagonal
+/// means nothing.
 pub(super) struct Cholesky {
     pub(super) lower: Mat<f64>,
 }
 
 impl Cholesky {
-    /// Of the matrix whose lower triangle is given. `None` where it is not positive definite or not finite.
+    /// Of the matrix whose lower triangle is given. `None` where it is not positive definite or not
+    /// finite.
     pub(super) fn new(mut lower: Mat<f64>) -> Option<Self> {
         let size = lower.nrows();
         let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
@@ -41,7 +44,8 @@ impl Cholesky {
         x.col(0).iter().copied().collect()
     }
 
-    /// `L^-1` (n x n). The squared norms of its columns are the diagonal of the inverse of the matrix.
+    /// `L^-1` (n x n). The squared norms of its columns are the diagonal of the inverse of the
+    /// matrix.
     pub(super) fn inverse_of_lower(&self) -> Mat<f64> {
         let n = self.lower.nrows();
         let mut inverse = Mat::identity(n, n);

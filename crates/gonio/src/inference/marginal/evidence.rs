@@ -33,18 +33,19 @@ impl EvidenceSettings {
 /// What an image says about one reflectance, and the posterior of the light given it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evidence {
-    /// Lower bound of `log p(I | f, g, b)` for the scaled image, in nats, all constants included; equal to it for
-    /// mixtures of one component.
+    /// Lower bound of `log p(I | f, g, b)` for the scaled image, in nats, all constants included;
+    /// equal to it for mixtures of one component.
     pub bound: f64,
-    /// The bound plus `log p(log g)` and `log p(log b)` of whatever of the two was found: what the steps never lower,
-    /// and what candidates are compared by.
+    /// The bound plus `log p(log g)` and `log p(log b)` of whatever of the two was found: what the
+    /// steps never lower, and what candidates are compared by.
     pub objective: f64,
-    /// An estimate of `log p(I | f, g, b)` that is no bound: the mixture itself in place of its bound, for one
-    /// coefficient at a time under the Gaussian posterior of the others.
+    /// An estimate of `log p(I | f, g, b)` that is no bound: the mixture itself in place of its
+    /// bound, for one coefficient at a time under the Gaussian posterior of the others.
     ///
-    /// The bound loses the logarithm of the weight of a component for every coefficient that the image leaves open; the
-    /// estimate does not. But it overstates the evidence, by hundreds of nats, where many coefficients could explain
-    /// the same structure: it is a check on the bound and no score for unlike candidates.
+    /// The bound loses the logarithm of the weight of a component for every coefficient that the
+    /// image leaves open; the estimate does not. But it overstates the evidence, by hundreds of
+    /// nats, where many coefficients could explain the same structure: it is a check on the bound
+    /// and no score for unlike candidates.
     pub estimate: f64,
     /// `g`, in units of the image.
     pub exposure: f64,
@@ -54,7 +55,8 @@ pub struct Evidence {
     pub light: Vec<f64>,
     /// Posterior standard deviations of `l_m` (M), zero for DC.
     pub light_sd: Vec<f64>,
-    /// Directions of the light that the image determines rather than the prior, `sum_m (1 - Sigma_mm d_m)`.
+    /// Directions of the light that the image determines rather than the prior,
+    /// `sum_m (1 - Sigma_mm d_m)`.
     pub effective: f64,
     /// The objective at the start and after every step.
     pub trace: Vec<f64>,
@@ -69,7 +71,8 @@ const LONGEST: f64 = 2.0;
 /// Most times that a step is made longer.
 const LARGEST: f64 = 64.0;
 
-/// A climb that gains less than this in a step, in nats, looks for other components of the mixtures.
+/// A climb that gains less than this in a step, in nats, looks for other components of the
+/// mixtures.
 const SLOW: f64 = 1.0;
 
 /// Times that it does at most.
@@ -78,11 +81,13 @@ const LEAPS: usize = 8;
 impl Marginal<'_> {
     /// The bound of an operator, climbed from the scales of the prior's variances.
     ///
-    /// The bound has a local maximum for every choice of components. Where the climb gets slow every coefficient looks
-    /// for a better component by itself, and as long as that raises the objective the climb goes on from there.
+    /// The bound has a local maximum for every choice of components. Where the climb gets slow
+    /// every coefficient looks for a better component by itself, and as long as that raises the
+    /// objective the climb goes on from there.
     ///
-    /// A step is one factorisation, of `r^2 M + r^3 / 3` flops by rows, and the posterior variances, of `r^2 M`. The
-    /// step of `log(b g^2)` is lengthened by a secant; where that lowers the objective, the step is made without.
+    /// A step is one factorisation, of `r^2 M + r^3 / 3` flops by rows, and the posterior
+    /// variances, of `r^2 M`. The step of `log(b g^2)` is lengthened by a secant; where that lowers
+    /// the objective, the step is made without.
     ///
     /// # Errors
     /// If the operator has values that are not finite, or so large that products overflow.
@@ -100,7 +105,8 @@ impl Marginal<'_> {
         Design::new(self.weighted(operator), Form::smaller(operator.rows(), operator.m()))
     }
 
-    /// The widest scales, the exposure that gives the expected image the energy of the image, and a tenth of noise.
+    /// The widest scales, the exposure that gives the expected image the energy of the image, and a
+    /// tenth of noise.
     pub(super) fn start(&self, design: &Design, settings: &EvidenceSettings) -> State {
         let squares = self.scales.prior_squares();
         let mut energy = 0.0;
@@ -175,8 +181,8 @@ impl Marginal<'_> {
         Ok(self.answer(&now, trace, converged))
     }
 
-    /// A better point whose mixtures have other components, if there is one: of all coefficients at once, or of those
-    /// alone that the image says little about, which hardly depend on each other.
+    /// A better point whose mixtures have other components, if there is one: of all coefficients at
+    /// once, or of those alone that the image says little about, which hardly depend on each other.
     fn leap<'a>(&self, design: &'a Design, now: &Point<'a>, settings: &EvidenceSettings) -> Option<Point<'a>> {
         let posterior = now.final_variances();
         [1.0, 0.3, 0.05].into_iter().find_map(|weak| {

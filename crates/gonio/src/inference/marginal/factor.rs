@@ -1,4 +1,5 @@
-//! The algebra of `S = I + rho B V B'`, the covariance of an image in units of its noise, in the smaller of two spaces.
+//! The algebra of `S = I + rho B V B'`, the covariance of an image in units of its noise, in the
+//! smaller of two spaces.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
@@ -19,14 +20,15 @@ pub(super) enum Form {
 }
 
 impl Form {
-    /// The smaller matrix: the cheaper one, and no worse conditioned, since the larger has as many eigenvalues of one
-    /// more.
+    /// The smaller matrix: the cheaper one, and no worse conditioned, since the larger has as many
+    /// eigenvalues of one more.
     pub(super) fn smaller(rows: usize, m: usize) -> Self {
         if rows <= m { Self::Rows } else { Self::Light }
     }
 }
 
-/// Whatever of an operator is used again at other variances: `B`, and `B'B` where the form needs it.
+/// Whatever of an operator is used again at other variances: `B`, and `B'B` where the form needs
+/// it.
 pub(super) struct Design {
     /// rows x M.
     pub(super) matrix: Mat<f64>,
@@ -79,8 +81,8 @@ pub(super) struct Factor<'a> {
 }
 
 impl<'a> Factor<'a> {
-    /// Factorises at the variances of the M light coefficients (zero for a constant) and `rho > 0`. `None` where the
-    /// matrix is not finite.
+    /// Factorises at the variances of the M light coefficients (zero for a constant) and `rho > 0`.
+    /// `None` where the matrix is not finite.
     pub(super) fn new(design: &'a Design, variances: &[f64], rho: f64) -> Option<Self> {
         let m = design.matrix.ncols();
         assert_eq!(variances.len(), m);
@@ -142,7 +144,8 @@ impl<'a> Factor<'a> {
         x
     }
 
-    /// `rho V B' e` (M): for `e = S^-1 t` the posterior mean of a light of prior mean zero whose image is `t`.
+    /// `rho V B' e` (M): for `e = S^-1 t` the posterior mean of a light of prior mean zero whose
+    /// image is `t`.
     pub(super) fn gain(&self, e: &[f64]) -> Vec<f64> {
         let back = self.design.adjoint(e);
         back.iter().zip(&self.variances).map(|(x, v)| self.rho * v * x).collect()
@@ -218,7 +221,8 @@ impl<'a> Factor<'a> {
     }
 }
 
-/// The lower triangle of the symmetric `a b`, band by band; some of what is above it is computed too.
+/// The lower triangle of the symmetric `a b`, band by band; some of what is above it is computed
+/// too.
 fn lower_of_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let n = a.nrows();
     let mut out = Mat::zeros(n, n);
@@ -235,7 +239,8 @@ mod tests {
     use super::*;
     use crate::inference::marginal::tests::{identity, inverse_and_log_det, random};
 
-    /// Every quantity of both forms against dense algebra, for fewer and for more rows than coefficients.
+    /// Every quantity of both forms against dense algebra, for fewer and for more rows than
+    /// coefficients.
     #[test]
     fn both_forms_are_the_dense_algebra() {
         for (rows, m) in [(7, 12), (12, 7), (300, 40)] {

@@ -1,7 +1,7 @@
 //! How the bound changes with reflectance, exposure and noise, the scales fixed.
 //!
-//! Where expectation maximisation has converged the bound does not change with the responsibilities, so that this is
-//! also the gradient of the maximum over them.
+//! Where expectation maximisation has converged the bound does not change with the
+//! responsibilities, so that this is also the gradient of the maximum over them.
 
 use super::point::Point;
 use super::{Evidence, EvidenceSettings, LightOperator, Marginal, MarginalError};
@@ -30,8 +30,8 @@ impl Gradient {
 }
 
 impl Point<'_> {
-    /// `dF/dB = b g (t - g B<l>) <l>' - b g^2 B Sigma`, `Sigma` after the cut: by Fisher's identity the expectation of
-    /// the derivative of `log p(t, l)` under the posterior of the light.
+    /// `dF/dB = b g (t - g B<l>) <l>' - b g^2 B Sigma`, `Sigma` after the cut: by Fisher's identity
+    /// the expectation of the derivative of `log p(t, l)` under the posterior of the light.
     pub(super) fn gradient(&mut self, marginal: &Marginal<'_>) -> Gradient {
         self.find_variances();
         let (g, b) = (self.state.log_g.exp(), self.state.log_b.exp());
@@ -60,8 +60,8 @@ impl Point<'_> {
 }
 
 impl Marginal<'_> {
-    /// The gradient of the bound at an operator whose evidence is known: one factorisation and two solves of `r^2 M`
-    /// flops.
+    /// The gradient of the bound at an operator whose evidence is known: one factorisation and two
+    /// solves of `r^2 M` flops.
     ///
     /// # Errors
     /// As [`Self::evidence`].

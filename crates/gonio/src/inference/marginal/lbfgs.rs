@@ -25,8 +25,8 @@ impl Memory {
         self.pairs.clear();
     }
 
-    /// Remembers a step along which the gradient of the objective changed by `change`, if it says something of the
-    /// curvature of a concave function.
+    /// Remembers a step along which the gradient of the objective changed by `change`, if it says
+    /// something of the curvature of a concave function.
     pub(super) fn learn(&mut self, step: Vec<f64>, change: Vec<f64>) {
         let fall: Vec<f64> = change.into_iter().map(|x| -x).collect();
         if dot(&step, &fall) > 1e-10 * (dot(&step, &step) * dot(&fall, &fall)).sqrt() {
@@ -37,7 +37,8 @@ impl Memory {
         }
     }
 
-    /// The quasi-Newton direction of ascent for a gradient; the gradient itself as long as nothing is known.
+    /// The quasi-Newton direction of ascent for a gradient; the gradient itself as long as nothing
+    /// is known.
     pub(super) fn direction(&self, gradient: &[f64]) -> Vec<f64> {
         let mut d = gradient.to_vec();
         let mut weights = Vec::with_capacity(self.pairs.len());

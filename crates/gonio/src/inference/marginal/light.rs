@@ -35,18 +35,21 @@ pub enum LightError {
 }
 
 impl<'a> LightProblem<'a> {
-    /// Steps of expectation maximisation: the light is for looking at, and the last steps change little that is seen.
+    /// Steps of expectation maximisation: the light is for looking at, and the last steps change
+    /// little that is seen.
     pub const STEPS: usize = 10;
 
-    /// The luminances `values` (linear, `None` where not observed) of `points` of a BRDF (1/sr), for light of
-    /// `settings.side` squared texels. The noise is that of [`Hyper::with_model_error`], of variance in inverse proportion to the `weights` of the points, where
-    /// there are any.
+    /// The luminances `values` (linear, `None` where not observed) of `points` of a BRDF (1/sr),
+    /// for light of `settings.side` squared texels. The noise is that of
+    /// [`Hyper::with_model_error`], of variance in inverse proportion to the `weights` of the
+    /// points, where there are any.
     ///
     /// # Panics
     /// If there are not as many weights as points.
     ///
     /// # Errors
-    /// If points and values differ in number, the prior does not cover the grid, or the image is black or not finite.
+    /// If points and values differ in number, the prior does not cover the grid, or the image is
+    /// black or not finite.
     pub fn new<'b>(
         points: impl Into<Points<'b>>,
         values: &[Option<f64>],
@@ -71,7 +74,8 @@ impl<'a> LightProblem<'a> {
         Ok(Self { operator, target, marginal })
     }
 
-    /// Of observations with their weights and the visibility of each. A light does not need them all: [`Observations::thinned`].
+    /// Of observations with their weights and the visibility of each. A light does not need them
+    /// all: [`Observations::thinned`].
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -123,8 +127,8 @@ impl<'a> LightProblem<'a> {
         Ok(self.marginal.non_negative_mode(&self.operator, posterior)?)
     }
 
-    /// Root mean square of what a light leaves of the image, relative to the image's. `light` are coefficients (M) of the radiance,
-    /// in units of the image.
+    /// Root mean square of what a light leaves of the image, relative to the image's. `light` are
+    /// coefficients (M) of the radiance, in units of the image.
     ///
     /// # Panics
     /// If there are not M coefficients.

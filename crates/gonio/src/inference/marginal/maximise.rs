@@ -14,7 +14,8 @@ pub struct MaximiseSettings {
     pub max_iterations: usize,
     /// Converged when two iterations in a row each raise the objective by less than this, in nats.
     pub tolerance: f64,
-    /// Coefficients of the start below this share of the largest are raised to it: at zero, `log f` has no gradient.
+    /// Coefficients of the start below this share of the largest are raised to it: at zero, `log f`
+    /// has no gradient.
     pub floor: f64,
     /// Rates of the exponential priors `lambda_k exp(-lambda_k f_k)` (K); empty for none.
     pub rates: Vec<f64>,
@@ -116,8 +117,8 @@ impl Climb<'_> {
         state
     }
 
-    /// The objective at `x`; with its gradient where it is more than `above`, and with the best exposure for the ratio
-    /// of signal to noise unless `still`.
+    /// The objective at `x`; with its gradient where it is more than `above`, and with the best
+    /// exposure for the ratio of signal to noise unless `still`.
     fn look(&self, x: &[f64], from: &State, still: bool, above: f64) -> Option<Slope> {
         let (log_f, state) = (&x[..self.bilinear.k()], self.state(x, from));
         let f: Vec<f64> = log_f.iter().map(|f| f.exp()).collect();
@@ -144,19 +145,20 @@ impl Climb<'_> {
 }
 
 impl Marginal<'_> {
-    /// Maximises the objective of [`Evidence`] plus the log prior of reflectance, as a density of `f` or with
-    /// [`MaximiseSettings::width`] of `log f`, over `log f` from a `start` (K, at least one positive).
+    /// Maximises the objective of [`Evidence`] plus the log prior of reflectance, as a density of
+    /// `f` or with [`MaximiseSettings::width`] of `log f`, over `log f` from a `start` (K, at least
+    /// one positive).
     ///
-    /// Every iteration is a step of limited-memory BFGS over reflectance, exposure and noise with the scales of light
-    /// fixed, then a step of expectation maximisation; neither lowers the objective. It finds a local maximum, and
-    /// nothing in it is random.
+    /// Every iteration is a step of limited-memory BFGS over reflectance, exposure and noise with
+    /// the scales of light fixed, then a step of expectation maximisation; neither lowers the
+    /// objective. It finds a local maximum, and nothing in it is random.
     ///
     /// # Errors
     /// As [`Self::evidence`], for the start.
     ///
     /// # Panics
-    /// If `start` does not have K coefficients, one of them positive and none negative, or there are other than K
-    /// rates.
+    /// If `start` does not have K coefficients, one of them positive and none negative, or there
+    /// are other than K rates.
     pub fn maximise(
         &self,
         bilinear: &Bilinear,

@@ -1,31 +1,39 @@
 //! Marginal inference: the light integrated out exactly.
 //!
-//! Given reflectance `f` an image is linear in the light, `t = g B l + e` with `B = sum_k f_k A_k`; and given the
-//! scales of its mixtures the light is Gaussian, of means `mu` and precisions `d`. Hence in closed form
+//! Given reflectance `f` an image is linear in the light, `t = g B l + e` with `B = sum_k f_k A_k`;
+//! and given the scales of its mixtures the light is Gaussian, of means `mu` and precisions `d`.
+//! Hence in closed form
 //!
-//! `p(t | f, g, b) = N(t; g B mu, g^2 B diag(1/d) B' + C/b)`, `C` the diagonal of the relative noise variances.
+//! `p(t | f, g, b) = N(t; g B mu, g^2 B diag(1/d) B' + C/b)`, `C` the diagonal of the relative
+//! noise variances.
 //!
-//! The scales are not known. With responsibilities `r_n` for every coefficient, `d_m = sum_n r_n / s_n^2` and
+//! The scales are not known. With responsibilities `r_n` for every coefficient,
+//! `d_m = sum_n r_n / s_n^2` and
 //!
 //! `log p(t | f, g, b) >= log N(t; ...) + sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2)/2) - log(d_m)/2 }`,
 //!
-//! the variational bound that expectation maximisation raises: the exact Gaussian posterior of the light given `r`,
-//! then the best `r` given its `<l_m^2>`. It is an equality for mixtures of one component. The rectified prior of the
-//! coarsest vertical coefficient is exact too: its integral is that of the whole Gaussian times the ratio of the masses
-//! above the threshold after and before the image.
+//! the variational bound that expectation maximisation raises: the exact Gaussian posterior of the
+//! light given `r`, then the best `r` given its `<l_m^2>`. It is an equality for mixtures of one
+//! component. The rectified prior of the coarsest vertical coefficient is exact too: its integral
+//! is that of the whole Gaussian times the ratio of the masses above the threshold after and before
+//! the image.
 //!
-//! The bound has a local maximum for every choice of components, most of them far too low. The climb therefore also
-//! leaps: every coefficient takes the components that are best for it alone, if that raises the bound.
+//! The bound has a local maximum for every choice of components, most of them far too low. The
+//! climb therefore also leaps: every coefficient takes the components that are best for it alone,
+//! if that raises the bound.
 //!
-//! * [`Marginal`] is an image with the priors of light, exposure and noise; [`LightOperator`] is `B`;
-//! * [`Marginal::evidence`] climbs the bound for one `B` and returns it with the posterior of the light: [`Evidence`];
-//! * [`Marginal::gradient`] is how the bound changes with reflectance, [`Marginal::score`] compares candidates, and
-//!   [`Marginal::maximise`] finds the best reflectance near a start;
+//! * [`Marginal`] is an image with the priors of light, exposure and noise; [`LightOperator`] is
+//!   `B`;
+//! * [`Marginal::evidence`] climbs the bound for one `B` and returns it with the posterior of the
+//!   light: [`Evidence`];
+//! * [`Marginal::gradient`] is how the bound changes with reflectance, [`Marginal::score`] compares
+//!   candidates, and [`Marginal::maximise`] finds the best reflectance near a start;
 //! * [`Marginal::non_negative_light`] is the mean of the light without negative texels;
 //! * [`LightProblem`] is all that for a photograph and one BRDF.
 //!
-//! Exposure `g` and precision `b` are maximised over, in their logarithms: the densities of `log g` and `log b` that
-//! follow from [`Hyper`] count, so that the best `b` is `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
+//! Exposure `g` and precision `b` are maximised over, in their logarithms: the densities of `log g`
+//! and `log b` that follow from [`Hyper`] count, so that the best `b` is `(a + N/2) / (b_0 + E/2)`
+//! as in Algorithm 1.
 
 mod dense;
 mod evidence;
@@ -58,10 +66,11 @@ use scales::Scales;
 use super::{Hyper, Problem, ProblemError};
 use crate::lighting::{LightGrid, LightPrior};
 
-/// An image on r rows with all that does not depend on reflectance: the priors of light, exposure and noise.
+/// An image on r rows with all that does not depend on reflectance: the priors of light, exposure
+/// and noise.
 ///
-/// As in [`Problem`] the image is scaled to root mean square one; bounds are logarithms of the density of the scaled
-/// image.
+/// As in [`Problem`] the image is scaled to root mean square one; bounds are logarithms of the
+/// density of the scaled image.
 #[derive(Clone, Debug)]
 pub struct Marginal<'a> {
     /// The scaled image on its rows, divided by `C^(1/2)` (r).
@@ -101,8 +110,8 @@ impl<'a> Marginal<'a> {
         }
     }
 
-    /// An image `target` on r rows (linear radiance), with energy `outside` (its square) in the `pixels - r` dimensions
-    /// that no light reaches, for operators of `m` light coefficients.
+    /// An image `target` on r rows (linear radiance), with energy `outside` (its square) in the
+    /// `pixels - r` dimensions that no light reaches, for operators of `m` light coefficients.
     ///
     /// # Errors
     /// For black or non-finite images.
@@ -138,12 +147,13 @@ impl<'a> Marginal<'a> {
         })
     }
 
-    /// With noise of variance `c_i / b` on row `i` in place of `1 / b`, as for a model error that grows with the
-    /// radiance of a pixel; `relative` are the `c_i` (r), best of mean about one: the prior and the start of `b` expect
-    /// `1 / b` to be that of a typical row. Dimensions outside the rows keep `1 / b`.
+    /// With noise of variance `c_i / b` on row `i` in place of `1 / b`, as for a model error that
+    /// grows with the radiance of a pixel; `relative` are the `c_i` (r), best of mean about one:
+    /// the prior and the start of `b` expect `1 / b` to be that of a typical row. Dimensions
+    /// outside the rows keep `1 / b`.
     ///
-    /// The noise is independent from row to row: on projected rows, each a combination of all pixels, only equal
-    /// variances are those of independent pixels.
+    /// The noise is independent from row to row: on projected rows, each a combination of all
+    /// pixels, only equal variances are those of independent pixels.
     ///
     /// # Panics
     /// If there are not r variances, or one is not positive and finite.
@@ -158,15 +168,16 @@ impl<'a> Marginal<'a> {
         self
     }
 
-    /// With a Gaussian of the same variance for every mixture of the light's prior: a cruder prior, but the bound is
-    /// then the evidence itself, as exact for what [`Self::maximise`] climbs as for scores.
+    /// With a Gaussian of the same variance for every mixture of the light's prior: a cruder prior,
+    /// but the bound is then the evidence itself, as exact for what [`Self::maximise`] climbs as
+    /// for scores.
     pub fn with_gaussian_light(mut self) -> Self {
         self.scales = self.scales.gaussian();
         self
     }
 
-    /// What the image was multiplied with: exposures and noise in units of the image are those of the scaled image over
-    /// this.
+    /// What the image was multiplied with: exposures and noise in units of the image are those of
+    /// the scaled image over this.
     pub fn scale(&self) -> f64 {
         self.scale
     }

@@ -1,4 +1,5 @@
-//! The mode of a Gaussian among `x >= 0`: a convex quadratic program with bounds, by an interior point method.
+//! The mode of a Gaussian among `x >= 0`: a convex quadratic program with bounds, by an interior
+//! point method.
 
 use faer::Mat;
 
@@ -10,7 +11,8 @@ use crate::transfer::kernels::dot;
 pub(super) struct Mode {
     /// The point (n), all values positive.
     pub(super) x: Vec<f64>,
-    /// `x'z` at the start and after every step; with dual feasibility, how far `q(x)` can be above its minimum.
+    /// `x'z` at the start and after every step; with dual feasibility, how far `q(x)` can be above
+    /// its minimum.
     pub(super) gaps: Vec<f64>,
     /// Whether the gap fell below the tolerance.
     pub(super) converged: bool,
@@ -22,12 +24,14 @@ const SHORT: f64 = 0.995;
 /// The dual residual counts as none at this share of the gradient's terms.
 const FEASIBLE: f64 = 1e-9;
 
-/// Minimises `q(x) = x'Hx / 2 - c'x` over `x >= 0` for a symmetric positive definite `h` (n x n), from `start` (n), until the duality
-/// gap is no more than `tolerance` (in units of `q`) or for `max_steps`.
+/// Minimises `q(x) = x'Hx / 2 - c'x` over `x >= 0` for a symmetric positive definite `h` (n x n),
+/// from `start` (n), until the duality gap is no more than `tolerance` (in units of `q`) or for
+/// `max_steps`.
 ///
-/// Each step is one factorisation of `H + diag(z / x)`, solved for the predictor and the corrector of Mehrotra (1992, "On the
-/// implementation of a primal-dual interior point method", SIAM J. Optim. 2), `z` the multipliers of the bounds. Unlike those of active
-/// sets their number hardly depends on the problem.
+/// Each step is one factorisation of `H + diag(z / x)`, solved for the predictor and the corrector
+/// of Mehrotra (1992, "On the implementation of a primal-dual interior point method", SIAM J.
+/// Optim. 2), `z` the multipliers of the bounds. Unlike those of active sets their number hardly
+/// depends on the problem.
 ///
 /// `None` if `h` is not finite and positive definite.
 pub(super) fn mode(h: &Mat<f64>, c: &[f64], start: &[f64], tolerance: f64, max_steps: usize) -> Option<Mode> {
@@ -36,7 +40,8 @@ pub(super) fn mode(h: &Mat<f64>, c: &[f64], start: &[f64], tolerance: f64, max_s
     let floor = 0.1 * start.iter().map(|x| x.abs()).sum::<f64>() / n as f64;
     let mut x: Vec<f64> = start.iter().map(|x| x.max(floor.max(f64::MIN_POSITIVE))).collect();
     let mut product = times(h, &x);
-    // As large as what pulls up, so that texels far from their place do not start at a bound of the multipliers.
+    // As large as what pulls up, so that texels far from their place do not start at a bound of the
+    // multipliers.
     let typical = product.iter().zip(c).map(|(p, c)| (p - c).abs()).sum::<f64>() / n as f64;
     let mut z: Vec<f64> = product.iter().zip(c).map(|(p, c)| (p - c).max(typical.max(f64::MIN_POSITIVE))).collect();
     let mut gaps = vec![dot(&x, &z)];
@@ -94,7 +99,8 @@ mod tests {
         (h, random(n, seed + 100))
     }
 
-    /// The minimum of the quadratic with each set of values held at zero, and of those that are feasible the least.
+    /// The minimum of the quadratic with each set of values held at zero, and of those that are
+    /// feasible the least.
     fn by_enumeration(h: &Mat<f64>, c: &[f64]) -> Vec<f64> {
         let n = c.len();
         let value = |x: &[f64]| -> f64 { times(h, x).iter().zip(c).zip(x).map(|((p, c), x)| x * (0.5 * p - c)).sum() };
@@ -126,7 +132,8 @@ mod tests {
         }
     }
 
-    /// Karush, Kuhn and Tucker: no gradient below zero, none where there is a value. The gap, which bounds the error, falls at every step.
+    /// Karush, Kuhn and Tucker: no gradient below zero, none where there is a value. The gap, which
+    /// bounds the error, falls at every step.
     #[test]
     fn the_gradient_vanishes_or_pushes_against_the_bound() {
         let n = 120;

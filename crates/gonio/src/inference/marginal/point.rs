@@ -1,5 +1,5 @@
-//! The bound at one state of a climb, from one factorisation, and the state that expectation maximisation goes to from
-//! there.
+//! The bound at one state of a climb, from one factorisation, and the state that expectation
+//! maximisation goes to from there.
 
 use std::f64::consts::TAU;
 
@@ -35,8 +35,8 @@ impl State {
     }
 }
 
-/// What rectification changes: the posterior of coefficient `c` is cut off at a threshold, and all others follow by
-/// regression.
+/// What rectification changes: the posterior of coefficient `c` is cut off at a threshold, and all
+/// others follow by regression.
 pub(super) struct Cut {
     /// `Sigma_mc / Sigma_cc` (M).
     pub(super) regression: Vec<f64>,
@@ -67,8 +67,8 @@ pub(super) struct Point<'a> {
 }
 
 impl<'a> Point<'a> {
-    /// Factorises at `state`. If neither exposure nor noise is known, `g` moves to its best value for the state's
-    /// `rho = b g^2`, which costs no factorisation, unless `still`.
+    /// Factorises at `state`. If neither exposure nor noise is known, `g` moves to its best value
+    /// for the state's `rho = b g^2`, which costs no factorisation, unless `still`.
     pub(super) fn new(
         marginal: &Marginal<'_>,
         design: &'a Design,
@@ -179,9 +179,9 @@ impl<'a> Point<'a> {
         before - self.cut.as_ref().map_or(0.0, cut)
     }
 
-    /// The next state of expectation maximisation: responsibilities from the posterior of the light; then `g` given
-    /// `b`, and `b` given `g`, from the expected squared residual `E = outside + |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 +
-    /// tr(B Sigma B'))`.
+    /// The next state of expectation maximisation: responsibilities from the posterior of the
+    /// light; then `g` given `b`, and `b` given `g`, from the expected squared residual
+    /// `E = outside + |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 + tr(B Sigma B'))`.
     pub(super) fn maximised(&self, marginal: &Marginal<'_>, settings: &EvidenceSettings) -> State {
         let mut state = self.state.clone();
         let spread = self.effective() / state.log_rho().exp();
@@ -205,8 +205,8 @@ impl<'a> Point<'a> {
     }
 }
 
-/// `e' S^-1 e` for the residual `e = t - g B mu` of the prior mean, as a square in `g`; with the energy outside the
-/// rows.
+/// `e' S^-1 e` for the residual `e = t - g B mu` of the prior mean, as a square in `g`; with the
+/// energy outside the rows.
 struct Misfit {
     target: f64,
     mixed: f64,
@@ -218,7 +218,8 @@ impl Misfit {
         (self.target - 2.0 * g * self.mixed + g * g * self.mean).max(0.0)
     }
 
-    /// The `log g` of highest objective for a fixed `rho`, so that `b = rho / g^2`; `current` if none is better.
+    /// The `log g` of highest objective for a fixed `rho`, so that `b = rho / g^2`; `current` if
+    /// none is better.
     fn best_exposure(
         &self,
         marginal: &Marginal<'_>,
@@ -234,7 +235,8 @@ impl Misfit {
                 + marginal.log_noise_prior(log_b)
                 + log_mass(u)
         };
-        // Without the mass the derivative in u has one sign change: a cubic in 1/g with one change of sign.
+        // Without the mass the derivative in u has one sign change: a cubic in 1/g with one change
+        // of sign.
         let hyper = &marginal.hyper;
         let (rho, n) = (log_rho.exp(), marginal.pixels + 2.0 * hyper.noise_shape - 1.0);
         let falls = |u: f64| {

@@ -12,7 +12,8 @@ use crate::sphere::Haar;
 /// How [`Marginal::non_negative_light`] iterates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NonNegativeSettings {
-    /// Times that the scales of the mixtures are found again from the light without negative texels.
+    /// Times that the scales of the mixtures are found again from the light without negative
+    /// texels.
     pub rounds: usize,
     /// Steps at most of expectation propagation in each round, each a factorisation of M x M.
     pub max_steps: usize,
@@ -48,7 +49,8 @@ pub struct LightMode {
     pub light: Vec<f64>,
     /// What it is multiplied with, in units of the image.
     pub exposure: f64,
-    /// Bounds on the nats by which the light falls short of the most probable, at the start and after every step.
+    /// Bounds on the nats by which the light falls short of the most probable, at the start and
+    /// after every step.
     pub gaps: Vec<f64>,
     /// Whether it is within a thousandth of a nat.
     pub converged: bool,
@@ -59,20 +61,23 @@ const GAP: f64 = 1e-3;
 const MODE_STEPS: usize = 100;
 
 impl Marginal<'_> {
-    /// The mean of the light with texels `>= 0` under the Gaussian of an [`Evidence`] found for `operator`: of `g l` over
-    /// `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, `g_0` the exposure of the evidence, by
-    /// expectation propagation, a bound at every texel. The scales, which give `D`, are then found again from the expected
-    /// squares of that light.
+    /// The mean of the light with texels `>= 0` under the Gaussian of an [`Evidence`] found for
+    /// `operator`: of `g l` over
+    /// `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, `g_0` the exposure
+    /// of the evidence, by expectation propagation, a bound at every texel. The scales, which give
+    /// `D`, are then found again from the expected squares of that light.
     ///
-    /// The exposure is found again with the light, since what is taken from below zero must come from elsewhere: the DC
-    /// coefficient of `g l / g_0` is free, with its constant as mean and standard deviation. The threshold of a
-    /// rectified prior, which the non-negative lights it was learnt from imply, is left out.
+    /// The exposure is found again with the light, since what is taken from below zero must come
+    /// from elsewhere: the DC coefficient of `g l / g_0` is free, with its constant as mean and
+    /// standard deviation. The threshold of a rectified prior, which the non-negative lights it was
+    /// learnt from imply, is left out.
     ///
     /// # Errors
     /// If values overflow.
     ///
     /// # Panics
-    /// If M is not the square of a power of two, at least 4, or the operator is not of the image and prior.
+    /// If M is not the square of a power of two, at least 4, or the operator is not of the image
+    /// and prior.
     pub fn non_negative_light(
         &self,
         operator: &LightOperator,
@@ -103,7 +108,8 @@ impl Marginal<'_> {
     }
 
     /// The most probable light with texels `>= 0` under the Gaussian of an [`Evidence`], where
-    /// [`Self::non_negative_light`] finds the mean. It leaves most of what the image does not determine black.
+    /// [`Self::non_negative_light`] finds the mean. It leaves most of what the image does not
+    /// determine black.
     ///
     /// # Errors
     /// If values overflow, or no light is better than darkness.
@@ -120,7 +126,8 @@ impl Marginal<'_> {
         Ok(LightMode { light, exposure: brightness * evidence.exposure, gaps, converged })
     }
 
-    /// `H` and `c` of the posterior `exp(-x'Hx / 2 + c'x)` of the texels of `g l / g_0`, for responsibilities from `<l_m^2>` (M).
+    /// `H` and `c` of the posterior `exp(-x'Hx / 2 + c'x)` of the texels of `g l / g_0`, for
+    /// responsibilities from `<l_m^2>` (M).
     fn on_texels(&self, design: &Design, haar: Haar, evidence: &Evidence, squares: &[f64]) -> (Mat<f64>, Vec<f64>) {
         let state = &evidence.state;
         let (g, rho) = (state.log_g.exp(), state.log_rho().exp());
@@ -164,7 +171,8 @@ fn square(m: usize) -> Haar {
     Haar::new(m.isqrt()).filter(|haar| haar.coefficients() == m).expect("coefficients of a square light")
 }
 
-/// Texels of coefficients, or of whatever pulls on coefficients the pull on texels: the basis is orthonormal.
+/// Texels of coefficients, or of whatever pulls on coefficients the pull on texels: the basis is
+/// orthonormal.
 fn texels(haar: Haar, coefficients: &[f64]) -> Vec<f64> {
     let mut x = coefficients.to_vec();
     haar.inverse(&mut x, &mut Vec::new());
@@ -195,7 +203,8 @@ mod tests {
     use crate::inference::marginal::factor::{Design, Form};
     use crate::lighting::{LightGrid, LightPrior};
 
-    /// A light of one bright and one lesser lamp in the dark, seen through a blurring operator with noise.
+    /// A light of one bright and one lesser lamp in the dark, seen through a blurring operator with
+    /// noise.
     struct Lamps {
         light: Vec<f64>,
         operator: LightOperator,
@@ -271,7 +280,8 @@ mod tests {
         }
     }
 
-    /// The conditions of Karush, Kuhn and Tucker: no gradient where there is light, and none towards less where there is none.
+    /// The conditions of Karush, Kuhn and Tucker: no gradient where there is light, and none
+    /// towards less where there is none.
     #[test]
     fn the_mode_is_the_constrained_minimum() {
         let Lamps { operator, target, .. } = lamps(8, 0.05);

@@ -25,13 +25,14 @@ pub(super) struct Scales<'a> {
 pub(super) struct Given {
     /// `1 / d_m` with `d_m = sum_n r_n / s_n^2`; zero for a constant.
     pub(super) variances: Vec<f64>,
-    /// `sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2) / 2) - log(d_m) / 2 }`, at most zero up to the weights; zero
-    /// for mixtures of one component.
+    /// `sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2) / 2) - log(d_m) / 2 }`, at most zero up
+    /// to the weights; zero for mixtures of one component.
     pub(super) constant: f64,
 }
 
 impl<'a> Scales<'a> {
-    /// The first rectified prior is exact; any further one counts as the Gaussian of its mean and variance.
+    /// The first rectified prior is exact; any further one counts as the Gaussian of its mean and
+    /// variance.
     pub(super) fn new(dc: f64, priors: &[&'a CoefficientPrior]) -> Self {
         let mut rectified = None;
         let mut densities = vec![Density::Constant(dc)];
@@ -71,7 +72,8 @@ impl<'a> Scales<'a> {
         self.densities.iter().map(mean).collect()
     }
 
-    /// Expected squares to start from: those of the prior, so that the widest scales are responsible.
+    /// Expected squares to start from: those of the prior, so that the widest scales are
+    /// responsible.
     pub(super) fn prior_squares(&self) -> Vec<f64> {
         let square = |density: &Density<'_>| match *density {
             Density::Constant(value) => value * value,
@@ -98,13 +100,13 @@ impl<'a> Scales<'a> {
         Given { variances, constant }
     }
 
-    /// Expected squares of the responsibilities that would be best for every mixture alone, all else as in a posterior
-    /// of means and variances (M each): expectation maximisation of one coefficient in its cavity (see
-    /// [`Self::correction`]), from each component in turn. `weak` leaves those as they are in `squares` that the image
-    /// determines for more than that share.
+    /// Expected squares of the responsibilities that would be best for every mixture alone, all
+    /// else as in a posterior of means and variances (M each): expectation maximisation of one
+    /// coefficient in its cavity (see [`Self::correction`]), from each component in turn. `weak`
+    /// leaves those as they are in `squares` that the image determines for more than that share.
     ///
-    /// A coefficient that the image leaves open stays with whatever component it has: the bound has a local maximum at
-    /// each.
+    /// A coefficient that the image leaves open stays with whatever component it has: the bound has
+    /// a local maximum at each.
     pub(super) fn best_alone(
         &self,
         given: &Given,
@@ -138,14 +140,16 @@ impl<'a> Scales<'a> {
         best
     }
 
-    /// What turns the bound into an estimate of the log evidence: every mixture in place of its bound, given a
-    /// posterior of means and variances (M each).
+    /// What turns the bound into an estimate of the log evidence: every mixture in place of its
+    /// bound, given a posterior of means and variances (M each).
     ///
-    /// What all else says about a coefficient is the cavity `exp(h l - p l^2 / 2)`, `p = 1/Sigma_mm - d_m`, `h =
-    /// <l_m>/Sigma_mm`; the mixture gives it the mass `sum_n pi_n Z(s_n^2)` and the Gaussian of the bound `Z(1/d_m)`,
-    /// with `log Z(v) = -log(1 + p v)/2 + h^2 v / (2 (1 + p v))`. The ratio is the first correction to such an
-    /// approximation by expectation propagation. It is exact for one unknown coefficient, and for any that the image
-    /// says nothing about, where the bound loses the logarithm of the weight of one component.
+    /// What all else says about a coefficient is the cavity `exp(h l - p l^2 / 2)`,
+    /// `p = 1/Sigma_mm - d_m`, `h = <l_m>/Sigma_mm`; the mixture gives it the mass
+    /// `sum_n pi_n Z(s_n^2)` and the Gaussian of the bound `Z(1/d_m)`, with
+    /// `log Z(v) = -log(1 + p v)/2 + h^2 v / (2 (1 + p v))`. The ratio is the first correction to
+    /// such an approximation by expectation propagation. It is exact for one unknown coefficient,
+    /// and for any that the image says nothing about, where the bound loses the logarithm of the
+    /// weight of one component.
     pub(super) fn correction(&self, given: &Given, light: &[f64], posterior: &[f64]) -> f64 {
         let mut sum = -given.constant;
         let at = given.variances.iter().zip(light.iter().zip(posterior));

@@ -6,9 +6,9 @@ use super::{Evidence, EvidenceSettings, LightOperator, Marginal, MarginalError};
 use crate::transfer::Bilinear;
 
 impl Marginal<'_> {
-    /// The evidence of candidates `0..count`, in order; `operator` makes the operator of one when its turn comes, so
-    /// that no more than one for each thread is held. Candidates are worked on in parallel, and none depends on
-    /// another.
+    /// The evidence of candidates `0..count`, in order; `operator` makes the operator of one when
+    /// its turn comes, so that no more than one for each thread is held. Candidates are worked on
+    /// in parallel, and none depends on another.
     ///
     /// # Errors
     /// As [`Self::evidence`], for the first candidate that has none.

@@ -112,7 +112,8 @@ impl Toy {
         self.marginal().evidence(&self.operator, settings).unwrap()
     }
 
-    /// `log N` of a Gaussian image with light of given means and variances, by dense algebra over all dimensions.
+    /// `log N` of a Gaussian image with light of given means and variances, by dense algebra over
+    /// all dimensions.
     fn dense(&self, means: &[f64], variances: &[f64], g: f64, b: f64) -> f64 {
         let (rows, m) = (self.target.len(), means.len());
         let row = |i: usize| &self.entries[i * m..][..m];
@@ -208,8 +209,8 @@ fn the_bound_is_below_the_integral_and_equal_for_one_component() {
     }
 }
 
-/// Twelve coefficients of two components each: the evidence is the sum over all 4096 choices of components, each a
-/// Gaussian.
+/// Twelve coefficients of two components each: the evidence is the sum over all 4096 choices of
+/// components, each a Gaussian.
 #[test]
 fn the_estimate_is_near_the_sum_over_all_components() {
     for (seed, rows, noise, b) in [(1, 6, 0.1, 50.0), (2, 16, 0.1, 50.0), (3, 6, 1.0, 1.0)] {
@@ -229,7 +230,8 @@ fn the_estimate_is_near_the_sum_over_all_components() {
         let want = top + terms.iter().map(|t| (t - top).exp()).sum::<f64>().ln();
         let got = toy.evidence(&known(1.3, b));
         assert!(got.bound < want, "{} {want}", got.bound);
-        // With the components that the climb starts from alone the bound would be 10 and 12 below in the first and last case.
+        // With the components that the climb starts from alone the bound would be 10 and 12 below
+        // in the first and last case.
         assert!(want - got.bound < 7.0, "{} {want}", got.bound);
         assert!((got.estimate - want).abs() < 0.7 * (want - got.bound), "{} {} {want}", got.bound, got.estimate);
     }
@@ -403,8 +405,8 @@ fn answers_do_not_depend_on_the_number_of_threads() {
     assert_eq!(run(1), run(3));
 }
 
-/// Of a light that the image says nothing about the evidence is that of the noise alone; the bound loses the choice of
-/// components.
+/// Of a light that the image says nothing about the evidence is that of the noise alone; the bound
+/// loses the choice of components.
 #[test]
 fn what_is_left_open_costs_the_estimate_nothing() {
     let mut toy = Toy::new(6, mixed(16), 0.1, 3);

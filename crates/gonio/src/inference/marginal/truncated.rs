@@ -16,8 +16,9 @@ pub(super) struct Sites {
 }
 
 impl Sites {
-    /// To start from, for a Gaussian of precision `h` (n x n) and mean `mean` (n): nothing where the mean is positive, and where it is
-    /// not a pull to zero as strong as all else says about the value.
+    /// To start from, for a Gaussian of precision `h` (n x n) and mean `mean` (n): nothing where
+    /// the mean is positive, and where it is not a pull to zero as strong as all else says about
+    /// the value.
     pub(super) fn of_mean(h: &Mat<f64>, mean: &[f64]) -> Self {
         let pull = |(i, x): (usize, &f64)| if *x > 0.0 { 0.0 } else { h[(i, i)] };
         Self { precisions: mean.iter().enumerate().map(pull).collect(), shifts: vec![0.0; mean.len()] }
@@ -36,17 +37,20 @@ pub(super) struct Truncated {
     pub(super) steps: usize,
 }
 
-/// Share of the way to its new value that every site goes at first. All at once they would go too far.
+/// Share of the way to its new value that every site goes at first. All at once they would go too
+/// far.
 const DAMPING: f64 = 0.7;
 
 /// The same at least.
 const LEAST: f64 = 0.2;
 
-/// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by the Gaussian whose means and variances, value by value, are those of the Gaussian
-/// with the one bound put back in place of its site: expectation propagation, of all sites at once (Minka 2001, "Expectation
-/// propagation for approximate Bayesian inference", UAI; for truncated Gaussians Cunningham, Hennig and Lacoste-Julien 2011,
-/// arXiv:1111.6832). Each step is one factorisation and its inverse. Ends when the means change by no more than `tolerance` of their
-/// norm, or after `max_steps`, at least one; `sites` are where they then are.
+/// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by the Gaussian whose means and variances, value
+/// by value, are those of the Gaussian with the one bound put back in place of its site:
+/// expectation propagation, of all sites at once (Minka 2001, "Expectation propagation for
+/// approximate Bayesian inference", UAI; for truncated Gaussians Cunningham, Hennig and
+/// Lacoste-Julien 2011, arXiv:1111.6832). Each step is one factorisation and its inverse. Ends when
+/// the means change by no more than `tolerance` of their norm, or after `max_steps`, at least one;
+/// `sites` are where they then are.
 ///
 /// `None` if `h` (n x n, symmetric) is not finite and positive definite.
 pub(super) fn truncated(
@@ -70,7 +74,8 @@ pub(super) fn truncated(
         let joint = factor.solve(&right);
         let mut mean = Vec::with_capacity(n);
         for (i, (joint, variance)) in joint.iter().zip(&variances).enumerate() {
-            // All but the site itself. Its precision is positive but for round-off, where the site is all there is.
+            // All but the site itself. Its precision is positive but for round-off, where the site
+            // is all there is.
             let precision = (1.0 / variance - sites.precisions[i]).max(1e-12 / variance);
             let shift = joint / variance - sites.shifts[i];
             let cavity = RectifiedGaussian { location: shift / precision, variance: 1.0 / precision, threshold: 0.0 };
@@ -120,7 +125,8 @@ mod tests {
         }
     }
 
-    /// Against sums over a fine grid, for correlations of both signs and means on both sides of the bounds.
+    /// Against sums over a fine grid, for correlations of both signs and means on both sides of the
+    /// bounds.
     #[test]
     fn two_dependent_values_are_near() {
         for (correlation, c) in [(0.8, [0.5, -1.0]), (-0.8, [1.0, 0.3]), (0.5, [-2.0, -2.0]), (-0.9, [-1.0, 2.0])] {

@@ -15,8 +15,8 @@ pub(super) const WARPS: [f64; 4] = [0.5, 0.707, 1.414, 2.0];
 /// Materials bred for each measured one.
 pub(super) const LITTER: usize = 8;
 
-/// Standard deviation of the step that a bred material takes from between its parents, in units of the
-/// difference of two more materials: bred ones then vary as much as the measured.
+/// Standard deviation of the step that a bred material takes from between its parents, in units of
+/// the difference of two more materials: bred ones then vary as much as the measured.
 const STEP: f64 = 0.4;
 
 /// No step is longer.
@@ -69,7 +69,8 @@ impl Layout {
     }
 }
 
-/// All components in the order of [`Layout`], each of albedo one along the normal, and their albedos before.
+/// All components in the order of [`Layout`], each of albedo one along the normal, and their
+/// albedos before.
 pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>) {
     let own: Vec<BivariateTable> = (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
     let warped = own.par_iter().flat_map_iter(|table| WARPS.iter().map(move |&factor| warp(table, factor)));
@@ -90,9 +91,10 @@ pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>)
     (all, albedos)
 }
 
-/// Coefficients of a material between two measured ones, and a step beside the line between them: their
-/// logarithms mixed, and the difference of two more added (differential evolution; Storn and Price 1997). New
-/// materials are unlike every measured one, in the same ways as these are unlike each other.
+/// Coefficients of a material between two measured ones, and a step beside the line between them:
+/// their logarithms mixed, and the difference of two more added (differential evolution; Storn and
+/// Price 1997). New materials are unlike every measured one, in the same ways as these are unlike
+/// each other.
 fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
     let mut parent = || &measured.coefficients[rng.random_range(0..measured.len())];
     let [one, two, from, to] = [parent(), parent(), parent(), parent()];
@@ -106,7 +108,8 @@ fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
     (0..measured.axes.len()).map(child).collect()
 }
 
-/// The table with highlights `factor` times as wide: tangents of half angles are stretched, so that the horizon stays where it is.
+/// The table with highlights `factor` times as wide: tangents of half angles are stretched, so that
+/// the horizon stays where it is.
 fn warp(table: &BivariateTable, factor: f64) -> BivariateTable {
     // The same angle for a whole row: hundreds of these are made.
     let rows: Vec<f64> = (0..THETA_H).map(|i| (theta_h_of(i).tan() / factor).atan()).collect();

@@ -1,8 +1,10 @@
 //! A prior of materials: measured ones, analytic ones, and what lies between them.
 //!
-//! A hundred measured materials are samples of `p(F)`, too few to stand for every paint. The same with narrower or wider
-//! highlights, sums of two of them, of one and a diffuse reflector or a coat, and formulas of dielectrics, metals and cloth fill the space between and around
-//! ([`Kind`]). Everything is a non-negative mixture of a few hundred *components*, so that a handful of numbers tells a material.
+//! A hundred measured materials are samples of `p(F)`, too few to stand for every paint. The same
+//! with narrower or wider highlights, sums of two of them, of one and a diffuse reflector or a
+//! coat, and formulas of dielectrics, metals and cloth fill the space between and around
+//! ([`Kind`]). Everything is a non-negative mixture of a few hundred *components*, so that a
+//! handful of numbers tells a material.
 
 mod components;
 mod prior;
@@ -24,12 +26,15 @@ const FLOOR: f64 = 1e-3;
 /// Weights, positive with sum one, of components of albedo one.
 pub type Mixture = Vec<(usize, f64)>;
 
-/// Where tables lie in the space of materials: principal axes of the logarithm of tables without their scale, over the trusted cells.
+/// Where tables lie in the space of materials: principal axes of the logarithm of tables without
+/// their scale, over the trusted cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coordinates {
-    /// Mean of the logarithms over the prior, one value for each cell; zero in cells that are not trusted.
+    /// Mean of the logarithms over the prior, one value for each cell; zero in cells that are not
+    /// trusted.
     pub mean: Vec<f32>,
-    /// Axes, divided by the standard deviation along them: each coordinate has variance one over the prior.
+    /// Axes, divided by the standard deviation along them: each coordinate has variance one over
+    /// the prior.
     pub axes: Vec<Vec<f32>>,
 }
 
@@ -80,8 +85,9 @@ impl Coordinates {
         self.axes.iter().map(axis).collect()
     }
 
-    /// The tables at some places, on a scale of their own: `exp(mean + sum_k z_k a_k)`, with `a_k` the axis times the variance along it. Cells beyond the trusted ones have
-    /// the value of the nearest that is.
+    /// The tables at some places, on a scale of their own: `exp(mean + sum_k z_k a_k)`, with `a_k`
+    /// the axis times the variance along it. Cells beyond the trusted ones have the value of the
+    /// nearest that is.
     ///
     /// # Panics
     /// If a place has not a number for each axis.

@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 use super::components::{ALPHAS, DIFFUSE, LITTER, Layout, SHEENS, TAILS, WARPS};
 use super::{Dictionary, Mixture};
 
-/// Kinds of materials of the prior. Where it is left open, the material is a measured or a bred one.
+/// Kinds of materials of the prior. Where it is left open, the material is a measured or a bred
+/// one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -54,8 +55,8 @@ pub struct Prior {
 }
 
 impl Default for Prior {
-    /// Kinds chosen by leaving out materials, lights and whole kinds; few are measured materials as they are, which
-    /// an encoder learns by heart (`docs/trials.md`).
+    /// Kinds chosen by leaving out materials, lights and whole kinds; few are measured materials as
+    /// they are, which an encoder learns by heart (`docs/trials.md`).
     fn default() -> Self {
         Self { shares: [0.1, 0.1, 0.25, 0.12, 0.1, 0.06, 0.13, 0.08, 0.06] }
     }
@@ -190,8 +191,8 @@ impl Draw<'_> {
         }
     }
 
-    /// A lobe, in three of ten cases with a wider one beside it. `f0`: range of the reflectance along the normal; `widths`: range
-    /// of the place in [`ALPHAS`].
+    /// A lobe, in three of ten cases with a wider one beside it. `f0`: range of the reflectance
+    /// along the normal; `widths`: range of the place in [`ALPHAS`].
     fn lobes(&mut self, f0: (f64, f64), widths: (f64, f64), parts: &mut Mixture) {
         let f0 = self.between(f0.0, f0.1);
         let width = self.between(widths.0, widths.1);
@@ -264,7 +265,8 @@ mod tests {
 
     #[test]
     fn lobes_have_their_own_reflectance_and_width() {
-        // The lobes of full and of no reflectance make the lobe of any: Schlick's formula is linear in it.
+        // The lobes of full and of no reflectance make the lobe of any: Schlick's formula is linear
+        // in it.
         let dictionary = dictionary();
         let mut rng = Pcg64::seed_from_u64(0);
         let draw = Draw { layout: dictionary.layout(), albedos: &dictionary.albedos, rng: &mut rng };

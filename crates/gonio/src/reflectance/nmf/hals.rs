@@ -14,7 +14,8 @@ pub(super) struct Pair {
 
 /// Rows that one pass of [`sweep`] keeps in the first-level cache.
 const BLOCK: usize = 128;
-/// Iterations over which the fall of the cost is judged: single steps of an extrapolated iteration vary much.
+/// Iterations over which the fall of the cost is judged: single steps of an extrapolated iteration
+/// vary much.
 const WINDOW: usize = 10;
 
 /// `a b` on one thread, so that the order of summation never depends on the machine.
@@ -29,11 +30,13 @@ pub(super) fn dot(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
     (0..a.ncols()).map(|k| a.col_as_slice(k).iter().zip(b.col_as_slice(k)).map(|(x, y)| x * y).sum::<f64>()).sum()
 }
 
-/// Cyclic exact minimisation of `|X - u f'|^2` over each column of `u >= 0` in turn, given `target = X f` and
-/// `gram = f'f`; `times` rounds. Column `k` of `u` becomes `max(0, u_k + (target_k - u gram_k) / gram_kk)`. A column
-/// whose partner is zero has no say in the cost and becomes zero.
+/// Cyclic exact minimisation of `|X - u f'|^2` over each column of `u >= 0` in turn, given
+/// `target = X f` and `gram = f'f`; `times` rounds. Column `k` of `u` becomes
+/// `max(0, u_k + (target_k - u gram_k) / gram_kk)`. A column whose partner is zero has no say in
+/// the cost and becomes zero.
 pub(super) fn sweep(u: &mut Mat<f64>, target: &Mat<f64>, gram: &Mat<f64>, times: usize) {
-    // Compiled for the vector units at hand; without sums across lanes the result does not depend on their width.
+    // Compiled for the vector units at hand; without sums across lanes the result does not depend
+    // on their width.
     Arch::new().dispatch(|| sweep_lanes(u, target, gram, times));
 }
 
@@ -81,7 +84,8 @@ fn extrapolate(new: &Mat<f64>, old: &Mat<f64>, beta: f64) -> Mat<f64> {
     out
 }
 
-/// How far the iterates are extrapolated, adapted to success and failure (Ang & Gillis 2019, algorithm 2).
+/// How far the iterates are extrapolated, adapted to success and failure (Ang & Gillis 2019,
+/// algorithm 2).
 struct Momentum {
     beta: f64,
     ceiling: f64,
@@ -111,8 +115,9 @@ impl Momentum {
     }
 }
 
-/// Replaces components that are zero by the positive part of the worst residual. Its coefficients start at zero, so
-/// that the cost stays what it was until the next update lowers it. True if there was any.
+/// Replaces components that are zero by the positive part of the worst residual. Its coefficients
+/// start at zero, so that the cost stays what it was until the next update lowers it. True if there
+/// was any.
 fn revive(x: MatRef<'_, f64>, pair: &mut Pair) -> bool {
     let zero = |m: &Mat<f64>, k: usize| m.col_as_slice(k).iter().all(|v| *v == 0.0);
     let dead: Vec<usize> = (0..pair.w.ncols()).filter(|&k| zero(&pair.w, k) || zero(&pair.v, k)).collect();
@@ -142,8 +147,8 @@ pub(super) fn cost(x: MatRef<'_, f64>, pair: &Pair) -> f64 {
     residual.squared_norm_l2()
 }
 
-/// Runs HALS from `start` until the cost stops falling. The kept pair's cost never rises, with or without
-/// extrapolation.
+/// Runs HALS from `start` until the cost stops falling. The kept pair's cost never rises, with or
+/// without extrapolation.
 pub(super) fn descend(x: MatRef<'_, f64>, start: Pair, settings: &NmfSettings) -> (Pair, StartReport) {
     let norm = x.squared_norm_l2();
     let mut kept = start;

@@ -1,8 +1,9 @@
 //! Non-negative matrix factorisation in the Frobenius norm.
 //!
-//! `X ~ W V'` with `X` cells x samples, `W >= 0` cells x rank (the functions) and `V >= 0` samples x rank (the
-//! coefficients), minimising `sum_c weight_c sum_s (X - W V')_cs^2`. The method is hierarchical alternating least
-//! squares with repeated inner sweeps (Gillis & Glineur 2012) and extrapolation (Ang & Gillis 2019), from several starts.
+//! `X ~ W V'` with `X` cells x samples, `W >= 0` cells x rank (the functions) and `V >= 0` samples
+//! x rank (the coefficients), minimising `sum_c weight_c sum_s (X - W V')_cs^2`. The method is
+//! hierarchical alternating least squares with repeated inner sweeps (Gillis & Glineur 2012) and
+//! extrapolation (Ang & Gillis 2019), from several starts.
 
 mod hals;
 mod starts;
@@ -18,14 +19,16 @@ use thiserror::Error;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NmfSettings {
-    /// Number of functions, at least 1 and at most the number of samples and of weighted cells. Default 10.
+    /// Number of functions, at least 1 and at most the number of samples and of weighted cells.
+    /// Default 10.
     pub rank: usize,
-    /// Independent starts, of which the one with the least cost is kept. The first is NNDSVD, then random samples and
-    /// uniform random numbers alternate. At least 1. Default 16.
+    /// Independent starts, of which the one with the least cost is kept. The first is NNDSVD, then
+    /// random samples and uniform random numbers alternate. At least 1. Default 16.
     pub restarts: usize,
     /// Largest number of iterations of each start. Default 2000.
     pub max_iterations: usize,
-    /// A start ends when its cost falls by less than this fraction per iteration (mean over ten). Default 1e-6.
+    /// A start ends when its cost falls by less than this fraction per iteration (mean over ten).
+    /// Default 1e-6.
     pub tolerance: f64,
     /// Rounds of column updates of the functions per product with `X`. Default 3.
     pub function_sweeps: usize,
@@ -112,7 +115,8 @@ pub struct StartReport {
 /// A factorisation `X ~ functions coefficients'`.
 #[derive(Clone, Debug)]
 pub struct Nmf {
-    /// `W`, cells x rank, not negative; zero in cells without weight. The scale between `W` and `V` is arbitrary.
+    /// `W`, cells x rank, not negative; zero in cells without weight. The scale between `W` and `V`
+    /// is arbitrary.
     pub functions: Mat<f64>,
     /// `V`, samples x rank, not negative.
     pub coefficients: Mat<f64>,
@@ -120,8 +124,9 @@ pub struct Nmf {
     pub report: StartReport,
 }
 
-/// Factorises `x` (cells x samples, not negative) and keeps the start with the least cost, the earlier of equals.
-/// `cell_weights` (one for each cell, not negative) multiply the squared errors; without them all are 1.
+/// Factorises `x` (cells x samples, not negative) and keeps the start with the least cost, the
+/// earlier of equals. `cell_weights` (one for each cell, not negative) multiply the squared errors;
+/// without them all are 1.
 ///
 /// The starts run in parallel; the result is the same for every number of threads.
 ///
@@ -133,8 +138,8 @@ pub fn factorize(x: MatRef<'_, f64>, cell_weights: Option<&[f64]>, settings: &Nm
     Ok(best.expect("there is at least one start"))
 }
 
-/// As [`factorize`], but returns the local minimum that each start ended in, in the order of the starts: for callers with
-/// a second criterion.
+/// As [`factorize`], but returns the local minimum that each start ended in, in the order of the
+/// starts: for callers with a second criterion.
 ///
 /// # Errors
 /// See [`NmfError`].

@@ -5,7 +5,8 @@ use faer::{Mat, MatRef, Side};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Start number `index`: the first comes from the singular vectors, then random samples and random numbers take turns.
+/// Start number `index`: the first comes from the singular vectors, then random samples and random
+/// numbers take turns.
 pub(super) fn start(x: MatRef<'_, f64>, rank: usize, index: usize, seed: u64) -> Pair {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mean = (0..x.ncols()).map(|j| x.col(j).iter().sum::<f64>()).sum::<f64>() / (x.nrows() * x.ncols()) as f64;
@@ -53,8 +54,8 @@ fn columns(x: MatRef<'_, f64>, rank: usize, rng: &mut Pcg64) -> Pair {
     Pair { w: Mat::from_fn(x.nrows(), rank, |i, k| x[(i, order[k])]), v: random(x.ncols(), rank, rng) }
 }
 
-/// Of each singular pair the sign half with the larger product of norms (NNDSVD, Boutsidis & Gallopoulos 2008).
-/// `None` if the eigenvalue iteration fails.
+/// Of each singular pair the sign half with the larger product of norms (NNDSVD, Boutsidis &
+/// Gallopoulos 2008). `None` if the eigenvalue iteration fails.
 fn singular(x: MatRef<'_, f64>, rank: usize) -> Option<Pair> {
     if x.ncols() > x.nrows() {
         return singular(x.transpose(), rank).map(|p| Pair { w: p.v, v: p.w });

@@ -6,9 +6,10 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use super::lobes::averaged;
 use super::{BivariateTable, Facet, Parametric};
 
-/// Diffuse reflection of rough or smooth surfaces after measured materials (Burley 2012): `albedo / pi` times a factor for
-/// light and one for view, `1 + (F90 - 1)(1 - cos)^5` with `F90 = 1/2 + 2 roughness cos_d^2`. Smooth surfaces are darker at grazing angles,
-/// rough ones brighter, above all back towards the light.
+/// Diffuse reflection of rough or smooth surfaces after measured materials (Burley 2012):
+/// `albedo / pi` times a factor for light and one for view, `1 + (F90 - 1)(1 - cos)^5` with
+/// `F90 = 1/2 + 2 roughness cos_d^2`. Smooth surfaces are darker at grazing angles, rough ones
+/// brighter, above all back towards the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Burley {
     /// Albedo but for the factors, 0 to 1.
@@ -25,8 +26,9 @@ impl Burley {
     }
 }
 
-/// Lambertian reflection below a clear surface, which light must pass on its way in and out: `albedo / pi (1 - F_i)(1 - F_o)` with
-/// Schlick's `F` at the angles to the normal (Ashikhmin & Shirley 2000 without their factors).
+/// Lambertian reflection below a clear surface, which light must pass on its way in and out:
+/// `albedo / pi (1 - F_i)(1 - F_o)` with Schlick's `F` at the angles to the normal (Ashikhmin &
+/// Shirley 2000 without their factors).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Undercoat {
     /// Albedo of what is below, 0 to 1.
@@ -42,8 +44,9 @@ impl Undercoat {
     }
 }
 
-/// The bright rim of cloth whose fibres stand up: `D / (4 (cos_i + cos_o - cos_i cos_o))` with an inverted Gaussian,
-/// `D = (1 + 4 exp(-1 / (width^2 tan^2)) / sin^4) / (pi (1 + 4 width^2))` (Ashikhmin & Premoze 2007).
+/// The bright rim of cloth whose fibres stand up: `D / (4 (cos_i + cos_o - cos_i cos_o))` with an
+/// inverted Gaussian, `D = (1 + 4 exp(-1 / (width^2 tan^2)) / sin^4) / (pi (1 + 4 width^2))`
+/// (Ashikhmin & Premoze 2007).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sheen {
     /// Factor.

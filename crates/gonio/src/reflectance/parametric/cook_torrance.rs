@@ -5,11 +5,12 @@ use std::f64::consts::FRAC_1_PI;
 
 /// Cook & Torrance 1982 with a Lambertian part, as fitted by Ngan et al. 2005:
 ///
-/// `f = diffuse/pi + specular D F G / (pi cos_i cos_o)`, with Beckmann's `D = exp(-tan^2 theta_h / m^2) / (m^2 cos^4
-/// theta_h)`, Schlick's `F` and the V-groove `G = min(1, 2 cos_h cos_i / cos_d, 2 cos_h cos_o / cos_d)`.
+/// `f = diffuse/pi + specular D F G / (pi cos_i cos_o)`, with Beckmann's
+/// `D = exp(-tan^2 theta_h / m^2) / (m^2 cos^4 theta_h)`, Schlick's `F` and the V-groove
+/// `G = min(1, 2 cos_h cos_i / cos_d, 2 cos_h cos_o / cos_d)`.
 ///
-/// Note the `pi` where the microfacet theory of today has 4 and a normalised `D`, which is `D / pi` here: the specular
-/// lobe reflects up to four times `specular`.
+/// Note the `pi` where the microfacet theory of today has 4 and a normalised `D`, which is `D / pi`
+/// here: the specular lobe reflects up to four times `specular`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CookTorrance {
     /// Albedo of the Lambertian part.
@@ -57,11 +58,13 @@ mod tests {
         // Normal incidence, half vector on the normal: D = 1/m^2 = 16, F = f0, G = 1.
         let (wi, wo) = directions(0.0, 0.0, 0.0);
         assert!((MODEL.eval(wi, wo) - (0.2 + 0.3 * 16.0 * 0.1) / PI).abs() < 1e-12);
-        // Mirror pair at 60 degrees: D = 16, F = 0.1 + 0.9/32, G = min(1, 2 cos 60/cos 60) = 1, cosines 1/2.
+        // Mirror pair at 60 degrees: D = 16, F = 0.1 + 0.9/32, G = min(1, 2 cos 60/cos 60) = 1,
+        // cosines 1/2.
         let (wi, wo) = directions(0.0, PI / 3.0, 0.0);
         let want = (0.2 + 0.3 * 16.0 * (0.1 + 0.9 / 32.0) * 4.0) / PI;
         assert!((MODEL.eval(wi, wo) - want).abs() < 1e-12);
-        // Half vector at 45 degrees, retro-reflection: tan = 1, cos = 1/sqrt 2, G = min(1, 2 * 1/2) = 1.
+        // Half vector at 45 degrees, retro-reflection: tan = 1, cos = 1/sqrt 2, G = min(1, 2 * 1/2)
+        // = 1.
         let (wi, wo) = directions(PI / 4.0, 0.0, 0.0);
         let want = (0.2 + 0.3 * 16.0 * (-16.0_f64).exp() * 4.0 * 0.1 * 2.0) / PI;
         assert!((MODEL.eval(wi, wo) - want).abs() < 1e-12);

@@ -6,10 +6,11 @@ use std::f64::consts::{FRAC_1_PI, PI};
 
 /// Isotropic GGX (Trowbridge & Reitz 1975, Walter et al. 2007) with a Lambertian part:
 ///
-/// `f = diffuse/pi + D F G / (4 cos_i cos_o)`, with `D = 1 / (pi alpha^2 cos^4 theta_h (1 + tan^2 theta_h /
-/// alpha^2)^2)`, Schlick's `F` and Smith's height-correlated masking `G = 1 / (1 + Lambda_i + Lambda_o)`, `Lambda =
-/// (sqrt(1 + alpha^2 tan^2) - 1) / 2` (Heitz 2014). The specular part reflects at most all light; energy scattered
-/// more than once is lost.
+/// `f = diffuse/pi + D F G / (4 cos_i cos_o)`, with
+/// `D = 1 / (pi alpha^2 cos^4 theta_h (1 + tan^2 theta_h / alpha^2)^2)`, Schlick's `F` and Smith's
+/// height-correlated masking `G = 1 / (1 + Lambda_i + Lambda_o)`,
+/// `Lambda = (sqrt(1 + alpha^2 tan^2) - 1) / 2` (Heitz 2014). The specular part reflects at most
+/// all light; energy scattered more than once is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ggx {
     /// Albedo of the Lambertian part, 0 to 1.

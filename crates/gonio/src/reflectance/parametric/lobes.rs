@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// The mean over `phi_d` of what depends on light and view alike, as
-/// [`Parametric::to_bivariate`](super::Parametric::to_bivariate) takes it, up to round-off: a swap of the two is
-/// `180 degrees - phi_d`, so that half of the samples do.
+/// [`Parametric::to_bivariate`](super::Parametric::to_bivariate) takes it, up to round-off: a swap
+/// of the two is `180 degrees - phi_d`, so that half of the samples do.
 pub(super) fn averaged(value: impl Fn(&Facet) -> f64 + Sync) -> BivariateTable {
     let cosines: Vec<f64> = (0..=PHI_D / 2).map(|k| (k as f64).to_radians().cos()).collect();
     let cell = |c: usize| {
@@ -28,21 +28,24 @@ pub(super) fn averaged(value: impl Fn(&Facet) -> f64 + Sync) -> BivariateTable {
     BivariateTable::from_vec((0..CELLS).into_par_iter().map(cell).collect())
 }
 
-/// Density of the normals of facets whose slopes are distributed as Student's t (Ribardiere et al. 2017), which integrates with
-/// `cos_h` to 1 over the hemisphere: GGX for a `tail` of 2, Beckmann's for an infinite one, heavier tails between 1 and 2.
+/// Density of the normals of facets whose slopes are distributed as Student's t (Ribardiere et al.
+/// 2017), which integrates with `cos_h` to 1 over the hemisphere: GGX for a `tail` of 2, Beckmann's
+/// for an infinite one, heavier tails between 1 and 2.
 pub(super) fn student(facet: &Facet, alpha: f64, tail: f64) -> f64 {
     let a2 = alpha * alpha;
     (1.0 + facet.tan2_h / ((tail - 1.0) * a2)).powf(-tail) / (PI * a2 * facet.cos_h.powi(4))
 }
 
-/// `G / (4 cos_i cos_o)` by Smith for GGX, height-correlated (Heitz 2014), without its removable singularity at the horizon.
+/// `G / (4 cos_i cos_o)` by Smith for GGX, height-correlated (Heitz 2014), without its removable
+/// singularity at the horizon.
 pub(super) fn visibility(a2: f64, ci: f64, co: f64) -> f64 {
     0.5 / (co * (a2 + (1.0 - a2) * ci * ci).sqrt() + ci * (a2 + (1.0 - a2) * co * co).sqrt())
 }
 
-/// Lobes of facets whose slopes are distributed as Student's t (Ribardiere et al. 2017): for each tail, above 1, the lobe of width `alpha`
-/// (above 0, at most 1) that reflects nothing along the normal, `f0 = 0`, and the one that reflects all, `f0 = 1`, by Schlick's
-/// formula; those between are their mixtures. A tail of 2 is GGX, an infinite one Beckmann's. Masking is that of
+/// Lobes of facets whose slopes are distributed as Student's t (Ribardiere et al. 2017): for each
+/// tail, above 1, the lobe of width `alpha` (above 0, at most 1) that reflects nothing along the
+/// normal, `f0 = 0`, and the one that reflects all, `f0 = 1`, by Schlick's formula; those between
+/// are their mixtures. A tail of 2 is GGX, an infinite one Beckmann's. Masking is that of
 /// [`Ggx`](super::Ggx) for all.
 pub fn lobes(alpha: f64, tails: &[f64]) -> Vec<[BivariateTable; 2]> {
     // Only masking depends on phi_d.
@@ -82,7 +85,8 @@ mod tests {
     #[test]
     fn distributions_are_normalised() {
         for (alpha, tail) in [(0.1, 1.5), (0.5, 2.0), (1.0, 6.0), (0.3, 300.0_f64)] {
-            // tan^2 = (tail - 1) alpha^2 (v^(-1/(tail - 1)) - 1) makes the integrand constant; the measure is pi cos^4 dtan^2.
+            // tan^2 = (tail - 1) alpha^2 (v^(-1/(tail - 1)) - 1) makes the integrand constant; the
+            // measure is pi cos^4 dtan^2.
             let (n, q) = (2000, 1.0 / (tail - 1.0));
             let sum: f64 = (0..n)
                 .map(|i| {

@@ -1,8 +1,9 @@
-//! Parametric BRDF models to compare with: the three fits of Ngan, Durand & Matusik 2005 that the paper's section 3.2
-//! is measured against, GGX, Lambert, and what dictionaries of materials are mixed from.
+//! Parametric BRDF models to compare with: the three fits of Ngan, Durand & Matusik 2005 that the
+//! paper's section 3.2 is measured against, GGX, Lambert, and what dictionaries of materials are
+//! mixed from.
 //!
-//! All are isotropic, in 1/sr for one channel, with light and view as unit vectors around the normal `+z`, and zero
-//! where either is below the surface.
+//! All are isotropic, in 1/sr for one channel, with light and view as unit vectors around the
+//! normal `+z`, and zero where either is below the surface.
 
 mod bases;
 mod cook_torrance;
@@ -26,13 +27,14 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_1_PI;
 
-/// Cosine below which a sample of the grid counts as on the horizon: there round-off decides, and models that divide by
-/// the cosines have a pole.
+/// Cosine below which a sample of the grid counts as on the horizon: there round-off decides, and
+/// models that divide by the cosines have a pole.
 const HORIZON: f64 = 1e-9;
 
 /// An isotropic BRDF given by a formula.
 pub trait Parametric: Sync {
-    /// Value in 1/sr for unit vectors towards the light (`wi`) and the viewer (`wo`), the normal being `+z`.
+    /// Value in 1/sr for unit vectors towards the light (`wi`) and the viewer (`wo`), the normal
+    /// being `+z`.
     fn eval(&self, wi: DVec3, wo: DVec3) -> f64;
 
     /// The mean over the `phi_d` samples of the MERL grid with light and view above the surface, as
@@ -43,8 +45,8 @@ pub trait Parametric: Sync {
     }
 }
 
-/// The mean of each of several values over every `step`-th `phi_d` sample of the MERL grid, among those with light and view above the surface; zero where there
-/// is none.
+/// The mean of each of several values over every `step`-th `phi_d` sample of the MERL grid, among
+/// those with light and view above the surface; zero where there is none.
 pub(super) fn azimuth_means<const N: usize>(
     step: usize,
     values: impl Fn(DVec3, DVec3) -> [f64; N] + Sync,
@@ -65,8 +67,9 @@ pub(super) fn azimuth_means<const N: usize>(
     std::array::from_fn(|which| BivariateTable::from_vec(cells.iter().map(|cell| cell[which]).collect()))
 }
 
-/// The table of the MERL database that holds a BRDF, given by channel in 1/sr for unit vectors towards the light and the
-/// viewer, the normal being `+z`: its values at the directions of the cells, missing (-1) below the horizon.
+/// The table of the MERL database that holds a BRDF, given by channel in 1/sr for unit vectors
+/// towards the light and the viewer, the normal being `+z`: its values at the directions of the
+/// cells, missing (-1) below the horizon.
 pub fn full_table(brdf: impl Fn(DVec3, DVec3) -> [f64; 3] + Sync) -> MerlTable {
     let cell = |at: usize| {
         let (c, k) = (at / PHI_D, at % PHI_D);
@@ -77,13 +80,14 @@ pub fn full_table(brdf: impl Fn(DVec3, DVec3) -> [f64; 3] + Sync) -> MerlTable {
     MerlTable::from_channels([0, 1, 2].map(|channel| cells.iter().map(|rgb| rgb[channel]).collect()))
 }
 
-/// The unit vectors `(wi, wo)` of a half/difference direction in radians (Rusinkiewicz 1998), half vector in the
-/// plane `y = 0`.
+/// The unit vectors `(wi, wo)` of a half/difference direction in radians (Rusinkiewicz 1998), half
+/// vector in the plane `y = 0`.
 pub fn directions(theta_h: f64, theta_d: f64, phi_d: f64) -> (DVec3, DVec3) {
     let (sh, ch) = theta_h.sin_cos();
     let (sd, cd) = theta_d.sin_cos();
     let (sp, cp) = phi_d.sin_cos();
-    // The light relative to the half vector, turned by theta_h about y; the view is its mirror image.
+    // The light relative to the half vector, turned by theta_h about y; the view is its mirror
+    // image.
     let turned = |x: f64, y: f64| DVec3::new(ch * x + sh * cd, y, ch * cd - sh * x);
     (turned(sd * cp, sd * sp), turned(-sd * cp, -sd * sp))
 }
@@ -150,8 +154,8 @@ mod testing {
         }
     }
 
-    /// Directional albedo, the integral of `f cos_i` over the light, by quadrature around the mirror direction: the
-    /// half vector is sampled as `tan^2 = a^2 u / (1 - u)`.
+    /// Directional albedo, the integral of `f cos_i` over the light, by quadrature around the
+    /// mirror direction: the half vector is sampled as `tan^2 = a^2 u / (1 - u)`.
     pub(super) fn albedo(model: &impl Parametric, theta_o: f64, a: f64) -> f64 {
         let (n_u, n_phi) = (800, 400);
         let wo = DVec3::new(theta_o.sin(), 0.0, theta_o.cos());

@@ -37,14 +37,16 @@ const NEAR_END: f64 = 0.04;
 pub struct Fitted<S> {
     /// The best that was found.
     pub model: S,
-    /// Root mean square difference of a sphere in a studio light from one of the table, relative to that: over all channels of the normals up to 80 degrees.
+    /// Root mean square difference of a sphere in a studio light from one of the table, relative to
+    /// that: over all channels of the normals up to 80 degrees.
     pub relight: f64,
     /// The same of logarithms, above one percent of the mean.
     pub log_relight: f64,
 }
 
 impl<S> Fitted<S> {
-    /// What the best is chosen by: in the relative difference all is in the peak, in that of logarithms little.
+    /// What the best is chosen by: in the relative difference all is in the peak, in that of
+    /// logarithms little.
     fn off(&self) -> f64 {
         self.log_relight + 0.5 * self.relight
     }
@@ -81,7 +83,8 @@ impl Fitter {
                 }
             }
         }
-        // Body and highlight by the retro-reflection far from the peak, and what the peak has above it.
+        // Body and highlight by the retro-reflection far from the peak, and what the peak has above
+        // it.
         let body = std::f64::consts::PI * at(60_f64.to_radians(), 30_f64.to_radians());
         let albedo = DVec3::from_array(tables.each_ref().map(BivariateTable::normal_albedo));
         let highlight = (albedo - body).max(DVec3::splat(0.01));
@@ -96,7 +99,8 @@ impl Fitter {
         Self { samples, floor, body, highlight, relighters, picture }
     }
 
-    /// The nearest of all starts: first to samples of the table, then to the picture of a sphere, in which a peak has the weight that it has for the eye.
+    /// The nearest of all starts: first to samples of the table, then to the picture of a sphere,
+    /// in which a peak has the weight that it has for the eye.
     pub fn fit<S: Shading>(&self) -> Fitted<S> {
         let starts = S::starts(self.body, self.highlight);
         let search = |start: &[f64], goal: Goal, patience: usize| {
@@ -205,7 +209,8 @@ impl<'a, S: Shading> Search<'a, S> {
         if self.goal == Goal::Picture {
             let shown = picture(&self.fitter.relighters, &model.to_bivariate(COARSE));
             let mean = self.fitter.mean();
-            // Between the value, of which all is in the peak, and its logarithm, in which the peak is a few pixels of many.
+            // Between the value, of which all is in the peak, and its logarithm, in which the peak
+            // is a few pixels of many.
             let bright = |c: DVec3| c.to_array().map(|c| (c / mean + FLOOR).cbrt());
             let pixels = shown.iter().zip(&self.fitter.picture);
             return pixels.flat_map(|(a, b)| (DVec3::from(bright(*a)) - DVec3::from(bright(*b))).to_array()).collect();

@@ -8,9 +8,11 @@ use super::microfacet::{f0_of, fresnel_dielectric, schlick_weight};
 use super::{MetallicRoughness, Parameter, Shading};
 use crate::reflectance::parametric::{Facet, lobe};
 
-/// Base and specular layer of OpenPBR, on which Blender's Principled (4.0 and later) is built too: a mixture of a metal and of a Lambertian body under a
-/// dielectric, which takes from the body what it reflects itself. Both are GGX with `alpha = roughness^2`, height-correlated masking and energy that is
-/// scattered more than once (Turquin 2019). Renderers differ in how they take and give that energy by a few percent.
+/// Base and specular layer of OpenPBR, on which Blender's Principled (4.0 and later) is built too:
+/// a mixture of a metal and of a Lambertian body under a dielectric, which takes from the body what
+/// it reflects itself. Both are GGX with `alpha = roughness^2`, height-correlated masking and
+/// energy that is scattered more than once (Turquin 2019). Renderers differ in how they take and
+/// give that energy by a few percent.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Layered {
     /// Linear RGB, 0..=1: of the body of a dielectric, of the reflection of a metal.
@@ -56,7 +58,8 @@ impl Shading for Layered {
 /// Places of [`Albedo`] along each axis.
 const SIDE: usize = 24;
 
-/// What a GGX lobe reflects of even light, by the cosine of the view and the roughness: `f0 * [0] + [1]` under Schlick's formula.
+/// What a GGX lobe reflects of even light, by the cosine of the view and the roughness:
+/// `f0 * [0] + [1]` under Schlick's formula.
 struct Albedo(Vec<[f64; 2]>);
 
 impl Albedo {

@@ -1,4 +1,5 @@
-//! What the models of today have in common beside GGX, which they take from the parametric models: Fresnel, and masking of one direction.
+//! What the models of today have in common beside GGX, which they take from the parametric models:
+//! Fresnel, and masking of one direction.
 
 /// `(1 - cos)^5` (Schlick 1994).
 pub(super) fn schlick_weight(cos: f64) -> f64 {
@@ -36,7 +37,8 @@ mod tests {
         assert!((fresnel_dielectric(1.0, 1.5) - 0.04).abs() < 1e-12);
         assert!((f0_of(1.5) - 0.04).abs() < 1e-12);
         assert!((fresnel_dielectric(1e-9, 1.5) - 1.0).abs() < 1e-6);
-        // At Brewster's angle, tan = eta, only the perpendicular half is reflected: ((1 - eta^2) / (1 + eta^2))^2 / 2.
+        // At Brewster's angle, tan = eta, only the perpendicular half is reflected: ((1 - eta^2) /
+        // (1 + eta^2))^2 / 2.
         let brewster = 1.5_f64.atan().cos();
         assert!((fresnel_dielectric(brewster, 1.5) - 0.5 * (1.25_f64 / 3.25).powi(2)).abs() < 1e-12);
         // Out of a dense medium all is reflected beyond the critical angle.

@@ -1,4 +1,5 @@
-//! The shading models of common renderers, in their own parameters, and what comes nearest to a table in each of them.
+//! The shading models of common renderers, in their own parameters, and what comes nearest to a
+//! table in each of them.
 //!
 //! | model | renderers | width of the lobe |
 //! |---|---|---|
@@ -8,8 +9,8 @@
 //! | [`ColourCookTorrance`] | classic | `m = roughness`, not squared |
 //! | [`ColourWard`] | classic | `alpha = roughness`, not squared |
 //!
-//! Each is fitted ([`Fitter::fit`]) by Levenberg and Marquardt's method from several starts, and judged by how a sphere of it looks in a studio
-//! light beside one of the table.
+//! Each is fitted ([`Fitter::fit`]) by Levenberg and Marquardt's method from several starts, and
+//! judged by how a sphere of it looks in a studio light beside one of the table.
 
 mod classic;
 mod fit;
@@ -37,14 +38,16 @@ pub trait Shading: Sync + Send + Sized {
     /// The model of these parameters, each within its range.
     fn of(parameters: &[f64]) -> Self;
 
-    /// Value in 1/sr, linear RGB, for unit vectors towards the light (`wi`) and the viewer (`wo`), the normal being `+z`.
+    /// Value in 1/sr, linear RGB, for unit vectors towards the light (`wi`) and the viewer (`wo`),
+    /// the normal being `+z`.
     fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3;
 
     /// Parameters to start from, for a material of this body colour and albedo of its highlight.
     fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>>;
 
-    /// The means over `phi_d` of each channel, as [`Parametric::to_bivariate`](super::parametric::Parametric::to_bivariate) takes them, of samples every so
-    /// many degrees: formulas are smooth.
+    /// The means over `phi_d` of each channel, as
+    /// [`Parametric::to_bivariate`](super::parametric::Parametric::to_bivariate) takes them, of
+    /// samples every so many degrees: formulas are smooth.
     fn to_bivariate(&self, step: usize) -> [BivariateTable; 3] {
         azimuth_means(step, |wi, wo| self.eval(wi, wo).to_array())
     }

@@ -7,8 +7,9 @@ use super::microfacet::{fresnel_dielectric, schlick_weight, smith};
 use super::{Parameter, Shading, UNIT};
 use crate::reflectance::parametric::{Facet, distribution};
 
-/// The reflecting part of Mitsuba 3's `principled`, after Burley 2012 and 2015: his diffuse lobe with retro-reflection and sheen, GGX with
-/// `alpha = roughness^2` and separable masking, dielectric by index and metallic by Schlick's formula, under a clear coat.
+/// The reflecting part of Mitsuba 3's `principled`, after Burley 2012 and 2015: his diffuse lobe
+/// with retro-reflection and sheen, GGX with `alpha = roughness^2` and separable masking,
+/// dielectric by index and metallic by Schlick's formula, under a clear coat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Principled {
     /// Linear RGB, 0..=1: of the body of a dielectric, of the reflection of a metal.
@@ -77,7 +78,8 @@ impl Shading for Principled {
         let back = 2.0 * self.roughness * cos_d * cos_d;
         let diffuse = (1.0 - 0.5 * at_i) * (1.0 - 0.5 * at_o) + back * (at_o + at_i + at_o * at_i * (back - 1.0));
         f += (1.0 - self.metallic) * (self.base_color * (FRAC_1_PI * diffuse) + DVec3::splat(self.sheen * at_d));
-        // The coat has an index of 1.5 and masking of width 1/4; what it takes from below is not taken off.
+        // The coat has an index of 1.5 and masking of width 1/4; what it takes from below is not
+        // taken off.
         let a2 = (0.1 + (0.001 - 0.1) * self.clearcoat_gloss).powi(2);
         let d = (a2 - 1.0) / (PI * a2.ln() * (1.0 + (a2 - 1.0) * cos_h * cos_h));
         let coat = 0.25 * self.clearcoat * (0.04 + 0.96 * at_d) * d * smith(cos_i, 0.25) * smith(cos_o, 0.25);

@@ -124,7 +124,8 @@ fn hard_terminators_in_the_dark_are_not_paint() {
 
 #[test]
 fn what_metals_reflect_is_not_paint() {
-    // Walls of many colours: pieces of a room, cut by planes, each with a gradient; and one coloured card before an even or graded wall.
+    // Walls of many colours: pieces of a room, cut by planes, each with a gradient; and one
+    // coloured card before an even or graded wall.
     let hue = |seed: u32| {
         let channel = |k: u32| 0.05 + ((seed.wrapping_mul(2_654_435_761).rotate_left(8 * k) >> 7) & 255) as f32 / 255.0;
         Vec3::new(channel(0), channel(1), channel(2))

@@ -16,8 +16,8 @@ pub fn inside_disk(side: usize) -> Vec<usize> {
 pub(super) const LEAST_VARIANCE: f32 = 1e-3;
 
 /// Means of all channels over some cells, then their maxima, then halves of the logarithms of their
-/// variances (plus [`LEAST_VARIANCE`]): from activations `[cell][channel]` to three times as many
-/// numbers as there are channels.
+/// variances plus 0.001: from activations `[cell][channel]` to three times as many numbers as there
+/// are channels.
 ///
 /// # Panics
 /// If cells or channels are missing.

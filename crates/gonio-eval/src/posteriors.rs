@@ -23,7 +23,7 @@ use crate::data::Lights;
 
 /// Enters every key: to be raised whenever simulation or training gives other results for the same
 /// input.
-const VERSION: u32 = 7;
+const VERSION: u32 = 8;
 
 /// Normals of the visible hemisphere where photographs are rendered that only the posterior sees:
 /// those of the smallest balls that it is learnt from, of some 40 pixels of radius.

@@ -19,7 +19,7 @@ use pyo3::types::PyDict;
 use serde_json::{Value, json};
 
 use crate::arrays;
-use crate::density::Density;
+use crate::embedding::Embedding;
 use crate::error::Problem;
 use crate::model::Model;
 use crate::scene::{GivenScene, Observed, Scene};
@@ -228,7 +228,7 @@ impl Answer {
         let materials: Vec<(String, f64)> = material.neighbours.into_iter().map(|n| (n.name, n.weight)).collect();
         out.set_item("materials", materials)?;
         out.set_item("gloss", material.gloss.to_vec())?;
-        out.set_item("density", Density(material.posterior.density))?;
+        out.set_item("embedding", Embedding(material.posterior.embedding))?;
         out.set_item("scatter", material.scatter)?;
         out.set_item("light", arrays::of_colours(py, light))?;
         out.set_item("light_color", arrays::array(py, 3, colour.to_array().to_vec()))?;

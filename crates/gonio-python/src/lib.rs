@@ -6,7 +6,7 @@
 //! presses Ctrl-C (`work`). Arrays come and go without copies (`arrays`).
 
 mod arrays;
-mod density;
+mod embedding;
 mod error;
 mod export;
 mod files;
@@ -23,7 +23,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _gonio {
     #[pymodule_export]
-    use super::density::{Density, draw};
+    use super::embedding::{Embedding, draw};
     #[pymodule_export]
     use super::export::{export, export_targets};
     #[pymodule_export]

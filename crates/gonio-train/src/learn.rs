@@ -1,18 +1,22 @@
 //! From a stock of scenes to a posterior of materials.
 
 use gonio::appearance::disk::{CHANNELS, SIDE};
-use gonio::inference::amortised::{Amortised, Encoder, interval_widths};
+use gonio::inference::amortised::{Amortised, Candidates, interval_widths};
 use gonio::reflectance::BivariateTable;
 use gonio::simulation::Stock;
 use rayon::prelude::*;
 
-use crate::{Photographs, TrainError, TrainingSettings, train};
+use crate::{Photographs, TrainError, Trained, TrainingSettings, train};
 
 /// Photographs that the ranges of features are taken from: no more than the training saw.
 const RANGED: usize = 2000;
 
 /// The number of the first of them, beyond those of the training.
 const FIRST: u64 = 1 << 40;
+
+/// Materials that stand for the prior. A quarter of them would do for most photographs, but leave
+/// the surest posteriors a handful (`docs/trials.md`).
+const CANDIDATES: u64 = 8192;
 
 /// Learns the posterior from photographs of a stock. `progress` is told the share done, in 0..=1,
 /// and the loss in nats.
@@ -27,14 +31,14 @@ pub fn learn(
     settings: &TrainingSettings,
     progress: &(dyn Fn(f64, f64) + Sync),
 ) -> Result<Amortised, TrainError> {
-    let encoder = train(&Photographs(stock), settings, progress)?;
-    Ok(posterior(stock, encoder, settings.components, RANGED.min(settings.steps * settings.batch)))
+    let trained = train(&Photographs(stock), settings, progress)?;
+    Ok(posterior(stock, trained, RANGED.min(settings.steps * settings.batch)))
 }
 
-/// The posterior that an encoder of a stock's photographs makes, with what goes with it: the places
-/// of the measured materials, what is usual of features, from so many photographs, and how wide the
-/// prior is.
-fn posterior(stock: &Stock, encoder: Encoder, components: usize, ranged: usize) -> Amortised {
+/// The posterior that training on a stock's photographs makes, with what goes with it: the measured
+/// materials, draws from the prior, what is usual of features, from so many photographs, and how
+/// wide the prior is.
+fn posterior(stock: &Stock, trained: Trained, ranged: usize) -> Amortised {
     let dictionary = stock.dictionary();
     let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)
         .into_par_iter()
@@ -42,7 +46,7 @@ fn posterior(stock: &Stock, encoder: Encoder, components: usize, ranged: usize) 
             let image = stock.photograph(number).image;
             let mut channels = vec![0.0; SIDE * SIDE * CHANNELS];
             let globals = image.write(&mut channels);
-            encoder.apply(&channels, &globals).1
+            trained.encoder.apply(&channels, &globals).1
         })
         .collect();
     let range = |feature: usize| {
@@ -51,15 +55,19 @@ fn posterior(stock: &Stock, encoder: Encoder, components: usize, ranged: usize) 
         let out = values.len() / 1000;
         (values[out], values[values.len() - 1 - out])
     };
-    let measured = dictionary.measured.len();
+    let candidates = |places: Vec<Vec<f64>>| {
+        let places: Vec<Vec<f32>> = places.iter().map(|p| p.iter().map(|z| *z as f32).collect()).collect();
+        Candidates { embeddings: places.par_iter().map(|place| trained.embed(place)).collect(), places }
+    };
+    let drawn = (FIRST..FIRST + CANDIDATES).into_par_iter().map(|number| stock.place(number)).collect();
     let tables: Vec<BivariateTable> = dictionary.entries.par_iter().map(|entry| dictionary.table(entry)).collect();
     Amortised {
         names: dictionary.measured.names.clone(),
-        places: dictionary.places[..measured].to_vec(),
+        measured: candidates(dictionary.places[..dictionary.measured.len()].to_vec()),
+        prior: candidates(drawn),
         coordinates: dictionary.coordinates.clone(),
         widths: interval_widths(&tables),
         ranges: (0..features[0].len()).map(range).collect(),
-        encoder,
-        components,
+        encoder: trained.encoder,
     }
 }

@@ -8,6 +8,7 @@
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+mod dense;
 mod learn;
 mod loss;
 mod optimiser;
@@ -20,7 +21,7 @@ mod train;
 
 pub use learn::learn;
 pub use photographs::Photographs;
-pub use train::{PART, TrainError, TrainingSettings, evaluate, train};
+pub use train::{PART, TrainError, Trained, TrainingSettings, train};
 
 /// An endless stream of images with what is to be read from them. The same index is the same
 /// sample.

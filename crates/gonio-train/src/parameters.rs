@@ -7,13 +7,11 @@
 
 use std::ops::Range;
 
-use gonio::inference::amortised::{Encoder, EncoderError, EncoderShape, MixtureDensity, NamedLayer};
+use gonio::inference::amortised::{Encoder, EncoderError, EncoderShape, NamedLayer};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
-
-use crate::pass::Layers;
 
 /// `silu` of a standard normal times this has variance one.
 const SILU_GAIN: f64 = 1.788_129;
@@ -40,14 +38,13 @@ pub(crate) struct Parameters {
 }
 
 impl Parameters {
-    pub(crate) fn new(layers: &Layers) -> Self {
+    pub(crate) fn new<'a>(layers: impl Iterator<Item = &'a NamedLayer>) -> Self {
         let mut count = 0;
         let mut take = |n: usize| {
             count += n;
             count - n..count
         };
         let slots = layers
-            .all()
             .map(|layer| {
                 let g = &layer.geometry;
                 let standard = g.side > 1;
@@ -77,26 +74,16 @@ impl Parameters {
         all.flat_map(|(w, b, g, s)| [w, b, g, s]).flatten().cloned().collect()
     }
 
-    /// Numbers to start from, for outputs that are a mixture: it is near a standard normal, and its
-    /// components are not all the same.
-    pub(crate) fn random(&self, dimensions: usize, components: usize, seed: u64) -> Vec<f32> {
+    /// Numbers to start from.
+    pub(crate) fn random(&self, seed: u64) -> Vec<f32> {
         let mut rng = Pcg64::seed_from_u64(seed);
         let mut normal = |deviation: f64| (deviation * Distribution::<f64>::sample(&StandardNormal, &mut rng)) as f32;
         let mut values = vec![0.0; self.count];
         for slots in &self.slots {
-            let g = &slots.layer.geometry;
-            let last = slots.layer.name == "outputs";
-            let scale = if last { 0.1 } else { SILU_GAIN } / (g.neighbourhood() as f64).sqrt();
+            let scale = SILU_GAIN / (slots.layer.geometry.neighbourhood() as f64).sqrt();
             values[slots.weights.clone()].fill_with(|| normal(scale));
             slots.gain.iter().for_each(|gain| values[gain.clone()].fill(1.0));
             slots.skip.iter().for_each(|skip| values[skip.clone()].fill(SKIP));
-            if last {
-                let each = MixtureDensity::outputs(dimensions, 1) - 1;
-                for k in 0..components {
-                    let means = slots.bias.start + components + k * each;
-                    values[means..means + dimensions].fill_with(|| normal(0.5));
-                }
-            }
         }
         values
     }

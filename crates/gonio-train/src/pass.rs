@@ -8,12 +8,14 @@ use gonio::inference::amortised::{
     Convolution, EncoderShape, NamedLayer, Step, inside_disk, pool, silu, silu_backward,
 };
 
+use crate::dense::{Dense, DenseTrace};
+
 /// The layers of an encoder, without their numbers. Weights of a layer are `[neighbourhood +
 /// 1][outputs]`, the bias last.
 pub(crate) struct Layers {
     steps: Vec<Step>,
     convolutions: Vec<NamedLayer>,
-    dense: Vec<NamedLayer>,
+    dense: Dense,
 }
 
 /// What a pass forward leaves for the pass back. Activations have the samples first.
@@ -22,20 +24,20 @@ pub(crate) struct Trace {
     images: Vec<Vec<f32>>,
     /// Means, maxima and spreads at each [`Step::Pool`].
     pooled: Vec<Vec<f32>>,
-    /// What goes into each dense layer, and the outputs `[sample][outputs]`.
-    vectors: Vec<Vec<f32>>,
-    /// What comes out of each layer before [`silu`], but for the last.
+    /// What comes out of each convolution before [`silu`].
     before: Vec<Vec<f32>>,
+    /// The dense layers.
+    dense: DenseTrace,
 }
 
 impl Trace {
     pub(crate) fn outputs(&self) -> &[f32] {
-        self.vectors.last().expect("there are layers")
+        self.dense.outputs()
     }
 }
 
 /// The layer's output for its input, with what is added to it.
-fn affine(g: &Convolution, weights: &[f32], input: &[f32], added: Option<&[f32]>) -> Vec<f32> {
+pub(crate) fn affine(g: &Convolution, weights: &[f32], input: &[f32], added: Option<&[f32]>) -> Vec<f32> {
     let (weights, bias) = weights.split_at(g.neighbourhood() * g.outputs);
     let mut out = bias.repeat(input.len() / g.input_len() * g.output_len() / g.outputs);
     if let Some(added) = added {
@@ -46,7 +48,7 @@ fn affine(g: &Convolution, weights: &[f32], input: &[f32], added: Option<&[f32]>
 }
 
 /// The gradient in a layer's weights and bias; that in its input is added to `to_input`.
-fn affine_backward(
+pub(crate) fn affine_backward(
     g: &Convolution,
     weights: &[f32],
     input: &[f32],
@@ -62,7 +64,7 @@ fn affine_backward(
     gradient
 }
 
-fn activated(before: &[f32]) -> Vec<f32> {
+pub(crate) fn activated(before: &[f32]) -> Vec<f32> {
     let mut out = before.to_vec();
     silu(&mut out);
     out
@@ -92,12 +94,12 @@ fn pool_backward(image: &[f32], cells: &[usize], pooled: &[f32], back: &[f32], t
 
 impl Layers {
     pub(crate) fn new(shape: &EncoderShape) -> Self {
-        Self { steps: shape.steps(), convolutions: shape.convolutions(), dense: shape.dense_layers() }
+        Self { steps: shape.steps(), convolutions: shape.convolutions(), dense: Dense { layers: shape.dense_layers() } }
     }
 
     /// Convolutions, then dense layers.
     pub(crate) fn all(&self) -> impl Iterator<Item = &NamedLayer> {
-        self.convolutions.iter().chain(&self.dense)
+        self.convolutions.iter().chain(&self.dense.layers)
     }
 
     /// For images `[sample][side][side][channels]` and globals `[sample][globals]`. `masks`
@@ -148,69 +150,44 @@ impl Layers {
                 first.extend_from_slice(&part[at * each..][..each]);
             }
         }
-        let mut vectors = vec![first];
-        for (at, layer) in self.dense.iter().enumerate() {
-            let input = vectors.last().expect("at least what goes in");
-            let out = affine(&layer.geometry, &weights[self.convolutions.len() + at], input, None);
-            if at + 1 == self.dense.len() {
-                vectors.push(out);
-            } else {
-                let mut units = activated(&out);
-                if let Some(mask) = masks.get(at) {
-                    units.iter_mut().zip(mask).for_each(|(u, m)| *u *= m);
-                }
-                vectors.push(units);
-                before.push(out);
-            }
-        }
-        Trace { images, pooled, vectors, before }
+        let dense = self.dense.forward(first, &weights[self.convolutions.len()..], masks);
+        Trace { images, pooled, before, dense }
     }
 
     /// The gradient in the weights of each layer, for that in the outputs `[sample][outputs]` and
     /// the masks of the pass forward.
     pub(crate) fn backward(
         &self,
-        mut trace: Trace,
+        trace: Trace,
         back: Vec<f32>,
         weights: &[Vec<f32>],
         masks: &[Vec<f32>],
     ) -> Vec<Vec<f32>> {
         let convolutions = self.convolutions.len();
-        let mut gradients = vec![Vec::new(); weights.len()];
-        let mut now = back;
-        for (at, layer) in self.dense.iter().enumerate().rev() {
-            if at + 1 < self.dense.len() {
-                if let Some(mask) = masks.get(at) {
-                    now.iter_mut().zip(mask).for_each(|(n, m)| *n *= m);
-                }
-                now = through_silu(&mut trace, convolutions + at, &now);
-            }
-            let (input, weights) = (&trace.vectors[at], &weights[convolutions + at]);
-            let mut to = vec![0.0; input.len()];
-            gradients[convolutions + at] = affine_backward(&layer.geometry, weights, input, &now, Some(&mut to));
-            now = to;
-        }
-        let (vector, count) = (now, trace.vectors[0].len() / self.dense[0].geometry.inputs);
-        let mut end: usize = trace.pooled.iter().map(|p| p.len() / count).sum();
+        let mut gradients = vec![Vec::new(); convolutions];
+        let count = trace.outputs().len() / self.dense.layers.last().map_or(1, |l| l.geometry.outputs);
+        let Trace { images, mut pooled, mut before, dense } = trace;
+        let (dense, vector) = self.dense.backward(dense, back, &weights[convolutions..], masks);
+        let mut end: usize = pooled.iter().map(|p| p.len() / count).sum();
         let mut layer = convolutions;
-        let mut now = vec![0.0; trace.images[layer].len()];
+        let mut now = vec![0.0; images[layer].len()];
         for step in self.steps.iter().rev() {
             match *step {
                 Step::Pool => {
-                    let pooled = trace.pooled.pop().expect("one for each of these steps");
+                    let last = pooled.pop().expect("one for each of these steps");
                     let g = &self.convolutions[layer - 1].geometry;
                     let (cells, each, size) = (inside_disk(g.side_after()), 3 * g.outputs, g.output_len());
                     end -= each;
                     for at in 0..count {
-                        let image = &trace.images[layer][at * size..][..size];
+                        let image = &images[layer][at * size..][..size];
                         let back = &vector[at * (vector.len() / count) + end..][..each];
-                        let pooled = &pooled[at * each..][..each];
+                        let pooled = &last[at * each..][..each];
                         pool_backward(image, &cells, pooled, back, &mut now[at * size..][..size]);
                     }
                 }
                 Step::Convolve(at) => {
-                    let back = through_silu(&mut trace, at, &now);
-                    let input = &trace.images[at];
+                    let back = before_silu(&mut before[at], &now);
+                    let input = &images[at];
                     // The photograph itself does not move.
                     now = vec![0.0; if at == 0 { 0 } else { input.len() }];
                     let to = (at > 0).then_some(now.as_mut_slice());
@@ -218,26 +195,27 @@ impl Layers {
                     layer = at;
                 }
                 Step::Block(at) => {
-                    let mut outer = through_silu(&mut trace, at + 1, &now);
+                    let mut outer = before_silu(&mut before[at + 1], &now);
                     let (first, second) = (&self.convolutions[at].geometry, &self.convolutions[at + 1].geometry);
-                    let mut inner = vec![0.0; trace.images[at + 1].len()];
-                    let input = &trace.images[at + 1];
+                    let mut inner = vec![0.0; images[at + 1].len()];
+                    let input = &images[at + 1];
                     gradients[at + 1] = affine_backward(second, &weights[at + 1], input, &outer, Some(&mut inner));
-                    let inner = through_silu(&mut trace, at, &inner);
+                    let inner = before_silu(&mut before[at], &inner);
                     // What was added has the gradient of the sum, to which that of the way through
                     // the block comes.
-                    gradients[at] = affine_backward(first, &weights[at], &trace.images[at], &inner, Some(&mut outer));
+                    gradients[at] = affine_backward(first, &weights[at], &images[at], &inner, Some(&mut outer));
                     (now, layer) = (outer, at);
                 }
             }
         }
+        gradients.extend(dense);
         gradients
     }
 }
 
-/// The gradient before the [`silu`] of a layer for that after it. Uses up what the trace kept.
-fn through_silu(trace: &mut Trace, layer: usize, back: &[f32]) -> Vec<f32> {
-    let mut values = std::mem::take(&mut trace.before[layer]);
+/// The gradient before a [`silu`] for that after it. Uses up what was kept of the values before.
+pub(crate) fn before_silu(before: &mut Vec<f32>, back: &[f32]) -> Vec<f32> {
+    let mut values = std::mem::take(before);
     silu_backward(&mut values, back);
     values
 }

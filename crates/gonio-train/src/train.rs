@@ -1,13 +1,14 @@
 //! The loop over batches.
 
-use gonio::inference::amortised::{Encoder, EncoderError, EncoderShape, MixtureDensity};
+use gonio::inference::amortised::{Convolution, Encoder, EncoderError, EncoderShape, NamedLayer};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::Samples;
-use crate::loss::mixture_loss;
+use crate::dense::{Dense, DenseTrace};
+use crate::loss::contrast;
 use crate::optimiser::{Optimiser, Stride, one_cycle};
 use crate::parameters::Parameters;
 use crate::pass::Layers;
@@ -31,8 +32,12 @@ pub struct TrainingSettings {
     pub decay: f64,
     /// Share of the units of hidden dense layers left out at random.
     pub drop: f64,
-    /// Gaussians of the mixture.
-    pub components: usize,
+    /// Numbers of an embedding.
+    pub embedding: usize,
+    /// Materials that each image has to tell its own from: those of the images before.
+    pub others: usize,
+    /// Units of the hidden layers between a material and its embedding.
+    pub materials: Vec<usize>,
     /// Norm that gradients are cut to.
     pub longest: f64,
     /// Share of the moving average of the weights that stays in each step; the average is what
@@ -55,7 +60,9 @@ impl Default for TrainingSettings {
             rate: 2e-3,
             decay: 1e-3,
             drop: 0.0,
-            components: 4,
+            embedding: 64,
+            others: 2048,
+            materials: vec![256, 256],
             longest: 5.0,
             average: 0.999,
             widths: shape.widths,
@@ -108,20 +115,104 @@ impl Part {
     }
 }
 
-/// An encoder in training.
+/// Materials that are embedded together by one thread.
+const ROWS: usize = 128;
+
+/// Places are cut to so many deviations: a formula may lie anywhere.
+const REACH: f32 = 8.0;
+
+fn bounded(places: &[f32]) -> Vec<f32> {
+    places.iter().map(|z| z.clamp(-REACH, REACH)).collect()
+}
+
+/// An encoder and the embedding of materials in training.
 pub(crate) struct Model {
     pub(crate) shape: EncoderShape,
     pub(crate) layers: Layers,
+    materials: Dense,
     pub(crate) parameters: Parameters,
-    components: usize,
     drop: f64,
+}
+
+/// What is learnt: an encoder of images, and the embedding of materials that goes with it.
+pub struct Trained {
+    /// From an image to its embedding.
+    pub encoder: Encoder,
+    materials: Dense,
+    weights: Vec<Vec<f32>>,
+}
+
+impl Trained {
+    /// The embedding of a material at a place. Its product with that of an image is the logarithm
+    /// of the image's likelihood, up to a constant of the image.
+    pub fn embed(&self, place: &[f32]) -> Vec<f32> {
+        let trace = self.materials.forward(bounded(place), &self.weights, &[]);
+        let scale = 1.0 / (trace.outputs().len() as f32).sqrt();
+        trace.outputs().iter().map(|v| scale * v).collect()
+    }
+
+    /// Mean over samples of minus the logarithm of how much likelier each image is of its own
+    /// material than of any of them, in nats: minus a lower bound of what images say of materials.
+    ///
+    /// # Panics
+    /// If the encoder is not one for such samples, or if there are none.
+    pub fn loss(&self, samples: &dyn Samples, indices: std::ops::Range<u64>) -> f64 {
+        let parts: Vec<Part> = indices.into_par_iter().map(|index| Part::draw(samples, index, 1)).collect();
+        let own: Vec<Vec<f32>> = parts.iter().map(|part| self.embed(&part.targets)).collect();
+        let score = |part: &Part| {
+            let image = self.encoder.apply(&part.images, &part.globals).0;
+            own.iter().map(|v| v.iter().zip(&image).map(|(v, u)| f64::from(v * u)).sum()).collect::<Vec<f64>>()
+        };
+        let losses = parts.par_iter().enumerate().map(|(at, part)| {
+            let scores = score(part);
+            let top = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let mean = scores.iter().map(|s| (s - top).exp()).sum::<f64>() / scores.len() as f64;
+            top + mean.ln() - scores[at]
+        });
+        assert!(!parts.is_empty(), "no samples");
+        losses.collect::<Vec<f64>>().iter().sum::<f64>() / parts.len() as f64
+    }
+}
+
+/// A batch, and the materials of others.
+#[derive(Clone, Copy)]
+pub(crate) struct Batch<'a> {
+    pub(crate) samples: &'a dyn Samples,
+    /// Number of the first sample.
+    pub(crate) first: u64,
+    pub(crate) count: usize,
+    /// Places of the materials to tell the samples' own from, one after the other.
+    pub(crate) others: &'a [f32],
+    /// Of what is left out.
+    pub(crate) seed: u64,
+}
+
+/// What is learnt from a batch.
+pub(crate) struct Lesson {
+    /// Mean of the loss.
+    pub(crate) loss: f64,
+    /// Its gradient in all that is learnt.
+    pub(crate) gradient: Vec<f32>,
+    /// Places of the samples' materials, one after the other.
+    pub(crate) places: Vec<f32>,
+}
+
+/// What is learnt from a part of a batch: sums over its samples.
+struct Piece {
+    loss: f64,
+    /// Of all layers.
+    gradients: Vec<Vec<f32>>,
+    to_others: Vec<f32>,
+    places: Vec<f32>,
 }
 
 impl Model {
     pub(crate) fn new(samples: &dyn Samples, settings: &TrainingSettings) -> Result<Self, TrainError> {
         let dimensions = samples.dimensions();
         let check = |ok: bool, name| if ok { Ok(()) } else { Err(TrainError::Setting(name)) };
-        check((1..=256).contains(&settings.components), "components")?;
+        check((1..=1024).contains(&settings.embedding), "embedding")?;
+        check(settings.others > 0, "others")?;
+        check(settings.materials.iter().all(|units| (1..=4096).contains(units)), "materials")?;
         check(settings.batch > 0, "batch")?;
         check((0.0..1.0).contains(&settings.drop), "drop")?;
         check((0.0..1.0).contains(&settings.average), "average")?;
@@ -133,24 +224,34 @@ impl Model {
             globals: samples.globals(),
             widths: settings.widths.clone(),
             hidden: settings.hidden.clone(),
-            outputs: MixtureDensity::outputs(dimensions, settings.components),
+            outputs: settings.embedding,
         };
         shape.check()?;
         let layers = Layers::new(&shape);
-        let parameters = Parameters::new(&layers);
-        Ok(Self { shape, layers, parameters, components: settings.components, drop: settings.drop })
+        let sizes: Vec<usize> =
+            [dimensions].into_iter().chain(settings.materials.iter().copied()).chain([settings.embedding]).collect();
+        let material = |(at, sizes): (usize, &[usize])| NamedLayer {
+            name: format!("material{}", at + 1),
+            geometry: Convolution::dense(sizes[0], sizes[1]),
+        };
+        let materials = Dense { layers: sizes.windows(2).enumerate().map(material).collect() };
+        let parameters = Parameters::new(layers.all().chain(&materials.layers));
+        Ok(Self { shape, layers, materials, parameters, drop: settings.drop })
     }
 
-    /// Sum of the loss over a part, and its gradient in the weights of each layer. Units are left
-    /// out by `seed`.
-    fn gradient(&self, part: Part, weights: &[Vec<f32>], seed: u64) -> (f64, Vec<Vec<f32>>) {
+    /// Of the images of a part, and of their own materials among the embeddings of others. Units
+    /// are left out by `seed`.
+    fn piece(&self, part: Part, weights: &[Vec<f32>], others: &[f32], seed: u64) -> Piece {
         let masks = self.masks(part.count, seed);
-        let trace = self.layers.forward(part.images, &part.globals, part.count, weights, &masks);
-        let mut back = trace.outputs().to_vec();
-        let samples =
-            back.chunks_exact_mut(self.shape.outputs).zip(part.targets.chunks_exact(part.targets.len() / part.count));
-        let value = samples.map(|(outputs, target)| mixture_loss(outputs, target, self.components)).sum();
-        (value, self.layers.backward(trace, back, weights, &masks))
+        let (encoder, materials) = weights.split_at(self.layers.all().count());
+        let images = self.layers.forward(part.images, &part.globals, part.count, encoder, &masks);
+        let own = self.materials.forward(bounded(&part.targets), materials, &[]);
+        let (mut to_images, mut to_own) = (images.outputs().to_vec(), own.outputs().to_vec());
+        let mut to_others = vec![0.0; others.len()];
+        let loss = contrast(&mut to_images, &mut to_own, others, &mut to_others, self.shape.outputs);
+        let mut gradients = self.layers.backward(images, to_images, encoder, &masks);
+        gradients.extend(self.materials.backward(own, to_own, materials, &[]).0);
+        Piece { loss, gradients, to_others, places: part.targets }
     }
 
     /// What the units of the hidden layers are multiplied by: zero for those left out, and more
@@ -165,55 +266,87 @@ impl Model {
         self.shape.hidden.iter().map(|units| (0..count * units).map(|_| draw()).collect()).collect()
     }
 
-    /// Mean of the loss over the samples from `first` on, and its gradient in all that is learnt.
-    pub(crate) fn batch(
-        &self,
-        samples: &dyn Samples,
-        values: &[f32],
-        first: u64,
-        count: usize,
-        seed: u64,
-    ) -> (f64, Vec<f32>) {
+    pub(crate) fn learn(&self, values: &[f32], batch: Batch<'_>) -> Lesson {
+        let Batch { samples, first, count, others, seed } = batch;
         let weights = self.parameters.weights(values);
-        let parts: Vec<(f64, Vec<Vec<f32>>)> = (0..count.div_ceil(PART))
+        let images = self.layers.all().count();
+        let rows = ROWS * samples.dimensions();
+        let traces: Vec<DenseTrace> = others
+            .par_chunks(rows)
+            .map(|places| self.materials.forward(bounded(places), &weights[images..], &[]))
+            .collect();
+        let others: Vec<f32> = traces.iter().flat_map(|trace| trace.outputs()).copied().collect();
+        let pieces: Vec<Piece> = (0..count.div_ceil(PART))
             .into_par_iter()
             .map(|at| {
                 let part = Part::draw(samples, first + (at * PART) as u64, PART.min(count - at * PART));
                 // Neighbouring seeds of the generator give streams that have nothing in common.
-                self.gradient(part, &weights, (seed << 32).wrapping_add(first).wrapping_add((at * PART) as u64))
+                let seed = (seed << 32).wrapping_add(first).wrapping_add((at * PART) as u64);
+                self.piece(part, &weights, &others, seed)
             })
             .collect();
+        let to_others = sum(pieces.iter().map(|p| p.to_others.as_slice()), others.len());
+        let back: Vec<Vec<Vec<f32>>> = traces
+            .into_par_iter()
+            .zip(to_others.par_chunks(ROWS * self.shape.outputs))
+            .map(|(trace, back)| self.materials.backward(trace, back.to_vec(), &weights[images..], &[]).0)
+            .collect();
         let scale = 1.0 / count as f32;
-        let sums: Vec<Vec<f32>> = (0..weights.len())
+        let gradients: Vec<Vec<f32>> = (0..weights.len())
             .into_par_iter()
             .map(|layer| {
-                let mut sum = vec![0.0; weights[layer].len()];
-                for (_, part) in &parts {
-                    sum.iter_mut().zip(&part[layer]).for_each(|(s, g)| *s += scale * g);
-                }
+                let own = pieces.iter().map(|p| p.gradients[layer].as_slice());
+                let back = back.iter().filter(|_| layer >= images).map(|b| b[layer - images].as_slice());
+                let mut sum = sum(own.chain(back), weights[layer].len());
+                sum.iter_mut().for_each(|s| *s *= scale);
                 sum
             })
             .collect();
-        let value = parts.iter().map(|p| p.0).sum::<f64>() / count as f64;
-        (value, self.parameters.pull(values, &sums))
+        Lesson {
+            loss: pieces.iter().map(|p| p.loss).sum::<f64>() / count as f64,
+            gradient: self.parameters.pull(values, &gradients),
+            places: pieces.into_iter().flat_map(|p| p.places).collect(),
+        }
+    }
+
+    fn finish(self, values: &[f32]) -> Result<Trained, TrainError> {
+        let encoder = self.parameters.export(values, &self.shape)?;
+        let mut weights = self.parameters.weights(values);
+        let weights = weights.split_off(self.layers.all().count());
+        Ok(Trained { encoder, materials: self.materials, weights })
     }
 }
 
-/// Fits an encoder whose outputs are a [`MixtureDensity`] of `settings.components` to the samples:
-/// step `i` sees those from `i * batch` on. `progress` is told the share of the steps done and the
-/// mean loss (minus the log density, in nats) of the last one. Runs on the threads of rayon's pool;
-/// deterministic for the seed, whatever their number.
+/// Sum of vectors of some length, in their order.
+fn sum<'a>(vectors: impl Iterator<Item = &'a [f32]>, length: usize) -> Vec<f32> {
+    let mut sum = vec![0.0; length];
+    for vector in vectors {
+        sum.iter_mut().zip(vector).for_each(|(s, v)| *s += v);
+    }
+    sum
+}
+
+/// Fits an encoder and the embedding of materials to the samples: step `i` sees those from `i *
+/// batch` on, and tells their materials from those of the `settings.others` samples before.
+/// `progress` is told the share of the steps done and the loss of the last one, as
+/// [`Trained::loss`]. Runs on the threads of rayon's pool; deterministic for the seed, whatever
+/// their number.
+///
+/// # Errors
+/// If a setting is out of range or the loss is not finite.
 pub fn train(
     samples: &dyn Samples,
     settings: &TrainingSettings,
     progress: &(dyn Fn(f64, f64) + Sync),
-) -> Result<Encoder, TrainError> {
+) -> Result<Trained, TrainError> {
     let model = Model::new(samples, settings)?;
-    let mut values = model.parameters.random(samples.dimensions(), settings.components, settings.seed);
+    let mut values = model.parameters.random(settings.seed);
     let mut optimiser = Optimiser::new(&values);
+    let mut others: Vec<f32> = Vec::new();
     for step in 0..settings.steps {
         let first = (step * settings.batch) as u64;
-        let (loss, gradient) = model.batch(samples, &values, first, settings.batch, settings.seed);
+        let batch = Batch { samples, first, count: settings.batch, others: &others, seed: settings.seed };
+        let Lesson { loss, gradient, places } = model.learn(&values, batch);
         if !loss.is_finite() || gradient.iter().any(|g| !g.is_finite()) {
             return Err(TrainError::Diverged { step });
         }
@@ -224,27 +357,9 @@ pub fn train(
             average: settings.average as f32,
         };
         optimiser.step(&mut values, &gradient, model.parameters.decaying(), &stride);
+        others.extend(places);
+        others.drain(..others.len().saturating_sub(settings.others * samples.dimensions()));
         progress((step + 1) as f64 / settings.steps as f64, loss);
     }
-    Ok(model.parameters.export(optimiser.average(), &model.shape)?)
-}
-
-/// Mean loss (minus the log density, in nats) of an encoder of so many components over samples.
-/// Deterministic; on rayon's threads.
-///
-/// # Panics
-/// If the encoder is not one for such samples, or if there are none.
-pub fn evaluate(encoder: &Encoder, components: usize, samples: &dyn Samples, indices: std::ops::Range<u64>) -> f64 {
-    assert!(!indices.is_empty(), "no samples");
-    let count = (indices.end - indices.start) as f64;
-    let losses: Vec<f64> = indices
-        .into_par_iter()
-        .map(|index| {
-            let part = Part::draw(samples, index, 1);
-            let (outputs, _) = encoder.apply(&part.images, &part.globals);
-            let target: Vec<f64> = part.targets.iter().map(|v| f64::from(*v)).collect();
-            -MixtureDensity::of(&outputs, target.len(), components).log_density(&target)
-        })
-        .collect();
-    losses.iter().sum::<f64>() / count
+    model.finish(optimiser.average())
 }

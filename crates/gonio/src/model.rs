@@ -4,7 +4,7 @@
 use thiserror::Error;
 
 use crate::appearance::disk::{CHANNELS, GLOBALS, SIDE};
-use crate::inference::amortised::{Amortised, MixtureDensity};
+use crate::inference::amortised::Amortised;
 use crate::lighting::{CoefficientPrior, LightPrior, PriorGroup};
 use crate::reflectance::{CELLS, ReflectanceBasis, THETA_D};
 
@@ -266,27 +266,30 @@ pub fn check_posterior(posterior: &Amortised) -> Result<(), ModelError> {
         if values.iter().all(|v| v.is_finite()) { Ok(()) } else { Err(PosteriorFault::NotFinite(what)) }
     };
     let filled = |what, there: bool| if there { Ok(()) } else { Err(PosteriorFault::Empty(what)) };
-    let Amortised { names, places, coordinates, widths, encoder, components, ranges } = posterior;
+    let Amortised { names, measured, prior, coordinates, widths, encoder, ranges } = posterior;
     let dimensions = coordinates.axes.len();
     filled("materials", !names.is_empty())?;
     filled("coordinates", dimensions > 0)?;
-    filled("components", *components > 0)?;
+    filled("materials of the prior", !prior.places.is_empty())?;
     for table in [&coordinates.mean, widths].into_iter().chain(&coordinates.axes) {
         length("a table", table.len(), CELLS)?;
         finite("a table", table)?;
     }
-    length("the places of its materials", places.len(), names.len())?;
-    for place in places {
-        length("a place", place.len(), dimensions)?;
-        if !place.iter().all(|v| v.is_finite()) {
-            return Err(PosteriorFault::NotFinite("a place").into());
+    length("the places of its materials", measured.places.len(), names.len())?;
+    let outputs = encoder.shape().outputs;
+    for candidates in [measured, prior] {
+        length("the embeddings of materials", candidates.embeddings.len(), candidates.places.len())?;
+        for (place, embedding) in candidates.places.iter().zip(&candidates.embeddings) {
+            length("a place", place.len(), dimensions)?;
+            length("an embedding", embedding.len(), outputs)?;
+            finite("a place", place)?;
+            finite("an embedding", embedding)?;
         }
     }
     let shape = encoder.shape();
     length("a side of the encoder's image", shape.side, SIDE)?;
     length("a cell of the encoder's image", shape.channels, CHANNELS)?;
     length("what the encoder knows of the image as a whole", shape.globals, GLOBALS)?;
-    length("the encoder's output", shape.outputs, MixtureDensity::outputs(dimensions, *components))?;
     length("the ranges of its features", ranges.len(), shape.hidden.last().copied().unwrap_or(0))?;
     let proper = |(low, high): &(f32, f32)| low.is_finite() && high.is_finite() && low <= high;
     match ranges.iter().position(|range| !proper(range)) {

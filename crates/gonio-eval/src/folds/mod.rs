@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use self::misfit::Left;
 use crate::data::Lights;
 use crate::materials::Materials;
-use crate::metrics::{Gloss, brdf_error, coverage, mean, median, relight};
+use crate::metrics::{Gloss, brdf_error, coverage, median, relight};
 use crate::posteriors::{Effort, Learning, kinds_of, load_or_train};
 
 /// Spreads of the draws that intervals are tried with.
@@ -88,9 +88,6 @@ struct Outcome {
     brdf: f64,
     /// Gloss index less that of the reference.
     gloss: f64,
-    /// Logarithm of the density at the true place among the coordinates of materials: what the
-    /// training raises.
-    nats: f64,
     /// 50 and 90 %, by spread.
     coverage: Option<Vec<[f64; 2]>>,
     /// Whether the 90 % interval of the gloss holds the true one.
@@ -203,7 +200,6 @@ impl Test {
         let points = Lattice::new().points(DQuat::IDENTITY);
         let other = |name: &&str| Ok(Relighter::new(&points, &self.tables, &lights.tree(name)?, &ACCURACY));
         let others: Vec<Relighter> = relit.iter().map(other).collect::<Result<_>>()?;
-        let places: Vec<Vec<f64>> = self.tables.iter().map(|t| amortised.coordinates.of(t)).collect();
         let mut outcomes = Vec::new();
         for (at, name) in unlit.iter().enumerate() {
             let turn = DQuat::from_rotation_y((137.5 * at as f64).to_radians());
@@ -217,7 +213,7 @@ impl Test {
                 [("clean", CLEAN), ("camera", any)].map(|(title, camera)| {
                     let image = camera.photograph(scene, other, &mut rng);
                     let posterior = amortised.posterior(&image);
-                    let mut outcome = self.judge(&posterior, &others, &places[m], (m, title));
+                    let mut outcome = self.judge(&posterior, &others, (m, title));
                     if (at + m).is_multiple_of(WITH_INTERVALS) {
                         self.add_intervals(&posterior, m, &mut outcome);
                         outcome.left =
@@ -232,13 +228,7 @@ impl Test {
         Ok(outcomes)
     }
 
-    fn judge(
-        &self,
-        posterior: &MaterialPosterior,
-        others: &[Relighter],
-        place: &[f64],
-        (material, camera): (usize, &str),
-    ) -> Outcome {
+    fn judge(&self, posterior: &MaterialPosterior, others: &[Relighter], (material, camera): (usize, &str)) -> Outcome {
         let ((group, name), truth) = (&self.names[material], &self.tables[material]);
         let estimate = &posterior.mean;
         let (mut relative, mut log) = (0.0, 0.0);
@@ -254,7 +244,6 @@ impl Test {
             log,
             brdf: brdf_error(estimate, truth),
             gloss: Gloss::of(estimate).peak - Gloss::of(truth).peak,
-            nats: posterior.density.log_density(place),
             coverage: None,
             held: None,
             left: None,
@@ -277,10 +266,10 @@ impl Test {
 fn report(outcomes: &[Outcome]) -> String {
     use std::fmt::Write;
     let mut out = String::from(
-        "| group | photographs | nats | relight | log | BRDF log | > 4x glossier | > 4x duller | gloss held (90 %) |",
+        "| group | photographs | relight | log | BRDF log | > 4x glossier | > 4x duller | gloss held (90 %) |",
     );
     SPREADS.iter().for_each(|s| write!(out, " 50 / 90 % at {s} |").expect("memory"));
-    out += "\n|---|---|---|---|---|---|---|---|---|";
+    out += "\n|---|---|---|---|---|---|---|---|";
     out += &"---|".repeat(SPREADS.len());
     let mut groups: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
     outcomes.iter().for_each(|o| groups.entry(&o.group).or_default().push(o));
@@ -299,9 +288,8 @@ fn report(outcomes: &[Outcome]) -> String {
         let held = 100.0 * held.iter().filter(|h| **h).count() as f64 / held.len().max(1) as f64;
         write!(
             out,
-            "\n| {group} | {} | {:.2} | {} | {} | {} | {glossier:.1} % | {duller:.1} % | {held:.0} % |",
+            "\n| {group} | {} | {} | {} | {} | {glossier:.1} % | {duller:.1} % | {held:.0} % |",
             list.len(),
-            mean(&list.iter().map(|o| o.nats).collect::<Vec<f64>>()),
             middle(|o| o.relative),
             middle(|o| o.log),
             middle(|o| o.brdf),

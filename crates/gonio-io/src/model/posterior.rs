@@ -1,6 +1,6 @@
 //! The learnt posterior of materials as tensors.
 
-use gonio::inference::amortised::{Amortised, Encoder, EncoderShape};
+use gonio::inference::amortised::{Amortised, Candidates, Encoder, EncoderShape};
 use gonio::model::check_posterior;
 use gonio::reflectance::{CELLS, Coordinates, THETA_D, THETA_H};
 
@@ -13,24 +13,35 @@ pub(super) const NAMES: &str = "posterior";
 /// Metadata of the sizes of the encoder's layers.
 const SHAPE: &str = "encoder";
 
-/// Metadata of the number of Gaussians.
-const COMPONENTS: &str = "components";
-
 /// Before the names of the encoder's own tensors.
 const ENCODER: &str = "encoder.";
 
+/// Before the names of the tensors of measured materials.
+const MEASURED: &str = "measured.";
+
+/// Before those of materials drawn from the prior.
+const PRIOR: &str = "prior.";
+
+const PLACES: &str = "places";
+const EMBEDDINGS: &str = "embeddings";
+
 /// Metadata and tensors, those of the widest type first.
 pub(super) fn parts(amortised: &Amortised) -> (Metadata, Vec<Tensor>) {
-    let Amortised { names, places, coordinates, widths, encoder, components, ranges } = amortised;
+    let Amortised { names, measured, prior, coordinates, widths, encoder, ranges } = amortised;
     let dimensions = coordinates.axes.len();
     let ranges: Vec<f32> = ranges.iter().flat_map(|(low, high)| [*low, *high]).collect();
+    let outputs = encoder.shape().outputs;
     let mut tensors = vec![
-        Tensor::f64("places", &[places.len(), dimensions], &places.concat()),
         Tensor::f32("place_mean", &[THETA_H, THETA_D], &coordinates.mean),
         Tensor::f32("place_axes", &[dimensions, THETA_H, THETA_D], &coordinates.axes.concat()),
         Tensor::f32("widths", &[THETA_H, THETA_D], widths),
         Tensor::f32("ranges", &[ranges.len() / 2, 2], &ranges),
     ];
+    for (name, of) in [(MEASURED, measured), (PRIOR, prior)] {
+        let count = of.places.len();
+        tensors.push(Tensor::f32(format!("{name}{PLACES}"), &[count, dimensions], &of.places.concat()));
+        tensors.push(Tensor::f32(format!("{name}{EMBEDDINGS}"), &[count, outputs], &of.embeddings.concat()));
+    }
     for (name, shape, values) in encoder.tensors() {
         tensors.push(Tensor::f32(format!("{ENCODER}{name}"), &shape, values));
     }
@@ -38,7 +49,6 @@ pub(super) fn parts(amortised: &Amortised) -> (Metadata, Vec<Tensor>) {
     let metadata = Metadata::from([
         (NAMES, json(serde_json::to_string(names))),
         (SHAPE, json(serde_json::to_string(encoder.shape()))),
-        (COMPONENTS, components.to_string()),
     ]);
     (metadata, tensors)
 }
@@ -51,8 +61,6 @@ pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
     let (_, mean) = file.f32s("place_mean", &cells)?;
     let (_, axes) = file.f32s("place_axes", &[None, Some(THETA_H), Some(THETA_D)])?;
     let coordinates = Coordinates { mean, axes: rows(&axes, CELLS) };
-    let (_, places) = file.f64s("places", &[Some(names.len()), Some(coordinates.axes.len())])?;
-    let places = rows(&places, coordinates.axes.len());
     let (_, widths) = file.f32s("widths", &cells)?;
     let (_, ranges) = file.f32s("ranges", &[None, Some(2)])?;
     let ranges = ranges.chunks_exact(2).map(|r| (r[0], r[1])).collect();
@@ -61,8 +69,14 @@ pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
     shape.check().map_err(|e| wrong(e.to_string()))?;
     let find = |name: &str| file.any_f32s(&format!("{ENCODER}{name}"));
     let encoder = Encoder::from_tensors(shape, find).map_err(|e| wrong(e.to_string()))?;
-    let amortised =
-        Amortised { names, places, coordinates, widths, encoder, components: file.json(COMPONENTS)?, ranges };
+    let outputs = encoder.shape().outputs;
+    let candidates = |name: &str| -> Result<Candidates, Error> {
+        let (_, places) = file.f32s(&format!("{name}{PLACES}"), &[None, Some(coordinates.axes.len())])?;
+        let (_, embeddings) = file.f32s(&format!("{name}{EMBEDDINGS}"), &[None, Some(outputs)])?;
+        Ok(Candidates { places: rows(&places, coordinates.axes.len()), embeddings: rows(&embeddings, outputs) })
+    };
+    let (measured, prior) = (candidates(MEASURED)?, candidates(PRIOR)?);
+    let amortised = Amortised { names, measured, prior, coordinates, widths, encoder, ranges };
     // Before anything is computed from it.
     check_posterior(&amortised).map_err(|e| wrong(e.to_string()))?;
     Ok(amortised)

@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use gonio::appearance::disk::{CHANNELS, GLOBALS};
-use gonio::inference::amortised::{Encoder, EncoderShape, MixtureDensity};
+use gonio::inference::amortised::{Candidates, Encoder, EncoderShape};
 use gonio::lighting::{CoefficientPrior, PriorGroup, RectifiedGaussian, ScaleMixture};
 use gonio::reflectance::{CELLS, Dictionary, DictionarySettings, LogBasis};
 use gonio::sphere::OctahedralMap;
@@ -190,10 +190,10 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     let basis = LogBasis::fit(&[0.1, 0.5].map(|w| (format!("lobe {w}"), lobe(w))), 3);
     let settings = DictionarySettings { draws: 4, dimensions: 2, seed: 1, ..Default::default() };
     let dictionary = Dictionary::new(basis, &settings);
-    let shape = EncoderShape {
-        widths: vec![1, 2],
-        hidden: vec![3],
-        ..EncoderShape::new(CHANNELS, GLOBALS, MixtureDensity::outputs(2, 2))
+    let shape = EncoderShape { widths: vec![1, 2], hidden: vec![3], ..EncoderShape::new(CHANNELS, GLOBALS, 5) };
+    let candidates = |count: usize| Candidates {
+        places: (0..count).map(|at| vec![at as f32, 0.5]).collect(),
+        embeddings: (0..count).map(|at| vec![1.0 / (1.0 + at as f32); 5]).collect(),
     };
     let layers: Vec<_> = shape.convolutions().into_iter().chain(shape.dense_layers()).collect();
     let find = |name: &str| {
@@ -205,11 +205,11 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     };
     let posterior = Amortised {
         names: dictionary.measured.names.clone(),
-        places: dictionary.places[..2].to_vec(),
+        measured: candidates(2),
+        prior: candidates(7),
         coordinates: dictionary.coordinates.clone(),
         widths: vec![0.1; CELLS],
         encoder: Encoder::from_tensors(shape, find).unwrap(),
-        components: 2,
         ranges: vec![(-1.0, 1.0 / 3.0); 3],
     };
     Model { posterior: Some(posterior), ..toy(1, 2) }
@@ -247,9 +247,10 @@ fn posteriors_that_cannot_be_are_refused() {
     };
     spoilt(|p| p.coordinates.mean[5] = f32::NAN, "a table has values that are not finite");
     spoilt(|p| p.widths[7] = f32::INFINITY, "a table has values that are not finite");
-    spoilt(|p| p.places[1][0] = f64::NAN, "a place has values that are not finite");
-    spoilt(|p| p.components = 3, "the encoder's output has 12 values, 18 are expected");
-    spoilt(|p| p.components = 0, "no components");
+    spoilt(|p| p.measured.places[1][0] = f32::NAN, "a place has values that are not finite");
+    spoilt(|p| p.prior.embeddings[6][4] = f32::NAN, "an embedding has values that are not finite");
+    spoilt(|p| p.names.truncate(1), "the places of its materials has 2 values, 1 are expected");
+    spoilt(|p| p.prior = Candidates { places: vec![], embeddings: vec![] }, "no materials of the prior");
     spoilt(|p| p.ranges.truncate(2), "the ranges of its features has 2 values, 3 are expected");
     spoilt(|p| p.ranges[1] = (1.0, 0.0), "feature 1 has no range");
 }

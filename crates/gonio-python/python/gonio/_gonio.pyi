@@ -52,11 +52,11 @@ class Model:
         """Whether it has the posterior of materials that inference needs."""
 
 @final
-class Density:
-    """A posterior over the materials of a model: what :func:`draw` draws from."""
+class Embedding:
+    """What a photograph says of the materials of a model: what :func:`draw` draws by."""
 
     @staticmethod
-    def decode(json: str) -> Density:
+    def decode(json: str) -> Embedding:
         """From what it is pickled as."""
 
 def infer(scene: GivenScene, settings: Settings, model: Model, listeners: Listeners) -> Found: ...
@@ -68,7 +68,7 @@ def render(
     settings: RenderSettings,
     listeners: Listeners,
 ) -> tuple[_Floats, _Floats, list[str]]: ...
-def draw(model: Model, density: Density, count: int, seed: int) -> _Floats: ...
+def draw(model: Model, embedding: Embedding, count: int, seed: int) -> _Floats: ...
 def studio(height: int) -> _Floats: ...
 def normal_albedo(table: _Floats) -> float: ...
 def eval(table: _Floats, theta_h: _Doubles, theta_d: _Doubles) -> _Doubles: ...

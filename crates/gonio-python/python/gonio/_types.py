@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ._gonio import Density, Model
+    from ._gonio import Embedding, Model
 
 Floats: TypeAlias = NDArray[np.float32]
 Doubles: TypeAlias = NDArray[np.float64]
@@ -84,7 +84,7 @@ class Found(TypedDict):
     open: float
     materials: list[tuple[str, float]]
     gloss: list[float]
-    density: Density
+    embedding: Embedding
     scatter: float
     light: Floats
     light_color: Floats

@@ -3,7 +3,7 @@
 use super::{Doubt, EstimateError};
 use crate::appearance::DiskImage;
 use crate::inference::amortised::{
-    self, Amortised, MaterialPosterior, MixtureDensity, Neighbour, UnshadowSettings, peak_over_base, unshadow,
+    self, Amortised, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
 use crate::model::Model;
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
@@ -92,25 +92,20 @@ impl Material {
     /// # Errors
     /// [`EstimateError::NoPosterior`] if `model` is not the model of this estimate.
     pub fn samples(&self, model: &Model, count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
-        draws(model, &self.posterior.density, count, seed)
+        draws(model, &self.posterior.embedding, count, seed)
     }
 }
 
-/// What [`Material::samples`] does, of the density in [`MaterialPosterior::density`] alone.
+/// What [`Material::samples`] does, of the embedding in [`MaterialPosterior::embedding`] alone.
 ///
 /// # Errors
-/// [`EstimateError::NoPosterior`] if the model has not as many coordinates as the density.
-pub fn draws(
-    model: &Model,
-    density: &MixtureDensity,
-    count: usize,
-    seed: u64,
-) -> Result<Vec<BivariateTable>, EstimateError> {
+/// [`EstimateError::NoPosterior`] if the embeddings of the model have another length.
+pub fn draws(model: &Model, embedding: &[f32], count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
     let amortised = model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?;
-    if amortised.coordinates.axes.len() != density.dimensions() {
+    if amortised.encoder.shape().outputs != embedding.len() {
         return Err(EstimateError::NoPosterior);
     }
-    let tables = amortised::draws(amortised, density, count, seed);
+    let tables = amortised::draws(amortised, embedding, count, seed);
     Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
 }
 
@@ -135,7 +130,7 @@ impl<'a> Impression<'a> {
         let settings = UnshadowSettings::default();
         let unshadowed = unshadow(observations, amortised, &model.light, &plan, &settings)?;
         let reading = amortised.read(&unshadowed.image);
-        let posterior = MaterialPosterior::of(amortised, reading.density);
+        let posterior = MaterialPosterior::of(amortised, reading.embedding);
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
         let normals = DiskImage::cells();
         Ok(Self {

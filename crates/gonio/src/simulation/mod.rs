@@ -126,28 +126,67 @@ impl Stock {
     /// # Panics
     /// Without scenes.
     pub fn photograph(&self, number: u64) -> Photograph {
-        let mut rng = Pcg64::seed_from_u64(self.settings.seed ^ number.wrapping_mul(0xd134_2543_de82_ef95));
-        let shot = &self.shots[rng.random_range(0..self.shots.len())];
-        let mut pick = || rng.random_range(0..shot.materials.len());
-        let (one, two, three) = (pick(), pick(), pick());
-        let share: f32 = if rng.random_range(0.0..1.0) < MIXED { rng.random_range(0.0..1.0) } else { 1.0 };
+        let mut rng = self.generator(number);
+        let pick = self.pick(&mut rng);
         let (mut scene, mut other) = (Scene::black(), Scene::black());
-        shot.scenes[one].add_to(share, &mut scene);
-        let place = if share < 1.0 {
-            shot.scenes[two].add_to(1.0 - share, &mut scene);
-            let part = |at: usize, share: f32| shot.materials[at].iter().map(move |(c, w)| (*c, w * f64::from(share)));
-            let material: Mixture = part(one, share).chain(part(two, 1.0 - share)).collect();
-            self.dictionary.coordinates.of(&self.dictionary.table(&material))
-        } else {
-            shot.places[one].clone()
-        };
+        for (at, share) in pick.parts() {
+            pick.shot.scenes[at].add_to(share, &mut scene);
+        }
         let camera = Camera::draw(&mut rng);
         if camera.foreign > 0.0 {
-            shot.scenes[three].add_to(1.0, &mut other);
+            pick.shot.scenes[pick.foreign].add_to(1.0, &mut other);
         }
         let mut image = camera.photograph(&scene, &other, &mut rng);
         turn(&mut image, rng.random_range(0..8));
-        Photograph { image, place }
+        Photograph { image, place: self.place_of(&pick) }
+    }
+
+    /// Where the material of the photograph of this number is.
+    ///
+    /// # Panics
+    /// Without scenes.
+    pub fn place(&self, number: u64) -> Vec<f64> {
+        self.place_of(&self.pick(&mut self.generator(number)))
+    }
+
+    fn generator(&self, number: u64) -> Pcg64 {
+        Pcg64::seed_from_u64(self.settings.seed ^ number.wrapping_mul(0xd134_2543_de82_ef95))
+    }
+
+    fn pick(&self, rng: &mut Pcg64) -> Pick<'_> {
+        let shot = &self.shots[rng.random_range(0..self.shots.len())];
+        let mut any = || rng.random_range(0..shot.materials.len());
+        let (one, two, foreign) = (any(), any(), any());
+        let share = if rng.random_range(0.0..1.0) < MIXED { rng.random_range(0.0..1.0) } else { 1.0 };
+        Pick { shot, one, two, foreign, share }
+    }
+
+    fn place_of(&self, pick: &Pick) -> Vec<f64> {
+        if pick.share == 1.0 {
+            return pick.shot.places[pick.one].clone();
+        }
+        let part =
+            |(at, share): (usize, f32)| pick.shot.materials[at].iter().map(move |(c, w)| (*c, w * f64::from(share)));
+        let material: Mixture = pick.parts().flat_map(part).collect();
+        self.dictionary.coordinates.of(&self.dictionary.table(&material))
+    }
+}
+
+/// What a photograph is of.
+struct Pick<'a> {
+    shot: &'a Shot,
+    one: usize,
+    two: usize,
+    /// The material of pixels that are not of the object's.
+    foreign: usize,
+    /// Share of the first.
+    share: f32,
+}
+
+impl Pick<'_> {
+    /// The materials in it, and their shares.
+    fn parts(&self) -> impl Iterator<Item = (usize, f32)> {
+        [(self.one, self.share), (self.two, 1.0 - self.share)].into_iter().filter(|part| part.1 > 0.0)
     }
 }
 

@@ -1,10 +1,8 @@
 //! What a photograph says of its material.
 
-use rand::SeedableRng;
-use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use super::{Amortised, MixtureDensity};
+use super::{Amortised, Candidates};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 
 /// Draws that stand for a posterior.
@@ -30,13 +28,13 @@ pub struct Neighbour {
     pub weight: f64,
 }
 
-/// A density over materials, and what follows from it.
+/// Weights of materials, and what follows from them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaterialPosterior {
-    /// Over the coordinates of materials.
-    pub density: MixtureDensity,
-    /// Materials drawn from it, equally likely, of albedo one along the normal; always the same for
-    /// one density.
+    /// The embedding of the image.
+    pub embedding: Vec<f32>,
+    /// Materials drawn from the posterior, equally likely, of albedo one along the normal; always
+    /// the same for one embedding.
     pub draws: Vec<BivariateTable>,
     /// The estimate: the geometric mean of the draws, which is the mean of what the errors of a
     /// BRDF are measured in.
@@ -50,20 +48,23 @@ pub struct MaterialPosterior {
 }
 
 impl MaterialPosterior {
-    /// From a density over the coordinates.
-    pub fn of(amortised: &Amortised, density: MixtureDensity) -> Self {
-        let draws = draws(amortised, &density, DRAWS, 1);
+    /// From the embedding of an image.
+    ///
+    /// # Panics
+    /// If it is not as long as those of the candidates.
+    pub fn of(amortised: &Amortised, embedding: Vec<f32>) -> Self {
+        let draws = draws(amortised, &embedding, DRAWS, 1);
         let mut sum = vec![0.0_f64; CELLS];
         for table in &draws {
             sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += f64::from(v.max(1e-12)).ln());
         }
         let count = draws.len() as f64;
         let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).exp() as f32).collect());
-        let shares = normalised(amortised.places.iter().map(|z| density.log_density(z)));
+        let shares = amortised.measured.weights(&embedding);
         let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
         let mut neighbours: Vec<Neighbour> = amortised.names.iter().zip(shares).map(named).collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        Self { density, draws, mean, neighbours }
+        Self { embedding, draws, mean, neighbours }
     }
 
     /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws
@@ -102,10 +103,13 @@ impl MaterialPosterior {
     }
 }
 
-/// Materials drawn from a density, of albedo one along the normal. The same seed gives the same.
-pub(crate) fn draws(amortised: &Amortised, density: &MixtureDensity, count: usize, seed: u64) -> Vec<BivariateTable> {
-    let mut rng = Pcg64::seed_from_u64(seed);
-    let places: Vec<Vec<f64>> = (0..count).map(|_| density.sample(&mut rng)).collect();
+/// Materials drawn from the posterior of an image with this embedding, of albedo one along the
+/// normal. The same seed gives the same.
+pub(crate) fn draws(amortised: &Amortised, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
+    let candidates = &amortised.prior;
+    let place = |at: usize| candidates.places[at].iter().map(|z| f64::from(*z)).collect();
+    let drawn = Candidates::draw(&candidates.weights(embedding), count, seed);
+    let places: Vec<Vec<f64>> = drawn.into_iter().map(place).collect();
     amortised.coordinates.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
 }
 
@@ -113,15 +117,6 @@ pub(crate) fn draws(amortised: &Amortised, density: &MixtureDensity, count: usiz
 /// relative to its own geometric mean; zero beyond the trusted cells.
 pub fn interval_widths(tables: &[BivariateTable]) -> Vec<f32> {
     quantiles_of_log(tables, &[0.05, 0.95], 0.0).into_iter().map(|ends| ends[1] - ends[0]).collect()
-}
-
-/// Weights in proportion to the exponentials, with sum one.
-fn normalised(logs: impl Iterator<Item = f64>) -> Vec<f64> {
-    let logs: Vec<f64> = logs.collect();
-    let top = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let weights: Vec<f64> = logs.iter().map(|l| (l - top).exp()).collect();
-    let total: f64 = weights.iter().sum();
-    weights.into_iter().map(|w| w / total).collect()
 }
 
 /// Mean logarithm of a table over the trusted cells.

@@ -4,6 +4,7 @@ use std::sync::LazyLock;
 
 use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
 use super::*;
@@ -45,10 +46,30 @@ pub(crate) static WORLD: LazyLock<Dictionary> = LazyLock::new(|| {
     Dictionary::new(LogBasis::fit(&tables, 8), &settings)
 });
 
-/// A posterior that answers every image by one Gaussian around a place, of this standard deviation
-/// along each coordinate.
+/// The measured materials, weighed for every image by a Gaussian around a place, of this standard
+/// deviation along each coordinate: `-(z - m)^2 / 2 s^2` is the product of `(z, -z^2 / 2)` with
+/// `(m, 1) / s^2`, up to a constant.
+fn measured() -> Candidates {
+    let places = &WORLD.places[..WORLD.measured.len()];
+    let wide = |place: &Vec<f64>| place.iter().map(|z| *z as f32).collect::<Vec<f32>>();
+    let embedding = |place: &Vec<f64>| {
+        let square: f64 = place.iter().map(|z| z * z).sum();
+        wide(place).into_iter().chain([(-0.5 * square) as f32]).collect()
+    };
+    Candidates { places: places.iter().map(wide).collect(), embeddings: places.iter().map(embedding).collect() }
+}
+
+/// Materials around a place, all of the same weight.
+fn draws_around(place: &[f64], deviation: f32) -> Candidates {
+    let mut rng = Pcg64::seed_from_u64(8);
+    let mut near = |z: &f64| *z as f32 + deviation * Distribution::<f32>::sample(&StandardNormal, &mut rng);
+    let places: Vec<Vec<f32>> = (0..300).map(|_| place.iter().map(&mut near).collect()).collect();
+    Candidates { embeddings: vec![vec![0.0; place.len() + 1]; places.len()], places }
+}
+
+/// A posterior that answers every image by the materials around a place.
 fn around(place: &[f64], deviation: f32) -> Amortised {
-    let outputs = MixtureDensity::outputs(place.len(), 1);
+    let outputs = place.len() + 1;
     let shape = EncoderShape { widths: vec![1, 1], hidden: vec![2], ..EncoderShape::new(CHANNELS, GLOBALS, outputs) };
     let sizes: Vec<(String, Vec<usize>, usize)> = shape
         .convolutions()
@@ -56,11 +77,7 @@ fn around(place: &[f64], deviation: f32) -> Amortised {
         .chain(shape.dense_layers())
         .map(|l| (l.name.clone(), l.dimensions(), l.geometry.outputs))
         .collect();
-    let mut answer = vec![0.0; outputs];
-    for (i, z) in place.iter().enumerate() {
-        answer[1 + i] = *z as f32;
-        answer[1 + place.len() + i * (i + 3) / 2] = -deviation.ln();
-    }
+    let answer: Vec<f32> = place.iter().chain([&1.0]).map(|z| *z as f32 / deviation.powi(2)).collect();
     let find = |name: &str| {
         let (layer, part) = name.rsplit_once('.')?;
         let (_, dimensions, outputs) = sizes.iter().find(|s| s.0 == layer)?;
@@ -73,11 +90,11 @@ fn around(place: &[f64], deviation: f32) -> Amortised {
     let tables: Vec<BivariateTable> = WORLD.entries.iter().map(|e| WORLD.table(e)).collect();
     Amortised {
         names: WORLD.measured.names.clone(),
-        places: WORLD.places[..WORLD.measured.len()].to_vec(),
+        measured: measured(),
+        prior: draws_around(place, deviation),
         coordinates: WORLD.coordinates.clone(),
         widths: interval_widths(&tables),
         encoder: Encoder::from_tensors(shape, find).unwrap(),
-        components: 1,
         ranges: vec![(0.0, 1.0); 2],
     }
 }

@@ -1,7 +1,6 @@
 //! Draws from a posterior.
 
 use gonio::estimate::draws;
-use gonio::inference::amortised::MixtureDensity;
 use gonio::reflectance::{THETA_D, THETA_H};
 use numpy::PyArray3;
 use pyo3::prelude::*;
@@ -11,17 +10,17 @@ use crate::error::Problem;
 use crate::model::Model;
 use crate::work::{self, Listeners};
 
-/// A posterior over the materials of a model.
+/// What a photograph says of the materials of a model.
 #[pyclass(frozen, module = "gonio._gonio")]
-pub(crate) struct Density(pub(crate) MixtureDensity);
+pub(crate) struct Embedding(pub(crate) Vec<f32>);
 
 #[pymethods]
-impl Density {
+impl Embedding {
     /// From what it is pickled as.
     #[staticmethod]
     fn decode(py: Python<'_>, json: &str) -> PyResult<Self> {
-        let density = serde_json::from_str(json).map_err(|e| Problem::of("the pickled posterior", e).raise(py))?;
-        Ok(Self(density))
+        let embedding = serde_json::from_str(json).map_err(|e| Problem::of("the pickled posterior", e).raise(py))?;
+        Ok(Self(embedding))
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
@@ -35,14 +34,14 @@ impl Density {
 pub(crate) fn draw<'py>(
     py: Python<'py>,
     model: &Bound<'py, Model>,
-    density: &Bound<'py, Density>,
+    embedding: &Bound<'py, Embedding>,
     count: usize,
     seed: u64,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
-    let (model, density) = (model.get().model.clone(), density.get().0.clone());
+    let (model, embedding) = (model.get().model.clone(), embedding.get().0.clone());
     let listeners = Listeners::none();
     let tables = work::run(py, listeners, move |_| {
-        let tables = draws(&model, &density, count, seed).map_err(|e| Problem::new(e.to_string()))?;
+        let tables = draws(&model, &embedding, count, seed).map_err(|e| Problem::new(e.to_string()))?;
         Ok(tables.into_iter().flat_map(Vec::<f32>::from).collect::<Vec<f32>>())
     })?;
     Ok(arrays::array(py, (count, THETA_H, THETA_D), tables))

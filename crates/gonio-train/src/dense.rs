@@ -1,0 +1,73 @@
+//! Dense layers forward and back.
+
+use gonio::inference::amortised::NamedLayer;
+
+use crate::pass::{activated, affine, affine_backward, before_silu};
+
+/// Layers one after the other, with [`silu`](gonio::inference::amortised::silu) between them.
+/// Weights of a layer are `[inputs + 1][outputs]`, the bias last.
+pub(crate) struct Dense {
+    pub(crate) layers: Vec<NamedLayer>,
+}
+
+/// What a pass forward leaves for the pass back. Everything has the samples first.
+pub(crate) struct DenseTrace {
+    /// What goes into each layer, and what comes out of the last.
+    vectors: Vec<Vec<f32>>,
+    /// What comes out of each layer before it is activated, but for the last.
+    before: Vec<Vec<f32>>,
+}
+
+impl DenseTrace {
+    pub(crate) fn outputs(&self) -> &[f32] {
+        self.vectors.last().expect("at least what went in")
+    }
+}
+
+impl Dense {
+    /// For inputs `[sample][inputs]`. `masks` multiply the units of the hidden layers,
+    /// `[sample][units]`; none for a pass in which nothing is left out.
+    pub(crate) fn forward(&self, inputs: Vec<f32>, weights: &[Vec<f32>], masks: &[Vec<f32>]) -> DenseTrace {
+        let mut trace = DenseTrace { vectors: vec![inputs], before: Vec::new() };
+        for (at, layer) in self.layers.iter().enumerate() {
+            let out = affine(&layer.geometry, &weights[at], trace.outputs(), None);
+            if at + 1 == self.layers.len() {
+                trace.vectors.push(out);
+            } else {
+                let mut units = activated(&out);
+                if let Some(mask) = masks.get(at) {
+                    units.iter_mut().zip(mask).for_each(|(u, m)| *u *= m);
+                }
+                trace.vectors.push(units);
+                trace.before.push(out);
+            }
+        }
+        trace
+    }
+
+    /// The gradient in the weights of each layer and that in the inputs, for that in the outputs
+    /// and the masks of the pass forward.
+    pub(crate) fn backward(
+        &self,
+        mut trace: DenseTrace,
+        back: Vec<f32>,
+        weights: &[Vec<f32>],
+        masks: &[Vec<f32>],
+    ) -> (Vec<Vec<f32>>, Vec<f32>) {
+        let mut gradients = vec![Vec::new(); self.layers.len()];
+        let mut now = back;
+        for (at, layer) in self.layers.iter().enumerate().rev() {
+            if at + 1 < self.layers.len() {
+                if let Some(mask) = masks.get(at) {
+                    now.iter_mut().zip(mask).for_each(|(n, m)| *n *= m);
+                }
+                now = before_silu(&mut trace.before[at], &now);
+            }
+            let input = &trace.vectors[at];
+            let mut to = vec![0.0; input.len()];
+            gradients[at] = affine_backward(&layer.geometry, &weights[at], input, &now, Some(&mut to));
+            now = to;
+        }
+        (gradients, now)
+    }
+}

@@ -150,28 +150,6 @@ impl Trained {
         let scale = 1.0 / (trace.outputs().len() as f32).sqrt();
         trace.outputs().iter().map(|v| scale * v).collect()
     }
-
-    /// Mean over samples of minus the logarithm of how much likelier each image is of its own
-    /// material than of any of them, in nats: minus a lower bound of what images say of materials.
-    ///
-    /// # Panics
-    /// If the encoder is not one for such samples, or if there are none.
-    pub fn loss(&self, samples: &dyn Samples, indices: std::ops::Range<u64>) -> f64 {
-        let parts: Vec<Part> = indices.into_par_iter().map(|index| Part::draw(samples, index, 1)).collect();
-        let own: Vec<Vec<f32>> = parts.iter().map(|part| self.embed(&part.targets)).collect();
-        let score = |part: &Part| {
-            let image = self.encoder.apply(&part.images, &part.globals).0;
-            own.iter().map(|v| v.iter().zip(&image).map(|(v, u)| f64::from(v * u)).sum()).collect::<Vec<f64>>()
-        };
-        let losses = parts.par_iter().enumerate().map(|(at, part)| {
-            let scores = score(part);
-            let top = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            let mean = scores.iter().map(|s| (s - top).exp()).sum::<f64>() / scores.len() as f64;
-            top + mean.ln() - scores[at]
-        });
-        assert!(!parts.is_empty(), "no samples");
-        losses.collect::<Vec<f64>>().iter().sum::<f64>() / parts.len() as f64
-    }
 }
 
 /// A batch, and the materials of others.
@@ -328,9 +306,9 @@ fn sum<'a>(vectors: impl Iterator<Item = &'a [f32]>, length: usize) -> Vec<f32> 
 
 /// Fits an encoder and the embedding of materials to the samples: step `i` sees those from `i *
 /// batch` on, and tells their materials from those of the `settings.others` samples before.
-/// `progress` is told the share of the steps done and the loss of the last one, as
-/// [`Trained::loss`]. Runs on the threads of rayon's pool; deterministic for the seed, whatever
-/// their number.
+/// `progress` is told the share of the steps done and the mean loss of the last one, in nats: minus
+/// the logarithm of how much likelier each image is of its own material than of any of them. Runs on
+/// the threads of rayon's pool; deterministic for the seed, whatever their number.
 ///
 /// # Errors
 /// If a setting is out of range or the loss is not finite.

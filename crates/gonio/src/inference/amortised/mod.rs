@@ -3,10 +3,9 @@
 //!
 //! The captured lights are samples of `p(L)`, measured materials and what lies between them samples
 //! of `p(F)`: photographs simulated from both ([`simulation`](crate::simulation)) are samples of
-//! `p(F, I)`, and a regression from the image to the material fitted to them is the posterior
-//! `p(F | I)`, marginal over light by construction. It knows of lamps, horizons and edges what no
-//! prior of independent wavelet coefficients can say, and of noise, texture and wrong normals what
-//! no equation of the image does. The image is brought to the [disk of
+//! `p(F, I)`, and the ratio `p(I | F) / p(I)` learnt from them is marginal over light by
+//! construction. It knows of lamps, horizons and edges what no prior of independent wavelet
+//! coefficients can say, and of noise, texture and wrong normals what no equation of the image does. The image is brought to the [disk of
 //! normals](crate::appearance::disk) with how far each of them can be trusted; a small
 //! convolutional [`Encoder`] turns it into an embedding, whose dot product with the embedding of a
 //! material is the logarithm of the likelihood of the image, up to a constant. [`Candidates`] drawn

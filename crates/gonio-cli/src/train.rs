@@ -49,6 +49,9 @@ pub(crate) struct Lighting {
     /// Azimuths at which each map is seen: the camera may look in any direction
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=64))]
     turns: u32,
+    /// Cut off each map at this many times its mean, as a camera's range does
+    #[arg(long, value_name = "TIMES")]
+    cap: Option<f64>,
     /// Seed of the fits' starts
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -214,7 +217,8 @@ fn lighting(options: &Lighting) -> Result<Outcome> {
         MapName::EqualArea => OctahedralMap::EqualArea,
         MapName::PraunHoppe => OctahedralMap::PraunHoppe,
     };
-    let settings = LightingSettings { grid: options.grid, map, turns: options.turns as usize, seed: options.seed };
+    let Lighting { grid, turns, cap, seed, .. } = *options;
+    let settings = LightingSettings { grid, map, turns: turns as usize, cap, seed };
     let lights = Lights::Folder(options.dir.clone());
     let (prior, provenance) = learn(|progress| training::lighting(&lights, &settings, progress))?;
     write_file(&options.output, &encode_lighting(&prior, &provenance))?;

@@ -96,13 +96,16 @@ pub struct LightingSettings {
     pub map: OctahedralMap,
     /// Azimuths at which each map is seen: the camera may look in any direction.
     pub turns: usize,
+    /// Radiance at which each map is cut off, in units of its mean; `None` leaves the maps as they
+    /// are.
+    pub cap: Option<f64>,
     /// Seed of the fits' starts.
     pub seed: u64,
 }
 
 impl Default for LightingSettings {
     fn default() -> Self {
-        Self { grid: 128, map: OctahedralMap::EqualArea, turns: 8, seed: 1 }
+        Self { grid: 128, map: OctahedralMap::EqualArea, turns: 8, cap: None, seed: 1 }
     }
 }
 
@@ -156,12 +159,16 @@ pub fn lighting(
     settings: &LightingSettings,
     progress: Progress<'_>,
 ) -> Result<(LightPrior, String), TrainingError> {
-    let LightingSettings { grid, map, turns, seed } = *settings;
+    let LightingSettings { grid, map, turns, cap, seed } = *settings;
     if !grid.is_power_of_two() || !(8..=512).contains(&grid) {
         return Err(TrainingError::Setting(format!("grid {grid}: give a power of two from 8 to 512")));
     }
+    if cap.is_some_and(|cap| !(cap > 1.0 && cap.is_finite())) {
+        return Err(TrainingError::Setting("cap: give a number above 1".to_owned()));
+    }
     let mut grids: Vec<LightGrid> = Vec::new();
     let count = lights.each(&mut |share, light| {
+        let light = &cap.map_or_else(|| light.clone(), |cap| light.capped(cap));
         let width = light.radiance().width();
         grids.par_extend((0..turns).into_par_iter().map(|t| light.turned(t * width / turns).to_grid(map, grid)));
         progress("reading lights", share);
@@ -170,8 +177,9 @@ pub fn lighting(
     let prior = LightPrior::learn(&grids, count, &settings)
         .map_err(|error| TrainingError::Data(lights.name(), error.to_string()))?;
     let provenance = format!(
-        "light prior by gonio {} from {count} maps at {turns} azimuths each, grid {grid}, seed {seed}",
+        "light prior by gonio {} from {count} maps at {turns} azimuths each, {}grid {grid}, seed {seed}",
         env!("CARGO_PKG_VERSION"),
+        cap.map_or_else(String::new, |cap| format!("cut off at {cap} times their mean, ")),
     );
     Ok((prior, provenance))
 }

@@ -115,7 +115,7 @@ pub(crate) fn train_lighting(
         if !(1..=64).contains(&turns) {
             return Err(Problem::new(format!("turns {turns}: give a number from 1 to 64")));
         }
-        let settings = LightingSettings { grid, map, turns, seed };
+        let settings = LightingSettings { grid, map, turns, seed, ..LightingSettings::default() };
         let (prior, provenance) = training::lighting(&lights, &settings, &|stage, x| reporter.at(stage, x))?;
         Ok((encode_lighting(&prior, &provenance), provenance))
     })?;

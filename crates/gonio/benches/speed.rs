@@ -108,7 +108,7 @@ fn plan(bencher: Bencher<'_, '_>, normals: usize) {
 #[divan::bench(sample_count = 20)]
 fn sweep(bencher: Bencher<'_, '_>) {
     let problem = problem();
-    let ensemble = Ensemble::random(&problem, &mut Pcg64::seed_from_u64(3));
+    let ensemble = Ensemble::random(&problem, 0.1, &mut Pcg64::seed_from_u64(3));
     let now = Expectations::new(&problem, &ensemble);
     bencher.bench_local(|| now.update(&problem, black_box(&ensemble)));
 }
@@ -117,7 +117,7 @@ fn sweep(bencher: Bencher<'_, '_>) {
 #[divan::bench(sample_count = 20)]
 fn cost(bencher: Bencher<'_, '_>) {
     let problem = problem();
-    let ensemble = Ensemble::random(&problem, &mut Pcg64::seed_from_u64(3));
+    let ensemble = Ensemble::random(&problem, 0.1, &mut Pcg64::seed_from_u64(3));
     bencher.bench_local(|| Expectations::new(&problem, black_box(&ensemble)).cost(&problem));
 }
 

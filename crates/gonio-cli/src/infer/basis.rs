@@ -130,6 +130,7 @@ fn posterior(options: &Options, model: &Model, projected: &Projected) -> Result<
         solver: match options.solver {
             SolverName::Blocks => Solver::Blocks,
             SolverName::Parallel => Solver::Parallel,
+            SolverName::Printed => Solver::Printed,
         },
         starts: options.starts as usize,
         seed: options.seed,

@@ -142,8 +142,10 @@ enum MethodName {
 enum SolverName {
     /// Exact minimisation of C_KL block by block: faster, lower C_KL
     Blocks,
-    /// Algorithm 1 as printed: parallel update and line search
+    /// Parallel updates and line searches, with what makes them converge
     Parallel,
+    /// Algorithm 1 to the letter
+    Printed,
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {

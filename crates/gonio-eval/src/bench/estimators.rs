@@ -7,6 +7,7 @@ use gonio::transfer::Projected;
 use serde::{Deserialize, Serialize};
 
 use super::learning::Knowledge;
+use super::options::Separable;
 use crate::metrics::brdf_error;
 use crate::posteriors::on_disk;
 
@@ -23,6 +24,8 @@ pub(crate) struct Photograph<'a> {
     pub(crate) truth: &'a BivariateTable,
     /// Random starts of each method.
     pub(crate) starts: usize,
+    /// How the separable posterior and the joint maximum are found.
+    pub(crate) separable: Separable,
 }
 
 /// An answer.
@@ -135,10 +138,18 @@ impl Estimator {
 
     /// Answers.
     pub(crate) fn estimate(self, photograph: &Photograph<'_>) -> Result<Estimate> {
-        let Photograph { knowledge, image, projected, under_true_light, truth, starts } = *photograph;
+        let Photograph { knowledge, image, projected, under_true_light, truth, starts, separable } = *photograph;
+        let Separable { tolerance, variance, iterations } = separable;
         let basis = &knowledge.model.reflectance;
         let hyper = Hyper::with_model_error(projected.pixels);
-        let variational = |solver| VariationalSettings { solver, starts, ..VariationalSettings::default() };
+        let variational = |solver| VariationalSettings {
+            solver,
+            starts,
+            tolerance,
+            variance,
+            max_iterations: iterations,
+            ..VariationalSettings::default()
+        };
         let blind = || -> Result<Problem<'_>> {
             let examples = basis.materials.iter().map(|m| m.coefficients.clone()).collect();
             Ok(Problem::blind(projected, &knowledge.model.light, &basis.rates, hyper)?.starting_from(examples))
@@ -155,14 +166,15 @@ impl Estimator {
                 (rms(&known), infer(&problem, &Method::KnownLight(variational(Solver::Blocks)), &|_| ()))
             }
             Self::JointMap => {
-                let settings = JointMapSettings { starts, ..JointMapSettings::default() };
+                let settings =
+                    JointMapSettings { starts, tolerance, max_iterations: iterations, ..JointMapSettings::default() };
                 (rms(projected), infer(&blind()?, &Method::JointMap(settings), &|_| ()))
             }
             Self::Variational => {
                 (rms(projected), infer(&blind()?, &Method::Variational(variational(Solver::Blocks)), &|_| ()))
             }
             Self::Algorithm1 => {
-                (rms(projected), infer(&blind()?, &Method::Variational(variational(Solver::Parallel)), &|_| ()))
+                (rms(projected), infer(&blind()?, &Method::Variational(variational(Solver::Printed)), &|_| ()))
             }
         };
         let table = basis.combine(&posterior.reflectance)?;

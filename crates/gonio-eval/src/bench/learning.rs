@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 use gonio::inference::amortised::Amortised;
+use gonio::lighting::LightPrior;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, TrainSettings};
 use gonio::transfer::{Plan, PlanSettings, SurfacePoint};
@@ -26,14 +27,15 @@ pub(crate) struct Knowledge {
 }
 
 impl Knowledge {
-    /// Of the protocol's training materials; the light prior is the embedded one, from lights that
-    /// no test uses.
+    /// Of the protocol's training materials; the light prior is `prior`, or the embedded one, from
+    /// lights that no test uses.
     pub(crate) fn gather(
         materials: &Materials,
         protocol: Protocol,
         rank: usize,
         points: &[SurfacePoint],
         plan: &PlanSettings,
+        prior: Option<&LightPrior>,
         posterior: Option<(&Lights, &Learning)>,
         cache: &Cache,
     ) -> Result<Self> {
@@ -44,6 +46,7 @@ impl Knowledge {
             kept.iter().map(|&at| (materials.names[at].clone(), materials.green(at).clone())).collect();
         let reflectance = Trained::load_or_train(Some(cache), &green, &settings)?.basis;
         let Model { light, posterior: embedded, .. } = gonio_io::model::embedded()?;
+        let light = prior.cloned().unwrap_or(light);
         let (plan, _, _) =
             gonio_io::plan::load_or_build(Some(cache), points, &reflectance.functions, &light, plan, &|_| ())
                 .context("the operator")?;

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
+use gonio::inference::VariationalSettings;
 use gonio::transfer::PlanSettings;
+use serde::{Deserialize, Serialize};
 
 use super::estimators::Estimator;
 use super::grid::{Protocol, Shard};
@@ -44,6 +46,11 @@ pub(crate) struct Options {
     /// Random starts of each method
     #[arg(long, default_value_t = 1)]
     starts: usize,
+    #[command(flatten)]
+    separable: Separable,
+    /// Prior of light to infer with [default: that of the embedded model]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) prior: Option<PathBuf>,
     /// Basis functions of reflectance
     #[arg(long, default_value_t = 10)]
     rank: usize,
@@ -70,6 +77,20 @@ pub(crate) struct Options {
     /// Photographs that are worked on at once [default: one for each core]
     #[arg(long)]
     pub(crate) threads: Option<usize>,
+}
+
+/// How the separable posterior and the joint maximum are found.
+#[derive(Clone, Copy, Debug, PartialEq, clap::Args, Serialize, Deserialize)]
+pub(crate) struct Separable {
+    /// Stopping threshold of the separable posterior, in nats
+    #[arg(long, default_value_t = VariationalSettings::default().tolerance)]
+    pub(crate) tolerance: f64,
+    /// Variance that every coefficient of the separable posterior starts with
+    #[arg(long, default_value_t = VariationalSettings::default().variance)]
+    pub(crate) variance: f64,
+    /// Iterations of each start at most
+    #[arg(long, default_value_t = VariationalSettings::default().max_iterations)]
+    pub(crate) iterations: usize,
 }
 
 /// Photographs of a quick run: two interiors, a wood, and a noon with the sun out.
@@ -144,20 +165,29 @@ impl Options {
     }
 
     /// What all cells have in common. `available` are the lights there are.
-    pub(crate) fn conditions(&self, available: &[String]) -> Conditions {
+    ///
+    /// # Errors
+    /// If the prior cannot be read.
+    pub(crate) fn conditions(&self, available: &[String]) -> Result<Conditions> {
+        let prior = match &self.prior {
+            Some(path) => Some(gonio_io::model::read_lighting(path)?.1),
+            None => None,
+        };
         let spare = Some(SPARE.to_owned()).filter(|s| available.contains(s)).into_iter().collect();
-        Conditions {
+        Ok(Conditions {
             version: VERSION,
             gonio: env!("CARGO_PKG_VERSION").to_owned(),
             plan: PlanSettings { side: self.grid, rank: self.rows, ..PlanSettings::default() },
             rank: self.rank,
             normals: self.normals,
             starts: self.starts,
+            separable: self.separable,
+            prior,
             learning: self.effort.learning(),
             noise: self.noise,
             relight: self.relight.clone(),
             spare,
             size: self.size,
-        }
+        })
     }
 }

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow};
+use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{IntegratorSettings, LightTree, Relighter};
 use gonio::scene::{ObservationSettings, sphere_points};
@@ -34,7 +35,7 @@ const CACHE_BUDGET: u64 = 8 << 30;
 pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
     let (materials, lights) = (options.open_materials(data)?, Lights::open(data)?);
     let grid = options.grid(&materials, &lights)?;
-    let conditions = options.conditions(&lights.names());
+    let conditions = options.conditions(&lights.names())?;
     let store = Store::open(&options.output, &conditions)?;
     let tested = |protocol: Protocol| {
         let may = protocol.tested(&materials);
@@ -50,9 +51,11 @@ pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
         .with_budget(CACHE_BUDGET);
     let fingerprints = Fingerprints::of(&materials, &lights, &units, &conditions)?;
     let (points, stage) = (sphere_points(&observation), Stage::new(conditions.size));
+    let prior = options.prior.as_ref().map(gonio_io::model::read_lighting).transpose()?.map(|(prior, _)| prior);
     let bench = Bench {
         materials,
         lights,
+        prior,
         training: grid.estimators.contains(&Estimator::Marginal).then(|| Lights::training(data)).transpose()?,
         shown: stage.nearest(&points),
         points,
@@ -98,6 +101,8 @@ type Work = (Unit, Vec<(Estimator, String)>);
 struct Bench {
     materials: Materials,
     lights: Lights,
+    /// Prior of light in place of the embedded one.
+    prior: Option<LightPrior>,
     /// Lights that the marginal posterior is learnt from, if it is among the estimators.
     training: Option<Lights>,
     points: Vec<SurfacePoint>,
@@ -182,9 +187,11 @@ impl Bench {
         let mut knowledge: BTreeMap<Protocol, Knowledge> = BTreeMap::new();
         for protocol in work.iter().map(|(u, _)| u.protocol.learns_as()).collect::<BTreeSet<_>>() {
             let Conditions { rank, plan, learning, .. } = &self.conditions;
+            let prior = self.prior.as_ref();
             let posterior = self.training.as_ref().map(|lights| (lights, learning));
             let cache = &self.cache;
-            let learnt = Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, posterior, cache)?;
+            let learnt =
+                Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, prior, posterior, cache)?;
             knowledge.insert(protocol, learnt);
         }
         let relit: BTreeSet<(bool, String)> = work
@@ -282,9 +289,9 @@ impl Bench {
                 encoded(&self.stage, &values, 1.0, &render)
             },
         };
-        let starts = self.conditions.starts;
-        let photograph =
-            Photograph { knowledge, image: &image, projected: &projected, under_true_light, truth: &truth, starts };
+        let Conditions { starts, separable, .. } = self.conditions;
+        let (image, projected, truth) = (&image, &projected, &truth);
+        let photograph = Photograph { knowledge, image, projected, under_true_light, truth, starts, separable };
         for (estimator, key) in open {
             let start = Instant::now();
             let estimate = estimator.estimate(&photograph);

@@ -13,6 +13,7 @@ use serde_json::Value;
 use super::estimators::Estimator;
 use super::grid::Protocol;
 use super::judge::{Record, Records, file};
+use super::options::Separable;
 use crate::posteriors::Learning;
 
 /// What all cells of a folder have in common.
@@ -30,6 +31,10 @@ pub(crate) struct Conditions {
     pub(crate) normals: usize,
     /// Starts of each method.
     pub(crate) starts: usize,
+    /// How the separable posterior and the joint maximum are found.
+    pub(crate) separable: Separable,
+    /// Origin of the prior of light, where it is not that of the embedded model.
+    pub(crate) prior: Option<String>,
     /// How the marginal posterior is learnt.
     pub(crate) learning: Learning,
     /// Noise added to the photographs, relative to their mean.
@@ -43,7 +48,7 @@ pub(crate) struct Conditions {
 }
 
 /// Version of [`Record`] and of what its numbers mean.
-pub(crate) const VERSION: u32 = 3;
+pub(crate) const VERSION: u32 = 4;
 const CONDITIONS: &str = "conditions.json";
 const CELLS: &str = "cells";
 
@@ -170,6 +175,8 @@ mod tests {
             rank: 10,
             normals: 100,
             starts: 1,
+            separable: Separable { tolerance: 1e-4, variance: 0.1, iterations: 100 },
+            prior: None,
             learning: Learning::default(),
             noise: 0.0,
             relight: vec!["a".into()],

@@ -50,26 +50,17 @@ impl AllMoments {
     }
 }
 
-/// Moments of an unrectified Gaussian.
-fn gaussian(mean: f64, variance: f64) -> Moments {
-    let mean_log = -0.5 * ((std::f64::consts::TAU * variance).ln() + 1.0);
-    Moments { mean, variance, mean_log }
-}
-
 impl Ensemble {
-    /// Variances of the starts (paper 3.4): "relatively large".
-    const START_VARIANCE: f64 = 0.1;
-
-    /// A random start: a random reflectance and a random light, variances of 0.1; exposure
-    /// `u = 1, w = 10`; `<sigma^-2> = 1`.
-    pub fn random(problem: &Problem<'_>, rng: &mut Pcg64) -> Self {
+    /// A random start: a random reflectance and a random light, all variances `variance` (paper
+    /// 3.4: 0.1, "relatively large"); exposure `u = 1, w = 10`; `<sigma^-2> = 1`.
+    pub fn random(problem: &Problem<'_>, variance: f64, rng: &mut Pcg64) -> Self {
         let f: Vec<f64> = if problem.examples.is_empty() {
             problem.rates.iter().map(|rate| <Exp1 as Distribution<f64>>::sample(&Exp1, rng) / rate).collect()
         } else {
             problem.examples[rng.random_range(0..problem.examples.len())].clone()
         };
         let l: Vec<f64> = problem.light.iter().map(|prior| draw(prior, rng)).collect();
-        Self::at(&f, &l, Self::START_VARIANCE)
+        Self::at(&f, &l, variance)
     }
 
     /// Means as given, all variances `variance`, exposure and noise as in [`Self::random`].
@@ -148,6 +139,33 @@ impl Ensemble {
         self.phi[at + 1] = precision.ln();
     }
 
+    /// `u` of reflectance (K), light (M - 1) and exposure.
+    pub(crate) fn locations(&self) -> Vec<f64> {
+        self.pairs().map(|(natural, log_precision)| self.phi[natural] / self.phi[log_precision].exp()).collect()
+    }
+
+    /// `1 / w` of the same.
+    pub(crate) fn precisions(&self) -> Vec<f64> {
+        self.pairs().map(|(_, log_precision)| self.phi[log_precision].exp()).collect()
+    }
+
+    /// With other `u` and the same `w` and noise.
+    pub(crate) fn with_locations(&self, locations: &[f64]) -> Self {
+        let mut phi = self.phi.clone();
+        for ((natural, log_precision), location) in self.pairs().zip(locations) {
+            phi[natural] = location * self.phi[log_precision].exp();
+        }
+        Self { phi, ..*self }
+    }
+
+    /// Places of `u / w` and `log(1 / w)` in the flat vector.
+    fn pairs(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let (k, light, noise) = (self.k, self.light, self.noise_index());
+        let f = (0..k).map(move |at| (at, at + k));
+        let l = (0..light).map(move |at| (2 * k + at, 2 * k + light + at));
+        f.chain(l).chain(std::iter::once((noise + 1, noise + 2)))
+    }
+
     /// Takes the distribution of reflectance coefficient `k` from another ensemble.
     #[cfg(test)]
     pub(crate) fn copy_f(&mut self, other: &Self, k: usize) {
@@ -205,7 +223,7 @@ impl Ensemble {
             CoefficientPrior::Rectified(p) => self.rectified(at, at + self.light, p.threshold).moments(),
             CoefficientPrior::Mixture(_) => {
                 let variance = (-self.phi[at + self.light]).exp();
-                gaussian(self.phi[at] * variance, variance)
+                Moments::gaussian(self.phi[at] * variance, variance)
             }
         }
     }

@@ -146,13 +146,9 @@ impl Expectations {
     /// What the data say about the light, given all else: one pass over the operator, none for a
     /// point estimate.
     pub(crate) fn pull(&self, problem: &Problem<'_>) -> Pull {
-        let (op, k_count, m) = (problem.bilinear, problem.k(), problem.m());
+        let k_count = problem.k();
         let AllMoments { f, g, .. } = &self.moments;
         let weights = self.weights(problem);
-        let mut stiffness = self.b_square.clone();
-        for (f, squares) in f.iter().zip(op.squares().chunks_exact(m)) {
-            stiffness.iter_mut().zip(squares).for_each(|(s, w)| *s += f.variance * w);
-        }
         let light = if f.iter().all(|f| f.variance == 0.0) {
             rows_combined(&self.b, &weights)
         } else {
@@ -162,9 +158,18 @@ impl Expectations {
             for (x, w) in x.chunks_exact_mut(k_count).zip(&weights) {
                 x.iter_mut().zip(f).for_each(|(x, f)| *x = f.mean * w - g2 * f.variance * *x);
             }
-            op.light_adjoint(&x)
+            problem.bilinear.light_adjoint(&x)
         };
-        Pull { light, stiffness }
+        Pull { light, stiffness: self.stiffness(problem) }
+    }
+
+    /// `S_m` of [`Pull`], without a pass over the operator.
+    pub(crate) fn stiffness(&self, problem: &Problem<'_>) -> Vec<f64> {
+        let mut stiffness = self.b_square.clone();
+        for (f, squares) in self.moments.f.iter().zip(problem.bilinear.squares().chunks_exact(problem.m())) {
+            stiffness.iter_mut().zip(squares).for_each(|(s, w)| *s += f.variance * w);
+        }
+        stiffness
     }
 
     /// `<g> I_i - <g^2> y_i`.
@@ -212,13 +217,15 @@ fn responsibilities(mixture: &ScaleMixture, mean_square: f64) -> impl Iterator<I
     mixture.log_joint(mean_square).map(move |j| (j - top).exp() / total)
 }
 
+/// `sum_n r_n / s_n^2` for a coefficient of expected square `<l^2>`.
+pub(crate) fn expected_precision(mixture: &ScaleMixture, mean_square: f64) -> f64 {
+    responsibilities(mixture, mean_square).zip(&mixture.variances).map(|(r, v)| r / v).sum()
+}
+
 /// What the prior adds to `u/w` and `1/w` of a light coefficient.
 pub(crate) fn prior_pull(prior: &CoefficientPrior, l: &Moments) -> (f64, f64) {
     match prior {
-        CoefficientPrior::Mixture(mixture) => {
-            let r = responsibilities(mixture, l.mean_square());
-            (0.0, r.zip(&mixture.variances).map(|(r, v)| r / v).sum())
-        }
+        CoefficientPrior::Mixture(mixture) => (0.0, expected_precision(mixture, l.mean_square())),
         CoefficientPrior::Rectified(p) => (p.location / p.variance, 1.0 / p.variance),
     }
 }

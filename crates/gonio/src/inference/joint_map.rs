@@ -4,6 +4,7 @@
 use rand::SeedableRng;
 use serde::{Deserialize, Serialize};
 
+use super::acceleration::Anderson;
 use super::coordinate::{ReflectanceSystem, light_step};
 use super::ensemble::AllMoments;
 use super::{Ensemble, Expectations, Posterior, Problem, StartReport};
@@ -16,7 +17,7 @@ pub struct JointMapSettings {
     pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
-    /// A start ends when the log posterior grows by less than this.
+    /// A start ends when the log posterior grows by less than this three times in a row.
     pub tolerance: f64,
     /// Iterations of one start at most.
     pub max_iterations: usize,
@@ -24,7 +25,7 @@ pub struct JointMapSettings {
 
 impl Default for JointMapSettings {
     fn default() -> Self {
-        Self { starts: 3, seed: 1, tolerance: 1e-4, max_iterations: 200 }
+        Self { starts: 3, seed: 1, tolerance: 1e-4, max_iterations: 3000 }
     }
 }
 
@@ -52,7 +53,7 @@ pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress
         .map(|start| {
             let mut rng =
                 rand_pcg::Pcg64::seed_from_u64(settings.seed.wrapping_mul(1_000_003).wrapping_add(start as u64));
-            let random = Ensemble::random(problem, &mut rng).moments(problem);
+            let random = Ensemble::random(problem, 0.1, &mut rng).moments(problem);
             let at = AllMoments {
                 f: random.f.iter().map(|f| point(f.mean)).collect(),
                 l: random.l.iter().map(|l| point(l.mean)).collect(),
@@ -79,17 +80,53 @@ pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress
     }
 }
 
-/// Ascent over one block of variables at a time; the trace holds minus the log posterior.
-fn ascend(
-    problem: &Problem<'_>,
-    mut at: AllMoments,
-    grams: &[f64],
-    settings: &JointMapSettings,
-    progress: &dyn Fn(f64),
-) -> (AllMoments, Vec<f64>, bool) {
-    let mut now = Expectations::of_moments(problem, at.clone());
-    let mut trace = vec![-log_posterior(problem, &now)];
-    for iteration in 0..settings.max_iterations {
+/// A point estimate with what belongs to it.
+struct State {
+    at: AllMoments,
+    now: Expectations,
+    /// Minus the log posterior.
+    cost: f64,
+}
+
+impl State {
+    fn new(problem: &Problem<'_>, at: AllMoments) -> Self {
+        let now = Expectations::of_moments(problem, at.clone());
+        Self { cost: -log_posterior(problem, &now), at, now }
+    }
+
+    /// Reflectance, light but DC, exposure.
+    fn coordinates(&self) -> Vec<f64> {
+        let AllMoments { f, l, g, .. } = &self.at;
+        f.iter().chain(&l[1..]).chain(std::iter::once(g)).map(|x| x.mean).collect()
+    }
+
+    /// About the curvature of the cost in each of them, without the factor of the noise.
+    fn metric(&self, problem: &Problem<'_>) -> Vec<f64> {
+        let g2 = self.at.g.mean_square();
+        let scaled = |x: &f64| g2 * x;
+        let light = self.now.stiffness(problem);
+        let metric = self.now.a_square.iter().chain(&light[1..]).map(scaled).chain(std::iter::once(self.now.q));
+        metric.map(|x| x.max(1e-300)).collect()
+    }
+
+    /// At other coordinates, moved to where the prior has mass, same noise.
+    fn at_coordinates(&self, problem: &Problem<'_>, coordinates: &[f64]) -> Self {
+        let k = problem.k();
+        let mut at = self.at.clone();
+        at.f = coordinates[..k].iter().map(|f| point(f.max(0.0))).collect();
+        for (i, (prior, l)) in problem.light.iter().zip(&coordinates[k..]).enumerate() {
+            at.l[i + 1] = point(match prior {
+                CoefficientPrior::Mixture(_) => *l,
+                CoefficientPrior::Rectified(p) => l.max(p.threshold),
+            });
+        }
+        at.g = point(coordinates[coordinates.len() - 1].max(1e-12));
+        Self::new(problem, at)
+    }
+
+    /// Ascent over one block of variables at a time.
+    fn round(self, problem: &Problem<'_>, grams: &[f64]) -> Self {
+        let Self { mut at, mut now, .. } = self;
         // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient
         // alone, cut off at its threshold.
         let (means, _) = light_step(problem, &now, 12);
@@ -113,13 +150,40 @@ fn ascend(
         now = now.after_moments(problem, at.clone());
         at.precision = (problem.noise_shape() - 1.0) / (problem.hyper.noise_rate + 0.5 * now.residual(problem));
         now = now.after_moments(problem, at.clone());
-        let cost = -log_posterior(problem, &now);
-        let fell = trace[trace.len() - 1] - cost;
-        trace.push(cost);
+        Self { cost: -log_posterior(problem, &now), at, now }
+    }
+}
+
+/// Rounds of ascent over blocks with Anderson acceleration; the trace holds minus the log
+/// posterior. Ends after three changes below the tolerance.
+fn ascend(
+    problem: &Problem<'_>,
+    at: AllMoments,
+    grams: &[f64],
+    settings: &JointMapSettings,
+    progress: &dyn Fn(f64),
+) -> (AllMoments, Vec<f64>, bool) {
+    let mut state = State::new(problem, at);
+    let mut trace = vec![state.cost];
+    let mut anderson = Anderson::new();
+    let mut settled = 0;
+    for iteration in 0..settings.max_iterations {
+        let (before, from) = (state.cost, state.coordinates());
+        state = state.round(problem, grams);
+        if let Some(coordinates) = anderson.next(&from, &state.coordinates(), &state.metric(problem)) {
+            let tried = state.at_coordinates(problem, &coordinates);
+            if tried.cost < state.cost {
+                state = tried;
+            } else {
+                anderson.forget();
+            }
+        }
+        trace.push(state.cost);
         progress((iteration + 1) as f64 / settings.max_iterations as f64);
-        if fell.abs() < settings.tolerance {
-            return (at, trace, true);
+        settled = if (before - state.cost).abs() < settings.tolerance { settled + 1 } else { 0 };
+        if settled >= 3 {
+            return (state.at, trace, true);
         }
     }
-    (at, trace, false)
+    (state.at, trace, false)
 }

@@ -11,6 +11,7 @@
 //! [`marginal`] integrates the light out instead: the evidence of candidate reflectances, and the
 //! best of them.
 
+mod acceleration;
 pub mod amortised;
 mod coordinate;
 mod ensemble;
@@ -18,11 +19,14 @@ mod ensemble;
 mod evidence;
 mod expectations;
 mod joint_map;
+mod leap;
 pub mod marginal;
 #[cfg(test)]
 mod nuts;
 mod posterior;
 mod problem;
+#[cfg(test)]
+mod sized;
 #[cfg(test)]
 mod tests;
 mod variational;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::LightGrid;
-use crate::picture::Plane;
+use crate::picture::{Plane, luminance};
 use crate::sphere::{OctahedralMap, direction_of_lat_long, lat_long_of_direction};
 
 /// Why a picture is not an environment map.
@@ -75,6 +75,24 @@ impl EnvironmentMap {
         let (width, height) = self.radiance.size();
         let columns = columns % width;
         Self { radiance: Plane::from_fn(width, height, |x, y| self.radiance[((x + width - columns) % width, y)]) }
+    }
+
+    /// The map with no pixel brighter than `times` the mean over the sphere: luminance is cut off,
+    /// colour kept. What a sun or a lamp loses is lost.
+    pub fn capped(&self, times: f64) -> Self {
+        let (width, height) = self.radiance.size();
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for y in 0..height {
+            let w = (std::f64::consts::PI * (y as f64 + 0.5) / height as f64).sin();
+            sum += w * (0..width).map(|x| f64::from(luminance(self.radiance[(x, y)]))).sum::<f64>();
+            weight += w * width as f64;
+        }
+        let limit = times * sum / weight;
+        let cut = |pixel: Vec3| {
+            let brightness = f64::from(luminance(pixel));
+            if brightness > limit { pixel * (limit / brightness) as f32 } else { pixel }
+        };
+        Self { radiance: Plane::from_fn(width, height, |x, y| cut(self.radiance[(x, y)])) }
     }
 
     /// Mean radiance over each texel of an octahedral grid of `side` by `side`.

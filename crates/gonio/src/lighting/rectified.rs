@@ -31,6 +31,11 @@ pub struct Moments {
 }
 
 impl Moments {
+    /// Moments of a Gaussian.
+    pub(crate) fn gaussian(mean: f64, variance: f64) -> Self {
+        Self { mean, variance, mean_log: -0.5 * ((TAU * variance).ln() + 1.0) }
+    }
+
     /// `<x^2>`.
     pub fn mean_square(&self) -> f64 {
         self.variance + self.mean * self.mean

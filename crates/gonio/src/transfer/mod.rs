@@ -24,5 +24,5 @@ pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings, SurfaceP
 pub use reference::polar_reference;
 
 #[cfg(test)]
-pub(crate) use plan::tests::toy_prior;
+pub(crate) use plan::tests::{sphere_points, toy_prior, toy_sky, toy_tables};
 pub(crate) use sketch::column_bands;

@@ -435,20 +435,21 @@ pub(crate) mod tests {
     use crate::lighting::PriorSettings;
     use crate::sphere::{OctahedralMap, fibonacci_hemisphere};
 
-    /// Random lamps over a sky, and the prior learnt from them.
-    pub(crate) fn toy_prior(side: usize) -> LightPrior {
-        let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
-        let lights: Vec<LightGrid> = (0..30)
-            .map(|_| {
-                let texels = (0..side * side)
-                    .map(|t| {
-                        let lamp = if rng.random_range(0..40) == 0 { 15.0 } else { 0.0 };
-                        Vec3::splat(lamp + rng.random_range(0.2..1.0) + if t < side * side / 2 { 1.0 } else { 0.0 })
-                    })
-                    .collect();
-                LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
+    /// Random lamps over a sky.
+    pub(crate) fn toy_sky(side: usize, rng: &mut rand_pcg::Pcg64) -> LightGrid {
+        let texels = (0..side * side)
+            .map(|t| {
+                let lamp = if rng.random_range(0..40) == 0 { 15.0 } else { 0.0 };
+                Vec3::splat(lamp + rng.random_range(0.2..1.0) + if t < side * side / 2 { 1.0 } else { 0.0 })
             })
             .collect();
+        LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
+    }
+
+    /// The prior learnt from thirty of them.
+    pub(crate) fn toy_prior(side: usize) -> LightPrior {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
+        let lights: Vec<LightGrid> = (0..30).map(|_| toy_sky(side, &mut rng)).collect();
         LightPrior::learn(&lights, 30, &PriorSettings::default()).unwrap()
     }
 

@@ -1,0 +1,164 @@
+//! Leaps of light coefficients between the components of their mixtures.
+//!
+//! `C_KL` has a local minimum at nearly every assignment of the coefficients that the image leaves
+//! open: the expected square of one that begins in a wide component keeps that component
+//! responsible. Coordinate descent from each component in turn finds the best of these minima, one
+//! coefficient after the other.
+
+use super::ensemble::AllMoments;
+use super::expectations::{Expectations, expected_precision};
+use super::{Ensemble, Problem};
+use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
+use crate::transfer::kernels::{axpy, dispatch, dot};
+
+/// Fixed-point iterations of one coefficient in one component, at most.
+const ALONE: usize = 200;
+/// Nats by which a leap must lower the cost of its coefficient.
+const GAIN: f64 = 1e-9;
+
+/// The operator with the light coefficient slowest, `[m][row][k]`.
+pub(super) struct Columns {
+    length: usize,
+    data: Vec<f32>,
+}
+
+impl Columns {
+    pub(super) fn new(problem: &Problem<'_>) -> Self {
+        let (op, k_count, m_count) = (problem.bilinear, problem.k(), problem.m());
+        let length = op.rows() * k_count;
+        let mut data = vec![0.0; length * m_count];
+        for i in 0..op.rows() {
+            for (k, block) in op.row(i).chunks_exact(m_count).enumerate() {
+                for (m, x) in block.iter().enumerate() {
+                    data[m * length + i * k_count + k] = *x;
+                }
+            }
+        }
+        Self { length, data }
+    }
+
+    fn column(&self, m: usize) -> &[f32] {
+        &self.data[m * self.length..][..self.length]
+    }
+}
+
+/// What `C_KL` says of one light coefficient with a mixture prior, all else given: up to a
+/// constant `<log q> + S <l^2> / 2 - P <l> - <log p(l)>` with the precision `S` and the push `P` of
+/// the image.
+#[derive(Clone, Copy)]
+pub(super) struct Alone<'a> {
+    pub(super) mixture: &'a ScaleMixture,
+    pub(super) stiffness: f64,
+    pub(super) push: f64,
+}
+
+impl Alone<'_> {
+    fn cost(&self, l: &Moments) -> f64 {
+        let square = l.mean_square();
+        l.mean_log + 0.5 * self.stiffness * square - self.push * l.mean - self.mixture.log_density_of_square(square)
+    }
+
+    /// Mean and variance given the precision of the prior.
+    fn given(&self, prior: f64) -> Moments {
+        Moments::gaussian(self.push / (self.stiffness + prior), 1.0 / (self.stiffness + prior))
+    }
+
+    /// Where coordinate descent ends that starts with the prior precision `prior`.
+    fn descend(&self, prior: f64) -> Moments {
+        let mut l = self.given(prior);
+        for _ in 0..ALONE {
+            let next = self.given(expected_precision(self.mixture, l.mean_square()));
+            let settled = (next.variance - l.variance).abs() <= 1e-9 * l.variance;
+            l = next;
+            if settled {
+                break;
+            }
+        }
+        l
+    }
+
+    /// The best of the descents from every component, and its cost.
+    pub(super) fn best(&self) -> (Moments, f64) {
+        let ends = self.mixture.variances.iter().map(|v| self.descend(1.0 / v)).map(|l| (l, self.cost(&l)));
+        ends.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a mixture has components")
+    }
+
+    /// How many nats the best descent lies below `l`.
+    pub(super) fn gain(&self, l: &Moments) -> f64 {
+        self.cost(l) - self.best().1
+    }
+}
+
+/// Every light coefficient with a mixture prior at its best, one after the other, each given those
+/// before it. Never raises the cost. `now` belongs to `ensemble`; so does what is returned to its.
+pub(super) fn leap(
+    problem: &Problem<'_>,
+    ensemble: &Ensemble,
+    now: Expectations,
+    columns: &Columns,
+) -> (Ensemble, Expectations) {
+    let mut next = ensemble.clone();
+    let AllMoments { f, l, g, precision } = &now.moments;
+    let (f_means, spread): (Vec<f64>, Vec<f64>) = f.iter().map(|f| (f.mean, f.variance)).unzip();
+    let (g1, g2) = (g.mean, g.mean_square());
+    let stiffness = now.stiffness(problem);
+    let (mut a, mut y) = (now.a.clone(), now.y.clone());
+    let mut weights = vec![0.0; a.len()];
+    for (m, prior) in problem.light.iter().enumerate().map(|(i, prior)| (i + 1, prior)) {
+        let CoefficientPrior::Mixture(mixture) = prior else { continue };
+        let column = columns.column(m);
+        // sum_ik A_imk [ f_k (<g> I_i - <g^2> y_i) - <g^2> vf_k a_ik ]
+        for (((weights, a), y), i) in
+            weights.chunks_exact_mut(f.len()).zip(a.chunks_exact(f.len())).zip(&y).zip(&problem.target)
+        {
+            let w = g1 * i - g2 * y;
+            for ((weight, a), (f, v)) in weights.iter_mut().zip(a).zip(f_means.iter().zip(&spread)) {
+                *weight = f * w - g2 * v * a;
+            }
+        }
+        let pull = dispatch(|| dot(column, &weights));
+        let stiffness = precision * g2 * stiffness[m];
+        let alone = Alone { mixture, stiffness, push: precision * pull + stiffness * l[m].mean };
+        let (best, cost) = alone.best();
+        if alone.cost(&l[m]) - cost <= GAIN {
+            continue;
+        }
+        next.set_l(m, best.mean / best.variance, 1.0 / best.variance);
+        let change = best.mean - l[m].mean;
+        dispatch(|| axpy(change, column, &mut a));
+        for (y, a) in y.iter_mut().zip(a.chunks_exact(f.len())) {
+            *y = dot(&f_means, a);
+        }
+    }
+    let now = now.after(problem, &next);
+    (next, now)
+}
+
+/// Every light coefficient at its best given the others as they were, all at once; nothing if that
+/// raises the cost.
+pub(super) fn leap_at_once(problem: &Problem<'_>, ensemble: &Ensemble, now: Expectations) -> (Ensemble, Expectations) {
+    let mut next = ensemble.clone();
+    for (m, alone) in alone(problem, &now) {
+        let (best, cost) = alone.best();
+        if alone.cost(&now.moments.l[m]) - cost > GAIN {
+            next.set_l(m, best.mean / best.variance, 1.0 / best.variance);
+        }
+    }
+    let after = now.clone().after(problem, &next);
+    if after.cost(problem) < now.cost(problem) { (next, after) } else { (ensemble.clone(), now) }
+}
+
+/// The problem of every light coefficient with a mixture prior, the others as they are.
+pub(super) fn alone<'a>(
+    problem: &'a Problem<'_>,
+    now: &'a Expectations,
+) -> impl Iterator<Item = (usize, Alone<'a>)> + 'a {
+    let AllMoments { l, g, precision, .. } = &now.moments;
+    let pull = now.pull(problem);
+    problem.light.iter().enumerate().filter_map(move |(i, prior)| {
+        let CoefficientPrior::Mixture(mixture) = prior else { return None };
+        let m = i + 1;
+        let stiffness = precision * g.mean_square() * pull.stiffness[m];
+        Some((m, Alone { mixture, stiffness, push: precision * pull.light[m] + stiffness * l[m].mean }))
+    })
+}

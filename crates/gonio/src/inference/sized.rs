@@ -1,0 +1,68 @@
+//! Algorithm 1 on a problem of real size: a light of 32 x 32 texels, whose finest scale the image
+//! leaves open.
+
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::leap::alone;
+use super::variational::end;
+use super::*;
+use crate::lighting::LightPrior;
+use crate::transfer::{PlanSettings, Projected, sphere_points, toy_prior, toy_sky, toy_tables};
+
+const SIDE: usize = 32;
+
+/// A sphere of a diffuse part and two lobes under a sky that the prior has not seen, with noise of
+/// 1 % of the root mean square.
+fn sphere(prior: &LightPrior) -> Projected {
+    let (points, tables) = (sphere_points(700), toy_tables());
+    let settings = PlanSettings { side: SIDE, ..PlanSettings::default() };
+    let project =
+        |image: &[Option<f64>]| Projected::unprojected(&points, image, &tables, prior, &settings).expect("a sphere");
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(77);
+    let light = toy_sky(SIDE, &mut rng).normalised_coefficients().expect("not black");
+    let clean = project(&vec![Some(1.0); points.len()]).bilinear.apply(&light, &[0.5, 0.2, 0.3]);
+    let rms = (clean.iter().map(|y| y * y).sum::<f64>() / clean.len() as f64).sqrt();
+    let mut noisy = |y: f64| {
+        let z: f64 = StandardNormal.sample(&mut rng);
+        Some(y + 0.01 * rms * z)
+    };
+    project(&clean.into_iter().map(&mut noisy).collect::<Vec<_>>())
+}
+
+fn problem<'a>(image: &'a Projected, prior: &'a LightPrior) -> Problem<'a> {
+    Problem::blind(image, prior, &[1.0; 3], Hyper::with_model_error(image.pixels)).expect("an image")
+}
+
+#[test]
+fn the_end_depends_neither_on_the_starting_variance_nor_on_the_tolerance() {
+    let prior = toy_prior(SIDE);
+    let image = sphere(&prior);
+    let problem = problem(&image, &prior);
+    let at = |variance, tolerance| {
+        let settings = VariationalSettings { variance, tolerance, max_iterations: 20_000, ..Default::default() };
+        end(&problem, &settings)
+    };
+    let tight = at(0.1, 1e-5).1;
+    for variance in [0.1, 1e-3, 1e-5] {
+        let (ensemble, cost, iterations) = at(variance, 1e-4);
+        assert!((cost - tight).abs() < 2.0, "{variance}: {cost} against {tight} in {iterations}");
+        let now = Expectations::new(&problem, &ensemble);
+        for (m, alone) in alone(&problem, &now) {
+            let gain = alone.gain(&now.moments.l[m]);
+            assert!(gain < 1e-2, "{variance}: coefficient {m} would gain {gain} in another component");
+        }
+    }
+}
+
+#[test]
+fn blocks_end_where_the_parallel_update_ends() {
+    let prior = toy_prior(SIDE);
+    let image = sphere(&prior);
+    let problem = problem(&image, &prior);
+    let [(_, blocks, few), (_, parallel, many)] = [Solver::Blocks, Solver::Parallel].map(|solver| {
+        let settings = VariationalSettings { solver, max_iterations: 20_000, ..Default::default() };
+        end(&problem, &settings)
+    });
+    assert!((blocks - parallel).abs() < 5.0, "{blocks} after {few}, {parallel} after {many}");
+}

@@ -2,9 +2,13 @@
 
 use super::ensemble::AllMoments;
 use super::expectations::{Expectations, prior_pull};
+use super::grams::{Columns, Grams, pull_weights, symmetric_times};
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments};
-use crate::transfer::kernels::{axpy, dispatch, dot};
+use crate::transfer::kernels::dot;
+
+/// Steps of conjugate gradients at most.
+const LIGHT_STEPS: usize = 40;
 
 /// The means of all light coefficients with mixture priors at once, given all else, by
 /// preconditioned conjugate gradients from their present values:
@@ -15,9 +19,9 @@ use crate::transfer::kernels::{axpy, dispatch, dot};
 ///
 /// Stopping early is safe: every step of conjugate gradients lowers the quadratic. Returns new
 /// means (DC and rectified coefficients unchanged) and the precisions `1/w` that go with them.
-pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, iterations: usize) -> (Vec<f64>, Vec<f64>) {
-    let (op, m_count) = (problem.bilinear, problem.m());
-    let AllMoments { f, l, g, precision } = &now.moments;
+pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, grams: &Grams) -> (Vec<f64>, Vec<f64>) {
+    let m_count = problem.m();
+    let AllMoments { l, g, precision, .. } = &now.moments;
     let stiffness = precision * g.mean_square();
     let pull = now.pull(problem);
     let priors: Vec<f64> = std::iter::once(0.0)
@@ -28,12 +32,9 @@ pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, iterations: 
         .collect();
     let diagonal: Vec<f64> = pull.stiffness.iter().zip(&priors).map(|(s, d)| stiffness * s + d).collect();
     let mask = |x: Vec<f64>| -> Vec<f64> { x.into_iter().zip(&free).map(|(x, f)| if *f { x } else { 0.0 }).collect() };
-    let (mean, variance): (Vec<f64>, Vec<f64>) = f.iter().map(|f| (f.mean, f.variance)).unzip();
-    // Of a point estimate only B'B is left, and B is at hand: a tenth of the operator's size.
-    let point = variance.iter().all(|v| *v == 0.0);
+    let curvature = grams.light_curvature(now);
     let apply = |p: &[f64]| {
-        let out = if point { gram_times(&now.b, p) } else { op.light_curvature(p, &mean, &variance) };
-        let out = out.into_iter().zip(p.iter().zip(&priors));
+        let out = symmetric_times(&curvature, p).into_iter().zip(p.iter().zip(&priors));
         mask(out.map(|(s, (p, d))| stiffness * s + d * p).collect())
     };
     let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
@@ -44,9 +45,9 @@ pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, iterations: 
     let mut p = z.clone();
     let mut rz = inner(&residual, &z);
     let start = rz;
-    for _ in 0..iterations {
+    for _ in 0..LIGHT_STEPS {
         // Half of rz is about how much the cost can still fall.
-        if rz <= 1e-14 * start || rz < 1e-12 {
+        if rz <= 1e-10 * start || rz < 1e-10 {
             break;
         }
         let ap = apply(&p);
@@ -61,17 +62,6 @@ pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, iterations: 
     (means, diagonal)
 }
 
-/// `B'B p` for a row-major `B`.
-fn gram_times(b: &[f64], p: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; p.len()];
-    dispatch(|| {
-        for row in b.chunks_exact(p.len()) {
-            axpy(dot(row, p), row, &mut out);
-        }
-    });
-    out
-}
-
 /// Quadratic form of the residual in the reflectance coefficients, light marginalised under q.
 pub(crate) struct ReflectanceSystem {
     /// `sum_i [a_ik a_ij + sum_m vl_m A_imk A_imj]`, K x K.
@@ -81,8 +71,7 @@ pub(crate) struct ReflectanceSystem {
 }
 
 impl ReflectanceSystem {
-    /// `grams` as of [`crate::transfer::Bilinear::reflectance_grams`].
-    pub(crate) fn new(problem: &Problem<'_>, now: &Expectations, grams: &[f64]) -> Self {
+    pub(crate) fn new(problem: &Problem<'_>, now: &Expectations, grams: &Grams) -> Self {
         let (k, m) = (problem.k(), problem.m());
         let mut gram = vec![0.0; k * k];
         let mut target = vec![0.0; k];
@@ -96,8 +85,11 @@ impl ReflectanceSystem {
         }
         for x in 0..k {
             for y in 0..=x {
-                let spread: f64 =
-                    grams[(x * k + y) * m..][..m].iter().zip(&now.moments.l).map(|(g, l)| g * l.variance).sum();
+                let spread: f64 = grams.reflectance[(x * k + y) * m..][..m]
+                    .iter()
+                    .zip(&now.moments.l)
+                    .map(|(g, l)| g * l.variance)
+                    .sum();
                 gram[x * k + y] += spread;
                 gram[y * k + x] = gram[x * k + y];
             }
@@ -135,12 +127,19 @@ impl ReflectanceSystem {
 }
 
 /// One exact update of a single light coefficient, responsibilities included, given all else; for
-/// the rectified coefficient and for tests. Returns `u/w` and `1/w`.
-pub(crate) fn light_coordinate(problem: &Problem<'_>, now: &Expectations, ensemble: &mut Ensemble, m: usize) {
+/// the rectified coefficient and for tests. Returns what belongs to the ensemble then.
+pub(crate) fn light_coordinate(
+    problem: &Problem<'_>,
+    now: Expectations,
+    ensemble: &mut Ensemble,
+    m: usize,
+    columns: &Columns,
+) -> Expectations {
     let AllMoments { l, g, precision, .. } = &now.moments;
-    let pull = now.pull(problem);
-    let stiffness = precision * g.mean_square() * pull.stiffness[m];
-    let push = precision * pull.light[m] + stiffness * l[m].mean;
+    let mut weights = vec![0.0; now.a.len()];
+    pull_weights(problem, &now, &now.a, &now.y, &mut weights);
+    let stiffness = precision * g.mean_square() * now.stiffness(problem)[m];
+    let push = precision * dot(columns.of(m), &weights) + stiffness * l[m].mean;
     let mut moments = l[m];
     // The responsibilities depend on the coefficient's own moments: a fixed point, monotone in the
     // cost.
@@ -154,20 +153,21 @@ pub(crate) fn light_coordinate(problem: &Problem<'_>, now: &Expectations, ensemb
             break;
         }
     }
+    now.with_light(problem, m, moments, columns)
 }
 
-/// One round of exact minimisation over light, reflectance and exposure in turn. Noise stays as it
-/// is. `now` belongs to `ensemble`; so does what is returned to its.
+/// One round of exact minimisation over light, reflectance and exposure in turn, and over the noise
+/// if `noise`. `now` belongs to `ensemble`; so does what is returned to its.
 pub(crate) fn round(
     problem: &Problem<'_>,
     ensemble: &Ensemble,
     mut now: Expectations,
-    grams: &[f64],
-    iterations: usize,
+    grams: &Grams,
+    noise: bool,
 ) -> (Ensemble, Expectations) {
     let mut next = ensemble.clone();
     if problem.m() > 1 {
-        let (means, precisions) = light_step(problem, &now, iterations);
+        let (means, precisions) = light_step(problem, &now, grams);
         for m in 1..problem.m() {
             if matches!(problem.light[m - 1], CoefficientPrior::Mixture(_)) {
                 next.set_l(m, means[m] * precisions[m], precisions[m]);
@@ -175,8 +175,7 @@ pub(crate) fn round(
         }
         now = now.after(problem, &next);
         for m in (1..problem.m()).filter(|&m| matches!(problem.light[m - 1], CoefficientPrior::Rectified(_))) {
-            light_coordinate(problem, &now, &mut next, m);
-            now = now.after(problem, &next);
+            now = light_coordinate(problem, now, &mut next, m, &grams.columns);
         }
     }
     let system = ReflectanceSystem::new(problem, &now, grams);
@@ -187,20 +186,23 @@ pub(crate) fn round(
     now = now.after(problem, &next);
     let precision = now.moments.precision;
     next.set_g(precision * now.iy - problem.hyper.exposure_rate, precision * now.q);
-    rescale(problem, &mut next);
-    now = now.after(problem, &next);
+    let c = best_scale(problem, &next);
+    next.rescale(c);
+    now = now.rescaled(problem, &next, c);
+    if noise {
+        next.set_log_noise(now.best_log_noise(problem));
+        now = now.after(problem, &next);
+    }
     (next, now)
 }
 
 /// The image sees only the product of exposure and reflectance. Along `f -> c f, g -> g / c` the
 /// cost is `c sum_k lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed
 /// form; the other steps would creep along that ridge.
-fn rescale(problem: &Problem<'_>, ensemble: &mut Ensemble) {
+fn best_scale(problem: &Problem<'_>, ensemble: &Ensemble) -> f64 {
     let f: f64 = problem.rates.iter().enumerate().map(|(k, rate)| rate * ensemble.f_moments(k).mean).sum();
     let g = problem.hyper.exposure_rate * ensemble.g_moments().mean;
     let others = problem.k() as f64 - 1.0;
     let c = (others + (others * others + 4.0 * f * g).sqrt()) / (2.0 * f);
-    if c.is_finite() && c > 0.0 {
-        ensemble.rescale(c);
-    }
+    if c.is_finite() && c > 0.0 { c } else { 1.0 }
 }

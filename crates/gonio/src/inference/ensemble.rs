@@ -139,23 +139,26 @@ impl Ensemble {
         self.phi[at + 1] = precision.ln();
     }
 
-    /// `u` of reflectance (K), light (M - 1) and exposure.
+    /// `u` of reflectance (K), light (M - 1) and exposure, and `Phi_5`.
     pub(crate) fn locations(&self) -> Vec<f64> {
-        self.pairs().map(|(natural, log_precision)| self.phi[natural] / self.phi[log_precision].exp()).collect()
+        let u = self.pairs().map(|(natural, log_precision)| self.phi[natural] / self.phi[log_precision].exp());
+        u.chain(std::iter::once(self.log_noise())).collect()
     }
 
-    /// `1 / w` of the same.
-    pub(crate) fn precisions(&self) -> Vec<f64> {
-        self.pairs().map(|(_, log_precision)| self.phi[log_precision].exp()).collect()
+    /// Curvature of the cost in each of them, about: `1 / w`, and half the `pixels`.
+    pub(crate) fn precisions(&self, pixels: f64) -> Vec<f64> {
+        let precisions = self.pairs().map(|(_, log_precision)| self.phi[log_precision].exp());
+        precisions.chain(std::iter::once(0.5 * pixels)).collect()
     }
 
-    /// With other `u` and the same `w` and noise.
+    /// With other [`Self::locations`] and the same `w`.
     pub(crate) fn with_locations(&self, locations: &[f64]) -> Self {
-        let mut phi = self.phi.clone();
+        let mut next = self.clone();
         for ((natural, log_precision), location) in self.pairs().zip(locations) {
-            phi[natural] = location * self.phi[log_precision].exp();
+            next.phi[natural] = location * self.phi[log_precision].exp();
         }
-        Self { phi, ..*self }
+        next.set_log_noise(locations[locations.len() - 1]);
+        next
     }
 
     /// Places of `u / w` and `log(1 / w)` in the flat vector.

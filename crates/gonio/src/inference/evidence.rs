@@ -33,11 +33,11 @@ fn log_gamma(x: f64, shape: f64, rate: f64) -> f64 {
 /// An ensemble that minimises the cost, all factors at their best. Wherever it stops, the cost is a
 /// bound.
 fn settled(problem: &Problem<'_>, mut ensemble: Ensemble) -> (Ensemble, f64) {
-    let grams = problem.bilinear.reflectance_grams();
+    let grams = grams::Grams::new(problem);
     let mut now = Expectations::new(problem, &ensemble);
     let mut cost = f64::INFINITY;
     for _ in 0..1000 {
-        let (moved, expected) = coordinate::round(problem, &ensemble, now, &grams, 30);
+        let (moved, expected) = coordinate::round(problem, &ensemble, now, &grams, false);
         ensemble = moved;
         ensemble.set_log_noise(expected.best_log_noise(problem));
         now = expected.after(problem, &ensemble);

@@ -10,6 +10,7 @@
 use puruspe::ln_gamma;
 
 use super::ensemble::AllMoments;
+use super::grams::Columns;
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
 use crate::transfer::kernels::{axpy, dispatch};
@@ -65,14 +66,34 @@ impl Expectations {
     pub(crate) fn after_moments(self, problem: &Problem<'_>, moments: AllMoments) -> Self {
         let (mf, ml) = (moments.f_means(), moments.l_means());
         let a = if ml == self.moments.l_means() { self.a } else { problem.bilinear.under_light(&ml) };
-        let b = if mf == self.moments.f_means() { self.b } else { problem.bilinear.of_reflectance(&mf) };
-        Self::with(problem, moments, a, b)
+        if mf == self.moments.f_means() {
+            return Self::with_squares(problem, moments, a, self.b, self.b_square);
+        }
+        Self::with(problem, moments, a, problem.bilinear.of_reflectance(&mf))
+    }
+
+    /// With other moments of a single light coefficient. No pass.
+    pub(crate) fn with_light(mut self, problem: &Problem<'_>, m: usize, moments: Moments, columns: &Columns) -> Self {
+        axpy(moments.mean - self.moments.l[m].mean, columns.of(m), &mut self.a);
+        self.moments.l[m] = moments;
+        Self::with_squares(problem, self.moments, self.a, self.b, self.b_square)
+    }
+
+    /// After [`Ensemble::rescale`] by `c` and any change of the exposure. No pass.
+    pub(crate) fn rescaled(mut self, problem: &Problem<'_>, ensemble: &Ensemble, c: f64) -> Self {
+        self.b.iter_mut().for_each(|b| *b *= c);
+        self.b_square.iter_mut().for_each(|b| *b *= c * c);
+        Self::with_squares(problem, ensemble.moments(problem), self.a, self.b, self.b_square)
     }
 
     fn with(problem: &Problem<'_>, moments: AllMoments, a: Vec<f64>, b: Vec<f64>) -> Self {
+        let b_square = columns_squared(&b, problem.m());
+        Self::with_squares(problem, moments, a, b, b_square)
+    }
+
+    fn with_squares(problem: &Problem<'_>, moments: AllMoments, a: Vec<f64>, b: Vec<f64>, b_square: Vec<f64>) -> Self {
         let (op, k, m) = (problem.bilinear, problem.k(), problem.m());
         let y: Vec<f64> = a.chunks_exact(k).map(|a| a.iter().zip(&moments.f).map(|(a, f)| a * f.mean).sum()).collect();
-        let b_square = columns_squared(&b, m);
         let a_square = columns_squared(&a, k);
         let iy = problem.target.iter().zip(&y).map(|(i, y)| i * y).sum();
         let mut q: f64 = y.iter().map(|y| y * y).sum();

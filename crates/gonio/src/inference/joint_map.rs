@@ -7,8 +7,10 @@ use serde::{Deserialize, Serialize};
 use super::acceleration::Anderson;
 use super::coordinate::{ReflectanceSystem, light_step};
 use super::ensemble::AllMoments;
+use super::grams::{Grams, pull_weights};
 use super::{Ensemble, Expectations, Posterior, Problem, StartReport};
 use crate::lighting::{CoefficientPrior, Moments};
+use crate::transfer::kernels::dot;
 
 /// Settings of the joint maximum.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,7 +49,7 @@ pub fn log_posterior(problem: &Problem<'_>, now: &Expectations) -> f64 {
 }
 
 pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress: &(dyn Fn(f64) + Sync)) -> Posterior {
-    let grams = vec![0.0; problem.k() * problem.k() * problem.m()];
+    let grams = Grams::of_points(problem);
     let starts = settings.starts.max(1);
     let runs: Vec<(AllMoments, Vec<f64>, bool)> = (0..starts)
         .map(|start| {
@@ -125,20 +127,23 @@ impl State {
     }
 
     /// Ascent over one block of variables at a time.
-    fn round(self, problem: &Problem<'_>, grams: &[f64]) -> Self {
+    fn round(self, problem: &Problem<'_>, grams: &Grams) -> Self {
         let Self { mut at, mut now, .. } = self;
         // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient
         // alone, cut off at its threshold.
-        let (means, _) = light_step(problem, &now, 12);
+        let (means, _) = light_step(problem, &now, grams);
         at.l = means.into_iter().map(point).collect();
         now = now.after_moments(problem, at.clone());
+        let mut weights = vec![0.0; now.a.len()];
         for (i, prior) in problem.light.iter().enumerate() {
             if let CoefficientPrior::Rectified(p) = prior {
-                let (m, pull) = (i + 1, now.pull(problem));
-                let stiffness = at.precision * at.g.mean_square() * pull.stiffness[m];
-                let natural = at.precision * pull.light[m] + stiffness * at.l[m].mean + p.location / p.variance;
+                let m = i + 1;
+                pull_weights(problem, &now, &now.a, &now.y, &mut weights);
+                let pull = dot(grams.columns.of(m), &weights);
+                let stiffness = at.precision * at.g.mean_square() * now.stiffness(problem)[m];
+                let natural = at.precision * pull + stiffness * at.l[m].mean + p.location / p.variance;
                 at.l[m] = point((natural / (stiffness + 1.0 / p.variance)).max(p.threshold));
-                now = now.after_moments(problem, at.clone());
+                now = now.with_light(problem, m, at.l[m], &grams.columns);
             }
         }
         // Reflectance: coordinate ascent to convergence on the non-negative quadratic.
@@ -159,7 +164,7 @@ impl State {
 fn ascend(
     problem: &Problem<'_>,
     at: AllMoments,
-    grams: &[f64],
+    grams: &Grams,
     settings: &JointMapSettings,
     progress: &dyn Fn(f64),
 ) -> (AllMoments, Vec<f64>, bool) {

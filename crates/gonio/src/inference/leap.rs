@@ -7,6 +7,7 @@
 
 use super::ensemble::AllMoments;
 use super::expectations::{Expectations, expected_precision};
+use super::grams::{Columns, pull_weights};
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
 use crate::transfer::kernels::{axpy, dispatch, dot};
@@ -15,32 +16,6 @@ use crate::transfer::kernels::{axpy, dispatch, dot};
 const ALONE: usize = 200;
 /// Nats by which a leap must lower the cost of its coefficient.
 const GAIN: f64 = 1e-9;
-
-/// The operator with the light coefficient slowest, `[m][row][k]`.
-pub(super) struct Columns {
-    length: usize,
-    data: Vec<f32>,
-}
-
-impl Columns {
-    pub(super) fn new(problem: &Problem<'_>) -> Self {
-        let (op, k_count, m_count) = (problem.bilinear, problem.k(), problem.m());
-        let length = op.rows() * k_count;
-        let mut data = vec![0.0; length * m_count];
-        for i in 0..op.rows() {
-            for (k, block) in op.row(i).chunks_exact(m_count).enumerate() {
-                for (m, x) in block.iter().enumerate() {
-                    data[m * length + i * k_count + k] = *x;
-                }
-            }
-        }
-        Self { length, data }
-    }
-
-    fn column(&self, m: usize) -> &[f32] {
-        &self.data[m * self.length..][..self.length]
-    }
-}
 
 /// What `C_KL` says of one light coefficient with a mixture prior, all else given: up to a
 /// constant `<log q> + S <l^2> / 2 - P <l> - <log p(l)>` with the precision `S` and the push `P` of
@@ -99,23 +74,14 @@ pub(super) fn leap(
 ) -> (Ensemble, Expectations) {
     let mut next = ensemble.clone();
     let AllMoments { f, l, g, precision } = &now.moments;
-    let (f_means, spread): (Vec<f64>, Vec<f64>) = f.iter().map(|f| (f.mean, f.variance)).unzip();
-    let (g1, g2) = (g.mean, g.mean_square());
+    let (f_means, g2) = (now.moments.f_means(), g.mean_square());
     let stiffness = now.stiffness(problem);
     let (mut a, mut y) = (now.a.clone(), now.y.clone());
     let mut weights = vec![0.0; a.len()];
     for (m, prior) in problem.light.iter().enumerate().map(|(i, prior)| (i + 1, prior)) {
         let CoefficientPrior::Mixture(mixture) = prior else { continue };
-        let column = columns.column(m);
-        // sum_ik A_imk [ f_k (<g> I_i - <g^2> y_i) - <g^2> vf_k a_ik ]
-        for (((weights, a), y), i) in
-            weights.chunks_exact_mut(f.len()).zip(a.chunks_exact(f.len())).zip(&y).zip(&problem.target)
-        {
-            let w = g1 * i - g2 * y;
-            for ((weight, a), (f, v)) in weights.iter_mut().zip(a).zip(f_means.iter().zip(&spread)) {
-                *weight = f * w - g2 * v * a;
-            }
-        }
+        let column = columns.of(m);
+        pull_weights(problem, &now, &a, &y, &mut weights);
         let pull = dispatch(|| dot(column, &weights));
         let stiffness = precision * g2 * stiffness[m];
         let alone = Alone { mixture, stiffness, push: precision * pull + stiffness * l[m].mean };

@@ -18,6 +18,7 @@ mod ensemble;
 #[cfg(test)]
 mod evidence;
 mod expectations;
+mod grams;
 mod joint_map;
 mod leap;
 pub mod marginal;

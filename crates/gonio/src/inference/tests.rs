@@ -61,7 +61,7 @@ impl Planted {
     }
 }
 
-fn start(planted: &Planted, seed: u64) -> Ensemble {
+pub(super) fn start(planted: &Planted, seed: u64) -> Ensemble {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
     let mut ensemble = Ensemble::random(&planted.problem(), 0.1, &mut rng);
     ensemble.set_log_noise(-2.0);
@@ -90,7 +90,9 @@ fn updated(problem: &Problem<'_>, ensemble: &Ensemble, which: Coordinate) -> Ens
     let mut out = ensemble.clone();
     match which {
         Coordinate::F(k) => out.copy_f(&full, k),
-        Coordinate::L(m) => coordinate::light_coordinate(problem, &now, &mut out, m),
+        Coordinate::L(m) => {
+            coordinate::light_coordinate(problem, now, &mut out, m, &grams::Grams::of_points(problem).columns);
+        }
         Coordinate::G => out.copy_g(&full),
         Coordinate::Noise => out.set_log_noise(full.log_noise()),
     }
@@ -149,12 +151,12 @@ fn which_index(which: Coordinate) -> super::ensemble::Part {
 fn block_rounds_never_raise_the_cost() {
     let planted = planted(80, 3, 0.02, 3);
     let problem = planted.problem();
-    let grams = planted.image.bilinear.reflectance_grams();
+    let grams = grams::Grams::new(&problem);
     let mut ensemble = start(&planted, 2);
     let mut cost = planted.cost(&ensemble);
     for round in 0..30 {
         let now = Expectations::new(&problem, &ensemble);
-        let (after, expected) = coordinate::round(&problem, &ensemble, now, &grams, 8);
+        let (after, expected) = coordinate::round(&problem, &ensemble, now, &grams, false);
         ensemble = after;
         let next = planted.cost(&ensemble);
         // What is carried along is what would be computed anew.

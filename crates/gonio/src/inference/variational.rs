@@ -4,7 +4,8 @@ use rand::SeedableRng;
 use serde::{Deserialize, Serialize};
 
 use super::acceleration::Anderson;
-use super::leap::{Columns, leap, leap_at_once};
+use super::grams::Grams;
+use super::leap::{leap, leap_at_once};
 use super::{Ensemble, Expectations, Posterior, Problem, StartReport, coordinate};
 
 /// How the next ensemble is found from the present one. The cost and its fixed points are the same.
@@ -50,8 +51,10 @@ impl Default for VariationalSettings {
 
 /// Changes below the tolerance, one after the other, that settle a noise level.
 const SETTLED: usize = 3;
-/// Steps of conjugate gradients of each light step.
-const LIGHT_STEPS: usize = 12;
+/// Change of `C_KL`, in nats, that lets [`Solver::Blocks`] lower the noise.
+const ROUGH: f64 = 0.1;
+/// Change of `Phi_5` from which on the noise is one of the blocks.
+const NEAR: f64 = 0.1;
 /// Share of the last search direction that the next one of [`Solver::Parallel`] keeps: that of the
 /// code that the paper builds on.
 const MOMENTUM: f64 = 0.9;
@@ -69,36 +72,19 @@ impl Run {
     }
 }
 
-/// What the operator gives once for all starts.
-struct Fixed {
-    grams: Vec<f64>,
-    columns: Option<Columns>,
-}
-
-impl Fixed {
-    fn new(problem: &Problem<'_>, solver: Solver) -> Self {
-        match solver {
-            Solver::Blocks => {
-                Self { grams: problem.bilinear.reflectance_grams(), columns: Some(Columns::new(problem)) }
-            }
-            Solver::Parallel | Solver::Printed => Self { grams: Vec::new(), columns: None },
-        }
-    }
-}
-
 pub(super) fn infer(
     problem: &Problem<'_>,
     settings: &VariationalSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Posterior {
-    let fixed = Fixed::new(problem, settings.solver);
+    let grams = Grams::of(problem, settings.solver);
     let starts = settings.starts.max(1);
     let runs: Vec<Run> = (0..starts)
         .map(|start| {
             let mut rng =
                 rand_pcg::Pcg64::seed_from_u64(settings.seed.wrapping_mul(1_000_003).wrapping_add(start as u64));
             let ensemble = Ensemble::random(problem, settings.variance, &mut rng);
-            run(problem, ensemble, &fixed, settings, &|x| progress((start as f64 + x) / starts as f64))
+            run(problem, ensemble, grams.as_ref(), settings, &|x| progress((start as f64 + x) / starts as f64))
         })
         .collect();
     let best = (0..runs.len()).min_by(|&a, &b| runs[a].cost().total_cmp(&runs[b].cost())).expect("at least one start");
@@ -123,10 +109,13 @@ pub(super) fn infer(
 }
 
 /// The two nested loops of Algorithm 1.
+///
+/// The noise of [`Solver::Blocks`] is lowered as soon as a change of the cost falls below
+/// [`ROUGH`], until it changes little; from then on it is one of the blocks.
 fn run(
     problem: &Problem<'_>,
     ensemble: Ensemble,
-    fixed: &Fixed,
+    grams: Option<&Grams>,
     settings: &VariationalSettings,
     progress: &dyn Fn(f64),
 ) -> Run {
@@ -136,10 +125,18 @@ fn run(
     let mut trace = vec![state.cost];
     let mut search = LineSearch { alpha: 1.0, printed, last: Vec::new() };
     let mut anderson = Anderson::new();
-    state = state.leapt(problem, fixed, settings.solver);
+    let mut last = false;
+    if !printed {
+        state = state.leapt(problem, grams);
+    }
     let mut converged = false;
     'noise: loop {
         // At the present noise level.
+        let (tolerance, enough) = match (grams, last) {
+            _ if printed => (settings.tolerance, 1),
+            (Some(_), false) => (settings.tolerance.max(ROUGH), 1),
+            _ => (settings.tolerance, SETTLED),
+        };
         let mut settled = 0;
         anderson.forget();
         loop {
@@ -147,29 +144,34 @@ fn run(
                 break 'noise;
             }
             let before = state.cost;
-            state = match settings.solver {
-                Solver::Blocks => state.round(problem, &fixed.grams, &mut anderson),
-                Solver::Parallel | Solver::Printed => {
+            state = match grams {
+                Some(grams) => state.round(problem, grams, last, &mut anderson),
+                None => {
                     let next = search.step(problem, &state.ensemble, &state.now, before);
                     state.at(problem, next)
                 }
             };
             trace.push(state.cost);
             progress(trace.len() as f64 / (settings.max_iterations + 1) as f64);
-            settled = if (before - state.cost).abs() < settings.tolerance { settled + 1 } else { 0 };
-            if printed && settled > 0 {
+            settled = if (before - state.cost).abs() < tolerance { settled + 1 } else { 0 };
+            if settled < enough {
+                continue;
+            }
+            if printed {
                 break;
             }
-            if settled >= SETTLED {
-                let before = state.cost;
-                state = state.leapt(problem, fixed, settings.solver);
-                if before - state.cost < settings.tolerance {
-                    break;
-                }
-                settled = 0;
-                anderson.forget();
-                search.last.clear();
+            let before = state.cost;
+            state = state.leapt(problem, grams);
+            if before - state.cost < tolerance {
+                break;
             }
+            settled = 0;
+            anderson.forget();
+            search.last.clear();
+        }
+        if last {
+            converged = true;
+            break;
         }
         // Only when all else has converged is the noise lowered, by the step that the line search
         // ended with.
@@ -179,12 +181,20 @@ fn run(
         next.set_log_noise(next.log_noise() + change);
         state = state.at(problem, next);
         trace.push(state.cost);
-        if change.abs() < settings.tolerance {
+        last = grams.is_some() && change.abs() < NEAR;
+        if change.abs() < settings.tolerance && grams.is_none() {
             converged = true;
             break;
         }
     }
     Run { ensemble: state.ensemble, trace, converged }
+}
+
+impl Grams {
+    /// None for the solvers that update in parallel.
+    fn of(problem: &Problem<'_>, solver: Solver) -> Option<Self> {
+        (solver == Solver::Blocks).then(|| Self::new(problem))
+    }
 }
 
 /// An ensemble with what belongs to it.
@@ -201,25 +211,25 @@ impl State {
     }
 
     /// Every light coefficient in the component that is best for it.
-    fn leapt(self, problem: &Problem<'_>, fixed: &Fixed, solver: Solver) -> Self {
-        let (ensemble, now) = match (solver, &fixed.columns) {
-            (Solver::Printed, _) => return self,
-            (_, Some(columns)) => leap(problem, &self.ensemble, self.now, columns),
-            (_, None) => leap_at_once(problem, &self.ensemble, self.now),
+    fn leapt(self, problem: &Problem<'_>, grams: Option<&Grams>) -> Self {
+        let (ensemble, now) = match grams {
+            Some(grams) => leap(problem, &self.ensemble, self.now, &grams.columns),
+            None => leap_at_once(problem, &self.ensemble, self.now),
         };
         Self { cost: now.cost(problem), ensemble, now }
     }
 
     /// A round of exact minimisation over blocks, and the step that Anderson acceleration makes of
     /// it and of those before if that is lower still.
-    fn round(self, problem: &Problem<'_>, grams: &[f64], anderson: &mut Anderson) -> Self {
-        let (ensemble, now) = coordinate::round(problem, &self.ensemble, self.now, grams, LIGHT_STEPS);
+    fn round(self, problem: &Problem<'_>, grams: &Grams, noise: bool, anderson: &mut Anderson) -> Self {
+        let (ensemble, now) = coordinate::round(problem, &self.ensemble, self.now, grams, noise);
         let next = Self { cost: now.cost(problem), ensemble, now };
         let (from, to) = (self.ensemble.locations(), next.ensemble.locations());
-        let Some(locations) = anderson.next(&from, &to, &next.ensemble.precisions()) else { return next };
+        let Some(locations) = anderson.next(&from, &to, &next.ensemble.precisions(problem.pixels)) else { return next };
         let ensemble = next.ensemble.with_locations(&locations);
         let now = Expectations::new(problem, &ensemble);
         let cost = now.cost(problem);
+        // Not a number where the step left the range of exponentials.
         if cost < next.cost {
             return Self { ensemble, now, cost };
         }
@@ -336,7 +346,7 @@ fn vertex(a: (f64, f64), b: (f64, f64), c: (f64, f64)) -> f64 {
 pub(super) fn end(problem: &Problem<'_>, settings: &VariationalSettings) -> (Ensemble, f64, usize) {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(settings.seed);
     let ensemble = Ensemble::random(problem, settings.variance, &mut rng);
-    let run = run(problem, ensemble, &Fixed::new(problem, settings.solver), settings, &|_| ());
+    let run = run(problem, ensemble, Grams::of(problem, settings.solver).as_ref(), settings, &|_| ());
     assert!(run.converged, "{settings:?}");
     let cost = run.cost();
     (run.ensemble, cost, run.trace.len() - 1)

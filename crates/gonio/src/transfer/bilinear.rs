@@ -113,23 +113,6 @@ impl Bilinear {
         })
     }
 
-    /// `sum_ik A_imk ( f_k y_i + v_k a_ik )` (M) with `a_ik = sum_m A_imk p_m` and
-    /// `y_i = sum_k a_ik f_k`: the curvature `B'B + sum_k v_k A_k'A_k` of the expected residual in
-    /// the light, times `p`. One pass.
-    pub fn light_curvature(&self, p: &[f64], f: &[f64], v: &[f64]) -> Vec<f64> {
-        assert!(p.len() == self.m && f.len() == self.k && v.len() == self.k);
-        self.sum_over_rows(self.m, |_, row, sum| {
-            let mut a = vec![0.0; self.k];
-            for (a, block) in a.iter_mut().zip(row.chunks_exact(self.m)) {
-                *a = dot(block, p);
-            }
-            let y: f64 = a.iter().zip(f).map(|(a, f)| a * f).sum();
-            for ((block, a), (f, v)) in row.chunks_exact(self.m).zip(&a).zip(f.iter().zip(v)) {
-                axpy(f * y + v * a, block, sum);
-            }
-        })
-    }
-
     /// `sum_i A_imk A_imj` (`[k][j][m]`, for `j <= k` only): how alike the basis functions look in
     /// the light of each coefficient.
     pub fn reflectance_grams(&self) -> Vec<f64> {
@@ -256,17 +239,6 @@ pub(crate) mod tests {
         for (k, j, m) in [(0, 0, 3), (2, 1, 16), (1, 0, 0)] {
             let want: f64 = (0..70).map(|i| entry(i, k, m) * entry(i, j, m)).sum();
             assert!((grams[(k * 3 + j) * 17 + m] - want).abs() < 1e-10);
-        }
-        let v = random(3, 11);
-        let curvature: Vec<f64> = (0..70)
-            .flat_map(|i| (0..3).map(move |k| (i, k)))
-            .map(|(i, k)| {
-                let y: f64 = (0..3).map(|k| f[k] * a[i * 3 + k]).sum();
-                f[k] * y + v[k] * a[i * 3 + k]
-            })
-            .collect();
-        for (got, want) in op.light_curvature(&l, &f, &v).iter().zip(op.light_adjoint(&curvature)) {
-            assert!((got - want).abs() < 1e-10);
         }
         let y = op.apply(&l, &f);
         for i in 0..70 {

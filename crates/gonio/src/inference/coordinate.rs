@@ -1,81 +1,126 @@
 //! Exact minimisation over one block of variables at a time: steps that can never raise `C_KL`.
+//!
+//! A round makes two passes over the operator and the Gram matrix of what it is for the present
+//! reflectance; everything else is as large as M x M or less.
+
+use faer::Mat;
 
 use super::ensemble::AllMoments;
-use super::expectations::{Expectations, prior_pull};
-use super::grams::{Columns, Grams, pull_weights, symmetric_times};
+use super::expectations::{Sums, columns_squared, prior_pull};
+use super::grams::{Grams, symmetric_times};
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments};
-use crate::transfer::kernels::dot;
+use crate::transfer::kernels::{axpy, dispatch, dot};
 
 /// Steps of conjugate gradients at most.
 const LIGHT_STEPS: usize = 40;
 
-/// The means of all light coefficients with mixture priors at once, given all else, by
-/// preconditioned conjugate gradients from their present values:
-///
-/// ```text
-/// ( <b><g^2> [ B'B + sum_k vf_k A_k'A_k ] + diag d ) l = <b><g> B'I,    d_m = sum_n r_n / s_n^2
-/// ```
-///
-/// Stopping early is safe: every step of conjugate gradients lowers the quadratic. Returns new
-/// means (DC and rectified coefficients unchanged) and the precisions `1/w` that go with them.
-pub(crate) fn light_step(problem: &Problem<'_>, now: &Expectations, grams: &Grams) -> (Vec<f64>, Vec<f64>) {
-    let m_count = problem.m();
-    let AllMoments { l, g, precision, .. } = &now.moments;
-    let stiffness = precision * g.mean_square();
-    let pull = now.pull(problem);
-    let priors: Vec<f64> = std::iter::once(0.0)
-        .chain(problem.light.iter().zip(&l[1..]).map(|(prior, l)| prior_pull(prior, l).1))
-        .collect();
-    let free: Vec<bool> = std::iter::once(false)
-        .chain(problem.light.iter().map(|prior| matches!(prior, CoefficientPrior::Mixture(_))))
-        .collect();
-    let diagonal: Vec<f64> = pull.stiffness.iter().zip(&priors).map(|(s, d)| stiffness * s + d).collect();
-    let mask = |x: Vec<f64>| -> Vec<f64> { x.into_iter().zip(&free).map(|(x, f)| if *f { x } else { 0.0 }).collect() };
-    let curvature = grams.light_curvature(now);
-    let apply = |p: &[f64]| {
-        let out = symmetric_times(&curvature, p).into_iter().zip(p.iter().zip(&priors));
-        mask(out.map(|(s, (p, d))| stiffness * s + d * p).collect())
-    };
-    let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut means = now.moments.l_means();
-    let mut residual = mask((0..m_count).map(|m| precision * pull.light[m] - priors[m] * means[m]).collect());
-    let precondition = |r: &[f64]| -> Vec<f64> { r.iter().zip(&diagonal).map(|(r, d)| r / d).collect() };
-    let mut z = precondition(&residual);
-    let mut p = z.clone();
-    let mut rz = inner(&residual, &z);
-    let start = rz;
-    for _ in 0..LIGHT_STEPS {
-        // Half of rz is about how much the cost can still fall.
-        if rz <= 1e-10 * start || rz < 1e-10 {
-            break;
+/// Quadratic form of the residual in the light, reflectance marginalised under q.
+pub(crate) struct LightSystem {
+    /// `B'B + sum_k vf_k A_k' A_k` (M x M). Single precision moves its minimum by less than
+    /// anything seen in the cost.
+    curvature: Mat<f32>,
+    /// Its diagonal `S_m`.
+    stiffness: Vec<f64>,
+    /// `B'I`.
+    target: Vec<f64>,
+}
+
+impl LightSystem {
+    pub(crate) fn new(problem: &Problem<'_>, f: &[Moments], grams: &Grams) -> Self {
+        let means: Vec<f64> = f.iter().map(|f| f.mean).collect();
+        let b = problem.bilinear.of_reflectance(&means);
+        let mut stiffness = columns_squared(&b, problem.m());
+        for (f, squares) in f.iter().zip(problem.bilinear.squares().chunks_exact(problem.m())) {
+            stiffness.iter_mut().zip(squares).for_each(|(s, w)| *s += f.variance * w);
         }
-        let ap = apply(&p);
-        let alpha = rz / inner(&p, &ap);
-        means.iter_mut().zip(&p).for_each(|(x, p)| *x += alpha * p);
-        residual.iter_mut().zip(&ap).for_each(|(r, a)| *r -= alpha * a);
-        z = precondition(&residual);
-        let next = inner(&residual, &z);
-        p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + next / rz * *p);
-        rz = next;
+        let mut target = vec![0.0; problem.m()];
+        dispatch(|| {
+            for (row, i) in b.chunks_exact(problem.m()).zip(&problem.target) {
+                axpy(*i, row, &mut target);
+            }
+        });
+        Self { curvature: grams.light_curvature(&b, f), stiffness, target }
     }
-    (means, diagonal)
+
+    /// The means of all light coefficients with mixture priors at once, given all else, by
+    /// preconditioned conjugate gradients from their present values:
+    ///
+    /// ```text
+    /// ( <b><g^2> [ B'B + sum_k vf_k A_k'A_k ] + diag d ) l = <b><g> B'I,    d_m = sum_n r_n / s_n^2
+    /// ```
+    ///
+    /// Stopping early is safe: every step of conjugate gradients lowers the quadratic. Returns new
+    /// means (DC and rectified coefficients unchanged) and the precisions `1/w` that go with them.
+    pub(crate) fn means(&self, problem: &Problem<'_>, moments: &AllMoments) -> (Vec<f64>, Vec<f64>) {
+        let AllMoments { l, g, precision, .. } = moments;
+        let stiffness = precision * g.mean_square();
+        let priors: Vec<f64> = std::iter::once(0.0)
+            .chain(problem.light.iter().zip(&l[1..]).map(|(prior, l)| prior_pull(prior, l).1))
+            .collect();
+        let free: Vec<bool> = std::iter::once(false)
+            .chain(problem.light.iter().map(|prior| matches!(prior, CoefficientPrior::Mixture(_))))
+            .collect();
+        let diagonal: Vec<f64> = self.stiffness.iter().zip(&priors).map(|(s, d)| stiffness * s + d).collect();
+        let mask =
+            |x: Vec<f64>| -> Vec<f64> { x.into_iter().zip(&free).map(|(x, f)| if *f { x } else { 0.0 }).collect() };
+        let apply = |p: &[f64]| -> Vec<f64> {
+            let out = symmetric_times(&self.curvature, p).into_iter().zip(p.iter().zip(&priors));
+            out.map(|(s, (p, d))| stiffness * s + d * p).collect()
+        };
+        let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut means = moments.l_means();
+        let present = apply(&means);
+        let push = precision * g.mean;
+        let mut residual = mask(self.target.iter().zip(&present).map(|(t, p)| push * t - p).collect());
+        let precondition = |r: &[f64]| -> Vec<f64> { r.iter().zip(&diagonal).map(|(r, d)| r / d).collect() };
+        let mut z = precondition(&residual);
+        let mut p = z.clone();
+        let mut rz = inner(&residual, &z);
+        let start = rz;
+        for _ in 0..LIGHT_STEPS {
+            // Half of rz is about how much the cost can still fall.
+            if rz <= 1e-8 * start || rz < 1e-9 {
+                break;
+            }
+            let ap = mask(apply(&p));
+            let alpha = rz / inner(&p, &ap);
+            means.iter_mut().zip(&p).for_each(|(x, p)| *x += alpha * p);
+            residual.iter_mut().zip(&ap).for_each(|(r, a)| *r -= alpha * a);
+            z = precondition(&residual);
+            let next = inner(&residual, &z);
+            p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + next / rz * *p);
+            rz = next;
+        }
+        (means, diagonal)
+    }
+
+    /// Precision `1/w` and `u/w` that the image gives coefficient `m`, all else given.
+    pub(crate) fn push(&self, moments: &AllMoments, m: usize) -> (f64, f64) {
+        let AllMoments { l, g, precision, .. } = moments;
+        let column = self.curvature.col(m).try_as_col_major().expect("a matrix is stored by columns").as_slice();
+        let along = dispatch(|| dot(column, &moments.l_means()));
+        let stiffness = precision * g.mean_square() * self.stiffness[m];
+        (stiffness, precision * (g.mean * self.target[m] - g.mean_square() * along) + stiffness * l[m].mean)
+    }
 }
 
 /// Quadratic form of the residual in the reflectance coefficients, light marginalised under q.
 pub(crate) struct ReflectanceSystem {
     /// `sum_i [a_ik a_ij + sum_m vl_m A_imk A_imj]`, K x K.
-    pub(crate) gram: Vec<f64>,
+    gram: Vec<f64>,
     /// `sum_i I_i a_ik`.
-    pub(crate) target: Vec<f64>,
+    target: Vec<f64>,
 }
 
 impl ReflectanceSystem {
-    pub(crate) fn new(problem: &Problem<'_>, now: &Expectations, grams: &Grams) -> Self {
+    pub(crate) fn new(problem: &Problem<'_>, l: &[Moments], grams: &Grams) -> Self {
         let (k, m) = (problem.k(), problem.m());
+        let means: Vec<f64> = l.iter().map(|l| l.mean).collect();
+        let a = problem.bilinear.under_light(&means);
         let mut gram = vec![0.0; k * k];
         let mut target = vec![0.0; k];
-        for (a, i) in now.a.chunks_exact(k).zip(&problem.target) {
+        for (a, i) in a.chunks_exact(k).zip(&problem.target) {
             for x in 0..k {
                 target[x] += i * a[x];
                 for y in 0..=x {
@@ -85,16 +130,29 @@ impl ReflectanceSystem {
         }
         for x in 0..k {
             for y in 0..=x {
-                let spread: f64 = grams.reflectance[(x * k + y) * m..][..m]
-                    .iter()
-                    .zip(&now.moments.l)
-                    .map(|(g, l)| g * l.variance)
-                    .sum();
+                let spread: f64 =
+                    grams.reflectance[(x * k + y) * m..][..m].iter().zip(l).map(|(g, l)| g * l.variance).sum();
                 gram[x * k + y] += spread;
                 gram[y * k + x] = gram[x * k + y];
             }
         }
         Self { gram, target }
+    }
+
+    /// Diagonal of the Gram matrix (K).
+    pub(crate) fn diagonal(&self) -> Vec<f64> {
+        let k = self.target.len();
+        (0..k).map(|x| self.gram[x * k + x]).collect()
+    }
+
+    /// The sums of the cost for a reflectance.
+    pub(crate) fn sums(&self, f: &[Moments]) -> Sums {
+        let iy = self.target.iter().zip(f).map(|(t, f)| t * f.mean).sum();
+        let mut q = 0.0;
+        for (x, row) in self.gram.chunks_exact(f.len()).enumerate() {
+            q += f[x].mean * row.iter().zip(f).map(|(h, f)| h * f.mean).sum::<f64>() + f[x].variance * row[x];
+        }
+        Sums { iy, q }
     }
 
     /// Coordinate descent to convergence: `u/w` and `1/w` of every coefficient, with
@@ -126,21 +184,15 @@ impl ReflectanceSystem {
     }
 }
 
-/// One exact update of a single light coefficient, responsibilities included, given all else; for
-/// the rectified coefficient and for tests. Returns what belongs to the ensemble then.
-pub(crate) fn light_coordinate(
+/// One exact update of a single light coefficient to which the image gives precision `stiffness`
+/// and pull `push`, responsibilities included, from the moments that it has.
+pub(crate) fn settle_light(
     problem: &Problem<'_>,
-    now: Expectations,
     ensemble: &mut Ensemble,
     m: usize,
-    columns: &Columns,
-) -> Expectations {
-    let AllMoments { l, g, precision, .. } = &now.moments;
-    let mut weights = vec![0.0; now.a.len()];
-    pull_weights(problem, &now, &now.a, &now.y, &mut weights);
-    let stiffness = precision * g.mean_square() * now.stiffness(problem)[m];
-    let push = precision * dot(columns.of(m), &weights) + stiffness * l[m].mean;
-    let mut moments = l[m];
+    (stiffness, push): (f64, f64),
+    mut moments: Moments,
+) -> Moments {
     // The responsibilities depend on the coefficient's own moments: a fixed point, monotone in the
     // cost.
     for _ in 0..200 {
@@ -153,47 +205,44 @@ pub(crate) fn light_coordinate(
             break;
         }
     }
-    now.with_light(problem, m, moments, columns)
+    moments
 }
 
 /// One round of exact minimisation over light, reflectance and exposure in turn, and over the noise
-/// if `noise`. `now` belongs to `ensemble`; so does what is returned to its.
-pub(crate) fn round(
-    problem: &Problem<'_>,
-    ensemble: &Ensemble,
-    mut now: Expectations,
-    grams: &Grams,
-    noise: bool,
-) -> (Ensemble, Expectations) {
+/// if `noise`. Returns the ensemble and its cost.
+pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, noise: bool) -> (Ensemble, f64) {
     let mut next = ensemble.clone();
+    let mut moments = ensemble.moments(problem);
     if problem.m() > 1 {
-        let (means, precisions) = light_step(problem, &now, grams);
+        let system = LightSystem::new(problem, &moments.f, grams);
+        let (means, precisions) = system.means(problem, &moments);
         for m in 1..problem.m() {
             if matches!(problem.light[m - 1], CoefficientPrior::Mixture(_)) {
                 next.set_l(m, means[m] * precisions[m], precisions[m]);
+                moments.l[m] = Moments::gaussian(means[m], 1.0 / precisions[m]);
             }
         }
-        now = now.after(problem, &next);
         for m in (1..problem.m()).filter(|&m| matches!(problem.light[m - 1], CoefficientPrior::Rectified(_))) {
-            now = light_coordinate(problem, now, &mut next, m, &grams.columns);
+            let push = system.push(&moments, m);
+            moments.l[m] = settle_light(problem, &mut next, m, push, moments.l[m]);
         }
     }
-    let system = ReflectanceSystem::new(problem, &now, grams);
-    system.descend(problem, &now.moments, |k, natural, precision| {
+    let system = ReflectanceSystem::new(problem, &moments.l, grams);
+    moments.f = system.descend(problem, &moments, |k, natural, precision| {
         next.set_f(k, natural, precision);
         next.f_moments(k)
     });
-    now = now.after(problem, &next);
-    let precision = now.moments.precision;
-    next.set_g(precision * now.iy - problem.hyper.exposure_rate, precision * now.q);
-    let c = best_scale(problem, &next);
-    next.rescale(c);
-    now = now.rescaled(problem, &next, c);
+    let sums = system.sums(&moments.f);
+    next.set_g(moments.precision * sums.iy - problem.hyper.exposure_rate, moments.precision * sums.q);
+    next.rescale(best_scale(problem, &next));
+    (moments.f, moments.g) = ((0..problem.k()).map(|k| next.f_moments(k)).collect(), next.g_moments());
+    let sums = system.sums(&moments.f);
     if noise {
-        next.set_log_noise(now.best_log_noise(problem));
-        now = now.after(problem, &next);
+        next.set_log_noise(sums.best_log_noise(problem, &moments.g));
+        moments.precision = (-next.log_noise()).exp();
     }
-    (next, now)
+    let cost = sums.cost(problem, &moments);
+    (next, cost)
 }
 
 /// The image sees only the product of exposure and reflectance. Along `f -> c f, g -> g / c` the

@@ -34,14 +34,10 @@ fn log_gamma(x: f64, shape: f64, rate: f64) -> f64 {
 /// bound.
 fn settled(problem: &Problem<'_>, mut ensemble: Ensemble) -> (Ensemble, f64) {
     let grams = grams::Grams::new(problem);
-    let mut now = Expectations::new(problem, &ensemble);
     let mut cost = f64::INFINITY;
     for _ in 0..1000 {
-        let (moved, expected) = coordinate::round(problem, &ensemble, now, &grams, false);
+        let (moved, next) = coordinate::round(problem, &ensemble, &grams, true);
         ensemble = moved;
-        ensemble.set_log_noise(expected.best_log_noise(problem));
-        now = expected.after(problem, &ensemble);
-        let next = now.cost(problem);
         if cost - next < 1e-9 {
             return (ensemble, next);
         }

@@ -10,10 +10,8 @@
 use puruspe::ln_gamma;
 
 use super::ensemble::AllMoments;
-use super::grams::Columns;
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
-use crate::transfer::kernels::{axpy, dispatch};
 
 /// What the residual of eq. 9 looks like under q, and the cost.
 #[derive(Clone, Debug)]
@@ -28,10 +26,51 @@ pub struct Expectations {
     pub(crate) b_square: Vec<f64>,
     /// `sum_i a_ik^2`.
     pub(crate) a_square: Vec<f64>,
+    pub(crate) sums: Sums,
+}
+
+/// All that the cost sees of the image.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sums {
     /// `sum_i I_i y_i`.
     pub(crate) iy: f64,
     /// `sum_i Q_i`.
     pub(crate) q: f64,
+}
+
+impl Sums {
+    /// `E`, the expected squared residual over all pixels, for these moments of the exposure.
+    pub(crate) fn residual(self, problem: &Problem<'_>, g: &Moments) -> f64 {
+        (problem.energy - 2.0 * g.mean * self.iy + g.mean_square() * self.q).max(0.0)
+    }
+
+    /// `Phi_5` that minimises the cost given all else: `log((b_0 + E/2) / a_p)`.
+    pub(crate) fn best_log_noise(self, problem: &Problem<'_>, g: &Moments) -> f64 {
+        ((problem.hyper.noise_rate + 0.5 * self.residual(problem, g)) / problem.noise_shape()).ln()
+    }
+
+    /// `C_KL` at these moments.
+    pub(crate) fn cost(self, problem: &Problem<'_>, moments: &AllMoments) -> f64 {
+        let reflectance: f64 =
+            moments.f.iter().zip(&problem.rates).map(|(f, rate)| f.mean_log - rate.ln() + rate * f.mean).sum();
+        let light: f64 =
+            problem.light.iter().zip(&moments.l[1..]).map(|(prior, l)| l.mean_log - expected_log_prior(prior, l)).sum();
+        let (g, rate) = (&moments.g, problem.hyper.exposure_rate);
+        let exposure = g.mean_log - rate.ln() + rate * g.mean;
+        reflectance + light + exposure + self.noise_cost(problem, moments)
+    }
+
+    /// The terms of the noise: `KL(q(b) || p(b)) - <log p(I | ...)>`. With `a_p = a_0 + N/2` fixed,
+    /// digamma cancels.
+    fn noise_cost(self, problem: &Problem<'_>, moments: &AllMoments) -> f64 {
+        let (a0, b0, a) = (problem.hyper.noise_shape, problem.hyper.noise_rate, problem.noise_shape());
+        let precision = moments.precision;
+        let rate = a / precision;
+        let half_n = 0.5 * problem.pixels;
+        let divergence = ln_gamma(a0) - ln_gamma(a) + a * rate.ln() - a0 * b0.ln() + precision * (b0 - rate);
+        let likelihood = half_n * std::f64::consts::TAU.ln() + 0.5 * precision * self.residual(problem, &moments.g);
+        divergence + likelihood
+    }
 }
 
 /// Gradient and diagonal curvature of the expected log likelihood in the light, without the factor
@@ -49,8 +88,7 @@ impl Expectations {
         Self::of_moments(problem, ensemble.moments(problem))
     }
 
-    /// Under given moments; of variance zero for a point estimate.
-    pub(crate) fn of_moments(problem: &Problem<'_>, moments: AllMoments) -> Self {
+    fn of_moments(problem: &Problem<'_>, moments: AllMoments) -> Self {
         let a = problem.bilinear.under_light(&moments.l_means());
         let b = problem.bilinear.of_reflectance(&moments.f_means());
         Self::with(problem, moments, a, b)
@@ -59,31 +97,13 @@ impl Expectations {
     /// Under the moments of another ensemble: a pass for the means of light, one for those of
     /// reflectance, and none for what has not changed.
     pub(crate) fn after(self, problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
-        self.after_moments(problem, ensemble.moments(problem))
-    }
-
-    /// The same for given moments.
-    pub(crate) fn after_moments(self, problem: &Problem<'_>, moments: AllMoments) -> Self {
+        let moments = ensemble.moments(problem);
         let (mf, ml) = (moments.f_means(), moments.l_means());
         let a = if ml == self.moments.l_means() { self.a } else { problem.bilinear.under_light(&ml) };
         if mf == self.moments.f_means() {
             return Self::with_squares(problem, moments, a, self.b, self.b_square);
         }
         Self::with(problem, moments, a, problem.bilinear.of_reflectance(&mf))
-    }
-
-    /// With other moments of a single light coefficient. No pass.
-    pub(crate) fn with_light(mut self, problem: &Problem<'_>, m: usize, moments: Moments, columns: &Columns) -> Self {
-        axpy(moments.mean - self.moments.l[m].mean, columns.of(m), &mut self.a);
-        self.moments.l[m] = moments;
-        Self::with_squares(problem, self.moments, self.a, self.b, self.b_square)
-    }
-
-    /// After [`Ensemble::rescale`] by `c` and any change of the exposure. No pass.
-    pub(crate) fn rescaled(mut self, problem: &Problem<'_>, ensemble: &Ensemble, c: f64) -> Self {
-        self.b.iter_mut().for_each(|b| *b *= c);
-        self.b_square.iter_mut().for_each(|b| *b *= c * c);
-        Self::with_squares(problem, ensemble.moments(problem), self.a, self.b, self.b_square)
     }
 
     fn with(problem: &Problem<'_>, moments: AllMoments, a: Vec<f64>, b: Vec<f64>) -> Self {
@@ -102,41 +122,13 @@ impl Expectations {
         for (w, f) in op.squares().chunks_exact(m).zip(&moments.f) {
             q += f.variance * w.iter().zip(&moments.l).map(|(w, l)| w * l.variance).sum::<f64>();
         }
-        Self { moments, a, b, y, b_square, a_square, iy, q }
-    }
-
-    /// `E`, the expected squared residual over all pixels.
-    pub fn residual(&self, problem: &Problem<'_>) -> f64 {
-        let g = &self.moments.g;
-        (problem.energy - 2.0 * g.mean * self.iy + g.mean_square() * self.q).max(0.0)
+        Self { moments, a, b, y, b_square, a_square, sums: Sums { iy, q } }
     }
 
     /// `C_KL` of eq. 11. Its difference to minus the log evidence is the divergence of q from the
     /// posterior.
     pub fn cost(&self, problem: &Problem<'_>) -> f64 {
-        let reflectance: f64 =
-            self.moments.f.iter().zip(&problem.rates).map(|(f, rate)| f.mean_log - rate.ln() + rate * f.mean).sum();
-        let light: f64 = problem
-            .light
-            .iter()
-            .zip(&self.moments.l[1..])
-            .map(|(prior, l)| l.mean_log - expected_log_prior(prior, l))
-            .sum();
-        let (g, rate) = (&self.moments.g, problem.hyper.exposure_rate);
-        let exposure = g.mean_log - rate.ln() + rate * g.mean;
-        reflectance + light + exposure + self.noise_cost(problem)
-    }
-
-    /// The terms of the noise: `KL(q(b) || p(b)) - <log p(I | ...)>`. With `a_p = a_0 + N/2` fixed,
-    /// digamma cancels.
-    fn noise_cost(&self, problem: &Problem<'_>) -> f64 {
-        let (a0, b0, a) = (problem.hyper.noise_shape, problem.hyper.noise_rate, problem.noise_shape());
-        let precision = self.moments.precision;
-        let rate = a / precision;
-        let half_n = 0.5 * problem.pixels;
-        let divergence = ln_gamma(a0) - ln_gamma(a) + a * rate.ln() - a0 * b0.ln() + precision * (b0 - rate);
-        let likelihood = half_n * std::f64::consts::TAU.ln() + 0.5 * precision * self.residual(problem);
-        divergence + likelihood
+        self.sums.cost(problem, &self.moments)
     }
 
     /// `Phi*`: every parameter updated from the present state (Algorithm 1, "Update").
@@ -159,28 +151,23 @@ impl Expectations {
             let natural = precision * (pull.light[m] + g2 * pull.stiffness[m] * l.mean) + prior_natural;
             next.set_l(m, natural, precision * g2 * pull.stiffness[m] + prior_precision);
         }
-        next.set_g(precision * self.iy - problem.hyper.exposure_rate, precision * self.q);
-        next.set_log_noise(self.best_log_noise(problem));
+        next.set_g(precision * self.sums.iy - problem.hyper.exposure_rate, precision * self.sums.q);
+        next.set_log_noise(self.sums.best_log_noise(problem, g));
         next
     }
 
-    /// What the data say about the light, given all else: one pass over the operator, none for a
-    /// point estimate.
+    /// What the data say about the light, given all else: one pass over the operator.
     pub(crate) fn pull(&self, problem: &Problem<'_>) -> Pull {
         let k_count = problem.k();
         let AllMoments { f, g, .. } = &self.moments;
         let weights = self.weights(problem);
-        let light = if f.iter().all(|f| f.variance == 0.0) {
-            rows_combined(&self.b, &weights)
-        } else {
-            // sum_k A_imk ( f_k (<g> I_i - <g^2> y_i) - <g^2> vf_k a_ik )
-            let g2 = g.mean_square();
-            let mut x = self.a.clone();
-            for (x, w) in x.chunks_exact_mut(k_count).zip(&weights) {
-                x.iter_mut().zip(f).for_each(|(x, f)| *x = f.mean * w - g2 * f.variance * *x);
-            }
-            problem.bilinear.light_adjoint(&x)
-        };
+        // sum_k A_imk ( f_k (<g> I_i - <g^2> y_i) - <g^2> vf_k a_ik )
+        let g2 = g.mean_square();
+        let mut x = self.a.clone();
+        for (x, w) in x.chunks_exact_mut(k_count).zip(&weights) {
+            x.iter_mut().zip(f).for_each(|(x, f)| *x = f.mean * w - g2 * f.variance * *x);
+        }
+        let light = problem.bilinear.light_adjoint(&x);
         Pull { light, stiffness: self.stiffness(problem) }
     }
 
@@ -198,26 +185,10 @@ impl Expectations {
         let g = &self.moments.g;
         problem.target.iter().zip(&self.y).map(|(i, y)| g.mean * i - g.mean_square() * y).collect()
     }
-
-    /// `Phi_5` that minimises the cost given all else: `log((b_0 + E/2) / a_p)`.
-    pub(crate) fn best_log_noise(&self, problem: &Problem<'_>) -> f64 {
-        ((problem.hyper.noise_rate + 0.5 * self.residual(problem)) / problem.noise_shape()).ln()
-    }
 }
 
 fn dot_variance(x: &[f64], l: &[Moments]) -> f64 {
     x.iter().zip(l).map(|(x, l)| x * l.variance).sum()
-}
-
-/// `sum_i x_i b_i` of the rows of a matrix.
-fn rows_combined(b: &[f64], x: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; b.len() / x.len().max(1)];
-    dispatch(|| {
-        for (row, x) in b.chunks_exact(out.len().max(1)).zip(x) {
-            axpy(*x, row, &mut out);
-        }
-    });
-    out
 }
 
 /// Sum of squares of each column of a row-major matrix.

@@ -5,12 +5,12 @@ use rand::SeedableRng;
 use serde::{Deserialize, Serialize};
 
 use super::acceleration::Anderson;
-use super::coordinate::{ReflectanceSystem, light_step};
+use super::coordinate::{LightSystem, ReflectanceSystem};
 use super::ensemble::AllMoments;
-use super::grams::{Grams, pull_weights};
-use super::{Ensemble, Expectations, Posterior, Problem, StartReport};
+use super::expectations::Sums;
+use super::grams::Grams;
+use super::{Ensemble, Posterior, Problem, StartReport};
 use crate::lighting::{CoefficientPrior, Moments};
-use crate::transfer::kernels::dot;
 
 /// Settings of the joint maximum.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,16 +35,15 @@ fn point(mean: f64) -> Moments {
     Moments { mean, variance: 0.0, mean_log: 0.0 }
 }
 
-/// Logarithm of eq. 10 up to the evidence, at the means of `now`.
-pub fn log_posterior(problem: &Problem<'_>, now: &Expectations) -> f64 {
-    let m = &now.moments;
+/// Logarithm of eq. 10 up to the evidence, at a point.
+fn log_posterior(problem: &Problem<'_>, m: &AllMoments, sums: Sums) -> f64 {
     let reflectance: f64 = m.f.iter().zip(&problem.rates).map(|(f, rate)| rate.ln() - rate * f.mean).sum();
     let light: f64 = problem.light.iter().zip(&m.l[1..]).map(|(prior, l)| prior.log_density(l.mean)).sum();
     let exposure = problem.hyper.exposure_rate.ln() - problem.hyper.exposure_rate * m.g.mean;
     let (a0, b0) = (problem.hyper.noise_shape, problem.hyper.noise_rate);
     let noise = a0 * b0.ln() - puruspe::ln_gamma(a0) + (a0 - 1.0) * m.precision.ln() - b0 * m.precision;
-    let likelihood =
-        0.5 * problem.pixels * (m.precision / std::f64::consts::TAU).ln() - 0.5 * m.precision * now.residual(problem);
+    let likelihood = 0.5 * problem.pixels * (m.precision / std::f64::consts::TAU).ln()
+        - 0.5 * m.precision * sums.residual(problem, &m.g);
     reflectance + light + exposure + noise + likelihood
 }
 
@@ -82,81 +81,55 @@ pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress
     }
 }
 
-/// A point estimate with what belongs to it.
-struct State {
-    at: AllMoments,
-    now: Expectations,
-    /// Minus the log posterior.
-    cost: f64,
+/// Reflectance, light but DC, exposure.
+fn coordinates(at: &AllMoments) -> Vec<f64> {
+    at.f.iter().chain(&at.l[1..]).chain(std::iter::once(&at.g)).map(|x| x.mean).collect()
 }
 
-impl State {
-    fn new(problem: &Problem<'_>, at: AllMoments) -> Self {
-        let now = Expectations::of_moments(problem, at.clone());
-        Self { cost: -log_posterior(problem, &now), at, now }
+/// A point estimate at other coordinates, moved to where the prior has mass; same noise.
+fn at_coordinates(problem: &Problem<'_>, at: &AllMoments, coordinates: &[f64]) -> AllMoments {
+    let k = problem.k();
+    let mut at = at.clone();
+    at.f = coordinates[..k].iter().map(|f| point(f.max(0.0))).collect();
+    for (i, (prior, l)) in problem.light.iter().zip(&coordinates[k..]).enumerate() {
+        at.l[i + 1] = point(match prior {
+            CoefficientPrior::Mixture(_) => *l,
+            CoefficientPrior::Rectified(p) => l.max(p.threshold),
+        });
     }
+    at.g = point(coordinates[coordinates.len() - 1].max(1e-12));
+    at
+}
 
-    /// Reflectance, light but DC, exposure.
-    fn coordinates(&self) -> Vec<f64> {
-        let AllMoments { f, l, g, .. } = &self.at;
-        f.iter().chain(&l[1..]).chain(std::iter::once(g)).map(|x| x.mean).collect()
-    }
-
-    /// About the curvature of the cost in each of them, without the factor of the noise.
-    fn metric(&self, problem: &Problem<'_>) -> Vec<f64> {
-        let g2 = self.at.g.mean_square();
-        let scaled = |x: &f64| g2 * x;
-        let light = self.now.stiffness(problem);
-        let metric = self.now.a_square.iter().chain(&light[1..]).map(scaled).chain(std::iter::once(self.now.q));
-        metric.map(|x| x.max(1e-300)).collect()
-    }
-
-    /// At other coordinates, moved to where the prior has mass, same noise.
-    fn at_coordinates(&self, problem: &Problem<'_>, coordinates: &[f64]) -> Self {
-        let k = problem.k();
-        let mut at = self.at.clone();
-        at.f = coordinates[..k].iter().map(|f| point(f.max(0.0))).collect();
-        for (i, (prior, l)) in problem.light.iter().zip(&coordinates[k..]).enumerate() {
-            at.l[i + 1] = point(match prior {
-                CoefficientPrior::Mixture(_) => *l,
-                CoefficientPrior::Rectified(p) => l.max(p.threshold),
-            });
+/// Ascent over one block of variables at a time. Returns the estimate, minus its log posterior, and
+/// the curvatures of the cost in its [`coordinates`], about.
+fn round(problem: &Problem<'_>, from: &AllMoments, grams: &Grams) -> (AllMoments, f64, Vec<f64>) {
+    let mut at = from.clone();
+    // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient alone,
+    // cut off at its threshold.
+    let system = LightSystem::new(problem, &at.f, grams);
+    let (means, precisions) = system.means(problem, &at);
+    at.l = means.into_iter().map(point).collect();
+    for (i, prior) in problem.light.iter().enumerate() {
+        if let CoefficientPrior::Rectified(p) = prior {
+            let (stiffness, push) = system.push(&at, i + 1);
+            let mean = (push + p.location / p.variance) / (stiffness + 1.0 / p.variance);
+            at.l[i + 1] = point(mean.max(p.threshold));
         }
-        at.g = point(coordinates[coordinates.len() - 1].max(1e-12));
-        Self::new(problem, at)
     }
-
-    /// Ascent over one block of variables at a time.
-    fn round(self, problem: &Problem<'_>, grams: &Grams) -> Self {
-        let Self { mut at, mut now, .. } = self;
-        // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient
-        // alone, cut off at its threshold.
-        let (means, _) = light_step(problem, &now, grams);
-        at.l = means.into_iter().map(point).collect();
-        now = now.after_moments(problem, at.clone());
-        let mut weights = vec![0.0; now.a.len()];
-        for (i, prior) in problem.light.iter().enumerate() {
-            if let CoefficientPrior::Rectified(p) = prior {
-                let m = i + 1;
-                pull_weights(problem, &now, &now.a, &now.y, &mut weights);
-                let pull = dot(grams.columns.of(m), &weights);
-                let stiffness = at.precision * at.g.mean_square() * now.stiffness(problem)[m];
-                let natural = at.precision * pull + stiffness * at.l[m].mean + p.location / p.variance;
-                at.l[m] = point((natural / (stiffness + 1.0 / p.variance)).max(p.threshold));
-                now = now.with_light(problem, m, at.l[m], &grams.columns);
-            }
-        }
-        // Reflectance: coordinate ascent to convergence on the non-negative quadratic.
-        let system = ReflectanceSystem::new(problem, &now, grams);
-        at.f = system.descend(problem, &at, |_, natural, precision| point((natural / precision.max(1e-300)).max(0.0)));
-        now = now.after_moments(problem, at.clone());
-        let natural = at.precision * now.iy - problem.hyper.exposure_rate;
-        at.g = point((natural / (at.precision * now.q).max(1e-300)).max(1e-12));
-        now = now.after_moments(problem, at.clone());
-        at.precision = (problem.noise_shape() - 1.0) / (problem.hyper.noise_rate + 0.5 * now.residual(problem));
-        now = now.after_moments(problem, at.clone());
-        Self { cost: -log_posterior(problem, &now), at, now }
-    }
+    // Reflectance: coordinate ascent to convergence on the non-negative quadratic.
+    let system = ReflectanceSystem::new(problem, &at.l, grams);
+    at.f = system.descend(problem, &at, |_, natural, precision| point((natural / precision.max(1e-300)).max(0.0)));
+    let sums = system.sums(&at.f);
+    let natural = at.precision * sums.iy - problem.hyper.exposure_rate;
+    at.g = point((natural / (at.precision * sums.q).max(1e-300)).max(1e-12));
+    at.precision = (problem.noise_shape() - 1.0) / (problem.hyper.noise_rate + 0.5 * sums.residual(problem, &at.g));
+    let stiffness = at.precision * at.g.mean_square();
+    let reflectance = system.diagonal().into_iter().map(|x| stiffness * x);
+    let metric = reflectance.chain(precisions.into_iter().skip(1)).chain([at.precision * sums.q]);
+    let metric = metric.map(|x| x.max(1e-300)).collect();
+    let cost = -log_posterior(problem, &at, sums);
+    (at, cost, metric)
 }
 
 /// Rounds of ascent over blocks with Anderson acceleration; the trace holds minus the log
@@ -168,27 +141,33 @@ fn ascend(
     settings: &JointMapSettings,
     progress: &dyn Fn(f64),
 ) -> (AllMoments, Vec<f64>, bool) {
-    let mut state = State::new(problem, at);
-    let mut trace = vec![state.cost];
+    let (mut at, cost, _) = round(problem, &at, grams);
+    let mut trace = vec![cost];
     let mut anderson = Anderson::new();
+    let mut ahead: Option<AllMoments> = None;
     let mut settled = 0;
-    for iteration in 0..settings.max_iterations {
-        let (before, from) = (state.cost, state.coordinates());
-        state = state.round(problem, grams);
-        if let Some(coordinates) = anderson.next(&from, &state.coordinates(), &state.metric(problem)) {
-            let tried = state.at_coordinates(problem, &coordinates);
-            if tried.cost < state.cost {
-                state = tried;
-            } else {
+    for iteration in 1..settings.max_iterations {
+        let before = trace[trace.len() - 1];
+        let mut from = ahead.take();
+        let mut end = from.as_ref().map(|from| round(problem, from, grams));
+        if end.as_ref().is_none_or(|(_, cost, _)| !(*cost <= before)) {
+            if from.is_some() {
                 anderson.forget();
             }
+            end = Some(round(problem, &at, grams));
+            from = Some(at.clone());
         }
-        trace.push(state.cost);
-        progress((iteration + 1) as f64 / settings.max_iterations as f64);
-        settled = if (before - state.cost).abs() < settings.tolerance { settled + 1 } else { 0 };
+        let (Some(from), Some((next, cost, metric))) = (from, end) else { break };
+        ahead = anderson
+            .next(&coordinates(&from), &coordinates(&next), &metric)
+            .map(|coordinates| at_coordinates(problem, &next, &coordinates));
+        at = next;
+        trace.push(cost);
+        progress(iteration as f64 / settings.max_iterations as f64);
+        settled = if (before - cost).abs() < settings.tolerance { settled + 1 } else { 0 };
         if settled >= 3 {
-            return (state.at, trace, true);
+            return (at, trace, true);
         }
     }
-    (state.at, trace, false)
+    (at, trace, false)
 }

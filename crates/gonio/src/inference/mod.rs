@@ -13,6 +13,7 @@
 
 mod acceleration;
 pub mod amortised;
+mod blocks;
 mod coordinate;
 mod ensemble;
 #[cfg(test)]
@@ -24,6 +25,7 @@ mod leap;
 pub mod marginal;
 #[cfg(test)]
 mod nuts;
+mod parallel;
 mod posterior;
 mod problem;
 #[cfg(test)]
@@ -34,7 +36,7 @@ mod variational;
 
 pub use ensemble::Ensemble;
 pub use expectations::Expectations;
-pub use joint_map::{JointMapSettings, log_posterior};
+pub use joint_map::JointMapSettings;
 pub use posterior::{Posterior, StartReport};
 pub use problem::{Hyper, MODEL_ERROR, Problem, ProblemError};
 pub use variational::{Solver, VariationalSettings};

@@ -1,107 +1,95 @@
 //! Exact minimisation over one block of variables at a time: steps that can never raise `C_KL`.
 //!
-//! A round makes two passes over the operator and the Gram matrix of what it is for the present
-//! reflectance; everything else is as large as M x M or less.
+//! A round makes two passes over the operator, and forms and factors the curvature in the light (M x
+//! M) for the present reflectance.
 
 use faer::Mat;
 
 use super::ensemble::AllMoments;
-use super::expectations::{Sums, columns_squared, prior_pull};
+use super::expectations::{Sums, columns_squared, expected_precision, prior_pull};
 use super::grams::{Grams, symmetric_times};
+use super::marginal::Cholesky;
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments};
-use crate::transfer::kernels::{axpy, dispatch, dot};
+use crate::transfer::kernels::{axpy, dispatch};
 
-/// Steps of conjugate gradients at most.
-const LIGHT_STEPS: usize = 40;
-
-/// Quadratic form of the residual in the light, reflectance marginalised under q.
+/// The light given all else: `C_KL` is quadratic in its means, and quadratic with given
+/// responsibilities in all.
 pub(crate) struct LightSystem {
-    /// `B'B + sum_k vf_k A_k' A_k` (M x M). Single precision moves its minimum by less than
-    /// anything seen in the cost.
-    curvature: Mat<f32>,
-    /// Its diagonal `S_m`.
+    /// `<b><g^2> ( B'B + sum_k vf_k A_k' A_k ) + diag d` with `d_m = sum_n r_n / s_n^2`, zero where
+    /// the prior is no mixture; on and below the diagonal.
+    curvature: Mat<f64>,
+    /// `<b><g^2> S_m`, what the image adds to its diagonal.
     stiffness: Vec<f64>,
-    /// `B'I`.
+    /// `<b><g> B'I`.
     target: Vec<f64>,
+    /// `d`.
+    priors: Vec<f64>,
 }
 
 impl LightSystem {
-    pub(crate) fn new(problem: &Problem<'_>, f: &[Moments], grams: &Grams) -> Self {
-        let means: Vec<f64> = f.iter().map(|f| f.mean).collect();
-        let b = problem.bilinear.of_reflectance(&means);
+    pub(crate) fn new(problem: &Problem<'_>, moments: &AllMoments, grams: &Grams) -> Self {
+        let AllMoments { f, l, g, precision } = moments;
+        let b = problem.bilinear.of_reflectance(&moments.f_means());
+        let scale = precision * g.mean_square();
         let mut stiffness = columns_squared(&b, problem.m());
         for (f, squares) in f.iter().zip(problem.bilinear.squares().chunks_exact(problem.m())) {
             stiffness.iter_mut().zip(squares).for_each(|(s, w)| *s += f.variance * w);
         }
+        stiffness.iter_mut().for_each(|s| *s *= scale);
         let mut target = vec![0.0; problem.m()];
         dispatch(|| {
             for (row, i) in b.chunks_exact(problem.m()).zip(&problem.target) {
-                axpy(*i, row, &mut target);
+                axpy(precision * g.mean * i, row, &mut target);
             }
         });
-        Self { curvature: grams.light_curvature(&b, f), stiffness, target }
+        let prior = |(prior, l): (&&CoefficientPrior, &Moments)| match prior {
+            CoefficientPrior::Mixture(mixture) => expected_precision(mixture, l.mean_square()),
+            CoefficientPrior::Rectified(_) => 0.0,
+        };
+        let priors: Vec<f64> = std::iter::once(0.0).chain(problem.light.iter().zip(&l[1..]).map(prior)).collect();
+        Self { curvature: grams.light_curvature(&b, f, scale, &priors), stiffness, target, priors }
     }
 
-    /// The means of all light coefficients with mixture priors at once, given all else, by
-    /// preconditioned conjugate gradients from their present values:
+    /// Minus the gradient of the cost in the means, without the priors that are no mixtures.
+    fn residual(&self, means: &[f64]) -> Vec<f64> {
+        let present = symmetric_times(&self.curvature, means);
+        self.target.iter().zip(&present).map(|(t, p)| t - p).collect()
+    }
+
+    /// The means of all light coefficients with mixture priors at once, given all else:
     ///
     /// ```text
-    /// ( <b><g^2> [ B'B + sum_k vf_k A_k'A_k ] + diag d ) l = <b><g> B'I,    d_m = sum_n r_n / s_n^2
+    /// ( <b><g^2> [ B'B + sum_k vf_k A_k'A_k ] + diag d ) l = <b><g> B'I
     /// ```
     ///
-    /// Stopping early is safe: every step of conjugate gradients lowers the quadratic. Returns new
-    /// means (DC and rectified coefficients unchanged) and the precisions `1/w` that go with them.
+    /// Returns the means (DC and rectified coefficients unchanged) and the precisions `1/w` that go
+    /// with them.
     pub(crate) fn means(&self, problem: &Problem<'_>, moments: &AllMoments) -> (Vec<f64>, Vec<f64>) {
-        let AllMoments { l, g, precision, .. } = moments;
-        let stiffness = precision * g.mean_square();
-        let priors: Vec<f64> = std::iter::once(0.0)
-            .chain(problem.light.iter().zip(&l[1..]).map(|(prior, l)| prior_pull(prior, l).1))
-            .collect();
-        let free: Vec<bool> = std::iter::once(false)
-            .chain(problem.light.iter().map(|prior| matches!(prior, CoefficientPrior::Mixture(_))))
-            .collect();
-        let diagonal: Vec<f64> = self.stiffness.iter().zip(&priors).map(|(s, d)| stiffness * s + d).collect();
-        let mask =
-            |x: Vec<f64>| -> Vec<f64> { x.into_iter().zip(&free).map(|(x, f)| if *f { x } else { 0.0 }).collect() };
-        let apply = |p: &[f64]| -> Vec<f64> {
-            let out = symmetric_times(&self.curvature, p).into_iter().zip(p.iter().zip(&priors));
-            out.map(|(s, (p, d))| stiffness * s + d * p).collect()
-        };
-        let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let mut means = moments.l_means();
-        let present = apply(&means);
-        let push = precision * g.mean;
-        let mut residual = mask(self.target.iter().zip(&present).map(|(t, p)| push * t - p).collect());
-        let precondition = |r: &[f64]| -> Vec<f64> { r.iter().zip(&diagonal).map(|(r, d)| r / d).collect() };
-        let mut z = precondition(&residual);
-        let mut p = z.clone();
-        let mut rz = inner(&residual, &z);
-        let start = rz;
-        for _ in 0..LIGHT_STEPS {
-            // Half of rz is about how much the cost can still fall.
-            if rz <= 1e-8 * start || rz < 1e-9 {
-                break;
-            }
-            let ap = mask(apply(&p));
-            let alpha = rz / inner(&p, &ap);
-            means.iter_mut().zip(&p).for_each(|(x, p)| *x += alpha * p);
-            residual.iter_mut().zip(&ap).for_each(|(r, a)| *r -= alpha * a);
-            z = precondition(&residual);
-            let next = inner(&residual, &z);
-            p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + next / rz * *p);
-            rz = next;
+        let mut residual = self.residual(&means);
+        let mut system = self.curvature.clone();
+        let fixed =
+            (0..means.len()).filter(|&m| m == 0 || matches!(problem.light[m - 1], CoefficientPrior::Rectified(_)));
+        for m in fixed {
+            residual[m] = 0.0;
+            system.row_mut(m).fill(0.0);
+            system.col_mut(m).fill(0.0);
+            system[(m, m)] = 1.0;
         }
-        (means, diagonal)
+        // Without a factor, which takes round-off larger than every prior precision, the light
+        // stays.
+        if let Some(factor) = Cholesky::new(system) {
+            means.iter_mut().zip(factor.solve(&residual)).for_each(|(x, d)| *x += d);
+        }
+        let precisions = self.stiffness.iter().zip(&self.priors).map(|(s, d)| s + d).collect();
+        (means, precisions)
     }
 
-    /// Precision `1/w` and `u/w` that the image gives coefficient `m`, all else given.
-    pub(crate) fn push(&self, moments: &AllMoments, m: usize) -> (f64, f64) {
-        let AllMoments { l, g, precision, .. } = moments;
-        let column = self.curvature.col(m).try_as_col_major().expect("a matrix is stored by columns").as_slice();
-        let along = dispatch(|| dot(column, &moments.l_means()));
-        let stiffness = precision * g.mean_square() * self.stiffness[m];
-        (stiffness, precision * (g.mean * self.target[m] - g.mean_square() * along) + stiffness * l[m].mean)
+    /// Precision `1/w` and `u/w` that the image gives the rectified coefficient `m`, all else
+    /// given.
+    pub(crate) fn push(&self, means: &[f64], m: usize) -> (f64, f64) {
+        (self.stiffness[m], self.residual(means)[m] + self.stiffness[m] * means[m])
     }
 }
 
@@ -114,10 +102,9 @@ pub(crate) struct ReflectanceSystem {
 }
 
 impl ReflectanceSystem {
-    pub(crate) fn new(problem: &Problem<'_>, l: &[Moments], grams: &Grams) -> Self {
+    /// `a` as under the means of `l` (rows x K).
+    pub(crate) fn new(problem: &Problem<'_>, a: &[f64], l: &[Moments], grams: &Grams) -> Self {
         let (k, m) = (problem.k(), problem.m());
-        let means: Vec<f64> = l.iter().map(|l| l.mean).collect();
-        let a = problem.bilinear.under_light(&means);
         let mut gram = vec![0.0; k * k];
         let mut target = vec![0.0; k];
         for (a, i) in a.chunks_exact(k).zip(&problem.target) {
@@ -137,6 +124,30 @@ impl ReflectanceSystem {
             }
         }
         Self { gram, target }
+    }
+
+    /// With the image of each basis function changed from `a` to `a + alpha by`, for any `alpha`.
+    pub(crate) fn moved(&self, problem: &Problem<'_>, a: &[f64], by: &[f64]) -> impl Fn(f64) -> Self + use<'_> {
+        let k = problem.k();
+        let (mut once, mut twice, mut target) = (vec![0.0; k * k], vec![0.0; k * k], vec![0.0; k]);
+        for ((a, d), i) in a.chunks_exact(k).zip(by.chunks_exact(k)).zip(&problem.target) {
+            for x in 0..k {
+                target[x] += i * d[x];
+                for y in 0..k {
+                    once[x * k + y] += a[x] * d[y] + d[x] * a[y];
+                    twice[x * k + y] += d[x] * d[y];
+                }
+            }
+        }
+        move |alpha| Self {
+            gram: self
+                .gram
+                .iter()
+                .zip(once.iter().zip(&twice))
+                .map(|(g, (o, t))| g + alpha * (o + alpha * t))
+                .collect(),
+            target: self.target.iter().zip(&target).map(|(t, d)| t + alpha * d).collect(),
+        }
     }
 
     /// Diagonal of the Gram matrix (K).
@@ -208,13 +219,23 @@ pub(crate) fn settle_light(
     moments
 }
 
+/// Where a round ends.
+pub(crate) struct Round {
+    pub(crate) ensemble: Ensemble,
+    pub(crate) cost: f64,
+    /// The image of each basis function under the light (rows x K).
+    pub(crate) a: Vec<f64>,
+    /// The residual in the reflectance under this light.
+    pub(crate) system: ReflectanceSystem,
+}
+
 /// One round of exact minimisation over light, reflectance and exposure in turn, and over the noise
-/// if `noise`. Returns the ensemble and its cost.
-pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, noise: bool) -> (Ensemble, f64) {
+/// if `noise`.
+pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, noise: bool) -> Round {
     let mut next = ensemble.clone();
     let mut moments = ensemble.moments(problem);
     if problem.m() > 1 {
-        let system = LightSystem::new(problem, &moments.f, grams);
+        let system = LightSystem::new(problem, &moments, grams);
         let (means, precisions) = system.means(problem, &moments);
         for m in 1..problem.m() {
             if matches!(problem.light[m - 1], CoefficientPrior::Mixture(_)) {
@@ -223,11 +244,12 @@ pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, n
             }
         }
         for m in (1..problem.m()).filter(|&m| matches!(problem.light[m - 1], CoefficientPrior::Rectified(_))) {
-            let push = system.push(&moments, m);
+            let push = system.push(&moments.l_means(), m);
             moments.l[m] = settle_light(problem, &mut next, m, push, moments.l[m]);
         }
     }
-    let system = ReflectanceSystem::new(problem, &moments.l, grams);
+    let a = problem.bilinear.under_light(&moments.l_means());
+    let system = ReflectanceSystem::new(problem, &a, &moments.l, grams);
     moments.f = system.descend(problem, &moments, |k, natural, precision| {
         next.set_f(k, natural, precision);
         next.f_moments(k)
@@ -241,8 +263,7 @@ pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, n
         next.set_log_noise(sums.best_log_noise(problem, &moments.g));
         moments.precision = (-next.log_noise()).exp();
     }
-    let cost = sums.cost(problem, &moments);
-    (next, cost)
+    Round { cost: sums.cost(problem, &moments), ensemble: next, a, system }
 }
 
 /// The image sees only the product of exposure and reflectance. Along `f -> c f, g -> g / c` the

@@ -9,7 +9,7 @@ use super::Problem;
 use super::expectations::Expectations;
 use crate::lighting::Moments;
 use crate::transfer::column_bands;
-use crate::transfer::kernels::{dispatch, dot};
+use crate::transfer::kernels::{axpy, dispatch, dot};
 
 /// Columns of a product that one thread makes: results do not depend on the number of threads.
 const BAND: usize = 128;
@@ -38,25 +38,34 @@ impl Grams {
         Self { reflectance, light: Vec::new(), columns: Columns::new(problem) }
     }
 
-    /// `B'B + sum_k vf_k A_k' A_k` (M x M) for `B` row by row: the curvature of the expected
-    /// residual in the light.
-    pub(super) fn light_curvature(&self, b: &[f64], f: &[Moments]) -> Mat<f32> {
-        let m = self.columns.len();
-        let b = Mat::from_fn(b.len() / m, m, |i, j| b[i * m + j] as f32);
-        let mut sum = gram(b.as_ref());
+    /// `scale (B'B + sum_k vf_k A_k' A_k) + diag d` (M x M) for `B` row by row, on and below the
+    /// diagonal: the curvature of the cost in the light.
+    pub(super) fn light_curvature(&self, b: &[f64], f: &[Moments], scale: f64, d: &[f64]) -> Mat<f64> {
+        let m = d.len();
+        let b = MatRef::from_row_major_slice(b, b.len() / m, m);
+        let mut sum = Mat::zeros(m, m);
         column_bands(sum.as_mut(), m.div_ceil(BAND)).into_par_iter().for_each(|(first, mut band)| {
+            let (width, rest) = (band.ncols(), m - first);
+            let (left, right) = (b.subcols(first, rest), b.subcols(first, width));
+            matmul(band.as_mut().subrows_mut(first, rest), Accum::Replace, left.transpose(), right, scale, Par::Seq);
             for (gram, f) in self.light.iter().zip(f) {
-                let variance = f.variance as f32;
+                let variance = scale * f.variance;
                 for (j, column) in band.as_mut().col_iter_mut().enumerate() {
-                    column.iter_mut().zip(gram.col(first + j).iter()).for_each(|(s, g)| *s += variance * g);
+                    let column = column.try_as_col_major_mut().expect("a matrix is stored by columns").as_slice_mut();
+                    let gram = gram.col(first + j).try_as_col_major().expect("a matrix is stored by columns");
+                    let below = first + j..m;
+                    dispatch(|| axpy(variance, &gram.as_slice()[below.clone()], &mut column[below]));
                 }
+            }
+            for j in 0..width {
+                band[(first + j, j)] += d[first + j];
             }
         });
         sum
     }
 }
 
-/// `X'X`: the part on and below the diagonal band by band, the rest by symmetry.
+/// `X'X`, on and below the diagonal.
 fn gram(x: MatRef<'_, f32>) -> Mat<f32> {
     let n = x.ncols();
     let mut gram = Mat::<f32>::zeros(n, n);
@@ -65,24 +74,18 @@ fn gram(x: MatRef<'_, f32>) -> Mat<f32> {
         let (left, right) = (x.subcols(first, rest), x.subcols(first, width));
         matmul(band.as_mut().subrows_mut(first, rest), Accum::Replace, left.transpose(), right, 1.0, Par::Seq);
     });
-    for j in 0..n {
-        for i in 0..j {
-            gram[(i, j)] = gram[(j, i)];
-        }
-    }
     gram
 }
 
-/// `S p` for a symmetric `S`.
-pub(super) fn symmetric_times(s: &Mat<f32>, p: &[f64]) -> Vec<f64> {
+/// `S p` for a symmetric `S` of which only what is on and below the diagonal counts.
+pub(super) fn symmetric_times(s: &Mat<f64>, p: &[f64]) -> Vec<f64> {
     let mut out = vec![0.0; p.len()];
-    out.par_chunks_mut(BAND).enumerate().for_each(|(band, out)| {
-        dispatch(|| {
-            for (j, out) in out.iter_mut().enumerate() {
-                let column = s.col(band * BAND + j).try_as_col_major().expect("a matrix is stored by columns");
-                *out = dot(column.as_slice(), p);
-            }
-        });
+    dispatch(|| {
+        for j in 0..p.len() {
+            let column = s.col(j).try_as_col_major().expect("a matrix is stored by columns").as_slice();
+            axpy(p[j], &column[j..], &mut out[j..]);
+            out[j] += dot(&column[j + 1..], &p[j + 1..]);
+        }
     });
     out
 }
@@ -109,11 +112,6 @@ impl Columns {
             }
         });
         Self { length, data }
-    }
-
-    /// Number of columns M.
-    fn len(&self) -> usize {
-        self.data.len() / self.length
     }
 
     /// `A_imk` of one `m`, `[row][k]`.
@@ -150,7 +148,8 @@ mod tests {
         let now = Expectations::new(&problem, &ensemble);
         let grams = Grams::new(&problem);
         let p: Vec<f64> = (0..problem.m()).map(|m| (m as f64).sin()).collect();
-        let curved = symmetric_times(&grams.light_curvature(&now.b, &now.moments.f), &p);
+        let d = vec![0.3; problem.m()];
+        let curved = symmetric_times(&grams.light_curvature(&now.b, &now.moments.f, 2.0, &d), &p);
         let f: Vec<(f64, f64)> = now.moments.f.iter().map(|f| (f.mean, f.variance)).collect();
         let mut want = vec![0.0; problem.m()];
         for i in 0..60 {
@@ -161,7 +160,8 @@ mod tests {
                 want.iter_mut().zip(a).for_each(|(w, a)| *w += f64::from(*a) * (f[k].0 * y + f[k].1 * along[k]));
             }
         }
-        for (got, want) in curved.iter().zip(&want) {
+        for ((got, want), p) in curved.iter().zip(&want).zip(&p) {
+            let want = 2.0 * want + 0.3 * p;
             assert!((got - want).abs() < 1e-5 * want.abs().max(1.0), "{got} {want}");
         }
         let mut weights = vec![0.0; 180];

@@ -107,18 +107,19 @@ fn round(problem: &Problem<'_>, from: &AllMoments, grams: &Grams) -> (AllMoments
     let mut at = from.clone();
     // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient alone,
     // cut off at its threshold.
-    let system = LightSystem::new(problem, &at.f, grams);
+    let system = LightSystem::new(problem, &at, grams);
     let (means, precisions) = system.means(problem, &at);
     at.l = means.into_iter().map(point).collect();
     for (i, prior) in problem.light.iter().enumerate() {
         if let CoefficientPrior::Rectified(p) = prior {
-            let (stiffness, push) = system.push(&at, i + 1);
+            let (stiffness, push) = system.push(&at.l_means(), i + 1);
             let mean = (push + p.location / p.variance) / (stiffness + 1.0 / p.variance);
             at.l[i + 1] = point(mean.max(p.threshold));
         }
     }
     // Reflectance: coordinate ascent to convergence on the non-negative quadratic.
-    let system = ReflectanceSystem::new(problem, &at.l, grams);
+    let a = problem.bilinear.under_light(&at.l_means());
+    let system = ReflectanceSystem::new(problem, &a, &at.l, grams);
     at.f = system.descend(problem, &at, |_, natural, precision| point((natural / precision.max(1e-300)).max(0.0)));
     let sums = system.sums(&at.f);
     let natural = at.precision * sums.iy - problem.hyper.exposure_rate;

@@ -142,7 +142,7 @@ impl LineSearch {
 
 /// Minimiser of `at` near `start`, at most about `limit`; `None` if nothing down to a
 /// ten-thousandth of it falls below `cost`, the value at zero.
-fn search(start: f64, limit: f64, cost: f64, at: impl Fn(f64) -> f64) -> Option<f64> {
+pub(super) fn search(start: f64, limit: f64, cost: f64, at: impl Fn(f64) -> f64) -> Option<f64> {
     let mut middle = (start, at(start));
     let mut right = None;
     while middle.1 >= cost {

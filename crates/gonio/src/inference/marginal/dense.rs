@@ -14,14 +14,14 @@ const BAND: usize = 128;
 
 /// The lower factor `L` of a symmetric positive definite `L L'` (n x n); what is above its diagonal
 /// means nothing.
-pub(super) struct Cholesky {
+pub(crate) struct Cholesky {
     pub(super) lower: Mat<f64>,
 }
 
 impl Cholesky {
     /// Of the matrix whose lower triangle is given. `None` where it is not positive definite or not
     /// finite.
-    pub(super) fn new(mut lower: Mat<f64>) -> Option<Self> {
+    pub(crate) fn new(mut lower: Mat<f64>) -> Option<Self> {
         let size = lower.nrows();
         let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
         let stack = MemStack::new(&mut memory);
@@ -37,7 +37,7 @@ impl Cholesky {
     }
 
     /// `L^-T L^-1 x` (n).
-    pub(super) fn solve(&self, x: &[f64]) -> Vec<f64> {
+    pub(crate) fn solve(&self, x: &[f64]) -> Vec<f64> {
         let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
         solve_lower_triangular_in_place(self.lower.as_ref(), x.as_mut(), Par::Seq);
         solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);

@@ -35,7 +35,8 @@
 //! and `log b` that follow from [`Hyper`] count, so that the best `b` is `(a + N/2) / (b_0 + E/2)`
 //! as in Algorithm 1.
 
-mod dense;
+pub(crate) mod dense;
+pub(crate) use dense::Cholesky;
 mod evidence;
 mod factor;
 mod gradient;

@@ -121,10 +121,10 @@ fn cost(bencher: Bencher<'_, '_>) {
     bencher.bench_local(|| Expectations::new(&problem, black_box(&ensemble)).cost(&problem));
 }
 
-/// One iteration from a random start. With [`Solver::Parallel`] an update and its line search; with
+/// One iteration from a random start. With [`Solver::Printed`] an update and its line search; with
 /// [`Solver::Blocks`] a round of the block solver and, once for each image, the Gram matrices that
 /// [`grams`] measures.
-#[divan::bench(args = [Solver::Parallel, Solver::Blocks], sample_count = 10, sample_size = 1)]
+#[divan::bench(args = [Solver::Printed, Solver::Blocks], sample_count = 10, sample_size = 1)]
 fn iteration(bencher: Bencher<'_, '_>, solver: Solver) {
     let problem = problem();
     let settings = VariationalSettings { solver, starts: 1, max_iterations: 1, ..VariationalSettings::default() };

@@ -37,7 +37,7 @@ pub(super) fn answer(
         warnings.push("no start converged within its iterations; the result may be rough".into());
     }
     let (table, scale) = table.with_normal_albedo(ALBEDO);
-    let light = (options.method != MethodName::KnownLight).then(|| {
+    let light = (options.method() != MethodName::KnownLight).then(|| {
         let radiance: Vec<f64> = posterior.light.iter().map(|l| l * posterior.exposure / scale).collect();
         LightGrid::from_coefficients(model.light.map, &radiance)
     });
@@ -45,7 +45,8 @@ pub(super) fn answer(
     let sections = json!({
         "settings": {
             "seed": options.seed, "starts": options.starts, "grid": options.grid,
-            "solver": format!("{:?}", options.solver), "model_error": MODEL_ERROR,
+            "solver": format!("{:?}", options.solver), "paper": options.paper,
+            "model_error": (!options.paper).then_some(MODEL_ERROR),
             "full_rows": options.full_rows, "linear": options.reading.linear,
         },
         "transfer": plan_notes,
@@ -60,7 +61,7 @@ pub(super) fn answer(
         "exposure": { "mean": posterior.exposure, "sd": posterior.exposure_sd },
         "noise": { "sd": posterior.noise, "relative": relative },
         "cost": {
-            "name": if options.method == MethodName::Map { "minus log posterior" } else { "C_KL" },
+            "name": if options.method() == MethodName::Map { "minus log posterior" } else { "C_KL" },
             "trace": posterior.trace, "starts": posterior.starts, "best_start": posterior.best_start,
         },
     });
@@ -125,18 +126,19 @@ fn project(
 
 fn posterior(options: &Options, model: &Model, projected: &Projected) -> Result<(Posterior, f64)> {
     let rates = &model.reflectance.rates;
-    let hyper = Hyper::with_model_error(projected.pixels);
-    let variational = VariationalSettings {
-        solver: match options.solver {
-            SolverName::Blocks => Solver::Blocks,
-            SolverName::Parallel => Solver::Parallel,
-            SolverName::Printed => Solver::Printed,
-        },
-        starts: options.starts as usize,
-        seed: options.seed,
-        ..VariationalSettings::default()
+    let (starts, seed) = (options.starts as usize, options.seed);
+    let solver = match options.solver {
+        SolverName::Blocks => Solver::Blocks,
+        SolverName::Parallel => Solver::Parallel,
+        SolverName::Printed => Solver::Printed,
     };
-    let (problem, method) = match options.method {
+    let (hyper, variational) = if options.paper {
+        (Hyper::default(), VariationalSettings::of_paper(starts, seed))
+    } else {
+        let settings = VariationalSettings { solver, starts, seed, ..VariationalSettings::default() };
+        (Hyper::with_model_error(projected.pixels), settings)
+    };
+    let (problem, method) = match options.method() {
         MethodName::Marginal => unreachable!("a method without coefficients"),
         MethodName::KnownLight => {
             let settings = VariationalSettings { solver: Solver::Blocks, ..variational };
@@ -152,7 +154,8 @@ fn posterior(options: &Options, model: &Model, projected: &Projected) -> Result<
         }
     };
     let problem = problem.with_context(|| options.image.display().to_string())?;
-    let problem = problem.starting_from(model.reflectance.materials.iter().map(|m| m.coefficients.clone()).collect());
+    let known = model.reflectance.materials.iter().map(|m| m.coefficients.clone()).collect();
+    let problem = if options.paper { problem } else { problem.starting_from(known) };
     let stage = Stage::new("inferring");
     let posterior = find_posterior(&problem, &method, &|x| stage.at(x));
     Ok((posterior, stage.finish()))

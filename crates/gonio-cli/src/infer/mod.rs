@@ -74,6 +74,10 @@ pub(crate) struct Options {
     /// How the posterior is found
     #[arg(long, value_enum, default_value_t = MethodName::Marginal)]
     method: MethodName,
+    /// The paper's own version on a sphere: its map of light at one azimuth, 8,600 normals away from
+    /// its poles, 10 basis functions, random starts, Algorithm 1 to the letter
+    #[arg(long, conflicts_with_all = ["method", "solver", "grid", "model", "light", "normals", "mesh", "full_rows"])]
+    paper: bool,
     /// Solver of --method variational
     #[arg(long, value_enum, default_value_t = SolverName::Blocks)]
     solver: SolverName,
@@ -181,10 +185,17 @@ fn name_of(value: MethodName) -> String {
     value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
 }
 
+impl Options {
+    /// How the posterior is found.
+    fn method(&self) -> MethodName {
+        if self.paper { MethodName::Variational } else { self.method }
+    }
+}
+
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let start = Instant::now();
     let mut warnings = Vec::new();
-    if (options.method == MethodName::KnownLight) != options.light.is_some() {
+    if (options.method() == MethodName::KnownLight) != options.light.is_some() {
         bail!("--method known-light and --light MAP go together: give both or neither");
     }
     if !options.grid.is_power_of_two() || !(4..=512).contains(&options.grid) {
@@ -196,12 +207,15 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if options.light_color.is_some() && options.color != colour::ColourName::Estimate {
         bail!("--light-color serves --color estimate alone");
     }
-    let model = input::model(options.model.as_deref())?;
+    let mut model = input::model(options.model.as_deref())?;
+    if options.paper {
+        model.light = gonio_io::model::lighting_of_paper()?;
+    }
     let covered = 1 << model.light.scales;
     if options.light.is_none() && options.grid > covered {
         bail!("--grid {}: the model's prior of light covers grids of up to {covered} texels a side", options.grid);
     }
-    if options.method == MethodName::Marginal {
+    if options.method() == MethodName::Marginal {
         marginal::check(options, &model)?;
     }
     let model_seconds = start.elapsed().as_secs_f64();
@@ -214,7 +228,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let folder = StagedFolder::create(&options.output)?;
     let read_seconds = start.elapsed().as_secs_f64() - model_seconds;
     let (rule, assumption) = colour::rule(options, known.as_ref());
-    let (answer, colouring) = match options.method {
+    let (answer, colouring) = match options.method() {
         MethodName::Marginal => {
             let settings = EstimateSettings { side: options.grid, colouring: rule, ..EstimateSettings::default() };
             marginal::answer(options, &model, &sighting.observations, &settings, &mut warnings)?
@@ -242,13 +256,13 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         rayon::join(|| Panels::draw(&subject, &|x| stage.at(x)), || (!options.no_report).then(|| Fits::of(&tables)));
     let caption = format!(
         "{} | {} observations | {} | {:.0} s",
-        name_of(options.method),
+        name_of(options.method()),
         sighting.observations.report.used,
         answer.caption,
         start.elapsed().as_secs_f64()
     );
     let drawing_seconds = stage.finish();
-    let mut result = notes::head(&options.image.display().to_string(), &name_of(options.method), &model);
+    let mut result = notes::head(&options.image.display().to_string(), &name_of(options.method()), &model);
     result["observations"] = observations_notes;
     result["colour"] = notes::colouring(&colouring, assumption);
     result["warnings"] = json!(warnings);

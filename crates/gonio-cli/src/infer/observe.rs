@@ -81,7 +81,8 @@ pub(super) fn observe(
         bail!("{}: the mask is {w}x{h}, the photograph {pw}x{ph}; give one of the same size", path.display());
     }
     let (object, own_notes) = object(options, size, warnings)?;
-    let settings = ObservationSettings { clip, keep_colours: options.keep_colors, ..Default::default() };
+    let known = if options.paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
+    let settings = ObservationSettings { clip, keep_colours: options.keep_colors, ..known };
     let mut sighting = Sighting::of(picture, mask, object, &settings).map_err(|error| {
         let origin = to_blame(options, &error);
         anyhow::Error::new(error).context(origin)

@@ -111,3 +111,11 @@ fn an_8_bit_picture_is_warned_of_unless_linear() {
         assert_eq!(warning, warned, "{run:?}");
     }
 }
+
+#[test]
+fn the_papers_version_takes_no_other_choice() {
+    let bench = Bench::with_ball();
+    for other in ["--method map", "--solver blocks", "--grid 16", "--normals normals.npy"] {
+        bench.refuses(&format!("infer ball.exr -o out --paper {other}"), &["--paper", "cannot be used with"]);
+    }
+}

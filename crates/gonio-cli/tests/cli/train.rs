@@ -74,6 +74,8 @@ fn lights_that_cannot_be_learnt_from_are_refused() {
     lights(&bench);
     bench.refuses(&line("lights --grid 17"), &["--grid 17"]);
     bench.refuses(&line("lights --turns 0"), &["--turns"]);
+    bench.refuses(&line("lights --grid 8 --cap 0.5"), &["--cap: give a number above 1"]);
+    bench.run(&line("lights --grid 8 --cap 30")).succeeds();
     bench.refuses("train lighting lights -o none/x.model --grid 8 --turns 1", &["none/x.model"]);
     let good = bench.read("lights/1.hdr");
     bench.write("lights/1.hdr", &good[..good.len() / 2]);

@@ -139,9 +139,9 @@ impl Estimator {
     /// Answers.
     pub(crate) fn estimate(self, photograph: &Photograph<'_>) -> Result<Estimate> {
         let Photograph { knowledge, image, projected, under_true_light, truth, starts, separable } = *photograph;
-        let Separable { tolerance, variance, iterations } = separable;
+        let Separable { paper, tolerance, variance, iterations } = separable;
         let basis = &knowledge.model.reflectance;
-        let hyper = Hyper::with_model_error(projected.pixels);
+        let hyper = if paper { Hyper::default() } else { Hyper::with_model_error(projected.pixels) };
         let variational = |solver| VariationalSettings {
             solver,
             starts,
@@ -152,7 +152,8 @@ impl Estimator {
         };
         let blind = || -> Result<Problem<'_>> {
             let examples = basis.materials.iter().map(|m| m.coefficients.clone()).collect();
-            Ok(Problem::blind(projected, &knowledge.model.light, &basis.rates, hyper)?.starting_from(examples))
+            let problem = Problem::blind(projected, &knowledge.model.light, &basis.rates, hyper)?;
+            Ok(if paper { problem } else { problem.starting_from(examples) })
         };
         let (problem_scale, posterior) = match self {
             Self::TrainingMean => return Ok(Estimate::of(mean_of(&knowledge.training))),

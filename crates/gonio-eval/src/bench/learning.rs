@@ -5,10 +5,11 @@ use gonio::inference::amortised::Amortised;
 use gonio::lighting::LightPrior;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, TrainSettings};
-use gonio::transfer::{Plan, PlanSettings, SurfacePoint};
+use gonio::transfer::{Plan, SurfacePoint};
 use gonio_io::cache::Cache;
 
 use super::grid::Protocol;
+use super::store::Conditions;
 use crate::bases::Trained;
 use crate::data::Lights;
 use crate::materials::Materials;
@@ -32,13 +33,13 @@ impl Knowledge {
     pub(crate) fn gather(
         materials: &Materials,
         protocol: Protocol,
-        rank: usize,
+        conditions: &Conditions,
         points: &[SurfacePoint],
-        plan: &PlanSettings,
         prior: Option<&LightPrior>,
-        posterior: Option<(&Lights, &Learning)>,
+        lights: Option<&Lights>,
         cache: &Cache,
     ) -> Result<Self> {
+        let Conditions { rank, ref plan, ref learning, .. } = *conditions;
         let kept = protocol.training(materials);
         let mut settings = TrainSettings::default();
         settings.nmf.rank = rank;
@@ -52,7 +53,7 @@ impl Knowledge {
                 .context("the operator")?;
         let training: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
-        let learn = |(lights, learning): (&Lights, &Learning)| {
+        let learn = |lights: &Lights| {
             let names = lights.names();
             // Of as many lights and these materials in the usual way: training it again would give
             // the same.
@@ -66,7 +67,7 @@ impl Knowledge {
                 None => posteriors::load_or_train(cache, &training, lights, &names, learning),
             }
         };
-        let posterior = posterior.map(learn).transpose().context("the marginal posterior")?;
+        let posterior = lights.map(learn).transpose().context("the marginal posterior")?;
         let provenance = format!("basis of {} materials", kept.len());
         Ok(Self { model: Model { light, reflectance, posterior, provenance }, training, plan, points: points.to_vec() })
     }

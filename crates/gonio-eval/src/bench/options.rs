@@ -82,6 +82,10 @@ pub(crate) struct Options {
 /// How the separable posterior and the joint maximum are found.
 #[derive(Clone, Copy, Debug, PartialEq, clap::Args, Serialize, Deserialize)]
 pub(crate) struct Separable {
+    /// As the paper prints it: no normals near the poles of its map, vague prior of the noise,
+    /// starts from the exponential prior; and, without --prior, its map of light at one azimuth
+    #[arg(long)]
+    pub(crate) paper: bool,
     /// Stopping threshold of the separable posterior, in nats
     #[arg(long, default_value_t = VariationalSettings::default().tolerance)]
     pub(crate) tolerance: f64,

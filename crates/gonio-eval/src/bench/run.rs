@@ -45,13 +45,19 @@ pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
     if let Some(shard) = options.shard {
         units = shard.of(units);
     }
-    let observation = ObservationSettings { normals: conditions.normals, ..ObservationSettings::default() };
+    let paper = conditions.separable.paper;
+    let known = if paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
+    let observation = ObservationSettings { normals: conditions.normals, ..known };
     let cache = Cache::user()
         .context("no cache folder: set GONIO_CACHE_DIR to one (renders are kept there)")?
         .with_budget(CACHE_BUDGET);
     let fingerprints = Fingerprints::of(&materials, &lights, &units, &conditions)?;
     let (points, stage) = (sphere_points(&observation), Stage::new(conditions.size));
-    let prior = options.prior.as_ref().map(gonio_io::model::read_lighting).transpose()?.map(|(prior, _)| prior);
+    let prior = match &options.prior {
+        Some(path) => Some(gonio_io::model::read_lighting(path)?.0),
+        None if paper => Some(gonio_io::model::lighting_of_paper()?),
+        None => None,
+    };
     let bench = Bench {
         materials,
         lights,
@@ -186,12 +192,16 @@ impl Bench {
         let start = Instant::now();
         let mut knowledge: BTreeMap<Protocol, Knowledge> = BTreeMap::new();
         for protocol in work.iter().map(|(u, _)| u.protocol.learns_as()).collect::<BTreeSet<_>>() {
-            let Conditions { rank, plan, learning, .. } = &self.conditions;
-            let prior = self.prior.as_ref();
-            let posterior = self.training.as_ref().map(|lights| (lights, learning));
-            let cache = &self.cache;
-            let learnt =
-                Knowledge::gather(&self.materials, protocol, *rank, &self.points, plan, prior, posterior, cache)?;
+            let (prior, lights) = (self.prior.as_ref(), self.training.as_ref());
+            let learnt = Knowledge::gather(
+                &self.materials,
+                protocol,
+                &self.conditions,
+                &self.points,
+                prior,
+                lights,
+                &self.cache,
+            )?;
             knowledge.insert(protocol, learnt);
         }
         let relit: BTreeSet<(bool, String)> = work

@@ -152,6 +152,16 @@ pub fn embedded() -> Result<Model, Error> {
     decode_model(Path::new("the embedded model"), include_bytes!("../../model/gonio-1.model"))
 }
 
+/// The prior of light of the paper's version of the inference: the map of Praun and Hoppe, each
+/// light at one azimuth.
+///
+/// # Errors
+/// Never for a build that passed its tests.
+pub fn lighting_of_paper() -> Result<LightPrior, Error> {
+    let bytes = include_bytes!("../../model/paper.prior");
+    Ok(decode_lighting(Path::new("the embedded prior of the paper's version"), bytes)?.0)
+}
+
 /// Reads a whole model.
 ///
 /// # Errors

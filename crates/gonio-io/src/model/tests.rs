@@ -97,6 +97,20 @@ fn files_are_small_aligned_and_equal_for_equal_models() {
 }
 
 #[test]
+fn the_papers_prior_has_its_map_and_keeps_horizontal_and_vertical_apart() {
+    use gonio::lighting::PriorGroup;
+    use gonio::sphere::{OctahedralMap, Orientation};
+    let prior = crate::model::lighting_of_paper().unwrap();
+    assert_eq!((prior.map, prior.scales, prior.lights), (OctahedralMap::PraunHoppe, 5, 72));
+    let groups = PriorGroup::all(5);
+    let of = |orientation| {
+        let group = PriorGroup::Middle { scale: 3, orientation, above: true };
+        &prior.groups[groups.iter().position(|g| *g == group).unwrap()]
+    };
+    assert_ne!(of(Orientation::Horizontal), of(Orientation::Vertical));
+}
+
+#[test]
 fn files_on_disk_are_read() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("toy.gonio");

@@ -9,6 +9,7 @@ use super::coordinate::{LightSystem, ReflectanceSystem};
 use super::ensemble::AllMoments;
 use super::expectations::Sums;
 use super::grams::Grams;
+use super::parallel::search;
 use super::{Ensemble, Posterior, Problem, StartReport};
 use crate::lighting::{CoefficientPrior, Moments};
 
@@ -76,7 +77,7 @@ pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress
         exposure_sd: 0.0,
         noise: m.precision.powf(-0.5) / problem.scale,
         trace: runs[best].1.clone(),
-        starts: runs.iter().map(|r| StartReport { cost: cost(r), iterations: r.1.len() - 1, converged: r.2 }).collect(),
+        starts: runs.iter().map(|r| StartReport { cost: cost(r), iterations: r.1.len(), converged: r.2 }).collect(),
         best_start: best,
     }
 }
@@ -101,9 +102,20 @@ fn at_coordinates(problem: &Problem<'_>, at: &AllMoments, coordinates: &[f64]) -
     at
 }
 
-/// Ascent over one block of variables at a time. Returns the estimate, minus its log posterior, and
-/// the curvatures of the cost in its [`coordinates`], about.
-fn round(problem: &Problem<'_>, from: &AllMoments, grams: &Grams) -> (AllMoments, f64, Vec<f64>) {
+/// Where a round of ascent ends.
+struct Round {
+    at: AllMoments,
+    /// Minus the log posterior.
+    cost: f64,
+    /// The curvatures of the cost in the [`coordinates`], about.
+    metric: Vec<f64>,
+    /// The image of each basis function under the light (rows x K).
+    a: Vec<f64>,
+    system: ReflectanceSystem,
+}
+
+/// Ascent over one block of variables at a time.
+fn round(problem: &Problem<'_>, from: &AllMoments, grams: &Grams) -> Round {
     let mut at = from.clone();
     // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient alone,
     // cut off at its threshold.
@@ -129,43 +141,58 @@ fn round(problem: &Problem<'_>, from: &AllMoments, grams: &Grams) -> (AllMoments
     let reflectance = system.diagonal().into_iter().map(|x| stiffness * x);
     let metric = reflectance.chain(precisions.into_iter().skip(1)).chain([at.precision * sums.q]);
     let metric = metric.map(|x| x.max(1e-300)).collect();
-    let cost = -log_posterior(problem, &at, sums);
-    (at, cost, metric)
+    Round { cost: -log_posterior(problem, &at, sums), at, metric, a, system }
 }
 
-/// Rounds of ascent over blocks with Anderson acceleration; the trace holds minus the log
-/// posterior. Ends after three changes below the tolerance.
+impl Round {
+    /// The least cost on the line to other coordinates.
+    fn towards(self, problem: &Problem<'_>, coordinates: &[f64], here: &[f64]) -> (AllMoments, f64) {
+        let mut direction: Vec<f64> = coordinates.iter().zip(here).map(|(x, y)| x - y).collect();
+        // The image is linear in the means of the light but where they are cut off.
+        let light = problem.k()..problem.k() + problem.light.len();
+        for (d, prior) in direction[light.clone()].iter_mut().zip(&problem.light) {
+            if matches!(prior, CoefficientPrior::Rectified(_)) {
+                *d = 0.0;
+            }
+        }
+        let means: Vec<f64> = std::iter::once(0.0).chain(direction[light].iter().copied()).collect();
+        let by = problem.bilinear.under_light(&means);
+        let along = self.system.moved(problem, &self.a, &by);
+        let at = |alpha: f64| {
+            let there: Vec<f64> = here.iter().zip(&direction).map(|(x, d)| x + alpha * d).collect();
+            let at = at_coordinates(problem, &self.at, &there);
+            let cost = -log_posterior(problem, &at, along(alpha).sums(&at.f));
+            (at, if cost.is_finite() { cost } else { f64::INFINITY })
+        };
+        search(1.0, 64.0, self.cost, |alpha| at(alpha).1).map(at).unwrap_or((self.at.clone(), self.cost))
+    }
+}
+
+/// Rounds of ascent over blocks, each followed by a line search to where Anderson acceleration
+/// points; the trace holds minus the log posterior. Ends after three changes below the tolerance.
 fn ascend(
     problem: &Problem<'_>,
-    at: AllMoments,
+    mut at: AllMoments,
     grams: &Grams,
     settings: &JointMapSettings,
     progress: &dyn Fn(f64),
 ) -> (AllMoments, Vec<f64>, bool) {
-    let (mut at, cost, _) = round(problem, &at, grams);
-    let mut trace = vec![cost];
+    let mut trace: Vec<f64> = Vec::new();
     let mut anderson = Anderson::new();
-    let mut ahead: Option<AllMoments> = None;
     let mut settled = 0;
-    for iteration in 1..settings.max_iterations {
-        let before = trace[trace.len() - 1];
-        let mut from = ahead.take();
-        let mut end = from.as_ref().map(|from| round(problem, from, grams));
-        if end.as_ref().is_none_or(|(_, cost, _)| !(*cost <= before)) {
-            if from.is_some() {
-                anderson.forget();
-            }
-            end = Some(round(problem, &at, grams));
-            from = Some(at.clone());
-        }
-        let (Some(from), Some((next, cost, metric))) = (from, end) else { break };
-        ahead = anderson
-            .next(&coordinates(&from), &coordinates(&next), &metric)
-            .map(|coordinates| at_coordinates(problem, &next, &coordinates));
-        at = next;
+    for iteration in 0..settings.max_iterations.max(1) {
+        let from = coordinates(&at);
+        let end = round(problem, &at, grams);
+        let here = coordinates(&end.at);
+        let cost;
+        (at, cost) = match anderson.next(&from, &here, &end.metric) {
+            Some(there) => end.towards(problem, &there, &here),
+            None => (end.at, end.cost),
+        };
+        let fell = trace.last().map_or(f64::INFINITY, |before| before - cost);
         trace.push(cost);
         progress(iteration as f64 / settings.max_iterations as f64);
-        settled = if (before - cost).abs() < settings.tolerance { settled + 1 } else { 0 };
+        settled = if fell.abs() < settings.tolerance { settled + 1 } else { 0 };
         if settled >= 3 {
             return (at, trace, true);
         }

@@ -59,6 +59,7 @@ impl Alone<'_> {
     }
 
     /// How many nats the best descent lies below `l`.
+    #[cfg(test)]
     pub(super) fn gain(&self, l: &Moments) -> f64 {
         self.cost(l) - self.best().1
     }

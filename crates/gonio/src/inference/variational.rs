@@ -47,6 +47,13 @@ impl Default for VariationalSettings {
     }
 }
 
+impl VariationalSettings {
+    /// Algorithm 1 to the letter, from this many starts.
+    pub fn of_paper(starts: usize, seed: u64) -> Self {
+        Self { solver: Solver::Printed, starts, seed, max_iterations: 20_000, ..Self::default() }
+    }
+}
+
 /// Changes below the tolerance, one after the other, that settle a noise level.
 pub(super) const SETTLED: usize = 3;
 /// A finished start.

@@ -155,6 +155,20 @@ mod tests {
         .unwrap()
     }
 
+    #[test]
+    fn a_cap_cuts_off_lamps_in_their_colour_and_nothing_else() {
+        let (sky, capped) = (sky(), sky().capped(20.0));
+        let mean = sky.to_grid(OctahedralMap::EqualArea, 8).integral() / (4.0 * PI);
+        let limit = 20.0 * f64::from(luminance(mean.as_vec3()));
+        let (lamp, cut) = (sky.radiance()[(40, 20)], capped.radiance()[(40, 20)]);
+        assert!((f64::from(luminance(cut)) / limit - 1.0).abs() < 1e-3, "{cut} {limit}");
+        assert!((cut / luminance(cut) - lamp / luminance(lamp)).length() < 1e-5);
+        for (x, y) in [(0, 0), (39, 20), (40, 50)] {
+            assert_eq!(sky.radiance()[(x, y)], capped.radiance()[(x, y)]);
+        }
+        assert_eq!(sky.capped(f64::INFINITY), sky);
+    }
+
     /// Integral over the sphere.
     fn flux(map: &EnvironmentMap) -> DVec3 {
         let (w, h) = map.radiance().size();

@@ -172,3 +172,11 @@ fn pictures_that_say_nothing_are_refused() {
     let error = observe(CIRCLE, Some(&small));
     assert_eq!(error.to_string(), "the mask is 30x20 pixels and the picture 300x300: make both of one size");
 }
+
+#[test]
+fn the_papers_settings_leave_8600_normals_away_from_the_poles() {
+    let points = sphere_points(&ObservationSettings::of_paper());
+    assert!(points.len().abs_diff(8600) <= 10, "{}", points.len());
+    let steepest = points.iter().map(|p| p.normal.y.abs()).fold(0.0, f64::max);
+    assert!(steepest < 34.4_f64.to_radians().cos(), "{steepest}");
+}

@@ -90,17 +90,21 @@ fn the_tiny_grid_has_its_golden_numbers() {
         ("lambertian", 0.0703, 0.8246),
         ("nearest-material", 0.0236, 0.1979),
         ("known-light", 0.0228, 0.2953),
-        ("joint-map", 0.0480, 0.5620),
-        ("variational", 0.0427, 0.5069),
+        ("joint-map", 0.0371, 0.4300),
+        ("variational", 0.0312, 0.3572),
     ];
+    let mut wrong = String::new();
     for (estimator, log, brdf) in golden {
         let row = row(&whole, "leave-out", estimator);
         for (name, want) in [("log", log), ("brdf", brdf)] {
             let got = row[name]["value"].as_f64().unwrap();
-            assert!((got - want).abs() < 0.02 * want + 5e-5, "{estimator} {name}: {got:.4} instead of {want:.4}");
+            if (got - want).abs() >= 0.02 * want + 5e-5 {
+                wrong += &format!("{estimator} {name}: {got:.4} instead of {want:.4}\n");
+            }
         }
         assert_eq!(row["failures"], 0);
     }
+    assert!(wrong.is_empty(), "{wrong}");
     // So short a training is only to go through.
     let marginal = row(&whole, "leave-out", "marginal");
     assert_eq!((&marginal["cells"], &marginal["failures"]), (&4.into(), &0.into()));

@@ -24,12 +24,6 @@ impl Anderson {
         Self { last: None, changes: VecDeque::new() }
     }
 
-    /// Forgets all steps: after one that was refused, or when `G` has changed.
-    pub(super) fn forget(&mut self) {
-        self.last = None;
-        self.changes.clear();
-    }
-
     /// Takes in the step from `before` to `after = G(before)`. Returns the combination of the
     /// remembered `G(x)` whose combined residual is least in the norm `sum metric r^2`; `None`
     /// before there are two steps.

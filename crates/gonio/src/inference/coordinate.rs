@@ -3,95 +3,12 @@
 //! A round makes two passes over the operator, and forms and factors the curvature in the light (M x
 //! M) for the present reflectance.
 
-use faer::Mat;
-
 use super::ensemble::AllMoments;
-use super::expectations::{Sums, columns_squared, expected_precision, prior_pull};
-use super::grams::{Grams, symmetric_times};
-use super::marginal::Cholesky;
-use super::{Ensemble, Problem};
-use crate::lighting::{CoefficientPrior, Moments};
-use crate::transfer::kernels::{axpy, dispatch};
-
-/// The light given all else: `C_KL` is quadratic in its means, and quadratic with given
-/// responsibilities in all.
-pub(crate) struct LightSystem {
-    /// `<b><g^2> ( B'B + sum_k vf_k A_k' A_k ) + diag d` with `d_m = sum_n r_n / s_n^2`, zero where
-    /// the prior is no mixture; on and below the diagonal.
-    curvature: Mat<f64>,
-    /// `<b><g^2> S_m`, what the image adds to its diagonal.
-    stiffness: Vec<f64>,
-    /// `<b><g> B'I`.
-    target: Vec<f64>,
-    /// `d`.
-    priors: Vec<f64>,
-}
-
-impl LightSystem {
-    pub(crate) fn new(problem: &Problem<'_>, moments: &AllMoments, grams: &Grams) -> Self {
-        let AllMoments { f, l, g, precision } = moments;
-        let b = problem.bilinear.of_reflectance(&moments.f_means());
-        let scale = precision * g.mean_square();
-        let mut stiffness = columns_squared(&b, problem.m());
-        for (f, squares) in f.iter().zip(problem.bilinear.squares().chunks_exact(problem.m())) {
-            stiffness.iter_mut().zip(squares).for_each(|(s, w)| *s += f.variance * w);
-        }
-        stiffness.iter_mut().for_each(|s| *s *= scale);
-        let mut target = vec![0.0; problem.m()];
-        dispatch(|| {
-            for (row, i) in b.chunks_exact(problem.m()).zip(&problem.target) {
-                axpy(precision * g.mean * i, row, &mut target);
-            }
-        });
-        let prior = |(prior, l): (&&CoefficientPrior, &Moments)| match prior {
-            CoefficientPrior::Mixture(mixture) => expected_precision(mixture, l.mean_square()),
-            CoefficientPrior::Rectified(_) => 0.0,
-        };
-        let priors: Vec<f64> = std::iter::once(0.0).chain(problem.light.iter().zip(&l[1..]).map(prior)).collect();
-        Self { curvature: grams.light_curvature(&b, f, scale, &priors), stiffness, target, priors }
-    }
-
-    /// Minus the gradient of the cost in the means, without the priors that are no mixtures.
-    fn residual(&self, means: &[f64]) -> Vec<f64> {
-        let present = symmetric_times(&self.curvature, means);
-        self.target.iter().zip(&present).map(|(t, p)| t - p).collect()
-    }
-
-    /// The means of all light coefficients with mixture priors at once, given all else:
-    ///
-    /// ```text
-    /// ( <b><g^2> [ B'B + sum_k vf_k A_k'A_k ] + diag d ) l = <b><g> B'I
-    /// ```
-    ///
-    /// Returns the means (DC and rectified coefficients unchanged) and the precisions `1/w` that go
-    /// with them.
-    pub(crate) fn means(&self, problem: &Problem<'_>, moments: &AllMoments) -> (Vec<f64>, Vec<f64>) {
-        let mut means = moments.l_means();
-        let mut residual = self.residual(&means);
-        let mut system = self.curvature.clone();
-        let fixed =
-            (0..means.len()).filter(|&m| m == 0 || matches!(problem.light[m - 1], CoefficientPrior::Rectified(_)));
-        for m in fixed {
-            residual[m] = 0.0;
-            system.row_mut(m).fill(0.0);
-            system.col_mut(m).fill(0.0);
-            system[(m, m)] = 1.0;
-        }
-        // Without a factor, which takes round-off larger than every prior precision, the light
-        // stays.
-        if let Some(factor) = Cholesky::new(system) {
-            means.iter_mut().zip(factor.solve(&residual)).for_each(|(x, d)| *x += d);
-        }
-        let precisions = self.stiffness.iter().zip(&self.priors).map(|(s, d)| s + d).collect();
-        (means, precisions)
-    }
-
-    /// Precision `1/w` and `u/w` that the image gives the rectified coefficient `m`, all else
-    /// given.
-    pub(crate) fn push(&self, means: &[f64], m: usize) -> (f64, f64) {
-        (self.stiffness[m], self.residual(means)[m] + self.stiffness[m] * means[m])
-    }
-}
+use super::expectations::Sums;
+use super::grams::Grams;
+use super::light_system::{LightSystem, settle_coefficient};
+use super::{Ensemble, Problem, newton};
+use crate::lighting::Moments;
 
 /// Quadratic form of the residual in the reflectance coefficients, light marginalised under q.
 pub(crate) struct ReflectanceSystem {
@@ -127,7 +44,7 @@ impl ReflectanceSystem {
     }
 
     /// With the image of each basis function changed from `a` to `a + alpha by`, for any `alpha`.
-    pub(crate) fn moved(&self, problem: &Problem<'_>, a: &[f64], by: &[f64]) -> impl Fn(f64) -> Self + use<'_> {
+    pub(crate) fn moved(&self, problem: &Problem<'_>, a: &[f64], by: &[f64]) -> impl Fn(f64) -> Self + use<> {
         let k = problem.k();
         let (mut once, mut twice, mut target) = (vec![0.0; k * k], vec![0.0; k * k], vec![0.0; k]);
         for ((a, d), i) in a.chunks_exact(k).zip(by.chunks_exact(k)).zip(&problem.target) {
@@ -139,15 +56,25 @@ impl ReflectanceSystem {
                 }
             }
         }
+        let start = Self { gram: self.gram.clone(), target: self.target.clone() };
         move |alpha| Self {
-            gram: self
+            gram: start
                 .gram
                 .iter()
                 .zip(once.iter().zip(&twice))
                 .map(|(g, (o, t))| g + alpha * (o + alpha * t))
                 .collect(),
-            target: self.target.iter().zip(&target).map(|(t, d)| t + alpha * d).collect(),
+            target: start.target.iter().zip(&target).map(|(t, d)| t + alpha * d).collect(),
         }
+    }
+
+    pub(super) fn row(&self, x: usize) -> &[f64] {
+        let k = self.target.len();
+        &self.gram[x * k..][..k]
+    }
+
+    pub(super) fn target(&self) -> &[f64] {
+        &self.target
     }
 
     /// Diagonal of the Gram matrix (K).
@@ -195,75 +122,76 @@ impl ReflectanceSystem {
     }
 }
 
-/// One exact update of a single light coefficient to which the image gives precision `stiffness`
-/// and pull `push`, responsibilities included, from the moments that it has.
-pub(crate) fn settle_light(
-    problem: &Problem<'_>,
-    ensemble: &mut Ensemble,
-    m: usize,
-    (stiffness, push): (f64, f64),
-    mut moments: Moments,
-) -> Moments {
-    // The responsibilities depend on the coefficient's own moments: a fixed point, monotone in the
-    // cost.
-    for _ in 0..200 {
-        let (natural, prior) = prior_pull(problem.light[m - 1], &moments);
-        ensemble.set_l(m, push + natural, stiffness + prior);
-        let next = ensemble.l_moments(m, problem.light[m - 1]);
-        let settled = (next.mean - moments.mean).abs() + (next.variance - moments.variance).abs() < 1e-16;
-        moments = next;
-        if settled {
-            break;
-        }
-    }
-    moments
-}
-
-/// Where a round ends.
-pub(crate) struct Round {
+/// A state of q with what the image says of it.
+pub(crate) struct Point {
     pub(crate) ensemble: Ensemble,
-    pub(crate) cost: f64,
+    /// Those of the ensemble.
+    pub(crate) moments: AllMoments,
     /// The image of each basis function under the light (rows x K).
     pub(crate) a: Vec<f64>,
     /// The residual in the reflectance under this light.
     pub(crate) system: ReflectanceSystem,
 }
 
-/// One round of exact minimisation over light, reflectance and exposure in turn, and over the noise
-/// if `noise`.
-pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, noise: bool) -> Round {
+impl Point {
+    pub(crate) fn new(problem: &Problem<'_>, ensemble: Ensemble, grams: &Grams) -> Self {
+        let moments = ensemble.moments(problem);
+        let a = problem.bilinear.under_light(&moments.l_means());
+        let system = ReflectanceSystem::new(problem, &a, &moments.l, grams);
+        Self { ensemble, moments, a, system }
+    }
+
+    /// `C_KL`.
+    pub(crate) fn cost(&self, problem: &Problem<'_>) -> f64 {
+        self.system.sums(&self.moments.f).cost(problem, &self.moments)
+    }
+
+    /// Exact minimisation over reflectance and exposure in turn, over their common scale, and over
+    /// the noise if `noise`.
+    fn settle(&mut self, problem: &Problem<'_>, noise: bool) {
+        let Self { ensemble, moments, system, .. } = self;
+        moments.f = system.descend(problem, moments, |k, natural, precision| {
+            ensemble.set_f(k, natural, precision);
+            ensemble.f_moments(k)
+        });
+        let sums = system.sums(&moments.f);
+        ensemble.set_g(moments.precision * sums.iy - problem.hyper.exposure_rate, moments.precision * sums.q);
+        ensemble.rescale(best_scale(problem, ensemble));
+        (moments.f, moments.g) = ((0..problem.k()).map(|k| ensemble.f_moments(k)).collect(), ensemble.g_moments());
+        if noise {
+            ensemble.set_log_noise(system.sums(&moments.f).best_log_noise(problem, &moments.g));
+            moments.precision = (-ensemble.log_noise()).exp();
+        }
+    }
+}
+
+/// The ensemble with its light at its best given all else, and the system that says so.
+pub(super) fn settle_light(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams) -> (Ensemble, LightSystem) {
+    let moments = ensemble.moments(problem);
     let mut next = ensemble.clone();
-    let mut moments = ensemble.moments(problem);
-    if problem.m() > 1 {
-        let system = LightSystem::new(problem, &moments, grams);
-        let (means, precisions) = system.means(problem, &moments);
-        for m in 1..problem.m() {
-            if matches!(problem.light[m - 1], CoefficientPrior::Mixture(_)) {
-                next.set_l(m, means[m] * precisions[m], precisions[m]);
-                moments.l[m] = Moments::gaussian(means[m], 1.0 / precisions[m]);
-            }
-        }
-        for m in (1..problem.m()).filter(|&m| matches!(problem.light[m - 1], CoefficientPrior::Rectified(_))) {
-            let push = system.push(&moments.l_means(), m);
-            moments.l[m] = settle_light(problem, &mut next, m, push, moments.l[m]);
-        }
-    }
-    let a = problem.bilinear.under_light(&moments.l_means());
-    let system = ReflectanceSystem::new(problem, &a, &moments.l, grams);
-    moments.f = system.descend(problem, &moments, |k, natural, precision| {
-        next.set_f(k, natural, precision);
-        next.f_moments(k)
+    let mut light = LightSystem::new(problem, &moments, grams);
+    let (means, precisions) = light.settle(problem, &moments, |m, stiffness, push| {
+        settle_coefficient(problem, &mut next, m, (stiffness, push), moments.l[m]).mean
     });
-    let sums = system.sums(&moments.f);
-    next.set_g(moments.precision * sums.iy - problem.hyper.exposure_rate, moments.precision * sums.q);
-    next.rescale(best_scale(problem, &next));
-    (moments.f, moments.g) = ((0..problem.k()).map(|k| next.f_moments(k)).collect(), next.g_moments());
-    let sums = system.sums(&moments.f);
-    if noise {
-        next.set_log_noise(sums.best_log_noise(problem, &moments.g));
-        moments.precision = (-next.log_noise()).exp();
+    for m in (1..problem.m()).filter(|&m| !light.is_alone(m)) {
+        next.set_l(m, means[m] * precisions[m], precisions[m]);
     }
-    Round { cost: sums.cost(problem, &moments), ensemble: next, a, system }
+    (next, light)
+}
+
+/// One round: the light at its best given all else, a step of Newton's method in everything, then
+/// reflectance and exposure at their best given the light, and the noise if `noise`. Returns the
+/// ensemble and its cost, which is never higher than before.
+pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, noise: bool) -> (Ensemble, f64) {
+    let mut point = if problem.m() > 1 {
+        let (next, light) = settle_light(problem, ensemble, grams);
+        newton::advance(problem, Point::new(problem, next, grams), &light, noise)
+    } else {
+        Point::new(problem, ensemble.clone(), grams)
+    };
+    point.settle(problem, noise);
+    let cost = point.cost(problem);
+    (point.ensemble, cost)
 }
 
 /// The image sees only the product of exposure and reflectance. Along `f -> c f, g -> g / c` the

@@ -139,16 +139,17 @@ impl Ensemble {
         self.phi[at + 1] = precision.ln();
     }
 
+    /// `u / w` and `1 / w` of reflectance (K) and exposure.
+    pub(crate) fn natural(&self) -> Vec<(f64, f64)> {
+        let g = self.noise_index() + 1;
+        let pairs = (0..self.k).map(|at| (at, at + self.k)).chain(std::iter::once((g, g + 1)));
+        pairs.map(|(natural, log_precision)| (self.phi[natural], self.phi[log_precision].exp())).collect()
+    }
+
     /// `u` of reflectance (K), light (M - 1) and exposure, and `Phi_5`.
     pub(crate) fn locations(&self) -> Vec<f64> {
         let u = self.pairs().map(|(natural, log_precision)| self.phi[natural] / self.phi[log_precision].exp());
         u.chain(std::iter::once(self.log_noise())).collect()
-    }
-
-    /// Curvature of the cost in each of them, about: `1 / w`, and half the `pixels`.
-    pub(crate) fn precisions(&self, pixels: f64) -> Vec<f64> {
-        let precisions = self.pairs().map(|(_, log_precision)| self.phi[log_precision].exp());
-        precisions.chain(std::iter::once(0.5 * pixels)).collect()
     }
 
     /// With other [`Self::locations`] and the same `w`.

@@ -36,9 +36,8 @@ fn settled(problem: &Problem<'_>, mut ensemble: Ensemble) -> (Ensemble, f64) {
     let grams = grams::Grams::new(problem);
     let mut cost = f64::INFINITY;
     for _ in 0..1000 {
-        let round = coordinate::round(problem, &ensemble, &grams, true);
-        let next = round.cost;
-        ensemble = round.ensemble;
+        let next;
+        (ensemble, next) = coordinate::round(problem, &ensemble, &grams, true);
         if cost - next < 1e-9 {
             return (ensemble, next);
         }

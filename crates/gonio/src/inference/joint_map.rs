@@ -5,10 +5,11 @@ use rand::SeedableRng;
 use serde::{Deserialize, Serialize};
 
 use super::acceleration::Anderson;
-use super::coordinate::{LightSystem, ReflectanceSystem};
+use super::coordinate::ReflectanceSystem;
 use super::ensemble::AllMoments;
 use super::expectations::Sums;
 use super::grams::Grams;
+use super::light_system::LightSystem;
 use super::parallel::search;
 use super::{Ensemble, Posterior, Problem, StartReport};
 use crate::lighting::{CoefficientPrior, Moments};
@@ -117,18 +118,13 @@ struct Round {
 /// Ascent over one block of variables at a time.
 fn round(problem: &Problem<'_>, from: &AllMoments, grams: &Grams) -> Round {
     let mut at = from.clone();
-    // Light: mixtures by their EM majoriser, one linear system; the rectified coefficient alone,
-    // cut off at its threshold.
-    let system = LightSystem::new(problem, &at, grams);
-    let (means, precisions) = system.means(problem, &at);
+    // Light: mixtures by their EM majoriser, one linear system; a rectified coefficient at its
+    // threshold alone.
+    let (means, precisions) = LightSystem::new(problem, &at, grams).settle(problem, &at, |m, stiffness, push| {
+        let CoefficientPrior::Rectified(p) = problem.light[m - 1] else { unreachable!("only rectified ones are cut") };
+        ((push + p.location / p.variance) / (stiffness + 1.0 / p.variance)).max(p.threshold)
+    });
     at.l = means.into_iter().map(point).collect();
-    for (i, prior) in problem.light.iter().enumerate() {
-        if let CoefficientPrior::Rectified(p) = prior {
-            let (stiffness, push) = system.push(&at.l_means(), i + 1);
-            let mean = (push + p.location / p.variance) / (stiffness + 1.0 / p.variance);
-            at.l[i + 1] = point(mean.max(p.threshold));
-        }
-    }
     // Reflectance: coordinate ascent to convergence on the non-negative quadratic.
     let a = problem.bilinear.under_light(&at.l_means());
     let system = ReflectanceSystem::new(problem, &a, &at.l, grams);

@@ -22,7 +22,9 @@ mod expectations;
 mod grams;
 mod joint_map;
 mod leap;
+mod light_system;
 pub mod marginal;
+mod newton;
 #[cfg(test)]
 mod nuts;
 mod parallel;

@@ -94,7 +94,7 @@ fn updated(problem: &Problem<'_>, ensemble: &Ensemble, which: Coordinate) -> Ens
             let (pull, l, g) = (now.pull(problem), &now.moments.l, &now.moments.g);
             let stiffness = now.moments.precision * g.mean_square() * pull.stiffness[m];
             let push = now.moments.precision * pull.light[m] + stiffness * l[m].mean;
-            coordinate::settle_light(problem, &mut out, m, (stiffness, push), l[m]);
+            light_system::settle_coefficient(problem, &mut out, m, (stiffness, push), l[m]);
         }
         Coordinate::G => out.copy_g(&full),
         Coordinate::Noise => out.set_log_noise(full.log_noise()),
@@ -158,9 +158,8 @@ fn block_rounds_never_raise_the_cost() {
     let mut ensemble = start(&planted, 2);
     let mut cost = planted.cost(&ensemble);
     for round in 0..30 {
-        let end = coordinate::round(&problem, &ensemble, &grams, round % 7 == 6);
-        let next = end.cost;
-        ensemble = end.ensemble;
+        let next;
+        (ensemble, next) = coordinate::round(&problem, &ensemble, &grams, round % 7 == 6);
         // The cost of the round is what would be computed anew.
         let anew = planted.cost(&ensemble);
         assert!((anew - next).abs() < 1e-9 * next.abs(), "{anew} {next}");

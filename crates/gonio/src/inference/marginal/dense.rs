@@ -44,6 +44,14 @@ impl Cholesky {
         x.col(0).iter().copied().collect()
     }
 
+    /// `L^-T L^-1 X`.
+    pub(crate) fn solve_all(&self, x: &Mat<f64>) -> Mat<f64> {
+        let mut x = x.clone();
+        solve_lower_triangular_in_place(self.lower.as_ref(), x.as_mut(), Par::Seq);
+        solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
+        x
+    }
+
     /// `L^-1` (n x n). The squared norms of its columns are the diagonal of the inverse of the
     /// matrix.
     pub(super) fn inverse_of_lower(&self) -> Mat<f64> {

@@ -1,0 +1,187 @@
+//! The light given all else.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+
+use super::ensemble::AllMoments;
+use super::expectations::{columns_squared, expected_precision, prior_pull};
+use super::grams::{Grams, symmetric_times};
+use super::marginal::Cholesky;
+use super::{Ensemble, Problem};
+use crate::lighting::{CoefficientPrior, Moments};
+use crate::transfer::kernels::{axpy, dispatch};
+
+/// Standard deviations from its threshold from which on a rectified coefficient is a Gaussian one.
+const INSIDE: f64 = 6.0;
+
+/// The light given all else: `C_KL` is quadratic in its means, and quadratic with given
+/// responsibilities in all.
+pub(crate) struct LightSystem {
+    /// `<b><g^2> ( B'B + sum_k vf_k A_k' A_k ) + diag d`, on and below the diagonal.
+    curvature: Mat<f64>,
+    /// `<b><g^2> S_m`, what the image adds to its diagonal.
+    stiffness: Vec<f64>,
+    /// `<b><g> B'I`, and the pull of rectified priors.
+    target: Vec<f64>,
+    /// `d`: `sum_n r_n / s_n^2` for mixtures, `1 / s^2` for rectified Gaussians.
+    priors: Vec<f64>,
+    /// `B` (rows x M).
+    b: Vec<f64>,
+    /// See [`Self::is_alone`].
+    alone: Vec<bool>,
+    /// See [`Self::factor`].
+    factor: Option<Cholesky>,
+}
+
+impl LightSystem {
+    pub(crate) fn new(problem: &Problem<'_>, moments: &AllMoments, grams: &Grams) -> Self {
+        let AllMoments { f, l, g, precision } = moments;
+        let b = problem.bilinear.of_reflectance(&moments.f_means());
+        let scale = precision * g.mean_square();
+        let mut stiffness = columns_squared(&b, problem.m());
+        for (f, squares) in f.iter().zip(problem.bilinear.squares().chunks_exact(problem.m())) {
+            stiffness.iter_mut().zip(squares).for_each(|(s, w)| *s += f.variance * w);
+        }
+        stiffness.iter_mut().for_each(|s| *s *= scale);
+        let mut target = vec![0.0; problem.m()];
+        dispatch(|| {
+            for (row, i) in b.chunks_exact(problem.m()).zip(&problem.target) {
+                axpy(precision * g.mean * i, row, &mut target);
+            }
+        });
+        let mut priors = vec![0.0; problem.m()];
+        for (m, prior) in (1..).zip(&problem.light) {
+            match prior {
+                CoefficientPrior::Mixture(mixture) => priors[m] = expected_precision(mixture, l[m].mean_square()),
+                CoefficientPrior::Rectified(p) => {
+                    priors[m] = 1.0 / p.variance;
+                    target[m] += p.location / p.variance;
+                }
+            }
+        }
+        let curvature = grams.light_curvature(&b, f, scale, &priors);
+        let means = moments.l_means();
+        let mut system = Self { curvature, stiffness, target, priors, b, alone: Vec::new(), factor: None };
+        system.alone = (0..problem.m()).map(|m| m == 0 || system.is_cut(problem, m, means[m], l[m].variance)).collect();
+        system.refactor();
+        system
+    }
+
+    /// Whether the threshold of its prior cuts a rectified coefficient.
+    fn is_cut(&self, problem: &Problem<'_>, m: usize, mean: f64, variance: f64) -> bool {
+        match problem.light[m - 1] {
+            CoefficientPrior::Mixture(_) => false,
+            CoefficientPrior::Rectified(p) => mean - p.threshold <= INSIDE * variance.sqrt(),
+        }
+    }
+
+    fn refactor(&mut self) {
+        let mut system = self.curvature.clone();
+        for m in (0..self.alone.len()).filter(|&m| self.alone[m]) {
+            system.row_mut(m).fill(0.0);
+            system.col_mut(m).fill(0.0);
+            system[(m, m)] = 1.0;
+        }
+        self.factor = Cholesky::new(system);
+    }
+
+    /// Minus the gradient of the cost in the means.
+    fn residual(&self, means: &[f64]) -> Vec<f64> {
+        let present = symmetric_times(&self.curvature, means);
+        self.target.iter().zip(&present).map(|(t, p)| t - p).collect()
+    }
+
+    /// The light at its best given all else: means of all coefficients at once,
+    ///
+    /// ```text
+    /// ( <b><g^2> [ B'B + sum_k vf_k A_k'A_k ] + diag d ) l = <b><g> B'I
+    /// ```
+    ///
+    /// and the precisions `1/w` that go with them; those alone, one after the other, are left to
+    /// `alone(m, 1/w, u/w)` with what the image gives them, which returns their mean.
+    pub(crate) fn settle(
+        &mut self,
+        problem: &Problem<'_>,
+        moments: &AllMoments,
+        mut alone: impl FnMut(usize, f64, f64) -> f64,
+    ) -> (Vec<f64>, Vec<f64>) {
+        let precisions: Vec<f64> = self.stiffness.iter().zip(&self.priors).map(|(s, d)| s + d).collect();
+        let start = moments.l_means();
+        let mut means = self.solved(&start);
+        let cut = |m: &usize| !self.alone[*m] && self.is_cut(problem, *m, means[*m], 1.0 / precisions[*m]);
+        let cut: Vec<usize> = (1..means.len()).filter(cut).collect();
+        if !cut.is_empty() {
+            cut.into_iter().for_each(|m| self.alone[m] = true);
+            self.refactor();
+            means = self.solved(&start);
+        }
+        for m in (1..means.len()).filter(|&m| self.alone[m]) {
+            let CoefficientPrior::Rectified(p) = problem.light[m - 1] else { continue };
+            let push = self.residual(&means)[m] + precisions[m] * means[m] - p.location / p.variance;
+            means[m] = alone(m, self.stiffness[m], push);
+        }
+        (means, precisions)
+    }
+
+    /// The means that solve the system, those alone as they are. Without a factor all stay.
+    fn solved(&self, from: &[f64]) -> Vec<f64> {
+        let Some(factor) = &self.factor else { return from.to_vec() };
+        let mut residual = self.residual(from);
+        residual.iter_mut().zip(&self.alone).filter(|(_, alone)| **alone).for_each(|(r, _)| *r = 0.0);
+        from.iter().zip(factor.solve(&residual)).map(|(x, d)| x + d).collect()
+    }
+
+    /// Of the curvature among the coefficients that are not alone; none where round-off is larger
+    /// than every prior precision.
+    pub(super) fn factor(&self) -> Option<&Cholesky> {
+        self.factor.as_ref()
+    }
+
+    /// Whether a coefficient is left out: DC, and rectified ones that their threshold cuts.
+    pub(super) fn is_alone(&self, m: usize) -> bool {
+        self.alone[m]
+    }
+
+    /// How the prior pulls a coefficient back, `d_m (<l_m> - location)`, and `<b><g> B'I`: at its
+    /// best, image and prior balance the second.
+    pub(super) fn balance(&self, problem: &Problem<'_>, m: usize, mean: f64) -> (f64, f64) {
+        let location = match problem.light[m - 1] {
+            CoefficientPrior::Mixture(_) => 0.0,
+            CoefficientPrior::Rectified(p) => p.location,
+        };
+        (self.priors[m] * (mean - location), self.target[m] - self.priors[m] * location)
+    }
+
+    /// `scale B'a` (M x K).
+    pub(super) fn images(&self, a: &[f64], k: usize, scale: f64) -> Mat<f64> {
+        let (rows, m) = (a.len() / k, self.target.len());
+        let mut out = Mat::zeros(m, k);
+        let (b, a) = (MatRef::from_row_major_slice(&self.b, rows, m), MatRef::from_row_major_slice(a, rows, k));
+        matmul(out.as_mut(), Accum::Replace, b.transpose(), a, scale, Par::Seq);
+        out
+    }
+}
+
+/// One exact update of a single light coefficient to which the image gives precision `stiffness`
+/// and pull `push`, responsibilities included, from the moments that it has.
+pub(crate) fn settle_coefficient(
+    problem: &Problem<'_>,
+    ensemble: &mut Ensemble,
+    m: usize,
+    (stiffness, push): (f64, f64),
+    mut moments: Moments,
+) -> Moments {
+    // The responsibilities depend on the coefficient's own moments: a fixed point, monotone in the
+    // cost.
+    for _ in 0..200 {
+        let (natural, prior) = prior_pull(problem.light[m - 1], &moments);
+        ensemble.set_l(m, push + natural, stiffness + prior);
+        let next = ensemble.l_moments(m, problem.light[m - 1]);
+        let settled = (next.mean - moments.mean).abs() + (next.variance - moments.variance).abs() < 1e-16;
+        moments = next;
+        if settled {
+            break;
+        }
+    }
+    moments
+}

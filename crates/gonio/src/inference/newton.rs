@@ -1,0 +1,242 @@
+//! Newton's method in light, reflectance, exposure and noise at once.
+//!
+//! The image is bilinear: what more of one basis function explains, another light explains as well.
+//! Blocks in turn creep along that valley; a step in all of them at once goes along it.
+
+use faer::Mat;
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+use super::Problem;
+use super::coordinate::Point;
+use super::ensemble::AllMoments;
+use super::light_system::LightSystem;
+use super::parallel::search;
+
+/// Least curvature that a step believes, relative to that of a coordinate alone.
+const FLOOR: f64 = 1e-8;
+
+/// From a light that is at its best for the reflectance, along Newton's direction to the least
+/// cost. Nothing where that does not lower the cost.
+pub(super) fn advance(problem: &Problem<'_>, from: Point, light: &LightSystem, noise: bool) -> Point {
+    let Some(step) = Local::new(problem, &from, light, noise).step(&from, light) else { return from };
+    let by = problem.bilinear.under_light(&step.light);
+    let along = from.system.moved(problem, &from.a, &by);
+    let start = from.ensemble.locations();
+    let at = |alpha: f64| {
+        let locations: Vec<f64> = start.iter().zip(&step.locations).map(|(x, d)| x + alpha * d).collect();
+        let ensemble = from.ensemble.with_locations(&locations);
+        let moments = ensemble.moments(problem);
+        (ensemble, moments)
+    };
+    let cost = |alpha: f64| {
+        let moments = at(alpha).1;
+        let cost = along(alpha).sums(&moments.f).cost(problem, &moments);
+        if cost.is_finite() { cost } else { f64::INFINITY }
+    };
+    match search(1.0, 64.0, from.cost(problem), cost) {
+        Some(alpha) => {
+            let (ensemble, moments) = at(alpha);
+            let a = from.a.iter().zip(&by).map(|(a, d)| a + alpha * d).collect();
+            Point { ensemble, moments, a, system: along(alpha) }
+        }
+        None => from,
+    }
+}
+
+/// Change of the [locations](super::Ensemble::locations), and of the means of light (M) alone.
+struct Step {
+    locations: Vec<f64>,
+    light: Vec<f64>,
+}
+
+/// Gradient and curvature of the cost in the means of reflectance (K) and exposure and in `Phi_5`
+/// (if the noise counts), all `w` as they are.
+///
+/// In the mean of a rectified Gaussian with given `w`, what its entropy curves is `1 / var` less
+/// what the image does through `<x^2>`.
+struct Local {
+    gradient: DVector<f64>,
+    curvature: DMatrix<f64>,
+    /// Curvature with the light (M x size), zero where that stays.
+    cross: Mat<f64>,
+}
+
+impl Local {
+    fn new(problem: &Problem<'_>, at: &Point, light: &LightSystem, noise: bool) -> Self {
+        let (k, system) = (problem.k(), &at.system);
+        let AllMoments { f, l, g, precision } = &at.moments;
+        let (precision, g1, g2, means) = (*precision, g.mean, g.mean_square(), at.moments.f_means());
+        let natural = at.ensemble.natural();
+        let with_f: Vec<f64> = (0..k).map(|x| system.row(x).iter().zip(&means).map(|(h, f)| h * f).sum()).collect();
+        let sums = system.sums(f);
+        let size = k + 1 + usize::from(noise);
+        let mut gradient = DVector::zeros(size);
+        let mut curvature = DMatrix::zeros(size, size);
+        // The image's own share of the diagonal, where a variance is not yet at its best.
+        let diagonal =
+            |variance: f64, image: f64, present: f64| (1.0 / variance + image - present).max(1e-3 / variance);
+        for x in 0..k {
+            let (u, p) = natural[x];
+            gradient[x] = u - p * means[x] + precision * (g2 * with_f[x] - g1 * system.target()[x]) + problem.rates[x];
+            for y in 0..k {
+                curvature[(x, y)] = precision * g2 * system.row(x)[y];
+            }
+            curvature[(x, x)] = diagonal(f[x].variance, precision * g2 * system.row(x)[x], p);
+            curvature[(x, k)] = precision * (2.0 * g1 * with_f[x] - system.target()[x]);
+        }
+        let (u, p) = natural[k];
+        let of_g = precision * (sums.q * g1 - sums.iy);
+        gradient[k] = u - p * g1 + of_g + problem.hyper.exposure_rate;
+        curvature[(k, k)] = diagonal(g.variance, precision * sums.q, p);
+        if noise {
+            let left = precision * (problem.hyper.noise_rate + 0.5 * sums.residual(problem, g));
+            gradient[k + 1] = problem.noise_shape() - left;
+            curvature[(k + 1, k + 1)] = left;
+            for x in 0..k {
+                curvature[(x, k + 1)] = precision * (g1 * system.target()[x] - g2 * with_f[x]);
+            }
+            curvature[(k, k + 1)] = -of_g;
+        }
+        for x in 0..size {
+            for y in 0..x {
+                curvature[(x, y)] = curvature[(y, x)];
+            }
+        }
+
+        let weights = at.a.chunks_exact(k).zip(&problem.target).map(|(a, i)| {
+            let y: f64 = a.iter().zip(&means).map(|(a, f)| a * f).sum();
+            precision * (g2 * y - g1 * i)
+        });
+        let pulled = problem.bilinear.adjoint(&weights.collect::<Vec<_>>());
+        let images = light.images(&at.a, k, precision * g2);
+        let cross = Mat::from_fn(l.len(), size, |m, x| {
+            if light.is_alone(m) {
+                return 0.0;
+            }
+            // At its best the light balances its target by image and prior.
+            let (prior, target) = light.balance(problem, m, l[m].mean);
+            match x {
+                x if x < k => pulled[x * l.len() + m] + images[(m, x)],
+                x if x == k => 2.0 * (g1 / g2) * (target - prior) - target / g1,
+                _ => prior,
+            }
+        });
+        Self { gradient, curvature, cross }
+    }
+
+    /// Newton's step, the light eliminated: its curvature `C` and the cross curvature `X` take
+    /// `X' C^-1 X` from the curvature of the rest. Where that leaves no minimum, the curvature
+    /// counts with its sign reversed. `None` without a factor of `C`.
+    fn step(&self, at: &Point, light: &LightSystem) -> Option<Step> {
+        let solved = light.factor()?.solve_all(&self.cross);
+        let size = self.gradient.len();
+        let product =
+            |x: usize, y: usize| self.cross.col(x).iter().zip(solved.col(y).iter()).map(|(c, s)| c * s).sum::<f64>();
+        let left = DMatrix::from_fn(size, size, |x, y| self.curvature[(x, y)] - 0.5 * (product(x, y) + product(y, x)));
+        let unit = self.curvature.diagonal().map(|c| c.sqrt().recip());
+        let scaled = DMatrix::from_fn(size, size, |x, y| left[(x, y)] * unit[x] * unit[y]);
+        let eigen = SymmetricEigen::try_new(scaled, 1e-14, 1000)?;
+        let mut turned = eigen.eigenvectors.transpose() * self.gradient.component_mul(&unit);
+        for (t, value) in turned.iter_mut().zip(eigen.eigenvalues.iter()) {
+            *t /= -value.abs().max(FLOOR);
+        }
+        let change = (eigen.eigenvectors * turned).component_mul(&unit);
+
+        let AllMoments { f, l, g, .. } = &at.moments;
+        let along = |m: usize| -(0..size).map(|x| solved[(m, x)] * change[x]).sum::<f64>();
+        let light: Vec<f64> = (0..l.len()).map(along).collect();
+        // Of a rectified Gaussian the mean moves by `var / w` times as much as the location.
+        let natural = at.ensemble.natural();
+        let mut locations: Vec<f64> = (0..f.len()).map(|x| change[x] / (natural[x].1 * f[x].variance)).collect();
+        locations.extend(&light[1..]);
+        locations.push(change[f.len()] / (natural[f.len()].1 * g.variance));
+        locations.push(if size > f.len() + 1 { change[f.len() + 1] } else { 0.0 });
+        locations.iter().all(|x| x.is_finite()).then_some(Step { locations, light })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::grams::Grams;
+    use super::super::tests::{planted, start};
+    use super::super::{Ensemble, coordinate};
+    use super::*;
+
+    fn settled(problem: &Problem<'_>, mut ensemble: Ensemble, grams: &Grams) -> (Point, LightSystem) {
+        for _ in 0..20 {
+            ensemble = coordinate::settle_light(problem, &ensemble, grams).0;
+        }
+        let light = LightSystem::new(problem, &ensemble.moments(problem), grams);
+        (Point::new(problem, ensemble, grams), light)
+    }
+
+    /// Index of the unknowns of [`Local`] among the locations.
+    fn places(problem: &Problem<'_>) -> Vec<usize> {
+        let (k, m) = (problem.k(), problem.m());
+        (0..k).chain([k + m - 1, k + m]).collect()
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_cost() {
+        let planted = planted(60, 3, 0.05, 4);
+        let problem = planted.problem();
+        let grams = Grams::new(&problem);
+        // Means anywhere; where the variances are at their best, the gradient is exact.
+        let mut ensemble = start(&planted, 4);
+        for _ in 0..100 {
+            let (point, _) = settled(&problem, ensemble, &grams);
+            ensemble = point.ensemble;
+            let AllMoments { g, precision, .. } = point.moments;
+            for (k, diagonal) in point.system.diagonal().into_iter().enumerate() {
+                let p = precision * g.mean_square() * diagonal;
+                ensemble.set_f(k, (0.2 + 0.3 * k as f64) * p, p);
+            }
+            let p = precision * point.system.sums(&ensemble.moments(&problem).f).q;
+            ensemble.set_g(1.1 * p, p);
+        }
+        let (point, light) = settled(&problem, ensemble, &grams);
+        let local = Local::new(&problem, &point, &light, true);
+        let natural = point.ensemble.natural();
+        let AllMoments { f, g, .. } = &point.moments;
+        for (x, place) in places(&problem).into_iter().enumerate() {
+            let cost = |step: f64| {
+                let mut locations = point.ensemble.locations();
+                locations[place] += step;
+                Point::new(&problem, point.ensemble.with_locations(&locations), &grams).cost(&problem)
+            };
+            let h = 1e-5;
+            let by_difference = (cost(h) - cost(-h)) / (2.0 * h);
+            let of_location = match x {
+                x if x < f.len() => natural[x].1 * f[x].variance,
+                x if x == f.len() => natural[x].1 * g.variance,
+                _ => 1.0,
+            };
+            let by_hand = local.gradient[x] * of_location;
+            let error = (by_hand - by_difference).abs();
+            assert!(error < 1e-5 * by_difference.abs().max(1.0), "{x}: {by_hand} against {by_difference}");
+        }
+    }
+
+    #[test]
+    fn a_step_near_the_end_leaves_little_to_do() {
+        for seed in 1..6 {
+            let planted = planted(80, 3, 0.05, seed);
+            let problem = planted.problem();
+            let grams = Grams::new(&problem);
+            let mut ensemble = start(&planted, seed);
+            let mut least = f64::INFINITY;
+            for _ in 0..500 {
+                (ensemble, least) = coordinate::round(&problem, &ensemble, &grams, true);
+            }
+            let mut locations = ensemble.locations();
+            let places = places(&problem);
+            for (x, &place) in places.iter().enumerate() {
+                locations[place] *= 1.0 + 1e-3 * (x as f64 - 1.7);
+            }
+            let (point, light) = settled(&problem, ensemble.with_locations(&locations), &grams);
+            let before = point.cost(&problem) - least;
+            let after = advance(&problem, point, &light, true).cost(&problem) - least;
+            assert!(before > 1e-2 && after < 0.1 * before, "{seed}: from {before} to {after} nats above the end");
+        }
+    }
+}

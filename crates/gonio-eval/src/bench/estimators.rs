@@ -1,7 +1,7 @@
 //! What is compared: trivial answers, oracles, and the estimators of the library.
 
 use anyhow::{Context, Result};
-use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
+use gonio::inference::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
 use gonio::reflectance::BivariateTable;
 use gonio::transfer::Projected;
 use serde::{Deserialize, Serialize};
@@ -139,9 +139,9 @@ impl Estimator {
     /// Answers.
     pub(crate) fn estimate(self, photograph: &Photograph<'_>) -> Result<Estimate> {
         let Photograph { knowledge, image, projected, under_true_light, truth, starts, separable } = *photograph;
-        let Separable { paper, tolerance, variance, iterations } = separable;
+        let Separable { paper, tolerance, variance, iterations, .. } = separable;
         let basis = &knowledge.model.reflectance;
-        let hyper = if paper { Hyper::default() } else { Hyper::with_model_error(projected.pixels) };
+        let hyper = separable.hyper(projected.pixels);
         let variational = |solver| VariationalSettings {
             solver,
             starts,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio::inference::VariationalSettings;
+use gonio::inference::{Hyper, VariationalSettings};
 use gonio::transfer::PlanSettings;
 use serde::{Deserialize, Serialize};
 
@@ -95,6 +95,37 @@ pub(crate) struct Separable {
     /// Iterations of each start at most
     #[arg(long, default_value_t = VariationalSettings::default().max_iterations)]
     pub(crate) iterations: usize,
+    /// Shape `a` of the prior of the noise [default: as many as there are normals; with --paper 1e-3]
+    #[arg(long)]
+    pub(crate) noise_shape: Option<f64>,
+    /// Rate `b` of the same, for an image of root mean square one [default: `a` times the square of
+    /// a model error of 5 %; with --paper 1e-6]
+    #[arg(long)]
+    pub(crate) noise_rate: Option<f64>,
+    /// Rate `lambda_gamma` of the prior of the exposure
+    #[arg(long, default_value_t = Hyper::default().exposure_rate)]
+    pub(crate) exposure_rate: f64,
+}
+
+impl Separable {
+    /// Priors of exposure and noise for this many observations.
+    pub(crate) fn hyper(&self, pixels: usize) -> Hyper {
+        let usual = if self.paper { Hyper::default() } else { Hyper::with_model_error(pixels) };
+        Hyper {
+            exposure_rate: self.exposure_rate,
+            noise_shape: self.noise_shape.unwrap_or(usual.noise_shape),
+            noise_rate: self.noise_rate.unwrap_or(usual.noise_rate),
+        }
+    }
+}
+
+#[cfg(test)]
+impl Default for Separable {
+    fn default() -> Self {
+        let VariationalSettings { tolerance, variance, max_iterations: iterations, .. } = VariationalSettings::default();
+        let exposure_rate = Hyper::default().exposure_rate;
+        Self { paper: false, tolerance, variance, iterations, noise_shape: None, noise_rate: None, exposure_rate }
+    }
 }
 
 /// Photographs of a quick run: two interiors, a wood, and a noon with the sun out.

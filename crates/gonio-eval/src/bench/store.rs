@@ -175,7 +175,7 @@ mod tests {
             rank: 10,
             normals: 100,
             starts: 1,
-            separable: Separable { paper: false, tolerance: 1e-4, variance: 0.1, iterations: 100 },
+            separable: Separable::default(),
             prior: None,
             learning: Learning::default(),
             noise: 0.0,

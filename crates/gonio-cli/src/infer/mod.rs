@@ -88,7 +88,7 @@ pub(crate) struct Options {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Random starts of the same
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     starts: u32,
     /// Texels along a side of the light grid, a power of two
     #[arg(long, default_value_t = 32)]

@@ -31,8 +31,8 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
     html! {
         p {
             "Each BRDF is inferred from a single picture of a sphere under " (LIGHTS[0].1) " or " (LIGHTS[1].1) ", a light that is not told, "
-            "and shown under " (NOVEL.1) ". The inferred BRDF is monochrome; its colour here is the median colour of the input, "
-            "which holds the colour of the input's light as well. Predictions are brought to the brightness of the truth by the median ratio."
+            "and shown under " (NOVEL.1) ". The inferred BRDF is monochrome; it is shown in the RGB "
+            "colour that fits the picture of the truth best, as in the paper."
         }
         @for (i, (_, light)) in LIGHTS.iter().enumerate() {
             h3 { "From " (light) }

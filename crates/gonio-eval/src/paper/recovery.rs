@@ -1,9 +1,9 @@
 //! The estimates of Figs. 4 and 5 and of the gloss order: every material under every light.
 
 use anyhow::Result;
-use gonio::picture::{Picture, Plane, luminance};
+use gonio::picture::{Picture, luminance};
 use gonio::reflectance::BivariateTable;
-use gonio::render::{Brdf, IntegratorSettings, Tinted, median_colour, radiance, render_sphere};
+use gonio::render::{Brdf, IntegratorSettings, Tinted, radiance, render_sphere};
 use gonio::scene::{ObservationSettings, sphere_points};
 use rayon::prelude::*;
 
@@ -18,8 +18,7 @@ pub(super) struct Estimate {
     pub(super) input: Picture,
     /// Inferred monochrome BRDF, on a scale of its own.
     pub(super) table: BivariateTable,
-    /// The novel light on the estimate in the colour of the input, brought to the brightness of the
-    /// truth.
+    /// The novel light on the estimate in the colour that fits the truth best.
     pub(super) predicted: Picture,
     /// Error of the prediction.
     pub(super) relight: Relight,
@@ -54,24 +53,20 @@ pub(super) fn recover(workshop: &Workshop) -> Result<Vec<Recovered>> {
             let name = format!("{} under {light}", material.name);
             let estimate = step(&format!("Fig. 4, {name}"), || {
                 let accuracy = IntegratorSettings::default();
-                let colours: Vec<glam::Vec3> = points
-                    .par_iter()
-                    .map(|p| radiance(p, &material.full, &envelope, tree, &accuracy).as_vec3())
-                    .collect();
-                let image: Vec<Option<f64>> = colours.iter().map(|c| Some(f64::from(luminance(*c)))).collect();
+                let seen = |p| radiance(p, &material.full, &envelope, tree, &accuracy).as_vec3();
+                let image: Vec<Option<f64>> =
+                    points.par_iter().map(|p| Some(f64::from(luminance(seen(p))))).collect();
                 let projected = plan.project(&image, 1e-5)?;
                 let (_, table) = workshop.infer(&projected, &name)?;
-                let colour = median_colour(&Plane::from_vec(colours.len(), 1, colours), |_| true);
-                let tinted = Tinted { table, colour: colour.as_dvec3() };
-                let predicted = render_sphere(&tinted, &workshop.novel, &settings, &|_| ());
-                let (ours, reference) = (pixels(&predicted), pixels(&truth));
+                let grey = Tinted { table, colour: glam::DVec3::ONE };
+                let predicted = render_sphere(&grey, &workshop.novel, &settings, &|_| ());
                 Ok(Estimate {
                     input: show::sphere(&material.full, tree),
-                    predicted: show::scaled(&predicted, show::median_ratio(&ours, &reference)),
-                    relight: metrics::relight(&ours, &reference),
-                    brdf: metrics::brdf_error(&tinted.table, &material.truth),
+                    relight: metrics::relight(&pixels(&predicted), &pixels(&truth)),
+                    predicted: show::best_coloured(&predicted, &truth),
+                    brdf: metrics::brdf_error(&grey.table, &material.truth),
                     left_over: projected.left_over(),
-                    table: tinted.table,
+                    table: grey.table,
                 })
             })?;
             estimates.push(estimate);

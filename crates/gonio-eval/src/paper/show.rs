@@ -56,6 +56,20 @@ pub(crate) fn scaled(picture: &Picture, factor: f64) -> Picture {
     Picture { rgb: picture.rgb.map(|p| *p * factor as f32), alpha: picture.alpha.clone() }
 }
 
+/// A grey picture in the colour that brings it nearest to the reference, channel by channel by
+/// least squares over what both show wholly: how the paper displays a grey estimate.
+pub(super) fn best_coloured(grey: &Picture, reference: &Picture) -> Picture {
+    let (ours, theirs) = (grey.rgb.as_slice(), reference.rgb.as_slice());
+    let (mut up, mut down) = (DVec3::ZERO, DVec3::ZERO);
+    for i in (0..ours.len()).filter(|&i| covered(grey, i) && covered(reference, i)) {
+        let (ours, theirs) = (ours[i].as_dvec3(), theirs[i].as_dvec3());
+        up += ours * theirs;
+        down += ours * ours;
+    }
+    let colour = (up / down.max(DVec3::splat(f64::MIN_POSITIVE))).as_vec3();
+    Picture { rgb: grey.rgb.map(|p| *p * colour), alpha: grey.alpha.clone() }
+}
+
 /// The factor that brings an estimate over the reference for most pixels, highlights or not: the
 /// median ratio.
 pub(super) fn median_ratio(estimate: &[f64], reference: &[f64]) -> f64 {
@@ -90,6 +104,18 @@ mod tests {
         let grey = |v: f32| Plane::from_fn(2, 3, move |_, _| Vec3::splat(v));
         let both = beside(&[grey(0.1), grey(0.2)]);
         assert_eq!((both.size(), both[(1, 2)].x, both[(2, 0)].x), ((4, 3), 0.1, 0.2));
+    }
+
+    #[test]
+    fn the_best_colour_is_that_of_the_reference() {
+        let shading = |i: usize| 0.5 + i as f32;
+        let grey = Picture { rgb: Plane::from_fn(3, 1, |x, _| Vec3::splat(shading(x))), alpha: None };
+        let colour = Vec3::new(0.2, 3.0, 0.0);
+        let reference = Picture { rgb: Plane::from_fn(3, 1, |x, _| shading(x) * colour), alpha: None };
+        let coloured = best_coloured(&grey, &reference);
+        for (got, want) in coloured.rgb.as_slice().iter().zip(reference.rgb.as_slice()) {
+            assert!((*got - *want).abs().max_element() < 1e-5, "{got} {want}");
+        }
     }
 
     #[test]

@@ -122,7 +122,8 @@ impl Separable {
 #[cfg(test)]
 impl Default for Separable {
     fn default() -> Self {
-        let VariationalSettings { tolerance, variance, max_iterations: iterations, .. } = VariationalSettings::default();
+        let VariationalSettings { tolerance, variance, max_iterations: iterations, .. } =
+            VariationalSettings::default();
         let exposure_rate = Hyper::default().exposure_rate;
         Self { paper: false, tolerance, variance, iterations, noise_shape: None, noise_rate: None, exposure_rate }
     }

@@ -54,8 +54,7 @@ pub(super) fn recover(workshop: &Workshop) -> Result<Vec<Recovered>> {
             let estimate = step(&format!("Fig. 4, {name}"), || {
                 let accuracy = IntegratorSettings::default();
                 let seen = |p| radiance(p, &material.full, &envelope, tree, &accuracy).as_vec3();
-                let image: Vec<Option<f64>> =
-                    points.par_iter().map(|p| Some(f64::from(luminance(seen(p))))).collect();
+                let image: Vec<Option<f64>> = points.par_iter().map(|p| Some(f64::from(luminance(seen(p))))).collect();
                 let projected = plan.project(&image, 1e-5)?;
                 let (_, table) = workshop.infer(&projected, &name)?;
                 let grey = Tinted { table, colour: glam::DVec3::ONE };

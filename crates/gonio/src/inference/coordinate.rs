@@ -78,6 +78,7 @@ impl ReflectanceSystem {
     }
 
     /// Diagonal of the Gram matrix (K).
+    #[cfg(test)]
     pub(crate) fn diagonal(&self) -> Vec<f64> {
         let k = self.target.len();
         (0..k).map(|x| self.gram[x * k + x]).collect()

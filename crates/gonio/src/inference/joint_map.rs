@@ -4,12 +4,12 @@
 use rand::SeedableRng;
 use serde::{Deserialize, Serialize};
 
-use super::acceleration::Anderson;
 use super::coordinate::ReflectanceSystem;
 use super::ensemble::AllMoments;
 use super::expectations::Sums;
 use super::grams::Grams;
 use super::light_system::LightSystem;
+use super::newton::Local;
 use super::parallel::search;
 use super::{Ensemble, Posterior, Problem, StartReport};
 use crate::lighting::{CoefficientPrior, Moments};
@@ -83,89 +83,74 @@ pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress
     }
 }
 
-/// Reflectance, light but DC, exposure.
-fn coordinates(at: &AllMoments) -> Vec<f64> {
-    at.f.iter().chain(&at.l[1..]).chain(std::iter::once(&at.g)).map(|x| x.mean).collect()
-}
-
-/// A point estimate at other coordinates, moved to where the prior has mass; same noise.
-fn at_coordinates(problem: &Problem<'_>, at: &AllMoments, coordinates: &[f64]) -> AllMoments {
-    let k = problem.k();
-    let mut at = at.clone();
-    at.f = coordinates[..k].iter().map(|f| point(f.max(0.0))).collect();
-    for (i, (prior, l)) in problem.light.iter().zip(&coordinates[k..]).enumerate() {
-        at.l[i + 1] = point(match prior {
-            CoefficientPrior::Mixture(_) => *l,
-            CoefficientPrior::Rectified(p) => l.max(p.threshold),
-        });
-    }
-    at.g = point(coordinates[coordinates.len() - 1].max(1e-12));
-    at
-}
-
-/// Where a round of ascent ends.
-struct Round {
-    at: AllMoments,
-    /// Minus the log posterior.
-    cost: f64,
-    /// The curvatures of the cost in the [`coordinates`], about.
-    metric: Vec<f64>,
-    /// The image of each basis function under the light (rows x K).
-    a: Vec<f64>,
-    system: ReflectanceSystem,
-}
-
-/// Ascent over one block of variables at a time.
-fn round(problem: &Problem<'_>, from: &AllMoments, grams: &Grams) -> Round {
-    let mut at = from.clone();
-    // Light: mixtures by their EM majoriser, one linear system; a rectified coefficient at its
-    // threshold alone.
-    let (means, precisions) = LightSystem::new(problem, &at, grams).settle(problem, &at, |m, stiffness, push| {
+/// The light at its best given all else: mixtures by their EM majoriser, one linear system; a
+/// rectified coefficient at its threshold alone.
+fn settle_light(problem: &Problem<'_>, at: &mut AllMoments, grams: &Grams) -> LightSystem {
+    let mut light = LightSystem::new(problem, at, grams);
+    let (means, _) = light.settle(problem, at, |m, stiffness, push| {
         let CoefficientPrior::Rectified(p) = problem.light[m - 1] else { unreachable!("only rectified ones are cut") };
         ((push + p.location / p.variance) / (stiffness + 1.0 / p.variance)).max(p.threshold)
     });
     at.l = means.into_iter().map(point).collect();
-    // Reflectance: coordinate ascent to convergence on the non-negative quadratic.
-    let a = problem.bilinear.under_light(&at.l_means());
-    let system = ReflectanceSystem::new(problem, &a, &at.l, grams);
+    light
+}
+
+/// From a light at its best along Newton's direction to the greatest density; the point and the
+/// residual in the reflectance there.
+fn advance(
+    problem: &Problem<'_>,
+    from: AllMoments,
+    light: &LightSystem,
+    grams: &Grams,
+) -> (AllMoments, ReflectanceSystem) {
+    let a = problem.bilinear.under_light(&from.l_means());
+    let system = ReflectanceSystem::new(problem, &a, &from.l, grams);
+    let k = problem.k();
+    let local = Local::new(problem, &from, (&a, &system), light, Some(problem.noise_shape() - 1.0));
+    let Some(mut step) = local.without_negative(&from.f).step(light) else { return (from, system) };
+    // Those that could be cut off stay: the image is linear in the others.
+    for (l, prior) in step.light[1..].iter_mut().zip(&problem.light) {
+        if matches!(prior, CoefficientPrior::Rectified(_)) {
+            *l = 0.0;
+        }
+    }
+    let by = problem.bilinear.under_light(&step.light);
+    let along = system.moved(problem, &a, &by);
+    let at = |alpha: f64| AllMoments {
+        f: from.f.iter().zip(step.rest.iter()).map(|(f, d)| point((f.mean + alpha * d).max(0.0))).collect(),
+        l: from.l.iter().zip(&step.light).map(|(l, d)| point(l.mean + alpha * d)).collect(),
+        g: point((from.g.mean + alpha * step.rest[k]).max(1e-12)),
+        precision: from.precision * (-alpha * step.rest[k + 1]).exp(),
+    };
+    let cost = |alpha: f64| {
+        let at = at(alpha);
+        let cost = -log_posterior(problem, &at, along(alpha).sums(&at.f));
+        if cost.is_finite() { cost } else { f64::INFINITY }
+    };
+    let here = -log_posterior(problem, &from, system.sums(&from.f));
+    match search(1.0, 64.0, here, cost) {
+        Some(alpha) => (at(alpha), along(alpha)),
+        None => (from, system),
+    }
+}
+
+/// One round: the light, a Newton step in everything, then reflectance, exposure and noise in turn.
+/// Returns the point and minus its log posterior, which never grows.
+fn round(problem: &Problem<'_>, mut at: AllMoments, grams: &Grams) -> (AllMoments, f64) {
+    let light = settle_light(problem, &mut at, grams);
+    let (mut at, system) = advance(problem, at, &light, grams);
+    // Coordinate ascent to convergence on the non-negative quadratic.
     at.f = system.descend(problem, &at, |_, natural, precision| point((natural / precision.max(1e-300)).max(0.0)));
     let sums = system.sums(&at.f);
     let natural = at.precision * sums.iy - problem.hyper.exposure_rate;
     at.g = point((natural / (at.precision * sums.q).max(1e-300)).max(1e-12));
     at.precision = (problem.noise_shape() - 1.0) / (problem.hyper.noise_rate + 0.5 * sums.residual(problem, &at.g));
-    let stiffness = at.precision * at.g.mean_square();
-    let reflectance = system.diagonal().into_iter().map(|x| stiffness * x);
-    let metric = reflectance.chain(precisions.into_iter().skip(1)).chain([at.precision * sums.q]);
-    let metric = metric.map(|x| x.max(1e-300)).collect();
-    Round { cost: -log_posterior(problem, &at, sums), at, metric, a, system }
+    let cost = -log_posterior(problem, &at, sums);
+    (at, cost)
 }
 
-impl Round {
-    /// The least cost on the line to other coordinates.
-    fn towards(self, problem: &Problem<'_>, coordinates: &[f64], here: &[f64]) -> (AllMoments, f64) {
-        let mut direction: Vec<f64> = coordinates.iter().zip(here).map(|(x, y)| x - y).collect();
-        // The image is linear in the means of the light but where they are cut off.
-        let light = problem.k()..problem.k() + problem.light.len();
-        for (d, prior) in direction[light.clone()].iter_mut().zip(&problem.light) {
-            if matches!(prior, CoefficientPrior::Rectified(_)) {
-                *d = 0.0;
-            }
-        }
-        let means: Vec<f64> = std::iter::once(0.0).chain(direction[light].iter().copied()).collect();
-        let by = problem.bilinear.under_light(&means);
-        let along = self.system.moved(problem, &self.a, &by);
-        let at = |alpha: f64| {
-            let there: Vec<f64> = here.iter().zip(&direction).map(|(x, d)| x + alpha * d).collect();
-            let at = at_coordinates(problem, &self.at, &there);
-            let cost = -log_posterior(problem, &at, along(alpha).sums(&at.f));
-            (at, if cost.is_finite() { cost } else { f64::INFINITY })
-        };
-        search(1.0, 64.0, self.cost, |alpha| at(alpha).1).map(at).unwrap_or((self.at.clone(), self.cost))
-    }
-}
-
-/// Rounds of ascent over blocks, each followed by a line search to where Anderson acceleration
-/// points; the trace holds minus the log posterior. Ends after three changes below the tolerance.
+/// Rounds of ascent; the trace holds minus the log posterior. Ends after three changes below the
+/// tolerance.
 fn ascend(
     problem: &Problem<'_>,
     mut at: AllMoments,
@@ -174,17 +159,10 @@ fn ascend(
     progress: &dyn Fn(f64),
 ) -> (AllMoments, Vec<f64>, bool) {
     let mut trace: Vec<f64> = Vec::new();
-    let mut anderson = Anderson::new();
     let mut settled = 0;
     for iteration in 0..settings.max_iterations.max(1) {
-        let from = coordinates(&at);
-        let end = round(problem, &at, grams);
-        let here = coordinates(&end.at);
         let cost;
-        (at, cost) = match anderson.next(&from, &here, &end.metric) {
-            Some(there) => end.towards(problem, &there, &here),
-            None => (end.at, end.cost),
-        };
+        (at, cost) = round(problem, at, grams);
         let fell = trace.last().map_or(f64::INFINITY, |before| before - cost);
         trace.push(cost);
         progress(iteration as f64 / settings.max_iterations as f64);

@@ -11,7 +11,6 @@
 //! [`marginal`] integrates the light out instead: the evidence of candidate reflectances, and the
 //! best of them.
 
-mod acceleration;
 pub mod amortised;
 mod blocks;
 mod coordinate;

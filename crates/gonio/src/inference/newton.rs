@@ -7,10 +7,11 @@ use faer::Mat;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::Problem;
-use super::coordinate::Point;
+use super::coordinate::{Point, ReflectanceSystem};
 use super::ensemble::AllMoments;
 use super::light_system::LightSystem;
 use super::parallel::search;
+use crate::lighting::Moments;
 
 /// Least curvature that a step believes, relative to that of a coordinate alone.
 const FLOOR: f64 = 1e-8;
@@ -18,12 +19,15 @@ const FLOOR: f64 = 1e-8;
 /// From a light that is at its best for the reflectance, along Newton's direction to the least
 /// cost. Nothing where that does not lower the cost.
 pub(super) fn advance(problem: &Problem<'_>, from: Point, light: &LightSystem, noise: bool) -> Point {
-    let Some(step) = Local::new(problem, &from, light, noise).step(&from, light) else { return from };
+    let Point { moments, a, system, .. } = &from;
+    let local = Local::new(problem, moments, (a, system), light, noise.then(|| problem.noise_shape()));
+    let Some(step) = local.with_entropy(&from).step(light) else { return from };
+    let Some(direction) = step.of_locations(&from) else { return from };
     let by = problem.bilinear.under_light(&step.light);
     let along = from.system.moved(problem, &from.a, &by);
     let start = from.ensemble.locations();
     let at = |alpha: f64| {
-        let locations: Vec<f64> = start.iter().zip(&step.locations).map(|(x, d)| x + alpha * d).collect();
+        let locations: Vec<f64> = start.iter().zip(&direction).map(|(x, d)| x + alpha * d).collect();
         let ensemble = from.ensemble.with_locations(&locations);
         let moments = ensemble.moments(problem);
         (ensemble, moments)
@@ -43,18 +47,31 @@ pub(super) fn advance(problem: &Problem<'_>, from: Point, light: &LightSystem, n
     }
 }
 
-/// Change of the [locations](super::Ensemble::locations), and of the means of light (M) alone.
-struct Step {
-    locations: Vec<f64>,
-    light: Vec<f64>,
+/// Change of reflectance (K), exposure and, if it counts, `Phi_5`; and of the light (M).
+pub(super) struct Step {
+    pub(super) rest: DVector<f64>,
+    pub(super) light: Vec<f64>,
 }
 
-/// Gradient and curvature of the cost in the means of reflectance (K) and exposure and in `Phi_5`
-/// (if the noise counts), all `w` as they are.
-///
-/// In the mean of a rectified Gaussian with given `w`, what its entropy curves is `1 / var` less
-/// what the image does through `<x^2>`.
-struct Local {
+impl Step {
+    /// As change of the [locations](super::Ensemble::locations); `None` if not finite.
+    fn of_locations(&self, at: &Point) -> Option<Vec<f64>> {
+        let AllMoments { f, g, .. } = &at.moments;
+        // Of a rectified Gaussian the mean moves by `var / w` times as much as the location.
+        let natural = at.ensemble.natural();
+        let moments = f.iter().chain([g]);
+        let locations = |x: usize, variance: f64| self.rest[x] / (natural[x].1 * variance);
+        let mut rest: Vec<f64> = moments.enumerate().map(|(x, m)| locations(x, m.variance)).collect();
+        let exposure = rest.pop()?;
+        let noise = self.rest.get(f.len() + 1).copied().unwrap_or(0.0);
+        let all: Vec<f64> = rest.into_iter().chain(self.light[1..].iter().copied()).chain([exposure, noise]).collect();
+        all.iter().all(|x| x.is_finite()).then_some(all)
+    }
+}
+
+/// Gradient and curvature of a cost in the means of reflectance (K) and exposure and, if the noise
+/// counts, in `Phi_5`.
+pub(super) struct Local {
     gradient: DVector<f64>,
     curvature: DMatrix<f64>,
     /// Curvature with the light (M x size), zero where that stays.
@@ -62,35 +79,37 @@ struct Local {
 }
 
 impl Local {
-    fn new(problem: &Problem<'_>, at: &Point, light: &LightSystem, noise: bool) -> Self {
-        let (k, system) = (problem.k(), &at.system);
-        let AllMoments { f, l, g, precision } = &at.moments;
-        let (precision, g1, g2, means) = (*precision, g.mean, g.mean_square(), at.moments.f_means());
-        let natural = at.ensemble.natural();
+    /// At points: of what the image and the priors of reflectance and exposure say, and the noise
+    /// with `shape` of its Gamma distribution. `a` is the image of each basis function under the
+    /// light (rows x K), `system` the residual in the reflectance.
+    pub(super) fn new(
+        problem: &Problem<'_>,
+        moments: &AllMoments,
+        (a, system): (&[f64], &ReflectanceSystem),
+        light: &LightSystem,
+        shape: Option<f64>,
+    ) -> Self {
+        let k = problem.k();
+        let AllMoments { f, l, g, precision } = moments;
+        let (precision, g1, g2, means) = (*precision, g.mean, g.mean_square(), moments.f_means());
         let with_f: Vec<f64> = (0..k).map(|x| system.row(x).iter().zip(&means).map(|(h, f)| h * f).sum()).collect();
         let sums = system.sums(f);
-        let size = k + 1 + usize::from(noise);
+        let size = k + 1 + usize::from(shape.is_some());
         let mut gradient = DVector::zeros(size);
         let mut curvature = DMatrix::zeros(size, size);
-        // The image's own share of the diagonal, where a variance is not yet at its best.
-        let diagonal =
-            |variance: f64, image: f64, present: f64| (1.0 / variance + image - present).max(1e-3 / variance);
         for x in 0..k {
-            let (u, p) = natural[x];
-            gradient[x] = u - p * means[x] + precision * (g2 * with_f[x] - g1 * system.target()[x]) + problem.rates[x];
+            gradient[x] = precision * (g2 * with_f[x] - g1 * system.target()[x]) + problem.rates[x];
             for y in 0..k {
                 curvature[(x, y)] = precision * g2 * system.row(x)[y];
             }
-            curvature[(x, x)] = diagonal(f[x].variance, precision * g2 * system.row(x)[x], p);
             curvature[(x, k)] = precision * (2.0 * g1 * with_f[x] - system.target()[x]);
         }
-        let (u, p) = natural[k];
         let of_g = precision * (sums.q * g1 - sums.iy);
-        gradient[k] = u - p * g1 + of_g + problem.hyper.exposure_rate;
-        curvature[(k, k)] = diagonal(g.variance, precision * sums.q, p);
-        if noise {
+        gradient[k] = of_g + problem.hyper.exposure_rate;
+        curvature[(k, k)] = precision * sums.q;
+        if let Some(shape) = shape {
             let left = precision * (problem.hyper.noise_rate + 0.5 * sums.residual(problem, g));
-            gradient[k + 1] = problem.noise_shape() - left;
+            gradient[k + 1] = shape - left;
             curvature[(k + 1, k + 1)] = left;
             for x in 0..k {
                 curvature[(x, k + 1)] = precision * (g1 * system.target()[x] - g2 * with_f[x]);
@@ -103,12 +122,12 @@ impl Local {
             }
         }
 
-        let weights = at.a.chunks_exact(k).zip(&problem.target).map(|(a, i)| {
+        let weights = a.chunks_exact(k).zip(&problem.target).map(|(a, i)| {
             let y: f64 = a.iter().zip(&means).map(|(a, f)| a * f).sum();
             precision * (g2 * y - g1 * i)
         });
         let pulled = problem.bilinear.adjoint(&weights.collect::<Vec<_>>());
-        let images = light.images(&at.a, k, precision * g2);
+        let images = light.images(a, k, precision * g2);
         let cross = Mat::from_fn(l.len(), size, |m, x| {
             if light.is_alone(m) {
                 return 0.0;
@@ -124,34 +143,54 @@ impl Local {
         Self { gradient, curvature, cross }
     }
 
+    /// With the entropy of rectified Gaussians of given `w`: in their means it curves by `1 / var`
+    /// less what the image does through `<x^2>`.
+    fn with_entropy(mut self, at: &Point) -> Self {
+        let AllMoments { f, g, .. } = &at.moments;
+        for (x, ((u, p), m)) in at.ensemble.natural().into_iter().zip(f.iter().chain([g])).enumerate() {
+            self.gradient[x] += u - p * m.mean;
+            // The image's own share, where a variance is not yet at its best.
+            let all = 1.0 / m.variance + self.curvature[(x, x)] - p;
+            self.curvature[(x, x)] = all.max(1e-3 / m.variance);
+        }
+        self
+    }
+
+    /// With those reflectances left at zero that are there and would be negative.
+    pub(super) fn without_negative(mut self, f: &[Moments]) -> Self {
+        for x in (0..f.len()).filter(|&x| f[x].mean <= 0.0) {
+            if self.gradient[x] < 0.0 {
+                continue;
+            }
+            self.gradient[x] = 0.0;
+            self.curvature.row_mut(x).fill(0.0);
+            self.curvature.column_mut(x).fill(0.0);
+            self.curvature[(x, x)] = 1.0;
+            self.cross.col_mut(x).fill(0.0);
+        }
+        self
+    }
+
     /// Newton's step, the light eliminated: its curvature `C` and the cross curvature `X` take
     /// `X' C^-1 X` from the curvature of the rest. Where that leaves no minimum, the curvature
     /// counts with its sign reversed. `None` without a factor of `C`.
-    fn step(&self, at: &Point, light: &LightSystem) -> Option<Step> {
+    pub(super) fn step(&self, light: &LightSystem) -> Option<Step> {
         let solved = light.factor()?.solve_all(&self.cross);
         let size = self.gradient.len();
         let product =
             |x: usize, y: usize| self.cross.col(x).iter().zip(solved.col(y).iter()).map(|(c, s)| c * s).sum::<f64>();
         let left = DMatrix::from_fn(size, size, |x, y| self.curvature[(x, y)] - 0.5 * (product(x, y) + product(y, x)));
-        let unit = self.curvature.diagonal().map(|c| c.sqrt().recip());
+        let unit = self.curvature.diagonal().map(|c| c.max(f64::MIN_POSITIVE).sqrt().recip());
         let scaled = DMatrix::from_fn(size, size, |x, y| left[(x, y)] * unit[x] * unit[y]);
         let eigen = SymmetricEigen::try_new(scaled, 1e-14, 1000)?;
         let mut turned = eigen.eigenvectors.transpose() * self.gradient.component_mul(&unit);
         for (t, value) in turned.iter_mut().zip(eigen.eigenvalues.iter()) {
             *t /= -value.abs().max(FLOOR);
         }
-        let change = (eigen.eigenvectors * turned).component_mul(&unit);
-
-        let AllMoments { f, l, g, .. } = &at.moments;
-        let along = |m: usize| -(0..size).map(|x| solved[(m, x)] * change[x]).sum::<f64>();
-        let light: Vec<f64> = (0..l.len()).map(along).collect();
-        // Of a rectified Gaussian the mean moves by `var / w` times as much as the location.
-        let natural = at.ensemble.natural();
-        let mut locations: Vec<f64> = (0..f.len()).map(|x| change[x] / (natural[x].1 * f[x].variance)).collect();
-        locations.extend(&light[1..]);
-        locations.push(change[f.len()] / (natural[f.len()].1 * g.variance));
-        locations.push(if size > f.len() + 1 { change[f.len() + 1] } else { 0.0 });
-        locations.iter().all(|x| x.is_finite()).then_some(Step { locations, light })
+        let rest = (eigen.eigenvectors * turned).component_mul(&unit);
+        let along = |m: usize| -(0..size).map(|x| solved[(m, x)] * rest[x]).sum::<f64>();
+        let light: Vec<f64> = (0..solved.nrows()).map(along).collect();
+        Some(Step { rest, light })
     }
 }
 
@@ -195,7 +234,9 @@ mod tests {
             ensemble.set_g(1.1 * p, p);
         }
         let (point, light) = settled(&problem, ensemble, &grams);
-        let local = Local::new(&problem, &point, &light, true);
+        let Point { moments, a, system, .. } = &point;
+        let local = Local::new(&problem, moments, (a, system), &light, Some(problem.noise_shape()));
+        let local = local.with_entropy(&point);
         let natural = point.ensemble.natural();
         let AllMoments { f, g, .. } = &point.moments;
         for (x, place) in places(&problem).into_iter().enumerate() {

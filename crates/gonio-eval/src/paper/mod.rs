@@ -1,7 +1,7 @@
 //! `gonio-eval paper`: every figure and table of the paper, made anew from the data, as one HTML
 //! file.
 //!
-//! One file per figure: [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3), [`appearance`] (Fig. 4),
+//! One file per figure: [`trivial`] (Fig. 1), [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3), [`appearance`] (Fig. 4),
 //! [`stability`] (Fig. 5), [`captured`] (Fig. 6), [`gloss`] (the remark on Fig. 6). [`workshop`]
 //! holds what they share: data, model, estimator; [`recovery`] makes the estimates of Figs. 4, 5
 //! and of the gloss order once; [`show`] turns radiance into something to look at.
@@ -14,6 +14,7 @@ mod recovery;
 mod reflectance;
 pub(crate) mod show;
 mod stability;
+mod trivial;
 mod workshop;
 
 use std::path::{Path, PathBuf};
@@ -72,6 +73,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let workshop = step("data", || Workshop::open(data, options))?;
     let mut sections = Vec::new();
     let mut add = |id: &str, title: &str, body| sections.push(Section { id: id.into(), title: title.into(), body });
+    add("trivial", "Fig. 1: the single best explanation", trivial::section(&workshop)?);
     add("light", "Fig. 2: light and its statistics", lighting::section(&workshop)?);
     add("reflectance", "Fig. 3: reflectance in a basis of few functions", reflectance::section(&workshop)?);
     let recovered = recovery::recover(&workshop)?;

@@ -1,11 +1,10 @@
 //! The estimates of Figs. 4 and 5 and of the gloss order: every material under every light.
 
 use anyhow::Result;
-use gonio::picture::{Picture, luminance};
+use gonio::picture::Picture;
 use gonio::reflectance::BivariateTable;
-use gonio::render::{Brdf, IntegratorSettings, Tinted, radiance, render_sphere};
+use gonio::render::{Tinted, render_sphere};
 use gonio::scene::{ObservationSettings, sphere_points};
-use rayon::prelude::*;
 
 use super::show;
 use super::step;
@@ -44,7 +43,6 @@ pub(super) fn recover(workshop: &Workshop) -> Result<Vec<Recovered>> {
     let pixels = |picture: &Picture| metrics::sphere_pixels(picture, settings.radius());
     let mut all = Vec::new();
     for material in &workshop.materials {
-        let envelope = material.full.envelope();
         let truth = step(&format!("Fig. 4, {}", material.name), || {
             Ok(render_sphere(&material.full, &workshop.novel, &settings, &|_| ()))
         })?;
@@ -52,10 +50,7 @@ pub(super) fn recover(workshop: &Workshop) -> Result<Vec<Recovered>> {
         for (tree, (_, light)) in workshop.lights.iter().zip(LIGHTS) {
             let name = format!("{} under {light}", material.name);
             let estimate = step(&format!("Fig. 4, {name}"), || {
-                let accuracy = IntegratorSettings::default();
-                let seen = |p| radiance(p, &material.full, &envelope, tree, &accuracy).as_vec3();
-                let image: Vec<Option<f64>> = points.par_iter().map(|p| Some(f64::from(luminance(seen(p))))).collect();
-                let projected = plan.project(&image, 1e-5)?;
+                let projected = plan.project(&show::luminances(&points, &material.full, tree), 1e-5)?;
                 let (_, table) = workshop.infer(&projected, &name)?;
                 let grey = Tinted { table, colour: glam::DVec3::ONE };
                 let predicted = render_sphere(&grey, &workshop.novel, &settings, &|_| ());

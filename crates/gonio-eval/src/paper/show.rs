@@ -1,9 +1,11 @@
 //! From radiance to pictures in the report.
 
 use glam::{DVec3, Vec3};
-use gonio::picture::{Picture, Plane};
+use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::{BivariateTable, MerlTable};
-use gonio::render::{Brdf, Exposure, IntegratorSettings, LightTree, SphereSettings, render_sphere};
+use gonio::render::{Brdf, Exposure, IntegratorSettings, LightTree, SphereSettings, radiance, render_sphere};
+use gonio::transfer::SurfacePoint;
+use rayon::prelude::*;
 
 /// Behind every object: dark, not black, on light and dark pages alike.
 const GROUND: Vec3 = Vec3::new(0.012, 0.013, 0.015);
@@ -21,6 +23,13 @@ pub(super) fn settings(size: usize, measured: bool) -> SphereSettings {
 /// A sphere of [`SPHERE`] pixels to look at.
 pub(super) fn sphere(brdf: &dyn Brdf, light: &LightTree) -> Picture {
     render_sphere(brdf, light, &settings(SPHERE, false), &|_| ())
+}
+
+/// Luminance of points of a material in a light, as accurately as it is measured.
+pub(super) fn luminances(points: &[SurfacePoint], brdf: &MerlTable, light: &LightTree) -> Vec<Option<f64>> {
+    let (envelope, accuracy) = (brdf.envelope(), IntegratorSettings::default());
+    let seen = |p| luminance(radiance(p, brdf, &envelope, light, &accuracy).as_vec3());
+    points.par_iter().map(|p| Some(f64::from(seen(p)))).collect()
 }
 
 fn covered(picture: &Picture, i: usize) -> bool {

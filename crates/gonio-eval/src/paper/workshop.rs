@@ -121,12 +121,21 @@ impl Workshop {
     /// What the estimator makes of an image, blind: the posterior and its mean BRDF. `name` is for
     /// the message.
     pub(super) fn infer(&self, image: &Projected, name: &str) -> Result<(Posterior, BivariateTable)> {
-        let basis = &self.model.reflectance;
-        let hyper = Hyper::with_model_error(image.pixels);
-        let problem = Problem::blind(image, &self.model.light, &basis.rates, hyper)
+        self.infer_by(image, Hyper::with_model_error(image.pixels), &self.method, name)
+    }
+
+    /// The same by another method and with other priors of noise and exposure.
+    pub(super) fn infer_by(
+        &self,
+        image: &Projected,
+        hyper: Hyper,
+        method: &Method,
+        name: &str,
+    ) -> Result<(Posterior, BivariateTable)> {
+        let problem = Problem::blind(image, &self.model.light, &self.model.reflectance.rates, hyper)
             .with_context(|| name.to_owned())?
             .starting_from(self.examples());
-        self.solve(&problem, &self.method, name)
+        self.solve(&problem, method, name)
     }
 
     /// The same with the light known: `rows` are the images of the basis functions,

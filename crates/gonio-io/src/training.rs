@@ -94,7 +94,8 @@ pub struct LightingSettings {
     pub grid: usize,
     /// Layout of the sphere on the square.
     pub map: OctahedralMap,
-    /// Azimuths at which each map is seen: the camera may look in any direction.
+    /// Azimuths at which each map is seen. With an even number the horizontal and vertical groups
+    /// are the same: a turn by 180 degrees swaps the wavelets of front and back.
     pub turns: usize,
     /// Radiance at which each map is cut off, in units of its mean; `None` leaves the maps as they
     /// are.
@@ -105,7 +106,7 @@ pub struct LightingSettings {
 
 impl Default for LightingSettings {
     fn default() -> Self {
-        Self { grid: 128, map: OctahedralMap::EqualArea, turns: 8, cap: None, seed: 1 }
+        Self { grid: 128, map: OctahedralMap::EqualArea, turns: 1, cap: None, seed: 1 }
     }
 }
 

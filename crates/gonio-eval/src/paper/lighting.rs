@@ -45,9 +45,8 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
         h3 { "Wavelet coefficients and their prior" }
         p {
             "Haar coefficients of " (lights.len()) " training lights, each scaled to integrate to one, on a " (SIDE) " x " (SIDE)
-            " equal-area octahedral map, against the embedded prior of light. The bars are the lights as captured; the prior was "
-            "fitted to the same lights at eight azimuths each. Where bars stand above the curve the prior holds such coefficients for rarer "
-            "than they are."
+            " equal-area octahedral map, against the embedded prior of light, which was fitted to them. Where bars stand above the "
+            "curve the prior holds such coefficients for rarer than they are."
         }
         (figure::grid(20, &charts))
     })

@@ -49,7 +49,7 @@ def train_lighting(
     *,
     grid: int = 128,
     layout: str = "equal-area",
-    turns: int = 8,
+    turns: int = 1,
     seed: int = 1,
     progress: Progress | None = None,
 ) -> Part:

@@ -31,8 +31,7 @@ impl Hyper {
     /// all off by [`MODEL_ERROR`].
     ///
     /// The residual of an image is not noise but what grid and basis cannot express, and it is
-    /// alike in neighbouring pixels. Under a vague prior the noise falls until a light of wild
-    /// oscillations explains every pixel.
+    /// alike in neighbouring pixels.
     pub fn with_model_error(pixels: usize) -> Self {
         let shape = pixels as f64;
         Self { noise_shape: shape, noise_rate: shape * MODEL_ERROR * MODEL_ERROR, ..Self::default() }

@@ -322,7 +322,8 @@ mod tests {
         let found = find(&points, &image, &brdf, &model.light).unwrap();
         let errors: Vec<f64> = found.iter().map(|f| error(&f.texels, &truth).cube_root).collect();
         assert!(found[1..].iter().all(|f| f.texels.iter().all(|x| *x > -1e-6 * 300.0)));
-        assert!(found.iter().skip(2).all(|f| f.converged && f.misfit < 0.07));
+        assert!(found[2].converged && found[2].misfit < 0.07, "{}", found[2].misfit);
+        assert!(found[3].converged && found[3].misfit < 0.05, "{}", found[3].misfit);
         assert!(errors[3] < 0.7 * errors[0] && errors[3] < errors[1] && errors[3] < errors[2], "{errors:?}");
     }
 }

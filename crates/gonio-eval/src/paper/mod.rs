@@ -1,10 +1,11 @@
 //! `gonio-eval paper`: every figure and table of the paper, made anew from the data, as one HTML
 //! file.
 //!
-//! One file per figure: [`trivial`] (Fig. 1), [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3), [`appearance`] (Fig. 4),
-//! [`stability`] (Fig. 5), [`captured`] (Fig. 6), [`gloss`] (the remark on Fig. 6). [`workshop`]
-//! holds what they share: data, model, estimator; [`recovery`] makes the estimates of Figs. 4, 5
-//! and of the gloss order once; [`show`] turns radiance into something to look at.
+//! One file per figure: [`trivial`] (Fig. 1), [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3),
+//! [`appearance`] (Fig. 4), [`stability`] (Fig. 5), [`captured`] (Fig. 6), [`gloss`] (the remark on
+//! Fig. 6). [`workshop`] holds what they share: data, model, estimator; [`recovery`] makes the
+//! estimates of Figs. 4, 5 and of the gloss order once; [`show`] turns radiance into something to
+//! look at.
 
 mod appearance;
 mod captured;

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, VariationalSettings};
 use gonio::picture::Picture;
 use gonio::reflectance::BivariateTable;
-use gonio::render::{LightTree, Tinted};
+use gonio::render::Tinted;
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::sphere::{OctahedralMap, Wavelet};
 use gonio::transfer::Projected;
@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::show;
 use super::step;
-use super::workshop::{LIGHTS, NOVEL, Workshop};
+use super::workshop::{LIGHTS, Material, NOVEL, Workshop};
 use crate::metrics::Gloss;
 use gonio_report::page::chart::{self, Axis, Frame, Series};
 use gonio_report::page::{figure, table};
@@ -69,9 +69,15 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     let light = &workshop.lights[0];
     let grid = workshop.test_lights.map(LIGHTS[0].0)?.to_grid(OctahedralMap::default(), SIDE);
     let true_light = grid.normalised_coefficients().context("a black light")?;
-    let parts = PHOTOGRAPHED
-        .iter()
-        .map(|name| step(&format!("Fig. 1, {name}"), || of_material(workshop, name, light, &true_light)));
+    let points = sphere_points(&ObservationSettings::default());
+    let plan = workshop.plan(&points)?;
+    let parts = PHOTOGRAPHED.iter().map(|name| {
+        step(&format!("Fig. 1, {name}"), || {
+            let material = workshop.materials.iter().find(|m| m.name == *name).context("one of the materials")?;
+            let image = plan.project(&show::luminances(&points, &material.full, light), 1e-5)?;
+            of_material(workshop, material, &image, &true_light)
+        })
+    });
     let parts = parts.collect::<Result<Vec<_>>>()?;
     Ok(html! {
         p {
@@ -86,11 +92,8 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     })
 }
 
-fn of_material(workshop: &Workshop, name: &str, light: &LightTree, true_light: &[f64]) -> Result<Markup> {
-    let material = workshop.materials.iter().find(|m| m.name == name).context("one of the materials")?;
-    let points = sphere_points(&ObservationSettings::default());
-    let plan = workshop.plan(&points)?;
-    let projected = plan.project(&show::luminances(&points, &material.full, light), 1e-5)?;
+fn of_material(workshop: &Workshop, material: &Material, projected: &Projected, true_light: &[f64]) -> Result<Markup> {
+    let name = material.name;
     let held = |noise: f64| {
         let shape = HOLD * projected.pixels as f64;
         Hyper { noise_shape: shape, noise_rate: shape * noise * noise, ..Hyper::default() }
@@ -98,13 +101,15 @@ fn of_material(workshop: &Workshop, name: &str, light: &LightTree, true_light: &
     let joint = |max_iterations| Method::JointMap(JointMapSettings { starts: 1, max_iterations, ..Default::default() });
     let separable = Method::Variational(VariationalSettings { starts: 1, ..Default::default() });
     let explain = |hyper, method: &Method| {
-        Ok::<_, anyhow::Error>(Explanation::of(&projected, workshop.infer_by(&projected, hyper, method, name)?))
+        Ok::<_, anyhow::Error>(Explanation::of(projected, workshop.infer_by(projected, hyper, method, name)?))
     };
     let last = ITERATIONS[ITERATIONS.len() - 1];
     let levels: Vec<Hyper> = NOISE.iter().map(|n| held(*n)).chain([Hyper::default()]).collect();
     let joints = levels.par_iter().map(|h| explain(*h, &joint(last))).collect::<Result<Vec<_>>>()?;
     let separables = levels.par_iter().map(|h| explain(*h, &separable)).collect::<Result<Vec<_>>>()?;
-    let walk = ITERATIONS.par_iter().map(|n| explain(Hyper::default(), &joint(*n))).collect::<Result<Vec<_>>>()?;
+    // The last point of the walk is the free level.
+    let earlier = &ITERATIONS[..ITERATIONS.len() - 1];
+    let walk = earlier.par_iter().map(|n| explain(Hyper::default(), &joint(*n))).collect::<Result<Vec<_>>>()?;
 
     let truth = Gloss::of(&material.truth);
     let label = |i: usize| NOISE.get(i).map_or("free".into(), |n| format!("{} %", 100.0 * n));
@@ -138,7 +143,7 @@ fn of_material(workshop: &Workshop, name: &str, light: &LightTree, true_light: &
         figure::figure(&chart::chart(&frame, &series), &html! {})
     };
     let steps = |of: &dyn Fn(&Explanation) -> f64| -> Vec<(f64, f64)> {
-        ITERATIONS.iter().zip(&walk).map(|(n, e)| (*n as f64, of(e))).collect()
+        ITERATIONS.iter().zip(walk.iter().chain(joints.last())).map(|(n, e)| (*n as f64, of(e))).collect()
     };
     let frame = Frame {
         title: "Joint maximum, noise free",

@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 
 use divan::{Bencher, black_box};
 use glam::{DVec3, Vec3};
-use gonio::inference::marginal::{EvidenceSettings, LightOperator, Marginal, MaximiseSettings};
+use gonio::inference::marginal::{EvidenceSettings, LightOperator, Marginal};
 use gonio::inference::{Ensemble, Expectations, Hyper, Method, Problem, Solver, VariationalSettings, infer};
 use gonio::lighting::{LightGrid, LightPrior, PriorSettings, studio_light};
 use gonio::reflectance::BivariateTable;
@@ -140,28 +140,12 @@ fn grams(bencher: Bencher<'_, '_>) {
 /// The evidence of one candidate, in so many steps of expectation maximisation.
 #[divan::bench(args = [0, 10], sample_count = 10, sample_size = 1)]
 fn evidence(bencher: Bencher<'_, '_>, max_steps: usize) {
-    let marginal = Marginal::of_problem(&problem());
-    let operator = LightOperator::of_reflectance(&IMAGE.bilinear, &[0.1; WIDTHS.len()]);
+    let Projected { bilinear, target, outside, pixels } = &*IMAGE;
+    let marginal = Marginal::new(target, *outside, *pixels, bilinear.m(), &WORLD.prior, Hyper::default());
+    let marginal = marginal.expect("a lit image");
+    let operator = LightOperator::of_reflectance(bilinear, &[0.1; WIDTHS.len()]);
     let settings = EvidenceSettings { max_steps, tolerance: 0.0, ..EvidenceSettings::default() };
     bencher.bench_local(|| marginal.evidence(black_box(&operator), &settings));
-}
-
-/// The gradient of the evidence in the entries of an operator and in all coefficients.
-#[divan::bench(sample_count = 10, sample_size = 1)]
-fn evidence_gradient(bencher: Bencher<'_, '_>) {
-    let marginal = Marginal::of_problem(&problem());
-    let operator = LightOperator::of_reflectance(&IMAGE.bilinear, &[0.1; WIDTHS.len()]);
-    let found = marginal.evidence(&operator, &EvidenceSettings { max_steps: 3, ..EvidenceSettings::default() });
-    let found = found.expect("a finite operator");
-    bencher.bench_local(|| marginal.gradient(&operator, black_box(&found)).map(|g| g.reflectance(&IMAGE.bilinear)));
-}
-
-/// Five iterations towards the reflectance of most evidence, with the evidence of the start.
-#[divan::bench(sample_count = 2, sample_size = 1)]
-fn maximise(bencher: Bencher<'_, '_>) {
-    let marginal = Marginal::of_problem(&problem());
-    let settings = MaximiseSettings { max_iterations: 5, rates: WORLD.rates.clone(), ..MaximiseSettings::default() };
-    bencher.bench_local(|| marginal.maximise(&IMAGE.bilinear, black_box(&[0.1; WIDTHS.len()]), &settings));
 }
 
 /// The radiance of one point in the studio light.

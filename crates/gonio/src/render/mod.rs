@@ -13,7 +13,7 @@ mod tree;
 pub use brdf::{Brdf, Tinted};
 pub use integrate::{IntegratorSettings, Node, Nodes, nodes, nodes_within, radiance};
 pub use linear::Relighter;
-pub use sphere::{SphereSettings, images_of_basis, render_normals, render_sphere};
+pub use sphere::{SphereSettings, images_of_basis, render_sphere};
 pub use surface::{SurfaceSettings, render_surface};
 pub use tone::{Exposure, median_colour};
 pub use tree::LightTree;

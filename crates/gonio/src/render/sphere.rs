@@ -8,7 +8,7 @@ use super::integrate::{IntegratorSettings, nodes, radiance};
 use super::linear::envelope;
 use super::rows::picture_of;
 use super::tree::LightTree;
-use crate::picture::{Picture, Plane, luminance};
+use crate::picture::{Picture, luminance};
 use crate::reflectance::BivariateTable;
 use crate::transfer::{Points, SurfacePoint};
 
@@ -71,27 +71,6 @@ pub fn render_sphere(
         ((sum / (samples * samples) as f64).as_vec3() * coverage, coverage)
     };
     picture_of((size, size), pixel, progress)
-}
-
-/// Renders a surface given by a picture of its normals (zero where there is none), seen along -z;
-/// what hides light from it is not considered. Alpha is one where there is a normal that faces the
-/// camera.
-pub fn render_normals(
-    brdf: &dyn Brdf,
-    light: &LightTree,
-    normals: &Plane<Vec3>,
-    settings: &IntegratorSettings,
-    progress: &(dyn Fn(f64) + Sync),
-) -> Picture {
-    let envelope = brdf.envelope();
-    let pixel = |x: usize, y: usize| match normals[(x, y)].as_dvec3().try_normalize() {
-        Some(normal) if normal.z > 0.0 => {
-            let point = SurfacePoint { normal, view: DVec3::Z };
-            (radiance(&point, brdf, &envelope, light, settings).as_vec3(), 1.0)
-        }
-        _ => (Vec3::ZERO, 0.0),
-    };
-    picture_of(normals.size(), pixel, progress)
 }
 
 /// Luminance of every point under `light`, as far as it is visible, for each table: the rows of a

@@ -140,17 +140,6 @@ impl Bilinear {
         })
     }
 
-    /// `sum_im A_imk b_im` (K), with `b` rows x M: the adjoint of [`Self::of_reflectance`].
-    pub fn reflectance_adjoint(&self, b: &[f64]) -> Vec<f64> {
-        assert_eq!(b.len(), self.rows * self.m);
-        self.sum_over_rows(self.k, |i, row, sum| {
-            let b = &b[i * self.m..][..self.m];
-            for (a, sum) in row.chunks_exact(self.m).zip(sum) {
-                *sum += dot(a, b);
-            }
-        })
-    }
-
     /// `sum over rows of g(i, row, partial)` over groups in parallel, added up in order.
     fn sum_over_rows(&self, length: usize, g: impl Fn(usize, &[f32], &mut [f64]) + Sync) -> Vec<f64> {
         // Few partial sums: each is as long as a row.

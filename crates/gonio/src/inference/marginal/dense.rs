@@ -72,8 +72,3 @@ pub(super) fn bands_of<T>(matrix: MatMut<'_, T>) -> Vec<(usize, MatMut<'_, T>)> 
     let count = matrix.ncols().div_ceil(BAND).max(1);
     column_bands(matrix, count)
 }
-
-/// `H x` (n) for a symmetric `h` (n x n).
-pub(super) fn times(h: &Mat<f64>, x: &[f64]) -> Vec<f64> {
-    (0..x.len()).into_par_iter().map(|i| h.col(i).iter().zip(x).map(|(h, x)| h * x).sum()).collect()
-}

@@ -39,14 +39,6 @@ pub struct Evidence {
     /// The bound plus `log p(log g)` and `log p(log b)` of whatever of the two was found: what the
     /// steps never lower, and what candidates are compared by.
     pub objective: f64,
-    /// An estimate of `log p(I | f, g, b)` that is no bound: the mixture itself in place of its
-    /// bound, for one coefficient at a time under the Gaussian posterior of the others.
-    ///
-    /// The bound loses the logarithm of the weight of a component for every coefficient that the
-    /// image leaves open; the estimate does not. But it overstates the evidence, by hundreds of
-    /// nats, where many coefficients could explain the same structure: it is a check on the bound
-    /// and no score for unlike candidates.
-    pub estimate: f64,
     /// `g`, in units of the image.
     pub exposure: f64,
     /// `b^(-1/2)`, in units of the image.
@@ -102,7 +94,8 @@ impl Marginal<'_> {
 
     pub(super) fn design(&self, operator: &LightOperator) -> Design {
         assert_eq!(operator.m(), self.scales.means().len(), "light coefficients of the operator and of the prior");
-        Design::new(self.weighted(operator), Form::smaller(operator.rows(), operator.m()))
+        assert_eq!(operator.rows(), self.rows(), "rows of the operator and of the image");
+        Design::new(operator.matrix.clone(), Form::smaller(operator.rows(), operator.m()))
     }
 
     /// The widest scales, the exposure that gives the expected image the energy of the image, and a
@@ -131,7 +124,7 @@ impl Marginal<'_> {
         start: State,
         settings: &EvidenceSettings,
     ) -> Result<Evidence, MarginalError> {
-        let mut now = Point::new(self, design, start, settings, false).ok_or(MarginalError::NotFinite)?;
+        let mut now = Point::new(self, design, start, settings).ok_or(MarginalError::NotFinite)?;
         now.find_variances();
         let mut trace = vec![now.objective];
         // How much longer than a plain step the next may be; where the secant says nothing, it is.
@@ -149,12 +142,12 @@ impl Marginal<'_> {
             let longer = ((factor - 1.0) * step).clamp(-LONGEST, LONGEST);
             let mut next = None;
             if longer != 0.0 {
-                let bold = Point::new(self, design, plain.stretched(longer, settings), settings, false);
+                let bold = Point::new(self, design, plain.stretched(longer, settings), settings);
                 next = bold.filter(|bold| bold.objective >= now.objective);
                 stretch = if next.is_some() { factor.min(LARGEST) } else { 1.0 };
             }
             if next.is_none() {
-                next = Point::new(self, design, plain, settings, false);
+                next = Point::new(self, design, plain, settings);
             }
             // Lower only by round-off, where nothing is left to gain.
             let Some(mut next) = next.filter(|next| next.objective >= now.objective) else {
@@ -188,7 +181,7 @@ impl Marginal<'_> {
         [1.0, 0.3, 0.05].into_iter().find_map(|weak| {
             let squares = self.scales.best_alone(&now.given, &now.light, &posterior, &now.state.squares, weak);
             let state = State { squares, ..now.state.clone() };
-            let mut next = Point::new(self, design, state, settings, false)?;
+            let mut next = Point::new(self, design, state, settings)?;
             (next.objective > now.objective + settings.tolerance).then(|| {
                 next.find_variances();
                 next
@@ -200,7 +193,6 @@ impl Marginal<'_> {
         let variances = now.final_variances();
         Evidence {
             bound: now.bound,
-            estimate: now.bound + self.scales.correction(&now.given, &now.light, &variances),
             objective: now.objective,
             exposure: now.state.log_g.exp() / self.scale,
             noise: (-0.5 * now.state.log_b).exp() / self.scale,

@@ -2,9 +2,8 @@
 //! smaller of two spaces.
 
 use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::reborrow::ReborrowMut;
-use faer::{Accum, Mat, MatMut, MatRef, Par};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::{Accum, Mat, MatRef, Par};
 use rayon::prelude::*;
 
 use super::dense::{Cholesky, bands_of};
@@ -193,32 +192,6 @@ impl<'a> Factor<'a> {
         let share = |s: f64| if by_rows { (1.0 - self.rho * s).max(1e-14) } else { s };
         squares.into_iter().zip(&self.variances).map(|(s, v)| v * share(s)).collect()
     }
-
-    /// `rho S^-1 B V = rho B Sigma` (rows x M).
-    pub(super) fn sensitivity(&mut self) -> Mat<f64> {
-        let upper = |lower: MatRef<'_, f64>, band: MatMut<'_, f64>| {
-            solve_upper_triangular_in_place(lower.transpose(), band, Par::Seq);
-        };
-        let lower = self.cholesky.lower.as_ref();
-        let mut out = if self.by_rows() {
-            self.ensure_solved();
-            let mut out = self.solved.clone().expect("just solved");
-            let lower = self.cholesky.lower.as_ref();
-            bands_of(out.as_mut()).into_par_iter().for_each(|(_, band)| upper(lower, band));
-            out
-        } else {
-            let mut transposed = self.scaled.transpose().to_owned();
-            bands_of(transposed.as_mut()).into_par_iter().for_each(|(_, mut band)| {
-                solve_lower_triangular_in_place(lower, band.rb_mut(), Par::Seq);
-                upper(lower, band);
-            });
-            transposed.transpose().to_owned()
-        };
-        for (column, v) in out.as_mut().col_iter_mut().zip(&self.variances) {
-            column.iter_mut().for_each(|x| *x *= self.rho * v.sqrt());
-        }
-        out
-    }
 }
 
 /// The lower triangle of the symmetric `a b`, band by band; some of what is above it is computed
@@ -278,11 +251,6 @@ mod tests {
                 for p in 0..m {
                     let near = |got: f64, want: f64| (got - want).abs() < 1e-8 * (1.0 + v[p]);
                     assert!(near(column[p], sigma(p, 2)) && near(variances[p], sigma(p, p)), "{form:?} {p}");
-                }
-                let sensitivity = factor.sensitivity();
-                for (i, p) in [(0, 1), (rows - 1, m - 1), (3, 4)] {
-                    let want: f64 = (0..m).map(|q| rho * b[i * m + q] * sigma(q, p)).sum();
-                    assert!((sensitivity[(i, p)] - want).abs() < 1e-6 * (1.0 + want.abs()), "{form:?} {i} {p}");
                 }
             }
         }

@@ -3,8 +3,7 @@
 use thiserror::Error;
 
 use super::{
-    Evidence, EvidenceSettings, LightMode, LightOperator, Marginal, MarginalError, NonNegativeLight,
-    NonNegativeSettings,
+    Evidence, EvidenceSettings, LightOperator, Marginal, MarginalError, NonNegativeLight, NonNegativeSettings,
 };
 use crate::inference::{Hyper, ProblemError};
 use crate::lighting::LightPrior;
@@ -117,14 +116,6 @@ impl<'a> LightProblem<'a> {
         settings: &NonNegativeSettings,
     ) -> Result<NonNegativeLight, LightError> {
         Ok(self.marginal.non_negative_light(&self.operator, posterior, settings)?)
-    }
-
-    /// The most probable light without negative texels.
-    ///
-    /// # Errors
-    /// As [`Marginal::non_negative_mode`].
-    pub fn non_negative_mode(&self, posterior: &Evidence) -> Result<LightMode, LightError> {
-        Ok(self.marginal.non_negative_mode(&self.operator, posterior)?)
     }
 
     /// Root mean square of what a light leaves of the image, relative to the image's. `light` are

@@ -4,8 +4,7 @@
 //! and given the scales of its mixtures the light is Gaussian, of means `mu` and precisions `d`.
 //! Hence in closed form
 //!
-//! `p(t | f, g, b) = N(t; g B mu, g^2 B diag(1/d) B' + C/b)`, `C` the diagonal of the relative
-//! noise variances.
+//! `p(t | f, g, b) = N(t; g B mu, g^2 B diag(1/d) B' + I/b)`.
 //!
 //! The scales are not known. With responsibilities `r_n` for every coefficient,
 //! `d_m = sum_n r_n / s_n^2` and
@@ -26,8 +25,6 @@
 //!   `B`;
 //! * [`Marginal::evidence`] climbs the bound for one `B` and returns it with the posterior of the
 //!   light: [`Evidence`];
-//! * [`Marginal::gradient`] is how the bound changes with reflectance, [`Marginal::score`] compares
-//!   candidates, and [`Marginal::maximise`] finds the best reflectance near a start;
 //! * [`Marginal::non_negative_light`] is the mean of the light without negative texels;
 //! * [`LightProblem`] is all that for a photograph and one BRDF.
 //!
@@ -39,16 +36,11 @@ pub(crate) mod dense;
 pub(crate) use dense::Cholesky;
 mod evidence;
 mod factor;
-mod gradient;
-mod lbfgs;
 mod light;
-mod maximise;
-mod mode;
 mod operator;
 mod point;
 mod positive;
 mod scales;
-mod score;
 #[cfg(test)]
 mod tests;
 mod truncated;
@@ -57,14 +49,12 @@ use puruspe::ln_gamma;
 use thiserror::Error;
 
 pub use evidence::{Evidence, EvidenceSettings};
-pub use gradient::Gradient;
 pub use light::{LightError, LightProblem};
-pub use maximise::{MaximiseSettings, Maximum};
 pub use operator::LightOperator;
-pub use positive::{LightMode, NonNegativeLight, NonNegativeSettings, cut_off_at_zero};
+pub use positive::{NonNegativeLight, NonNegativeSettings, cut_off_at_zero};
 use scales::Scales;
 
-use super::{Hyper, Problem, ProblemError};
+use super::{Hyper, ProblemError};
 use crate::lighting::{LightGrid, LightPrior};
 
 /// An image on r rows with all that does not depend on reflectance: the priors of light, exposure
@@ -74,10 +64,8 @@ use crate::lighting::{LightGrid, LightPrior};
 /// density of the scaled image.
 #[derive(Clone, Debug)]
 pub struct Marginal<'a> {
-    /// The scaled image on its rows, divided by `C^(1/2)` (r).
+    /// The scaled image on its rows (r).
     target: Vec<f64>,
-    /// `C^(-1/2)` (r).
-    weights: Vec<f64>,
     /// Energy of the scaled image outside the rows.
     outside: f64,
     /// N of eq. 9: rows, and dimensions of pure noise outside them.
@@ -97,20 +85,6 @@ pub enum MarginalError {
 }
 
 impl<'a> Marginal<'a> {
-    /// The image and the priors of a problem.
-    pub fn of_problem(problem: &Problem<'a>) -> Self {
-        let inside: f64 = problem.target.iter().map(|t| t * t).sum();
-        Self {
-            weights: vec![1.0; problem.target.len()],
-            target: problem.target.clone(),
-            outside: (problem.energy - inside).max(0.0),
-            pixels: problem.pixels,
-            scale: problem.scale,
-            scales: Scales::new(problem.dc, &problem.light),
-            hyper: problem.hyper,
-        }
-    }
-
     /// An image `target` on r rows (linear radiance), with energy `outside` (its square) in the
     /// `pixels - r` dimensions that no light reaches, for operators of `m` light coefficients.
     ///
@@ -139,42 +113,12 @@ impl<'a> Marginal<'a> {
         let priors: Vec<_> = (1..m).map(|m| light.of_index(m).expect("the prior covers the operator")).collect();
         Ok(Self {
             target: target.iter().map(|t| t * scale).collect(),
-            weights: vec![1.0; target.len()],
             outside: outside * scale * scale,
             pixels: pixels as f64,
             scale,
             scales: Scales::new(LightGrid::normalised_dc(), &priors),
             hyper,
         })
-    }
-
-    /// With noise of variance `c_i / b` on row `i` in place of `1 / b`, as for a model error that
-    /// grows with the radiance of a pixel; `relative` are the `c_i` (r), best of mean about one:
-    /// the prior and the start of `b` expect `1 / b` to be that of a typical row. Dimensions
-    /// outside the rows keep `1 / b`.
-    ///
-    /// The noise is independent from row to row: on projected rows, each a combination of all
-    /// pixels, only equal variances are those of independent pixels.
-    ///
-    /// # Panics
-    /// If there are not r variances, or one is not positive and finite.
-    pub fn with_relative_variances(mut self, relative: &[f64]) -> Self {
-        assert_eq!(relative.len(), self.target.len());
-        assert!(relative.iter().all(|c| c.is_finite() && *c > 0.0), "variances are positive");
-        for ((t, w), c) in self.target.iter_mut().zip(&mut self.weights).zip(relative) {
-            let weight = c.sqrt().recip();
-            *t *= weight / *w;
-            *w = weight;
-        }
-        self
-    }
-
-    /// With a Gaussian of the same variance for every mixture of the light's prior: a cruder prior,
-    /// but the bound is then the evidence itself, as exact for what [`Self::maximise`] climbs as
-    /// for scores.
-    pub fn with_gaussian_light(mut self) -> Self {
-        self.scales = self.scales.gaussian();
-        self
     }
 
     /// What the image was multiplied with: exposures and noise in units of the image are those of

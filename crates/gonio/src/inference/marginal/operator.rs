@@ -2,7 +2,6 @@
 
 use faer::Mat;
 
-use super::Marginal;
 use crate::transfer::Bilinear;
 
 /// `B` (r x M): the image of light `l` is `B l`.
@@ -58,17 +57,5 @@ impl LightOperator {
     /// Number of light coefficients M.
     pub fn m(&self) -> usize {
         self.matrix.ncols()
-    }
-}
-
-impl Marginal<'_> {
-    /// `C^(-1/2) B`.
-    pub(super) fn weighted(&self, operator: &LightOperator) -> Mat<f64> {
-        assert_eq!(operator.rows(), self.rows(), "rows of the operator and of the image");
-        let mut matrix = operator.matrix.clone();
-        for column in matrix.as_mut().col_iter_mut() {
-            column.iter_mut().zip(&self.weights).for_each(|(x, w)| *x *= w);
-        }
-        matrix
     }
 }

@@ -68,13 +68,12 @@ pub(super) struct Point<'a> {
 
 impl<'a> Point<'a> {
     /// Factorises at `state`. If neither exposure nor noise is known, `g` moves to its best value
-    /// for the state's `rho = b g^2`, which costs no factorisation, unless `still`.
+    /// for the state's `rho = b g^2`, which costs no factorisation.
     pub(super) fn new(
         marginal: &Marginal<'_>,
         design: &'a Design,
         mut state: State,
         settings: &EvidenceSettings,
-        still: bool,
     ) -> Option<Self> {
         let given = marginal.scales.given(&state.squares);
         let log_rho = state.log_rho();
@@ -98,7 +97,7 @@ impl<'a> Point<'a> {
             variance,
             threshold: prior.threshold,
         };
-        if settings.finds_both() && !still {
+        if settings.finds_both() {
             let log_mass = |log_g: f64| {
                 let mass = |(c, prior, column): &(usize, RectifiedGaussian, Vec<f64>)| {
                     marginal_of(*c, prior, column[*c], log_g).log_mass()
@@ -126,8 +125,7 @@ impl<'a> Point<'a> {
         if let Some(cut) = &cut {
             light.iter_mut().zip(&cut.regression).for_each(|(l, k)| *l += k * cut.shift);
         }
-        let noise =
-            0.5 * marginal.pixels * (state.log_b - TAU.ln()) + marginal.weights.iter().map(|w| w.ln()).sum::<f64>();
+        let noise = 0.5 * marginal.pixels * (state.log_b - TAU.ln());
         let bound = noise - 0.5 * (factor.log_det() + b * misfit.at(g))
             + given.constant
             + cut.as_ref().map_or(0.0, |cut| cut.log_mass);
@@ -143,7 +141,7 @@ impl<'a> Point<'a> {
         objective.is_finite().then_some(Self { state, factor, given, bound, objective, light, image, cut, variances })
     }
 
-    /// Solves for the posterior variances, which the next step, the gradient and the answer need.
+    /// Solves for the posterior variances, which the next step and the answer need.
     pub(super) fn find_variances(&mut self) {
         if self.variances.is_empty() {
             self.variances = self.factor.posterior_variances();

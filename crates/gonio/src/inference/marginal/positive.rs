@@ -3,7 +3,6 @@
 use faer::Mat;
 
 use super::factor::Design;
-use super::mode::{Mode, mode};
 use super::truncated::{Sites, truncated};
 use super::{Evidence, LightOperator, Marginal, MarginalError};
 use crate::linalg::{each_column, squared_norms};
@@ -41,24 +40,6 @@ pub struct NonNegativeLight {
     /// Whether the last round met the tolerance.
     pub converged: bool,
 }
-
-/// The most probable light without negative texels.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LightMode {
-    /// Coefficients (M), DC first, of a light of integral one.
-    pub light: Vec<f64>,
-    /// What it is multiplied with, in units of the image.
-    pub exposure: f64,
-    /// Bounds on the nats by which the light falls short of the most probable, at the start and
-    /// after every step.
-    pub gaps: Vec<f64>,
-    /// Whether it is within a thousandth of a nat.
-    pub converged: bool,
-}
-
-/// Nats that the mode may fall short by, and steps at most; a dozen or two are usual.
-const GAP: f64 = 1e-3;
-const MODE_STEPS: usize = 100;
 
 impl Marginal<'_> {
     /// The mean of the light with texels `>= 0` under the Gaussian of an [`Evidence`] found for
@@ -105,25 +86,6 @@ impl Marginal<'_> {
             squares = light.iter().zip(&light_sd).map(|(l, sd)| l * l + sd * sd).collect();
         }
         unreachable!("the rounds end at their number")
-    }
-
-    /// The most probable light with texels `>= 0` under the Gaussian of an [`Evidence`], where
-    /// [`Self::non_negative_light`] finds the mean. It leaves most of what the image does not
-    /// determine black.
-    ///
-    /// # Errors
-    /// If values overflow, or no light is better than darkness.
-    ///
-    /// # Panics
-    /// As [`Self::non_negative_light`].
-    pub fn non_negative_mode(&self, operator: &LightOperator, evidence: &Evidence) -> Result<LightMode, MarginalError> {
-        let haar = square(operator.m());
-        let (quadratic, linear) = self.on_texels(&self.design(operator), haar, evidence, &evidence.state.squares);
-        let start = texels(haar, &evidence.light);
-        let Mode { x, gaps, converged } =
-            mode(&quadratic, &linear, &start, GAP, MODE_STEPS).ok_or(MarginalError::NotFinite)?;
-        let (light, brightness) = self.normalised(haar, x)?;
-        Ok(LightMode { light, exposure: brightness * evidence.exposure, gaps, converged })
     }
 
     /// `H` and `c` of the posterior `exp(-x'Hx / 2 + c'x)` of the texels of `g l / g_0`, for
@@ -200,8 +162,7 @@ mod tests {
     use super::*;
     use crate::inference::Hyper;
     use crate::inference::marginal::EvidenceSettings;
-    use crate::inference::marginal::factor::{Design, Form};
-    use crate::lighting::{LightGrid, LightPrior};
+    use crate::lighting::{CoefficientPrior, LightGrid, LightPrior, ScaleMixture};
 
     /// A light of one bright and one lesser lamp in the dark, seen through a blurring operator with
     /// noise.
@@ -243,9 +204,15 @@ mod tests {
         Lamps { light: texels, operator: LightOperator::from_rows(rows, m, &entries), target }
     }
 
-    /// Under Gaussian light, which knows nothing of lamps: the mean swings below zero beside them.
-    fn blurred<'a>(target: &[f64], prior: &'a LightPrior) -> Marginal<'a> {
-        Marginal::new(target, 0.0, target.len(), 64, prior, Hyper::default()).unwrap().with_gaussian_light()
+    /// Gaussian light, which knows nothing of lamps: the mean swings below zero beside them.
+    fn gaussian_prior(side: usize) -> LightPrior {
+        let mut prior = crate::transfer::toy_prior(side);
+        for group in &mut prior.groups {
+            if let CoefficientPrior::Mixture(mixture) = group {
+                *mixture = ScaleMixture { weights: vec![1.0], variances: vec![mixture.variance()] };
+            }
+        }
+        prior
     }
 
     fn lit(l: &[f64]) -> Vec<f64> {
@@ -260,55 +227,20 @@ mod tests {
     fn negative_lobes_vanish_and_the_light_is_better() {
         for noise in [0.01, 0.05, 0.2] {
             let Lamps { light, operator, target } = lamps(8, noise);
-            let prior = crate::transfer::toy_prior(8);
-            let marginal = blurred(&target, &prior);
+            let prior = gaussian_prior(8);
+            let marginal = Marginal::new(&target, 0.0, target.len(), 64, &prior, Hyper::default()).unwrap();
             let evidence = marginal.evidence(&operator, &EvidenceSettings::default()).unwrap();
             let lowest = lit(&evidence.light).into_iter().fold(f64::MAX, f64::min);
             let got = marginal.non_negative_light(&operator, &evidence, &NonNegativeSettings::default()).unwrap();
-            let mode = marginal.non_negative_mode(&operator, &evidence).unwrap();
-            assert!(got.converged && mode.converged, "{noise}: {} steps, {:?}", got.steps, mode.gaps);
-            let before = distance(&evidence.light, &light);
-            for found in [&got.light, &mode.light] {
-                let top = lit(found).into_iter().fold(0.0, f64::max);
-                assert!(lowest < -0.02 * top, "{noise}: nothing to remove: {lowest} of {top}");
-                assert!(lit(found).iter().all(|x| *x > -1e-12 * top));
-                assert_eq!(found[0], evidence.light[0]);
-                // Where the image says next to nothing the prior, which knows no lamps, decides.
-                let allowed = if noise > 0.1 { 1.01 * before } else { before };
-                assert!(distance(found, &light) < allowed, "{noise}: {before} {}", distance(found, &light));
-            }
+            assert!(got.converged, "{noise}: {} steps", got.steps);
+            let top = lit(&got.light).into_iter().fold(0.0, f64::max);
+            assert!(lowest < -0.02 * top, "{noise}: nothing to remove: {lowest} of {top}");
+            assert!(lit(&got.light).iter().all(|x| *x > -1e-12 * top));
+            assert_eq!(got.light[0], evidence.light[0]);
+            // Where the image says next to nothing the prior, which knows no lamps, decides.
+            let (before, after) = (distance(&evidence.light, &light), distance(&got.light, &light));
+            assert!(after < if noise > 0.1 { 1.01 * before } else { before }, "{noise}: {before} {after}");
         }
-    }
-
-    /// The conditions of Karush, Kuhn and Tucker: no gradient where there is light, and none
-    /// towards less where there is none.
-    #[test]
-    fn the_mode_is_the_constrained_minimum() {
-        let Lamps { operator, target, .. } = lamps(8, 0.05);
-        let prior = crate::transfer::toy_prior(8);
-        let marginal = blurred(&target, &prior);
-        let evidence = marginal.evidence(&operator, &EvidenceSettings::default()).unwrap();
-        let got = marginal.non_negative_mode(&operator, &evidence).unwrap();
-        assert!(got.converged && got.gaps.len() < 40, "{:?}", got.gaps);
-        // In units of the exposure of the evidence.
-        let ratio = got.exposure / evidence.exposure;
-        let light: Vec<f64> = got.light.iter().map(|l| l * ratio).collect();
-        let (g, b) = (evidence.state.log_g.exp(), evidence.state.log_b.exp());
-        let design = Design::new(operator.matrix.clone(), Form::Rows);
-        let residual: Vec<f64> =
-            marginal.target.iter().zip(design.times(&light)).map(|(t, y)| b * g * (g * y - t)).collect();
-        let means = marginal.scales.means();
-        let mut variances = marginal.scales.given(&evidence.state.squares).variances;
-        variances[0] = means[0] * means[0];
-        let pull = design.adjoint(&residual);
-        let gradient: Vec<f64> = (0..64).map(|i| pull[i] + (light[i] - means[i]) / variances[i]).collect();
-        let (gradient, light) = (lit(&gradient), lit(&light));
-        let top = light.iter().copied().fold(0.0, f64::max);
-        let (bright, dark): (Vec<usize>, Vec<usize>) = (0..64).partition(|&i| light[i] > 1e-3 * top);
-        let scale = dark.iter().map(|&i| gradient[i]).fold(0.0, f64::max);
-        assert!(dark.len() > 5 && scale > 0.0, "{dark:?} {scale}");
-        assert!(bright.iter().all(|&i| gradient[i].abs() < 1e-3 * scale), "{scale} {gradient:?}");
-        assert!(dark.iter().all(|&i| gradient[i] > -1e-3 * scale), "{scale} {gradient:?}");
     }
 
     #[test]
@@ -321,8 +253,7 @@ mod tests {
                 let marginal = Marginal::new(&target, 0.0, target.len(), 256, &prior, Hyper::default()).unwrap();
                 let settings = EvidenceSettings { max_steps: 3, ..Default::default() };
                 let evidence = marginal.evidence(&operator, &settings).unwrap();
-                let mean = marginal.non_negative_light(&operator, &evidence, &NonNegativeSettings::default());
-                (mean.unwrap(), marginal.non_negative_mode(&operator, &evidence).unwrap())
+                marginal.non_negative_light(&operator, &evidence, &NonNegativeSettings::default()).unwrap()
             })
         };
         assert_eq!(run(1), run(3));
@@ -348,8 +279,8 @@ mod tests {
         let entries: Vec<f64> = (0..40 * 16).map(|_| rng.random_range(-1.0..1.0)).collect();
         let target: Vec<f64> =
             entries.chunks(16).map(|b| b.iter().zip(&light).map(|(b, l)| b * l).sum::<f64>()).collect();
-        let prior = crate::transfer::toy_prior(side);
-        let marginal = Marginal::new(&target, 0.0, 40, 16, &prior, Hyper::default()).unwrap().with_gaussian_light();
+        let prior = gaussian_prior(side);
+        let marginal = Marginal::new(&target, 0.0, 40, 16, &prior, Hyper::default()).unwrap();
         let operator = LightOperator::from_rows(40, 16, &entries);
         let evidence = marginal.evidence(&operator, &EvidenceSettings::default()).unwrap();
         let got = marginal.non_negative_light(&operator, &evidence, &NonNegativeSettings::default()).unwrap();

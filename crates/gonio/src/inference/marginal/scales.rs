@@ -52,16 +52,6 @@ impl<'a> Scales<'a> {
         Self { densities, rectified }
     }
 
-    /// With the Gaussian of the same variance in place of every mixture.
-    pub(super) fn gaussian(mut self) -> Self {
-        for density in &mut self.densities {
-            if let Density::Mixture(mixture) = density {
-                *density = Density::Gaussian { mean: 0.0, variance: mixture.variance() };
-            }
-        }
-        self
-    }
-
     /// Means of the coefficients, of the rectified one before rectification (M).
     pub(super) fn means(&self) -> Vec<f64> {
         let mean = |density: &Density<'_>| match *density {
@@ -102,7 +92,7 @@ impl<'a> Scales<'a> {
 
     /// Expected squares of the responsibilities that would be best for every mixture alone, all
     /// else as in a posterior of means and variances (M each): expectation maximisation of one
-    /// coefficient in its cavity (see [`Self::correction`]), from each component in turn. `weak`
+    /// coefficient in its cavity, from each component in turn. `weak`
     /// leaves those as they are in `squares` that the image determines for more than that share.
     ///
     /// A coefficient that the image leaves open stays with whatever component it has: the bound has
@@ -138,30 +128,6 @@ impl<'a> Scales<'a> {
             }
         }
         best
-    }
-
-    /// What turns the bound into an estimate of the log evidence: every mixture in place of its
-    /// bound, given a posterior of means and variances (M each).
-    ///
-    /// What all else says about a coefficient is the cavity `exp(h l - p l^2 / 2)`,
-    /// `p = 1/Sigma_mm - d_m`, `h = <l_m>/Sigma_mm`; the mixture gives it the mass
-    /// `sum_n pi_n Z(s_n^2)` and the Gaussian of the bound `Z(1/d_m)`, with
-    /// `log Z(v) = -log(1 + p v)/2 + h^2 v / (2 (1 + p v))`. The ratio is the first correction to
-    /// such an approximation by expectation propagation. It is exact for one unknown coefficient,
-    /// and for any that the image says nothing about, where the bound loses the logarithm of the
-    /// weight of one component.
-    pub(super) fn correction(&self, given: &Given, light: &[f64], posterior: &[f64]) -> f64 {
-        let mut sum = -given.constant;
-        let at = given.variances.iter().zip(light.iter().zip(posterior));
-        for (density, (&prior, (mean, &variance))) in self.densities.iter().zip(at) {
-            let Density::Mixture(mixture) = density else { continue };
-            let cavity = Cavity::new(*mean, variance, prior);
-            let components = mixture.weights.iter().zip(&mixture.variances);
-            let joint: Vec<f64> = components.map(|(w, v)| w.ln() + cavity.log_z(*v)).collect();
-            let top = joint.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            sum += top + joint.iter().map(|j| (j - top).exp()).sum::<f64>().ln() - cavity.log_z(prior);
-        }
-        sum
     }
 }
 

@@ -26,7 +26,7 @@ pub(crate) enum Command {
     Lighting(Lighting),
     /// The basis and prior of reflectance, from a folder of MERL `.binary` files
     Reflectance(Reflectance),
-    /// The posterior of materials for `gonio infer --method marginal`, from both
+    /// The posterior of materials for `gonio infer --method learnt`, from both
     Posterior(Posterior),
     /// Join all into a model for `gonio infer --model`
     Model(Join),
@@ -152,7 +152,7 @@ pub(crate) struct Join {
     /// Output of `gonio train reflectance`
     #[arg(long)]
     reflectance: PathBuf,
-    /// Output of `gonio train posterior`; without one the model does not serve `--method marginal`
+    /// Output of `gonio train posterior`; without one the model does not serve `--method learnt`
     #[arg(long)]
     posterior: Option<PathBuf>,
     /// File to write
@@ -258,8 +258,8 @@ fn posterior(options: &Posterior) -> Result<Outcome> {
         seed: options.seed,
     };
     let (lights, materials) = (Lights::Folder(options.lights.clone()), Materials::Folder(options.materials.clone()));
-    let (amortised, provenance) = learn(|progress| training::posterior(&lights, &materials, &settings, progress))?;
-    write_file(&options.output, &encode_posterior(&amortised, &provenance))?;
+    let (learnt, provenance) = learn(|progress| training::posterior(&lights, &materials, &settings, progress))?;
+    write_file(&options.output, &encode_posterior(&learnt, &provenance))?;
     Ok(written(&options.output, &provenance))
 }
 

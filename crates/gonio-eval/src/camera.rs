@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use glam::DQuat;
 use gonio::appearance::DiskImage;
-use gonio::inference::amortised::Amortised;
+use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::BivariateTable;
 use gonio::render::Relighter;
 use gonio::simulation::{Camera, LightKind, SceneRenderer, generator};
@@ -77,7 +77,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let training: Vec<(String, BivariateTable)> =
         Protocol::LeaveOut.training(&materials).into_iter().map(luminance).collect();
     let lit = Lights::training(data)?;
-    let amortised = load_or_train(&cache, &training, &lit, &lit.names(), &options.effort.learning())?;
+    let learnt = load_or_train(&cache, &training, &lit, &lit.names(), &options.effort.learning())?;
     let mut subjects: Vec<(String, BivariateTable)> = materials.held_out().into_iter().map(luminance).collect();
     subjects.iter_mut().for_each(|(_, table)| table.extend_from_trusted());
     let subjects: Vec<BivariateTable> = subjects.into_iter().map(|(_, table)| table).collect();
@@ -100,7 +100,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
                 let mut rng = generator((at * subjects.len() + m) as u64);
                 let photograph = camera.photograph(&scenes[m], other, &mut rng);
                 progress.step();
-                judge.posterior(&amortised, &photograph, m, name)
+                judge.posterior(&learnt, &photograph, m, name)
             }));
         }
         lambertian.extend((0..subjects.len()).map(|m| judge.errors(&flat, m, name)));
@@ -150,8 +150,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    fn posterior(&self, amortised: &Amortised, photograph: &DiskImage, material: usize, light: &str) -> Errors {
-        let posterior = amortised.posterior(photograph);
+    fn posterior(&self, learnt: &LearntPosterior, photograph: &DiskImage, material: usize, light: &str) -> Errors {
+        let posterior = learnt.posterior(photograph);
         let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().expect("four shares");
         let covered = coverage(&posterior.mean, &quantiles, &self.subjects[material]);
         Errors { coverage: Some(covered), ..self.errors(&posterior.mean, material, light) }

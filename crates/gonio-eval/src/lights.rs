@@ -12,8 +12,8 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use glam::DQuat;
 use gonio::appearance::Lattice;
-use gonio::inference::amortised::peak_over_base;
-use gonio::inference::marginal::{LightProblem, NonNegativeSettings, cut_off_at_zero};
+use gonio::inference::learnt::peak_over_base;
+use gonio::inference::light::{LightProblem, NonNegativeSettings, cut_off_at_zero};
 use gonio::lighting::{LightGrid, LightPrior};
 use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
@@ -81,7 +81,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let lights = Lights::training(data)?;
     let names = evenly(lights.names(), usize::from(options.lights))?;
     let model = gonio_io::model::embedded()?;
-    let amortised = model.posterior.as_ref().context("the embedded model has no posterior of materials")?;
+    let learnt = model.learnt.as_ref().context("the embedded model has no posterior of materials")?;
     // Few points are enough to find the light, not to find the material.
     let (points, dense) = (Lattice::new().points(DQuat::IDENTITY), ball(DQuat::IDENTITY));
     let tables: Vec<BivariateTable> = materials.iter().map(|(_, table)| table.clone()).collect();
@@ -97,7 +97,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         for (material, table) in &materials {
             let image = relighter.render(table);
             let photograph = on_disk(&dense, photographer.render(table).into_iter().map(Some))?;
-            let estimate = amortised.posterior(&photograph).mean;
+            let estimate = learnt.posterior(&photograph).mean;
             for (given, brdf) in GIVEN.into_iter().zip([table, &estimate]) {
                 let found = find(&points, &image, brdf, &model.light)
                     .with_context(|| format!("{material} in {light}, {given} BRDF"))?;

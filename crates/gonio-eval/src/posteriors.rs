@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use clap::builder::RangedU64ValueParser;
 use glam::{DQuat, DVec3};
 use gonio::appearance::{DiskImage, Sample};
-use gonio::inference::amortised::Amortised;
+use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
 use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::simulation::{Stock, StockSettings};
@@ -76,7 +76,7 @@ pub(crate) fn load_or_train(
     lights: &Lights,
     names: &[impl AsRef<str>],
     learning: &Learning,
-) -> Result<Amortised> {
+) -> Result<LearntPosterior> {
     let seen = names.iter().map(|name| lights.fingerprint(name.as_ref())).collect::<Result<Vec<String>>>()?;
     let key = key(&format!("gonio posterior {VERSION}"), &(learning, seen), materials)?;
     let stored =
@@ -84,11 +84,11 @@ pub(crate) fn load_or_train(
     if let Some((found, _)) = stored {
         return Ok(found);
     }
-    let amortised = train(materials, lights, names, learning)?;
-    if let Err(error) = cache.store(&key, &encode_posterior(&amortised, "of the benchmark")) {
+    let learnt = train(materials, lights, names, learning)?;
+    if let Err(error) = cache.store(&key, &encode_posterior(&learnt, "of the benchmark")) {
         eprintln!("the posterior could not be kept for next time: {error}");
     }
-    Ok(amortised)
+    Ok(learnt)
 }
 
 fn train(
@@ -96,7 +96,7 @@ fn train(
     lights: &Lights,
     names: &[impl AsRef<str>],
     learning: &Learning,
-) -> Result<Amortised> {
+) -> Result<LearntPosterior> {
     let dictionary = Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &learning.dictionary);
     let mut stock = Stock::new(dictionary, learning.stock);
     let progress = Progress::new("simulating", names.len());
@@ -107,9 +107,9 @@ fn train(
     progress.finish();
     eprintln!("learning the posterior from photographs of {} scenes", stock.scenes());
     let progress = Progress::new("steps", learning.training.steps);
-    let amortised = gonio_train::learn(&stock, &learning.training, &|_, _| progress.step())?;
+    let learnt = gonio_train::learn(&stock, &learning.training, &|_, _| progress.step())?;
     progress.finish();
-    Ok(amortised)
+    Ok(learnt)
 }
 
 /// What can be made of these materials: a dictionary to draw from, not to learn with.

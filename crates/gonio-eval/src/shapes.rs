@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use glam::{DVec3, Vec3};
-use gonio::inference::amortised::{Amortised, UnshadowSettings, unshadow};
+use gonio::inference::learnt::{LearntPosterior, UnshadowSettings, unshadow};
 use gonio::lighting::LightPrior;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
@@ -106,7 +106,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let training: Vec<(String, BivariateTable)> =
         learnt.into_iter().map(|at| (materials.names[at].clone(), materials.luminance(at))).collect();
     let lit = Lights::training(data)?;
-    let amortised = load_or_train(&cache, &training, &lit, &lit.names(), &Learning::default())?;
+    let learnt = load_or_train(&cache, &training, &lit, &lit.names(), &Learning::default())?;
     let prior = gonio_io::model::embedded()?.light;
     let lights = Lights::open(data)?;
     let wanted = materials.held_out().into_iter().step_by(usize::from(options.every));
@@ -125,7 +125,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         .map(|name| Ok(Relighter::new(&stage.points, &tables, &lights.tree(name)?, &ACCURACY)))
         .collect::<Result<_>>()?;
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
-    let study = Study { amortised: &amortised, prior: &prior, stage: &stage, relit: &relit, subjects: &subjects };
+    let study = Study { learnt: &learnt, prior: &prior, stage: &stage, relit: &relit, subjects: &subjects };
     let progress = Progress::new("photographs", options.shapes.len() * options.lights.len() * subjects.len());
     let mut records = Vec::new();
     for shape in &options.shapes {
@@ -143,7 +143,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
 
 /// What all photographs have in common.
 struct Study<'a> {
-    amortised: &'a Amortised,
+    learnt: &'a LearntPosterior,
     prior: &'a LightPrior,
     stage: &'a Stage,
     relit: &'a [Relighter],
@@ -189,8 +189,8 @@ impl Study<'_> {
                 // Rendered at the points alone, not in every pixel.
                 let observations = Observations { values: seen.collect(), dense: Vec::new(), ..scene.clone() };
                 let start = Instant::now();
-                let found = unshadow(&observations, self.amortised, self.prior, &plan, &UnshadowSettings::default())?;
-                let estimate = self.amortised.posterior(&found.image).mean;
+                let found = unshadow(&observations, self.learnt, self.prior, &plan, &UnshadowSettings::default())?;
+                let estimate = self.learnt.posterior(&found.image).mean;
                 let errors: Vec<_> = self
                     .relit
                     .iter()

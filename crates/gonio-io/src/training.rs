@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use gonio::inference::amortised::Amortised;
+use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use gonio::model::{Model, ModelError};
 use gonio::reflectance::nmf::NmfSettings;
@@ -226,7 +226,7 @@ pub fn posterior(
     materials: &Materials,
     settings: &PosteriorSettings,
     progress: Progress<'_>,
-) -> Result<(Amortised, String), TrainingError> {
+) -> Result<(LearntPosterior, String), TrainingError> {
     let PosteriorSettings { channel, cameras, draws, steps, seed } = *settings;
     if cameras == 0 || draws == 0 || steps == 0 {
         return Err(TrainingError::Setting("cameras, draws and steps must be at least 1".into()));
@@ -245,7 +245,7 @@ pub fn posterior(
         progress("simulating scenes", share);
     })?;
     let training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
-    let amortised = learn(&stock, &training, &|share, _| progress("learning the posterior", share))?;
+    let learnt = learn(&stock, &training, &|share, _| progress("learning the posterior", share))?;
     let provenance = format!(
         "posterior of materials by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} scenes, {} photographs, seed {seed}",
         env!("CARGO_PKG_VERSION"),
@@ -253,7 +253,7 @@ pub fn posterior(
         stock.scenes(),
         training.steps * training.batch,
     );
-    Ok((amortised, provenance))
+    Ok((learnt, provenance))
 }
 
 /// All parts as a model, each with the note of its origin.
@@ -263,14 +263,14 @@ pub fn posterior(
 pub fn join(
     light: (LightPrior, String),
     reflectance: (ReflectanceBasis, String),
-    posterior: Option<(Amortised, String)>,
+    posterior: Option<(LearntPosterior, String)>,
 ) -> Result<Model, TrainingError> {
     let mut provenance = format!("{}; {}", light.1, reflectance.1);
-    let posterior = posterior.map(|(amortised, more)| {
+    let posterior = posterior.map(|(learnt, more)| {
         provenance = format!("{provenance}; {more}");
-        amortised
+        learnt
     });
-    let model = Model { light: light.0, reflectance: reflectance.0, posterior, provenance };
+    let model = Model { light: light.0, reflectance: reflectance.0, learnt: posterior, provenance };
     model.check()?;
     Ok(model)
 }

@@ -104,7 +104,7 @@ fn answer(
     let start = Instant::now();
     let (rule, assumption) = settings.colouring()?;
     let side = settings.grid;
-    if model.posterior.is_none() {
+    if model.learnt.is_none() {
         return Err(Problem::of(
             model_name,
             "has no posterior of materials; learn one with train_posterior and join it with train_model",
@@ -151,7 +151,7 @@ fn answer(
         material: Some(&found.material),
     };
     let panels = settings.pictures.then(|| Panels::draw(&subject, &|x| reporter.at("drawing", x)));
-    let mut result = notes::head(&name, "marginal", model);
+    let mut result = notes::head(&name, "learnt", model);
     result["observations"] = seen;
     result["colour"] = notes::colouring(&found.colouring, assumption);
     result["settings"] = notes::settings(&ask, linear);
@@ -169,7 +169,7 @@ fn answer(
     });
     let pictures = panels.map_or_else(Vec::new, |panels| {
         let caption = format!(
-            "marginal | {} observations | misfit {:.1} % | {:.0} s",
+            "learnt | {} observations | misfit {:.1} % | {:.0} s",
             sighting.observations.report.used,
             100.0 * found.light.misfit,
             start.elapsed().as_secs_f64()

@@ -77,7 +77,7 @@ impl Model {
     /// Whether it has the posterior of materials that inference needs.
     #[getter]
     fn has_posterior(&self) -> bool {
-        self.model.posterior.is_some()
+        self.model.learnt.is_some()
     }
 
     fn __repr__(&self) -> String {

@@ -190,9 +190,9 @@ pub(crate) fn train_posterior(
             steps: options.steps.unwrap_or(default.steps),
             seed: options.seed,
         };
-        let (amortised, provenance) =
+        let (learnt, provenance) =
             training::posterior(&lights, &materials, &settings, &|stage, x| reporter.at(stage, x))?;
-        Ok((encode_posterior(&amortised, &provenance), provenance))
+        Ok((encode_posterior(&learnt, &provenance), provenance))
     })?;
     Ok((PyBytes::new(py, &bytes).unbind(), provenance))
 }

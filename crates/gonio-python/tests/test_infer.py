@@ -29,7 +29,7 @@ def test_the_sample_is_a_glossy_ball(found):
     assert found.gloss[0] <= found.gloss[1] <= found.gloss[2]
     assert found.brdf.albedo == pytest.approx(0.5, abs=1e-3)
     assert found.misfit < 0.2
-    assert found.notes["format"] == "gonio-result" and found.notes["method"] == "marginal"
+    assert found.notes["format"] == "gonio-result" and found.notes["method"] == "learnt"
     assert found.notes["posterior"]["undetermined"] == found.open
     assert found.notes["posterior"]["scatter"] == found.scatter < 0.5
     assert found.ends[0].table.shape == found.ends[1].table.shape == (90, 90, 3)

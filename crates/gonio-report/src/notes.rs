@@ -2,8 +2,8 @@
 
 use gonio::colour::Chroma;
 use gonio::estimate::{Colouring, Estimate, Light, LightEstimator, Material, expected_misfit};
-use gonio::inference::amortised::Neighbour;
-use gonio::inference::marginal::LightProblem;
+use gonio::inference::learnt::Neighbour;
+use gonio::inference::light::LightProblem;
 use gonio::model::Model;
 use gonio::scene::{Found, Sighting};
 use gonio::shape::{Camera, Soundness};

@@ -1,7 +1,7 @@
 //! The overview of a result in one picture.
 
 use glam::Vec3;
-use gonio::inference::amortised::Neighbour;
+use gonio::inference::learnt::Neighbour;
 use gonio::picture::Plane;
 
 use crate::canvas::{INK, LETTER, fill, place, sheet, text};

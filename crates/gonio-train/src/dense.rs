@@ -1,10 +1,10 @@
 //! Dense layers forward and back.
 
-use gonio::inference::amortised::NamedLayer;
+use gonio::inference::learnt::NamedLayer;
 
 use crate::pass::{activated, affine, affine_backward, before_silu};
 
-/// Layers one after the other, with [`silu`](gonio::inference::amortised::silu) between them.
+/// Layers one after the other, with [`silu`](gonio::inference::learnt::silu) between them.
 /// Weights of a layer are `[inputs + 1][outputs]`, the bias last.
 pub(crate) struct Dense {
     pub(crate) layers: Vec<NamedLayer>,

@@ -1,7 +1,7 @@
 //! From a stock of scenes to a posterior of materials.
 
 use gonio::appearance::disk::{CHANNELS, SIDE};
-use gonio::inference::amortised::{Amortised, Candidates, interval_widths};
+use gonio::inference::learnt::{Candidates, LearntPosterior, interval_widths};
 use gonio::reflectance::BivariateTable;
 use gonio::simulation::Stock;
 use rayon::prelude::*;
@@ -30,7 +30,7 @@ pub fn learn(
     stock: &Stock,
     settings: &TrainingSettings,
     progress: &(dyn Fn(f64, f64) + Sync),
-) -> Result<Amortised, TrainError> {
+) -> Result<LearntPosterior, TrainError> {
     let trained = train(&Photographs(stock), settings, progress)?;
     Ok(posterior(stock, trained, RANGED.min(settings.steps * settings.batch)))
 }
@@ -38,7 +38,7 @@ pub fn learn(
 /// The posterior that training on a stock's photographs makes, with what goes with it: the measured
 /// materials, draws from the prior, what is usual of features, from so many photographs, and how
 /// wide the prior is.
-fn posterior(stock: &Stock, trained: Trained, ranged: usize) -> Amortised {
+fn posterior(stock: &Stock, trained: Trained, ranged: usize) -> LearntPosterior {
     let dictionary = stock.dictionary();
     let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)
         .into_par_iter()
@@ -61,7 +61,7 @@ fn posterior(stock: &Stock, trained: Trained, ranged: usize) -> Amortised {
     };
     let drawn = (FIRST..FIRST + CANDIDATES).into_par_iter().map(|number| stock.place(number)).collect();
     let tables: Vec<BivariateTable> = dictionary.entries.par_iter().map(|entry| dictionary.table(entry)).collect();
-    Amortised {
+    LearntPosterior {
         names: dictionary.measured.names.clone(),
         measured: candidates(dictionary.places[..dictionary.measured.len()].to_vec()),
         prior: candidates(drawn),

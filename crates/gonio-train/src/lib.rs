@@ -1,4 +1,4 @@
-//! Fits the [`Encoder`](gonio::inference::amortised::Encoder) of images to an endless stream of
+//! Fits the [`Encoder`](gonio::inference::learnt::Encoder) of images to an endless stream of
 //! simulated ones.
 //!
 //! The layers are passed forward and back by the same products of matrices that the encoder itself

@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use gonio::inference::amortised::{Encoder, EncoderError, EncoderShape, NamedLayer};
+use gonio::inference::learnt::{Encoder, EncoderError, EncoderShape, NamedLayer};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;

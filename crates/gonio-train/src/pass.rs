@@ -4,9 +4,7 @@
 //! on large tensors wait for one pool of threads that all parts of a batch share; two threads were
 //! slower than one (docs/trials.md).
 
-use gonio::inference::amortised::{
-    Convolution, EncoderShape, NamedLayer, Step, inside_disk, pool, silu, silu_backward,
-};
+use gonio::inference::learnt::{Convolution, EncoderShape, NamedLayer, Step, inside_disk, pool, silu, silu_backward};
 
 use crate::dense::{Dense, DenseTrace};
 

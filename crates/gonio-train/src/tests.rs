@@ -1,4 +1,4 @@
-use gonio::inference::amortised::Step;
+use gonio::inference::learnt::Step;
 
 use crate::loss::contrast;
 use crate::train::{Batch, Model, Part};

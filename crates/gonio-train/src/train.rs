@@ -1,6 +1,6 @@
 //! The loop over batches.
 
-use gonio::inference::amortised::{Convolution, Encoder, EncoderError, EncoderShape, NamedLayer};
+use gonio::inference::learnt::{Convolution, Encoder, EncoderError, EncoderShape, NamedLayer};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;

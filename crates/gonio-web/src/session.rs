@@ -219,7 +219,7 @@ impl Session {
         let oddities = sighting.oddities.iter().map(ToString::to_string);
         let doubts = estimate.doubts();
         let warnings = self.warnings.iter().cloned().chain(oddities).chain(doubts.iter().map(ToString::to_string));
-        let mut result = notes::head(&self.name, "marginal", &self.model);
+        let mut result = notes::head(&self.name, "learnt", &self.model);
         result["observations"] = notes::sighting(sighting);
         result["colour"] = notes::colouring(colouring, ASSUMPTION);
         result["settings"] = notes::settings(settings, false);

@@ -1,5 +1,5 @@
 //! Speed of the steps between a photograph and its posterior: the plan, Algorithm 1, the block
-//! solver, the marginal inference, the renderer.
+//! solver, the light of one BRDF, the renderer.
 //!
 //! `cargo bench -p gonio`. Lights and reflectances are synthetic, of the sizes that a real image of
 //! a sphere has: a light of 32 x 32 texels (M = 1024), ten basis functions (K = 10), a projection
@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 
 use divan::{Bencher, black_box};
 use glam::{DVec3, Vec3};
-use gonio::inference::marginal::{EvidenceSettings, LightOperator, Marginal};
+use gonio::inference::light::{InferenceSettings, LightInference, LightOperator};
 use gonio::inference::{Ensemble, Expectations, Hyper, Method, Problem, Solver, VariationalSettings, infer};
 use gonio::lighting::{LightGrid, LightPrior, PriorSettings, studio_light};
 use gonio::reflectance::BivariateTable;
@@ -141,11 +141,11 @@ fn grams(bencher: Bencher<'_, '_>) {
 #[divan::bench(args = [0, 10], sample_count = 10, sample_size = 1)]
 fn evidence(bencher: Bencher<'_, '_>, max_steps: usize) {
     let Projected { bilinear, target, outside, pixels } = &*IMAGE;
-    let marginal = Marginal::new(target, *outside, *pixels, bilinear.m(), &WORLD.prior, Hyper::default());
-    let marginal = marginal.expect("a lit image");
+    let inference = LightInference::new(target, *outside, *pixels, bilinear.m(), &WORLD.prior, Hyper::default());
+    let inference = inference.expect("a lit image");
     let operator = LightOperator::of_reflectance(bilinear, &[0.1; WIDTHS.len()]);
-    let settings = EvidenceSettings { max_steps, tolerance: 0.0, ..EvidenceSettings::default() };
-    bencher.bench_local(|| marginal.evidence(black_box(&operator), &settings));
+    let settings = InferenceSettings { max_steps, tolerance: 0.0, ..InferenceSettings::default() };
+    bencher.bench_local(|| inference.posterior(black_box(&operator), &settings));
 }
 
 /// The radiance of one point in the studio light.

@@ -4,7 +4,7 @@
 use thiserror::Error;
 
 use crate::appearance::disk::{CHANNELS, GLOBALS, SIDE};
-use crate::inference::amortised::Amortised;
+use crate::inference::learnt::LearntPosterior;
 use crate::lighting::{CoefficientPrior, LightPrior, PriorGroup};
 use crate::reflectance::{CELLS, ReflectanceBasis, THETA_D};
 
@@ -15,8 +15,8 @@ pub struct Model {
     pub light: LightPrior,
     /// `phi_k` and `p(f)`, eq. 6.
     pub reflectance: ReflectanceBasis,
-    /// `p(F | I)` learnt from simulated photographs, which `--method marginal` needs.
-    pub posterior: Option<Amortised>,
+    /// `p(F | I)` learnt from simulated photographs: the default method.
+    pub learnt: Option<LearntPosterior>,
     /// What it was trained on and how, for people.
     pub provenance: String,
 }
@@ -160,8 +160,8 @@ impl Model {
     pub fn check(&self) -> Result<(), ModelError> {
         check_light(&self.light)?;
         check_reflectance(&self.reflectance)?;
-        match &self.posterior {
-            Some(amortised) => check_posterior(amortised),
+        match &self.learnt {
+            Some(learnt) => check_posterior(learnt),
             None => Ok(()),
         }
     }
@@ -258,7 +258,7 @@ pub fn check_reflectance(basis: &ReflectanceBasis) -> Result<(), ModelError> {
 ///
 /// # Errors
 /// The first thing found that is not consistent.
-pub fn check_posterior(posterior: &Amortised) -> Result<(), ModelError> {
+pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
     let length = |what, got: usize, expected: usize| {
         if got == expected { Ok(()) } else { Err(PosteriorFault::Length(what, got, expected)) }
     };
@@ -266,7 +266,7 @@ pub fn check_posterior(posterior: &Amortised) -> Result<(), ModelError> {
         if values.iter().all(|v| v.is_finite()) { Ok(()) } else { Err(PosteriorFault::NotFinite(what)) }
     };
     let filled = |what, there: bool| if there { Ok(()) } else { Err(PosteriorFault::Empty(what)) };
-    let Amortised { names, measured, prior, coordinates, widths, encoder, ranges } = posterior;
+    let LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges } = posterior;
     let dimensions = coordinates.axes.len();
     filled("materials", !names.is_empty())?;
     filled("coordinates", dimensions > 0)?;
@@ -310,7 +310,7 @@ mod tests {
             rates: vec![2.0, 30.0],
             materials: vec![TrainingMaterial { name: "chalk".into(), scale: 0.3, coefficients: vec![0.9, 0.0] }],
         };
-        Model { light: crate::transfer::toy_prior(8), reflectance, posterior: None, provenance: "toys".into() }
+        Model { light: crate::transfer::toy_prior(8), reflectance, learnt: None, provenance: "toys".into() }
     }
 
     fn check(spoil: impl FnOnce(&mut Model), says: &str) {

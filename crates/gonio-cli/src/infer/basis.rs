@@ -139,7 +139,7 @@ fn posterior(options: &Options, model: &Model, projected: &Projected) -> Result<
         (Hyper::with_model_error(projected.pixels), settings)
     };
     let (problem, method) = match options.method() {
-        MethodName::Marginal => unreachable!("a method without coefficients"),
+        MethodName::Learnt => unreachable!("a method without coefficients"),
         MethodName::KnownLight => {
             let settings = VariationalSettings { solver: Solver::Blocks, ..variational };
             (Problem::with_known_light(projected, rates, hyper), Method::KnownLight(settings))

@@ -1,11 +1,11 @@
 //! `gonio infer`: photograph -> observations -> posterior -> outputs.
 //!
-//! What a method finds is an [`Answer`]: `marginal` and `basis` make one, the rest is common to
+//! What a method finds is an [`Answer`]: `learnt` and `basis` make one, the rest is common to
 //! all.
 
 mod basis;
 mod colour;
-mod marginal;
+mod learnt;
 mod observe;
 
 use std::path::PathBuf;
@@ -72,7 +72,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// How the posterior is found
-    #[arg(long, value_enum, default_value_t = MethodName::Marginal)]
+    #[arg(long, value_enum, default_value_t = MethodName::Learnt)]
     method: MethodName,
     /// The paper's own version on a sphere: its map of light at one azimuth, 8,600 normals away from
     /// its poles, 10 basis functions, random starts, Algorithm 1 to the letter
@@ -84,7 +84,7 @@ pub(crate) struct Options {
     /// The light, a lat-long map in camera space, for --method known-light
     #[arg(long, value_name = "MAP")]
     light: Option<PathBuf>,
-    /// Seed of the random starts of --method variational, map and known-light; marginal has none
+    /// Seed of the random starts of --method variational, map and known-light; learnt has none
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Random starts of the same
@@ -132,7 +132,8 @@ enum Shape {
 enum MethodName {
     /// Posterior of the material with the light integrated out over captured lights, learnt
     /// beforehand
-    Marginal,
+    #[value(alias = "marginal")]
+    Learnt,
     /// Separable posterior of light and reflectance (Algorithm 1 of the paper)
     Variational,
     /// Joint maximum of light and reflectance: falls for the mirror in a blurry world
@@ -215,8 +216,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if options.light.is_none() && options.grid > covered {
         bail!("--grid {}: the model's prior of light covers grids of up to {covered} texels a side", options.grid);
     }
-    if options.method() == MethodName::Marginal {
-        marginal::check(options, &model)?;
+    if options.method() == MethodName::Learnt {
+        learnt::check(options, &model)?;
     }
     let model_seconds = start.elapsed().as_secs_f64();
     // Read before the long work, used again for the pictures.
@@ -229,9 +230,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let read_seconds = start.elapsed().as_secs_f64() - model_seconds;
     let (rule, assumption) = colour::rule(options, known.as_ref());
     let (answer, colouring) = match options.method() {
-        MethodName::Marginal => {
+        MethodName::Learnt => {
             let settings = EstimateSettings { side: options.grid, colouring: rule, ..EstimateSettings::default() };
-            marginal::answer(options, &model, &sighting.observations, &settings, &mut warnings)?
+            learnt::answer(options, &model, &sighting.observations, &settings, &mut warnings)?
         }
         _ => {
             let answer = basis::answer(options, &model, known.as_ref(), &sighting.observations, &mut warnings)?;

@@ -42,7 +42,7 @@ fn programs_get_one_object() {
         serde_json::from_str(&run.stdout).unwrap_or_else(|e| panic!("{line}: {e}: {}", run.stdout))
     };
     let found = object("infer ball.exr -o out --grid 16 --json", 0);
-    assert_eq!((found["output"].as_str(), found["method"].as_str()), (Some("out"), Some("marginal")));
+    assert_eq!((found["output"].as_str(), found["method"].as_str()), (Some("out"), Some("learnt")));
     assert!(found["posterior"]["materials"][0]["weight"].as_f64().unwrap() > 0.0);
     assert!(found["warnings"].is_array());
     let exported = object("export out --to ward --json", 0);

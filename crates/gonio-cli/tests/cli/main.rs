@@ -7,7 +7,7 @@ mod colour;
 mod export;
 mod help;
 mod infer;
-mod marginal;
+mod learnt;
 mod merge;
 mod pictures;
 mod refusals;

@@ -74,7 +74,7 @@ pub(crate) enum Estimator {
     /// Joint maximum over light and reflectance.
     JointMap,
     /// The mean of the posterior learnt from simulated photographs: the project's answer.
-    Marginal,
+    Learnt,
     /// The separable posterior, `C_KL` minimised by blocks.
     Variational,
     /// The same by Algorithm 1 as printed. Slow.
@@ -91,7 +91,7 @@ impl Estimator {
             Self::TrueBivariate => "true-bivariate",
             Self::KnownLight => "known-light",
             Self::JointMap => "joint-map",
-            Self::Marginal => "marginal",
+            Self::Learnt => "learnt",
             Self::Variational => "variational",
             Self::Algorithm1 => "algorithm1",
         }
@@ -106,7 +106,7 @@ impl Estimator {
             Self::TrueBivariate => "true bivariate table (floor)",
             Self::KnownLight => "known light (oracle)",
             Self::JointMap => "joint MAP",
-            Self::Marginal => "marginal posterior",
+            Self::Learnt => "learnt posterior",
             Self::Variational => "Algorithm 1 (block solver)",
             Self::Algorithm1 => "Algorithm 1 as printed",
         }
@@ -132,7 +132,7 @@ impl Estimator {
             Self::KnownLight,
             Self::JointMap,
             Self::Variational,
-            Self::Marginal,
+            Self::Learnt,
         ]
     }
 
@@ -160,7 +160,7 @@ impl Estimator {
             Self::Lambertian => return Ok(Estimate::of(BivariateTable::from_fn(|_, _| 1.0))),
             Self::NearestMaterial => return Ok(nearest(&knowledge.training, truth)),
             Self::TrueBivariate => return Ok(Estimate::of(truth.clone())),
-            Self::Marginal => return marginal(knowledge, image),
+            Self::Learnt => return learnt_posterior(knowledge, image),
             Self::KnownLight => {
                 let known = Projected::under_known_light(under_true_light, basis.len(), image);
                 let problem = Problem::with_known_light(&known, &basis.rates, hyper)?;
@@ -186,9 +186,9 @@ impl Estimator {
 }
 
 /// The posterior learnt from simulated photographs.
-fn marginal(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Estimate> {
-    let amortised = knowledge.model.posterior.as_ref().context("no posterior was learnt")?;
-    let posterior = amortised.posterior(&on_disk(&knowledge.points, image.iter().copied())?);
+fn learnt_posterior(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Estimate> {
+    let learnt = knowledge.model.learnt.as_ref().context("no posterior was learnt")?;
+    let posterior = learnt.posterior(&on_disk(&knowledge.points, image.iter().copied())?);
     let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]);
     let quantiles = quantiles.try_into().ok().context("four quantiles")?;
     let nearest = &posterior.neighbours[0];

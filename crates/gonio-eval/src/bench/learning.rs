@@ -1,7 +1,7 @@
 //! What a protocol lets the estimators know beforehand.
 
 use anyhow::{Context, Result};
-use gonio::inference::amortised::Amortised;
+use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::LightPrior;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, TrainSettings};
@@ -46,7 +46,7 @@ impl Knowledge {
         let green: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.green(at).clone())).collect();
         let reflectance = Trained::load_or_train(Some(cache), &green, &settings)?.basis;
-        let Model { light, posterior: embedded, .. } = gonio_io::model::embedded()?;
+        let Model { light, learnt: embedded, .. } = gonio_io::model::embedded()?;
         let light = prior.cloned().unwrap_or(light);
         let (plan, _, _) =
             gonio_io::plan::load_or_build(Some(cache), points, &reflectance.functions, &light, plan, &|_| ())
@@ -57,7 +57,7 @@ impl Knowledge {
             let names = lights.names();
             // Of as many lights and these materials in the usual way: training it again would give
             // the same.
-            let same = |found: &Amortised| {
+            let same = |found: &LearntPosterior| {
                 *learning == Learning::default()
                     && names.len() == light.lights
                     && found.names.iter().eq(training.iter().map(|(name, _)| name))
@@ -67,8 +67,13 @@ impl Knowledge {
                 None => posteriors::load_or_train(cache, &training, lights, &names, learning),
             }
         };
-        let posterior = lights.map(learn).transpose().context("the marginal posterior")?;
+        let posterior = lights.map(learn).transpose().context("the posterior of materials")?;
         let provenance = format!("basis of {} materials", kept.len());
-        Ok(Self { model: Model { light, reflectance, posterior, provenance }, training, plan, points: points.to_vec() })
+        Ok(Self {
+            model: Model { light, reflectance, learnt: posterior, provenance },
+            training,
+            plan,
+            points: points.to_vec(),
+        })
     }
 }

@@ -62,7 +62,7 @@ pub(crate) fn bench(data: &Path, options: &Options) -> Result<()> {
         materials,
         lights,
         prior,
-        training: grid.estimators.contains(&Estimator::Marginal).then(|| Lights::training(data)).transpose()?,
+        training: grid.estimators.contains(&Estimator::Learnt).then(|| Lights::training(data)).transpose()?,
         shown: stage.nearest(&points),
         points,
         stage,
@@ -109,7 +109,7 @@ struct Bench {
     lights: Lights,
     /// Prior of light in place of the embedded one.
     prior: Option<LightPrior>,
-    /// Lights that the marginal posterior is learnt from, if it is among the estimators.
+    /// Lights that the learnt posterior is learnt from, if it is among the estimators.
     training: Option<Lights>,
     points: Vec<SurfacePoint>,
     stage: Stage,

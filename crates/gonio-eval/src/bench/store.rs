@@ -35,7 +35,7 @@ pub(crate) struct Conditions {
     pub(crate) separable: Separable,
     /// Origin of the prior of light, where it is not that of the embedded model.
     pub(crate) prior: Option<String>,
-    /// How the marginal posterior is learnt.
+    /// How the posterior of materials is learnt.
     pub(crate) learning: Learning,
     /// Noise added to the photographs, relative to their mean.
     pub(crate) noise: f64,

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use glam::{DQuat, Vec3};
 use gonio::colour::{ColourModel, Sample, TwoColours, white_chroma};
-use gonio::inference::amortised::Amortised;
+use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{IntegratorSettings, LightTree, Relighter};
 use gonio::sphere::OctahedralMap;
@@ -25,7 +25,12 @@ const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells
 /// Learns from one photograph of each training material in each training light, and prints what
 /// comes out. The luminance posterior is the one that there is, learnt from these materials and
 /// lights too: what is left out in [`validate`] is left out of the model of colours alone.
-pub(super) fn run(materials: &Materials, training: &[usize], lights: &Lights, posterior: &Amortised) -> Result<()> {
+pub(super) fn run(
+    materials: &Materials,
+    training: &[usize],
+    lights: &Lights,
+    posterior: &LearntPosterior,
+) -> Result<()> {
     let bench = Bench::new(posterior.clone());
     let rgb: Vec<[BivariateTable; 3]> = training.iter().map(|&at| trusted(materials.rgb(at))).collect();
     let truths: Vec<TwoColours> = rgb.iter().map(TwoColours::of).collect();

@@ -17,7 +17,7 @@ use anyhow::{Context, Result};
 use glam::{DQuat, Vec3};
 use gonio::appearance::Lattice;
 use gonio::colour::{Chroma, ClueFinder, Clues, ColourModel, TwoColours, highlight_share, white_chroma};
-use gonio::inference::amortised::Amortised;
+use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
@@ -152,14 +152,14 @@ fn trusted(rgb: &[BivariateTable; 3]) -> [BivariateTable; 3] {
 
 /// What photographs are seen with.
 struct Bench {
-    posterior: Amortised,
+    posterior: LearntPosterior,
     model: ColourModel,
     lattice: Lattice,
     finder: ClueFinder,
 }
 
 impl Bench {
-    fn new(posterior: Amortised) -> Self {
+    fn new(posterior: LearntPosterior) -> Self {
         let lattice = Lattice::new();
         Self { posterior, model: ColourModel::default(), finder: ClueFinder::new(&lattice), lattice }
     }

@@ -8,8 +8,8 @@ use glam::DVec3;
 use gonio::appearance::DiskImage;
 use gonio::appearance::disk::{SIDE, normal, on_disk};
 use gonio::estimate::EstimateSettings;
-use gonio::inference::amortised::{MaterialPosterior, peak_over_base};
-use gonio::inference::marginal::{LightProblem, NonNegativeSettings};
+use gonio::inference::learnt::{MaterialPosterior, peak_over_base};
+use gonio::inference::light::{LightProblem, NonNegativeSettings};
 use gonio::lighting::LightPrior;
 use gonio::transfer::{PlanSettings, SurfacePoint};
 

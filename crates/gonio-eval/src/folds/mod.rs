@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use glam::DQuat;
 use gonio::appearance::Lattice;
-use gonio::inference::amortised::{Amortised, MaterialPosterior, peak_over_base};
+use gonio::inference::learnt::{LearntPosterior, MaterialPosterior, peak_over_base};
 use gonio::lighting::LightPrior;
 use gonio::reflectance::{BivariateTable, DictionarySettings, Kind, Prior};
 use gonio::render::{IntegratorSettings, Relighter};
@@ -125,11 +125,11 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         let unseen: Vec<(String, BivariateTable)> = unseen.into_iter().map(|m| materials[m].clone()).collect();
         let lit: Vec<&str> = lit.into_iter().map(|l| names[l].as_str()).collect();
         let unlit: Vec<&str> = unlit.into_iter().map(|l| names[l].as_str()).collect();
-        let amortised = load_or_train(&cache, &seen, &lights, &lit, &learning(options))?;
+        let learnt = load_or_train(&cache, &seen, &lights, &lit, &learning(options))?;
         let every = seen.len().div_ceil(options.seen.max(1));
         let known = seen.into_iter().step_by(every).take(options.seen).collect();
         let test = Test::new(options, fold, unseen, known)?;
-        outcomes.extend(test.run(&amortised, &lights, &unlit, &lit[..RELIT.min(lit.len())])?);
+        outcomes.extend(test.run(&learnt, &lights, &unlit, &lit[..RELIT.min(lit.len())])?);
         eprintln!("fold {fold}: {} photographs", outcomes.len());
     }
     println!("{}", report(&outcomes));
@@ -196,7 +196,7 @@ impl Test {
         Ok(Self { fold, names, tables, renderer: SceneRenderer::new(), prior: gonio_io::model::embedded()?.light })
     }
 
-    fn run(&self, amortised: &Amortised, lights: &Lights, unlit: &[&str], relit: &[&str]) -> Result<Vec<Outcome>> {
+    fn run(&self, learnt: &LearntPosterior, lights: &Lights, unlit: &[&str], relit: &[&str]) -> Result<Vec<Outcome>> {
         let points = Lattice::new().points(DQuat::IDENTITY);
         let other = |name: &&str| Ok(Relighter::new(&points, &self.tables, &lights.tree(name)?, &ACCURACY));
         let others: Vec<Relighter> = relit.iter().map(other).collect::<Result<_>>()?;
@@ -212,7 +212,7 @@ impl Test {
                 let any = Camera::draw(&mut rng);
                 [("clean", CLEAN), ("camera", any)].map(|(title, camera)| {
                     let image = camera.photograph(scene, other, &mut rng);
-                    let posterior = amortised.posterior(&image);
+                    let posterior = learnt.posterior(&image);
                     let mut outcome = self.judge(&posterior, &others, (m, title));
                     if (at + m).is_multiple_of(WITH_INTERVALS) {
                         self.add_intervals(&posterior, m, &mut outcome);

@@ -11,7 +11,7 @@ mod tests;
 
 use std::path::Path;
 
-use gonio::inference::amortised::Amortised;
+use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::LightPrior;
 use gonio::model::{Model, check_light, check_reflectance};
 use gonio::reflectance::{BivariateTable, CELLS, ReflectanceBasis, THETA_D, THETA_H, TrainingMaterial};
@@ -72,8 +72,8 @@ pub fn encode_model(model: &Model) -> Vec<u8> {
     let (more, tensors) = reflectance_parts(&model.reflectance);
     metadata.extend(more);
     let mut tensors = Vec::from(tensors);
-    if let Some(amortised) = &model.posterior {
-        let (more, parts) = posterior::parts(amortised);
+    if let Some(learnt) = &model.learnt {
+        let (more, parts) = posterior::parts(learnt);
         metadata.extend(more);
         tensors.extend(parts);
     }
@@ -92,8 +92,8 @@ pub fn encode_reflectance(basis: &ReflectanceBasis, provenance: &str) -> Vec<u8>
 }
 
 /// The bytes of a posterior of materials, with a note of its origin.
-pub fn encode_posterior(amortised: &Amortised, provenance: &str) -> Vec<u8> {
-    let (metadata, tensors) = posterior::parts(amortised);
+pub fn encode_posterior(learnt: &LearntPosterior, provenance: &str) -> Vec<u8> {
+    let (metadata, tensors) = posterior::parts(learnt);
     encode(Content::Posterior, metadata, provenance, &tensors)
 }
 
@@ -111,7 +111,7 @@ pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
     let file = Container::decode(path, bytes, Content::Model)?;
     let posterior = file.says(posterior::NAMES).then(|| posterior::of(&file)).transpose()?;
     let (light, reflectance) = (lighting(&file)?, reflectance(&file)?);
-    Ok(Model { light, reflectance, posterior, provenance: provenance(&file)? })
+    Ok(Model { light, reflectance, learnt: posterior, provenance: provenance(&file)? })
 }
 
 /// Decodes a light prior held in memory, and the note of its origin; `path` serves the messages
@@ -139,7 +139,7 @@ pub fn decode_reflectance(path: &Path, bytes: &[u8]) -> Result<(ReflectanceBasis
 ///
 /// # Errors
 /// As [`decode_model`].
-pub fn decode_posterior(path: &Path, bytes: &[u8]) -> Result<(Amortised, String), Error> {
+pub fn decode_posterior(path: &Path, bytes: &[u8]) -> Result<(LearntPosterior, String), Error> {
     let file = Container::decode(path, bytes, Content::Posterior)?;
     Ok((posterior::of(&file)?, provenance(&file)?))
 }
@@ -198,7 +198,7 @@ pub fn read_reflectance(path: impl AsRef<Path>) -> Result<(ReflectanceBasis, Str
 ///
 /// # Errors
 /// If the file cannot be read, and as [`decode_model`].
-pub fn read_posterior(path: impl AsRef<Path>) -> Result<(Amortised, String), Error> {
+pub fn read_posterior(path: impl AsRef<Path>) -> Result<(LearntPosterior, String), Error> {
     decode_posterior(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
 }
 

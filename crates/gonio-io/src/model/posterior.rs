@@ -1,6 +1,6 @@
 //! The learnt posterior of materials as tensors.
 
-use gonio::inference::amortised::{Amortised, Candidates, Encoder, EncoderShape};
+use gonio::inference::learnt::{Candidates, Encoder, EncoderShape, LearntPosterior};
 use gonio::model::check_posterior;
 use gonio::reflectance::{CELLS, Coordinates, THETA_D, THETA_H};
 
@@ -26,8 +26,8 @@ const PLACES: &str = "places";
 const EMBEDDINGS: &str = "embeddings";
 
 /// Metadata and tensors, those of the widest type first.
-pub(super) fn parts(amortised: &Amortised) -> (Metadata, Vec<Tensor>) {
-    let Amortised { names, measured, prior, coordinates, widths, encoder, ranges } = amortised;
+pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
+    let LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges } = learnt;
     let dimensions = coordinates.axes.len();
     let ranges: Vec<f32> = ranges.iter().flat_map(|(low, high)| [*low, *high]).collect();
     let outputs = encoder.shape().outputs;
@@ -54,7 +54,7 @@ pub(super) fn parts(amortised: &Amortised) -> (Metadata, Vec<Tensor>) {
 }
 
 /// What [`parts`] made.
-pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
+pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
     let wrong = |e: String| file.wrong(format!("holds a model that cannot be: {e}"));
     let cells = [Some(THETA_H), Some(THETA_D)];
     let names: Vec<String> = file.json(NAMES)?;
@@ -76,10 +76,10 @@ pub(super) fn of(file: &Container<'_>) -> Result<Amortised, Error> {
         Ok(Candidates { places: rows(&places, coordinates.axes.len()), embeddings: rows(&embeddings, outputs) })
     };
     let (measured, prior) = (candidates(MEASURED)?, candidates(PRIOR)?);
-    let amortised = Amortised { names, measured, prior, coordinates, widths, encoder, ranges };
+    let learnt = LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges };
     // Before anything is computed from it.
-    check_posterior(&amortised).map_err(|e| wrong(e.to_string()))?;
-    Ok(amortised)
+    check_posterior(&learnt).map_err(|e| wrong(e.to_string()))?;
+    Ok(learnt)
 }
 
 fn rows<T: Copy>(values: &[T], width: usize) -> Vec<Vec<T>> {

@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use gonio::appearance::disk::{CHANNELS, GLOBALS};
-use gonio::inference::amortised::{Candidates, Encoder, EncoderShape};
+use gonio::inference::learnt::{Candidates, Encoder, EncoderShape};
 use gonio::lighting::{CoefficientPrior, PriorGroup, RectifiedGaussian, ScaleMixture};
 use gonio::reflectance::{CELLS, Dictionary, DictionarySettings, LogBasis};
 use gonio::sphere::OctahedralMap;
@@ -37,7 +37,7 @@ fn toy(k: usize, materials: usize) -> Model {
         rates: (0..k).map(number).collect(),
         materials: (0..materials).map(material).collect(),
     };
-    Model { light, reflectance, posterior: None, provenance: "seed 1; \"blake3\":\"0000\"\nlights: a, b".into() }
+    Model { light, reflectance, learnt: None, provenance: "seed 1; \"blake3\":\"0000\"\nlights: a, b".into() }
 }
 
 static SMALL: LazyLock<Vec<u8>> = LazyLock::new(|| encode_model(&toy(1, 2)));
@@ -217,7 +217,7 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
         let count = dimensions.iter().product();
         Some((dimensions, (0..count).map(|i: usize| 1.0 / (3.0 + i as f32)).collect()))
     };
-    let posterior = Amortised {
+    let posterior = LearntPosterior {
         names: dictionary.measured.names.clone(),
         measured: candidates(2),
         prior: candidates(7),
@@ -226,16 +226,16 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
         encoder: Encoder::from_tensors(shape, find).unwrap(),
         ranges: vec![(-1.0, 1.0 / 3.0); 3],
     };
-    Model { posterior: Some(posterior), ..toy(1, 2) }
+    Model { learnt: Some(posterior), ..toy(1, 2) }
 });
 
 #[test]
 fn posteriors_come_back_as_they_were() {
     let model = &*KNOWING;
     assert_eq!(&decode(&encode_model(model)).unwrap(), model);
-    let alone = encode_posterior(model.posterior.as_ref().unwrap(), "from both");
+    let alone = encode_posterior(model.learnt.as_ref().unwrap(), "from both");
     let (posterior, origin) = decode_posterior(Path::new("a.gonio"), &alone).unwrap();
-    assert_eq!((Some(posterior), origin.as_str()), (model.posterior.clone(), "from both"));
+    assert_eq!((Some(posterior), origin.as_str()), (model.learnt.clone(), "from both"));
     refused(decode(&alone), Kind::Invalid, &["a posterior of materials alone", "a whole model"]);
 }
 
@@ -253,9 +253,9 @@ fn encoders_that_cannot_be_are_refused() {
 
 #[test]
 fn posteriors_that_cannot_be_are_refused() {
-    let spoilt = |spoil: fn(&mut Amortised), says: &str| {
+    let spoilt = |spoil: fn(&mut LearntPosterior), says: &str| {
         let mut model = KNOWING.clone();
-        spoil(model.posterior.as_mut().unwrap());
+        spoil(model.learnt.as_mut().unwrap());
         assert!(model.check().is_err(), "{says}");
         refused(decode(&encode_model(&model)), Kind::Invalid, &[says]);
     };

@@ -1,7 +1,7 @@
 //! What a photograph shows of each normal, whatever the shape: light from far away makes the
 //! brightness of a convex surface a function of its normal.
 //!
-//! [`DiskImage`] is what [`inference::amortised`](crate::inference::amortised) reads the material
+//! [`DiskImage`] is what [`inference::learnt`](crate::inference::learnt) reads the material
 //! from, [`Lattice`] what [`colour`](crate::colour) reads.
 
 pub(crate) mod detail;

@@ -1,7 +1,7 @@
 //! What light explains a photograph of a material that is known.
 
 use super::{EstimateError, EstimateSettings, Stage};
-use crate::inference::marginal::{LightProblem, NonNegativeSettings, cut_off_at_zero};
+use crate::inference::light::{LightProblem, NonNegativeSettings, cut_off_at_zero};
 use crate::lighting::LightGrid;
 use crate::model::Model;
 use crate::reflectance::BivariateTable;
@@ -43,10 +43,10 @@ pub struct Light {
     /// Observations it was found from.
     pub rows: usize,
     /// Objective of the evidence at its end
-    /// ([`Evidence::objective`](crate::inference::marginal::Evidence::objective)).
+    /// ([`LightPosterior::objective`](crate::inference::light::LightPosterior::objective)).
     pub objective: f64,
     /// Effective number of coefficients
-    /// ([`Evidence::effective`](crate::inference::marginal::Evidence::effective)).
+    /// ([`LightPosterior::effective`](crate::inference::light::LightPosterior::effective)).
     pub effective: f64,
     /// Objective of each step.
     pub trace: Vec<f64>,

@@ -2,8 +2,8 @@
 
 use super::{Doubt, EstimateError};
 use crate::appearance::DiskImage;
-use crate::inference::amortised::{
-    self, Amortised, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
+use crate::inference::learnt::{
+    self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
 use crate::model::Model;
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
@@ -43,7 +43,7 @@ pub struct Material {
     /// 5, 50 and 95 % quantiles of the gloss, [`peak_over_base`].
     pub gloss: [f64; 3],
     /// Share of the photograph's features outside of the range of those the posterior was learnt
-    /// from ([`Reading::strangeness`](crate::inference::amortised::Reading::strangeness)).
+    /// from ([`Reading::strangeness`](crate::inference::learnt::Reading::strangeness)).
     pub strangeness: f64,
     /// Standard deviation of pixels that share a normal, relative to their mean
     /// ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).
@@ -90,7 +90,7 @@ impl Material {
     /// The quantiles are wider: they allow for what the coordinates of materials miss.
     ///
     /// # Errors
-    /// [`EstimateError::NoPosterior`] if `model` is not the model of this estimate.
+    /// [`EstimateError::NotLearnt`] if `model` is not the model of this estimate.
     pub fn samples(&self, model: &Model, count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
         draws(model, &self.posterior.embedding, count, seed)
     }
@@ -99,19 +99,19 @@ impl Material {
 /// What [`Material::samples`] does, of the embedding in [`MaterialPosterior::embedding`] alone.
 ///
 /// # Errors
-/// [`EstimateError::NoPosterior`] if the embeddings of the model have another length.
+/// [`EstimateError::NotLearnt`] if the embeddings of the model have another length.
 pub fn draws(model: &Model, embedding: &[f32], count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
-    let amortised = model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?;
-    if amortised.encoder.shape().outputs != embedding.len() {
-        return Err(EstimateError::NoPosterior);
+    let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
+    if learnt.encoder.shape().outputs != embedding.len() {
+        return Err(EstimateError::NotLearnt);
     }
-    let tables = amortised::draws(amortised, embedding, count, seed);
+    let tables = learnt::draws(learnt, embedding, count, seed);
     Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
 }
 
 /// What the posterior says before it is spelt out, which takes a while.
 pub(super) struct Impression<'a> {
-    amortised: &'a Amortised,
+    learnt: &'a LearntPosterior,
     posterior: MaterialPosterior,
     /// The estimate, and the scale it was given.
     pub(super) table: BivariateTable,
@@ -125,16 +125,16 @@ pub(super) struct Impression<'a> {
 
 impl<'a> Impression<'a> {
     pub(super) fn of(model: &'a Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
-        let amortised = model.posterior.as_ref().ok_or(EstimateError::NoPosterior)?;
+        let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
         let plan = PlanSettings { side, ..PlanSettings::default() };
         let settings = UnshadowSettings::default();
-        let unshadowed = unshadow(observations, amortised, &model.light, &plan, &settings)?;
-        let reading = amortised.read(&unshadowed.image);
-        let posterior = MaterialPosterior::of(amortised, reading.embedding);
+        let unshadowed = unshadow(observations, learnt, &model.light, &plan, &settings)?;
+        let reading = learnt.read(&unshadowed.image);
+        let posterior = MaterialPosterior::of(learnt, reading.embedding);
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
         let normals = DiskImage::cells();
         Ok(Self {
-            amortised,
+            learnt,
             posterior,
             table,
             scale,
@@ -151,7 +151,7 @@ impl<'a> Impression<'a> {
         let (table, scale) = (self.table, self.scale);
         let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * scale) as f32).collect();
         let quantiles = posterior.quantiles(&SHARES).into_iter().map(rescaled).collect();
-        let undetermined = posterior.undetermined(self.amortised);
+        let undetermined = posterior.undetermined(self.learnt);
         let trusted: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
         let open = trusted.iter().filter(|&&c| undetermined[c]).count() as f64 / trusted.len() as f64;
         let (most, least) = NAMED;

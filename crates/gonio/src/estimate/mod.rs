@@ -22,7 +22,7 @@ pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};
 pub use misfit::{Reason, expected_misfit};
 
-use crate::inference::marginal::LightError;
+use crate::inference::light::LightError;
 use crate::model::Model;
 use crate::scene::Observations;
 use material::Impression;
@@ -102,7 +102,7 @@ pub enum EstimateError {
     #[error(
         "the model has no posterior of materials; learn one with `gonio train posterior` and join it with `gonio train model --posterior`"
     )]
-    NoPosterior,
+    NotLearnt,
     /// A grid that is none, or finer than the prior.
     #[error(
         "a light of {side} texels a side is not possible: take a power of two from 4 to {most}, which the model's prior of light covers"

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use super::*;
 use crate::colour::Chroma;
-use crate::inference::amortised::tests::{WORLD, knowing, light_map};
+use crate::inference::learnt::tests::{WORLD, knowing, light_map};
 use crate::lighting::{LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
 use crate::reflectance::{BivariateTable, CELLS, ReflectanceBasis, THETA_D, is_trusted};
@@ -20,7 +20,7 @@ fn model(material: usize) -> Model {
     let grids: Vec<LightGrid> = (0..12).map(|seed| light_map(seed).to_grid(OctahedralMap::EqualArea, 16)).collect();
     let light = LightPrior::learn(&grids, grids.len(), &PriorSettings { restarts: 2, seed: 1 }).unwrap();
     let reflectance = ReflectanceBasis { functions: Vec::new(), rates: Vec::new(), materials: Vec::new() };
-    Model { light, reflectance, posterior: Some(knowing(material)), provenance: String::new() }
+    Model { light, reflectance, learnt: Some(knowing(material)), provenance: String::new() }
 }
 
 /// A ball of a material of the world, of this colour, in a light that was not learnt from.
@@ -135,8 +135,8 @@ fn what_cannot_be_answered_is_said() {
         let error = estimate(&whole, &observations, &wrong, &|_| ()).unwrap_err();
         assert!(matches!(error, EstimateError::Grid { most: 16, .. }), "{error}");
     }
-    let bare = Model { posterior: None, ..whole };
-    assert!(matches!(estimate(&bare, &observations, &settings(), &|_| ()), Err(EstimateError::NoPosterior)));
+    let bare = Model { learnt: None, ..whole };
+    assert!(matches!(estimate(&bare, &observations, &settings(), &|_| ()), Err(EstimateError::NotLearnt)));
 }
 
 #[test]

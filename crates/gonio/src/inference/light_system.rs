@@ -6,7 +6,7 @@ use faer::{Accum, Mat, MatRef, Par};
 use super::ensemble::AllMoments;
 use super::expectations::{columns_squared, expected_precision, prior_pull};
 use super::grams::{Grams, symmetric_times};
-use super::marginal::Cholesky;
+use super::light::Cholesky;
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments};
 use crate::transfer::kernels::{axpy, dispatch};

@@ -8,10 +8,9 @@
 //! * [`Method::KnownLight`], for a problem whose light is given: what the image could determine at
 //!   best.
 //!
-//! [`marginal`] integrates the light out instead: the evidence of candidate reflectances, and the
+//! [`light`] integrates the light out instead, given one BRDF: its evidence, and the
 //! best of them.
 
-pub mod amortised;
 mod blocks;
 mod coordinate;
 mod ensemble;
@@ -21,8 +20,9 @@ mod expectations;
 mod grams;
 mod joint_map;
 mod leap;
+pub mod learnt;
+pub mod light;
 mod light_system;
-pub mod marginal;
 mod newton;
 #[cfg(test)]
 mod nuts;

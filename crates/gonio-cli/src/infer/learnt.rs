@@ -1,4 +1,4 @@
-//! The method `marginal`: the posterior of the material with the light integrated out, then the
+//! The method `learnt`: the posterior of the material with the light integrated out, then the
 //! light given its mean.
 
 use anyhow::{Context, Result, bail};
@@ -11,10 +11,10 @@ use super::{Answer, Options};
 
 /// Whether the model can serve the method.
 pub(super) fn check(options: &Options, model: &Model) -> Result<()> {
-    if model.posterior.is_none() {
+    if model.learnt.is_none() {
         let name = options.model.as_ref().map_or("the embedded model".into(), |path| path.display().to_string());
         bail!(
-            "{name}: has no posterior of materials, which --method marginal needs; learn one with `gonio train posterior` and \
+            "{name}: has no posterior of materials, which --method learnt needs; learn one with `gonio train posterior` and \
              join it with `gonio train model --posterior`, or choose another --method"
         );
     }

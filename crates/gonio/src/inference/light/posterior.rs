@@ -2,12 +2,12 @@
 
 use super::factor::{Design, Form};
 use super::point::{Point, State};
-use super::{LightOperator, Marginal, MarginalError};
+use super::{LightInference, LightInferenceError, LightOperator};
 use crate::transfer::kernels::dot;
 
-/// How [`Marginal::evidence`] climbs.
+/// How [`LightInference::posterior`] climbs.
 #[derive(Clone, Debug, PartialEq)]
-pub struct EvidenceSettings {
+pub struct InferenceSettings {
     /// Steps of expectation maximisation at most.
     pub max_steps: usize,
     /// Converged when a step raises the objective by less than this, in nats.
@@ -18,13 +18,13 @@ pub struct EvidenceSettings {
     pub noise: Option<f64>,
 }
 
-impl Default for EvidenceSettings {
+impl Default for InferenceSettings {
     fn default() -> Self {
         Self { max_steps: 60, tolerance: 1e-3, exposure: None, noise: None }
     }
 }
 
-impl EvidenceSettings {
+impl InferenceSettings {
     pub(super) fn finds_both(&self) -> bool {
         self.exposure.is_none() && self.noise.is_none()
     }
@@ -32,7 +32,7 @@ impl EvidenceSettings {
 
 /// What an image says about one reflectance, and the posterior of the light given it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Evidence {
+pub struct LightPosterior {
     /// Lower bound of `log p(I | f, g, b)` for the scaled image, in nats, all constants included;
     /// equal to it for mixtures of one component.
     pub bound: f64,
@@ -70,7 +70,7 @@ const SLOW: f64 = 1.0;
 /// Times that it does at most.
 const LEAPS: usize = 8;
 
-impl Marginal<'_> {
+impl LightInference<'_> {
     /// The bound of an operator, climbed from the scales of the prior's variances.
     ///
     /// The bound has a local maximum for every choice of components. Where the climb gets slow
@@ -86,7 +86,11 @@ impl Marginal<'_> {
     ///
     /// # Panics
     /// If rows or light coefficients are not those of the image and the prior.
-    pub fn evidence(&self, operator: &LightOperator, settings: &EvidenceSettings) -> Result<Evidence, MarginalError> {
+    pub fn posterior(
+        &self,
+        operator: &LightOperator,
+        settings: &InferenceSettings,
+    ) -> Result<LightPosterior, LightInferenceError> {
         let design = self.design(operator);
         let start = self.start(&design, settings);
         self.climb(&design, start, settings)
@@ -100,7 +104,7 @@ impl Marginal<'_> {
 
     /// The widest scales, the exposure that gives the expected image the energy of the image, and a
     /// tenth of noise.
-    pub(super) fn start(&self, design: &Design, settings: &EvidenceSettings) -> State {
+    pub(super) fn start(&self, design: &Design, settings: &InferenceSettings) -> State {
         let squares = self.scales.prior_squares();
         let mut energy = 0.0;
         let variances = self.scales.given(&squares).variances;
@@ -122,9 +126,9 @@ impl Marginal<'_> {
         &self,
         design: &Design,
         start: State,
-        settings: &EvidenceSettings,
-    ) -> Result<Evidence, MarginalError> {
-        let mut now = Point::new(self, design, start, settings).ok_or(MarginalError::NotFinite)?;
+        settings: &InferenceSettings,
+    ) -> Result<LightPosterior, LightInferenceError> {
+        let mut now = Point::new(self, design, start, settings).ok_or(LightInferenceError::NotFinite)?;
         now.find_variances();
         let mut trace = vec![now.objective];
         // How much longer than a plain step the next may be; where the secant says nothing, it is.
@@ -176,7 +180,7 @@ impl Marginal<'_> {
 
     /// A better point whose mixtures have other components, if there is one: of all coefficients at
     /// once, or of those alone that the image says little about, which hardly depend on each other.
-    fn leap<'a>(&self, design: &'a Design, now: &Point<'a>, settings: &EvidenceSettings) -> Option<Point<'a>> {
+    fn leap<'a>(&self, design: &'a Design, now: &Point<'a>, settings: &InferenceSettings) -> Option<Point<'a>> {
         let posterior = now.final_variances();
         [1.0, 0.3, 0.05].into_iter().find_map(|weak| {
             let squares = self.scales.best_alone(&now.given, &now.light, &posterior, &now.state.squares, weak);
@@ -189,9 +193,9 @@ impl Marginal<'_> {
         })
     }
 
-    pub(super) fn answer(&self, now: &Point<'_>, trace: Vec<f64>, converged: bool) -> Evidence {
+    pub(super) fn answer(&self, now: &Point<'_>, trace: Vec<f64>, converged: bool) -> LightPosterior {
         let variances = now.final_variances();
-        Evidence {
+        LightPosterior {
             bound: now.bound,
             objective: now.objective,
             exposure: now.state.log_g.exp() / self.scale,

@@ -6,10 +6,10 @@
 //! near, an estimate of material and light tells how much brighter or darker the point would be on
 //! the sphere: its value is multiplied by that ratio, and a new estimate made.
 
-use super::Amortised;
+use super::LearntPosterior;
 use crate::appearance::{DiskImage, Lattice, Sample};
 use crate::inference::ProblemError;
-use crate::inference::marginal::{LightError, LightProblem, cut_off_at_zero};
+use crate::inference::light::{LightError, LightProblem, cut_off_at_zero};
 use crate::lighting::{LightGrid, LightPrior};
 use crate::scene::Observations;
 use crate::transfer::{PlanSettings, Prediction, predict};
@@ -61,7 +61,7 @@ pub struct Unshadowed {
 /// If nothing is observed.
 pub fn unshadow(
     observations: &Observations,
-    amortised: &Amortised,
+    learnt: &LearntPosterior,
     prior: &LightPrior,
     plan: &PlanSettings,
     settings: &UnshadowSettings,
@@ -80,7 +80,7 @@ pub fn unshadow(
     let weights = chosen.trust();
     let mut last = vec![0.0; weights.len()];
     for _ in 0..settings.rounds {
-        let posterior = amortised.posterior(&image);
+        let posterior = learnt.posterior(&image);
         let problem = LightProblem::of_observations(&few, &posterior.mean, prior, plan)?;
         let evidence = problem.posterior()?;
         let radiance: Vec<f64> = cut_off_at_zero(&evidence.light).iter().map(|l| l * evidence.exposure).collect();

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use super::factor::{Design, Factor};
 use super::scales::Given;
-use super::{EvidenceSettings, Marginal};
+use super::{InferenceSettings, LightInference};
 use crate::lighting::RectifiedGaussian;
 use crate::transfer::kernels::dot;
 
@@ -24,7 +24,7 @@ impl State {
     }
 
     /// With `log rho` changed, through `b` where that is not known.
-    pub(super) fn stretched(&self, by: f64, settings: &EvidenceSettings) -> Self {
+    pub(super) fn stretched(&self, by: f64, settings: &InferenceSettings) -> Self {
         let mut moved = self.clone();
         match (settings.noise, settings.exposure) {
             (None, _) => moved.log_b += by,
@@ -70,25 +70,25 @@ impl<'a> Point<'a> {
     /// Factorises at `state`. If neither exposure nor noise is known, `g` moves to its best value
     /// for the state's `rho = b g^2`, which costs no factorisation.
     pub(super) fn new(
-        marginal: &Marginal<'_>,
+        inference: &LightInference<'_>,
         design: &'a Design,
         mut state: State,
-        settings: &EvidenceSettings,
+        settings: &InferenceSettings,
     ) -> Option<Self> {
-        let given = marginal.scales.given(&state.squares);
+        let given = inference.scales.given(&state.squares);
         let log_rho = state.log_rho();
         let factor = Factor::new(design, &given.variances, log_rho.exp())?;
-        let means = marginal.scales.means();
+        let means = inference.scales.means();
         let mean_image = design.times(&means);
-        let from_target = factor.solve(&marginal.target);
+        let from_target = factor.solve(&inference.target);
         let from_mean = factor.solve(&mean_image);
         let (gain_target, gain_mean) = (factor.gain(&from_target), factor.gain(&from_mean));
         let misfit = Misfit {
-            target: dot(&marginal.target, &from_target) + marginal.outside,
+            target: dot(&inference.target, &from_target) + inference.outside,
             mixed: dot(&mean_image, &from_target),
             mean: dot(&mean_image, &from_mean),
         };
-        let rectified = marginal.scales.rectified.map(|(c, prior)| {
+        let rectified = inference.scales.rectified.map(|(c, prior)| {
             let column = factor.covariance_column(c);
             (c, prior, column)
         });
@@ -104,7 +104,7 @@ impl<'a> Point<'a> {
                 };
                 rectified.as_ref().map_or(0.0, mass)
             };
-            state.log_g = misfit.best_exposure(marginal, log_rho, state.log_g, rectified.is_some(), &log_mass);
+            state.log_g = misfit.best_exposure(inference, log_rho, state.log_g, rectified.is_some(), &log_mass);
             state.log_b = log_rho - 2.0 * state.log_g;
         }
         let (g, b) = (state.log_g.exp(), state.log_b.exp());
@@ -125,16 +125,16 @@ impl<'a> Point<'a> {
         if let Some(cut) = &cut {
             light.iter_mut().zip(&cut.regression).for_each(|(l, k)| *l += k * cut.shift);
         }
-        let noise = 0.5 * marginal.pixels * (state.log_b - TAU.ln());
+        let noise = 0.5 * inference.pixels * (state.log_b - TAU.ln());
         let bound = noise - 0.5 * (factor.log_det() + b * misfit.at(g))
             + given.constant
             + cut.as_ref().map_or(0.0, |cut| cut.log_mass);
         let mut objective = bound;
         if settings.exposure.is_none() {
-            objective += marginal.log_exposure_prior(state.log_g);
+            objective += inference.log_exposure_prior(state.log_g);
         }
         if settings.noise.is_none() {
-            objective += marginal.log_noise_prior(state.log_b);
+            objective += inference.log_noise_prior(state.log_b);
         }
         let image = design.times(&light);
         let variances = Vec::new();
@@ -180,24 +180,24 @@ impl<'a> Point<'a> {
     /// The next state of expectation maximisation: responsibilities from the posterior of the
     /// light; then `g` given `b`, and `b` given `g`, from the expected squared residual
     /// `E = outside + |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 + tr(B Sigma B'))`.
-    pub(super) fn maximised(&self, marginal: &Marginal<'_>, settings: &EvidenceSettings) -> State {
+    pub(super) fn maximised(&self, inference: &LightInference<'_>, settings: &InferenceSettings) -> State {
         let mut state = self.state.clone();
         let spread = self.effective() / state.log_rho().exp();
         state.squares = self.squares();
-        let (along, square) = (dot(&marginal.target, &self.image), dot(&self.image, &self.image) + spread);
+        let (along, square) = (dot(&inference.target, &self.image), dot(&self.image, &self.image) + spread);
         if settings.exposure.is_none() {
             // The positive root of -A g + P + 1/g, the sum that does not cancel.
             let b = state.log_b.exp();
-            let (a, p) = (b * square, b * along - marginal.hyper.exposure_rate);
+            let (a, p) = (b * square, b * along - inference.hyper.exposure_rate);
             let root = (p * p + 4.0 * a).sqrt();
             state.log_g = if p > 0.0 { (p + root) / (2.0 * a) } else { 2.0 / (root - p) }.ln();
         }
         if settings.noise.is_none() {
             let g = state.log_g.exp();
-            let residual: f64 = marginal.target.iter().zip(&self.image).map(|(t, y)| (t - g * y).powi(2)).sum();
-            let error = marginal.outside + residual + g * g * spread;
-            let shape = marginal.hyper.noise_shape + 0.5 * marginal.pixels;
-            state.log_b = (shape / (marginal.hyper.noise_rate + 0.5 * error)).ln();
+            let residual: f64 = inference.target.iter().zip(&self.image).map(|(t, y)| (t - g * y).powi(2)).sum();
+            let error = inference.outside + residual + g * g * spread;
+            let shape = inference.hyper.noise_shape + 0.5 * inference.pixels;
+            state.log_b = (shape / (inference.hyper.noise_rate + 0.5 * error)).ln();
         }
         state
     }
@@ -220,7 +220,7 @@ impl Misfit {
     /// none is better.
     fn best_exposure(
         &self,
-        marginal: &Marginal<'_>,
+        inference: &LightInference<'_>,
         log_rho: f64,
         current: f64,
         rectified: bool,
@@ -228,15 +228,15 @@ impl Misfit {
     ) -> f64 {
         let objective = |u: f64| {
             let log_b = log_rho - 2.0 * u;
-            0.5 * (marginal.pixels * log_b - log_b.exp() * self.at(u.exp()))
-                + marginal.log_exposure_prior(u)
-                + marginal.log_noise_prior(log_b)
+            0.5 * (inference.pixels * log_b - log_b.exp() * self.at(u.exp()))
+                + inference.log_exposure_prior(u)
+                + inference.log_noise_prior(log_b)
                 + log_mass(u)
         };
         // Without the mass the derivative in u has one sign change: a cubic in 1/g with one change
         // of sign.
-        let hyper = &marginal.hyper;
-        let (rho, n) = (log_rho.exp(), marginal.pixels + 2.0 * hyper.noise_shape - 1.0);
+        let hyper = &inference.hyper;
+        let (rho, n) = (log_rho.exp(), inference.pixels + 2.0 * hyper.noise_shape - 1.0);
         let falls = |u: f64| {
             let z = (-u).exp();
             rho * z * ((self.target + 2.0 * hyper.noise_rate) * z - self.mixed) < n + hyper.exposure_rate / z

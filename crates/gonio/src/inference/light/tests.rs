@@ -93,9 +93,9 @@ impl Toy {
         }
     }
 
-    pub(super) fn marginal(&self) -> Marginal<'_> {
+    pub(super) fn inference(&self) -> LightInference<'_> {
         let priors: Vec<&CoefficientPrior> = self.priors.iter().collect();
-        Marginal {
+        LightInference {
             target: self.target.clone(),
             outside: self.outside,
             pixels: self.pixels,
@@ -105,8 +105,8 @@ impl Toy {
         }
     }
 
-    pub(super) fn evidence(&self, settings: &EvidenceSettings) -> Evidence {
-        self.marginal().evidence(&self.operator, settings).unwrap()
+    pub(super) fn posterior(&self, settings: &InferenceSettings) -> LightPosterior {
+        self.inference().posterior(&self.operator, settings).unwrap()
     }
 
     /// `log N` of a Gaussian image with light of given means and variances, by dense algebra over
@@ -155,12 +155,12 @@ impl Toy {
     }
 }
 
-pub(super) fn known(g: f64, b: f64) -> EvidenceSettings {
-    EvidenceSettings { exposure: Some(g), noise: Some(b.powf(-0.5)), tolerance: 1e-10, max_steps: 400 }
+pub(super) fn known(g: f64, b: f64) -> InferenceSettings {
+    InferenceSettings { exposure: Some(g), noise: Some(b.powf(-0.5)), tolerance: 1e-10, max_steps: 400 }
 }
 
-fn tight() -> EvidenceSettings {
-    EvidenceSettings { tolerance: 1e-10, max_steps: 2000, ..Default::default() }
+fn tight() -> InferenceSettings {
+    InferenceSettings { tolerance: 1e-10, max_steps: 2000, ..Default::default() }
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn with_one_component_the_bound_is_the_dense_gaussian() {
         means[0] = DC;
         let variances: Vec<f64> = (0..m).map(|i| if i == 0 { 0.0 } else { 0.1 + 0.2 * i as f64 }).collect();
         for (g, b) in [(1.5, 100.0), (0.3, 4.0)] {
-            let (got, want) = (toy.evidence(&known(g, b)), toy.dense(&means, &variances, g, b));
+            let (got, want) = (toy.posterior(&known(g, b)), toy.dense(&means, &variances, g, b));
             assert!((got.bound - want).abs() < 1e-9 * want.abs(), "{rows} {m}: {} {want}", got.bound);
         }
     }
@@ -189,7 +189,7 @@ fn the_bound_is_below_the_integral_and_equal_for_one_component() {
             (vec![mixture(&[0.6, 0.4], &[0.02, 0.9]), mixture(&[0.3, 0.3, 0.4], &[0.01, 0.2, 1.0])], false),
         ] {
             let toy = Toy::new(3, priors, noise, 12);
-            let (got, want) = (toy.evidence(&known(1.2, b)), toy.integrated(1.2, b));
+            let (got, want) = (toy.posterior(&known(1.2, b)), toy.integrated(1.2, b));
             let gap = want - got.bound;
             if exact {
                 assert!(gap.abs() < 1e-4, "{:?}: {} {want}", toy.priors, got.bound);
@@ -219,7 +219,7 @@ fn the_bound_is_near_the_sum_over_all_components() {
             .collect();
         let top = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let want = top + terms.iter().map(|t| (t - top).exp()).sum::<f64>().ln();
-        let got = toy.evidence(&known(1.3, b));
+        let got = toy.posterior(&known(1.3, b));
         assert!(got.bound < want, "{} {want}", got.bound);
         // With the components that the climb starts from alone the bound would be 10 and 12 below
         // in the first and last case.
@@ -232,7 +232,7 @@ fn the_bound_is_near_the_sum_over_all_components() {
 fn the_posterior_of_a_rectified_light_is_that_of_the_integral() {
     let toy = Toy::new(2, vec![mixture(&[1.0], &[0.5]), cut()], 0.6, 4);
     let (g, b) = (1.2, 2.0);
-    let got = toy.evidence(&known(g, b));
+    let got = toy.posterior(&known(g, b));
     // By importance: weights of a grid.
     let (mut total, mut first, mut second) = (0.0, [0.0; 2], [0.0; 2]);
     let n = 1200;
@@ -264,7 +264,7 @@ fn the_posterior_of_a_rectified_light_is_that_of_the_integral() {
 fn the_posterior_mean_is_ridge_regression() {
     let toy = Toy::new(12, one_component(6), 0.2, 9);
     let (g, b) = (1.5, 25.0);
-    let got = toy.evidence(&known(g, b));
+    let got = toy.posterior(&known(g, b));
     // (b g^2 B'B + D) (l - mu) = b g B'(t - g B mu), over the coefficients after DC.
     let column = |j: usize| toy.entries.iter().skip(j).step_by(6);
     let entry = |i: usize, j: usize| {
@@ -291,10 +291,10 @@ fn no_step_lowers_the_objective() {
             for settings in [
                 tight(),
                 known(1.5, 400.0),
-                EvidenceSettings { noise: Some(0.05), ..tight() },
-                EvidenceSettings { exposure: Some(1.5), ..tight() },
+                InferenceSettings { noise: Some(0.05), ..tight() },
+                InferenceSettings { exposure: Some(1.5), ..tight() },
             ] {
-                let got = toy.evidence(&settings);
+                let got = toy.posterior(&settings);
                 assert!(got.trace.windows(2).all(|w| w[1] >= w[0]), "{:?}", got.trace);
                 assert!(got.converged && got.trace.len() > 3, "{:?}", got.trace);
                 assert_eq!(*got.trace.last().unwrap(), got.objective);
@@ -308,19 +308,19 @@ fn no_step_lowers_the_objective() {
 #[test]
 fn exposure_and_noise_end_at_their_best() {
     let toy = Toy::new(30, mixed(16), 0.05, 3);
-    let marginal = toy.marginal();
-    let got = toy.evidence(&EvidenceSettings { tolerance: 1e-13, ..tight() });
+    let inference = toy.inference();
+    let got = toy.posterior(&InferenceSettings { tolerance: 1e-13, ..tight() });
     let (g, b) = (got.exposure, got.noise.powi(-2));
-    let design = marginal.design(&toy.operator);
+    let design = inference.design(&toy.operator);
     let bound = |g: f64, b: f64| {
         let (log_g, log_b) = (g.ln(), b.ln());
         let start = State { log_g, log_b, ..got.state.clone() };
-        marginal.climb(&design, start, &known(g, b)).unwrap().bound
+        inference.climb(&design, start, &known(g, b)).unwrap().bound
     };
     let step = 1e-4_f64.exp();
-    let by_g = (bound(g * step, b) - bound(g / step, b)) / 2e-4 + 1.0 - marginal.hyper.exposure_rate * g;
+    let by_g = (bound(g * step, b) - bound(g / step, b)) / 2e-4 + 1.0 - inference.hyper.exposure_rate * g;
     let by_b =
-        (bound(g, b * step) - bound(g, b / step)) / 2e-4 + marginal.hyper.noise_shape - marginal.hyper.noise_rate * b;
+        (bound(g, b * step) - bound(g, b / step)) / 2e-4 + inference.hyper.noise_shape - inference.hyper.noise_rate * b;
     assert!(by_g.abs() < 2e-4 && by_b.abs() < 2e-4, "{by_g} {by_b}");
 }
 
@@ -328,7 +328,7 @@ fn exposure_and_noise_end_at_their_best() {
 #[test]
 fn rows_may_be_turned_and_projected() {
     let mut toy = Toy::new(20, mixed(9), 0.1, 8);
-    let one = toy.evidence(&tight());
+    let one = toy.posterior(&tight());
     let m = 9;
     let normal = random(20, 77);
     let square: f64 = normal.iter().map(|x| x * x).sum();
@@ -345,7 +345,7 @@ fn rows_may_be_turned_and_projected() {
     toy.target = target.into_iter().chain([dead]).collect();
     toy.entries = (0..21).flat_map(|i| columns.iter().map(move |c| c.get(i).copied().unwrap_or(0.0))).collect();
     toy.operator = LightOperator::from_rows(21, m, &toy.entries);
-    let two = toy.evidence(&tight());
+    let two = toy.posterior(&tight());
     assert!((one.objective - two.objective).abs() < 1e-7, "{} {}", one.objective, two.objective);
     assert!((one.exposure / two.exposure - 1.0).abs() < 1e-5 && (one.noise / two.noise - 1.0).abs() < 1e-5);
     assert!(one.light.iter().zip(&two.light).all(|(a, b)| (a - b).abs() < 1e-5));
@@ -359,8 +359,8 @@ fn scaling_the_image_scales_exposure_and_noise_alone() {
     let evidence = |planted: &Planted| {
         let image = &planted.image;
         let (target, prior) = (&image.target, &planted.prior);
-        let marginal = Marginal::new(target, image.outside, image.pixels, 16, prior, Hyper::default()).unwrap();
-        marginal.evidence(&operator, &tight()).unwrap()
+        let inference = LightInference::new(target, image.outside, image.pixels, 16, prior, Hyper::default()).unwrap();
+        inference.posterior(&operator, &tight()).unwrap()
     };
     let one = evidence(&planted);
     planted.image.target.iter_mut().for_each(|t| *t *= 1024.0);
@@ -380,12 +380,12 @@ fn answers_do_not_depend_on_the_number_of_threads() {
     let light: Vec<f64> = (0..m).map(|_| 0.1 * Distribution::<f64>::sample(&StandardNormal, &mut rng)).collect();
     let target = bilinear.apply(&light, &[0.5, 1.0]);
     let prior = crate::transfer::toy_prior(16);
-    let marginal = Marginal::new(&target, 0.0, rows, m, &prior, Hyper::default()).unwrap();
+    let inference = LightInference::new(&target, 0.0, rows, m, &prior, Hyper::default()).unwrap();
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let settings = EvidenceSettings { max_steps: 5, ..Default::default() };
-            marginal.evidence(&LightOperator::of_reflectance(&bilinear, &[0.5, 1.0]), &settings).unwrap()
+            let settings = InferenceSettings { max_steps: 5, ..Default::default() };
+            inference.posterior(&LightOperator::of_reflectance(&bilinear, &[0.5, 1.0]), &settings).unwrap()
         })
     };
     assert_eq!(run(1), run(3));
@@ -398,8 +398,8 @@ fn a_known_light_has_the_evidence_of_its_residual() {
     let (g, b) = (1.4, 20.0);
     let residual: f64 = toy.target.iter().zip(&toy.entries).map(|(t, x)| (t - g * x * DC).powi(2)).sum();
     let want = 0.5 * (toy.pixels * (b / TAU).ln() - b * (residual + toy.outside));
-    assert!((toy.evidence(&known(g, b)).bound - want).abs() < 1e-9 * want.abs());
-    assert!(toy.evidence(&tight()).converged);
+    assert!((toy.posterior(&known(g, b)).bound - want).abs() < 1e-9 * want.abs());
+    assert!(toy.posterior(&tight()).converged);
 }
 
 #[test]
@@ -408,12 +408,12 @@ fn operators_that_overflow_are_refused() {
     let mut entries = toy.entries.clone();
     entries[5] = f64::NAN;
     let operator = LightOperator::from_rows(4, 3, &entries);
-    let got = toy.marginal().evidence(&operator, &EvidenceSettings::default());
-    assert_eq!(got.unwrap_err(), MarginalError::NotFinite);
+    let got = toy.inference().posterior(&operator, &InferenceSettings::default());
+    assert_eq!(got.unwrap_err(), LightInferenceError::NotFinite);
     // A black one explains nothing, and that has an evidence.
     let black = LightOperator::from_rows(4, 3, &[0.0; 12]);
     assert!(
-        toy.marginal().evidence(&black, &EvidenceSettings::default()).unwrap().objective
-            < toy.evidence(&tight()).objective
+        toy.inference().posterior(&black, &InferenceSettings::default()).unwrap().objective
+            < toy.posterior(&tight()).objective
     );
 }

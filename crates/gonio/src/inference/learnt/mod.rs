@@ -38,7 +38,7 @@ use crate::reflectance::Coordinates;
 
 /// What was learnt: from an image to the posterior of its material.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Amortised {
+pub struct LearntPosterior {
     /// Names of the measured materials that were learnt from.
     pub names: Vec<String>,
     /// These materials, in the order of their names.
@@ -67,7 +67,7 @@ pub struct Reading {
     pub strangeness: f64,
 }
 
-impl Amortised {
+impl LearntPosterior {
     /// Reads an image.
     pub fn read(&self, image: &DiskImage) -> Reading {
         let mut channels = vec![0.0; SIDE * SIDE * CHANNELS];

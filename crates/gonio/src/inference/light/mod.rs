@@ -1,4 +1,4 @@
-//! Marginal inference: the light integrated out exactly.
+//! LightInference inference: the light integrated out exactly.
 //!
 //! Given reflectance `f` an image is linear in the light, `t = g B l + e` with `B = sum_k f_k A_k`;
 //! and given the scales of its mixtures the light is Gaussian, of means `mu` and precisions `d`.
@@ -21,11 +21,11 @@
 //! climb therefore also leaps: every coefficient takes the components that are best for it alone,
 //! if that raises the bound.
 //!
-//! * [`Marginal`] is an image with the priors of light, exposure and noise; [`LightOperator`] is
+//! * [`LightInference`] is an image with the priors of light, exposure and noise; [`LightOperator`] is
 //!   `B`;
-//! * [`Marginal::evidence`] climbs the bound for one `B` and returns it with the posterior of the
-//!   light: [`Evidence`];
-//! * [`Marginal::non_negative_light`] is the mean of the light without negative texels;
+//! * [`LightInference::posterior`] climbs the bound for one `B` and returns it with the posterior of the
+//!   light: [`LightPosterior`];
+//! * [`LightInference::non_negative_light`] is the mean of the light without negative texels;
 //! * [`LightProblem`] is all that for a photograph and one BRDF.
 //!
 //! Exposure `g` and precision `b` are maximised over, in their logarithms: the densities of `log g`
@@ -34,12 +34,12 @@
 
 pub(crate) mod dense;
 pub(crate) use dense::Cholesky;
-mod evidence;
 mod factor;
-mod light;
 mod operator;
 mod point;
 mod positive;
+mod posterior;
+mod problem;
 mod scales;
 #[cfg(test)]
 mod tests;
@@ -48,10 +48,10 @@ mod truncated;
 use puruspe::ln_gamma;
 use thiserror::Error;
 
-pub use evidence::{Evidence, EvidenceSettings};
-pub use light::{LightError, LightProblem};
 pub use operator::LightOperator;
 pub use positive::{NonNegativeLight, NonNegativeSettings, cut_off_at_zero};
+pub use posterior::{InferenceSettings, LightPosterior};
+pub use problem::{LightError, LightProblem};
 use scales::Scales;
 
 use super::{Hyper, ProblemError};
@@ -63,7 +63,7 @@ use crate::lighting::{LightGrid, LightPrior};
 /// As in [`Problem`] the image is scaled to root mean square one; bounds are logarithms of the
 /// density of the scaled image.
 #[derive(Clone, Debug)]
-pub struct Marginal<'a> {
+pub struct LightInference<'a> {
     /// The scaled image on its rows (r).
     target: Vec<f64>,
     /// Energy of the scaled image outside the rows.
@@ -78,13 +78,13 @@ pub struct Marginal<'a> {
 
 /// Why there is no evidence.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
-pub enum MarginalError {
+pub enum LightInferenceError {
     /// The operator or its products overflow.
     #[error("the operator has values that are not finite or too large")]
     NotFinite,
 }
 
-impl<'a> Marginal<'a> {
+impl<'a> LightInference<'a> {
     /// An image `target` on r rows (linear radiance), with energy `outside` (its square) in the
     /// `pixels - r` dimensions that no light reaches, for operators of `m` light coefficients.
     ///

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{Amortised, Candidates};
+use super::{Candidates, LearntPosterior};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
 
 /// Draws that stand for a posterior.
@@ -52,17 +52,17 @@ impl MaterialPosterior {
     ///
     /// # Panics
     /// If it is not as long as those of the candidates.
-    pub fn of(amortised: &Amortised, embedding: Vec<f32>) -> Self {
-        let draws = draws(amortised, &embedding, DRAWS, 1);
+    pub fn of(learnt: &LearntPosterior, embedding: Vec<f32>) -> Self {
+        let draws = draws(learnt, &embedding, DRAWS, 1);
         let mut sum = vec![0.0_f64; CELLS];
         for table in &draws {
             sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += f64::from(v.max(1e-12)).ln());
         }
         let count = draws.len() as f64;
         let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).exp() as f32).collect());
-        let shares = amortised.measured.weights(&embedding);
+        let shares = learnt.measured.weights(&embedding);
         let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
-        let mut neighbours: Vec<Neighbour> = amortised.names.iter().zip(shares).map(named).collect();
+        let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(shares).map(named).collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
         Self { embedding, draws, mean, neighbours }
     }
@@ -96,21 +96,21 @@ impl MaterialPosterior {
     /// Which cells the image leaves open: those in which the draws' 90 % interval, in the logarithm
     /// and without the spread of [`Self::quantiles`], is more than six tenths of what it is without
     /// an image. Cells beyond the trusted ones always are.
-    pub fn undetermined(&self, amortised: &Amortised) -> Vec<bool> {
+    pub fn undetermined(&self, learnt: &LearntPosterior) -> Vec<bool> {
         let widths = interval_widths(&self.draws);
-        let open = |c: usize| f64::from(widths[c]) > UNDETERMINED * f64::from(amortised.widths[c]);
+        let open = |c: usize| f64::from(widths[c]) > UNDETERMINED * f64::from(learnt.widths[c]);
         (0..CELLS).map(|c| !is_trusted(c / THETA_D, c % THETA_D) || open(c)).collect()
     }
 }
 
 /// Materials drawn from the posterior of an image with this embedding, of albedo one along the
 /// normal. The same seed gives the same.
-pub(crate) fn draws(amortised: &Amortised, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
-    let candidates = &amortised.prior;
+pub(crate) fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
+    let candidates = &learnt.prior;
     let place = |at: usize| candidates.places[at].iter().map(|z| f64::from(*z)).collect();
     let drawn = Candidates::draw(&candidates.weights(embedding), count, seed);
     let places: Vec<Vec<f64>> = drawn.into_iter().map(place).collect();
-    amortised.coordinates.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
+    learnt.coordinates.tables(&places).par_iter().map(|table| table.with_normal_albedo(1.0).0).collect()
 }
 
 /// Width of the 90 % interval of the logarithm of each cell over equally likely tables, each

@@ -4,11 +4,11 @@ use faer::Mat;
 
 use super::factor::Design;
 use super::truncated::{Sites, truncated};
-use super::{Evidence, LightOperator, Marginal, MarginalError};
+use super::{LightInference, LightInferenceError, LightOperator, LightPosterior};
 use crate::linalg::{each_column, squared_norms};
 use crate::sphere::Haar;
 
-/// How [`Marginal::non_negative_light`] iterates.
+/// How [`LightInference::non_negative_light`] iterates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NonNegativeSettings {
     /// Times that the scales of the mixtures are found again from the light without negative
@@ -41,11 +41,11 @@ pub struct NonNegativeLight {
     pub converged: bool,
 }
 
-impl Marginal<'_> {
-    /// The mean of the light with texels `>= 0` under the Gaussian of an [`Evidence`] found for
+impl LightInference<'_> {
+    /// The mean of the light with texels `>= 0` under the Gaussian of an [`LightPosterior`] found for
     /// `operator`: of `g l` over
     /// `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, `g_0` the exposure
-    /// of the evidence, by expectation propagation, a bound at every texel. The scales, which give
+    /// of the posterior, by expectation propagation, a bound at every texel. The scales, which give
     /// `D`, are then found again from the expected squares of that light.
     ///
     /// The exposure is found again with the light, since what is taken from below zero must come
@@ -62,25 +62,25 @@ impl Marginal<'_> {
     pub fn non_negative_light(
         &self,
         operator: &LightOperator,
-        evidence: &Evidence,
+        posterior: &LightPosterior,
         settings: &NonNegativeSettings,
-    ) -> Result<NonNegativeLight, MarginalError> {
+    ) -> Result<NonNegativeLight, LightInferenceError> {
         let haar = square(operator.m());
         let design = self.design(operator);
-        let mut squares = evidence.state.squares.clone();
+        let mut squares = posterior.state.squares.clone();
         let mut sites = None;
         let mut steps = 0;
         for round in 0.. {
-            let (quadratic, linear) = self.on_texels(&design, haar, evidence, &squares);
-            let sites = sites.get_or_insert_with(|| Sites::of_mean(&quadratic, &texels(haar, &evidence.light)));
+            let (quadratic, linear) = self.on_texels(&design, haar, posterior, &squares);
+            let sites = sites.get_or_insert_with(|| Sites::of_mean(&quadratic, &texels(haar, &posterior.light)));
             let found = truncated(&quadratic, &linear, sites, settings.tolerance, settings.max_steps)
-                .ok_or(MarginalError::NotFinite)?;
+                .ok_or(LightInferenceError::NotFinite)?;
             steps += found.steps;
             let (light, brightness) = self.normalised(haar, found.mean)?;
             let light_sd: Vec<f64> =
                 variances_of_coefficients(&found.root, haar).iter().map(|v| v.sqrt() / brightness).collect();
             if round == settings.rounds {
-                let (exposure, converged) = (brightness * evidence.exposure, found.change <= settings.tolerance);
+                let (exposure, converged) = (brightness * posterior.exposure, found.change <= settings.tolerance);
                 return Ok(NonNegativeLight { light, light_sd, exposure, steps, converged });
             }
             squares = light.iter().zip(&light_sd).map(|(l, sd)| l * l + sd * sd).collect();
@@ -90,8 +90,14 @@ impl Marginal<'_> {
 
     /// `H` and `c` of the posterior `exp(-x'Hx / 2 + c'x)` of the texels of `g l / g_0`, for
     /// responsibilities from `<l_m^2>` (M).
-    fn on_texels(&self, design: &Design, haar: Haar, evidence: &Evidence, squares: &[f64]) -> (Mat<f64>, Vec<f64>) {
-        let state = &evidence.state;
+    fn on_texels(
+        &self,
+        design: &Design,
+        haar: Haar,
+        posterior: &LightPosterior,
+        squares: &[f64],
+    ) -> (Mat<f64>, Vec<f64>) {
+        let state = &posterior.state;
         let (g, rho) = (state.log_g.exp(), state.log_rho().exp());
         let means = self.scales.means();
         let mut precisions: Vec<f64> = self.scales.given(squares).variances.iter().map(|v| v.recip()).collect();
@@ -105,12 +111,12 @@ impl Marginal<'_> {
     }
 
     /// Coefficients of texels scaled to the constant DC, and what they were divided by.
-    fn normalised(&self, haar: Haar, mut texels: Vec<f64>) -> Result<(Vec<f64>, f64), MarginalError> {
+    fn normalised(&self, haar: Haar, mut texels: Vec<f64>) -> Result<(Vec<f64>, f64), LightInferenceError> {
         haar.forward(&mut texels, &mut Vec::new());
         let dc = self.scales.means()[0];
         let brightness = texels[0] / dc;
         if !brightness.is_finite() || brightness <= 0.0 {
-            return Err(MarginalError::NotFinite);
+            return Err(LightInferenceError::NotFinite);
         }
         texels.iter_mut().for_each(|l| *l /= brightness);
         texels[0] = dc;
@@ -161,7 +167,7 @@ mod tests {
 
     use super::*;
     use crate::inference::Hyper;
-    use crate::inference::marginal::EvidenceSettings;
+    use crate::inference::light::InferenceSettings;
     use crate::lighting::{CoefficientPrior, LightGrid, LightPrior, ScaleMixture};
 
     /// A light of one bright and one lesser lamp in the dark, seen through a blurring operator with
@@ -228,17 +234,17 @@ mod tests {
         for noise in [0.01, 0.05, 0.2] {
             let Lamps { light, operator, target } = lamps(8, noise);
             let prior = gaussian_prior(8);
-            let marginal = Marginal::new(&target, 0.0, target.len(), 64, &prior, Hyper::default()).unwrap();
-            let evidence = marginal.evidence(&operator, &EvidenceSettings::default()).unwrap();
-            let lowest = lit(&evidence.light).into_iter().fold(f64::MAX, f64::min);
-            let got = marginal.non_negative_light(&operator, &evidence, &NonNegativeSettings::default()).unwrap();
+            let inference = LightInference::new(&target, 0.0, target.len(), 64, &prior, Hyper::default()).unwrap();
+            let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
+            let lowest = lit(&posterior.light).into_iter().fold(f64::MAX, f64::min);
+            let got = inference.non_negative_light(&operator, &posterior, &NonNegativeSettings::default()).unwrap();
             assert!(got.converged, "{noise}: {} steps", got.steps);
             let top = lit(&got.light).into_iter().fold(0.0, f64::max);
             assert!(lowest < -0.02 * top, "{noise}: nothing to remove: {lowest} of {top}");
             assert!(lit(&got.light).iter().all(|x| *x > -1e-12 * top));
-            assert_eq!(got.light[0], evidence.light[0]);
+            assert_eq!(got.light[0], posterior.light[0]);
             // Where the image says next to nothing the prior, which knows no lamps, decides.
-            let (before, after) = (distance(&evidence.light, &light), distance(&got.light, &light));
+            let (before, after) = (distance(&posterior.light, &light), distance(&got.light, &light));
             assert!(after < if noise > 0.1 { 1.01 * before } else { before }, "{noise}: {before} {after}");
         }
     }
@@ -250,10 +256,10 @@ mod tests {
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let marginal = Marginal::new(&target, 0.0, target.len(), 256, &prior, Hyper::default()).unwrap();
-                let settings = EvidenceSettings { max_steps: 3, ..Default::default() };
-                let evidence = marginal.evidence(&operator, &settings).unwrap();
-                marginal.non_negative_light(&operator, &evidence, &NonNegativeSettings::default()).unwrap()
+                let inference = LightInference::new(&target, 0.0, target.len(), 256, &prior, Hyper::default()).unwrap();
+                let settings = InferenceSettings { max_steps: 3, ..Default::default() };
+                let posterior = inference.posterior(&operator, &settings).unwrap();
+                inference.non_negative_light(&operator, &posterior, &NonNegativeSettings::default()).unwrap()
             })
         };
         assert_eq!(run(1), run(3));
@@ -280,11 +286,11 @@ mod tests {
         let target: Vec<f64> =
             entries.chunks(16).map(|b| b.iter().zip(&light).map(|(b, l)| b * l).sum::<f64>()).collect();
         let prior = gaussian_prior(side);
-        let marginal = Marginal::new(&target, 0.0, 40, 16, &prior, Hyper::default()).unwrap();
+        let inference = LightInference::new(&target, 0.0, 40, 16, &prior, Hyper::default()).unwrap();
         let operator = LightOperator::from_rows(40, 16, &entries);
-        let evidence = marginal.evidence(&operator, &EvidenceSettings::default()).unwrap();
-        let got = marginal.non_negative_light(&operator, &evidence, &NonNegativeSettings::default()).unwrap();
+        let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
+        let got = inference.non_negative_light(&operator, &posterior, &NonNegativeSettings::default()).unwrap();
         let got = got.light;
-        assert!(distance(&got, &evidence.light) < 1e-3 * distance(&got, &[0.0; 16]), "{got:?} {:?}", evidence.light);
+        assert!(distance(&got, &posterior.light) < 1e-3 * distance(&got, &[0.0; 16]), "{got:?} {:?}", posterior.light);
     }
 }

@@ -3,7 +3,8 @@
 use thiserror::Error;
 
 use super::{
-    Evidence, EvidenceSettings, LightOperator, Marginal, MarginalError, NonNegativeLight, NonNegativeSettings,
+    InferenceSettings, LightInference, LightInferenceError, LightOperator, LightPosterior, NonNegativeLight,
+    NonNegativeSettings,
 };
 use crate::inference::{Hyper, ProblemError};
 use crate::lighting::LightPrior;
@@ -16,7 +17,7 @@ use crate::transfer::{PlanError, PlanSettings, Points, Projected};
 pub struct LightProblem<'a> {
     operator: LightOperator,
     target: Vec<f64>,
-    marginal: Marginal<'a>,
+    inference: LightInference<'a>,
 }
 
 /// Why no light is found.
@@ -30,7 +31,7 @@ pub enum LightError {
     Image(#[from] ProblemError),
     /// The algebra has no result.
     #[error(transparent)]
-    Evidence(#[from] MarginalError),
+    LightPosterior(#[from] LightInferenceError),
 }
 
 impl<'a> LightProblem<'a> {
@@ -69,8 +70,8 @@ impl<'a> LightProblem<'a> {
             target.iter_mut().zip(&roots).for_each(|(t, root)| *t *= root);
         }
         let hyper = Hyper::with_model_error(target.len());
-        let marginal = Marginal::new(&target, 0.0, target.len(), operator.m(), prior, hyper)?;
-        Ok(Self { operator, target, marginal })
+        let inference = LightInference::new(&target, 0.0, target.len(), operator.m(), prior, hyper)?;
+        Ok(Self { operator, target, inference })
     }
 
     /// Of observations with their weights and the visibility of each. A light does not need them
@@ -100,22 +101,22 @@ impl<'a> LightProblem<'a> {
     /// The posterior of the light, its mean first of all, by [`Self::STEPS`] steps.
     ///
     /// # Errors
-    /// As [`Marginal::evidence`].
-    pub fn posterior(&self) -> Result<Evidence, LightError> {
-        let settings = EvidenceSettings { max_steps: Self::STEPS, tolerance: 0.1, ..Default::default() };
-        Ok(self.marginal.evidence(&self.operator, &settings)?)
+    /// As [`LightInference::posterior`].
+    pub fn posterior(&self) -> Result<LightPosterior, LightError> {
+        let settings = InferenceSettings { max_steps: Self::STEPS, tolerance: 0.1, ..Default::default() };
+        Ok(self.inference.posterior(&self.operator, &settings)?)
     }
 
     /// The mean of the light without negative texels.
     ///
     /// # Errors
-    /// As [`Marginal::non_negative_light`].
+    /// As [`LightInference::non_negative_light`].
     pub fn non_negative(
         &self,
-        posterior: &Evidence,
+        posterior: &LightPosterior,
         settings: &NonNegativeSettings,
     ) -> Result<NonNegativeLight, LightError> {
-        Ok(self.marginal.non_negative_light(&self.operator, posterior, settings)?)
+        Ok(self.inference.non_negative_light(&self.operator, posterior, settings)?)
     }
 
     /// Root mean square of what a light leaves of the image, relative to the image's. `light` are

@@ -23,7 +23,7 @@ fn a_photograph_becomes_a_posterior_of_materials() {
     bench.run("infer ball.exr -o out --grid 8").succeeds();
     assert_eq!(bench.names("out"), OUTPUT);
     let result = bench.json("out/result.json");
-    assert_eq!(result["method"], "marginal");
+    assert_eq!(result["method"], "learnt");
     let posterior = &result["posterior"];
     let materials = posterior["materials"].as_array().unwrap();
     assert!((1..=10).contains(&materials.len()), "{materials:?}");
@@ -75,7 +75,7 @@ fn the_answer_is_the_same_every_time_on_any_number_of_threads() {
 #[test]
 fn a_model_without_a_posterior_is_refused_but_by_other_methods() {
     let bench = Bench::with_ball();
-    let model = Model { posterior: None, ..gonio_io::model::embedded().unwrap() };
+    let model = Model { learnt: None, ..gonio_io::model::embedded().unwrap() };
     bench.write("bare.model", &gonio_io::model::encode_model(&model));
     let says = ["bare.model: has no posterior", "gonio train posterior", "gonio train model --posterior", "--method"];
     bench.refuses("infer ball.exr -o out --model bare.model", &says);

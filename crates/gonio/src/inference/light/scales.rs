@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
 
-/// Prior of one light coefficient, as the marginal inference takes it.
+/// Prior of one light coefficient, as the inference inference takes it.
 #[derive(Clone, Copy, Debug)]
 enum Density<'a> {
     Constant(f64),

@@ -68,7 +68,7 @@ fn draws_around(place: &[f64], deviation: f32) -> Candidates {
 }
 
 /// A posterior that answers every image by the materials around a place.
-fn around(place: &[f64], deviation: f32) -> Amortised {
+fn around(place: &[f64], deviation: f32) -> LearntPosterior {
     let outputs = place.len() + 1;
     let shape = EncoderShape { widths: vec![1, 1], hidden: vec![2], ..EncoderShape::new(CHANNELS, GLOBALS, outputs) };
     let sizes: Vec<(String, Vec<usize>, usize)> = shape
@@ -88,7 +88,7 @@ fn around(place: &[f64], deviation: f32) -> Amortised {
         }
     };
     let tables: Vec<BivariateTable> = WORLD.entries.iter().map(|e| WORLD.table(e)).collect();
-    Amortised {
+    LearntPosterior {
         names: WORLD.measured.names.clone(),
         measured: measured(),
         prior: draws_around(place, deviation),
@@ -100,7 +100,7 @@ fn around(place: &[f64], deviation: f32) -> Amortised {
 }
 
 /// A posterior that is nearly sure of one of the six materials, whatever it sees.
-pub(crate) fn knowing(material: usize) -> Amortised {
+pub(crate) fn knowing(material: usize) -> LearntPosterior {
     around(&WORLD.places[material], 0.05)
 }
 
@@ -127,8 +127,8 @@ fn what_is_known_is_the_estimate() {
 
 #[test]
 fn intervals_are_ordered_and_hold_the_mean_material() {
-    let amortised = around(&WORLD.places[2], 0.5);
-    let posterior = amortised.posterior(&any_image());
+    let learnt = around(&WORLD.places[2], 0.5);
+    let posterior = learnt.posterior(&any_image());
     let quantiles = posterior.quantiles(&[0.05, 0.5, 0.95]);
     let trusted: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
     for pair in quantiles.windows(2) {
@@ -138,7 +138,7 @@ fn intervals_are_ordered_and_hold_the_mean_material() {
     let inside = trusted.iter().filter(|&&c| (quantiles[0][c]..=quantiles[2][c]).contains(&mean[c])).count();
     assert!(inside as f64 > 0.95 * trusted.len() as f64, "{inside}");
     // As wide as the prior everything is open, nearly sure nothing that was trusted is.
-    let open = |a: &Amortised| a.posterior(&any_image()).undetermined(a).iter().filter(|o| **o).count();
+    let open = |a: &LearntPosterior| a.posterior(&any_image()).undetermined(a).iter().filter(|o| **o).count();
     let nothing = CELLS - trusted.len();
     assert!(open(&around(&[0.0; 6], 1.0)) > nothing + trusted.len() / 2);
     assert!(open(&knowing(2)) < nothing + trusted.len() / 50);
@@ -146,8 +146,8 @@ fn intervals_are_ordered_and_hold_the_mean_material() {
 
 #[test]
 fn features_out_of_range_are_strange() {
-    let mut amortised = knowing(1);
-    assert_eq!(amortised.read(&any_image()).strangeness, 0.0);
-    amortised.ranges[0] = (5.0, 6.0);
-    assert_eq!(amortised.read(&any_image()).strangeness, 0.5);
+    let mut learnt = knowing(1);
+    assert_eq!(learnt.read(&any_image()).strangeness, 0.0);
+    learnt.ranges[0] = (5.0, 6.0);
+    assert_eq!(learnt.read(&any_image()).strangeness, 0.5);
 }

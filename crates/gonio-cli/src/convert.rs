@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use gonio::reflectance::MerlTable;
+use gonio_app::export::grey;
 use gonio_io::atomic::write_file;
-use gonio_io::material::grey;
 use gonio_io::rgl::{self, Channels};
 use serde_json::json;
 

@@ -6,8 +6,8 @@ use std::sync::LazyLock;
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
+use gonio_app::export::{Export, Target};
 use gonio_io::atomic::StagedFolder;
-use gonio_io::material::{Export, Target};
 use serde_json::{Value, json};
 
 use crate::input;

@@ -1,7 +1,7 @@
 //! `gonio`: one photograph of an object of known shape in, its BRDF out.
 //!
-//! The program is thin: it reads files with `gonio-io`, calls `gonio`, and writes files with
-//! `gonio-io`. Anything wrong with the input ends in one line on standard error and exit code 2,
+//! The program is thin: it translates its options for `gonio-app`, shows what goes on, and writes
+//! what is found. Anything wrong with the input ends in one line on standard error and exit code 2,
 //! with nothing half-written.
 
 mod batch;
@@ -12,10 +12,11 @@ mod infer;
 mod input;
 mod merge;
 mod outcome;
-mod photograph;
 mod progress;
+mod reading;
+mod remedy;
 mod render;
-mod shape;
+mod surface;
 mod train;
 
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, set_hook};

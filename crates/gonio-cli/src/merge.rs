@@ -7,12 +7,14 @@ use glam::Vec3;
 use gonio::bracket::{Known, Merged};
 use gonio::picture::Plane;
 use gonio::render::Exposure;
+use gonio_app::photograph::{MergedBracket, merge_files};
 use gonio_io::atomic::write_file;
 use gonio_io::picture::{encode_exr_clipped, encode_png, encode_response};
 use serde_json::json;
 
 use crate::outcome::Outcome;
-use crate::photograph::{self, MergedBracket};
+use crate::reading::ReadingOptions;
+use crate::remedy::{self, plain};
 use gonio_report::canvas::{LETTER, fill, place, sheet, text};
 
 /// Options of `gonio merge`.
@@ -30,7 +32,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "FILE.csv")]
     save_response: Option<PathBuf>,
     #[command(flatten)]
-    reading: photograph::Reading,
+    reading: ReadingOptions,
 }
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
@@ -38,7 +40,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         bail!("{}: write to a name ending in .exr", options.output.display());
     }
     let mut warnings = Vec::new();
-    let bracket = photograph::merge_files(&options.images, &options.reading, &mut warnings)?;
+    let bracket = merge_files(&options.images, &options.reading.reading(), &mut warnings).map_err(plain)?;
     let merged = &bracket.merged;
     let picture = &merged.picture;
     let mut files = vec![
@@ -68,7 +70,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let fields = json!({
         "output": output, "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": report,
     });
-    Ok(Outcome::new(text, fields).warning(warnings))
+    Ok(Outcome::new(text, fields).warning(remedy::worded(&warnings)))
 }
 
 /// Writes all files; where one cannot be written, those that were not there before are removed

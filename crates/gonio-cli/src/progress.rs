@@ -1,5 +1,6 @@
-//! A bar on standard error for work that takes longer than a second.
+//! Bars on standard error for work that takes longer than a second.
 
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -36,5 +37,33 @@ impl Stage {
     pub(crate) fn finish(self) -> f64 {
         self.bar.finish_and_clear();
         self.start.elapsed().as_secs_f64()
+    }
+}
+
+/// Bars of stages that follow each other.
+#[derive(Default)]
+pub(crate) struct Bars(Mutex<Option<(&'static str, Stage)>>);
+
+impl Bars {
+    /// Tells that a fraction (0..=1) of a stage is done; a stage that is told of for the first time
+    /// takes the place of the one before.
+    pub(crate) fn at(&self, stage: &'static str, fraction: f64) {
+        let Ok(mut on) = self.0.lock() else { return };
+        if on.as_ref().is_none_or(|(name, _)| *name != stage) {
+            if let Some((_, before)) = on.take() {
+                before.finish();
+            }
+            *on = Some((stage, Stage::new(stage)));
+        }
+        if let Some((_, bar)) = &*on {
+            bar.at(fraction);
+        }
+    }
+
+    /// Takes the last bar away.
+    pub(crate) fn finish(&self) {
+        if let Some((_, last)) = self.0.lock().ok().and_then(|mut on| on.take()) {
+            last.finish();
+        }
     }
 }

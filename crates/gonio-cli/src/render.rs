@@ -13,7 +13,8 @@ use serde_json::json;
 use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::Stage;
-use crate::shape::MeshOptions;
+use crate::remedy::{self, plain};
+use crate::surface::SurfaceOptions;
 
 /// Options of `gonio render`.
 #[derive(clap::Args)]
@@ -28,7 +29,7 @@ pub(crate) struct Options {
     #[arg(short, long, value_name = "X.exr|X.png")]
     output: PathBuf,
     #[command(flatten)]
-    shape: MeshOptions,
+    surface: SurfaceOptions,
     /// Leave out the shadows that the mesh throws on itself
     #[arg(long, requires = "mesh")]
     no_shadows: bool,
@@ -57,7 +58,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if options.tolerance.is_nan() || options.tolerance <= 0.0 {
         bail!("--tolerance {}: give a positive number", options.tolerance);
     }
-    if options.shape.mesh.is_none() && options.shape.camera.is_some() {
+    if options.surface.mesh.is_none() && options.surface.camera.is_some() {
         bail!("--camera goes with --mesh: a sphere is seen orthographically");
     }
     let brdf = input::brdf(&options.brdf)?;
@@ -66,10 +67,13 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let samples = options.samples as usize;
     let size = (options.size as usize, options.height.unwrap_or(options.size) as usize);
     let mut warnings = Vec::new();
-    let placed = options.shape.place(size, &mut warnings)?;
+    let placed = match options.surface.mesh() {
+        Some(shape) => shape.surface(size, &mut warnings).map_err(plain)?,
+        None => None,
+    };
     let stage = Stage::new("rendering");
     let picture = match &placed {
-        Some((placed, _)) => {
+        Some(placed) => {
             let settings = SurfaceSettings { samples, integrator, shadows: !options.no_shadows };
             render_surface(&brdf, &light, placed.surface.as_ref(), &placed.camera, &settings, &|x| stage.at(x))
         }
@@ -89,5 +93,6 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     };
     write_file(&options.output, &bytes)?;
     let output = options.output.display().to_string();
-    Ok(Outcome::new(output.clone(), json!({ "output": output, "width": size.0, "height": size.1 })).warning(warnings))
+    Ok(Outcome::new(output.clone(), json!({ "output": output, "width": size.0, "height": size.1 }))
+        .warning(remedy::worded(&warnings)))
 }

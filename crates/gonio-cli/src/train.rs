@@ -6,13 +6,13 @@ use std::sync::Mutex;
 use anyhow::Result;
 use gonio::reflectance::nmf::NmfSettings;
 use gonio::sphere::OctahedralMap;
+use gonio_app::training::{
+    self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, TrainingError,
+};
 use gonio_io::atomic::write_file;
 use gonio_io::model::{
     encode_lighting, encode_model, encode_posterior, encode_reflectance, read_lighting, read_posterior,
     read_reflectance,
-};
-use gonio_io::training::{
-    self, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, TrainingError,
 };
 use serde_json::{Value, json};
 

@@ -30,18 +30,10 @@ impl Lights {
     }
 
     fn of(folder: &Path) -> Result<Self> {
-        let entries = std::fs::read_dir(folder).with_context(|| {
-            format!("{}: cannot list the lights; --data names the folder of the data", folder.display())
-        })?;
-        let mut files = BTreeMap::new();
-        for entry in entries {
-            let path = entry.with_context(|| folder.display().to_string())?.path();
-            let known =
-                path.extension().is_some_and(|e| ["hdr", "exr", "pfm"].iter().any(|k| e.eq_ignore_ascii_case(k)));
-            if let Some(stem) = path.file_stem().and_then(|s| s.to_str()).filter(|_| known) {
-                files.insert(stem.to_owned(), path.clone());
-            }
-        }
+        let paths = gonio_io::folder::files(folder, &["hdr", "exr", "pfm"])
+            .context("cannot list the lights; --data names the folder of the data")?;
+        let stem = |path: PathBuf| path.file_stem().and_then(|s| s.to_str()).map(str::to_owned).zip(Some(path.clone()));
+        let files: BTreeMap<String, PathBuf> = paths.into_iter().filter_map(stem).collect();
         if files.is_empty() {
             bail!("{}: no .hdr, .exr or .pfm files here", folder.display());
         }

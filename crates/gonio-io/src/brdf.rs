@@ -1,11 +1,11 @@
 //! Measured BRDFs in any of the formats read here.
 
-use std::fs;
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 
 use gonio::reflectance::MerlTable;
 
+use crate::folder::{self, has_extension};
 use crate::rgl::{self, MAGIC};
 use crate::{Error, guard, merl};
 
@@ -35,27 +35,14 @@ pub fn list(dir: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, Error> {
     files(dir.as_ref(), &["binary", "bsdf"])
 }
 
-/// The files of a folder with one of some extensions, and their names without it, sorted.
+/// The files of a folder with one of some extensions, and their names without it.
 pub(crate) fn files(dir: &Path, extensions: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
-    let failed = |e| Error::io(dir, "read the folder", e);
-    let mut found = Vec::new();
-    for entry in fs::read_dir(dir).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        if has_extension(&path, extensions)
-            && path.is_file()
-            && let Some(name) = path.file_stem()
-        {
-            found.push((name.to_string_lossy().into_owned(), path));
-        }
-    }
+    let named =
+        |path: PathBuf| path.file_stem().map(|name| name.to_string_lossy().into_owned()).zip(Some(path.clone()));
+    let found: Vec<(String, PathBuf)> = folder::files(dir, extensions)?.into_iter().filter_map(named).collect();
     if found.is_empty() {
         let problem = format!("holds no .{} file", extensions.join(" or ."));
         return Err(Error::invalid(dir, problem, "give the folder with the measured materials"));
     }
-    found.sort();
     Ok(found)
-}
-
-fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    path.extension().is_some_and(|e| extensions.contains(&e.to_string_lossy().to_ascii_lowercase().as_str()))
 }

@@ -4,6 +4,8 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use gonio::remedy::Remedy;
+
 /// Longest text of a problem that is shown, in characters: files and third parties may bring any.
 const LONGEST: usize = 500;
 
@@ -34,6 +36,7 @@ struct Inner {
     path: PathBuf,
     problem: String,
     advice: String,
+    remedy: Option<Remedy>,
     /// Already part of `problem`, so that it is not repeated as the `source` of a chain of errors.
     os: Option<io::Error>,
 }
@@ -60,9 +63,19 @@ impl Error {
         self.0.os.as_ref().map(io::Error::kind)
     }
 
+    /// The input that settles it, if there is one; the advice does without.
+    pub fn remedy(&self) -> Option<&Remedy> {
+        self.0.remedy.as_ref()
+    }
+
+    pub(crate) fn with_remedy(mut self, remedy: Remedy) -> Self {
+        self.0.remedy = Some(remedy);
+        self
+    }
+
     fn new(kind: Kind, path: &Path, problem: impl Into<String>, advice: impl Into<String>) -> Self {
         let (problem, advice) = (problem.into(), advice.into());
-        Self(Box::new(Inner { kind, path: path.to_owned(), problem, advice, os: None }))
+        Self(Box::new(Inner { kind, path: path.to_owned(), problem, advice, remedy: None, os: None }))
     }
 
     /// `action` completes "cannot ...": "open", "write".

@@ -16,6 +16,7 @@ use std::path::Path;
 use exr::meta::header::Header;
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
+use gonio::remedy::Remedy;
 
 use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
 use crate::{Error, guard, npy};
@@ -212,7 +213,8 @@ fn coded(path: &Path, decoded: &Decoded, range: Option<(f64, f64)>) -> Result<Pl
     let codes = grey(path, decoded)?;
     let Some((near, far)) = range else {
         let problem = "codes depths as 0..1, and nothing says between which";
-        return Err(Error::invalid(path, problem, "give --depth-range NEAR,FAR, or depths as EXR or NPY"));
+        let advice = "give the range of the codes, or depths as EXR or NPY";
+        return Err(Error::invalid(path, problem, advice).with_remedy(Remedy::DepthRange));
     };
     if !(near.is_finite() && far.is_finite() && near != far) {
         let problem = format!("codes depths as 0..1, and the range {near},{far} is none");
@@ -293,7 +295,7 @@ mod tests {
             }
             // Near and far the other way round.
             assert!((depth(&bytes, Some((4.0, 2.0))).unwrap()[(1, 0)].unwrap() - 4.0).abs() < 1e-4);
-            assert!(depth(&bytes, None).unwrap_err().to_string().contains("give --depth-range NEAR,FAR"));
+            assert!(depth(&bytes, None).unwrap_err().remedy() == Some(&Remedy::DepthRange));
             for range in [(1.0, 1.0), (0.0, f64::NAN)] {
                 assert_eq!(depth(&bytes, Some(range)).unwrap_err().kind(), Kind::Invalid);
             }

@@ -10,7 +10,7 @@
 //!   published fits;
 //! * [`model`]: trained models and their halves (`docs/model-format.md`);
 //! * [`npy`]: arrays of numpy;
-//! * [`atomic`]: output that appears complete or not at all;
+//! * [`folder`]: what is in one; [`atomic`]: output that appears complete or not at all;
 //! * [`cache`], [`plan`]: computed plans that survive the process.
 //!
 //! Invariants: no input makes this crate panic; sizes are checked before memory is taken for them;
@@ -27,6 +27,7 @@ pub mod cache;
 pub mod camera;
 mod error;
 pub mod fits;
+pub mod folder;
 pub mod geometry;
 mod guard;
 mod little_endian;
@@ -39,6 +40,5 @@ pub mod npy;
 pub mod picture;
 pub mod plan;
 pub mod rgl;
-pub mod training;
 
 pub use error::{Error, Kind};

@@ -7,11 +7,12 @@ use bytemuck::{AnyBitPattern, cast_slice};
 use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
+use gonio_app::Problem;
 use numpy::ndarray::{Array, Dimension};
 use numpy::{Element, IntoPyArray, PyArray, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::error::Problem;
+use crate::error::raise;
 
 /// The values of an array, which lives as long as this does.
 struct Borrowed {
@@ -45,7 +46,7 @@ impl Borrowed {
         let start: *const f32 = array.data();
         if !array.is_c_contiguous() || !start.is_aligned() || array.is_empty() {
             let problem = Problem::new("an array is not in one piece in rows of native float32, or is empty");
-            return Err(problem.raise(array.py()));
+            return Err(raise(&problem, array.py()));
         }
         Ok(Self { start, length: array.len(), _owner: array.clone().into_any().unbind() })
     }
@@ -56,7 +57,7 @@ pub(crate) fn colours(array: &Bound<'_, PyArray3<f32>>) -> PyResult<Plane<Vec3>>
     let &[height, width, channels] = array.shape() else { unreachable!("three axes") };
     if channels != 3 {
         let problem = Problem::new(format!("an array has {channels} channels; give one of shape (height, width, 3)"));
-        return Err(problem.raise(array.py()));
+        return Err(raise(&problem, array.py()));
     }
     Ok(Plane::lent(width, height, Arc::new(Borrowed::of(array)?)))
 }
@@ -89,13 +90,13 @@ pub(crate) fn tables(array: &Bound<'_, PyArray3<f32>>) -> PyResult<[BivariateTab
         let (width, height) = plane.size();
         let problem =
             Problem::new(format!("a BRDF has the shape ({THETA_H}, {THETA_D}, 3), not ({height}, {width}, 3)"));
-        return Err(problem.raise(array.py()));
+        return Err(raise(&problem, array.py()));
     }
     let cells = plane.as_slice();
     if let Some(wrong) = cells.iter().position(|c| !c.is_finite() || c.min_element() < 0.0) {
         let (i, j) = (wrong / THETA_D, wrong % THETA_D);
         let problem = Problem::new(format!("the BRDF is negative or not finite at [{i}, {j}]"));
-        return Err(problem.raise(array.py()));
+        return Err(raise(&problem, array.py()));
     }
     Ok([0, 1, 2].map(|c| BivariateTable::from_vec(cells.iter().map(|v| v[c]).collect())))
 }

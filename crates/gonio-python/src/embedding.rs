@@ -2,11 +2,12 @@
 
 use gonio::estimate::draws;
 use gonio::reflectance::{THETA_D, THETA_H};
+use gonio_app::Problem;
 use numpy::PyArray3;
 use pyo3::prelude::*;
 
 use crate::arrays;
-use crate::error::Problem;
+use crate::error::raise;
 use crate::model::Model;
 use crate::work::{self, Listeners};
 
@@ -19,12 +20,12 @@ impl Embedding {
     /// From what it is pickled as.
     #[staticmethod]
     fn decode(py: Python<'_>, json: &str) -> PyResult<Self> {
-        let embedding = serde_json::from_str(json).map_err(|e| Problem::of("the pickled posterior", e).raise(py))?;
+        let embedding = serde_json::from_str(json).map_err(|e| raise(&Problem::of("the pickled posterior", e), py))?;
         Ok(Self(embedding))
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
-        let json = serde_json::to_string(&self.0).map_err(|e| Problem::new(e.to_string()).raise(py))?;
+        let json = serde_json::to_string(&self.0).map_err(|e| raise(&Problem::new(e.to_string()), py))?;
         Ok((py.get_type::<Self>().getattr("decode")?, (json,)))
     }
 }

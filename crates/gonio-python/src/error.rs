@@ -1,52 +1,61 @@
 //! What can go wrong, and the exception that it becomes: the classes of `gonio._errors`, with the
 //! messages of the library.
 
-use std::fmt::Display;
 use std::io::ErrorKind;
 use std::sync::Mutex;
 
+use gonio::remedy::Remedy;
+use gonio_app::{Problem, Warning};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
-/// Why something was not done.
-pub(crate) struct Problem {
-    message: String,
-    /// What the operating system said, if it was asked.
-    io: Option<ErrorKind>,
-}
-
-impl Problem {
-    pub(crate) fn new(message: impl Into<String>) -> Self {
-        Self { message: message.into(), io: None }
-    }
-
-    /// A fault in something that has a name.
-    pub(crate) fn of(name: impl Display, error: impl Display) -> Self {
-        Self::new(format!("{name}: {error}"))
-    }
-
-    /// The exception: [`Problem`]s of files are also `OSError`s.
-    pub(crate) fn raise(self, py: Python<'_>) -> PyErr {
-        static INPUT: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-        static FILE: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-        static MISSING: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-        let (class, name) = match self.io {
-            None => (&INPUT, "GonioError"),
-            Some(ErrorKind::NotFound) => (&MISSING, "MissingFileError"),
-            Some(_) => (&FILE, "FileError"),
-        };
-        match class.import(py, "gonio._errors", name) {
-            Ok(class) => PyErr::from_type(class.clone(), self.message),
-            Err(error) => error,
+/// Remedies in the words of the package: its arguments.
+pub(crate) fn words(remedy: &Remedy) -> Option<String> {
+    let words = match remedy {
+        Remedy::Outline => "give the outline of the ball with circle=(x, y, radius)",
+        Remedy::Ellipsoid => "say shape=\"ellipsoid\" if it is one",
+        Remedy::DepthAxis => "give it with depth_axis=PIXELS if you know it",
+        Remedy::Camera => "give the camera with camera=",
+        Remedy::Pose => "check pose=",
+        Remedy::Mask => "give a mask with mask=",
+        Remedy::Mesh => "give the shape with shape=MESH",
+        Remedy::Normals => "give the shape with normals=",
+        Remedy::NormalAxes(corrections) => {
+            let first = corrections.first()?;
+            let order = first.reordered().map(|order| format!("reorder their channels, now {order}, to xyz"));
+            let flips = first.flips().into_iter().map(|axis| format!("change the sign of their {axis}"));
+            return Some(order.into_iter().chain(flips).collect::<Vec<_>>().join(" and "));
         }
-    }
+        Remedy::TrustNormals => "take them as they are with trust_normals=True",
+        Remedy::KeepColours => "use them with keep_colors=True",
+        Remedy::Linear => "give linear=True if its values are linear radiance",
+        Remedy::Layer => "take another with layer=NAME",
+        Remedy::LearnPosterior => "learn one with train_posterior and join it with train_model",
+        _ => return None,
+    };
+    Some(words.to_owned())
 }
 
-impl From<gonio_io::Error> for Problem {
-    fn from(error: gonio_io::Error) -> Self {
-        Self { io: error.io_kind(), message: error.to_string() }
+/// Warnings in the words of the package.
+pub(crate) fn worded(warnings: &[Warning]) -> Vec<String> {
+    warnings.iter().map(|warning| warning.worded(&words)).collect()
+}
+
+/// The exception of a problem; those of files are also `OSError`s.
+pub(crate) fn raise(problem: &Problem, py: Python<'_>) -> PyErr {
+    static INPUT: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    static FILE: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    static MISSING: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    let (class, name) = match problem.io_kind() {
+        None => (&INPUT, "GonioError"),
+        Some(ErrorKind::NotFound) => (&MISSING, "MissingFileError"),
+        Some(_) => (&FILE, "FileError"),
+    };
+    match class.import(py, "gonio._errors", name) {
+        Ok(class) => PyErr::from_type(class.clone(), problem.worded(&words)),
+        Err(error) => error,
     }
 }
 

@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
+use gonio_app::Problem;
+use gonio_app::export::{Export, Target};
 use gonio_io::atomic::StagedFolder;
-use gonio_io::material::{Export, Target};
 use numpy::{PyArray3, PyArray4};
 use pyo3::prelude::*;
 
 use crate::arrays;
-use crate::error::Problem;
+use crate::error::raise;
 use crate::render::merl_table;
 use crate::work::{self, Listeners};
 
@@ -41,9 +42,9 @@ pub(crate) fn export(
         };
         to.iter().map(target).collect()
     };
-    let targets = to.map_or_else(|| Ok(Target::ALL.to_vec()), wanted).map_err(|problem| problem.raise(py))?;
+    let targets = to.map_or_else(|| Ok(Target::ALL.to_vec()), wanted).map_err(|problem| raise(&problem, py))?;
     if let Some(albedo) = albedo.filter(|a| !(*a > 0.0 && *a <= 1.0)) {
-        return Err(Problem::new(format!("albedo {albedo}: give a number above 0, at most 1")).raise(py));
+        return Err(raise(&Problem::new(format!("albedo {albedo}: give a number above 0, at most 1")), py));
     }
     let whole = full.map(merl_table).transpose()?;
     let export = Export { name, tables: arrays::tables(table)?, whole, albedo, with_tables: tables };

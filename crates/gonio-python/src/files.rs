@@ -1,21 +1,23 @@
 //! Reading and writing files.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use gonio::picture::Picture;
 use gonio::reflectance::{BivariateTable, MerlTable, PHI_D, THETA_D, THETA_H};
+use gonio_app::Problem;
+use gonio_app::photograph::read_picture;
+use gonio_app::results::{Files, PICTURES};
 use gonio_io::atomic::{StagedFolder, write_file as write_whole};
-use gonio_io::npy;
-use gonio_io::picture::{encode_exr, encode_hdr, encode_pfm, encode_png_srgb8};
+use gonio_io::picture::{ReadOptions, encode_exr, encode_hdr, encode_pfm, encode_png_srgb8};
 use gonio_io::rgl::{self, Channels};
 use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::arrays;
-use crate::error::Problem;
+use crate::error::{raise, worded};
 use crate::render::merl_table;
-use crate::scene;
 
 /// Colours, coverage, the radiance at which the file says that it clips, and warnings.
 type ReadImage<'py> = (Bound<'py, PyArray3<f32>>, Option<Bound<'py, PyArray2<f32>>>, Option<f32>, Vec<String>);
@@ -30,17 +32,17 @@ pub(crate) fn read_image(
     layer: Option<String>,
 ) -> PyResult<ReadImage<'_>> {
     let mut warnings = Vec::new();
-    let decoded =
-        py.detach(|| scene::read_image(&path, linear, layer, &mut warnings)).map_err(|problem| problem.raise(py))?;
+    let options = ReadOptions { linear, layer, ..ReadOptions::default() };
+    let decoded = py.detach(|| read_picture(&path, &options, &mut warnings)).map_err(|problem| raise(&problem, py))?;
     let Picture { rgb, alpha } = decoded.picture;
     let alpha = alpha.map(|alpha| arrays::array(py, (alpha.height(), alpha.width()), alpha.into_vec()));
-    Ok((arrays::of_colours(py, rgb), alpha, decoded.full_scale, warnings))
+    Ok((arrays::of_colours(py, rgb), alpha, decoded.full_scale, worded(&warnings)))
 }
 
 /// Reads a picture of normals.
 #[pyfunction]
 pub(crate) fn read_normals(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
-    let normals = py.detach(|| gonio_io::normals::read_normals(&path)).map_err(|e| Problem::from(e).raise(py))?;
+    let normals = py.detach(|| gonio_io::normals::read_normals(&path)).map_err(|e| raise(&e.into(), py))?;
     Ok(arrays::of_colours(py, normals))
 }
 
@@ -65,18 +67,23 @@ pub(crate) fn write_image(
         };
         Ok(write_whole(&path, &bytes)?)
     })
-    .map_err(|problem| problem.raise(py))
+    .map_err(|problem| raise(&problem, py))
 }
 
 /// A PNG of 8-bit samples of shape (height, width, 3).
-#[pyfunction]
-pub(crate) fn encode_png<'py>(py: Python<'py>, samples: &Bound<'py, PyArray3<u8>>) -> PyResult<Bound<'py, PyBytes>> {
+fn png(samples: &Bound<'_, PyArray3<u8>>) -> PyResult<Vec<u8>> {
     let &[height, width, channels] = samples.shape() else { unreachable!("three axes") };
     if channels != 3 || samples.is_empty() {
-        return Err(Problem::new("a picture has the shape (height, width, 3)").raise(py));
+        return Err(raise(&Problem::new("a picture has the shape (height, width, 3)"), samples.py()));
     }
-    let samples: Vec<u8> = samples.readonly().as_array().iter().copied().collect();
-    Ok(PyBytes::new(py, &py.detach(|| encode_png_srgb8(width, height, &samples))))
+    let values: Vec<u8> = samples.readonly().as_array().iter().copied().collect();
+    Ok(samples.py().detach(|| encode_png_srgb8(width, height, &values)))
+}
+
+/// The same, for Python.
+#[pyfunction]
+pub(crate) fn encode_png<'py>(py: Python<'py>, samples: &Bound<'py, PyArray3<u8>>) -> PyResult<Bound<'py, PyBytes>> {
+    Ok(PyBytes::new(py, &png(samples)?))
 }
 
 /// A table over two angles and all of it over three, shape (3, 90, 90, 180).
@@ -87,7 +94,7 @@ type ReadBrdf<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray4<f32>>);
 pub(crate) fn read_brdf(py: Python<'_>, path: PathBuf, any: bool) -> PyResult<ReadBrdf<'_>> {
     let read = || if any { gonio_io::brdf::read(&path) } else { gonio_io::merl::read(&path) };
     let read = || read().map(|table| ([0, 1, 2].map(|c| table.bivariate(c)), table));
-    let (tables, whole) = py.detach(read).map_err(|e| Problem::from(e).raise(py))?;
+    let (tables, whole) = py.detach(read).map_err(|e| raise(&e.into(), py))?;
     let values: Vec<f32> = [0, 1, 2].map(|c| whole.channel(c)).concat();
     Ok((arrays::of_tables(py, &tables), arrays::array(py, (3, THETA_H, THETA_D, PHI_D), values)))
 }
@@ -104,7 +111,7 @@ pub(crate) fn write_brdf(
 ) -> PyResult<()> {
     let (tables, full) = (arrays::tables(table)?, full.map(merl_table).transpose()?);
     py.detach(|| Ok(write_whole(&path, &encode_brdf(&path, &tables, full.as_ref(), name)?)?))
-        .map_err(|problem: Problem| problem.raise(py))
+        .map_err(|problem: Problem| raise(&problem, py))
 }
 
 fn encode_brdf(
@@ -128,45 +135,50 @@ fn encode_brdf(
     })
 }
 
-/// The files of a posterior as `gonio infer` writes them.
+/// What a folder of results holds, as `gonio infer` writes it.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct SavedResult<'py> {
     table: Bound<'py, PyArray3<f32>>,
     light: Bound<'py, PyArray3<f32>>,
     quantiles: Bound<'py, PyArray3<f32>>,
-    /// Names and contents of further files.
-    files: Vec<(String, Vec<u8>)>,
+    /// Pictures by name, of 8-bit samples of shape (height, width, 3); those that folders hold are
+    /// written.
+    pictures: HashMap<String, Bound<'py, PyArray3<u8>>>,
+    notes: String,
+    page: Option<String>,
 }
 
 /// Fills a folder, all of it or, on error, nothing.
 #[pyfunction]
 pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> PyResult<()> {
-    let (tables, light) = (arrays::tables(&result.table)?, arrays::colours(&result.light)?);
-    let quantiles = npy::Array {
-        shape: result.quantiles.shape().to_vec(),
-        values: result.quantiles.readonly().as_array().iter().copied().collect(),
+    let SavedResult { table, light, quantiles, pictures, notes, page } = result;
+    let held = PICTURES.into_iter().filter_map(|name| pictures.get(name).map(|samples| (name, samples)));
+    let files = Files {
+        tables: arrays::tables(&table)?,
+        quantiles: Some((quantiles.shape()[0], quantiles.readonly().as_array().iter().copied().collect())),
+        light: Some(arrays::colours(&light)?),
+        pictures: held.map(|(name, samples)| Ok((name, png(samples)?))).collect::<PyResult<_>>()?,
+        notes,
+        page,
     };
     let write = || {
         let folder = StagedFolder::create(&folder)?;
-        folder.write("brdf.binary", &gonio_io::merl::encode(&MerlTable::from_bivariate(tables.each_ref())))?;
-        folder.write("light.exr", &encode_exr(&light, None))?;
-        folder.write("brdf_quantiles.npy", &npy::encode(&quantiles))?;
-        result.files.iter().try_for_each(|(name, bytes)| folder.write(name, bytes))?;
+        files.encode().iter().try_for_each(|(name, bytes)| folder.write(name, bytes))?;
         folder.commit()
     };
-    py.detach(write).map_err(|e| Problem::from(e).raise(py))
+    py.detach(write).map_err(|e| raise(&e.into(), py))
 }
 
 /// Writes a file, all of it or nothing.
 #[pyfunction]
 pub(crate) fn write_file(py: Python<'_>, path: PathBuf, bytes: &[u8]) -> PyResult<()> {
-    py.detach(|| write_whole(&path, bytes)).map_err(|e| Problem::from(e).raise(py))
+    py.detach(|| write_whole(&path, bytes)).map_err(|e| raise(&e.into(), py))
 }
 
 /// Reads the file of a part of a model.
 #[pyfunction]
 pub(crate) fn read_file(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyBytes>> {
-    let bytes = py.detach(|| gonio_io::model::read_part(&path)).map_err(|e| Problem::from(e).raise(py))?;
+    let bytes = py.detach(|| gonio_io::model::read_part(&path)).map_err(|e| raise(&e.into(), py))?;
     Ok(PyBytes::new(py, &bytes).unbind())
 }

@@ -8,7 +8,7 @@ use gonio_io::model::{decode_model, embedded, encode_model, read_model};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 
-use crate::error::Problem;
+use crate::error::raise;
 
 /// What inference knows beforehand: the prior of light, the basis of reflectance and the posterior
 /// of materials.
@@ -37,7 +37,7 @@ impl Model {
     fn embedded(py: Python<'_>) -> PyResult<Py<Self>> {
         static MODEL: PyOnceLock<Py<Model>> = PyOnceLock::new();
         let decode = || -> PyResult<Py<Self>> {
-            let model = py.detach(embedded).map_err(|e| Problem::from(e).raise(py))?;
+            let model = py.detach(embedded).map_err(|e| raise(&e.into(), py))?;
             Py::new(py, Self { model: Arc::new(model), name: EMBEDDED.into(), is_embedded: true })
         };
         Ok(MODEL.get_or_try_init(py, decode)?.clone_ref(py))
@@ -46,20 +46,20 @@ impl Model {
     /// A model from a file.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let model = py.detach(|| read_model(&path)).map_err(|e| Problem::from(e).raise(py))?;
+        let model = py.detach(|| read_model(&path)).map_err(|e| raise(&e.into(), py))?;
         Ok(Self { model: Arc::new(model), name: path.display().to_string(), is_embedded: false })
     }
 
     /// A model from the bytes of its file.
     #[staticmethod]
     fn decode(py: Python<'_>, bytes: &[u8], name: String) -> PyResult<Self> {
-        let model = decode_model(Path::new(&name), bytes).map_err(|e| Problem::from(e).raise(py))?;
+        let model = decode_model(Path::new(&name), bytes).map_err(|e| raise(&e.into(), py))?;
         Ok(Self { model: Arc::new(model), name, is_embedded: false })
     }
 
     /// Writes the model to a file, whole or not at all.
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| write_file(&path, &encode_model(&self.model))).map_err(|e| Problem::from(e).raise(py))
+        py.detach(|| write_file(&path, &encode_model(&self.model))).map_err(|e| raise(&e.into(), py))
     }
 
     /// What it was learnt from and how.

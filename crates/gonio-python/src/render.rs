@@ -6,11 +6,12 @@ use gonio::reflectance::{MerlTable, THETA_D, THETA_H};
 use gonio::render::{
     Brdf, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface,
 };
+use gonio_app::Problem;
 use numpy::{PyArray1, PyArray3, PyArray4, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arrays;
-use crate::error::Problem;
+use crate::error::{raise, worded};
 use crate::scene::take_shape;
 use crate::work::{self, Listeners};
 
@@ -70,7 +71,7 @@ pub(crate) fn render<'py>(
     let Picture { rgb, alpha } = picture;
     let (width, height) = rgb.size();
     let alpha = alpha.map_or_else(|| vec![1.0; width * height], gonio::picture::Plane::into_vec);
-    Ok((arrays::of_colours(py, rgb), arrays::array(py, (height, width), alpha), warnings))
+    Ok((arrays::of_colours(py, rgb), arrays::array(py, (height, width), alpha), worded(&warnings)))
 }
 
 /// The table in an array of shape (3, 90, 90, 180).
@@ -79,7 +80,7 @@ pub(crate) fn merl_table(array: &Bound<'_, PyArray4<f32>>) -> PyResult<MerlTable
     let values = values.as_array();
     if values.shape() != [3, THETA_H, THETA_D, gonio::reflectance::PHI_D] {
         let problem = Problem::new("a whole MERL table has the shape (3, 90, 90, 180)");
-        return Err(problem.raise(array.py()));
+        return Err(raise(&problem, array.py()));
     }
     Ok(MerlTable::from_channels(
         [0, 1, 2].map(|c| values.index_axis(numpy::ndarray::Axis(0), c).iter().copied().collect()),

@@ -6,29 +6,19 @@ use std::sync::Arc;
 use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
 use gonio::sphere::OctahedralMap;
+use gonio_app::Problem;
+use gonio_app::training::{self, Channel, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings};
 use gonio_io::model::{
     decode_lighting, decode_posterior, decode_reflectance, encode_lighting, encode_posterior, encode_reflectance,
-};
-use gonio_io::training::{
-    self, Channel, LightingSettings, Lights, Materials, PosteriorSettings, ReflectanceSettings, TrainingError,
 };
 use numpy::PyArray3;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::arrays;
-use crate::error::Problem;
+use crate::error::raise;
 use crate::model::Model;
 use crate::work::{self, Listeners};
-
-impl From<TrainingError> for Problem {
-    fn from(error: TrainingError) -> Self {
-        match error {
-            TrainingError::File(error) => error.into(),
-            error => Self::new(error.to_string()),
-        }
-    }
-}
 
 /// A folder, or maps.
 #[derive(FromPyObject)]
@@ -45,7 +35,7 @@ impl GivenLights<'_> {
         };
         let map = |(i, map): (usize, Bound<'_, PyArray3<f32>>)| {
             let picture = arrays::colours(&map)?;
-            EnvironmentMap::new(picture).map_err(|e| Problem::of(format!("light {i}"), e).raise(map.py()))
+            EnvironmentMap::new(picture).map_err(|e| raise(&Problem::of(format!("light {i}"), e), map.py()))
         };
         Ok(Lights::Maps(maps.into_iter().enumerate().map(map).collect::<PyResult<_>>()?))
     }
@@ -212,6 +202,6 @@ pub(crate) fn join(
         let posterior = posterior.map(|(bytes, name)| decode_posterior(Path::new(&name), &bytes)).transpose()?;
         Ok(training::join(light, basis, posterior)?)
     };
-    let model = py.detach(join).map_err(|problem| problem.raise(py))?;
+    let model = py.detach(join).map_err(|problem| raise(&problem, py))?;
     Ok(Model::learnt(Arc::new(model)))
 }

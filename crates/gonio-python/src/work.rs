@@ -11,7 +11,9 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 
-use crate::error::{Problem, fault};
+use gonio_app::Problem;
+
+use crate::error::{fault, raise};
 
 /// How often signals are looked for and progress is told.
 const POLL: Duration = Duration::from_millis(50);
@@ -85,7 +87,7 @@ pub(crate) fn run<T: Send + 'static>(
         }
         match got {
             Err(RecvTimeoutError::Timeout) => (),
-            Ok(Ok(result)) => return result.map_err(|problem| problem.raise(py)),
+            Ok(Ok(result)) => return result.map_err(|problem| raise(&problem, py)),
             Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => return Err(fault()),
         }
     }

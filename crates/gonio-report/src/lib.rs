@@ -1,12 +1,10 @@
 //! What an estimate looks like: one page to read ([`report`]), its pictures ([`panels`],
-//! [`summary`], [`uncertainty`]), and its numbers by name ([`notes`]).
+//! [`summary`], [`uncertainty`]).
 //!
 //! Nothing is read or written here: pictures are linear display values, which `gonio-io` encodes.
 //! [`page`] is the frame of all reports.
 
 pub mod canvas;
-pub mod clock;
-pub mod notes;
 pub mod page;
 pub mod panels;
 pub mod report;

@@ -10,11 +10,15 @@ use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::MerlTable;
 use gonio::scene::{Circle, Object, ObservationSettings, SceneError, Sighting};
-use gonio_io::picture::{Encoding, ReadOptions};
+use gonio_app::notes::{self, Account};
+use gonio_app::photograph::decode_picture;
+use gonio_app::results::{BRDF, LIGHT, LIGHT_ROWS, RESULT};
+use gonio_app::{AS_CAPTURED, Method};
+use gonio_io::picture::ReadOptions;
 use gonio_io::rgl::{self, Channels};
 use gonio_report::panels::own_lights;
 use gonio_report::report::sphere;
-use gonio_report::{notes, uncertainty};
+use gonio_report::uncertainty;
 use serde_json::{Value, json};
 
 use crate::preview;
@@ -24,10 +28,6 @@ use crate::preview;
 const MAX_PIXELS: u64 = 1 << 25;
 /// Rows of the lights of the viewer that are not found, as in the report.
 const ROWS: usize = 64;
-/// Rows of `light.exr`, as the program writes it.
-const LIGHT_ROWS: usize = 128;
-/// What is taken for the light's colour, in words.
-const ASSUMPTION: &str = "the light has a colour as captured lights have, around white";
 
 /// A file to keep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,10 +46,10 @@ impl Product {
     /// By the name of the file.
     pub fn named(name: &str) -> Option<Self> {
         match name {
-            "brdf.binary" => Some(Self::Merl),
+            BRDF => Some(Self::Merl),
             "brdf_rgb.bsdf" => Some(Self::Mitsuba),
-            "light.exr" => Some(Self::Light),
-            "result.json" => Some(Self::Result),
+            LIGHT => Some(Self::Light),
+            RESULT => Some(Self::Result),
             _ => None,
         }
     }
@@ -75,23 +75,16 @@ impl Session {
     pub fn open(name: &str, bytes: &[u8]) -> Result<Self, String> {
         let model = gonio_io::model::embedded().map_err(|e| e.to_string())?;
         let options = ReadOptions { max_pixels: MAX_PIXELS, ..ReadOptions::default() };
-        let decoded = gonio_io::picture::decode(Path::new(name), bytes, &options).map_err(|e| e.to_string())?;
         let mut warnings = Vec::new();
-        if let Encoding::Srgb { bits } = decoded.encoding {
-            warnings.push(format!(
-                "this is a {bits}-bit picture, taken as sRGB-coded; its highlights are probably clipped and its tone curve unknown: prefer an HDR \
-                 picture"
-            ));
-        }
-        if let Some(layer) = &decoded.layer {
-            warnings.push(format!("the file holds several pictures: {} was taken", layer.name));
-        }
+        let decoded =
+            decode_picture(Path::new(name), bytes, &options, &mut warnings).map_err(|problem| problem.to_string())?;
         Ok(Self {
             model,
             name: name.to_owned(),
             picture: decoded.picture,
             clip: decoded.full_scale,
-            warnings,
+            // The page has no settings that would be a remedy.
+            warnings: warnings.iter().map(|warning| warning.worded(&|_| None)).collect(),
             sighting: None,
             found: None,
             light: None,
@@ -120,9 +113,9 @@ impl Session {
         let sighting = match Sighting::of(&self.picture, None, Object::Sphere(circle), &settings) {
             Ok(sighting) => sighting,
             Err(error) if error.is_of_outline() || error == SceneError::NoOutline => {
-                return Ok(json!({ "why": without_options(&error.to_string()) }));
+                return Ok(json!({ "why": error.to_string() }));
             }
-            Err(error) => return Err(format!("{}: {}", self.name, without_options(&error.to_string()))),
+            Err(error) => return Err(self.blamed(&error)),
         };
         let oddities = sighting.oddities.iter().map(ToString::to_string);
         let notes = json!({
@@ -219,13 +212,21 @@ impl Session {
         let oddities = sighting.oddities.iter().map(ToString::to_string);
         let doubts = estimate.doubts();
         let warnings = self.warnings.iter().cloned().chain(oddities).chain(doubts.iter().map(ToString::to_string));
-        let mut result = notes::head(&self.name, "learnt", &self.model);
-        result["observations"] = notes::sighting(sighting);
-        result["colour"] = notes::colouring(colouring, ASSUMPTION);
-        result["settings"] = notes::settings(settings, false);
-        result["warnings"] = json!(warnings.collect::<Vec<_>>());
-        result["seconds"] = serde_json::from_str(seconds).unwrap_or_default();
-        notes::extend(&mut result, notes::estimate(&estimate));
+        let mut sections = notes::estimate(&estimate);
+        sections["settings"] = notes::settings(settings, false);
+        let mut result = Account {
+            image: &self.name,
+            method: Method::Learnt.name(),
+            model: &self.model,
+            observations: notes::sighting(sighting),
+            bracket: None,
+            colouring,
+            assumption: AS_CAPTURED,
+            warnings: &warnings.collect::<Vec<_>>(),
+            seconds: serde_json::from_str(seconds).unwrap_or_default(),
+            sections,
+        }
+        .result();
         // The picture of the quantiles is for the program alone: what the page offers has no such
         // file.
         if let Some(reflectance) = result["reflectance"].as_object_mut() {
@@ -255,13 +256,6 @@ fn png(picture: &Plane<Vec3>) -> String {
 /// The name of a file without what comes after the last dot.
 fn stem(name: &str) -> String {
     Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// A message up to the advice that names an option of the program, which a page does not have.
-fn without_options(message: &str) -> &str {
-    let Some(option) = message.find("--") else { return message };
-    let advice = ["; ", ": "].iter().filter_map(|mark| message[..option].rfind(mark)).max();
-    advice.map_or(message, |end| &message[..end])
 }
 
 #[cfg(test)]
@@ -309,16 +303,5 @@ mod tests {
         assert!(refused.starts_with("ball.exr: ") && !refused.contains('\n'), "{refused}");
         let cut = sample();
         assert!(Session::open("ball.exr", &cut[..cut.len() / 2]).is_err());
-    }
-
-    #[test]
-    fn options_of_the_program_are_not_advised() {
-        for (message, rest) in [
-            ("no circle: it strays; give it with --circle", "no circle: it strays"),
-            ("is an ellipse, no circle: say --shape or --circle", "is an ellipse, no circle"),
-            ("mask it; fully", "mask it; fully"),
-        ] {
-            assert_eq!(without_options(message), rest);
-        }
     }
 }

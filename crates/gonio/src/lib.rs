@@ -13,6 +13,7 @@ mod linalg;
 pub mod model;
 pub mod picture;
 pub mod reflectance;
+pub mod remedy;
 pub mod render;
 pub mod scene;
 pub mod shape;

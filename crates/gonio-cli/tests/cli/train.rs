@@ -51,7 +51,7 @@ fn a_model_is_learnt_joined_and_used() {
     assert_eq!(result["reflectance"]["coefficients"].as_array().unwrap().len(), 2);
     assert_eq!(result["model"]["provenance"], model.provenance);
 
-    bench.refuses(&format!("{infer} joined.model --grid 32"), &["--grid 32", "up to 16"]);
+    bench.refuses(&format!("{infer} joined.model --grid 32"), &["grid 32: give a power of two from 4 to 16"]);
     bench.refuses(&format!("{infer} light.model"), &["light.model", "a light prior alone", "gonio train model"]);
     let join = "train model -o x.model --lighting";
     bench.refuses(&format!("{join} brdf.model --reflectance brdf.model"), &["brdf.model", "gonio train lighting"]);

@@ -6,13 +6,11 @@
 //! or underscore.
 
 mod blender;
-mod export;
 mod glb;
 mod materialx;
 mod mitsuba;
 
 pub use blender::blender_script;
-pub use export::{Export, Target, grey};
 pub use glb::glb_sphere;
 pub use materialx::materialx;
 pub use mitsuba::{mitsuba_measured, mitsuba_principled};

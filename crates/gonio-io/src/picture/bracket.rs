@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gonio::bracket::{Codes, Exposure};
 use gonio::picture::Plane;
+use gonio::remedy::Remedy;
 use image::DynamicImage;
 use image::metadata::Orientation;
 
@@ -170,7 +171,9 @@ fn assemble(files: Vec<(&Path, Coded)>, options: &BracketOptions) -> Result<Brac
 }
 
 fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, Error> {
-    let by_hand = "give the times of all files with --times";
+    let by_hand = |path: &Path, problem: String| {
+        Error::invalid(path, problem, "give the times of all files").with_remedy(Remedy::Times)
+    };
     if let Some(times) = times {
         if let Some((path, _)) = files.get(times.len()) {
             let problem = format!("has no time: there are {} times for {} files", times.len(), files.len());
@@ -192,13 +195,13 @@ fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, 
             return Ok(vec![1.0; files.len()]);
         }
         let value = |(told, (path, _)): (&Option<f64>, &(&Path, Coded))| {
-            told.ok_or_else(|| Error::invalid(path, format!("has no {what} in its EXIF data, others have"), by_hand))
+            told.ok_or_else(|| by_hand(path, format!("has no {what} in its EXIF data, others have")))
         };
         told.iter().zip(files).map(value).collect()
     };
     let mut amounts = Vec::new();
     for (path, file) in files {
-        let missing = || Error::invalid(path, "has no exposure time in its EXIF data", by_hand);
+        let missing = || by_hand(path, "has no exposure time in its EXIF data".into());
         amounts.push(file.shot.seconds.ok_or_else(missing)?);
     }
     let (iso, f_number) = (factor("ISO sensitivity", |s| s.iso)?, factor("f-number", |s| s.f_number)?);

@@ -115,12 +115,14 @@ class Posterior:
     def save(self, directory: Path) -> None:
         """Writes the folder of results that ``gonio infer`` writes, whole or not at all: ``brdf.binary``, ``brdf_quantiles.npy``,
         ``light.exr``, pictures and ``result.json``; ``report.html`` if :func:`gonio.infer` was asked for it."""
-        shown = [name for name in ("relit", "summary", "uncertainty", "used") if name in self.pictures]
-        files = [(f"{name}.png", _gonio.encode_png(self.pictures[name])) for name in shown]
-        files.append(("result.json", json.dumps(self.notes, indent=2, allow_nan=False).encode()))
-        if self.report is not None:
-            files.append(("report.html", self.report.encode()))
-        result: SavedResult = {"table": self.brdf.table, "light": self.light, "quantiles": self.quantiles, "files": files}
+        result: SavedResult = {
+            "table": self.brdf.table,
+            "light": self.light,
+            "quantiles": self.quantiles,
+            "pictures": self.pictures,
+            "notes": json.dumps(self.notes, indent=2, allow_nan=False),
+            "page": self.report,
+        }
         _gonio.save(os.fspath(directory), result)
 
     def export(

@@ -102,7 +102,9 @@ class SavedResult(TypedDict):
     table: Floats
     light: Floats
     quantiles: Floats
-    files: list[tuple[str, bytes]]
+    pictures: dict[str, NDArray[np.uint8]]
+    notes: str
+    page: str | None
 
 
 class LightingOptions(TypedDict):

@@ -99,9 +99,7 @@ impl Stage {
 #[derive(Debug, Error)]
 pub enum EstimateError {
     /// The model was made for other methods.
-    #[error(
-        "the model has no posterior of materials; learn one with `gonio train posterior` and join it with `gonio train model --posterior`"
-    )]
+    #[error("the model has no posterior of materials")]
     NotLearnt,
     /// A grid that is none, or finer than the prior.
     #[error(

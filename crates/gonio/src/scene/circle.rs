@@ -171,6 +171,7 @@ fn span(points: &[DVec2], circle: &Circle) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::remedy::Remedy;
 
     /// Coverage of an ellipse by 8 x 8 samples a pixel, or by its centre alone when not `soft`.
     fn ellipse(size: (usize, usize), (cx, cy): (f64, f64), (a, b): (f64, f64), soft: bool) -> Plane<f32> {
@@ -251,7 +252,7 @@ mod tests {
         }
         let square = Plane::from_fn(128, 128, |x, y| f32::from((30..90).contains(&x) && (30..90).contains(&y)));
         assert!(matches!(refused(&square), SceneError::NotACircle { .. }));
-        assert!(refused(&square).to_string().contains("--normals"));
+        assert_eq!(refused(&square).remedies()[0], Remedy::Normals);
         let half = Plane::from_fn(128, 128, |x, _| f32::from(x < 60));
         assert!(matches!(refused(&half), SceneError::ShortOutline { .. }), "{}", refused(&half));
         assert!(matches!(

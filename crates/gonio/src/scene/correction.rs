@@ -60,23 +60,20 @@ impl Correction {
         normals.map(|n| self.apply(*n))
     }
 
-    /// The options of the program that ask for it, with spaces between:
-    /// `--normals-order yxz --normals-flip-y`.
-    pub fn options(&self) -> String {
-        let order = (self.order != [0, 1, 2]).then(|| format!("--normals-order {}", order_name(self.order)));
-        let flips = self.flips().into_iter().map(|axis| format!("--normals-flip-{axis}"));
-        order.into_iter().chain(flips).collect::<Vec<_>>().join(" ")
+    /// The order of the channels in three letters ([`Self::order_named`]), unless it is `xyz`.
+    pub fn reordered(&self) -> Option<String> {
+        (self.order != [0, 1, 2]).then(|| order_name(self.order))
     }
 
     /// What is wrong, in words: "y flipped".
     pub(super) fn words(&self) -> String {
-        let order =
-            (self.order != [0, 1, 2]).then(|| format!("their channels in the order {}", order_name(self.order)));
+        let order = self.reordered().map(|order| format!("their channels in the order {order}"));
         let flips = self.flips().into_iter().map(|axis| format!("{axis} flipped"));
         order.into_iter().chain(flips).collect::<Vec<_>>().join(" and ")
     }
 
-    pub(super) fn flips(&self) -> Vec<char> {
+    /// The axes whose sign is wrong.
+    pub fn flips(&self) -> Vec<char> {
         let all = [(self.flip_x, 'x'), (self.flip_y, 'y'), (self.flip_z, 'z')];
         all.iter().filter(|f| f.0).map(|f| f.1).collect()
     }

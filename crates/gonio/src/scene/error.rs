@@ -2,10 +2,11 @@
 
 use thiserror::Error;
 
-use super::ObservationReport;
+use super::{Contradiction, ObservationReport};
+use crate::remedy::Remedy;
 use crate::shape::{CameraError, MeshError};
 
-/// Why a picture gives no observations; each says what to do about it.
+/// Why a picture gives no observations; [`SceneError::remedies`] are what may help.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SceneError {
     /// No pixel of the mask is at least half covered.
@@ -14,7 +15,7 @@ pub enum SceneError {
     /// The covered part fills the picture, so there is no outline.
     #[error(
         "the mask covers the whole picture: there is no outline to find; give a mask that is black around the object \
-         (is it inverted?), or the outline with --circle"
+         (is it inverted?)"
     )]
     MaskEverywhere,
     /// The covered part is too small to carry a ball.
@@ -29,10 +30,7 @@ pub enum SceneError {
         least: f64,
     },
     /// Too little of the outline lies within the picture.
-    #[error(
-        "only {degrees:.0} degrees of the ball's outline lie within the picture, at least {least:.0} are needed: give \
-         the outline with --circle"
-    )]
+    #[error("only {degrees:.0} degrees of the ball's outline lie within the picture, at least {least:.0} are needed")]
     ShortOutline {
         /// Angle that the visible part of the outline spans, in degrees.
         degrees: f64,
@@ -40,10 +38,7 @@ pub enum SceneError {
         least: f64,
     },
     /// The outline is an ellipse.
-    #[error(
-        "the outline is an ellipse (its axes are as 1 to {aspect:.3}), no circle: say --shape ellipsoid, or give \
-         the outline with --circle if it is a ball all the same, or --camera if perspective does it"
-    )]
+    #[error("the outline is an ellipse (its axes are as 1 to {aspect:.3}), no circle")]
     Elliptic {
         /// Shorter over longer axis, below one.
         aspect: f64,
@@ -51,8 +46,7 @@ pub enum SceneError {
     /// The outline is no circle.
     #[error(
         "the outline is no circle: it strays by {residual:.1} pixels from the best one of radius {radius:.1}, and \
-         {stray} of its {rim} points lie far off; give the shape with --normals, or the outline with --circle if it \
-         is a ball"
+         {stray} of its {rim} points lie far off"
     )]
     NotACircle {
         /// Typical distance of the outline from the circle, in pixels.
@@ -66,8 +60,7 @@ pub enum SceneError {
     },
     /// The outline is no ellipse, or not that of a ball in perspective.
     #[error(
-        "the outline of {rim} points is none of a ball or ellipsoid (it strays by {residual:.1} pixels): check the mask, or give the shape \
-         with --mesh or --normals"
+        "the outline of {rim} points is none of a ball or ellipsoid (it strays by {residual:.1} pixels): check the mask"
     )]
     NotAnEllipse {
         /// How far the outline strays from the best one, in pixels (7 points in 10 are nearer);
@@ -183,14 +176,11 @@ pub enum SceneError {
     )]
     NoSurface,
     /// Nothing says where the object is.
-    #[error(
-        "no alpha channel and no constant background to tell the object from; give a mask (--mask FILE), or the outline of a ball (--circle \
-         X,Y,RADIUS)"
-    )]
+    #[error("no alpha channel and no constant background to tell the object from")]
     NoOutline,
     /// The surface is not where the mask is.
     #[error(
-        "the shape does not lie on the object: only {:.0} % of the pixels of either belong to both; check the pose and the camera (--pose, --camera)",
+        "the shape does not lie on the object: only {:.0} % of the pixels of either belong to both",
         100.0 * .overlap
     )]
     Elsewhere {
@@ -198,8 +188,8 @@ pub enum SceneError {
         overlap: f64,
     },
     /// Normals that contradict themselves.
-    #[error("{0}, or --trust-normals to take them as they are")]
-    Contradiction(String),
+    #[error(transparent)]
+    Contradiction(Contradiction),
     /// Places of the surface that make none.
     #[error(transparent)]
     Relief(#[from] MeshError),
@@ -216,6 +206,20 @@ impl SceneError {
     pub(super) fn bad_pixels(report: &ObservationReport) -> Self {
         let ObservationReport { negative, not_finite, observed_pixels: observed, .. } = *report;
         Self::BadPixels { negative, not_finite, observed }
+    }
+
+    /// What may help, the most probable first.
+    pub fn remedies(&self) -> Vec<Remedy> {
+        match self {
+            Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Remedy::Outline],
+            Self::Elliptic { .. } => vec![Remedy::Ellipsoid, Remedy::Outline, Remedy::Camera],
+            Self::NotACircle { .. } => vec![Remedy::Normals, Remedy::Outline],
+            Self::NotAnEllipse { .. } => vec![Remedy::Mesh, Remedy::Normals],
+            Self::NoOutline => vec![Remedy::Mask, Remedy::Outline],
+            Self::Elsewhere { .. } => vec![Remedy::Pose, Remedy::Camera],
+            Self::Contradiction(it) => vec![it.remedy(), Remedy::TrustNormals],
+            _ => Vec::new(),
+        }
     }
 
     /// Whether it is the outline that is at fault, and so whatever the outline was found in.

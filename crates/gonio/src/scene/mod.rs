@@ -45,7 +45,7 @@ pub use correction::Correction;
 pub use error::SceneError;
 pub use fate::Fate;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
-pub use orientation::{Fit, Orientation};
+pub use orientation::{Contradiction, Fit, Orientation};
 pub use outline::{Ellipse, find_ball, find_ellipse};
 pub use sighting::{Found, NormalPicture, Object, Oddity, Relief, Sighting};
 pub use view::SurfaceView;

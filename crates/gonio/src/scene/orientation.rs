@@ -14,10 +14,12 @@
 
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 use super::observed::check_size;
 use super::{Correction, SceneError};
 use crate::picture::Plane;
+use crate::remedy::Remedy;
 
 /// Normals at a larger angle to the view than this (`z` below it) have slopes that pixels cannot
 /// resolve.
@@ -136,8 +138,8 @@ impl Orientation {
         Ok(Self { given, corrections: fitting.iter().map(|f| f.0).collect(), confidence })
     }
 
-    /// What to tell, on one line, and `None` where the order given is right or could be.
-    pub fn complaint(&self) -> Option<String> {
+    /// What speaks against the order given; `None` where it is right or could be.
+    pub fn contradiction(&self) -> Option<Contradiction> {
         let first = self.corrections.first()?;
         let why = match self.given {
             Fit { away, .. } if away > GROSSLY_AWAY => {
@@ -148,9 +150,24 @@ impl Orientation {
             }
             _ => "at the outline they do not point out of the object".to_owned(),
         };
-        let others: Vec<String> = self.corrections[1..].iter().take(2).map(Correction::options).collect();
-        let others = if others.is_empty() { String::new() } else { format!(" (or {})", others.join(", or ")) };
-        Some(format!("the normals seem to have {}: {why}; give {}{others}", first.words(), first.options()))
+        let complaint = format!("the normals seem to have {}: {why}", first.words());
+        Some(Contradiction { complaint, corrections: self.corrections.iter().take(3).copied().collect() })
+    }
+}
+
+/// Normals that contradict themselves as they are given.
+#[derive(Clone, Debug, PartialEq, Error)]
+#[error("{complaint}")]
+pub struct Contradiction {
+    complaint: String,
+    /// What would mend it, the most probable first.
+    corrections: Vec<Correction>,
+}
+
+impl Contradiction {
+    /// [`Remedy::NormalAxes`].
+    pub fn remedy(&self) -> Remedy {
+        Remedy::NormalAxes(self.corrections.clone())
     }
 }
 
@@ -357,7 +374,7 @@ mod tests {
             ("tiny", map(|x, y| (x.abs().max(y.abs()) < 0.02).then(|| Vec3::new(x, y, 1.0)))),
         ] {
             let got = of(&normals);
-            assert!(got.corrections.is_empty() && got.complaint().is_none(), "{name}: {got:?}");
+            assert!(got.corrections.is_empty() && got.contradiction().is_none(), "{name}: {got:?}");
         }
     }
 
@@ -382,7 +399,7 @@ mod tests {
     #[test]
     fn corrections_have_names() {
         let swapped = Correction { order: [1, 0, 2], ..FLIP_Y };
-        assert_eq!(swapped.options(), "--normals-order yxz --normals-flip-y");
+        assert_eq!((swapped.reordered().as_deref(), swapped.flips()), (Some("yxz"), vec!['y']));
         assert_eq!(swapped.apply(Vec3::new(1.0, 2.0, 3.0)), Vec3::new(2.0, -1.0, 3.0));
         // Channels that hold y, z and x.
         let order = Correction::order_named("yzx").unwrap();
@@ -401,12 +418,13 @@ mod tests {
             // A part of a rim is enough.
             assert_eq!(of(&wrong.apply_to(&cropped())).corrections, [wrong]);
         }
-        let complaint = of(&FLIP_Y.apply_to(&relief())).complaint().unwrap();
+        let found = of(&FLIP_Y.apply_to(&relief())).contradiction().unwrap();
+        let complaint = found.to_string();
         assert!(
             complaint.starts_with("the normals seem to have y flipped: their slopes do not close ("),
             "{complaint}"
         );
-        assert!(complaint.ends_with("; give --normals-flip-y (or --normals-flip-x)"), "{complaint}");
+        assert_eq!(found.remedy(), Remedy::NormalAxes(vec![FLIP_Y, FLIP_X]));
     }
 
     #[test]

@@ -5,10 +5,11 @@ use std::fmt;
 use glam::{DVec3, Vec3};
 
 use super::{
-    Circle, Ellipse, ObservationSettings, Observations, Orientation, SceneError, SurfaceView, background_coverage,
-    find_ball, find_ellipse, find_sphere,
+    Circle, Contradiction, Ellipse, ObservationSettings, Observations, Orientation, SceneError, SurfaceView,
+    background_coverage, find_ball, find_ellipse, find_sphere,
 };
 use crate::picture::{Picture, Plane};
+use crate::remedy::Remedy;
 use crate::shape::{Camera, GeometryBuffer, Mesh, Placed, Projection, Soundness, Tracer};
 use crate::sphere::OctahedralMap;
 
@@ -74,7 +75,7 @@ pub enum Oddity {
     /// An ellipsoid of unknown depth.
     Depth(f64),
     /// Normals that contradict themselves, taken all the same.
-    Contradiction(String),
+    Contradiction(Contradiction),
     /// Pixels that are clipped.
     Clipped {
         /// So many.
@@ -100,6 +101,18 @@ pub enum Oddity {
     },
 }
 
+impl Oddity {
+    /// What may be done about it.
+    pub fn remedies(&self) -> Vec<Remedy> {
+        match self {
+            Self::Depth(_) => vec![Remedy::DepthAxis],
+            Self::Contradiction(it) => vec![it.remedy()],
+            Self::OtherColour { .. } => vec![Remedy::KeepColours],
+            _ => Vec::new(),
+        }
+    }
+}
+
 impl fmt::Display for Oddity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -115,9 +128,9 @@ impl fmt::Display for Oddity {
             Self::Depth(depth) => write!(
                 f,
                 "the outline does not tell how deep the ellipsoid is: {depth:.1} pixels were taken, the geometric mean of the other two \
-                 semi-axes; give --depth-axis PIXELS if you know it"
+                 semi-axes"
             ),
-            Self::Contradiction(complaint) => f.write_str(complaint),
+            Self::Contradiction(it) => it.fmt(f),
             Self::Clipped { clipped, observed } => {
                 write!(f, "{clipped} of {observed} pixels on the object are clipped and left out")
             }
@@ -304,12 +317,12 @@ impl Looker<'_> {
         let NormalPicture { normals, camera, relief, trusted } = view;
         let mut oddities = Vec::new();
         if normals.size() == self.picture.rgb.size()
-            && let Some(complaint) = Orientation::of(&normals, self.coverage.as_ref())?.complaint()
+            && let Some(it) = Orientation::of(&normals, self.coverage.as_ref())?.contradiction()
         {
             if !trusted {
-                return Err(SceneError::Contradiction(complaint));
+                return Err(SceneError::Contradiction(it));
             }
-            oddities.push(Oddity::Contradiction(complaint));
+            oddities.push(Oddity::Contradiction(it));
         }
         let view = SurfaceView { normals: &normals, camera: camera.as_ref(), distances: None };
         let observations = Observations::of_view(self.picture, &view, self.coverage.as_ref(), self.settings)?;

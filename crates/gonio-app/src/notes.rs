@@ -9,16 +9,53 @@ use gonio::scene::{Found, Sighting};
 use gonio::shape::{Camera, Soundness};
 use serde_json::{Value, json};
 
-/// The beginning of `result.json`: what was asked, by which version and model.
-pub fn head(image: &str, method: &str, model: &Model) -> Value {
-    json!({
-        "format": "gonio-result",
-        "version": 1,
-        "gonio": env!("CARGO_PKG_VERSION"),
-        "image": image,
-        "method": method,
-        "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
-    })
+/// What a result is about, beside what its method tells.
+pub struct Account<'a> {
+    /// How messages call the photograph.
+    pub image: &'a str,
+    /// Name of the method.
+    pub method: &'a str,
+    /// The model it was found with.
+    pub model: &'a Model,
+    /// The section `observations`: [`sighting`] and more.
+    pub observations: Value,
+    /// The section `bracket` of a photograph that was merged.
+    pub bracket: Option<Value>,
+    /// The colours found.
+    pub colouring: &'a Colouring,
+    /// What was taken for the light's colour, in words.
+    pub assumption: &'a str,
+    /// Warnings, one line each.
+    pub warnings: &'a [String],
+    /// Seconds of each stage.
+    pub seconds: Value,
+    /// Sections of the method: [`estimate`] and [`settings`], or those of a method of the paper.
+    pub sections: Value,
+}
+
+impl Account<'_> {
+    /// `result.json`.
+    pub fn result(self) -> Value {
+        let Self { image, method, model, observations, bracket, colouring, assumption, warnings, seconds, sections } =
+            self;
+        let mut result = json!({
+            "format": "gonio-result",
+            "version": 1,
+            "gonio": env!("CARGO_PKG_VERSION"),
+            "image": image,
+            "method": method,
+            "model": { "provenance": model.provenance, "rank": model.reflectance.len(), "map": model.light.map },
+            "observations": observations,
+            "colour": self::colouring(colouring, assumption),
+            "warnings": warnings,
+            "seconds": seconds,
+        });
+        if let Some(bracket) = bracket {
+            result["bracket"] = bracket;
+        }
+        extend(&mut result, sections);
+        result
+    }
 }
 
 /// Adds sections to others. What is no object stays as it is.
@@ -112,7 +149,7 @@ fn light_notes(light: &Light) -> Value {
 }
 
 /// The section `colour`. `assumption` says in words what was taken for the light's colour.
-pub fn colouring(colouring: &Colouring, assumption: &str) -> Value {
+fn colouring(colouring: &Colouring, assumption: &str) -> Value {
     let (posterior, share) = match colouring {
         Colouring::Grey => return json!({ "how": "none" }),
         Colouring::GreyPhotograph => return json!({ "how": "grey photograph" }),

@@ -6,9 +6,9 @@ use gonio::reflectance::shading::{
 use gonio::reflectance::{BivariateTable, MerlTable};
 use serde_json::{Map, Value, json};
 
-use super::{blender_script, glb_sphere, materialx, mitsuba_measured, mitsuba_principled};
-use crate::atomic::StagedFolder;
-use crate::{Error, merl, rgl};
+use gonio_io::atomic::StagedFolder;
+use gonio_io::material::{blender_script, glb_sphere, materialx, mitsuba_measured, mitsuba_principled};
+use gonio_io::{Error, merl, rgl};
 
 /// What can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

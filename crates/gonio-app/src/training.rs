@@ -18,8 +18,11 @@ use gonio_train::{TrainError, TrainingSettings, learn};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::picture::ReadOptions;
-use crate::{Error, bivariate, brdf};
+use gonio_io::folder::files;
+use gonio_io::picture::ReadOptions;
+use gonio_io::{Error, bivariate, brdf};
+
+use crate::Problem;
 
 /// Why nothing was learnt.
 #[derive(Debug, Error)]
@@ -39,6 +42,15 @@ pub enum TrainingError {
     /// Parts do not make a model.
     #[error(transparent)]
     Model(#[from] ModelError),
+}
+
+impl From<TrainingError> for Problem {
+    fn from(error: TrainingError) -> Self {
+        match error {
+            TrainingError::File(error) => error.into(),
+            error => Self::new(error.to_string()),
+        }
+    }
 }
 
 /// Captured lights.
@@ -275,21 +287,6 @@ pub fn join(
     Ok(model)
 }
 
-/// Files of a folder with one of the extensions, by name.
-fn files(dir: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>, Error> {
-    let failed = |e| Error::io(dir, "list this folder", e);
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(dir).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        if extensions.contains(&extension.as_str()) {
-            files.push(path);
-        }
-    }
-    files.sort();
-    Ok(files)
-}
-
 impl Lights {
     fn name(&self) -> String {
         match self {
@@ -324,7 +321,7 @@ impl Lights {
             Self::Maps(maps) => maps.iter().enumerate().for_each(|(i, map)| tell(i, map)),
             Self::Folder(dir) => {
                 for (i, path) in Self::paths(dir)?.iter().enumerate() {
-                    let decoded = crate::picture::read(path, &ReadOptions::default())?;
+                    let decoded = gonio_io::picture::read(path, &ReadOptions::default())?;
                     let map = EnvironmentMap::new(decoded.picture.rgb)
                         .map_err(|error| TrainingError::Data(path.display().to_string(), error.to_string()))?;
                     tell(i, &map);

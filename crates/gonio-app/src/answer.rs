@@ -1,0 +1,192 @@
+//! A photograph to everything that is found in it.
+
+use std::borrow::Cow;
+use std::path::Path;
+
+use gonio::estimate::{Colouring, Estimate, Light, Material, Stage, estimate};
+use gonio::lighting::{EnvironmentMap, LightGrid};
+use gonio::model::Model;
+use gonio::reflectance::BivariateTable;
+use gonio::scene::ObservationSettings;
+use gonio_report::panels::{Panels, Subject};
+use gonio_report::report::{Fits, Report};
+use serde_json::{Map, Value, json};
+
+use crate::notes::{self, Account};
+use crate::{Journal, Method, Problem, Scene, Seen, Settings, Warning, basis};
+
+/// Everything that was found in a photograph.
+pub struct Answer {
+    /// The photograph and the object in it.
+    pub seen: Seen,
+    /// Reflectance in luminance, of albedo one half along the normal (1/sr).
+    pub table: BivariateTable,
+    /// How sure it is, for the method that tells.
+    pub material: Option<Material>,
+    /// The estimated light, in luminance, on the scale that goes with the table.
+    pub light: Option<LightGrid>,
+    /// The light that was given.
+    pub known_light: Option<EnvironmentMap>,
+    /// What light and reflectance leave of the photograph, relative to it, and how that is called.
+    pub left: (&'static str, f64),
+    /// The colours of both.
+    pub colouring: Colouring,
+    /// The pictures, if they were asked for.
+    pub panels: Option<Panels>,
+    /// The line under the pictures.
+    pub caption: String,
+    /// The page `report.html`, if it was asked for.
+    pub page: Option<String>,
+    /// All numbers by name: `result.json`.
+    pub notes: Value,
+    /// What speaks against believing it, one line each.
+    pub warnings: Vec<String>,
+    shadows: bool,
+}
+
+/// What a method found.
+struct Found {
+    table: BivariateTable,
+    material: Option<Material>,
+    light: Option<LightGrid>,
+    left: (&'static str, f64),
+    colouring: Colouring,
+    sections: Value,
+}
+
+/// Infers what the object of a scene is made of. `name` is how messages call the model.
+///
+/// # Errors
+/// If a file cannot be read, settings do not go together, the object cannot be found, or there is
+/// too little to observe. The input at fault is named.
+pub fn infer(
+    (model, name): (&Model, &str),
+    scene: Scene,
+    settings: &Settings<'_>,
+    journal: &Journal<'_>,
+) -> Result<Answer, Problem> {
+    let paper = settings.method.search().is_some_and(|search| search.paper);
+    let mut model = Cow::Borrowed(model);
+    if paper {
+        model.to_mut().light = gonio_io::model::lighting_of_paper()?;
+    }
+    settings.check(&model, name)?;
+    let mut warnings = Vec::new();
+    let known_light = match &settings.method {
+        Method::KnownLight(_, path) => Some(read_light(path)?),
+        _ => None,
+    };
+    let image = scene.name.clone();
+    let known = if paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
+    let shadows = settings.shadows.then_some((model.light.map, settings.side));
+    let seen = scene.look(&known, shadows, &mut warnings, journal)?;
+    let (rule, assumption) = settings.colours.rule(known_light.as_ref());
+    let observations = &seen.sighting.observations;
+    let found = match settings.method.search() {
+        None => {
+            let ask = settings.estimate(rule);
+            let begin = |stage: Stage| journal.at(stage.name(), 0.0);
+            let found = estimate(&model, observations, &ask, &begin).map_err(|error| Problem::of(&image, error))?;
+            warnings.extend(found.doubts().iter().map(|doubt| Warning::from(doubt.to_string())));
+            let mut sections = notes::estimate(&found);
+            sections["settings"] = notes::settings(&ask, settings.linear);
+            let Estimate { material, light: Light { grid, misfit, .. }, colouring } = found;
+            Found {
+                table: material.table.clone(),
+                material: Some(material),
+                light: Some(grid),
+                left: ("misfit", misfit),
+                colouring,
+                sections,
+            }
+        }
+        Some(search) => {
+            let how = (settings, search);
+            let found = basis::find((&model, &image), how, known_light.as_ref(), observations, &mut warnings, journal)?;
+            let colouring = Colouring::of(observations, &found.table, &rule);
+            let basis::Coefficients { table, light, noise, sections } = found;
+            Found { table, material: None, light, left: ("noise", noise), colouring, sections }
+        }
+    };
+    let Found { table, material, light, left, colouring, sections } = found;
+    let mut answer = Answer {
+        caption: String::new(),
+        panels: None,
+        page: None,
+        notes: Value::Null,
+        warnings: warnings.iter().map(|warning| warning.worded(settings.words)).collect(),
+        shadows: settings.shadows,
+        seen,
+        table,
+        material,
+        light,
+        known_light,
+        left,
+        colouring,
+    };
+    let fits = settings.pictures.then(|| answer.draw(settings.report, journal)).flatten();
+    let seconds = journal.seconds();
+    let total: f64 = seconds.iter().map(|(_, seconds)| seconds).sum();
+    let (used, (word, left)) = (answer.seen.sighting.observations.report.used, answer.left);
+    let method = settings.method.name();
+    answer.caption = format!("{method} | {used} observations | {word} {:.1} % | {total:.0} s", 100.0 * left);
+    let seconds = seconds.into_iter().chain([("total", total)]);
+    answer.notes = Account {
+        image: &image,
+        method,
+        model: &model,
+        observations: answer.seen.notes.clone(),
+        bracket: answer.seen.bracket.clone(),
+        colouring: &answer.colouring,
+        assumption,
+        warnings: &answer.warnings,
+        seconds: Value::Object(
+            seconds.map(|(stage, seconds)| (stage.to_owned(), json!(seconds))).collect::<Map<_, _>>(),
+        ),
+        sections,
+    }
+    .result();
+    answer.page = fits.zip(answer.panels.as_ref()).map(|(fits, panels)| {
+        let name = Path::new(&image).file_stem().unwrap_or_default().to_string_lossy();
+        let (subject, warnings, result) = (&answer.subject(), &answer.warnings[..], &answer.notes);
+        Report { name: &name, subject, panels, fits: &fits, warnings, result }.render()
+    });
+    Ok(answer)
+}
+
+impl Answer {
+    /// What the pictures show.
+    pub fn subject(&self) -> Subject<'_> {
+        Subject {
+            picture: &self.seen.picture,
+            sighting: &self.seen.sighting,
+            shadows: self.shadows,
+            colours: self.colouring.colours(),
+            light_colour: self.colouring.light(),
+            table: &self.table,
+            light: self.light.as_ref(),
+            known_light: self.known_light.as_ref(),
+            material: self.material.as_ref(),
+        }
+    }
+
+    /// Draws the pictures, and beside it fits renderers' models if a page will show them.
+    fn draw(&mut self, report: bool, journal: &Journal<'_>) -> Option<Fits> {
+        journal.at("drawing", 0.0);
+        let subject = self.subject();
+        let tables = subject.coloured(&self.table);
+        let (panels, fits) =
+            rayon::join(|| Panels::draw(&subject, &|x| journal.at("drawing", x)), || report.then(|| Fits::of(&tables)));
+        self.panels = Some(panels);
+        fits
+    }
+}
+
+/// Reads a lat-long light map.
+///
+/// # Errors
+/// If it cannot be read, or is none.
+pub fn read_light(path: &Path) -> Result<EnvironmentMap, Problem> {
+    let decoded = gonio_io::picture::read(path, &gonio_io::picture::ReadOptions::default())?;
+    EnvironmentMap::new(decoded.picture.rgb).map_err(|error| Problem::of(path.display(), error))
+}

@@ -1,0 +1,171 @@
+//! The methods of the paper, and those to compare with: coefficients of reflectance in a basis.
+
+use gonio::estimate::ALBEDO;
+use gonio::inference::{Hyper, JointMapSettings, MODEL_ERROR, Posterior, Problem as Bilinear, VariationalSettings};
+use gonio::inference::{Method as Finder, Solver, infer};
+use gonio::lighting::{EnvironmentMap, LightGrid};
+use gonio::model::Model;
+use gonio::reflectance::BivariateTable;
+use gonio::render::{IntegratorSettings, LightTree, images_of_basis};
+use gonio::scene::Observations;
+use gonio::transfer::{PlanSettings, Projected};
+use gonio_io::cache::Cache;
+use gonio_io::plan::{PlanOrigin, load_or_build};
+use serde_json::{Value, json};
+
+use crate::{Journal, Method, Problem, Search, Settings, Warning};
+
+/// What a method of the paper finds.
+pub(crate) struct Coefficients {
+    /// Reflectance, of albedo [`ALBEDO`].
+    pub(crate) table: BivariateTable,
+    /// The light on the scale that goes with it, for a blind method.
+    pub(crate) light: Option<LightGrid>,
+    /// Noise relative to the root mean square of the image.
+    pub(crate) noise: f64,
+    /// Sections of the result.
+    pub(crate) sections: Value,
+}
+
+/// The answer of a method other than [`Method::Learnt`] to the observations of `image`. Tells of
+/// the stages `plan` and `inference`.
+pub(crate) fn find(
+    (model, image): (&Model, &str),
+    (settings, search): (&Settings<'_>, &Search),
+    known: Option<&EnvironmentMap>,
+    observations: &Observations,
+    warnings: &mut Vec<Warning>,
+    journal: &Journal<'_>,
+) -> Result<Coefficients, Problem> {
+    let blame = |error: &dyn std::error::Error| Problem::of(image, error);
+    journal.at("plan", 0.0);
+    let (projected, transfer) = match known {
+        Some(light) => {
+            let (tables, integrator) = (&model.reflectance.functions, IntegratorSettings::default());
+            let report = |x| journal.at("plan", x);
+            let rows = images_of_basis(observations.seen(), tables, &LightTree::of_map(light), &integrator, &report);
+            let projected = Projected::under_known_light(&rows, tables.len(), &observations.values);
+            (projected, json!({ "light": settings.method.light() }))
+        }
+        None => project(model, settings.side, search.full_rows, observations, warnings, journal)
+            .map_err(|error| blame(&*error))?,
+    };
+    journal.at("inference", 0.0);
+    let posterior = posterior(model, settings, search, &projected, journal).map_err(|error| blame(&error))?;
+    let table = model.reflectance.combine(&posterior.reflectance).map_err(|error| blame(&error))?;
+    if table.trusted_max() <= 0.0 {
+        return Err(Problem::of(image, "every reflectance coefficient came out zero; is the object lit at all?"));
+    }
+    if posterior.starts.iter().all(|s| !s.converged) {
+        warnings.push("no start converged within its iterations; the result may be rough".to_owned().into());
+    }
+    let (table, scale) = table.with_normal_albedo(ALBEDO);
+    let light = known.is_none().then(|| {
+        let radiance: Vec<f64> = posterior.light.iter().map(|l| l * posterior.exposure / scale).collect();
+        LightGrid::from_coefficients(model.light.map, &radiance)
+    });
+    let noise = posterior.noise / (projected.energy() / projected.pixels as f64).sqrt();
+    let sections = json!({
+        "settings": {
+            "seed": search.seed, "starts": search.starts, "grid": settings.side,
+            "solver": format!("{:?}", search.solver), "paper": search.paper,
+            "model_error": (!search.paper).then_some(MODEL_ERROR),
+            "full_rows": search.full_rows, "linear": settings.linear,
+        },
+        "transfer": transfer,
+        "reflectance": {
+            "coefficients": posterior.reflectance,
+            "sd": posterior.reflectance_sd,
+            "scale": scale,
+            "note": "BRDF = scale * sum_k coefficients[k] * basis[k], in 1/sr with a normal albedo of 0.5; the scale of \
+                     reflectance is not determined by a photograph under unknown light",
+        },
+        "light": { "coefficients": posterior.light, "sd": posterior.light_sd },
+        "exposure": { "mean": posterior.exposure, "sd": posterior.exposure_sd },
+        "noise": { "sd": posterior.noise, "relative": noise },
+        "cost": {
+            "name": if matches!(settings.method, Method::JointMaximum(_)) { "minus log posterior" } else { "C_KL" },
+            "trace": posterior.trace, "starts": posterior.starts, "best_start": posterior.best_start,
+        },
+    });
+    Ok(Coefficients { table, light, noise, sections })
+}
+
+/// The rows on which the inference runs, and what the result says of them.
+fn project(
+    model: &Model,
+    side: usize,
+    full_rows: bool,
+    observations: &Observations,
+    warnings: &mut Vec<Warning>,
+    journal: &Journal<'_>,
+) -> Result<(Projected, Value), Box<dyn std::error::Error>> {
+    let tables = &model.reflectance.functions;
+    let settings = PlanSettings { side, ..PlanSettings::default() };
+    // With few observations there is nothing to gain from a plan, which has more directions than
+    // there are values.
+    if full_rows || observations.report.used <= settings.rank {
+        let projected =
+            Projected::unprojected(observations.seen(), &observations.values, tables, &model.light, &settings)?;
+        return Ok((projected, json!({ "rows": observations.report.used, "full_rows": true })));
+    }
+    let cache = Cache::user();
+    let report = |x| journal.at("plan", x);
+    let (plan, origin, failed) =
+        load_or_build(cache.as_ref(), observations.seen(), tables, &model.light, &settings, &report)?;
+    if let Some(error) = failed {
+        warnings.push(format!("the plan could not be kept for next time: {error}").into());
+    }
+    let projected = plan.project(&observations.values, 1e-5)?;
+    let left_over = projected.left_over();
+    if left_over > 0.02 {
+        warnings.push(
+            format!(
+                "{:.0} % of the picture's energy is finer than a {side} x {side} light can make with any of these \
+                 materials: a sharp material is likely to come out too dull",
+                100.0 * left_over
+            )
+            .into(),
+        );
+    }
+    let notes = json!({
+        "plan": if matches!(origin, PlanOrigin::Cache) { "cache" } else { "built" },
+        "rank": projected.bilinear.rows(),
+        "left_out_a_priori": plan.left_out(),
+        "left_over_of_the_image": left_over,
+    });
+    Ok((projected, notes))
+}
+
+fn posterior(
+    model: &Model,
+    settings: &Settings<'_>,
+    search: &Search,
+    projected: &Projected,
+    journal: &Journal<'_>,
+) -> Result<Posterior, gonio::inference::ProblemError> {
+    let rates = &model.reflectance.rates;
+    let Search { solver, starts, seed, paper, .. } = *search;
+    let (hyper, variational) = if paper {
+        (Hyper::default(), VariationalSettings::of_paper(starts, seed))
+    } else {
+        let settings = VariationalSettings { solver, starts, seed, ..VariationalSettings::default() };
+        (Hyper::with_model_error(projected.pixels), settings)
+    };
+    let (problem, finder) = match settings.method {
+        Method::KnownLight(..) => {
+            let settings = VariationalSettings { solver: Solver::Blocks, ..variational };
+            (Bilinear::with_known_light(projected, rates, hyper)?, Finder::KnownLight(settings))
+        }
+        Method::JointMaximum(_) => {
+            let settings = JointMapSettings { starts, seed, ..JointMapSettings::default() };
+            (Bilinear::blind(projected, &model.light, rates, hyper)?, Finder::JointMap(settings))
+        }
+        Method::Variational(_) | Method::Learnt => {
+            (Bilinear::blind(projected, &model.light, rates, hyper)?, Finder::Variational(variational))
+        }
+    };
+    let known = model.reflectance.materials.iter().map(|m| m.coefficients.clone()).collect();
+    let problem = if paper { problem } else { problem.starting_from(known) };
+    Ok(infer(&problem, &finder, &|x| journal.at("inference", x)))
+}

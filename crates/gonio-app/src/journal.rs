@@ -1,0 +1,73 @@
+//! What goes on, told while it goes on, and how long it took.
+
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// Tells a front end which stage is on, and how far it is; and keeps how long each took.
+pub struct Journal<'a> {
+    listener: &'a (dyn Fn(&'static str, f64) + Sync),
+    begun: Mutex<Vec<(&'static str, Instant)>>,
+}
+
+impl<'a> Journal<'a> {
+    /// A journal whose first stage begins now. `listener` is told the name of the stage and the
+    /// fraction of it that is done, in 0..=1.
+    pub fn new(stage: &'static str, listener: &'a (dyn Fn(&'static str, f64) + Sync)) -> Self {
+        Self { listener, begun: Mutex::new(vec![(stage, Instant::now())]) }
+    }
+
+    /// A fraction of a stage is done. The stage before it ends when the first is told of it.
+    pub fn at(&self, stage: &'static str, fraction: f64) {
+        let ended = self.begun.lock().ok().and_then(|mut begun| {
+            let last = begun.last().map(|(last, _)| *last);
+            if last == Some(stage) {
+                return None;
+            }
+            begun.push((stage, Instant::now()));
+            last
+        });
+        if let Some(ended) = ended {
+            (self.listener)(ended, 1.0);
+        }
+        (self.listener)(stage, fraction);
+    }
+
+    /// Seconds of each stage up to now, in the order in which they began; together they are the
+    /// time since [`Self::new`].
+    pub fn seconds(&self) -> Vec<(&'static str, f64)> {
+        let end = Instant::now();
+        let begun = self.begun.lock().map(|begun| begun.clone()).unwrap_or_default();
+        let ends = begun.iter().skip(1).map(|(_, begin)| *begin).chain([end]);
+        let mut seconds: Vec<(&'static str, f64)> = Vec::new();
+        for ((stage, begin), end) in begun.iter().zip(ends) {
+            let took = (end - *begin).as_secs_f64();
+            match seconds.iter_mut().find(|(known, _)| known == stage) {
+                Some((_, sum)) => *sum += took,
+                None => seconds.push((stage, took)),
+            }
+        }
+        seconds
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_stage_ends_where_the_next_begins() {
+        let start = Instant::now();
+        let heard = Mutex::new(Vec::new());
+        let listener = |stage: &'static str, x: f64| heard.lock().unwrap().push((stage, x));
+        let journal = Journal::new("reading", &listener);
+        journal.at("light", 0.0);
+        journal.at("light", 0.5);
+        journal.at("reading", 0.2);
+        let seconds = journal.seconds();
+        assert_eq!(seconds.iter().map(|s| s.0).collect::<Vec<_>>(), ["reading", "light"]);
+        let total: f64 = seconds.iter().map(|s| s.1).sum();
+        assert!(total > 0.0 && total <= start.elapsed().as_secs_f64());
+        let want = [("reading", 1.0), ("light", 0.0), ("light", 0.5), ("light", 1.0), ("reading", 0.2)];
+        assert_eq!(*heard.lock().unwrap(), want);
+    }
+}

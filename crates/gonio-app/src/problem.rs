@@ -1,0 +1,116 @@
+//! What goes wrong, and what goes well enough but not quite: in words, with the remedies that a
+//! front end words itself.
+
+use std::fmt::{self, Display};
+use std::io::ErrorKind;
+
+use gonio::remedy::Remedy;
+use gonio::scene::SceneError;
+
+/// How a front end words a remedy: a phrase that completes "give ... " or "or ..."; `None` for what
+/// it does not offer.
+pub type Words<'a> = &'a dyn Fn(&Remedy) -> Option<String>;
+
+/// Why something was not done: which input, and what is wrong with it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    text: String,
+    remedies: Vec<Remedy>,
+    io: Option<ErrorKind>,
+}
+
+impl Problem {
+    /// A problem in these words.
+    pub fn new(text: impl Into<String>) -> Self {
+        Self { text: text.into(), remedies: Vec::new(), io: None }
+    }
+
+    /// A fault in something that has a name.
+    pub fn of(name: impl Display, error: impl Display) -> Self {
+        Self::new(format!("{name}: {error}"))
+    }
+
+    /// A photograph, shape or mask that gives no observations, with its remedies.
+    pub fn of_scene(name: impl Display, error: &SceneError) -> Self {
+        Self { remedies: error.remedies(), ..Self::of(name, error) }
+    }
+
+    /// With a remedy more.
+    #[must_use]
+    pub fn with(mut self, remedy: Remedy) -> Self {
+        self.remedies.push(remedy);
+        self
+    }
+
+    /// What the operating system said, if it was asked.
+    pub fn io_kind(&self) -> Option<ErrorKind> {
+        self.io
+    }
+
+    /// The problem in one line, with its remedies in the words of a front end.
+    pub fn worded(&self, words: Words<'_>) -> String {
+        worded(&self.text, &self.remedies, words)
+    }
+}
+
+/// The problem alone.
+impl Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+impl std::error::Error for Problem {}
+
+impl From<gonio_io::Error> for Problem {
+    fn from(error: gonio_io::Error) -> Self {
+        Self { text: error.to_string(), remedies: error.remedy().cloned().into_iter().collect(), io: error.io_kind() }
+    }
+}
+
+/// Something that went well enough, but not quite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Warning {
+    text: String,
+    remedies: Vec<Remedy>,
+}
+
+impl Warning {
+    /// A warning with what may be done about it.
+    pub fn new(text: impl Into<String>, remedies: Vec<Remedy>) -> Self {
+        Self { text: text.into(), remedies }
+    }
+
+    /// The warning in one line, with its remedies in the words of a front end.
+    pub fn worded(&self, words: Words<'_>) -> String {
+        worded(&self.text, &self.remedies, words)
+    }
+}
+
+impl From<String> for Warning {
+    fn from(text: String) -> Self {
+        Self { text, remedies: Vec::new() }
+    }
+}
+
+fn worded(text: &str, remedies: &[Remedy], words: Words<'_>) -> String {
+    let offered: Vec<String> = remedies.iter().filter_map(words).collect();
+    if offered.is_empty() { text.to_owned() } else { format!("{text}; {}", offered.join(", or ")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn remedies_are_worded_by_the_front_end() {
+        let problem = Problem::of_scene("ball.exr", &SceneError::NoOutline);
+        assert!(problem.to_string().starts_with("ball.exr: no alpha channel"));
+        assert_eq!(problem.worded(&|_| None), problem.to_string());
+        let words = |remedy: &Remedy| (*remedy != Remedy::Camera).then(|| format!("give {remedy:?}"));
+        assert!(problem.worded(&words).ends_with("; give Mask, or give Outline"), "{}", problem.worded(&words));
+        let warning = Warning::new("odd", vec![Remedy::Linear]);
+        assert_eq!(warning.worded(&words), "odd; give Linear");
+        assert_eq!(Warning::from("odd".to_owned()).worded(&words), "odd");
+    }
+}

@@ -1,0 +1,94 @@
+//! The folder of results.
+
+use glam::Vec3;
+use gonio::picture::Plane;
+use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
+use gonio_io::picture::{encode_exr, encode_png};
+use gonio_io::{merl, npy};
+use gonio_report::panels::used::with_legend;
+use gonio_report::{summary, uncertainty};
+
+use crate::{Answer, Problem};
+
+/// The BRDF, in the format of the MERL database.
+pub const BRDF: &str = "brdf.binary";
+/// Quantiles of its luminance, `[quantile][theta_h][theta_d]`.
+pub const QUANTILES: &str = "brdf_quantiles.npy";
+/// The light, as a lat-long map.
+pub const LIGHT: &str = "light.exr";
+/// All numbers by name.
+pub const RESULT: &str = "result.json";
+/// The page.
+pub const REPORT: &str = "report.html";
+/// Pictures that a folder holds as `NAME.png`.
+pub const PICTURES: [&str; 4] = ["relit", "used", "summary", "uncertainty"];
+/// Rows of [`LIGHT`].
+pub const LIGHT_ROWS: usize = 128;
+
+/// What a folder of results holds. A part that a method does not tell is missing.
+pub struct Files {
+    /// The BRDF in colour, 1/sr.
+    pub tables: [BivariateTable; 3],
+    /// Quantiles of its luminance, and how many there are.
+    pub quantiles: Option<(usize, Vec<f32>)>,
+    /// The light, lat-long.
+    pub light: Option<Plane<Vec3>>,
+    /// Pictures by their names in [`PICTURES`], as PNG.
+    pub pictures: Vec<(&'static str, Vec<u8>)>,
+    /// `result.json`.
+    pub notes: String,
+    /// `report.html`.
+    pub page: Option<String>,
+}
+
+impl Files {
+    /// Their names and contents.
+    pub fn encode(self) -> Vec<(String, Vec<u8>)> {
+        let Self { tables, quantiles, light, pictures, notes, page } = self;
+        let mut files = vec![(BRDF.to_owned(), merl::encode(&MerlTable::from_bivariate(tables.each_ref())))];
+        files.extend(quantiles.map(|(count, values)| {
+            let array = npy::Array { shape: vec![count, THETA_H, THETA_D], values };
+            (QUANTILES.to_owned(), npy::encode(&array))
+        }));
+        files.extend(light.map(|light| (LIGHT.to_owned(), encode_exr(&light, None))));
+        files.extend(pictures.into_iter().map(|(name, png)| (format!("{name}.png"), png)));
+        files.extend(page.map(|page| (REPORT.to_owned(), page.into_bytes())));
+        files.push((RESULT.to_owned(), notes.into_bytes()));
+        files
+    }
+}
+
+impl Answer {
+    /// The pictures of [`PICTURES`] that there are, as linear display values.
+    pub fn pictures(&self) -> Vec<(&'static str, Plane<Vec3>)> {
+        let subject = self.subject();
+        let mut pictures = Vec::new();
+        if let Some(panels) = &self.panels {
+            pictures.extend(panels.spheres.first().map(|(_, sphere)| (PICTURES[0], sphere.clone())));
+            if let (Some(used), Some(fates)) = (&panels.used, &self.seen.sighting.observations.fates) {
+                pictures.push((PICTURES[1], with_legend(used, fates)));
+            }
+            pictures.push((PICTURES[2], summary::compose(&subject, panels, &self.caption)));
+            pictures.extend(self.material.as_ref().map(|material| (PICTURES[3], uncertainty::draw(material))));
+        }
+        pictures
+    }
+
+    /// What the folder of results holds.
+    ///
+    /// # Errors
+    /// If the numbers cannot be written as JSON.
+    pub fn files(&self) -> Result<Files, Problem> {
+        let notes = serde_json::to_string_pretty(&self.notes)
+            .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
+        let estimated = self.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
+        Ok(Files {
+            tables: self.colouring.colours().tables(&self.table),
+            quantiles: self.material.as_ref().map(|m| (m.quantiles.len(), m.quantiles.concat())),
+            light: estimated.or_else(|| self.known_light.as_ref().map(|known| known.radiance().clone())),
+            pictures: self.pictures().iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
+            notes,
+            page: self.page.clone(),
+        })
+    }
+}

@@ -1,0 +1,144 @@
+//! A photograph of an object: read, the object found, the picture sampled on it.
+
+use gonio::picture::{Picture, Plane};
+use gonio::scene::{ObservationSettings, Oddity, SceneError, Sighting};
+use gonio::shape::Visibility;
+use gonio::sphere::OctahedralMap;
+use serde_json::{Value, json};
+
+use crate::{Journal, Photograph, Problem, Reading, Shape, Shots, Source, Warning, notes};
+
+/// A photograph and what is known of its object.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// How messages call the photograph.
+    pub name: String,
+    /// Where it comes from.
+    pub shots: Shots,
+    /// How its files are read.
+    pub reading: Reading,
+    /// Radiance at which the camera clips, if it is not to be found.
+    pub clip: Option<f32>,
+    /// Where the object is.
+    pub mask: Option<Source<Plane<f32>>>,
+    /// Observe regions of another colour, too.
+    pub keep_colours: bool,
+    /// The shape.
+    pub shape: Shape,
+}
+
+/// A scene that was looked at.
+pub struct Seen {
+    /// The photograph.
+    pub picture: Picture,
+    /// The object and the observations on it.
+    pub sighting: Sighting,
+    /// The section `observations` of the result.
+    pub notes: Value,
+    /// The section `bracket` of the result.
+    pub bracket: Option<Value>,
+}
+
+impl Scene {
+    /// Reads what is in files, finds the object and samples the picture on it. With a map and a
+    /// number of texels a side, self-shadowing is found on that grid. Tells of the stages `reading`
+    /// and `shadows`.
+    ///
+    /// # Errors
+    /// If a file cannot be read, the object cannot be found, or there is too little to observe;
+    /// the input at fault is named.
+    pub fn look(
+        self,
+        known: &ObservationSettings,
+        shadows: Option<(OctahedralMap, usize)>,
+        warnings: &mut Vec<Warning>,
+        journal: &Journal<'_>,
+    ) -> Result<Seen, Problem> {
+        journal.at("reading", 0.0);
+        let Photograph { picture, clip, notes: bracket } = self.shots.read(&self.reading, self.clip, warnings)?;
+        let size = picture.rgb.size();
+        let names = Names::of(&self.name, self.mask.as_ref(), &self.shape);
+        let mask = match self.mask {
+            Some(Source::File(path)) => Some(gonio_io::picture::read_mask(&path)?),
+            Some(Source::Here(mask)) => Some(mask),
+            None => None,
+        };
+        if let (Some(mask), Some(name)) = (&mask, &names.mask)
+            && mask.size() != size
+        {
+            let ((w, h), (pw, ph)) = (mask.size(), size);
+            let problem = format!("the mask is {w}x{h}, the photograph {pw}x{ph}; give one of the same size");
+            return Err(if name == UNNAMED_MASK { Problem::new(problem) } else { Problem::of(name, problem) });
+        }
+        journal.at("reading", 0.5);
+        let (object, own_notes) = self.shape.object(&self.name, size, warnings)?;
+        let settings = ObservationSettings { clip, keep_colours: self.keep_colours, ..*known };
+        let mut sighting = Sighting::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
+        warnings.extend(sighting.oddities.iter().map(|odd| names.warn(odd)));
+        if let Some(grid) = shadows.filter(|_| sighting.placed.is_some()) {
+            journal.at("shadows", 0.0);
+            sighting.shadow(grid, &|x| journal.at("shadows", x)).map_err(|error| names.blame(&error))?;
+        }
+        let mut notes = notes::sighting(&sighting);
+        if sighting.placed.is_some() && shadows.is_some() {
+            let visibility = sighting.observations.visibility.as_ref();
+            notes["visibility"] = json!({ "hidden": visibility.is_some(), "bytes": visibility.map(Visibility::bytes) });
+        }
+        if let Some(shape) = notes.get_mut("shape") {
+            notes::extend(shape, own_notes);
+        }
+        Ok(Seen { picture, sighting, notes, bracket })
+    }
+}
+
+/// How messages call a mask without a file.
+const UNNAMED_MASK: &str = "the mask";
+
+/// How messages call the inputs of a scene.
+struct Names {
+    image: String,
+    mask: Option<String>,
+    shape: Option<String>,
+    /// The picture of depths or positions.
+    places: Option<String>,
+    /// The photograph with all that the shape comes from.
+    whole: String,
+}
+
+impl Names {
+    fn of(image: &str, mask: Option<&Source<Plane<f32>>>, shape: &Shape) -> Self {
+        let (mask, places) = (mask.map(|mask| mask.name(UNNAMED_MASK)), shape.places());
+        let by_normals = matches!(shape.form, crate::Form::Normals(_));
+        let shape = shape.name();
+        let whole = match (&shape, &mask) {
+            (Some(shape), Some(mask)) if by_normals => format!("{image} with {shape} and {mask}"),
+            (Some(shape), _) => format!("{image} with {shape}"),
+            (None, _) => image.to_owned(),
+        };
+        Self { image: image.to_owned(), mask, shape, places, whole }
+    }
+
+    /// The problem, with the input at fault.
+    fn blame(&self, error: &SceneError) -> Problem {
+        let origin = match error {
+            // A fault of an outline is one of whatever it was found in.
+            error if error.is_of_outline() => self.mask.as_ref().unwrap_or(&self.image),
+            SceneError::Contradiction(_) => self.shape.as_ref().unwrap_or(&self.image),
+            SceneError::Relief(_) => self.places.as_ref().unwrap_or(&self.image),
+            _ => &self.whole,
+        };
+        Problem::of_scene(origin, error)
+    }
+
+    fn warn(&self, odd: &Oddity) -> Warning {
+        let text = match odd {
+            Oddity::Depth(_) => odd.to_string(),
+            Oddity::Clipped { .. } | Oddity::Faulty { .. } | Oddity::OtherColour { .. } => {
+                format!("{}: {odd}", self.image)
+            }
+            Oddity::Contradiction(_) => format!("{}: {odd}", self.shape.as_ref().unwrap_or(&self.image)),
+            Oddity::Misplaced { .. } | Oddity::Inside { .. } => format!("{}: {odd}", self.whole),
+        };
+        Warning::new(text, odd.remedies())
+    }
+}

@@ -1,0 +1,147 @@
+//! What is asked for.
+
+use std::path::PathBuf;
+
+use gonio::colour::{Chroma, white_chroma};
+use gonio::estimate::{ColouringRule, EstimateSettings};
+use gonio::inference::Solver;
+use gonio::lighting::EnvironmentMap;
+use gonio::model::Model;
+use gonio::remedy::Remedy;
+use gonio::sphere::OctahedralMap;
+
+use crate::{Problem, Words};
+
+/// How an answer is found and what is made of it.
+pub struct Settings<'a> {
+    /// How the material is found.
+    pub method: Method,
+    /// Texels along a side of the light's grid.
+    pub side: usize,
+    /// Whether the light that an object keeps from itself is left out.
+    pub shadows: bool,
+    /// Where the colours come from.
+    pub colours: Colours,
+    /// Whether integer values were taken for linear radiance; for the result alone.
+    pub linear: bool,
+    /// Whether pictures are drawn.
+    pub pictures: bool,
+    /// Whether the page is made; it needs the pictures.
+    pub report: bool,
+    /// How the front end words remedies.
+    pub words: Words<'a>,
+}
+
+/// Ways to find a material.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Method {
+    /// The learnt posterior of materials, then the light given its mean.
+    Learnt,
+    /// The separable posterior of light and reflectance: Algorithm 1 of the paper.
+    Variational(Search),
+    /// The joint maximum of light and reflectance.
+    JointMaximum(Search),
+    /// Coefficients in the basis under the light of a lat-long map.
+    KnownLight(Search, PathBuf),
+}
+
+/// How coefficients of reflectance are searched for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Search {
+    /// Solver of the separable posterior.
+    pub solver: Solver,
+    /// Random starts, at least one.
+    pub starts: usize,
+    /// Their seed.
+    pub seed: u64,
+    /// The paper's own version: its map of light, its normals, its starts, Algorithm 1 as printed.
+    pub paper: bool,
+    /// Run on all observations instead of their projection.
+    pub full_rows: bool,
+}
+
+impl Method {
+    /// Its name in results.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Learnt => "learnt",
+            Self::Variational(_) => "variational",
+            Self::JointMaximum(_) => "map",
+            Self::KnownLight(..) => "known-light",
+        }
+    }
+
+    /// How it searches, if it does.
+    pub(crate) fn search(&self) -> Option<&Search> {
+        match self {
+            Self::Learnt => None,
+            Self::Variational(search) | Self::JointMaximum(search) | Self::KnownLight(search, _) => Some(search),
+        }
+    }
+
+    /// The file of the known light.
+    pub(crate) fn light(&self) -> Option<String> {
+        match self {
+            Self::KnownLight(_, path) => Some(path.display().to_string()),
+            _ => None,
+        }
+    }
+}
+
+/// Where the colours of a BRDF come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Colours {
+    /// A colour of the body and one of the highlight; the light's is as captured lights have it.
+    #[default]
+    Estimate,
+    /// The same with the light's colour known: that of a white matte ball.
+    Under(Chroma),
+    /// The median colour of the photograph for all: how the paper displays its results.
+    Median,
+    /// Three equal channels.
+    Grey,
+}
+
+/// What is taken for the light's colour where nothing is known of it.
+pub const AS_CAPTURED: &str = "the light has a colour as captured lights have, around white";
+
+impl Colours {
+    /// The rule, and in words what is taken for the light's colour.
+    pub fn rule(self, known: Option<&EnvironmentMap>) -> (ColouringRule, &'static str) {
+        let (light, assumption) = match (self, known) {
+            (Self::Grey, _) => return (ColouringRule::Grey, ""),
+            (Self::Median, _) => return (ColouringRule::Median, ""),
+            (Self::Under(light), _) => (Some(light), "the light has the colour that was given"),
+            (Self::Estimate, Some(map)) => {
+                let grid = map.to_grid(OctahedralMap::EqualArea, 32);
+                (Some(white_chroma(&grid, glam::DQuat::IDENTITY)), "the light has the mean colour of the map given")
+            }
+            (Self::Estimate, None) => (None, AS_CAPTURED),
+        };
+        (ColouringRule::Estimate { light }, assumption)
+    }
+}
+
+impl Settings<'_> {
+    /// Whether a model can serve them. `name` is how messages call the model.
+    ///
+    /// # Errors
+    /// If the model lacks what the method needs, or its prior does not cover the grid.
+    pub(crate) fn check(&self, model: &Model, name: &str) -> Result<(), Problem> {
+        let blind = !matches!(self.method, Method::KnownLight(..));
+        let covered = if blind { 1 << model.light.scales } else { 512 };
+        if !self.side.is_power_of_two() || !(4..=covered).contains(&self.side) {
+            let of_model = if blind { ", which the model's prior of light covers" } else { "" };
+            return Err(Problem::new(format!("grid {}: give a power of two from 4 to {covered}{of_model}", self.side)));
+        }
+        if self.method == Method::Learnt && model.learnt.is_none() {
+            return Err(Problem::of(name, "has no posterior of materials").with(Remedy::LearnPosterior));
+        }
+        Ok(())
+    }
+
+    /// How [`estimate`](gonio::estimate::estimate) is asked.
+    pub(crate) fn estimate(&self, colouring: ColouringRule) -> EstimateSettings {
+        EstimateSettings { side: self.side, colouring, ..EstimateSettings::default() }
+    }
+}

@@ -1,0 +1,243 @@
+//! The shape of an object and the camera before it, from files or memory.
+
+use std::path::{Path, PathBuf};
+
+use glam::Vec3;
+use gonio::picture::Plane;
+use gonio::remedy::Remedy;
+use gonio::scene::{Circle, Correction, NormalPicture, Object, Relief};
+use gonio::shape::{Camera, DepthKind, Mesh, MeshParts, Placed, PlacedError, Projection, positions_of_depth};
+use gonio_io::camera::{decode_camera, decode_pose, read_camera, read_pose};
+use gonio_io::geometry::{DepthOptions, read_depth, read_positions};
+use serde_json::{Value, json};
+
+use crate::{Problem, Warning, notes};
+
+/// A value, or the file that holds it.
+#[derive(Clone, Debug)]
+pub enum Source<T> {
+    /// In memory.
+    Here(T),
+    /// In a file.
+    File(PathBuf),
+}
+
+impl<T> Source<T> {
+    /// How messages call it: its file, or `unnamed`.
+    pub fn name(&self, unnamed: &str) -> String {
+        match self {
+            Self::Here(_) => unnamed.to_owned(),
+            Self::File(path) => path.display().to_string(),
+        }
+    }
+}
+
+/// What is known of an object's shape.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    /// Its form.
+    pub form: Form,
+    /// The camera: JSON (docs/camera.md). Without one it is orthographic.
+    pub camera: Option<Source<Vec<u8>>>,
+    /// Where a mesh is in the world: JSON (docs/camera.md).
+    pub pose: Option<Source<Vec<u8>>>,
+}
+
+/// The form of an object.
+#[derive(Clone, Debug)]
+pub enum Form {
+    /// A ball, of this outline if it is not to be found.
+    Sphere(Option<Circle>),
+    /// An ellipsoid, with its semi-axis towards the camera in pixels if that is known.
+    Ellipsoid(Option<f64>),
+    /// A triangle mesh; a file may be the name of one of our own.
+    Mesh(Source<MeshParts>),
+    /// Any shape by a picture of its normals.
+    Normals(Box<Normals>),
+}
+
+/// A picture of normals, and how it is meant.
+#[derive(Clone, Debug)]
+pub struct Normals {
+    /// The picture.
+    pub picture: Source<Plane<Vec3>>,
+    /// What brings its channels into order.
+    pub correction: Correction,
+    /// Take them as they are even if they contradict themselves.
+    pub trusted: bool,
+    /// Where the surface is, to know which light it keeps from itself.
+    pub places: Option<Places>,
+}
+
+/// A picture of where a surface is.
+#[derive(Clone, Debug)]
+pub enum Places {
+    /// Depths: their file, what the codes 0 and 1 stand for, and whether they are measured along
+    /// the rays.
+    Depth(PathBuf, Option<(f64, f64)>, DepthKind),
+    /// Positions in coordinates of the camera.
+    Positions(PathBuf),
+}
+
+impl Shape {
+    /// A shape before the default camera.
+    pub fn of(form: Form) -> Self {
+        Self { form, camera: None, pose: None }
+    }
+
+    /// How messages call it; `None` for what has no name of its own.
+    pub fn name(&self) -> Option<String> {
+        match &self.form {
+            Form::Mesh(mesh) => Some(mesh.name("the mesh")),
+            Form::Normals(normals) => Some(normals.picture.name("the normals")),
+            Form::Sphere(_) | Form::Ellipsoid(_) => None,
+        }
+    }
+
+    /// The file of the picture of places.
+    pub(crate) fn places(&self) -> Option<String> {
+        match &self.form {
+            Form::Normals(normals) => normals.places.as_ref().map(|places| match places {
+                Places::Depth(path, ..) | Places::Positions(path) => path.display().to_string(),
+            }),
+            _ => None,
+        }
+    }
+
+    fn camera(&self, size: (usize, usize)) -> Result<Option<Camera>, Problem> {
+        Ok(match &self.camera {
+            None => None,
+            Some(Source::File(path)) => Some(read_camera(path, size)?),
+            Some(Source::Here(json)) => Some(decode_camera(Path::new("the camera"), json, size)?),
+        })
+    }
+
+    /// What is looked for in a picture of `size`, with what the result says of it. `image` is how
+    /// messages call the picture.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or form and camera do not go together.
+    pub fn object(
+        self,
+        image: &str,
+        size: (usize, usize),
+        warnings: &mut Vec<Warning>,
+    ) -> Result<(Object, Value), Problem> {
+        let camera = self.camera(size)?;
+        let object = match (self.form, camera) {
+            (Form::Sphere(circle), None) => Object::Sphere(circle),
+            (Form::Sphere(None), Some(camera)) => Object::Ball(camera),
+            (Form::Sphere(Some(_)), Some(_)) => {
+                return Err(Problem::new("circle and camera do not go together: before a camera the ball is found"));
+            }
+            (Form::Ellipsoid(depth), None) => Object::Ellipsoid(depth),
+            (Form::Ellipsoid(_), Some(_)) => {
+                let problem = "an ellipsoid and a camera do not go together: an ellipsoid is fitted under an \
+                               orthographic camera; give a mesh";
+                return Err(Problem::new(problem));
+            }
+            (Form::Normals(normals), camera) => return normals.object(image, camera, size),
+            (Form::Mesh(mesh), camera) => {
+                let (placed, notes) = place(mesh, self.pose.as_ref(), camera, size, warnings)?;
+                return Ok((Object::Surface(placed), notes));
+            }
+        };
+        Ok((object, Value::Null))
+    }
+
+    /// The surface of a mesh before its camera, for pictures of `size`; `None` for a sphere seen
+    /// from far away.
+    ///
+    /// # Errors
+    /// As [`Self::object`], and for other forms.
+    pub fn surface(self, size: (usize, usize), warnings: &mut Vec<Warning>) -> Result<Option<Placed>, Problem> {
+        match self.object("the picture", size, warnings)?.0 {
+            Object::Surface(placed) => Ok(Some(placed)),
+            Object::Sphere(None) => Ok(None),
+            _ => Err(Problem::new("only a mesh, or a sphere seen from far away, can be rendered")),
+        }
+    }
+}
+
+impl Normals {
+    fn object(self, image: &str, camera: Option<Camera>, size: (usize, usize)) -> Result<(Object, Value), Problem> {
+        let normals = match self.picture {
+            Source::Here(normals) => normals,
+            Source::File(path) => gonio_io::normals::read_normals(&path)?,
+        };
+        let normals = if self.correction.is_none() { normals } else { self.correction.apply_to(&normals) };
+        let (relief, notes) = match self.places {
+            None => (None, Value::Null),
+            Some(places) => {
+                let (relief, path) = places.read(image, camera, size)?;
+                (Some(relief), json!({ "geometry": path.display().to_string() }))
+            }
+        };
+        let picture = NormalPicture { normals, camera, relief, trusted: self.trusted };
+        Ok((Object::Normals(Box::new(picture)), notes))
+    }
+}
+
+impl Places {
+    fn read(self, image: &str, camera: Option<Camera>, size: (usize, usize)) -> Result<(Relief, PathBuf), Problem> {
+        let (places, path, camera) = match self {
+            Self::Depth(path, range, kind) => {
+                let depth = read_depth(&path, &DepthOptions { range, ..DepthOptions::default() })?;
+                // Without a camera depths are in pixels.
+                let unit = || Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size);
+                let camera = camera.map_or_else(unit, Ok).map_err(|error| Problem::of(image, error))?;
+                let places =
+                    positions_of_depth(&depth, &camera, kind).map_err(|error| Problem::of(path.display(), error))?;
+                (places, path, camera)
+            }
+            Self::Positions(path) => {
+                let Some(camera) = camera else {
+                    return Err(
+                        Problem::of(path.display(), "positions need the camera that saw them").with(Remedy::Camera)
+                    );
+                };
+                (read_positions(&path)?, path, camera)
+            }
+        };
+        if places.size() != size {
+            let ((w, h), (pw, ph)) = (places.size(), size);
+            let name = path.display();
+            return Err(Problem::new(format!("{name} is {w}x{h} and {image} {pw}x{ph}: make both of one size")));
+        }
+        Ok((Relief { places, camera }, path))
+    }
+}
+
+/// A mesh before its camera, with what the result says of it.
+fn place(
+    source: Source<MeshParts>,
+    pose: Option<&Source<Vec<u8>>>,
+    camera: Option<Camera>,
+    size: (usize, usize),
+    warnings: &mut Vec<Warning>,
+) -> Result<(Placed, Value), Problem> {
+    let name = source.name("the mesh");
+    let (mesh, soundness) = match source {
+        Source::Here(parts) => Mesh::new(parts).map_err(|error| Problem::of(&name, error))?,
+        Source::File(path) => gonio_io::mesh::read_shape(&path)?,
+    };
+    // A complaint about what has no file names it already.
+    let complaint = |odd: String| if odd.starts_with(&name) { odd } else { format!("{name}: {odd}") };
+    warnings.extend(soundness.complaint().map(complaint).map(Warning::from));
+    let mesh = match pose {
+        None => mesh,
+        Some(pose) => {
+            let by = match pose {
+                Source::File(path) => read_pose(path)?,
+                Source::Here(json) => decode_pose(Path::new("the pose"), json)?,
+            };
+            mesh.transformed(&by).map_err(|error| Problem::of(pose.name("the pose"), error))?
+        }
+    };
+    let placed = Placed::of_mesh(&mesh, camera, size).map_err(|error| {
+        let problem = Problem::of(&name, &error);
+        if error == PlacedError::Unseen { problem.with(Remedy::Pose).with(Remedy::Camera) } else { problem }
+    })?;
+    let notes = notes::mesh(&name, &soundness, &placed.camera);
+    Ok((placed, notes))
+}

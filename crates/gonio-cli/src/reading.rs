@@ -1,0 +1,75 @@
+//! How the files of a photograph are read, as the options say it.
+
+use std::path::PathBuf;
+
+use gonio_app::{Curve, Reading};
+
+/// Options of reading a photograph.
+#[derive(clap::Args)]
+pub(crate) struct ReadingOptions {
+    /// Values of an integer picture are linear radiance, not sRGB-coded; the same as --response
+    /// linear for exposures
+    #[arg(long, conflicts_with = "response")]
+    pub(crate) linear: bool,
+    /// Exposure times of the files in seconds, in place of those of their EXIF data
+    #[arg(long, value_name = "1/30,1/8,0.5,...", value_parser = parse_times)]
+    times: Option<Times>,
+    /// The camera's curve: srgb, linear, or a file as --save-response writes; without it, it is
+    /// recovered from the exposures
+    #[arg(long, value_name = "FILE|srgb|linear")]
+    response: Option<String>,
+    /// Black level of linear integer files, in their codes (0 to 255 or 65535)
+    #[arg(long, value_name = "CODE")]
+    black_level: Option<f64>,
+    /// Picture of an evenly lit surface by the same lens, to divide by: takes vignetting away
+    #[arg(long, value_name = "FILE")]
+    flat: Option<PathBuf>,
+    /// Layer of an OpenEXR file that holds several
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+}
+
+/// Exposure times in seconds.
+#[derive(Clone, Debug)]
+struct Times(Vec<f64>);
+
+fn parse_times(text: &str) -> Result<Times, String> {
+    let one = |word: &str| -> Option<f64> {
+        let (a, b) = word.split_once('/').unwrap_or((word, "1"));
+        let time = a.trim().parse::<f64>().ok()? / b.trim().parse::<f64>().ok()?;
+        (time.is_finite() && time > 0.0).then_some(time)
+    };
+    let times: Option<Vec<f64>> = text.split(',').map(one).collect();
+    times.map(Times).ok_or_else(|| "give positive times in seconds with commas between, like 1/30,1/8,0.5".into())
+}
+
+impl ReadingOptions {
+    /// What they ask for.
+    pub(crate) fn reading(&self) -> Reading {
+        Reading {
+            linear: self.linear,
+            times: self.times.as_ref().map(|times| times.0.clone()),
+            response: self.response.as_deref().map(|name| match name {
+                "srgb" => Curve::Srgb,
+                "linear" => Curve::Linear,
+                path => Curve::File(path.into()),
+            }),
+            black_level: self.black_level,
+            flat: self.flat.clone(),
+            layer: self.layer.clone(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_fractions_or_numbers() {
+        assert_eq!(parse_times("1/4, 0.5,2").unwrap().0, [0.25, 0.5, 2.0]);
+        for bad in ["", "1/0", "0", "-1", "1,,2", "a", "1/2/3", "nan", "inf"] {
+            assert!(parse_times(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! Remedies in the words of the program: its options.
+
+use gonio::remedy::Remedy;
+use gonio::scene::Correction;
+use gonio_app::{Problem, Warning};
+
+/// What the user can do.
+pub(crate) fn words(remedy: &Remedy) -> Option<String> {
+    let words = match remedy {
+        Remedy::Outline => "give the outline of the ball with --circle X,Y,RADIUS",
+        Remedy::Ellipsoid => "say --shape ellipsoid if it is one",
+        Remedy::DepthAxis => "give it with --depth-axis PIXELS if you know it",
+        Remedy::Camera => "give the camera with --camera FILE.json",
+        Remedy::Pose => "check --pose FILE.json",
+        Remedy::Mask => "give a mask with --mask FILE",
+        Remedy::Mesh => "give the shape with --mesh FILE",
+        Remedy::Normals => "give the shape with --normals FILE",
+        Remedy::NormalAxes(corrections) => return axes(corrections),
+        Remedy::TrustNormals => "take them as they are with --trust-normals",
+        Remedy::KeepColours => "use them with --keep-colors",
+        Remedy::Linear => "pass --linear if its values are linear radiance",
+        Remedy::Layer => "take another with --layer NAME",
+        Remedy::DepthRange => "give the range with --depth-range NEAR,FAR",
+        Remedy::Times => "give them with --times",
+        Remedy::LearnPosterior => {
+            "learn one with `gonio train posterior` and join it with `gonio train model --posterior`, or choose another --method"
+        }
+        _ => return None,
+    };
+    Some(words.to_owned())
+}
+
+/// The options of each correction, the most probable first.
+fn axes(corrections: &[Correction]) -> Option<String> {
+    let options = |correction: &Correction| {
+        let order = correction.reordered().map(|order| format!("--normals-order {order}"));
+        let flips = correction.flips().into_iter().map(|axis| format!("--normals-flip-{axis}"));
+        order.into_iter().chain(flips).collect::<Vec<_>>().join(" ")
+    };
+    let (first, others) = corrections.split_first()?;
+    let others: Vec<String> = others.iter().map(options).collect();
+    let others = if others.is_empty() { String::new() } else { format!(" (or {})", others.join(", or ")) };
+    Some(format!("give {}{others}", options(first)))
+}
+
+/// Warnings in the words of the program.
+pub(crate) fn worded(warnings: &[Warning]) -> Vec<String> {
+    warnings.iter().map(|warning| warning.worded(&words)).collect()
+}
+
+/// A problem in the words of the program.
+pub(crate) fn plain(problem: Problem) -> anyhow::Error {
+    anyhow::Error::msg(problem.worded(&words))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corrections_are_options() {
+        let flip = Correction { flip_y: true, ..Correction::default() };
+        let swap = Correction { order: [1, 0, 2], ..flip };
+        let worded = words(&Remedy::NormalAxes(vec![flip, swap])).unwrap();
+        assert_eq!(worded, "give --normals-flip-y (or --normals-order yxz --normals-flip-y)");
+        assert_eq!(words(&Remedy::NormalAxes(Vec::new())), None);
+    }
+}

@@ -1,0 +1,28 @@
+//! What is in a folder.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::Error;
+
+/// The files of a folder with one of some extensions (in lower case), sorted by name.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub fn files(dir: impl AsRef<Path>, extensions: &[&str]) -> Result<Vec<PathBuf>, Error> {
+    let dir = dir.as_ref();
+    let failed = |e| Error::io(dir, "list this folder", e);
+    let mut found = Vec::new();
+    for entry in fs::read_dir(dir).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if has_extension(&path, extensions) && path.is_file() {
+            found.push(path);
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension().is_some_and(|e| extensions.contains(&e.to_string_lossy().to_ascii_lowercase().as_str()))
+}

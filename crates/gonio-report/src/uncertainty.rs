@@ -3,7 +3,7 @@
 use glam::Vec3;
 use gonio::estimate::Material;
 use gonio::picture::{Plane, srgb_decode};
-use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted};
+use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, trusted_cells};
 
 use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
 
@@ -46,9 +46,9 @@ pub fn draw(material: &Material) -> Plane<Vec3> {
 pub fn mean(table: &BivariateTable) -> Plane<Vec3> {
     let value = |c: usize| f64::from(table.as_slice()[c].max(1e-9));
     let (low, high) =
-        trusted().fold((f64::INFINITY, 0.0_f64), |(low, high), c| (low.min(value(c)), high.max(value(c))));
+        trusted_cells().fold((f64::INFINITY, 0.0_f64), |(low, high), c| (low.min(value(c)), high.max(value(c))));
     let scale = Scale { low, high: high.max(2.0 * low) };
-    map("BRDF (1/sr)", &scale, &value, &|c| !is_trusted(c / THETA_D, c % THETA_D))
+    map("BRDF (1/sr)", &scale, &value, &|c| !is_trusted(c))
 }
 
 /// The factor between the 5 and the 95 % quantile over the same, hatched where the photograph does
@@ -56,15 +56,10 @@ pub fn mean(table: &BivariateTable) -> Plane<Vec3> {
 pub fn width(material: &Material) -> Plane<Vec3> {
     let (lower, upper) = (&material.quantiles[0], &material.quantiles[material.quantiles.len() - 1]);
     let factor = |c: usize| f64::from(upper[c].max(1e-9)) / f64::from(lower[c].max(1e-9));
-    let scale = Scale { low: 1.0, high: trusted().map(factor).fold(4.0, f64::max) };
+    let scale = Scale { low: 1.0, high: trusted_cells().map(factor).fold(4.0, f64::max) };
     let mut out = map("width of the 90 % interval (factor)", &scale, &factor, &|c| material.undetermined[c]);
     text(&mut out, LEFT, TOP + MAP + 60, "hatched: left open, or beyond 80 degrees");
     out
-}
-
-/// The trusted cells.
-fn trusted() -> impl Iterator<Item = usize> {
-    (0..THETA_H * THETA_D).filter(|c| is_trusted(c / THETA_D, c % THETA_D))
 }
 
 /// A logarithmic scale.

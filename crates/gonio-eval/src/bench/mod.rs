@@ -23,6 +23,6 @@ pub(crate) use grid::Protocol;
 pub(crate) use merge::{MergeOptions, merge};
 pub(crate) use options::Options;
 pub(crate) use progress::Progress;
-pub(crate) use renders::{ACCURACY, add_noise};
+pub(crate) use renders::{ACCURACY, DRAFT, add_noise};
 pub(crate) use run::bench;
 pub(crate) use stage::Stage;

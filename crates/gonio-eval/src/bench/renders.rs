@@ -28,6 +28,9 @@ const VERSION: u32 = 1;
 /// (`gonio-eval quadrature`).
 pub(crate) const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.2, max_cells: 40_000 };
 
+/// Enough for photographs that are learnt from, and to compare settings by.
+pub(crate) const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
+
 /// The key of the render of a material (by the fingerprint of its table) in a light at points.
 pub(crate) fn render_key(material: &str, light: &str, points: &[SurfacePoint]) -> String {
     let mut hasher = blake3::Hasher::new();

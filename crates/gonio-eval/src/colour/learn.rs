@@ -5,12 +5,12 @@ use glam::{DQuat, Vec3};
 use gonio::colour::{ColourModel, Sample, TwoColours, white_chroma};
 use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::BivariateTable;
-use gonio::render::{IntegratorSettings, LightTree, Relighter};
+use gonio::render::{LightTree, Relighter};
 use gonio::sphere::OctahedralMap;
 use rayon::prelude::*;
 
 use super::{Bench, picture, trusted};
-use crate::bench::Progress;
+use crate::bench::{DRAFT, Progress};
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::median;
@@ -18,9 +18,6 @@ use crate::posteriors::ball;
 
 /// Quarters of the materials and of the lights that are left out together, in turn.
 const FOLDS: usize = 4;
-
-/// Enough for photographs that are only learnt from.
-const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
 
 /// Learns from one photograph of each training material in each training light, and prints what
 /// comes out. The luminance posterior is the one that there is, learnt from these materials and

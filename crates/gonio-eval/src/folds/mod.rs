@@ -15,7 +15,7 @@ use gonio::appearance::Lattice;
 use gonio::inference::learnt::{LearntPosterior, MaterialPosterior, peak_over_base};
 use gonio::lighting::LightPrior;
 use gonio::reflectance::{BivariateTable, DictionarySettings, Kind, Prior};
-use gonio::render::{IntegratorSettings, Relighter};
+use gonio::render::Relighter;
 use gonio::simulation::{Camera, LightKind, SceneRenderer, generator};
 use gonio_io::cache::Cache;
 use rand::SeedableRng;
@@ -23,6 +23,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
 use self::misfit::Left;
+use crate::bench::DRAFT;
 use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::{Gloss, brdf_error, coverage, median, relight};
@@ -37,9 +38,8 @@ const DRAWS: usize = 12;
 /// The intervals of one photograph in so many are looked at: they take longer than everything else.
 const WITH_INTERVALS: usize = 5;
 
-/// Lights that estimates are relit in, and how exactly.
+/// Lights that estimates are relit in.
 const RELIT: usize = 3;
-const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
 
 /// The photograph without any fault: a ball of 256 pixels.
 const CLEAN: Camera = Camera { radius: 128.0, ..Camera::CLEAN };
@@ -198,7 +198,7 @@ impl Test {
 
     fn run(&self, learnt: &LearntPosterior, lights: &Lights, unlit: &[&str], relit: &[&str]) -> Result<Vec<Outcome>> {
         let points = Lattice::new().points(DQuat::IDENTITY);
-        let other = |name: &&str| Ok(Relighter::new(&points, &self.tables, &lights.tree(name)?, &ACCURACY));
+        let other = |name: &&str| Ok(Relighter::new(&points, &self.tables, &lights.tree(name)?, &DRAFT));
         let others: Vec<Relighter> = relit.iter().map(other).collect::<Result<_>>()?;
         let mut outcomes = Vec::new();
         for (at, name) in unlit.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! Whether intervals hold what they should.
 
-use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
+use gonio::reflectance::{BivariateTable, trusted_cells};
 
 use super::scale_free::brdf_scale;
 
@@ -8,7 +8,7 @@ use super::scale_free::brdf_scale;
 /// the estimate.
 pub(crate) fn coverage(table: &BivariateTable, quantiles: &[Vec<f32>; 4], truth: &BivariateTable) -> [f64; 2] {
     let scale = 1.0 / brdf_scale(table, truth);
-    let cells: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
+    let cells: Vec<usize> = trusted_cells().collect();
     let inside = |low: usize, high: usize| {
         let hits = cells.iter().filter(|&&c| {
             let value = scale * f64::from(truth.as_slice()[c]);

@@ -1,6 +1,6 @@
 //! How glossy a BRDF is.
 
-use gonio::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
+use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of, trusted_cells};
 use serde::{Deserialize, Serialize};
 
 /// The highlight of a BRDF: how much it stands out and how wide it is.
@@ -94,8 +94,8 @@ impl Class {
 
 /// Median over the trusted cells with `theta_h` above 45 degrees.
 pub(super) fn diffuse_level(table: &BivariateTable) -> f64 {
-    let mut cells: Vec<f32> = (0..CELLS)
-        .filter(|c| is_trusted(c / THETA_D, c % THETA_D) && theta_h_of(c / THETA_D) > std::f64::consts::FRAC_PI_4)
+    let mut cells: Vec<f32> = trusted_cells()
+        .filter(|c| angles_of(*c).0 > std::f64::consts::FRAC_PI_4)
         .map(|c| table.as_slice()[c])
         .collect();
     cells.sort_by(f32::total_cmp);

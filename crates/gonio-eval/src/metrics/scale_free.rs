@@ -2,7 +2,7 @@
 //! determine.
 
 use gonio::picture::{Picture, luminance};
-use gonio::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
+use gonio::reflectance::{BivariateTable, trusted_cells};
 
 use super::gloss::diffuse_level;
 
@@ -55,7 +55,7 @@ pub(crate) fn brdf_scale(estimate: &BivariateTable, reference: &BivariateTable) 
 
 fn brdf_fit(estimate: &BivariateTable, reference: &BivariateTable) -> (f64, f64) {
     let floor = 1e-3 * diffuse_level(reference);
-    let cells = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D));
+    let cells = trusted_cells();
     log_fit(cells.map(|c| (f64::from(estimate.as_slice()[c]), f64::from(reference.as_slice()[c]))), floor)
 }
 

@@ -7,7 +7,7 @@ use gonio::picture::Plane;
 use gonio::reflectance::nmf::NmfSettings;
 use gonio::reflectance::parametric::{CookTorrance, Lafortune, Parametric, Ward};
 use gonio::reflectance::{
-    BivariateTable, CELLS, ReflectanceBasis, THETA_D, THETA_H, TrainSettings, is_trusted, theta_d_of, theta_h_of,
+    BivariateTable, ReflectanceBasis, THETA_D, THETA_H, TrainSettings, theta_d_of, theta_h_of, trusted_cells,
 };
 use gonio_io::fits::Fit;
 use maud::{Markup, html};
@@ -125,13 +125,9 @@ fn channel(fit: &Fit, c: usize) -> BivariateTable {
     }
 }
 
-fn trusted() -> impl Iterator<Item = usize> {
-    (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D))
-}
-
 /// Root mean square difference over the trusted cells, each counting once.
 fn rms(a: &BivariateTable, b: &BivariateTable) -> f64 {
-    let (sum, count) = trusted()
+    let (sum, count) = trusted_cells()
         .fold((0.0, 0.0), |(sum, count), c| (sum + f64::from(a.as_slice()[c] - b.as_slice()[c]).powi(2), count + 1.0));
     (sum / count).sqrt()
 }
@@ -222,7 +218,7 @@ fn comparison(errors: &[Errors], count: usize) -> Markup {
 /// stands above that over the same `theta_h` at `theta_d < 45`.
 fn specular_and_grazing(basis: &ReflectanceBasis) -> Option<(usize, usize)> {
     let mean = |table: &BivariateTable, keep: &dyn Fn(f64, f64) -> bool| {
-        let cells: Vec<f64> = trusted()
+        let cells: Vec<f64> = trusted_cells()
             .filter(|c| keep(theta_h_of(c / THETA_D).to_degrees(), theta_d_of(c % THETA_D).to_degrees()))
             .map(|c| f64::from(table.as_slice()[c]))
             .collect();
@@ -285,6 +281,8 @@ fn usage(coefficients: &[f64], rate: f64) -> Markup {
 
 #[cfg(test)]
 mod tests {
+    use gonio::reflectance::CELLS;
+
     use super::*;
 
     fn basis(functions: Vec<BivariateTable>) -> ReflectanceBasis {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 use gonio::reflectance::parametric::{CookTorrance, Parametric};
-use gonio::reflectance::{BivariateTable, CELLS, THETA_D, TrainSettings, is_trusted, train};
+use gonio::reflectance::{BivariateTable, TrainSettings, train, trusted_cells};
 use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
 use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint, polar_reference};
 use gonio_io::fits::Fit;
@@ -45,7 +45,7 @@ fn rank_ten_beats_cook_torrance_by_thirteen_and_seven() {
         };
         let model = CookTorrance { diffuse: diffuse[1], specular: specular[1], f0, roughness }.to_bivariate();
         let truth = &materials.iter().find(|(n, _)| *n == name).unwrap().1;
-        let trusted: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
+        let trusted: Vec<usize> = trusted_cells().collect();
         let square: f64 = trusted.iter().map(|&c| f64::from(model.as_slice()[c] - truth.as_slice()[c]).powi(2)).sum();
         cook_torrance.push((square / trusted.len() as f64).sqrt());
         nmf.push(report.fits.iter().find(|f| f.name == name).unwrap().rms);

@@ -1,6 +1,6 @@
 //! The pictures of the BRDF.
 
-use gonio::reflectance::{BivariateTable, THETA_H, is_trusted, theta_h_of};
+use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_h_of};
 use maud::{Markup, html};
 
 use super::lobes::{curve, lobe};
@@ -52,7 +52,7 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
 fn cut_at(table: &BivariateTable, band: Option<(&BivariateTable, &BivariateTable)>, cut: usize) -> Markup {
     let points = |t: &BivariateTable| -> Vec<(f64, f64)> {
         (0..THETA_H)
-            .filter(|&i| is_trusted(i, cut))
+            .filter(|&i| is_trusted(i * THETA_D + cut))
             .map(|i| (theta_h_of(i).to_degrees(), f64::from(t.cell(i, cut))))
             .collect()
     };

@@ -8,7 +8,7 @@
 use glam::DVec3;
 
 use super::chroma::Chroma;
-use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
+use crate::reflectance::{BivariateTable, THETA_D, THETA_H, place_of, theta_d_of, theta_h_of, trusted_cells};
 
 /// Half angles (radians) that show the body alone: highlights of all but mirrors in fog have ended
 /// there.
@@ -75,13 +75,11 @@ impl TwoColours {
     pub fn of(channels: &[BivariateTable; 3]) -> Self {
         let table = BivariateTable::luminance(channels);
         let body = body(&table);
-        let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
-        let (level, count) = (0..CELLS)
-            .filter(trusted)
-            .fold((0.0, 0.0), |(sum, count), c| (sum + f64::from(table.as_slice()[c]), count + 1.0));
+        let (level, count) =
+            trusted_cells().fold((0.0, 0.0), |(sum, count), c| (sum + f64::from(table.as_slice()[c]), count + 1.0));
         let floor = (0.3 * level / count).powi(2).max(1e-30);
         let (mut normal, mut right, mut whole, mut one) = ([0.0; 3], [[0.0; 2]; 3], 0.0, [0.0; 3]);
-        for c in (0..CELLS).filter(trusted) {
+        for c in trusted_cells() {
             let all = f64::from(table.as_slice()[c]);
             let (b, h) = (f64::from(body.as_slice()[c]), all - f64::from(body.as_slice()[c]));
             let weight = solid(c) / (all * all + floor);
@@ -115,7 +113,7 @@ impl TwoColours {
 pub fn highlight_share(table: &BivariateTable) -> f64 {
     let body = body(table);
     let (mut part, mut all) = (0.0, 0.0);
-    for c in (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)) {
+    for c in trusted_cells() {
         let weight = solid(c) * theta_h_of(c / THETA_D).cos();
         all += weight * f64::from(table.as_slice()[c]);
         part += weight * f64::from(table.as_slice()[c] - body.as_slice()[c]);
@@ -126,7 +124,7 @@ pub fn highlight_share(table: &BivariateTable) -> f64 {
 /// Weight of a cell: the solid angle of its half vectors and, but for a small constant, of its
 /// difference angle's light.
 fn solid(cell: usize) -> f64 {
-    let (i, j) = (cell / THETA_D, cell % THETA_D);
+    let (i, j) = place_of(cell);
     let width = 0.5 * (theta_h_of((i + 1).min(THETA_H - 1)) - theta_h_of(i.saturating_sub(1)));
     theta_h_of(i).sin() * width * ((2.0 * theta_d_of(j)).sin() + 0.02)
 }

@@ -6,7 +6,7 @@ use crate::inference::learnt::{
     self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
 use crate::model::Model;
-use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
+use crate::reflectance::{BivariateTable, trusted_cells};
 use crate::scene::Observations;
 use crate::transfer::PlanSettings;
 
@@ -152,7 +152,7 @@ impl<'a> Impression<'a> {
         let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * scale) as f32).collect();
         let quantiles = posterior.quantiles(&SHARES).into_iter().map(rescaled).collect();
         let undetermined = posterior.undetermined(self.learnt);
-        let trusted: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
+        let trusted: Vec<usize> = trusted_cells().collect();
         let open = trusted.iter().filter(|&&c| undetermined[c]).count() as f64 / trusted.len() as f64;
         let (most, least) = NAMED;
         let neighbours = posterior.neighbours.iter().take(most).filter(|n| n.weight >= least).cloned().collect();

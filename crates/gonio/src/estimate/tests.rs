@@ -9,7 +9,7 @@ use crate::colour::Chroma;
 use crate::inference::learnt::tests::{WORLD, knowing, light_map};
 use crate::lighting::{LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
-use crate::reflectance::{BivariateTable, CELLS, ReflectanceBasis, THETA_D, is_trusted};
+use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
 use crate::render::{IntegratorSettings, LightTree, SphereSettings, render_sphere};
 use crate::scene::{Object, ObservationSettings, Sighting};
 use crate::sphere::OctahedralMap;
@@ -57,9 +57,8 @@ fn a_ball_gives_a_material_and_the_light_that_explains_it() {
     for table in material.ends.iter().chain([&material.table]) {
         assert!((table.normal_albedo() - ALBEDO).abs() < 1e-6);
     }
-    let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
     let ordered = |c: usize| material.quantiles.windows(2).all(|pair| pair[0][c] < pair[1][c]);
-    assert!(material.quantiles.len() == SHARES.len() && (0..CELLS).filter(trusted).all(ordered));
+    assert!(material.quantiles.len() == SHARES.len() && trusted_cells().all(ordered));
     assert!(material.gloss.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", material.gloss);
     assert!((0.0..=1.0).contains(&material.open) && material.filled < material.normals);
 

@@ -2,7 +2,7 @@
 //! coefficients (paper eq. 6).
 
 use super::nnls::{NnlsError, nnls};
-use super::table::{BivariateTable, CELLS, THETA_D, is_trusted};
+use super::table::{BivariateTable, CELLS, THETA_D, trusted_cells};
 use faer::Mat;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -102,11 +102,6 @@ impl ReflectanceBasis {
         let gram = Mat::from_fn(self.len(), self.len(), |i, j| dot(&self.functions[i], &self.functions[j]));
         Projector { functions: &self.functions, gram, cells }
     }
-}
-
-/// Indices of the trusted cells, ascending.
-pub(super) fn trusted_cells() -> impl Iterator<Item = usize> {
-    (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D))
 }
 
 fn inner(cells: &[usize], a: &BivariateTable, b: &BivariateTable) -> f64 {

@@ -30,9 +30,27 @@ pub fn theta_d_of(j: usize) -> f64 {
     (j as f64).to_radians()
 }
 
-/// Whether cell `(i, j)` lies in the measured part of the domain, both angles below [`TRUSTED`].
-pub fn is_trusted(i: usize, j: usize) -> bool {
-    theta_h_of(i) < TRUSTED && theta_d_of(j) < TRUSTED
+/// Row `i` (`theta_h`) and column `j` (`theta_d`) of a cell of a [`BivariateTable`].
+pub fn place_of(cell: usize) -> (usize, usize) {
+    (cell / THETA_D, cell % THETA_D)
+}
+
+/// `theta_h` and `theta_d` of a cell of a [`BivariateTable`], radians.
+pub fn angles_of(cell: usize) -> (f64, f64) {
+    let (i, j) = place_of(cell);
+    (theta_h_of(i), theta_d_of(j))
+}
+
+/// Whether a cell of a [`BivariateTable`] lies in the measured part of the domain, both angles
+/// below [`TRUSTED`].
+pub fn is_trusted(cell: usize) -> bool {
+    let (theta_h, theta_d) = angles_of(cell);
+    theta_h < TRUSTED && theta_d < TRUSTED
+}
+
+/// The cells that [`is_trusted`], in their order.
+pub fn trusted_cells() -> impl DoubleEndedIterator<Item = usize> + Clone {
+    (0..CELLS).filter(|cell| is_trusted(*cell))
 }
 
 /// Whether light and view are both above the surface at this half/difference direction.
@@ -97,7 +115,11 @@ impl BivariateTable {
 
     /// Samples `f(theta_h, theta_d)` (radians) at the cells.
     pub fn from_fn(mut f: impl FnMut(f64, f64) -> f64) -> Self {
-        Self::from_vec((0..CELLS).map(|c| f(theta_h_of(c / THETA_D), theta_d_of(c % THETA_D)) as f32).collect())
+        let value = |c| {
+            let (theta_h, theta_d) = angles_of(c);
+            f(theta_h, theta_d) as f32
+        };
+        Self::from_vec((0..CELLS).map(value).collect())
     }
 
     /// All cells, `theta_d` fastest.
@@ -150,8 +172,8 @@ impl BivariateTable {
     /// cells by the corner). The largest values of many measured tables lie there and are
     /// extrapolation, not measurement.
     pub fn extend_from_trusted(&mut self) {
-        let last_h = (0..THETA_H).rfind(|&i| is_trusted(i, 0)).expect("some rows are trusted");
-        let last_d = (0..THETA_D).rfind(|&j| is_trusted(0, j)).expect("some columns are trusted");
+        let last_h = (0..THETA_H).rfind(|&i| theta_h_of(i) < TRUSTED).expect("some rows are trusted");
+        let last_d = (0..THETA_D).rfind(|&j| theta_d_of(j) < TRUSTED).expect("some columns are trusted");
         for i in 0..THETA_H {
             for j in 0..THETA_D {
                 self.values[i * THETA_D + j] = self.cell(i.min(last_h), j.min(last_d));
@@ -183,10 +205,7 @@ impl BivariateTable {
 
     /// Largest value over the trusted cells.
     pub fn trusted_max(&self) -> f32 {
-        (0..CELLS)
-            .filter(|&c| is_trusted(c / THETA_D, c % THETA_D))
-            .map(|c| self.values[c])
-            .fold(f32::NEG_INFINITY, f32::max)
+        (0..CELLS).filter(|&c| is_trusted(c)).map(|c| self.values[c]).fold(f32::NEG_INFINITY, f32::max)
     }
 }
 
@@ -218,7 +237,7 @@ impl MerlTable {
         Self::from_channels(rgb.map(|table| {
             let mut out = Vec::with_capacity(Self::CHANNEL);
             for c in 0..CELLS {
-                let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+                let (h, d) = angles_of(c);
                 out.extend((0..PHI_D).map(|k| {
                     let valid = above_horizon(h, d, (k as f64).to_radians());
                     if valid { table.values[c] } else { -1.0 }
@@ -240,7 +259,7 @@ impl MerlTable {
         let samples = &self.channels[channel];
         let mut values = vec![0.0_f32; CELLS];
         for c in 0..CELLS {
-            let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+            let (h, d) = angles_of(c);
             let (mut sum, mut count) = (0.0_f64, 0_u32);
             for (k, &v) in samples[c * PHI_D..][..PHI_D].iter().enumerate() {
                 if v >= 0.0 && above_horizon(h, d, (k as f64).to_radians()) {
@@ -371,7 +390,7 @@ mod tests {
     #[test]
     fn every_cell_has_some_valid_phi() {
         for c in 0..CELLS {
-            let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+            let (h, d) = angles_of(c);
             assert!(above_horizon(h, d, FRAC_PI_2), "cell {c}");
         }
     }

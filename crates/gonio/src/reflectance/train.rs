@@ -1,8 +1,8 @@
 //! Learning a reflectance basis from measured materials (paper 3.2).
 
-use super::basis::{BasisError, ReflectanceBasis, TrainingMaterial, trusted_cells};
+use super::basis::{BasisError, ReflectanceBasis, TrainingMaterial};
 use super::nmf::{Nmf, NmfError, NmfSettings, StartReport, factorize_all};
-use super::table::{BivariateTable, CELLS, THETA_D};
+use super::table::{BivariateTable, CELLS, place_of, trusted_cells};
 use faer::Mat;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -208,7 +208,7 @@ impl Scaled<'_> {
 fn scale(name: &str, table: &BivariateTable, cells: &[usize]) -> Result<f64, TrainError> {
     let values = table.as_slice();
     if let Some(&c) = cells.iter().find(|&&c| !(values[c].is_finite() && values[c] >= 0.0)) {
-        let (theta_h, theta_d) = (c / THETA_D, c % THETA_D);
+        let (theta_h, theta_d) = place_of(c);
         return Err(TrainError::BadValue { name: name.into(), theta_h, theta_d, value: values[c] });
     }
     match f64::from(table.trusted_max()) {
@@ -251,7 +251,7 @@ mod tests {
                 let mut table =
                     BivariateTable::from_fn(|h, _| 0.1 + 0.02 * m + 30.0 * (m + 0.5) * (-h * h / 0.01).exp());
                 for c in 0..CELLS {
-                    if !super::super::is_trusted(c / THETA_D, c % THETA_D) {
+                    if !super::super::is_trusted(c) {
                         table.as_mut_slice()[c] = f32::NAN;
                     }
                 }

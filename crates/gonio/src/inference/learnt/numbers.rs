@@ -12,7 +12,7 @@ pub fn peak_over_base(table: &BivariateTable) -> f64 {
     let far = std::f64::consts::FRAC_PI_4;
     let (mut sum, mut count) = (0.0, 0.0);
     for i in (0..THETA_H).filter(|&i| theta_h_of(i) > far) {
-        for j in (0..THETA_D).filter(|&j| theta_d_of(j) < far && is_trusted(i, j)) {
+        for j in (0..THETA_D).filter(|&j| theta_d_of(j) < far && is_trusted(i * THETA_D + j)) {
             sum += f64::from(table.cell(i, j));
             count += 1.0;
         }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Candidates, LearntPosterior};
-use crate::reflectance::{BivariateTable, CELLS, THETA_D, is_trusted};
+use crate::reflectance::{BivariateTable, CELLS, is_trusted, trusted_cells};
 
 /// Draws that stand for a posterior.
 const DRAWS: usize = 256;
@@ -99,7 +99,7 @@ impl MaterialPosterior {
     pub fn undetermined(&self, learnt: &LearntPosterior) -> Vec<bool> {
         let widths = interval_widths(&self.draws);
         let open = |c: usize| f64::from(widths[c]) > UNDETERMINED * f64::from(learnt.widths[c]);
-        (0..CELLS).map(|c| !is_trusted(c / THETA_D, c % THETA_D) || open(c)).collect()
+        (0..CELLS).map(|c| !is_trusted(c) || open(c)).collect()
     }
 }
 
@@ -121,9 +121,7 @@ pub fn interval_widths(tables: &[BivariateTable]) -> Vec<f32> {
 
 /// Mean logarithm of a table over the trusted cells.
 fn log_level(table: &BivariateTable) -> f64 {
-    let logs = (0..CELLS)
-        .filter(|c| is_trusted(c / THETA_D, c % THETA_D))
-        .map(|c| f64::from(table.as_slice()[c].max(1e-12)).ln());
+    let logs = trusted_cells().map(|c| f64::from(table.as_slice()[c].max(1e-12)).ln());
     let (sum, count) = logs.fold((0.0, 0.0), |(sum, count), l| (sum + l, count + 1.0));
     sum / count
 }
@@ -139,7 +137,7 @@ fn quantiles_of_log(tables: &[BivariateTable], shares: &[f64], spread: f32) -> V
         })
         .collect();
     let cell = |c: usize| {
-        if !is_trusted(c / THETA_D, c % THETA_D) {
+        if !is_trusted(c) {
             return vec![0.0; shares.len()];
         }
         let mut values: Vec<f32> = logs.iter().map(|l| l[c]).collect();

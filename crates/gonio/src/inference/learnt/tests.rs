@@ -11,7 +11,7 @@ use super::*;
 use crate::appearance::disk::{GLOBALS, on_disk};
 use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
-use crate::reflectance::{BivariateTable, CELLS, Dictionary, DictionarySettings, LogBasis, THETA_D, is_trusted};
+use crate::reflectance::{BivariateTable, CELLS, Dictionary, DictionarySettings, LogBasis, trusted_cells};
 use crate::sphere::direction_of_lat_long;
 
 /// A sky, a ground and a few lamps.
@@ -130,7 +130,7 @@ fn intervals_are_ordered_and_hold_the_mean_material() {
     let learnt = around(&WORLD.places[2], 0.5);
     let posterior = learnt.posterior(&any_image());
     let quantiles = posterior.quantiles(&[0.05, 0.5, 0.95]);
-    let trusted: Vec<usize> = (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)).collect();
+    let trusted: Vec<usize> = trusted_cells().collect();
     for pair in quantiles.windows(2) {
         assert!(trusted.iter().all(|&c| pair[0][c] < pair[1][c]));
     }

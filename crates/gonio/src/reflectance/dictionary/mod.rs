@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::log_basis::LogBasis;
-use super::table::{BivariateTable, CELLS, THETA_D, is_trusted};
+use super::table::{BivariateTable, CELLS, trusted_cells};
 use crate::linalg::principal_axes;
 use components::Layout;
 pub use prior::{Kind, Prior};
@@ -112,18 +112,17 @@ impl Coordinates {
 
 /// Logarithm of a table above its floor, with mean zero over the trusted cells; zero elsewhere.
 pub(crate) fn relative_log(table: &BivariateTable) -> Vec<f64> {
-    let trusted = |c: &usize| is_trusted(c / THETA_D, c % THETA_D);
     let values = table.as_slice();
-    let mut kept: Vec<f32> = (0..CELLS).filter(trusted).map(|c| values[c]).collect();
+    let mut kept: Vec<f32> = trusted_cells().map(|c| values[c]).collect();
     let count = kept.len();
     let (_, median, _) = kept.select_nth_unstable_by(count / 2, f32::total_cmp);
     let floor = (FLOOR * f64::from(*median)).max(1e-30);
     let mut log = vec![0.0; CELLS];
-    for c in (0..CELLS).filter(trusted) {
+    for c in trusted_cells() {
         log[c] = (f64::from(values[c]) + floor).ln();
     }
     let mean = log.iter().sum::<f64>() / count as f64;
-    (0..CELLS).filter(trusted).for_each(|c| log[c] -= mean);
+    trusted_cells().for_each(|c| log[c] -= mean);
     log
 }
 
@@ -199,7 +198,7 @@ mod tests {
         let basis = LogBasis::fit(&set, 9);
         assert_eq!((basis.len(), basis.axes.len()), (3, 2));
         for (m, (_, table)) in set.iter().enumerate() {
-            for c in (0..CELLS).filter(|c| is_trusted(c / THETA_D, c % THETA_D)) {
+            for c in trusted_cells() {
                 assert!((basis.table(m).as_slice()[c] / table.as_slice()[c] - 1.0).abs() < 1e-4);
             }
         }

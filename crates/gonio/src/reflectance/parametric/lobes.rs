@@ -1,7 +1,7 @@
 //! Microfacet lobes as tables, many at once.
 
 use super::{Facet, HORIZON};
-use crate::reflectance::table::{BivariateTable, CELLS, PHI_D, THETA_D, theta_d_of, theta_h_of};
+use crate::reflectance::table::{BivariateTable, CELLS, PHI_D, angles_of};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 pub(super) fn averaged(value: impl Fn(&Facet) -> f64 + Sync) -> BivariateTable {
     let cosines: Vec<f64> = (0..=PHI_D / 2).map(|k| (k as f64).to_radians().cos()).collect();
     let cell = |c: usize| {
-        let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+        let (h, d) = angles_of(c);
         let (level, swing) = (h.cos() * d.cos(), h.sin() * d.sin());
         let (cos_h, cos_d, tan2_h) = (h.cos(), d.cos(), h.tan().powi(2));
         let (mut sum, mut count) = (0.0, 0_u32);
@@ -54,7 +54,7 @@ pub fn lobes(alpha: f64, tails: &[f64]) -> Vec<[BivariateTable; 2]> {
         let cells: Vec<[f32; 2]> = (0..CELLS)
             .into_par_iter()
             .map(|c| {
-                let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+                let (h, d) = angles_of(c);
                 let facet = Facet { cos_i: 1.0, cos_o: 1.0, cos_h: h.cos(), cos_d: d.cos(), tan2_h: h.tan().powi(2) };
                 let mirror = student(&facet, alpha, tail) * f64::from(masked.as_slice()[c]);
                 [0.0, 1.0].map(|f0| (mirror * facet.schlick(f0)) as f32)

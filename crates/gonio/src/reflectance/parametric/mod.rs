@@ -21,7 +21,7 @@ pub use ward::Ward;
 
 pub(super) use ggx::{distribution, lobe};
 
-use super::table::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, theta_d_of, theta_h_of};
+use super::table::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, angles_of, theta_d_of, theta_h_of};
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -52,7 +52,7 @@ pub(super) fn azimuth_means<const N: usize>(
     values: impl Fn(DVec3, DVec3) -> [f64; N] + Sync,
 ) -> [BivariateTable; N] {
     let cell = |c: usize| {
-        let (h, d) = (theta_h_of(c / THETA_D), theta_d_of(c % THETA_D));
+        let (h, d) = angles_of(c);
         let (mut sum, mut count) = ([0.0; N], 0_u32);
         for k in (0..PHI_D).step_by(step) {
             let (wi, wo) = directions(h, d, (k as f64).to_radians());

@@ -121,7 +121,7 @@ impl ClueFinder {
 }
 
 /// Whether every colour has three equal channels, but for rounding.
-pub fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
+pub(crate) fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
     colours.into_iter().all(|c| c.max_element() - c.min_element() <= 1e-5 * c.max_element().abs())
 }
 

@@ -25,7 +25,8 @@ mod model;
 mod parts;
 
 pub use chroma::Chroma;
-pub use clues::{CLUES, ClueFinder, Clues, is_grey, white_chroma};
+pub(crate) use clues::is_grey;
+pub use clues::{CLUES, ClueFinder, Clues, white_chroma};
 pub use learn::Sample;
 pub use model::{ColourModel, ColourPosterior, Normal, Reading};
 pub use parts::{TwoColours, body, highlight_share};

@@ -54,18 +54,18 @@ impl LightGrid {
     }
 
     /// Measure of one texel, such that the square has 4 pi: its solid angle on the equal-area map.
-    pub fn texel_measure(side: usize) -> f64 {
+    pub(crate) fn texel_measure(side: usize) -> f64 {
         4.0 * std::f64::consts::PI / (side * side) as f64
     }
 
     /// Centre `(u, v)` of a texel on the square -1..1.
-    pub fn centre_of(side: usize, texel: usize) -> (f64, f64) {
+    pub(crate) fn centre_of(side: usize, texel: usize) -> (f64, f64) {
         let at = |i: usize| (2 * i + 1) as f64 / side as f64 - 1.0;
         (at(texel % side), -at(texel / side))
     }
 
     /// The texel on which a unit direction falls.
-    pub fn texel_of(map: OctahedralMap, side: usize, direction: DVec3) -> usize {
+    pub(crate) fn texel_of(map: OctahedralMap, side: usize, direction: DVec3) -> usize {
         let (u, v) = map.square(direction);
         let cell = |x: f64| ((0.5 * (x + 1.0) * side as f64) as usize).min(side - 1);
         cell(-v) * side + cell(u)
@@ -76,14 +76,14 @@ impl LightGrid {
         self.texels[Self::texel_of(self.map, self.side, direction)]
     }
 
-    /// Integral over the square in the measure of [`Self::texel_measure`]: over the sphere on the
+    /// Integral over the square in the measure of `texel_measure`: over the sphere on the
     /// equal-area map.
     pub fn integral(&self) -> DVec3 {
         self.texels.iter().map(|t| t.as_dvec3()).sum::<DVec3>() * Self::texel_measure(self.side)
     }
 
     /// Coefficients of the luminance in the Haar basis that is orthonormal in the measure of
-    /// [`Self::texel_measure`]: `l_m = sum_t L_t h_m(t) sqrt(measure)`, `h` the orthonormal
+    /// `texel_measure`: `l_m = sum_t L_t h_m(t) sqrt(measure)`, `h` the orthonormal
     /// wavelets of the grid. Coarse coefficients do not depend on the side of the grid.
     pub fn coefficients(&self) -> Vec<f64> {
         let mut values: Vec<f32> = self.texels.iter().map(|&t| luminance(t)).collect();
@@ -93,12 +93,12 @@ impl LightGrid {
     }
 
     /// The DC coefficient of every light whose integral is one: `1 / sqrt(4 pi)`.
-    pub fn normalised_dc() -> f64 {
+    pub(crate) fn normalised_dc() -> f64 {
         (4.0 * std::f64::consts::PI).sqrt().recip()
     }
 
     /// Coefficients of the luminance scaled so that it integrates to one: `l[0]` is
-    /// [`Self::normalised_dc`]. `None` when the light is black.
+    /// `normalised_dc`. `None` when the light is black.
     pub fn normalised_coefficients(&self) -> Option<Vec<f64>> {
         let mut l = self.coefficients();
         let scale = Self::normalised_dc() / l[0];

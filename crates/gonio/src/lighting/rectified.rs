@@ -37,7 +37,7 @@ impl Moments {
     }
 
     /// `<x^2>`.
-    pub fn mean_square(&self) -> f64 {
+    pub(crate) fn mean_square(&self) -> f64 {
         self.variance + self.mean * self.mean
     }
 }
@@ -58,7 +58,7 @@ impl RectifiedGaussian {
     }
 
     /// Logarithm of the mass `P(x > T)` of the Gaussian before rectification.
-    pub fn log_mass(&self) -> f64 {
+    pub(crate) fn log_mass(&self) -> f64 {
         log_erfc(self.standard_threshold() * FRAC_1_SQRT_2) - std::f64::consts::LN_2
     }
 

@@ -15,7 +15,7 @@ pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
 pub use dictionary::{Coordinates, Dictionary, DictionarySettings, Kind, Mixture, Prior};
 pub use log_basis::LogBasis;
 pub use table::{
-    BivariateTable, CELLS, CellCountError, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, above_horizon, angles_of,
-    is_trusted, place_of, theta_d_of, theta_h_of, trusted_cells,
+    BivariateTable, CELLS, CellCountError, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, angles_of, is_trusted,
+    place_of, theta_d_of, theta_h_of, trusted_cells,
 };
 pub use train::{Candidate, MaterialFit, TrainError, TrainReport, TrainSettings, train};

@@ -4,7 +4,7 @@
 use faer::MatRef;
 use thiserror::Error;
 
-/// Why [`nnls`] has no answer.
+/// Why `nnls` has no answer.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum NnlsError {
     /// The Gram matrix is not square, or the right-hand side has another length.
@@ -45,7 +45,7 @@ const DEPENDENT: f64 = 1e-12;
 ///
 /// # Errors
 /// See [`NnlsError`].
-pub fn nnls(gram: MatRef<'_, f64>, h: &[f64]) -> Result<Vec<f64>, NnlsError> {
+pub(crate) fn nnls(gram: MatRef<'_, f64>, h: &[f64]) -> Result<Vec<f64>, NnlsError> {
     let n = h.len();
     if gram.nrows() != n || gram.ncols() != n {
         return Err(NnlsError::Shape { rows: gram.nrows(), columns: gram.ncols(), len: n });

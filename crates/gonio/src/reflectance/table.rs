@@ -54,7 +54,7 @@ pub fn trusted_cells() -> impl DoubleEndedIterator<Item = usize> + Clone {
 }
 
 /// Whether light and view are both above the surface at this half/difference direction.
-pub fn above_horizon(theta_h: f64, theta_d: f64, phi_d: f64) -> bool {
+pub(crate) fn above_horizon(theta_h: f64, theta_d: f64, phi_d: f64) -> bool {
     let vertical = theta_h.cos() * theta_d.cos();
     let lateral = theta_h.sin() * theta_d.sin() * phi_d.cos();
     vertical - lateral > 0.0 && vertical + lateral > 0.0
@@ -150,7 +150,7 @@ impl BivariateTable {
 
     /// The four cells that [`Self::eval`] interpolates between, with their weights: `eval` is
     /// `sum_c weight_c value_c`.
-    pub fn stencil(theta_h: f64, theta_d: f64) -> [(usize, f64); 4] {
+    pub(crate) fn stencil(theta_h: f64, theta_d: f64) -> [(usize, f64); 4] {
         let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
         let at = i * THETA_D + j;
         [(at, (1.0 - s) * (1.0 - t)), (at + 1, (1.0 - s) * t), (at + THETA_D, s * (1.0 - t)), (at + THETA_D + 1, s * t)]

@@ -100,7 +100,7 @@ pub fn nodes(
 /// As [`nodes`]; cells of a radius beyond `largest` (radians) count as wholly wrong, so that nearly
 /// all light comes from smaller ones: for surfaces that shadow themselves, of which the bounds do
 /// not know.
-pub fn nodes_within(
+pub(crate) fn nodes_within(
     point: &SurfacePoint,
     envelope: &BivariateTable,
     light: &LightTree,

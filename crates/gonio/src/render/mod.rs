@@ -11,7 +11,7 @@ mod tone;
 mod tree;
 
 pub use brdf::{Brdf, Tinted};
-pub use integrate::{IntegratorSettings, Node, Nodes, nodes, nodes_within, radiance};
+pub use integrate::{IntegratorSettings, Node, Nodes, nodes, radiance};
 pub use linear::Relighter;
 pub use sphere::{SphereSettings, images_of_basis, render_sphere};
 pub use surface::{SurfaceSettings, render_surface};

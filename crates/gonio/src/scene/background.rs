@@ -14,7 +14,7 @@ use crate::picture::Plane;
 /// quarter of it at least, and every pixel of that value that hangs together with those. A pixel
 /// next to it may be part background: its coverage is its contrast to the background over that of
 /// the object's pixels nearby, at most 1.
-pub fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
+pub(crate) fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
     // Adding zero turns -0 into 0, which are equal but differ in their bits.
     let key = |at: (usize, usize)| (rgb[at] + Vec3::ZERO).to_array().map(f32::to_bits);
     let mut counts = BTreeMap::new();

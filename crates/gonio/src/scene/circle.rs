@@ -34,7 +34,7 @@ pub struct Circle {
 
 /// The outline of a ball and how good a circle it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FoundCircle {
+pub(crate) struct FoundCircle {
     /// The circle.
     pub circle: Circle,
     /// Root mean square distance of the outline to the circle, in pixels, without the stray points.
@@ -68,7 +68,7 @@ pub struct FoundCircle {
 /// degrees; [`SceneError::Elliptic`] when the shorter axis is under 0.95 of the longer;
 /// [`SceneError::NotACircle`] when the outline strays by more than half a pixel and 3 % of the
 /// radius, or more than 30 % of it lie far off.
-pub fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
+pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
     let (ball, rim) = ball_and_rim(coverage)?;
     let too_small = |radius| SceneError::TooSmall { radius, least: LEAST_RADIUS };
     // A straight edge has no circle: the visible outline spans nothing.

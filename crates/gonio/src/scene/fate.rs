@@ -34,7 +34,7 @@ pub enum Fate {
 
 impl Fate {
     /// Whether the value of the pixel itself means nothing.
-    pub fn is_faulty(self) -> bool {
+    pub(crate) fn is_faulty(self) -> bool {
         matches!(self, Self::Negative | Self::NotFinite)
     }
 

@@ -1,9 +1,9 @@
 //! From a picture of a known shape to the observations that the inference starts from (paper
 //! section 4).
 //!
-//! 1. [`find_sphere`] finds the outline of a ball in a mask, an alpha channel, or the
-//!    [`background_coverage`] of a picture without either.
-//! 2. [`Observations::of_sphere`] samples the picture at normals spread evenly over the visible
+//! 1. `find_sphere` finds the outline of a ball in a mask, an alpha channel, or the
+//!    `background_coverage` of a picture without either.
+//! 2. `of_sphere` samples the picture at normals spread evenly over the visible
 //!    hemisphere; [`Observations::of_normals`] does the same for any shape that comes with a
 //!    picture of its normals.
 //!
@@ -39,13 +39,15 @@ mod thinned;
 mod view;
 mod weights;
 
-pub use background::background_coverage;
-pub use circle::{Circle, FoundCircle, find_sphere};
+pub(crate) use background::background_coverage;
+pub use circle::Circle;
+pub(crate) use circle::find_sphere;
 pub use correction::Correction;
 pub use error::SceneError;
 pub use fate::Fate;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
 pub use orientation::{Contradiction, Fit, Orientation};
-pub use outline::{Ellipse, find_ball, find_ellipse};
+pub use outline::Ellipse;
+pub(crate) use outline::{find_ball, find_ellipse};
 pub use sighting::{Found, NormalPicture, Object, Oddity, Relief, Sighting};
 pub use view::SurfaceView;

@@ -143,7 +143,7 @@ pub struct Observations {
     pub dense: Vec<Sample>,
 }
 
-/// The points of a sphere that [`Observations::of_sphere`] observes, for plans made without a
+/// The points of a sphere that `of_sphere` observes, for plans made without a
 /// picture: normals of a Fibonacci lattice of the visible hemisphere up to
 /// [`ObservationSettings::max_angle`] and outside of [`ObservationSettings::pole_angle`], seen from
 /// +z.
@@ -216,7 +216,7 @@ impl Observations {
     /// # Errors [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when
     /// more than half of the pixels that points can need are faulty, or too few points are left for
     /// it; [`SceneError::TooFewPoints`] when fewer than 50 have a value; [`SceneError::Black`].
-    pub fn of_sphere(
+    pub(crate) fn of_sphere(
         picture: &Picture,
         circle: &Circle,
         coverage: Option<&Plane<f32>>,

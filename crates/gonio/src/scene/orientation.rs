@@ -139,7 +139,7 @@ impl Orientation {
     }
 
     /// What speaks against the order given; `None` where it is right or could be.
-    pub fn contradiction(&self) -> Option<Contradiction> {
+    pub(crate) fn contradiction(&self) -> Option<Contradiction> {
         let first = self.corrections.first()?;
         let why = match self.given {
             Fit { away, .. } if away > GROSSLY_AWAY => {

@@ -40,7 +40,7 @@ impl Ellipse {
     ///
     /// # Errors
     /// [`SceneError::TooSmall`] if an axis is.
-    pub fn with_depth(&self, depth: f64) -> Result<Ellipsoid, SceneError> {
+    pub(crate) fn with_depth(&self, depth: f64) -> Result<Ellipsoid, SceneError> {
         let (long, short) = self.axes;
         let along = DVec3::from((DVec2::from_angle(self.angle), 0.0));
         let axes = DMat3::from_cols(long * along, short * DVec3::Z.cross(along), depth * DVec3::Z);
@@ -55,7 +55,7 @@ impl Ellipse {
 /// # Errors
 /// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
 /// outline lies within 2 % of the shorter axis and half a pixel.
-pub fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
+pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
     // About the middle and in units of the spread, where the squares are of one size.
@@ -105,7 +105,7 @@ pub fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
 /// # Errors
 /// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
 /// outline lies within 2 % of the cone's angle and half a pixel.
-pub fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellipsoid, SceneError> {
+pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellipsoid, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
     let rays: Vec<DVec3> = rim.iter().map(|p| camera.ray((p.x, p.y)).direction).collect();

@@ -188,7 +188,7 @@ pub struct Sighting {
 
 impl Sighting {
     /// Finds the object and samples the picture on it. `mask` says where the object is; without one
-    /// the alpha channel of the picture, or its [`background_coverage`], tells.
+    /// the alpha channel of the picture, or its `background_coverage`, tells.
     ///
     /// # Errors
     /// Of outlines ([`SceneError::is_of_outline`]) where one has to be found, of normals and

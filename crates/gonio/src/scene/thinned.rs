@@ -16,7 +16,7 @@ impl Observations {
     /// Up to about `count` of them, evenly over the normals in the frame of their view: of those
     /// near a direction the one of most [trust](Self::trust), discounted by its distance. All that
     /// have a value if there are no more.
-    pub fn thinned(&self, count: usize) -> Self {
+    pub(crate) fn thinned(&self, count: usize) -> Self {
         self.select(&evenly(&self.points, &self.trust(), count))
     }
 }

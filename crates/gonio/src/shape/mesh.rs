@@ -155,7 +155,7 @@ impl Mesh {
     ///
     /// # Errors
     /// [`MeshError::Empty`] if no pixels are neighbours.
-    pub fn of_positions(places: &Plane<Option<DVec3>>, jump: f64) -> Result<(Self, Soundness), MeshError> {
+    pub(crate) fn of_positions(places: &Plane<Option<DVec3>>, jump: f64) -> Result<(Self, Soundness), MeshError> {
         let (width, height) = places.size();
         let mut index = vec![u32::MAX; width * height];
         let mut positions = Vec::new();

@@ -2,7 +2,7 @@
 //! from itself.
 //!
 //! * [`Mesh`]: triangles with smooth normals; [`Soundness`] says what was odd about them.
-//!   [`Mesh::of_positions`] makes one of a picture of positions, [`Form`] some of formulas.
+//!   `of_positions` makes one of a picture of positions, [`Form`] some of formulas.
 //! * [`Surface`]: what rays meet; a [`Tracer`] of a mesh or an [`Ellipsoid`]. [`GeometryBuffer`] is
 //!   what a camera sees of one.
 //! * [`Visibility`]: the paper's `V_i` for some points of a surface.

@@ -90,7 +90,7 @@ impl Visibility {
     }
 
     /// Whether every point sees all light above its horizon.
-    pub fn is_open(&self) -> bool {
+    pub(crate) fn is_open(&self) -> bool {
         self.rows.iter().all(|row| row.blocked.is_empty() && row.partial.is_empty())
     }
 
@@ -130,7 +130,7 @@ impl Visibility {
     }
 
     /// Texels that are open in part for a point, with the open share of each.
-    pub fn partial(&self, point: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
+    pub(crate) fn partial(&self, point: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
         self.rows[point].partial.iter().map(|&(texel, share)| (texel as usize, f32::from(share) / 255.0))
     }
 
@@ -140,7 +140,7 @@ impl Visibility {
     ///
     /// # Panics
     /// If there are not as many normals as points.
-    pub fn openness(&self, normals: &[DVec3]) -> Vec<Openness> {
+    pub(crate) fn openness(&self, normals: &[DVec3]) -> Vec<Openness> {
         assert_eq!(normals.len(), self.rows.len());
         let centres: Vec<(DVec3, f64)> = (0..self.side * self.side)
             .map(|t| {

@@ -45,7 +45,7 @@ pub fn direction_of_lat_long(u: f64, v: f64) -> DVec3 {
 
 /// Point `(u, v)` of a lat-long map, both in 0..=1, that a direction (of any length but zero) falls
 /// on.
-pub fn lat_long_of_direction(direction: DVec3) -> (f64, f64) {
+pub(crate) fn lat_long_of_direction(direction: DVec3) -> (f64, f64) {
     let d = direction.normalize();
     let polar = d.x.hypot(d.z).atan2(d.y);
     (d.x.atan2(-d.z) / TAU + 0.5, polar / PI)

@@ -48,7 +48,7 @@ impl Wavelet {
 
     /// Whether its support lies in the top half of the square; `None` at scale 1, whose wavelets
     /// cover all of it.
-    pub fn above_horizon(self) -> Option<bool> {
+    pub(crate) fn above_horizon(self) -> Option<bool> {
         (self.scale > 1).then(|| self.row < 1 << (self.scale - 2))
     }
 }

@@ -7,8 +7,7 @@ mod direction;
 mod haar;
 mod octahedral;
 
-pub use direction::{
-    HalfDifference, direction_of_lat_long, fibonacci_hemisphere, half_difference, lat_long_of_direction,
-};
+pub(crate) use direction::lat_long_of_direction;
+pub use direction::{HalfDifference, direction_of_lat_long, fibonacci_hemisphere, half_difference};
 pub use haar::{Haar, Orientation, Real, Wavelet};
 pub use octahedral::OctahedralMap;

@@ -77,7 +77,7 @@ impl OctahedralMap {
     /// An upper bound of the angle (radians) between the centre of a cell and any other point of
     /// it, for the cells of the square divided into `2^level` by `2^level`; meant for `level >= 2`,
     /// where cells are small.
-    pub fn cell_radius(self, level: u32) -> f64 {
+    pub(crate) fn cell_radius(self, level: u32) -> f64 {
         // The largest angle from the centre to a corner times 2^level grows with the level to 4.29
         // (equal area) and
         // 4.25 (Praun-Hoppe).

@@ -58,7 +58,7 @@ impl Bilinear {
     }
 
     /// `a_ik = sum_m A_imk l_m` (rows x K): the image of each basis function under light `l`.
-    pub fn under_light(&self, l: &[f64]) -> Vec<f64> {
+    pub(crate) fn under_light(&self, l: &[f64]) -> Vec<f64> {
         assert_eq!(l.len(), self.m);
         let mut out = vec![0.0; self.rows * self.k];
         out.par_chunks_mut(GROUP * self.k).enumerate().for_each(|(group, out)| {
@@ -98,13 +98,13 @@ impl Bilinear {
     }
 
     /// `sum_i x_i A_imk` (`[k][m]`): the adjoint of the operator at `x`.
-    pub fn adjoint(&self, x: &[f64]) -> Vec<f64> {
+    pub(crate) fn adjoint(&self, x: &[f64]) -> Vec<f64> {
         assert_eq!(x.len(), self.rows);
         self.sum_over_rows(self.k * self.m, |i, row, sum| axpy(x[i], row, sum))
     }
 
     /// `sum_ik x_ik A_imk` (M), with `x` rows x K: the adjoint of [`Self::under_light`].
-    pub fn light_adjoint(&self, x: &[f64]) -> Vec<f64> {
+    pub(crate) fn light_adjoint(&self, x: &[f64]) -> Vec<f64> {
         assert_eq!(x.len(), self.rows * self.k);
         self.sum_over_rows(self.m, |i, row, sum| {
             for (k, a) in row.chunks_exact(self.m).enumerate() {
@@ -130,7 +130,7 @@ impl Bilinear {
     }
 
     /// `sum_i A_imk b_im` (`[k][m]`), with `b` rows x M.
-    pub fn contract_light(&self, b: &[f64]) -> Vec<f64> {
+    pub(crate) fn contract_light(&self, b: &[f64]) -> Vec<f64> {
         assert_eq!(b.len(), self.rows * self.m);
         self.sum_over_rows(self.k * self.m, |i, row, sum| {
             let b = &b[i * self.m..][..self.m];

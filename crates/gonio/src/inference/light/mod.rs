@@ -25,7 +25,7 @@
 //!   `B`;
 //! * [`LightInference::posterior`] climbs the bound for one `B` and returns it with the posterior of the
 //!   light: [`LightPosterior`];
-//! * [`LightInference::non_negative_light`] is the mean of the light without negative texels;
+//! * `non_negative_light` is the mean of the light without negative texels;
 //! * [`LightProblem`] is all that for a photograph and one BRDF.
 //!
 //! Exposure `g` and precision `b` are maximised over, in their logarithms: the densities of `log g`
@@ -60,7 +60,7 @@ use crate::lighting::{LightGrid, LightPrior};
 /// An image on r rows with all that does not depend on reflectance: the priors of light, exposure
 /// and noise.
 ///
-/// As in [`Problem`] the image is scaled to root mean square one; bounds are logarithms of the
+/// As in [`Problem`](crate::inference::Problem) the image is scaled to root mean square one; bounds are logarithms of the
 /// density of the scaled image.
 #[derive(Clone, Debug)]
 pub struct LightInference<'a> {

@@ -23,7 +23,7 @@ impl LightOperator {
     ///
     /// # Panics
     /// If the length is another.
-    pub fn from_rows<A: Copy + Into<f64>>(rows: usize, m: usize, entries: &[A]) -> Self {
+    pub(crate) fn from_rows<A: Copy + Into<f64>>(rows: usize, m: usize, entries: &[A]) -> Self {
         assert_eq!(entries.len(), rows * m);
         Self { matrix: Mat::from_fn(rows, m, |i, j| entries[i * m + j].into()) }
     }

@@ -8,7 +8,7 @@ use super::{LightInference, LightInferenceError, LightOperator, LightPosterior};
 use crate::linalg::{each_column, squared_norms};
 use crate::sphere::Haar;
 
-/// How [`LightInference::non_negative_light`] iterates.
+/// How `non_negative_light` iterates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NonNegativeSettings {
     /// Times that the scales of the mixtures are found again from the light without negative
@@ -59,7 +59,7 @@ impl LightInference<'_> {
     /// # Panics
     /// If M is not the square of a power of two, at least 4, or the operator is not of the image
     /// and prior.
-    pub fn non_negative_light(
+    pub(crate) fn non_negative_light(
         &self,
         operator: &LightOperator,
         posterior: &LightPosterior,

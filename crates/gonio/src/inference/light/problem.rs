@@ -79,7 +79,7 @@ impl<'a> LightProblem<'a> {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn of_observations(
+    pub(crate) fn of_observations(
         observations: &Observations,
         table: &BivariateTable,
         prior: &'a LightPrior,
@@ -110,7 +110,7 @@ impl<'a> LightProblem<'a> {
     /// The mean of the light without negative texels.
     ///
     /// # Errors
-    /// As [`LightInference::non_negative_light`].
+    /// As `non_negative_light`.
     pub fn non_negative(
         &self,
         posterior: &LightPosterior,

@@ -124,26 +124,15 @@ pub struct Nmf {
     pub report: StartReport,
 }
 
-/// Factorises `x` (cells x samples, not negative) and keeps the start with the least cost, the
-/// earlier of equals. `cell_weights` (one for each cell, not negative) multiply the squared errors;
-/// without them all are 1.
+/// Factorises `x` (cells x samples, not negative): the local minimum that each start ended in, in
+/// the order of the starts. `cell_weights` (one for each cell, not negative) multiply the squared
+/// errors; without them all are 1.
 ///
 /// The starts run in parallel; the result is the same for every number of threads.
 ///
 /// # Errors
 /// See [`NmfError`].
-pub fn factorize(x: MatRef<'_, f64>, cell_weights: Option<&[f64]>, settings: &NmfSettings) -> Result<Nmf, NmfError> {
-    let all = factorize_all(x, cell_weights, settings)?;
-    let best = all.into_iter().min_by(|a, b| a.report.cost.total_cmp(&b.report.cost));
-    Ok(best.expect("there is at least one start"))
-}
-
-/// As [`factorize`], but returns the local minimum that each start ended in, in the order of the
-/// starts: for callers with a second criterion.
-///
-/// # Errors
-/// See [`NmfError`].
-pub fn factorize_all(
+pub(crate) fn factorize_all(
     x: MatRef<'_, f64>,
     cell_weights: Option<&[f64]>,
     settings: &NmfSettings,
@@ -202,6 +191,13 @@ fn check(x: MatRef<'_, f64>, weights: Option<&[f64]>, settings: &NmfSettings) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The start of least cost, the earlier of equals.
+    fn factorize(x: MatRef<'_, f64>, weights: Option<&[f64]>, settings: &NmfSettings) -> Result<Nmf, NmfError> {
+        let all = factorize_all(x, weights, settings)?;
+        let best = all.into_iter().min_by(|a, b| a.report.cost.total_cmp(&b.report.cost));
+        Ok(best.expect("there is at least one start"))
+    }
 
     /// A matrix of exact non-negative rank `rank` with zeros in its factors.
     fn low_rank(cells: usize, samples: usize, rank: usize) -> Mat<f64> {

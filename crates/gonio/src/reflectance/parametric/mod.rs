@@ -197,7 +197,7 @@ mod tests {
         assert!((half.dot(wi) - d.cos()).abs() < 1e-14);
         for (h, d, phi) in [(0.6, 0.8, 2.2), (1.4, 1.2, 0.3), (1.3, 1.3, 1.6)] {
             let (wi, wo) = directions(h, d, phi);
-            assert_eq!(super::super::above_horizon(h, d, phi), wi.z > 0.0 && wo.z > 0.0);
+            assert_eq!(super::super::table::above_horizon(h, d, phi), wi.z > 0.0 && wo.z > 0.0);
         }
     }
 

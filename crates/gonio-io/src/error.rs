@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use gonio::remedy::Remedy;
 
 /// Longest text of a problem that is shown, in characters: files and third parties may bring any.
-const LONGEST: usize = 500;
+const LONGEST_PROBLEM: usize = 500;
 
 /// What kind of thing went wrong; decides, for instance, an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -117,7 +117,7 @@ impl fmt::Display for Inner {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         one_line(&self.path.to_string_lossy(), f)?;
         f.write_str(": ")?;
-        match self.problem.char_indices().nth(LONGEST) {
+        match self.problem.char_indices().nth(LONGEST_PROBLEM) {
             None => one_line(&self.problem, f)?,
             Some((end, _)) => one_line(&format!("{} ...", &self.problem[..end]), f)?,
         }
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn long_texts_are_cut() {
         let error = Error::invalid(Path::new("x"), "é".repeat(5000), "try again");
-        assert_eq!(error.to_string(), format!("x: {} ...; try again", "é".repeat(LONGEST)));
+        assert_eq!(error.to_string(), format!("x: {} ...; try again", "é".repeat(LONGEST_PROBLEM)));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::NOTES;
 use crate::Args;
 
 /// Longest table, in rows.
-const MOST: usize = 1_000_000;
+const MOST_ROWS: usize = 1_000_000;
 
 /// A row: one run of `gonio infer`.
 #[derive(Debug)]
@@ -81,8 +81,8 @@ pub(super) fn read(path: &Path, output: &Path) -> Result<Vec<Row>> {
     let (mut rows, mut names) = (Vec::new(), BTreeSet::new());
     for (n, record) in table.records().enumerate() {
         let record = record.with_context(|| format!("{shown}: row {} cannot be read", n + 1))?;
-        if n == MOST {
-            bail!("{shown}: has more than {MOST} rows; part it");
+        if n == MOST_ROWS {
+            bail!("{shown}: has more than {MOST_ROWS} rows; part it");
         }
         let row = row(&columns, &record, base, output).with_context(|| format!("{shown}: row {}", n + 1))?;
         if !names.insert(row.name.clone()) {

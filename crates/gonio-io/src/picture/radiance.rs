@@ -16,7 +16,7 @@ use crate::{Error, guard};
 /// old-style one of 255 takes 4.
 const PIXELS_PER_BYTE: usize = 64;
 /// Largest value of the format, a little below 2^127.
-const LARGEST: f32 = 1.6e38;
+const LARGEST_VALUE: f32 = 1.6e38;
 /// Colours below this are black.
 const SMALLEST: f32 = 1e-32;
 
@@ -52,7 +52,7 @@ pub(super) fn encode(rgb: &Plane<Vec3>) -> Vec<u8> {
 /// The nearest colour that has a code. The encoder itself cuts off, which would make pictures
 /// darker by 0.4 %.
 fn rounded(v: Vec3) -> [f32; 3] {
-    let v = v.to_array().map(|v| if v > 0.0 { v.min(LARGEST) } else { 0.0 });
+    let v = v.to_array().map(|v| if v > 0.0 { v.min(LARGEST_VALUE) } else { 0.0 });
     let largest = v.iter().fold(0.0_f32, |a, &b| a.max(b));
     if largest < SMALLEST {
         return [0.0; 3];

@@ -27,7 +27,7 @@ const INCIDENT: [f64; 22] = [
     84.0, 87.0, 89.0,
 ];
 /// Least density, as a share of the greatest: where the material is black something is divided by.
-const LEAST: f64 = 1e-9;
+const LEAST_DENSITY: f64 = 1e-9;
 
 /// How the values of a file go over colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -116,7 +116,7 @@ impl Shape {
             over.sum::<f64>() / 61.0
         };
         let mut lobe: Vec<f64> = (0..FINE).map(mean).collect();
-        let least = LEAST * lobe.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let least = LEAST_DENSITY * lobe.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         lobe.iter_mut().for_each(|x| *x = x.max(least));
         // Solid angle of the half vectors between two coordinates.
         let carried = |i: usize| {

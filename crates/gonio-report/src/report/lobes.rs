@@ -11,7 +11,7 @@ const RADIUS: f64 = 140.0;
 const FOOT: f64 = 168.0;
 /// Degrees between the points of a curve, and beyond which the table says little.
 const STEP: f64 = 0.25;
-const MOST: f64 = 80.0;
+const LAST_DEGREE: f64 = 80.0;
 
 /// A lobe for light at `incidence` degrees from the normal. The distance from the centre is the
 /// cube root of the BRDF, about as bright as it looks; the band reaches from the 5 to the 95 %
@@ -59,8 +59,8 @@ pub(super) fn lobe(
 /// The BRDF in the plane of incidence at angles from the normal, in degrees; light comes from
 /// `-incidence`, so that a mirror has its peak at `incidence`.
 pub(super) fn curve(table: &BivariateTable, incidence: f64) -> Vec<(f64, f64)> {
-    let count = (2.0 * MOST / STEP) as usize;
-    let angles = (0..=count).map(|i| i as f64 * STEP - MOST);
+    let count = (2.0 * LAST_DEGREE / STEP) as usize;
+    let angles = (0..=count).map(|i| i as f64 * STEP - LAST_DEGREE);
     angles
         .map(|angle| {
             let half = 0.5 * (angle - incidence).abs();

@@ -22,7 +22,7 @@ const CENTRE: f64 = 0.8;
 const TAKEN: [f64; 2] = [0.6, 0.4];
 
 /// Beyond this share of the highlight nothing more is taken off.
-const MOST: f64 = 0.8;
+const LARGEST_SHARE: f64 = 0.8;
 
 /// The chromas of a photograph on the [`Lattice`].
 #[derive(Clone, Debug, PartialEq)]
@@ -80,7 +80,7 @@ impl ClueFinder {
         let centre = image.iter().zip(&self.normals).filter(|(_, n)| n.z > CENTRE).map(|(c, _)| c.as_dvec3()).sum();
         let [fine, coarse] = [0, 1].map(|scale| self.slope(&self.details[scale], image, mean));
         let unmixed = |colour: DVec3, taken: f64| {
-            let taken = taken * share.clamp(0.0, MOST);
+            let taken = taken * share.clamp(0.0, LARGEST_SHARE);
             Chroma::of((colour / luminance_of(colour).max(1e-300) - taken * fine.rgb()).max(DVec3::ZERO))
         };
         let [of_mean, of_median] = TAKEN;

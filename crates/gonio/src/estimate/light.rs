@@ -10,7 +10,7 @@ use crate::transfer::PlanSettings;
 
 /// The largest grid on which the light is kept from negative texels by its posterior, which takes a
 /// minute there; on finer ones, whose dense matrices would not fit, the mean is cut off at zero.
-const LARGEST: usize = 64;
+const LARGEST_BOUNDED_SIDE: usize = 64;
 
 /// How the light was kept from being negative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,7 +81,7 @@ impl Light {
         let problem = LightProblem::of_observations(&observations.thinned(settings.rows), table, &model.light, &plan)?;
         progress(Stage::Light);
         let evidence = problem.posterior()?;
-        let (coefficients, sd, exposure, estimator) = if settings.side <= LARGEST {
+        let (coefficients, sd, exposure, estimator) = if settings.side <= LARGEST_BOUNDED_SIDE {
             let found = problem.non_negative(&evidence, &NonNegativeSettings::default())?;
             let how = LightEstimator::NonNegative { steps: found.steps, settled: found.converged };
             (found.light, found.light_sd, found.exposure, how)

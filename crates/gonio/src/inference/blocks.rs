@@ -10,7 +10,7 @@ use super::{Ensemble, Expectations, Problem};
 /// Change of `C_KL`, in nats, below which the noise is lowered.
 const ROUGH: f64 = 1.0;
 /// Change of `Phi_5` from which on the noise is one of the blocks.
-const NEAR: f64 = 0.1;
+const NOISE_SETTLED: f64 = 0.1;
 /// Rounds from leap to leap.
 const LEAP: usize = 4;
 
@@ -54,7 +54,7 @@ pub(super) fn run(
         (ensemble, cost) = round(problem, &ensemble, grams, true);
         trace.push(cost);
         settled = 0;
-        near = (ensemble.log_noise() - noise).abs() < NEAR;
+        near = (ensemble.log_noise() - noise).abs() < NOISE_SETTLED;
     }
     Run { ensemble, trace, converged: false }
 }

@@ -8,7 +8,7 @@ use super::table::BivariateTable;
 use crate::linalg::{principal_axes, project};
 
 /// Smallest reflectance in 1/sr whose logarithm is taken: a thousandth of what soot reflects.
-const LEAST: f32 = 1e-6;
+const DARKEST: f32 = 1e-6;
 
 /// Tables as `exp(mean + sum_r c_r axis_r)`, the coefficients `c` those of each material.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,7 +40,7 @@ impl LogBasis {
             .map(|(_, table)| {
                 let mut table = table.clone();
                 table.extend_from_trusted();
-                table.as_slice().iter().map(|v| f64::from(v.max(LEAST)).ln()).collect()
+                table.as_slice().iter().map(|v| f64::from(v.max(DARKEST)).ln()).collect()
             })
             .collect();
         let (mean, axes, _) = principal_axes(&logs, rank);

@@ -18,7 +18,7 @@ const DRAWS: usize = 120;
 /// Rounds of reweighting.
 const ROUNDS: usize = 12;
 /// This share of an outline may stray by no more than the next share of its size, and half a pixel.
-const MOST: f64 = 0.7;
+const NEAR_SHARE: f64 = 0.7;
 const MOST_STRAY: f64 = 0.02;
 
 /// An ellipse in a picture.
@@ -87,7 +87,7 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
     let flat = if steep > 0.0 { steep - std::f64::consts::FRAC_PI_2 } else { steep + std::f64::consts::FRAC_PI_2 };
     let (long, short) = (unit * axes.0.sqrt(), unit * axes.1.sqrt());
     let mut distances: Vec<f64> = points.iter().map(|p| unit * conic(&c, *p).abs()).collect();
-    let residual = quantile(&mut distances, MOST);
+    let residual = quantile(&mut distances, NEAR_SHARE);
     if residual > 0.5 + MOST_STRAY * short {
         return Err(none(residual));
     }
@@ -136,7 +136,7 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
         return Err(none(0.0));
     }
     let mut strays: Vec<f64> = (0..rows.len()).map(|i| cone(&b, i).abs()).collect();
-    let residual = quantile(&mut strays, MOST);
+    let residual = quantile(&mut strays, NEAR_SHARE);
     let radius = (1.0 - 1.0 / (length * length)).sqrt();
     if residual > 0.5 * pixel + MOST_STRAY * radius.asin() {
         return Err(none(residual / pixel));

@@ -36,11 +36,11 @@ impl Default for UnshadowSettings {
 
 /// Ratios are kept between this and its inverse: of a point that gets a fifth of what the sphere
 /// would, noise and what the object reflects onto itself are most.
-const MOST: f64 = 5.0;
+const LARGEST_RATIO: f64 = 5.0;
 
 /// Observations on the edge of a shadow count so little, squared: only where there are no others of
 /// their normal.
-const LEAST: f64 = 1e-3;
+const EDGE_WEIGHT: f64 = 1e-3;
 
 /// An image on the disk of normals.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,14 +89,14 @@ pub fn unshadow(
         let logs: Vec<f64> = predictions
             .iter()
             .map(|p| p.on_sphere / p.seen)
-            .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / MOST, MOST).ln() } else { 0.0 })
+            .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / LARGEST_RATIO, LARGEST_RATIO).ln() } else { 0.0 })
             .collect();
         let values: Vec<Option<f64>> =
             chosen.values.iter().zip(&logs).map(|(value, log)| value.map(|v| v * log.exp())).collect();
         // What is multiplied by a large factor brings its noise along; where most light passes a
         // shadow's edge the ratio is a guess.
         let reliable = |((weight, log), prediction): ((&f64, &f64), &Prediction)| {
-            weight * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(LEAST).powi(2)
+            weight * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(EDGE_WEIGHT).powi(2)
         };
         let reliable: Vec<f64> = weights.iter().zip(&logs).zip(&predictions).map(reliable).collect();
         let seen = chosen.points.iter().zip(&values).zip(&reliable);

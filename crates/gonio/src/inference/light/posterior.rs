@@ -58,10 +58,10 @@ pub struct LightPosterior {
 }
 
 /// Longest step in `log rho` beyond that of expectation maximisation.
-const LONGEST: f64 = 2.0;
+const LONGEST_STEP: f64 = 2.0;
 
 /// Most times that a step is made longer.
-const LARGEST: f64 = 64.0;
+const LARGEST_STRETCH: f64 = 64.0;
 
 /// A climb that gains less than this in a step, in nats, looks for other components of the
 /// mixtures.
@@ -143,12 +143,12 @@ impl LightInference<'_> {
                 if slope < 0.0 { (-1.0 / slope).clamp(1.0, 4.0 * stretch) } else { 2.0 * stretch }
             });
             last = Some((at, step)).filter(|_| step != 0.0);
-            let longer = ((factor - 1.0) * step).clamp(-LONGEST, LONGEST);
+            let longer = ((factor - 1.0) * step).clamp(-LONGEST_STEP, LONGEST_STEP);
             let mut next = None;
             if longer != 0.0 {
                 let bold = Point::new(self, design, plain.stretched(longer, settings), settings);
                 next = bold.filter(|bold| bold.objective >= now.objective);
-                stretch = if next.is_some() { factor.min(LARGEST) } else { 1.0 };
+                stretch = if next.is_some() { factor.min(LARGEST_STRETCH) } else { 1.0 };
             }
             if next.is_none() {
                 next = Point::new(self, design, plain, settings);

@@ -42,7 +42,7 @@ pub(super) struct Truncated {
 const DAMPING: f64 = 0.7;
 
 /// The same at least.
-const LEAST: f64 = 0.2;
+const LEAST_DAMPING: f64 = 0.2;
 
 /// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by the Gaussian whose means and variances, value
 /// by value, are those of the Gaussian with the one bound put back in place of its site:
@@ -97,7 +97,7 @@ pub(super) fn truncated(
             return Some(Truncated { mean, root, change, steps });
         }
         if change > last {
-            damping = (0.7 * damping).max(LEAST);
+            damping = (0.7 * damping).max(LEAST_DAMPING);
         }
         last = change;
         before = Some(mean);

@@ -20,7 +20,7 @@ pub(super) const LITTER: usize = 8;
 const STEP: f64 = 0.4;
 
 /// No step is longer.
-const LONGEST: f64 = 0.8;
+const LONGEST_STEP: f64 = 0.8;
 
 /// Widths of the analytic lobes; those between are mixtures of neighbours.
 pub(super) const ALPHAS: [f64; 15] =
@@ -100,7 +100,7 @@ fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
     let [one, two, from, to] = [parent(), parent(), parent(), parent()];
     let share: f64 = rng.random_range(0.0..1.0);
     let step: f64 = StandardNormal.sample(rng);
-    let step = (STEP * step).clamp(-LONGEST, LONGEST);
+    let step = (STEP * step).clamp(-LONGEST_STEP, LONGEST_STEP);
     let child = |k: usize| {
         let [one, two, from, to] = [one, two, from, to].map(|parent| f64::from(parent[k]));
         share * one + (1.0 - share) * two + step * (to - from)

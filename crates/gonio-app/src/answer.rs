@@ -27,7 +27,7 @@ pub struct Answer {
     pub light: Option<LightGrid>,
     /// The light that was given.
     pub known_light: Option<EnvironmentMap>,
-    /// What light and reflectance leave of the photograph, relative to it, and how that is called.
+    /// Residual of the photograph given light and reflectance, relative to it, after its name.
     pub left: (&'static str, f64),
     /// The colours of both.
     pub colouring: Colouring,
@@ -39,12 +39,12 @@ pub struct Answer {
     pub page: Option<String>,
     /// All numbers by name: `result.json`.
     pub notes: Value,
-    /// What speaks against believing it, one line each.
+    /// Warnings, one line each.
     pub warnings: Vec<String>,
     shadows: bool,
 }
 
-/// What a method found.
+/// Result of a method.
 struct Found {
     table: BivariateTable,
     material: Option<Material>,
@@ -155,7 +155,7 @@ pub fn infer(
 }
 
 impl Answer {
-    /// What the pictures show.
+    /// Returns what the pictures show.
     pub fn subject(&self) -> Subject<'_> {
         Subject {
             picture: &self.seen.picture,

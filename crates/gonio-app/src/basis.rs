@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 use crate::{Journal, Method, Problem, Search, Settings, Warning};
 
-/// What a method of the paper finds.
+/// Result of a method of the paper.
 pub(crate) struct Coefficients {
     /// Reflectance, of albedo [`ALBEDO`].
     pub(crate) table: BivariateTable,

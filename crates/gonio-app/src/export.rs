@@ -10,7 +10,7 @@ use gonio_io::atomic::StagedFolder;
 use gonio_io::material::{blender_script, glb_sphere, materialx, mitsuba_measured, mitsuba_principled};
 use gonio_io::{Error, merl, rgl};
 
-/// What can be written.
+/// Format that can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
     /// MERL table, three channels.
@@ -47,7 +47,7 @@ impl Target {
         Self::Ward,
     ];
 
-    /// What a user calls it, and what it is.
+    /// Returns its name for users, and its description.
     pub fn names(self) -> (&'static str, &'static str) {
         match self {
             Self::Merl => ("merl", "MERL table, three channels"),
@@ -70,14 +70,14 @@ impl Target {
     }
 }
 
-/// What is exported, and how.
+/// BRDF to be exported, with settings.
 #[derive(Clone, Debug)]
 pub struct Export {
     /// Name of the material.
     pub name: String,
     /// The BRDF, by channel.
     pub tables: [BivariateTable; 3],
-    /// The same with its dependence on the third angle, which MERL tables keep.
+    /// BRDF with its dependence on the third angle, which MERL tables keep.
     pub whole: Option<MerlTable>,
     /// Scale the BRDF to this albedo of its luminance along the normal.
     pub albedo: Option<f64>,
@@ -152,7 +152,7 @@ struct Writer<'a> {
     /// The fit that more than one target is written from, once it is there.
     layered: Option<Fitted<Layered>>,
     tables: [BivariateTable; 3],
-    /// With its dependence on the third angle, if it is taken as it is.
+    /// BRDF with its dependence on the third angle, if it is exported unscaled.
     whole: Option<MerlTable>,
     with_tables: bool,
     entries: Map<String, Value>,

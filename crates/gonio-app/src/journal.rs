@@ -1,9 +1,9 @@
-//! What goes on, told while it goes on, and how long it took.
+//! Progress of the stages, and how long each took.
 
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// Tells a front end which stage is on, and how far it is; and keeps how long each took.
+/// Reports progress to a front end, stage by stage, and records how long each stage took.
 pub struct Journal<'a> {
     listener: &'a (dyn Fn(&'static str, f64) + Sync),
     begun: Mutex<Vec<(&'static str, Instant)>>,

@@ -1,4 +1,4 @@
-//! What was found, by name: the sections of `result.json`.
+//! The sections of `result.json`.
 
 use gonio::colour::Chroma;
 use gonio::estimate::{Colouring, Estimate, Light, LightEstimator, Material, expected_misfit};
@@ -9,7 +9,7 @@ use gonio::scene::{Found, Sighting};
 use gonio::shape::{Camera, Soundness};
 use serde_json::{Value, json};
 
-/// What a result is about, beside what its method tells.
+/// Everything in `result.json` that does not depend on the method, and the sections that do.
 pub struct Account<'a> {
     /// How messages call the photograph.
     pub image: &'a str,
@@ -23,7 +23,7 @@ pub struct Account<'a> {
     pub bracket: Option<Value>,
     /// The colours found.
     pub colouring: &'a Colouring,
-    /// What was taken for the light's colour, in words.
+    /// Assumption on the colour of the light, in words.
     pub assumption: &'a str,
     /// Warnings, one line each.
     pub warnings: &'a [String],
@@ -65,7 +65,7 @@ pub fn extend(notes: &mut Value, more: Value) {
     }
 }
 
-/// What is said of a mesh before its camera, beside what [`sighting`] says of it.
+/// Notes on a mesh before its camera, to be added to those of [`sighting`].
 pub fn mesh(name: &str, soundness: &Soundness, camera: &Camera) -> Value {
     json!({
         "mesh": name, "soundness": soundness, "principal_point": camera.principal,

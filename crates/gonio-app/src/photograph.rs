@@ -35,7 +35,7 @@ pub struct Reading {
 /// A camera's curve from radiance to codes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Curve {
-    /// That of sRGB.
+    /// The curve of sRGB.
     Srgb,
     /// Codes in proportion to radiance.
     Linear,
@@ -43,7 +43,7 @@ pub enum Curve {
     File(PathBuf),
 }
 
-/// Where a photograph comes from.
+/// Source of a photograph.
 #[derive(Clone, Debug)]
 pub enum Shots {
     /// A picture in memory.
@@ -70,7 +70,7 @@ pub struct MergedBracket {
     pub merged: Merged,
     /// The camera's curve.
     pub response: Response,
-    /// Whether the response was found from the bracket itself.
+    /// True if the response was recovered from the bracket itself.
     pub recovered: bool,
     /// Light of each exposure relative to the longest.
     pub amounts: Vec<f64>,
@@ -106,7 +106,7 @@ impl Shots {
     }
 }
 
-/// Reads a picture; what is odd about it goes to the warnings.
+/// Reads a picture; adds what is odd about it to the warnings.
 ///
 /// # Errors
 /// If it cannot be read.
@@ -116,7 +116,8 @@ pub fn read_picture(path: &Path, options: &ReadOptions, warnings: &mut Vec<Warni
     Ok(decoded)
 }
 
-/// The same of a picture in memory, whose name tells the format.
+/// Decodes a picture in memory, whose name tells the format; adds what is odd about it to the
+/// warnings.
 ///
 /// # Errors
 /// If it cannot be decoded.

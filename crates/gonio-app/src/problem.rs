@@ -1,5 +1,4 @@
-//! What goes wrong, and what goes well enough but not quite: in words, with the remedies that a
-//! front end words itself.
+//! Errors and warnings in words, with remedies that each front end words itself.
 
 use std::fmt::{self, Display};
 use std::io::ErrorKind;
@@ -35,14 +34,14 @@ impl Problem {
         Self { remedies: error.remedies(), ..Self::of(name, error) }
     }
 
-    /// With a remedy more.
+    /// Adds a remedy.
     #[must_use]
     pub fn with(mut self, remedy: Remedy) -> Self {
         self.remedies.push(remedy);
         self
     }
 
-    /// What the operating system said, if it was asked.
+    /// Error kind of the operating system, for problems of files.
     pub fn io_kind(&self) -> Option<ErrorKind> {
         self.io
     }
@@ -53,7 +52,7 @@ impl Problem {
     }
 }
 
-/// The problem alone.
+/// Writes the problem without its remedies.
 impl Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.text)
@@ -68,7 +67,7 @@ impl From<gonio_io::Error> for Problem {
     }
 }
 
-/// Something that went well enough, but not quite.
+/// Something odd that did not stop the inference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Warning {
     text: String,

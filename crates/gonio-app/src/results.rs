@@ -25,7 +25,7 @@ pub const PICTURES: [&str; 4] = ["relit", "used", "summary", "uncertainty"];
 /// Rows of [`LIGHT`].
 pub const LIGHT_ROWS: usize = 128;
 
-/// What a folder of results holds. A part that a method does not tell is missing.
+/// Contents of a folder of results. Parts that a method does not tell are missing.
 pub struct Files {
     /// The BRDF in colour, 1/sr.
     pub tables: [BivariateTable; 3],
@@ -74,7 +74,7 @@ impl Answer {
         pictures
     }
 
-    /// What the folder of results holds.
+    /// Returns the contents of the folder of results.
     ///
     /// # Errors
     /// If the numbers cannot be written as JSON.

@@ -13,13 +13,13 @@ use crate::{Journal, Photograph, Problem, Reading, Shape, Shots, Source, Warning
 pub struct Scene {
     /// How messages call the photograph.
     pub name: String,
-    /// Where it comes from.
+    /// Source of the photograph.
     pub shots: Shots,
     /// How its files are read.
     pub reading: Reading,
     /// Radiance at which the camera clips, if it is not to be found.
     pub clip: Option<f32>,
-    /// Where the object is.
+    /// Mask of the object, if the picture itself does not tell.
     pub mask: Option<Source<Plane<f32>>>,
     /// Observe regions of another colour, too.
     pub keep_colours: bool,

@@ -1,4 +1,4 @@
-//! What is asked for.
+//! Settings of an inference.
 
 use std::path::PathBuf;
 
@@ -12,21 +12,21 @@ use gonio::sphere::OctahedralMap;
 
 use crate::{Problem, Words};
 
-/// How an answer is found and what is made of it.
+/// Settings of an inference: method, grid, colours, and which outputs are made.
 pub struct Settings<'a> {
     /// How the material is found.
     pub method: Method,
     /// Texels along a side of the light's grid.
     pub side: usize,
-    /// Whether the light that an object keeps from itself is left out.
+    /// Model self-shadowing.
     pub shadows: bool,
-    /// Where the colours come from.
+    /// Rule for the colours.
     pub colours: Colours,
-    /// Whether integer values were taken for linear radiance; for the result alone.
+    /// True if integer values were read as linear radiance; noted in the result.
     pub linear: bool,
-    /// Whether pictures are drawn.
+    /// Draw the pictures.
     pub pictures: bool,
-    /// Whether the page is made; it needs the pictures.
+    /// Make the page, which needs the pictures.
     pub report: bool,
     /// How the front end words remedies.
     pub words: Words<'a>,
@@ -88,13 +88,13 @@ impl Method {
     }
 }
 
-/// Where the colours of a BRDF come from.
+/// Rule for the colours of a BRDF.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Colours {
     /// A colour of the body and one of the highlight; the light's is as captured lights have it.
     #[default]
     Estimate,
-    /// The same with the light's colour known: that of a white matte ball.
+    /// As [`Self::Estimate`], with the known colour of the light, that of a white matte ball.
     Under(Chroma),
     /// The median colour of the photograph for all: how the paper displays its results.
     Median,
@@ -102,7 +102,7 @@ pub enum Colours {
     Grey,
 }
 
-/// What is taken for the light's colour where nothing is known of it.
+/// Assumption on the colour of an unknown light.
 pub const AS_CAPTURED: &str = "the light has a colour as captured lights have, around white";
 
 impl Colours {
@@ -123,7 +123,7 @@ impl Colours {
 }
 
 impl Settings<'_> {
-    /// Whether a model can serve them. `name` is how messages call the model.
+    /// Checks that a model can serve the settings. `name` is the name of the model in messages.
     ///
     /// # Errors
     /// If the model lacks what the method needs, or its prior does not cover the grid.

@@ -32,14 +32,14 @@ impl<T> Source<T> {
     }
 }
 
-/// What is known of an object's shape.
+/// Shape of an object, with camera and pose.
 #[derive(Clone, Debug)]
 pub struct Shape {
     /// Its form.
     pub form: Form,
     /// The camera: JSON (docs/camera.md). Without one it is orthographic.
     pub camera: Option<Source<Vec<u8>>>,
-    /// Where a mesh is in the world: JSON (docs/camera.md).
+    /// Pose of a mesh in the world: JSON (docs/camera.md).
     pub pose: Option<Source<Vec<u8>>>,
 }
 
@@ -61,11 +61,11 @@ pub enum Form {
 pub struct Normals {
     /// The picture.
     pub picture: Source<Plane<Vec3>>,
-    /// What brings its channels into order.
+    /// Correction of the order and signs of its channels.
     pub correction: Correction,
     /// Take them as they are even if they contradict themselves.
     pub trusted: bool,
-    /// Where the surface is, to know which light it keeps from itself.
+    /// Positions of the surface, for self-shadowing.
     pub places: Option<Places>,
 }
 
@@ -112,8 +112,8 @@ impl Shape {
         })
     }
 
-    /// What is looked for in a picture of `size`, with what the result says of it. `image` is how
-    /// messages call the picture.
+    /// Returns the object to look for in a picture of `size`, and the notes on its shape. `image`
+    /// is the name of the picture in messages.
     ///
     /// # Errors
     /// If a file cannot be read, or form and camera do not go together.

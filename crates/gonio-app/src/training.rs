@@ -89,7 +89,7 @@ pub enum Channel {
 }
 
 impl Channel {
-    /// Of a material whose channels (red, green, blue) are `table(0)` to `table(2)`.
+    /// Selects from a material whose channels (red, green, blue) are `table(0)` to `table(2)`.
     fn of(self, table: impl Fn(usize) -> BivariateTable) -> BivariateTable {
         match self {
             Self::Red | Self::Green | Self::Blue => table(self as usize),

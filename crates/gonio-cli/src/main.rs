@@ -25,7 +25,7 @@ use std::sync::Mutex;
 
 use clap::{Parser, Subcommand};
 
-/// The BRDF of an object of known shape, from one photograph under light that nobody measured.
+/// The BRDF of an object of known shape, from one photograph under unknown illumination.
 #[derive(Parser)]
 #[command(name = "gonio", version)]
 pub(crate) struct Args {
@@ -59,7 +59,7 @@ pub(crate) enum Command {
     Man(help::Man),
 }
 
-/// What the last panic said. Decoders of third parties panic on damaged files; `gonio-io` catches
+/// Message of the last panic. Decoders of third parties panic on damaged files; `gonio-io` catches
 /// that and says what is wrong in one line, to which the message of the panic would only add noise.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
@@ -123,7 +123,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
     ExitCode::from(2)
 }
 
-/// What is wrong with arguments, in one line.
+/// Describes what is wrong with the arguments, in one line.
 pub(crate) fn problem(error: &clap::Error) -> String {
     let text = error.render().to_string();
     let is_problem = |p: &&str| !p.starts_with("Usage:") && !p.starts_with("For more information");

@@ -1,4 +1,4 @@
-//! What a command has to say when it is done: for people, or with `--json` for programs.
+//! Message of a command at its end: for people, or with `--json` for programs.
 
 use serde_json::{Map, Value, json};
 
@@ -6,20 +6,20 @@ use serde_json::{Map, Value, json};
 pub(crate) struct Outcome {
     /// Lines for standard output.
     pub(crate) text: String,
-    /// What went well enough, but not quite; one line each.
+    /// Warnings, one line each.
     pub(crate) warnings: Vec<String>,
-    /// The same and more by name.
+    /// Results by name, for `--json`.
     pub(crate) fields: Map<String, Value>,
 }
 
 impl Outcome {
-    /// Without warnings.
+    /// Creates an outcome without warnings.
     pub(crate) fn new(text: impl Into<String>, fields: Value) -> Self {
         let fields = if let Value::Object(fields) = fields { fields } else { Map::new() };
         Self { text: text.into(), warnings: Vec::new(), fields }
     }
 
-    /// With them.
+    /// Adds warnings.
     pub(crate) fn warning(mut self, warnings: Vec<String>) -> Self {
         self.warnings = warnings;
         self

@@ -44,7 +44,7 @@ fn parse_times(text: &str) -> Result<Times, String> {
 }
 
 impl ReadingOptions {
-    /// What they ask for.
+    /// Returns the settings that the options ask for.
     pub(crate) fn reading(&self) -> Reading {
         Reading {
             linear: self.linear,

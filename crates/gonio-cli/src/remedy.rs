@@ -4,7 +4,7 @@ use gonio::remedy::Remedy;
 use gonio::scene::Correction;
 use gonio_app::{Problem, Warning};
 
-/// What the user can do.
+/// Words a remedy as an option.
 pub(crate) fn words(remedy: &Remedy) -> Option<String> {
     let words = match remedy {
         Remedy::Outline => "give the outline of the ball with --circle X,Y,RADIUS",
@@ -30,7 +30,7 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
     Some(words.to_owned())
 }
 
-/// The options of each correction, the most probable first.
+/// Lists the options of each correction, the most probable first.
 fn axes(corrections: &[Correction]) -> Option<String> {
     let options = |correction: &Correction| {
         let order = correction.reordered().map(|order| format!("--normals-order {order}"));
@@ -43,12 +43,12 @@ fn axes(corrections: &[Correction]) -> Option<String> {
     Some(format!("give {}{others}", options(first)))
 }
 
-/// Warnings in the words of the program.
+/// Words warnings for the user of the program.
 pub(crate) fn worded(warnings: &[Warning]) -> Vec<String> {
     warnings.iter().map(|warning| warning.worded(&words)).collect()
 }
 
-/// A problem in the words of the program.
+/// Words a problem for the user of the program.
 pub(crate) fn plain(problem: Problem) -> anyhow::Error {
     anyhow::Error::msg(problem.worded(&words))
 }

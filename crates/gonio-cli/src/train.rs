@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 use crate::outcome::Outcome;
 use crate::progress::Stage;
 
-/// What to learn.
+/// Part of a model to learn.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
     /// The prior of light, from a folder of lat-long HDR maps
@@ -169,7 +169,7 @@ pub(crate) fn run(command: &Command) -> Result<Outcome> {
     }
 }
 
-/// What is said of a file that was learnt.
+/// Message about a file that was learnt.
 fn written(output: &Path, provenance: &str) -> Outcome {
     let output = output.display().to_string();
     Outcome::new(format!("{output}: {provenance}"), json!({ "output": output, "provenance": provenance }))

@@ -32,7 +32,7 @@ const WIDTHS: [f64; 10] = [0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.25, 0.4, 0.6, 1.
 /// Normals that suffice for a plan of full rank.
 const FEW: usize = 1500;
 
-/// What a plan is made of, but for the points.
+/// Ingredients of a plan except the points.
 struct World {
     lights: Vec<LightGrid>,
     prior: LightPrior,
@@ -131,7 +131,7 @@ fn iteration(bencher: Bencher<'_, '_>, solver: Solver) {
     bencher.bench_local(|| infer(black_box(&problem), &Method::Variational(settings), &|_| ()));
 }
 
-/// What the block solver computes once for each image.
+/// Gram matrices, which the block solver computes once for each image.
 #[divan::bench(sample_count = 10, sample_size = 1)]
 fn grams(bencher: Bencher<'_, '_>) {
     bencher.bench_local(|| black_box(&IMAGE.bilinear).reflectance_grams());

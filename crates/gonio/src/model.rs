@@ -17,7 +17,7 @@ pub struct Model {
     pub reflectance: ReflectanceBasis,
     /// `p(F | I)` learnt from simulated photographs: the default method.
     pub learnt: Option<LearntPosterior>,
-    /// What it was trained on and how, for people.
+    /// Training data and settings, for people.
     pub provenance: String,
 }
 
@@ -128,7 +128,7 @@ pub enum ModelError {
     },
 }
 
-/// What is wrong with a posterior of materials.
+/// Fault of a posterior of materials.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PosteriorFault {
     /// Lengths do not fit each other.

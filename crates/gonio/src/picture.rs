@@ -19,7 +19,7 @@ pub struct Plane<T> {
 /// Pixels in memory that belongs to someone else, who keeps it for as long as this lives.
 pub type Lent<T> = Arc<dyn AsRef<[T]> + Send + Sync>;
 
-/// Where the pixels are.
+/// Storage of the pixels.
 #[derive(Clone)]
 enum Pixels<T> {
     Own(Vec<T>),

@@ -22,7 +22,7 @@ pub(super) struct Row {
     pub(super) arguments: Vec<String>,
 }
 
-/// What a column is.
+/// Meaning of a column.
 enum Column {
     Name,
     /// Files, parted by semicolons.

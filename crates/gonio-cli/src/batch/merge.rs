@@ -1,4 +1,4 @@
-//! What all rows have found, in one table.
+//! The results of all rows in one table.
 
 use std::path::Path;
 

@@ -1,8 +1,7 @@
 //! `gonio batch`: `gonio infer` for every row of a table.
 //!
-//! A row becomes the arguments of `gonio infer`. What became of it is noted in a file of its own
-//! below `rows/`, so that shards that run at the same time do not meet, and a run that was killed
-//! goes on where it was.
+//! A row becomes the arguments of `gonio infer`. Its outcome is written to a file of its own below
+//! `rows/`, so that shards can run at the same time and a run that was killed resumes.
 
 mod manifest;
 mod merge;
@@ -45,14 +44,14 @@ pub(crate) struct Options {
     merge: bool,
 }
 
-/// What became of a row.
+/// Outcome of a row.
 #[derive(Debug, Serialize, Deserialize)]
 struct Note {
     name: String,
-    /// Of `gonio infer`: with others the row is done again.
+    /// Arguments of `gonio infer`; if they change, the row is inferred again.
     arguments: Vec<String>,
     seconds: f64,
-    /// What is wrong with it, if it failed.
+    /// Error of a row that failed.
     error: Option<String>,
     warnings: Vec<String>,
 }
@@ -127,7 +126,8 @@ fn note_path(output: &Path, name: &str) -> PathBuf {
     output.join(NOTES).join(format!("{name}.json"))
 }
 
-/// What became of a row before; `None` also where the note cannot be read: the row is done again.
+/// Reads the outcome of an earlier run; `None` also if it cannot be read, so that the row is
+/// inferred again.
 fn read_note(output: &Path, name: &str) -> Option<Note> {
     serde_json::from_slice(&std::fs::read(note_path(output, name)).ok()?).ok()
 }

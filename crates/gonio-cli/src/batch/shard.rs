@@ -1,4 +1,4 @@
-//! Which rows are whose.
+//! Assignment of rows to shards.
 
 use anyhow::{Context, Result, bail};
 
@@ -10,7 +10,7 @@ pub(crate) struct Shard {
 }
 
 impl Shard {
-    /// Whether a row, counted from zero, belongs to it.
+    /// Returns whether a row, counted from zero, belongs to the shard.
     pub(super) fn has(self, row: usize) -> bool {
         row % self.count == self.index
     }

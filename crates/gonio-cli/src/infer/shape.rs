@@ -50,7 +50,7 @@ pub(super) struct NormalOptions {
     positions: Option<PathBuf>,
 }
 
-/// Which channels hold x, y and z.
+/// Channels that hold x, y and z.
 #[derive(Clone, Copy)]
 struct ChannelOrder([usize; 3]);
 
@@ -87,7 +87,7 @@ impl NormalOptions {
 }
 
 impl Options {
-    /// What the options say of the shape.
+    /// Returns the shape that the options describe.
     pub(super) fn shape(&self) -> Shape {
         if let Some(shape) = self.surface.mesh() {
             return shape;

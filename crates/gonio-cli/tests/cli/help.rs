@@ -1,4 +1,4 @@
-//! What goes around the commands: completions, manual pages, answers for programs.
+//! Tests of what surrounds the commands: completions, manual pages, answers for programs.
 
 use std::process::Command;
 

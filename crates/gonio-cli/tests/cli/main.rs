@@ -1,4 +1,4 @@
-//! What the program promises: its output for good input, one line and nothing else for bad input.
+//! Tests of the program: its output for good input, one line and nothing else for bad input.
 
 #![allow(missing_docs)]
 

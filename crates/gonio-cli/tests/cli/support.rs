@@ -50,7 +50,7 @@ impl Bench {
         Self(tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap())
     }
 
-    /// With the ball, as `ball.exr` with alpha, and its normals, as `normals.npy`.
+    /// A bench with the ball as `ball.exr` with alpha, and its normals as `normals.npy`.
     pub(crate) fn with_ball() -> Self {
         let bench = Self::new();
         bench.write("ball.exr", &exr(&ball()));
@@ -79,7 +79,7 @@ impl Bench {
         self.run_with(line, &[])
     }
 
-    /// The same with variables of the environment.
+    /// Runs the program with variables of the environment.
     pub(crate) fn run_with(&self, line: &str, environment: &[(&str, &str)]) -> Run {
         let out = Command::new(env!("CARGO_BIN_EXE_gonio"))
             .args(line.split_whitespace())

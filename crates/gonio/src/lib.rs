@@ -25,6 +25,10 @@
 //!
 //! The other way round, [`render`] makes pictures of a BRDF ([`reflectance`]) on a sphere or a
 //! surface ([`shape`]) in a light ([`lighting`]).
+//!
+//! Examples of a dozen lines each are in `crates/gonio-app/examples`, beside the crate that reads
+//! and writes files with them: a photograph to its BRDF, a BRDF to a picture, the light of a known
+//! BRDF, training.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

@@ -15,6 +15,10 @@ use serde_json::{Value, json};
 
 use crate::{Journal, Method, Problem, Search, Settings, Warning};
 
+/// Noise relative to the image above which an answer is no answer: every photograph that a solver
+/// settles on leaves less than half as much.
+const UNEXPLAINED: f64 = 0.5;
+
 /// Result of a method of the paper.
 pub(crate) struct Coefficients {
     /// Reflectance, of albedo [`ALBEDO`].
@@ -59,12 +63,22 @@ pub(crate) fn find(
     if posterior.starts.iter().all(|s| !s.converged) {
         warnings.push("no start converged within its iterations; the result may be rough".to_owned().into());
     }
+    let noise = posterior.noise / (projected.energy() / projected.pixels as f64).sqrt();
+    if noise > UNEXPLAINED {
+        warnings.push(
+            format!(
+                "light and reflectance leave {:.0} % of the photograph unexplained: the solver has not found them, and \
+                 the answer says little",
+                100.0 * noise
+            )
+            .into(),
+        );
+    }
     let (table, scale) = table.with_normal_albedo(ALBEDO);
     let light = known.is_none().then(|| {
         let radiance: Vec<f64> = posterior.light.iter().map(|l| l * posterior.exposure / scale).collect();
         LightGrid::from_coefficients(model.light.map, &radiance)
     });
-    let noise = posterior.noise / (projected.energy() / projected.pixels as f64).sqrt();
     let sections = json!({
         "settings": {
             "seed": search.seed, "starts": search.starts, "grid": settings.side,

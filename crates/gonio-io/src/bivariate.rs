@@ -15,7 +15,7 @@ const NAMES: &str = "materials.txt";
 /// `materials.txt`.
 ///
 /// # Errors
-/// If a file cannot be read, the array has not the shape (number of names, 90, 90, 3), a name
+/// If a file cannot be read, the shape of the array is not (number of names, 90, 90, 3), a name
 /// occurs twice, or values are not finite.
 pub fn read_bivariate_set(dir: impl AsRef<Path>) -> Result<Vec<(String, [BivariateTable; 3])>, Error> {
     let (names_path, path) = (dir.as_ref().join(NAMES), dir.as_ref().join(TABLES));

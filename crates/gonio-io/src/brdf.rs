@@ -10,11 +10,11 @@ use crate::rgl::{self, MAGIC};
 use crate::{Error, guard, merl};
 
 /// Reads a material from a file of the MERL database (`.binary`) or of the RGL database
-/// (`_rgb.bsdf`), told apart by how they begin. Measurements of the latter are put on the angles of
-/// the former ([`rgl::Rgl::to_merl`]).
+/// (`_rgb.bsdf`), recognised by their first bytes. Measurements of the latter are resampled to the
+/// angles of the former ([`rgl::Rgl::to_merl`]).
 ///
 /// # Errors
-/// As [`merl::read`] and [`rgl::read`].
+/// See [`merl::read`] and [`rgl::read`].
 pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
     let path = path.as_ref();
     let (mut file, length) = guard::open(path)?;
@@ -27,7 +27,8 @@ pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
     }
 }
 
-/// The `.binary` and `.bsdf` files of a folder with the names of their materials, sorted by name.
+/// Lists the `.binary` and `.bsdf` files of a folder with the names of their materials, sorted by
+/// name.
 ///
 /// # Errors
 /// If the folder cannot be read or holds no such file.
@@ -35,7 +36,7 @@ pub fn list(dir: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, Error> {
     files(dir.as_ref(), &["binary", "bsdf"])
 }
 
-/// The files of a folder with one of some extensions, and their names without it.
+/// Lists the files of a folder with one of some extensions, and their names without it.
 pub(crate) fn files(dir: &Path, extensions: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
     let named =
         |path: PathBuf| path.file_stem().map(|name| name.to_string_lossy().into_owned()).zip(Some(path.clone()));

@@ -1,9 +1,10 @@
-//! Results that took long to compute, kept between runs in the user's cache folder.
+//! Results of long computations, kept between runs in the user's cache folder.
 //!
 //! An entry is a file `KEY.plan`: a header with the length and the BLAKE3 hash of the content, then
-//! the content. Whatever does not match its header counts as absent and is removed, so that nothing
-//! needs to be synced to the disk and a damaged entry costs a computation, never a wrong result.
-//! Entries appear by renaming: a reader sees a whole one or none, whatever other processes do.
+//! the content. An entry that does not match its header counts as absent and is removed. So nothing
+//! needs to be synced to the disk, and a damaged entry costs a computation but never gives a wrong
+//! result. Entries appear by renaming: a reader sees a whole one or none, whatever other processes
+//! do.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -15,10 +16,10 @@ use etcetera::BaseStrategy;
 
 use crate::Error;
 
-/// The variable that names the cache folder instead of the platform's; set but empty it turns the
-/// cache off.
+/// Environment variable that names the cache folder instead of the platform's; set but empty it
+/// turns the cache off.
 pub const DIR_VARIABLE: &str = "GONIO_CACHE_DIR";
-/// Bytes kept at most unless told otherwise: 2 GiB.
+/// Default budget in bytes: 2 GiB.
 pub const DEFAULT_BUDGET: u64 = 2 << 30;
 
 const MAGIC: &[u8; 8] = b"gonioPLN";
@@ -27,7 +28,7 @@ const VERSION: u32 = 1;
 const HEADER: usize = 8 + 4 + 4 + 8 + 32;
 const EXTENSION: &str = "plan";
 const UNFINISHED: &str = ".gonio-";
-/// Unfinished files older than this belong to no running process.
+/// Age above which an unfinished file belongs to no running process.
 const STALE: Duration = Duration::from_secs(3600);
 
 /// A folder of entries.
@@ -38,8 +39,8 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// The user's cache: the folder in [`GONIO_CACHE_DIR`](DIR_VARIABLE), else `gonio` in the
-    /// platform's cache folder. `None` if the variable is empty or there is no home.
+    /// Returns the user's cache: the folder in [`GONIO_CACHE_DIR`](DIR_VARIABLE), else `gonio` in
+    /// the platform's cache folder. `None` if the variable is empty or there is no home.
     pub fn user() -> Option<Self> {
         Self::user_or(std::env::var_os(DIR_VARIABLE))
     }
@@ -52,22 +53,22 @@ impl Cache {
         }
     }
 
-    /// The cache in `dir`, made when something is first stored.
+    /// Returns the cache in `dir`, which is created when something is first stored.
     pub fn at(dir: impl Into<PathBuf>) -> Self {
         Self { dir: dir.into(), budget: DEFAULT_BUDGET }
     }
 
-    /// The same cache, keeping at most `bytes`.
+    /// Sets the budget of the cache to `bytes`.
     pub fn with_budget(self, bytes: u64) -> Self {
         Self { budget: bytes, ..self }
     }
 
-    /// The folder of the entries.
+    /// Returns the folder of the entries.
     pub fn dir(&self) -> &Path {
         &self.dir
     }
 
-    /// The content stored under `key`, if it is there and undamaged.
+    /// Returns the content stored under `key`, if it is there and undamaged.
     pub fn load(&self, key: &str) -> Option<Vec<u8>> {
         let path = self.entry(key);
         let mut file = File::open(&path).ok()?;
@@ -80,7 +81,7 @@ impl Cache {
             }
             Err(_) => return None,
         };
-        // What is used stays; without the right to say so it counts as old.
+        // Marks the entry as recently used; without the right to do so it counts as old.
         let _ = file.set_modified(SystemTime::now());
         Some(content)
     }
@@ -89,8 +90,8 @@ impl Cache {
     /// been unused longest until the budget is met.
     ///
     /// # Errors
-    /// If the folder cannot be made or written, the disk is full, or the content alone exceeds the
-    /// budget. The caller can go on regardless.
+    /// If the folder cannot be created or written, the disk is full, or the content alone exceeds
+    /// the budget. The caller can go on regardless.
     pub fn store(&self, key: &str, content: &[u8]) -> Result<(), Error> {
         let path = self.entry(key);
         if (content.len() + HEADER) as u64 > self.budget {
@@ -109,7 +110,8 @@ impl Cache {
         Ok(())
     }
 
-    /// Keys become file names, so that those with odd characters are hashed.
+    /// Returns the path of an entry. Keys become file names, so those with unusual characters are
+    /// hashed.
     fn entry(&self, key: &str) -> PathBuf {
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         let fits = !key.is_empty() && key.len() <= 100 && key.chars().all(plain);
@@ -117,8 +119,8 @@ impl Cache {
         self.dir.join(format!("{stem}.{EXTENSION}"))
     }
 
-    /// Removes the oldest entries beyond the budget, but not `newest`, and what crashed processes
-    /// have left.
+    /// Removes the oldest entries beyond the budget, except `newest`, and leftovers of crashed
+    /// processes.
     fn trim(&self, newest: &Path) {
         let Ok(files) = fs::read_dir(&self.dir) else { return };
         let now = SystemTime::now();
@@ -158,12 +160,12 @@ fn header(content: &[u8]) -> Vec<u8> {
     header
 }
 
-/// On all cores: the hash is half the time of loading.
+/// Hashes on all cores: the hash takes half the time of loading.
 fn hash(content: &[u8]) -> blake3::Hash {
     blake3::Hasher::new().update_rayon(content).finalize()
 }
 
-/// The content, or `None` if it does not match its header.
+/// Returns the content, or `None` if it does not match its header.
 fn read_entry(file: &mut File) -> std::io::Result<Option<Vec<u8>>> {
     let length = file.metadata()?.len();
     if length < HEADER as u64 {
@@ -177,8 +179,8 @@ fn read_entry(file: &mut File) -> std::io::Result<Option<Vec<u8>>> {
         return Ok(None);
     }
     let mut content = Vec::new();
-    // The length is the file's own, so that this asks for no more than is there; still not a reason
-    // to abort.
+    // The length is the file's own, so this asks for no more than is there; running out of memory
+    // is still not a reason to abort.
     if content.try_reserve_exact(usize::try_from(content_length).unwrap_or(usize::MAX)).is_err() {
         return Err(std::io::ErrorKind::OutOfMemory.into());
     }

@@ -1,4 +1,4 @@
-//! The one error of this crate: which file, what is wrong, what to do.
+//! The one error type of this crate: the file, what is wrong with it, and what to do.
 
 use std::fmt;
 use std::io;
@@ -6,26 +6,27 @@ use std::path::{Path, PathBuf};
 
 use gonio::remedy::Remedy;
 
-/// Longest text of a problem that is shown, in characters: files and third parties may bring any.
+/// Longest text of a problem that is shown, in characters: files and third parties may give any
+/// length.
 const LONGEST_PROBLEM: usize = 500;
 
-/// What kind of thing went wrong; decides, for instance, an exit code.
+/// Category of an error; decides, for instance, an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Kind {
     /// The operating system refused to open, read or write; [`Error::io_kind`] says why.
     Io,
-    /// A format, or a feature of a format, that is not read here.
+    /// The format, or a feature of it, is not supported.
     Unsupported,
     /// The file contradicts itself or its format: cut short, wrong dimensions, a bad header.
     Damaged,
-    /// The file asks for more memory than allowed; found out before taking the memory.
+    /// The file asks for more memory than allowed; detected before the memory is taken.
     Limits,
-    /// The file is sound, but its content is not what is asked for here.
+    /// The file is sound, but its content is not what is needed.
     Invalid,
 }
 
-/// Why a file could not be read or written. Displays as one line, `FILE: PROBLEM; WHAT TO DO`.
+/// Error of reading or writing a file. Displays as one line, `FILE: PROBLEM; WHAT TO DO`.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Error(Box<Inner>);
@@ -37,33 +38,34 @@ struct Inner {
     problem: String,
     advice: String,
     remedy: Option<Remedy>,
-    /// Already part of `problem`, so that it is not repeated as the `source` of a chain of errors.
+    /// Error of the operating system; its text is already part of `problem`, so it is not repeated
+    /// as the `source` of a chain of errors.
     os: Option<io::Error>,
 }
 
 impl Error {
-    /// What kind of thing went wrong.
+    /// Returns the category of the error.
     pub fn kind(&self) -> Kind {
         self.0.kind
     }
 
-    /// The file or folder that the error is about.
+    /// Returns the file or folder that the error is about.
     pub fn path(&self) -> &Path {
         &self.0.path
     }
 
-    /// What is wrong, without the name of the file and without advice. May hold several lines if a
-    /// third party's message does.
+    /// Describes the problem, without the name of the file and without advice. May hold several
+    /// lines if a third party's message does.
     pub fn problem(&self) -> &str {
         &self.0.problem
     }
 
-    /// The operating system's reason for an error of [`Kind::Io`].
+    /// Returns the operating system's reason for an error of [`Kind::Io`].
     pub fn io_kind(&self) -> Option<io::ErrorKind> {
         self.0.os.as_ref().map(io::Error::kind)
     }
 
-    /// The input that settles it, if there is one; the advice does without.
+    /// Returns the input that mends the error, if there is one; the advice does not mention it.
     pub fn remedy(&self) -> Option<&Remedy> {
         self.0.remedy.as_ref()
     }
@@ -78,7 +80,7 @@ impl Error {
         Self(Box::new(Inner { kind, path: path.to_owned(), problem, advice, remedy: None, os: None }))
     }
 
-    /// `action` completes "cannot ...": "open", "write".
+    /// Error of the operating system; `action` completes "cannot ...": "open", "write".
     pub(crate) fn io(path: &Path, action: &str, os: io::Error) -> Self {
         use io::ErrorKind as K;
         let advice = match os.kind() {
@@ -126,8 +128,8 @@ impl fmt::Display for Inner {
     }
 }
 
-/// Names of files and messages of third parties may hold line breaks and worse, which would forge
-/// lines of output.
+/// Writes a text as one line: names of files and messages of third parties may hold line breaks and
+/// other control characters, which would forge lines of output.
 fn one_line(text: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     text.chars().try_for_each(|c| match c {
         '\n' | '\r' | '\t' => f.write_str(" "),

@@ -84,7 +84,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Vec<(String, Fit)>, Error> {
     Ok(fits)
 }
 
-/// What is left of a line. White space between tokens does not matter.
+/// Unparsed rest of a line. White space between tokens does not matter.
 struct Parser<'a> {
     rest: &'a str,
 }
@@ -114,7 +114,7 @@ impl<'a> Parser<'a> {
         if self.rest.trim().is_empty() { Ok((name, fit)) } else { Err(format!("more after the end: {}", self.near())) }
     }
 
-    /// `, NAME = NUMBER`
+    /// Parses `, NAME = NUMBER`.
     fn next_field(&mut self, name: &str) -> Result<f64, String> {
         self.all(&[",", name, "="])?;
         self.number()
@@ -125,7 +125,7 @@ impl<'a> Parser<'a> {
         if value > 0.0 { Ok(value) } else { Err(format!("the roughness {value} is not positive")) }
     }
 
-    /// `albedo = [NUMBER, NUMBER, NUMBER]`
+    /// Parses `albedo = [NUMBER, NUMBER, NUMBER]`.
     fn colour(&mut self) -> Result<[f64; 3], String> {
         self.all(&["albedo", "=", "["])?;
         let r = self.number()?;

@@ -1,11 +1,11 @@
-//! What is in a folder.
+//! Listing of folders.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::Error;
 
-/// The files of a folder with one of some extensions (in lower case), sorted by name.
+/// Lists the files of a folder with one of some extensions (in lower case), sorted by name.
 ///
 /// # Errors
 /// If the folder cannot be read.

@@ -1,15 +1,14 @@
-//! Pictures of geometry: depths, and places.
+//! Pictures of geometry: depths and positions.
 //!
 //! * OpenEXR: depths in a channel `Z`, `V`, `depth` or `distance`, plain or of a pass such as
-//!   `Depth.V`, or in grey; places in `X Y Z` or `R G B`, those of a pass named `position` before
-//!   others.
-//! * NPY: depths of shape (height, width), places of shape (height, width, 3), row 0 at the top.
+//!   `Depth.V`, or in grey; positions in `X Y Z` or `R G B`, preferably of a pass named `position`.
+//! * NPY: depths of shape (height, width), positions of shape (height, width, 3), row 0 at the top.
 //! * 16-bit PNG and TIFF: depths coded as 0..1 between a near and a far one. Float TIFF: depths as
 //!   they are. PFM: both.
 //!
 //! A pixel without surface holds zero, infinity, not-a-number or a number as large as renderers
-//! write for nothing (1e9 and above, as Blender's 1e10). In a coded picture it holds the least or
-//! the largest code, or is transparent.
+//! write for the background (1e9 and above, such as Blender's 1e10). In a coded picture it holds
+//! the least or the largest code, or is transparent.
 
 use std::path::Path;
 
@@ -21,25 +20,25 @@ use gonio::remedy::Remedy;
 use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
 use crate::{Error, guard, npy};
 
-/// Numbers as large as this say that there is nothing.
+/// Magnitude from which on a number marks a pixel without surface.
 const NOTHING: f64 = 1e9;
 
-/// How to read a picture of depths.
+/// Options for reading a depth map.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DepthOptions {
-    /// The depths that the codes 0 and 1 of an integer picture stand for, in either order. No
-    /// effect on float files.
+    /// Depths that the codes 0 and 1 of an integer picture stand for, in either order. No effect on
+    /// float files.
     pub range: Option<(f64, f64)>,
     /// Limits.
     pub read: ReadOptions,
 }
 
-/// Reads depths, in the unit of the file; whether along the axis of the camera or along each ray
-/// only the caller knows. `None` without surface.
+/// Reads depths, in the unit of the file; only the caller knows whether they are along the axis of
+/// the camera or along each ray. `None` without surface.
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, in a format that holds no depths, integers without a
-/// range or of 8 bits, has no surface at all or too many pixels.
+/// If the file cannot be read, is damaged, is in a format that holds no depths, holds integers
+/// without a range or of 8 bits, has no surface at all, or has too many pixels.
 pub fn read_depth(path: impl AsRef<Path>, options: &DepthOptions) -> Result<Plane<Option<f64>>, Error> {
     let path = path.as_ref();
     decode_depth(path, &guard::read_whole(path, options.read.max_bytes())?, options)
@@ -76,7 +75,7 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
                     coded(path, &decoded, options.range)?
                 }
             }
-            // Radiance, JPEG and, where the feature is there, raw files.
+            // Radiance, JPEG and, with that feature, raw files.
             _ => {
                 let advice = "give EXR, NPY or 16-bit PNG";
                 return Err(Error::unsupported(path, "is in a format too coarse for depths", advice));
@@ -89,19 +88,19 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
     Ok(depths)
 }
 
-/// Reads the place that each pixel sees, in whatever frame and unit the file has. `None` without
-/// surface: where a place is not finite, huge, or exactly at the origin.
+/// Reads the position that each pixel sees, in whatever frame and unit the file has. `None` without
+/// surface: where a position is not finite, huge, or exactly at the origin.
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, in a format that holds no places, has no surface at all
-/// or too many pixels.
+/// If the file cannot be read, is damaged, is in a format that holds no positions, has no surface
+/// at all, or has too many pixels.
 pub fn read_positions(path: impl AsRef<Path>) -> Result<Plane<Option<DVec3>>, Error> {
     let path = path.as_ref();
     let options = ReadOptions::default();
     decode_positions(path, &guard::read_whole(path, options.max_bytes())?, &options)
 }
 
-/// Decodes places held in memory; `path` serves the messages only.
+/// Decodes positions held in memory; `path` serves the messages only.
 ///
 /// # Errors
 /// Like [`read_positions`].
@@ -147,17 +146,17 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
     Ok(places)
 }
 
-/// A channel named for depths, those of a pass named so first.
+/// Selects a channel named for depths, first those of a pass named for depths.
 fn select_depth(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
     let mut found: Option<(u32, Selection)> = None;
     for group in picture::groups(headers) {
         let pass = match group.pass() {
             "depth" | "z" | "mist" | "distance" => 0,
             "" => 1,
-            // The Z of a pass of normals or places is none.
+            // The Z of a pass of normals or positions is not a depth.
             _ => 10,
         };
-        // Colours are depths only in a pass of their own, or in a file of grey.
+        // Colours are depths only in a pass of their own, or in a grey file.
         for (name, rank) in [("depth", 0), ("z", 2), ("v", 2), ("distance", 0), ("d", 2), ("y", 4), ("r", 6)] {
             let vector = name == "z" && group.select(&["x"]).is_some() || name == "r" && pass != 0;
             if let Some(selection) = group.select(&[name])
@@ -173,7 +172,7 @@ fn select_depth(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
     found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no channel of depths (Z, V, depth)", advice))
 }
 
-/// The channels most likely to be places.
+/// Selects the channels most likely to be positions.
 fn select_places(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
     let mut found: Option<(u32, Selection)> = None;
     for group in picture::groups(headers) {
@@ -195,7 +194,7 @@ fn select_places(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
     found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no channels X, Y, Z or R, G, B of places", advice))
 }
 
-/// The one value of each pixel of a picture without colour.
+/// Returns the one value of each pixel of a picture without colour.
 fn grey(path: &Path, decoded: &Decoded) -> Result<Plane<f32>, Error> {
     let rgb = &decoded.picture.rgb;
     let same = |a: f32, b: f32| a == b || (a.is_nan() && b.is_nan());
@@ -293,7 +292,7 @@ mod tests {
             for (got, code) in got.as_slice()[1..5].iter().zip(&codes[1..5]) {
                 assert!((got.unwrap() - want(*code)).abs() < 1e-6);
             }
-            // Near and far the other way round.
+            // Near and far swapped.
             assert!((depth(&bytes, Some((4.0, 2.0))).unwrap()[(1, 0)].unwrap() - 4.0).abs() < 1e-4);
             assert!(depth(&bytes, None).unwrap_err().remedy() == Some(&Remedy::DepthRange));
             for range in [(1.0, 1.0), (0.0, f64::NAN)] {

@@ -1,5 +1,5 @@
-//! Guards between untrusted files and the rest: size limits on whole files, and panics of third
-//! parties' decoders.
+//! Guards against untrusted files: size limits on whole files, and panics of third parties'
+//! decoders.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -8,7 +8,7 @@ use std::path::Path;
 
 use crate::Error;
 
-/// Opens a regular file (or a pipe) for reading and tells its length, 0 for a pipe.
+/// Opens a regular file (or a pipe) for reading and returns its length, 0 for a pipe.
 pub(crate) fn open(path: &Path) -> Result<(File, u64), Error> {
     let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
     let meta = file.metadata().map_err(|e| Error::io(path, "open", e))?;
@@ -18,8 +18,8 @@ pub(crate) fn open(path: &Path) -> Result<(File, u64), Error> {
     Ok((file, meta.len()))
 }
 
-/// The whole of a file of at most `max` bytes. Nothing is allocated for a file that says it is
-/// longer.
+/// Reads the whole of a file of at most `max` bytes. Nothing is allocated for a file that says it
+/// is longer.
 pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     let (file, length) = open(path)?;
     let too_long = || Error::limits(path, format!("is longer than {max} bytes"), "reduce it or raise the limit");
@@ -27,7 +27,7 @@ pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
         return Err(too_long());
     }
     let mut bytes = Vec::with_capacity(usize::try_from(length).map_err(|_| too_long())?);
-    // One more than allowed, so that a pipe, or a file that grows, is found out too.
+    // One byte more than allowed, to detect a pipe or a growing file that is too long.
     file.take(max.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::io(path, "read", e))?;
     if bytes.len() as u64 > max {
         return Err(too_long());
@@ -38,11 +38,10 @@ pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
-/// Runs the decoder of a third party and turns its panic, which only a damaged file provokes, into
-/// an error.
+/// Runs the decoder of a third party and turns its panic, which only a damaged file causes, into an
+/// error.
 pub(crate) fn catching<T>(path: &Path, format: &str, decode: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-    // Whatever the decoder held is dropped by the unwinding, so no broken state can be seen
-    // afterwards.
+    // Unwinding drops everything that the decoder held, so no broken state can be seen afterwards.
     catch_unwind(AssertUnwindSafe(decode))
         .unwrap_or_else(|_| Err(Error::damaged(path, format!("contradicts itself as {format}"))))
 }

@@ -1,8 +1,8 @@
-//! Every file that gonio reads or writes, with limits on what it will read.
+//! Reading and writing of every file that gonio uses, with limits on what is read.
 //!
 //! * [`picture`]: photographs, light maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF);
 //! * [`normals`]: normal maps (OpenEXR, PFM, NPY, PNG);
-//! * [`geometry`]: pictures of depths and places (OpenEXR, NPY, PNG);
+//! * [`geometry`]: pictures of depths and positions (OpenEXR, NPY, PNG);
 //! * [`material`]: materials for renderers (Mitsuba, MaterialX, glTF, Blender);
 //! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
 //! * [`camera`]: cameras and poses (`docs/camera.md`);
@@ -10,13 +10,13 @@
 //!   published fits;
 //! * [`model`]: trained models and their halves (`docs/model-format.md`);
 //! * [`npy`]: arrays of numpy;
-//! * [`folder`]: what is in one; [`atomic`]: output that appears complete or not at all;
-//! * [`cache`], [`plan`]: computed plans that survive the process.
+//! * [`folder`]: listing of folders; [`atomic`]: output that appears complete or not at all;
+//! * [`cache`], [`plan`]: computed plans kept between runs.
 //!
 //! Invariants: no input makes this crate panic; sizes are checked before memory is taken for them;
-//! an [`Error`] always names the file, the problem and a way out, on one line; nothing is ever
-//! printed by this crate (a third party's decoder that panics on a damaged file is caught, but its
-//! message has by then been written by the panic hook).
+//! an [`Error`] always names the file, the problem and a way out, on one line; this crate never
+//! prints anything (a third party's decoder that panics on a damaged file is caught, but the panic
+//! hook has written its message by then).
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

@@ -1,4 +1,5 @@
-//! Numbers as little-endian bytes, in bulk: whole arrays at the speed of memory on any machine.
+//! Conversion of arrays of numbers to and from little-endian bytes, at the speed of memory on any
+//! machine.
 
 /// Appends the bytes of `values`.
 pub(crate) fn put_f32(out: &mut Vec<u8>, values: &[f32]) {
@@ -16,17 +17,17 @@ pub(crate) fn put_f64(out: &mut Vec<u8>, values: &[f64]) {
     places.iter_mut().zip(values).for_each(|(place, v)| *place = v.to_le_bytes());
 }
 
-/// The values of as many whole numbers as `bytes` holds.
+/// Reads as many complete values as `bytes` holds.
 pub(crate) fn f32s(bytes: &[u8]) -> Vec<f32> {
     bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
 }
 
-/// The values of as many whole numbers as `bytes` holds.
+/// Reads as many complete values as `bytes` holds.
 pub(crate) fn f64s(bytes: &[u8]) -> Vec<f64> {
     bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()
 }
 
-/// The values of as many whole numbers as `bytes` holds.
+/// Reads as many complete values as `bytes` holds.
 pub(crate) fn u64s(bytes: &[u8]) -> Vec<u64> {
     bytes.as_chunks().0.iter().map(|b| u64::from_le_bytes(*b)).collect()
 }

@@ -1,9 +1,9 @@
-//! The files of the MERL BRDF database (Matusik et al. 2003): `NAME.binary`, one material each.
+//! Files of the MERL BRDF database (Matusik et al. 2003): `NAME.binary`, one material each.
 //!
-//! Three little-endian 32-bit integers, 90 90 180, then three channels of 90 x 90 x 180 doubles
-//! with `theta_h` slowest and `phi_d` fastest. A value times 1, 1.15 or 1.66 (red, green, blue)
-//! over 1500 is in 1/sr; a negative one means that there is none, as below the horizon and, in the
-//! genuine files, at a few other places.
+//! A file holds three little-endian 32-bit integers, 90 90 180, then three channels of 90 x 90 x
+//! 180 doubles with `theta_h` slowest and `phi_d` fastest. A value times 1, 1.15 or 1.66 (red,
+//! green, blue) over 1500 is in 1/sr; a negative one marks a missing value, as below the horizon
+//! and, in the original files, at a few other places.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use crate::{Error, atomic, guard};
 
 /// 1/sr per unit of the file, by channel.
 const SCALE: [f64; 3] = [1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0];
-/// Lengths of the axes as the file has them.
+/// Lengths of the axes in the file.
 const DIMENSIONS: [i32; 3] = [THETA_H as i32, THETA_D as i32, PHI_D as i32];
 /// Bytes before the values.
 const HEADER: usize = 12;
@@ -72,7 +72,7 @@ pub fn decode(path: &Path, mut from: impl Read, length: u64) -> Result<MerlTable
     Ok(MerlTable::from_channels(channels))
 }
 
-/// The values that are no numbers: how many, and where the first one is.
+/// Number of values that are not finite, and the place of the first one.
 #[derive(Default)]
 struct Bad {
     count: usize,
@@ -107,7 +107,7 @@ fn short(path: &Path, length: u64, error: std::io::Error) -> Error {
     }
 }
 
-/// The bytes of a `.binary` file (35 MB). Reading them gives the table back exactly.
+/// Encodes a `.binary` file (35 MB). Reading it gives the table back exactly.
 pub fn encode(table: &MerlTable) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(FILE_BYTES as usize);
     bytes.extend(DIMENSIONS.iter().flat_map(|d| d.to_le_bytes()));
@@ -126,7 +126,7 @@ pub fn write(path: impl AsRef<Path>, table: &MerlTable) -> Result<(), Error> {
     atomic::write_file(path, &encode(table))
 }
 
-/// The `.binary` files of a folder with the names of their materials, sorted by name.
+/// Lists the `.binary` files of a folder with the names of their materials, sorted by name.
 ///
 /// # Errors
 /// If the folder cannot be read or holds no such file.

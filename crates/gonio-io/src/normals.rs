@@ -7,7 +7,7 @@
 //! * PNG, TIFF and JPEG with the usual code, `n = 2 v - 1` for `v` in 0..=1; float TIFF as plain
 //!   components.
 //!
-//! Whether the normals have unit length and face the camera is checked by whoever uses them.
+//! Whether the normals have unit length and face the camera is left to the caller to check.
 
 use std::path::Path;
 
@@ -17,9 +17,10 @@ use gonio::picture::Plane;
 use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
 use crate::{Error, guard, npy};
 
-/// Integer codes of normals whose length is this close to 1 are rounded unit vectors.
+/// Largest deviation from 1 of the length of an integer-coded normal that counts as a rounded unit
+/// vector.
 const CODED_SLACK: f32 = 0.05;
-/// Shorter than this an integer code is the one of zero, which no integer hits exactly.
+/// Length below which an integer code stands for zero, which no integer represents exactly.
 const CODED_ZERO: f32 = 0.05;
 
 /// Reads a normal map. Pixels without surface (zero, not-a-number; black, mid-grey or transparent
@@ -59,8 +60,8 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<
     }
 }
 
-/// The channels most likely to be normals: `X Y Z` before `R G B`, and a pass named for normals
-/// before all others.
+/// Selects the channels most likely to be normals: `X Y Z` before `R G B`, and a pass named for
+/// normals before all others.
 fn select(path: &Path, headers: &[exr::meta::header::Header]) -> Result<Selection, Error> {
     let groups = picture::groups(headers);
     let mut found: Option<(u32, Selection)> = None;

@@ -14,7 +14,7 @@ pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
 pub struct Array {
     /// Length of each axis.
     pub shape: Vec<usize>,
-    /// As many values as the product of `shape`.
+    /// Values, as many as the product of `shape`.
     pub values: Vec<f32>,
 }
 
@@ -31,7 +31,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Array, Error> {
 /// Decodes an array held in memory; `path` serves the messages only.
 ///
 /// # Errors
-/// If the bytes are no array of floats, or their number does not fit the shape.
+/// If the bytes are not an array of floats, or their number does not fit the shape.
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Array, Error> {
     let (header, data) = split(bytes).ok_or_else(|| Error::damaged(path, "does not begin like an NPY file"))?;
     let bad = |what: &str| Error::damaged(path, format!("has no valid {what} in its NPY header"));
@@ -79,8 +79,7 @@ pub fn encode(array: &Array) -> Vec<u8> {
     assert_eq!(array.shape.iter().product::<usize>(), array.values.len(), "as many values as the shape has");
     let axes: String = array.shape.iter().map(|n| format!("{n}, ")).collect();
     let dict = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}", axes.trim_end());
-    // The format asks for the values to start at a multiple of 64, and for a line break before
-    // them.
+    // The format requires the values to start at a multiple of 64, and a line break before them.
     let length = (MAGIC.len() + 4 + dict.len() + 1).next_multiple_of(64) - MAGIC.len() - 4;
     let mut bytes = MAGIC.to_vec();
     bytes.extend([1, 0]);
@@ -90,7 +89,7 @@ pub fn encode(array: &Array) -> Vec<u8> {
     bytes
 }
 
-/// The text of the header and the bytes after it.
+/// Splits a file into the text of the header and the bytes after it.
 fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let rest = bytes.strip_prefix(MAGIC)?;
     let (start, length) = match *rest {
@@ -102,7 +101,7 @@ fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     Some((std::str::from_utf8(header).ok()?, data))
 }
 
-/// The text of one value of the header, a Python dictionary written on one line.
+/// Returns the text of one value of the header, a Python dictionary on one line.
 fn value_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     let rest = ['\'', '"'].iter().find_map(|q| header.split_once(&format!("{q}{key}{q}")))?.1;
     let rest = rest.trim_start().strip_prefix(':')?.trim_start();
@@ -118,7 +117,7 @@ fn parse_shape(text: &str) -> Option<Vec<usize>> {
     inner.split(',').map(|n| n.trim().parse().ok()).collect()
 }
 
-/// Reorders values in which the first axis varies fastest.
+/// Reorders values from Fortran order, in which the first axis varies fastest.
 fn to_c_order(shape: &[usize], values: &[f32]) -> Vec<f32> {
     let mut index = vec![0; shape.len()];
     let mut strides = vec![1; shape.len()];
@@ -129,7 +128,7 @@ fn to_c_order(shape: &[usize], values: &[f32]) -> Vec<f32> {
     let mut out = Vec::with_capacity(values.len());
     for _ in 0..values.len() {
         out.push(values[at]);
-        // Count up, last axis first, keeping `at` in step.
+        // Counts up, last axis first, keeping `at` in step.
         for axis in (0..shape.len()).rev() {
             index[axis] += 1;
             at += strides[axis];

@@ -1,9 +1,8 @@
-//! Plans in the cache: their bytes, the keys they are found by, and making them when they are not
-//! there.
+//! Plans in the cache: their encoding, their keys, and building them when they are not there.
 //!
 //! The bytes are an eight-byte length, a JSON header of that length, and the arrays `q` and `r`
 //! (32-bit) and `energies` (64-bit) of the [`Plan`], little-endian. They are for the cache alone,
-//! which guards them against damage; the form may change with [`VERSION`].
+//! which protects them against damage; the form may change with [`VERSION`].
 
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
@@ -13,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use crate::cache::Cache;
 use crate::{Error, little_endian};
 
-/// Enters every key: to be raised whenever the bytes change, or [`Plan::build`] gives other results
-/// for the same input.
+/// Version, part of every key: to be raised whenever the bytes change, or [`Plan::build`] gives
+/// other results for the same input.
 pub const VERSION: u32 = 2;
 
 #[derive(Serialize, Deserialize)]
@@ -27,7 +26,7 @@ struct Header {
     total_energy: f64,
 }
 
-/// The bytes of a plan.
+/// Encodes a plan.
 pub fn encode_plan(plan: &Plan) -> Vec<u8> {
     let Plan { settings, points, k, q, r, energies, total_energy } = plan;
     let header = Header {
@@ -48,7 +47,7 @@ pub fn encode_plan(plan: &Plan) -> Vec<u8> {
     bytes
 }
 
-/// The plan of these bytes; `None` if they are none of this version, or their lengths do not fit.
+/// Decodes a plan; `None` if the bytes are not a plan of this version, or their lengths do not fit.
 pub fn decode_plan(bytes: &[u8]) -> Option<Plan> {
     let (length, rest) = bytes.split_first_chunk()?;
     let (header, rest) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
@@ -66,11 +65,11 @@ pub fn decode_plan(bytes: &[u8]) -> Option<Plan> {
     Some(Plan { settings, points, k, q, r, energies: little_endian::f64s(energies), total_energy })
 }
 
-/// The name of the plan that [`Plan::build`] makes of these: BLAKE3, in hexadecimal, of all that it
-/// depends on.
+/// Computes the key of the plan that [`Plan::build`] makes from these arguments: BLAKE3, in
+/// hexadecimal, of everything that it depends on.
 ///
-/// [`PlanSettings::hold`] does not enter: whether rows were held in memory changes nothing beyond
-/// round-off.
+/// [`PlanSettings::hold`] is not part of it: whether rows were held in memory changes nothing
+/// beyond round-off.
 pub fn plan_key<'a>(
     points: impl Into<Points<'a>>,
     tables: &[BivariateTable],
@@ -78,7 +77,7 @@ pub fn plan_key<'a>(
     settings: &PlanSettings,
 ) -> String {
     let mut hasher = blake3::Hasher::new();
-    // Each part after its length, so that nothing can move from one part to the next.
+    // Each part follows its length, so that nothing can move from one part to the next.
     let mut part = |bytes: &[u8]| {
         hasher.update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
     };
@@ -107,28 +106,29 @@ pub fn plan_key<'a>(
     hasher.finalize().to_hex().to_string()
 }
 
-/// The settings without those that do not change the result.
+/// Returns the settings without those that do not change the result.
 fn unheld(settings: &PlanSettings) -> PlanSettings {
     PlanSettings { hold: 0, ..*settings }
 }
 
-/// Where a plan comes from.
+/// Origin of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlanOrigin {
-    /// It was in the cache.
+    /// The plan was in the cache.
     Cache,
-    /// It was built.
+    /// The plan was built.
     Built,
 }
 
-/// The plan of the cache, or else a newly built one, which is then stored. Arguments as of
+/// Returns the plan from the cache, or else builds and stores it. The arguments are those of
 /// [`Plan::build`].
 ///
-/// The third value is why storing failed, if it did: worth a warning, the plan is as good. Several
-/// threads or processes may do this at once; at worst each builds the plan for itself.
+/// The third value is the error of storing, if that failed: worth a warning, the plan itself is
+/// good. Several threads or processes may do this at once; at worst each builds the plan for
+/// itself.
 ///
 /// # Errors
-/// As [`Plan::build`].
+/// See [`Plan::build`].
 pub fn load_or_build<'a>(
     cache: Option<&Cache>,
     points: impl Into<Points<'a>>,
@@ -141,7 +141,7 @@ pub fn load_or_build<'a>(
     let build = || Plan::build(points, tables, prior, settings, progress);
     let Some(cache) = cache else { return Ok((build()?, PlanOrigin::Built, None)) };
     let key = plan_key(points, tables, prior, settings);
-    // The checks beside the key are against a plan that was put under a wrong name by hand.
+    // These checks catch a plan that was put under a wrong name by hand.
     let fits = |plan: &Plan| {
         (plan.points, plan.k) == (points.len(), tables.len()) && unheld(&plan.settings) == unheld(settings)
     };
@@ -165,7 +165,7 @@ mod tests {
 
     use super::*;
 
-    /// Everything that a plan is made of, small.
+    /// All inputs of a plan, small.
     #[derive(Clone)]
     struct Input {
         points: Vec<SurfacePoint>,
@@ -212,7 +212,7 @@ mod tests {
         }
         assert!(decode_plan(&[&bytes[..], &[0]].concat()).is_none());
         assert!(decode_plan(&[0xff; 40]).is_none());
-        // Another version; lengths that are not there, and lengths whose product overflows.
+        // Another version; lengths beyond the end, and lengths whose product overflows.
         let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
         let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
         for (old, new) in [
@@ -249,7 +249,7 @@ mod tests {
         let back = decode_plan(&bytes).unwrap();
         let decoded = start.elapsed();
         assert_eq!(back, plan);
-        // Ten times what it takes: it must not depend on how busy the machine is.
+        // Ten times the usual time, so that the test does not depend on how busy the machine is.
         assert!(decoded.as_secs_f64() < 0.5, "{} bytes: {encoded:?}, {decoded:?}", bytes.len());
     }
 

@@ -11,12 +11,13 @@ pub const INK: Vec3 = Vec3::new(0.75, 0.75, 0.72);
 /// Width and height of a letter, pixels.
 pub const LETTER: usize = 8;
 
-/// An empty sheet.
+/// Returns an empty sheet.
 pub fn sheet(width: usize, height: usize) -> Plane<Vec3> {
     Plane::from_fn(width, height, |_, _| PAPER)
 }
 
-/// Copies a picture to where its top left corner shall be; what does not fit is cut off.
+/// Copies a picture to the given position of its top left corner; anything that does not fit is cut
+/// off.
 pub fn place(out: &mut Plane<Vec3>, left: usize, top: usize, picture: &Plane<Vec3>) {
     for y in 0..picture.height().min(out.height().saturating_sub(top)) {
         for x in 0..picture.width().min(out.width().saturating_sub(left)) {
@@ -30,7 +31,7 @@ pub fn fill(out: &mut Plane<Vec3>, (left, top): (usize, usize), (width, height):
     place(out, left, top, &Plane::from_fn(width, height, |_, _| colour));
 }
 
-/// Writes a line in eight by eight letters.
+/// Writes a line of text in eight by eight letters.
 pub fn text(out: &mut Plane<Vec3>, left: usize, top: usize, line: &str) {
     for (n, letter) in line.chars().enumerate() {
         let Some(rows) = font8x8::BASIC_FONTS.get(letter) else { continue };

@@ -1,8 +1,8 @@
-//! What an estimate looks like: one page to read ([`report`]), its pictures ([`panels`],
+//! Reports on an estimate: one page to read ([`report`]), and its pictures ([`panels`],
 //! [`summary`], [`uncertainty`]).
 //!
-//! Nothing is read or written here: pictures are linear display values, which `gonio-io` encodes.
-//! [`page`] is the frame of all reports.
+//! This crate reads and writes no files: pictures are linear display values, which `gonio-io`
+//! encodes. [`page`] is the frame of all reports.
 
 pub mod canvas;
 pub mod page;

@@ -1,4 +1,4 @@
-//! The overview of a result in one picture.
+//! Overview of a result in one picture.
 
 use glam::Vec3;
 use gonio::inference::learnt::Neighbour;
@@ -12,8 +12,8 @@ const GAP: usize = 12;
 /// Height of a line of text.
 const LINE: usize = 24;
 
-/// Photograph, reproduction and light, under them the material with the ends of what is probable; a
-/// line of text under all. Linear display values in 0..=1.
+/// Composes photograph, reproduction and light, below them the material with the ends of the
+/// probable range, and a line of text below all. Linear display values in 0..=1.
 pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<Vec3> {
     let given = if subject.light.is_some() { "estimated light" } else { "given light" };
     let found = panels.spheres.first().map(|(_, sphere)| ("BRDF found, in a new light", sphere));
@@ -34,7 +34,7 @@ pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<V
     side_by_side(&rows, caption)
 }
 
-/// Names with bars as long as their weights.
+/// Draws names with bars as long as their weights.
 fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
     let mut out = sheet(PANEL, PANEL);
     let top = neighbours.first().map_or(1.0, |m| m.weight);

@@ -1,4 +1,4 @@
-//! The picture of how sure a BRDF is: its mean, and the width of the interval around it.
+//! Picture of the uncertainty of a BRDF: its mean, and the width of the interval around it.
 
 use glam::Vec3;
 use gonio::estimate::Material;
@@ -11,11 +11,11 @@ use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
 const CELL: usize = 4;
 /// Side of a map.
 const MAP: usize = CELL * THETA_H;
-/// Left of a map, for the numbers of its axis.
+/// Margin to the left of a map, for the numbers of its axis.
 const LEFT: usize = 72;
-/// Between a map and its colour bar, and the width of the bar with its numbers.
+/// Space between a map and its colour bar, width of the bar, and width of the bar's numbers.
 const BAR: (usize, usize, usize) = (16, 14, 90);
-/// Above and below a map.
+/// Margins above and below a map.
 const TOP: usize = 36;
 const BOTTOM: usize = 86;
 
@@ -32,8 +32,8 @@ const STOPS: [[u8; 3]; 9] = [
     [253, 231, 37],
 ];
 
-/// The mean over half and difference angle beside the factor between the 5 and the 95 % quantile,
-/// hatched where the photograph does not tell: linear display values in 0..=1.
+/// Draws the mean over half and difference angle beside the factor between the 5 and the 95 %
+/// quantile, hatched where the photograph leaves it open: linear display values in 0..=1.
 pub fn draw(material: &Material) -> Plane<Vec3> {
     let (left, right) = (mean(&material.table), width(material));
     let mut out = sheet(left.width() + right.width(), left.height());
@@ -42,7 +42,7 @@ pub fn draw(material: &Material) -> Plane<Vec3> {
     out
 }
 
-/// A BRDF (1/sr) over half and difference angle, hatched beyond the trusted angles.
+/// Draws a BRDF (1/sr) over half and difference angle, hatched beyond the trusted angles.
 pub fn mean(table: &BivariateTable) -> Plane<Vec3> {
     let value = |c: usize| f64::from(table.as_slice()[c].max(1e-9));
     let (low, high) =
@@ -51,8 +51,8 @@ pub fn mean(table: &BivariateTable) -> Plane<Vec3> {
     map("BRDF (1/sr)", &scale, &value, &|c| !is_trusted(c))
 }
 
-/// The factor between the 5 and the 95 % quantile over the same, hatched where the photograph does
-/// not tell.
+/// Draws the factor between the 5 and the 95 % quantile over the same angles, hatched where the
+/// photograph leaves it open.
 pub fn width(material: &Material) -> Plane<Vec3> {
     let (lower, upper) = (&material.quantiles[0], &material.quantiles[material.quantiles.len() - 1]);
     let factor = |c: usize| f64::from(upper[c].max(1e-9)) / f64::from(lower[c].max(1e-9));
@@ -69,12 +69,12 @@ struct Scale {
 }
 
 impl Scale {
-    /// Where a value lies, 0..=1.
+    /// Returns the position of a value, 0..=1.
     fn at(&self, value: f64) -> f64 {
         ((value / self.low).ln() / (self.high / self.low).ln()).clamp(0.0, 1.0)
     }
 
-    /// Round values to label, fewer on a long scale.
+    /// Returns round values to label, fewer on a long scale.
     fn ticks(&self) -> Vec<f64> {
         let decades = (self.high / self.low).log10();
         let steps: &[f64] = if decades < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
@@ -83,7 +83,7 @@ impl Scale {
     }
 }
 
-/// Colour of a place on the scale, linear.
+/// Returns the colour of a position on the scale, linear.
 fn colour(at: f64) -> Vec3 {
     let x = at * (STOPS.len() - 1) as f64;
     let i = (x as usize).min(STOPS.len() - 2);
@@ -92,7 +92,7 @@ fn colour(at: f64) -> Vec3 {
     (mixed / 255.0).map(srgb_decode)
 }
 
-/// One map with axes and a colour bar: half angle to the right, on the axis of the table,
+/// Draws one map with axes and a colour bar: half angle to the right, on the axis of the table,
 /// difference angle upwards.
 fn map(title: &str, scale: &Scale, value: &dyn Fn(usize) -> f64, hatched: &dyn Fn(usize) -> bool) -> Plane<Vec3> {
     let mut sheet = sheet(LEFT + MAP + BAR.0 + BAR.1 + BAR.2, TOP + MAP + BOTTOM);
@@ -102,7 +102,7 @@ fn map(title: &str, scale: &Scale, value: &dyn Fn(usize) -> f64, hatched: &dyn F
         let (i, j) = (x / CELL, THETA_D - 1 - y / CELL);
         let cell = i * THETA_D + j;
         let plain = colour(scale.at(value(cell)));
-        // Lines of two colours: one of them is seen on any ground.
+        // Lines of two colours: one of them is visible on any background.
         match (x + y) % 12 {
             0 | 1 if hatched(cell) => INK,
             2 | 3 if hatched(cell) => PAPER,
@@ -137,7 +137,7 @@ fn map(title: &str, scale: &Scale, value: &dyn Fn(usize) -> f64, hatched: &dyn F
     sheet
 }
 
-/// A round number as short as it goes.
+/// Formats a round number as briefly as possible.
 fn number(value: f64) -> String {
     if (0.001..10_000.0).contains(&value) { format!("{value}") } else { format!("{value:.0e}") }
 }

@@ -1,4 +1,4 @@
-//! A folder of output files that appears as a whole.
+//! Output folder that appears as a whole.
 
 use std::fs::{self, File};
 use std::io;
@@ -9,22 +9,23 @@ use tempfile::TempDir;
 use super::{folder_of, sync_folder, temporary};
 use crate::Error;
 
-/// Collects output files in a hidden folder on the same file system as the target, and moves them
-/// there at the end. Dropped without [`commit`](Self::commit) it removes them and every folder that
-/// it has made.
+/// Output files collected in a hidden folder on the same file system as the target, and moved there
+/// at the end. Dropping it without [`commit`](Self::commit) removes them and every folder that was
+/// created for them.
 #[derive(Debug)]
 pub struct StagedFolder {
     target: PathBuf,
     staging: TempDir,
-    /// Removes the made parents after `staging`: fields are dropped in order.
+    /// Removes the created parents after `staging`: fields are dropped in order.
     parents: MadeFolders,
 }
 
 impl StagedFolder {
-    /// Prepares to fill the folder `dir`, which may exist; missing parents are made.
+    /// Prepares to fill the folder `dir`, which may exist; missing parents are created.
     ///
     /// # Errors
-    /// If there is a file of that name, or the folder (or what goes into it) cannot be made.
+    /// If there is a file of that name, or the folder (or the hidden one for its content) cannot be
+    /// created.
     pub fn create(dir: impl AsRef<Path>) -> Result<Self, Error> {
         let target = dir.as_ref().to_owned();
         let failed = |e| Error::io(&target, "make the folder", e);
@@ -35,15 +36,15 @@ impl StagedFolder {
             Err(e) => return Err(failed(e)),
         };
         let mut parents = MadeFolders::default();
-        // Next to a new folder, so that one rename makes it appear; inside an existing one, which
-        // may be a mount point or a link, and whose parent need not be writable.
+        // Placed next to a new folder, so that one rename makes it appear, but inside an existing
+        // one, which may be a mount point or a link, and whose parent need not be writable.
         let beside = if exists { target.clone() } else { folder_of(&target) };
         parents.make(&beside).map_err(failed)?;
         let staging = temporary(0o777).tempdir_in(&beside).map_err(failed)?;
         Ok(Self { target, staging, parents })
     }
 
-    /// Where to write the output file `name` for now.
+    /// Returns the temporary path of the output file `name`.
     ///
     /// # Panics
     /// If `name` is not a plain file name.
@@ -52,7 +53,7 @@ impl StagedFolder {
         self.staging.path().join(name)
     }
 
-    /// Writes the output file `name` for now.
+    /// Writes the output file `name` to its temporary path.
     ///
     /// # Errors
     /// If it cannot be written; the error names the file in the folder to be filled.
@@ -63,18 +64,19 @@ impl StagedFolder {
         super::write(&self.path(name), bytes).map_err(|e| Error::io(&self.target.join(name), "write", e))
     }
 
-    /// The folder to be filled.
+    /// Returns the folder to be filled.
     pub fn target(&self) -> &Path {
         &self.target
     }
 
-    /// Makes the files appear. A new folder appears in one step; in an existing one each file
-    /// replaces its namesake, after all of them have reached the disk. Other files there stay.
+    /// Moves the files to the target. A new folder appears in one step; in an existing one each
+    /// file replaces the one of the same name, after all of them have reached the disk. Other files
+    /// there stay.
     ///
     /// # Errors
     /// If the files cannot reach the disk (it may be full), a folder stands where a file should go,
     /// or something is in the way. Nothing has been replaced then, unless renaming itself failed
-    /// half-way.
+    /// halfway.
     pub fn commit(mut self) -> Result<(), Error> {
         let staging = self.staging.path();
         let names = self.sync()?;
@@ -85,8 +87,8 @@ impl StagedFolder {
             self.staging.disable_cleanup(true);
         } else {
             if !exists {
-                // Someone made it in the meantime, or renaming failed for a reason that this will
-                // state.
+                // Another process created it in the meantime, or renaming failed for a reason that
+                // this call will report.
                 fs::create_dir(&self.target)
                     .or_else(|e| if self.target.is_dir() { Ok(()) } else { Err(e) })
                     .map_err(failed)?;
@@ -107,7 +109,8 @@ impl StagedFolder {
         Ok(())
     }
 
-    /// Sees all staged files to the disk, where a full one may show only now, and names them.
+    /// Syncs all staged files to the disk, where a full disk may show only now, and returns their
+    /// names.
     fn sync(&self) -> Result<Vec<std::ffi::OsString>, Error> {
         let staging = self.staging.path();
         let failed = |name: &Path, e| Error::io(&self.target.join(name), "write", e);
@@ -126,12 +129,12 @@ impl StagedFolder {
     }
 }
 
-/// Folders made on the way, removed again on drop if they are still empty.
+/// Folders created on the way, removed again on drop if they are still empty.
 #[derive(Debug, Default)]
 struct MadeFolders(Vec<PathBuf>);
 
 impl MadeFolders {
-    /// Makes `dir` and its missing parents.
+    /// Creates `dir` and its missing parents.
     fn make(&mut self, dir: &Path) -> io::Result<()> {
         if dir.is_dir() {
             return Ok(());
@@ -160,7 +163,7 @@ impl MadeFolders {
 impl Drop for MadeFolders {
     fn drop(&mut self) {
         for dir in self.0.iter().rev() {
-            // Fails, rightly, when someone has put something into it.
+            // Fails, rightly, when another process has put something into it.
             let _ = fs::remove_dir(dir);
         }
     }

@@ -13,7 +13,7 @@ pub use folder::StagedFolder;
 
 use crate::Error;
 
-/// How the names of unfinished files and folders begin.
+/// Prefix of the names of unfinished files and folders.
 const PREFIX: &str = ".gonio-";
 
 /// Writes a file: all of `bytes`, or, on error, nothing. An existing file is replaced, through a
@@ -25,7 +25,7 @@ const PREFIX: &str = ".gonio-";
 pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Error> {
     let path = path.as_ref();
     write(path, bytes).map_err(|e| {
-        // The target need not exist, so what is missing is its folder.
+        // The target need not exist, so its folder is missing.
         let action = if e.kind() == io::ErrorKind::NotFound { "write, its folder does not exist" } else { "write" };
         Error::io(path, action, e)
     })
@@ -34,7 +34,7 @@ pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Error> {
 fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let target = match fs::metadata(path) {
         Ok(meta) if meta.is_dir() => return Err(io::ErrorKind::IsADirectory.into()),
-        // To replace `/dev/null` by a file would be a disaster.
+        // Replacing `/dev/null` by a file would be a disaster.
         Ok(meta) if !meta.is_file() => return File::options().write(true).open(path)?.write_all(bytes),
         Ok(meta) if meta.permissions().readonly() => return Err(io::ErrorKind::PermissionDenied.into()),
         Ok(_) => fs::canonicalize(path)?,
@@ -53,7 +53,7 @@ fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// The folder that `path` is in.
+/// Returns the folder that contains `path`.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
@@ -61,8 +61,8 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Temporary files and folders get the permissions that the user's mask gives to ordinary ones:
-/// `mode` before the mask, 0o666 for files and 0o777 for folders.
+/// Configures temporary files and folders with the permissions that the user's mask gives to
+/// ordinary ones: `mode` before the mask, 0o666 for files and 0o777 for folders.
 fn temporary(mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(PREFIX);
@@ -73,8 +73,8 @@ fn temporary(mode: u32) -> tempfile::Builder<'static, 'static> {
     builder
 }
 
-/// Makes a rename last through a power cut. Not all file systems can, and the file is sound either
-/// way.
+/// Makes a rename survive a power cut. Not all file systems support it, and the file is sound
+/// either way.
 fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|f| f.sync_all());
 }
@@ -123,7 +123,7 @@ mod tests {
         write_file(&link, b"new").unwrap();
         assert_eq!(fs::read(&real).unwrap(), b"new");
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
-        // The same permissions as any other new file has.
+        // The permissions of any other new file.
         let plain = dir.path().join("plain");
         fs::write(&plain, "").unwrap();
         let mode = |p: &Path| fs::metadata(p).unwrap().permissions().mode();

@@ -12,12 +12,12 @@ use crate::{Error, guard};
 
 pub use pose::{decode_pose, read_pose};
 
-/// Longest file read: these are written by hand.
+/// Longest file read: these files are written by hand.
 const MAX_BYTES: u64 = 1 << 20;
-/// Pixels whose sides differ by more than this share are not square.
+/// Relative difference of the sides of a pixel above which it is not square.
 const SQUARE: f64 = 0.01;
 
-/// What `camera.json` may hold.
+/// Keys of `camera.json`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -42,7 +42,7 @@ enum Kind {
     Perspective,
 }
 
-/// Width of the sensor, or width and height.
+/// Width of the sensor, or its width and height.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(untagged)]
 enum Sensor {
@@ -53,8 +53,8 @@ enum Sensor {
 /// Reads the camera of a photograph of `size`, columns and rows.
 ///
 /// # Errors
-/// If the file cannot be read, is no such JSON, has keys that are not known or do not go together,
-/// is for pictures of another size, or the numbers make no camera.
+/// If the file cannot be read, is not such JSON, has keys that are unknown or do not go together,
+/// is for pictures of another size, or its numbers make no valid camera.
 pub fn read_camera(path: impl AsRef<Path>, size: (usize, usize)) -> Result<Camera, Error> {
     let path = path.as_ref();
     decode_camera(path, &guard::read_whole(path, MAX_BYTES)?, size)
@@ -90,7 +90,7 @@ pub fn decode_camera(path: &Path, bytes: &[u8], size: (usize, usize)) -> Result<
     }
 }
 
-/// Exactly one of the ways to give a number, each by its key.
+/// Requires exactly one of the ways to give a number, each with its key.
 fn one_of<T: Copy>(path: &Path, what: &str, ways: &[(&str, Option<T>)]) -> Result<(usize, T), Error> {
     let given: Vec<usize> = (0..ways.len()).filter(|&i| ways[i].1.is_some()).collect();
     let names = || ways.iter().map(|w| w.0).collect::<Vec<_>>().join(", ");
@@ -104,7 +104,7 @@ fn one_of<T: Copy>(path: &Path, what: &str, ways: &[(&str, Option<T>)]) -> Resul
     }
 }
 
-/// Refuses keys that mean nothing beside what the file holds, each with whether it is given.
+/// Refuses keys that are meaningless for the content of the file, each with whether it is given.
 fn foreign(path: &Path, beside: &str, keys: &[(&str, bool)]) -> Result<(), Error> {
     match keys.iter().find(|k| k.1) {
         Some((key, _)) => Err(Error::invalid(path, format!("has {key:?} beside {beside}"), "remove it")),
@@ -112,7 +112,7 @@ fn foreign(path: &Path, beside: &str, keys: &[(&str, bool)]) -> Result<(), Error
     }
 }
 
-/// The focal length in pixels.
+/// Returns the focal length in pixels.
 fn focal(path: &Path, file: &File, (width, height): (usize, usize)) -> Result<f64, Error> {
     let keys = [("pixels_per_unit", file.pixels_per_unit), ("width", file.width), ("height", file.height)];
     foreign(path, "a perspective projection", &keys.map(|(key, value)| (key, value.is_some())))?;
@@ -158,7 +158,7 @@ fn focal(path: &Path, file: &File, (width, height): (usize, usize)) -> Result<f6
     }
 }
 
-/// Pixels to a unit of length.
+/// Returns the pixels per unit of length.
 fn scale(path: &Path, file: &File, (width, height): (usize, usize)) -> Result<f64, Error> {
     let keys = [
         ("focal_pixels", file.focal_pixels.is_some()),
@@ -183,7 +183,7 @@ fn positive(path: &Path, key: &str, value: f64) -> Result<f64, Error> {
     Err(Error::invalid(path, format!("has {key:?} of {value}"), "give a positive number"))
 }
 
-/// Parses a file; what is wrong is told with its line.
+/// Parses a file; errors give the line.
 fn from_json<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, Error> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     serde_json::from_slice(bytes).map_err(|e| match e.classify() {
@@ -236,7 +236,7 @@ mod tests {
             let camera = read(&json).unwrap();
             camera.project(camera.to_world.inverse().transform_point3(place)).unwrap()
         };
-        // A camera at (0, 0, 10) that sees +x at the right and +y above, in five ways.
+        // A camera at (0, 0, 10) that sees +x at the right and +y at the top, in five ways.
         for pose in [
             r#"{"position": [0, 0, 10], "look_at": [0, 0, 0]}"#,
             r#"{"position": [0, 0, 10], "look_at": [0, 0, 3], "up": [0, 2, 0.5]}"#,

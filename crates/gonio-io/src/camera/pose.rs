@@ -1,4 +1,4 @@
-//! Poses: matrices, and the numbers that people write instead.
+//! Poses, as matrices or as the numbers that people write instead.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::{Error, guard};
 /// Rows of a matrix, three or four.
 type Rows = Vec<[f64; 4]>;
 
-/// The value of `pose` in `camera.json`.
+/// Value of `pose` in `camera.json`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CameraPose {
@@ -34,7 +34,7 @@ enum Convention {
 }
 
 impl CameraPose {
-    /// From the camera, with y up and looking along -z, to the world.
+    /// Returns the transformation from the camera, with y up and looking along -z, to the world.
     pub(super) fn to_world(&self, path: &Path) -> Result<DMat4, Error> {
         let ways = [
             ("camera_to_world", self.camera_to_world.as_ref().map(|_| ())),
@@ -56,7 +56,7 @@ impl CameraPose {
         Ok(to_world * flip)
     }
 
-    /// The pose of `position`, `look_at` and `up`.
+    /// Builds the pose from `position`, `look_at` and `up`.
     fn looking(&self, path: &Path) -> Result<DMat4, Error> {
         if self.convention.is_some() {
             return Err(Error::invalid(path, "has \"convention\" without a matrix", "remove it"));
@@ -109,7 +109,7 @@ fn inverse(path: &Path, matrix: DMat4) -> Result<DMat4, Error> {
     Err(Error::invalid(path, "has a matrix that cannot be inverted", "give a rotation and a translation"))
 }
 
-/// What `pose.json` may hold.
+/// Keys of `pose.json`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -132,7 +132,7 @@ enum Scale {
 /// and mirror.
 ///
 /// # Errors
-/// If the file cannot be read, is no such JSON, has keys that are not known or do not go together,
+/// If the file cannot be read, is not such JSON, has keys that are unknown or do not go together,
 /// or flattens the object.
 pub fn read_pose(path: impl AsRef<Path>) -> Result<DMat4, Error> {
     let path = path.as_ref();
@@ -166,10 +166,10 @@ pub fn decode_pose(path: &Path, bytes: &[u8]) -> Result<DMat4, Error> {
     Ok(pose)
 }
 
-/// Scaled, then turned, then moved.
+/// Builds the pose from scale, rotation and translation, applied in this order.
 fn parts(path: &Path, file: &File) -> Result<DMat4, Error> {
     let euler = |[x, y, z]: [f64; 3]| {
-        // About x first, then y, then z, each about the axes of the world.
+        // Rotates about x first, then y, then z, each about the axes of the world.
         DQuat::from_euler(EulerRot::ZYX, z.to_radians(), y.to_radians(), x.to_radians())
     };
     let ways = [
@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn the_same_pose_in_several_ways() {
-        // Twice as large, a quarter turn about z, moved along x.
+        // Scaled by two, turned by a quarter about z, moved along x.
         let half = 0.5_f64.sqrt();
         for json in [
             r#"{"matrix": [[0, -2, 0, 5], [2, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]}"#.to_owned(),

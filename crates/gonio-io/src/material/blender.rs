@@ -2,11 +2,11 @@ use gonio::reflectance::shading::Layered;
 
 use super::{colour, number};
 
-/// A script for Blender 4.0 and later, to be run from its text editor or with `blender --python`:
-/// it makes a material of this name with a Principled BSDF, and puts it on the active object if
-/// there is one. Blender's `Roughness` is the square root of GGX's width.
+/// Writes a script for Blender 4.0 and later, to be run from its text editor or with
+/// `blender --python`: it creates a material of this name with a Principled BSDF, and assigns it to
+/// the active object if there is one. Blender's `Roughness` is the square root of GGX's width.
 pub fn blender_script(name: &str, model: &Layered) -> String {
-    // What JSON takes for a string Python does too.
+    // A JSON string is also a Python string.
     let quoted = serde_json::Value::from(name).to_string();
     format!(
         "import bpy\n\nmaterial = bpy.data.materials.new({quoted})\nmaterial.use_nodes = True\n\

@@ -3,13 +3,13 @@ use std::f64::consts::{PI, TAU};
 use gonio::reflectance::shading::MetallicRoughness;
 use serde_json::json;
 
-/// Rings of the sphere from pole to pole, and places around each.
+/// Rings of the sphere from pole to pole, and vertices around each.
 const RINGS: u16 = 48;
 const AROUND: u16 = 96;
 
-/// A glTF 2.0 binary file: a sphere of radius one with this material. `roughnessFactor` is the
-/// square root of GGX's width; the index of refraction is in `KHR_materials_ior`, which viewers
-/// that do not know it take for 1.5.
+/// Encodes a glTF 2.0 binary file: a sphere of radius one with this material. `roughnessFactor` is
+/// the square root of GGX's width; the index of refraction is in `KHR_materials_ior`, and viewers
+/// without that extension assume 1.5.
 pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
     let (mut points, mut triangles) = (Vec::<f32>::new(), Vec::<u16>::new());
     for i in 0..=RINGS {
@@ -23,7 +23,7 @@ pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
         for k in 0..AROUND {
             let a = i * (AROUND + 1) + k;
             let b = a + AROUND + 1;
-            // At a pole one side of the square has no length.
+            // At a pole one side of the quad has no length.
             if i > 0 {
                 triangles.extend([a, b, a + 1]);
             }
@@ -35,7 +35,7 @@ pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
     let count = points.len() / 3;
     let indices: Vec<u8> = triangles.iter().flat_map(|i| i.to_le_bytes()).collect();
     let places: Vec<u8> = points.iter().flat_map(|x| x.to_le_bytes()).collect();
-    // Places are the normals too: the sphere has radius one.
+    // Positions are also the normals: the sphere has radius one.
     let mut binary = places;
     let split = binary.len();
     binary.extend(indices);
@@ -61,7 +61,7 @@ pub fn glb_sphere(name: &str, model: &MetallicRoughness) -> Vec<u8> {
             "extensions": { "KHR_materials_ior": { "ior": model.ior } },
         }],
         "buffers": [{ "byteLength": binary.len() }],
-        // Places and normals share the first, which needs a stride for that.
+        // Positions and normals share the first view, which therefore needs a stride.
         "bufferViews": [
             { "buffer": 0, "byteOffset": 0, "byteLength": split, "byteStride": 12, "target": 34962 },
             { "buffer": 0, "byteOffset": split, "byteLength": 2 * triangles.len(), "target": 34963 },

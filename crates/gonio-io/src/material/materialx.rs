@@ -2,8 +2,8 @@ use gonio::reflectance::shading::Layered;
 
 use super::{colour, identifier, number};
 
-/// A MaterialX 1.39 document with one `open_pbr_surface`; its `specular_roughness` is the square
-/// root of GGX's width.
+/// Writes a MaterialX 1.39 document with one `open_pbr_surface`; its `specular_roughness` is the
+/// square root of GGX's width.
 pub fn materialx(name: &str, model: &Layered) -> String {
     let id = identifier(name);
     let input = |name: &str, kind: &str, value: &str| {

@@ -2,8 +2,8 @@ use gonio::reflectance::shading::Principled;
 
 use super::{colour, identifier, number};
 
-/// A `principled` material for a scene of Mitsuba 3; its `roughness` is the square root of GGX's
-/// width.
+/// Writes a `principled` material for a scene of Mitsuba 3; its `roughness` is the square root of
+/// GGX's width.
 pub fn mitsuba_principled(name: &str, model: &Principled) -> String {
     let float = |name: &str, value: f64| format!("    <float name=\"{name}\" value=\"{}\"/>\n", number(value));
     let values = [
@@ -22,7 +22,7 @@ pub fn mitsuba_principled(name: &str, model: &Principled) -> String {
     )
 }
 
-/// A `measured` material for a scene of Mitsuba 3, of a file beside it.
+/// Writes a `measured` material for a scene of Mitsuba 3, read from a file beside it.
 pub fn mitsuba_measured(name: &str, file: &str) -> String {
     format!(
         "<bsdf type=\"measured\" id=\"{}\">\n    <string name=\"filename\" value=\"{file}\"/>\n</bsdf>\n",

@@ -1,9 +1,9 @@
-//! Materials in the files of renderers, as parameters of their own models: see
-//! [`gonio::reflectance::shading`] for what the models are.
+//! Materials in the files of renderers, as parameters of their own models:
+//! [`gonio::reflectance::shading`] describes the models.
 //!
-//! Colours are linear Rec. 709 throughout, as all these formats expect them. Names go in as they
-//! are where the format allows, and else with underscores for everything that is no letter, digit
-//! or underscore.
+//! Colours are linear Rec. 709 throughout, as all these formats expect. Names are kept where the
+//! format allows; elsewhere every character except letters, digits and underscores becomes an
+//! underscore.
 
 mod blender;
 mod glb;
@@ -17,7 +17,7 @@ pub use mitsuba::{mitsuba_measured, mitsuba_principled};
 
 use glam::DVec3;
 
-/// A name that XML and Python take for one.
+/// Converts a name to an identifier of XML and Python.
 fn identifier(name: &str) -> String {
     let mut out: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if !out.starts_with(|c: char| c.is_ascii_alphabetic()) {
@@ -26,7 +26,7 @@ fn identifier(name: &str) -> String {
     out
 }
 
-/// Four digits are more than any of the models deserves.
+/// Formats a number with four decimals, more than any of the models deserves.
 fn number(value: f64) -> String {
     format!("{value:.4}")
 }

@@ -1,17 +1,17 @@
 //! Triangle meshes: Wavefront OBJ, PLY (text and binary) and glTF 2.0 (`.glb`, `.gltf`).
 //!
-//! The format is recognised by content, never by the name. Of a file only the surface is read:
-//! places, faces and normals. Faces of more than three corners are cut into triangles; several
+//! The format is recognised by content, never by the name. Only the surface of a file is read:
+//! positions, faces and normals. Faces of more than three corners are cut into triangles; several
 //! objects become one mesh.
 //! * OBJ: objects and groups are joined; materials are never opened.
 //! * PLY: `x y z` and `nx ny nz` of `vertex`, the list `vertex_indices` or `vertex_index` of
 //!   `face`, of any types.
-//! * glTF: all meshes of the default scene (the first, if none is) with the transformations of
-//!   their nodes. Buffers may be embedded or files in the folder of the file or below. Compressed
-//!   geometry, skins and quantised places are refused.
+//! * glTF: all meshes of the default scene (the first, if none is marked as default) with the
+//!   transformations of their nodes. Buffers may be embedded, or files in the folder of the file or
+//!   below. Compressed geometry, skins and quantised positions are refused.
 //!
-//! Axes and units are left as they are in the file; a pose (`docs/camera.md`) puts the object
-//! before the camera.
+//! Axes and units are left as they are in the file; a pose (`docs/camera.md`) puts the object in
+//! front of the camera.
 
 mod gltf;
 mod obj;
@@ -29,14 +29,15 @@ pub use write::{encode_obj, encode_ply};
 
 /// Longest file read, 512 MiB.
 const MAX_BYTES: u64 = 1 << 29;
-/// Most triangles, and most vertices, 2^23 (8.4 million); a triangle takes some 200 bytes while a
-/// mesh is made.
+/// Largest number of triangles, and of vertices, 2^23 (8.4 million); a triangle takes some 200
+/// bytes while a mesh is built.
 const MAX_TRIANGLES: usize = 1 << 23;
 
-/// Finds a file that a mesh refers to, by its name in the mesh, of at most so many bytes.
+/// Function that reads a file that a mesh refers to, by its name in the mesh, of at most the given
+/// number of bytes.
 type Fetch<'a> = &'a dyn Fn(&str, u64) -> Result<Vec<u8>, Error>;
 
-/// Reads a mesh; [`Soundness`] tells what is odd about it.
+/// Reads a mesh; [`Soundness`] lists its oddities.
 ///
 /// # Errors
 /// If the file cannot be read, is of another format or damaged, holds no surface, or more than 2^23
@@ -47,8 +48,8 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<(Mesh, Soundness), Error> {
     decode_with(path, &bytes, &|name, length| gltf::read_sibling(path, name, length))
 }
 
-/// Reads a mesh; where there is no file of the name of one of our own shapes ([`Form::named`]),
-/// makes that.
+/// Reads a mesh; if there is no such file and `path` is the name of a built-in shape
+/// ([`Form::named`]), builds that shape.
 ///
 /// # Errors
 /// Like [`read_mesh`].

@@ -1,8 +1,9 @@
-//! Wavefront OBJ: `v`, `vn` and `f`; all else (materials, groups, texture coordinates, lines,
-//! curves) is passed over.
+//! Wavefront OBJ: `v`, `vn` and `f`; everything else (materials, groups, texture coordinates,
+//! lines, curves) is ignored.
 //!
-//! Read here and not by the crate `tobj`, which makes up normals where faces have none, takes lines
-//! for faces, refuses comments that are not UTF-8, and cannot say which line of the file is wrong.
+//! Parsed here and not by the crate `tobj`, which invents normals where faces have none, takes
+//! lines for faces, refuses comments that are not UTF-8, and cannot say which line of the file is
+//! wrong.
 
 use std::path::Path;
 
@@ -83,8 +84,8 @@ fn three<'a>(words: &mut impl Iterator<Item = &'a [u8]>) -> Option<DVec3> {
     Some(DVec3::new(next()?, next()?, next()?))
 }
 
-/// The indices from 0 of vertex and normal in `7`, `7/8`, `7/8/9` or `7//9`, which count from 1, or
-/// from the last backwards if negative.
+/// Parses the indices, from 0, of vertex and normal in `7`, `7/8`, `7/8/9` or `7//9`, which count
+/// from 1, or backwards from the last if negative.
 fn corner(word: &[u8], vertices: usize, normals: usize) -> Option<(u32, Option<usize>)> {
     let mut fields = word.split(|b| *b == b'/');
     let index = |field: &[u8], count: usize| -> Option<usize> {

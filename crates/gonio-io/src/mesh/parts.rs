@@ -1,5 +1,4 @@
-//! What all formats have in common: polygons become triangles, and their number stays within
-//! bounds.
+//! Code common to all formats: polygons become triangles, whose number is limited.
 
 use std::path::Path;
 
@@ -9,11 +8,11 @@ use gonio::shape::{Mesh, MeshParts, Soundness};
 use super::MAX_TRIANGLES;
 use crate::Error;
 
-/// A polygon that is not convex is cut up only if it has at most so many corners: the effort grows
-/// with the cube.
+/// Largest number of corners up to which a polygon that is not convex is triangulated: the effort
+/// grows with the cube.
 const MAX_CONCAVE: usize = 256;
 
-/// Collects what a file holds.
+/// Contents collected from a file.
 pub(super) struct Parts<'a> {
     path: &'a Path,
     pub(super) positions: Vec<DVec3>,
@@ -27,7 +26,7 @@ impl<'a> Parts<'a> {
         Self { path, positions: Vec::new(), triangles: Vec::new(), normals: Vec::new(), any_normals: false }
     }
 
-    /// Checks that so many more triangles, or vertices, are allowed.
+    /// Checks that `more` triangles, or vertices, are still allowed.
     pub(super) fn room_for(&self, more: u64) -> Result<(), Error> {
         let most = self.triangles.len().max(self.positions.len()) as u64;
         if most.saturating_add(more) > MAX_TRIANGLES as u64 {
@@ -38,8 +37,7 @@ impl<'a> Parts<'a> {
     }
 
     /// Adds a polygon given by the indices of its corners, with a normal for each corner,
-    /// [`DVec3::ZERO`] where there is none. Fewer than three corners are no surface and are passed
-    /// over.
+    /// [`DVec3::ZERO`] where there is none. Polygons with fewer than three corners are ignored.
     ///
     /// # Panics
     /// If there is not one normal for each corner.
@@ -73,11 +71,11 @@ impl<'a> Parts<'a> {
         Ok(())
     }
 
-    /// The mesh, if it is one.
+    /// Builds the mesh, if the parts make one.
     pub(super) fn finish(self) -> Result<(Mesh, Soundness), Error> {
         let normals = self.any_normals.then_some(self.normals);
         Mesh::new(MeshParts { positions: self.positions, triangles: self.triangles, normals }).map_err(|e| {
-            // Its text ends with what to do.
+            // Its text ends with the advice.
             let text = e.to_string();
             let (problem, advice) = text.rsplit_once(": ").unwrap_or((&text, "export the mesh again"));
             Error::invalid(self.path, problem, advice)
@@ -85,8 +83,8 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// Triangles that cover a polygon, as indices of its corners; `None` if it is not convex and has
-/// too many corners. A polygon that crosses itself gives as many triangles, of which some overlap.
+/// Triangulates a polygon, as indices of its corners; `None` if it is not convex and has too many
+/// corners. A polygon that crosses itself gives as many triangles, of which some overlap.
 fn triangulate(places: &[DVec3]) -> Option<Vec<[usize; 3]>> {
     let flat = flatten(places);
     let count = flat.len();
@@ -98,7 +96,7 @@ fn triangulate(places: &[DVec3]) -> Option<Vec<[usize; 3]>> {
     if count > MAX_CONCAVE {
         return None;
     }
-    // Ears are cut off one by one.
+    // Ears are clipped one by one.
     let mut left: Vec<usize> = (0..count).collect();
     let mut triangles = Vec::with_capacity(count - 2);
     while left.len() > 3 {
@@ -121,7 +119,7 @@ fn triangulate(places: &[DVec3]) -> Option<Vec<[usize; 3]>> {
     Some(triangles)
 }
 
-/// The polygon in its mean plane, counterclockwise.
+/// Projects the polygon to its mean plane, counterclockwise.
 fn flatten(places: &[DVec3]) -> Vec<DVec2> {
     let origin = places[0];
     let next = places.iter().cycle().skip(1);
@@ -155,7 +153,7 @@ mod tests {
             .collect();
         let comb = places(&comb);
         for (polygon, want) in [(&arrow, 0.5), (&comb, 19.0 * 3.0)] {
-            // Whichever corner comes first.
+            // Independent of which corner comes first.
             for shift in 0..polygon.len() {
                 let mut turned = polygon.clone();
                 turned.rotate_left(shift);

@@ -14,9 +14,9 @@ use super::MAX_TRIANGLES;
 use super::parts::Parts;
 use crate::{Error, guard};
 
-/// Longer headers are none.
+/// Longest header.
 const LONGEST_HEADER: usize = 1 << 16;
-/// Longer lines of text are none; a line takes ten times its length while it is read.
+/// Longest line of text; a line takes ten times its length while it is read.
 const LONGEST_LINE: usize = 1 << 20;
 
 pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
@@ -68,7 +68,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
         let mut corner_normals = Vec::new();
         for face in &faces {
             corner_normals.clear();
-            // An index that is none is found out when the mesh is made.
+            // An invalid index is detected when the mesh is built.
             let normal = |&i: &u32| normals.as_ref().and_then(|n| n.get(i as usize)).copied().unwrap_or(DVec3::ZERO);
             corner_normals.extend(face.corners.iter().map(normal));
             parts.polygon(&face.corners, &corner_normals)?;
@@ -77,10 +77,10 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
     })
 }
 
-/// Names of the list of corners.
+/// Names of the property with the corners.
 const FACES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
-/// Checks that the header ends, so that no one looks for its end in hundreds of megabytes.
+/// Checks that the header ends, so that its end is not searched for in hundreds of megabytes.
 fn check_header(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let start = &bytes[..bytes.len().min(LONGEST_HEADER)];
     if start.windows(10).any(|w| w == b"end_header") {
@@ -97,7 +97,7 @@ fn check_lines(path: &Path, text: &[u8]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Checks that as many elements as the header promises can be in the bytes that follow it.
+/// Checks that the bytes after the header can hold as many elements as it promises.
 fn check_counts(path: &Path, header: &Header, bytes: usize) -> Result<(), Error> {
     let mut least = 0_usize;
     for element in header.elements.values() {
@@ -115,10 +115,10 @@ fn check_counts(path: &Path, header: &Header, bytes: usize) -> Result<(), Error>
     Ok(())
 }
 
-/// The fewest bytes that an element takes, at least one.
+/// Returns the fewest bytes that an element takes, at least one.
 fn least_size(element: &ElementDef, encoding: Encoding) -> usize {
     let size = |t: &ScalarType| match (encoding, t) {
-        // A digit, and what ends it.
+        // A digit and a separator.
         (Encoding::Ascii, _) => 2,
         (_, ScalarType::Char | ScalarType::UChar) => 1,
         (_, ScalarType::Short | ScalarType::UShort) => 2,
@@ -141,7 +141,7 @@ fn explain(path: &Path, error: &ParseError) -> Error {
     }
 }
 
-/// What is wanted of a vertex.
+/// Properties read of a vertex.
 #[derive(Default)]
 struct Vertex {
     place: DVec3,
@@ -178,7 +178,7 @@ impl PropertyAccess for Vertex {
     }
 }
 
-/// The corners of a face. Negative indices become one that no mesh has.
+/// Corners of a face. Negative indices become one that no mesh has.
 #[derive(Default)]
 struct Face {
     corners: Vec<u32>,
@@ -209,7 +209,7 @@ impl PropertyAccess for Face {
     }
 }
 
-/// An element that is passed over.
+/// An ignored element.
 struct Other;
 
 impl PropertyAccess for Other {
@@ -248,7 +248,7 @@ mod tests {
         }
     }
 
-    /// A square of doubles with normals, and a list of `i32` indices with a property after it.
+    /// A square of doubles with normals, and a list of `i32` indices followed by a property.
     fn binary(big: bool) -> Vec<u8> {
         let order = if big { "big" } else { "little" };
         let mut bytes = format!(

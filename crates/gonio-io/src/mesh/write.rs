@@ -1,12 +1,12 @@
-//! Meshes to bytes.
+//! Encoding of meshes.
 
 use std::fmt::Write;
 
 use gonio::shape::Mesh;
 
-/// Binary little-endian PLY: places in double, normals in float precision. As PLY has one normal
-/// for each vertex, every corner of a triangle becomes a vertex of its own; reading joins them
-/// again by their places.
+/// Encodes binary little-endian PLY: positions in double, normals in float precision. As PLY has
+/// one normal per vertex, every corner of a triangle becomes a vertex of its own; reading joins
+/// them again by their positions.
 pub fn encode_ply(mesh: &Mesh) -> Vec<u8> {
     let triangles = mesh.triangles();
     let mut bytes = format!(
@@ -31,7 +31,8 @@ pub fn encode_ply(mesh: &Mesh) -> Vec<u8> {
     bytes
 }
 
-/// OBJ with a normal for each corner of each triangle. Numbers read back as the very ones written.
+/// Encodes OBJ with a normal for each corner of each triangle. The numbers written read back
+/// exactly.
 pub fn encode_obj(mesh: &Mesh) -> Vec<u8> {
     let mut text = String::new();
     let written = "text can be written";

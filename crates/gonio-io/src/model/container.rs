@@ -1,4 +1,4 @@
-//! The container of a model: a safetensors file whose metadata say what it is and guard it against
+//! Container of a model: a safetensors file whose metadata identify it and protect it against
 //! damage.
 
 use std::borrow::Cow;
@@ -13,12 +13,12 @@ use crate::{Error, little_endian};
 
 /// The only version so far.
 const VERSION: &str = "1";
-/// The entry that holds the hash of the file.
+/// Metadata entry with the hash of the file.
 const HASH: &str = "blake3";
-/// What stands in place of the hash while hashing.
+/// Placeholder for the hash while hashing.
 const BLANK: [u8; 64] = [b'0'; 64];
 
-/// The metadata of a file that is being written: in order, so that equal models make equal files.
+/// Metadata of a file that is being written: sorted, so that equal models make equal files.
 pub(super) type Metadata = BTreeMap<&'static str, String>;
 
 /// A named array to be written.
@@ -51,8 +51,8 @@ enum Entry<'a> {
     Tensor { dtype: Dtype, shape: &'a [usize], data_offsets: (usize, usize) },
 }
 
-/// The bytes of a file. The crate's own writer keeps metadata in a `HashMap`, whose order changes
-/// from run to run. Tensors should come with the widest type first, which keeps all aligned.
+/// Encodes a file. The crate's own writer keeps metadata in a `HashMap`, whose order changes from
+/// run to run. Tensors should come with the widest type first, which keeps all aligned.
 pub(super) fn encode(content: Content, mut metadata: Metadata, tensors: &[Tensor]) -> Vec<u8> {
     metadata.insert("format", "gonio".into());
     metadata.insert("version", VERSION.into());
@@ -69,7 +69,7 @@ pub(super) fn encode(content: Content, mut metadata: Metadata, tensors: &[Tensor
     header.resize(header.len().next_multiple_of(8), b' ');
     let mut file = (header.len() as u64).to_le_bytes().to_vec();
     file.extend(header);
-    // Quotes inside of strings are escaped, so that this can only be the entry itself.
+    // Quotes inside strings are escaped, so this can only be the entry itself.
     let entry = format!("\"{HASH}\":\"");
     let at = find(&file, entry.as_bytes()).expect("the entry is in the header") + entry.len();
     tensors.iter().for_each(|t| file.extend(&t.bytes));
@@ -78,7 +78,7 @@ pub(super) fn encode(content: Content, mut metadata: Metadata, tensors: &[Tensor
     file
 }
 
-/// A file that is what it was expected to be, and undamaged.
+/// A file of the expected kind, checked to be undamaged.
 pub(super) struct Container<'a> {
     path: &'a Path,
     content: Content,
@@ -95,7 +95,7 @@ impl<'a> Container<'a> {
             let problem = "is a safetensors file, but not one of gonio";
             return Err(Error::invalid(path, problem, format!("give {}", content.wanted())));
         }
-        // Before anything else of the content, whose form may differ.
+        // Checked before anything else of the content, whose form may differ.
         if entry("version") != Some(VERSION) {
             let found = entry("version").unwrap_or("unknown");
             let problem = format!("is of version {found} of the format, version {VERSION} is expected");
@@ -114,7 +114,7 @@ impl<'a> Container<'a> {
         Ok(Self { path, content, metadata, tensors })
     }
 
-    /// An error about content that is undamaged, and so was written wrongly.
+    /// Error in content that is undamaged, and so was written wrongly.
     pub(super) fn wrong(&self, problem: impl Into<String>) -> Error {
         Error::invalid(self.path, problem, format!("write it again with `{}`", self.content.command()))
     }
@@ -137,7 +137,7 @@ impl<'a> Container<'a> {
         Ok((shape, little_endian::f32s(bytes)))
     }
 
-    /// A tensor of any shape, if there is one of the type.
+    /// Returns a tensor of any shape, if there is one of the type.
     pub(super) fn any_f32s(&self, name: &str) -> Option<(Vec<usize>, Vec<f32>)> {
         let found = self.tensors.tensor(name).ok().filter(|t| t.dtype() == Dtype::F32)?;
         Some((found.shape().to_vec(), little_endian::f32s(found.data())))
@@ -148,7 +148,7 @@ impl<'a> Container<'a> {
         Ok((shape, little_endian::f64s(bytes)))
     }
 
-    /// Shape and bytes of a tensor; `None` stands for any length of an axis.
+    /// Returns shape and bytes of a tensor; `None` stands for any length of an axis.
     fn tensor(&self, name: &str, dtype: Dtype, shape: &[Option<usize>]) -> Result<(Vec<usize>, &[u8]), Error> {
         let Ok(found) = self.tensors.tensor(name) else {
             return Err(self.wrong(format!("has no tensor \"{name}\"")));
@@ -169,7 +169,7 @@ fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
     bytes.windows(what.len()).position(|w| w == what)
 }
 
-/// Whether `hash` is that of the file with its own digits blanked.
+/// Whether `hash` is the hash of the file with its own digits blanked.
 fn intact(header: &[u8], data: &[u8], hash: Option<&str>) -> bool {
     let Some(hash) = hash.filter(|h| h.len() == BLANK.len()) else { return false };
     let Some(at) = find(header, hash.as_bytes()) else { return false };

@@ -1,8 +1,8 @@
 //! Trained models and their two halves, the prior of light and the basis of reflectance.
 //!
 //! The format is described in `docs/model-format.md`: a safetensors file, versioned, with a
-//! checksum. Equal models make equal files. What is read has passed the checks of [`gonio::model`];
-//! a model that fails them can be encoded, but not decoded.
+//! checksum. Equal models make equal files. Models that are read have passed the checks of
+//! [`gonio::model`]; a model that fails them can be encoded, but not decoded.
 
 mod container;
 mod posterior;
@@ -23,7 +23,7 @@ use container::{Container, Metadata, Tensor};
 /// Longest file read, 64 MiB: two hundred times what ten functions and a hundred materials take.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// What a file holds.
+/// Kind of content of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Content {
     Model,
@@ -33,7 +33,7 @@ enum Content {
 }
 
 impl Content {
-    /// The `kind` of the metadata.
+    /// Returns the `kind` in the metadata.
     fn name(self) -> &'static str {
         match self {
             Self::Model => "model",
@@ -60,13 +60,13 @@ impl Content {
         format!("gonio train {}", self.name())
     }
 
-    /// What to give instead of the wrong file.
+    /// Describes the file to give instead of a wrong one.
     fn wanted(self) -> String {
         format!("a file written by `{}`", self.command())
     }
 }
 
-/// The bytes of a whole model.
+/// Encodes a whole model.
 pub fn encode_model(model: &Model) -> Vec<u8> {
     let mut metadata = lighting_metadata(&model.light);
     let (more, tensors) = reflectance_parts(&model.reflectance);
@@ -80,18 +80,18 @@ pub fn encode_model(model: &Model) -> Vec<u8> {
     encode(Content::Model, metadata, &model.provenance, &tensors)
 }
 
-/// The bytes of a light prior, with a note of its origin.
+/// Encodes a light prior, with a note of its origin.
 pub fn encode_lighting(prior: &LightPrior, provenance: &str) -> Vec<u8> {
     encode(Content::Lighting, lighting_metadata(prior), provenance, &[])
 }
 
-/// The bytes of a reflectance basis, with a note of its origin.
+/// Encodes a reflectance basis, with a note of its origin.
 pub fn encode_reflectance(basis: &ReflectanceBasis, provenance: &str) -> Vec<u8> {
     let (metadata, tensors) = reflectance_parts(basis);
     encode(Content::Reflectance, metadata, provenance, &tensors)
 }
 
-/// The bytes of a posterior of materials, with a note of its origin.
+/// Encodes a posterior of materials, with a note of its origin.
 pub fn encode_posterior(learnt: &LearntPosterior, provenance: &str) -> Vec<u8> {
     let (metadata, tensors) = posterior::parts(learnt);
     encode(Content::Posterior, metadata, provenance, &tensors)
@@ -105,7 +105,7 @@ fn encode(content: Content, mut metadata: Metadata, provenance: &str, tensors: &
 /// Decodes a model held in memory; `path` serves the messages only.
 ///
 /// # Errors
-/// For bytes that are no model of this version, damaged, incomplete, or inconsistent as
+/// If the bytes are not a model of this version, or are damaged, incomplete, or inconsistent as
 /// [`Model::check`] finds.
 pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
     let file = Container::decode(path, bytes, Content::Model)?;
@@ -118,7 +118,7 @@ pub fn decode_model(path: &Path, bytes: &[u8]) -> Result<Model, Error> {
 /// only.
 ///
 /// # Errors
-/// As [`decode_model`].
+/// See [`decode_model`].
 pub fn decode_lighting(path: &Path, bytes: &[u8]) -> Result<(LightPrior, String), Error> {
     let file = Container::decode(path, bytes, Content::Lighting)?;
     Ok((lighting(&file)?, provenance(&file)?))
@@ -128,7 +128,7 @@ pub fn decode_lighting(path: &Path, bytes: &[u8]) -> Result<(LightPrior, String)
 /// messages only.
 ///
 /// # Errors
-/// As [`decode_model`].
+/// See [`decode_model`].
 pub fn decode_reflectance(path: &Path, bytes: &[u8]) -> Result<(ReflectanceBasis, String), Error> {
     let file = Container::decode(path, bytes, Content::Reflectance)?;
     Ok((reflectance(&file)?, provenance(&file)?))
@@ -138,25 +138,25 @@ pub fn decode_reflectance(path: &Path, bytes: &[u8]) -> Result<(ReflectanceBasis
 /// messages only.
 ///
 /// # Errors
-/// As [`decode_model`].
+/// See [`decode_model`].
 pub fn decode_posterior(path: &Path, bytes: &[u8]) -> Result<(LearntPosterior, String), Error> {
     let file = Container::decode(path, bytes, Content::Posterior)?;
     Ok((posterior::of(&file)?, provenance(&file)?))
 }
 
-/// The model that travels with the program; `model/PROVENANCE.md` says what it was learnt from.
+/// Decodes the model built into the program; `model/PROVENANCE.md` says what it was trained on.
 ///
 /// # Errors
-/// Never for a build that passed its tests.
+/// Never in a build that passed its tests.
 pub fn embedded() -> Result<Model, Error> {
     decode_model(Path::new("the embedded model"), include_bytes!("../../model/gonio-1.model"))
 }
 
-/// The prior of light of the paper's version of the inference: the map of Praun and Hoppe, each
-/// light at one azimuth.
+/// Decodes the prior of light for the paper's version of the inference: the map of Praun and Hoppe,
+/// each light at one azimuth.
 ///
 /// # Errors
-/// Never for a build that passed its tests.
+/// Never in a build that passed its tests.
 pub fn lighting_of_paper() -> Result<LightPrior, Error> {
     let bytes = include_bytes!("../../model/paper.prior");
     Ok(decode_lighting(Path::new("the embedded prior of the paper's version"), bytes)?.0)
@@ -165,12 +165,12 @@ pub fn lighting_of_paper() -> Result<LightPrior, Error> {
 /// Reads a whole model.
 ///
 /// # Errors
-/// If the file cannot be read, and as [`decode_model`].
+/// If the file cannot be read, and the errors of [`decode_model`].
 pub fn read_model(path: impl AsRef<Path>) -> Result<Model, Error> {
     decode_model(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
 }
 
-/// Reads the bytes of any of these files, to be decoded later.
+/// Reads the bytes of any of these files, for later decoding.
 ///
 /// # Errors
 /// If the file cannot be read.
@@ -181,7 +181,7 @@ pub fn read_part(path: impl AsRef<Path>) -> Result<Vec<u8>, Error> {
 /// Reads a light prior and the note of its origin.
 ///
 /// # Errors
-/// If the file cannot be read, and as [`decode_model`].
+/// If the file cannot be read, and the errors of [`decode_model`].
 pub fn read_lighting(path: impl AsRef<Path>) -> Result<(LightPrior, String), Error> {
     decode_lighting(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
 }
@@ -189,7 +189,7 @@ pub fn read_lighting(path: impl AsRef<Path>) -> Result<(LightPrior, String), Err
 /// Reads a reflectance basis and the note of its origin.
 ///
 /// # Errors
-/// If the file cannot be read, and as [`decode_model`].
+/// If the file cannot be read, and the errors of [`decode_model`].
 pub fn read_reflectance(path: impl AsRef<Path>) -> Result<(ReflectanceBasis, String), Error> {
     decode_reflectance(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
 }
@@ -197,12 +197,12 @@ pub fn read_reflectance(path: impl AsRef<Path>) -> Result<(ReflectanceBasis, Str
 /// Reads a posterior of materials and the note of its origin.
 ///
 /// # Errors
-/// If the file cannot be read, and as [`decode_model`].
+/// If the file cannot be read, and the errors of [`decode_model`].
 pub fn read_posterior(path: impl AsRef<Path>) -> Result<(LearntPosterior, String), Error> {
     decode_posterior(path.as_ref(), &guard::read_whole(path.as_ref(), MAX_BYTES)?)
 }
 
-/// What the metadata say of a training material; its coefficients are a row of a tensor.
+/// Metadata of a training material; its coefficients are a row of a tensor.
 #[derive(Serialize, Deserialize)]
 struct MaterialEntry {
     name: String,

@@ -7,25 +7,25 @@ use gonio::reflectance::{CELLS, Coordinates, THETA_D, THETA_H};
 use super::container::{Container, Metadata, Tensor};
 use crate::Error;
 
-/// Metadata that only files with a posterior have: the names of its materials.
+/// Metadata entry that only files with a posterior have: the names of its materials.
 pub(super) const NAMES: &str = "posterior";
 
-/// Metadata of the sizes of the encoder's layers.
+/// Metadata entry with the sizes of the encoder's layers.
 const SHAPE: &str = "encoder";
 
-/// Before the names of the encoder's own tensors.
+/// Prefix of the names of the encoder's own tensors.
 const ENCODER: &str = "encoder.";
 
-/// Before the names of the tensors of measured materials.
+/// Prefix of the names of the tensors of measured materials.
 const MEASURED: &str = "measured.";
 
-/// Before those of materials drawn from the prior.
+/// Prefix of the names of the tensors of materials drawn from the prior.
 const PRIOR: &str = "prior.";
 
 const PLACES: &str = "places";
 const EMBEDDINGS: &str = "embeddings";
 
-/// Metadata and tensors, those of the widest type first.
+/// Returns metadata and tensors, those of the widest type first.
 pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
     let LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges } = learnt;
     let dimensions = coordinates.axes.len();
@@ -53,7 +53,7 @@ pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
     (metadata, tensors)
 }
 
-/// What [`parts`] made.
+/// Reads the posterior from what [`parts`] made.
 pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
     let wrong = |e: String| file.wrong(format!("holds a model that cannot be: {e}"));
     let cells = [Some(THETA_H), Some(THETA_D)];
@@ -65,7 +65,7 @@ pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
     let (_, ranges) = file.f32s("ranges", &[None, Some(2)])?;
     let ranges = ranges.chunks_exact(2).map(|r| (r[0], r[1])).collect();
     let shape: EncoderShape = file.json(SHAPE)?;
-    // Before memory is taken in proportion.
+    // Checked before memory is taken in proportion.
     shape.check().map_err(|e| wrong(e.to_string()))?;
     let find = |name: &str| file.any_f32s(&format!("{ENCODER}{name}"));
     let encoder = Encoder::from_tensors(shape, find).map_err(|e| wrong(e.to_string()))?;
@@ -77,7 +77,7 @@ pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
     };
     let (measured, prior) = (candidates(MEASURED)?, candidates(PRIOR)?);
     let learnt = LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges };
-    // Before anything is computed from it.
+    // Checked before anything is computed from it.
     check_posterior(&learnt).map_err(|e| wrong(e.to_string()))?;
     Ok(learnt)
 }

@@ -1,4 +1,4 @@
-//! Files of models: what comes back, and what is refused.
+//! Tests of model files: round trips, and refused files.
 
 use std::sync::LazyLock;
 
@@ -11,7 +11,7 @@ use gonio::sphere::OctahedralMap;
 use super::*;
 use crate::Kind;
 
-/// A model with numbers that a careless text form would round; odd names.
+/// A model with numbers that a careless text format would round, and with odd names.
 fn toy(k: usize, materials: usize) -> Model {
     let number = |i: usize| 1.0 / (3.0 + i as f64 + 1e-9 * (i * i) as f64);
     let groups = (0..PriorGroup::all(5).len()).map(|i| match i {
@@ -46,7 +46,7 @@ fn decode(bytes: &[u8]) -> Result<Model, Error> {
     decode_model(Path::new("a.gonio"), bytes)
 }
 
-/// One line that names the file and says all of `says`.
+/// Checks that the error is one line that names the file and contains all of `says`.
 fn refused<T: std::fmt::Debug>(got: Result<T, Error>, kind: Kind, says: &[&str]) {
     let error = got.unwrap_err();
     let text = error.to_string();
@@ -54,7 +54,7 @@ fn refused<T: std::fmt::Debug>(got: Result<T, Error>, kind: Kind, says: &[&str])
     assert!(says.iter().all(|s| text.contains(s)), "{text}");
 }
 
-/// A file with its header replaced, tensors as they were, and an honest checksum.
+/// A file with a replaced header, unchanged tensors, and a matching checksum.
 fn forged(bytes: &[u8], old: &str, new: &str) -> Vec<u8> {
     let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
     let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
@@ -87,7 +87,7 @@ fn files_are_small_aligned_and_equal_for_equal_models() {
     let bytes = encode_model(&toy(10, 100));
     assert_eq!(bytes, encode_model(&toy(10, 100)));
     assert!(bytes.len() < 400_000, "{}", bytes.len());
-    // What other programs see.
+    // As other programs read it.
     let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
     assert_eq!(file.tensor("functions").unwrap().shape(), [10, 90, 90]);
     for (name, tensor) in file.iter() {
@@ -178,7 +178,7 @@ fn every_truncation_is_an_error() {
 
 #[test]
 fn every_flipped_byte_is_noticed() {
-    // A small linear congruential generator: places all over the file, and all of the header's
+    // A small linear congruential generator: positions all over the file, and all of the header's
     // first bytes.
     let mut state = 7_u64;
     let mut next = |n: usize| {
@@ -198,7 +198,7 @@ fn every_flipped_byte_is_noticed() {
     refused(decode(&data), Kind::Damaged, &["checksum", "fetch or write it again"]);
 }
 
-/// A posterior of two materials whose encoder knows nothing.
+/// A posterior of two materials whose encoder is untrained.
 static KNOWING: LazyLock<Model> = LazyLock::new(|| {
     let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.1 + (-(h / w).powi(2)).exp());
     let basis = LogBasis::fit(&[0.1, 0.5].map(|w| (format!("lobe {w}"), lobe(w))), 3);

@@ -1,4 +1,4 @@
-//! Brackets on disk: integer pictures of one scene, and how much light each took in.
+//! Brackets on disk: integer pictures of one scene, and the amount of light of each.
 
 use std::path::{Path, PathBuf};
 
@@ -11,27 +11,26 @@ use image::metadata::Orientation;
 use super::{Format, ReadOptions, Shot, integer};
 use crate::{Error, guard};
 
-/// Most samples of all pictures of a bracket together.
+/// Largest number of pixels of all pictures of a bracket together.
 const MOST_PIXELS: u64 = 1 << 29;
 
-/// How to read a bracket.
+/// Options for reading a bracket.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BracketOptions {
-    /// The exposure time of each file in seconds, in place of EXIF data; positive, as many as
-    /// files.
+    /// Exposure time of each file in seconds, instead of EXIF data; positive, as many as files.
     pub times: Option<Vec<f64>>,
-    /// Limits of each picture. [`ReadOptions::linear`] has no effect: codes are codes.
+    /// Limits of each picture. [`ReadOptions::linear`] has no effect, as codes are not decoded.
     pub read: ReadOptions,
 }
 
 /// A bracket as read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bracket {
-    /// In the order of the files, turned as their orientation says.
+    /// Exposures in the order of the files, turned by their EXIF orientation.
     pub exposures: Vec<Exposure>,
     /// Coverage in 0..=1, where the first file has an alpha channel.
     pub alpha: Option<Plane<f32>>,
-    /// How each picture was taken.
+    /// Camera settings of each picture.
     pub shots: Vec<Shot>,
     /// Whether the codes are linear radiance because they come from a camera's raw files.
     pub linear: bool,
@@ -50,8 +49,8 @@ struct Coded {
 /// a bracket.
 ///
 /// The amount of light of each is its exposure time times its ISO sensitivity over the square of
-/// its f-number; a sensitivity or f-number that no file tells is taken as the same for all. With
-/// [`BracketOptions::times`] it is those times alone. A single file needs none.
+/// its f-number; a sensitivity or f-number that no file gives is taken as the same for all. With
+/// [`BracketOptions::times`] it is the given time alone. A single file needs none of these.
 ///
 /// # Errors
 /// If a file cannot be read, is damaged or holds no integers; if files differ in size, depth or
@@ -61,13 +60,13 @@ pub fn read_bracket(paths: &[PathBuf], options: &BracketOptions) -> Result<Brack
     for path in paths {
         let bytes = guard::read_whole(path, options.read.max_bytes())?;
         files.push((path.as_path(), decode_codes(path, &bytes, &options.read)?));
-        // Found out before the rest is read.
+        // Checked before the rest is read.
         check_alike(&files)?;
     }
     assemble(files, options)
 }
 
-/// Decodes a bracket held in memory; the paths serve the messages only. Otherwise like
+/// Decodes a bracket held in memory; the paths serve the messages only. The rest is as in
 /// [`read_bracket`].
 ///
 /// # Errors
@@ -156,7 +155,7 @@ fn check_alike(files: &[(&Path, Coded)]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Puts the files together with the light that each took in.
+/// Assembles the files with their amounts of light.
 fn assemble(files: Vec<(&Path, Coded)>, options: &BracketOptions) -> Result<Bracket, Error> {
     let amounts = amounts(&files, options.times.as_deref())?;
     let mut bracket = Bracket { exposures: Vec::new(), alpha: None, shots: Vec::new(), linear: false };
@@ -188,7 +187,7 @@ fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, 
     if files.len() == 1 {
         return Ok(vec![1.0]);
     }
-    // A factor that some files tell and others do not cannot be taken as constant.
+    // A factor that some files give and others do not cannot be taken as constant.
     let factor = |what: &str, of: fn(&Shot) -> Option<f64>| -> Result<Vec<f64>, Error> {
         let told: Vec<_> = files.iter().map(|(_, f)| of(&f.shot)).collect();
         if told.iter().all(Option::is_none) {

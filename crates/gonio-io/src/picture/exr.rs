@@ -19,7 +19,8 @@ use super::layers::{Chosen, Colours, Selection, choose};
 use super::{Decoded, Encoding, LayerChoice, ReadOptions};
 use crate::{Error, guard};
 
-/// Compressed blocks decoded at a time: enough to feed all cores, few enough to need little memory.
+/// Number of compressed blocks decoded at a time: enough to feed all cores, few enough to need
+/// little memory.
 const BATCH: usize = 64;
 
 /// Attribute with the radiance at or above which a channel is clipped.
@@ -58,7 +59,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     Ok(Decoded { picture, encoding: Encoding::LinearFloat, full_scale: clip, layer })
 }
 
-/// The radiance that means "clipped", where the file was written with one.
+/// Returns the radiance that means "clipped", if the file has one.
 fn clip_level(path: &Path, header: &Header) -> Result<Option<f32>, Error> {
     let name = exr::meta::attribute::Text::from(CLIP_LEVEL);
     match header.own_attributes.other.get(&name).or_else(|| header.shared_attributes.other.get(&name)) {
@@ -68,8 +69,8 @@ fn clip_level(path: &Path, header: &Header) -> Result<Option<f32>, Error> {
     }
 }
 
-/// What red, green and blue of the file's primaries (those of Rec. 709 without others) add to
-/// luminance.
+/// Returns the luminance weights of red, green and blue for the file's primaries (Rec. 709 if it
+/// has none).
 fn luminance_weights(header: &Header) -> Vec3 {
     const REC_709: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
     let Some(c) = header.shared_attributes.chromaticities else { return REC_709 };
@@ -91,7 +92,7 @@ pub(crate) fn read_channels(
         let reader = exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
         let selection = select(reader.headers())?;
         let mut canvas = Canvas::new(path, &reader.headers()[selection.layer], &selection.channels, options)?;
-        // Pedantic here: an unfinished or damaged table of offsets would leave holes.
+        // Pedantic: an unfinished or damaged table of offsets would leave holes.
         let mut chunks = reader
             .filter_chunks(true, |_, tile, block| block.layer == selection.layer && tile.level_index == Vec2(0, 0))
             .map_err(failed)?;
@@ -113,7 +114,7 @@ pub(crate) fn read_channels(
                 canvas.paint(path, &block, &meta, selection.layer)?;
             }
         }
-        // Every block says itself where it belongs, so that two may claim one place.
+        // Every block gives its own position, so two may claim the same one.
         if seen.len() != expected {
             return Err(Error::damaged(path, format!("has {} of its {expected} blocks of pixels", seen.len())));
         }

@@ -1,5 +1,4 @@
-//! What a camera adds and takes away evenly: the black level, and the fall of brightness towards
-//! the corners.
+//! Corrections that are smooth over the picture: the black level, and vignetting.
 
 use std::path::Path;
 
@@ -22,11 +21,11 @@ pub fn subtract_black(decoded: &mut Decoded, black: f32) {
 }
 
 /// Divides a picture by a flat field, a picture of an evenly lit surface by the same camera, whose
-/// channels are first divided by their largest values: the middle of the picture keeps its
-/// brightness more or less, the corners rise.
+/// channels are first divided by their largest values: the middle of the picture keeps about its
+/// brightness, the corners become brighter.
 ///
-/// Pixels with a channel at or above `clip` are not known: they get the level that is returned in
-/// all channels, above that of all others.
+/// Pixels with a channel at or above `clip` are unknown: all their channels get the returned level,
+/// which is above that of all others.
 ///
 /// # Errors
 /// If the flat field (from the file `path`) has another size, or pixels that are zero, negative or

@@ -18,7 +18,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: ImageFormat, options: &R
     unpack(path, &image, options.linear)
 }
 
-/// The picture as the file holds it, and how it is to be turned.
+/// Loads the picture as the file holds it, and its orientation.
 pub(super) fn load(
     path: &Path,
     bytes: &[u8],
@@ -40,7 +40,7 @@ pub(super) fn load(
         let mut decoder = reader.into_decoder().map_err(failed)?;
         let (width, height) = decoder.dimensions();
         options.check_size(path, width.into(), height.into())?;
-        // Metadata that cannot be read is no reason to refuse the picture.
+        // Unreadable metadata are no reason to refuse the picture.
         let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
         Ok((DynamicImage::from_decoder(decoder).map_err(failed)?, orientation))
     })
@@ -82,12 +82,13 @@ fn unpack(path: &Path, image: &DynamicImage, linear: bool) -> Result<Decoded, Er
     Ok(Decoded { picture, encoding, full_scale: (bits != 32).then_some(1.0), layer: None })
 }
 
-/// The linear value of each code.
+/// Returns the linear value of each code.
 fn curve(max: u32, linear: bool) -> Vec<f32> {
     (0..=max).map(|v| v as f32 / max as f32).map(|v| if linear { v } else { srgb_decode(v) }).collect()
 }
 
-/// One or three colour channels, and one of alpha when the number of channels is even.
+/// Converts samples with one or three colour channels, and an alpha channel if the number of
+/// channels is even.
 fn picture<T: Copy>(
     (width, height): (usize, usize),
     samples: &[T],
@@ -107,8 +108,8 @@ fn picture<T: Copy>(
     }
 }
 
-/// Sorts the errors of the `image` crate by cause. Its readers see memory only, so that even their
-/// I/O errors mean a file that ends too early.
+/// Sorts the errors of the `image` crate by cause. Its readers see memory only, so even their I/O
+/// errors mean a file that ends too early.
 pub(super) fn explain(path: &Path, error: ImageError) -> Error {
     match error {
         ImageError::Unsupported(e) => Error::unsupported(path, e.to_string(), "write it as 8 or 16-bit RGB, or as EXR"),

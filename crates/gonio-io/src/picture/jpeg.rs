@@ -1,4 +1,4 @@
-//! Whether a JPEG file is complete. Decoders fill what is missing of a picture with grey, which
+//! Check that a JPEG file is complete. Decoders fill the missing part of a picture with grey, which
 //! must not pass for a photograph here.
 
 use std::path::Path;
@@ -13,8 +13,8 @@ pub(super) fn check_complete(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     }
 }
 
-/// Position after the end-of-image marker. Thumbnails in the metadata have markers of their own, so
-/// that segments have to be skipped by their lengths.
+/// Returns the position after the end-of-image marker. Thumbnails in the metadata have markers of
+/// their own, so segments have to be skipped by their lengths.
 fn end_of_image(bytes: &[u8]) -> Option<usize> {
     const END_OF_IMAGE: u8 = 0xd9;
     let mut at = 2;
@@ -27,8 +27,8 @@ fn end_of_image(bytes: &[u8]) -> Option<usize> {
         at += 2;
         match marker {
             END_OF_IMAGE => return Some(at),
-            // Stuffed zeros and restart markers belong to the data of a scan; the rest here has no
-            // content.
+            // Stuffed zeros and restart markers belong to the data of a scan; the others here have
+            // no content.
             0x00 | 0x01 | 0xd0..=0xd8 => {}
             _ => {
                 let length = usize::from(u16::from_be_bytes([*bytes.get(at)?, *bytes.get(at + 1)?]));

@@ -1,5 +1,5 @@
-//! Which channels of an OpenEXR file are the picture: layers, and the names that programs give to
-//! colours.
+//! Choice of the channels of an OpenEXR file that are the picture: layers, and the names that
+//! programs give to colours.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use exr::meta::header::Header;
 use super::ReadOptions;
 use crate::Error;
 
-/// The channels to read, in the order wanted, all of one layer.
+/// Channels to read, in order, all of one layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Selection {
     pub(crate) layer: usize,
@@ -26,21 +26,21 @@ pub(crate) struct Group {
     channels: Vec<(String, usize)>,
 }
 
-/// What the channels of a colour are.
+/// Kind of colour that channels hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Colours {
     Rgb,
     Grey,
-    /// Luminance, and red and blue less luminance over luminance.
+    /// Luminance `Y`, and the chroma channels `(R - Y) / Y` and `(B - Y) / Y`.
     Chroma,
 }
 
-/// The picture of a file.
+/// Picture chosen from a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Chosen {
     pub(super) selection: Selection,
     pub(super) colours: Colours,
-    /// Its name, and those of the other pictures in the file.
+    /// Name of the picture, and those of the other pictures in the file.
     pub(super) name: String,
     pub(super) others: Vec<String>,
 }
@@ -50,15 +50,15 @@ impl Group {
         self.channels.iter().find(|c| c.0 == name).map(|c| c.1)
     }
 
-    /// The channels of these names (lower case), if all are there.
+    /// Selects the channels of these names (lower case), if all are there.
     pub(crate) fn select(&self, names: &[&str]) -> Option<Selection> {
         let channels = names.iter().map(|n| self.index(n)).collect::<Option<_>>()?;
         Some(Selection { layer: self.layer, channels })
     }
 
-    /// The colour channels with the alpha channel appended if there is one.
+    /// Selects the colour channels, followed by the alpha channel if there is one.
     fn colours(&self) -> Option<(Selection, Colours)> {
-        // A channel Y beside X is a coordinate.
+        // A channel Y next to X is a coordinate.
         let grey = || self.select(&["y"]).filter(|_| self.index("x").is_none()).map(|s| (s, Colours::Grey));
         let rgb = self.select(&["r", "g", "b"]).map(|s| (s, Colours::Rgb));
         let chroma = || self.select(&["y", "ry", "by"]).map(|s| (s, Colours::Chroma));
@@ -67,18 +67,19 @@ impl Group {
         Some((selection, colours))
     }
 
-    /// The last part of the prefix: the name of the pass.
+    /// Returns the name of the pass, the last part of the prefix.
     pub(crate) fn pass(&self) -> &str {
         self.prefix.rsplit('.').next().unwrap_or_default()
     }
 
-    /// How it is called in messages and by `ReadOptions::layer`.
+    /// Returns the name used in messages and by `ReadOptions::layer`.
     fn name(&self) -> String {
         if self.prefix.is_empty() { "rgb".to_owned() } else { self.prefix.clone() }
     }
 }
 
-/// The one name of a colour that programs call differently, in lower case; other names as they are.
+/// Returns the canonical name of a colour that programs name differently, in lower case; other
+/// names unchanged.
 fn canonical(name: &str) -> &str {
     match name {
         "red" => "r",
@@ -90,8 +91,8 @@ fn canonical(name: &str) -> &str {
     }
 }
 
-/// Prefix and last component of a channel's name. The separator is a dot; some programs write
-/// `beauty_R` or `beauty/R`.
+/// Splits a channel's name into prefix and last component. The separator is a dot; some programs
+/// write `beauty_R` or `beauty/R`.
 fn split(name: &str) -> (&str, &str) {
     let colour = |last: &str| matches!(canonical(last), "r" | "g" | "b" | "a");
     name.rsplit_once('.')
@@ -99,11 +100,11 @@ fn split(name: &str) -> (&str, &str) {
         .unwrap_or(("", name))
 }
 
-/// The groups of all layers, in file order.
+/// Returns the groups of all layers, in file order.
 pub(crate) fn groups(headers: &[Header]) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for (layer, header) in headers.iter().enumerate() {
-        // The name of the only part tells nothing that the channels do not.
+        // The name of a single part adds nothing to the channels' names.
         let part = match &header.own_attributes.layer_name {
             Some(name) if headers.len() > 1 => name.to_string().to_ascii_lowercase(),
             _ => String::new(),
@@ -122,15 +123,15 @@ pub(crate) fn groups(headers: &[Header]) -> Vec<Group> {
     groups
 }
 
-/// The colour channels of the layer that the options name; without a name those without a prefix,
-/// else of the pass that holds the finished picture, else the first.
+/// Chooses the colour channels of the layer that the options name; without a name those without a
+/// prefix, else of the pass that holds the finished picture, else the first.
 pub(super) fn choose(path: &Path, headers: &[Header], options: &ReadOptions) -> Result<Chosen, Error> {
     let groups = groups(headers);
     let candidates: Vec<_> = groups.iter().filter_map(|g| g.colours().map(|c| (g, c))).collect();
     let rank = |group: &Group| match (&options.layer, group.pass()) {
         (Some(wanted), pass) => {
             let wanted = wanted.to_ascii_lowercase();
-            // The whole name before its last part.
+            // Matches the whole name before its last part.
             if group.name() == wanted {
                 0
             } else if pass == wanted {

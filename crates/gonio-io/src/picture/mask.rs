@@ -1,4 +1,4 @@
-//! Masks: how much of each pixel belongs to the object.
+//! Masks: the share of each pixel that belongs to the object.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use gonio::picture::{Picture, Plane};
 use super::{Encoding, Format, ReadOptions, decode, groups, read_channels};
 use crate::{Error, guard};
 
-/// Values of a float mask beyond 1 by no more than this are rounding.
+/// Largest distance outside 0..=1 of a value of a float mask that counts as rounding.
 const SLACK: f32 = 1e-3;
 
 /// Reads a mask from a picture of any supported format: 1 inside the object, 0 outside.
@@ -18,7 +18,7 @@ const SLACK: f32 = 1e-3;
 /// OpenEXR file without colour a channel `A`, or the only channel there is, is the mask.
 ///
 /// # Errors
-/// Those of [`read`](super::read), and if values are not numbers or lie outside 0..=1.
+/// Errors of [`read`](super::read), and if values are not numbers or lie outside 0..=1.
 pub fn read_mask(path: impl AsRef<Path>) -> Result<Plane<f32>, Error> {
     let path = path.as_ref();
     let options = ReadOptions { linear: true, ..Default::default() };
@@ -29,8 +29,7 @@ pub fn read_mask(path: impl AsRef<Path>) -> Result<Plane<f32>, Error> {
 fn decode_mask(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<f32>, Error> {
     let picture = match decode(path, bytes, options) {
         Ok(decoded) => {
-            // OpenEXR keeps colour multiplied by alpha; divided, a cut-out has its own colour
-            // again.
+            // OpenEXR stores colour multiplied by alpha; dividing restores the colour of a cut-out.
             let associated = decoded.encoding == Encoding::LinearFloat;
             return unit_range(path, mask_of(decoded.picture, associated));
         }
@@ -40,8 +39,8 @@ fn decode_mask(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane
     unit_range(path, picture)
 }
 
-/// The alpha channel or the only channel of an OpenEXR file without colour; `error` if it has
-/// neither.
+/// Reads the alpha channel or the only channel of an OpenEXR file without colour; returns `error`
+/// if it has neither.
 fn single_channel(path: &Path, bytes: &[u8], options: &ReadOptions, error: Error) -> Result<Plane<f32>, Error> {
     let (width, height, mut planes) = read_channels(path, bytes, options, |headers| {
         let only = |layer: usize| super::Selection { layer, channels: vec![0] };
@@ -58,7 +57,7 @@ fn mask_of(picture: Picture, associated: bool) -> Plane<f32> {
     let Picture { rgb, alpha } = picture;
     let grey = rgb.map(|v| v.max_element());
     let Some(alpha) = alpha.filter(|a| a.as_slice().iter().any(|&a| a != 1.0)) else { return grey };
-    // Only pixels that can be seen tell whether the content is constant.
+    // Only visible pixels show whether the content is constant.
     let visible = || rgb.as_slice().iter().zip(alpha.as_slice()).filter(|(_, a)| **a > 0.0);
     let colour = |(v, a): (&glam::Vec3, &f32)| if associated { *v / *a } else { *v };
     let first = visible().next().map(colour);

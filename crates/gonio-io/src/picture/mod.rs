@@ -50,16 +50,17 @@ pub use write::{
     write_pfm, write_png, write_png_srgb8,
 };
 
-/// How to read a picture.
+/// Options for reading a picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadOptions {
-    /// Take the samples of integer files as linear instead of sRGB-coded. No effect on float files.
+    /// Whether the samples of integer files are linear instead of sRGB-coded. No effect on float
+    /// files.
     pub linear: bool,
-    /// Largest number of pixels, checked on the header before memory is taken; about 16 bytes are
-    /// needed for each.
+    /// Largest number of pixels, checked on the header before memory is taken; each takes about 16
+    /// bytes.
     pub max_pixels: u64,
-    /// Layer of an OpenEXR file to read, by its name or the last part of it, in any case; `rgb` is
-    /// that of channels without a layer. `None` takes the finished picture. No effect on other
+    /// Layer of an OpenEXR file to read, by its name or the last part of it, in any case; `rgb`
+    /// stands for channels without a layer. `None` takes the finished picture. No effect on other
     /// files.
     pub layer: Option<String>,
 }
@@ -72,13 +73,13 @@ impl Default for ReadOptions {
 }
 
 impl ReadOptions {
-    /// Longest file worth reading into memory: 32 bytes a pixel leave room for layers that are not
-    /// wanted.
+    /// Returns the longest file worth reading into memory: 32 bytes a pixel leave room for unused
+    /// layers.
     pub(crate) fn max_bytes(&self) -> u64 {
         self.max_pixels.saturating_mul(32).saturating_add(1 << 24)
     }
 
-    /// The dimensions of a header, if they can be met.
+    /// Checks the dimensions in a header and returns them, if they are within the limits.
     pub(crate) fn check_size(&self, path: &Path, width: u64, height: u64) -> Result<(usize, usize), Error> {
         if width == 0 || height == 0 {
             return Err(Error::damaged(path, format!("has no pixels ({width}x{height})")));
@@ -91,48 +92,48 @@ impl ReadOptions {
     }
 }
 
-/// How the samples of a file relate to the linear values handed out.
+/// Encoding of the samples of a file, relative to the linear values returned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     /// Linear floating-point numbers.
     LinearFloat,
-    /// Integers coded with the sRGB curve, decoded to 0..=1. Photographs of this kind are rarely
-    /// true to the light: worth a warning.
+    /// Integers coded with the sRGB curve, decoded to 0..=1. Such photographs are rarely
+    /// proportional to radiance: worth a warning.
     Srgb {
         /// Bits per sample, 8 or 16.
         bits: u8,
     },
-    /// Integers taken as linear because the caller asked for it, divided by the largest one.
+    /// Integers taken as linear because the caller asked for it, divided by the largest code.
     Linear {
         /// Bits per sample, 8 or 16.
         bits: u8,
     },
 }
 
-/// A picture and what is known of its origin.
+/// A picture with its encoding and origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decoded {
     /// Linear radiance; see the [module](self) for what alpha means.
     pub picture: Picture,
-    /// How the file coded it.
+    /// Encoding in the file.
     pub encoding: Encoding,
-    /// The value of a saturated sample, 1.0 for integer files. Float files tell it in the OpenEXR
+    /// Value of a saturated sample, 1.0 for integer files. Float files give it in the OpenEXR
     /// attribute `clipLevel`, if at all.
     pub full_scale: Option<f32>,
-    /// Which picture was taken of an OpenEXR file that holds several.
+    /// Picture chosen from an OpenEXR file that holds several.
     pub layer: Option<LayerChoice>,
 }
 
-/// One of several pictures in a file.
+/// Choice of one of several pictures in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LayerChoice {
-    /// The one taken, in lower case.
+    /// Name of the chosen one, in lower case.
     pub name: String,
-    /// The ones left, at least one.
+    /// Names of the others, at least one.
     pub others: Vec<String>,
 }
 
-/// The formats read here, by their first bytes.
+/// Formats read here, recognised by their first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Format {
     Exr,
@@ -160,7 +161,7 @@ impl Format {
             [0x89, b'P', b'N', b'G', ..] => Ok(Self::Png),
             [0xff, 0xd8, 0xff, ..] => Ok(Self::Jpeg),
             [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => match extension.as_str() {
-                // Raw files are TIFF outside, but what a TIFF reader finds in them is the preview.
+                // Raw files are TIFF containers, but a TIFF reader finds only the preview in them.
                 "dng" | "cr2" | "nef" | "arw" | "orf" | "pef" | "rw2" => Err(Error::unsupported(
                     path,
                     "is a camera's raw file",
@@ -189,7 +190,7 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Decoded, Er
     decode(path, &guard::read_whole(path, options.max_bytes())?, options)
 }
 
-/// Decodes a picture held in memory; `path` serves the messages only. Otherwise like [`read`].
+/// Decodes a picture held in memory; `path` serves the messages only. The rest is as in [`read`].
 ///
 /// # Errors
 /// Like [`read`].
@@ -206,7 +207,7 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decode
     }
 }
 
-/// What float formats without an alpha channel decode to.
+/// Builds the result for float formats without an alpha channel.
 fn float_picture(width: usize, height: usize, rgb: Vec<glam::Vec3>) -> Decoded {
     let rgb = gonio::picture::Plane::from_vec(width, height, rgb);
     Decoded { picture: Picture { rgb, alpha: None }, encoding: Encoding::LinearFloat, full_scale: None, layer: None }

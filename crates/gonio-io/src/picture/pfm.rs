@@ -8,7 +8,7 @@ use gonio::picture::Plane;
 use super::{Decoded, ReadOptions, float_picture};
 use crate::Error;
 
-/// The tokens of the header end after this many bytes at most; anything longer is not a header.
+/// Largest number of bytes in which the header must end; anything longer is not a header.
 const LONGEST_HEADER: usize = 256;
 
 pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
@@ -55,7 +55,7 @@ pub(super) fn encode(rgb: &Plane<Vec3>) -> Vec<u8> {
     bytes
 }
 
-/// Words between white space; `at` is where the last one ended.
+/// Words between white space; `at` is the end of the last one.
 struct Tokens<'a> {
     bytes: &'a [u8],
     at: usize,

@@ -12,8 +12,8 @@ use super::integer::explain;
 use super::{Decoded, ReadOptions, float_picture};
 use crate::{Error, guard};
 
-/// More pixels than this per byte no encoder reaches: a run of 127 pixels takes 8 bytes, an
-/// old-style one of 255 takes 4.
+/// Pixels per byte above which no encoder gets: a run of 127 pixels takes 8 bytes, an old-style one
+/// of 255 takes 4.
 const PIXELS_PER_BYTE: usize = 64;
 /// Largest value of the format, a little below 2^127.
 const LARGEST_VALUE: f32 = 1.6e38;
@@ -49,8 +49,8 @@ pub(super) fn encode(rgb: &Plane<Vec3>) -> Vec<u8> {
     bytes
 }
 
-/// The nearest colour that has a code. The encoder itself cuts off, which would make pictures
-/// darker by 0.4 %.
+/// Returns the nearest colour that has a code. The encoder itself truncates, which would make
+/// pictures darker by 0.4 %.
 fn rounded(v: Vec3) -> [f32; 3] {
     let v = v.to_array().map(|v| if v > 0.0 { v.min(LARGEST_VALUE) } else { 0.0 });
     let largest = v.iter().fold(0.0_f32, |a, &b| a.max(b));

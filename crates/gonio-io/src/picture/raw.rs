@@ -1,11 +1,11 @@
-//! A camera's raw files, by `rawler`: linear camera RGB without white balance, colour matrix or
+//! Raw files of cameras, by `rawler`: linear camera RGB without white balance, colour matrix or
 //! tone curve.
 //!
-//! The black level is subtracted and the white level divided by, as the file or the table of
-//! cameras tells them. The mosaic is binned: every 2 x 2 pixels (3 x 3 of X-Trans) become one pixel
-//! with the means of their colours, so that no colour is invented. Light of unknown colour takes
-//! the white balance up. What the lens takes from the corners is given back where a DNG file says
-//! how much (`OpcodeList3`, `FixVignetteRadial`); other corrections of the lens are not made.
+//! The black level is subtracted and the result divided by the white level, as given by the file or
+//! the table of cameras. The mosaic is binned: every 2 x 2 pixels (3 x 3 of X-Trans) become one
+//! pixel with the means of their colours, so that no colour is invented. The unknown colour of the
+//! light absorbs the white balance. Vignetting is corrected where a DNG file gives it
+//! (`OpcodeList3`, `FixVignetteRadial`); other lens corrections are not applied.
 
 use std::path::Path;
 
@@ -21,20 +21,20 @@ use rawler::tags::{DngTag, TiffCommonTag};
 use super::{Decoded, Encoding, ReadOptions, Shot};
 use crate::{Error, guard};
 
-/// More pixels than this per byte no raw file holds, compressed as it may be.
+/// Pixels per byte that no raw file exceeds, however well it is compressed.
 const PIXELS_PER_BYTE: u64 = 64;
 
 /// A developed raw file.
 pub(super) struct Raw {
-    /// Linear, 1 at the white level, more where vignetting was taken away.
+    /// Linear colours, 1 at the white level, more where vignetting was corrected.
     rgb: Plane<Vec3>,
-    /// What clipped channels hold; all others are below.
+    /// Value of clipped channels; all others are below.
     level: f32,
     pub(super) shot: Shot,
 }
 
 impl Raw {
-    /// 16-bit codes of which the largest means clipped.
+    /// Returns 16-bit codes of which the largest means clipped.
     pub(super) fn codes(&self) -> Codes {
         Codes::Sixteen(self.rgb.map(|v| (65535.0 * *v / self.level).to_array().map(|v| v.round() as u16)))
     }
@@ -56,7 +56,7 @@ pub(super) fn develop(path: &Path, bytes: &[u8], options: &ReadOptions) -> Resul
         let failed = |e: rawler::RawlerError| explain(path, &e);
         let source = RawSource::new_from_slice(bytes).with_path(path);
         let decoder = rawler::get_decoder(&source).map_err(failed)?;
-        // The decoder takes the memory that the header asks for.
+        // The decoder allocates the memory that the header asks for.
         if let Ok(Some(ifd)) = decoder.ifd(WellKnownIFD::Raw) {
             check_header(path, &ifd, bytes.len() as u64, options)?;
         }
@@ -116,11 +116,11 @@ fn shot(exif: &rawler::exif::Exif) -> Shot {
     }
 }
 
-/// The colour of the binned pixel whose first sample is at a column and row; `None` for a mosaic
-/// that is not RGB.
+/// Function that returns the colour of the binned pixel whose first sample is at a column and row;
+/// `None` for a mosaic that is not RGB.
 type Develop<'a> = Box<dyn Fn(usize, usize) -> Option<Vec3> + 'a>;
 
-/// Linear colours of binned pixels, 1 in channels with a sample at the white level.
+/// Computes linear colours of binned pixels, 1 in channels with a sample at the white level.
 fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
     let data = image.data.as_f32();
     let (width, height, samples) = (image.width, image.height, image.cpp);
@@ -167,7 +167,7 @@ fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
                     sum[channel] += v;
                     count[channel] += 1.0;
                 }
-                // A colour of which one sample is clipped is so as a whole.
+                // A colour with one clipped sample counts as clipped.
                 (count.min_element() > 0.0).then(|| Vec3::select(largest.cmpge(Vec3::ONE), Vec3::ONE, sum / count))
             };
             (step, Box::new(block))
@@ -188,15 +188,15 @@ fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
     Ok(Plane::from_vec(columns, rows, pixels.ok_or_else(unsupported)?))
 }
 
-/// How a lens darkens the corners: the gain at distance `r` of the centre is
+/// Vignetting correction of a lens: the gain at distance `r` from the centre is
 /// `1 + k0 r^2 + k1 r^4 + ...`, where the farthest corner is at 1.
 struct Radial {
     k: [f64; 5],
-    /// Part of the width and height.
+    /// Centre, as a share of the width and height.
     centre: [f64; 2],
 }
 
-/// `FixVignetteRadial` (opcode 3) of the corrections after the mosaic.
+/// Finds `FixVignetteRadial` (opcode 3) in the corrections after the mosaic.
 fn vignetting(tags: &IFD) -> Option<Radial> {
     let bytes: Vec<u8> = match &tags.get_entry(DngTag::OpcodeList3)?.value {
         Value::Byte(bytes) | Value::Undefined(bytes) => bytes.clone(),
@@ -238,7 +238,7 @@ impl Raw {
     }
 }
 
-/// The picture as it was seen.
+/// Turns the picture upright.
 fn turned(picture: &Plane<Vec3>, orientation: Orientation) -> Plane<Vec3> {
     let (swap, flip_x, flip_y) = orientation.to_flips();
     let (width, height) = picture.size();

@@ -9,9 +9,9 @@
 //! 255,0.83,0.82,0.85
 //! ```
 //!
-//! Codes count from 0 by one, to 255 or 65535 in general; pictures of another depth take the curve
-//! on their own scale. Lines that begin with `#`, the header and empty lines are skipped. One
-//! column instead of three is that of all channels.
+//! Codes count from 0 in steps of one, usually to 255 or 65535; for pictures of another depth the
+//! curve is resampled to their codes. Lines that begin with `#`, the header and empty lines are
+//! skipped. A single column instead of three holds for all channels.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -23,13 +23,13 @@ use crate::{Error, atomic, guard};
 /// Longest file: 65536 lines of three numbers leave room.
 const MAX_BYTES: u64 = 1 << 24;
 
-/// Reads a response curve: text with a line `code,red,green,blue` for each code from 0 on, of
-/// natural logarithms of the exposures that it stands for, or `code,all`. Pictures of another depth
-/// take the curve on their own scale. Lines that begin with `#` or `code` and empty lines are
-/// skipped.
+/// Reads a response curve: text with a line `code,red,green,blue` for each code from 0 on, with
+/// natural logarithms of the exposures that it stands for, or `code,all`. For pictures of another
+/// depth the curve is resampled to their codes. Lines that begin with `#` or `code` and empty lines
+/// are skipped.
 ///
 /// # Errors
-/// If the file cannot be read, a line is not so, or a curve falls or is flat.
+/// If the file cannot be read, a line is not of this form, or a curve falls or is flat.
 pub fn read_response(path: impl AsRef<Path>) -> Result<Response, Error> {
     let path = path.as_ref();
     decode_response(path, &guard::read_whole(path, MAX_BYTES)?)
@@ -62,13 +62,13 @@ pub fn decode_response(path: &Path, bytes: &[u8]) -> Result<Response, Error> {
     Response::from_curves(curves).map_err(|e| Error::invalid(path, format!("is no response: {e}"), advice))
 }
 
-/// The text of a response, as [`read_response`] reads it.
+/// Encodes a response as text that [`read_response`] reads.
 pub fn encode_response(response: &Response) -> Vec<u8> {
     let mut text = String::from("# response of a camera: natural logarithm of the exposure of each code\n");
     text.push_str("code,red,green,blue\n");
     let [red, green, blue] = [0, 1, 2].map(|channel| response.curve(channel));
     for (code, ((r, g), b)) in red.iter().zip(green).zip(blue).enumerate() {
-        // Nine digits are more than any camera keeps to.
+        // Nine digits are more than the precision of any camera.
         writeln!(text, "{code},{r:.9},{g:.9},{b:.9}").expect("text takes any text");
     }
     text.into_bytes()

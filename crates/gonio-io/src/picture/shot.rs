@@ -1,11 +1,11 @@
-//! How a photograph was taken, as far as its EXIF data tell.
+//! Camera settings of a photograph, from its EXIF data.
 
 use std::io::Cursor;
 
 use exif::{Context, In, Reader, Tag, Value};
 
-/// The settings of a camera that make a picture bright or dark; what the file does not tell is
-/// `None`.
+/// Camera settings that determine the brightness of a picture; `None` where the file does not give
+/// one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shot {
     /// Exposure time, seconds; positive.
@@ -17,11 +17,11 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// What the EXIF data of a JPEG, PNG or TIFF file say; nothing where they are missing or cannot
-    /// be read.
+    /// Reads the EXIF data of a JPEG, PNG or TIFF file; all settings are `None` where they are
+    /// missing or cannot be read.
     pub(super) fn of(bytes: &[u8]) -> Self {
-        // The parser is not ours: whatever it makes of a damaged file must not stop the picture
-        // from being read.
+        // The parser is a third party's: whatever it makes of a damaged file must not stop the
+        // picture from being read.
         let parse = || Reader::new().read_from_container(&mut Cursor::new(bytes)).ok();
         let Some(exif) = std::panic::catch_unwind(parse).ok().flatten() else { return Self::default() };
         let number = |tag: Tag| -> Option<f64> {
@@ -38,7 +38,7 @@ impl Shot {
             value.is_finite().then_some(value)
         };
         let positive = |tag: Tag| number(tag).filter(|v| *v > 0.0);
-        // APEX: a time of 2^-v seconds, a number of 2^(v/2).
+        // APEX values: a time of 2^-v seconds, an f-number of 2^(v/2).
         let apex = |tag: Tag, scale: f64| number(tag).map(|v| (scale * v).exp2()).filter(|v| (1e-9..1e9).contains(v));
         Self {
             seconds: positive(Tag::ExposureTime).or_else(|| apex(Tag::ShutterSpeedValue, -1.0)),

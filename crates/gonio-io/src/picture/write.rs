@@ -1,4 +1,4 @@
-//! Pictures to bytes and files. Every file is encoded in memory first and then written
+//! Encoding and writing of pictures. Every file is encoded in memory first and then written
 //! [atomically](crate::atomic).
 
 use std::io::Cursor;
@@ -16,8 +16,8 @@ use image::{ExtendedColorType, ImageEncoder};
 use super::{exr, pfm, radiance};
 use crate::{Error, atomic};
 
-/// OpenEXR with 32-bit float channels `R G B`, and `A` if alpha is given, compressed without loss.
-/// Any float value is kept. Colour should be multiplied by alpha already.
+/// Encodes OpenEXR with 32-bit float channels `R G B`, and `A` if alpha is given, compressed
+/// losslessly. Any float value is kept. Colour should already be multiplied by alpha.
 ///
 /// # Panics
 /// If the picture has no pixels, or alpha another size.
@@ -25,8 +25,8 @@ pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
     encode(rgb, alpha, None)
 }
 
-/// [`encode_exr`] with the radiance from which on a channel is clipped, as the attribute
-/// `clipLevel`, which [`read`](super::read) gives back as
+/// Encodes like [`encode_exr`], with the radiance at or above which a channel is clipped as the
+/// attribute `clipLevel`, which [`read`](super::read) returns as
 /// [`Decoded::full_scale`](super::Decoded::full_scale).
 ///
 /// # Panics
@@ -70,18 +70,19 @@ fn encode(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, clip_level: Option<f32>
     bytes.into_inner()
 }
 
-/// Portable float map, 32-bit little-endian RGB. Any float value is kept.
+/// Encodes a portable float map, 32-bit little-endian RGB. Any float value is kept.
 pub fn encode_pfm(rgb: &Plane<Vec3>) -> Vec<u8> {
     pfm::encode(rgb)
 }
 
-/// Radiance HDR: precise to 1 part in 256 of the largest channel; negative values and not-a-number
-/// become 0, values beyond the range of the format its largest.
+/// Encodes Radiance HDR, precise to 1 part in 256 of the largest channel; negative values and
+/// not-a-number become 0, values beyond the range of the format its largest.
 pub fn encode_hdr(rgb: &Plane<Vec3>) -> Vec<u8> {
     radiance::encode(rgb)
 }
 
-/// 8-bit sRGB PNG of linear values; those outside 0..=1 are clamped, not-a-number becomes 0.
+/// Encodes linear values as an 8-bit sRGB PNG; those outside 0..=1 are clamped, not-a-number
+/// becomes 0.
 ///
 /// # Panics
 /// If the picture has no pixels.
@@ -91,10 +92,11 @@ pub fn encode_png(rgb: &Plane<Vec3>) -> Vec<u8> {
     encode_png_srgb8(rgb.width(), rgb.height(), &samples)
 }
 
-/// PNG of 8-bit RGB samples that are sRGB-coded already, row-major from the top.
+/// Encodes a PNG of 8-bit RGB samples that are already sRGB-coded, row-major from the top.
 ///
 /// # Panics
-/// If there are not `3 * width * height` samples, or none, or a side is longer than 2^31 - 1.
+/// If the number of samples is not `3 * width * height`, or zero, or a side is longer than 2^31 -
+/// 1.
 pub fn encode_png_srgb8(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
     assert!(!rgb.is_empty() && rgb.len() == 3 * width * height, "a picture of {width}x{height} pixels");
     let side = |n: usize| u32::try_from(n).ok().filter(|&n| n < 1 << 31).expect("a side below 2^31");

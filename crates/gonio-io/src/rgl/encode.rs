@@ -1,13 +1,14 @@
-//! Writing materials in the format of the RGL database: what Mitsuba 3 and pbrt-v4 read as
+//! Writing of materials in the format of the RGL database, which Mitsuba 3 and pbrt-v4 read as
 //! `measured`.
 //!
-//! A table over half and difference angle has no incident directions that were measured, so that
-//! those of the file, and what its values are divided by, may be chosen. The density `D` is the
-//! material's own lobe, the mean of its table over the difference angle: what is left over the
-//! warped square is smooth, however sharp the lobe. `sigma` is a constant. Half of the warp goes by
-//! the lobe, half is even over the coordinate of the angle, so that neither the peak nor the tail
-//! is sampled coarsely; it is the same for all incident directions. What a renderer draws its
-//! samples by, `luminance`, holds all that the warp does not.
+//! A table over half and difference angle has no measured incident directions, so the incident
+//! directions of the file, and the factor by which its values are divided, may be chosen. The
+//! density `D` is the material's own lobe, the mean of its table over the difference angle: the
+//! remaining values over the warped square are smooth, however sharp the lobe. `sigma` is a
+//! constant. Half of the warp follows the lobe, half is even over the coordinate of the angle, so
+//! that neither the peak nor the tail is sampled coarsely; it is the same for all incident
+//! directions. `luminance`, from which a renderer draws its samples, holds everything that the warp
+//! does not.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -21,15 +22,16 @@ use super::tensor::{FLOAT32, MAGIC, UINT8};
 const FINE: usize = 181;
 /// Samples along each side of the warped square.
 const SIDE: usize = 64;
-/// Incident angles in degrees: dense where Fresnel reflection grows.
+/// Incident angles in degrees: dense where Fresnel reflection rises.
 const INCIDENT: [f64; 22] = [
     0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 64.0, 68.0, 72.0, 75.0, 78.0, 81.0,
     84.0, 87.0, 89.0,
 ];
-/// Least density, as a share of the greatest: where the material is black something is divided by.
+/// Least density, as a share of the greatest: avoids a division by zero where the material is
+/// black.
 const LEAST_DENSITY: f64 = 1e-9;
 
-/// How the values of a file go over colours.
+/// Colour channels of the values of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channels {
     /// Linear RGB, for Mitsuba's variants of this kind: `NAME_rgb.bsdf`.
@@ -39,7 +41,7 @@ pub enum Channels {
     Spectral,
 }
 
-/// The bytes of a file that holds a BRDF in 1/sr, its tables linear RGB.
+/// Encodes a BRDF in 1/sr, given as tables in linear RGB.
 pub fn encode(tables: &[BivariateTable; 3], description: &str, channels: Channels) -> Vec<u8> {
     let shape = Shape::of(tables);
     let count = match channels {
@@ -88,22 +90,22 @@ pub fn encode(tables: &[BivariateTable; 3], description: &str, channels: Channel
     file(&fields)
 }
 
-/// What stands at a place of the warped square.
+/// Values at a place of the warped square.
 struct Sample {
-    /// `f cos_o / D`, zero beyond the horizon: renderers take less than nothing for a fault.
+    /// `f cos_o / D`, zero beyond the horizon: renderers reject negative values.
     rgb: [f64; 3],
-    /// What samples are drawn by within the square.
+    /// Density from which samples are drawn within the square.
     density: f64,
 }
 
-/// The lobe that a file is built around.
+/// Lobe that a file is built around.
 struct Shape {
-    /// Of the tables.
+    /// Luminance of the tables.
     luminance: BivariateTable,
-    /// At [`FINE`] places of the coordinate `sqrt(2 theta / pi)`.
+    /// Values at [`FINE`] places of the coordinate `sqrt(2 theta / pi)`.
     lobe: Vec<f64>,
     warp: Vec<f64>,
-    /// The coordinates that the warp leads to [`SIDE`] even places.
+    /// Coordinates that the warp maps to [`SIDE`] evenly spaced places.
     places: Vec<f64>,
 }
 
@@ -139,7 +141,7 @@ impl Shape {
         between(&self.warp, x)
     }
 
-    /// The coordinate below which a share of the warp lies.
+    /// Returns the coordinate below which a share of the warp lies.
     fn place(&self, share: f64) -> f64 {
         let cells = self.warp.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
         let total: f64 = cells.clone().sum();
@@ -170,25 +172,25 @@ impl Shape {
     }
 }
 
-/// Between samples on the unit interval.
+/// Interpolates between samples on the unit interval.
 fn between(samples: &[f64], x: f64) -> f64 {
     let at = x * (samples.len() - 1) as f64;
     let i = (at as usize).min(samples.len() - 2);
     samples[i] + (at - i as f64) * (samples[i + 1] - samples[i])
 }
 
-/// The unit vector at an angle to the normal, `+z`, and an azimuth.
+/// Returns the unit vector at an angle to the normal, `+z`, and an azimuth.
 fn spherical(theta: f64, phi: f64) -> DVec3 {
     let ((s, c), (sin, cos)) = (theta.sin_cos(), phi.sin_cos());
     DVec3::new(s * cos, s * sin, c)
 }
 
-/// The angle to the normal at a unit coordinate.
+/// Returns the angle to the normal at a unit coordinate.
 fn angle(x: f64) -> f64 {
     x * x * FRAC_PI_2
 }
 
-/// Place of sample `i` of `n` in the unit interval.
+/// Returns the place of sample `i` of `n` in the unit interval.
 fn unit(i: usize, n: usize) -> f64 {
     i as f64 / (n - 1) as f64
 }

@@ -1,11 +1,11 @@
 //! Measured isotropic materials of the RGL database (Dupuy and Jakob 2018, *An Adaptive
 //! Parameterization for Efficient Material Acquisition and Rendering*): `NAME_rgb.bsdf`.
 //!
-//! A material was measured for a few incident directions. For each of them a density of visible
-//! microfacet normals is there, by which outgoing directions are spread so that the measured
-//! samples are dense where the material is bright. With the half vector `m` of incident direction
-//! `i` and outgoing direction `o`, all angles as unit coordinates (`sqrt(2 theta / pi)`,
-//! `phi / (2 pi) + 1/2`), and the warp `w_i` of the density:
+//! A material was measured for a few incident directions. Each has a density of visible microfacet
+//! normals, by which outgoing directions are spread so that the measured samples are dense where
+//! the material is bright. With the half vector `m` of incident direction `i` and outgoing
+//! direction `o`, all angles as unit coordinates (`sqrt(2 theta / pi)`, `phi / (2 pi) + 1/2`), and
+//! the warp `w_i` of the density:
 //!
 //! `f(i, o) cos_o = rgb_i(w_i(m)) D(m) / (4 sigma(i))`,
 //!
@@ -14,9 +14,9 @@
 //! directions, radians), `sigma` and `ndf` (the projected area of the microfacets by direction,
 //! their density `D` by normal), `vndf` (for each incident direction the density by normal, its
 //! azimuth relative to that of the incident direction), `rgb` (for each incident direction and
-//! channel, over the square that the warp leads to), `jacobian` (whether `D / (4 sigma)` is still
-//! to be multiplied with) and `description`. Others (`luminance`, for drawing samples; `valid`,
-//! which samples were measured and not filled in) are not used.
+//! channel, over the square that the warp maps to), `jacobian` (whether the values are still to be
+//! multiplied by `D / (4 sigma)`) and `description`. Others (`luminance`, for drawing samples;
+//! `valid`, which samples were measured and not filled in) are not used.
 //!
 //! [`encode`] writes such a file from tables over half and difference angle.
 
@@ -40,19 +40,19 @@ use warp::{Directions, Stack, Warp};
 
 /// Longest file read, 256 MiB: an isotropic RGB material takes less than one.
 const MAX_BYTES: u64 = 1 << 28;
-/// Most azimuths of the incident direction that an isotropic material has.
+/// Largest number of azimuths of the incident direction that an isotropic material has.
 const ISOTROPIC: usize = 2;
 
 /// A measured isotropic material in three channels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rgl {
-    /// What the material is, in the words of those who measured it; may be empty.
+    /// Description of the material by those who measured it; may be empty.
     pub description: String,
     incident: Directions,
     sigma: Stack,
     ndf: Stack,
     vndf: Warp,
-    /// For each incident direction red, green, blue.
+    /// Slices of red, green and blue for each incident direction.
     rgb: Stack,
     jacobian: bool,
 }
@@ -96,7 +96,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Rgl, Error> {
     })
 }
 
-/// The field has slices for all incident directions.
+/// Checks that the field has slices for all incident directions.
 fn fits(path: &Path, name: &str, has: [usize; 3], needs: [usize; 3]) -> Result<(), Error> {
     if has == needs {
         return Ok(());
@@ -107,7 +107,7 @@ fn fits(path: &Path, name: &str, has: [usize; 3], needs: [usize; 3]) -> Result<(
     Err(Error::damaged(path, problem))
 }
 
-/// Shape and values of a density.
+/// Reads shape and values of a density.
 fn non_negative<const AXES: usize>(tensors: &Tensors<'_>, name: &str) -> Result<([usize; AXES], Vec<f32>), Error> {
     let (shape, values) = tensors.floats(name)?;
     match values.iter().position(|v| *v < 0.0) {
@@ -116,7 +116,7 @@ fn non_negative<const AXES: usize>(tensors: &Tensors<'_>, name: &str) -> Result<
     }
 }
 
-/// A function of one direction.
+/// Reads a function of one direction.
 fn single(tensors: &Tensors<'_>, name: &str) -> Result<Stack, Error> {
     let (shape, values) = non_negative(tensors, name)?;
     Stack::new(tensors.path(), name, shape, values)
@@ -130,13 +130,13 @@ fn jacobian(tensors: &Tensors<'_>) -> Result<bool, Error> {
 }
 
 impl Rgl {
-    /// BRDF in 1/sr, by channel, for unit vectors towards the light (`wi`) and the viewer (`wo`),
-    /// the normal being `+z`; zero where either is below the surface, and in a channel that the
-    /// colour has less than nothing of (saturated colours lie outside of what red, green and blue
-    /// can mix). Measured values are reciprocal only within the error of the measurement; the light
-    /// has the part of the incident direction here.
+    /// Evaluates the BRDF in 1/sr, by channel, for unit vectors towards the light (`wi`) and the
+    /// viewer (`wo`), the normal being `+z`; zero where either is below the surface, and in a
+    /// channel with a negative value (saturated colours lie outside the gamut of red, green and
+    /// blue). Measured values are reciprocal only within the error of the measurement; the light
+    /// takes the role of the incident direction here.
     pub fn eval(&self, wi: DVec3, wo: DVec3) -> [f64; 3] {
-        // Written so that what is not a number counts as below.
+        // Written so that NaN counts as below.
         if !(wi.z > 0.0 && wo.z > 0.0) {
             return [0.0; 3];
         }
@@ -158,12 +158,12 @@ impl Rgl {
         [0, 1, 2].map(|channel| value(channel).max(0.0) * facets / wo.z)
     }
 
-    /// The material as a table of the MERL database, missing (-1) below the horizon.
+    /// Resamples the material to a table of the MERL database, missing (-1) below the horizon.
     ///
-    /// Such a table is reciprocal, which the measurement is not quite: a cell holds the mean of
-    /// [`Self::eval`] at its directions and of the same with light and viewer exchanged, each
-    /// weighted by the cosine of its outgoing direction. What was measured is the product with that
-    /// cosine, so that errors grow as it falls.
+    /// Such a table is reciprocal, but the measurement is not quite: a cell holds the mean of
+    /// [`Self::eval`] at its directions and with light and viewer exchanged, each weighted by the
+    /// cosine of its outgoing direction. The measured quantity is the product with that cosine, so
+    /// errors grow as it falls.
     pub fn to_merl(&self) -> MerlTable {
         full_table(|wi, wo| {
             let (there, back) = (self.eval(wi, wo), self.eval(wo, wi));
@@ -172,17 +172,17 @@ impl Rgl {
     }
 }
 
-/// Angle to the normal; precise near it too.
+/// Returns the angle to the normal, precise even near it.
 fn elevation(d: DVec3) -> f64 {
     d.x.hypot(d.y).atan2(d.z)
 }
 
-/// Unit coordinate of an angle to the normal: dense around it.
+/// Returns the unit coordinate of an angle to the normal: dense around it.
 fn of_theta(theta: f64) -> f64 {
     (2.0 * FRAC_1_PI * theta).sqrt()
 }
 
-/// Unit coordinate of an azimuth, periodic.
+/// Returns the unit coordinate of an azimuth, periodic.
 fn of_phi(phi: f64) -> f64 {
     (phi / TAU + 0.5).rem_euclid(1.0)
 }

@@ -1,10 +1,10 @@
-//! Spectra of red, green and blue, for renderers that have no colours but wavelengths.
+//! Spectra of red, green and blue, for spectral renderers.
 //!
-//! Every colour within sRGB is a mixture of these three; none is negative, together they are one,
-//! and under D65 they have the colours that they stand for (`tools/spectral_basis.py`, after
-//! Mallett and Yuksel 2019, *Spectral Primary Decomposition for Rendering with sRGB Reflectance*).
+//! Every colour within sRGB is a mixture of these three; none is negative, they sum to one, and
+//! under D65 they have the colours that they stand for (`tools/spectral_basis.py`, after Mallett
+//! and Yuksel 2019, *Spectral Primary Decomposition for Rendering with sRGB Reflectance*).
 
-/// Wavelengths in nm, and how much the spectra of red, green and blue reflect there; linear
+/// Wavelengths in nm, with the reflectances of the spectra of red, green and blue there; linear
 /// between.
 pub(super) const BASIS: [(f32, [f32; 3]); 15] = [
     (380.0, [0.1918, 0.0301, 0.7781]),
@@ -24,7 +24,7 @@ pub(super) const BASIS: [(f32, [f32; 3]); 15] = [
     (730.0, [0.8313, 0.0727, 0.0960]),
 ];
 
-/// What a colour reflects at a place of [`BASIS`].
+/// Returns the reflectance of a colour at an index of [`BASIS`].
 pub(super) fn at(place: usize, rgb: [f64; 3]) -> f64 {
     BASIS[place].1.iter().zip(rgb).map(|(share, value)| f64::from(*share) * value).sum()
 }

@@ -1,9 +1,9 @@
-//! The container of the RGL files: named arrays of numbers.
+//! Container of the RGL files: named arrays of numbers.
 //!
-//! `tensor_file` and a zero byte, the version 1 0, the number of fields (32 bits), then for each
-//! field the length of its name (16 bits), the name, the number of axes (16 bits), the type (8
-//! bits), where the values start in the file (64 bits), and the length of each axis (64 bits).
-//! Everything is little-endian, the last axis varies fastest.
+//! A file holds `tensor_file` and a zero byte, the version 1 0, the number of fields (32 bits),
+//! then for each field the length of its name (16 bits), the name, the number of axes (16 bits),
+//! the type (8 bits), the offset of the values in the file (64 bits), and the length of each axis
+//! (64 bits). Everything is little-endian, the last axis varies fastest.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,7 +36,7 @@ impl<'a> Tensors<'a> {
     /// Finds the arrays of a file held in memory; `path` serves the messages only.
     ///
     /// # Errors
-    /// If the header is none, or speaks of bytes that the file does not have.
+    /// If the header is invalid, or refers to bytes that the file does not have.
     pub(super) fn parse(path: &'a Path, bytes: &'a [u8]) -> Result<Self, Error> {
         let Some(rest) = bytes.strip_prefix(MAGIC) else {
             return Err(Error::damaged(path, "does not begin like an RGL tensor file"));
@@ -50,7 +50,7 @@ impl<'a> Tensors<'a> {
         }
         let count = u32::from_le_bytes(header.take().ok_or_else(short)?);
         let mut fields = BTreeMap::new();
-        // A count that lies ends with the header's bytes.
+        // A count that is too large ends with the header's bytes.
         for _ in 0..count {
             let (name, field) = field(path, bytes, &mut header).ok_or_else(short)??;
             if fields.contains_key(&name) {
@@ -61,20 +61,20 @@ impl<'a> Tensors<'a> {
         Ok(Self { path, fields })
     }
 
-    /// The file that messages speak of.
+    /// Returns the file named in messages.
     pub(super) fn path(&self) -> &'a Path {
         self.path
     }
 
-    /// Bytes of a field that may be absent or of another type.
+    /// Returns the bytes of a field; `None` if it is absent or of another type.
     pub(super) fn bytes(&self, name: &str) -> Option<&'a [u8]> {
         self.fields.get(name).filter(|f| f.kind == UINT8).map(|f| f.bytes)
     }
 
-    /// Shape and values of a field.
+    /// Reads shape and values of a field.
     ///
     /// # Errors
-    /// If there is none of this name with `AXES` axes and in single precision, it is empty, or a
+    /// If there is no field of this name with `AXES` axes in single precision, it is empty, or a
     /// value is not finite.
     pub(super) fn floats<const AXES: usize>(&self, name: &str) -> Result<([usize; AXES], Vec<f32>), Error> {
         let Some(field) = self.fields.get(name) else {
@@ -98,7 +98,7 @@ impl<'a> Tensors<'a> {
     }
 }
 
-/// The next field; `None` where the header ends too early.
+/// Reads the next field; `None` where the header ends too early.
 fn field<'a>(path: &Path, file: &'a [u8], header: &mut Cursor<'a>) -> Option<Result<(String, Field<'a>), Error>> {
     let length = u16::from_le_bytes(header.take()?);
     let name = String::from_utf8_lossy(header.slice(length.into())?).into_owned();
@@ -115,13 +115,14 @@ fn field<'a>(path: &Path, file: &'a [u8], header: &mut Cursor<'a>) -> Option<Res
         let problem = format!("is cut short: {name} with the shape {shape:?} lies beyond its {} bytes", file.len());
         return Some(Err(Error::damaged(path, problem)));
     };
-    // Each axis of an array with values is below the length of the file; another may be anything.
+    // Each axis of an array with values is below the length of the file; other axes may be
+    // anything.
     let shape = shape.iter().map(|n| usize::try_from(*n).unwrap_or(usize::MAX)).collect();
     Some(Ok((name, Field { kind, shape, bytes })))
 }
 
-/// Bytes of one value: signed and unsigned integers of 8 to 64 bits from 1 on, then floats of 16 to
-/// 64 bits.
+/// Returns the bytes of one value: signed and unsigned integers of 8 to 64 bits from 1 on, then
+/// floats of 16 to 64 bits.
 fn size_of(kind: u8) -> Option<u64> {
     match kind {
         1 | 2 => Some(1),
@@ -132,7 +133,7 @@ fn size_of(kind: u8) -> Option<u64> {
     }
 }
 
-/// What is left of a header.
+/// Unread rest of a header.
 struct Cursor<'a>(&'a [u8]);
 
 impl<'a> Cursor<'a> {

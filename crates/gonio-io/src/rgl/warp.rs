@@ -1,5 +1,5 @@
 //! Functions over the unit square that are bilinear between samples, one for each incident
-//! direction, and the map that spreads such a density evenly over the square.
+//! direction, and the map that transforms such a density to a uniform one.
 
 use std::path::Path;
 
@@ -28,7 +28,7 @@ impl Directions {
         Ok(Self { phi: wide(phi), theta: wide(theta) })
     }
 
-    /// The slices to interpolate between; beyond the last sample of an axis it is held.
+    /// Returns the slices to interpolate between; beyond an end of an axis the last sample is held.
     pub(super) fn corners(&self, phi: f64, theta: f64) -> Corners {
         let ((i, s), (j, t)) = (bracket(&self.phi, phi), bracket(&self.theta, theta));
         let n = self.theta.len();
@@ -42,7 +42,7 @@ impl Directions {
     }
 }
 
-/// Last sample that is not above `x`, and the weight of the next one.
+/// Returns the last sample that is not above `x`, and the weight of the next one.
 fn bracket(axis: &[f64], x: f64) -> (usize, f64) {
     let i = axis.partition_point(|a| *a <= x).saturating_sub(1);
     match axis.get(i + 1) {
@@ -59,8 +59,8 @@ pub(super) struct Stack {
     values: Vec<f32>,
 }
 
-/// A place between four samples of a slice: index of the one of lowest coordinates, and the way to
-/// the others.
+/// A place between four samples of a slice: indices of the one of lowest coordinates, and the
+/// fractions of the way to the others.
 struct Cell {
     column: usize,
     row: usize,
@@ -95,13 +95,13 @@ impl Stack {
         Cell { column, row, s, t }
     }
 
-    /// The four samples around a place: lower row, then upper row.
+    /// Returns the four samples around a place: lower row, then upper row.
     fn around(&self, slice: usize, cell: &Cell) -> [f64; 4] {
         let low = (slice * self.height + cell.row) * self.width + cell.column;
         [low, low + 1, low + self.width, low + self.width + 1].map(|i| f64::from(self.values[i]))
     }
 
-    /// Value of a slice at a place of the unit square, bilinear between samples.
+    /// Evaluates a slice at a place of the unit square, bilinear between samples.
     pub(super) fn at(&self, slice: usize, x: f64, y: f64) -> f64 {
         let cell = self.cell(x, y);
         let [a, b, c, d] = self.around(slice, &cell);
@@ -109,24 +109,24 @@ impl Stack {
     }
 }
 
-/// Densities over the unit square, and for each the map that turns it into the even one: first the
-/// second coordinate by its marginal distribution, then the first given the second.
+/// Densities over the unit square, and for each the map that makes it uniform: first the second
+/// coordinate by its marginal distribution, then the first given the second.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Warp {
     density: Stack,
-    /// For each row of each slice, its integral up to each sample.
+    /// Cumulative integral of each row of each slice, up to each sample.
     along: Vec<f64>,
-    /// For each slice, its integral up to each row.
+    /// Cumulative integral of each slice, up to each row.
     below: Vec<f64>,
-    /// For each slice, the reciprocal of its integral.
+    /// Reciprocal of the integral of each slice.
     scale: Vec<f64>,
 }
 
 impl Warp {
-    /// Of densities without negative values, on any scale.
+    /// Builds the maps of densities without negative values, on any scale.
     ///
     /// # Errors
-    /// If one vanishes everywhere.
+    /// If a density vanishes everywhere.
     pub(super) fn new(path: &Path, name: &str, density: Stack) -> Result<Self, Error> {
         let Stack { width, height, ref values } = density;
         let mut along = Vec::with_capacity(values.len());
@@ -144,13 +144,12 @@ impl Warp {
         }
     }
 
-    /// Where a place of the square goes under the density interpolated between slices, each of
-    /// integral one.
+    /// Maps a place of the square by the density interpolated between slices, each of integral one.
     pub(super) fn flatten(&self, corners: &Corners, x: f64, y: f64) -> [f64; 2] {
         let Stack { width, height, .. } = self.density;
         let cell = self.density.cell(x, y);
         let mut around = [0.0; 4];
-        // Of the rows below and above: integral up to the column, and of the whole row.
+        // For the rows below and above: the integral up to the column, and that of the whole row.
         let (mut part, mut whole) = ([0.0; 2], [0.0; 2]);
         let mut v = 0.0;
         for &(slice, weight) in corners.iter().filter(|c| c.1 > 0.0) {
@@ -170,7 +169,7 @@ impl Warp {
         let reached =
             lerp(part[0], part[1], cell.t) + step_x * integral(lerp(a, c, cell.t), lerp(b, d, cell.t), cell.s);
         let row = lerp(whole[0], whole[1], cell.t);
-        // On a row without density nothing is ever measured; its places stay where they are.
+        // On a row without density nothing is ever measured; its places are left unchanged.
         let u = if row > 0.0 { reached / row } else { x };
         [u, v + step_y * integral(whole[0], whole[1], cell.t)]
     }
@@ -180,12 +179,12 @@ fn lerp(a: f64, b: f64, t: f64) -> f64 {
     a + t * (b - a)
 }
 
-/// Integral from 0 to `t` of what goes linearly from `a` at 0 to `b` at 1.
+/// Returns the integral from 0 to `t` of a linear function from `a` at 0 to `b` at 1.
 fn integral(a: f64, b: f64, t: f64) -> f64 {
     t * (a + 0.5 * t * (b - a))
 }
 
-/// Appends the integral up to each of the samples, which lie evenly from 0 to 1.
+/// Appends the integral up to each of the samples, which are evenly spaced from 0 to 1.
 fn cumulate(samples: impl ExactSizeIterator<Item = f64>, out: &mut Vec<f64>) {
     let step = 1.0 / (samples.len() - 1) as f64;
     let (mut sum, mut last) = (0.0, None);

@@ -1,23 +1,22 @@
-//! Pictures in the text, tiles and captions.
+//! Embedded pictures, tiles and captions.
 
 use base64::Engine;
 use glam::Vec3;
 use gonio::picture::Plane;
 use maud::{Markup, html};
 
-/// A picture of linear display values in 0..=1 as PNG inside the page. `alt` says in words what it
-/// shows.
+/// Embeds a picture of linear display values in 0..=1 as PNG in the page. `alt` describes it in
+/// words.
 pub fn picture(rgb: &Plane<Vec3>, alt: &str) -> Markup {
     image(rgb, alt, "", 1)
 }
 
-/// The same for a picture of cells: each is shown as a square of `zoom` by `zoom` pixels with hard
-/// edges.
+/// Embeds a picture of cells: each is shown as a square of `zoom` by `zoom` pixels with hard edges.
 pub fn cells(rgb: &Plane<Vec3>, alt: &str, zoom: usize) -> Markup {
     image(rgb, alt, "cells", zoom)
 }
 
-/// The same at most `width` pixels wide: finer on a screen with more pixels.
+/// Embeds a picture, shown `width` pixels wide: finer on a screen with more pixels.
 pub fn sized(rgb: &Plane<Vec3>, width: usize, alt: &str) -> Markup {
     html! { img src=(source(rgb)) width=(width) height=(width * rgb.height() / rgb.width().max(1)) alt=(alt); }
 }
@@ -32,28 +31,28 @@ fn source(rgb: &Plane<Vec3>) -> String {
     format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
 }
 
-/// A square PNG file that is in base64 already.
+/// Embeds a square PNG file that is already in base64.
 pub fn encoded(png: &str, side: usize, alt: &str) -> Markup {
     html! { img src={ "data:image/png;base64," (png) } width=(side) height=(side) alt=(alt); }
 }
 
-/// Something shown, with its caption beneath.
+/// Builds a figure with its caption beneath.
 pub fn figure(content: &Markup, caption: &Markup) -> Markup {
     html! { figure { (content) figcaption { (caption) } } }
 }
 
-/// A framed figure with a heading of its own, to stand among others in a [`grid`].
+/// Builds a framed figure with its own heading, for use in a [`grid`].
 pub fn card(heading: &str, content: &Markup, caption: &Markup) -> Markup {
     html! { figure.card { h3 { (heading) } (content) figcaption { (caption) } } }
 }
 
-/// Pictures side by side, each with a short label beneath. In a card they share its width,
+/// Arranges pictures side by side, each with a short label beneath. In a card they share its width,
 /// elsewhere they wrap.
 pub fn tiles(pictures: &[(&str, Markup)]) -> Markup {
     html! { div.tiles { @for (label, picture) in pictures { div.tile { (picture) span { (label) } } } } }
 }
 
-/// Figures side by side, as many as fit when each is at least `least` rem wide.
+/// Arranges figures side by side, as many as fit when each is at least `least` rem wide.
 pub fn grid(least: u32, figures: &[Markup]) -> Markup {
     html! { div.grid style={ "--least: " (least) "rem" } { @for figure in figures { (figure) } } }
 }

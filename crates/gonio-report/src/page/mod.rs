@@ -1,12 +1,12 @@
 //! Reports as one HTML file: pictures, charts and tables that need nothing but the file itself.
 //!
-//! * [`document`] is the frame: title, contents, one embedded stylesheet, no request to anywhere;
+//! * [`document`] is the frame: title, contents, one embedded stylesheet, no network requests;
 //!   [`Document`] adds to it.
-//! * [`figure`]: pictures as PNG in the text, rows of tiles, captions. [`table`]: tables with
-//!   proper headers.
-//! * [`chart`]: charts as SVG in the text.
+//! * [`figure`]: embedded PNG pictures, rows of tiles, captions. [`table`]: tables with proper
+//!   headers.
+//! * [`chart`]: embedded SVG charts.
 //!
-//! All content is [`Markup`], which escapes what is interpolated.
+//! All content is [`Markup`], which escapes interpolated values.
 
 pub mod chart;
 pub mod figure;
@@ -25,11 +25,11 @@ pub struct Section {
     pub id: String,
     /// Heading.
     pub title: String,
-    /// What it shows.
+    /// Content.
     pub body: Markup,
 }
 
-/// What a browser may do with a page: nothing but show what is in it.
+/// Content security policy: a browser may only show what is in the page.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
 /// A whole report.
@@ -37,23 +37,23 @@ const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inlin
 pub struct Document<'a> {
     /// Title and main heading.
     pub title: &'a str,
-    /// Stands under the title, before the contents.
+    /// Content under the title, before the contents.
     pub lead: Markup,
-    /// Its parts.
+    /// Sections.
     pub sections: Vec<Section>,
     /// Styles beyond those of all reports.
     pub style: &'a str,
-    /// Runs when all is there.
+    /// Script that runs when the page has loaded.
     pub script: &'a str,
 }
 
-/// A report without a script. `lead` stands under the title, before the contents.
+/// Renders a report without a script. `lead` stands under the title, before the contents.
 pub fn document(title: &str, lead: &Markup, sections: &[Section]) -> String {
     Document { title, lead: lead.clone(), sections: sections.to_vec(), ..Document::default() }.render()
 }
 
 impl Document<'_> {
-    /// As HTML.
+    /// Renders the report as HTML.
     pub fn render(&self) -> String {
         let page = html! {
             (DOCTYPE)
@@ -63,7 +63,7 @@ impl Document<'_> {
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     meta name="color-scheme" content="light dark";
                     meta http-equiv="Content-Security-Policy" content=(POLICY);
-                    // An empty icon: without one browsers ask the server for it.
+                    // Empty icon: without one browsers request it from the server.
                     link rel="icon" href="data:,";
                     title { (self.title) }
                     style { (PreEscaped(STYLE)) (PreEscaped(self.style)) }

@@ -1,4 +1,4 @@
-//! A page with one of everything, for the browser test: it needs no data.
+//! Sample page with one of everything, for the browser test: it needs no data.
 
 use glam::Vec3;
 use gonio::picture::Plane;
@@ -71,7 +71,7 @@ fn sample() -> String {
     document("Sample report", &html! { p { "One of everything." } }, &sections)
 }
 
-/// With `GONIO_SAMPLE_PAGE` the page is left in that file, for `tests/browser` to open.
+/// If `GONIO_SAMPLE_PAGE` is set the page is written to that file, for `tests/browser` to open.
 #[test]
 fn one_of_everything() {
     let page = sample();

@@ -2,13 +2,13 @@
 
 use maud::{Markup, html};
 
-/// A table: headings of the columns, then rows whose first entry is the heading of the row. On a
-/// narrow screen it scrolls within itself.
+/// Builds a table: headings of the columns, then rows whose first entry is the heading of the row.
+/// On a narrow screen the table scrolls.
 ///
 /// Rows shorter than the headings end early; longer ones go on without a heading.
 pub fn table(caption: &str, columns: &[&str], rows: &[Vec<String>]) -> Markup {
     html! {
-        // Keyboards reach what scrolls.
+        // Makes the scrolling region reachable by keyboard.
         div.scroll role="region" aria-label=(caption) tabindex="0" {
             table {
                 caption { (caption) }

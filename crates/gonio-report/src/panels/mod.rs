@@ -1,5 +1,5 @@
-//! The pictures of a result, one by one: the photograph and what explains it, and the material in
-//! lights of our own.
+//! Individual pictures of a result: the photograph and its explanation, and the material in
+//! built-in lights.
 
 pub mod used;
 mod view;
@@ -18,34 +18,34 @@ use view::View;
 
 /// Height of a panel, pixels.
 pub const PANEL: usize = 240;
-/// Good enough to look at.
+/// Integrator settings of draft quality, sufficient for viewing.
 const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 1.0, max_cells: 6000 };
 /// Rows of the lights that are rendered.
 const LIGHT_ROWS: usize = 128;
 
-/// An observation with a value, and one without, in the picture of them.
+/// Colours of observations with and without a value, in the picture of them.
 const USED: Vec3 = Vec3::new(0.10, 0.85, 0.75);
 const UNUSED: Vec3 = Vec3::new(0.95, 0.08, 0.05);
-/// Where the photograph is brighter than its reproduction, where they are equal, and where it is
-/// darker.
+/// Colours where the photograph is brighter than its reproduction, where they are equal, and where
+/// it is darker.
 const BRIGHTER: Vec3 = Vec3::new(0.95, 0.30, 0.03);
 const EQUAL: Vec3 = Vec3::new(0.16, 0.16, 0.16);
 const DARKER: Vec3 = Vec3::new(0.03, 0.22, 0.95);
-/// The relative difference that has the full colour.
+/// Relative difference that gets the full colour.
 const FULL: f32 = 0.5;
 
-/// Everything that the pictures show.
+/// Everything that the pictures are drawn from.
 #[derive(Clone)]
 pub struct Subject<'a> {
     /// The photograph.
     pub picture: &'a Picture,
-    /// Where the object is in it.
+    /// Location and observations of the object in it.
     pub sighting: &'a Sighting,
-    /// Whether the surface keeps light from itself in the reproduction.
+    /// Whether the reproduction includes self-shadowing.
     pub shadows: bool,
-    /// Of the inferred reflectance.
+    /// Colours of the inferred reflectance.
     pub colours: TwoColours,
-    /// Of the estimated light, which is found in luminance alone.
+    /// Colour of the estimated light, which is itself estimated in luminance alone.
     pub light_colour: Vec3,
     /// Inferred reflectance, luminance in 1/sr.
     pub table: &'a BivariateTable,
@@ -53,20 +53,20 @@ pub struct Subject<'a> {
     pub light: Option<&'a LightGrid>,
     /// Given light.
     pub known_light: Option<&'a EnvironmentMap>,
-    /// How sure the reflectance is, if the method tells.
+    /// Uncertainty of the reflectance, if the method gives it.
     pub material: Option<&'a Material>,
 }
 
-/// Linear display values in 0..=1; squares of [`PANEL`] pixels but where it says otherwise.
+/// Pictures in linear display values in 0..=1; squares of [`PANEL`] pixels unless stated otherwise.
 pub struct Panels {
     /// The photograph of the object.
     pub photograph: Plane<Vec3>,
-    /// The same at twice the size, with a dot at each observation.
+    /// Photograph of the object at twice the size, with a dot at each observation.
     pub observed: Plane<Vec3>,
-    /// At that size too, with the pixels that were left out marked; `None` if there are none but
-    /// those outside.
+    /// Photograph at that size too, with the pixels that were left out marked; `None` if there are
+    /// none except those outside.
     pub used: Option<Plane<Vec3>>,
-    /// What table and light make of it.
+    /// Reproduction from table and light.
     pub reproduction: Plane<Vec3>,
     /// The relative difference of both in luminance: orange where the photograph is brighter, blue
     /// where it is darker, at 50 % in full.
@@ -75,25 +75,25 @@ pub struct Panels {
     pub light: Plane<Vec3>,
     /// Spheres of the BRDF in [`own_lights`], with their names.
     pub spheres: Vec<(&'static str, Plane<Vec3>)>,
-    /// The dull and the glossy end of what is probable in the first of these lights, for the method
-    /// that tells.
+    /// Renderings of the dull and the glossy end of the probable materials in the first of these
+    /// lights, for the method that gives them.
     pub ends: Vec<Plane<Vec3>>,
 }
 
-/// The lights that results are shown in: formulas, `2 height` by `height`.
+/// Returns the built-in lights that results are shown in: analytic, `2 height` by `height`.
 pub fn own_lights(height: usize) -> [(&'static str, EnvironmentMap); 3] {
     [("studio", studio_light(height)), ("clear sky", sky_light(height)), ("lamps at night", lamp_light(height))]
 }
 
 impl Subject<'_> {
-    /// A BRDF of this luminance in the colours of the answer.
+    /// Returns a BRDF with this luminance in the estimated colours.
     pub fn coloured(&self, table: &BivariateTable) -> [BivariateTable; 3] {
         self.colours.tables(table)
     }
 }
 
 impl Panels {
-    /// Draws them all; `progress` is told a fraction in 0..=1.
+    /// Draws all pictures; `progress` receives a fraction in 0..=1.
     pub fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Self {
         let view = View::of(subject);
         let input = view.cut(subject.picture, PANEL);
@@ -106,7 +106,7 @@ impl Panels {
         let mut spheres = Vec::new();
         let mut ends = Vec::new();
         for (i, (name, light)) in own_lights(LIGHT_ROWS).into_iter().enumerate() {
-            // The ends differ in the first light as well as in any.
+            // The ends differ in the first light as clearly as in any other.
             let materials = if i == 0 { &shown[..] } else { &shown[..1] };
             let drawn = view::spheres(materials, &LightTree::of_map(&light));
             let exposure = Exposure::by_quantile(&drawn[0].rgb, |i| is_covered(&drawn[0], i), 0.8, 0.5);
@@ -128,7 +128,7 @@ impl Panels {
     }
 }
 
-/// The object in the light that was found or given, on the scale of the photograph.
+/// Renders the object in the light that was found or given, on the scale of the photograph.
 fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Picture {
     let tree = match (subject.light, subject.known_light) {
         (Some(grid), _) => LightTree::of_grid(grid),
@@ -139,7 +139,7 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
     let factor = match subject.light {
         // Reflectance and light carry the photograph's scale in luminance.
         Some(_) => subject.light_colour,
-        // A known light has its own.
+        // A known light has its own scale.
         None => {
             let sum = |p: &Picture| -> f32 {
                 let covered = (0..p.rgb.as_slice().len()).filter(|&i| is_covered(p, i));
@@ -152,7 +152,7 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
     model
 }
 
-/// The photograph, darkened, under a dot for each observation.
+/// Draws the photograph, darkened, under a dot for each observation.
 fn observed(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Plane<Vec3> {
     let side = 2 * PANEL;
     let mut out = over_paper(&view.cut(subject.picture, side), exposure).map(|p| 0.6 * *p);
@@ -166,14 +166,14 @@ fn observed(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Plane
     out
 }
 
-/// Where photograph and model differ in luminance, relative to the mean of both.
+/// Draws the difference of photograph and model in luminance, relative to the mean of both.
 fn residual(input: &Picture, model: &Picture) -> Plane<Vec3> {
     let both = |i: usize| is_covered(input, i) && is_covered(model, i);
     let count = input.rgb.as_slice().len();
     let values = |p: &Picture| p.rgb.as_slice().iter().map(|v| luminance(*v)).collect::<Vec<f32>>();
     let (seen, made) = (values(input), values(model));
     let (sum, number) = (0..count).filter(|&i| both(i)).fold((0.0, 0.0), |(sum, n), i| (sum + seen[i], n + 1.0_f32));
-    // What is dark in both is not far off by being twice as bright.
+    // A factor of two where both are dark is not a large error.
     let floor = 0.1 * sum / number.max(1.0);
     Plane::from_fn(input.rgb.width(), input.rgb.height(), |x, y| {
         let i = y * input.rgb.width() + x;
@@ -207,7 +207,7 @@ fn over_paper(p: &Picture, exposure: Exposure) -> Plane<Vec3> {
     })
 }
 
-/// Mean over the source pixels of each target pixel.
+/// Resizes by the mean over the source pixels of each target pixel.
 pub(crate) fn resize(source: &Plane<Vec3>, width: usize, height: usize) -> Plane<Vec3> {
     Plane::from_fn(width, height, |x, y| {
         let range = |i: usize, n: usize, of: usize| {

@@ -1,4 +1,4 @@
-//! What of the photograph was used, and what was left out and why.
+//! Picture of the pixels that were used, and of those left out and why.
 
 use glam::Vec3;
 use gonio::picture::Plane;
@@ -9,22 +9,23 @@ use super::view::View;
 use super::{PANEL, Subject, over_paper};
 use crate::canvas::{LETTER, PAPER, fill, place, sheet, text};
 
-/// How much of the photograph is left where it is not used for lying outside.
+/// Factor by which the photograph is darkened where it lies outside.
 const SHADE: f32 = 0.2;
 /// Height of a line of the legend, pixels.
 const LINE: usize = 2 * LETTER;
 
-/// A reason to leave pixels out.
+/// Reason for leaving pixels out.
 #[derive(Clone, Copy)]
 pub struct Mark {
-    /// In a word or two.
+    /// Name in a few words.
     pub label: &'static str,
     /// Colour of the pixels in the picture, linear.
     pub colour: Vec3,
     fates: &'static [Fate],
 }
 
-/// All reasons but lying outside; of pixels that share one of the picture the first is shown.
+/// All reasons except lying outside; of photograph pixels that share one pixel of the picture the
+/// first reason is shown.
 pub const MARKS: [Mark; 6] = [
     Mark {
         label: "negative, NaN or infinite",
@@ -38,7 +39,7 @@ pub const MARKS: [Mark; 6] = [
     Mark { label: "no sound normal", colour: Vec3::new(0.3, 0.3, 0.3), fates: &[Fate::NoNormal] },
 ];
 
-/// The photograph at twice the size of a panel, dark where it lies outside of what is observed,
+/// Draws the photograph at twice the size of a panel, dark where it lies outside the observed part,
 /// with the other pixels that were left out marked; `None` if none were.
 pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Option<Plane<Vec3>> {
     let fates = subject.sighting.observations.fates.as_ref()?;
@@ -54,13 +55,13 @@ pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -
     }))
 }
 
-/// The reasons that there are, each with its number of pixels.
+/// Lists the reasons that occur, each with its number of pixels.
 pub fn reasons(fates: &Plane<Fate>) -> Vec<(Mark, usize)> {
     let count = |mark: &Mark| fates.as_slice().iter().filter(|fate| mark.fates.contains(fate)).count();
     MARKS.iter().map(|mark| (*mark, count(mark))).filter(|(_, count)| *count > 0).collect()
 }
 
-/// The picture with what its colours mean.
+/// Adds a legend of the colours to the picture.
 pub fn with_legend(picture: &Plane<Vec3>, fates: &Plane<Fate>) -> Plane<Vec3> {
     let reasons = reasons(fates);
     let mut out = sheet(picture.width(), picture.height() + (reasons.len() + 1) * LINE + LETTER);

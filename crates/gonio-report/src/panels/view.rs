@@ -1,4 +1,4 @@
-//! The frame in which photograph and reproduction are shown.
+//! Frame in which photograph and reproduction are shown.
 
 use glam::{DVec3, Vec3};
 use gonio::picture::{Picture, Plane};
@@ -12,10 +12,11 @@ use rayon::prelude::*;
 
 use super::{DRAFT, PANEL, Subject};
 
-/// Texels along a side of the grid on which the pictures' shadows are found.
+/// Texels along a side of the grid on which self-shadowing is computed for the pictures.
 const SHADOWS: usize = 16;
 
-/// The part of the photograph that a panel shows, and how the model is drawn into the same frame.
+/// Part of the photograph that a panel shows, with what is needed to draw the model in the same
+/// frame.
 pub(crate) enum View<'a> {
     Sphere(Circle, Option<&'a Plane<f32>>),
     /// Normals, and the square frame in pixels: left, top, side.
@@ -51,7 +52,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The part of the photograph that is shown: left, top and side in pixels.
+    /// Returns the part of the photograph that is shown: left, top and side in pixels.
     fn frame(&self) -> [f64; 3] {
         match self {
             Self::Sphere(c, _) => {
@@ -62,7 +63,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Where a place of the photograph is in a panel of `side` pixels.
+    /// Maps a place of the photograph to a panel of `side` pixels.
     pub(crate) fn shown(&self, (x, y): (f64, f64), side: usize) -> (f64, f64) {
         let [left, top, whole] = self.frame();
         ((x - left) / whole * side as f64, (y - top) / whole * side as f64)
@@ -74,8 +75,8 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The photograph in the frame, `side` pixels wide; black where it has no pixels, alpha where
-    /// the object is.
+    /// Cuts the photograph to the frame, `side` pixels wide; black outside the photograph, with the
+    /// coverage by the object as alpha.
     pub(crate) fn cut(&self, picture: &Picture, side: usize) -> Picture {
         let size = picture.rgb.size();
         let pixel = |x: usize, y: usize| self.pixel(x, y, side, size);
@@ -93,8 +94,8 @@ impl<'a> View<'a> {
         Picture { rgb, alpha: Some(alpha) }
     }
 
-    /// The points of the surface at every second pixel of a panel, row by row; `None` where there
-    /// is none.
+    /// Returns the surface points at every second pixel of a panel, row by row; `None` where there
+    /// is no surface.
     fn points(&self) -> Vec<Option<SurfacePoint>> {
         let half = PANEL / 2;
         let point = |i: usize| {
@@ -115,7 +116,7 @@ impl<'a> View<'a> {
         (0..half * half).map(point).collect()
     }
 
-    /// The pixel of the photograph behind a pixel of a panel of `side` pixels.
+    /// Returns the pixel of the photograph behind a pixel of a panel of `side` pixels.
     fn pixel(&self, x: usize, y: usize, side: usize, (width, height): (usize, usize)) -> Option<(usize, usize)> {
         let [left, top, whole] = self.frame();
         let at = |i: usize| (i as f64 + 0.5) / side as f64 * whole;
@@ -124,8 +125,8 @@ impl<'a> View<'a> {
         inside.then_some((u as usize, v as usize))
     }
 
-    /// All pixels of the photograph, of this size, that fall on a pixel of a panel of `side`
-    /// pixels; one at least if there are any near.
+    /// Iterates over all pixels of the photograph, of this size, that fall on a pixel of a panel of
+    /// `side` pixels; at least one if there are any near.
     pub(crate) fn behind(
         &self,
         x: usize,
@@ -137,15 +138,15 @@ impl<'a> View<'a> {
         let span = |low: f64, i: usize, most: usize| {
             let at = |i: usize| (low + i as f64 / side as f64 * whole).floor();
             let (first, end) = (at(i), at(i + 1).max(at(i) + 1.0));
-            // Casts saturate: what lies before the first pixel is none.
+            // Casts saturate, so nothing lies before the first pixel.
             (first.max(0.0) as usize)..(end.max(0.0) as usize).min(most)
         };
         let columns = span(left, x, width);
         span(top, y, height).flat_map(move |row| columns.clone().map(move |column| (column, row)))
     }
 
-    /// Which light reaches each of some points, on a grid good enough to look at; `None` if all
-    /// does.
+    /// Computes the visibility of the light at some points, on a grid fine enough for viewing;
+    /// `None` if nothing is occluded.
     fn visibility(&self, points: &[Option<SurfacePoint>]) -> Option<Visibility> {
         let Self::Normals(normals, _, _, Some(placed)) = self else { return None };
         if placed.surface.is_convex() {
@@ -157,7 +158,7 @@ impl<'a> View<'a> {
                 let (x, y) = self.pixel(2 * (i % half) + 1, 2 * (i / half) + 1, PANEL, normals.size())?;
                 hit_at(placed.surface.as_ref(), &placed.camera, x, y)
             });
-            // What is no point asks for nothing.
+            // A missing point has a zero normal, so no rays are traced.
             hit.map_or(Lookout { from: DVec3::ZERO, normal: DVec3::ZERO }, |h| Lookout {
                 from: h.clear,
                 normal: h.normal,
@@ -167,7 +168,7 @@ impl<'a> View<'a> {
         Some(Visibility::trace(placed.surface.as_ref(), &lookouts, OctahedralMap::EqualArea, SHADOWS, &|_| ()))
     }
 
-    /// The object of this material in the frame.
+    /// Renders the object with this material in the frame.
     pub(crate) fn render(&self, material: &[BivariateTable; 3], light: &LightTree) -> Picture {
         match self {
             Self::Sphere(..) => spheres(std::slice::from_ref(material), light).remove(0),
@@ -180,18 +181,18 @@ impl<'a> View<'a> {
     }
 }
 
-/// Normals whose cosine with the view is below the negative of this are not of what the camera
-/// sees.
+/// Cosine between normal and view: normals below its negative do not belong to a visible surface.
 const AWAY: f64 = 0.1;
 
 /// Radius of a sphere in a panel, pixels.
 const RADIUS: f64 = 0.5 * PANEL as f64 - 2.0;
 
-/// Sine of 80 degrees. Beyond nothing was observed, and an estimated light that only the rim would
-/// see may be anything.
+/// Sine of 80 degrees. Beyond it nothing was observed, and an estimated light that only the rim
+/// would see is unconstrained.
 const RIM: f64 = 0.985;
 
-/// The normal of a sphere that fills a panel; its rim, and a little beyond, has that of [`RIM`].
+/// Returns the normal of a sphere that fills a panel; its rim, and a little beyond, has the normal
+/// at [`RIM`].
 fn sphere_normal(x: f64, y: f64) -> Option<DVec3> {
     let (a, b) = ((x - 0.5 * PANEL as f64) / RADIUS, (0.5 * PANEL as f64 - y) / RADIUS);
     let r = a.hypot(b);
@@ -199,13 +200,13 @@ fn sphere_normal(x: f64, y: f64) -> Option<DVec3> {
     (r < 1.0 + 3.0 / RADIUS).then(|| DVec3::new(a, b, (1.0 - a * a - b * b).sqrt()).normalize())
 }
 
-/// Spheres of these materials that fill a panel.
+/// Renders spheres of these materials that fill a panel.
 pub(crate) fn spheres(materials: &[[BivariateTable; 3]], light: &LightTree) -> Vec<Picture> {
     let whole = View::Sphere(Circle { x: 0.0, y: 0.0, radius: 1.0 }, None);
     pictures(&whole.points(), None, materials, light).into_iter().map(cut_out).collect()
 }
 
-/// Gives the picture of a sphere its rim.
+/// Cuts the picture of a sphere to its antialiased outline.
 fn cut_out(mut picture: Picture) -> Picture {
     let alpha = Plane::from_fn(PANEL, PANEL, |x, y| {
         let r = (x as f64 + 0.5 - 0.5 * PANEL as f64).hypot(y as f64 + 0.5 - 0.5 * PANEL as f64);
@@ -215,9 +216,9 @@ fn cut_out(mut picture: Picture) -> Picture {
     Picture { alpha: Some(alpha), ..picture }
 }
 
-/// Panels of several materials at the same points, which are those of every second pixel: the light
-/// is divided once for all, and what is between the points is interpolated. Colour is premultiplied
-/// by alpha.
+/// Renders panels of several materials at the same points, those of every second pixel: the light
+/// is subdivided once for all, and values between the points are interpolated. Colour is
+/// premultiplied by alpha.
 fn pictures(
     points: &[Option<SurfacePoint>],
     visibility: Option<&Visibility>,
@@ -241,11 +242,11 @@ fn pictures(
         })
         .collect();
     let panel = |which: usize| {
-        // Over the points that exist, by their distance to the pixel.
+        // Interpolates over the points that exist, by their distance to the pixel.
         let pixel = |x: usize, y: usize| {
             let near = |at: usize| {
                 let own = at / 2;
-                // Beyond the edge there is none.
+                // Beyond the edge there is no point.
                 let other = if at.is_multiple_of(2) { own.wrapping_sub(1) } else { own + 1 };
                 [(own, 0.75), (other, 0.25)]
             };

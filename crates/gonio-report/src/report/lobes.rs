@@ -1,4 +1,4 @@
-//! Polar lobes: how much goes where in the plane of incidence, for light from one direction.
+//! Polar lobes: the BRDF in the plane of incidence, for light from one direction.
 
 use gonio::reflectance::BivariateTable;
 use maud::{Markup, html};
@@ -7,15 +7,16 @@ use maud::{Markup, html};
 const WIDTH: f64 = 320.0;
 const HEIGHT: f64 = 190.0;
 const RADIUS: f64 = 140.0;
-/// Where the surface lies.
+/// Height of the surface in the drawing.
 const FOOT: f64 = 168.0;
-/// Degrees between the points of a curve, and beyond which the table says little.
+/// Degrees between the points of a curve, and the largest angle, beyond which the table says
+/// little.
 const STEP: f64 = 0.25;
 const LAST_DEGREE: f64 = 80.0;
 
-/// A lobe for light at `incidence` degrees from the normal. The distance from the centre is the
-/// cube root of the BRDF, about as bright as it looks; the band reaches from the 5 to the 95 %
-/// quantile. `top` (1/sr) lies on the half circle.
+/// Draws a lobe for light at `incidence` degrees from the normal. The distance from the centre is
+/// the cube root of the BRDF, approximately its perceived brightness; the band reaches from the 5
+/// to the 95 % quantile. `top` (1/sr) lies on the half circle.
 pub(super) fn lobe(
     table: &BivariateTable,
     band: Option<(&BivariateTable, &BivariateTable)>,
@@ -56,8 +57,8 @@ pub(super) fn lobe(
     }
 }
 
-/// The BRDF in the plane of incidence at angles from the normal, in degrees; light comes from
-/// `-incidence`, so that a mirror has its peak at `incidence`.
+/// Samples the BRDF in the plane of incidence at angles from the normal, in degrees; light comes
+/// from `-incidence`, so a mirror has its peak at `incidence`.
 pub(super) fn curve(table: &BivariateTable, incidence: f64) -> Vec<(f64, f64)> {
     let count = (2.0 * LAST_DEGREE / STEP) as usize;
     let angles = (0..=count).map(|i| i as f64 * STEP - LAST_DEGREE);

@@ -1,5 +1,5 @@
-//! One page that says what was found in a photograph, and how far to trust it: a single file that
-//! asks for nothing but itself.
+//! Page with what was found in a photograph, and how far to trust it: a single file that loads
+//! nothing else.
 
 mod lobes;
 mod packed;
@@ -25,25 +25,25 @@ const SCRIPT: &str = concat!(
     include_str!("report.js")
 );
 
-/// What the page is made from.
+/// Content of the page.
 pub struct Report<'a> {
     /// Name of the photograph, for title and files.
     pub name: &'a str,
-    /// What was found.
+    /// Photograph and estimate.
     pub subject: &'a Subject<'a>,
-    /// Its pictures.
+    /// Pictures of the subject.
     pub panels: &'a Panels,
-    /// What comes nearest to it in renderers' own parameters.
+    /// Nearest materials in renderers' own parameters.
     pub fits: &'a Fits,
-    /// What the user should know, one line each.
+    /// Warnings to the user, one line each.
     pub warnings: &'a [String],
-    /// `result.json`, of which the page takes numbers: `method`, `noise`, `colour`, `seconds`,
-    /// `settings`, `model`, `gonio`, as far as they are there.
+    /// Content of `result.json`, of which the page takes numbers: `method`, `noise`, `colour`,
+    /// `seconds`, `settings`, `model`, `gonio`, as far as they are there.
     pub result: &'a Value,
 }
 
 impl Report<'_> {
-    /// The page as HTML.
+    /// Renders the page as HTML.
     pub fn render(&self) -> String {
         let section = |id: &str, title: &str, body: Markup| Section { id: id.into(), title: title.into(), body };
         let mut sections = vec![
@@ -84,7 +84,7 @@ impl Report<'_> {
         }
     }
 
-    /// Misfit and scatter, as far as they are known.
+    /// Shows misfit and scatter, as far as they are known.
     fn verdict(&self) -> Markup {
         let misfit = self.result["noise"]["misfit"].as_f64().or(self.result["noise"]["relative"].as_f64());
         let scatter = self.subject.material.map(|material| material.scatter).filter(|scatter| *scatter > 0.0);
@@ -133,7 +133,7 @@ impl Report<'_> {
         }
     }
 
-    /// What was left out and why, if anything but what lies outside was.
+    /// Shows what was left out and why, if any pixels but those outside were.
     fn used(&self) -> Option<Markup> {
         let (picture, fates) = (self.panels.used.as_ref()?, self.subject.sighting.observations.fates.as_ref()?);
         let reasons = used::reasons(fates);
@@ -204,8 +204,8 @@ impl Report<'_> {
     }
 }
 
-/// The two numbers that should be read first; with the misfit what was to be expected of it, if
-/// that is known.
+/// Shows the two numbers that should be read first, the misfit with its expected value if that is
+/// known.
 fn verdict(misfit: Option<f64>, expected: Option<f64>, scatter: Option<f64>) -> Markup {
     let beside =
         expected.map(|e| format!("; about {} were to be expected of noise and of the light's resolution", percent(e)));
@@ -230,7 +230,7 @@ fn verdict(misfit: Option<f64>, expected: Option<f64>, scatter: Option<f64>) -> 
     }
 }
 
-/// Lines that tell what to beware of.
+/// Shows the warnings.
 fn warnings(lines: &[String]) -> Markup {
     html! {
         @if !lines.is_empty() {
@@ -242,7 +242,7 @@ fn warnings(lines: &[String]) -> Markup {
     }
 }
 
-/// The answer in words.
+/// Summarises the estimate in words.
 fn facts(material: &Material, result: &Value) -> Markup {
     let [low, median, high] = material.gloss;
     let nearest = material.neighbours.first();
@@ -270,7 +270,7 @@ fn facts(material: &Material, result: &Value) -> Markup {
     }
 }
 
-/// What became of the observations.
+/// Counts the observations by their fate.
 fn counts(report: &ObservationReport) -> Markup {
     let rows: Vec<Vec<String>> = [
         ("points on the object", report.points),
@@ -291,13 +291,13 @@ fn counts(report: &ObservationReport) -> Markup {
     table::table("Observations", &["what", "number"], &rows)
 }
 
-/// A share as a percentage with two digits.
+/// Formats a share as a percentage with two digits.
 fn percent(share: f64) -> String {
     let value = 100.0 * share;
     if value >= 9.95 || value == 0.0 { format!("{value:.0} %") } else { format!("{value:.1} %") }
 }
 
-/// A positive number with two digits.
+/// Formats a positive number with two digits.
 fn short(value: f64) -> String {
     if !value.is_finite() || value <= 0.0 {
         return format!("{value}");
@@ -310,7 +310,7 @@ fn short(value: f64) -> String {
     }
 }
 
-/// A linear colour, as bright as a screen shows it, for a style.
+/// Formats a linear colour, at display brightness, for a style.
 fn css(rgb: &[f64]) -> String {
     let top = rgb.iter().copied().fold(1e-9, f64::max);
     let code = |x: f64| (255.0 * gonio::picture::srgb_encode((0.7 * x / top).clamp(0.0, 1.0) as f32)).round();

@@ -1,12 +1,12 @@
-//! Pictures and tables for the script of the page: sixteen-bit logarithms, which keep a mirror's
-//! peak and its base.
+//! Pictures and tables packed for the script of the page: sixteen-bit logarithms, which preserve
+//! both a mirror's peak and its base.
 
 use base64::Engine;
 use serde_json::{Value, json};
 
-/// Non-negative values as `low`, `high` (binary logarithms of the least and the greatest positive
-/// one) and `codes`: base64 of little-endian 16-bit codes, of which 0 is zero, and 1 to 65535 go
-/// evenly from `low` to `high`.
+/// Packs non-negative values as `low`, `high` (binary logarithms of the least and the greatest
+/// positive one) and `codes`: base64 of little-endian 16-bit codes, of which 0 is zero, and 1 to
+/// 65535 are evenly spaced from `low` to `high`.
 pub(super) fn packed(values: impl Iterator<Item = f32> + Clone) -> Value {
     let logs = values.clone().filter(|v| *v > 0.0 && v.is_finite()).map(|v| f64::from(v).log2());
     let (low, high) = logs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), l| (low.min(l), high.max(l)));

@@ -1,4 +1,4 @@
-//! The pictures of the BRDF.
+//! Pictures of the BRDF.
 
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_h_of};
 use maud::{Markup, html};
@@ -48,7 +48,7 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
     }
 }
 
-/// The BRDF over the half angle at one difference angle.
+/// Draws the BRDF over the half angle at one difference angle.
 fn cut_at(table: &BivariateTable, band: Option<(&BivariateTable, &BivariateTable)>, cut: usize) -> Markup {
     let points = |t: &BivariateTable| -> Vec<(f64, f64)> {
         (0..THETA_H)

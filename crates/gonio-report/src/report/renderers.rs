@@ -1,4 +1,4 @@
-//! The material in the parameters of renderers, ready to copy.
+//! Parameters of the material for renderers, ready to copy.
 
 use gonio::reflectance::BivariateTable;
 use gonio::reflectance::shading::{Fitted, Fitter, Layered, MetallicRoughness, Principled};
@@ -20,7 +20,7 @@ pub struct Fits {
 }
 
 impl Fits {
-    /// Fits them to linear RGB tables in 1/sr: some five seconds of one core.
+    /// Fits the models to linear RGB tables in 1/sr: takes some five seconds of one core.
     pub fn of(tables: &[BivariateTable; 3]) -> Self {
         let fitter = Fitter::new(tables);
         Self { principled: fitter.fit(), layered: fitter.fit(), metallic_roughness: fitter.fit() }
@@ -52,7 +52,7 @@ pub(super) fn section(name: &str, fits: &Fits) -> Markup {
     }
 }
 
-/// Text to copy, folded.
+/// Builds a foldable block of text to copy.
 fn block(id: &str, title: &str, off: f64, width: &str, text: &str) -> Markup {
     html! {
         details.copied open[id == "mitsuba"] {

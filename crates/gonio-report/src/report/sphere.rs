@@ -1,4 +1,4 @@
-//! What the sphere to turn shows: materials and lights, as `viewer/viewer.js` takes them.
+//! Data of the interactive sphere: materials and lights, in the form that `viewer/viewer.js` takes.
 
 use glam::Vec3;
 use gonio::lighting::LightGrid;
@@ -12,7 +12,7 @@ use crate::panels::{Subject, own_lights};
 /// Rows of the lights: finer ones would hardly be seen on a sphere, and make the page larger.
 const ROWS: usize = 64;
 
-/// The data of the viewer as JSON that can stand within HTML.
+/// Returns the data of the viewer as JSON that can be embedded in HTML.
 pub(super) fn data(subject: &Subject<'_>) -> String {
     let mut materials = vec![material("the estimate", &subject.coloured(subject.table))];
     if let Some(found) = subject.material {
@@ -30,13 +30,13 @@ pub(super) fn data(subject: &Subject<'_>) -> String {
     json!({ "materials": materials, "lights": lights }).to_string().replace('<', "\\u003c")
 }
 
-/// A material, its tables linear RGB.
+/// Encodes a material, its tables linear RGB.
 pub fn material(name: &str, tables: &[BivariateTable; 3]) -> Value {
     let values = (0..CELLS).flat_map(|c| [0, 1, 2].map(|channel| tables[channel].as_slice()[c]));
     named(name, packed(values))
 }
 
-/// A light, a lat-long map in linear RGB.
+/// Encodes a light, a lat-long map in linear RGB.
 pub fn light(name: &str, map: &Plane<Vec3>) -> Value {
     let mut light = named(name, packed(map.as_slice().iter().flat_map(|p| p.to_array())));
     light["width"] = json!(map.width());
@@ -49,12 +49,12 @@ fn named(name: &str, mut value: Value) -> Value {
     value
 }
 
-/// The light found as a map for the viewer, in its colour.
+/// Returns the estimated light as a map for the viewer, in its colour.
 pub fn lit(grid: &LightGrid, colour: Vec3) -> Plane<Vec3> {
     grid.to_lat_long(ROWS).map(|p| p.max(Vec3::ZERO) * colour)
 }
 
-/// A map of the rows of the others.
+/// Shrinks a map to the number of rows of the others.
 fn shrunk(map: &Plane<Vec3>) -> Plane<Vec3> {
     if map.height() <= 2 * ROWS { map.clone() } else { crate::panels::resize(map, 2 * ROWS, ROWS) }
 }

@@ -1,16 +1,16 @@
-//! What is finer than the cells of the disk: highlights of less than a degree.
+//! Detail finer than the cells of the disk: highlights of less than a degree.
 //!
-//! A photograph of a thousand pixels across has dozens in a cell. Their finest structure is kept as
-//! one number, how far the quarters of a cell are from the plane through the cells around: it does
-//! not change under turns, and textures leave it where their scatter says.
+//! A photograph a thousand pixels across has dozens of pixels in a cell. Their finest structure is
+//! kept as one number, the distance of the quarters of a cell to the plane through the neighbouring
+//! cells: it is invariant to turns, and textures leave it at the level given by their scatter.
 
 use super::disk::{SIDE, on_disk};
 
-/// The root mean square distance of the quarters of each cell to the plane through the cells around
-/// it, `None` off the disk and where `quarters` has none.
+/// Computes the root mean square distance of the quarters of each cell to the plane through the
+/// neighbouring cells, `None` off the disk and where `quarters` has none.
 ///
 /// `values` and `counts` are those of the cells; the plane has the mean of the quarters and the
-/// lesser of the slopes to the cells on either side (minmod, so that it never leads beyond them),
+/// smaller of the slopes to the cells on either side (minmod, so that it never overshoots them),
 /// zero where one of these has no count.
 pub(crate) fn details(
     values: &[f32],
@@ -29,7 +29,7 @@ pub(crate) fn details(
     let detail = |cell: usize| {
         let quarters = quarters(cell).filter(|_| on_disk(cell))?;
         let mean = 0.25 * quarters.iter().sum::<f32>();
-        // A quarter's middle is a quarter of a cell from that of the cell.
+        // The middle of a quarter is a quarter of a cell from that of the cell.
         let (x, y) = (0.25 * slope(cell, 1), 0.25 * slope(cell, SIDE));
         let plane = [-x - y, x - y, y - x, x + y];
         let squares = quarters.iter().zip(plane).map(|(q, p)| (q - mean - p).powi(2));

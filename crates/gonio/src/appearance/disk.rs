@@ -1,5 +1,4 @@
-//! An image on the disk of normals: what a photograph of any shape shows, as a ball seen from far
-//! away would show it.
+//! Image on the disk of normals: a photograph of any shape, mapped to a ball seen from far away.
 
 use glam::{DVec3, Vec3};
 
@@ -10,56 +9,56 @@ use super::statistics::{STATISTICS, observed, statistics};
 /// Cells along each side of the square around the disk.
 pub const SIDE: usize = 128;
 
-/// Channels of [`DiskImage::write`].
+/// Number of channels of [`DiskImage::write`].
 pub const CHANNELS: usize = 6;
 
-/// Numbers for the image as a whole, of [`DiskImage::write`].
+/// Number of global values of [`DiskImage::write`].
 pub const GLOBALS: usize = 5 + STATISTICS;
 
 /// Sine of the largest angle between normal and view, 80 degrees as in the paper.
 pub(super) const RIM: f32 = 0.984_807_8;
 
-/// What is darker than this, relative to the mean, is black.
+/// Luminance relative to the mean below which a value counts as black.
 pub(super) const BLACK: f32 = 0.003;
 
-/// Relative detail that cannot be told from none.
+/// Smallest relative detail that can be told from none.
 const LEAST_DETAIL: f32 = 0.003;
 
-/// One observation: where on the disk, and how bright.
+/// One observation: its position on the disk, and its brightness.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Normal in the frame of its view, right; in -1..=1.
+    /// Horizontal component, to the right, of the normal in the frame of its view; in -1..=1.
     pub x: f32,
-    /// The same, up.
+    /// Vertical component, upwards; in -1..=1.
     pub y: f32,
     /// Luminance, not negative.
     pub value: f32,
-    /// How far it is to be trusted, in 0..=1.
+    /// Trust in the observation, in 0..=1.
     pub weight: f32,
 }
 
 impl Sample {
-    /// Of a unit normal in the frame of its view. Values below zero count as zero.
+    /// Builds a sample from a unit normal in the frame of its view. Negative values count as zero.
     pub fn of(normal: DVec3, value: f64, weight: f64) -> Self {
         Self { x: normal.x as f32, y: normal.y as f32, value: value.max(0.0) as f32, weight: weight as f32 }
     }
 }
 
-/// The disk `x^2 + y^2 <= sin^2 80 degrees` of a ball's normals `(x, y, z)` in cells: row 0 is the
-/// top, `y` near 1.
+/// Image of the disk `x^2 + y^2 <= sin^2 80 degrees` of a ball's normals `(x, y, z)` in cells: row
+/// 0 is the top, `y` near 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DiskImage {
     /// Mean luminance of each cell, row by row, zero off the disk. Cells without observations are
     /// filled in from others.
     pub values: Vec<f32>,
-    /// Observations of each cell, weighted; zero where it was filled in.
+    /// Weighted number of observations of each cell; zero where it was filled in.
     pub counts: Vec<f32>,
-    /// What is finer than the cells: the root mean square, over the quarters of a cell, of their
-    /// distance to the plane through the cells around. In units of `values`; `None` where a quarter
-    /// has no observation.
+    /// Detail finer than the cells: the root mean square, over the quarters of a cell, of their
+    /// distance to the plane through the neighbouring cells. In units of `values`; `None` where a
+    /// quarter has no observation.
     pub details: Vec<Option<f32>>,
-    /// Standard deviation of single observations of one normal, relative to their mean: the noise,
-    /// texture, shadows and errors of normals.
+    /// Standard deviation of single observations of one normal, relative to their mean: due to
+    /// noise, texture, shadows and errors of normals.
     pub scatter: f32,
 }
 
@@ -69,25 +68,26 @@ pub fn on_disk(cell: usize) -> bool {
     x * x + y * y <= RIM * RIM
 }
 
-/// Middle of a cell, `(x, y)`.
+/// Returns the middle of a cell, `(x, y)`.
 pub fn centre(cell: usize) -> (f32, f32) {
     let place = |i: usize| (i as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0;
     (place(cell % SIDE), -place(cell / SIDE))
 }
 
-/// Normal at the middle of a cell of the disk.
+/// Returns the normal at the middle of a cell of the disk.
 pub fn normal(cell: usize) -> Vec3 {
     let (x, y) = centre(cell);
     Vec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt())
 }
 
-/// Middles of the quarters of a cell, `(x, y)`: upper left, upper right, lower left, lower right.
+/// Returns the middles of the quarters of a cell, `(x, y)`: upper left, upper right, lower left,
+/// lower right.
 pub fn quarters(cell: usize) -> [(f32, f32); 4] {
     let ((x, y), off) = (centre(cell), 0.5 / SIDE as f32);
     [(x - off, y + off), (x + off, y + off), (x - off, y - off), (x + off, y - off)]
 }
 
-/// The cell of a place and its quarter there, if it is on the disk.
+/// Returns the cell of a place and its quarter there, if it is on the disk.
 fn quarter_of(x: f32, y: f32) -> Option<(usize, usize)> {
     let place = |v: f32| (((v + 1.0) * SIDE as f32) as usize).min(2 * SIDE - 1);
     let (column, row) = (place(x), place(-y));
@@ -96,7 +96,8 @@ fn quarter_of(x: f32, y: f32) -> Option<(usize, usize)> {
 }
 
 impl DiskImage {
-    /// Gathers observations. `None` if none with a weight is on the disk or all are black.
+    /// Builds the image from observations. `None` if none with a weight is on the disk or all are
+    /// black.
     pub fn gather(samples: &[Sample]) -> Option<Self> {
         let mut quarters = vec![[[0.0_f64; 2]; 4]; SIDE * SIDE];
         for sample in samples {
@@ -120,8 +121,8 @@ impl DiskImage {
         Some(Self { values: filled(values, &counts), counts, details, scatter: scatter(samples).unwrap_or(0.0) })
     }
 
-    /// An image of cells whose values, counts, details and scatter are known; values of those of
-    /// count zero are filled in.
+    /// Builds an image from the values, counts, details and scatter of its cells; values of cells
+    /// of count zero are filled in.
     ///
     /// # Panics
     /// If there are not `SIDE * SIDE` values, counts and details.
@@ -130,12 +131,12 @@ impl DiskImage {
         Self { values: filled(values, &counts), counts, details, scatter }
     }
 
-    /// Number of cells of the disk.
+    /// Returns the number of cells of the disk.
     pub fn cells() -> usize {
         (0..SIDE * SIDE).filter(|&c| on_disk(c)).count()
     }
 
-    /// Share of the disk's cells that are observed, in 0..=1.
+    /// Returns the share of the disk's cells that are observed, in 0..=1.
     pub fn observed(&self) -> f32 {
         let (mut seen, mut all) = (0, 0);
         for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
@@ -145,14 +146,14 @@ impl DiskImage {
         seen as f32 / all as f32
     }
 
-    /// Writes what an encoder reads: `[row][column][channel]`, zero off the disk, and the
-    /// [`GLOBALS`] of the image as a whole, each of the order of one.
+    /// Writes the input of an encoder: `[row][column][channel]`, zero off the disk; returns the
+    /// [`GLOBALS`] of the image as a whole. All are of the order of one.
     ///
-    /// Channels: the value over the mean as the eye sees it (its cube root, less one), half its
+    /// Channels: the value over the mean on a perceptual scale (its cube root, less one), half its
     /// logarithm, `n_z`, whether it was observed, the logarithm of the relative standard error and
     /// that of the relative detail (a third of each, plus one; zero where no detail is known).
-    /// Globals: logarithm of the scatter, share of cells observed, logarithm of the observations a
-    /// cell, logarithm of the largest value over the mean, share of cells of known detail; then
+    /// Globals: logarithm of the scatter, share of cells observed, logarithm of the observations
+    /// per cell, logarithm of the largest value over the mean, share of cells of known detail; then
     /// statistics of brightness and of contrast at several scales (`appearance/statistics.rs`).
     ///
     /// # Panics
@@ -198,7 +199,7 @@ impl DiskImage {
     }
 }
 
-/// Mean of an image over the disk.
+/// Returns the mean of an image over the disk.
 pub(crate) fn mean(values: &[f32]) -> f32 {
     let (sum, count) = (0..SIDE * SIDE)
         .filter(|&c| on_disk(c))
@@ -206,8 +207,8 @@ pub(crate) fn mean(values: &[f32]) -> f32 {
     (sum / count) as f32
 }
 
-/// Fills cells of count zero from ever larger squares around them (push and pull, Gortler et al.
-/// 1996). Cells off the disk stay zero.
+/// Fills cells of count zero from ever larger squares around them (push-pull, Gortler et al. 1996).
+/// Cells off the disk stay zero.
 fn filled(mut values: Vec<f32>, counts: &[f32]) -> Vec<f32> {
     let mut levels: Vec<Vec<[f32; 2]>> = Vec::new();
     let mut current: Vec<[f32; 2]> =
@@ -231,7 +232,7 @@ fn filled(mut values: Vec<f32>, counts: &[f32]) -> Vec<f32> {
     let mut side = 1;
     for level in levels.iter().rev() {
         let wide = 2 * side;
-        // Halfway between the middles of the coarser squares.
+        // Interpolates between the middles of the coarser squares.
         let at = |x: isize, y: isize| {
             let clamp = |i: isize| i.clamp(0, side as isize - 1) as usize;
             coarse[clamp(y) * side + clamp(x)]

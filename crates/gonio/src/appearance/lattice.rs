@@ -1,4 +1,4 @@
-//! An image on standard normals, whatever the shape it was observed on.
+//! Image on standard normals, independent of the shape it was observed on.
 
 use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
@@ -13,17 +13,17 @@ const NORMALS: usize = 2000;
 /// Largest angle between normal and view in degrees, as in the paper.
 const MAX_ANGLE: f64 = 80.0;
 
-/// Observations are averaged with a Gaussian of this standard deviation in degrees: finer than the
-/// lattice, so that values stay nearly point samples, as wide as is needed to find one or two of
+/// Standard deviation, in degrees, of the Gaussian with which observations are averaged: finer than
+/// the lattice, so that values stay nearly point samples, but wide enough to find one or two of
 /// 10,000 observations.
 const WIDTH: f64 = 0.5;
 
-/// Observations farther than so many standard deviations away do not count.
+/// Number of standard deviations beyond which an observation does not count.
 const REACH: f64 = 4.0;
 
 /// Standard normals of the visible hemisphere, in the frame of the view (z towards the camera).
-/// Light from far away makes the brightness of a convex surface a function of its normal, so that
-/// every shape is seen as a sphere.
+/// Under light from far away the brightness of a convex surface is a function of its normal, so
+/// every shape can be treated as a sphere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lattice {
     normals: Vec<DVec3>,
@@ -36,26 +36,26 @@ impl Default for Lattice {
 }
 
 impl Lattice {
-    /// The lattice of all statistics: the Fibonacci lattice up to 80 degrees, 1,653 normals.
+    /// Builds the lattice of all statistics: the Fibonacci lattice up to 80 degrees, 1,653 normals.
     pub fn new() -> Self {
         let least = MAX_ANGLE.to_radians().cos();
         Self { normals: fibonacci_hemisphere(NORMALS).filter(|n| n.z > least).collect() }
     }
 
-    /// The normals.
+    /// Returns the normals.
     pub fn normals(&self) -> &[DVec3] {
         &self.normals
     }
 
-    /// The lattice as points of a sphere seen from `+z` of the frame that `camera` turns to, for
-    /// rendering what a camera would see.
+    /// Returns the lattice as points of a sphere seen from `+z` of the frame that `camera` turns
+    /// to, for rendering the view of a camera.
     pub fn points(&self, camera: DQuat) -> Vec<SurfacePoint> {
         let view = camera * DVec3::Z;
         self.normals.iter().map(|&n| SurfacePoint { normal: camera * n, view }).collect()
     }
 
-    /// The mean of the colours (linear RGB) around each normal of the lattice; `None` is not
-    /// observed. Where none is near, wider means are taken.
+    /// Averages the colours (linear RGB) around each normal of the lattice; `None` is not observed.
+    /// Where none is near, wider means are taken.
     ///
     /// # Panics
     /// If `points` and `colours` differ in number or nothing is observed.
@@ -69,9 +69,9 @@ impl Lattice {
         self.normals.par_iter().map(|n| mean_around(*n, &observed)).collect()
     }
 
-    /// Of points with weights those that matter most to means at its normals: for each normal of
-    /// the lattice up to `each` of the greatest weight within two degrees, or the nearest one. In
-    /// order, each once.
+    /// Chooses the weighted points that matter most to means at the lattice's normals: for each of
+    /// these up to `each` of the greatest weight within two degrees, or the nearest one. Returns
+    /// their indices in order, each once.
     ///
     /// # Panics
     /// If `points` and `weights` differ in number.
@@ -106,13 +106,13 @@ struct Observed {
     colour: DVec3,
 }
 
-/// The mean around a normal.
+/// Returns the weighted mean around a normal.
 fn mean_around(normal: DVec3, observed: &[Observed]) -> Vec3 {
-    // Chords in place of angles: alike where they are small, and monotone.
+    // Chords instead of angles: nearly equal where they are small, and monotone.
     let squares: Vec<f64> = observed.iter().map(|o| (o.normal - normal).length_squared()).collect();
     let nearest = squares.iter().copied().fold(f64::INFINITY, f64::min);
     let reach = (REACH * WIDTH).to_radians().powi(2);
-    // Beyond its reach the Gaussian grows until the nearest observation is two standard deviations
+    // Beyond its reach the Gaussian widens until the nearest observation is two standard deviations
     // away.
     let variance = if nearest > reach { nearest / 4.0 } else { WIDTH.to_radians().powi(2) };
     let (mut sum, mut weights) = (DVec3::ZERO, 0.0);
@@ -152,7 +152,7 @@ mod tests {
         let turn = DQuat::from_rotation_y(0.4) * DQuat::from_rotation_x(-0.2);
         let points = lattice.points(turn);
         let colours: Vec<Option<Vec3>> = lattice.normals().iter().map(|n| Some(Vec3::splat(n.z as f32))).collect();
-        // The turn back is not the inverse of `turn`, but both leave the angle to the view alone.
+        // The rotation back is not the inverse of `turn`, but both preserve the angle to the view.
         for (n, c) in lattice.normals().iter().zip(lattice.gather_colours(&points, &colours)) {
             assert!((n.z - f64::from(c.y)).abs() < 0.06, "{n} {c}");
         }

@@ -1,8 +1,8 @@
-//! What a photograph shows of each normal, whatever the shape: light from far away makes the
-//! brightness of a convex surface a function of its normal.
+//! Appearance of an object by normal, independent of its shape: under light from far away the
+//! brightness of a convex surface is a function of its normal.
 //!
-//! [`DiskImage`] is what [`inference::learnt`](crate::inference::learnt) reads the material
-//! from, [`Lattice`] what [`colour`](crate::colour) reads.
+//! [`inference::learnt`](crate::inference::learnt) infers the material from a [`DiskImage`], and
+//! [`colour`](crate::colour) the colours from a [`Lattice`].
 
 pub(crate) mod detail;
 pub mod disk;

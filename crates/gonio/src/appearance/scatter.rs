@@ -1,17 +1,17 @@
-//! How much pixels that share a normal differ.
+//! Scatter of pixels that share a normal.
 
 use super::disk::{RIM, SIDE, Sample};
 
-/// Patches of cells that the scatter is looked for in need at least so many observations.
+/// Least number of observations of a patch of cells from which scatter is estimated.
 const PATCH: usize = 6;
 
 /// Least scatter: no camera is better.
 const LEAST_SCATTER: f32 = 0.001;
 
-/// The relative standard deviation of observations that share a normal: in small patches of the
-/// disk with six or more of them, that about a plane through them; the median over patches. The
-/// patches are the smallest of which a quarter of the disk's have so many. `None` where no size
-/// has.
+/// Estimates the relative standard deviation of observations that share a normal: the standard
+/// deviation about a plane in small patches of the disk with six or more observations; the median
+/// over patches. The patches are the smallest for which a quarter of the disk's patches have that
+/// many. `None` if there is no such size.
 pub fn scatter(samples: &[Sample]) -> Option<f32> {
     for side in [SIDE, SIDE / 2, SIDE / 4, SIDE / 8] {
         let mut order: Vec<(u32, u32)> = Vec::with_capacity(samples.len());
@@ -37,7 +37,8 @@ pub fn scatter(samples: &[Sample]) -> Option<f32> {
     None
 }
 
-/// Variance about a plane by least squares, over the squared mean; `None` for black patches.
+/// Returns the variance about a least-squares plane, over the squared mean; `None` for black
+/// patches.
 fn about_plane<'a>(patch: impl Iterator<Item = &'a Sample> + Clone) -> Option<f32> {
     let count = patch.clone().count() as f64;
     let mean = |f: &dyn Fn(&Sample) -> f32| patch.clone().map(|s| f64::from(f(s))).sum::<f64>() / count;
@@ -72,7 +73,7 @@ mod tests {
             let got = scatter(&ball(count, noise)).unwrap();
             assert!((got / noise - 1.0).abs() < 0.15, "{count} {noise}: {got}");
         }
-        // The floor, and too few to say.
+        // The floor, and too few observations.
         assert!(scatter(&ball(200_000, 0.0)).unwrap() < 0.002);
         assert_eq!(scatter(&ball(40, 0.1)), None);
     }

@@ -1,11 +1,11 @@
-//! Statistics of an image on the disk of normals: how bright it is where, and how much contrast it
-//! has at which scale.
+//! Statistics of an image on the disk of normals: its brightness by region, and its contrast by
+//! scale.
 //!
 //! The contrast of natural light falls from coarse to fine in a known way, and a lobe of the
-//! material takes away what is finer than it (Fleming et al. 2003; Dror et al. 2004). A network of
-//! convolutions would have to learn to square, sum and take logarithms before it sees that. None of
-//! the numbers depends on the scale of the image or changes when it is turned by quarters or
-//! mirrored.
+//! material removes everything finer than itself (Fleming et al. 2003; Dror et al. 2004). A
+//! convolutional network would first have to learn to square, sum and take logarithms to use that.
+//! None of the numbers depends on the scale of the image or changes when it is turned by quarters
+//! or mirrored.
 
 use std::ops::Range;
 use std::sync::LazyLock;
@@ -13,23 +13,23 @@ use std::sync::LazyLock;
 use super::disk::{BLACK, SIDE, on_disk};
 use crate::transfer::kernels::dispatch;
 
-/// Scales, each twice as coarse as the one before, from one cell of the disk on.
+/// Number of scales, each twice as coarse as the one before, from one cell of the disk on.
 const LEVELS: usize = 5;
 
-/// Levels at which gradients are looked at.
+/// Levels at which gradients are measured.
 const GRADIENTS: Range<usize> = 1..4;
 
-/// Ends of the regions in which contrast is looked at, as cosines of the angle to the view: centre,
-/// middle, rim.
+/// Bounds of the regions in which contrast is measured, as cosines of the angle to the view:
+/// centre, middle, rim.
 const REGIONS: [f32; 4] = [1.0, 0.8, 0.5, 0.0];
 
-/// Ends of the rings in which brightness is looked at.
+/// Bounds of the rings in which brightness is measured.
 const RINGS: [f32; 7] = [1.0, 0.95, 0.85, 0.7, 0.5, 0.3, 0.0];
 
 /// Quantiles of the logarithm.
 const QUANTILES: [f64; 13] = [0.0, 0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.98, 0.995, 1.0];
 
-/// How many numbers [`statistics`] gives.
+/// Number of values that [`statistics`] returns.
 pub(super) const STATISTICS: usize = QUANTILES.len()
     + 4 * (RINGS.len() - 1)
     + (REGIONS.len() - 1)
@@ -37,18 +37,18 @@ pub(super) const STATISTICS: usize = QUANTILES.len()
         + 2 * (LEVELS - 1)
         + 2 * (GRADIENTS.end - GRADIENTS.start) * (REGIONS.len() - 1));
 
-/// Statistics of values over their mean in observed cells, each of the order of one.
+/// Computes statistics of values over their mean in observed cells, each of the order of one.
 ///
 /// In order: quantiles of the logarithm; mean, deviation, least and largest logarithm in each ring;
-/// the logarithm of the mean square of what is finer than the cells, in each region; then, of the
-/// values and again of their logarithm, for each scale and region the logarithm of the mean square
-/// of the detail, its skewness, the logarithm of its kurtosis, its largest and least value, for
-/// each scale but the finest how its magnitude and its sign go with the next finer one's, and for
-/// some scales and each region the logarithms of the mean squares of the radial and the tangential
-/// slope. Zero where nothing is observed.
+/// the logarithm of the mean square of the detail finer than the cells, in each region; then, for
+/// the values and again for their logarithm: for each scale and region the logarithm of the mean
+/// square of the detail, its skewness, the logarithm of its kurtosis, its largest and least value;
+/// for each scale but the finest the correlation of its magnitude and of its signed value with the
+/// next finer one's; and for some scales and each region the logarithms of the mean squares of the
+/// radial and the tangential slope. Zero where nothing is observed.
 ///
-/// `relative`, `fine` (what is finer, where that is known) and `weights` are those of the cells,
-/// row by row; what has no weight is not looked at.
+/// `relative`, `fine` (the finer detail, where known) and `weights` are those of the cells, row by
+/// row; cells without weight are ignored.
 pub(super) fn statistics(relative: &[f32], fine: &[Option<f32>], weights: &[f32], out: &mut [f32]) {
     let mut all = Vec::with_capacity(STATISTICS);
     let logs: Vec<f32> = relative.iter().map(|v| (v + BLACK).ln()).collect();
@@ -61,7 +61,7 @@ pub(super) fn statistics(relative: &[f32], fine: &[Option<f32>], weights: &[f32]
     out.copy_from_slice(&all);
 }
 
-/// What is known of the cells of each level beforehand.
+/// Precomputed geometry of the cells of each level.
 struct Grid {
     side: usize,
     /// Region of each cell; none off the disk.
@@ -96,7 +96,7 @@ static GRIDS: LazyLock<[Grid; LEVELS]> = LazyLock::new(|| {
     })
 });
 
-/// Weights of the cells of a level, and the same smoothed.
+/// Weights of the cells of a level, and the smoothed weights.
 struct Weights {
     own: Vec<f32>,
     smooth: Vec<f32>,
@@ -114,7 +114,7 @@ fn weights_of_levels(weights: &[f32]) -> Vec<Weights> {
         .collect()
 }
 
-/// Means over squares of two by two.
+/// Returns the means over squares of two by two.
 fn quartered(fine: &[f32], side: usize) -> Vec<f32> {
     let half = side / 2;
     let mut coarse = Vec::with_capacity(half * half);
@@ -126,7 +126,7 @@ fn quartered(fine: &[f32], side: usize) -> Vec<f32> {
     coarse
 }
 
-/// Convolved with `[1 4 6 4 1] / 16` both ways; outside is zero.
+/// Convolves with `[1 4 6 4 1] / 16` both ways; outside is zero.
 fn smoothed(field: &[f32], side: usize) -> Vec<f32> {
     const TAPS: [f32; 3] = [0.375, 0.25, 0.0625];
     let mut across = vec![0.0; side * (side + 4)];
@@ -151,7 +151,7 @@ fn smoothed(field: &[f32], side: usize) -> Vec<f32> {
     out
 }
 
-/// Brightness as a whole and from the middle to the rim.
+/// Statistics of brightness, overall and from the middle to the rim.
 fn levels(logs: &[f32], weights: &[f32], out: &mut Vec<f32>) {
     let mut sorted: Vec<f32> = logs.iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(v, _)| *v).collect();
     sorted.sort_unstable_by(f32::total_cmp);
@@ -170,7 +170,7 @@ fn levels(logs: &[f32], weights: &[f32], out: &mut Vec<f32>) {
     }
 }
 
-/// What is finer than the cells, against their mean.
+/// Power of the detail finer than the cells, relative to their mean.
 fn finest(fine: &[Option<f32>], out: &mut Vec<f32>) {
     let mut sums = [[0.0_f64; 2]; REGIONS.len() - 1];
     for (detail, region) in fine.iter().zip(&GRIDS[0].region) {
@@ -182,7 +182,7 @@ fn finest(fine: &[Option<f32>], out: &mut Vec<f32>) {
     out.extend(sums.map(|[count, square]| if count > 0.0 { power(square / count) } else { 0.0 }));
 }
 
-/// Detail and slopes at each scale.
+/// Statistics of detail and slopes at each scale.
 fn contrast(mut field: Vec<f32>, weights: &[Weights], out: &mut Vec<f32>) {
     let mut finer: Option<Vec<f32>> = None;
     for (level, (grid, weights)) in GRIDS.iter().zip(weights).enumerate() {
@@ -198,14 +198,14 @@ fn contrast(mut field: Vec<f32>, weights: &[Weights], out: &mut Vec<f32>) {
         if GRADIENTS.contains(&level) {
             slopes(&smooth, &weights.own, grid, out);
         }
-        // The means of what is smooth, over what was observed.
+        // Means of the smooth part, over the observed cells.
         let (above, below) = (quartered(&sums, grid.side), quartered(&weights.smooth, grid.side));
         field = above.iter().zip(&below).map(|(a, b)| if *b > 0.0 { a / b } else { 0.0 }).collect();
         finer = Some(detail);
     }
 }
 
-/// The logarithm of a mean square, brought to the order of one.
+/// Returns the logarithm of a mean square, scaled to the order of one.
 fn power(square: f64) -> f32 {
     ((square + 1e-9).ln() / 6.0 + 1.0) as f32
 }
@@ -255,7 +255,7 @@ fn agreement(detail: &[f32], weights: &[f32], finer: &[f32], side: usize, out: &
     }
 }
 
-/// Mean squares of the slope outwards and across, in values a cell of the level.
+/// Mean squares of the radial and the tangential slope, in values per cell of the level.
 fn slopes(smooth: &[f32], weights: &[f32], grid: &Grid, out: &mut Vec<f32>) {
     let side = grid.side;
     let mut sums = [[0.0_f64; 3]; REGIONS.len() - 1];
@@ -304,13 +304,13 @@ impl Moments {
         self.weight += w;
     }
 
-    /// Means of the powers one to four; zero without any weight.
+    /// Returns the means of the powers one to four; zero without any weight.
     fn means(&self) -> [f64; 4] {
         self.sums.map(|s| if self.weight > 0.0 { s / self.weight } else { 0.0 })
     }
 }
 
-/// One for each observed cell of the disk, zero elsewhere.
+/// Returns one for each observed cell of the disk, zero elsewhere.
 pub(super) fn observed(counts: &[f32]) -> Vec<f32> {
     counts.iter().enumerate().map(|(c, n)| f32::from(u8::from(*n > 0.0 && on_disk(c)))).collect()
 }
@@ -336,7 +336,8 @@ mod tests {
         1.0 + 0.4 * (5.0 * x + 2.0 * y).sin() + 0.2 * (17.0 * y - 9.0 * x).sin()
     }
 
-    /// Where the power of the detail at a level is, for the logarithm, in the middle region.
+    /// Index of the logarithm of the power of the detail at a level, for the logarithm, in the
+    /// middle region.
     fn at(level: usize) -> usize {
         let before = QUANTILES.len() + 4 * (RINGS.len() - 1) + REGIONS.len() - 1;
         let field = (STATISTICS - before) / 2;

@@ -1,27 +1,27 @@
-//! Whether exposures show the same scene: do their times fit their brightness, and does each pixel
-//! have one radiance that explains all its codes?
+//! Consistency of exposures: whether their times fit their brightness, and whether each pixel has
+//! one radiance that explains all its codes.
 
 use rayon::prelude::*;
 
 use super::merge::Table;
 use super::{BracketError, Exposure, median};
 
-/// Codes may be off by so much of the largest: rounding, noise, what JPEG does to edges.
+/// Tolerance of codes, as a share of the largest: rounding, noise, and JPEG artefacts at edges.
 pub(super) const SLACK: f64 = 5.0 / 255.0;
-/// And the radiances they stand for by this factor besides.
+/// Additional tolerance of the radiances they stand for, as a factor.
 const TOLERANCE: f64 = 0.08;
 /// Factor between brightness and times beyond which the times are wrong. Nominal times are off by 7
 /// % at most.
 const WRONG_TIMES: f64 = 1.25;
-/// Part of the largest code within which pixels judge the times.
+/// Range of codes, as a share of the largest, that is used to check the times.
 const MIDDLE: std::ops::Range<f64> = 0.1..0.9;
-/// Least number of samples that judge them.
+/// Least number of samples for that check.
 const LEAST_SAMPLES: usize = 50;
-/// Most pixels looked at for it.
+/// Largest number of pixels examined for it.
 const MOST_PIXELS: usize = 1 << 16;
 
-/// For each exposure by how much it is brighter than its time says, relative to the next shorter
-/// one (0 for the shortest): the median over samples that both show well.
+/// Computes for each exposure how much brighter it is than its time says, relative to the next
+/// shorter one (0 for the shortest): the median over samples that both show well.
 pub(super) fn time_errors(exposures: &[Exposure], tables: &[Table; 3]) -> Result<Vec<f64>, BracketError> {
     let mut order: Vec<usize> = (0..exposures.len()).collect();
     order.sort_by(|&a, &b| exposures[a].amount.total_cmp(&exposures[b].amount));
@@ -55,8 +55,8 @@ pub(super) fn time_errors(exposures: &[Exposure], tables: &[Table; 3]) -> Result
     Ok(errors)
 }
 
-/// Whether no radiance explains what the exposures say of one channel of a pixel: `codes` are
-/// theirs, in order. `None` where there is nothing to compare.
+/// Whether no radiance explains the codes of one channel of a pixel, given in the order of the
+/// exposures. `None` where there is nothing to compare.
 pub(super) fn disagree(codes: &[u16], log_amounts: &[f64], table: &Table) -> Option<bool> {
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     let (mut telling, mut known) = (0, false);

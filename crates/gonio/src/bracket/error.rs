@@ -1,35 +1,35 @@
-//! What can be wrong with a bracket or a response.
+//! Errors of brackets and responses.
 
 use thiserror::Error;
 
-/// Why exposures cannot be merged; each says what to do about it. Exposures are counted from 1 as
-/// they were given.
+/// Error that prevents exposures from being merged; each message says what to do about it.
+/// Exposures are counted from 1 in the order given.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum BracketError {
-    /// No exposure, or too many.
+    /// There is no exposure, or there are too many.
     #[error("a bracket of {count} exposures cannot be merged: give 1 to 64")]
     Count {
         /// Number of exposures.
         count: usize,
     },
-    /// A picture without pixels.
+    /// The pictures have no pixels.
     #[error("the exposures have no pixels: give others")]
     Empty,
-    /// An exposure that took in no light, or no finite amount.
+    /// The amount of light of an exposure is not positive or not finite.
     #[error("exposure {exposure} has the time {amount}: give positive times")]
     Amount {
-        /// Which one.
+        /// Number of the exposure.
         exposure: usize,
-        /// What it is said to have taken in.
+        /// Amount of light given for it.
         amount: f64,
     },
-    /// Pictures of different sizes.
+    /// The pictures differ in size.
     #[error(
         "exposure {exposure} is {width}x{height} pixels and the first {first_width}x{first_height}: give pictures of \
          one size"
     )]
     Sizes {
-        /// The one that differs from the first.
+        /// Number of the exposure that differs from the first.
         exposure: usize,
         /// Its columns.
         width: usize,
@@ -40,29 +40,29 @@ pub enum BracketError {
         /// Rows of the first.
         first_height: usize,
     },
-    /// Eight and sixteen bits in one bracket.
+    /// Eight and sixteen bits are mixed in one bracket.
     #[error("exposure {exposure} has not as many bits a sample as the first: give all with 8 or all with 16")]
     Depths {
-        /// The one that differs from the first.
+        /// Number of the exposure that differs from the first.
         exposure: usize,
     },
-    /// A curve that is no response.
+    /// A curve is not a response.
     #[error("the response curve of channel {channel} {problem}: a curve rises with the code and is finite")]
     Curve {
-        /// Red 1, green 2, blue 3.
+        /// Channel: red 1, green 2, blue 3.
         channel: usize,
-        /// What is wrong with it.
+        /// Problem of the curve.
         problem: &'static str,
     },
-    /// The exposures do not tell the response.
+    /// The exposures do not determine the response.
     #[error(
         "the response cannot be recovered: {pixels} pixels are neither black nor clipped in two exposures of different \
          times, at least {least} are needed; take exposures closer to each other, or give the response"
     )]
     TooLittleOverlap {
-        /// Pixels that tell something, in the channel that has fewest.
+        /// Number of informative pixels, in the channel that has fewest.
         pixels: usize,
-        /// Least number.
+        /// Least number that is needed.
         least: usize,
     },
     /// No curve explains the bracket.
@@ -80,13 +80,13 @@ pub enum BracketError {
          by {said:.2}; check the times, or the response"
     )]
     Times {
-        /// The one with the shorter time.
+        /// Number of the exposure with the shorter time.
         first: usize,
-        /// The one with the next longer time.
+        /// Number of the exposure with the next longer time.
         second: usize,
         /// Brightness of the second over the first.
         seen: f64,
-        /// The same according to their times.
+        /// Brightness of the second over the first according to their times.
         said: f64,
     },
     /// Camera or scene moved.
@@ -95,9 +95,9 @@ pub enum BracketError {
          the response is another: take the bracket again from a tripod"
     )]
     Motion {
-        /// Pixels whose exposures cannot have one radiance.
+        /// Number of pixels whose exposures cannot have one radiance.
         moved: usize,
-        /// Pixels that could be compared.
+        /// Number of pixels that could be compared.
         compared: usize,
     },
     /// Every pixel is clipped in every exposure, or black in all.
@@ -105,9 +105,9 @@ pub enum BracketError {
         "nothing is known of any pixel: {clipped} are clipped in every exposure and {dark} black; expose otherwise"
     )]
     NothingKnown {
-        /// Pixels that are clipped in all.
+        /// Number of pixels that are clipped in all exposures.
         clipped: usize,
-        /// Pixels that are black in all.
+        /// Number of pixels that are black in all exposures.
         dark: usize,
     },
 }

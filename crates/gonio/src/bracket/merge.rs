@@ -1,4 +1,4 @@
-//! One picture of radiance from a bracket.
+//! Merging of a bracket to one picture of radiance.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -10,93 +10,93 @@ use crate::picture::{Picture, Plane};
 
 /// Relative error from rounding alone beyond which a pixel counts as coarse.
 const COARSE: f64 = 0.02;
-/// Most pixels that the median disagreement is taken over.
+/// Largest number of pixels over which the median disagreement is taken.
 const MOST_RESIDUALS: usize = 1 << 20;
 
-/// How exposures are merged.
+/// Settings for merging exposures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MergeSettings {
-    /// Codes from this part of the largest on are clipped, 0..=1. A file's own clipping is smeared
-    /// a little by JPEG.
+    /// Share of the largest code, 0..=1, from which on codes are clipped. JPEG smears a file's own
+    /// clipping a little.
     pub white: f64,
-    /// Largest part of the pixels, 0..=1, that may disagree between exposures before the bracket is
-    /// refused.
+    /// Largest share of the pixels, 0..=1, that may disagree between exposures before the bracket
+    /// is refused.
     pub motion: f64,
 }
 
 impl Default for MergeSettings {
     /// The five topmost of 256 codes are clipped; 6 % of the pixels may disagree: at high contrast
-    /// JPEG alone makes several per cent.
+    /// JPEG alone causes several per cent.
     fn default() -> Self {
         Self { white: 250.5 / 255.0, motion: 0.06 }
     }
 }
 
-/// What is known of a pixel.
+/// Knowledge of the radiance of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Known {
-    /// Its radiance, most of it from this exposure (counted from 0 as they were given).
+    /// The radiance is known, mostly from this exposure (counted from 0 in the order given).
     From(u8),
-    /// Only that some channel is clipped even in the shortest exposure.
+    /// Some channel is clipped even in the shortest exposure.
     Clipped,
-    /// Only that some channel is black in every exposure: its radiance is between 0 and that of the
-    /// first code in the longest, and half of that is given.
+    /// Some channel is black in every exposure: its radiance is between 0 and that of the first
+    /// code in the longest, and half of that is given.
     Dark,
-    /// Nothing: its exposures contradict each other, as where something moved.
+    /// Nothing is known: the exposures contradict each other, for example where something moved.
     Moved,
 }
 
-/// What became of the pixels of a bracket.
+/// Counts of the pixels of a bracket, and disagreements.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MergeReport {
-    /// All pixels.
+    /// Number of pixels.
     pub pixels: usize,
-    /// Those clipped in every exposure, [`Known::Clipped`].
+    /// Number of pixels clipped in every exposure, [`Known::Clipped`].
     pub clipped: usize,
-    /// Those black in every exposure, [`Known::Dark`].
+    /// Number of pixels black in every exposure, [`Known::Dark`].
     pub dark: usize,
-    /// Those left out because their exposures disagree, [`Known::Moved`].
+    /// Number of pixels left out because their exposures disagree, [`Known::Moved`].
     pub moved: usize,
-    /// Known pixels that the rounding of codes alone leaves uncertain by more than 2 %.
+    /// Number of known pixels that the rounding of codes alone leaves uncertain by more than 2 %.
     pub coarse: usize,
-    /// How many pixels take most of their radiance from each exposure.
+    /// Number of pixels that take most of their radiance from each exposure.
     pub from: Vec<usize>,
-    /// By which part each exposure is brighter than its time says, relative to the next shorter
-    /// one.
+    /// Relative excess of each exposure's brightness over what its time says, relative to the next
+    /// shorter one.
     pub time_errors: Vec<f64>,
-    /// Median disagreement of the exposures of a sample with its merged value, as a part of that.
+    /// Median relative disagreement of the exposures of a sample with its merged value.
     pub residual: f64,
 }
 
 /// A merged bracket.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Merged {
-    /// Radiance, in the units of the response for each unit of the amounts of light. Pixels that
-    /// are clipped or have moved hold `clip_level` in all channels.
+    /// Radiance, in the units of the response per unit of the amounts of light. Pixels that are
+    /// clipped or have moved hold `clip_level` in all channels.
     pub picture: Picture,
-    /// What is known of each pixel.
+    /// Knowledge of each pixel.
     pub known: Plane<Known>,
-    /// A radiance above that of all known pixels: what holds it is not known.
+    /// Radiance above that of all known pixels: a pixel that holds it is not known.
     pub clip_level: f32,
     /// Counts and disagreements.
     pub report: MergeReport,
 }
 
-/// What the codes of one channel say.
+/// Lookup tables over the codes of one channel.
 pub(super) struct Table {
     /// Logarithm of the exposure.
     log: Vec<f64>,
     exposure: Vec<f64>,
-    /// Inverse variance of the exposure for an error of one code, less towards the ends; 0 where a
-    /// code says nothing.
+    /// Inverse variance of the exposure for an error of one code, faded out towards the ends; 0 for
+    /// uninformative codes.
     weight: Vec<f64>,
-    /// The same without the fading, for what rounding leaves open.
+    /// Inverse variance without the fading, for the error from rounding.
     precision: Vec<f64>,
     /// Lowest and highest logarithm that a code may stand for.
     bounds: Vec<(f64, f64)>,
-    /// Codes from this one on are clipped.
+    /// Lowest code that is clipped.
     white: u16,
-    /// Codes up to this one are black.
+    /// Highest code that is black.
     black: u16,
 }
 
@@ -146,8 +146,8 @@ impl Table {
 
 /// One channel of one pixel.
 enum Sample {
-    /// Radiance, its relative error from rounding, the exposure of most weight and its weight, the
-    /// exposures' mean relative disagreement where there are several.
+    /// Radiance, its relative error from rounding, the exposure of largest weight, and the mean
+    /// relative disagreement of the exposures if there are several.
     Value {
         radiance: f64,
         error: f64,
@@ -161,13 +161,13 @@ enum Sample {
 
 /// Merges a bracket. The result does not depend on the number of threads; it has no alpha channel.
 ///
-/// Each channel of a pixel is the mean of what its exposures say, weighed by inverse variances: the
-/// slope of the response and the time make an error of one code an error of radiance. Codes that
-/// are clipped or black say nothing.
+/// Each channel of a pixel is the mean of the radiances of its exposures, weighted by inverse
+/// variances: the slope of the response and the time turn an error of one code into an error of
+/// radiance. Clipped and black codes have no weight.
 ///
 /// # Errors
 /// [`BracketError::Times`] and [`BracketError::Motion`] where exposures contradict their times or
-/// each other; [`BracketError::NothingKnown`]; what is wrong with sizes, depths and times of the
+/// each other; [`BracketError::NothingKnown`]; errors of the sizes, depths and times of the
 /// exposures.
 pub fn merge(exposures: &[Exposure], response: &Response, settings: &MergeSettings) -> Result<Merged, BracketError> {
     check(exposures)?;
@@ -176,7 +176,7 @@ pub fn merge(exposures: &[Exposure], response: &Response, settings: &MergeSettin
     let time_errors = time_errors(exposures, &tables)?;
     let (width, height) = exposures[0].codes.size();
     let log_amounts: Vec<f64> = exposures.iter().map(|e| e.amount.ln()).collect();
-    // A sample of the pixels tells the median disagreement.
+    // The median disagreement is estimated on a sample of the pixels.
     let step = (width * height).div_ceil(MOST_RESIDUALS).max(1);
     let rows: Vec<Row> = (0..height)
         .into_par_iter()
@@ -223,7 +223,7 @@ pub fn merge(exposures: &[Exposure], response: &Response, settings: &MergeSettin
     Ok(Merged { picture, known: Plane::from_vec(width, height, known), clip_level, report })
 }
 
-/// What the exposures say together of one channel of a pixel.
+/// Combines the exposures of one channel of a pixel.
 fn sample(codes: &[u16], exposures: &[Exposure], table: &Table) -> Sample {
     let (mut sum, mut total, mut precision) = (0.0, 0.0, 0.0);
     let mut best = (0, 0.0);
@@ -248,7 +248,7 @@ fn sample(codes: &[u16], exposures: &[Exposure], table: &Table) -> Sample {
         let disagreement = (count > 1).then(|| strays.sum::<f64>() / count as f64);
         return Sample::Value { radiance, error, from: best.0, disagreement };
     }
-    // Neither here nor there: black in the long exposures would contradict clipped in the short
+    // No code is informative: black in the long exposures would contradict clipped in the short
     // ones.
     if codes.iter().any(|&code| code >= table.white) {
         return Sample::Clipped;
@@ -258,7 +258,7 @@ fn sample(codes: &[u16], exposures: &[Exposure], table: &Table) -> Sample {
     Sample::Dark(0.5 * table.exposure[first] / longest)
 }
 
-/// What becomes of some pixels in order, and counts of them.
+/// Results of consecutive pixels, and counts of them.
 struct Row {
     rgb: Vec<Vec3>,
     known: Vec<Known>,
@@ -286,7 +286,7 @@ impl Row {
         }
     }
 
-    /// Takes one more pixel in.
+    /// Adds one pixel.
     fn take(&mut self, samples: &[Sample; 3], judge: bool) {
         let value = |sample: &Sample| match *sample {
             Sample::Value { radiance, .. } => radiance as f32,
@@ -302,7 +302,7 @@ impl Row {
             self.clipped += 1;
             Known::Clipped
         } else if let [Sample::Value { .. }, Sample::Value { from, .. }, Sample::Value { .. }] = samples {
-            // Green says most of the luminance.
+            // Green contributes most of the luminance.
             self.coarse += usize::from(any(|s| matches!(s, Sample::Value { error, .. } if *error > COARSE)));
             self.from[*from] += 1;
             Known::From(*from as u8)

@@ -1,10 +1,10 @@
-//! Brackets: several exposures of one still scene, as a camera codes them, merged to one picture of
+//! Brackets: several exposures of one still scene, as coded by a camera, merged to one picture of
 //! linear radiance.
 //!
-//! An [`Exposure`] is a picture of integer codes and how much light it took in. A [`Response`] says
-//! which exposure each code stands for; [`Response::recover`] finds it from the bracket itself.
-//! [`merge()`] weighs the exposures of every pixel by what their codes can tell apart, and says
-//! which pixels are known: see [`Known`].
+//! An [`Exposure`] is a picture of integer codes and the amount of light that it took in. A
+//! [`Response`] gives the exposure that each code stands for; [`Response::recover`] estimates it
+//! from the bracket itself. [`merge()`] weights the exposures of every pixel by how precisely their
+//! codes determine the radiance, and marks which pixels are known: see [`Known`].
 
 mod consistency;
 mod error;
@@ -20,20 +20,20 @@ pub use response::Response;
 
 use crate::picture::Plane;
 
-/// Most exposures of a bracket.
+/// Largest number of exposures in a bracket.
 pub const MOST_EXPOSURES: usize = 64;
 
-/// The codes of a picture, red, green and blue of each pixel.
+/// Codes of a picture: red, green and blue of each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Codes {
-    /// 0 to 255.
+    /// Codes from 0 to 255.
     Eight(Plane<[u8; 3]>),
-    /// 0 to 65535.
+    /// Codes from 0 to 65535.
     Sixteen(Plane<[u16; 3]>),
 }
 
 impl Codes {
-    /// Columns and rows.
+    /// Returns the numbers of columns and rows.
     pub fn size(&self) -> (usize, usize) {
         match self {
             Self::Eight(plane) => plane.size(),
@@ -41,7 +41,7 @@ impl Codes {
         }
     }
 
-    /// The largest code: 255 or 65535.
+    /// Returns the largest code: 255 or 65535.
     pub fn max(&self) -> u16 {
         match self {
             Self::Eight(_) => u16::from(u8::MAX),
@@ -49,7 +49,7 @@ impl Codes {
         }
     }
 
-    /// The codes of the pixel with this index, row by row from the top.
+    /// Returns the codes of the pixel with this index, row by row from the top.
     ///
     /// # Panics
     /// If there is no such pixel.
@@ -64,15 +64,15 @@ impl Codes {
 /// One picture of a bracket.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Exposure {
-    /// What the camera or its file says of each pixel.
+    /// Codes of each pixel.
     pub codes: Codes,
-    /// How much light it took in, on any scale common to the bracket: the time in seconds, where
-    /// need be times sensitivity and aperture. Positive.
+    /// Amount of light taken in, on any scale common to the bracket: the time in seconds, if need
+    /// be times sensitivity and aperture. Positive.
     pub amount: f64,
 }
 
-/// Checks what every function here needs: pictures of one size and depth, with positive amounts of
-/// light.
+/// Checks the requirements of every function here: pictures of one size and depth, with positive
+/// amounts of light.
 fn check(exposures: &[Exposure]) -> Result<(), BracketError> {
     let Some(first) = exposures.first() else { return Err(BracketError::Count { count: 0 }) };
     if exposures.len() > MOST_EXPOSURES {
@@ -96,7 +96,7 @@ fn check(exposures: &[Exposure]) -> Result<(), BracketError> {
     Ok(())
 }
 
-/// The middle one of some numbers, which are put in order; `None` of none.
+/// Returns the median of some numbers, which are sorted; `None` of none.
 fn median(values: &mut [f64]) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

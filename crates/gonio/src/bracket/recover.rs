@@ -1,16 +1,17 @@
-//! The response of a camera from a bracket that it took: Debevec and Malik (SIGGRAPH 1997) with the
+//! Recovery of a camera's response from a bracket: Debevec and Malik (SIGGRAPH 1997) with the
 //! radiances of the pixels eliminated, so that every pixel can take part.
 //!
 //! For each channel the unknowns are `g`, the logarithm of the exposure at 256 levels of the code.
-//! Pixel `i` with level `z_ij` in exposure `j` says `g(z_ij) = ln E_i + ln t_j`; the best `ln E_i`
-//! given `g` is a weighted mean, which leaves normal equations in `g` alone. What differs from the
-//! paper:
+//! Pixel `i` with level `z_ij` in exposure `j` gives the equation `g(z_ij) = ln E_i + ln t_j`; the
+//! best `ln E_i` given `g` is a weighted mean, which leaves normal equations in `g` alone.
+//! Differences from the paper:
 //!
-//! * an equation weighs by the inverse variance of `g(z)` under noise of the code, with the slope
-//!   of a curve such as cameras have, and once more by how well it fits (Cauchy), so that what
-//!   moved or was clipped in between loses its voice;
-//! * smoothness is asked of `g` over the logarithm of the code, where every power law is straight:
-//!   what the data leave open, near black above all, is continued by the local power law;
+//! * an equation is weighted by the inverse variance of `g(z)` under noise of the code, with the
+//!   slope of a typical camera curve, and again by how well it fits (Cauchy), so that pixels that
+//!   moved or were clipped in between lose their influence;
+//! * smoothness is imposed on `g` over the logarithm of the code, where every power law is
+//!   straight: what the data leave undetermined, mainly near black, is continued by the local power
+//!   law;
 //! * the curve is made to rise by isotonic regression.
 
 use faer::Mat;
@@ -22,46 +23,47 @@ use crate::linalg::solve_positive;
 
 /// Levels of the code at which the curve is found.
 const LEVELS: usize = 256;
-/// Levels outside of which a code may be clipped or mostly rounding.
+/// Levels whose codes are trusted: outside a code may be clipped or mostly rounding.
 const TRUSTED: std::ops::RangeInclusive<f64> = 2.5..=251.5;
 /// Standard deviation of a code, in levels: rounding and a little noise.
 const NOISE: f64 = 0.4;
-/// Relative error of an exposure below which nothing is better known.
+/// Smallest relative error assumed of an exposure.
 const FLOOR: f64 = 0.02;
 /// Weight of the curve's squared second derivative over the logarithm of the code. Times in a
-/// constant ratio leave functions of that period open, which only smoothness closes: less lets them
-/// in, more flattens sharp shoulders.
+/// constant ratio leave functions of that period undetermined, which only smoothness fixes: less
+/// lets them in, more flattens sharp shoulders.
 const SMOOTHNESS: f64 = 100.0;
-/// Standard deviations at which an equation loses half its weight.
+/// Number of standard deviations at which an equation loses half its weight.
 const OUTLYING: f64 = 4.0;
-/// Rounds of weighing and solving.
+/// Number of rounds of weighting and solving.
 const ROUNDS: usize = 8;
-/// Most pixels used, at an even distance.
+/// Largest number of pixels used, evenly spaced.
 const MOST_PIXELS: usize = 1 << 18;
-/// Least pixels.
+/// Least number of pixels.
 const LEAST_PIXELS: usize = 100;
-/// Parts that the pixels are split into: sums do not depend on the number of threads.
+/// Number of parts that the pixels are split into, fixed so that sums do not depend on the number
+/// of threads.
 const PARTS: usize = 16;
-/// Least ratio of times that tells two exposures apart.
+/// Least ratio of times of two exposures that are informative together.
 const LEAST_RATIO: f64 = 1.1;
 /// Largest median disagreement of exposures under the best curve.
 const LARGEST_RESIDUAL: f64 = 0.08;
 
-/// What a pixel says: for each exposure in which its code can be trusted the level and the
-/// logarithm of the time.
+/// Equations of a pixel: level and logarithm of the time of each exposure in which its code can be
+/// trusted.
 type Equations = Vec<(f64, f64)>;
 
 impl Response {
-    /// Finds the response of the camera that took a bracket. The middle code of each channel stands
-    /// for an exposure of 1: a pixel whose three codes are in the middle comes out grey.
+    /// Estimates the response of the camera that took a bracket. The middle code of each channel
+    /// stands for an exposure of 1: a pixel whose three codes are in the middle comes out grey.
     ///
-    /// The codes must overlap, with each code range seen in two exposures. The scale of the
-    /// logarithm rests on the ratios of the times.
+    /// The codes must overlap, with each range of codes seen in two exposures. The scale of the
+    /// logarithm is determined by the ratios of the times.
     ///
     /// # Errors
-    /// [`BracketError::TooLittleOverlap`] with fewer than 100 pixels that say something in a
-    /// channel; [`BracketError::NoResponse`] where no curve explains the bracket; and what
-    /// [`merge()`](super::merge()) says of sizes, depths and times.
+    /// [`BracketError::TooLittleOverlap`] with fewer than 100 informative pixels in a channel;
+    /// [`BracketError::NoResponse`] where no curve explains the bracket; and the errors of
+    /// [`merge()`](super::merge()) about sizes, depths and times.
     pub fn recover(exposures: &[Exposure]) -> Result<Self, BracketError> {
         check(exposures)?;
         let max = exposures[0].codes.max();
@@ -73,7 +75,7 @@ impl Response {
     }
 }
 
-/// What the pixels say of one channel.
+/// Collects the equations of the pixels for one channel.
 fn equations(exposures: &[Exposure], channel: usize) -> Vec<Equations> {
     let (width, height) = exposures[0].codes.size();
     let scale = (LEVELS - 1) as f64 / f64::from(exposures[0].codes.max());
@@ -95,10 +97,11 @@ fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
         return Err(BracketError::TooLittleOverlap { pixels: pixels.len(), least: LEAST_PIXELS });
     }
     let mut curve = Response::srgb((LEVELS - 1) as u16).curve(0).to_vec();
-    // Not of the curve found so far: it would gain by being steep where little is measured.
+    // Slope of the sRGB curve, not of the curve found so far, which would gain by being steep where
+    // little is measured.
     let slope: Vec<f64> = (0..LEVELS).map(|k| slope_at(&curve, k)).collect();
     for round in 0..ROUNDS {
-        // Outliers can be told only once there is a curve of this camera.
+        // Outliers can be recognised only once there is a curve of this camera.
         curve = solve(pixels, &curve, &slope, round >= 2)?;
     }
     let mut residuals: Vec<f64> = pixels.iter().flat_map(|p| disagreements(p, &curve)).collect();
@@ -110,15 +113,15 @@ fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
     Ok(curve.iter().map(|g| g - middle).collect())
 }
 
-/// By how much the exposures of a pixel stray from their mean, in logarithms; less than half as
-/// much is due to noise.
+/// Computes how much the exposures of a pixel deviate from their mean, in logarithms; noise causes
+/// less than half of it.
 fn disagreements(pixel: &Equations, curve: &[f64]) -> Vec<f64> {
     let logs: Vec<f64> = pixel.iter().map(|&(level, time)| interpolate(curve, level) - time).collect();
     let mean = logs.iter().sum::<f64>() / logs.len() as f64;
     logs.iter().map(|log| (log - mean).abs()).collect()
 }
 
-/// One round: weights from the curve so far, then the best curve for them.
+/// Runs one round: weights from the curve so far, then the best curve for them.
 fn solve(pixels: &[Equations], before: &[f64], slope: &[f64], robust: bool) -> Result<Vec<f64>, BracketError> {
     let part = pixels.len().div_ceil(PARTS).max(1);
     let sums: Vec<(Mat<f64>, Vec<f64>)> =
@@ -129,20 +132,20 @@ fn solve(pixels: &[Equations], before: &[f64], slope: &[f64], robust: bool) -> R
         right.iter_mut().zip(r).for_each(|(a, b)| *a += b);
     }
     smooth(&mut matrix);
-    // The scale is free: the middle is held.
+    // The scale is free, so the middle is held fixed.
     matrix[(LEVELS / 2, LEVELS / 2)] += 1.0;
     let found = solve_positive(matrix, &right).ok_or(BracketError::NoResponse { percent: f64::INFINITY })?;
     Ok(rising(&found))
 }
 
-/// Slope of the curve over the level, from levels around it.
+/// Returns the slope of the curve over the level, from the levels around it.
 fn slope_at(curve: &[f64], k: usize) -> f64 {
     let reach = (k / 16).clamp(1, 8);
     let (a, b) = (k.saturating_sub(reach), (k + reach).min(curve.len() - 1));
     ((curve[b] - curve[a]) / (b - a) as f64).max(1e-4)
 }
 
-/// The normal equations of some pixels, their radiances eliminated.
+/// Builds the normal equations of some pixels, with their radiances eliminated.
 fn normal_equations(pixels: &[Equations], before: &[f64], slope: &[f64], robust: bool) -> (Mat<f64>, Vec<f64>) {
     let (mut matrix, mut right) = (Mat::<f64>::zeros(LEVELS, LEVELS), vec![0.0; LEVELS]);
     let mut terms: Vec<(usize, f64)> = Vec::new();
@@ -172,7 +175,7 @@ fn normal_equations(pixels: &[Equations], before: &[f64], slope: &[f64], robust:
     (matrix, right)
 }
 
-/// Inverse variances of the equations of a pixel.
+/// Computes the inverse variances of the equations of a pixel.
 fn weights_of(pixel: &Equations, before: &[f64], slope: &[f64], robust: bool) -> Vec<f64> {
     let variance = |level: f64| (NOISE * slope[level.round() as usize]).powi(2) + FLOOR * FLOOR;
     let plain: Vec<f64> = pixel.iter().map(|&(level, _)| 1.0 / variance(level)).collect();
@@ -180,7 +183,7 @@ fn weights_of(pixel: &Equations, before: &[f64], slope: &[f64], robust: bool) ->
         return plain;
     }
     let log = |&(level, time): &(f64, f64)| interpolate(before, level) - time;
-    // With three or more exposures the middle one is the fair judge, with two there is none better
+    // With three or more exposures their median is a robust centre; with two there is none better
     // than their mean.
     let centre = if pixel.len() > 2 {
         median(&mut pixel.iter().map(log).collect::<Vec<_>>()).unwrap_or(0.0)
@@ -191,7 +194,7 @@ fn weights_of(pixel: &Equations, before: &[f64], slope: &[f64], robust: bool) ->
     pixel.iter().zip(&plain).map(|(p, &w)| w / (1.0 + strays(p, w))).collect()
 }
 
-/// Adds the prior: second differences of the curve over the logarithm of the level are small.
+/// Adds the prior that second differences of the curve over the logarithm of the level are small.
 fn smooth(matrix: &mut Mat<f64>) {
     let u = |k: usize| (k as f64).max(0.25).ln();
     for k in 1..LEVELS - 1 {
@@ -206,11 +209,12 @@ fn smooth(matrix: &mut Mat<f64>) {
     }
 }
 
-/// The rising curve nearest to this one, strictly so: neighbours that fall are replaced by their
-/// mean.
+/// Returns the strictly rising curve nearest to this one: neighbours that fall are replaced by
+/// their mean.
 fn rising(curve: &[f64]) -> Vec<f64> {
     const LEAST_STEP: f64 = 1e-5;
-    // Sum and number of each block; minus the least step a curve that does not fall is wanted.
+    // Sum and count of each block; with the least step subtracted, a non-decreasing curve is
+    // required.
     let mut blocks: Vec<(f64, f64)> = Vec::new();
     for (k, g) in curve.iter().enumerate() {
         blocks.push((g - LEAST_STEP * k as f64, 1.0));

@@ -1,22 +1,22 @@
-//! What exposure each code of a camera stands for.
+//! Response of a camera: the exposure that each code stands for.
 
 use super::BracketError;
 use crate::picture::srgb_decode;
 
-/// The part of a code that black stands for: what is below half a code is rounded to it, and its
-/// logarithm is finite.
+/// Code that black stands for, in codes: values below half a code are rounded to it, and its
+/// logarithm must be finite.
 const BLACK: f64 = 0.25;
 
-/// The response of a camera: for each channel the natural logarithm of the exposure that each code
-/// stands for, rising with the code. Its scale is free, in each channel for itself.
+/// Response of a camera: for each channel the natural logarithm of the exposure that each code
+/// stands for, rising with the code. The scale of each channel is free.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Response {
     channels: [Vec<f64>; 3],
 }
 
 impl Response {
-    /// Codes `0..=max` that are proportional to the exposure from `black`, a code, on. The largest
-    /// code stands for 1.
+    /// Builds the response of codes `0..=max` that are proportional to the exposure above the code
+    /// `black`. The largest code stands for 1.
     ///
     /// # Panics
     /// If `black` is not below `max`.
@@ -26,18 +26,19 @@ impl Response {
         Self::of(max as u16, |code| (code - black).max(BLACK) / (max - black))
     }
 
-    /// Codes `0..=max` of the sRGB curve. The largest code stands for 1.
+    /// Builds the response of codes `0..=max` of the sRGB curve. The largest code stands for 1.
     pub fn srgb(max: u16) -> Self {
         Self::of(max, |code| f64::from(srgb_decode((code.max(BLACK) / f64::from(max)) as f32)))
     }
 
-    /// The same curve for all channels.
+    /// Builds a response with the same curve for all channels.
     fn of(max: u16, exposure: impl Fn(f64) -> f64) -> Self {
         let curve: Vec<f64> = (0..=max).map(|code| exposure(code.into()).ln()).collect();
         Self { channels: [curve.clone(), curve.clone(), curve] }
     }
 
-    /// From the logarithms of the exposures of all codes, one list for each of red, green and blue.
+    /// Builds a response from the logarithms of the exposures of all codes, one list for each of
+    /// red, green and blue.
     ///
     /// # Errors
     /// [`BracketError::Curve`] if a curve falls, is flat from end to end, is not finite, or has not
@@ -63,12 +64,13 @@ impl Response {
         Ok(Self { channels })
     }
 
-    /// The largest code.
+    /// Returns the largest code.
     pub fn max(&self) -> u16 {
         (self.channels[0].len() - 1) as u16
     }
 
-    /// Logarithms of the exposures of the codes `0..=max`; channel 0 is red, 1 green, 2 blue.
+    /// Returns the logarithms of the exposures of the codes `0..=max`; channel 0 is red, 1 green, 2
+    /// blue.
     ///
     /// # Panics
     /// If there is no such channel.
@@ -76,7 +78,7 @@ impl Response {
         &self.channels[channel]
     }
 
-    /// The same response for codes `0..=max`: interpolated, or thinned out.
+    /// Resamples the response to codes `0..=max`, by interpolation or thinning.
     #[must_use]
     pub fn resampled(&self, max: u16) -> Self {
         if max == self.max() {
@@ -88,8 +90,8 @@ impl Response {
     }
 }
 
-/// The curve between its codes: straight in exposure over code, as the logarithm bends sharply near
-/// black.
+/// Interpolates the curve between its codes: linearly in exposure over code, as the logarithm bends
+/// sharply near black.
 pub(super) fn interpolate(curve: &[f64], position: f64) -> f64 {
     let lower = (position.max(0.0) as usize).min(curve.len() - 1);
     let upper = (lower + 1).min(curve.len() - 1);

@@ -1,4 +1,4 @@
-//! Brackets of known radiance, taken by cameras of known response.
+//! Tests on brackets of known radiance, taken by cameras of known response.
 
 use glam::Vec3;
 use rand::{RngExt, SeedableRng};
@@ -6,11 +6,11 @@ use rand_pcg::Pcg64;
 
 use super::*;
 
-/// A camera's curves, exposure 0..=1 to code 0..=1, none of which is that of sRGB or a power.
+/// A camera's curves, exposure 0..=1 to code 0..=1, none of which is the sRGB curve or a power law.
 fn camera(channel: usize, exposure: f64) -> f64 {
     let x = exposure.clamp(0.0, 1.0);
     match channel {
-        // A shoulder, as of film.
+        // A shoulder, as in film.
         0 => (1.0 - (-3.0 * x).exp()) / (1.0 - (-3.0_f64).exp()),
         // A power with an S on top.
         1 => {
@@ -22,7 +22,7 @@ fn camera(channel: usize, exposure: f64) -> f64 {
     }
 }
 
-/// The logarithm of the exposure of each of 256 codes.
+/// Logarithm of the exposure of each of 256 codes.
 fn truth() -> Response {
     let invert = |channel: usize, code: f64| {
         let (mut low, mut high) = (0.0, 1.0);
@@ -45,14 +45,14 @@ fn scene(width: usize, height: usize) -> Plane<Vec3> {
     })
 }
 
-/// Takes the scene, with Gaussian-like noise of so many codes.
+/// Takes the scene with approximately Gaussian noise of `noise` codes.
 fn take(scene: &Plane<Vec3>, amounts: &[f64], noise: f64) -> Vec<Exposure> {
     let mut random = Pcg64::seed_from_u64(7);
     let mut expose = |amount: f64| {
         let code = |channel: usize, radiance: f32, random: &mut Pcg64| {
             let sum: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
             let exposure = f64::from(radiance) * amount;
-            // What clips clips after the noise.
+            // Clipped values stay clipped: no noise is added to them.
             let noise = if exposure >= 1.0 { 0.0 } else { noise * sum };
             (255.0 * camera(channel, exposure) + noise).round().clamp(0.0, 255.0) as u8
         };
@@ -64,8 +64,8 @@ fn take(scene: &Plane<Vec3>, amounts: &[f64], noise: f64) -> Vec<Exposure> {
 
 const AMOUNTS: [f64; 7] = [0.01, 0.04, 0.16, 0.64, 2.56, 10.24, 40.96];
 
-/// Largest relative error and the 99th per cent of it, each channel on its best scale, over
-/// well-known pixels.
+/// Largest relative error and its 99th percentile, each channel on its best scale, over well-known
+/// pixels.
 fn errors(merged: &Merged, scene: &Plane<Vec3>, free_scale: bool) -> (f64, f64) {
     let known: Vec<usize> =
         (0..scene.as_slice().len()).filter(|&i| matches!(merged.known.as_slice()[i], Known::From(_))).collect();
@@ -188,7 +188,7 @@ fn something_that_moves_is_found() {
     assert_eq!(merged.known[(24, 25)], Known::Moved);
     assert!((70..90).contains(&merged.report.moved), "{}", merged.report.moved);
     assert_eq!(merged.picture.rgb[(24, 25)], Vec3::splat(merged.clip_level));
-    // The response is found in spite of it.
+    // The response is recovered nevertheless.
     let got = Response::recover(&exposures).unwrap();
     let worst = (16..240).map(|k| (got.curve(1)[k] - truth().curve(1)[k] + truth().curve(1)[128]).abs());
     assert!(worst.fold(0.0, f64::max) < 0.06);
@@ -210,7 +210,7 @@ fn wrong_times_are_found() {
     let error = merge(&exposures, &truth(), &MergeSettings::default()).unwrap_err();
     let BracketError::Times { first: 3, second: 4, seen, said } = error else { panic!("{error}") };
     assert!((seen - 4.0).abs() < 0.1 && (said - 8.0).abs() < 1e-9);
-    // What the recovered curve makes of them is no camera.
+    // The curve recovered from them is not a camera's.
     exposures[3].amount = exposures[2].amount * 1.02;
     let found = Response::recover(&exposures);
     let said = found.and_then(|response| merge(&exposures, &response, &MergeSettings::default()));

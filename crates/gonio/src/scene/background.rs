@@ -1,4 +1,4 @@
-//! The object as everything that is not background, for pictures without a mask.
+//! Segmentation of the object from a constant background, for pictures without a mask.
 
 use std::collections::BTreeMap;
 
@@ -7,12 +7,12 @@ use glam::Vec3;
 use super::components::{border, flood, neighbours};
 use crate::picture::Plane;
 
-/// Coverage (0..1) of the object in a picture whose background has exactly one value, such as the
-/// black of a renderer; `None` when it has no such background.
+/// Estimates the coverage (0..1) of the object in a picture whose background has exactly one value,
+/// such as the black of a renderer; `None` when there is no such background.
 ///
-/// The background is the most frequent value on the border of the picture, where it must make up a
-/// quarter of it at least, and every pixel of that value that hangs together with those. A pixel
-/// next to it may be part background: its coverage is its contrast to the background over that of
+/// The background is the most frequent value on the border of the picture, of which it must make up
+/// a quarter at least, with every pixel of that value connected to those. A pixel next to the
+/// background may be part background: its coverage is its contrast to the background over that of
 /// the object's pixels nearby, at most 1.
 pub(crate) fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
     // Adding zero turns -0 into 0, which are equal but differ in their bits.
@@ -52,7 +52,7 @@ pub(crate) fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
         }
         let inside = sum / count;
         let share = (rgb[(x, y)] - base).dot(inside) / inside.length_squared();
-        // No number where nothing is inside, or nothing differs there.
+        // NaN where no pixel nearby is inside, or those inside equal the background.
         if share.is_nan() { 1.0 } else { share.clamp(0.0, 1.0) }
     }))
 }

@@ -15,9 +15,10 @@ pub(super) const LEAST_RADIUS: f64 = 8.0;
 /// Least angle that the visible outline must span, in radians: 75 degrees, so that a ball in a
 /// corner of the picture passes.
 const LEAST_SPAN: f64 = 5.0 * PI / 12.0;
-/// Ellipses longer than this are no balls: a ball 18 degrees off the axis of a perspective camera.
+/// Shorter over longer axis below which an ellipse is not taken for a ball: that of a ball 18
+/// degrees off the axis of a perspective camera.
 const LEAST_ASPECT: f64 = 0.95;
-/// At most this share of the outline may lie far off the circle (a stand, a finger).
+/// Largest share of the outline that may lie far off the circle (a stand, a finger).
 const MOST_STRAY: f64 = 0.3;
 
 /// A circle in a picture: the outline of a ball under an orthographic camera.
@@ -50,28 +51,28 @@ pub(crate) struct FoundCircle {
     pub stray: usize,
     /// Whether the ball touches the border of the picture.
     pub cropped: bool,
-    /// Covered pixels that are no part of the ball.
+    /// Covered pixels that are not part of the ball.
     pub specks: usize,
 }
 
 /// Finds the outline of an orthographic ball in a mask or an alpha channel, with values from 0 to 1
 /// (half-covered pixels at the rim; NaN counts as 0).
 ///
-/// The ball is the largest connected set of pixels covered by half or more, its holes filled. Its
-/// rim is where the coverage, interpolated between neighbouring pixels, is one half; where the
-/// picture cuts the ball off there is no rim. To these points goes the circle of least distances;
-/// points far off it (a stand, a finger) do not count.
+/// The ball is the largest connected set of pixels covered by half or more, with its holes filled.
+/// Its rim is where the coverage, interpolated between neighbouring pixels, is one half; there is
+/// no rim where the border of the picture cuts the ball off. The circle is fitted to the rim by
+/// least distances; points far off it (a stand, a finger) do not count.
 ///
 /// # Errors
-/// [`SceneError::EmptyMask`], [`SceneError::MaskEverywhere`]; [`SceneError::TooSmall`] under a
-/// radius of 8 pixels; [`SceneError::ShortOutline`] when the visible outline spans less than 75
+/// [`SceneError::EmptyMask`]; [`SceneError::MaskEverywhere`]; [`SceneError::TooSmall`] for a radius
+/// under 8 pixels; [`SceneError::ShortOutline`] when the visible outline spans less than 75
 /// degrees; [`SceneError::Elliptic`] when the shorter axis is under 0.95 of the longer;
-/// [`SceneError::NotACircle`] when the outline strays by more than half a pixel and 3 % of the
-/// radius, or more than 30 % of it lie far off.
+/// [`SceneError::NotACircle`] when the outline strays by more than half a pixel plus 3 % of the
+/// radius, or when more than 30 % of it lies far off.
 pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
     let (ball, rim) = ball_and_rim(coverage)?;
     let too_small = |radius| SceneError::TooSmall { radius, least: LEAST_RADIUS };
-    // A straight edge has no circle: the visible outline spans nothing.
+    // No circle fits a straight edge: the visible outline spans no angle.
     let short = |span: f64| SceneError::ShortOutline { degrees: span.to_degrees(), least: LEAST_SPAN.to_degrees() };
     let fit = fit_circle(&rim).ok_or_else(|| short(0.0))?;
     let circle = fit.circle;
@@ -80,7 +81,7 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneErr
     let seen_half = span >= PI;
     let aspect = if seen_half { aspect(&fit.near, &circle) } else { 1.0 };
     if fit.spread > 0.5 + 0.03 * circle.radius || stray as f64 > MOST_STRAY * rim.len() as f64 {
-        // A clear ellipse deserves its name even where no circle fits it.
+        // A clear ellipse is reported as such even where no circle fits it.
         return Err(if (0.5..LEAST_ASPECT).contains(&aspect) && stray == 0 {
             SceneError::Elliptic { aspect }
         } else {
@@ -109,7 +110,7 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneErr
     })
 }
 
-/// The largest connected part of a mask, its holes filled, and the points of its rim.
+/// Finds the largest connected part of a mask, its holes filled, and the points of its rim.
 fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), SceneError> {
     let covered = |at: (usize, usize)| coverage[at] >= 0.5;
     let (component, area) = largest_component(coverage.size(), covered).ok_or(SceneError::EmptyMask)?;
@@ -117,7 +118,7 @@ fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), Scen
     if ball.as_slice().iter().all(|&b| b) {
         return Err(SceneError::MaskEverywhere);
     }
-    // As large as a disc of the least radius, cut to a quarter by the picture's corner.
+    // Least area: a disc of the least radius of which a corner of the picture leaves a quarter.
     let equal_area = (area as f64 / PI).sqrt();
     if equal_area < 0.5 * LEAST_RADIUS {
         return Err(SceneError::TooSmall { radius: equal_area, least: LEAST_RADIUS });
@@ -126,8 +127,8 @@ fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), Scen
     Ok((ball, rim))
 }
 
-/// The points of the outline of the largest connected part of a mask, in pixels; not where the
-/// picture cuts it off.
+/// Finds the points of the outline of the largest connected part of a mask, in pixels, without
+/// those where the border of the picture cuts it off.
 pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
     let (_, rim) = ball_and_rim(coverage)?;
     if rim.len() < 16 {
@@ -137,8 +138,8 @@ pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
     }
 }
 
-/// Points between a pixel of the ball and one outside it at which the interpolated coverage is one
-/// half.
+/// Finds the points between a pixel of the ball and one outside it at which the interpolated
+/// coverage is one half.
 fn rim_points(coverage: &Plane<f32>, ball: &Plane<bool>) -> Vec<DVec2> {
     let mut points = Vec::new();
     for y in 0..ball.height() {
@@ -158,7 +159,7 @@ fn rim_points(coverage: &Plane<f32>, ball: &Plane<bool>) -> Vec<DVec2> {
     points
 }
 
-/// The full angle less the largest gap between points as seen from the centre, in radians.
+/// Returns the full angle less the largest gap between points as seen from the centre, in radians.
 fn span(points: &[DVec2], circle: &Circle) -> f64 {
     let mut angles: Vec<f64> = points.iter().map(|p| (p.y - circle.y).atan2(p.x - circle.x)).collect();
     angles.sort_unstable_by(f64::total_cmp);
@@ -173,7 +174,8 @@ mod tests {
     use super::*;
     use crate::remedy::Remedy;
 
-    /// Coverage of an ellipse by 8 x 8 samples a pixel, or by its centre alone when not `soft`.
+    /// Coverage of an ellipse from 8 x 8 samples a pixel, or from the pixel's centre alone if not
+    /// `soft`.
     fn ellipse(size: (usize, usize), (cx, cy): (f64, f64), (a, b): (f64, f64), soft: bool) -> Plane<f32> {
         let n = if soft { 8 } else { 1 };
         Plane::from_fn(size.0, size.1, |x, y| {

@@ -1,5 +1,5 @@
-//! The circle through scattered points: Taubin's algebraic fit, then the least distances, without
-//! the points far off.
+//! Circle fit to scattered points: Taubin's algebraic fit, then least distances without the points
+//! far off.
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
@@ -7,13 +7,13 @@ use glam::{DMat3, DVec2, DVec3};
 
 use super::circle::Circle;
 
-/// Distances beyond this multiple of their spread do not count (Tukey's biweight at 95 %
+/// Multiple of the spread beyond which a distance does not count (Tukey's biweight at 95 %
 /// efficiency).
 const FAR: f64 = 4.685;
-/// The spread is taken as at least this, in pixels: no mask is more exact.
+/// Smallest spread assumed, in pixels: no mask is more exact.
 const LEAST_SPREAD: f64 = 0.15;
 
-/// A circle and how well the points lie on it.
+/// A circle and how well it fits the points.
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
     pub circle: Circle,
@@ -23,8 +23,8 @@ pub(super) struct Fit {
     pub near: Vec<DVec2>,
 }
 
-/// The circle of least distances to most of the `points`; `None` when they lie on a line, or
-/// nowhere.
+/// Fits the circle of least distances to most of the `points`; `None` when they lie on a line, or
+/// when there is no circle.
 pub(super) fn fit_circle(points: &[DVec2]) -> Option<Fit> {
     let mut circle = taubin(points)?;
     let mut spread = 0.0;
@@ -57,7 +57,8 @@ pub(super) fn fit_circle(points: &[DVec2]) -> Option<Fit> {
     Some(Fit { circle, spread, near })
 }
 
-/// Unit vector from the centre through `p`, and the distance of `p` from the rim, positive outside.
+/// Returns the unit vector from the centre through `p`, and the distance of `p` from the rim,
+/// positive outside.
 fn from_rim(p: DVec2, circle: &Circle) -> (DVec2, f64) {
     let from = p - DVec2::new(circle.x, circle.y);
     (from.normalize_or(DVec2::X), from.length() - circle.radius)
@@ -69,8 +70,8 @@ fn median_distance(points: &[DVec2], circle: &Circle) -> f64 {
     *distances.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// Taubin's fit (1991) by Newton's method as in Chernov's book: unlike the simple algebraic one it
-/// does not shrink the circles of short arcs.
+/// Fits a circle by Taubin's method (1991), solved by Newton's method as in Chernov's book: unlike
+/// the simple algebraic fit it does not shrink the circles of short arcs.
 fn taubin(points: &[DVec2]) -> Option<Circle> {
     if points.len() < 3 {
         return None;
@@ -94,7 +95,7 @@ fn taubin(points: &[DVec2]) -> Option<Circle> {
     let a2 = -3.0 * z * z - zz;
     let a1 = var * z + 4.0 * cov * z - xz * xz - yz * yz;
     let a0 = xz * (xz * yy - yz * xy) + yz * (yz * xx - xz * xy) - var * cov;
-    // The smallest root is wanted, and Newton's method reaches it from zero monotonically.
+    // The smallest root is the solution; Newton's method reaches it from zero monotonically.
     let mut root = 0.0;
     for _ in 0..100 {
         let step = (a0 + root * (a1 + root * (a2 + root * a3))) / (a1 + root * (2.0 * a2 + root * 3.0 * a3));
@@ -116,9 +117,10 @@ fn taubin(points: &[DVec2]) -> Option<Circle> {
     })
 }
 
-/// Shorter over longer axis of the ellipse nearest to the points about `circle`, from the second
-/// harmonic of their distances: `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`.
-/// For slight ellipses seen over half of the outline or more.
+/// Estimates shorter over longer axis of the ellipse nearest to the points about `circle`, from the
+/// second harmonic of their distances:
+/// `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. Valid for slight ellipses
+/// seen over half of the outline or more.
 pub(super) fn aspect(near: &[DVec2], circle: &Circle) -> f64 {
     let rows = Mat::<f64>::from_fn(near.len(), 5, |i, j| {
         let (c, s) = from_rim(near[i], circle).0.into();
@@ -137,7 +139,7 @@ mod tests {
 
     use super::*;
 
-    /// Points on the ellipse of half axes `a`, `b` about (40, 30), from angle 0 to `arc` radians.
+    /// Points on the ellipse of semi-axes `a`, `b` about (40, 30), from angle 0 to `arc` radians.
     fn arc(a: f64, b: f64, arc: f64, count: usize) -> Vec<DVec2> {
         (0..count)
             .map(|i| {

@@ -1,8 +1,9 @@
-//! Connected sets of pixels.
+//! Connected components of pixels.
 
 use crate::picture::Plane;
 
-/// The neighbours of a pixel that lie within a plane of `size`: four, or eight with the diagonals.
+/// Iterates over the neighbours of a pixel within a plane of `size`: four, or eight with the
+/// diagonals.
 pub(super) fn neighbours(
     (x, y): (usize, usize),
     (width, height): (usize, usize),
@@ -15,7 +16,7 @@ pub(super) fn neighbours(
     })
 }
 
-/// The pixels of the outermost rows and columns, each once.
+/// Iterates over the pixels of the outermost rows and columns, each once.
 pub(super) fn border((width, height): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
     (0..height).flat_map(move |y| {
         let step = if y == 0 || y + 1 == height { 1 } else { width.saturating_sub(1).max(1) };
@@ -23,7 +24,7 @@ pub(super) fn border((width, height): (usize, usize)) -> impl Iterator<Item = (u
     })
 }
 
-/// Marks in `reached` every pixel that hangs together with `seeds` through pixels that are `open`;
+/// Marks in `reached` every pixel that is connected to `seeds` through pixels that are `open`;
 /// returns how many were added.
 pub(super) fn flood(
     reached: &mut Plane<bool>,
@@ -52,8 +53,8 @@ pub(super) fn flood(
     count
 }
 
-/// The largest set of `open` pixels that hang together by their edges, and how many they are; ties
-/// go to the topmost.
+/// Finds the largest 4-connected set of `open` pixels and its number of pixels; of equal ones the
+/// topmost.
 pub(super) fn largest_component(
     size: (usize, usize),
     open: impl Fn((usize, usize)) -> bool,
@@ -76,8 +77,8 @@ pub(super) fn largest_component(
     Some((component, count))
 }
 
-/// Everything that cannot be reached from the border of the picture around `set`: the set with its
-/// holes filled.
+/// Returns `set` with its holes filled: every pixel that cannot be reached from the border of the
+/// picture around `set`.
 pub(super) fn fill_holes(set: &Plane<bool>) -> Plane<bool> {
     let mut around = set.map(|_| false);
     flood(&mut around, border(set.size()), true, |at| !set[at]);

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::picture::Plane;
 
-/// What brings channels into order: first which is which, then the signs.
+/// Reordering, then sign flips, that bring the channels into order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Correction {
     /// The channels, from 0, that hold x, y and z: `[0, 1, 2]` if they are in order, `[1, 0, 2]` if
@@ -20,7 +20,7 @@ pub struct Correction {
 }
 
 impl Default for Correction {
-    /// Nothing is to be done.
+    /// No correction.
     fn default() -> Self {
         Self { order: [0, 1, 2], flip_x: false, flip_y: false, flip_z: false }
     }
@@ -30,18 +30,18 @@ impl Default for Correction {
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
 
 impl Correction {
-    /// Whether nothing is to be done.
+    /// Whether the correction changes nothing.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }
 
-    /// The order of channels that three letters name: `xyz`, `yxz` (x and y swapped), `zyx` (BGR)
+    /// Parses an order of channels from three letters: `xyz`, `yxz` (x and y swapped), `zyx` (BGR)
     /// and so on.
     pub fn order_named(name: &str) -> Option<[usize; 3]> {
         ORDERS.into_iter().find(|order| order_name(*order) == name)
     }
 
-    /// The normal in order.
+    /// Returns a normal with the correction applied.
     ///
     /// # Panics
     /// If [`Self::order`] holds an index above two.
@@ -52,33 +52,34 @@ impl Correction {
         Vec3::new(sign(self.flip_x, x), sign(self.flip_y, y), sign(self.flip_z, z))
     }
 
-    /// All normals in order. No normal, zero, stays none.
+    /// Returns all normals with the correction applied. A missing normal, zero, stays zero.
     ///
     /// # Panics
-    /// Like [`Self::apply`].
+    /// If [`Self::order`] holds an index above two.
     pub fn apply_to(&self, normals: &Plane<Vec3>) -> Plane<Vec3> {
         normals.map(|n| self.apply(*n))
     }
 
-    /// The order of the channels in three letters ([`Self::order_named`]), unless it is `xyz`.
+    /// Returns the order of the channels in three letters ([`Self::order_named`]), unless it is
+    /// `xyz`.
     pub fn reordered(&self) -> Option<String> {
         (self.order != [0, 1, 2]).then(|| order_name(self.order))
     }
 
-    /// What is wrong, in words: "y flipped".
+    /// Describes what is wrong, in words: "y flipped".
     pub(super) fn words(&self) -> String {
         let order = self.reordered().map(|order| format!("their channels in the order {order}"));
         let flips = self.flips().into_iter().map(|axis| format!("{axis} flipped"));
         order.into_iter().chain(flips).collect::<Vec<_>>().join(" and ")
     }
 
-    /// The axes whose sign is wrong.
+    /// Returns the axes whose sign is wrong.
     pub fn flips(&self) -> Vec<char> {
         let all = [(self.flip_x, 'x'), (self.flip_y, 'y'), (self.flip_z, 'z')];
         all.iter().filter(|f| f.0).map(|f| f.1).collect()
     }
 
-    /// All 48 there are, those of fewer changes first, y before x.
+    /// Lists all 48 corrections, those with fewer changes first, y before x.
     pub(super) fn all() -> Vec<Self> {
         let signs = (0..8_u8).map(|bits| [bits >> 1 & 1 == 1, bits & 1 == 1, bits >> 2 & 1 == 1]);
         let mut all: Vec<Self> = signs
@@ -90,7 +91,7 @@ impl Correction {
     }
 }
 
-/// Which axis each channel holds where x, y and z are in these.
+/// Returns the axis that each channel holds, given the channels of x, y and z.
 fn order_name(order: [usize; 3]) -> String {
     (0..3)
         .filter_map(|channel| ['x', 'y', 'z'].into_iter().zip(order).find(|(_, at)| *at == channel))

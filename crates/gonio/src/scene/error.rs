@@ -1,4 +1,4 @@
-//! What can be wrong with a mask, a circle, a picture of normals or the picture itself.
+//! Errors in a mask, a circle, a normal map or the picture itself.
 
 use thiserror::Error;
 
@@ -6,7 +6,7 @@ use super::{Contradiction, ObservationReport};
 use crate::remedy::Remedy;
 use crate::shape::{CameraError, MeshError};
 
-/// Why a picture gives no observations; [`SceneError::remedies`] are what may help.
+/// Error that leaves a picture without observations; [`SceneError::remedies`] lists what may help.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SceneError {
     /// No pixel of the mask is at least half covered.
@@ -24,7 +24,7 @@ pub enum SceneError {
          picture of it, or check the mask"
     )]
     TooSmall {
-        /// Radius found, in pixels (of a disc of the same area where no circle was fitted).
+        /// Radius found, in pixels; where no circle was fitted, that of a disc of the same area.
         radius: f64,
         /// Least radius that is accepted, in pixels.
         least: f64,
@@ -37,13 +37,13 @@ pub enum SceneError {
         /// Least angle that is accepted, in degrees.
         least: f64,
     },
-    /// The outline is an ellipse.
+    /// The outline is an ellipse, not a circle.
     #[error("the outline is an ellipse (its axes are as 1 to {aspect:.3}), no circle")]
     Elliptic {
         /// Shorter over longer axis, below one.
         aspect: f64,
     },
-    /// The outline is no circle.
+    /// The outline is not a circle.
     #[error(
         "the outline is no circle: it strays by {residual:.1} pixels from the best one of radius {radius:.1}, and \
          {stray} of its {rim} points lie far off"
@@ -58,18 +58,18 @@ pub enum SceneError {
         /// Points of the outline.
         rim: usize,
     },
-    /// The outline is no ellipse, or not that of a ball in perspective.
+    /// The outline is not an ellipse, or not that of a ball in perspective.
     #[error(
         "the outline of {rim} points is none of a ball or ellipsoid (it strays by {residual:.1} pixels): check the mask"
     )]
     NotAnEllipse {
-        /// How far the outline strays from the best one, in pixels (7 points in 10 are nearer);
+        /// Distance in pixels within which 7 in 10 points of the outline lie of the best ellipse;
         /// zero where there is no best one.
         residual: f64,
         /// Points of the outline.
         rim: usize,
     },
-    /// The circle given cannot be the outline of a ball.
+    /// The given circle cannot be the outline of a ball.
     #[error(
         "the circle with centre ({x}, {y}) and radius {radius} cannot be used: it needs finite numbers and a radius \
          of at least {least} pixels"
@@ -84,13 +84,13 @@ pub enum SceneError {
         /// Least radius that is accepted, in pixels.
         least: f64,
     },
-    /// Two pictures that should lie on top of each other differ in size.
+    /// Two pictures that must be aligned differ in size.
     #[error(
         "the {what} is {width}x{height} pixels and the picture {picture_width}x{picture_height}: make both of one \
          size"
     )]
     Sizes {
-        /// What differs from the picture: `"mask"` or `"normal map"`.
+        /// The picture of the wrong size, for example `"mask"` or `"normal map"`.
         what: &'static str,
         /// Its columns.
         width: usize,
@@ -142,7 +142,7 @@ pub enum SceneError {
         /// Least number that is accepted.
         least: usize,
     },
-    /// Too much radiance that no light can have.
+    /// Too many pixels have values that are not radiances (negative, NaN or infinite).
     #[error(
         "of {observed} pixels of the object {negative} are negative and {not_finite} NaN or infinite, which leaves too \
          few: write the picture again from linear radiance, or check that mask or circle lie on the object"
@@ -170,12 +170,12 @@ pub enum SceneError {
         /// Least number that is accepted.
         least: usize,
     },
-    /// Observations and surface do not belong together.
+    /// An observed point is not on the surface.
     #[error(
         "a point that was observed is not on the surface: give the mesh or the depth that the normals were made of"
     )]
     NoSurface,
-    /// Nothing says where the object is.
+    /// Neither an alpha channel nor a constant background shows where the object is.
     #[error("no alpha channel and no constant background to tell the object from")]
     NoOutline,
     /// The surface is not where the mask is.
@@ -187,13 +187,13 @@ pub enum SceneError {
         /// Pixels of both over pixels of either.
         overlap: f64,
     },
-    /// Normals that contradict themselves.
+    /// The normals contradict themselves.
     #[error(transparent)]
     Contradiction(Contradiction),
-    /// Places of the surface that make none.
+    /// The positions do not make a surface.
     #[error(transparent)]
     Relief(#[from] MeshError),
-    /// A picture that no camera takes.
+    /// The camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// Every observed value is zero.
@@ -202,13 +202,13 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// That what is faulty leaves too little.
+    /// Error for faulty pixels that leave too few sound ones.
     pub(super) fn bad_pixels(report: &ObservationReport) -> Self {
         let ObservationReport { negative, not_finite, observed_pixels: observed, .. } = *report;
         Self::BadPixels { negative, not_finite, observed }
     }
 
-    /// What may help, the most probable first.
+    /// Lists what may help, the most probable first.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Remedy::Outline],
@@ -222,7 +222,7 @@ impl SceneError {
         }
     }
 
-    /// Whether it is the outline that is at fault, and so whatever the outline was found in.
+    /// Whether the outline is at fault, and so the mask that it was found in.
     pub fn is_of_outline(&self) -> bool {
         matches!(
             self,

@@ -1,4 +1,4 @@
-//! What becomes of each pixel: used, or left out and why.
+//! Fate of each pixel: used, or left out and why.
 
 use glam::Vec3;
 
@@ -7,43 +7,43 @@ use super::observed::{clip_level, is_clipped};
 use super::{ObservationReport, ObservationSettings, SceneError};
 use crate::picture::{Plane, luminance};
 
-/// What became of a pixel of the picture.
+/// Fate of a pixel of the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Fate {
-    /// It is not on the object, not within the circle, or seen too steeply.
+    /// The pixel is not on the object, not within the circle, or seen at too steep an angle.
     #[default]
     Outside,
-    /// It may be observed.
+    /// The pixel may be observed.
     Used,
     /// A channel is at or above the clip level.
     Clipped,
-    /// Its luminance is negative, or zero because a channel is.
+    /// The luminance is negative, or zero because a channel is negative.
     Negative,
     /// A channel is NaN or infinite.
     NotFinite,
-    /// It belongs to a region of another colour than the rest of the object.
+    /// The pixel belongs to a region of another colour than the rest of the object.
     OtherColour,
-    /// The surface ends, steps back or folds next to it.
+    /// The surface ends, steps back or folds next to the pixel.
     Edge,
-    /// It is far darker than all around it.
+    /// The pixel is far darker than all its neighbours.
     Speck,
-    /// It is on the object but has no sound normal.
+    /// The pixel is on the object but has no sound normal.
     NoNormal,
 }
 
 impl Fate {
-    /// Whether the value of the pixel itself means nothing.
+    /// Whether the value of the pixel itself is meaningless.
     pub(crate) fn is_faulty(self) -> bool {
         matches!(self, Self::Negative | Self::NotFinite)
     }
 
-    /// What is wrong with a colour, if anything.
+    /// Returns what is wrong with a colour, if anything.
     ///
     /// A channel may be negative where the luminance is not: colours out of the gamut of a file's
     /// primaries and the ringing of a resampler make such pixels, and their luminance is right.
-    /// Zero in all channels is black, and seen as such: renderings of dark metals have it wherever
-    /// the light has. A negative luminance is nothing that a surface sends out.
+    /// Zero in all channels is black and valid: renderings of dark metals have it wherever the
+    /// light is black. No surface has negative luminance.
     pub(super) fn fault(colour: Vec3) -> Option<Self> {
         if !colour.is_finite() {
             Some(Self::NotFinite)
@@ -55,18 +55,18 @@ impl Fate {
     }
 }
 
-/// The fates of all pixels.
+/// Fates of all pixels, with their counts.
 pub(super) struct Judged {
     pub(super) fates: Plane<Fate>,
-    /// Its counts of pixels are filled in.
+    /// Report with the counts of pixels filled in.
     pub(super) report: ObservationReport,
 }
 
-/// Judges the pixels of `region`, which are of the object and seen well enough; `report` holds what
-/// only the caller knows.
+/// Judges the pixels of `region`, which are on the object and not seen at too steep an angle;
+/// `report` holds the counts that only the caller knows.
 ///
 /// # Errors
-/// [`SceneError::BadPixels`] if more than half of them are faulty.
+/// [`SceneError::BadPixels`] if more than half of the pixels are faulty.
 pub(super) fn judge(
     rgb: &Plane<Vec3>,
     region: &Plane<bool>,

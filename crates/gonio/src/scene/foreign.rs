@@ -1,98 +1,100 @@
-//! Regions of another colour on an object of one: paint, stickers, eyes of figures.
+//! Regions of another colour on an object of one colour: paint, stickers, eyes of figures.
 //!
-//! Chromaticity alone does not tell paint: highlights have the colour of the light, metals that of
-//! what they reflect, and shadows, lamps of several colours and reflections of the object in itself
-//! all change it. What is left out must therefore pass every test of what paint does and light does
+//! Chromaticity alone does not identify paint: highlights have the colour of the light, metals that
+//! of what they reflect, and shadows, lamps of several colours and interreflections all change it.
+//! A region is therefore left out only if it passes every test of what paint does and light does
 //! not:
 //!
-//! 1. It is a compact region behind a sharp step of chromaticity, small beside the rest, with
-//!    normals on both sides alike.
+//! 1. It is a compact region behind a sharp step of chromaticity, small compared with the rest,
+//!    with similar normals on both sides.
 //! 2. Some channel falls across the step: highlights and other added light raise them all. On a
 //!    surface that may shadow itself some channel also rises, since shadows lower them all.
 //! 3. Light falls on both sides alike: brightness and chromaticity of the inside follow those of
-//!    the outside along the whole step, but for one factor. What a mirror shows does not, and where
+//!    the outside along the whole step, up to one factor. Reflections in a mirror do not, and where
 //!    there is no shading to follow nothing is decided.
-//! 4. There are few other steps of the kind elsewhere: reflections of a coloured world have many.
+//! 4. There are few other such steps elsewhere: reflections of a coloured world have many.
 //!
-//! If in doubt everything is left in: a few painted pixels cost the answer little, and a reflection
-//! taken for paint costs it much.
+//! If in doubt everything is kept: a few painted pixels hardly change the result, but a reflection
+//! taken for paint changes it a lot.
 
 use glam::{DVec2, DVec3, Vec3};
 
 use super::components::{fill_holes, neighbours};
 use crate::picture::{Plane, luminance};
 
-/// Pictures are looked at in cells, about so many along the longer side of the object: finer
-/// structure is noise or texture.
+/// Approximate number of cells along the longer side of the object, in which the picture is
+/// analysed: finer structure is noise or texture.
 const CELLS: f64 = 300.0;
-/// A cell is known if at least this share of its pixels is.
+/// Least share of known pixels for a cell to be known.
 const KNOWN: f32 = 0.5;
-/// Added to all channels before the logarithm, relative to the median luminance: chromaticity means
-/// little in the dark.
+/// Offset added to all channels before the logarithm, relative to the median luminance:
+/// chromaticity means little in the dark.
 const DARK: f32 = 0.02;
-/// A step is a change of chromaticity (natural logarithms of R/G and B/G) of more than this...
+/// Change of chromaticity (natural logarithms of R/G and B/G) above which there is a step...
 const STEP: f64 = 0.25;
-/// ...from cells so far on one side to cells so far on the other.
+/// ...measured between the cells this many cells away on either side.
 const SPAN: usize = 2;
-/// The farthest that the two sides of a step may lie apart, in cells: a span on both sides, the
-/// smoothing and some blur. Changes that take longer are those of light.
+/// Largest distance between the two sides of a step, in cells: a span on both sides, the smoothing
+/// and some blur. Slower changes are due to the light.
 const REACH: usize = 8;
-/// Side of the window, from its middle, in which the outside is continued as a plane.
+/// Half the side, in cells, of the window in which a plane is fitted that continues the outside.
 const WINDOW: usize = 4;
-/// Regions of fewer cells are left alone.
+/// Least number of cells of a region; smaller ones are kept.
 const LEAST_CELLS: usize = 12;
-/// The rest of the object must be at least this share of it in one piece...
+/// Least share of the object that the rest must make up, in one piece...
 const LEAST_MAIN: f64 = 0.5;
-/// ...and all that is left out at most this.
+/// ...and largest share that may be left out.
 const MOST_SHARE: f64 = 0.25;
-/// `4 pi area / perimeter^2` of a region, one for a disc: less is a fringe.
+/// Least compactness of a region, `4 pi area / perimeter^2`, one for a disc: below it the region is
+/// a fringe.
 const LEAST_COMPACT: f64 = 0.2;
-/// At least this share of a region's border lies against the rest of the object, not against its
+/// Least share of a region's border that lies against the rest of the object, not against its
 /// outline or other regions.
 const LEAST_BORDER: f64 = 0.5;
-/// And at least so many cells do.
+/// Least number of cells of that border.
 const LEAST_PAIRS: usize = 8;
 /// Cosine of the largest angle between the normals of both sides: 15 degrees.
 const ALIKE: f32 = 0.966;
-/// The step from side to side, at least: the change of chromaticity, the fall of a channel, and the
-/// rise of another where that is asked for, in natural logarithms.
+/// Least change across the step: of chromaticity, the fall of one channel, and the rise of another
+/// where that is required, in natural logarithms.
 const LEAST_CHANGE: f64 = 0.3;
 const LEAST_FALL: f64 = 0.15;
 const LEAST_RISE: f64 = 0.05;
-/// The factor between the sides varies by at most this along the step (median deviation of its
+/// Largest variation of the factor between the sides along the step (median deviation of its
 /// logarithm)...
 const MOST_SPREAD: f64 = 0.1;
-/// ...and by at most this share of the variation of the outside, which is...
+/// ...and largest ratio of it to the variation of the outside, which is...
 const MOST_RELATIVE: f64 = 0.5;
 /// ...at least this.
 const LEAST_SHADING: f64 = 0.01;
-/// Of the way from the outside's chromaticity to the inside's, from where on a cell at the step
-/// belongs to the region.
+/// Share of the way from the outside's chromaticity to the inside's from which on a cell at the
+/// step belongs to the region.
 const MIXED: f64 = 0.2;
-/// Steps elsewhere that no light explains, over those around what is left out.
+/// Largest ratio of the steps elsewhere that light cannot explain to the steps around what is left
+/// out.
 const MOST_ELSEWHERE: f64 = 0.3;
 
-/// What is known of the surface under the pixels.
+/// Surface behind the pixels.
 pub(super) struct Underlay<'a> {
-    /// The normal of a pixel, of length one.
+    /// Unit normal of a pixel.
     pub(super) normal: &'a dyn Fn((usize, usize)) -> Vec3,
     /// Whether no part of the surface can shadow another.
     pub(super) convex: bool,
 }
 
-/// The picture in cells.
+/// The picture averaged over cells.
 struct Cells {
-    /// Pixels along a side of each.
+    /// Pixels along a side of each cell.
     side: usize,
-    /// The pixel at the corner of the first.
+    /// Pixel at the corner of the first cell.
     origin: (usize, usize),
-    /// Logarithms of the channels, where they are known.
+    /// Logarithms of the channels, where known.
     tones: Plane<Option<DVec3>>,
-    /// The normal in the middle.
+    /// Normal in the middle of each cell.
     normals: Plane<Vec3>,
 }
 
-/// `ln R/G` and `ln B/G`.
+/// Returns `ln R/G` and `ln B/G`.
 fn chroma(tone: DVec3) -> DVec2 {
     DVec2::new(tone.x - tone.y, tone.z - tone.y)
 }
@@ -142,8 +144,8 @@ impl Cells {
         Some(Self { side, origin: low, tones, normals })
     }
 
-    /// The change from one side of a cell to the other along both axes, each side the cell itself
-    /// where there is nothing.
+    /// Returns the change from one side of a cell to the other along both axes; a side that is
+    /// unknown counts as the cell itself.
     fn changes(&self, (u, v): (usize, usize)) -> Option<[DVec3; 2]> {
         let own = self.tones[(u, v)]?;
         let (width, height) = self.tones.size();
@@ -158,7 +160,8 @@ impl Cells {
         ])
     }
 
-    /// The tones of a labelled region around one of its cells, continued to another as a plane.
+    /// Extrapolates the tones of a labelled region around one of its cells to another cell, by a
+    /// plane.
     fn continued(&self, labels: &Plane<u32>, from: (usize, usize), to: (usize, usize)) -> Option<DVec3> {
         let (width, height) = self.tones.size();
         let (mut gram, mut moments, mut count) = ([[0.0; 3]; 3], [DVec3::ZERO; 3], 0);
@@ -177,20 +180,20 @@ impl Cells {
             return None;
         }
         let row = [1.0, to.0 as f64 - from.0 as f64, to.1 as f64 - from.1 as f64];
-        // The weights of the moments that make the value of the plane at `to`.
+        // Weights of the moments that give the value of the plane at `to`.
         let weights = solve_three(gram, row)?;
         Some((0..3).map(|i| weights[i] * moments[i]).sum())
     }
 }
 
-/// Solves three equations by Cramer's rule, unless they are (nearly) singular.
+/// Solves three linear equations, unless they are (nearly) singular.
 fn solve_three(rows: [[f64; 3]; 3], right: [f64; 3]) -> Option<[f64; 3]> {
     let matrix = glam::DMat3::from_cols_array_2d(&rows);
     let sound = matrix.determinant().abs() > 1e-6 * rows[0][0] * rows[1][1] * rows[2][2];
     sound.then(|| (matrix.inverse() * DVec3::from_array(right)).to_array())
 }
 
-/// The pixels of another colour, where leaving them out is safe; `None` if there are none.
+/// Finds the pixels of another colour, where leaving them out is safe; `None` if there are none.
 pub(super) fn foreign(
     rgb: &Plane<Vec3>,
     usable: &dyn Fn((usize, usize)) -> bool,
@@ -224,8 +227,8 @@ pub(super) fn foreign(
     if lost == 0 || lost as f64 > MOST_SHARE * known as f64 {
         return None;
     }
-    // Steps where some channel rises and another falls: neither light that is added nor light that
-    // is kept off.
+    // Steps where one channel rises and another falls: neither added light nor a shadow explains
+    // them.
     let crossing = |at: (usize, usize)| {
         let crosses = |change: &DVec3| change.max_element() > LEAST_RISE && change.min_element() < -LEAST_RISE;
         cells.changes(at).is_some_and(|both| both.iter().any(|c| chroma(*c).length() > STEP && crosses(c)))
@@ -247,8 +250,8 @@ pub(super) fn foreign(
     }))
 }
 
-/// Regions between steps, numbered from one, and how many cells each has; zero is what belongs to
-/// none.
+/// Numbers the regions between steps from one and counts the cells of each; zero marks cells of no
+/// region.
 fn label(cells: &Cells, stepped: &Plane<bool>) -> (Plane<u32>, Vec<usize>) {
     let size = stepped.size();
     let mut seen = stepped.map(|_| false);
@@ -278,23 +281,23 @@ fn label(cells: &Cells, stepped: &Plane<bool>) -> (Plane<u32>, Vec<usize>) {
     (labels, sizes)
 }
 
-/// A cell inside of a region's border with what is across the step.
+/// A cell on the inner side of a region's border and the cell across the step.
 struct Pair {
     inside: DVec3,
-    /// The nearest cell outside.
+    /// Tone of the nearest cell outside.
     outside: DVec3,
-    /// The outside continued to the cell inside.
+    /// Tone of the outside extrapolated to the inner cell.
     continued: DVec3,
 }
 
 /// The border of a region against the rest of the object.
 struct Border {
-    /// Its cells, all around the region.
+    /// Number of its cells, all around the region.
     length: usize,
     pairs: Vec<Pair>,
 }
 
-/// The chromaticity on both sides of a step.
+/// Chromaticity on both sides of a step.
 struct Step {
     inside: DVec2,
     outside: DVec2,
@@ -323,7 +326,7 @@ impl Border {
         enough.then_some(Self { length, pairs })
     }
 
-    /// The step, if it is that of paint.
+    /// Returns the step, if it is one of paint.
     fn step(&self, area: usize, convex: bool) -> Option<Step> {
         let compact = 4.0 * std::f64::consts::PI * area as f64 / (self.length as f64).powi(2);
         let steps = || self.pairs.iter().map(|p| p.inside - p.continued);
@@ -348,7 +351,7 @@ impl Border {
     }
 }
 
-/// The median, and the median distance from it.
+/// Returns the median and the median absolute deviation from it.
 fn middle(mut values: Vec<f64>) -> (f64, f64) {
     let at = values.len() / 2;
     let median = *values.select_nth_unstable_by(at, f64::total_cmp).1;
@@ -356,7 +359,7 @@ fn middle(mut values: Vec<f64>) -> (f64, f64) {
     (median, *values.select_nth_unstable_by(at, f64::total_cmp).1)
 }
 
-/// The cell of a region nearest to another cell, within reach.
+/// Finds the cell of a region nearest to another cell, within reach.
 fn nearest(labels: &Plane<u32>, (u, v): (usize, usize), region: u32) -> Option<(usize, usize)> {
     let (width, height) = labels.size();
     let across = |x: usize, y: usize| x.abs_diff(u).pow(2) + y.abs_diff(v).pow(2);
@@ -366,7 +369,7 @@ fn nearest(labels: &Plane<u32>, (u, v): (usize, usize), region: u32) -> Option<(
         .min_by_key(|at| across(at.0, at.1))
 }
 
-/// Takes a region, and of the step around it the cells that have some of its colour.
+/// Marks a region as taken, with those cells of the step around it that share its colour.
 fn grow(taken: &mut Plane<bool>, cells: &Cells, labels: &Plane<u32>, stepped: &Plane<bool>, region: u32, step: &Step) {
     let size = labels.size();
     let way = step.inside - step.outside;

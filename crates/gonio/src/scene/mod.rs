@@ -1,4 +1,4 @@
-//! From a picture of a known shape to the observations that the inference starts from (paper
+//! Observations for the inference, from a picture of an object of known shape (paper
 //! section 4).
 //!
 //! 1. `find_sphere` finds the outline of a ball in a mask, an alpha channel, or the
@@ -7,18 +7,18 @@
 //!    hemisphere; [`Observations::of_normals`] does the same for any shape that comes with a
 //!    picture of its normals.
 //!
-//! [`Sighting::of`] is all of it, for any [`Object`].
+//! [`Sighting::of`] does all of this, for any [`Object`].
 //!
-//! [`Orientation`] says whether the channels of such a picture are in order, and which
-//! [`Correction`] brings them there.
+//! [`Orientation`] says whether the channels of a normal map are in order, and which [`Correction`]
+//! puts them in order.
 //!
 //! The camera is orthographic and looks along -z: the direction to the camera is +z at every point.
 //! Pictures have x to the right and y down, with the centre of the first pixel at (0.5, 0.5);
 //! normals have y up.
 //!
 //! The points of the surface depend on settings and shape, never on the radiance: two pictures of
-//! one ball share a [`Plan`](crate::transfer::Plan). What a picture does not show (clipped, masked,
-//! cropped) is a value of `None`.
+//! one ball share a [`Plan`](crate::transfer::Plan). A point that the picture does not show
+//! (clipped, masked, cropped) has the value `None`.
 
 mod background;
 mod circle;

@@ -1,4 +1,4 @@
-//! Observations of any shape of which each pixel's normal is known.
+//! Observations of an object of any shape, from a normal map.
 
 use std::collections::BTreeMap;
 
@@ -17,16 +17,16 @@ use crate::picture::{Picture, Plane, luminance};
 use crate::sphere::OctahedralMap;
 use crate::transfer::SurfacePoint;
 
-/// Lengths may be off by this: renderers filter normals, and 8-bit files round them.
+/// Largest error of a normal's length: renderers filter normals, and 8-bit files round them.
 const LENGTH_TOLERANCE: f32 = 0.05;
-/// A few faulty normals are skipped; beyond this share of them the map as a whole is faulty.
+/// Largest share of faulty normals, which are skipped; beyond it the map as a whole is faulty.
 const MOST_FAULTY: f64 = 0.02;
-/// Cells along a side of the grid that directions are counted on: 1.6 degrees each.
+/// Cells along a side of the grid on which directions are counted: 1.6 degrees each.
 const COUNTING_SIDE: usize = 128;
-/// Points to a cell of the grid that pixels are thinned on, where the whole hemisphere is seen.
+/// Points in a cell of the grid on which pixels are thinned, where the whole hemisphere is seen.
 const POINTS_PER_CELL: f64 = 4.0;
 
-/// The cell of the equal-area grid of `side` by `side` that a unit vector falls into.
+/// Returns the cell of the equal-area grid of `side` by `side` that holds a unit vector.
 fn cell(normal: DVec3, side: usize) -> usize {
     let (u, v) = OctahedralMap::EqualArea.square(normal);
     let at = |w: f64| ((0.5 * (w + 1.0) * side as f64) as usize).min(side - 1);
@@ -34,12 +34,12 @@ fn cell(normal: DVec3, side: usize) -> usize {
 }
 
 impl Observations {
-    /// Observes a surface of which `normals` gives the normal at each pixel: camera space, x right,
-    /// y up, z towards the camera, as unit vectors. The camera is taken as orthographic. Otherwise
-    /// as [`Self::of_view`].
+    /// Observes a surface whose normal at each pixel is given by `normals`: camera space, x right,
+    /// y up, z towards the camera, as unit vectors. The camera is taken as orthographic. The rest
+    /// is as in [`Self::of_view`].
     ///
     /// # Errors
-    /// As [`Self::of_view`].
+    /// See [`Self::of_view`].
     pub fn of_normals(
         picture: &Picture,
         normals: &Plane<Vec3>,
@@ -52,23 +52,24 @@ impl Observations {
     /// Observes a surface of any shape.
     ///
     /// Where more than [`ObservationSettings::normals`] covered pixels face the camera, they are
-    /// thinned evenly: the directions are divided into cells of equal area, and from each the same
-    /// number of pixels is taken, or all it has, spread over the picture. Of these, the ones whose
-    /// normal is less than [`ObservationSettings::max_angle`] from the view are the points. They
-    /// depend on shape and coverage, not on the radiance.
+    /// thinned evenly: the directions are divided into cells of equal area, and each cell gives the
+    /// same number of pixels, or all it has, spread over the picture. The points are those whose
+    /// normal is less than [`ObservationSettings::max_angle`] from the view. They depend on shape
+    /// and coverage, not on the radiance.
     ///
-    /// Covered is what `coverage` (or else the alpha channel of the picture) gives as 0.99 or more.
-    /// Without either it is every pixel with a normal, but for those next to a pixel without one,
-    /// which the object may cover only in part. Pixels at edges of the surface, and specks far
-    /// darker than all around them, are left out; how far the rest can be trusted is in
-    /// [`Observations::weights`].
+    /// A pixel is covered where `coverage` (or else the alpha channel of the picture) is 0.99 or
+    /// more. Without either, every pixel with a normal is covered, except those next to a pixel
+    /// without one, which the object may cover only in part. Pixels at edges of the surface, and
+    /// specks far darker than all their neighbours, are left out; [`Observations::weights`] says
+    /// how far the rest can be trusted.
     ///
-    /// # Errors [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more
-    /// than 2 % of the normals are off by more than 0.05 in length; [`SceneError::FacingAway`] when
-    /// more than 2 % face away from the camera; [`SceneError::TooFewPoints`] when fewer than 50
-    /// points have a value; [`SceneError::TooFlat`] when there are fewer than 50 different
-    /// directions; [`SceneError::BadPixels`] when more than half of the points before thinning are
-    /// faulty; [`SceneError::Black`].
+    /// # Errors
+    /// [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more than 2 %
+    /// of the normals are off by more than 0.05 in length; [`SceneError::FacingAway`] when more
+    /// than 2 % face away from the camera; [`SceneError::TooFewPoints`] when fewer than 50 points
+    /// have a value; [`SceneError::TooFlat`] when there are fewer than 50 different directions;
+    /// [`SceneError::BadPixels`] when more than half of the points before thinning are faulty;
+    /// [`SceneError::Black`].
     pub fn of_view(
         picture: &Picture,
         surface: &SurfaceView<'_>,
@@ -146,8 +147,8 @@ impl Observations {
             .filter(|c| within(c) && fates.as_slice()[c.pixel as usize] == Fate::Used)
             .map(|c| Sample::of(c.seen(surface), f64::from(luminance(rgb.as_slice()[c.pixel as usize])), 1.0))
             .collect();
-        // Thinned before the cut at the largest angle: cells that it divides would else be sampled
-        // too densely.
+        // Thinned before the cut at the largest angle: otherwise the cells that it divides would be
+        // sampled too densely.
         let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
         let seen = taken.iter().map(|c| match fates.as_slice()[c.pixel as usize] {
@@ -170,8 +171,8 @@ impl Observations {
     }
 }
 
-/// Whether a sound pixel is less than a quarter as bright as each of its neighbours, of which there
-/// are five at least.
+/// Whether a sound pixel is less than a quarter as bright as each of its neighbours in the region,
+/// of which there must be at least five.
 fn is_speck(rgb: &Plane<Vec3>, region: &Plane<bool>, at: (usize, usize)) -> bool {
     if Fate::fault(rgb[at]).is_some() {
         return false;
@@ -181,7 +182,7 @@ fn is_speck(rgb: &Plane<Vec3>, region: &Plane<bool>, at: (usize, usize)) -> bool
     around().count() >= 5 && around().all(|next| luminance(rgb[next]) > 4.0 * own)
 }
 
-/// A pixel (its index, row-major) that faces the camera, and its normal as the map has it:
+/// A pixel (its index, row-major) that faces the camera, and its normal as in the map. Kept small:
 /// photographs have millions of them.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
@@ -194,13 +195,13 @@ impl Candidate {
         SurfacePoint { normal: self.normal.as_dvec3().normalize(), view: surface.view(self.pixel as usize) }
     }
 
-    /// Cosine of the angle at which it is seen.
+    /// Returns the cosine of the angle between normal and view.
     fn cosine(&self, surface: &SurfaceView<'_>) -> f64 {
         let SurfacePoint { normal, view } = self.point(surface);
         normal.dot(view)
     }
 
-    /// The normal in the frame of its own view.
+    /// Returns the normal in the frame of its own view.
     fn seen(&self, surface: &SurfaceView<'_>) -> DVec3 {
         self.point(surface).in_view()
     }
@@ -213,7 +214,7 @@ fn is_sound(surface: &SurfaceView<'_>, pixel: usize) -> bool {
     unit && Candidate { pixel: pixel as u32, normal }.cosine(surface) > 0.0
 }
 
-/// The covered pixels whose normals are sound and face the camera, row-major.
+/// Collects the covered pixels whose normals are sound and face the camera, row-major.
 fn facing(surface: &SurfaceView<'_>, covered: &Plane<bool>) -> Result<(Vec<Candidate>, ObservationReport), SceneError> {
     let mut report = ObservationReport::default();
     let (mut count, mut worst) = (0, 1.0_f32);
@@ -253,19 +254,19 @@ fn facing(surface: &SurfaceView<'_>, covered: &Plane<bool>) -> Result<(Vec<Candi
     }
 }
 
-/// At most `most` of the candidates, evenly over the directions, in their order.
+/// Selects at most `most` of the candidates, evenly over the directions, in their order.
 fn thin(candidates: &[Candidate], surface: &SurfaceView<'_>, most: usize) -> Vec<Candidate> {
     if candidates.len() <= most {
         return candidates.to_vec();
     }
-    // Half of the square is the visible hemisphere.
+    // The visible hemisphere is half of the square.
     let side = ((2.0 * most as f64 / POINTS_PER_CELL).sqrt() as usize).max(1);
     let mut cells: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (i, candidate) in candidates.iter().enumerate() {
         cells.entry(cell(candidate.seen(surface), side)).or_default().push(i);
     }
-    // The most that can be taken from each cell; there are fewer cells than points wanted, so it is
-    // one at least.
+    // Largest number that can be taken from each cell; there are fewer cells than points wanted, so
+    // it is at least one.
     let total = |each: usize| cells.values().map(|cell| cell.len().min(each)).sum::<usize>();
     let (mut fits, mut exceeds) = (1, candidates.len());
     while exceeds - fits > 1 {

@@ -1,4 +1,4 @@
-//! Observations of a surface: points, and what the picture shows of each.
+//! Observations of a surface: its points and their values in the picture.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -21,55 +21,54 @@ use crate::transfer::{Points, SurfacePoint};
 /// needs.
 pub(super) const LEAST_POINTS: usize = 50;
 
-/// Where some of the pixels around a point are faulty, the others must have this share of the
-/// interpolation.
+/// Least share of the interpolation weight that the sound pixels around a point must have where
+/// others are faulty.
 const LEAST_WEIGHT: f32 = 0.5;
 
-/// How a picture is sampled.
+/// Settings for sampling a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObservationSettings {
-    /// Normals on the visible hemisphere, before those beyond `max_angle` are dropped; of a picture
-    /// of normals, the most pixels that are taken, before the same.
+    /// Number of normals on the visible hemisphere, before those beyond `max_angle` are dropped;
+    /// with a normal map, the largest number of pixels taken, likewise before that.
     pub normals: usize,
     /// Largest angle between normal and view, in radians, exclusive. Beyond 80 degrees the picture
     /// says little.
     pub max_angle: f64,
-    /// Normals of a sphere closer than this to the vertical axis (+y or -y of the camera) are
-    /// dropped, in radians: poles of the paper's map of the sphere, where a Haar square is no good
-    /// approximation. Zero drops none.
+    /// Angle from the vertical axis (+y or -y of the camera) within which normals of a sphere are
+    /// dropped, in radians: the poles of the paper's map of the sphere, where a Haar square is a
+    /// poor approximation. Zero drops none.
     #[serde(default)]
     pub pole_angle: f64,
-    /// Channels at or above this radiance are clipped (for integer pictures, the full scale).
+    /// Radiance at or above which a channel is clipped (for integer pictures, the full scale).
     /// `None` finds the level: the largest value of the object, if at least 12 pixels and 0.02 % of
     /// the observed ones have exactly that value.
     pub clip: Option<f32>,
-    /// Observe regions of another colour as well: paint, stickers. By default they are left out
-    /// where it is safe to tell them from highlights and reflections.
+    /// Whether regions of another colour (paint, stickers) are observed as well. By default they
+    /// are left out where it is safe to tell them from highlights and reflections.
     #[serde(default)]
     pub keep_colours: bool,
 }
 
 impl Default for ObservationSettings {
-    /// The values of the paper but for its poles, which an equal-area map does not have.
+    /// The values of the paper, except for its poles, which an equal-area map does not have.
     fn default() -> Self {
         Self { normals: 12_000, max_angle: 80.0_f64.to_radians(), pole_angle: 0.0, clip: None, keep_colours: false }
     }
 }
 
 impl ObservationSettings {
-    /// The values of the paper: 12,000 normals, of which the limits leave about 8,600. It gives that
-    /// number and not the angle.
+    /// The values of the paper: 12,000 normals, of which the limits leave about 8,600. The paper
+    /// gives that number, not the angle.
     pub fn of_paper() -> Self {
         Self { pole_angle: 34.4_f64.to_radians(), ..Self::default() }
     }
 }
 
-/// What became of the points and pixels of a picture.
+/// Counts of the points and pixels of a picture by their fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ObservationReport {
-    /// Points of the surface: `used + clipped + outside + faulty + other_colour`, and those in
-    /// shadow.
+    /// Points of the surface: `used + clipped + outside + faulty + other_colour + in_shadow`.
     pub points: usize,
     /// Points with a value.
     pub used: usize,
@@ -83,18 +82,18 @@ pub struct ObservationReport {
     pub other_colour: usize,
     /// Pixels of the observed part of the object.
     pub observed_pixels: usize,
-    /// Those of them that are clipped.
+    /// Observed pixels that are clipped.
     pub clipped_pixels: usize,
     /// Radiance at or above which a channel counts as clipped, given or found.
     pub clip_level: Option<f32>,
-    /// Those of negative luminance, which are left out.
+    /// Observed pixels of negative luminance, which are left out.
     pub negative: usize,
-    /// Those with a channel that is NaN or infinite, which are left out.
+    /// Observed pixels with a channel that is NaN or infinite, which are left out.
     pub not_finite: usize,
-    /// Those that are used although a channel is negative: their luminance is not, and the channel
-    /// counts as zero.
+    /// Observed pixels that are used although a channel is negative: the luminance is not, and the
+    /// channel counts as zero in the colour.
     pub negative_channels: usize,
-    /// Those in regions of another colour, which are left out.
+    /// Observed pixels in regions of another colour, which are left out.
     pub other_colour_pixels: usize,
     /// Covered pixels whose normal is missing (shorter than 0.1, or not finite); 0 for a sphere.
     pub without_normal: usize,
@@ -109,11 +108,11 @@ pub struct ObservationReport {
     /// pixels; 0 for a sphere.
     pub specks: usize,
     /// Points without a value because the edge of a shadow of the object itself may lie on them, or
-    /// because they see little of the light but what the object reflects.
+    /// because they see little of the light except what the object reflects.
     pub in_shadow: usize,
 }
 
-/// Points of a surface and what a picture shows of them; all vectors run over the same points.
+/// Points of a surface and their values in a picture; all vectors run over the same points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observations {
     /// Points of the surface; they do not depend on the radiance.
@@ -125,27 +124,25 @@ pub struct Observations {
     pub values: Vec<Option<f64>>,
     /// Linear RGB radiance of each point, where it has a value.
     pub colours: Vec<Option<Vec3>>,
-    /// How far each can be trusted, in 0..=1: inverse variances relative to that of the model's own
-    /// error.
+    /// Trust in each value, in 0..=1: inverse variances relative to that of the model's own error.
     pub weights: Vec<f64>,
-    /// Which light reaches each point, where the surface keeps some from itself
-    /// ([`Self::shadowed_by`]).
+    /// Light visible from each point, where the surface shadows itself ([`Self::shadowed_by`]).
     pub visibility: Option<Visibility>,
-    /// The share of the light from an even sky that reaches each point, in 0..=1: one where nothing
-    /// hides any of it.
+    /// Share of the light of an even sky that reaches each point, in 0..=1: one where nothing is
+    /// occluded.
     pub open: Vec<f64>,
-    /// What became of the points.
+    /// Counts of the points by their fate.
     pub report: ObservationReport,
-    /// What became of each pixel, where any but those outside were left out.
+    /// Fate of each pixel, if any pixel except those outside was left out.
     pub fates: Option<Arc<Plane<Fate>>>,
-    /// Every pixel that shows the object, by its normal: many more than there are points. Empty
-    /// where the points are all there is.
+    /// Samples of every pixel that shows the object, by its normal: many more than there are
+    /// points. Empty where there are no more than the points.
     pub dense: Vec<Sample>,
 }
 
-/// The points of a sphere that `of_sphere` observes, for plans made without a
-/// picture: normals of a Fibonacci lattice of the visible hemisphere up to
-/// [`ObservationSettings::max_angle`] and outside of [`ObservationSettings::pole_angle`], seen from
+/// Lists the points of a sphere that `of_sphere` observes, for plans made without a picture:
+/// normals of a Fibonacci lattice of the visible hemisphere up to
+/// [`ObservationSettings::max_angle`] and outside [`ObservationSettings::pole_angle`], seen from
 /// +z.
 pub fn sphere_points(settings: &ObservationSettings) -> Vec<SurfacePoint> {
     let (least, pole) = (settings.max_angle.cos(), settings.pole_angle.cos());
@@ -155,20 +152,20 @@ pub fn sphere_points(settings: &ObservationSettings) -> Vec<SurfacePoint> {
 }
 
 impl Observations {
-    /// The points with their visibility, as the operator takes them.
+    /// Returns the points with their visibility, as the operator takes them.
     pub fn seen(&self) -> Points<'_> {
         Points::new(&self.points, self.visibility.as_ref())
     }
 
-    /// How much each observation counts among others of the same normal: its weight, less where
-    /// much of the light is hidden from it, since what the object reflects onto itself makes up for
-    /// part of that. Zero without a value.
+    /// Returns how much each observation counts among others of the same normal: its weight,
+    /// reduced where much of the light is occluded, since interreflections replace part of that
+    /// light. Zero without a value.
     pub fn trust(&self) -> Vec<f64> {
         let each = self.values.iter().zip(&self.weights).zip(&self.open);
         each.map(|((value, weight), open)| if value.is_some() { weight * open.powi(4) } else { 0.0 }).collect()
     }
 
-    /// Some of the observations, by their indices; the report is still of all.
+    /// Selects some of the observations by their indices; the report still counts all.
     ///
     /// # Panics
     /// If there is no such point.
@@ -190,7 +187,7 @@ impl Observations {
         }
     }
 
-    /// What the picture shows by normal, from all pixels, or from the points where there is no
+    /// Returns the values by normal, from all pixels, or from the points where there is nothing
     /// more.
     pub fn samples(&self) -> Cow<'_, [Sample]> {
         if !self.dense.is_empty() {
@@ -203,19 +200,21 @@ impl Observations {
 
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
     ///
-    /// A value is the bilinear interpolation of the picture where the point projects to. It stays a
-    /// point sample where the picture is finer than the lattice: a mean over a cell of the lattice
-    /// (1.3 degrees) would show highlights of half a degree wider and dimmer than the operator,
-    /// which evaluates reflectance at one normal a point, can explain.
+    /// A value is the bilinear interpolation of the picture at the projection of the point. It is a
+    /// point sample even where the picture is finer than the lattice: a mean over a cell of the
+    /// lattice (1.3 degrees) would make highlights of half a degree wider and dimmer than the
+    /// operator, which evaluates the reflectance at one normal per point, can explain.
     ///
     /// A point has no value where one of the four pixels is clipped, outside the picture, not
     /// wholly within the circle, covered by less than 0.99, or of another colour. Faulty pixels (of
-    /// negative luminance, NaN or infinite) are passed over as long as the others have half of the
+    /// negative luminance, NaN or infinite) are skipped as long as the others have half of the
     /// weight. Without `coverage` the alpha channel of the picture is used, if it has one.
     ///
-    /// # Errors [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when
-    /// more than half of the pixels that points can need are faulty, or too few points are left for
-    /// it; [`SceneError::TooFewPoints`] when fewer than 50 have a value; [`SceneError::Black`].
+    /// # Errors
+    /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when more than
+    /// half of the pixels that points can need are faulty, or when too few points are left because
+    /// of them; [`SceneError::TooFewPoints`] when fewer than 50 points have a value;
+    /// [`SceneError::Black`].
     pub(crate) fn of_sphere(
         picture: &Picture,
         circle: &Circle,
@@ -223,7 +222,8 @@ impl Observations {
         settings: &ObservationSettings,
     ) -> Result<Self, SceneError> {
         let Circle { x, y, radius } = *circle;
-        // Beyond 10^7 pixels there is no picture, and sums of coordinates stay exact below.
+        // No picture has more than 10^7 pixels along a side, and sums of coordinates are exact
+        // below that.
         let sane = x.abs() < 1e7 && y.abs() < 1e7 && radius < 1e7;
         if !(sane && radius >= LEAST_RADIUS) {
             return Err(SceneError::BadCircle { x, y, radius, least: LEAST_RADIUS });
@@ -264,7 +264,7 @@ impl Observations {
         Ok(Self { dense, ..Self::assemble(points, pixels, seen, judged)? })
     }
 
-    /// Puts observations together and counts them.
+    /// Assembles observations and counts them.
     pub(super) fn assemble(
         points: Vec<SurfacePoint>,
         pixels: Vec<(f64, f64)>,
@@ -289,7 +289,7 @@ impl Observations {
         if used < LEAST_POINTS {
             return Err(SceneError::TooFewPoints { used, clipped, outside, least: LEAST_POINTS });
         }
-        // Of the colours as they are: a channel below zero is part of the luminance.
+        // Luminance of the colours as they are, negative channels included.
         let values: Vec<Option<f64>> = seen.iter().map(|s| colour(s).map(|c| f64::from(luminance(c)))).collect();
         if values.iter().flatten().all(|&value| value <= 0.0) {
             return Err(SceneError::Black);
@@ -302,7 +302,7 @@ impl Observations {
     }
 }
 
-/// Bilinear interpolation at `(x, y)` between the four pixels whose centres are around it.
+/// Interpolates bilinearly at `(x, y)` between the four pixels whose centres are around it.
 fn sample(rgb: &Plane<Vec3>, fates: &Plane<Fate>, (x, y): (f64, f64)) -> Seen {
     let (x, y) = (x - 0.5, y - 0.5);
     let (left, top) = (x.floor(), y.floor());

@@ -1,29 +1,29 @@
-//! The observed part of a picture: the level at which it clips, and what is seen of each point.
+//! The observed part of a picture: its clip level and the value seen at each point.
 
 use glam::Vec3;
 
 use super::SceneError;
 use crate::picture::Plane;
 
-/// Pixels covered by less than this mix the object with what is behind it.
+/// Coverage below which a pixel mixes the object with what is behind it.
 pub(super) const COVERED: f32 = 0.99;
-/// At least so many pixels share the largest value where a sensor or a file clips.
+/// Least number of pixels that share the largest value where a sensor or a file clips.
 const CLIPPED_PIXELS: usize = 12;
-/// And at least this share of the observed pixels.
+/// Least share of the observed pixels that do.
 const CLIPPED_SHARE: f64 = 2e-4;
 
-/// What the picture shows of a point.
+/// Value of a point in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Seen {
-    /// Its radiance, of which a channel may be negative.
+    /// Radiance, of which a channel may be negative.
     Colour(Vec3),
-    /// Only that it is at or above the clip level.
+    /// A value at or above the clip level.
     Clipped,
-    /// Nothing: it is not covered, or not within the picture.
+    /// No value: the point is not covered, or not within the picture.
     Outside,
-    /// Nothing: pixels that it needs are negative, NaN or infinite.
+    /// No value: pixels that it needs are negative, NaN or infinite.
     Faulty,
-    /// Something of another colour than the object.
+    /// A value of another colour than the object.
     OtherColour,
 }
 
@@ -36,8 +36,8 @@ pub(super) fn check_size(what: &'static str, size: (usize, usize), picture: (usi
     Err(SceneError::Sizes { what, width, height, picture_width, picture_height })
 }
 
-/// The value at or above which a channel counts as clipped: the one `given`, or else the largest
-/// value of the region where so many of its pixels have exactly that value that it is no
+/// Returns the value at or above which a channel counts as clipped: the one `given`, or else the
+/// largest value of the region if so many of its pixels have exactly that value that it cannot be
 /// coincidence.
 pub(super) fn clip_level(rgb: &Plane<Vec3>, region: &Plane<bool>, given: Option<f32>) -> Option<f32> {
     if given.is_some() {

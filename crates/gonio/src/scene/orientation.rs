@@ -1,16 +1,16 @@
-//! Whether the channels of a normal map are in order: x right, y up, z towards the camera, none
-//! flipped and none swapped.
+//! Test of a normal map for the order and signs of its channels: x right, y up, z towards the
+//! camera, none flipped and none swapped.
 //!
-//! Three things are known of the normals of a surface, whatever its shape:
+//! Three things hold for the normals of any surface:
 //! * what the camera sees faces it: z is positive;
-//! * they are the slopes of one surface: around any closed path the slopes add up to nothing. This
-//!   holds for one sign of y relative to x and not for the other, but cannot tell a hill from a
-//!   hollow (x and y both flipped);
-//! * where the outline is the rim of a rounded object they are square to it: they point out of the
-//!   object or, in a hollow, into it.
+//! * the slopes integrate to a surface: around any closed path they add up to zero. This holds for
+//!   one sign of y relative to x and not for the other, but cannot tell a hill from a hollow (x and
+//!   y both flipped);
+//! * where the outline is the rim of a rounded object the normals are perpendicular to it: they
+//!   point out of the object or, in a hollow, into it.
 //!
-//! Each can show that an order is wrong. What remains is between a hill and a hollow: the rounder
-//! object is offered.
+//! Each can show that an order is wrong. The ambiguity between a hill and a hollow remains: the
+//! rounder object is offered.
 
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -21,50 +21,48 @@ use super::{Correction, SceneError};
 use crate::picture::Plane;
 use crate::remedy::Remedy;
 
-/// Normals at a larger angle to the view than this (`z` below it) have slopes that pixels cannot
-/// resolve.
+/// Least `z` of a normal whose slope pixels can resolve.
 const LEAST_Z: f64 = 0.3;
-/// An order of channels under which more than this share faces away is not offered.
+/// Largest share of normals that may face away under an order of channels that is offered.
 const MOST_AWAY: f64 = 0.02;
-/// One under which more than this share does is wrong.
+/// Share of normals facing away above which an order is wrong.
 const GROSSLY_AWAY: f64 = 0.2;
-/// Paths around squares on a grid of so many cells along the longer side of the object.
+/// Number of grid cells along the longer side of the object; closed paths go around squares of the
+/// grid.
 const CELLS: usize = 24;
-/// Fewer squares say nothing.
+/// Least number of squares for a verdict.
 const LEAST_SQUARES: usize = 20;
-/// Slopes whose twist (of x along y) is less than this share of all bending say nothing.
+/// Least share of the twist of the slopes (of x along y) in all bending for a verdict.
 const LEAST_TWIST: f64 = 0.05;
-/// Circulations of a right order are below, those of a wrong one above.
+/// Circulation below which an order fits, and that above which it is wrong.
 const FITS: f64 = 0.35;
 const CONTRADICTS: f64 = 0.65;
-/// And so far apart at least.
+/// Least difference between the two.
 const APART: f64 = 0.4;
-/// A pixel of the outline belongs to a rim if the sine of its normal's angle to the view is at
-/// least this.
+/// Least sine of the angle between normal and view for a pixel of the outline to belong to a rim.
 const RIM_TILT: f64 = 0.8;
-/// Fewer pixels of a rim say nothing.
+/// Least number of pixels of a rim for a verdict.
 const LEAST_RIM: usize = 40;
-/// And so does a smaller share of the outline within the picture.
+/// Least share of them in the outline within the picture.
 const RIM_SHARE: f64 = 0.4;
-/// Normals at a rim point along the direction out of it or against it: the mean cosine, whatever
-/// its sign, is above for a right order and below for a wrong one.
+/// Mean absolute cosine between normals at a rim and the direction out of it: above the first for a
+/// right order, below the second for a wrong one.
 const ALONG: f64 = 0.9;
 const ACROSS: f64 = 0.8;
-/// Orders whose normals point outwards less by this (a mean cosine) give way to those of a rounder
-/// object.
+/// Difference in mean cosine by which orders whose normals point less outwards give way to that of
+/// a rounder object.
 const RIM_APART: f64 = 0.3;
 
-/// How well an order of channels fits a surface.
+/// Fit of an order of channels to a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
     /// Share of normals that face away from the camera, 0 to 1.
     pub away: f64,
-    /// How far from zero the slopes add up around closed paths, 0 (a surface) to 1; `None` where
-    /// nothing can be said: too few pixels, or a shape such as an upright cylinder.
+    /// Relative sum of the slopes around closed paths, 0 (a surface) to 1; `None` where nothing can
+    /// be said: too few pixels, or a shape such as an upright cylinder.
     pub circulation: Option<f64>,
-    /// At the rim, where normals are far from the view: the mean cosine between them and the
-    /// direction out of the object, -1 (a hollow) to 1 (a round object), and its mean without sign.
-    /// `None` without a rim.
+    /// Mean cosine, at the rim, between the normals and the direction out of the object, -1 (a
+    /// hollow) to 1 (a round object), and the mean of its absolute value. `None` without a rim.
     pub rim: Option<(f64, f64)>,
 }
 
@@ -74,25 +72,25 @@ impl Fit {
     }
 }
 
-/// What the normals say of their own order.
+/// Verdict on the order of the channels of a normal map.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Orientation {
-    /// How well the order given fits.
+    /// Fit of the given order.
     pub given: Fit,
-    /// Corrections that fit, those more usual first, where the order given clearly does not; else
-    /// empty. Several where nothing tells them apart, such as x or y flipped on a relief without
-    /// rim.
+    /// Corrections that fit, the more usual first, where the given order clearly does not;
+    /// otherwise empty. There are several where nothing tells them apart, such as x or y flipped on
+    /// a relief without a rim.
     pub corrections: Vec<Correction>,
-    /// How much better the first correction fits than the order given, 0 to 1; zero without.
+    /// Improvement of the fit by the first correction, 0 to 1; zero without a correction.
     pub confidence: f64,
 }
 
 impl Orientation {
-    /// Looks at the normals that `coverage` gives as at least half covered, or at all. Normals of
-    /// length zero or that are not finite are none.
+    /// Tests the normals that `coverage` gives as at least half covered, or all without it. Normals
+    /// of length zero or that are not finite count as missing.
     ///
-    /// The verdict is cautious: without evidence, or where the shape explains as much as an error
-    /// would, nothing is corrected.
+    /// The verdict is cautious: nothing is corrected without evidence, or where the shape explains
+    /// the normals as well as an error would.
     ///
     /// # Errors
     /// [`SceneError::Sizes`]; [`SceneError::NoNormals`].
@@ -113,7 +111,7 @@ impl Orientation {
         if !(away || open || across) {
             return Ok(nothing);
         }
-        // Whichever contradicts must be put right, and nothing made worse.
+        // Whatever contradicts must be corrected, and nothing made worse.
         let mends = |fit: &Fit| {
             let closes = fit.circulation.is_some_and(|c| c < FITS);
             let closer = gain(&given, fit);
@@ -126,7 +124,7 @@ impl Orientation {
         let mut fitting: Vec<(Correction, Fit)> = all.filter(|(_, fit)| mends(fit)).collect();
         let least = fitting.iter().filter_map(|f| f.1.circulation).fold(f64::INFINITY, f64::min);
         fitting.retain(|f| f.1.circulation.is_some_and(|c| c < least + 0.1));
-        // The rim chooses among those left, if there is one for all.
+        // The rim decides among those left, if every one of them has a rim.
         let outwards = fitting.iter().map(|f| f.1.outwards()).collect::<Option<Vec<f64>>>();
         if let Some(best) = outwards.and_then(|r| r.into_iter().reduce(f64::max)) {
             fitting.retain(|f| f.1.outwards().is_some_and(|r| r > best - RIM_APART));
@@ -138,7 +136,7 @@ impl Orientation {
         Ok(Self { given, corrections: fitting.iter().map(|f| f.0).collect(), confidence })
     }
 
-    /// What speaks against the order given; `None` where it is right or could be.
+    /// Returns what contradicts the given order; `None` where it is or may be right.
     pub(crate) fn contradiction(&self) -> Option<Contradiction> {
         let first = self.corrections.first()?;
         let why = match self.given {
@@ -155,37 +153,37 @@ impl Orientation {
     }
 }
 
-/// Normals that contradict themselves as they are given.
+/// Contradiction within the given normals.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[error("{complaint}")]
 pub struct Contradiction {
     complaint: String,
-    /// What would mend it, the most probable first.
+    /// Corrections that mend it, the most probable first.
     corrections: Vec<Correction>,
 }
 
 impl Contradiction {
-    /// [`Remedy::NormalAxes`].
+    /// Returns [`Remedy::NormalAxes`].
     pub fn remedy(&self) -> Remedy {
         Remedy::NormalAxes(self.corrections.clone())
     }
 }
 
-/// By how much closed paths of one order are nearer to zero than those of another.
+/// Returns by how much the circulation of one order is smaller than that of another.
 fn gain(given: &Fit, other: &Fit) -> Option<f64> {
     Some(given.circulation? - other.circulation?)
 }
 
-/// Normals where they tell something.
+/// Normals that serve as evidence for the order of channels.
 struct Evidence {
-    /// The number of normals, and of those with a negative or no, and a positive or no, value of
-    /// each channel.
+    /// Number of normals, and of those whose value in each channel is not positive, and is not
+    /// negative.
     count: usize,
     not_positive: [usize; 3],
     not_negative: [usize; 3],
-    /// Around each square: the normals along its bottom, right, top and left side.
+    /// Normals along the bottom, right, top and left side of each square.
     squares: Vec<[Vec<DVec3>; 4]>,
-    /// Normals at the outline within the picture with the direction out of the object, y up.
+    /// Normals at the outline within the picture, each with the direction out of the object, y up.
     outline: Vec<(DVec3, DVec2)>,
 }
 
@@ -246,10 +244,10 @@ impl Evidence {
         }
     }
 
-    /// The sum over all squares of what the slopes add up to around them, over that of its two
-    /// parts, which cancel each other for a surface.
+    /// Computes the sum over all squares of the absolute circulation of the slopes, relative to
+    /// that of its two parts, which cancel for a surface.
     fn circulation(&self, order: impl Fn(DVec3) -> DVec3) -> Option<f64> {
-        // The mean slope along a path, by the trapezoidal rule; none if it is too steep anywhere.
+        // Mean slope along a path, by the trapezoidal rule; none if it is too steep anywhere.
         let mean = |path: &[DVec3]| -> Option<DVec2> {
             let mut sum = DVec2::ZERO;
             for (i, n) in path.iter().enumerate() {
@@ -279,10 +277,10 @@ impl Evidence {
     }
 }
 
-/// Normals at the outline with the direction outwards. Pixels next to the border of the picture are
-/// left out: there the object may go on.
+/// Collects the normals at the outline with the outward direction. Pixels near the border of the
+/// picture are left out: the object may continue there.
 fn outline(surface: &Plane<Option<DVec3>>) -> Vec<(DVec3, DVec2)> {
-    /// Reach of the window whose centre of mass tells which way is out.
+    /// Half side of the window whose centre of mass gives the outward direction.
     const REACH: usize = 4;
     let (width, height) = surface.size();
     let mut outline = Vec::new();
@@ -326,7 +324,7 @@ mod tests {
         ellipsoid(1.0, 1.0, 0.0)
     }
 
-    /// An ellipsoid of these half axes, turned in the picture.
+    /// An ellipsoid of these semi-axes, turned in the picture.
     fn ellipsoid(a: f32, b: f32, turn: f32) -> Plane<Vec3> {
         map(|x, y| {
             let turned = glam::Vec2::from_angle(turn);
@@ -382,7 +380,7 @@ mod tests {
     fn whatever_is_wrong_on_a_round_object_is_named() {
         for (name, right) in [("sphere", sphere()), ("ellipsoid", ellipsoid(1.0, 0.6, 0.5))] {
             for wrong in Correction::all() {
-                // Nothing wrong, or a hill that became a hollow, which is a shape too.
+                // Nothing wrong, or a hill that became a hollow, which is also a valid shape.
                 let Correction { order, flip_x, flip_y, flip_z } = wrong;
                 if order == [0, 1, 2] && !flip_z && flip_x == flip_y {
                     continue;

@@ -1,4 +1,4 @@
-//! Outlines that are no circles: ellipsoids, and balls seen in perspective.
+//! Outlines that are not circles: ellipsoids, and balls seen in perspective.
 
 use faer::Mat;
 use glam::{DMat3, DVec2, DVec3};
@@ -12,12 +12,13 @@ use crate::linalg::solve_positive;
 use crate::picture::Plane;
 use crate::shape::{Camera, Ellipsoid};
 
-/// Solutions for a few points of the outline: with a third of it far off (a stand, a finger) one in
-/// ten is without any of that.
+/// Number of solutions from a few points each: with a third of the outline far off (a stand, a
+/// finger) one in ten contains no such point.
 const DRAWS: usize = 120;
 /// Rounds of reweighting.
 const ROUNDS: usize = 12;
-/// This share of an outline may stray by no more than the next share of its size, and half a pixel.
+/// Share of the outline that must lie near it, and the distance allowed as a share of the size
+/// (plus half a pixel).
 const NEAR_SHARE: f64 = 0.7;
 const MOST_STRAY: f64 = 0.02;
 
@@ -28,18 +29,18 @@ pub struct Ellipse {
     pub centre: (f64, f64),
     /// Longer and shorter semi-axis, in pixels.
     pub axes: (f64, f64),
-    /// Angle of the longer axis to the right, counterclockwise in the picture as one looks at it,
-    /// in radians, -pi/2 to pi/2.
+    /// Angle from the rightward direction to the longer axis, counterclockwise as seen in the
+    /// picture, in radians, -pi/2 to pi/2.
     pub angle: f64,
 }
 
 impl Ellipse {
-    /// The ellipsoid of which this is the outline for a camera that sees one pixel to the unit
+    /// Builds the ellipsoid that has this outline for a camera that sees one pixel to the unit
     /// along -z with its principal point in the corner of the picture; its third semi-axis is
     /// `depth` pixels long and points to the camera.
     ///
     /// # Errors
-    /// [`SceneError::TooSmall`] if an axis is.
+    /// [`SceneError::TooSmall`] if an axis is too short.
     pub(crate) fn with_depth(&self, depth: f64) -> Result<Ellipsoid, SceneError> {
         let (long, short) = self.axes;
         let along = DVec3::from((DVec2::from_angle(self.angle), 0.0));
@@ -53,12 +54,12 @@ impl Ellipse {
 /// The picture may cut part of it off.
 ///
 /// # Errors
-/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
-/// outline lies within 2 % of the shorter axis and half a pixel.
+/// See [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
+/// outline lies within 2 % of the shorter semi-axis plus half a pixel.
 pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
-    // About the middle and in units of the spread, where the squares are of one size.
+    // Coordinates about the mean and in units of the spread, where the squares are of similar size.
     let middle = rim.iter().sum::<DVec2>() / rim.len().max(1) as f64;
     let unit = (rim.iter().map(|p| p.distance_squared(middle)).sum::<f64>() / rim.len().max(1) as f64).sqrt();
     if !(unit.is_finite() && unit > 0.0) {
@@ -69,7 +70,7 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
     let conic = |c: &[f64], p: DVec2| {
         let value = c[0] * p.x * p.x + c[1] * p.x * p.y + c[2] * p.y * p.y + c[3] * p.x + c[4] * p.y - 1.0;
         let slope = DVec2::new(2.0 * c[0] * p.x + c[1] * p.y + c[3], c[1] * p.x + 2.0 * c[2] * p.y + c[4]);
-        // Nearly the distance (Sampson).
+        // Approximate distance (Sampson).
         value / slope.length().max(1e-9)
     };
     let c = fit(&rows, |c, i| conic(c, points[i]), 0.5 / unit).ok_or_else(|| none(0.0))?;
@@ -99,12 +100,12 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
 }
 
 /// Finds a ball in a mask or an alpha channel of a picture that a camera took, at a distance of one
-/// (orthographic: wherever): in perspective its outline is where a cone meets the picture, an
-/// ellipse away from the middle. The picture may cut part of it off.
+/// (at an arbitrary one if orthographic): in perspective its outline is the intersection of a cone
+/// with the picture, an ellipse away from the middle. The picture may cut part of it off.
 ///
 /// # Errors
-/// As [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
-/// outline lies within 2 % of the cone's angle and half a pixel.
+/// See [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
+/// outline lies within 2 % of the cone's angle plus half a pixel.
 pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellipsoid, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
@@ -121,8 +122,8 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
         let centre = camera.ray((found.x, found.y)).origin - 2.0 * found.radius / scale * DVec3::Z;
         return Ellipsoid::sphere(centre, found.radius / scale).map_err(|_| none(0.0));
     }
-    // r . a = cos(alpha) for all rays of the outline: r . b = 1 with b = a / cos(alpha), linear. In
-    // a frame about the middle, where b is nearly z.
+    // r . a = cos(alpha) for all rays of the outline: r . b = 1 with b = a / cos(alpha), linear.
+    // Solved in a frame about the mean ray, where b is nearly z.
     let (u, v) = axis.any_orthonormal_pair();
     let rows: Vec<Vec<f64>> = rays.iter().map(|r| vec![r.dot(u), r.dot(v), r.dot(axis)]).collect();
     let cone = |b: &[f64], i: usize| {
@@ -148,9 +149,10 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
     Ellipsoid::sphere(centre, radius).map_err(|_| none(0.0))
 }
 
-/// Solves `row . x = 1` for most of the rows, whatever the others are: of solutions for a few rows
-/// drawn at random the one of least median distance (Rousseeuw 1984), then least squares that count
-/// rows the less the farther off they are (Geman & McClure), on a scale of at least `least`.
+/// Solves `row . x = 1` robustly for most of the rows: takes, of solutions for a few rows drawn at
+/// random, the one of least median distance (Rousseeuw 1984), then refines it by least squares in
+/// which rows count less the farther off they are (Geman & McClure), on a scale of at least
+/// `least`.
 fn fit(rows: &[Vec<f64>], distance: impl Fn(&[f64], usize) -> f64, least: f64) -> Option<Vec<f64>> {
     let unknowns = rows.first()?.len();
     let mut rng = Pcg64::seed_from_u64(1);
@@ -177,7 +179,7 @@ fn fit(rows: &[Vec<f64>], distance: impl Fn(&[f64], usize) -> f64, least: f64) -
     Some(solution)
 }
 
-/// The weighted least squares solution of `row . x = 1`.
+/// Solves `row . x = 1` by weighted least squares.
 fn least_squares(rows: &[Vec<f64>], weights: &[f64]) -> Option<Vec<f64>> {
     let unknowns = rows.first()?.len();
     let mut gram = Mat::<f64>::zeros(unknowns, unknowns);
@@ -195,7 +197,7 @@ fn median(values: &mut [f64]) -> f64 {
     quantile(values, 0.5)
 }
 
-/// Of at least one value.
+/// Returns a quantile of at least one value.
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     let at = ((share * values.len() as f64) as usize).min(values.len() - 1);
     *values.select_nth_unstable_by(at, f64::total_cmp).1

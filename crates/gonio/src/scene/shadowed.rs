@@ -1,4 +1,4 @@
-//! Observations in the shadow of the object itself.
+//! Self-shadowing of the observed points.
 
 use glam::DVec3;
 
@@ -7,21 +7,21 @@ use super::{Observations, SceneError};
 use crate::shape::{Camera, Lookout, Surface, Visibility, hit_at};
 use crate::sphere::OctahedralMap;
 
-/// Points that see a smaller share of an even sky are lit by the object itself as much as by the
-/// light.
+/// Least share of an even sky that a point must see; below it the object itself lights the point as
+/// much as the light does.
 const LEAST_OPEN: f64 = 0.15;
-/// Points that would get a larger share of an even sky through texels that are open in part, of 32
-/// x 32, may lie on the edge of a shadow.
+/// Largest share of an even sky that may come through texels that are partly open, on a grid of 32
+/// x 32; above it a point may lie on the edge of a shadow.
 const MOST_EDGE: f64 = 0.35;
 
 impl Observations {
-    /// Asks which light the surface keeps from each of the points ([`Self::visibility`]), on a grid
-    /// of `side` squared texels. Points on which the edge of a shadow may lie (more than 35 % of
-    /// the sky would come through texels that are open in part, on a grid of 32 x 32), and those
-    /// that see less than 15 % of it, lose their value, as long as a hundred others keep theirs.
+    /// Computes the self-shadowing at each of the points ([`Self::visibility`]), on a grid of
+    /// `side` squared texels. Points on which the edge of a shadow may lie (more than 35 % of the
+    /// sky would come through texels that are partly open, on a grid of 32 x 32), and those that
+    /// see less than 15 % of it, lose their value, as long as a hundred others keep theirs.
     ///
     /// The points must be pixels of the picture that `camera` took, as those of [`Self::of_view`]
-    /// are. A surface that keeps no light from any of them leaves everything as it is.
+    /// are. A surface that shadows none of them changes nothing.
     ///
     /// # Errors
     /// [`SceneError::NoSurface`] if a point is not on the surface.

@@ -1,4 +1,4 @@
-//! Where a picture shows an object of known shape, and what it shows of it.
+//! Location of an object of known shape in a picture, and the observations of it.
 
 use std::fmt;
 
@@ -13,96 +13,96 @@ use crate::remedy::Remedy;
 use crate::shape::{Camera, GeometryBuffer, Mesh, Placed, Projection, Soundness, Tracer};
 use crate::sphere::OctahedralMap;
 
-/// Edges of a surface of places more than so many times as long as the median one are steps.
+/// Length of an edge of a surface of positions, relative to the median, above which it is a step.
 const STEP: f64 = 8.0;
 
-/// A surface that shares less than this with the mask is somewhere else.
+/// Least overlap of surface and mask; below it the surface is somewhere else.
 const LEAST_OVERLAP: f64 = 0.5;
-/// And with less than this it does not quite fit.
+/// Overlap below which the surface does not quite fit.
 const GOOD_OVERLAP: f64 = 0.93;
 
-/// Places of a surface pixel by pixel, in coordinates of the camera that sees them.
+/// Positions of a surface pixel by pixel, in coordinates of the camera that sees them.
 pub struct Relief {
-    /// Where the surface is behind each pixel.
+    /// Position of the surface behind each pixel.
     pub places: Plane<Option<DVec3>>,
     /// The camera.
     pub camera: Camera,
 }
 
-/// What is known of an object's shape and place.
+/// Prior knowledge of an object's shape and position.
 pub enum Object {
-    /// A ball seen from far away, of this outline; without one it is found.
+    /// A ball seen from far away, with its outline; without one the outline is found.
     Sphere(Option<Circle>),
-    /// A ball before a camera; its outline tells where it is.
+    /// A ball in front of a camera; its outline gives its position.
     Ball(Camera),
-    /// An ellipsoid seen from far away, one of its axes towards the camera: the semi-axis in
-    /// pixels; without one the geometric mean of the two that are seen.
+    /// An ellipsoid seen from far away, one of its axes towards the camera, with the length of that
+    /// semi-axis in pixels; without it, the geometric mean of the two that are seen.
     Ellipsoid(Option<f64>),
-    /// A surface before a camera.
+    /// A surface in front of a camera.
     Surface(Placed),
-    /// Any shape by a picture of its normals.
+    /// Any shape, given by a normal map.
     Normals(Box<NormalPicture>),
 }
 
-/// A picture of an object's normals, and what goes with it.
+/// A normal map with its camera and relief.
 pub struct NormalPicture {
     /// The normals, in camera space: x right, y up, z towards the camera; `ZERO` or not finite
     /// where there is none.
     pub normals: Plane<Vec3>,
     /// The camera; `None` for an orthographic one.
     pub camera: Option<Camera>,
-    /// Where the surface is, to know which light it keeps from itself.
+    /// Positions of the surface, for its self-shadowing.
     pub relief: Option<Relief>,
-    /// Take the normals as they are even if they contradict themselves.
+    /// Whether the normals are taken as they are even if they contradict themselves.
     pub trusted: bool,
 }
 
-/// Something odd about a sighting; each says so in a line.
+/// Something odd about a sighting, displayed as one line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Oddity {
-    /// Shape and object share less than they should.
+    /// The overlap of shape and object is less than it should be.
     Misplaced {
         /// Pixels of both over pixels of either.
         overlap: f64,
     },
-    /// Pixels that see the back of the surface.
+    /// Many pixels are back-facing.
     Inside {
-        /// So many.
+        /// Number of back-facing pixels.
         inside: usize,
-        /// Of so many that see the surface.
+        /// Number of pixels that see the surface.
         seen: usize,
     },
-    /// An ellipsoid of unknown depth.
+    /// The depth of the ellipsoid is unknown; holds the semi-axis taken for it, in pixels.
     Depth(f64),
-    /// Normals that contradict themselves, taken all the same.
+    /// The normals contradict themselves and are used nevertheless.
     Contradiction(Contradiction),
-    /// Pixels that are clipped.
+    /// Some pixels are clipped.
     Clipped {
-        /// So many.
+        /// Number of clipped pixels.
         clipped: usize,
-        /// Of so many on the object.
+        /// Number of observed pixels on the object.
         observed: usize,
     },
-    /// Pixels that no light can make.
+    /// Some pixels have values that are not radiances.
     Faulty {
-        /// So many of negative luminance.
+        /// Number of pixels of negative luminance.
         negative: usize,
-        /// So many that are NaN or infinite.
+        /// Number of pixels that are NaN or infinite.
         not_finite: usize,
-        /// Of so many on the object.
+        /// Number of observed pixels on the object.
         observed: usize,
     },
-    /// Regions of another colour, left out.
+    /// Regions of another colour are left out.
     OtherColour {
-        /// Of so many pixels.
+        /// Number of pixels of another colour.
         pixels: usize,
-        /// Of so many on the object.
+        /// Number of observed pixels on the object.
         observed: usize,
     },
 }
 
 impl Oddity {
-    /// What may be done about it.
+    /// Lists what may be done about it.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::Depth(_) => vec![Remedy::DepthAxis],
@@ -152,48 +152,48 @@ impl fmt::Display for Oddity {
     }
 }
 
-/// What was found of the shape, beside the observations.
+/// Shape found, beside the observations.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Found {
-    /// A ball's outline, given or found.
+    /// Outline of a ball, given or found.
     Circle(Circle),
-    /// The centre of a ball of radius one, in coordinates of the camera.
+    /// Centre of a ball of radius one, in coordinates of the camera.
     Ball(DVec3),
-    /// An ellipsoid's outline and its semi-axis towards the camera, in pixels.
+    /// Outline of an ellipsoid and its semi-axis towards the camera, in pixels.
     Ellipse(Ellipse, f64),
-    /// A surface as it was given.
+    /// A surface, as given.
     Surface,
-    /// Normals as they were given, and what their relief is like.
+    /// Normals, as given, and the soundness of their relief.
     Normals(Option<Soundness>),
 }
 
-/// What a picture shows of an object, and where.
+/// Observations of an object in a picture, and its location.
 pub struct Sighting {
     /// The points and their values.
     pub observations: Observations,
-    /// Where the object is, 0..=1, if anything tells.
+    /// Coverage of the pixels by the object, 0..=1, if known.
     pub coverage: Option<Plane<f32>>,
-    /// What was found of its shape.
+    /// Shape found.
     pub found: Found,
-    /// Its normals, unless it is a ball seen from far away.
+    /// Normals of the object, unless it is a ball seen from far away.
     pub normals: Option<Plane<Vec3>>,
     /// The surface and its camera, where they are known.
     pub placed: Option<Placed>,
-    /// Pixels that see the surface, and those of them that see its back, where a surface was looked
-    /// at.
+    /// Number of pixels that see the surface, and of those that are back-facing, where a surface
+    /// was traced.
     pub pixels: Option<(usize, usize)>,
-    /// What is odd.
+    /// Oddities to report.
     pub oddities: Vec<Oddity>,
 }
 
 impl Sighting {
     /// Finds the object and samples the picture on it. `mask` says where the object is; without one
-    /// the alpha channel of the picture, or its `background_coverage`, tells.
+    /// the alpha channel of the picture does, or else its `background_coverage`.
     ///
     /// # Errors
-    /// Of outlines ([`SceneError::is_of_outline`]) where one has to be found, of normals and
-    /// surfaces that do not lie on the object or contradict themselves, and of pictures with too
-    /// little to observe.
+    /// Errors of the outline ([`SceneError::is_of_outline`]) where one has to be found; normals and
+    /// surfaces that do not lie on the object or contradict themselves; pictures with too little to
+    /// observe.
     pub fn of(
         picture: &Picture,
         mask: Option<Plane<f32>>,
@@ -248,7 +248,7 @@ impl Sighting {
         Ok(sighting)
     }
 
-    /// Asks which light the surface keeps from itself, where there is one:
+    /// Computes the self-shadowing of the surface, where there is one:
     /// [`Observations::shadowed_by`].
     ///
     /// # Errors
@@ -260,7 +260,7 @@ impl Sighting {
         }
     }
 
-    /// The outline of a ball seen from far away.
+    /// Returns the outline of a ball seen from far away.
     pub fn circle(&self) -> Option<Circle> {
         match self.found {
             Found::Circle(circle) => Some(circle),
@@ -269,7 +269,7 @@ impl Sighting {
     }
 }
 
-/// What is known before the shape is.
+/// Inputs that are known before the shape is.
 struct Looker<'a> {
     picture: &'a Picture,
     coverage: Option<Plane<f32>>,
@@ -335,7 +335,7 @@ impl Looker<'_> {
         })
     }
 
-    /// The surface of a picture of places, where the object is.
+    /// Builds the surface of a picture of positions, cut to the object.
     fn relief(&self, Relief { mut places, camera }: Relief) -> Result<(Placed, Soundness), SceneError> {
         let size = self.picture.rgb.size();
         if places.size() != size {
@@ -369,7 +369,7 @@ impl Looker<'_> {
     }
 }
 
-/// Pixels of both over pixels of either.
+/// Returns the number of pixels of both over that of either.
 fn overlap(coverage: &Plane<f32>, distances: &Plane<f32>) -> f64 {
     let (mut either, mut shared) = (0_usize, 0_usize);
     for (covered, seen) in coverage.as_slice().iter().zip(distances.as_slice()) {

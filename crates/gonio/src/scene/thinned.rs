@@ -1,4 +1,4 @@
-//! A few observations that stand for all.
+//! Thinning of observations to a few that represent all.
 
 use glam::DVec3;
 
@@ -6,22 +6,22 @@ use super::Observations;
 use crate::sphere::fibonacci_hemisphere;
 use crate::transfer::SurfacePoint;
 
-/// Observations farther from an even direction than this do not stand for it, in degrees.
+/// Largest angle between an observation and an even direction that it may represent, in degrees.
 const NEAR: f64 = 2.0;
 
-/// With fewer observations apart from each other, whatever there are is taken.
+/// Least number of thinned observations; with fewer, all are subsampled evenly by index.
 const FEWEST: usize = 200;
 
 impl Observations {
-    /// Up to about `count` of them, evenly over the normals in the frame of their view: of those
-    /// near a direction the one of most [trust](Self::trust), discounted by its distance. All that
-    /// have a value if there are no more.
+    /// Selects up to about `count` of the observations, evenly over the normals in the frame of
+    /// their view: of those near a direction the one of most [trust](Self::trust), discounted by
+    /// its distance. If there are no more than that, all with a value are taken.
     pub(crate) fn thinned(&self, count: usize) -> Self {
         self.select(&evenly(&self.points, &self.trust(), count))
     }
 }
 
-/// The indices, ascending, of up to about `rows` of the points of positive weight.
+/// Returns the indices, ascending, of up to about `rows` of the points of positive weight.
 fn evenly(points: &[SurfacePoint], weights: &[f64], rows: usize) -> Vec<usize> {
     let used: Vec<usize> = (0..points.len()).filter(|&i| weights[i] > 0.0).collect();
     if used.len() <= rows {
@@ -29,11 +29,11 @@ fn evenly(points: &[SurfacePoint], weights: &[f64], rows: usize) -> Vec<usize> {
     }
     let normals: Vec<(usize, DVec3)> = used.iter().map(|&i| (i, points[i].in_view())).collect();
     let (reach, width) = (NEAR.to_radians().cos(), NEAR.to_radians().powi(2));
-    // Of the hemisphere 83 % lie within 80 degrees.
+    // 83 % of the hemisphere lies within 80 degrees.
     let mut near: Vec<usize> = fibonacci_hemisphere(rows * 6 / 5)
         .filter_map(|direction| {
             let within = normals.iter().filter(|(_, n)| n.dot(direction) > reach);
-            // The square of the distance, by the cosine, in units of the reach.
+            // Squared distance, from the cosine, in units of the reach.
             let merit = |(i, n): &(usize, DVec3)| weights[*i] * (1.0 - 2.0 * (1.0 - n.dot(direction)) / width);
             within.max_by(|a, b| merit(a).total_cmp(&merit(b))).map(|(i, _)| *i)
         })

@@ -1,4 +1,4 @@
-//! What is known of a surface pixel by pixel.
+//! Surface known pixel by pixel.
 
 use glam::{DVec3, Vec3};
 
@@ -6,15 +6,16 @@ use super::components::neighbours;
 use crate::picture::Plane;
 use crate::shape::{Camera, Projection, view_at};
 
-/// Shorter vectors say that a pixel has no normal.
+/// Length below which a vector marks a pixel without normal.
 const NO_NORMAL: f32 = 0.1;
-/// Neighbouring pixels whose normals are farther apart, in degrees, have an edge between them.
+/// Largest angle between the normals of neighbouring pixels, in degrees; above it there is an edge
+/// between them.
 const MOST_FOLD: f64 = 25.0;
-/// A surface that falls away by more from a pixel to its neighbour, in widths of a pixel, steps
-/// back: tan 80 degrees on the diagonal.
+/// Largest change of depth from a pixel to its neighbour, in widths of a pixel; above it the
+/// surface steps back: tan 80 degrees on the diagonal.
 const STEEPEST: f64 = 8.0;
 
-/// What is known of the surface behind each pixel of a picture.
+/// Surface behind each pixel of a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceView<'a> {
     /// Normals in coordinates of the camera, unit vectors; shorter than 0.1 or not finite where
@@ -22,19 +23,20 @@ pub struct SurfaceView<'a> {
     pub normals: &'a Plane<Vec3>,
     /// The camera; `None` for an orthographic one.
     pub camera: Option<&'a Camera>,
-    /// Distance along the ray of each pixel, where it is known: tells where the surface steps back.
+    /// Distance along the ray of each pixel, if known: shows where the surface steps back.
     pub distances: Option<&'a Plane<f32>>,
 }
 
 impl SurfaceView<'_> {
-    /// The unit vector towards the camera from what a pixel (its index, row-major) sees.
+    /// Returns the unit vector to the camera from the place that a pixel (its index, row-major)
+    /// sees.
     pub(super) fn view(&self, pixel: usize) -> DVec3 {
         let width = self.normals.width();
         self.camera.map_or(DVec3::Z, |camera| view_at(camera, pixel % width, pixel / width))
     }
 
     /// Whether the surface ends, steps back or folds between a pixel and one of its neighbours.
-    /// Where only normals are known, an end is for the mask to tell.
+    /// Where only normals are known, the ends of the surface are left to the mask.
     pub(super) fn is_edge(&self, x: usize, y: usize) -> bool {
         let normal = self.normals[(x, y)];
         let least = MOST_FOLD.to_radians().cos() as f32;
@@ -48,8 +50,8 @@ impl SurfaceView<'_> {
         })
     }
 
-    /// Whether the surface steps back between two pixels: by more than it falls away where it is
-    /// seen at 80 degrees, and diagonally.
+    /// Whether the surface steps back between two pixels: by more than a surface seen at 80 degrees
+    /// falls away along the diagonal.
     fn steps(&self, (near, far): (f32, f32)) -> bool {
         let footprint = match self.camera.map(|c| c.projection) {
             Some(Projection::Orthographic { pixels_per_unit }) => 1.0 / pixels_per_unit,

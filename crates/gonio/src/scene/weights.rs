@@ -1,31 +1,32 @@
-//! How far each pixel can be trusted: noise of the camera, and what an uncertain normal does to its
+//! Trust in each pixel: noise of the camera, and the effect of an uncertain normal on its
 //! brightness.
 
 use glam::Vec3;
 
 use crate::picture::{Plane, luminance};
 
-/// The standard deviation at which a pixel counts half, relative to the root mean square of the
-/// picture: what the model itself is off by ([`MODEL_ERROR`](crate::inference::MODEL_ERROR)).
+/// Standard deviation at which a pixel counts half, relative to the root mean square of the
+/// picture: the error of the model itself ([`MODEL_ERROR`](crate::inference::MODEL_ERROR)).
 const FLOOR: f64 = 0.05;
-/// Brightnesses are sorted into so many classes, in each of which the noise is taken to be one.
+/// Number of classes of brightness, in each of which the noise is taken as constant.
 const CLASSES: usize = 8;
-/// The noise of a class is read off the quieter pixels: this quantile of the local residuals...
+/// Quantile of the local residuals from which the noise of a class is estimated, on the quieter
+/// pixels...
 const QUIET: f64 = 0.25;
-/// ...which for Gaussian noise and six degrees of freedom is this share of the variance
-/// (chi-square).
+/// ...and the value of that quantile relative to the variance, for Gaussian noise and six degrees
+/// of freedom (chi-square).
 const QUIET_SHARE: f64 = 0.576;
 
 /// A plane through the values of a 3 x 3 neighbourhood.
 struct Fit {
-    /// Change from pixel to pixel, along both axes, squared and added.
+    /// Squared change from pixel to pixel, summed over both axes.
     slope_square: f64,
     /// Variance about the plane.
     variance: f64,
 }
 
-/// Fits of the components of some quantity around a pixel; `None` at the border of the picture or
-/// of what is known.
+/// Fits the components of a quantity around a pixel; `None` at the border of the picture or of the
+/// known region.
 fn fit<const N: usize>(
     (x, y): (usize, usize),
     (w, h): (usize, usize),
@@ -51,10 +52,10 @@ fn fit<const N: usize>(
     Some(Fit { slope_square, variance })
 }
 
-/// A weight in 0..=1 for each of `pixels` (indices, row-major), of which those outside of `region`
-/// have no value: `1 / (1 + (s^2 + t^2) / floor^2)`. `s` is the noise of pixels of its brightness,
-/// from the residuals about local planes; `t` what the residual of the normals about a plane makes
-/// of the slope of the picture.
+/// Computes a weight in 0..=1 for each of `pixels` (indices, row-major), of which those outside
+/// `region` have no value: `1 / (1 + (s^2 + t^2) / floor^2)`. `s` is the noise of pixels of that
+/// brightness, from the residuals about local planes; `t` is the error of brightness that the
+/// residual of the normals about a plane causes through the slope of the picture.
 pub(super) fn weights(rgb: &Plane<Vec3>, normals: &Plane<Vec3>, region: &Plane<bool>, pixels: &[usize]) -> Vec<f64> {
     let (size, width) = (rgb.size(), rgb.width());
     let bright = |i: usize| f64::from(luminance(rgb.as_slice()[i]));
@@ -83,7 +84,8 @@ pub(super) fn weights(rgb: &Plane<Vec3>, normals: &Plane<Vec3>, region: &Plane<b
     let weight = |(k, fits): (usize, &(Option<Fit>, Option<Fit>))| {
         let tilt = match fits {
             (Some(light), Some(normal)) if normal.slope_square > 0.0 => {
-                // The noise itself adds to the slopes: a sixth of its variance along each axis.
+                // The noise itself adds a sixth of its variance to the squared slope along each
+                // axis.
                 let slopes = (normal.slope_square - normal.variance / 3.0).max(0.1 * normal.slope_square);
                 light.slope_square / slopes * normal.variance
             }

@@ -1,4 +1,4 @@
-//! What a camera sees of a surface, pixel by pixel.
+//! G-buffer of a surface: normals and distances pixel by pixel.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -14,9 +14,9 @@ pub struct GeometryBuffer {
     pub normals: Plane<Vec3>,
     /// Distance along the ray; infinite where nothing is seen.
     pub distances: Plane<f32>,
-    /// Pixels that see the surface.
+    /// Number of pixels that see the surface.
     pub seen: usize,
-    /// Those of them that see its inner side, by the order of the corners of its triangles.
+    /// Number of those that are back-facing, by the order of the corners of its triangles.
     pub inside: usize,
 }
 
@@ -40,12 +40,12 @@ impl GeometryBuffer {
     }
 }
 
-/// What the centre of a pixel sees.
+/// Returns what the ray through the centre of a pixel hits.
 pub fn hit_at(surface: &dyn Surface, camera: &Camera, column: usize, row: usize) -> Option<Hit> {
     surface.hit(&camera.ray((column as f64 + 0.5, row as f64 + 0.5)))
 }
 
-/// The unit vector from what a pixel sees to the camera.
+/// Returns the unit vector to the camera from the place that a pixel sees.
 pub fn view_at(camera: &Camera, column: usize, row: usize) -> DVec3 {
     -camera.ray((column as f64 + 0.5, row as f64 + 0.5)).direction
 }

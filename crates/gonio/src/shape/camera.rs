@@ -1,21 +1,21 @@
-//! From pixels to rays.
+//! Cameras: rays of pixels and projection of places.
 
 use glam::{DMat3, DMat4, DVec3};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// How directions and places become pixels.
+/// Projection of places to pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum Projection {
     /// Parallel rays along -z.
     Orthographic {
-        /// Pixels to one unit of length.
+        /// Pixels per unit of length.
         pixels_per_unit: f64,
     },
-    /// Rays from the camera's place.
+    /// Rays from the camera's position.
     Perspective {
-        /// Focal length in pixels: what lies at depth `d` is `focal / d` pixels to the unit.
+        /// Focal length in pixels: at depth `d` there are `focal / d` pixels to the unit.
         focal: f64,
     },
 }
@@ -23,42 +23,43 @@ pub enum Projection {
 /// A camera without distortion and with square pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// How it projects.
+    /// Projection.
     pub projection: Projection,
-    /// Where the axis of the camera meets the picture, in pixels from its top left corner.
+    /// Principal point, where the axis of the camera meets the picture, in pixels from its top left
+    /// corner.
     pub principal: (f64, f64),
     /// Columns and rows of the picture.
     pub size: (usize, usize),
-    /// From coordinates of the camera to those of the world: a rotation and a translation.
+    /// Transformation from camera to world coordinates: a rotation and a translation.
     pub to_world: DMat4,
 }
 
 /// A half line; `direction` is a unit vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where it begins.
+    /// Start of the ray.
     pub origin: DVec3,
-    /// Where it goes.
+    /// Direction of the ray.
     pub direction: DVec3,
 }
 
-/// Why there is no such camera.
+/// Error of invalid camera parameters.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CameraError {
     /// A number that must be positive is not.
     #[error("the {what} is {value}: give a positive, finite number")]
     NotPositive {
-        /// Which number.
+        /// Name of the number.
         what: &'static str,
         /// Its value.
         value: f64,
     },
-    /// The picture has no pixels, or its centre is nowhere.
+    /// The picture has no pixels, or the principal point is not finite or too far away.
     #[error(
         "the picture of {0}x{1} pixels or its principal point cannot be used: give finite numbers and at least one pixel"
     )]
     Frame(usize, usize),
-    /// The pose is no rotation and translation.
+    /// The pose is not a rotation and translation.
     #[error(
         "the pose of the camera is no rotation with a translation (its axes have lengths {lengths:?} and determinant {determinant:.3}): \
          a camera cannot be scaled, sheared or mirrored"
@@ -72,7 +73,7 @@ pub enum CameraError {
 }
 
 impl Camera {
-    /// A camera at the origin that looks along -z.
+    /// Builds a camera at the origin that looks along -z.
     ///
     /// # Errors
     /// If a number is not positive and finite, or the picture is empty.
@@ -91,8 +92,8 @@ impl Camera {
         Ok(Self { projection, principal, size, to_world: DMat4::IDENTITY })
     }
 
-    /// The camera at another pose, from its coordinates to those of the world. Rotations are made
-    /// exact where they are so to 1e-3.
+    /// Moves the camera to another pose, given from its coordinates to those of the world.
+    /// Rotations that are exact to 1e-3 are made exact.
     ///
     /// # Errors
     /// [`CameraError::NotRigid`].
@@ -112,9 +113,9 @@ impl Camera {
         Ok(Self { to_world: exact, ..self })
     }
 
-    /// The ray through `(x, y)`, in pixels from the top left corner, in coordinates of the camera.
-    /// Orthographic rays begin in the plane `z = 0`, and what lies behind it is seen too: they have
-    /// no beginning that means anything.
+    /// Returns the ray through `(x, y)`, in pixels from the top left corner, in coordinates of the
+    /// camera. Orthographic rays start in the plane `z = 0`, but what lies behind that plane is
+    /// seen too: their start is arbitrary.
     pub fn ray(&self, (x, y): (f64, f64)) -> Ray {
         let (right, up) = (x - self.principal.0, self.principal.1 - y);
         match self.projection {
@@ -127,11 +128,11 @@ impl Camera {
         }
     }
 
-    /// An orthographic camera along -z of the world that sees all of a sphere with `margin` (a
-    /// share of the picture's smaller side) around it, from a distance of twice its radius.
+    /// Builds an orthographic camera along -z of the world that sees all of a sphere with `margin`
+    /// (a share of the picture's smaller side) around it, from a distance of twice its radius.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// See [`Self::new`].
     pub fn framing(centre: DVec3, radius: f64, size: (usize, usize), margin: f64) -> Result<Self, CameraError> {
         let side = size.0.min(size.1) as f64;
         let pixels_per_unit = side * (1.0 - 2.0 * margin) / (2.0 * radius);
@@ -140,8 +141,7 @@ impl Camera {
         camera.at(DMat4::from_translation(centre + DVec3::new(0.0, 0.0, 2.0 * radius)))
     }
 
-    /// Where a place in coordinates of the camera is seen, in pixels; `None` behind a perspective
-    /// camera.
+    /// Projects a place in coordinates of the camera to pixels; `None` behind a perspective camera.
     pub fn project(&self, place: DVec3) -> Option<(f64, f64)> {
         let scale = match self.projection {
             Projection::Orthographic { pixels_per_unit } => pixels_per_unit,

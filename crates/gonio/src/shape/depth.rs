@@ -1,4 +1,4 @@
-//! From a picture of depths to places.
+//! Positions from depth maps.
 
 use glam::DVec3;
 use thiserror::Error;
@@ -6,7 +6,7 @@ use thiserror::Error;
 use super::{Camera, Projection};
 use crate::picture::Plane;
 
-/// What a depth measures.
+/// Meaning of a depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DepthKind {
     /// The distance from the plane of the camera, along its axis: what renderers and most sensors
@@ -17,7 +17,7 @@ pub enum DepthKind {
     AlongRay,
 }
 
-/// The picture of depths is not of the size of the camera's pictures.
+/// Error of a depth map whose size differs from that of the camera's pictures.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[error(
     "the depths are {}x{} pixels and the camera's pictures {}x{}: make both of one size",
@@ -30,10 +30,10 @@ pub struct DepthSize {
     pub camera: (usize, usize),
 }
 
-/// The place that each pixel sees, in coordinates of the camera: x right, y up, `z` of minus the
-/// depth along the axis. Depths are taken at the centres of pixels, in the unit of length of the
-/// camera; those that are not finite are none, and so are those of a perspective camera that are
-/// not positive.
+/// Computes the position that each pixel sees, in coordinates of the camera: x right, y up, `z`
+/// minus the depth along the axis. Depths are taken at the centres of pixels, in the camera's unit
+/// of length; those that are not finite count as missing, as do those of a perspective camera that
+/// are not positive.
 ///
 /// # Errors
 /// [`DepthSize`].

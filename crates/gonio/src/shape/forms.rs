@@ -1,4 +1,4 @@
-//! Shapes of our own making, to try things on.
+//! Built-in test shapes.
 
 use std::collections::HashMap;
 
@@ -19,10 +19,10 @@ pub enum Form {
 }
 
 impl Form {
-    /// Cells along a side of the lattice from which these shapes are made to be looked at.
+    /// Cells along a side of the lattice from which these shapes are meshed for display.
     pub const CELLS: usize = 96;
 
-    /// The shape of a name in small letters: `blob`, `bunny`, `bowl`.
+    /// Returns the shape of a name in lower case: `blob`, `bunny`, `bowl`.
     pub fn named(name: &str) -> Option<Self> {
         Some(match name {
             "blob" => Self::Blob,
@@ -32,7 +32,7 @@ impl Form {
         })
     }
 
-    /// The function that is negative within the shape.
+    /// Returns the implicit function, negative inside the shape.
     fn field(self) -> fn(DVec3) -> f64 {
         match self {
             Self::Blob => blob,
@@ -41,8 +41,8 @@ impl Form {
         }
     }
 
-    /// Its surface, from a lattice of `cells` cells along each side: about `8 cells^2` triangles
-    /// with the normals of the function.
+    /// Meshes the surface on a lattice of `cells` cells along each side: about `8 cells^2`
+    /// triangles with normals from the gradient of the function.
     ///
     /// # Errors
     /// If the lattice is too coarse to meet the shape.
@@ -54,7 +54,7 @@ impl Form {
     }
 }
 
-/// Minimum with a rounded seam of width `k`.
+/// Returns the minimum with a rounded seam of width `k`.
 fn blend(a: f64, b: f64, k: f64) -> f64 {
     let h = (k - (a - b).abs()).max(0.0) / k;
     a.min(b) - 0.25 * k * h * h
@@ -64,7 +64,7 @@ fn ball(p: DVec3, centre: DVec3, radius: f64) -> f64 {
     (p - centre).length() - radius
 }
 
-/// Nearly the distance to an ellipsoid.
+/// Returns the approximate distance to an ellipsoid.
 fn egg(p: DVec3, centre: DVec3, axes: DVec3) -> f64 {
     let q = (p - centre) / axes;
     let (k, g) = (q.length(), (q / axes).length());
@@ -106,11 +106,12 @@ fn bowl(p: DVec3) -> f64 {
     -blend(-shell, -front, 0.08)
 }
 
-/// Corners of a cell by number: bit 0 is x, bit 1 is y, bit 2 is z.
+/// Tetrahedra of a cell, by the numbers of its corners: bit 0 is x, bit 1 is y, bit 2 is z.
 const TETRAHEDRA: [[usize; 4]; 6] =
     [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]];
 
-/// Where `field` is zero in the cube from `-half` to `half`, by tetrahedra (Doi & Koide 1991).
+/// Meshes the zero set of `field` in the cube from `-half` to `half`, by marching tetrahedra (Doi &
+/// Koide 1991).
 fn isosurface(field: fn(DVec3) -> f64, half: f64, cells: usize) -> Result<Mesh, MeshError> {
     assert!((1..=400).contains(&cells), "{cells} cells");
     let (n, step) = (cells + 1, 2.0 * half / cells as f64);

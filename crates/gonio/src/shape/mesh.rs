@@ -8,14 +8,14 @@ use super::smooth::smooth_normals;
 use super::topology::Topology;
 use crate::picture::Plane;
 
-/// What a file of a mesh holds.
+/// Contents of a mesh file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshParts {
-    /// Places of the vertices.
+    /// Positions of the vertices.
     pub positions: Vec<DVec3>,
     /// Three indices of vertices for each triangle, counterclockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Normals at the three corners of each triangle, where the file has them; need not be of unit
+    /// Normals at the three corners of each triangle, if the file has them; not necessarily of unit
     /// length. `ZERO` where one is missing.
     pub normals: Option<Vec<[DVec3; 3]>>,
 }
@@ -28,80 +28,81 @@ pub struct Mesh {
     normals: Vec<[DVec3; 3]>,
 }
 
-/// What was odd about a mesh; none of it keeps it from being used.
+/// Oddities of a mesh, none of which makes it unusable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Soundness {
-    /// Triangles that are kept.
+    /// Number of triangles that are kept.
     pub triangles: usize,
-    /// Triangles without an area, which are left out.
+    /// Number of triangles without an area, which are left out.
     pub degenerate: usize,
-    /// Edges of one triangle only: zero for a closed surface.
+    /// Number of edges with only one triangle: zero for a closed surface.
     pub open_edges: usize,
-    /// Edges of three triangles or more.
+    /// Number of edges with three triangles or more.
     pub non_manifold_edges: usize,
-    /// Edges whose two triangles are not turned the same way.
+    /// Number of edges whose two triangles are oriented inconsistently.
     pub inconsistent_edges: usize,
-    /// The surface is closed and its triangles are turned inwards.
+    /// Whether the surface is closed with its triangles turned inwards.
     pub inside_out: bool,
-    /// Triangles whose normals in the file point to the other side than their corners, in order,
-    /// say.
+    /// Number of triangles whose normals in the file point to the other side than the order of
+    /// their corners says.
     pub normals_against: usize,
-    /// Normals were computed: the file has none, or none that could be used.
+    /// Whether the normals were computed: the file has none, or none that can be used.
     pub normals_computed: bool,
 }
 
-/// Why parts make no mesh; each says what to do about it.
+/// Error of mesh parts that make no mesh; each message says what to do about it.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum MeshError {
-    /// No triangles, or no vertices.
+    /// There are no triangles, or no vertices.
     #[error("the mesh is empty ({vertices} vertices, {triangles} triangles): export the surface, with its faces")]
     Empty {
-        /// Vertices.
+        /// Number of vertices.
         vertices: usize,
-        /// Triangles.
+        /// Number of triangles.
         triangles: usize,
     },
-    /// An index beyond the vertices.
+    /// An index is beyond the vertices.
     #[error("triangle {triangle} refers to vertex {index}, but there are only {vertices}: export the mesh again")]
     Index {
-        /// The triangle, from 0.
+        /// Index of the triangle, from 0.
         triangle: usize,
-        /// The index, from 0.
+        /// Index of the vertex, from 0.
         index: u32,
-        /// Vertices.
+        /// Number of vertices.
         vertices: usize,
     },
-    /// A place that is none.
+    /// A position is not finite.
     #[error("vertex {0} is not at a finite place: export the mesh again")]
     NotFinite(usize),
     /// There are not three normals for each triangle.
     #[error("{normals} triangles have normals and {triangles} are there: export the mesh again")]
     Normals {
-        /// Triples of normals.
+        /// Number of triples of normals.
         normals: usize,
-        /// Triangles.
+        /// Number of triangles.
         triangles: usize,
     },
     /// No triangle has an area.
     #[error("none of the {0} triangles has an area: check that the mesh was not flattened to a line or a point")]
     AllDegenerate(usize),
-    /// A transformation that flattens.
+    /// The transformation flattens the mesh.
     #[error(
         "the pose flattens the object or is not finite: give a rotation, a translation and a scale other than zero"
     )]
     Pose,
 }
 
-/// Triangles with less than this share of the area of a square as large as the object have none.
+/// Least area of a triangle, relative to a square as large as the object; below it the triangle
+/// counts as degenerate.
 const LEAST_AREA: f64 = 1e-16;
 
 impl Mesh {
-    /// A mesh of its parts. Triangles without an area are left out. Where a normal is missing or
-    /// useless all are computed: means over the neighbouring triangles, but for edges sharper than
-    /// 45 degrees.
+    /// Builds a mesh from its parts. Triangles without an area are left out. Where a normal is
+    /// missing or unusable all are computed, as means over the neighbouring triangles except across
+    /// edges sharper than 45 degrees.
     ///
     /// # Errors
-    /// If there is nothing, or an index or a place is none.
+    /// If the parts are empty, an index is out of range, or a position is not finite.
     pub fn new(parts: MeshParts) -> Result<(Self, Soundness), MeshError> {
         let MeshParts { positions, mut triangles, normals } = parts;
         if positions.is_empty() || triangles.is_empty() {
@@ -149,9 +150,9 @@ impl Mesh {
         Ok((Self { positions, triangles, normals }, soundness))
     }
 
-    /// The surface of a picture of positions, in any one frame: two triangles between each four
-    /// neighbouring pixels that all have a place, except across steps. A step is an edge more than
-    /// `jump` times as long as the median one (8 is a good value).
+    /// Builds the surface of a picture of positions, in any frame: two triangles between each four
+    /// neighbouring pixels that all have a position, except across steps. A step is an edge more
+    /// than `jump` times as long as the median one (8 is a good value).
     ///
     /// # Errors
     /// [`MeshError::Empty`] if no pixels are neighbours.
@@ -169,8 +170,8 @@ impl Mesh {
         let mut triangles = Vec::new();
         for y in 0..height.saturating_sub(1) {
             for x in 0..width.saturating_sub(1) {
-                // Rows run down, so that this order is counterclockwise for a camera that looks
-                // along -z.
+                // Rows run down, so this order is counterclockwise for a camera that looks along
+                // -z.
                 let [a, b, c, d] = [at(x, y), at(x, y + 1), at(x + 1, y + 1), at(x + 1, y)];
                 triangles.extend([[a, b, c], [a, c, d]].into_iter().filter(|t| !t.contains(&u32::MAX)));
             }
@@ -189,7 +190,7 @@ impl Mesh {
         Self::new(MeshParts { positions, triangles, normals: None })
     }
 
-    /// The mesh moved, turned, scaled or mirrored.
+    /// Moves, turns, scales or mirrors the mesh.
     ///
     /// # Errors
     /// [`MeshError::Pose`].
@@ -208,22 +209,22 @@ impl Mesh {
         Ok(Self { positions, triangles: self.triangles.iter().map(turn).collect(), normals })
     }
 
-    /// Places of the vertices.
+    /// Returns the positions of the vertices.
     pub fn positions(&self) -> &[DVec3] {
         &self.positions
     }
 
-    /// Indices of the corners of each triangle.
+    /// Returns the indices of the corners of each triangle.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Unit normals at the corners of each triangle.
+    /// Returns the unit normals at the corners of each triangle.
     pub fn normals(&self) -> &[[DVec3; 3]] {
         &self.normals
     }
 
-    /// Centre of the bounding box, and the distance of the farthest vertex from it.
+    /// Returns the centre of the bounding box, and the distance of the farthest vertex from it.
     pub fn bounds(&self) -> (DVec3, f64) {
         let (low, high) = corners_of(&self.positions);
         let centre = 0.5 * (low + high);
@@ -231,7 +232,7 @@ impl Mesh {
     }
 }
 
-/// Twice the area of a triangle along its normal.
+/// Returns twice the area of a triangle along its normal.
 pub(super) fn face(positions: &[DVec3], triangle: [u32; 3]) -> DVec3 {
     let [a, b, c] = triangle.map(|i| positions[i as usize]);
     (b - a).cross(c - a)
@@ -245,13 +246,13 @@ fn corners_of(positions: &[DVec3]) -> (DVec3, DVec3) {
     positions.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
 }
 
-/// The longest side of the bounding box.
+/// Returns the longest side of the bounding box.
 fn extent(positions: &[DVec3]) -> f64 {
     let (low, high) = corners_of(positions);
     (high - low).max_element()
 }
 
-/// Six times the volume within a closed surface, negative where it is turned inwards.
+/// Returns six times the volume within a closed surface, negative if it is turned inwards.
 fn volume(positions: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
     let centre = positions.iter().sum::<DVec3>() / positions.len() as f64;
     let each = triangles.iter().map(|t| {
@@ -269,8 +270,7 @@ fn kept<T>(all: Vec<T>, keep: &[bool]) -> Vec<T> {
 mod tests {
     use super::*;
 
-    /// A cube of side two about the origin, with split vertices like a file of flat faces would
-    /// have.
+    /// A cube of side two about the origin, with split vertices as in a file of flat faces.
     fn cube() -> MeshParts {
         let mut parts = MeshParts::default();
         for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
@@ -366,7 +366,7 @@ mod tests {
 
     #[test]
     fn a_picture_of_positions_is_a_surface_with_steps() {
-        // Two planes one above the other, and a pixel without a place.
+        // Two planes one above the other, and a pixel without a position.
         let places = Plane::from_fn(10, 6, |x, y| {
             let z = if x < 5 { 0.0 } else { 40.0 };
             ((x, y) != (1, 1)).then(|| DVec3::new(x as f64, -(y as f64), z))

@@ -1,13 +1,12 @@
-//! Shapes in front of a camera: what a pixel sees of a surface, and which light the surface keeps
-//! from itself.
+//! Shapes in front of a camera: the surface seen by each pixel, and self-shadowing.
 //!
-//! * [`Mesh`]: triangles with smooth normals; [`Soundness`] says what was odd about them.
-//!   `of_positions` makes one of a picture of positions, [`Form`] some of formulas.
-//! * [`Surface`]: what rays meet; a [`Tracer`] of a mesh or an [`Ellipsoid`]. [`GeometryBuffer`] is
-//!   what a camera sees of one.
+//! * [`Mesh`]: triangles with smooth normals; [`Soundness`] lists their oddities. `of_positions`
+//!   builds one from a picture of positions, [`Form`] some from formulas.
+//! * [`Surface`]: a shape that rays hit; a [`Tracer`] of a mesh or an [`Ellipsoid`].
+//!   [`GeometryBuffer`] is what a camera sees of one.
 //! * [`Visibility`]: the paper's `V_i` for some points of a surface.
-//! * [`Camera`]: orthographic or perspective, with a pose. [`positions_of_depth`]: what its pixels
-//!   see at given depths.
+//! * [`Camera`]: orthographic or perspective, with a pose. [`positions_of_depth`]: positions that
+//!   its pixels see at given depths.
 //!
 //! Axes are those of the crate: the camera looks along -z with y up, pictures have y down and the
 //! centre of the first pixel at (0.5, 0.5). Lengths are in the units of the file a shape comes

@@ -1,9 +1,9 @@
-//! Surfaces before the camera that sees them.
+//! Surfaces in front of the camera that sees them.
 
 use super::{Camera, CameraError, Mesh, MeshError, Soundness, Surface, Tracer, hit_at};
 use thiserror::Error;
 
-/// Share of the smaller side of the picture that is left free around a mesh without a camera.
+/// Margin around a mesh without a camera, as a share of the smaller side of the picture.
 const MARGIN: f64 = 0.05;
 
 /// A surface, in coordinates of the camera that sees it.
@@ -14,26 +14,26 @@ pub struct Placed {
     pub camera: Camera,
 }
 
-/// Why a mesh cannot be placed.
+/// Error in placing a mesh in front of a camera.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlacedError {
-    /// The mesh has no extent to frame.
+    /// The camera is invalid, for example because the mesh has no extent to frame.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// The mesh cannot be brought to the camera.
+    /// The mesh cannot be transformed to the camera.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// No ray meets it.
+    /// No ray hits the mesh.
     #[error("the camera sees nothing of the mesh; check its pose and the camera (it looks along -z, y is up)")]
     Unseen,
 }
 
 impl Placed {
-    /// A mesh in coordinates of the world before its camera; without one before an orthographic
-    /// camera along -z that frames it, for pictures of `size`.
+    /// Places a mesh, given in world coordinates, in front of its camera; without one in front of
+    /// an orthographic camera along -z that frames it, for pictures of `size`.
     ///
     /// # Errors
-    /// If the camera sees nothing of the mesh, or one of both cannot be.
+    /// If the camera sees nothing of the mesh, or either of them is invalid.
     pub fn of_mesh(mesh: &Mesh, camera: Option<Camera>, size: (usize, usize)) -> Result<Self, PlacedError> {
         let camera = match camera {
             Some(camera) => camera,
@@ -47,8 +47,8 @@ impl Placed {
         if placed.is_seen() { Ok(placed) } else { Err(PlacedError::Unseen) }
     }
 
-    /// Whether one of some hundred rays through the picture meets the surface, or failing that any
-    /// pixel's.
+    /// Whether a ray of a coarse grid of some hundred through the picture hits the surface, or
+    /// failing that the ray of any pixel.
     fn is_seen(&self) -> bool {
         let (width, height) = self.camera.size;
         let step = (width.max(height) / 24).max(1);
@@ -59,7 +59,7 @@ impl Placed {
 }
 
 impl Soundness {
-    /// What is odd about the mesh, in words; `None` if nothing is.
+    /// Describes what is odd about the mesh; `None` if nothing is.
     pub fn complaint(&self) -> Option<String> {
         let Self { triangles, degenerate, non_manifold_edges, inconsistent_edges, inside_out, normals_against, .. } =
             *self;
@@ -91,7 +91,7 @@ mod tests {
         let mesh = Form::Blob.mesh(24).unwrap();
         let framed = Placed::of_mesh(&mesh, None, (40, 30)).unwrap();
         assert_eq!(framed.camera.size, (40, 30));
-        // Beside the picture.
+        // The mesh is beside the picture.
         let aside = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (-500.0, 0.0), (40, 30)).unwrap();
         assert_eq!(Placed::of_mesh(&mesh, Some(aside), (40, 30)).err(), Some(PlacedError::Unseen));
     }

@@ -1,16 +1,16 @@
-//! Normals at the corners of triangles that come without any.
+//! Smooth normals for meshes without normals.
 
 use glam::DVec3;
 
 use super::mesh::face;
 use super::topology::Topology;
 
-/// Triangles at a larger angle meet at an edge that is meant to be sharp, in degrees.
+/// Largest angle between triangles, in degrees; above it their common edge is meant to be sharp.
 const CREASE: f64 = 45.0;
 
-/// The mean normal of the triangles around each corner, weighted by their angle there (Thürmer &
-/// Wüthrich 1998); only those within [`CREASE`] of the corner's own count. Neighbours that are
-/// turned the other way count with their other side.
+/// Computes the mean normal of the triangles around each corner, weighted by their angle there
+/// (Thürmer & Wüthrich 1998); only those within [`CREASE`] of the corner's own triangle count.
+/// Neighbours of opposite orientation count with their normal flipped.
 pub(super) fn smooth_normals(topology: &Topology, positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<[DVec3; 3]> {
     let faces: Vec<DVec3> = triangles.iter().map(|t| face(positions, *t).normalize_or_zero()).collect();
     let mut around: Vec<Vec<(u32, f64)>> = vec![Vec::new(); positions.len()];

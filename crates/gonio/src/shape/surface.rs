@@ -1,35 +1,35 @@
-//! What a ray meets.
+//! Surfaces that rays hit.
 
 use glam::{DMat3, DVec3};
 use thiserror::Error;
 
 use super::Ray;
 
-/// A place of a surface that a ray meets.
+/// Intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Length of the ray up to there.
+    /// Length of the ray up to the hit.
     pub distance: f64,
-    /// The place.
+    /// Position of the hit.
     pub position: DVec3,
-    /// Unit normal of the surface that is meant, on the side that the ray comes from.
+    /// Unit shading normal of the surface, on the side that the ray comes from.
     pub normal: DVec3,
-    /// Where rays towards the light begin: at the place, or a little above it, clear of the facets
-    /// that stand for a smooth surface.
+    /// Start of rays towards the light: the position, or a little above it, clear of the facets
+    /// that approximate a smooth surface.
     pub clear: DVec3,
-    /// The surface was met from its inner side, by the order of its corners.
+    /// Whether the surface was hit from its inner side, by the order of its corners.
     pub inside: bool,
 }
 
 /// A surface, in coordinates of the camera.
 pub trait Surface: Sync {
-    /// The first place that a ray meets.
+    /// Returns the first intersection with a ray.
     fn hit(&self, ray: &Ray) -> Option<Hit>;
 
-    /// Whether anything of the surface lies on a ray from a [`Hit::clear`] on.
+    /// Whether anything of the surface lies on a ray that starts at a [`Hit::clear`].
     fn blocks(&self, ray: &Ray) -> bool;
 
-    /// Whether no place of the surface keeps light from another.
+    /// Whether the surface cannot shadow itself.
     fn is_convex(&self) -> bool {
         false
     }
@@ -39,20 +39,20 @@ pub trait Surface: Sync {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipsoid {
     centre: DVec3,
-    /// To the sphere of radius one.
+    /// Transformation to the sphere of radius one.
     to_unit: DMat3,
 }
 
-/// Why there is no such ellipsoid.
+/// Error of invalid centre or semi-axes of an ellipsoid.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[error("an ellipsoid needs a finite centre and three perpendicular semi-axes of finite, positive length")]
 pub struct EllipsoidError;
 
 impl Ellipsoid {
-    /// Of its centre and three semi-axes, which are perpendicular to each other.
+    /// Builds an ellipsoid from its centre and three mutually perpendicular semi-axes.
     ///
     /// # Errors
-    /// If they are not, or a number is not finite.
+    /// If they are not perpendicular, or a number is not finite.
     pub fn new(centre: DVec3, axes: DMat3) -> Result<Self, EllipsoidError> {
         let columns = [axes.x_axis, axes.y_axis, axes.z_axis];
         let [a, b, c] = columns.map(|v| v.normalize_or_zero());
@@ -64,7 +64,7 @@ impl Ellipsoid {
         Ok(Self { centre, to_unit: axes.inverse() })
     }
 
-    /// A sphere.
+    /// Builds a sphere.
     ///
     /// # Errors
     /// If the radius is not positive, or a number is not finite.
@@ -74,7 +74,7 @@ impl Ellipsoid {
 }
 
 impl Ellipsoid {
-    /// Its centre.
+    /// Returns the centre.
     pub fn centre(&self) -> DVec3 {
         self.centre
     }
@@ -83,7 +83,8 @@ impl Ellipsoid {
 impl Surface for Ellipsoid {
     fn hit(&self, ray: &Ray) -> Option<Hit> {
         let (o, d) = (self.to_unit * (ray.origin - self.centre), self.to_unit * ray.direction);
-        // |o + t d| = 1 from the point nearest to the centre, which keeps its digits when the ray begins far away.
+        // Solves |o + t d| = 1 from the point nearest to the centre, which is accurate when the ray
+        // begins far away.
         let nearest = -o.dot(d) / d.length_squared();
         let square = 1.0 - (o + nearest * d).length_squared();
         if square < 0.0 {

@@ -1,4 +1,4 @@
-//! Rays and visibility against closed forms and brute force.
+//! Tests of rays and visibility against closed forms and brute force.
 
 use std::f64::consts::{PI, TAU};
 
@@ -62,7 +62,7 @@ fn a_fine_mesh_of_a_sphere_is_a_sphere() {
     let both = got.normals.as_slice().iter().zip(want.normals.as_slice());
     let worst =
         both.filter(|(a, b)| a.length() * b.length() > 0.5).map(|(a, b)| (*a - *b).length()).fold(0.0, f32::max);
-    // At the rim a facet of 1.4 degrees moves the place where it is met.
+    // At the rim a facet of 1.4 degrees displaces the hit.
     assert!(worst < 0.1, "{worst}");
     let distance = got.distances.as_slice().iter().zip(want.distances.as_slice());
     let off = distance.filter(|(a, b)| a.is_finite() && b.is_finite()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -100,15 +100,15 @@ fn every_ray_finds_what_all_triangles_say() {
     assert!(hits > 300 && wrong <= 2, "{wrong} of {hits}");
 }
 
-/// The share of the light of an even sky that is left to a point.
+/// Returns the share of an even sky's light that reaches a point.
 fn open(surface: &Tracer, point: Lookout, side: usize) -> f64 {
     Visibility::trace(surface, &[point], MAP, side, &|_| ()).openness(&[point.normal])[0].open
 }
 
 #[test]
 fn a_sphere_on_a_plane_takes_its_solid_angle_times_the_cosine() {
-    // A ball of radius 1 that touches the plane at the origin. From a point at distance x it is a
-    // cone about the direction to its centre of half angle a, sin a = 1 / sqrt(1 + x^2), wholly
+    // A ball of radius 1 touches the plane at the origin. Seen from a point at distance x it fills
+    // a cone of half angle a about the direction to its centre, sin a = 1 / sqrt(1 + x^2), wholly
     // above the horizon: it takes sin^2 a cos(theta) of the irradiance, cos(theta) = 1 / sqrt(1 +
     // x^2).
     let scene = join([plane(40.0), cap(DVec3::Y, 1.0, PI, 96, 192)]);
@@ -124,8 +124,8 @@ fn a_sphere_on_a_plane_takes_its_solid_angle_times_the_cosine() {
 
 #[test]
 fn the_ground_below_a_hemispherical_bowl() {
-    // At the bottom of a bowl whose rim is seen at the angle e from the vertical, cos^2 of that is
-    // lost: sin^2 e is left.
+    // At the bottom of a bowl whose rim is seen at the angle e from the vertical, the share cos^2 e
+    // is lost: sin^2 e is left.
     for end in [0.3, 0.5, 0.75] {
         let down = |mut parts: MeshParts| {
             parts.positions.iter_mut().for_each(|p| p.y = -p.y);
@@ -142,8 +142,8 @@ fn the_ground_below_a_hemispherical_bowl() {
 
 #[test]
 fn a_convex_mesh_keeps_no_light_from_itself() {
-    // Coarse facets that stand for a sphere: their corners' normals let light in that the facets
-    // themselves would stop.
+    // Coarse facets that approximate a sphere: the normals at their corners let in light that the
+    // facets themselves would block.
     for (rings, spokes) in [(12, 24), (40, 80)] {
         let sphere = join([cap(DVec3::ZERO, 1.0, PI, rings, spokes)]);
         for from in fibonacci_hemisphere(60) {
@@ -216,7 +216,7 @@ fn shares_multiply_what_they_belong_to() {
     let one = visibility.select(&[1]);
     assert!((0..256).all(|t| one.share(0, t) == visibility.share(1, t)));
     assert!(visibility.bytes() < 2000, "{}", visibility.bytes());
-    // Convex shapes are not asked.
+    // Convex shapes are not traced.
     let sphere = Ellipsoid::sphere(DVec3::ZERO, 1.0).unwrap();
     assert!(Visibility::trace(&sphere, &[near, far], MAP, 16, &|_| ()).is_open());
 }

@@ -1,21 +1,21 @@
-//! Which triangles of a mesh meet where.
+//! Connectivity of the triangles of a mesh.
 
 use glam::DVec3;
 
-/// Vertices at one place taken for one, and what the edges between them say.
+/// Vertices welded by position, and counts of the edges between them.
 pub(super) struct Topology {
-    /// The first vertex at the place of each.
+    /// First vertex at the position of each vertex.
     pub(super) welded: Vec<u32>,
-    /// Edges of one triangle.
+    /// Number of edges with one triangle.
     pub(super) open_edges: usize,
-    /// Edges of more than two.
+    /// Number of edges with more than two triangles.
     pub(super) non_manifold_edges: usize,
-    /// Edges that both their triangles run through in the same direction.
+    /// Number of edges that both their triangles run through in the same direction.
     pub(super) inconsistent_edges: usize,
 }
 
 impl Topology {
-    /// Files split vertices at seams; places are compared exactly.
+    /// Welds the vertices, which files split at seams, by exact comparison of positions.
     pub(super) fn of(positions: &[DVec3], triangles: &[[u32; 3]]) -> Self {
         let key = |i: u32| (positions[i as usize] + DVec3::ZERO).to_array().map(f64::to_bits);
         let mut order: Vec<u32> = (0..positions.len() as u32).collect();

@@ -1,4 +1,4 @@
-//! Rays against a mesh.
+//! Ray tracing of a mesh.
 
 use glam::{DVec3, Vec3A};
 use obvhs::BvhBuildParams;
@@ -13,17 +13,18 @@ use super::Ray;
 use super::mesh::{Mesh, face};
 use super::surface::{Hit, Surface};
 
-/// Rays towards the light begin this share of the object's size above it: single precision places
-/// them no better.
+/// Offset above the surface at which rays towards the light start, as a share of the object's size:
+/// single precision places them no better.
 const LIFT: f64 = 2e-5;
 
-/// Triangles whose normals are farther from their plane's (the cosine) are slivers or folds.
+/// Least cosine between the mean of a triangle's normals and its plane's normal; below it the
+/// triangle is a sliver or a fold.
 const SLIVER: f64 = 0.3;
 
-/// Boxes around triangles are larger by this share of the object's size.
+/// Padding of the boxes around triangles, as a share of the object's size.
 const PAD: f32 = 1e-6;
 
-/// A mesh with what it takes to find the triangles that a ray meets.
+/// A mesh with an acceleration structure for the triangles that a ray hits.
 pub struct Tracer {
     mesh: Mesh,
     /// Bounding volumes of the triangles in `triangles`, in the frame of a sphere of radius one
@@ -35,16 +36,16 @@ pub struct Tracer {
 }
 
 impl Tracer {
-    /// Sorts the triangles of a mesh, which is in coordinates of the camera.
+    /// Builds the acceleration structure of a mesh in coordinates of the camera.
     pub fn new(mesh: Mesh) -> Self {
         let (centre, radius) = mesh.bounds();
         // In units of the object's own size: files come in millimetres and in kilometres, and rays
-        // are single precision.
+        // are traced in single precision.
         let place = |i: u32| Vec3A::from(((mesh.positions()[i as usize] - centre) / radius).as_vec3());
         let unsorted: Vec<Triangle> =
             mesh.triangles().iter().map(|t| Triangle { v0: place(t[0]), v1: place(t[1]), v2: place(t[2]) }).collect();
-        // Boxes of an axis-parallel side can end a rounding error short of it, and a ray along that
-        // side would miss both neighbours.
+        // Boxes with an axis-parallel side can end a rounding error short of it, and a ray along
+        // that side would miss both neighbours.
         let boxes: Vec<Aabb> = unsorted
             .iter()
             .map(|t| {
@@ -66,18 +67,19 @@ impl Tracer {
         Self { mesh, tree, triangles, centre, radius }
     }
 
-    /// The mesh.
+    /// Returns the mesh.
     pub fn mesh(&self) -> &Mesh {
         &self.mesh
     }
 
-    /// The centre of its bounding box and the radius of the sphere about it that holds it.
+    /// Returns the centre of the bounding box and the radius of the sphere about it that contains
+    /// the mesh.
     pub fn bounds(&self) -> (DVec3, f64) {
         (self.centre, self.radius)
     }
 
-    /// A ray in the frame of the tree, from where it enters the sphere around everything to where
-    /// it leaves it; none if it passes by.
+    /// Transforms a ray to the frame of the tree, from where it enters the sphere around everything
+    /// to where it leaves it; `None` if it misses the sphere.
     fn local(&self, ray: &Ray) -> Option<obvhs::ray::Ray> {
         let o = (ray.origin - self.centre) / self.radius;
         let nearest = -o.dot(ray.direction);
@@ -90,15 +92,14 @@ impl Tracer {
             return None;
         }
         let origin = Vec3A::from((o + enter * ray.direction).as_vec3());
-        // Zeros without a sign: the tree takes the octant from one test of it and the slope from
-        // another.
+        // Zeros without a sign: the tree takes the octant from one test of the sign and the slope
+        // from another.
         let direction = Vec3A::from(ray.direction.as_vec3()) + Vec3A::ZERO;
         Some(obvhs::ray::Ray::new(origin, direction, 0.0, (leave - enter) as f32))
     }
 }
 
-/// A ray turned to run along an axis, for a test of triangles that lets none slip through between
-/// two of them (Woop, Benthin & Wald 2013).
+/// A ray sheared to run along an axis, for a watertight triangle test (Woop, Benthin & Wald 2013).
 struct Sheared {
     axes: [usize; 3],
     shear: [f32; 3],
@@ -117,7 +118,7 @@ impl Sheared {
         Self { axes: [x, y, z], shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]], origin: ray.origin, reach: ray.tmax }
     }
 
-    /// The distance at which a triangle is met before `most`, or infinity.
+    /// Returns the distance at which the ray hits a triangle before `most`, or infinity.
     fn meet(&self, triangle: &Triangle, most: f32) -> f32 {
         let [x, y, z] = self.axes;
         let [sx, sy, sz] = self.shear;
@@ -153,7 +154,7 @@ impl Surface for Tracer {
         let index = self.tree.primitive_indices[found.primitive_id as usize] as usize;
         let triangle = self.mesh.triangles()[index];
         let [a, b, c] = triangle.map(|i| self.mesh.positions()[i as usize]);
-        // Again in double precision, now that the triangle is known.
+        // Computed again in double precision, now that the triangle is known.
         let area = face(self.mesh.positions(), triangle);
         let flat = area.normalize();
         let slope = flat.dot(ray.direction);
@@ -167,15 +168,15 @@ impl Surface for Tracer {
         let (u, v, w) = (share(b, c), share(c, a), share(a, b));
         let inside = slope > 0.0;
         let facing = if inside { -flat } else { flat };
-        // Normals are taken on the side that is seen, each by itself: files mix both. The plane of
-        // a sliver says nothing of its side, its normals do.
+        // Each normal is taken on the visible side by itself: files mix both. The plane of a sliver
+        // does not tell its side, but its normals do.
         let given = self.mesh.normals()[index];
         let sliver = (given[0] + given[1] + given[2]).normalize_or_zero().dot(flat).abs() < SLIVER;
         let side = if sliver { -ray.direction } else { facing };
         let [na, nb, nc] = given.map(|n| if n.dot(side) < 0.0 { -n } else { n });
         let normal = (u * na + v * nb + w * nc).try_normalize().unwrap_or(facing);
-        // Hanika (2021), Hacking the Shadow Terminator: from above the corners' tangent planes,
-        // where the smooth surface is. Not where it curves inwards.
+        // Hanika (2021), Hacking the Shadow Terminator: lifts the point above the corners' tangent
+        // planes, where the smooth surface is, except where it curves inwards.
         let above = |corner: DVec3, n: DVec3| (position - corner).dot(n).min(0.0) * n;
         let lift = -(u * above(a, na) + v * above(b, nb) + w * above(c, nc));
         let clear = position + lift + LIFT * self.radius * normal;

@@ -1,4 +1,4 @@
-//! `V_i` of the paper: which light a surface keeps from its own points.
+//! `V_i` of the paper: light that reaches each point of a self-shadowing surface.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,20 +7,20 @@ use super::{Ray, Surface};
 use crate::lighting::LightGrid;
 use crate::sphere::OctahedralMap;
 
-/// Rays along each side of a texel that is open in part.
+/// Rays along each side of a texel that is partly open.
 const FINE: usize = 4;
 
-/// A point of a surface, to ask what light reaches it.
+/// A surface point whose visible light is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lookout {
-    /// Where rays begin: [`Hit::clear`](super::Hit::clear).
+    /// Start of the rays: [`Hit::clear`](super::Hit::clear).
     pub from: DVec3,
-    /// Unit normal: light from below its horizon is not asked for.
+    /// Unit normal: rays below its horizon are not traced.
     pub normal: DVec3,
 }
 
-/// For each of some points the open share of every texel of a light grid. One bit a texel, and a
-/// byte for each that is open in part.
+/// Open share of every texel of a light grid, for each of some points. Takes one bit a texel, and a
+/// byte more for each that is partly open.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visibility {
     map: OctahedralMap,
@@ -28,23 +28,23 @@ pub struct Visibility {
     rows: Vec<Row>,
 }
 
-/// One point. Most see everything above their horizon.
+/// Shares of one point. Most points see everything above their horizon.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Row {
-    /// Texels that are wholly blocked, 64 to a word; empty if none is.
+    /// Bits of the texels that are wholly blocked, 64 to a word; empty if none is.
     blocked: Box<[u64]>,
-    /// Texels that are open in part, in order, with how many 255ths of them are.
+    /// Texels that are partly open, in order, with their open share in 255ths.
     partial: Box<[(u32, u8)]>,
 }
 
 impl Visibility {
-    /// Asks a surface by rays, for a grid of `side` squared texels. One ray goes to the centre of
-    /// each texel above the horizon; where neighbouring texels differ sixteen go, and the share of
-    /// those above the horizon that pass is what is open. So an obstacle that is thinner than a
-    /// texel and misses all centres is not seen.
+    /// Traces the visibility of points on a surface, for a grid of `side` squared texels. One ray
+    /// goes to the centre of each texel above the horizon; where neighbouring texels differ sixteen
+    /// go, and the open share is the share of those above the horizon that pass. An obstacle that
+    /// is thinner than a texel and misses all centres is therefore not seen.
     ///
     /// # Panics
-    /// If `side` is no power of two.
+    /// If `side` is not a power of two.
     pub fn trace(
         surface: &dyn Surface,
         points: &[Lookout],
@@ -79,12 +79,12 @@ impl Visibility {
         self.rows.is_empty()
     }
 
-    /// How the grid lies on the sphere.
+    /// Returns how the grid is mapped to the sphere.
     pub fn map(&self) -> OctahedralMap {
         self.map
     }
 
-    /// Texels along a side.
+    /// Number of texels along a side.
     pub fn side(&self) -> usize {
         self.side
     }
@@ -94,7 +94,8 @@ impl Visibility {
         self.rows.iter().all(|row| row.blocked.is_empty() && row.partial.is_empty())
     }
 
-    /// The open share of a texel, in 0..=1; one below the horizon, where nothing was asked.
+    /// Returns the open share of a texel, in 0..=1; one below the horizon, where nothing was
+    /// traced.
     pub fn share(&self, point: usize, texel: usize) -> f32 {
         let row = &self.rows[point];
         if row.blocked.get(texel / 64).is_some_and(|word| word >> (texel % 64) & 1 == 1) {
@@ -104,15 +105,15 @@ impl Visibility {
         partial.map_or(1.0, |at| f32::from(row.partial[at].1) / 255.0)
     }
 
-    /// The open share of the texel on which a unit direction falls.
+    /// Returns the open share of the texel that contains a unit direction.
     pub fn share_along(&self, point: usize, direction: DVec3) -> f32 {
         self.share(point, LightGrid::texel_of(self.map, self.side, direction))
     }
 
-    /// Multiplies values that belong to the texels, `stride` to each, by the open shares.
+    /// Multiplies the values of the texels, `stride` to each, by the open shares.
     ///
     /// # Panics
-    /// If there are not `stride` for each texel.
+    /// If there are not `stride` values for each texel.
     pub fn apply(&self, point: usize, values: &mut [f32], stride: usize) {
         assert_eq!(values.len(), self.side * self.side * stride);
         let row = &self.rows[point];
@@ -129,17 +130,17 @@ impl Visibility {
         }
     }
 
-    /// Texels that are open in part for a point, with the open share of each.
+    /// Iterates over the texels that are partly open for a point, with the open share of each.
     pub(crate) fn partial(&self, point: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
         self.rows[point].partial.iter().map(|&(texel, share)| (texel as usize, f32::from(share) / 255.0))
     }
 
-    /// Share of the light from an even sky that reaches each point through what blocks it: one
-    /// where nothing does. And the share that comes through texels that are open in part, the edges
-    /// of what blocks.
+    /// Computes the share of the light of an even sky that reaches each point past the occluders,
+    /// one where nothing occludes it, and the share that comes through texels that are partly open,
+    /// the edges of the occluders.
     ///
     /// # Panics
-    /// If there are not as many normals as points.
+    /// If the numbers of normals and points differ.
     pub(crate) fn openness(&self, normals: &[DVec3]) -> Vec<Openness> {
         assert_eq!(normals.len(), self.rows.len());
         let centres: Vec<(DVec3, f64)> = (0..self.side * self.side)
@@ -166,7 +167,7 @@ impl Visibility {
         self.rows.par_iter().zip(normals).map(of).collect()
     }
 
-    /// The same of some of the points.
+    /// Selects the visibility of some of the points.
     ///
     /// # Panics
     /// If there is no such point.
@@ -174,13 +175,13 @@ impl Visibility {
         Self { map: self.map, side: self.side, rows: points.iter().map(|&i| self.rows[i].clone()).collect() }
     }
 
-    /// Bytes that the shares take.
+    /// Returns the memory that the shares take, in bytes.
     pub fn bytes(&self) -> usize {
         let row = |r: &Row| size_of::<Row>() + size_of_val(&*r.blocked) + size_of_val(&*r.partial);
         self.rows.iter().map(row).sum()
     }
 
-    /// All shares of each point as bytes, for keys of caches.
+    /// Visits all shares of each point as bytes, for cache keys.
     pub fn for_each_byte(&self, mut visit: impl FnMut(&[u8])) {
         visit(&(self.side as u64).to_le_bytes());
         for row in &self.rows {
@@ -192,13 +193,12 @@ impl Visibility {
     }
 }
 
-/// How much of the sky a point sees.
+/// Visible part of the sky at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Openness {
-    /// The share of light from an even sky that is left, in 0..=1.
+    /// Share of the light of an even sky that reaches the point, in 0..=1.
     pub open: f64,
-    /// The share of that light, without obstacles, that would come from texels that are open in
-    /// part.
+    /// Share of that light, without occluders, that would come from texels that are partly open.
     pub edge: f64,
 }
 
@@ -206,13 +206,13 @@ pub struct Openness {
 struct Texels {
     side: usize,
     centres: Vec<DVec3>,
-    /// [`FINE`] squared for each texel.
+    /// [`FINE`] squared directions for each texel.
     fine: Vec<DVec3>,
-    /// Bound of the angle between a centre and any direction of its texel.
+    /// Upper bound of the angle between a centre and any direction of its texel.
     radius: f64,
 }
 
-/// A texel as the rays see it.
+/// State of a texel by its central ray.
 #[derive(Clone, Copy, PartialEq)]
 enum State {
     Below,
@@ -234,7 +234,8 @@ impl Texels {
         Self { side, centres, fine, radius: map.cell_radius(side.ilog2()) }
     }
 
-    /// The texel at a step from another; over an edge of the square it is one of the same edge.
+    /// Returns the texel at a step from another; across an edge of the square it is one on the same
+    /// edge.
     fn neighbour(&self, texel: usize, dx: isize, dy: isize) -> usize {
         let n = self.side as isize;
         let (mut x, mut y) = ((texel % self.side) as isize + dx, (texel / self.side) as isize + dy);
@@ -254,7 +255,7 @@ impl Texels {
             .centres
             .iter()
             .map(|&direction| match direction.dot(point.normal) {
-                // A centre below the horizon says nothing of the part above.
+                // A centre below the horizon does not tell whether the part above it is blocked.
                 height if height <= lowest => State::Below,
                 _ if blocks(direction) => State::Blocked,
                 _ => State::Open,

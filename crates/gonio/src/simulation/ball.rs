@@ -1,10 +1,10 @@
-//! Pictures of a ball of many materials in one light, quickly.
+//! Fast rendering of a ball of many materials under one light.
 //!
-//! Thousands of lights are gathered for the training of the posterior, each as a matrix from tables
-//! to pictures. Here the light of a point is sampled at half vectors, in rings about its normal
-//! that are as fine as the table, and each sample is the mean over its own solid angle (prefiltered
-//! importance sampling, Colbert & Krivanek 2007). That is a hundred times faster than
-//! [`Relighter`](crate::render::Relighter) and within some percent of it.
+//! Training of the posterior gathers thousands of lights, each as a matrix from tables to pictures.
+//! Here the light at a point is sampled at half vectors, in rings about its normal that are as fine
+//! as the table, and each sample is the mean over its own solid angle (prefiltered importance
+//! sampling, Colbert & Krivanek 2007). That is a hundred times faster than
+//! [`Relighter`](crate::render::Relighter) and agrees with it within some percent.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -16,43 +16,44 @@ use super::pyramid::{LightPyramid, Part};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H};
 use crate::transfer::kernels::dispatch;
 
-/// Rings of half vectors about a normal, even in the square root of the angle as the rows of a
-/// table are.
+/// Number of rings of half vectors about a normal, even in the square root of the angle like the
+/// rows of a table.
 const RINGS: usize = 90;
 
-/// Samples of a ring: at least, and at most.
+/// Least and largest number of samples of a ring.
 const SPOKES: (f32, f32) = (8.0, 44.0);
 
-/// A cosine of the difference angle to choose levels by.
+/// Typical cosine of the difference angle, used to choose levels.
 const TYPICAL: f64 = 0.8;
 
-/// Points that are gathered before they are multiplied with the tables.
+/// Number of points that are gathered before they are multiplied with the tables.
 const CHUNK: usize = 24;
 
-/// Half vectors about a normal along z.
+/// Half vectors about a normal along z, for rendering balls.
 #[derive(Clone, Debug)]
 pub struct BallRenderer {
     near: Vec<RingBlock>,
     far: Vec<RingBlock>,
-    /// Rows of a table that the near rings reach.
+    /// Number of rows of a table that the near rings reach.
     near_rows: usize,
 }
 
-/// Half angles in degrees between which lamps pass from samples, which show their shape in a sharp
-/// highlight, to points, which are exact in a wide one.
+/// Half angles in degrees between which lamps change from samples, which show their shape in a
+/// sharp highlight, to points, which are exact in a wide one.
 const NEAR: (f32, f32) = (3.0, 6.0);
 
-/// How far the rings about a normal are counted: those of half angles below three degrees, beyond
-/// six, and between with a share in both.
+/// Group of rings about a normal: half angles below three degrees, or beyond six; those between
+/// have a share in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rings {
-    /// What sharp highlights are seen by, lamps by samples.
+    /// Rings that show sharp highlights, with lamps as samples.
     Near,
-    /// What changes little over a degree, with lamps counted one by one.
+    /// Rings whose content changes little over a degree, with lamps added one by one.
     Far,
 }
 
-/// Share of the far rings, and of the lamps that are points, at a half angle in degrees.
+/// Returns the share of the far rings, and of the lamps that are points, at a half angle in
+/// degrees.
 #[inline(always)]
 pub(super) fn counted(theta_h: f32) -> f32 {
     ((theta_h - NEAR.0) / (NEAR.1 - NEAR.0)).clamp(0.0, 1.0)
@@ -65,13 +66,13 @@ impl Default for BallRenderer {
 }
 
 impl BallRenderer {
-    /// The rings.
+    /// Builds the rings.
     pub fn new() -> Self {
         let (mut near, mut far, mut near_rows) = (Vec::new(), Vec::new(), 0);
         let right = std::f64::consts::FRAC_PI_2;
         for ring in 0..RINGS {
             let edge = |r: usize| (r as f64 / RINGS as f64).powi(2) * right;
-            // The middle by the root of the angle, in which tables are linear.
+            // The middle is taken in the root of the angle, in which tables are linear.
             let root = (ring as f64 + 0.5) / RINGS as f64;
             let theta = root * root * right;
             let (low, high) = (edge(ring), edge(ring + 1));
@@ -107,8 +108,8 @@ impl BallRenderer {
         Self { near: blocks(near), far: blocks(far), near_rows }
     }
 
-    /// Luminance of points with these normals, seen from +z, of each of the tables by some of the
-    /// rings: `[table][point]`. The sum over both kinds of rings is all light.
+    /// Renders the luminance of points with these normals, seen from +z, for each of the tables and
+    /// one group of rings: `[table][point]`. The sum over both groups is the full picture.
     pub fn render(
         &self,
         normals: &[Vec3],
@@ -116,7 +117,7 @@ impl BallRenderer {
         light: &LightPyramid,
         rings: Rings,
     ) -> Vec<Vec<f32>> {
-        // Near rings need the first rows of the tables only.
+        // Near rings need only the first rows of the tables.
         let (blocks, lamps, part, cells) = match rings {
             Rings::Near => (&self.near, Vec::new(), Part::All, self.near_rows * THETA_D),
             Rings::Far => (&self.far, LampBlock::all(light), Part::Even, CELLS),

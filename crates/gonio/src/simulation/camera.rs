@@ -1,8 +1,8 @@
-//! What stands between a scene and its photograph: camera, texture, shadows, and shapes that are
-//! not quite known.
+//! Effects between a scene and its photograph: camera, texture, shadows, and imperfectly known
+//! shapes.
 //!
-//! Each effect has a strength of its own, down to none. They act on the disk of normals, where
-//! every shape is alike.
+//! Each effect has its own strength, down to none. They act on the disk of normals, where every
+//! shape looks alike.
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson};
@@ -19,48 +19,48 @@ pub struct Camera {
     /// Radius in pixels of a ball with as many pixels as the object. Photographs of a hundred to a
     /// thousand pixels across are common.
     pub radius: f32,
-    /// Standard deviation of the logarithm of how many pixels show a normal: even for a ball, one
-    /// or more for a figure with flat parts.
+    /// Standard deviation of the logarithm of the number of pixels that show a normal: zero for a
+    /// ball, one or more for a figure with flat parts.
     pub uneven: f32,
-    /// Share of the normals that are not seen at all: what faces a pedestal, holes of a scan, a
-    /// cropped picture.
+    /// Share of the normals that are not seen at all: the side facing a pedestal, holes of a scan,
+    /// a cropped picture.
     pub missing: f32,
-    /// Noise that does not depend on brightness, relative to the mean of the picture: read noise,
-    /// at most a few percent in the dark parts of one exposure (EMVA 1288).
+    /// Noise independent of brightness, relative to the mean of the picture: read noise, at most a
+    /// few percent in the dark parts of one exposure (EMVA 1288).
     pub read: f32,
-    /// Noise of a pixel of mean brightness that grows with the root of the brightness: photons
+    /// Noise of a pixel of mean brightness that grows with the root of the brightness: shot noise
     /// (EMVA 1288).
     pub shot: f32,
     /// Levels between black and the largest value, 2^8 for 8 bits; zero for floats.
     pub levels: f32,
-    /// Share of the pixels that is clipped.
+    /// Share of the pixels that are clipped.
     pub clipped: f32,
     /// Standard deviation of the lens's blur, in cells of the disk.
     pub blur: f32,
     /// Share of the light that the lens scatters over the whole picture: veiling glare, one to five
-    /// percent of ordinary lenses (ISO 9358).
+    /// percent for ordinary lenses (ISO 9358).
     pub glare: f32,
     /// Relative standard deviation of the albedo from pixel to pixel: grain, flakes, weave. The
     /// three photographed objects beside this data have 6 to 23 %.
     pub speckle: f32,
     /// Standard deviation of the logarithm of the albedo over regions: stains, wear.
     pub stains: f32,
-    /// How much of the light the darkest parts of a figure lack: shadows that nobody modelled,
+    /// Share of the light that the darkest parts of a figure lack because of unmodelled shadows,
     /// 0..=1.
     pub shadow: f32,
-    /// Light that a figure throws onto itself, relative to the mean of the picture.
+    /// Interreflected light in a figure, relative to the mean of the picture.
     pub bounce: f32,
-    /// Share of the pixels that are of another material.
+    /// Share of the pixels that show another material.
     pub foreign: f32,
     /// Error of the normals from pixel to pixel, radians: the noise of a scan.
     pub rough_normals: f32,
-    /// Error of the normals over regions, radians: a scan that was smoothed or is a pixel beside
-    /// the picture.
+    /// Error of the normals over regions, radians: a scan that was smoothed or is a pixel off the
+    /// picture.
     pub wrong_normals: f32,
     /// Error of the outline: its radius and centre, relative to the radius.
     pub outline: f32,
     /// Whether pixels of one normal come from several places, which differ in albedo, shadow and
-    /// bounced light.
+    /// interreflected light.
     pub figure: bool,
 }
 
@@ -87,13 +87,13 @@ impl Camera {
         figure: false,
     };
 
-    /// A camera, an object and its shape as they come. A quarter are renderings, clean but for a
-    /// little noise; the others have each effect with a probability of its own.
+    /// Draws a camera, an object and its shape at random. A quarter are renderings, clean except
+    /// for a little noise; the others have each effect with a probability of its own.
     pub fn draw(rng: &mut impl Rng) -> Self {
         let log = |rng: &mut _, low: f32, high: f32| between(rng, low.ln(), high.ln()).exp();
         let clean = rng.random_range(0.0..1.0) < 0.25;
         let radius = log(rng, 40.0, 600.0);
-        // The normals of a mesh or a list are not even as a ball's pixels are.
+        // The normals of a mesh or a list are not spread as evenly as a ball's pixels.
         let scattered = if rng.random_range(0.0..1.0) < 0.4 { between(rng, 0.01, 0.6) } else { 0.0 };
         if clean {
             return Self { radius, uneven: scattered, read: between(rng, 0.0, 0.01), ..Self::CLEAN };
@@ -124,7 +124,8 @@ impl Camera {
         }
     }
 
-    /// The photograph of a scene; `other` is that of another material in the same light.
+    /// Simulates the photograph of a scene; `other` is the scene of another material in the same
+    /// light.
     pub fn photograph(&self, scene: &Scene, other: &Scene, rng: &mut impl Rng) -> DiskImage {
         let Scene { values: mut image, mut details } = scene.clone();
         if self.foreign > 0.0 {
@@ -138,14 +139,14 @@ impl Camera {
             let places = self.displaced(rng);
             (image, details) = (shifted(&image, &places), shifted(&details, &places));
         }
-        // What a cell's own pixels vary by because their normals do.
+        // Variation among a cell's own pixels because their normals vary.
         let slope = if self.rough_normals > 0.0 { slopes(&image) } else { Vec::new() };
         let rough = self.rough_normals * 0.5 * SIDE as f32;
         let width = self.blur.hypot(rough);
         if width > 0.15 {
             image = blurred(&image, width);
         }
-        // Details are waves of some 1.7 cells: the transform of the blur there.
+        // Details are waves of some 1.7 cells: they are damped by the transform of the blur there.
         let kept_detail = (-7.0 * width * width).exp() * (1.0 - self.glare);
         details.iter_mut().for_each(|d| *d *= kept_detail);
         let mean = disk::mean(&image);
@@ -181,12 +182,12 @@ impl Camera {
                 + among.get(cell).copied().unwrap_or(0.0);
             let error = (variance / count).sqrt();
             let noisy = value + gauss(rng) * error;
-            // Rounding shows where few pixels are averaged.
+            // Rounding is visible where few pixels are averaged.
             let rounded = if step > 0.0 && count < 3.0 { (noisy / step).round() * step } else { noisy };
             seen[cell] = rounded.max(0.0);
             kept[cell] = count;
-            // Four quarters of a fourth of the pixels have three differences, each as uncertain as
-            // their mean.
+            // Four quarters of a fourth of the pixels each have three differences, each as
+            // uncertain as their mean.
             if self.quarters_seen(count, rng) {
                 let [a, b, c] = [details[cell], 0.0, 0.0].map(|d| d + gauss(rng) * error);
                 found[cell] = Some((a * a + b * b + c * c).sqrt());
@@ -200,14 +201,14 @@ impl Camera {
         DiskImage::of_cells(seen, kept, found, told)
     }
 
-    /// Whether each quarter of a cell has one of its pixels, which lie evenly or, where `uneven`,
+    /// Whether each quarter of a cell contains a pixel; the pixels lie evenly or, where `uneven`,
     /// at random.
     fn quarters_seen(&self, count: f32, rng: &mut impl Rng) -> bool {
         let share = if self.uneven > 0.0 { (1.0 - (-0.25 * count).exp()).powi(4) } else { (count - 3.0) / 3.0 };
         share >= 1.0 || (share > 0.0 && between(rng, 0.0, 1.0) < share)
     }
 
-    /// Stains of an object that shows each normal once.
+    /// Applies the stains of an object that shows each normal once.
     fn stain(&self, image: &mut [f32], details: &mut [f32], rng: &mut impl Rng) {
         if self.stains > 0.0 {
             let (coarse, fine) = (field(6, rng), field(16, rng));
@@ -219,7 +220,8 @@ impl Camera {
         }
     }
 
-    /// Pixels of each cell, and whether single pixels can be told apart in them.
+    /// Returns the number of pixels of each cell, and whether a cell has several pixels whose
+    /// scatter can be estimated.
     fn counts(&self, figure: Option<&Figure>, rng: &mut impl Rng) -> (Vec<f32>, bool) {
         let each = (self.radius / (0.5 * SIDE as f32)).powi(2);
         let mut counts = vec![each; SIDE * SIDE];
@@ -228,7 +230,7 @@ impl Camera {
         }
         if self.uneven > 0.0 {
             let density = field(10, rng);
-            // Many pixels are nearly normally distributed, which is drawn much sooner.
+            // Large counts are nearly normally distributed, which is faster to draw.
             let mut poisson = |mean: f32| match mean {
                 many if many > 12.0 => (many + many.sqrt() * gauss(rng)).round().max(0.0),
                 few => Poisson::new(f64::from(few.max(1e-4))).map_or(0.0, |p| p.sample(rng) as f32),
@@ -250,8 +252,8 @@ impl Camera {
         (counts, each >= 3.0)
     }
 
-    /// Where the cells of a shape show what they should show at their own places, `(x, y)` in
-    /// cells: normals are off by a smooth field of shifts, a shift of all, and another radius.
+    /// Returns the places, `(x, y)` in cells, whose values the cells of a wrong shape show: normals
+    /// are off by a smooth field of shifts, a global shift, and another radius.
     fn displaced(&self, rng: &mut impl Rng) -> Vec<(f32, f32)> {
         let cells = 0.5 * SIDE as f32;
         let (right, down) = (field(7, rng), field(7, rng));
@@ -269,7 +271,7 @@ impl Camera {
         (0..SIDE * SIDE).map(at).collect()
     }
 
-    /// The scatter as it would be estimated from pixels that share a normal, not quite right.
+    /// Simulates the estimate of the scatter from pixels that share a normal, with its error.
     fn told(
         &self,
         [image, details, slope, among]: [&[f32]; 4],
@@ -296,13 +298,13 @@ impl Camera {
     }
 }
 
-/// An image of what is at these places, in cells, of another.
+/// Resamples an image at these places, in cells.
 fn shifted(image: &[f32], places: &[(f32, f32)]) -> Vec<f32> {
     let at = |(cell, &(x, y)): (usize, &(f32, f32))| if on_disk(cell) { bilinear(image, x, y) } else { 0.0 };
     places.iter().enumerate().map(at).collect()
 }
 
-/// The scatter of an image whose cells are its pixels.
+/// Estimates the scatter of an image whose cells are its pixels.
 fn told_of_cells(values: &[f32], counts: &[f32]) -> f32 {
     let samples: Vec<Sample> = (0..SIDE * SIDE)
         .filter(|&c| counts[c] > 0.0)
@@ -321,7 +323,7 @@ mod tests {
 
     use super::*;
 
-    /// Gives a camera an effect of a strength.
+    /// Sets the strength of an effect of a camera.
     type Set<'a> = &'a dyn Fn(&mut Camera, f32);
 
     fn scene() -> Scene {
@@ -412,8 +414,8 @@ mod tests {
         let large = Camera { radius: 256.0, ..Camera::CLEAN };
         near(large, 0.05);
         near(Camera { blur: 0.3, ..large }, 0.05 * (-7.0_f32 * 0.09).exp());
-        // Noise is taken for detail where a quarter has few pixels: 0.2 / sqrt(16) times the middle
-        // of chi with three degrees.
+        // Noise counts as detail where a quarter has few pixels: 0.2 / sqrt(16) times the median of
+        // a chi distribution with three degrees of freedom.
         near(Camera { blur: 1.0, speckle: 0.2, ..large }, 0.05 * 1.538);
         assert_eq!(median(&taken(&Camera { radius: 100.0, ..large }, 4)).0, 0.0);
         let few = Camera { uneven: 0.01, ..large };

@@ -1,4 +1,4 @@
-//! Operations on images of the disk, and random ones.
+//! Operations on images of the disk, and random fields.
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
@@ -13,14 +13,14 @@ pub(super) fn gauss(rng: &mut impl Rng) -> f32 {
     StandardNormal.sample(rng)
 }
 
-/// Value below which a share of the disk lies.
+/// Returns the value below which a share of the disk lies.
 pub(super) fn quantile(values: &[f32], share: f32) -> f32 {
     let mut on: Vec<f32> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(|c| values[c]).collect();
     let at = (share.clamp(0.0, 1.0) * (on.len() - 1) as f32) as usize;
     *on.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
-/// Change from cell to cell.
+/// Computes the slope from cell to cell.
 pub(super) fn slopes(image: &[f32]) -> Vec<f32> {
     let slope = |c: usize| {
         if !on_disk(c) || c < SIDE || c + SIDE >= SIDE * SIDE {
@@ -34,7 +34,7 @@ pub(super) fn slopes(image: &[f32]) -> Vec<f32> {
     (0..SIDE * SIDE).map(slope).collect()
 }
 
-/// A Gaussian mean over the disk, of standard deviation `width` in cells.
+/// Blurs an image by a Gaussian mean over the disk, of standard deviation `width` in cells.
 pub(super) fn blurred(image: &[f32], width: f32) -> Vec<f32> {
     let reach = (2.5 * width).ceil() as isize;
     let kernel: Vec<f32> = (-reach..=reach).map(|i| (-0.5 * (i as f32 / width).powi(2)).exp()).collect();
@@ -72,8 +72,8 @@ pub(super) fn bilinear(image: &[f32], x: f32, y: f32) -> f32 {
         + t * ((1.0 - s) * at(column, row + 1) + s * at(column + 1, row + 1))
 }
 
-/// A smooth random field of mean zero and variance one: Gaussian values on a grid of so many
-/// squares across, cubic splines between them.
+/// Draws a smooth random field of mean zero and variance one: Gaussian values on a grid of `across`
+/// squares across, with cubic splines between them.
 pub(super) fn field(across: usize, rng: &mut impl Rng) -> Vec<f32> {
     let side = across + 3;
     let nodes: Vec<f32> = (0..side * side).map(|_| gauss(rng)).collect();
@@ -97,7 +97,7 @@ pub(super) fn field(across: usize, rng: &mut impl Rng) -> Vec<f32> {
     };
     let (columns, rows) = (line(shift.0), line(shift.1));
     let mut out = Vec::with_capacity(SIDE * SIDE);
-    // The variance of a mean with these weights, by averaging over places, is 0.48^2.
+    // The standard deviation of a mean with these weights, averaged over places, is 0.48.
     const SCALE: f32 = 1.0 / 0.479;
     for (row, v) in &rows {
         let across_rows: Vec<f32> =

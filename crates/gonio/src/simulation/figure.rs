@@ -1,9 +1,9 @@
 //! Figures: objects on which a normal is seen in several places.
 //!
-//! The pixels of a figure that share a normal lie on different parts of its surface, some in the
-//! shadow of others, some lit by them, some worn. A part shows a region of normals and no more, so
-//! that what they share of a cell changes abruptly from one cell to the next: streaks and edges on
-//! the disk that are none of the reflected light.
+//! The pixels of a figure that share a normal lie on different parts of its surface, some shadowed
+//! by others, some lit by them, some worn. A part shows only a region of normals, so the mixture of
+//! parts in a cell changes abruptly from one cell to the next: streaks and edges on the disk that
+//! do not come from the reflected light.
 
 use rand::Rng;
 
@@ -11,37 +11,37 @@ use super::Camera;
 use super::fields::{between, field, gauss};
 use crate::appearance::disk::{SIDE, centre, on_disk};
 
-/// What the pixels of a cell have in common: number, and means over the parts that share it.
+/// Statistics of the pixels of a cell: their number, and means over the parts that share it.
 #[derive(Clone, Copy, Default)]
 struct Shared {
-    /// Pixels of all parts, with mean one over the disk.
+    /// Number of pixels of all parts, with mean one over the disk.
     density: f32,
-    /// Mean of what the scene is multiplied by.
+    /// Mean of the factor by which the scene is multiplied.
     factor: f32,
-    /// Mean of what is added to it, relative to the scene's mean.
+    /// Mean of the light added to it, relative to the scene's mean.
     added: f32,
     /// Variances of both among the pixels, and their covariance.
     spread: [f32; 3],
 }
 
-/// The parts of a figure, summed over in each cell.
+/// Parts of a figure, summed in each cell.
 pub(super) struct Figure {
     cells: Vec<Shared>,
 }
 
-/// A region of normals, `(x, y)` of the disk: an ellipse, its edge made uneven by a field.
+/// A region of normals, `(x, y)` on the disk: an ellipse whose edge a random field makes uneven.
 struct Part {
     middle: (f32, f32),
     /// Unit vector of the longer axis.
     along: (f32, f32),
-    /// Half axes.
+    /// Semi-axes.
     reach: (f32, f32),
-    /// Pixels of a cell.
+    /// Number of pixels in a cell.
     weight: f32,
     albedo: f32,
-    /// How deep the part lies in shadow, and how that changes over it.
+    /// Depth of shadow at the middle of the part, and its slopes over the part.
     dark: (f32, f32, f32),
-    /// How much light it gets from others.
+    /// Light received from other parts.
     lit: f32,
 }
 
@@ -60,7 +60,7 @@ impl Part {
         }
     }
 
-    /// The body of the figure, which shows all normals.
+    /// Draws the body of the figure, which shows all normals.
     fn whole(stains: f32, rng: &mut impl Rng) -> Self {
         Self {
             middle: (0.0, 0.0),
@@ -73,14 +73,14 @@ impl Part {
         }
     }
 
-    /// Squared distance from the middle in half axes.
+    /// Returns the squared distance from the middle in semi-axes.
     fn distance(&self, (x, y): (f32, f32)) -> f32 {
         let (x, y) = (x - self.middle.0, y - self.middle.1);
         let (along, across) = (x * self.along.0 + y * self.along.1, y * self.along.0 - x * self.along.1);
         (along / self.reach.0).powi(2) + (across / self.reach.1).powi(2)
     }
 
-    /// The cells of the square that it may reach.
+    /// Iterates over the cells of the square that the part may reach.
     fn cells(&self) -> impl Iterator<Item = usize> + use<> {
         // An uneven edge may reach half as far again.
         let reach = 1.6 * self.reach.0;
@@ -93,14 +93,14 @@ impl Part {
         rows.flat_map(move |row| columns.clone().map(move |column| row * SIDE + column))
     }
 
-    /// How deep a place lies in shadow.
+    /// Returns the depth of shadow at a place.
     fn depth(&self, (x, y): (f32, f32)) -> f32 {
         self.dark.0 + self.dark.1 * (x - self.middle.0) + self.dark.2 * (y - self.middle.1)
     }
 }
 
 impl Figure {
-    /// With the stains, the shadow and the bounced light of a camera.
+    /// Draws a figure with the stains, the shadow and the interreflections of a camera.
     pub(super) fn draw(camera: &Camera, rng: &mut impl Rng) -> Self {
         let count = between(rng, 3.0_f32.ln(), 60.0_f32.ln()).exp() as usize;
         let whole = Part::whole(camera.stains, rng);
@@ -124,13 +124,13 @@ impl Figure {
         Self { cells }
     }
 
-    /// Pixels of each cell, with mean one over the disk.
+    /// Iterates over the number of pixels of each cell, with mean one over the disk.
     pub(super) fn densities(&self) -> impl Iterator<Item = f32> {
         self.cells.iter().map(|c| c.density)
     }
 
-    /// What a scene of some mean shows of the figure: values and details are changed, and what
-    /// comes back is the variance among the pixels of each cell.
+    /// Applies the figure to a scene of some mean: changes values and details, and returns the
+    /// variance among the pixels of each cell.
     pub(super) fn show(&self, image: &mut [f32], details: &mut [f32], mean: f32) -> Vec<f32> {
         let seen = image.iter_mut().zip(details).zip(&self.cells);
         let cell = |((image, detail), shared): ((&mut f32, &mut f32), &Shared)| {
@@ -144,7 +144,7 @@ impl Figure {
 }
 
 impl Shared {
-    /// Adds the pixels of a part. Until [`Self::finish`] all are sums.
+    /// Adds the pixels of a part. All fields are sums until [`Self::finish`].
     fn add(&mut self, weight: f32, factor: f32, added: f32) {
         self.density += weight;
         self.factor += weight * factor;
@@ -154,7 +154,7 @@ impl Shared {
         }
     }
 
-    /// From sums to means and variances.
+    /// Converts sums to means and variances.
     fn finish(&mut self) {
         let weight = self.density.max(1e-6);
         self.factor /= weight;
@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn parts_end_abruptly() {
-        // Larger steps between neighbouring cells than a smooth field of the same variance has,
+        // Steps between neighbouring cells are larger than in a smooth field of the same variance,
         // whose waves are no shorter than a dozen cells.
         let (mut steps, mut total) = (0.0, 0.0);
         for seed in 0..8 {
@@ -214,7 +214,7 @@ mod tests {
 
     #[test]
     fn the_variance_is_that_among_the_parts() {
-        // Nothing but the mean is seen where the body is alone.
+        // Only the mean is seen where the body is alone.
         let figure = Figure::draw(&Camera { stains: 0.3, ..Camera::CLEAN }, &mut Pcg64::seed_from_u64(5));
         let alone = figure.densities().fold(f32::INFINITY, f32::min);
         let (mut image, mut details) = (vec![1.0; SIDE * SIDE], vec![0.0; SIDE * SIDE]);

@@ -1,5 +1,5 @@
-//! The innermost loops of [`BallRenderer`](super::BallRenderer): sixteen half vectors at a time, in
-//! vector instructions but for the lookups.
+//! Innermost loops of [`BallRenderer`](super::BallRenderer): sixteen half vectors at a time, in
+//! vector instructions except for the lookups.
 
 use std::array;
 
@@ -9,24 +9,24 @@ use super::ball::counted;
 use super::pyramid::{LightPyramid, Part, Place, whole};
 use crate::reflectance::{THETA_D, THETA_H};
 
-/// Numbers that are worked on together.
+/// Number of values that are processed together.
 pub(super) const LANES: usize = 16;
 
 type Lanes = [f32; LANES];
 
-/// A half vector about a normal along z, and what it stands for.
+/// A half vector about a normal along z, with its solid angle and lookups.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RingSample {
     pub(super) half: Vec3,
     pub(super) solid_angle: f32,
-    /// Row of the table below it, as an index of cells, and how far it is to the next.
+    /// Row of the table below it, as an index of cells, and the fraction of the way to the next.
     pub(super) row: usize,
     pub(super) beyond: f32,
-    /// Level of the light whose texels are as large as what the sample stands for.
+    /// Level of the light whose texels are as large as the sample's solid angle.
     pub(super) level: usize,
 }
 
-/// Several of them.
+/// Several samples, by lanes.
 #[derive(Clone, Debug)]
 pub(super) struct RingBlock {
     half: [Lanes; 3],
@@ -38,7 +38,7 @@ pub(super) struct RingBlock {
 }
 
 impl RingBlock {
-    /// Of at most [`LANES`] samples; the rest stand for nothing.
+    /// Packs at most [`LANES`] samples; the remaining lanes have no weight.
     pub(super) fn of(samples: &[RingSample]) -> Self {
         let at = |i: usize| samples.get(i).copied().unwrap_or_default();
         Self {
@@ -52,25 +52,25 @@ impl RingBlock {
     }
 }
 
-/// Lamps, and what about them does not depend on the normal.
+/// Lamps, with everything about them that does not depend on the normal.
 #[derive(Clone, Debug)]
 pub(super) struct LampBlock {
     towards: [Lanes; 3],
     half: [Lanes; 3],
     irradiance: Lanes,
-    /// Column of the table below the difference angle, and how far it is to the next.
+    /// Column of the table below the difference angle, and the fraction of the way to the next.
     column: [u32; LANES],
     next: Lanes,
 }
 
 impl LampBlock {
-    /// Those of a light.
+    /// Packs all lamps of a light.
     pub(super) fn all(light: &LightPyramid) -> Vec<Self> {
         light.lamps().chunks(LANES).map(Self::of).collect()
     }
 
     fn of(lamps: &[(Vec3, f32)]) -> Self {
-        // What is opposite the camera reaches no normal that is seen.
+        // A lamp opposite the camera reaches no visible normal.
         let at = |i: usize| lamps.get(i).copied().filter(|l| l.0.z > -0.999_999).unwrap_or((Vec3::Z, 0.0));
         let sum = |i: usize| at(i).0 + Vec3::Z;
         let column = |i: usize| column_of(0.5 * sum(i).length());
@@ -84,17 +84,17 @@ impl LampBlock {
     }
 }
 
-/// Adds the light that reaches points to the cells of a table by whose reflectance it is seen from
-/// +z, `[normal][cell]`.
+/// Task that adds the light at each point to the cells of the table that reflect it towards +z,
+/// `[normal][cell]`.
 pub(super) struct Gather<'a> {
     pub(super) rings: &'a [RingBlock],
     pub(super) lamps: &'a [LampBlock],
     pub(super) light: &'a LightPyramid,
-    /// What of the light the rings see.
+    /// Part of the light that the rings see.
     pub(super) part: Part,
     pub(super) normals: &'a [Vec3],
     pub(super) rows: &'a mut [f32],
-    /// Cells of a row.
+    /// Number of cells of a row.
     pub(super) cells: usize,
 }
 
@@ -128,8 +128,7 @@ fn add_ring(block: &RingBlock, normal: Vec3, light: &LightPyramid, part: Part, c
         let twice = 2.0 * cos_d;
         let (x, y, z) = (twice * x, twice * y, twice * cos_d - 1.0);
         let cosine = x * normal.x + y * normal.y + z * normal.z;
-        // Four times the cosine: solid angles of light are as much larger than those of half
-        // vectors.
+        // Four times the cosine: the ratio of the solid angle of light to that of half vectors.
         weights[lane] = cosine.max(0.0) * 2.0 * twice.max(0.0) * block.solid_angle[lane];
         columns[lane] = column_of(cos_d.max(0.0));
         places[lane] = Place::of(x, y, z, block.half_side[lane]);
@@ -157,8 +156,8 @@ fn add_lamps(block: &LampBlock, normal: Vec3, cells: &mut [f32]) {
     }
 }
 
-/// Adds light to the four cells around a half angle (as a row of the table and a share of the way
-/// to the next) and a difference angle (likewise a column).
+/// Adds light to the four cells around a half angle (as a row of the table and the fraction of the
+/// way to the next) and a difference angle (likewise a column).
 #[inline(always)]
 fn add(cells: &mut [f32], row: usize, beyond: f32, (column, next): (u32, f32), weight: f32) {
     let (at, next) = (row + column as usize, weight * next);
@@ -170,13 +169,13 @@ fn add(cells: &mut [f32], row: usize, beyond: f32, (column, next): (u32, f32), w
     lower[1] += beyond * next;
 }
 
-/// Column of a table below a difference angle, and how far it is to the next.
+/// Returns the column of a table below a difference angle, and the fraction of the way to the next.
 #[inline(always)]
 fn column_of(cos_d: f32) -> (u32, f32) {
     whole(degrees_of_cosine(cos_d).min((THETA_D - 1) as f32 - 1e-3))
 }
 
-/// The angle in 0..=90 degrees of a cosine, to 0.01 degrees (Abramowitz & Stegun 4.4.45).
+/// Returns the angle in 0..=90 degrees of a cosine, to 0.01 degrees (Abramowitz & Stegun 4.4.45).
 #[inline(always)]
 fn degrees_of_cosine(cosine: f32) -> f32 {
     let x = cosine.min(1.0);

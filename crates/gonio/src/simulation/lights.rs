@@ -1,4 +1,4 @@
-//! Lights to photograph in: captured ones, and what people make of them or put in their place.
+//! Lights for simulated photographs: captured ones, variations of them, and artificial ones.
 
 use glam::{DQuat, DVec3, Vec3};
 use rand::{Rng, RngExt};
@@ -7,28 +7,29 @@ use super::pyramid::LightPyramid;
 use crate::lighting::EnvironmentMap;
 use crate::picture::luminance;
 
-/// What kind of light a photograph is taken in.
+/// Kind of light that a photograph is taken in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightKind {
     /// A captured map.
     Captured,
     /// A captured map, dimmed, with one to four lamps.
     Lamped,
-    /// A patch of a captured map before black: a window, a screen, a stage of lamps.
+    /// A patch of a captured map on a black or dimmed background: a window, a screen, a stage of
+    /// lamps.
     Patch,
     /// One to eight lamps in a dark room.
     Lamps,
-    /// A lamp near the camera.
+    /// A single lamp near the camera.
     Flash,
-    /// Even light from all around, with a few large bright and dark fields: a tent, a studio.
+    /// Even light from all around, with a few large bright and dark panels: a tent, a studio.
     Tent,
     /// A dim room with one to three bright windows.
     Windows,
 }
 
 impl LightKind {
-    /// All, with how often each is drawn: half are captured lights as they are, the rest what no
-    /// captured sky is like.
+    /// All kinds with their frequencies: half are captured lights unchanged, the rest are unlike
+    /// any captured sky.
     pub const SHARES: [(Self, f64); 7] = [
         (Self::Captured, 0.5),
         (Self::Lamped, 0.08),
@@ -39,8 +40,8 @@ impl LightKind {
         (Self::Windows, 0.08),
     ];
 
-    /// The kind of the `index`-th camera: in every hundred as many as [`Self::SHARES`] says, spread
-    /// evenly.
+    /// Returns the kind of the `index`-th camera: in every hundred as many as [`Self::SHARES`]
+    /// says, evenly spread.
     pub fn of(index: usize) -> Self {
         let at = (index as f64 * 0.618_034).fract();
         let mut below = 0.0;
@@ -53,8 +54,8 @@ impl LightKind {
         Self::Captured
     }
 
-    /// A light of this kind in the frame of a camera (z towards it) that `camera` turns to the
-    /// frame of the map.
+    /// Builds a light of this kind in the frame of a camera (z towards it) that `camera` turns to
+    /// the frame of the map.
     pub fn light(self, map: &EnvironmentMap, camera: DQuat, rng: &mut impl Rng) -> LightPyramid {
         let captured = |d: DVec3| f64::from(luminance(map.at(camera * d)));
         let mean = mean_of(map);
@@ -109,7 +110,7 @@ impl LightKind {
                     })
                     .collect();
                 let power = log_between(rng, 0.05, 1.0) / mean;
-                // Through a window one sees some sky or house: not quite even.
+                // The view through a window, some sky or house, is not quite even.
                 LightPyramid::new(|d| {
                     let view = 0.6 + 0.4 * (3.0 * d.y + 2.0 * d.x).sin();
                     power * captured(d) + view * windows.iter().map(|w| w.at(d)).sum::<f64>()
@@ -119,7 +120,7 @@ impl LightKind {
     }
 }
 
-/// Mean luminance over all directions.
+/// Returns the mean luminance over all directions.
 fn mean_of(map: &EnvironmentMap) -> f64 {
     let (width, height) = map.radiance().size();
     let (mut sum, mut weights) = (0.0, 0.0);
@@ -141,7 +142,7 @@ fn log_between(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
     between(rng, low.ln(), high.ln()).exp()
 }
 
-/// A direction at an angle (degrees) from another, at a random azimuth about it.
+/// Returns a direction at an angle (degrees) from another, at a random azimuth about it.
 fn around(axis: DVec3, degrees: f64, rng: &mut impl Rng) -> DVec3 {
     let (x, y) = axis.any_orthonormal_pair();
     let (angle, phi) = (degrees.to_radians(), between(rng, 0.0, std::f64::consts::TAU));
@@ -156,14 +157,15 @@ struct Lamp {
 }
 
 impl Lamp {
-    /// Of a radius in degrees, as bright as an even light of radiance `mean` over the whole sphere.
+    /// Builds a lamp of a radius in degrees, with the power of an even light of radiance `mean`
+    /// over the whole sphere.
     fn new(direction: DVec3, degrees: f64, mean: f64) -> Self {
         let least = degrees.to_radians().cos();
         Self { direction, least, radiance: 2.0 * mean / (1.0 - least) }
     }
 
-    /// Up to so many before or beside the object, each of a share of the power of an even light of
-    /// radiance `mean`.
+    /// Draws up to `most` lamps in front of or beside the object, each with a share of the power of
+    /// an even light of radiance `mean`.
     fn several(most: usize, mean: f64, share: (f64, f64), rng: &mut impl Rng) -> Vec<Self> {
         (0..rng.random_range(1..=most))
             .map(|_| {
@@ -179,7 +181,7 @@ impl Lamp {
     }
 }
 
-/// A rectangle of light.
+/// A rectangular light.
 struct Panel {
     axes: [Vec3; 3],
     half: (f32, f32),
@@ -187,7 +189,7 @@ struct Panel {
 }
 
 impl Panel {
-    /// Half sides are drawn from a range of degrees.
+    /// Builds a panel whose half sides are drawn from a range of degrees.
     fn new(centre: DVec3, degrees: (f64, f64), radiance: f64, rng: &mut impl Rng) -> Self {
         let half = |rng: &mut _| between(rng, degrees.0, degrees.1).to_radians().tan() as f32;
         let (a, b) = centre.any_orthonormal_pair();
@@ -235,7 +237,7 @@ mod tests {
     #[test]
     fn captured_light_is_turned_with_the_camera() {
         let mut rng = Pcg64::seed_from_u64(1);
-        // The camera lies on its back: what is above in the map is behind it.
+        // The camera lies on its back: the top of the map is behind it.
         let turn = DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2);
         let light = LightKind::Captured.light(&map(), turn, &mut rng);
         for d in fibonacci_hemisphere(50) {

@@ -1,9 +1,10 @@
-//! Photographs that could have been: materials of the prior in captured and made-up lights, taken
-//! by ordinary cameras.
+//! Simulated photographs: materials of the prior in captured and artificial lights, taken by
+//! ordinary cameras.
 //!
-//! A [`Stock`] holds scenes, pictures of a ball without any fault; photographs are drawn from it
-//! without end, each of a material of its own (any mixture of two in one light is a material, and
-//! its picture the mixture of theirs) with camera effects of its own ([`Camera`]).
+//! A [`Stock`] holds scenes, pictures of a ball without any fault; an unlimited number of
+//! photographs is drawn from it, each of its own material (any mixture of two materials in one
+//! light is a material, and its picture the mixture of their pictures) with its own camera effects
+//! ([`Camera`]).
 
 mod ball;
 mod camera;
@@ -33,18 +34,18 @@ use crate::appearance::disk::SIDE;
 use crate::lighting::EnvironmentMap;
 use crate::reflectance::{BivariateTable, Dictionary, Mixture, Prior};
 
-/// How scenes are simulated.
+/// Settings of the simulated scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StockSettings {
-    /// Cameras in each captured light, at even azimuths from a random one on.
+    /// Number of cameras in each captured light, at even azimuths from a random start.
     pub cameras: usize,
     /// Standard deviation of the angle at which cameras look up or down, in degrees.
     pub tilt: f64,
-    /// Materials drawn for each camera.
+    /// Number of materials drawn for each camera.
     pub draws: usize,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// What is drawn.
+    /// Prior from which materials are drawn.
     pub prior: Prior,
 }
 
@@ -63,10 +64,10 @@ pub struct Stock {
     shots: Vec<Shot>,
 }
 
-/// Materials before one camera in one light.
+/// Materials in front of one camera in one light.
 struct Shot {
     materials: Vec<Mixture>,
-    /// Where they are.
+    /// Their coordinates.
     places: Vec<Vec<f64>>,
     /// Their scenes.
     scenes: Vec<Packed>,
@@ -75,32 +76,32 @@ struct Shot {
 /// Share of the photographs that are of a mixture of two drawn materials.
 const MIXED: f64 = 0.25;
 
-/// A photograph and what it is of.
+/// A photograph and its ground truth.
 pub struct Photograph {
-    /// What it shows.
+    /// Image of the photograph.
     pub image: DiskImage,
-    /// The place of the material among the coordinates of the dictionary.
+    /// Coordinates of the material in those of the dictionary.
     pub place: Vec<f64>,
 }
 
 impl Stock {
-    /// Without scenes yet.
+    /// Builds a stock without scenes.
     pub fn new(dictionary: Dictionary, settings: StockSettings) -> Self {
         Self { dictionary, settings, renderer: SceneRenderer::new(), lights: 0, shots: Vec::new() }
     }
 
-    /// The materials that are drawn.
+    /// Returns the dictionary that materials are drawn from.
     pub fn dictionary(&self) -> &Dictionary {
         &self.dictionary
     }
 
-    /// Scenes so far.
+    /// Returns the number of scenes so far.
     pub fn scenes(&self) -> usize {
         self.shots.iter().map(|s| s.materials.len()).sum()
     }
 
-    /// Scenes in one more captured light and in others made of it. The random numbers depend on the
-    /// seed and on how many lights there were before.
+    /// Adds scenes in one more captured light and in others derived from it. The random numbers
+    /// depend on the seed and on the number of lights before.
     pub fn add_light(&mut self, map: &EnvironmentMap) {
         let mut rng = Pcg64::seed_from_u64(self.settings.seed.wrapping_mul(0x9e37_79b9).wrapping_add(self.lights));
         let first: f64 = rng.random_range(0.0..1.0);
@@ -120,11 +121,12 @@ impl Stock {
         self.lights += 1;
     }
 
-    /// One of endless photographs, the same for the same number: of one of the materials or, in a
-    /// quarter, of a mixture of two; turned by quarters about the view and mirrored at random.
+    /// Returns one of an unlimited number of photographs, the same for the same number: of one of
+    /// the materials or, in a quarter of them, of a mixture of two; turned by quarters about the
+    /// view and mirrored at random.
     ///
     /// # Panics
-    /// Without scenes.
+    /// If there are no scenes.
     pub fn photograph(&self, number: u64) -> Photograph {
         let mut rng = self.generator(number);
         let pick = self.pick(&mut rng);
@@ -141,10 +143,10 @@ impl Stock {
         Photograph { image, place: self.place_of(&pick) }
     }
 
-    /// Where the material of the photograph of this number is.
+    /// Returns the coordinates of the material of the photograph with this number.
     ///
     /// # Panics
-    /// Without scenes.
+    /// If there are no scenes.
     pub fn place(&self, number: u64) -> Vec<f64> {
         self.place_of(&self.pick(&mut self.generator(number)))
     }
@@ -172,25 +174,25 @@ impl Stock {
     }
 }
 
-/// What a photograph is of.
+/// Choice of the materials in a photograph.
 struct Pick<'a> {
     shot: &'a Shot,
     one: usize,
     two: usize,
-    /// The material of pixels that are not of the object's.
+    /// Material of the pixels that do not show the object's material.
     foreign: usize,
-    /// Share of the first.
+    /// Share of the first material.
     share: f32,
 }
 
 impl Pick<'_> {
-    /// The materials in it, and their shares.
+    /// Iterates over the materials of the mixture and their shares.
     fn parts(&self) -> impl Iterator<Item = (usize, f32)> {
         [(self.one, self.share), (self.two, 1.0 - self.share)].into_iter().filter(|part| part.1 > 0.0)
     }
 }
 
-/// One of the eight ways to lay a square upon itself.
+/// Applies one of the eight symmetries of the square.
 fn turn(image: &mut DiskImage, way: usize) {
     let last = SIDE - 1;
     let from = |cell: usize| {
@@ -208,7 +210,7 @@ fn turn(image: &mut DiskImage, way: usize) {
     image.details = laid(&image.details, from);
 }
 
-/// A generator for the photographs of a camera outside of a stock.
+/// Builds a random generator for photographs by a camera without a stock.
 pub fn generator(seed: u64) -> impl Rng {
     Pcg64::seed_from_u64(seed)
 }

@@ -1,44 +1,44 @@
-//! Light at every scale: the prefiltered lookups of a fast renderer.
+//! Prefiltered light at every scale, for the lookups of a fast renderer.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::sphere::OctahedralMap;
 
-/// The chart: no trigonometry is needed to find the texel of a direction.
+/// Map of the sphere to a square: the texel of a direction is found without trigonometry.
 const CHART: OctahedralMap = OctahedralMap::PraunHoppe;
 
 /// Samples along each side of a texel of the finest level.
 const SAMPLES: usize = 2;
 
-/// A texel is a lamp if it is so many times as bright as the mean over the sphere...
+/// Factor above the mean over the sphere from which on a texel is a lamp...
 const BRIGHT: f64 = 12.0;
 
-/// ...and among so many brightest.
+/// ...if it is among this number of those with most flux.
 const MOST_LAMPS: usize = 1500;
 
 /// Luminance over all directions, averaged over texels of an octahedral square of 4 pi sr, and over
-/// ever larger squares of them.
+/// ever larger squares of texels.
 #[derive(Clone, Debug)]
 pub struct LightPyramid {
-    /// All of the light, from the finest level on.
+    /// Full light, from the finest level on.
     all: Vec<Level>,
-    /// The same without its lamps.
+    /// Light without its lamps.
     even: Vec<Level>,
     /// Direction and irradiance of each bright texel, on a surface that faces it.
     lamps: Vec<(Vec3, f32)>,
 }
 
-/// What part of a light is looked up.
+/// Part of a light that is looked up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
-    /// All of it.
+    /// The full light.
     All,
-    /// What is left without its [`LightPyramid::lamps`].
+    /// The light without its [`LightPyramid::lamps`].
     Even,
 }
 
-/// One resolution, with a border of one texel that repeats what lies across the edge.
+/// One resolution, with a border of one texel that repeats the texels across the edge.
 #[derive(Clone, Debug)]
 struct Level {
     side: usize,
@@ -50,7 +50,7 @@ impl LightPyramid {
     /// Texels along a side of the finest level: 0.8 degrees each, about what captured maps resolve.
     pub const SIDE: usize = 256;
 
-    /// Of luminance by direction.
+    /// Builds the pyramid from the luminance by direction.
     pub fn new(luminance: impl Fn(DVec3) -> f64 + Sync) -> Self {
         let side = Self::SIDE;
         let step = 2.0 / (side * SAMPLES) as f64;
@@ -83,13 +83,14 @@ impl LightPyramid {
         Self { lamps: bright.iter().map(lamp).collect(), all: Level::all(fine), even: Level::all(even) }
     }
 
-    /// Direction and irradiance, on a surface that faces it, of each texel that is much brighter
-    /// than the rest.
+    /// Returns direction and irradiance, on a surface that faces it, of each texel that is much
+    /// brighter than the rest.
     pub fn lamps(&self) -> &[(Vec3, f32)] {
         &self.lamps
     }
 
-    /// The level whose texels are about as wide as a patch of light of this solid angle (sr).
+    /// Returns the level whose texels are about as wide as a patch of light of this solid angle
+    /// (sr).
     pub fn level(solid_angle: f64) -> usize {
         let texel = 4.0 * std::f64::consts::PI / (Self::SIDE * Self::SIDE) as f64;
         // Half of the logarithm to the base of two, rounded up rather than down; the coarsest level
@@ -98,12 +99,12 @@ impl LightPyramid {
         (level.max(0.0) as usize).min(Self::SIDE.ilog2() as usize - 1)
     }
 
-    /// Half of the texels along a side of a level.
+    /// Returns half of the number of texels along a side of a level.
     pub(super) fn half_side(level: usize) -> f32 {
         (Self::SIDE >> (level + 1)) as f32
     }
 
-    /// Mean luminance at a place of [`Place::of`] on a level, bilinear.
+    /// Returns the mean luminance at a place of [`Place::of`] on a level, bilinear.
     #[inline(always)]
     pub(super) fn at(&self, part: Part, level: usize, place: &Place) -> f32 {
         let Level { side, texels } = match part {
@@ -120,15 +121,15 @@ impl LightPyramid {
 
 #[cfg(test)]
 impl LightPyramid {
-    /// Mean luminance of all of it around a direction.
+    /// Returns the mean luminance of the full light around a direction.
     pub(super) fn towards(&self, direction: DVec3, level: usize) -> f32 {
         let d = direction.as_vec3();
         self.at(Part::All, level, &Place::of(d.x, d.y, d.z, Self::half_side(level)))
     }
 }
 
-/// Where on a level a direction is: the upper left of four texels, and how far it is to the right
-/// and down from there.
+/// Position of a direction on a level: the upper left of four texels, and the fractions of the way
+/// to the right and down from there.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Place {
     column: u32,
@@ -138,8 +139,8 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Of a unit direction, on a level of this [`LightPyramid::half_side`]. Without branches, for
-    /// many at once.
+    /// Finds the place of a unit direction on a level of this [`LightPyramid::half_side`].
+    /// Branch-free, for processing many at once.
     #[inline(always)]
     pub(super) fn of(x: f32, y: f32, z: f32, half_side: f32) -> Self {
         let scale = 1.0 / (x.abs() + y.abs() + z.abs());
@@ -152,7 +153,7 @@ impl Place {
     }
 }
 
-/// Whole part of a number in 0..2^21 and the rest, which is 1 at some whole numbers.
+/// Returns the whole part of a number in 0..2^21 and the rest, which is 1 at some whole numbers.
 #[inline(always)]
 pub(super) fn whole(x: f32) -> (u32, f32) {
     // One and a half times 2^23: adding it rounds to an integer, which is then in the lowest bits.
@@ -162,7 +163,7 @@ pub(super) fn whole(x: f32) -> (u32, f32) {
 }
 
 impl Level {
-    /// From values with their solid angles, all levels.
+    /// Builds all levels from values with their solid angles.
     fn all(mut fine: Vec<(f64, f64)>) -> Vec<Self> {
         let (mut levels, mut side) = (Vec::new(), LightPyramid::SIDE);
         loop {
@@ -188,7 +189,8 @@ impl Level {
             let (x, y) = ((at % wide) as isize - 1, (at / wide) as isize - 1);
             let inside = |i: isize| (0..side as isize).contains(&i);
             let clamp = |i: isize| i.clamp(0, side as isize - 1) as usize;
-            // Across an edge lies the mirror image of the same edge; corners meet at one point.
+            // The texels across an edge are the mirror image of those along the same edge; corners
+            // meet at one point.
             let (x, y) = match (inside(x), inside(y)) {
                 (true, false) => (mirrored(x as usize), clamp(y)),
                 (false, true) => (clamp(x), mirrored(y as usize)),

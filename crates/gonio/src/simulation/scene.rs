@@ -1,4 +1,4 @@
-//! Pictures of a ball without any fault, on the disk of normals.
+//! Ideal pictures of a ball, on the disk of normals.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -9,17 +9,17 @@ use crate::appearance::detail::details;
 use crate::appearance::disk::{self, SIDE, on_disk};
 use crate::reflectance::BivariateTable;
 
-/// What a photograph without any fault would show. Both are zero off the disk.
+/// Content of a photograph without any fault. Both fields are zero off the disk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// Mean luminance of each cell.
     pub values: Vec<f32>,
-    /// What is finer than the cells, as
+    /// Detail finer than the cells, as
     /// [`DiskImage::details`](crate::appearance::DiskImage::details).
     pub details: Vec<f32>,
 }
 
-/// Makes scenes.
+/// Renderer of scenes.
 #[derive(Clone, Debug)]
 pub struct SceneRenderer {
     ball: BallRenderer,
@@ -37,7 +37,7 @@ impl Default for SceneRenderer {
 }
 
 impl SceneRenderer {
-    /// For all of the disk.
+    /// Builds the renderer for the whole disk.
     pub fn new() -> Self {
         let cells: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).collect();
         let up = |(x, y): (f32, f32)| Vec3::new(x, y, (1.0 - x * x - y * y).sqrt());
@@ -46,9 +46,9 @@ impl SceneRenderer {
         Self { ball: BallRenderer::new(), cells, middles, quarters }
     }
 
-    /// The ball of each table in one light.
+    /// Renders the ball of each table in one light.
     ///
-    /// What is seen by half vectors far from the normal changes little within a cell and is
+    /// Contributions of half vectors far from the normal change little within a cell and are
     /// rendered at its middle; the rest is rendered at its quarters.
     pub fn render(&self, tables: &[BivariateTable], light: &LightPyramid) -> Vec<Scene> {
         let far = self.ball.render(&self.middles, tables, light, Rings::Far);
@@ -62,27 +62,27 @@ impl SceneRenderer {
             quarters[cell] = *near;
             values[cell] = far + 0.25 * near.iter().sum::<f32>();
         }
-        // The plane is that of the near part: of the far one there is no detail to compare.
+        // The plane is fitted to the near part, as the far part has no detail to compare.
         let sharp: Vec<f32> = quarters.iter().map(|q| 0.25 * q.iter().sum::<f32>()).collect();
         let details = details(&sharp, &vec![1.0; SIDE * SIDE], |cell| Some(quarters[cell]));
         Scene { values, details: details.into_iter().map(|d| d.unwrap_or(0.0)).collect() }
     }
 }
 
-/// A scene in three bytes a cell: logarithms of values to 0.04 %, and of details to 3 %.
+/// A scene in three bytes per cell: logarithms of values to 0.04 %, and of details to 3 %.
 #[derive(Clone, Debug)]
 pub(super) struct Packed {
     /// Logarithm of the largest value.
     top: f32,
     values: Vec<u16>,
-    /// Of the detail over the value; zero if there is next to none.
+    /// Logarithm of the detail over the value; zero if there is almost none.
     details: Vec<u8>,
 }
 
 /// Range of the logarithms of packed values.
 const RANGE: f32 = 24.0;
 
-/// Most that a detail can be relative to the value, and the range of the logarithms of that.
+/// Largest detail relative to the value, and the range of its logarithms.
 const MOST_DETAIL: f32 = 2.0;
 const DETAIL_RANGE: f32 = 7.0;
 
@@ -99,7 +99,7 @@ impl Packed {
         Self { top, values: on().map(value).collect(), details: on().map(detail).collect() }
     }
 
-    /// Adds the scene, times a weight.
+    /// Adds the scene, multiplied by a weight.
     pub(super) fn add_to(&self, weight: f32, scene: &mut Scene) {
         let (step, fine) = (RANGE / f32::from(u16::MAX), DETAIL_RANGE / 255.0);
         let cells = (0..SIDE * SIDE).filter(|&c| on_disk(c));
@@ -114,7 +114,7 @@ impl Packed {
 }
 
 impl Scene {
-    /// Black.
+    /// Returns a black scene.
     pub(super) fn black() -> Self {
         Self { values: vec![0.0; SIDE * SIDE], details: vec![0.0; SIDE * SIDE] }
     }
@@ -124,7 +124,7 @@ impl Scene {
 mod tests {
     use super::*;
 
-    /// A lamp of a degree and a half, before grey.
+    /// A lamp of a degree and a half, on grey.
     fn lamp() -> LightPyramid {
         let lamp = glam::DVec3::new(0.3, 0.2, 0.9).normalize();
         LightPyramid::new(move |d| if d.angle_between(lamp) < 0.013 { 5000.0 } else { 1.0 })

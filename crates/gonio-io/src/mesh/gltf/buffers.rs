@@ -1,5 +1,4 @@
-//! The bytes behind a glTF file, and the numbers in them; no offset or length of the file is
-//! believed.
+//! Buffers of a glTF file and the numbers in them; every offset and length in the file is checked.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -16,12 +15,12 @@ use crate::{Error, guard};
 pub(super) struct Buffers<'a> {
     path: &'a Path,
     buffers: Vec<Vec<u8>>,
-    /// Length of all.
+    /// Total length of the buffers.
     bytes: usize,
 }
 
 impl<'a> Buffers<'a> {
-    /// `bin` is what follows the JSON of a `.glb` file.
+    /// Loads the buffers; `bin` is the chunk after the JSON of a `.glb` file.
     pub(super) fn load(
         path: &'a Path,
         document: &Document,
@@ -64,13 +63,13 @@ impl<'a> Buffers<'a> {
         Error::damaged(self.path, format!("has data beyond the end of its buffers (accessor {})", accessor.index()))
     }
 
-    /// `count` items of `size` bytes each, one after the other.
+    /// Returns `count` items of `size` bytes each, without gaps.
     fn items(&self, view: &View<'_>, offset: usize, count: usize, size: usize) -> Option<Vec<u8>> {
         let buffer = self.buffers.get(view.buffer().index())?;
         let data = buffer.get(view.offset()..view.offset().checked_add(view.length())?)?.get(offset..)?;
         let stride = view.stride().unwrap_or(size);
         let Some(last) = count.checked_sub(1) else { return Some(Vec::new()) };
-        // Overlapping items would make more of a file than it has.
+        // Overlapping items would give more data than the file has.
         if stride < size || last.checked_mul(stride)?.checked_add(size)? > data.len() {
             return None;
         }
@@ -80,13 +79,13 @@ impl<'a> Buffers<'a> {
         Some((0..count).flat_map(|i| &data[i * stride..][..size]).copied().collect())
     }
 
-    /// All bytes of an accessor without gaps, the sparse ones put in.
+    /// Returns all bytes of an accessor without gaps, with the sparse ones put in.
     fn bytes_of(&self, accessor: &Accessor<'_>) -> Result<Vec<u8>, Error> {
         let beyond = || self.beyond(accessor);
         let (count, size) = (accessor.count(), accessor.size());
         let mut bytes = match (accessor.view(), accessor.sparse()) {
             (Some(view), _) => self.items(&view, accessor.offset(), count, size).ok_or_else(beyond)?,
-            // Zeros that no byte stands for.
+            // Implicit zeros, for which the file holds no bytes.
             (None, Some(_)) if count <= self.bytes => vec![0; count * size],
             (None, Some(_)) => return Err(beyond()),
             (None, None) => {
@@ -109,7 +108,7 @@ impl<'a> Buffers<'a> {
         Ok(bytes)
     }
 
-    /// An accessor of vectors of three floats.
+    /// Reads an accessor of vectors of three floats.
     pub(super) fn vectors(&self, accessor: &Accessor<'_>, what: &str) -> Result<Vec<[f32; 3]>, Error> {
         if (accessor.data_type(), accessor.dimensions()) != (DataType::F32, Dimensions::Vec3) {
             let problem = format!("has {what} that are not three floats each");
@@ -120,7 +119,7 @@ impl<'a> Buffers<'a> {
         Ok(bytes.chunks_exact(12).map(|b| [float(&b[..4]), float(&b[4..8]), float(&b[8..])]).collect())
     }
 
-    /// An accessor of indices.
+    /// Reads an accessor of indices.
     pub(super) fn indices(&self, accessor: &Accessor<'_>) -> Result<Vec<u32>, Error> {
         let unsigned = matches!(accessor.data_type(), DataType::U8 | DataType::U16 | DataType::U32);
         if !unsigned || accessor.dimensions() != accessor::Dimensions::Scalar {
@@ -133,19 +132,19 @@ impl<'a> Buffers<'a> {
     }
 }
 
-/// An unsigned number of at most four bytes.
+/// Reads an unsigned number of at most four bytes.
 fn little_endian(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |n, b| n << 8 | u32::from(*b))
 }
 
-/// What follows `data:` in a URI.
+/// Decodes the part of a URI after `data:`.
 fn embedded(data: &str) -> Option<Vec<u8>> {
     let (kind, text) = data.split_once(',')?;
     kind.ends_with(";base64").then(|| STANDARD.decode(text).ok()).flatten()
 }
 
-/// Reads a file that the glTF file at `path` refers to as `uri`, of at most `most` bytes: it must
-/// be in the same folder or below.
+/// Reads a file of at most `most` bytes that the glTF file at `path` refers to as `uri`: it must be
+/// in the same folder or below.
 pub(in crate::mesh) fn read_sibling(path: &Path, uri: &str, most: u64) -> Result<Vec<u8>, Error> {
     let outside = || {
         let problem = format!("refers to {uri:?}, which is not in its folder");
@@ -167,7 +166,7 @@ pub(in crate::mesh) fn read_sibling(path: &Path, uri: &str, most: u64) -> Result
     guard::read_whole(&file, most)
 }
 
-/// `a%20b` is `a b`.
+/// Decodes percent signs: `a%20b` becomes `a b`.
 fn percent_decoded(uri: &str) -> Option<String> {
     let mut bytes = Vec::with_capacity(uri.len());
     let mut rest = uri.as_bytes();

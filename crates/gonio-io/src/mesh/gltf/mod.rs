@@ -1,4 +1,4 @@
-//! glTF 2.0: the meshes of the default scene where its nodes put them.
+//! glTF 2.0: the meshes of the default scene, placed by its nodes.
 
 mod buffers;
 
@@ -18,12 +18,12 @@ use crate::{Error, guard};
 
 pub(super) use buffers::read_sibling;
 
-/// Most objects of JSON (nodes, accessors and so on); in memory each takes a hundred times the two
-/// bytes it takes at least in the file.
+/// Largest number of JSON objects (nodes, accessors and so on); in memory each takes a hundred
+/// times the two bytes it takes at least in the file.
 const MAX_OBJECTS: usize = 1 << 18;
-/// Most values in lists and objects, for the same reason.
+/// Largest number of values in lists and objects, for the same reason.
 const MAX_VALUES: usize = 1 << 22;
-/// Extensions that say nothing of the shape.
+/// Extensions that do not affect the shape.
 const HARMLESS: [&str; 5] = ["KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "EXT_lights_"];
 
 pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mesh, Soundness), Error> {
@@ -36,7 +36,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mes
         let Some(scene) = scene else {
             return Err(Error::invalid(path, "has no scene", "export the scene with the object"));
         };
-        // Nodes form trees, but a file may claim otherwise and go round in circles.
+        // Nodes form trees, but a damaged file may have cycles.
         let mut seen = vec![false; document.nodes().len()];
         let mut waiting: Vec<(Node<'_>, DMat4)> = scene.nodes().map(|node| (node, DMat4::IDENTITY)).collect();
         while let Some((node, outer)) = waiting.pop() {
@@ -60,7 +60,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mes
     })
 }
 
-/// The JSON and the binary chunk of a `.glb` file.
+/// Splits a `.glb` file into the JSON and the binary chunk.
 fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), Error> {
     let number = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?) as usize);
     let cut = || Error::damaged(path, "is cut short or damaged as GLB");
@@ -88,7 +88,7 @@ fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>
     Ok((json.ok_or_else(cut)?, None))
 }
 
-/// The document, without what concerns only its look.
+/// Parses the document, without what affects only its appearance.
 fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
     // Base64 has neither brackets nor commas.
@@ -110,7 +110,7 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
         }
     }
     let compressed = root.extensions_used.iter().find(|name| name.ends_with("_compression")).cloned();
-    // What is wrong with materials is no reason to refuse a shape.
+    // Errors in materials are no reason to refuse a shape.
     root.meshes.iter_mut().flat_map(|m| &mut m.primitives).for_each(|p| p.material = None);
     root.materials.clear();
     root.textures.clear();
@@ -129,7 +129,7 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
     })
 }
 
-/// From a node to its parent.
+/// Returns the transformation from a node to its parent.
 fn matrix(transform: &Transform) -> DMat4 {
     match transform {
         Transform::Matrix { matrix } => Mat4::from_cols_array_2d(matrix).as_dmat4(),
@@ -142,13 +142,13 @@ fn matrix(transform: &Transform) -> DMat4 {
     }
 }
 
-/// A node that shows a mesh.
+/// A node with a mesh.
 struct Placed<'a> {
     path: &'a Path,
     pose: DMat4,
-    /// What the pose does to normals.
+    /// Transformation of normals.
     normals: DMat3,
-    /// The pose turns triangles over.
+    /// Whether the pose reverses the orientation of triangles.
     mirrored: bool,
 }
 

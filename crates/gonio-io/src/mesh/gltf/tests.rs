@@ -12,7 +12,7 @@ fn read(bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
     decode(Path::new("a.glb"), bytes)
 }
 
-/// A `.glb` file.
+/// Encodes a `.glb` file.
 fn glb(json: &Value, bin: &[u8]) -> Vec<u8> {
     let mut text = json.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');

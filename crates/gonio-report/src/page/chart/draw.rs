@@ -1,4 +1,4 @@
-//! From series and scales to SVG.
+//! Drawing of series and scales as SVG.
 
 use maud::{Markup, PreEscaped, html};
 use plotters::prelude::*;
@@ -6,9 +6,10 @@ use plotters::prelude::*;
 use super::scale::Scale;
 use super::{Frame, Mark, Series};
 
-/// Width and height in units of the picture, which the page stretches.
+/// Width and height in units of the picture, which the page scales.
 const SIZE: (u32, u32) = (480, 330);
-/// Colours that most eyes tell apart (Okabe and Ito), darkened where they would be faint on white.
+/// Colours that most viewers can tell apart (Okabe and Ito), darkened where they would be faint on
+/// white.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -19,7 +20,7 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(60, 160, 215),
     RGBColor(130, 130, 130),
 ];
-/// Bars are pale, so that curves show over them.
+/// Colour of bars, pale so that curves show over them.
 const BAR: RGBColor = RGBColor(186, 202, 216);
 const INK: RGBColor = RGBColor(40, 44, 50);
 const GRID: RGBColor = RGBColor(226, 229, 232);
@@ -28,7 +29,7 @@ fn colour(index: usize, mark: Mark) -> RGBColor {
     if mark == Mark::Bars { BAR } else { COLOURS[index % COLOURS.len()] }
 }
 
-/// A sample of a series, for the legend.
+/// Draws a sample of a series, for the legend.
 pub(super) fn swatch(index: usize, mark: Mark) -> Markup {
     let RGBColor(r, g, b) = colour(index, mark);
     let ink = format!("rgb({r},{g},{b})");
@@ -44,11 +45,11 @@ pub(super) fn swatch(index: usize, mark: Mark) -> Markup {
     }
 }
 
-/// The drawing. All points must have a place on the scales.
+/// Draws the chart. All points must lie on the scales.
 pub(super) fn svg(frame: &Frame<'_>, x: &Scale, y: &Scale, series: &[Series]) -> Markup {
     let mut text = String::new();
     draw(&mut text, frame, x, y, series).expect("text can be written to memory");
-    // The page says how wide it is.
+    // The page sets the width.
     let fixed = format!("width=\"{}\" height=\"{}\" ", SIZE.0, SIZE.1);
     html! { (PreEscaped(text.replacen(&fixed, "", 1))) }
 }

@@ -1,7 +1,7 @@
 //! Charts as SVG: curves, histograms, scatter, empirical distributions.
 //!
-//! A [`Frame`] says what the axes are, [`Series`] what is drawn. The charts have a light ground of
-//! their own, so that they are as legible on a dark page. Values that an axis cannot show (not
+//! A [`Frame`] describes the axes, a [`Series`] the data. The charts have a light background of
+//! their own, so that they stay legible on a dark page. Values that an axis cannot show (not
 //! finite; not positive on a logarithmic one) are left out.
 
 mod draw;
@@ -13,16 +13,16 @@ use maud::{Markup, html};
 use scale::Scale;
 pub use statistics::{Histogram, ecdf_steps};
 
-/// How an axis is divided.
+/// Division of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
-    /// Evenly.
+    /// Linear.
     Linear,
-    /// By factors.
+    /// Logarithmic.
     Log,
 }
 
-/// How a series is drawn.
+/// Style of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
     /// A line through the points, in their order.
@@ -31,33 +31,33 @@ pub enum Mark {
     Dashed,
     /// A dot at each point.
     Dots,
-    /// Bars from the foot of the chart; points are the two upper corners of each in turn.
+    /// Bars from the bottom of the chart; the points are the two upper corners of each bar in turn.
     Bars,
 }
 
-/// What is drawn.
+/// Data of a chart.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// For the legend.
+    /// Name for the legend.
     pub name: String,
-    /// `(x, y)` in the units of the axes.
+    /// Points `(x, y)` in the units of the axes.
     pub points: Vec<(f64, f64)>,
-    /// How.
+    /// Style.
     pub mark: Mark,
 }
 
 impl Series {
-    /// A line.
+    /// Builds a line.
     pub fn line(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { name: name.into(), points, mark: Mark::Line }
     }
 
-    /// A dashed line.
+    /// Builds a dashed line.
     pub fn dashed(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { name: name.into(), points, mark: Mark::Dashed }
     }
 
-    /// Dots.
+    /// Builds dots.
     pub fn dots(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { name: name.into(), points, mark: Mark::Dots }
     }
@@ -66,7 +66,7 @@ impl Series {
 /// The axes of a chart.
 #[derive(Clone, Debug)]
 pub struct Frame<'a> {
-    /// Stands above the chart.
+    /// Title above the chart.
     pub title: &'a str,
     /// Label and division of the horizontal axis.
     pub x: (&'a str, Axis),
@@ -76,9 +76,9 @@ pub struct Frame<'a> {
     pub y_range: Option<(f64, f64)>,
 }
 
-/// A chart of any series, in the order given; later ones lie over earlier ones.
+/// Draws a chart of any series, in the order given; later ones lie over earlier ones.
 pub fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
-    // What a given range leaves out below is cut off, not drawn along the edge.
+    // Points below a given range are cut off, not drawn along the edge.
     let foot = frame.y_range.map_or(f64::NEG_INFINITY, |(low, _)| low);
     let drawable = |(x, y): &(f64, f64)| frame.x.1.shows(*x) && frame.y.1.shows(*y) && *y >= foot;
     let shown: Vec<Series> = series
@@ -88,8 +88,7 @@ pub fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
     let all = || shown.iter().flat_map(|s| &s.points);
     let x = Scale::around(frame.x.1, all().map(|p| p.0), None);
     let y = Scale::around(frame.y.1, all().map(|p| p.1), frame.y_range);
-    // Bars stand on the foot of the chart; without a given range that is zero where the axis has
-    // one.
+    // Bars stand on the bottom of the chart; without a given range that is zero on a linear axis.
     let bars = shown.iter().any(|s| s.mark == Mark::Bars);
     let y = if bars && frame.y.1 == Axis::Linear && frame.y_range.is_none() { y.starting_at_zero() } else { y };
     let svg = draw::svg(frame, &x, &y, &shown);
@@ -109,17 +108,17 @@ pub fn chart(frame: &Frame<'_>, series: &[Series]) -> Markup {
     }
 }
 
-/// Curves over the range of their points; `x` and `y` are label and division of the axes.
+/// Draws curves over the range of their points; `x` and `y` are label and division of the axes.
 pub fn lines(title: &str, x: (&str, Axis), y: (&str, Axis), series: &[Series]) -> Markup {
     chart(&Frame { title, x, y, y_range: None }, series)
 }
 
-/// The density of samples as bars under curves of model densities.
+/// Draws the density of samples as bars under curves of model densities.
 pub fn histogram(title: &str, x_label: &str, histogram: &Histogram, curves: &[Series], y: Axis) -> Markup {
     let bars = Series { name: "samples".into(), points: histogram.corners(), mark: Mark::Bars };
     let series: Vec<Series> = std::iter::once(bars).chain(curves.iter().cloned()).collect();
-    // A curve may fall far below what the samples can show: the axis ends at half of one sample in
-    // a bin.
+    // A curve may fall far below the density that the samples can show: the axis ends at half of
+    // one sample in a bin.
     let top = series.iter().flat_map(|s| &s.points).map(|p| p.1).filter(|y| y.is_finite()).fold(0.0, f64::max);
     let range = match y {
         Axis::Log if top > 0.0 => Some((0.5 * histogram.one_sample().min(0.1 * top), 2.0 * top)),
@@ -128,7 +127,7 @@ pub fn histogram(title: &str, x_label: &str, histogram: &Histogram, curves: &[Se
     chart(&Frame { title, x: (x_label, Axis::Linear), y: ("density", y), y_range: range }, &series)
 }
 
-/// Dots, with the line on which both coordinates are equal if `identity`.
+/// Draws dots, with the line on which both coordinates are equal if `identity`.
 pub fn scatter(frame: &Frame<'_>, series: &[Series], identity: bool) -> Markup {
     let mut all = series.to_vec();
     if identity {
@@ -141,7 +140,8 @@ pub fn scatter(frame: &Frame<'_>, series: &[Series], identity: bool) -> Markup {
     chart(frame, &all)
 }
 
-/// Empirical distributions: for each named set of values, the share of them that is at most `x`.
+/// Draws empirical distributions: for each named set of values, the share of them that is at most
+/// `x`.
 pub fn ecdf(title: &str, x_label: &str, x: Axis, sets: &[(&str, Vec<f64>)]) -> Markup {
     let series: Vec<Series> = sets
         .iter()
@@ -152,7 +152,7 @@ pub fn ecdf(title: &str, x_label: &str, x: Axis, sets: &[(&str, Vec<f64>)]) -> M
 }
 
 impl Axis {
-    /// Whether the value has a place on such an axis.
+    /// Whether the axis can show the value.
     fn shows(self, value: f64) -> bool {
         value.is_finite() && (self == Self::Linear || value > 0.0)
     }

@@ -1,4 +1,4 @@
-//! Axes: what range they cover, where their marks are, how these are written.
+//! Axes: their range, the positions of their marks, and the labels of these.
 
 use std::ops::Range;
 
@@ -16,7 +16,8 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// A little more than the range of `values`, or exactly `range` if given and sound.
+    /// Returns a scale a little larger than the range of `values`, or exactly `range` if given and
+    /// valid.
     pub(super) fn around(axis: Axis, values: impl Iterator<Item = f64>, range: Option<(f64, f64)>) -> Self {
         if let Some((low, high)) = range.filter(|(a, b)| axis.shows(*a) && axis.shows(*b) && a < b) {
             return Self { axis, low, high };
@@ -37,17 +38,17 @@ impl Scale {
         }
     }
 
-    /// The same beginning at zero, for values that are not negative.
+    /// Makes the scale start at zero, for values that are not negative.
     pub(super) fn starting_at_zero(self) -> Self {
         if self.high > 0.0 { Self { low: 0.0, ..self } } else { self }
     }
 
-    /// The lower end.
+    /// Returns the lower end.
     pub(super) fn low(&self) -> f64 {
         self.low
     }
 
-    /// Where a value lies: 0 at the lower end, 1 at the upper one; clamped to them.
+    /// Returns the position of a value: 0 at the lower end, 1 at the upper one; clamped to them.
     fn share(&self, value: f64) -> f64 {
         let share = match self.axis {
             Axis::Linear => (value - self.low) / (self.high - self.low),
@@ -56,7 +57,7 @@ impl Scale {
         if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) }
     }
 
-    /// Round values within the range, at most about `most`.
+    /// Returns round values within the range, at most about `most`.
     fn marks(&self, most: usize) -> Vec<f64> {
         let most = most.max(2) as f64;
         if self.axis == Axis::Linear {
@@ -109,7 +110,7 @@ impl ValueFormatter<f64> for Scale {
     }
 }
 
-/// A number in few letters.
+/// Formats a number in few characters.
 fn short(value: f64) -> String {
     let size = value.abs();
     if size < 1e-12 {

@@ -1,4 +1,4 @@
-//! What is counted before it is drawn.
+//! Statistics computed before drawing: histograms and empirical distributions.
 
 /// Samples counted in bins of equal width.
 #[derive(Clone, Debug, PartialEq)]
@@ -6,13 +6,13 @@ pub struct Histogram {
     low: f64,
     width: f64,
     counts: Vec<usize>,
-    /// All samples, those beyond the bins too.
+    /// Number of all samples, including those beyond the bins.
     total: usize,
 }
 
 impl Histogram {
-    /// Counts samples in `bins` bins from `low` to `high`. Those outside have no bin, but count in
-    /// the density.
+    /// Counts samples in `bins` bins from `low` to `high`. Samples outside have no bin, but count
+    /// in the density.
     pub fn new(samples: &[f64], low: f64, high: f64, bins: usize) -> Self {
         let width = (high - low) / bins as f64;
         let mut counts = vec![0; bins];
@@ -23,17 +23,18 @@ impl Histogram {
         Self { low, width, counts, total: samples.len() }
     }
 
-    /// Density of one sample in one bin.
+    /// Returns the density of one sample in one bin.
     pub fn one_sample(&self) -> f64 {
         1.0 / (self.total.max(1) as f64 * self.width)
     }
 
-    /// Share of the samples that have no bin.
+    /// Returns the share of the samples that have no bin.
     pub fn outside(&self) -> f64 {
         1.0 - self.counts.iter().sum::<usize>() as f64 / self.total.max(1) as f64
     }
 
-    /// The upper corners `(x, density)` of each bin that is not empty, left and right in turn.
+    /// Returns the upper corners `(x, density)` of each bin that is not empty, left and right in
+    /// turn.
     pub(super) fn corners(&self) -> Vec<(f64, f64)> {
         let edge = |i: usize| self.low + i as f64 * self.width;
         let filled = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
@@ -41,7 +42,7 @@ impl Histogram {
     }
 }
 
-/// The steps of the empirical distribution of finite values: from `(least, 0)` up to
+/// Returns the steps of the empirical distribution of finite values: from `(least, 0)` up to
 /// `(largest, 1)`.
 pub fn ecdf_steps(mut values: Vec<f64>) -> Vec<(f64, f64)> {
     values.sort_by(f64::total_cmp);

@@ -12,7 +12,7 @@ fn usable(at: (usize, usize)) -> bool {
     normal(at).z > 0.17
 }
 
-/// A ball whose radiance is `f` of normal and mirrored view.
+/// A ball whose radiance is `f` of the normal and the mirrored view.
 fn ball(f: impl Fn(Vec3, Vec3) -> Vec3) -> Plane<Vec3> {
     let mut noise = 1_u32;
     Plane::from_fn(SIZE, SIZE, |x, y| {
@@ -30,14 +30,14 @@ const LAMPS: [([f32; 3], [f32; 3]); 4] = [
     ([-0.1, -0.9, 0.3], [0.2, 0.8, 0.3]),
 ];
 
-/// Irradiance under four lamps, coloured by so much, and some light from all around.
+/// Irradiance under four lamps, coloured to the degree `colour`, and some ambient light.
 fn irradiance(n: Vec3, colour: f32) -> Vec3 {
     LAMPS.iter().fold(Vec3::splat(0.15), |sum, (from, rgb)| {
         sum + n.dot(Vec3::from_array(*from).normalize()).max(0.0) * Vec3::ONE.lerp(Vec3::from_array(*rgb), colour)
     })
 }
 
-/// Reflections of the lamps, of a width given by the power.
+/// Reflections of the lamps, whose width is given by `power`.
 fn highlights(r: Vec3, power: f32) -> Vec3 {
     LAMPS.iter().fold(Vec3::ZERO, |sum, (from, rgb)| {
         sum + r.dot(Vec3::from_array(*from).normalize()).max(0.0).powf(power) * Vec3::from_array(*rgb)
@@ -49,7 +49,7 @@ fn found(rgb: &Plane<Vec3>, convex: bool) -> usize {
         .map_or(0, |plane| plane.as_slice().iter().filter(|taken| **taken).count())
 }
 
-/// Shares lost of the pixels of a spot around a direction, and of the others.
+/// Shares of the pixels that are lost within a spot around a direction, and outside it.
 fn lost(rgb: &Plane<Vec3>, inside: impl Fn(Vec3) -> bool, convex: bool) -> (f64, f64) {
     let taken = foreign(rgb, &usable, &Underlay { normal: &normal, convex });
     let share = |spot: bool| {
@@ -104,7 +104,7 @@ fn highlights_and_coloured_lamps_are_not_paint() {
                     assert_eq!(found(&rgb, true), 0, "{body} {power} {strength} {colour}");
                 }
             }
-            // White highlights with sharp edges, as of windows.
+            // White highlights with sharp edges, like those of windows.
             let rgb =
                 ball(|n, r| body * irradiance(n, 0.0) + Vec3::splat(if r.x > 0.3 && r.y > 0.5 { 0.5 } else { 0.0 }));
             assert_eq!(found(&rgb, true), 0, "{body}");
@@ -125,7 +125,7 @@ fn hard_terminators_in_the_dark_are_not_paint() {
 #[test]
 fn what_metals_reflect_is_not_paint() {
     // Walls of many colours: pieces of a room, cut by planes, each with a gradient; and one
-    // coloured card before an even or graded wall.
+    // coloured card in front of an even or graded wall.
     let hue = |seed: u32| {
         let channel = |k: u32| 0.05 + ((seed.wrapping_mul(2_654_435_761).rotate_left(8 * k) >> 7) & 255) as f32 / 255.0;
         Vec3::new(channel(0), channel(1), channel(2))

@@ -21,7 +21,7 @@ fn observe(normals: &Plane<Vec3>) -> Result<Observations, SceneError> {
     Observations::of_normals(&picture(normals), normals, None, &ObservationSettings::default())
 }
 
-/// The ball with its normals mapped by `f` of the index of the pixel.
+/// The ball with each normal mapped by `f`, which also gets the index of the pixel.
 fn with(f: impl Fn(usize, Vec3) -> Vec3) -> Plane<Vec3> {
     let mut normals = ball();
     for (i, normal) in normals.as_mut_slice().iter_mut().enumerate().filter(|(_, n)| **n != Vec3::ZERO) {
@@ -47,7 +47,7 @@ fn each_point_has_the_radiance_of_its_pixel() {
 fn thinning_is_even_over_the_directions() {
     let got = observe(&ball()).unwrap();
     assert!((9_000..=10_500).contains(&got.points.len()), "{}", got.points.len());
-    // The mean height of a cap that reaches to 80 degrees; that of all the pixels is 0.66.
+    // Mean height of a cap that reaches to 80 degrees; the mean over all pixels is 0.66.
     let mean = got.points.iter().map(|p| p.normal).sum::<DVec3>() / got.points.len() as f64;
     assert!((mean - DVec3::new(0.0, 0.0, 0.587)).length() < 0.01, "{mean}");
     let mut counts = BTreeMap::new();

@@ -36,7 +36,7 @@ fn radiance_that_is_linear_in_the_picture_comes_back() {
 fn curved_radiance_comes_back_to_interpolation_accuracy() {
     let got = observe(&ball(|n| Vec3::splat(n.z as f32))).unwrap();
     for (point, value) in got.points.iter().zip(&got.values) {
-        // h^2 / 4 of the second derivative, 1 / (r^2 z^3), and more at the rim.
+        // h^2 / 4 times the second derivative, 1 / (r^2 z^3), and more at the rim.
         let bound = 0.5 / (CIRCLE.radius * CIRCLE.radius * point.normal.z.powi(3));
         assert!((value.unwrap() - point.normal.z).abs() < bound + 1e-6, "{}", point.normal);
     }
@@ -125,7 +125,7 @@ fn faulty_pixels_are_passed_over_where_others_are_near() {
             let off = value.map_or(0.0, |v| (v - was.unwrap()).abs());
             assert!(off < 0.01 && (weight > 0.0 || off == 0.0), "{at:?}");
         }
-        // Where the fault is not observed nothing is said of it.
+        // A fault where the picture is not observed is not reported.
         picture.alpha = Some(Plane::from_fn(300, 300, |_, y| f32::from(!(140..142).contains(&y))));
         let report = observe(&picture).unwrap().report;
         assert!(report.outside > 0 && report.negative + report.not_finite == 0);
@@ -150,7 +150,7 @@ fn little_left_is_refused_with_the_numbers() {
     assert!(matches!(most, SceneError::BadPixels { negative: 0, not_finite: 30_000.., .. }), "{most}");
     let dark = observe(&ball(|n| Vec3::splat(n.x as f32 - 0.2))).unwrap_err();
     assert!(dark.to_string().contains("are negative and 0 NaN"), "{dark}");
-    // Black is seen: half a ball of it is no fault.
+    // Black is a valid value: half a ball of it is no fault.
     let black = observe(&ball(|n| Vec3::splat((n.x as f32).max(0.0)))).unwrap();
     assert_eq!((black.report.used, black.report.negative), (9916, 0));
 }

@@ -33,17 +33,5 @@ pub fn read(path: impl AsRef<Path>) -> Result<MerlTable, Error> {
 /// # Errors
 /// If the folder cannot be read or holds no such file.
 pub fn list(dir: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, Error> {
-    files(dir.as_ref(), &["binary", "bsdf"])
-}
-
-/// Lists the files of a folder with one of some extensions, and their names without it.
-pub(crate) fn files(dir: &Path, extensions: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
-    let named =
-        |path: PathBuf| path.file_stem().map(|name| name.to_string_lossy().into_owned()).zip(Some(path.clone()));
-    let found: Vec<(String, PathBuf)> = folder::files(dir, extensions)?.into_iter().filter_map(named).collect();
-    if found.is_empty() {
-        let problem = format!("holds no .{} file", extensions.join(" or ."));
-        return Err(Error::invalid(dir, problem, "give the folder with the measured materials"));
-    }
-    Ok(found)
+    folder::materials(dir.as_ref(), &["binary", "bsdf"])
 }

@@ -26,3 +26,16 @@ pub fn files(dir: impl AsRef<Path>, extensions: &[&str]) -> Result<Vec<PathBuf>,
 pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     path.extension().is_some_and(|e| extensions.contains(&e.to_string_lossy().to_ascii_lowercase().as_str()))
 }
+
+/// Lists the measured materials of a folder: files with one of some extensions, and their names
+/// without it.
+pub(crate) fn materials(dir: &Path, extensions: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
+    let named =
+        |path: PathBuf| path.file_stem().map(|name| name.to_string_lossy().into_owned()).zip(Some(path.clone()));
+    let found: Vec<(String, PathBuf)> = files(dir, extensions)?.into_iter().filter_map(named).collect();
+    if found.is_empty() {
+        let problem = format!("holds no .{} file", extensions.join(" or ."));
+        return Err(Error::invalid(dir, problem, "give the folder with the measured materials"));
+    }
+    Ok(found)
+}

@@ -131,7 +131,7 @@ pub fn write(path: impl AsRef<Path>, table: &MerlTable) -> Result<(), Error> {
 /// # Errors
 /// If the folder cannot be read or holds no such file.
 pub fn list(dir: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, Error> {
-    crate::brdf::files(dir.as_ref(), &["binary"])
+    crate::folder::materials(dir.as_ref(), &["binary"])
 }
 
 #[cfg(test)]

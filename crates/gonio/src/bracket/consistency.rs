@@ -3,11 +3,9 @@
 
 use rayon::prelude::*;
 
-use super::merge::Table;
+use super::table::Table;
 use super::{BracketError, Exposure, median};
 
-/// Tolerance of codes, as a share of the largest: rounding, noise, and JPEG artefacts at edges.
-pub(super) const SLACK: f64 = 5.0 / 255.0;
 /// Additional tolerance of the radiances they stand for, as a factor.
 const TOLERANCE: f64 = 0.08;
 /// Factor between brightness and times beyond which the times are wrong. Nominal times are off by 7

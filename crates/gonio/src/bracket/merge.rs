@@ -4,7 +4,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::consistency::{SLACK, disagree, time_errors};
+use super::consistency::{disagree, time_errors};
+use super::table::Table;
 use super::{BracketError, Exposure, Response, check, median};
 use crate::picture::{Picture, Plane};
 
@@ -80,68 +81,6 @@ pub struct Merged {
     pub clip_level: f32,
     /// Counts and disagreements.
     pub report: MergeReport,
-}
-
-/// Lookup tables over the codes of one channel.
-pub(super) struct Table {
-    /// Logarithm of the exposure.
-    log: Vec<f64>,
-    exposure: Vec<f64>,
-    /// Inverse variance of the exposure for an error of one code, faded out towards the ends; 0 for
-    /// uninformative codes.
-    weight: Vec<f64>,
-    /// Inverse variance without the fading, for the error from rounding.
-    precision: Vec<f64>,
-    /// Lowest and highest logarithm that a code may stand for.
-    bounds: Vec<(f64, f64)>,
-    /// Lowest code that is clipped.
-    white: u16,
-    /// Highest code that is black.
-    black: u16,
-}
-
-impl Table {
-    fn new(curve: &[f64], white: f64) -> Self {
-        let max = curve.len() - 1;
-        let exposure: Vec<f64> = curve.iter().map(|g| g.exp()).collect();
-        let white = ((white.clamp(0.0, 1.0) * max as f64).ceil() as usize).clamp(1, max);
-        let black = curve.iter().take_while(|g| **g <= curve[0]).count() - 1;
-        let slack = (SLACK * max as f64).ceil() as usize;
-        let informs = |code: usize| code > black && code < white;
-        let precision = |code: usize| {
-            let (a, b) = (code.saturating_sub(1), (code + 1).min(max));
-            let slope = (exposure[b] - exposure[a]) / (b - a) as f64;
-            if informs(code) && slope > 0.0 { slope.powi(-2) } else { 0.0 }
-        };
-        let precision: Vec<f64> = (0..=max).map(precision).collect();
-        let fading = |code: usize| 1.0 - (2.0 * code as f64 / max as f64 - 1.0).abs().powi(12);
-        let bounds = |code: usize| {
-            let (a, b) = (code.saturating_sub(slack), code + slack);
-            let low = if a <= black { f64::NEG_INFINITY } else { curve[a.min(white)] };
-            (low, if b >= white { f64::INFINITY } else { curve[b] })
-        };
-        Self {
-            log: curve.to_vec(),
-            weight: precision.iter().enumerate().map(|(code, p)| p * fading(code)).collect(),
-            precision,
-            exposure,
-            bounds: (0..=max).map(bounds).collect(),
-            white: white as u16,
-            black: black as u16,
-        }
-    }
-
-    pub(super) fn log(&self, code: u16) -> f64 {
-        self.log[usize::from(code)]
-    }
-
-    pub(super) fn bounds(&self, code: u16) -> (f64, f64) {
-        self.bounds[usize::from(code)]
-    }
-
-    pub(super) fn is_known(&self, code: u16) -> bool {
-        self.weight[usize::from(code)] > 0.0
-    }
 }
 
 /// One channel of one pixel.

@@ -11,6 +11,7 @@ mod error;
 mod merge;
 mod recover;
 mod response;
+mod table;
 #[cfg(test)]
 mod tests;
 

@@ -6,7 +6,7 @@ use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
 use super::SceneError;
-use super::circle_fit::{aspect, fit_circle};
+use super::circle_fit::{Circle, aspect, fit_circle};
 use super::components::{border, fill_holes, largest_component, neighbours};
 use crate::picture::Plane;
 
@@ -20,18 +20,6 @@ const LEAST_SPAN: f64 = 5.0 * PI / 12.0;
 const LEAST_ASPECT: f64 = 0.95;
 /// Largest share of the outline that may lie far off the circle (a stand, a finger).
 const MOST_STRAY: f64 = 0.3;
-
-/// A circle in a picture: the outline of a ball under an orthographic camera.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Circle {
-    /// Column of the centre, in pixels from the left edge (the centre of the first pixel is at
-    /// 0.5).
-    pub x: f64,
-    /// Row of the centre, in pixels from the top edge.
-    pub y: f64,
-    /// Radius, in pixels.
-    pub radius: f64,
-}
 
 /// The outline of a ball and how good a circle it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,8 +4,19 @@
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use glam::{DMat3, DVec2, DVec3};
+use serde::{Deserialize, Serialize};
 
-use super::circle::Circle;
+/// A circle in a picture: the outline of a ball under an orthographic camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Circle {
+    /// Column of the centre, in pixels from the left edge (the centre of the first pixel is at
+    /// 0.5).
+    pub x: f64,
+    /// Row of the centre, in pixels from the top edge.
+    pub y: f64,
+    /// Radius, in pixels.
+    pub radius: f64,
+}
 
 /// Multiple of the spread beyond which a distance does not count (Tukey's biweight at 95 %
 /// efficiency).

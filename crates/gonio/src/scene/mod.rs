@@ -40,8 +40,8 @@ mod view;
 mod weights;
 
 pub(crate) use background::background_coverage;
-pub use circle::Circle;
 pub(crate) use circle::find_sphere;
+pub use circle_fit::Circle;
 pub use correction::Correction;
 pub use error::SceneError;
 pub use fate::Fate;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::smooth::smooth_normals;
-use super::topology::Topology;
+use super::topology::{Topology, face};
 use crate::picture::Plane;
 
 /// Contents of a mesh file.
@@ -230,12 +230,6 @@ impl Mesh {
         let centre = 0.5 * (low + high);
         (centre, self.positions.iter().map(|p| (*p - centre).length()).fold(0.0, f64::max))
     }
-}
-
-/// Returns twice the area of a triangle along its normal.
-pub(super) fn face(positions: &[DVec3], triangle: [u32; 3]) -> DVec3 {
-    let [a, b, c] = triangle.map(|i| positions[i as usize]);
-    (b - a).cross(c - a)
 }
 
 fn usable(normal: &DVec3) -> bool {

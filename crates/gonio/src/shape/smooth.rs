@@ -2,8 +2,7 @@
 
 use glam::DVec3;
 
-use super::mesh::face;
-use super::topology::Topology;
+use super::topology::{Topology, face};
 
 /// Largest angle between triangles, in degrees; above it their common edge is meant to be sharp.
 const CREASE: f64 = 45.0;

@@ -51,3 +51,9 @@ impl Topology {
         self.open_edges + self.non_manifold_edges + self.inconsistent_edges == 0
     }
 }
+
+/// Returns twice the area of a triangle along its normal.
+pub(super) fn face(positions: &[DVec3], triangle: [u32; 3]) -> DVec3 {
+    let [a, b, c] = triangle.map(|i| positions[i as usize]);
+    (b - a).cross(c - a)
+}

@@ -10,8 +10,9 @@ use obvhs::ray::RayHit;
 use obvhs::triangle::Triangle;
 
 use super::Ray;
-use super::mesh::{Mesh, face};
+use super::mesh::Mesh;
 use super::surface::{Hit, Surface};
+use super::topology::face;
 
 /// Offset above the surface at which rays towards the light start, as a share of the object's size:
 /// single precision places them no better.

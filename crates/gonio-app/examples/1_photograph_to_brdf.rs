@@ -1,4 +1,5 @@
-//! A photograph of a ball to its BRDF: `cargo run --example 1_photograph_to_brdf -- PHOTO OUT.binary`
+//! A photograph of a ball to its BRDF:
+//! `cargo run --example 1_photograph_to_brdf -- PHOTO OUT.binary`
 
 use gonio::estimate::{EstimateSettings, estimate};
 use gonio::reflectance::MerlTable;

@@ -1,5 +1,5 @@
-//! The light of a photograph whose BRDF is known: `cargo run --example 3_light_given_a_brdf -- PHOTO
-//! BRDF OUT.exr`
+//! The light of a photograph whose BRDF is known:
+//! `cargo run --example 3_light_given_a_brdf -- PHOTO BRDF OUT.exr`
 
 use gonio::estimate::{EstimateSettings, Light};
 use gonio::reflectance::BivariateTable;

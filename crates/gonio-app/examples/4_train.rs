@@ -1,5 +1,5 @@
-//! A prior of light and a basis of reflectance learnt from materials and lights in memory: `cargo
-//! run --example 4_train -- OUT.model`
+//! A prior of light and a basis of reflectance learnt from lights and materials in memory:
+//! `cargo run --example 4_train -- OUT.model`
 
 use gonio::lighting::{lamp_light, sky_light, studio_light};
 use gonio::reflectance::parametric::{Ggx, Parametric};

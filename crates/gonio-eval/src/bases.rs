@@ -5,7 +5,8 @@ use gonio::reflectance::{BivariateTable, ReflectanceBasis, TrainReport, TrainSet
 use gonio_io::cache::Cache;
 use serde::{Deserialize, Serialize};
 
-/// Enters every key: to be raised whenever training gives other results for the same input.
+/// Version of the training, part of every cache key: raise it whenever training gives other results
+/// for the same input.
 const VERSION: u32 = 1;
 
 /// A basis and how its training went.
@@ -16,7 +17,7 @@ pub(crate) struct Trained {
 }
 
 impl Trained {
-    /// Trains on the materials, or finds the result of having done so.
+    /// Trains on the materials, or loads the basis from the cache if it was trained before.
     pub(crate) fn load_or_train(
         cache: Option<&Cache>,
         materials: &[(String, BivariateTable)],
@@ -25,7 +26,7 @@ impl Trained {
         let key = key(&what(), settings, materials)?;
         let rank = settings.nmf.rank;
         let stored = cache.and_then(|c| c.load(&key)).and_then(|bytes| serde_json::from_slice::<Self>(&bytes).ok());
-        // The check is against bytes that were put under a wrong name by hand.
+        // Guards against bytes that were stored under a wrong name by hand.
         if let Some(found) = stored.filter(|t| t.basis.len() == rank && t.report.fits.len() == materials.len()) {
             return Ok(found);
         }
@@ -42,11 +43,11 @@ fn what() -> String {
     format!("gonio basis {VERSION}")
 }
 
-/// BLAKE3, in hexadecimal, of all that something learnt from materials depends on: what it is and
-/// its version, how it is learnt, and the materials.
+/// Returns the BLAKE3 hash, in hexadecimal, of everything that a result learnt from materials
+/// depends on: `what` it is with its version, the settings of its training, and the materials.
 pub(crate) fn key(what: &str, settings: &impl Serialize, materials: &[(String, BivariateTable)]) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
-    // Each part after its length, so that nothing can move from one part to the next.
+    // Each part follows its length, so that bytes cannot move from one part to the next.
     let mut part = |bytes: &[u8]| {
         hasher.update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
     };
@@ -78,7 +79,7 @@ mod tests {
         let again = Trained::load_or_train(Some(&cache), &materials, &settings).unwrap();
         assert_eq!((first.basis, first.report), (again.basis, again.report));
         assert!(!stored.is_empty());
-        // Another margin, other materials: other keys.
+        // Another margin or other materials give other keys.
         let other = TrainSettings { cost_margin: 0.0, ..settings.clone() };
         assert_ne!(key(&what(), &settings, &materials).unwrap(), key(&what(), &other, &materials).unwrap());
         assert_ne!(key(&what(), &settings, &materials).unwrap(), key(&what(), &settings, &materials[..4]).unwrap());

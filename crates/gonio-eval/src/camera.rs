@@ -1,10 +1,10 @@
-//! `gonio-eval camera`: what each fault of a photograph costs. Test materials in test lights, as
-//! the learnt posterior of the leave-out protocol reads them: from photographs without a fault, and
-//! with one camera effect at a time.
+//! `gonio-eval camera`: measures what each camera effect costs. The learnt posterior of the
+//! leave-out protocol estimates test materials in test lights from clean photographs, and from
+//! photographs with one effect at a time.
 //!
-//! Photographs are simulated as those of the training are, by the same renderer and the same models
-//! of the effects: this says what an effect costs where it is as modelled. Real photographs are
-//! judged by `gonio-eval captured`. The errors are taken by the exact renderer.
+//! Photographs are simulated like those of the training, by the same renderer and the same models
+//! of the effects: the figures are the cost of an effect that is as modelled. `gonio-eval captured`
+//! judges real photographs. Errors are measured with the exact renderer.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ use crate::materials::Materials;
 use crate::metrics::{Gloss, coverage, mean, median, relight};
 use crate::posteriors::{Effort, load_or_train};
 
-/// What is measured.
+/// Options of `gonio-eval camera`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// Folder of the MERL database, if it is not DATA/merl
@@ -41,7 +41,7 @@ pub(crate) struct Options {
     effort: Effort,
 }
 
-/// The effects, each alone; a ball of 128 pixels otherwise without fault.
+/// The effects, one at a time, on an otherwise clean photograph of a ball of 128 pixels.
 const EFFECTS: [(&str, Camera); 14] = [
     ("none", Camera::CLEAN),
     ("speckle 10 %", Camera { speckle: 0.10, ..Camera::CLEAN }),
@@ -64,9 +64,9 @@ struct Errors {
     /// Relight error and its log version, means over the lights.
     relative: f64,
     log: f64,
-    /// Gloss index less that of the reference: a logarithm.
+    /// Gloss index minus that of the reference, a natural logarithm.
     gloss: f64,
-    /// Shares of the cells in the 50 and 90 % intervals, where there are any.
+    /// Shares of the cells inside the 50 and 90 % intervals, if the answer has intervals.
     coverage: Option<[f64; 2]>,
 }
 
@@ -95,7 +95,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         let scenes = renderer.render(&subjects, &light);
         for ((_, camera), answers) in EFFECTS.iter().zip(&mut answers) {
             answers.par_extend((0..subjects.len()).into_par_iter().map(|m| {
-                // The other material of the effect that has one is as unknown.
+                // Foreign pixels show another test material, which is as unknown.
                 let other = &scenes[(m + scenes.len() / 2) % scenes.len()];
                 let mut rng = generator((at * subjects.len() + m) as u64);
                 let photograph = camera.photograph(&scenes[m], other, &mut rng);
@@ -112,11 +112,12 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// What answers are held against.
+/// Ground truth that answers are compared with.
 struct Judge<'a> {
     subjects: &'a [BivariateTable],
     stage: Stage,
-    /// Each light that answers are relit in, with what the subjects look like there.
+    /// Name, relighting operator and true pictures of the subjects for each light that answers are
+    /// relit in.
     relit: Vec<(String, Relighter, Vec<Vec<f64>>)>,
 }
 
@@ -132,7 +133,7 @@ impl<'a> Judge<'a> {
         Ok(Self { subjects, stage, relit })
     }
 
-    /// Lights to relight in that are not that of the photograph.
+    /// Number of relighting lights other than that of the photograph.
     fn relit_besides(&self, light: &str) -> usize {
         self.relit.iter().filter(|(name, ..)| name != light).count()
     }
@@ -158,8 +159,8 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Medians of the errors, the share of highlights that are off by more than a factor of four, and
-/// the mean share of cells in their intervals.
+/// Tabulates the medians of the errors, the share of highlights that are off by more than a factor
+/// of four, and the mean share of cells in their intervals.
 fn report<'a>(rows: impl Iterator<Item = (&'a str, &'a Vec<Errors>)>) -> String {
     let mut out = String::from(
         "| photographs with | number | relight | log relight | gloss off by more than 4x | in 50 / 90 % intervals |\n\

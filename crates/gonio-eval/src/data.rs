@@ -1,4 +1,4 @@
-//! Where the data are, and how they are read.
+//! Location and reading of the data.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,12 +19,12 @@ pub(crate) struct Lights {
 }
 
 impl Lights {
-    /// The test lights of the data.
+    /// Opens the test lights of the data.
     pub(crate) fn open(data: &Path) -> Result<Self> {
         Self::of(&data.join("lighting/test"))
     }
 
-    /// The lights that priors are learnt from.
+    /// Opens the training lights, which priors are learnt from.
     pub(crate) fn training(data: &Path) -> Result<Self> {
         Self::of(&data.join("lighting/train"))
     }
@@ -52,7 +52,7 @@ impl Lights {
         }
     }
 
-    /// Changes when the light does.
+    /// Hash of the light's file.
     pub(crate) fn fingerprint(&self, name: &str) -> Result<String> {
         let path = self.file(name)?;
         let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
@@ -64,7 +64,7 @@ impl Lights {
         read_map(self.file(name)?)
     }
 
-    /// The same, to render in.
+    /// The light as a tree, to render in.
     pub(crate) fn tree(&self, name: &str) -> Result<LightTree> {
         Ok(LightTree::of_map(&self.map(name)?))
     }

@@ -1,9 +1,9 @@
-//! `gonio-eval lights`: how near the light of a photograph is found, given its true BRDF and the
-//! one that the embedded model answers.
+//! `gonio-eval lights`: measures how accurately the light of a photograph is found, given its true
+//! BRDF and given the estimate of the embedded model.
 //!
 //! Lights and materials are those that the model was learnt from, without the materials that the
-//! benchmark holds out: it compares ways to find the light, and says little of what they give on
-//! others.
+//! benchmark holds out: the figures compare methods that find the light, and say little about their
+//! errors on unseen lights and materials.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -18,8 +18,9 @@ use gonio::lighting::{LightGrid, LightPrior};
 use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter};
+use gonio::shape::SurfacePoint;
 use gonio::sphere::OctahedralMap;
-use gonio::transfer::{PlanSettings, SurfacePoint};
+use gonio::transfer::PlanSettings;
 
 use crate::bench::{ACCURACY, Progress};
 use crate::data::Lights;
@@ -27,30 +28,31 @@ use crate::materials::Materials;
 use crate::metrics::{mean, median};
 use crate::posteriors::{ball, on_disk};
 
-/// What is measured.
+/// Options of `gonio-eval lights`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Folder for `lights.csv`, one line for each light that was found
+    /// Folder for `lights.csv`, one line for each light found
     #[arg(short, long)]
     out: PathBuf,
     /// Folder of the MERL database, if it is not DATA/merl
     #[arg(long)]
     merl: Option<PathBuf>,
-    /// Materials, from the most matte to the sharpest
+    /// Number of materials, spread from the most matte to the sharpest
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
     materials: u16,
-    /// Lights
+    /// Number of lights
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
     lights: u16,
 }
 
-/// Ways to find a light, from the posterior of all lights to that of those without negative texels.
+/// Methods that find a light: the mean of the posterior, that mean clipped at zero, and the mean of
+/// the posterior without negative texels.
 const METHODS: [&str; 3] = ["mean", "clipped mean", "non-negative mean"];
 
-/// Which BRDF the light was found with.
+/// BRDFs that the light is found with.
 const GIVEN: [&str; 2] = ["true", "estimated"];
 
-/// One light that was found.
+/// One light found, and its errors.
 struct Record {
     light: String,
     material: String,
@@ -59,17 +61,17 @@ struct Record {
     error: Distance,
     /// Relative residual of the photograph.
     misfit: f64,
-    /// Seconds beyond those of the posterior mean.
+    /// Seconds in addition to those of the posterior mean.
     seconds: f64,
     converged: bool,
 }
 
-/// How far a light is from the true one, texel by texel.
+/// Distance of a light from the true one, texel by texel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Distance {
-    /// `min_s |s L^ - L| / |L|`: the brightest lamps decide.
+    /// `min_s |s L^ - L| / |L|`, dominated by the brightest lamps.
     relative: f64,
-    /// The same of the cube roots.
+    /// The same distance between the cube roots.
     cube_root: f64,
     /// Correlation of `ln(max(L, 0) + e)`, `e` one percent of the mean of `L`.
     log_correlation: f64,
@@ -138,7 +140,7 @@ fn training(all: &Materials) -> Vec<(String, BivariateTable)> {
     materials
 }
 
-/// So many of a list, the middles of as many parts.
+/// Selects `count` elements of a list: the middles of as many equal parts.
 fn evenly<T>(list: Vec<T>, count: usize) -> Result<Vec<T>> {
     let all = list.len();
     if count > all {
@@ -148,7 +150,7 @@ fn evenly<T>(list: Vec<T>, count: usize) -> Result<Vec<T>> {
     Ok(list.into_iter().enumerate().filter(|(at, _)| wanted.next_if_eq(at).is_some()).map(|(_, x)| x).collect())
 }
 
-/// A light by one of the [`METHODS`].
+/// A light found by one of the [`METHODS`].
 struct Found {
     texels: Vec<f64>,
     misfit: f64,
@@ -156,7 +158,7 @@ struct Found {
     converged: bool,
 }
 
-/// The light of an image at points by all methods.
+/// Finds the light of an image at points by all methods.
 fn find(points: &[SurfacePoint], image: &[f64], brdf: &BivariateTable, prior: &LightPrior) -> Result<[Found; 3]> {
     let values: Vec<Option<f64>> = image.iter().map(|v| Some(*v)).collect();
     let problem = LightProblem::new(points, &values, None, brdf, prior, &PlanSettings::default())?;
@@ -178,7 +180,7 @@ fn texels(map: OctahedralMap, coefficients: &[f64]) -> Vec<f64> {
     LightGrid::from_coefficients(map, coefficients).texels().iter().map(|t| f64::from(t.x)).collect()
 }
 
-/// Over texels of equal solid angle: sums over them are integrals over the sphere.
+/// Distance over texels of equal solid angle, so that sums over them are integrals over the sphere.
 fn error(estimate: &[f64], truth: &[f64]) -> Distance {
     let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let relative = |a: &[f64], b: &[f64]| {
@@ -197,7 +199,7 @@ fn error(estimate: &[f64], truth: &[f64]) -> Distance {
     Distance {
         relative: relative(estimate, truth),
         cube_root: relative(&cube_root(estimate), &cube_root(truth)),
-        // A light that is the same everywhere, but for round-off, correlates with nothing.
+        // A light that is constant up to round-off has no correlation.
         log_correlation: if inner(&a, &a).min(inner(&b, &b)) < 1e-18 {
             0.0
         } else {
@@ -229,8 +231,8 @@ fn csv(records: &[Record]) -> String {
     out
 }
 
-/// Medians and means over all photographs, and how often each method is nearer than the mean by the
-/// cube root.
+/// Medians and means over all photographs, and how often each method is nearer than the posterior
+/// mean in cube roots.
 fn summary(records: &[Record]) -> String {
     let mut out = String::from(
         "Median (mean) over the photographs:\n\n\
@@ -291,8 +293,7 @@ mod tests {
         assert!(evenly(vec!['a'], 2).is_err());
     }
 
-    /// A lamp in a dim sky on a satin ball, without data: the light that is not negative is the
-    /// nearest.
+    /// A satin ball under a lamp in a dim sky, without data: the non-negative light is the nearest.
     #[test]
     fn a_lamp_is_found_better_without_negative_light() {
         let model = gonio_io::model::embedded().unwrap();

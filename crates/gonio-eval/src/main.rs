@@ -39,24 +39,23 @@ enum Command {
     Paper(paper::Options),
     /// Convergence of the transfer's quadrature against a brute-force reference.
     Quadrature,
-    /// Ways to find the light given the BRDF against each other, on lights and materials of the
-    /// training.
+    /// Compares ways to find the light given the BRDF, on lights and materials of the training.
     Lights(lights::Options),
-    /// Ways to colour a BRDF against each other, on test materials in test lights.
+    /// Compares ways to colour a BRDF, on test materials in test lights.
     Colour(colour::Options),
-    /// What shapes other than a sphere cost, with and without the light they keep from themselves.
+    /// Measures what shapes other than a sphere cost, with and without modelling self-shadowing.
     Shapes(shapes::Options),
-    /// The default method on photographs of real objects, by their measured BRDF and their
+    /// Judges the default method on photographs of real objects, by their measured BRDF and their
     /// photographs in other lights.
     Captured(captured::Options),
-    /// Estimators and references against each other over a grid of materials and lights.
+    /// Compares estimators and references over a grid of materials and lights.
     Bench(Box<bench::Options>),
-    /// What each fault of a photograph costs the learnt posterior: test materials in test lights,
-    /// one camera effect at a time.
+    /// Measures what each camera effect costs the learnt posterior: test materials in test lights,
+    /// one effect at a time.
     Camera(camera::Options),
-    /// The learnt posterior on training materials in training lights that it has not seen.
+    /// Cross-validates the learnt posterior on training materials in training lights.
     Folds(folds::Options),
-    /// One report of the folders that the jobs of `bench --shard` have filled.
+    /// Merges the folders that the jobs of `bench --shard` have filled into one report.
     Merge(bench::MergeOptions),
 }
 

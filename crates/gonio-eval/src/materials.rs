@@ -13,23 +13,23 @@ use rayon::prelude::*;
 use crate::outside::{self, Formula};
 
 /// A database of materials in the order of their file names: a folder of `.binary` files of the
-/// MERL database, or of bivariate tables, or both. After them, where asked for, come [materials of
-/// other kinds](outside).
+/// MERL database, or of bivariate tables, or both. [Materials of other kinds](outside) follow it on
+/// request.
 pub(crate) struct Materials {
-    /// Names, in the order of `NAME.binary`: that of a listing of the database, `chrome-steel`
-    /// before `chrome`; then those outside of it.
+    /// Names in the order of the files `NAME.binary` in a listing of the database (`chrome-steel`
+    /// before `chrome`), then those outside of the database.
     pub(crate) names: Vec<String>,
     rgb: Vec<[BivariateTable; 3]>,
     origins: Vec<Origin>,
-    /// How many are of the database.
+    /// Number of materials in the database.
     database: usize,
 }
 
-/// Where the table over all three angles comes from.
+/// Origin of the table over all three angles.
 enum Origin {
     /// A file of the MERL database.
     Merl(PathBuf),
-    /// Nowhere: only the bivariate table is there.
+    /// No such table: there is only the bivariate one.
     Bivariate,
     /// A file of the RGL database.
     Rgl(PathBuf),
@@ -48,19 +48,19 @@ impl Origin {
     }
 }
 
-/// What a picture of a material was rendered from.
+/// Table that a picture of a material was rendered from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
     /// The table over all three angles.
     Full,
-    /// Only the bivariate table is there.
+    /// The bivariate table, since there is no other.
     Bivariate,
 }
 
 impl Materials {
-    /// Of the folder `full`, or `DATA/merl` without one. Materials whose full table is missing are
-    /// taken from the bivariate set of `DATA/merl`; full tables without a bivariate one are
-    /// reduced.
+    /// Opens the folder `full`, or `DATA/merl` without one. Materials whose full table is missing
+    /// are taken from the bivariate set of `DATA/merl`; full tables without a bivariate one are
+    /// reduced to one.
     pub(crate) fn open(data: &Path, full: Option<&Path>) -> Result<Self> {
         let default = data.join("merl");
         let folder = full.unwrap_or(&default);
@@ -96,7 +96,7 @@ impl Materials {
         Ok(Self { database: names.len(), names, rgb, origins })
     }
 
-    /// With the materials outside of the database: the files of `DATA/rgl`, if there are any, and
+    /// Adds the materials outside of the database: the files of `DATA/rgl`, if there are any, and
     /// the formulas.
     pub(crate) fn with_outside(mut self, data: &Path) -> Result<Self> {
         for (name, path) in outside::rgl_files(&data.join("rgl"))? {
@@ -120,7 +120,7 @@ impl Materials {
         Ok(())
     }
 
-    /// Place of a name in the list.
+    /// Index of the material of this name.
     pub(crate) fn index(&self, name: &str) -> Result<usize> {
         match self.names.iter().position(|n| n == name) {
             Some(at) => Ok(at),
@@ -133,27 +133,27 @@ impl Materials {
         &self.rgb[at]
     }
 
-    /// Green channel over half and difference angle: what bases are learnt from.
+    /// Green channel over half and difference angle, from which bases are learnt.
     pub(crate) fn green(&self, at: usize) -> &BivariateTable {
         &self.rgb[at][1]
     }
 
-    /// Luminance over half and difference angle: what estimates are compared with.
+    /// Luminance over half and difference angle, with which estimates are compared.
     pub(crate) fn luminance(&self, at: usize) -> BivariateTable {
         BivariateTable::luminance(&self.rgb[at])
     }
 
-    /// What [`Self::full`] has for a material.
+    /// Which table [`Self::full`] returns for a material.
     pub(crate) fn source(&self, at: usize) -> Source {
         if matches!(self.origins[at], Origin::Bivariate) { Source::Bivariate } else { Source::Full }
     }
 
-    /// The table to render, spread over `phi_d` where there is no other.
+    /// The table to render: the full one, or else the bivariate one spread over `phi_d`.
     pub(crate) fn full(&self, at: usize) -> Result<MerlTable> {
         self.origins[at].full(&self.rgb[at])
     }
 
-    /// Changes when the table that [`Self::full`] makes does.
+    /// Hash that changes whenever the table of [`Self::full`] does.
     pub(crate) fn fingerprint(&self, at: usize) -> Result<String> {
         let mut hasher = blake3::Hasher::new();
         match &self.origins[at] {
@@ -167,8 +167,8 @@ impl Materials {
                 hasher.update(format!("rgl {}", outside::VERSION).as_bytes());
                 hash_file(&mut hasher, path)?;
             }
-            // By parameters and not by value: processors round differently, and shards from several
-            // machines are merged.
+            // Hashes the parameters, not the values: processors round differently, and shards from
+            // several machines are merged.
             Origin::Formula(formula) => {
                 hasher.update(format!("formula {} {formula:?}", outside::VERSION).as_bytes());
             }
@@ -181,13 +181,13 @@ impl Materials {
         0..self.database
     }
 
-    /// The materials outside of it.
+    /// The materials outside of the database.
     pub(crate) fn outside(&self) -> Range<usize> {
         self.database..self.names.len()
     }
 
-    /// Every fifth material of the database, starting with the third: what a leave-out basis never
-    /// sees.
+    /// Every fifth material of the database, starting with the third: those that the leave-out
+    /// protocol does not learn from.
     pub(crate) fn held_out(&self) -> Vec<usize> {
         self.database().filter(|i| i % 5 == 2).collect()
     }
@@ -248,7 +248,7 @@ mod tests {
         let mut cells = reduced.as_slice().iter().zip(materials.green(plaster).as_slice());
         assert!(cells.all(|(a, b)| (a / b - 1.0).abs() < 1e-4));
         assert_ne!(materials.fingerprint(plaster).unwrap(), materials.fingerprint(plaster + 1).unwrap());
-        // A file that is there but no measurement is not passed over in silence.
+        // A file that is no measurement is an error.
         std::fs::create_dir(dir.path().join("rgl")).unwrap();
         std::fs::write(dir.path().join("rgl/paint_rgb.bsdf"), "paint").unwrap();
         assert!(Materials::open(dir.path(), None).unwrap().with_outside(dir.path()).is_err());

@@ -10,10 +10,11 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 use gonio::reflectance::parametric::{CookTorrance, Lafortune, Parametric, Ward};
 
-/// Raised when a formula or the reading of a file gives another table: enters the fingerprints.
+/// Version of these materials, part of their fingerprints: raise it whenever a formula or the
+/// reading of a file gives another table.
 pub(crate) const VERSION: u32 = 1;
 
-/// The files `NAME_rgb.bsdf` of a folder, which may be absent, by name.
+/// Lists the files `NAME_rgb.bsdf` of a folder, which may be absent, in order of name.
 pub(crate) fn rgl_files(folder: &Path) -> Result<Vec<(String, PathBuf)>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
@@ -30,7 +31,7 @@ pub(crate) fn rgl_files(folder: &Path) -> Result<Vec<(String, PathBuf)>> {
     Ok(files)
 }
 
-/// A grey material by formula, whose parameters can be told from others'.
+/// A grey material by formula. `Debug` tells its parameters apart from those of others.
 pub(crate) trait Formula: Parametric + Debug + Send {}
 
 impl<T: Parametric + Debug + Send> Formula for T {}
@@ -53,31 +54,31 @@ pub(crate) fn formulas() -> Vec<(&'static str, Box<dyn Formula>)> {
     ]
 }
 
-/// What the formulas are written in.
+/// Functions of the angles that the formulas are written in.
 struct Angles {
     cos_i: f64,
     cos_o: f64,
     cos_h: f64,
-    /// Between half vector and light.
+    /// Cosine of the angle between half vector and light.
     cos_d: f64,
     sin2_h: f64,
 }
 
 impl Angles {
-    /// `None` unless light and view are above the surface.
+    /// Computes the angles; `None` unless light and view are above the surface.
     fn new(wi: DVec3, wo: DVec3) -> Option<Self> {
         if wi.z <= 0.0 || wo.z <= 0.0 {
             return None;
         }
         let half = (wi + wo).normalize();
-        // From x and y, since 1 - cos^2 would lose the narrow peaks.
+        // Computed from x and y, since 1 - cos^2 would lose the narrow peaks.
         let sin2_h = half.x * half.x + half.y * half.y;
         Some(Self { cos_i: wi.z, cos_o: wo.z, cos_h: half.z, cos_d: half.dot(wi).min(1.0), sin2_h })
     }
 
-    /// Microfacet reflection without its Fresnel factor, `D G / (4 cos_i cos_o)`, with the
-    /// distribution of Beckmann of mean square slope `roughness^2` and the masking of Smith by the
-    /// approximation of Walter et al. 2007.
+    /// Microfacet reflection without its Fresnel factor, `D G / (4 cos_i cos_o)`, with Beckmann's
+    /// distribution of mean square slope `roughness^2`, and Smith's masking in the approximation of
+    /// Walter et al. 2007.
     fn beckmann(&self, roughness: f64) -> f64 {
         let m2 = roughness * roughness;
         let c2 = self.cos_h * self.cos_h;
@@ -100,7 +101,7 @@ fn beckmann(lobes: Lobes, angles: &Angles) -> f64 {
 /// Rough diffuse reflection (Oren and Nayar 1994, the qualitative model).
 #[derive(Debug)]
 struct OrenNayar {
-    /// Of the facets, 0 to 1.
+    /// Albedo of the facets, 0 to 1.
     albedo: f64,
     /// Standard deviation of the facets' angle, radians.
     slope: f64,
@@ -127,7 +128,7 @@ struct Velvet {
     diffuse: f64,
     /// Factor of the sheen.
     sheen: f64,
-    /// 0 to 1: how far fibres lean from upright.
+    /// How far fibres lean from upright, 0 to 1.
     roughness: f64,
 }
 
@@ -141,9 +142,10 @@ impl Parametric for Velvet {
     }
 }
 
-/// Microfacets of a conductor, by the exact formula of Fresnel. The tails of Beckmann's
-/// distribution soon vanish; what dust and several reflections scatter is a Lambertian part, as in
-/// every measured metal, without which the logarithm of a reflectance would be no measure.
+/// Microfacets of a conductor with the exact Fresnel reflectance, over a Lambertian part. The tails
+/// of Beckmann's distribution soon vanish; the Lambertian part stands for scattering by dust and
+/// multiple reflections, as in every measured metal, and keeps the logarithm of the reflectance
+/// meaningful.
 #[derive(Debug)]
 struct Metal {
     /// Albedo of the Lambertian part.
@@ -244,8 +246,8 @@ mod tests {
         let silver = (0.85_f64.powi(2) + 3.5 * 3.5) / (1.15_f64.powi(2) + 3.5 * 3.5);
         assert!((conductor(1.0, 0.15, 3.5) - silver).abs() < 1e-12);
         assert!((dielectric(1e-9, 1.5) - 1.0).abs() < 1e-6 && (conductor(1e-9, 0.15, 3.5) - 1.0).abs() < 1e-6);
-        // Without absorption a conductor is a dielectric; at Brewster's angle half of the light is
-        // reflected as if alone.
+        // Without absorption a conductor is a dielectric; at Brewster's angle only light of
+        // perpendicular polarisation, half of the whole, is reflected.
         for cos in [0.1, 0.4, 0.9] {
             assert!((conductor(cos, 1.5, 0.0) - dielectric(cos, 1.5)).abs() < 1e-9);
         }
@@ -256,8 +258,8 @@ mod tests {
 
     #[test]
     fn lobes_reflect_what_reaches_them() {
-        // All light comes back from a perfect conductor but what is shadowed: next to nothing along
-        // the normal.
+        // A perfect conductor reflects all light but what is shadowed: next to nothing along the
+        // normal.
         let mirror = Metal { diffuse: 0.0, lobes: &[(0.5, 0.05), (0.5, 0.1)], eta: 1e-3, k: 1e3 };
         let albedo = mirror.to_bivariate().normal_albedo();
         assert!((albedo - 1.0).abs() < 0.01, "{albedo}");

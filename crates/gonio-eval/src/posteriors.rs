@@ -10,8 +10,8 @@ use gonio::appearance::{DiskImage, Sample};
 use gonio::inference::learnt::LearntPosterior;
 use gonio::reflectance::{BivariateTable, Dictionary, DictionarySettings, LogBasis};
 use gonio::scene::{ObservationSettings, sphere_points};
+use gonio::shape::SurfacePoint;
 use gonio::simulation::{Stock, StockSettings};
-use gonio::transfer::SurfacePoint;
 use gonio_io::cache::Cache;
 use gonio_io::model::{decode_posterior, encode_posterior};
 use gonio_train::TrainingSettings;
@@ -21,32 +21,32 @@ use crate::bases::key;
 use crate::bench::Progress;
 use crate::data::Lights;
 
-/// Enters every key: to be raised whenever simulation or training gives other results for the same
-/// input.
+/// Version of simulation and training, part of every cache key: raise it whenever either gives
+/// other results for the same input.
 const VERSION: u32 = 8;
 
-/// Normals of the visible hemisphere where photographs are rendered that only the posterior sees:
-/// those of the smallest balls that it is learnt from, of some 40 pixels of radius.
+/// Number of normals on the visible hemisphere at which photographs for the posterior alone are
+/// rendered: that of the smallest balls that it is learnt from, of some 40 pixels of radius.
 const NORMALS: usize = 6_000;
 
-/// How a posterior is learnt.
+/// Settings by which a posterior is learnt.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Learning {
-    /// The materials.
+    /// The dictionary of materials.
     pub(crate) dictionary: DictionarySettings,
-    /// The photographs of them.
+    /// The stock of their photographs.
     pub(crate) stock: StockSettings,
-    /// The encoder.
+    /// The training of the encoder.
     pub(crate) training: TrainingSettings,
 }
 
-/// How much goes into the learning of a posterior.
+/// Effort of learning a posterior.
 #[derive(clap::Args)]
 pub(crate) struct Effort {
     /// Cameras in each training light, for the photographs that the posterior is learnt from
     #[arg(long, default_value_t = StockSettings::default().cameras, value_parser = some())]
     cameras: usize,
-    /// Materials before each of those cameras
+    /// Materials that each of those cameras photographs
     #[arg(long, default_value_t = StockSettings::default().draws, value_parser = some())]
     draws: usize,
     /// Steps of the training, each on 128 photographs
@@ -59,7 +59,7 @@ fn some() -> RangedU64ValueParser<usize> {
 }
 
 impl Effort {
-    /// The usual way with so much of it.
+    /// Default settings with this effort.
     pub(crate) fn learning(&self) -> Learning {
         Learning {
             dictionary: DictionarySettings::default(),
@@ -69,7 +69,8 @@ impl Effort {
     }
 }
 
-/// Trains on materials in the lights of these names, or finds the result of having done so.
+/// Trains on materials in the lights of these names, or loads the posterior from the cache if it
+/// was trained before.
 pub(crate) fn load_or_train(
     cache: &Cache,
     materials: &[(String, BivariateTable)],
@@ -112,20 +113,20 @@ fn train(
     Ok(learnt)
 }
 
-/// What can be made of these materials: a dictionary to draw from, not to learn with.
+/// Dictionary of these materials to draw from, not to learn with.
 pub(crate) fn kinds_of(materials: &[(String, BivariateTable)]) -> Dictionary {
     let least = DictionarySettings { draws: 1, dimensions: 1, ..DictionarySettings::default() };
     Dictionary::new(LogBasis::fit(materials, LogBasis::RANK), &least)
 }
 
-/// Points of a ball that a photograph for the posterior is rendered at, seen from `+z` of the frame
-/// that `camera` turns to.
+/// Points of a ball at which a photograph for the posterior is rendered, seen from `+z` of the
+/// frame that `camera` rotates to.
 pub(crate) fn ball(camera: DQuat) -> Vec<SurfacePoint> {
     let points = sphere_points(&ObservationSettings { normals: NORMALS, ..ObservationSettings::default() });
     points.iter().map(|p| SurfacePoint { normal: camera * p.normal, view: camera * DVec3::Z }).collect()
 }
 
-/// What a posterior is told of the values observed at points.
+/// Gathers the values observed at points into the image that a posterior reads.
 pub(crate) fn on_disk(points: &[SurfacePoint], values: impl IntoIterator<Item = Option<f64>>) -> Result<DiskImage> {
     let seen = points.iter().zip(values);
     let samples: Vec<Sample> = seen.filter_map(|(p, v)| v.map(|v| Sample::of(p.in_view(), v, 1.0))).collect();

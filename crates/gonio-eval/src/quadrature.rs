@@ -1,5 +1,5 @@
-//! `gonio-eval quadrature`: error and cost of the adaptive quadrature against polar coordinates
-//! about the mirror direction.
+//! `gonio-eval quadrature`: error and cost of the adaptive quadrature, against a reference in polar
+//! coordinates about the mirror direction.
 
 use std::path::Path;
 use std::time::Instant;
@@ -8,8 +8,9 @@ use anyhow::Result;
 use gonio::picture::luminance;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::{Brdf, IntegratorSettings, radiance};
+use gonio::shape::SurfacePoint;
 use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
-use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint, polar_reference};
+use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, polar_reference};
 
 use rayon::prelude::*;
 
@@ -17,7 +18,7 @@ use crate::data::Lights;
 use crate::materials::Materials;
 use crate::metrics::relight;
 
-/// Chrome, a phenolic, a metallic paint and a fabric, and the sharpest other metal.
+/// Materials: chrome, a phenolic, a metallic paint and a fabric, and the sharpest other metal.
 const MATERIALS: [&str; 5] =
     ["chrome", "specular-black-phenolic", "blue-metallic-paint", "red-fabric", "tungsten-carbide"];
 const SIDE: usize = 32;
@@ -98,11 +99,11 @@ pub(crate) fn run(folder: &Path) -> Result<()> {
     renders(folder, &all)
 }
 
-/// Lights that the renderer is tried in.
+/// Lights that the renderer is tested in.
 const LIGHTS: [&str; 3] = ["debevec_grace", "noon_grass", "debevec_rnl"];
 
-/// Error of rendered pictures against a far finer division of the light, after the best common
-/// scale.
+/// Prints the error of rendered pictures against a far finer division of the light, after the best
+/// common scale.
 fn renders(folder: &Path, all: &Materials) -> Result<()> {
     let lights = Lights::open(folder)?;
     let points: Vec<SurfacePoint> = fibonacci_hemisphere(200)

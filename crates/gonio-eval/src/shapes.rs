@@ -1,10 +1,9 @@
-//! `gonio-eval shapes`: the same materials in the same lights on a sphere, a blob, an animal and a
-//! bowl, with the light that each keeps from itself modelled and not.
+//! `gonio-eval shapes`: errors on the same materials in the same lights on a sphere, a blob, an
+//! animal and a bowl, with and without modelling self-shadowing.
 //!
 //! Materials are those that the benchmark holds out, lights those of the tests, and the posterior
 //! is that of the benchmark, learnt without either. Photographs have exact shadows (rays for all
-//! but half a percent of the light), no light that the object reflects onto itself, and noise of
-//! half a percent of the mean.
+//! but half a percent of the light), no interreflections, and noise of half a percent of the mean.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -28,7 +27,7 @@ use crate::materials::Materials;
 use crate::metrics::{brdf_error, mean, median, relight};
 use crate::posteriors::{Learning, load_or_train};
 
-/// What is measured.
+/// Options of `gonio-eval shapes`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// Folder for `shapes.csv`, one line for each estimate
@@ -46,7 +45,7 @@ pub(crate) struct Options {
     /// Shapes
     #[arg(long, value_delimiter = ',', default_value = "sphere,blob,bunny,bowl")]
     shapes: Vec<String>,
-    /// Every so many of the held-out materials
+    /// Test every N-th of the held-out materials
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     every: u16,
     /// Width and height of the photographs in pixels
@@ -58,10 +57,10 @@ pub(crate) struct Options {
 const NOISE: f64 = 0.005;
 /// Share of the picture left free around the object.
 const MARGIN: f64 = 0.03;
-/// Cells along a side from which the shapes are made.
+/// Cells along a side of the grid that the shapes are made from.
 const CELLS: usize = 140;
 
-/// One estimate.
+/// Errors of one estimate.
 struct Record {
     shape: String,
     hidden: bool,
@@ -141,7 +140,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// What all photographs have in common.
+/// Models and ground truth common to all photographs.
 struct Study<'a> {
     learnt: &'a LearntPosterior,
     prior: &'a LightPrior,
@@ -151,7 +150,7 @@ struct Study<'a> {
 }
 
 impl Study<'_> {
-    /// All materials on one shape in one light.
+    /// Photographs and estimates all materials on one shape in one light.
     fn photograph(
         &self,
         posed: &Posed,
@@ -163,7 +162,7 @@ impl Study<'_> {
         let Posed { surface, camera } = posed;
         let buffer = GeometryBuffer::of(surface.as_ref(), camera);
         let view = SurfaceView { normals: &buffer.normals, camera: Some(camera), distances: Some(&buffer.distances) };
-        // The points are the same whatever the picture: one of a single brightness finds them.
+        // The points do not depend on the values of the picture: a uniform one finds them.
         let blank = Picture { rgb: Plane::from_fn(camera.size.0, camera.size.1, |_, _| Vec3::ONE), alpha: None };
         let settings = ObservationSettings { clip: Some(f32::MAX), ..ObservationSettings::default() };
         let plan = PlanSettings::default();
@@ -186,7 +185,7 @@ impl Study<'_> {
                     continue;
                 }
                 let seen = scene.values.iter().zip(&values).map(|(kept, v)| kept.map(|_| v.max(0.0)));
-                // Rendered at the points alone, not in every pixel.
+                // Values are rendered at the points alone, not in every pixel.
                 let observations = Observations { values: seen.collect(), dense: Vec::new(), ..scene.clone() };
                 let start = Instant::now();
                 let found = unshadow(&observations, self.learnt, self.prior, &plan, &UnshadowSettings::default())?;

@@ -6,7 +6,8 @@
 
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
-use gonio::transfer::{Plan, PlanError, PlanSettings, Points};
+use gonio::shape::Points;
+use gonio::transfer::{Plan, PlanError, PlanSettings};
 use serde::{Deserialize, Serialize};
 
 use crate::cache::Cache;
@@ -160,8 +161,9 @@ mod tests {
     use std::time::Instant;
 
     use gonio::lighting::{CoefficientPrior, PriorGroup, ScaleMixture};
+    use gonio::shape::SurfacePoint;
     use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
-    use gonio::transfer::{QuadratureSettings, SurfacePoint};
+    use gonio::transfer::QuadratureSettings;
 
     use super::*;
 

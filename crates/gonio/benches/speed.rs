@@ -16,9 +16,10 @@ use gonio::reflectance::BivariateTable;
 use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::render::{IntegratorSettings, LightTree, radiance};
 use gonio::scene::{ObservationSettings, sphere_points};
+use gonio::shape::SurfacePoint;
 use gonio::shape::{Camera, Form, GeometryBuffer, Lookout, Tracer, Visibility, hit_at};
 use gonio::sphere::OctahedralMap;
-use gonio::transfer::{Bilinear, Plan, PlanSettings, Projected, SurfacePoint};
+use gonio::transfer::{Bilinear, Plan, PlanSettings, Projected};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 

@@ -1,4 +1,4 @@
-//! What is compared: trivial answers, oracles, and the estimators of the library.
+//! The estimators that are compared: trivial answers, oracles, and the methods of the library.
 
 use anyhow::{Context, Result};
 use gonio::inference::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
@@ -16,7 +16,7 @@ pub(crate) struct Photograph<'a> {
     pub(crate) knowledge: &'a Knowledge,
     /// Luminance of every point.
     pub(crate) image: &'a [Option<f64>],
-    /// The image on the rows of the plan.
+    /// The image projected onto the rows of the plan.
     pub(crate) projected: &'a Projected,
     /// Images of the basis functions in the true light, `[point][function]`.
     pub(crate) under_true_light: &'a [f32],
@@ -24,23 +24,23 @@ pub(crate) struct Photograph<'a> {
     pub(crate) truth: &'a BivariateTable,
     /// Random starts of each method.
     pub(crate) starts: usize,
-    /// How the separable posterior and the joint maximum are found.
+    /// Settings of the separable posterior and of the joint maximum.
     pub(crate) separable: Separable,
 }
 
-/// An answer.
+/// Answer of an estimator.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Estimate {
-    /// The BRDF, on any scale; none of it if the estimator failed.
+    /// The BRDF, up to scale; `None` if the estimator failed.
     pub(crate) table: Option<BivariateTable>,
     /// Ends of the central 50 % and 90 % intervals of each cell, on the scale of `table`: 5, 25,
     /// 75, 95 %.
     pub(crate) quantiles: Option<[Vec<f32>; 4]>,
-    /// What the optimiser said.
+    /// Report of the optimiser.
     pub(crate) report: Report,
 }
 
-/// What a method said of its run.
+/// Report of a method on its run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Report {
     /// Cost of the kept start.
@@ -59,25 +59,24 @@ pub(crate) struct Report {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Estimator {
-    /// Mean of the training materials, each of albedo one: an answer that does not look at the
-    /// image.
+    /// Mean of the training materials, each scaled to albedo one: an answer that ignores the image.
     TrainingMean,
     /// A Lambertian surface.
     Lambertian,
     /// The training material with the least BRDF error: an oracle.
     NearestMaterial,
-    /// The true table without `phi_d` and colour: what no bivariate grey estimate beats but by
-    /// luck.
+    /// The true table without `phi_d` and colour: no bivariate grey estimate has a smaller error,
+    /// except by luck.
     TrueBivariate,
     /// The separable posterior given the true light: an oracle.
     KnownLight,
     /// Joint maximum over light and reflectance.
     JointMap,
-    /// The mean of the posterior learnt from simulated photographs: the project's answer.
+    /// The mean of the posterior learnt from simulated photographs: the default method.
     Learnt,
     /// The separable posterior, `C_KL` minimised by blocks.
     Variational,
-    /// The same by Algorithm 1 as printed. Slow.
+    /// The separable posterior by Algorithm 1 as printed. Slow.
     Algorithm1,
 }
 
@@ -112,17 +111,17 @@ impl Estimator {
         }
     }
 
-    /// Whether it looks at what no photograph shows.
+    /// Whether the estimator uses what no photograph shows.
     pub(crate) fn is_oracle(self) -> bool {
         matches!(self, Self::NearestMaterial | Self::TrueBivariate | Self::KnownLight)
     }
 
-    /// Whether it answers without looking at the image.
+    /// Whether the estimator ignores the image.
     pub(crate) fn is_trivial(self) -> bool {
         matches!(self, Self::TrainingMean | Self::Lambertian)
     }
 
-    /// All that a run compares unless told otherwise.
+    /// Estimators compared by default.
     pub(crate) fn usual() -> Vec<Self> {
         vec![
             Self::TrainingMean,
@@ -136,7 +135,7 @@ impl Estimator {
         ]
     }
 
-    /// Answers.
+    /// Estimates the BRDF from a photograph.
     pub(crate) fn estimate(self, photograph: &Photograph<'_>) -> Result<Estimate> {
         let Photograph { knowledge, image, projected, under_true_light, truth, starts, separable } = *photograph;
         let Separable { paper, tolerance, variance, iterations, .. } = separable;
@@ -185,7 +184,7 @@ impl Estimator {
     }
 }
 
-/// The posterior learnt from simulated photographs.
+/// Estimates by the posterior learnt from simulated photographs.
 fn learnt_posterior(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Estimate> {
     let learnt = knowledge.model.learnt.as_ref().context("no posterior was learnt")?;
     let posterior = learnt.posterior(&on_disk(&knowledge.points, image.iter().copied())?);
@@ -243,7 +242,8 @@ fn nearest(tables: &[(String, BivariateTable)], truth: &BivariateTable) -> Estim
     }
 }
 
-/// Of `F = sum_k f_k phi_k` with independent Gaussian `f_k`.
+/// Quantiles (5, 25, 75, 95 %) of each cell of `F = sum_k f_k phi_k` with independent Gaussian
+/// `f_k`, cut off at zero.
 fn gaussian_quantiles(mean: &BivariateTable, functions: &[BivariateTable], sd: &[f64]) -> [Vec<f32>; 4] {
     let spread: Vec<f64> = (0..mean.as_slice().len())
         .map(|c| {

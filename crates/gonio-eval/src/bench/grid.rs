@@ -1,5 +1,5 @@
-//! The grid of the benchmark: which material is seen in which light by an estimator that learnt
-//! from which materials.
+//! The grid of the benchmark: which material is photographed in which light, and which materials
+//! the estimator learnt from.
 
 use std::str::FromStr;
 
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::materials::Materials;
 
-/// What basis, prior and start materials are learnt from.
+/// Materials that basis, prior and starts are learnt from, and materials that are tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Protocol {
@@ -22,7 +22,7 @@ pub(crate) enum Protocol {
 }
 
 impl Protocol {
-    /// As a folder name and on the command line.
+    /// Name in folders and on the command line.
     pub(crate) fn id(self) -> &'static str {
         match self {
             Self::All => "all",
@@ -31,7 +31,7 @@ impl Protocol {
         }
     }
 
-    /// For readers.
+    /// Title for readers.
     pub(crate) fn title(self) -> &'static str {
         match self {
             Self::All => "(a) all materials in the basis",
@@ -40,7 +40,7 @@ impl Protocol {
         }
     }
 
-    /// The materials that it tests.
+    /// The materials that the protocol tests.
     pub(crate) fn tested(self, materials: &Materials) -> Vec<usize> {
         match self {
             Self::All => materials.database().collect(),
@@ -49,7 +49,7 @@ impl Protocol {
         }
     }
 
-    /// The first protocol with the same training materials, whose knowledge serves both.
+    /// The first protocol with the same training materials; both share what is learnt from them.
     pub(crate) fn learns_as(self) -> Self {
         match self {
             Self::All | Self::Outside => Self::All,
@@ -89,7 +89,7 @@ pub(crate) fn units(
     units
 }
 
-/// One of several parts of the grid, for as many machines.
+/// One of `count` parts of the grid, each for one machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Shard {
     /// 1-based.
@@ -98,7 +98,7 @@ pub(crate) struct Shard {
 }
 
 impl Shard {
-    /// Every `count`-th unit.
+    /// Selects every `count`-th unit.
     pub(crate) fn of(self, units: Vec<Unit>) -> Vec<Unit> {
         units.into_iter().enumerate().filter(|(i, _)| i % self.count == self.index - 1).map(|(_, u)| u).collect()
     }
@@ -116,8 +116,8 @@ impl FromStr for Shard {
     }
 }
 
-/// The lights that an estimate from `input` is relit in: those of `wanted`, `input` itself replaced
-/// by the first spare one.
+/// Returns the lights that an estimate from `input` is relit in: those of `wanted`, with `input`
+/// itself replaced by the first spare light that is not among them.
 pub(crate) fn relight_lights(wanted: &[String], spare: &[String], input: &str) -> Vec<String> {
     let replacement = spare.iter().find(|s| *s != input && !wanted.contains(s));
     wanted.iter().filter_map(|w| if w == input { replacement.cloned() } else { Some(w.clone()) }).collect()

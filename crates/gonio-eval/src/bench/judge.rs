@@ -15,10 +15,10 @@ use super::renders::Render;
 use super::stage::Stage;
 use crate::metrics::{Gloss, brdf_error, coverage, mean, relight};
 
-/// One cell of the grid: what one estimator made of one photograph.
+/// One cell of the grid: the result of one estimator on one photograph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Record {
-    /// Hash of everything that the cell depends on; a record with another key is none.
+    /// Hash of everything that the cell depends on; a record with another key is ignored.
     pub(crate) key: String,
     pub(crate) protocol: Protocol,
     pub(crate) material: String,
@@ -26,7 +26,7 @@ pub(crate) struct Record {
     pub(crate) estimator: Estimator,
     /// Whether the photograph was rendered from the full table.
     pub(crate) full_table: bool,
-    /// In each of the lights that the estimate was relit in.
+    /// Errors in each of the lights that the estimate was relit in.
     pub(crate) relight: Vec<Relit>,
     /// Rms logarithmic error over the domain.
     pub(crate) brdf: Option<f64>,
@@ -34,16 +34,17 @@ pub(crate) struct Record {
     pub(crate) gloss: Option<[Gloss; 2]>,
     /// Share of the trusted cells whose reference lies in the 50 % and in the 90 % interval.
     pub(crate) coverage: Option<[f64; 2]>,
-    /// Share of the energy of the image that no light of the grid can make.
+    /// Share of the energy of the image that no light on the grid can produce.
     pub(crate) left_over: f64,
     /// Seconds of one core.
     pub(crate) seconds: f64,
     pub(crate) report: Report,
-    /// Why there is no estimate.
+    /// Reason why there is no estimate.
     pub(crate) failure: Option<String>,
-    /// PNG, base64: the photograph, as its observations show it.
+    /// The photograph as its observations show it, a PNG in base64.
     pub(crate) photograph: String,
-    /// PNG, base64: the sphere in the first of the lights, at the exposure of the reference.
+    /// The estimate on a sphere in the first of the lights, at the exposure of the reference, a PNG
+    /// in base64.
     pub(crate) picture: String,
 }
 
@@ -53,12 +54,12 @@ pub(crate) struct Relit {
     pub(crate) light: String,
     /// `min_s |s I^ - I| / |I|`.
     pub(crate) relative: f64,
-    /// Rms of the logarithm.
+    /// Rms of the logarithm of the ratio.
     pub(crate) log: f64,
 }
 
 impl Record {
-    /// Mean relight error over the lights; one (a black picture) where there is no estimate.
+    /// Mean relight error over the lights; one, that of a black picture, without an estimate.
     pub(crate) fn relative(&self) -> f64 {
         if self.relight.is_empty() { 1.0 } else { mean(&self.relight.iter().map(|r| r.relative).collect::<Vec<_>>()) }
     }
@@ -73,28 +74,28 @@ impl Record {
         }
     }
 
-    /// Where the record belongs, relative to the folder of cells.
+    /// Path of the record's file, relative to the folder of cells.
     pub(crate) fn file(&self) -> String {
         file(self.protocol, &self.material, &self.light, self.estimator)
     }
 }
 
-/// Name of a record's file.
+/// Path of a record's file, relative to the folder of cells.
 pub(crate) fn file(protocol: Protocol, material: &str, light: &str, estimator: Estimator) -> String {
     format!("{}/{material}/{light}/{}.json", protocol.id(), estimator.id())
 }
 
-/// What estimates from one photograph are held against.
+/// Ground truth that estimates from one photograph are compared with.
 pub(crate) struct Reference<'a> {
     pub(crate) unit: &'a Unit,
     pub(crate) name: &'a str,
     pub(crate) full_table: bool,
     pub(crate) truth: &'a BivariateTable,
     pub(crate) stage: &'a Stage,
-    /// By light: the operator and the reference picture.
+    /// Name, relighting operator and reference picture of each light.
     pub(crate) lights: Vec<(&'a str, &'a Relighter, &'a Render)>,
     pub(crate) left_over: f64,
-    /// As of [`Record::photograph`].
+    /// The photograph, as in [`Record::photograph`].
     pub(crate) photograph: String,
 }
 
@@ -152,7 +153,7 @@ impl Reference<'_> {
     }
 }
 
-/// The picture of `scale * values` in colour and exposure of `like`: PNG, base64.
+/// Encodes `scale * values` in the colour and at the exposure of `like` as a PNG in base64.
 pub(crate) fn encoded(stage: &Stage, values: &[f64], scale: f64, like: &Render) -> String {
     let exposure = stage.exposure(&like.luminance);
     STANDARD.encode(stage.png(values, scale, exposure, Vec3::from_array(like.colour)))

@@ -1,11 +1,12 @@
-//! What a protocol lets the estimators know beforehand.
+//! Everything that the estimators of a protocol learn beforehand.
 
 use anyhow::{Context, Result};
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::LightPrior;
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, TrainSettings};
-use gonio::transfer::{Plan, SurfacePoint};
+use gonio::shape::SurfacePoint;
+use gonio::transfer::Plan;
 use gonio_io::cache::Cache;
 
 use super::grid::Protocol;
@@ -15,7 +16,7 @@ use crate::data::Lights;
 use crate::materials::Materials;
 use crate::posteriors::{self, Learning};
 
-/// Everything learnt before a photograph is seen, and the operator made of it.
+/// Everything learnt before a photograph is seen, and the operator built from it.
 pub(crate) struct Knowledge {
     /// Prior of light and basis of reflectance.
     pub(crate) model: Model,
@@ -23,13 +24,13 @@ pub(crate) struct Knowledge {
     pub(crate) training: Vec<(String, BivariateTable)>,
     /// The bilinear operator at the points of a sphere.
     pub(crate) plan: Plan,
-    /// Those points.
+    /// The points of the sphere.
     pub(crate) points: Vec<SurfacePoint>,
 }
 
 impl Knowledge {
-    /// Of the protocol's training materials; the light prior is `prior`, or the embedded one, from
-    /// lights that no test uses.
+    /// Learns from the protocol's training materials. The prior of light is `prior` or, without
+    /// one, the embedded prior, which was learnt from lights that no test uses.
     pub(crate) fn gather(
         materials: &Materials,
         protocol: Protocol,
@@ -55,8 +56,8 @@ impl Knowledge {
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
         let learn = |lights: &Lights| {
             let names = lights.names();
-            // Of as many lights and these materials in the usual way: training it again would give
-            // the same.
+            // The embedded posterior, if it was learnt from as many lights and these materials with
+            // the default settings: training would give the same.
             let same = |found: &LearntPosterior| {
                 *learning == Learning::default()
                     && names.len() == light.lights

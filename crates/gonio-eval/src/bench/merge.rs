@@ -1,4 +1,4 @@
-//! `gonio-eval merge`: one report of the folders that the jobs of an array have filled.
+//! `gonio-eval merge`: merges the folders that the jobs of an array have filled into one report.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ pub(crate) struct MergeOptions {
     /// Folders of `gonio-eval bench --shard`
     #[arg(required = true)]
     folders: Vec<PathBuf>,
-    /// Folder of the whole
+    /// Folder of the merged results
     #[arg(short, long)]
     output: PathBuf,
 }

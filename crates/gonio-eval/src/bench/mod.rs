@@ -1,9 +1,8 @@
-//! `gonio-eval bench`: estimators and references against each other over a grid of materials and
-//! lights.
+//! `gonio-eval bench`: compares estimators and references over a grid of materials and lights.
 //!
-//! First everything is rendered, light by light (a tree of light is large), then the photographs
-//! are worked on, one by each thread. Both halves keep what is finished: renders in the cache,
-//! cells in the folder of the run.
+//! First everything is rendered, light by light, since a light tree is large; then each thread
+//! estimates from one photograph at a time. Both halves keep what is finished: renders in the
+//! cache, cells in the folder of the run.
 
 mod estimators;
 mod grid;

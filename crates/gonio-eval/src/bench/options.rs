@@ -1,4 +1,4 @@
-//! What to run.
+//! Options of a run, and the grid that they select.
 
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ use crate::posteriors::Effort;
 #[derive(clap::Args)]
 #[command(args_override_self = true)]
 pub(crate) struct Options {
-    /// Folder of the results; one that holds part of them is continued
+    /// Folder of the results; a run that it holds in part is resumed
     #[arg(short, long)]
     pub(crate) output: PathBuf,
     /// 20 left-out materials in 4 lights instead of everything
@@ -27,11 +27,11 @@ pub(crate) struct Options {
     /// Folder of full MERL `.binary` files [default: DATA/merl]
     #[arg(long)]
     merl: Option<PathBuf>,
-    /// What the tested materials are to the estimators [default: all,leave-out; with --quick
-    /// leave-out]
+    /// How the tested materials relate to the training materials [default: all,leave-out; with
+    /// --quick leave-out]
     #[arg(long, value_enum, value_delimiter = ',')]
     protocols: Vec<Protocol>,
-    /// Only these materials (each protocol tests those it may)
+    /// Only these materials (each protocol tests those of them that it allows)
     #[arg(long, value_delimiter = ',')]
     materials: Vec<String>,
     /// Test lights of the photographs [default: all; with --quick four]
@@ -40,7 +40,7 @@ pub(crate) struct Options {
     /// Test lights that estimates are relit in
     #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
     relight: Vec<String>,
-    /// What is compared [default: all but the slow algorithm1]
+    /// Estimators to compare [default: all but the slow algorithm1]
     #[arg(long, value_enum, value_delimiter = ',')]
     estimators: Vec<Estimator>,
     /// Random starts of each method
@@ -57,7 +57,7 @@ pub(crate) struct Options {
     /// Texels along a side of the light grid
     #[arg(long, default_value_t = 32)]
     grid: usize,
-    /// Rows that images are projected on
+    /// Rows that images are projected onto
     #[arg(long, default_value_t = PlanSettings::default().rank)]
     rows: usize,
     /// Normals on the visible hemisphere
@@ -74,12 +74,12 @@ pub(crate) struct Options {
     /// Only every N-th photograph, from the I-th on: one of N jobs
     #[arg(long, value_name = "I/N")]
     pub(crate) shard: Option<Shard>,
-    /// Photographs that are worked on at once [default: one for each core]
+    /// Photographs processed at once [default: one for each core]
     #[arg(long)]
     pub(crate) threads: Option<usize>,
 }
 
-/// How the separable posterior and the joint maximum are found.
+/// Settings of the separable posterior and of the joint maximum.
 #[derive(Clone, Copy, Debug, PartialEq, clap::Args, Serialize, Deserialize)]
 pub(crate) struct Separable {
     /// As the paper prints it: no normals near the poles of its map, vague prior of the noise,
@@ -92,14 +92,14 @@ pub(crate) struct Separable {
     /// Variance that every coefficient of the separable posterior starts with
     #[arg(long, default_value_t = VariationalSettings::default().variance)]
     pub(crate) variance: f64,
-    /// Iterations of each start at most
+    /// Largest number of iterations of each start
     #[arg(long, default_value_t = VariationalSettings::default().max_iterations)]
     pub(crate) iterations: usize,
     /// Shape `a` of the prior of the noise [default: as many as there are normals; with --paper 1e-3]
     #[arg(long)]
     pub(crate) noise_shape: Option<f64>,
-    /// Rate `b` of the same, for an image of root mean square one [default: `a` times the square of
-    /// a model error of 5 %; with --paper 1e-6]
+    /// Rate `b` of the prior of the noise, for an image of root mean square one [default: `a` times
+    /// the square of a model error of 5 %; with --paper 1e-6]
     #[arg(long)]
     pub(crate) noise_rate: Option<f64>,
     /// Rate `lambda_gamma` of the prior of the exposure
@@ -129,9 +129,9 @@ impl Default for Separable {
     }
 }
 
-/// Photographs of a quick run: two interiors, a wood, and a noon with the sun out.
+/// Lights of the photographs of a quick run: two interiors, a wood, and noon in direct sun.
 const QUICK_LIGHTS: [&str; 4] = ["debevec_stpeters", "debevec_grace", "debevec_rnl", "noon_grass"];
-/// Takes the place of a relighting light that the photograph was taken in.
+/// Light that replaces a relighting light in which the photograph was taken.
 const SPARE: &str = "debevec_uffizi";
 
 /// The grid of a run.
@@ -152,13 +152,13 @@ impl Options {
         }
     }
 
-    /// The materials that the protocols ask for.
+    /// Opens the materials that the protocols need.
     pub(crate) fn open_materials(&self, data: &Path) -> Result<Materials> {
         let materials = Materials::open(data, self.merl.as_deref())?;
         if self.protocols().contains(&Protocol::Outside) { materials.with_outside(data) } else { Ok(materials) }
     }
 
-    /// The grid, all names checked.
+    /// Builds the grid, with all names and ranges checked.
     pub(crate) fn grid(&self, materials: &Materials, lights: &Lights) -> Result<Grid> {
         let protocols = self.protocols();
         let tested = if !self.materials.is_empty() {
@@ -200,7 +200,7 @@ impl Options {
         Ok(Grid { protocols, materials: tested, lights: wanted, estimators })
     }
 
-    /// What all cells have in common. `available` are the lights there are.
+    /// Returns the conditions common to all cells. `available` are the names of the test lights.
     ///
     /// # Errors
     /// If the prior cannot be read.

@@ -1,4 +1,4 @@
-//! How far a run is: a bar with the time left on a terminal, a line now and then elsewhere.
+//! Progress of a run: a bar with the time left on a terminal, lines at intervals elsewhere.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ pub(crate) struct Progress {
     name: &'static str,
     total: usize,
     start: Instant,
-    /// Steps done and when the last line was printed.
+    /// Steps done, and the time at which the last line was printed.
     lines: Mutex<(usize, Instant)>,
 }
 
@@ -28,7 +28,7 @@ impl Progress {
         Self { bar, name, total, start: now, lines: Mutex::new((0, now)) }
     }
 
-    /// One more step is done.
+    /// Counts one more step as done.
     pub(crate) fn step(&self) {
         self.bar.inc(1);
         let mut lines = self.lines.lock().expect("nothing panics while it is locked");
@@ -40,7 +40,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away and says how long it took.
+    /// Removes the bar and prints the time taken.
     pub(crate) fn finish(self) {
         self.bar.finish_and_clear();
         if self.total > 0 {

@@ -1,11 +1,11 @@
-//! Ground truth: what materials look like in captured light, rendered once and kept in the cache.
+//! Ground truth: materials rendered in captured light, once, and kept in the cache.
 
 use anyhow::Result;
 use glam::Vec3;
 use gonio::picture::{Plane, luminance};
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::{Brdf, IntegratorSettings, LightTree, images_of_basis, median_colour, radiance};
-use gonio::transfer::SurfacePoint;
+use gonio::shape::SurfacePoint;
 use gonio_io::cache::Cache;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -21,17 +21,19 @@ pub(crate) struct Render {
     pub(crate) colour: [f32; 3],
 }
 
-/// Raised when the renderer gives other pictures for the same input.
+/// Version of the renders: raise it whenever the renderer gives other pictures for the same input.
 const VERSION: u32 = 1;
 
-/// Against a twentieth of this tolerance, pictures differ by 0.05 to 0.4 % after the common scale
-/// (`gonio-eval quadrature`).
+/// Settings of reference renders. Against a twentieth of this tolerance, pictures differ by 0.05 to
+/// 0.4 % after the best common scale (`gonio-eval quadrature`).
 pub(crate) const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.2, max_cells: 40_000 };
 
-/// Enough for photographs that are learnt from, and to compare settings by.
+/// Settings of draft renders: accurate enough for photographs to learn from, and for comparing
+/// settings.
 pub(crate) const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
 
-/// The key of the render of a material (by the fingerprint of its table) in a light at points.
+/// Returns the cache key of the render of a material in a light at points. `material` and `light`
+/// are fingerprints.
 pub(crate) fn render_key(material: &str, light: &str, points: &[SurfacePoint]) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(
@@ -41,7 +43,7 @@ pub(crate) fn render_key(material: &str, light: &str, points: &[SurfacePoint]) -
     format!("render-{}", hasher.finalize().to_hex())
 }
 
-/// The key of the images of basis functions in a light.
+/// Returns the cache key of the images of basis functions in a light. `light` is a fingerprint.
 pub(crate) fn basis_key(functions: &[BivariateTable], light: &str, points: &[SurfacePoint]) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(format!("basis images {VERSION} {} {light}", ACCURACY.tolerance).as_bytes());
@@ -68,17 +70,18 @@ pub(crate) fn render(material: &MerlTable, light: &LightTree, points: &[SurfaceP
     Render { luminance: values, colour: colour.to_array() }
 }
 
-/// A render of the cache.
+/// Loads a render from the cache.
 pub(crate) fn load(cache: &Cache, key: &str) -> Option<Render> {
     serde_json::from_slice(&cache.load(key)?).ok()
 }
 
-/// Keeps a render.
+/// Stores a render in the cache.
 pub(crate) fn store(cache: &Cache, key: &str, render: &Render) -> Result<()> {
     Ok(cache.store(key, &serde_json::to_vec(render)?)?)
 }
 
-/// Images of basis functions in a light, `[point][function]`, from the cache where they are there.
+/// Returns the images of basis functions in a light, `[point][function]`, from the cache if it has
+/// them.
 pub(crate) fn images(
     cache: &Cache,
     functions: &[BivariateTable],
@@ -95,8 +98,8 @@ pub(crate) fn images(
     Ok(images)
 }
 
-/// White noise added to an image: standard deviation `relative` of its mean; the seed is that of
-/// the image's key.
+/// Adds white noise to an image, of standard deviation `relative` times its mean and seeded by its
+/// key. Negative values become zero.
 pub(crate) fn add_noise(values: &mut [f64], relative: f64, key: &str) {
     if relative <= 0.0 {
         return;
@@ -111,7 +114,7 @@ pub(crate) fn add_noise(values: &mut [f64], relative: f64, key: &str) {
     }
 }
 
-/// A direction-free white light, for tests.
+/// White light, the same from all directions, for tests.
 #[cfg(test)]
 pub(crate) fn white() -> LightTree {
     use gonio::lighting::EnvironmentMap;

@@ -12,7 +12,7 @@ use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{IntegratorSettings, LightTree, Relighter};
 use gonio::scene::{ObservationSettings, sphere_points};
-use gonio::transfer::SurfacePoint;
+use gonio::shape::SurfacePoint;
 use gonio_io::cache::Cache;
 
 use super::estimators::{Estimator, Photograph};
@@ -100,10 +100,10 @@ impl Fingerprints {
     }
 }
 
-/// A photograph and the estimators that have not seen it yet, each with the key of the cell.
+/// A photograph and its unfinished estimators, each with the key of its cell.
 type Work = (Unit, Vec<(Estimator, String)>);
 
-/// Everything that the halves share.
+/// Everything that the two halves share.
 struct Bench {
     materials: Materials,
     lights: Lights,
@@ -113,7 +113,7 @@ struct Bench {
     training: Option<Lights>,
     points: Vec<SurfacePoint>,
     stage: Stage,
-    /// For each pixel of the stage the observed point that shows it.
+    /// For each pixel of the stage, the index of the observed point that it shows.
     shown: Vec<usize>,
     conditions: Conditions,
     cache: Cache,
@@ -146,8 +146,8 @@ impl Bench {
         self.materials.outside().contains(&unit.material)
     }
 
-    /// Luminance tables that relighting must be sharp enough for. Those outside of the database
-    /// count only where one of them was tested, so that the other cells do not depend on them.
+    /// Luminance tables that relighting must be accurate for. Those outside of the database are
+    /// included only where one of them is tested, so that the other cells do not depend on them.
     fn examples(&self, outside: bool) -> Vec<BivariateTable> {
         let last = if outside { self.materials.outside().end } else { self.materials.database().end };
         (0..last).map(|m| self.materials.luminance(m)).collect()
@@ -216,7 +216,7 @@ impl Bench {
                 Ok(((outside, light), relighter))
             })
             .collect::<Result<_>>()?;
-        // By what was learnt and light, what the oracle of the known light looks at.
+        // Images of the basis functions for the known-light oracle, by training protocol and light.
         let mut images: BTreeMap<(Protocol, &str), Vec<f32>> = BTreeMap::new();
         for (unit, _) in work {
             let learnt = unit.protocol.learns_as();
@@ -237,8 +237,8 @@ impl Bench {
         std::thread::scope(|scope| {
             for _ in 0..threads.min(work.len()) {
                 scope.spawn(|| {
-                    // One core for each photograph: less waiting than with all cores on each in
-                    // turn, and seconds that mean something.
+                    // Each photograph has one core: threads wait less than with all cores on each
+                    // photograph in turn, and the seconds are comparable.
                     let pool = match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
                         Ok(pool) => pool,
                         Err(error) => return fail(anyhow!(error)),
@@ -261,7 +261,7 @@ impl Bench {
         failure.into_inner().expect("nothing panics while it is locked").map_or(Ok(()), Err)
     }
 
-    /// All open cells of one photograph.
+    /// Computes all unfinished cells of one photograph.
     fn photograph(
         &self,
         unit: &Unit,

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
 use gonio::render::Exposure;
-use gonio::transfer::SurfacePoint;
+use gonio::shape::SurfacePoint;
 use rayon::prelude::*;
 
 /// Pixels of a picture that show a sphere, seen orthographically.
@@ -11,17 +11,18 @@ pub(crate) struct Stage {
     size: usize,
     /// Index of each pixel in the picture.
     pixels: Vec<usize>,
-    /// The surface in the middle of each of them.
+    /// Surface point at the centre of each pixel.
     pub(crate) points: Vec<SurfacePoint>,
-    /// Whether its normal is within 80 degrees of the view: what errors are taken over.
+    /// Whether the normal of each point is within 80 degrees of the view: errors are measured
+    /// there.
     counted: Vec<bool>,
 }
 
-/// Behind the sphere, sRGB.
+/// Background colour, sRGB.
 const BACKGROUND: [u8; 3] = [28, 29, 32];
 
 impl Stage {
-    /// A sphere that fills a picture of `size` by `size` pixels.
+    /// Builds a sphere that fills a picture of `size` by `size` pixels.
     pub(crate) fn new(size: usize) -> Self {
         let radius = 0.5 * size as f64 - 0.5;
         let (mut pixels, mut points) = (Vec::new(), Vec::new());
@@ -39,18 +40,18 @@ impl Stage {
         Self { size, pixels, points, counted }
     }
 
-    /// The values that errors are taken over.
+    /// Returns the values of the pixels that errors are measured over.
     pub(crate) fn counted(&self, values: &[f64]) -> Vec<f64> {
         values.iter().zip(&self.counted).filter(|(_, counted)| **counted).map(|(v, _)| *v).collect()
     }
 
-    /// Exposure that shows a sphere of these values well.
+    /// Returns the exposure that suits a sphere of these values.
     pub(crate) fn exposure(&self, values: &[f64]) -> Exposure {
         let plane = Plane::from_vec(values.len(), 1, values.iter().map(|v| Vec3::splat(*v as f32)).collect());
         Exposure::by_quantile(&plane, |_| true, 0.97, 0.8)
     }
 
-    /// The picture of luminances `scale * values` in one colour (of luminance one), as a PNG file.
+    /// Encodes luminances `scale * values` in one colour (of luminance one) as a PNG file.
     pub(crate) fn png(&self, values: &[f64], scale: f64, exposure: Exposure, colour: Vec3) -> Vec<u8> {
         let mut out: Vec<u8> = BACKGROUND.repeat(self.size * self.size);
         for (&pixel, value) in self.pixels.iter().zip(values) {
@@ -62,8 +63,8 @@ impl Stage {
         gonio_io::picture::encode_png_srgb8(self.size, self.size, &out)
     }
 
-    /// For each pixel the index of the nearest of other points of the visible hemisphere: their
-    /// values as a picture.
+    /// Returns, for each pixel, the index of the nearest of other points of the visible hemisphere,
+    /// so that their values can be shown as a picture.
     pub(crate) fn nearest(&self, others: &[SurfacePoint]) -> Vec<usize> {
         let nearest = |p: &SurfacePoint| {
             let closeness = |i: &usize| others[*i].normal.dot(p.normal);

@@ -1,7 +1,7 @@
 //! The folder of a run: its conditions and one file for every finished cell.
 //!
-//! A cell's file appears by renaming a complete one, so that a killed run leaves whole cells or
-//! none, and several processes can fill one folder.
+//! A cell's file is written completely before it is renamed to its name, so that a killed run
+//! leaves whole cells or none, and several processes can fill one folder.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ use super::judge::{Record, Records, file};
 use super::options::Separable;
 use crate::posteriors::Learning;
 
-/// What all cells of a folder have in common.
+/// Conditions common to all cells of a folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Conditions {
     /// Version of the records.
@@ -25,29 +25,29 @@ pub(crate) struct Conditions {
     pub(crate) gonio: String,
     /// Grid and rows of the operator.
     pub(crate) plan: PlanSettings,
-    /// Basis functions.
+    /// Number of basis functions.
     pub(crate) rank: usize,
     /// Normals on the visible hemisphere.
     pub(crate) normals: usize,
     /// Starts of each method.
     pub(crate) starts: usize,
-    /// How the separable posterior and the joint maximum are found.
+    /// Settings of the separable posterior and of the joint maximum.
     pub(crate) separable: Separable,
     /// Origin of the prior of light, where it is not that of the embedded model.
     pub(crate) prior: Option<String>,
-    /// How the posterior of materials is learnt.
+    /// Settings by which the posterior of materials is learnt.
     pub(crate) learning: Learning,
     /// Noise added to the photographs, relative to their mean.
     pub(crate) noise: f64,
     /// Lights that estimates are relit in.
     pub(crate) relight: Vec<String>,
-    /// Lights that take the place of the photograph's own.
+    /// Lights that replace the photograph's own when relighting.
     pub(crate) spare: Vec<String>,
     /// Pixels along a side of the relit picture.
     pub(crate) size: usize,
 }
 
-/// Version of [`Record`] and of what its numbers mean.
+/// Version of [`Record`] and of the meaning of its numbers.
 pub(crate) const VERSION: u32 = 4;
 const CONDITIONS: &str = "conditions.json";
 const CELLS: &str = "cells";
@@ -58,14 +58,15 @@ pub(crate) struct Store {
 }
 
 impl Store {
-    /// Opens a folder, or makes it.
+    /// Opens a folder, or creates it.
     ///
     /// # Errors
     /// If the folder holds the results of other conditions: they are neither mixed nor overwritten.
     pub(crate) fn open(dir: &Path, conditions: &Conditions) -> Result<Self> {
         let path = dir.join(CONDITIONS);
         if path.exists() {
-            // Through text, as there: single precision has fewer digits in it.
+            // Passed through text like the stored conditions: single precision has fewer digits
+            // there.
             let here = serde_json::from_slice(&serde_json::to_vec(conditions)?)?;
             let differences = differences(&read_value(&path)?, &here, "");
             if !differences.is_empty() {
@@ -86,7 +87,7 @@ impl Store {
         Ok(Self { dir: dir.to_owned() })
     }
 
-    /// The conditions of a folder of results.
+    /// Reads the conditions of a folder of results.
     pub(crate) fn conditions(dir: &Path) -> Result<Conditions> {
         let path = dir.join(CONDITIONS);
         let value = read_value(&path).with_context(|| format!("{}: holds no results of a benchmark", dir.display()))?;
@@ -100,7 +101,7 @@ impl Store {
         read_record(&path).is_some_and(|r| r.key == key)
     }
 
-    /// Keeps a finished cell.
+    /// Stores a finished cell.
     pub(crate) fn put(&self, record: &Record) -> Result<()> {
         let path = self.dir.join(CELLS).join(record.file());
         let folder = path.parent().expect("a file in a folder");
@@ -108,13 +109,13 @@ impl Store {
         Ok(gonio_io::atomic::write_file(&path, &serde_json::to_vec(record)?)?)
     }
 
-    /// All finished cells.
+    /// Reads all finished cells.
     pub(crate) fn records(&self) -> Result<Records> {
         let mut files = Vec::new();
         collect(&self.dir.join(CELLS), &mut files)?;
         let mut records = Records::new();
         for path in files {
-            // What is damaged is as good as absent; the next run computes it.
+            // A damaged file counts as absent; the next run computes its cell again.
             if let Some(r) = read_record(&path) {
                 records.insert((r.protocol, r.material.clone(), r.light.clone(), r.estimator), r);
             }
@@ -132,7 +133,7 @@ fn read_record(path: &Path) -> Option<Record> {
     serde_json::from_slice(&std::fs::read(path).ok()?).ok()
 }
 
-/// JSON files under a folder, which may be absent.
+/// Collects the JSON files under a folder, which may be absent.
 fn collect(dir: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     if !dir.is_dir() {
         return Ok(());
@@ -148,7 +149,7 @@ fn collect(dir: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     Ok(())
 }
 
-/// Leaves in which two JSON values differ, as `path: there, here`.
+/// Lists the leaves in which two JSON values differ, as `path: there, here`.
 fn differences(there: &Value, here: &Value, path: &str) -> Vec<String> {
     match (there, here) {
         (Value::Object(a), Value::Object(b)) => {

@@ -1,4 +1,4 @@
-//! What the cells say together.
+//! Statistics over the cells.
 
 use std::collections::BTreeMap;
 
@@ -9,11 +9,11 @@ use super::grid::Protocol;
 use super::judge::{Record, Records};
 use crate::metrics::{Class, Interval, mean, median, median_interval, spearman, win_rate};
 
-/// Everything that is told about one protocol.
+/// Statistics of one protocol.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Summary {
     pub(crate) protocol: Protocol,
-    /// Materials and lights of the photographs.
+    /// Numbers of materials and of lights of the photographs.
     pub(crate) materials: usize,
     pub(crate) lights: usize,
     /// Whether all photographs were rendered from full tables.
@@ -25,11 +25,11 @@ pub(crate) struct Summary {
     pub(crate) wins: Vec<Vec<f64>>,
     /// Median logarithmic relight error by class of material, in the order of `rows`.
     pub(crate) classes: Vec<Group>,
-    /// The same by light of the photograph.
+    /// Median logarithmic relight error by light of the photograph, in the order of `rows`.
     pub(crate) by_light: Vec<Group>,
 }
 
-/// One estimator over all photographs.
+/// Statistics of one estimator over all photographs.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Row {
     pub(crate) estimator: Estimator,
@@ -42,7 +42,7 @@ pub(crate) struct Row {
     pub(crate) brdf: Interval,
     /// Spearman correlation of the gloss of estimate and reference.
     pub(crate) gloss: f64,
-    /// Share of cells whose estimate is glossier than the reference by more than four times.
+    /// Share of cells whose estimate is more than four times as glossy as the reference.
     pub(crate) too_glossy: f64,
     /// Mean shares of the domain whose reference lies in the 50 % and the 90 % interval.
     pub(crate) coverage: Option<[f64; 2]>,
@@ -61,7 +61,7 @@ pub(crate) struct Group {
     pub(crate) log: Vec<Interval>,
 }
 
-/// Of each protocol that has cells.
+/// Summarises each protocol that has cells.
 pub(crate) fn summaries(records: &Records) -> Vec<Summary> {
     [Protocol::LeaveOut, Protocol::All, Protocol::Outside].into_iter().filter_map(|p| summary(records, p)).collect()
 }
@@ -121,7 +121,8 @@ fn summary(records: &Records, protocol: Protocol) -> Option<Summary> {
     })
 }
 
-/// Median of a measure over cells, whole materials resampled; `materials` are sorted.
+/// Median of a measure over cells, with an interval from resampling whole materials; `materials`
+/// are sorted.
 fn interval(cells: &[&Record], materials: &[&str], f: &dyn Fn(&Record) -> f64) -> Interval {
     let place = |r: &&Record| materials.binary_search(&r.material.as_str()).expect("a listed material");
     let values: Vec<f64> = cells.iter().map(|r| f(r)).collect();
@@ -144,7 +145,7 @@ fn row(estimator: Estimator, cells: &[&Record], materials: &[&str]) -> Row {
         failures: cells.iter().filter(|r| r.failure.is_some()).count(),
         relative: interval(&Record::relative),
         log: interval(&Record::log),
-        // Without an estimate the error is as large as can be.
+        // Without an estimate the error counts as infinite.
         brdf: interval(&|r| r.brdf.unwrap_or(f64::INFINITY)),
         gloss: spearman(&estimates, &references),
         too_glossy,

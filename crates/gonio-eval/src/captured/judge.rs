@@ -1,5 +1,5 @@
-//! How a BRDF is judged by a captured object: by the measured slice, and by photographs in other
-//! lights.
+//! Errors of a BRDF against a captured object: against the measured slice, and against photographs
+//! in other lights.
 
 use glam::DVec3;
 use gonio::picture::{Plane, luminance};
@@ -9,7 +9,7 @@ use super::object::Captured;
 use super::slice::Cell;
 use crate::metrics::{self, Relight};
 
-/// Predictions are judged where the normal is less than so many degrees from the view.
+/// Predictions are judged where the normal is less than this many degrees from the view.
 const WITHIN: f32 = 75.0;
 
 /// Half angles, in degrees, that count as the highlight, and those that count as the base.
@@ -32,8 +32,8 @@ pub(super) fn slice_error(cells: &[Cell], f: Reflectance<'_>) -> f64 {
     (ratios.iter().map(|r| (r - offset).powi(2)).sum::<f64>() / ratios.len() as f64).sqrt()
 }
 
-/// Shares of the cells inside the 50 % and the 90 % interval, the measurement brought to the
-/// estimate by the median offset. `quantiles` are at [`SHARES`](gonio::estimate::SHARES).
+/// Shares of the cells inside the 50 % and the 90 % interval, after the measurement is scaled to
+/// the estimate by the median offset. `quantiles` are at [`SHARES`](gonio::estimate::SHARES).
 pub(super) fn coverage(cells: &[Cell], table: &BivariateTable, quantiles: &[BivariateTable; 4]) -> [f64; 2] {
     let scale = metrics::median(log_ratios(cells, &|h, d| table.eval(h, d))).exp();
     let inside = |low: &BivariateTable, high: &BivariateTable| {
@@ -46,9 +46,9 @@ pub(super) fn coverage(cells: &[Cell], table: &BivariateTable, quantiles: &[Biva
     [inside(&quantiles[1], &quantiles[2]), inside(&quantiles[0], &quantiles[3])]
 }
 
-/// How glossy a reflectance is, as far as the measurement tells: its mean over the cells with
-/// `theta_h` below 3 degrees over its mean over those from 45 to 80 degrees. One for a Lambertian
-/// surface; NaN if either are not among the cells.
+/// Gloss of a reflectance over the measured cells: its mean over the cells with `theta_h` below 3
+/// degrees over its mean over those from 45 to 80 degrees. One for a Lambertian surface; NaN if
+/// either range has no cells.
 pub(super) fn gloss(cells: &[Cell], f: Reflectance<'_>) -> f64 {
     let mean = |wanted: &dyn Fn(f64) -> bool| {
         let those = cells.iter().filter(|c| wanted(c.theta_h.to_degrees()));
@@ -57,14 +57,14 @@ pub(super) fn gloss(cells: &[Cell], f: Reflectance<'_>) -> f64 {
     mean(&|h| h < HIGHLIGHT) / mean(&|h| BASE.contains(&h)).max(1e-300)
 }
 
-/// The same of the measurement.
+/// Gloss of the measurement.
 pub(super) fn measured_gloss(object: &Captured, cells: &[Cell]) -> f64 {
-    // At the centres of cells the slice is what was measured there.
+    // At the centre of a cell the slice equals the measured value.
     gloss(cells, &|h, d| object.slice.eval(h, d))
 }
 
-/// What the object would look like in the lights of a photograph, and how far that is from the
-/// photograph: in luminance, at the best scale.
+/// Renders the object in the lights of a photograph, and compares the picture with the photograph,
+/// in luminance at the best scale.
 pub(super) fn prediction(object: &Captured, photograph: usize, f: Reflectance<'_>) -> (Plane<DVec3>, Relight) {
     let sent = object.render(photograph, f);
     let seen = object.photographs[photograph].picture.rgb.as_slice();
@@ -75,7 +75,7 @@ pub(super) fn prediction(object: &Captured, photograph: usize, f: Reflectance<'_
     (sent, error)
 }
 
-/// How far each photograph is from its [`prediction`].
+/// Errors of the [`prediction`] of each photograph.
 pub(super) fn predictions(object: &Captured, f: Reflectance<'_>) -> Vec<Relight> {
     (0..object.photographs.len()).map(|i| prediction(object, i, f).1).collect()
 }
@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn intervals_hold_what_lies_inside_them() {
         let truth = glossy();
-        // Three in four cells are the table's, the others are higher by half.
+        // Three quarters of the cells equal the table, the others are higher by half.
         let edge = 20.0_f64.to_radians();
         let cells = planted::measured(|h, d| truth.eval(h, d) * if h < edge { 1.5 } else { 1.0 }).judged();
         let estimate = truth.scaled(0.2);

@@ -1,11 +1,11 @@
-//! `gonio-eval captured`: the default method on photographs of real objects, by what is known of
-//! them.
+//! `gonio-eval captured`: judges the default method on photographs of real objects, by their
+//! measured BRDF and their photographs in other lights.
 //!
-//! [`object`] and [`slice`](mod@slice) are what was captured, [`judge`] how a BRDF is judged by it,
-//! [`study`] what becomes of each photograph, [`report`] the tables and [`page`] the pictures of
-//! that. Each estimate stands beside a Lambertian answer, the measured slice itself, which has only
-//! the errors that shadows, texture and registration leave, and the profile of that slice, the best
-//! of all answers that depend on `theta_h` alone.
+//! [`object`] and [`slice`](mod@slice) hold the captured data, [`judge`] measures the errors of a
+//! BRDF against them, [`study`] estimates from each photograph, [`report`] writes the tables and
+//! [`page`] the pictures. Each estimate stands beside three references: a Lambertian answer; the
+//! measured slice itself, whose only errors are those from shadows, texture and registration; and
+//! the profile of that slice, the best answer that depends on `theta_h` alone.
 
 mod judge;
 mod object;
@@ -23,7 +23,7 @@ use anyhow::{Context, Result, bail};
 pub(crate) use object::{Captured, reflected};
 pub(crate) use slice::Cell;
 
-/// What is measured.
+/// Options of `gonio-eval captured`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// Model instead of the embedded one

@@ -11,13 +11,13 @@ use rayon::prelude::*;
 
 use super::slice::Slice;
 
-/// What the lights of a photograph are called after its name.
+/// Ending of the file of a photograph's lights, after the photograph's name.
 const LIGHTS: &str = "_lights.txt";
 
 /// Light from one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Directional {
-    /// Unit vector towards it.
+    /// Unit vector towards the light.
     pub(crate) direction: DVec3,
     /// RGB irradiance on a surface that faces it, up to a scale common to all.
     pub(crate) weight: DVec3,
@@ -30,20 +30,20 @@ pub(crate) struct Photograph {
     pub(crate) lights: Vec<Directional>,
 }
 
-/// An object and what was photographed of it. All planes have one size.
+/// An object and its photographs. All planes have the same size.
 pub(crate) struct Captured {
-    /// That of its folder.
+    /// Name of the object's folder.
     pub(crate) name: String,
-    /// Unit normals in camera space, zero where there is none.
+    /// Unit normals in camera space, zero where there are none.
     pub(crate) normals: Plane<Vec3>,
-    /// One on the object.
+    /// Mask, one on the object.
     pub(crate) mask: Plane<f32>,
-    /// By name; at least one.
+    /// Photographs in order of name; at least one.
     pub(crate) photographs: Vec<Photograph>,
     pub(crate) slice: Slice,
 }
 
-/// The folders of captured objects in a folder of data, by name.
+/// Lists the folders of captured objects in a folder of data, in order of name.
 pub(crate) fn folders(data: &Path) -> Result<Vec<PathBuf>> {
     let folder = data.join("captured");
     let context = || format!("{}: cannot list the objects; --data names the folder of the data", folder.display());
@@ -85,15 +85,15 @@ impl Captured {
         })
     }
 
-    /// The pixels of the object whose normal is less than so many degrees from the view, row-major.
+    /// Pixels of the object whose normal is less than `within` degrees from the view, row-major.
     pub(crate) fn pixels(&self, within: f32) -> Vec<usize> {
         let least = within.to_radians().cos();
         let seen = |i: &usize| self.mask.as_slice()[*i] >= 0.99 && self.normals.as_slice()[*i].z > least;
         (0..self.mask.as_slice().len()).filter(seen).collect()
     }
 
-    /// The picture of the object with reflectance `f(theta_h, theta_d)` (radians) under the lights
-    /// of one of its photographs.
+    /// Renders the object with reflectance `f(theta_h, theta_d)` (radians) under the lights of one
+    /// of its photographs.
     pub(crate) fn render(&self, photograph: usize, f: impl Fn(f64, f64) -> f64 + Sync) -> Plane<DVec3> {
         let (width, height) = self.normals.size();
         let lights = &self.photographs[photograph].lights;
@@ -105,7 +105,7 @@ impl Captured {
         Plane::from_vec(width, height, pixels)
     }
 
-    /// The part of a picture that has the object, with the mask as alpha.
+    /// Crops a picture to the object, with the mask as alpha.
     pub(crate) fn cropped(&self, rgb: &Plane<Vec3>) -> Picture {
         let (width, height) = rgb.size();
         let on: Vec<(usize, usize)> =
@@ -138,7 +138,7 @@ fn names(folder: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// What a surface seen from +z sends to the camera: the sum over the lights of
+/// Radiance that a surface reflects to the camera at +z: the sum over the lights of
 /// `F(theta_h, theta_d) max(n . w, 0) weight`.
 pub(crate) fn reflected(f: &impl Fn(f64, f64) -> f64, normal: DVec3, lights: &[Directional]) -> DVec3 {
     let one = |light: &Directional| {
@@ -152,7 +152,7 @@ pub(crate) fn reflected(f: &impl Fn(f64, f64) -> f64, normal: DVec3, lights: &[D
     lights.iter().map(one).sum()
 }
 
-/// Lines of direction and RGB weight.
+/// Reads lines of direction and RGB weight.
 fn read_lights(path: &Path) -> Result<Vec<Directional>> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.starts_with('#'));

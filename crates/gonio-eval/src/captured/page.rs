@@ -1,4 +1,4 @@
-//! Pictures of predictions beside the photographs they are of.
+//! Pictures of predictions beside the photographs that they predict.
 
 use glam::Vec3;
 use gonio::picture::{Plane, luminance};
@@ -21,7 +21,7 @@ pub(super) fn page(sections: &[Section]) -> String {
     document("Photographs of real objects", &lead, sections)
 }
 
-/// One object: for each photograph the next one in another light, and its predictions.
+/// Section of one object: for each photograph, the next one, in another light, and its predictions.
 pub(super) fn section(object: &Captured, answers: &[Answer]) -> Section {
     let cards: Vec<Markup> = answers.iter().enumerate().map(|(seen, answer)| card(object, seen, answer)).collect();
     Section {
@@ -31,7 +31,7 @@ pub(super) fn section(object: &Captured, answers: &[Answer]) -> Section {
     }
 }
 
-/// Letters, digits and hyphens.
+/// Replaces everything but ASCII letters and digits by hyphens.
 fn anchor(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
 }

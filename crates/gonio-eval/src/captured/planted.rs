@@ -10,7 +10,7 @@ use super::slice::Slice;
 /// Pixels along a side.
 const SIDE: usize = 48;
 
-/// A ball of that BRDF in two lights, measured below 30 degrees of `theta_d`.
+/// Builds a ball of the given BRDF with two photographs, measured below 30 degrees of `theta_d`.
 pub(super) fn ball(table: &BivariateTable) -> Captured {
     let radius = 0.5 * SIDE as f32 - 2.0;
     let normal = |x: usize, y: usize| {
@@ -46,7 +46,7 @@ pub(super) fn ball(table: &BivariateTable) -> Captured {
     object
 }
 
-/// A measurement of a BRDF below 30 degrees of `theta_d`, a hundred times in each cell.
+/// A measurement of a BRDF below 30 degrees of `theta_d`, with a hundred observations in each cell.
 pub(super) fn measured(f: impl Fn(f64, f64) -> f64) -> Slice {
     let centre = |i: usize| (i as f64 + 0.5).to_radians();
     let cells: Vec<(usize, usize)> = (0..90 * 90).map(|c| (c / 90, c % 90)).collect();

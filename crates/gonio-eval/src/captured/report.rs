@@ -1,4 +1,4 @@
-//! Tables of what was measured.
+//! Tables of the errors.
 
 use std::fmt::Write as _;
 
@@ -79,7 +79,7 @@ fn photographs(records: &[Record]) -> String {
     text
 }
 
-/// Of an error that may not be there.
+/// Formats an error, `-` if it is NaN.
 fn number(x: f64) -> String {
     if x.is_nan() { "-".to_owned() } else { format!("{x:.2}") }
 }
@@ -92,7 +92,7 @@ fn covered(shares: [f64; 2]) -> String {
     shares.map(percent).join(" / ")
 }
 
-/// One line for each photograph.
+/// Returns the CSV file, one line for each photograph.
 pub(super) fn csv(records: &[Record]) -> String {
     let mut head = vec!["object".to_owned(), "photograph".to_owned()];
     for answer in ["estimate", "lambert", "measured", "profile"] {

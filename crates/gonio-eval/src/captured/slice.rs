@@ -11,15 +11,15 @@ use gonio::reflectance::TRUSTED;
 /// Cells along each axis of the measurement, one degree each.
 const DEGREES: usize = 90;
 
-/// Cells of no more observations are not judged by.
+/// Cells are judged by only if they have more observations than this.
 const OBSERVED: f64 = 50.0;
 
 /// A BRDF measured over `(theta_h, theta_d)` in cells of one degree; unlike MERL's, both axes are
-/// even.
+/// evenly spaced.
 pub(crate) struct Slice {
     /// Relative reflectance, `theta_d` fastest.
     mean: Vec<f32>,
-    /// Observations in each cell; none, no value.
+    /// Observations in each cell; cells without any have no value.
     count: Vec<f32>,
     /// `mean` with the cells that have no value filled in from their neighbours.
     filled: Vec<f64>,
@@ -32,7 +32,7 @@ pub(crate) struct Cell {
     pub(crate) theta_h: f64,
     pub(crate) theta_d: f64,
     pub(crate) value: f64,
-    /// Observations in it.
+    /// Observations in the cell.
     pub(crate) count: f64,
 }
 
@@ -44,7 +44,7 @@ impl Slice {
         let mut array = |name: &str| -> Result<Vec<f32>> {
             let context = || format!("{}, {name}.npy", path.display());
             let mut bytes = Vec::new();
-            // The arrays have 64 kB; a file that claims more is none of these.
+            // The arrays have 64 kB; anything beyond 1 MiB is not read.
             archive
                 .by_name(&format!("{name}.npy"))
                 .with_context(context)?
@@ -60,8 +60,8 @@ impl Slice {
         Ok(Self::new(array("mean")?, array("count")?))
     }
 
-    /// Fills in along `theta_h` within each column that has values, then between such columns:
-    /// linearly between values, constant beyond them.
+    /// Builds the slice. Cells without a value are filled in along `theta_h` within each column
+    /// that has values, then between such columns: linearly between values, constant beyond them.
     pub(crate) fn new(mean: Vec<f32>, count: Vec<f32>) -> Self {
         let mut slice = Self { mean, count, filled: vec![0.0; DEGREES * DEGREES] };
         let rows = |d: usize| (0..DEGREES).filter(|&h| slice.value(h, d).is_some()).collect::<Vec<usize>>();
@@ -81,7 +81,7 @@ impl Slice {
         (self.count[at] > 0.0 && self.mean[at].is_finite()).then(|| f64::from(self.mean[at]))
     }
 
-    /// The cells that were measured.
+    /// The measured cells.
     pub(crate) fn cells(&self) -> impl Iterator<Item = Cell> + '_ {
         let centre = |i: usize| (i as f64 + 0.5).to_radians();
         (0..DEGREES * DEGREES).filter_map(move |c| {
@@ -91,15 +91,15 @@ impl Slice {
         })
     }
 
-    /// The cells that estimates are judged by: of more than 50 observations, `theta_h` below 80
-    /// degrees, not black.
+    /// The cells that estimates are judged by: those with more than 50 observations, `theta_h`
+    /// below 80 degrees, and a value above zero.
     pub(crate) fn judged(&self) -> Vec<Cell> {
         let sound = |c: &Cell| c.count > OBSERVED && c.theta_h < TRUSTED && c.value > 0.0;
         self.cells().filter(sound).collect()
     }
 
-    /// The best that a function of `theta_h` alone can say: the mean of the judged cells over
-    /// `theta_d`, linear between rows and constant beyond them.
+    /// The best function of `theta_h` alone: the mean of the judged cells over `theta_d`, linear
+    /// between rows and constant beyond them.
     pub(crate) fn profile(&self) -> impl Fn(f64) -> f64 + Sync + use<> {
         let mut rows = vec![(0.0, 0.0); DEGREES];
         for cell in self.judged() {
@@ -111,7 +111,7 @@ impl Slice {
         move |theta_h| between(&places, theta_h.to_degrees() - 0.5, |h| rows[h].0 / rows[h].1)
     }
 
-    /// Value anywhere, by bilinear interpolation of what was measured and filled in.
+    /// Value at any angles, by bilinear interpolation of the measured and filled cells.
     pub(crate) fn eval(&self, theta_h: f64, theta_d: f64) -> f64 {
         let place = |angle: f64| {
             let x = (angle.to_degrees() - 0.5).clamp(0.0, (DEGREES - 1) as f64);

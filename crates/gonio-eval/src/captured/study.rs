@@ -1,4 +1,4 @@
-//! What the default method makes of each photograph of an object.
+//! Estimates of the default method from each photograph of an object.
 
 use std::time::Instant;
 
@@ -17,56 +17,56 @@ use crate::metrics::{Relight, mean};
 /// Errors of one answer.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(super) struct Errors {
-    /// Against the measured slice.
+    /// Error against the measured slice.
     pub(super) slice: f64,
-    /// Of the object's other photographs, predicted: the mean over them; none if there is one
-    /// photograph.
+    /// Relight error of the predictions of the object's other photographs, the mean over them; NaN
+    /// if there is only one photograph.
     pub(super) relight: f64,
-    /// The same by the log version.
+    /// Log version of the relight error.
     pub(super) relight_log: f64,
 }
 
-/// What is known of one photograph after the estimate.
+/// Results of the estimate from one photograph.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Record {
     pub(super) object: String,
     pub(super) photograph: String,
     pub(super) estimate: Errors,
     pub(super) lambert: Errors,
-    /// Of the measured slice itself.
+    /// Errors of the measured slice itself.
     pub(super) measured: Errors,
-    /// Of the profile of the measured slice.
+    /// Errors of the profile of the measured slice.
     pub(super) profile: Errors,
     /// [`judge::gloss`] of the measurement.
     pub(super) gloss_measured: f64,
-    /// Of the estimate.
+    /// Gloss of the estimate.
     pub(super) gloss_estimate: f64,
-    /// 5, 50 and 95 % quantiles under the posterior.
+    /// 5, 50 and 95 % quantiles of the gloss under the posterior.
     pub(super) gloss: [f64; 3],
     /// Shares of the measured slice inside the 50 and 90 % intervals.
     pub(super) coverage: [f64; 2],
-    /// Of light and material together.
+    /// Misfit of light and material together.
     pub(super) misfit: f64,
-    /// What the program says against believing it.
+    /// Reasons that the program gives to doubt the estimate.
     pub(super) warnings: Vec<String>,
-    /// From the decoded picture to material and light.
+    /// Time from the decoded picture to material and light.
     pub(super) seconds: f64,
 }
 
 impl Record {
-    /// Whether the interval of the gloss holds the measured one.
+    /// Whether the 90 % interval of the gloss contains the measured gloss.
     pub(super) fn gloss_held(&self) -> bool {
         (self.gloss[0]..=self.gloss[2]).contains(&self.gloss_measured)
     }
 }
 
-/// A record and the BRDF it is of.
+/// A record and the estimated BRDF.
 pub(super) struct Answer {
     pub(super) record: Record,
     pub(super) table: BivariateTable,
 }
 
-/// An object and how the references do on it.
+/// An object and the errors of the references on it.
 pub(super) struct Study<'a> {
     object: &'a Captured,
     cells: Vec<Cell>,
@@ -75,7 +75,7 @@ pub(super) struct Study<'a> {
     profile: Judged,
 }
 
-/// Slice error, and errors in each photograph.
+/// Slice error, and the errors of the prediction of each photograph.
 struct Judged {
     slice: f64,
     predictions: Vec<Relight>,
@@ -86,7 +86,7 @@ impl Judged {
         Self { slice: judge::slice_error(cells, f), predictions: judge::predictions(object, f) }
     }
 
-    /// The mean over all photographs but the one that was seen.
+    /// Errors averaged over all photographs but the one that was seen.
     fn without(&self, seen: usize) -> Errors {
         let others = |f: fn(&Relight) -> f64| {
             let errors = self.predictions.iter().enumerate().filter(|(i, _)| *i != seen);
@@ -113,7 +113,8 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// The answers to all photographs, in their order, and what was said of those that got none.
+    /// Returns the answers to all photographs, in order, and the errors for those without an
+    /// answer.
     pub(super) fn answers(&self, model: &Model) -> (Vec<Answer>, Vec<String>) {
         let (mut answers, mut refused) = (Vec::new(), Vec::new());
         for (seen, photograph) in self.object.photographs.iter().enumerate() {
@@ -161,7 +162,7 @@ impl<'a> Study<'a> {
     }
 }
 
-/// What the program does with `--normals normal.exr --mask mask.png`, in luminance.
+/// Estimates as the program does with `--normals normal.exr --mask mask.png`, in luminance.
 fn estimate(object: &Captured, seen: usize, model: &Model) -> Result<(Material, Light)> {
     let normals = NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false };
     let sighting = Sighting::of(

@@ -16,12 +16,12 @@ use crate::materials::Materials;
 use crate::metrics::median;
 use crate::posteriors::ball;
 
-/// Quarters of the materials and of the lights that are left out together, in turn.
+/// Parts that the materials and the lights are divided into; one part of each is left out, in turn.
 const FOLDS: usize = 4;
 
-/// Learns from one photograph of each training material in each training light, and prints what
-/// comes out. The luminance posterior is the one that there is, learnt from these materials and
-/// lights too: what is left out in [`validate`] is left out of the model of colours alone.
+/// Learns from one photograph of each training material in each training light, and prints the
+/// model. The luminance posterior is the existing one, learnt from the same materials and lights:
+/// [`validate`] leaves them out of the model of colours alone.
 pub(super) fn run(
     materials: &Materials,
     training: &[usize],
@@ -33,7 +33,7 @@ pub(super) fn run(
     let truths: Vec<TwoColours> = rgb.iter().map(TwoColours::of).collect();
     let examples: Vec<BivariateTable> = rgb.iter().map(BivariateTable::luminance).collect();
     let names = lights.names();
-    // Material and light of each sample.
+    // Indices of material and light, and the sample.
     let mut samples: Vec<(usize, usize, Sample)> = Vec::new();
     let progress = Progress::new("lights", names.len());
     for (at, name) in names.iter().enumerate() {
@@ -61,7 +61,7 @@ pub(super) fn run(
     Ok(())
 }
 
-/// Errors and intervals on left-out materials in left-out lights.
+/// Prints errors and coverage on left-out materials in left-out lights.
 fn validate(samples: &[(usize, usize, Sample)]) {
     let (mut errors, mut inside) = ([const { Vec::new() }; 6], [0, 0]);
     for materials in 0..FOLDS {

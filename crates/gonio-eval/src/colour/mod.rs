@@ -1,11 +1,10 @@
-//! `gonio-eval colour`: coloured BRDFs by several rules against each other, on materials and lights
-//! that nothing was learnt from; and with `--learn` what the rules are learnt from, training
-//! materials in training lights.
+//! `gonio-eval colour`: compares rules that colour a BRDF, on materials and lights that nothing was
+//! learnt from; with `--learn`, learns the model of colours from training materials in training
+//! lights.
 //!
-//! Photographs are bivariate RGB tables on a ball in full-resolution RGB light. Each rule colours
-//! the same luminance estimate; its luminance is the same for all but those that name another.
-//! No entries of a dictionary are left out by hand: the posterior is taken as it is, learnt from
-//! the training materials alone.
+//! Photographs show bivariate RGB tables on a ball in full-resolution RGB light. All rules but the
+//! true table colour the same luminance estimate. No dictionary entries are left out by hand: the
+//! posterior is used as learnt from the training materials alone.
 
 mod learn;
 mod rules;
@@ -22,8 +21,8 @@ use gonio::lighting::EnvironmentMap;
 use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter};
+use gonio::shape::SurfacePoint;
 use gonio::sphere::OctahedralMap;
-use gonio::transfer::SurfacePoint;
 use gonio_io::cache::Cache;
 
 use crate::bench::{ACCURACY, Progress};
@@ -33,7 +32,7 @@ use crate::metrics::{mean, median, relight};
 use crate::posteriors::{self, Effort};
 use rules::{RULES, Rule, View};
 
-/// What is measured.
+/// Options of `gonio-eval colour`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// Folder for `colour.csv`, one line for each estimate
@@ -48,15 +47,15 @@ pub(crate) struct Options {
     #[command(flatten)]
     effort: Effort,
     /// Learn the model of colours from training materials in training lights instead, print it, and
-    /// how it does on left-out quarters of both
+    /// its errors on left-out quarters of both
     #[arg(long)]
     learn: bool,
 }
 
-/// A material counts as coloured from this distance of its body's chroma from grey on.
+/// Distance of the body's chroma from grey beyond which a material counts as coloured.
 const COLOURED: f64 = 0.3;
 
-/// One estimate.
+/// Errors of one estimate.
 struct Record {
     light: String,
     material: String,
@@ -70,7 +69,7 @@ struct Record {
     /// Distance of the chroma of body and highlight from the true ones.
     body: f64,
     highlight: f64,
-    /// How many of four numbers (body, highlight) are in their 90 % intervals.
+    /// How many of the four chroma coordinates (body, highlight) lie in their 90 % intervals.
     covered: Option<usize>,
 }
 
@@ -142,7 +141,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Tables without what was extrapolated.
+/// Replaces the extrapolated cells of the tables by the nearest trusted ones.
 fn trusted(rgb: &[BivariateTable; 3]) -> [BivariateTable; 3] {
     rgb.clone().map(|mut table| {
         table.extend_from_trusted();
@@ -150,7 +149,7 @@ fn trusted(rgb: &[BivariateTable; 3]) -> [BivariateTable; 3] {
     })
 }
 
-/// What photographs are seen with.
+/// The models that read a photograph.
 struct Bench {
     posterior: LearntPosterior,
     model: ColourModel,
@@ -164,7 +163,7 @@ impl Bench {
         Self { posterior, model: ColourModel::default(), finder: ClueFinder::new(&lattice), lattice }
     }
 
-    /// What estimates are relit by.
+    /// Operator that relights estimates in a map.
     fn operator(&self, map: &EnvironmentMap, examples: &[BivariateTable]) -> [Relighter; 3] {
         Relighter::of_channels(&self.lattice.points(DQuat::IDENTITY), examples, &LightTree::of_map(map), &ACCURACY)
     }
@@ -180,7 +179,8 @@ impl Bench {
         Ok(View { image, table, clues, light, truth: TwoColours::of(rgb) })
     }
 
-    /// The luminance estimate from the colours of points, and what they say of its colours.
+    /// Estimates the luminance table from the colours of points, and finds the clues to its
+    /// colours.
     fn read(&self, points: &[SurfacePoint], image: &[Vec3]) -> Result<(BivariateTable, Clues)> {
         let values = image.iter().map(|c| Some(f64::from(luminance(*c))));
         let table = self.posterior.posterior(&posteriors::on_disk(points, values)?).mean;
@@ -190,7 +190,7 @@ impl Bench {
     }
 }
 
-/// What a BRDF looks like in the light of an operator.
+/// Renders a BRDF in the light of an operator.
 fn picture(operator: &[Relighter; 3], rgb: &[BivariateTable; 3]) -> Vec<Vec3> {
     let channels: Vec<Vec<f64>> = operator.iter().zip(rgb).map(|(matrix, table)| matrix.render(table)).collect();
     (0..channels[0].len()).map(|i| Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32))).collect()

@@ -1,4 +1,4 @@
-//! Ways to colour a luminance BRDF.
+//! Rules that colour a luminance BRDF.
 
 use glam::{DVec3, Vec3};
 use gonio::colour::{Chroma, Clues, ColourModel, TwoColours};
@@ -6,7 +6,7 @@ use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
 use gonio::render::median_colour;
 
-/// One photograph, what was made of its luminance, and what nobody knows of it.
+/// One photograph, its luminance estimate, and the ground truth.
 pub(super) struct View {
     pub(super) image: Vec<Vec3>,
     /// The luminance estimate.
@@ -18,7 +18,7 @@ pub(super) struct View {
     pub(super) truth: TwoColours,
 }
 
-/// A way.
+/// Rule that colours a luminance BRDF.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Rule {
     /// Three equal channels.
@@ -27,13 +27,13 @@ pub(super) enum Rule {
     Median,
     /// The mean colour.
     Mean,
-    /// The median colour less that of the light, which is given.
+    /// The median colour without that of the light, which is given.
     MedianKnown,
-    /// The true mean colour of the table: the best of one colour.
+    /// The colour of the true albedo along the normal: the best single colour.
     One,
-    /// The posterior's.
+    /// The colours of the posterior.
     Estimate,
-    /// The posterior's with the light's colour given.
+    /// The colours of the posterior given the colour of the light.
     EstimateKnown,
     /// The true two colours.
     Two,
@@ -41,7 +41,7 @@ pub(super) enum Rule {
     Truth,
 }
 
-/// All, in the order of the report.
+/// All rules, in the order of the report.
 pub(super) const RULES: [Rule; 9] = [
     Rule::Grey,
     Rule::Median,
@@ -83,7 +83,8 @@ impl Rule {
         }
     }
 
-    /// The BRDF, its colours, and how many of their four numbers are in the 90 % intervals.
+    /// Returns the BRDF, its colours, and how many of their four chroma coordinates lie in the 90 %
+    /// intervals.
     pub(super) fn apply(
         self,
         view: &View,

@@ -1,5 +1,5 @@
-//! What the light of an estimate leaves of a photograph without fault: what
-//! [`expected_misfit`](gonio::estimate::expected_misfit) is calibrated by.
+//! Misfit of the estimated light on clean photographs, by which
+//! [`expected_misfit`](gonio::estimate::expected_misfit) is calibrated.
 
 use std::fmt::Write;
 
@@ -11,22 +11,24 @@ use gonio::estimate::EstimateSettings;
 use gonio::inference::learnt::{MaterialPosterior, peak_over_base};
 use gonio::inference::light::{LightProblem, NonNegativeSettings};
 use gonio::lighting::LightPrior;
-use gonio::transfer::{PlanSettings, SurfacePoint};
+use gonio::shape::SurfacePoint;
+use gonio::transfer::PlanSettings;
 
-/// Bounds of the logarithm of gloss between which photographs are counted together.
+/// Bounds of the classes of gloss, as logarithms, by which photographs are counted.
 const BOUNDS: [f64; 6] = [f64::NEG_INFINITY, 1.5, 3.5, 6.0, 8.5, f64::INFINITY];
 
-/// What is left of one photograph.
+/// Residual of one photograph.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Left {
-    /// Logarithm of the gloss in the middle of the posterior.
+    /// Logarithm of the posterior median of the gloss.
     gloss: f64,
-    /// Relative root mean square of what light and material leave, without what noise explains.
+    /// Relative root mean square of the residual of light and material, less the part that noise
+    /// explains.
     misfit: f64,
 }
 
 impl Left {
-    /// Of an image of the disk as it is read.
+    /// Finds the light of an image of the disk, and measures the residual.
     pub(super) fn of(image: &DiskImage, posterior: &MaterialPosterior, prior: &LightPrior) -> Result<Self> {
         let seen: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c) && image.counts[c] > 0.0).collect();
         let seen: Vec<usize> =
@@ -49,7 +51,7 @@ impl Left {
     }
 }
 
-/// A table by gloss.
+/// Table of misfits by gloss.
 pub(super) fn report(all: &[Left]) -> String {
     let mut out = String::from(
         "| logarithm of gloss | photographs | median of it | misfit without noise: median | 95 % |\n|---|---|---|---|---|\n",

@@ -1,7 +1,7 @@
-//! `gonio-eval folds`: how the learnt posterior does on training materials in training lights that
-//! were left out of its training: what its settings are chosen by (`docs/trials.md`), so that test
-//! materials and test lights stay unseen. Each left-out material is photographed twice in each
-//! left-out light: without any fault ("clean") and as photographs come ("camera").
+//! `gonio-eval folds`: cross-validates the learnt posterior on training materials in training
+//! lights. Its settings are chosen by these errors (`docs/trials.md`), so that test materials and
+//! test lights stay unseen. Each left-out material is photographed twice in each left-out light:
+//! without camera effects ("clean") and with random ones ("camera").
 
 mod misfit;
 
@@ -29,52 +29,53 @@ use crate::materials::Materials;
 use crate::metrics::{Gloss, brdf_error, coverage, median, relight};
 use crate::posteriors::{Effort, Learning, kinds_of, load_or_train};
 
-/// Spreads of the draws that intervals are tried with.
+/// Spreads of the draws for which the coverage of the intervals is compared.
 const SPREADS: [f64; 4] = [0.1, 0.2, 0.3, 0.45];
 
-/// Draws of each kind that was left out, a fold.
+/// Draws of each left-out kind in each fold.
 const DRAWS: usize = 12;
 
-/// The intervals of one photograph in so many are looked at: they take longer than everything else.
+/// Intervals are computed for one photograph in this many, since they take longer than everything
+/// else.
 const WITH_INTERVALS: usize = 5;
 
-/// Lights that estimates are relit in.
+/// Number of lights that estimates are relit in.
 const RELIT: usize = 3;
 
-/// The photograph without any fault: a ball of 256 pixels.
+/// Camera without effects: a ball of 256 pixels.
 const CLEAN: Camera = Camera { radius: 128.0, ..Camera::CLEAN };
 
 /// Cross-validation of the learnt posterior on training materials and lights.
 #[derive(Args)]
 pub(crate) struct Options {
-    /// Folds that materials and lights are divided into, both at once.
+    /// Number of folds that the materials, and likewise the lights, are divided into.
     #[arg(long, default_value_t = 4)]
     folds: usize,
-    /// How many of them are left out in turn [default: all].
+    /// How many of the folds are left out in turn [default: all].
     #[arg(long)]
     first: Option<usize>,
     /// Kinds of materials that are left out of the prior, and tested beside the measured ones.
     #[arg(long, value_delimiter = ',', value_parser = kind)]
     without: Vec<Kind>,
-    /// So many of the materials that were learnt from are tested too: what new materials cost.
+    /// Number of training materials that are tested too, to show what new materials cost.
     #[arg(long, default_value_t = 0)]
     seen: usize,
     #[command(flatten)]
     effort: Effort,
-    /// Coordinates of materials.
+    /// Number of coordinates of materials.
     #[arg(long)]
     dimensions: Option<usize>,
-    /// Entries drawn for the dictionary.
+    /// Number of entries drawn for the dictionary.
     #[arg(long)]
     entries: Option<usize>,
 }
 
-/// A kind by its name in files; the error lists the names.
+/// Parses a kind by its name in files; the error lists the names.
 fn kind(name: &str) -> Result<Kind, String> {
     serde_json::from_value(name.into()).map_err(|e| e.to_string())
 }
 
-/// The inverse of [`kind`].
+/// Name of a kind in files: the inverse of [`kind`].
 fn title(kind: Kind) -> Result<String> {
     Ok(serde_json::from_value(serde_json::to_value(kind)?)?)
 }
@@ -86,13 +87,13 @@ struct Outcome {
     relative: f64,
     log: f64,
     brdf: f64,
-    /// Gloss index less that of the reference.
+    /// Gloss index minus that of the reference.
     gloss: f64,
-    /// 50 and 90 %, by spread.
+    /// Coverage of the 50 and 90 % intervals, by spread.
     coverage: Option<Vec<[f64; 2]>>,
-    /// Whether the 90 % interval of the gloss holds the true one.
+    /// Whether the 90 % interval of the gloss contains the true gloss.
     held: Option<bool>,
-    /// What is left of a photograph without fault.
+    /// Residual of a clean photograph.
     left: Option<Left>,
 }
 
@@ -154,16 +155,16 @@ fn learning(options: &Options) -> Learning {
     learning
 }
 
-/// What a fold is tested with.
+/// Materials, renderer and prior that a fold is tested with.
 struct Test {
-    /// Its number.
+    /// Number of the fold.
     fold: usize,
     /// Group and name of each material.
     names: Vec<(String, String)>,
     tables: Vec<BivariateTable>,
-    /// Renders the photographs.
+    /// Renderer of the photographs.
     renderer: SceneRenderer,
-    /// Of light, for what explains a photograph.
+    /// Prior of light, to explain a photograph.
     prior: LightPrior,
 }
 
@@ -175,7 +176,7 @@ impl Test {
         known: Vec<(String, BivariateTable)>,
     ) -> Result<Self> {
         let mut rng = Pcg64::seed_from_u64(1000 + fold as u64);
-        // Left-out materials are what left-out kinds are made of.
+        // Left-out kinds are drawn from a dictionary of the left-out materials.
         let dictionary = kinds_of(&unseen);
         let (mut names, mut tables) = (Vec::new(), Vec::new());
         for &kind in &options.without {
@@ -187,7 +188,7 @@ impl Test {
         }
         for (group, list) in [("measured", unseen), ("seen", known)] {
             for (name, mut table) in list {
-                // As in training: what lies beyond the trusted cells is extrapolation.
+                // As in training: cells beyond the trusted ones are extrapolation.
                 table.extend_from_trusted();
                 tables.push(table);
                 names.push((group.to_owned(), name));
@@ -207,7 +208,7 @@ impl Test {
             let scenes = self.renderer.render(&self.tables, &light);
             let taken = |m: usize| {
                 let mut rng = generator(((self.fold * 1000 + at) * 1000 + m) as u64);
-                // Pixels of another material are of one that is as unknown.
+                // Foreign pixels show another of the tested materials.
                 let (scene, other) = (&scenes[m], &scenes[(m + scenes.len() / 2) % scenes.len()]);
                 let any = Camera::draw(&mut rng);
                 [("clean", CLEAN), ("camera", any)].map(|(title, camera)| {
@@ -262,7 +263,7 @@ impl Test {
     }
 }
 
-/// Tables by group, and the materials that are hardest.
+/// Tables by group, and the hardest materials.
 fn report(outcomes: &[Outcome]) -> String {
     use std::fmt::Write;
     let mut out = String::from(

@@ -1,10 +1,10 @@
-//! Whether intervals hold what they should.
+//! Coverage of intervals.
 
 use gonio::reflectance::{BivariateTable, trusted_cells};
 
 use super::scale_free::brdf_scale;
 
-/// Shares of trusted cells inside the 50 % and the 90 % interval, the reference scaled to lie over
+/// Shares of trusted cells inside the 50 % and the 90 % interval, after the reference is scaled to
 /// the estimate.
 pub(crate) fn coverage(table: &BivariateTable, quantiles: &[Vec<f32>; 4], truth: &BivariateTable) -> [f64; 2] {
     let scale = 1.0 / brdf_scale(table, truth);

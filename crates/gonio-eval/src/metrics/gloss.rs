@@ -1,31 +1,31 @@
-//! How glossy a BRDF is.
+//! Gloss of a BRDF.
 
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of, trusted_cells};
 use serde::{Deserialize, Serialize};
 
-/// The highlight of a BRDF: how much it stands out and how wide it is.
+/// The highlight of a BRDF: its height and its width.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Gloss {
     /// Natural logarithm of the specular peak over the value of a Lambertian surface of the same
     /// albedo: zero for a Lambertian surface, near 1 for satin paint, 6 for polished plastic, 10
-    /// for chrome. The gloss index of the benchmark: unlike the other two it is as well defined for
-    /// a metal without a diffuse part as for a surface without a highlight.
+    /// for chrome. The gloss index of the benchmark: unlike the other two it is well defined both
+    /// for a metal without a diffuse part and for a surface without a highlight.
     pub(crate) peak: f64,
     /// Natural logarithm of the specular peak over the diffuse level: zero for a Lambertian
     /// surface, 3 for satin paint, above 10 for a mirror.
     pub(crate) contrast: f64,
-    /// Half angle (radians) at which what stands above the diffuse level has fallen to half;
-    /// `pi / 2` without a highlight.
+    /// Half angle (radians) at which the excess over the diffuse level has fallen to half; `pi / 2`
+    /// without a highlight.
     pub(crate) width: f64,
 }
 
-/// Highlights are read here: the middle of the domain, which most photographs show and all
-/// measurements hold.
+/// Largest `theta_d`, in degrees, at which highlights are measured: most photographs show this part
+/// of the domain, and all measurements contain it.
 const FURTHEST_D: f64 = 45.0;
 
 impl Gloss {
-    /// Of the peak (`theta_h` below half a degree) averaged over `theta_d` up to 45 degrees,
-    /// against the median of the trusted cells beyond `theta_h` of 45 degrees.
+    /// Measures the peak (`theta_h` below half a degree), averaged over `theta_d` up to 45 degrees,
+    /// against the median of the trusted cells with `theta_h` above 45 degrees.
     pub(crate) fn of(table: &BivariateTable) -> Self {
         let diffuse = diffuse_level(table);
         let columns: Vec<usize> = (0..THETA_D).filter(|&j| theta_d_of(j).to_degrees() <= FURTHEST_D).collect();
@@ -34,7 +34,7 @@ impl Gloss {
             .collect();
         let near: Vec<f64> = (0..THETA_H).filter(|&i| theta_h_of(i).to_degrees() < 0.5).map(|i| profile[i]).collect();
         let peak = near.iter().sum::<f64>() / near.len() as f64;
-        // Both ends are kept off zero by one part in a million of the peak: a black diffuse part is
+        // Peak and diffuse level are at least a millionth of the peak: a black diffuse part is
         // common in metals.
         let floor = (1e-6 * peak).max(1e-30);
         let contrast = (peak.max(floor) / diffuse.max(floor)).ln();
@@ -46,28 +46,28 @@ impl Gloss {
     }
 }
 
-/// Kinds of materials, by what their highlight is like.
+/// Classes of materials by their highlight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Class {
-    /// No highlight to speak of: the peak is less than twice the mean.
+    /// Hardly a highlight: the peak is less than twice the mean.
     Matte,
-    /// A broad one, up to thirty times the mean.
+    /// A broad highlight, up to thirty times the mean.
     Satin,
-    /// A sharp one over a diffuse body that sends back at least two fifths of the light.
+    /// A sharp highlight over a diffuse body that makes up at least two fifths of the albedo.
     DielectricGloss,
-    /// A sharp one with little beneath, up to three thousand times the mean: metals, metallic
-    /// paints.
+    /// A sharp highlight over little diffuse reflection, up to three thousand times the mean:
+    /// metals, metallic paints.
     Metal,
-    /// A sharper one.
+    /// A sharper highlight, above three thousand times the mean.
     Mirror,
 }
 
 impl Class {
-    /// All of them, from dull to bright.
+    /// All classes, from dull to bright.
     pub(crate) const ALL: [Self; 5] = [Self::Matte, Self::Satin, Self::DielectricGloss, Self::Metal, Self::Mirror];
 
-    /// For readers.
+    /// Title for readers.
     pub(crate) fn title(self) -> &'static str {
         match self {
             Self::Matte => "matte",
@@ -78,7 +78,7 @@ impl Class {
         }
     }
 
-    /// Of a highlight.
+    /// Class of a highlight.
     pub(crate) fn of(gloss: &Gloss) -> Self {
         // pi * diffuse / albedo = exp(peak - contrast)
         let diffuse_share = (gloss.peak - gloss.contrast).exp();
@@ -92,7 +92,7 @@ impl Class {
     }
 }
 
-/// Median over the trusted cells with `theta_h` above 45 degrees.
+/// Diffuse level: median over the trusted cells with `theta_h` above 45 degrees.
 pub(super) fn diffuse_level(table: &BivariateTable) -> f64 {
     let mut cells: Vec<f32> = trusted_cells()
         .filter(|c| angles_of(*c).0 > std::f64::consts::FRAC_PI_4)
@@ -102,7 +102,8 @@ pub(super) fn diffuse_level(table: &BivariateTable) -> f64 {
     f64::from(cells[cells.len() / 2])
 }
 
-/// Where the profile first falls below `level`, between samples by interpolation.
+/// Half angle (radians) at which the profile first falls below `level`, interpolated between
+/// samples.
 fn crossing(profile: &[f64], level: f64) -> f64 {
     match profile.iter().position(|&p| p < level) {
         None => std::f64::consts::FRAC_PI_2,

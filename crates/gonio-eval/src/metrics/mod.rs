@@ -1,12 +1,11 @@
-//! How estimates are judged. All measures are free of the common scale of reflectance, which the
-//! problem leaves open.
+//! Measures of the error of estimates. All are invariant to the common scale of reflectance, which
+//! the problem leaves open.
 //!
-//! * [`relight`], [`brdf_error`]: how far an estimate is from the reference, to the eye and over
-//!   the domain.
-//! * [`Gloss`]: what kind of highlight it has; [`spearman`] compares the order of materials.
-//! * [`coverage()`]: how much of the domain intervals hold.
-//! * [`median_interval`], [`win_rate`]: how sure a median and a comparison are, given so many
-//!   cells.
+//! * [`relight`], [`brdf_error`]: error of an estimate in rendered pictures, and over the domain of
+//!   the BRDF.
+//! * [`Gloss`]: height and width of the highlight; [`spearman`] compares the order of materials.
+//! * [`coverage()`]: share of the domain on which intervals contain the reference.
+//! * [`median_interval`], [`win_rate`]: uncertainty of a median, and comparison of two estimators.
 
 mod coverage;
 mod gloss;

@@ -1,4 +1,4 @@
-//! Relight error and BRDF error: both blind to the common scale, which a photograph does not
+//! Relight error and BRDF error: both invariant to the common scale, which a photograph does not
 //! determine.
 
 use gonio::picture::{Picture, luminance};
@@ -14,7 +14,7 @@ pub(crate) struct Relight {
     /// Root mean square of `ln((s I^ + e) / (I + e))`, `e` one percent of the mean of `I`, with the
     /// `s` that minimises it.
     pub(crate) log: f64,
-    /// The `s` of the log version: what lays the estimate over the reference for the eye.
+    /// The `s` of the log version: the scale at which the estimate is shown beside the reference.
     pub(crate) scale: f64,
 }
 
@@ -48,7 +48,7 @@ pub(crate) fn brdf_error(estimate: &BivariateTable, reference: &BivariateTable) 
     brdf_fit(estimate, reference).1
 }
 
-/// The `s` of [`brdf_error`]: what an estimate is multiplied with to lie over the reference.
+/// The `s` of [`brdf_error`]: the factor that scales an estimate to the reference.
 pub(crate) fn brdf_scale(estimate: &BivariateTable, reference: &BivariateTable) -> f64 {
     brdf_fit(estimate, reference).0
 }

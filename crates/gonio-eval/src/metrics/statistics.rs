@@ -17,10 +17,10 @@ pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
 }
 
-/// A value with the range that a bootstrap gives it.
+/// A value with its bootstrap interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Interval {
-    /// Of the cells themselves.
+    /// Value over the cells themselves.
     pub(crate) value: f64,
     /// 2.5 % quantile over the resampled sets.
     pub(crate) low: f64,
@@ -28,12 +28,12 @@ pub(crate) struct Interval {
     pub(crate) high: f64,
 }
 
-/// Resampled sets of a bootstrap.
+/// Number of resampled sets of a bootstrap.
 const RESAMPLES: usize = 2000;
 
-/// Median with its 95 % bootstrap interval. `clusters[i]` is what sample `i` belongs to (its
-/// material): whole clusters are drawn, since the cells of one material rise and fall together and
-/// are no independent evidence.
+/// Median with its 95 % bootstrap interval. `clusters[i]` is the cluster (the material) that sample
+/// `i` belongs to: whole clusters are resampled, since the cells of one material are correlated and
+/// no independent evidence.
 pub(crate) fn median_interval(samples: &[f64], clusters: &[usize], seed: u64) -> Interval {
     assert_eq!(samples.len(), clusters.len());
     let value = median(samples.to_vec());

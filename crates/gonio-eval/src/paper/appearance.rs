@@ -91,7 +91,7 @@ fn card(material: &Material, recovered: &Recovered, light: usize) -> Markup {
     figure::card(name, &tiles, &numbers)
 }
 
-/// What the numbers say.
+/// Sentence that sums up the errors.
 fn verdict(workshop: &Workshop, recovered: &[Recovered]) -> String {
     let mut cells: Vec<(f64, String)> = workshop
         .materials

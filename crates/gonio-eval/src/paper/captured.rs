@@ -23,15 +23,15 @@ use gonio_report::page::{figure, table};
 /// The lights of the photographs that are shown.
 const LIGHTS: [&str; 3] = ["city", "interior", "sunset"];
 
-/// Columns of the measurement that are charted, degrees of `theta_d`; each stands for the cell from
-/// there to one more.
+/// Columns of the measurement that are charted, degrees of `theta_d`; each is the cell from that
+/// degree to the next.
 const CHARTED: [usize; 3] = [2, 10, 20];
 
-/// What was inferred from one photograph.
+/// Estimates from one photograph.
 struct Estimate {
-    /// Blind, as a BRDF on a scale of its own.
+    /// BRDF inferred blind, up to scale.
     blind: BivariateTable,
-    /// With the light known.
+    /// BRDF inferred with the light known, up to scale.
     known: BivariateTable,
     /// Median colour of the photograph.
     colour: DVec3,
@@ -113,7 +113,7 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     })
 }
 
-/// The ball with the photographs in [`LIGHTS`].
+/// Reads the ball with the photographs in [`LIGHTS`].
 fn read(data: &Path) -> Result<Captured> {
     let folder = data.join("captured/ball");
     let mut ball = Captured::read(&folder)?;
@@ -130,7 +130,7 @@ fn reach(ball: &Captured) -> f64 {
     lights.map(|l| l.direction.angle_between(DVec3::Z).to_degrees()).fold(0.0, f64::max)
 }
 
-/// Which of the trivial answers do better than the blind one.
+/// Sentence on which of the trivial answers do better than the blind estimate.
 fn better_than_blind(ours: f64, trivial: &[(&str, f64)]) -> String {
     let better: Vec<&str> = trivial.iter().filter(|(_, error)| *error < ours).map(|(name, _)| *name).collect();
     if better.is_empty() {
@@ -161,13 +161,13 @@ fn infer(workshop: &Workshop, ball: &Captured, i: usize) -> Result<Estimate> {
     })
 }
 
-/// Compares what a BRDF sends to the camera with the photograph, and colours it.
+/// Compares the rendered radiance `sent` with the photograph, and colours it.
 fn prediction(ball: &Captured, pixels: &[usize], light: usize, sent: &Plane<DVec3>, colour: DVec3) -> Prediction {
     let photograph = ball.photographs[light].picture.rgb.as_slice();
     let ours: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(sent.as_slice()[i].as_vec3()))).collect();
     let reference: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(photograph[i]))).collect();
     let rgb = sent.map(|c| (*c * colour).as_vec3());
-    // The colour changes the luminance: the brightness is that of what is seen.
+    // The colour changes the luminance: the brightness is matched after colouring.
     let seen: Vec<f64> = pixels.iter().map(|&i| f64::from(luminance(rgb.as_slice()[i]))).collect();
     let factor = show::median_ratio(&seen, &reference);
     Prediction {
@@ -215,7 +215,7 @@ fn against_measurement(ball: &Captured, estimates: &[Estimate], mean: &Bivariate
             let mut series = vec![Series::line("measured", measured)];
             let curve = |t: &BivariateTable| -> Vec<(f64, f64)> {
                 let scale = of(t).0;
-                // From well within the first measured cell.
+                // Starts well within the first measured cell.
                 let at = |i: i32| 0.3 * (80.0_f64 / 0.3).powf(f64::from(i) / 160.0);
                 (0..=160).map(at).map(|h| (h, scale * t.eval(h.to_radians(), theta_d))).collect()
             };

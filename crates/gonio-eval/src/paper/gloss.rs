@@ -1,4 +1,4 @@
-//! The paper's remark on Fig. 6: from the inferred BRDFs materials could be put in order of gloss.
+//! The paper's remark on Fig. 6: the inferred BRDFs put materials in order of gloss.
 
 use maud::{Markup, html};
 

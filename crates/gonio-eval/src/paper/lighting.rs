@@ -15,9 +15,9 @@ use crate::data;
 use gonio_report::page::chart::{self, Axis, Histogram, Series};
 use gonio_report::page::figure;
 
-/// Texels along a side: the paper's.
+/// Texels along a side, as in the paper.
 const SIDE: usize = 32;
-/// Shown, coarse to fine.
+/// Groups of coefficients that are shown, coarse to fine.
 const GROUPS: [PriorGroup; 6] = [
     PriorGroup::Coarsest(Orientation::Vertical),
     PriorGroup::Middle { scale: 2, orientation: Orientation::Vertical, above: true },
@@ -52,7 +52,7 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     })
 }
 
-/// The training lights' normalised coefficients.
+/// Reads the training lights and returns their normalised coefficients.
 fn coefficients(workshop: &Workshop) -> Result<Vec<Vec<f64>>> {
     let folder = workshop.data.join("lighting/train");
     let entries = std::fs::read_dir(&folder).with_context(|| folder.display().to_string())?;
@@ -72,13 +72,14 @@ fn density(group: PriorGroup, samples: &[f64], log_density: impl Fn(f64) -> f64)
     let mean = samples.iter().sum::<f64>() / n;
     let moment = |k: i32| samples.iter().map(|x| (x - mean).powi(k)).sum::<f64>() / n;
     let (variance, kurtosis) = (moment(2), moment(4) / moment(2).powi(2));
-    // All but a few samples in a thousand.
+    // Range of all but three samples in a thousand.
     let mut sizes: Vec<f64> = samples.iter().map(|x| x.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     let reach = 1.05 * sizes[((sizes.len() - 1) as f64 * 0.997) as usize];
     let histogram = Histogram::new(samples, -reach, reach, if samples.len() < 200 { 15 } else { 41 });
     let along = |f: &dyn Fn(f64) -> f64| -> Vec<(f64, f64)> {
-        // Closer together near zero, where mixtures are sharp; an odd count has the middle.
+        // Points are closer together near zero, where mixtures are sharp; an odd count includes
+        // zero.
         let at = |i: i32| reach * (f64::from(i) / 200.0).powi(3);
         (-200..=200).map(at).map(|x| (x, f(x))).collect()
     };
@@ -108,7 +109,7 @@ fn octahedral(workshop: &Workshop) -> Result<Markup> {
         rgb.map(|p| exposure.apply(*p))
     };
     let square = |grid: LightGrid| exposed(Plane::from_vec(grid.side(), grid.side(), grid.texels().to_vec()));
-    // One texel to a pixel of the picture, so that it is averaged, not sampled.
+    // Each pixel of the picture is the mean of a block of texels: averaged, not sampled.
     let radiance = light.radiance();
     let step = (radiance.width() / 512).max(1);
     let small = Plane::from_fn(radiance.width() / step, radiance.height() / step, |x, y| {

@@ -1,11 +1,10 @@
-//! `gonio-eval paper`: every figure and table of the paper, made anew from the data, as one HTML
+//! `gonio-eval paper`: reproduces every figure and table of the paper from the data, as one HTML
 //! file.
 //!
 //! One file per figure: [`trivial`] (Fig. 1), [`lighting`] (Fig. 2), [`reflectance`] (Fig. 3),
 //! [`appearance`] (Fig. 4), [`stability`] (Fig. 5), [`captured`] (Fig. 6), [`gloss`] (the remark on
 //! Fig. 6). [`workshop`] holds what they share: data, model, estimator; [`recovery`] makes the
-//! estimates of Figs. 4, 5 and of the gloss order once; [`show`] turns radiance into something to
-//! look at.
+//! estimates of Figs. 4, 5 and of the gloss order once; [`show`] turns radiance into pictures.
 
 mod appearance;
 mod captured;
@@ -45,7 +44,7 @@ pub(crate) struct Options {
     estimator: Estimator,
 }
 
-/// Names of the estimators.
+/// Estimators of reflectance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Estimator {
     /// The separable posterior that minimises C_KL (Algorithm 1's cost, block solver)
@@ -55,7 +54,7 @@ enum Estimator {
 }
 
 impl Estimator {
-    /// For sentences.
+    /// Name within a sentence.
     fn words(self) -> &'static str {
         match self {
             Self::CKl => "the mean of the separable posterior (least C_KL, block solver)",
@@ -66,7 +65,7 @@ impl Estimator {
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let start = Instant::now();
-    // Told now, not after minutes of work.
+    // Checked now, not after minutes of work.
     let folder = options.output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() || options.output.is_dir() {
         bail!("{}: give a file in a folder that exists", options.output.display());
@@ -109,7 +108,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Does something and says on standard error how long it took.
+/// Runs `work`, and prints on standard error how long it took.
 fn step<T>(label: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
     let start = Instant::now();
     let result = work()?;

@@ -11,19 +11,19 @@ use super::step;
 use super::workshop::{LIGHTS, Workshop};
 use crate::metrics::{self, Relight};
 
-/// What was made of one material under one light.
+/// Estimate of one material under one light.
 pub(super) struct Estimate {
-    /// The picture that was the input, in colour.
+    /// The input picture, in colour.
     pub(super) input: Picture,
-    /// Inferred monochrome BRDF, on a scale of its own.
+    /// Inferred monochrome BRDF, up to scale.
     pub(super) table: BivariateTable,
-    /// The novel light on the estimate in the colour that fits the truth best.
+    /// The estimate rendered in the novel light, in the colour that fits the truth best.
     pub(super) predicted: Picture,
     /// Error of the prediction.
     pub(super) relight: Relight,
     /// BRDF log error.
     pub(super) brdf: f64,
-    /// Share of the input's energy that no light of the grid can make.
+    /// Share of the input's energy that no light on the grid can produce.
     pub(super) left_over: f64,
 }
 
@@ -35,7 +35,7 @@ pub(super) struct Recovered {
     pub(super) estimates: Vec<Estimate>,
 }
 
-/// In the order of the materials of the workshop.
+/// Estimates every material under every light, in the order of the materials of the workshop.
 pub(super) fn recover(workshop: &Workshop) -> Result<Vec<Recovered>> {
     let points = sphere_points(&ObservationSettings::default());
     let plan = step("plan of a sphere", || workshop.plan(&points))?;

@@ -1,5 +1,5 @@
-//! Fig. 3: how well few basis functions do, against parametric fits; what the functions are and how
-//! they are used.
+//! Fig. 3: fits of a basis of few functions against parametric fits; the basis functions and how
+//! materials use them.
 
 use anyhow::{Context, Result};
 use glam::Vec3;
@@ -20,7 +20,7 @@ use crate::metrics;
 use gonio_report::page::chart::{self, Axis, Histogram, Series};
 use gonio_report::page::{figure, table};
 
-/// Rendered side by side.
+/// Materials rendered side by side.
 const SHOWN: [&str; 6] =
     ["red-fabric", "pearl-paint", "blue-metallic-paint", "gold-metallic-paint2", "red-phenolic", "nickel"];
 /// Ranks whose bases are rendered; the table also has [`FINEST`].
@@ -32,7 +32,7 @@ const MODELS: [(&str, &str); 3] = [
     ("Ward", "ngan2005_ward.fit"),
     ("Lafortune", "ngan2005_lafortune.fit"),
 ];
-/// What the paper reports, mean and median, on the original measurements.
+/// Errors that the paper reports, mean and median, on the original measurements.
 const PAPER: [(&str, f64, f64); 2] = [("NMF, K = 10", 1.58, 0.45), ("Cook-Torrance", 46.91, 17.11)];
 const GREEN: usize = 1;
 
@@ -64,7 +64,7 @@ pub(super) fn section(workshop: &Workshop) -> Result<Markup> {
     let fits = MODELS
         .iter()
         .map(|(name, file)| (*name, workshop.data.join("merl").join(file)))
-        // The database itself comes without them.
+        // The database itself does not include the fits.
         .filter(|(_, path)| path.is_file())
         .map(|(name, path)| Ok((name, gonio_io::fits::read_fits(path)?)))
         .collect::<Result<Vec<_>>>()?;
@@ -166,7 +166,7 @@ fn spheres(workshop: &Workshop, material: &Material, bases: &[Trained], fits: &[
     Ok(figure::card(name, &figure::tiles(&tiles), &caption))
 }
 
-/// An error in few digits, however small.
+/// Formats an error with few digits, however small.
 fn short(error: f64) -> String {
     if error < 0.1 { format!("{error:.4}") } else { format!("{error:.2}") }
 }
@@ -210,12 +210,11 @@ fn comparison(errors: &[Errors], count: usize) -> Markup {
     }
 }
 
-/// What the functions of a basis are nearest to: the function that is most a highlight, and of the
-/// others the one that is most grazing.
+/// Finds the most specular function of a basis, and of the others the most grazing one.
 ///
-/// A function is as specular as its mean over `theta_h < 5`, `theta_d < 60` degrees stands above
-/// its mean over all trusted cells, and as grazing as its mean over `theta_h < 30`, `theta_d > 65`
-/// stands above that over the same `theta_h` at `theta_d < 45`.
+/// Specularity is the ratio of a function's mean over `theta_h < 5`, `theta_d < 60` degrees to its
+/// mean over all trusted cells; grazing reflection is the ratio of its mean over `theta_h < 30`,
+/// `theta_d > 65` to that over the same `theta_h` at `theta_d < 45`.
 fn specular_and_grazing(basis: &ReflectanceBasis) -> Option<(usize, usize)> {
     let mean = |table: &BivariateTable, keep: &dyn Fn(f64, f64) -> bool| {
         let cells: Vec<f64> = trusted_cells()
@@ -269,7 +268,7 @@ fn functions(trained: &Trained) -> Markup {
     }
 }
 
-/// The distribution of one function's coefficients.
+/// Histogram of the coefficients of one function.
 fn usage(coefficients: &[f64], rate: f64) -> Markup {
     let largest = coefficients.iter().copied().fold(1e-9, f64::max);
     let reach = 1.02 * largest;

@@ -1,31 +1,31 @@
-//! From radiance to pictures in the report.
+//! Pictures of radiance for the report.
 
 use glam::{DVec3, Vec3};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::{Brdf, Exposure, IntegratorSettings, LightTree, SphereSettings, radiance, render_sphere};
-use gonio::transfer::SurfacePoint;
+use gonio::shape::SurfacePoint;
 use rayon::prelude::*;
 
-/// Behind every object: dark, not black, on light and dark pages alike.
+/// Background of every object: dark, not black, on light and dark pages alike.
 const GROUND: Vec3 = Vec3::new(0.012, 0.013, 0.015);
-/// Sides of pictures of spheres, pixels.
+/// Side of pictures of spheres, pixels.
 pub(super) const SPHERE: usize = 96;
 
-/// How a sphere is drawn: as accurately as it is measured when it is measured, else good enough to
-/// look at.
+/// Settings of the render of a sphere: the default accuracy if errors are measured on it, else a
+/// coarser one for display.
 pub(super) fn settings(size: usize, measured: bool) -> SphereSettings {
     let integrator =
         if measured { IntegratorSettings::default() } else { IntegratorSettings { tolerance: 0.4, max_cells: 6000 } };
     SphereSettings { size, integrator, ..SphereSettings::default() }
 }
 
-/// A sphere of [`SPHERE`] pixels to look at.
+/// Renders a sphere of [`SPHERE`] pixels for display.
 pub(super) fn sphere(brdf: &dyn Brdf, light: &LightTree) -> Picture {
     render_sphere(brdf, light, &settings(SPHERE, false), &|_| ())
 }
 
-/// Luminance of points of a material in a light, as accurately as it is measured.
+/// Luminance of points of a material in a light, with the accuracy that errors are measured with.
 pub(super) fn luminances(points: &[SurfacePoint], brdf: &MerlTable, light: &LightTree) -> Vec<Option<f64>> {
     let (envelope, accuracy) = (brdf.envelope(), IntegratorSettings::default());
     let seen = |p| luminance(radiance(p, brdf, &envelope, light, &accuracy).as_vec3());
@@ -36,7 +36,7 @@ fn covered(picture: &Picture, i: usize) -> bool {
     picture.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.99)
 }
 
-/// The exposure at which most of the object is well seen.
+/// Exposure that shows most of the object well.
 pub(crate) fn exposure(picture: &Picture) -> Exposure {
     Exposure::by_quantile(&picture.rgb, |i| covered(picture, i), 0.9, 0.6)
 }
@@ -49,7 +49,7 @@ pub(crate) fn display(picture: &Picture, exposure: Exposure) -> Plane<Vec3> {
     })
 }
 
-/// Pictures of one height side by side.
+/// Joins pictures of one height side by side.
 pub(super) fn beside(pictures: &[Plane<Vec3>]) -> Plane<Vec3> {
     let height = pictures.iter().map(Plane::height).min().unwrap_or(0);
     let columns: Vec<(usize, usize)> =
@@ -60,13 +60,13 @@ pub(super) fn beside(pictures: &[Plane<Vec3>]) -> Plane<Vec3> {
     })
 }
 
-/// A picture times a number.
+/// Multiplies a picture by a factor.
 pub(crate) fn scaled(picture: &Picture, factor: f64) -> Picture {
     Picture { rgb: picture.rgb.map(|p| *p * factor as f32), alpha: picture.alpha.clone() }
 }
 
-/// A grey picture in the colour that brings it nearest to the reference, channel by channel by
-/// least squares over what both show wholly: how the paper displays a grey estimate.
+/// Colours a grey picture to fit the reference, by least squares in each channel over the pixels
+/// that both cover fully: the paper displays a grey estimate so.
 pub(super) fn best_coloured(grey: &Picture, reference: &Picture) -> Picture {
     let (ours, theirs) = (grey.rgb.as_slice(), reference.rgb.as_slice());
     let (mut up, mut down) = (DVec3::ZERO, DVec3::ZERO);
@@ -79,7 +79,7 @@ pub(super) fn best_coloured(grey: &Picture, reference: &Picture) -> Picture {
     Picture { rgb: grey.rgb.map(|p| *p * colour), alpha: grey.alpha.clone() }
 }
 
-/// The factor that brings an estimate over the reference for most pixels, highlights or not: the
+/// Scale at which an estimate matches the reference in most pixels, regardless of highlights: the
 /// median ratio.
 pub(super) fn median_ratio(estimate: &[f64], reference: &[f64]) -> f64 {
     let ratios = estimate.iter().zip(reference).filter(|(e, _)| **e > 0.0).map(|(e, r)| r / e);
@@ -87,7 +87,7 @@ pub(super) fn median_ratio(estimate: &[f64], reference: &[f64]) -> f64 {
     if median.is_finite() && median > 0.0 { median } else { 1.0 }
 }
 
-/// The green channel of a measured table, for all three channels.
+/// BRDF with the green channel of a measured table in all three channels.
 pub(super) struct Green<'a>(pub(super) &'a MerlTable);
 
 impl Brdf for Green<'_> {

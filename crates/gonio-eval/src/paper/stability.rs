@@ -17,7 +17,7 @@ use gonio_report::page::figure;
 /// Angles between lamp and view, degrees: they sweep theta_d from 0 to 70 degrees where the
 /// highlight is.
 const ANGLES: [f64; 5] = [0.0, 35.0, 70.0, 105.0, 140.0];
-/// How far the lamp is raised, degrees.
+/// Elevation of the lamp, degrees.
 const ELEVATION: f64 = 20.0;
 /// Half the width of the lamp, degrees.
 const LAMP: f64 = 4.0;
@@ -25,7 +25,7 @@ const LAMP: f64 = 4.0;
 const AMBIENT: f32 = 2e-4;
 /// Side of each sphere, pixels.
 const SIZE: usize = 96;
-/// Rows of lights' maps.
+/// Rows of the maps of the lights.
 const HEIGHT: usize = 180;
 
 pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
@@ -52,7 +52,8 @@ pub(super) fn section(workshop: &Workshop, recovered: &[Recovered]) -> Markup {
     }
 }
 
-/// A lamp at this angle (degrees) to the right of the view, raised, in faint light from everywhere.
+/// Light of a lamp at this angle (degrees) to the right of the view, raised, with faint light from
+/// everywhere.
 fn lamp(angle: f64) -> LightTree {
     let (turn, raise) = (angle.to_radians(), ELEVATION.to_radians());
     let centre = DVec3::new(turn.sin() * raise.cos(), raise.sin(), turn.cos() * raise.cos());
@@ -69,7 +70,7 @@ fn card(material: &Material, recovered: &Recovered, lamps: &[LightTree]) -> Mark
         lamps.iter().map(|l| render_sphere(brdf, l, &settings, &|_| ())).collect()
     };
     let truth = render(&material.full);
-    // The sphere lit from the front has all that the exposure should show.
+    // The second sphere, lit at 35 degrees from the view, shows all that the exposure should show.
     let exposure = show::exposure(&truth[1]);
     let strip =
         |pictures: &[Picture]| show::beside(&pictures.iter().map(|p| show::display(p, exposure)).collect::<Vec<_>>());
@@ -99,7 +100,7 @@ fn card(material: &Material, recovered: &Recovered, lamps: &[LightTree]) -> Mark
     )
 }
 
-/// The colour, of luminance one, that fits the pictures of a material in white light best.
+/// Mean colour, of luminance one, of the pictures of a material in white light.
 fn mean_colour(pictures: &[Picture]) -> DVec3 {
     let sum: DVec3 = pictures.iter().flat_map(|p| p.rgb.as_slice()).map(|c| c.as_dvec3()).sum();
     let luminance = f64::from(gonio::picture::luminance(sum.as_vec3()));

@@ -1,6 +1,6 @@
-//! Fig. 1, top: does the single best explanation of an image drift to a mirror in a blurry world?
-//! The joint maximum and the separable posterior at one noise level after another, and the joint
-//! maximum iteration by iteration.
+//! Fig. 1, top: whether the single best explanation of an image drifts to a mirror in a blurry
+//! world. Shows the joint maximum and the separable posterior at several noise levels, and the
+//! joint maximum over the iterations.
 
 use anyhow::{Context, Result};
 use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, VariationalSettings};
@@ -20,14 +20,14 @@ use crate::metrics::Gloss;
 use gonio_report::page::chart::{self, Axis, Frame, Series};
 use gonio_report::page::{figure, table};
 
-/// What is photographed: a matte material, whose image a mirror could show only in a blurry light,
-/// and a satin one.
+/// Materials photographed: a matte one, whose image a mirror could show only in a blurry light, and
+/// a satin one.
 const PHOTOGRAPHED: [&str; 2] = ["red-fabric", "blue-metallic-paint"];
-/// Standard deviations at which the noise is held, relative to the root mean square of the image.
+/// Standard deviations at which the noise is fixed, relative to the root mean square of the image.
 const NOISE: [f64; 6] = [0.3, 0.1, 0.05, 0.02, 0.01, 0.003];
-/// Weight of the prior that holds the noise, in observations for each of the image's.
+/// Weight of the prior that fixes the noise, in observations per observation of the image.
 const HOLD: f64 = 1e3;
-/// Iterations after which the joint maximum is looked at.
+/// Iterations after which the joint maximum is shown.
 const ITERATIONS: [usize; 7] = [1, 3, 10, 30, 100, 300, 600];
 /// Texels along a side of the light grid.
 const SIDE: usize = 32;
@@ -38,7 +38,7 @@ struct Explanation {
     gloss: Gloss,
     /// Root mean square of the light's coefficients at the two finest scales.
     detail: f64,
-    /// Norm of what is left of the image over that of the image.
+    /// Norm of the residual over that of the image.
     misfit: f64,
     settled: bool,
 }
@@ -107,7 +107,7 @@ fn of_material(workshop: &Workshop, material: &Material, projected: &Projected, 
     let levels: Vec<Hyper> = NOISE.iter().map(|n| held(*n)).chain([Hyper::default()]).collect();
     let joints = levels.par_iter().map(|h| explain(*h, &joint(last))).collect::<Result<Vec<_>>>()?;
     let separables = levels.par_iter().map(|h| explain(*h, &separable)).collect::<Result<Vec<_>>>()?;
-    // The last point of the walk is the free level.
+    // The last point of the walk is the joint maximum with free noise.
     let earlier = &ITERATIONS[..ITERATIONS.len() - 1];
     let walk = earlier.par_iter().map(|n| explain(Hyper::default(), &joint(*n))).collect::<Result<Vec<_>>>()?;
 
@@ -186,7 +186,7 @@ fn of_material(workshop: &Workshop, material: &Material, projected: &Projected, 
     })
 }
 
-/// Strips of spheres in the novel light, the truth first, for each way to explain.
+/// Strips of spheres in the novel light, the truth first, for each method.
 fn pictures(
     workshop: &Workshop,
     full: &gonio::reflectance::MerlTable,

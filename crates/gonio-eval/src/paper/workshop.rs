@@ -1,4 +1,4 @@
-//! What the figures share: the data, the model, and how reflectance is inferred.
+//! Data, model and inference that the figures share.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,8 @@ use gonio::inference::{Hyper, JointMapSettings, Method, Posterior, Problem, Vari
 use gonio::model::Model;
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::LightTree;
-use gonio::transfer::{Plan, PlanSettings, Projected, SurfacePoint};
+use gonio::shape::SurfacePoint;
+use gonio::transfer::{Plan, PlanSettings, Projected};
 use gonio_io::cache::Cache;
 use gonio_io::plan::load_or_build;
 
@@ -15,7 +16,7 @@ use super::{Estimator, Options};
 use crate::data::Lights;
 use crate::materials::{Materials, Source};
 
-/// Materials of Figs. 4 and 5 from matte to sharp, as far as a 32 x 32 light can follow.
+/// Materials of Figs. 4 and 5 from matte to sharp, as far as a 32 x 32 light can resolve.
 pub(super) const MATERIALS: [&str; 8] = [
     "red-fabric",
     "yellow-plastic",
@@ -31,12 +32,12 @@ pub(super) const LIGHTS: [(&str, &str); 2] = [("debevec_stpeters", "St. Peter's"
 /// The novel light.
 pub(super) const NOVEL: (&str, &str) = ("debevec_galileo", "Galileo's tomb");
 
-/// A material with all that is known of it.
+/// A material with its ground truth.
 pub(super) struct Material {
     pub(super) name: &'static str,
-    /// From which pictures are rendered.
+    /// Table that pictures are rendered from.
     pub(super) full: MerlTable,
-    /// Bivariate luminance, 1/sr: what estimates are compared with.
+    /// Bivariate luminance, 1/sr, with which estimates are compared.
     pub(super) truth: BivariateTable,
 }
 
@@ -48,14 +49,14 @@ pub(super) struct Workshop {
     pub(super) all: Materials,
     /// Lights that the prior has not seen.
     pub(super) test_lights: Lights,
-    /// [`MATERIALS`].
+    /// The materials of [`MATERIALS`].
     pub(super) materials: Vec<Material>,
-    /// [`LIGHTS`].
+    /// The lights of [`LIGHTS`].
     pub(super) lights: Vec<LightTree>,
-    /// [`NOVEL`].
+    /// The light of [`NOVEL`].
     pub(super) novel: LightTree,
     pub(super) cache: Option<Cache>,
-    /// Materials of which there is no full table.
+    /// Materials without a full table.
     spread: Vec<&'static str>,
     method: Method,
 }
@@ -91,7 +92,7 @@ impl Workshop {
         })
     }
 
-    /// A sentence on what the inputs were rendered from.
+    /// Sentence on the tables that the inputs were rendered from.
     pub(super) fn inputs_note(&self) -> String {
         match self.spread.len() {
             0 => "Inputs and ground truth are rendered from full 90 x 90 x 180 tables in the MERL format.".into(),
@@ -106,7 +107,7 @@ impl Workshop {
         }
     }
 
-    /// The plan for these points, from the cache if it is there.
+    /// Loads the plan for these points from the cache, or builds it.
     pub(super) fn plan(&self, points: &[SurfacePoint]) -> Result<Plan> {
         let tables = &self.model.reflectance.functions;
         let settings = PlanSettings::default();
@@ -118,13 +119,13 @@ impl Workshop {
         Ok(plan)
     }
 
-    /// What the estimator makes of an image, blind: the posterior and its mean BRDF. `name` is for
-    /// the message.
+    /// Infers blind from an image: returns the posterior and its mean BRDF. `name` is for the error
+    /// message.
     pub(super) fn infer(&self, image: &Projected, name: &str) -> Result<(Posterior, BivariateTable)> {
         self.infer_by(image, Hyper::with_model_error(image.pixels), &self.method, name)
     }
 
-    /// The same by another method and with other priors of noise and exposure.
+    /// Infers blind by another method and with other priors of noise and exposure.
     pub(super) fn infer_by(
         &self,
         image: &Projected,
@@ -138,7 +139,7 @@ impl Workshop {
         self.solve(&problem, method, name)
     }
 
-    /// The same with the light known: `rows` are the images of the basis functions,
+    /// Infers the BRDF with the light known: `rows` are the images of the basis functions,
     /// `[point][function]`.
     pub(super) fn infer_under_known_light(
         &self,

@@ -31,7 +31,7 @@ impl Place {
         command
     }
 
-    /// A tiny grid: light 8 x 8, three basis functions, two materials in two lights.
+    /// A tiny grid: light 8 x 8, three basis functions, three materials in two lights.
     fn bench(&self, output: &str, more: &[&str]) -> Command {
         let output = self.at(output);
         let mut command = self.command(&["bench", "-o"]);
@@ -105,18 +105,18 @@ fn the_tiny_grid_has_its_golden_numbers() {
         assert_eq!(row["failures"], 0);
     }
     assert!(wrong.is_empty(), "{wrong}");
-    // So short a training is only to go through.
+    // So short a training only has to run.
     let learnt = row(&whole, "leave-out", "learnt");
     assert_eq!((&learnt["cells"], &learnt["failures"]), (&4.into(), &0.into()));
     assert!(learnt["log"]["value"].as_f64().unwrap() < 2.0, "{learnt}");
-    // What must hold by construction.
+    // Properties that hold by construction.
     for cell in whole["cells"].as_array().unwrap() {
         let error = |r: usize| cell["relight"][r]["relative"].as_f64().unwrap();
         if cell["estimator"] == "true-bivariate" {
-            // Materials of this world depend on phi_d but weakly, and light is grey.
+            // Materials of this world depend only weakly on phi_d, and light is grey.
             assert!(cell["brdf"].as_f64().unwrap() < 1e-6 && error(0) < 0.02 && error(1) < 0.02, "{cell}");
         }
-        // A material of the training set is its own neighbour, one that was left out is not.
+        // A material of the training set is its own nearest material, one that was left out is not.
         if cell["estimator"] == "nearest-material" {
             let itself = cell["report"]["note"] == cell["material"];
             assert_eq!(itself, cell["protocol"] == "all");
@@ -146,7 +146,7 @@ fn shards_merge_into_the_whole() {
     let mut merge = place.command(&["merge", "-o"]);
     run(merge.arg(place.at("merged")).args(&parts));
     assert_eq!(cells(&place.at("merged")), cells(&place.at("whole")));
-    // Folders of other conditions do not mix.
+    // Folders of other conditions cannot be merged.
     run(place.bench("noisy", &fast).args(["--noise", "0.1"]));
     let refused =
         place.command(&["merge", "-o"]).arg(place.at("mixed")).args([&parts[0], &place.at("noisy")]).output().unwrap();
@@ -185,7 +185,7 @@ fn a_killed_run_is_continued() {
     let whole: Vec<PathBuf> = found().into_iter().filter(|f| f.extension().is_some_and(|e| e == "json")).collect();
     assert!((4..32).contains(&whole.len()), "{} of 32 cells at the kill", whole.len());
     let mut before = stamps(&whole);
-    // One of them is damaged on top.
+    // One of the files is damaged too.
     let (damaged, _) = before.swap_remove(0);
     std::fs::write(&damaged, b"{\"key\":").unwrap();
     run(&mut place.bench("killed", &grid));
@@ -193,7 +193,7 @@ fn a_killed_run_is_continued() {
         assert_eq!(*stamp, file.metadata().unwrap().modified().unwrap(), "{} was computed twice", file.display());
     }
     assert_eq!(cells(&place.at("killed")), cells(&place.at("whole")));
-    // Everything finished: nothing is done, and nothing changes.
+    // With everything finished, nothing is computed and nothing changes.
     let again = run(&mut place.bench("killed", &grid));
     assert!(String::from_utf8_lossy(&again.stderr).contains("all cells are finished"));
 }
@@ -211,7 +211,7 @@ fn materials_outside_of_the_database_are_a_protocol() {
         // Rendered from the formula, not from its mean over phi_d.
         assert_eq!(cell["full_table"], true);
         let note = cell["report"]["note"].as_str().unwrap();
-        // What is nearest is of the database: nothing here was learnt from.
+        // The nearest material is of the database: nothing is learnt from those outside.
         assert_eq!(note.starts_with('m'), cell["estimator"] == "nearest-material", "{cell}");
         let (brdf, log) = (cell["brdf"].as_f64().unwrap(), cell["relight"][0]["log"].as_f64().unwrap());
         if cell["estimator"] == "true-bivariate" {
@@ -226,7 +226,7 @@ fn materials_outside_of_the_database_are_a_protocol() {
     for (at, errors) in cells(&place.at("alone")) {
         assert_eq!(both[&at], errors, "{at}");
     }
-    // They are there for those who ask.
+    // Without the protocol they are not available.
     let unasked = place.bench("unasked", &["--materials", "plaster"]).output().unwrap();
     assert!(String::from_utf8_lossy(&unasked.stderr).contains("there is no material plaster"));
 }

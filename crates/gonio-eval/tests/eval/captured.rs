@@ -1,4 +1,4 @@
-//! `gonio-eval captured` on a ball of our own: read from its files, estimated and judged.
+//! `gonio-eval captured` on a synthetic ball: read from its files, estimated and judged.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -12,8 +12,8 @@ use super::bench::run;
 
 const SIDE: usize = 64;
 
-/// A matte ball under a lamp at the camera's side and under one from above: brightness is the
-/// cosine, the measured slice flat.
+/// Writes a matte ball under a lamp beside the camera and under one above: brightness is the
+/// cosine, the measured slice constant.
 fn write(folder: &Path) {
     std::fs::create_dir_all(folder).unwrap();
     let normal = |x: usize, y: usize| {

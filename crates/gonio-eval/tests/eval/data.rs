@@ -1,13 +1,13 @@
-//! What only the measured data can prove. Without them (`GONIO_DATA`) every test says so and
-//! passes.
+//! Tests on the measured data. Without the data (`GONIO_DATA`) every test says so and passes.
 
 use std::path::PathBuf;
 
 use glam::DVec3;
 use gonio::reflectance::parametric::{CookTorrance, Parametric};
 use gonio::reflectance::{BivariateTable, TrainSettings, train, trusted_cells};
+use gonio::shape::SurfacePoint;
 use gonio::sphere::{OctahedralMap, fibonacci_hemisphere};
-use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint, polar_reference};
+use gonio::transfer::{InterleavedTables, Quadrature, QuadratureSettings, polar_reference};
 use gonio_io::fits::Fit;
 
 fn data() -> Option<PathBuf> {

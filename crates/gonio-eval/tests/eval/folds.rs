@@ -27,14 +27,14 @@ fn errors_are_of_what_was_left_out() {
         let number = |cell: &str| cell.split([' ', '%']).find(|w| !w.is_empty()).unwrap().parse().unwrap();
         row.trim_matches('|').split('|').skip(1).map(|c| number(c.trim())).collect()
     };
-    // Every material and light that may be learnt from is left out once; of each kind there are a
-    // dozen draws for each light. Each is photographed with and without faults.
+    // Every training material and light is left out once; of each kind there are a dozen draws for
+    // each light. Each is photographed with and without camera effects.
     for camera in ["clean", "camera"] {
         for (kind, photographs) in [("measured", 12.0), ("metal", 36.0), ("cloth", 36.0)] {
             let row = cells(&format!("{kind} {camera}"));
             assert_eq!((row.len(), row[0]), (11, photographs), "{table}");
             assert!(row[1] > 0.0 && row[1] < 1.0 && row[2] > 0.0 && row[3] > 0.0, "{table}");
-            // Wider spreads hold no less, but for what the middle of the interval moves.
+            // Wider spreads cover no less, up to the shift of the middle of the interval.
             assert!(row[7..].windows(2).all(|w| w[0] <= w[1] + 2.0), "{table}");
         }
     }

@@ -1,4 +1,4 @@
-//! What needs the program as a whole, or the measured data.
+//! Tests that need the whole program, or the measured data.
 
 mod bench;
 mod captured;

@@ -1,5 +1,4 @@
-//! A small world of our own: a few lights and materials by formulas, laid out as the data folder
-//! is.
+//! A small synthetic world: a few lights and materials by formulas, laid out like the data folder.
 
 use std::path::Path;
 
@@ -9,7 +8,7 @@ use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::reflectance::{BivariateTable, CELLS, MerlTable, THETA_D, THETA_H};
 use gonio::sphere::direction_of_lat_long;
 
-/// The name of the material that is there as a full table.
+/// Name of the material that also has a full table.
 pub(crate) const FULL: &str = "m4";
 
 /// Ten materials `m0` to `m9`, from matte to sharp, dark to bright.

@@ -5,9 +5,9 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::{BivariateTable, CELLS};
 use gonio::render::{Brdf, LightTree, nodes};
 use gonio::scene::Circle;
+use gonio::shape::SurfacePoint;
 use gonio::shape::{Lookout, Placed, Visibility, hit_at, view_at};
 use gonio::sphere::OctahedralMap;
-use gonio::transfer::SurfacePoint;
 use rayon::prelude::*;
 
 use super::{DRAFT, PANEL, Subject};

@@ -3,8 +3,8 @@
 use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 
+use crate::shape::SurfacePoint;
 use crate::sphere::fibonacci_hemisphere;
-use crate::transfer::SurfacePoint;
 
 /// Normals on the visible hemisphere of the lattice, those beyond [`MAX_ANGLE`] included: 3.2
 /// degrees apart.

@@ -9,16 +9,16 @@ use super::{Ensemble, Expectations, Problem};
 
 /// Change of `C_KL`, in nats, below which the noise is lowered.
 const ROUGH: f64 = 1.0;
-/// Change of `Phi_5` from which on the noise is one of the blocks.
+/// Change of `Phi_5` below which the noise becomes one of the blocks.
 const NOISE_SETTLED: f64 = 0.1;
-/// Rounds from leap to leap.
+/// Number of rounds between leaps.
 const LEAP: usize = 4;
 
-/// Rounds of exact minimisation and Newton steps, with leaps of the light between them.
+/// Runs rounds of exact minimisation and Newton steps, with leaps of the light between them.
 ///
-/// As in Algorithm 1 the noise is lowered only when the rest has settled at the present level, by
-/// [`ROUGH`]; where that changes it little, it becomes one of the blocks, and the rounds go on to
-/// the tolerance.
+/// As in Algorithm 1, the noise is lowered only when the rest has settled at the present level, to
+/// within [`ROUGH`]. Once `Phi_5` changes little, it becomes one of the blocks, and the rounds go
+/// on to the tolerance.
 pub(super) fn run(
     problem: &Problem<'_>,
     ensemble: Ensemble,
@@ -59,7 +59,7 @@ pub(super) fn run(
     Run { ensemble, trace, converged: false }
 }
 
-/// Every light coefficient in the component that is best for it, and the cost after it.
+/// Moves every light coefficient to its best component. Returns the ensemble and its cost.
 fn leap_all(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams) -> (Ensemble, f64) {
     let now = Expectations::new(problem, ensemble);
     let (ensemble, now) = leap(problem, ensemble, now, &grams.columns);

@@ -1,7 +1,7 @@
 //! Exact minimisation over one block of variables at a time: steps that can never raise `C_KL`.
 //!
-//! A round makes two passes over the operator, and forms and factors the curvature in the light (M x
-//! M) for the present reflectance.
+//! A round makes two passes over the operator, and forms and factors the curvature in the light
+//! (M x M) for the present reflectance.
 
 use super::ensemble::AllMoments;
 use super::expectations::Sums;
@@ -19,7 +19,8 @@ pub(crate) struct ReflectanceSystem {
 }
 
 impl ReflectanceSystem {
-    /// `a` as under the means of `l` (rows x K).
+    /// Builds the form for `a`, the images of the basis functions under the means of `l`
+    /// (rows x K).
     pub(crate) fn new(problem: &Problem<'_>, a: &[f64], l: &[Moments], grams: &Grams) -> Self {
         let (k, m) = (problem.k(), problem.m());
         let mut gram = vec![0.0; k * k];
@@ -43,7 +44,7 @@ impl ReflectanceSystem {
         Self { gram, target }
     }
 
-    /// With the image of each basis function changed from `a` to `a + alpha by`, for any `alpha`.
+    /// Form for basis images changed from `a` to `a + alpha by`, as a function of `alpha`.
     pub(crate) fn moved(&self, problem: &Problem<'_>, a: &[f64], by: &[f64]) -> impl Fn(f64) -> Self + use<> {
         let k = problem.k();
         let (mut once, mut twice, mut target) = (vec![0.0; k * k], vec![0.0; k * k], vec![0.0; k]);
@@ -84,7 +85,7 @@ impl ReflectanceSystem {
         (0..k).map(|x| self.gram[x * k + x]).collect()
     }
 
-    /// The sums of the cost for a reflectance.
+    /// Sums of the cost for the moments of a reflectance.
     pub(crate) fn sums(&self, f: &[Moments]) -> Sums {
         let iy = self.target.iter().zip(f).map(|(t, f)| t * f.mean).sum();
         let mut q = 0.0;
@@ -94,8 +95,8 @@ impl ReflectanceSystem {
         Sums { iy, q }
     }
 
-    /// Coordinate descent to convergence: `u/w` and `1/w` of every coefficient, with
-    /// `moments_of(u/w, 1/w)` giving the moments that the coefficient has then.
+    /// Runs coordinate descent to convergence. `moments_of(k, u/w, 1/w)` returns the moments of
+    /// coefficient `k` for these natural parameters.
     pub(crate) fn descend(
         &self,
         problem: &Problem<'_>,
@@ -123,14 +124,14 @@ impl ReflectanceSystem {
     }
 }
 
-/// A state of q with what the image says of it.
+/// State of q, with the basis images and the residual that belong to it.
 pub(crate) struct Point {
     pub(crate) ensemble: Ensemble,
-    /// Those of the ensemble.
+    /// Moments of the ensemble.
     pub(crate) moments: AllMoments,
     /// The image of each basis function under the light (rows x K).
     pub(crate) a: Vec<f64>,
-    /// The residual in the reflectance under this light.
+    /// Quadratic form of the residual in the reflectance under this light.
     pub(crate) system: ReflectanceSystem,
 }
 
@@ -147,7 +148,7 @@ impl Point {
         self.system.sums(&self.moments.f).cost(problem, &self.moments)
     }
 
-    /// Exact minimisation over reflectance and exposure in turn, over their common scale, and over
+    /// Minimises exactly over reflectance and exposure in turn, over their common scale, and over
     /// the noise if `noise`.
     fn settle(&mut self, problem: &Problem<'_>, noise: bool) {
         let Self { ensemble, moments, system, .. } = self;
@@ -166,7 +167,8 @@ impl Point {
     }
 }
 
-/// The ensemble with its light at its best given all else, and the system that says so.
+/// Moves the light to its best given all else. Returns the ensemble and the linear system of the
+/// light.
 pub(super) fn settle_light(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams) -> (Ensemble, LightSystem) {
     let moments = ensemble.moments(problem);
     let mut next = ensemble.clone();
@@ -180,7 +182,7 @@ pub(super) fn settle_light(problem: &Problem<'_>, ensemble: &Ensemble, grams: &G
     (next, light)
 }
 
-/// One round: the light at its best given all else, a step of Newton's method in everything, then
+/// Runs one round: the light at its best given all else, a Newton step in everything, then
 /// reflectance and exposure at their best given the light, and the noise if `noise`. Returns the
 /// ensemble and its cost, which is never higher than before.
 pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, noise: bool) -> (Ensemble, f64) {
@@ -195,9 +197,10 @@ pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, n
     (point.ensemble, cost)
 }
 
-/// The image sees only the product of exposure and reflectance. Along `f -> c f, g -> g / c` the
-/// cost is `c sum_k lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed
-/// form; the other steps would creep along that ridge.
+/// Factor `c` of the common scale that minimises the cost. The image determines only the product of
+/// exposure and reflectance. Along `f -> c f, g -> g / c` the cost is `c sum_k lambda_k <f_k> +
+/// lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed form; the other steps would creep
+/// along that ridge.
 fn best_scale(problem: &Problem<'_>, ensemble: &Ensemble) -> f64 {
     let f: f64 = problem.rates.iter().enumerate().map(|(k, rate)| rate * ensemble.f_moments(k).mean).sum();
     let g = problem.hyper.exposure_rate * ensemble.g_moments().mean;

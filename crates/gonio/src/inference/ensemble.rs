@@ -29,11 +29,11 @@ pub(crate) enum Part {
     Noise,
 }
 
-/// Means and variances of everything, from [`Ensemble::moments`].
+/// Means and variances of all unknowns, from [`Ensemble::moments`].
 #[derive(Clone, Debug)]
 pub(crate) struct AllMoments {
     pub(crate) f: Vec<Moments>,
-    /// With the fixed DC first.
+    /// Light coefficients (M), the fixed DC first.
     pub(crate) l: Vec<Moments>,
     pub(crate) g: Moments,
     /// `<sigma^-2>`.
@@ -51,8 +51,8 @@ impl AllMoments {
 }
 
 impl Ensemble {
-    /// A random start: a random reflectance and a random light, all variances `variance` (paper
-    /// 3.4: 0.1, "relatively large"); exposure `u = 1, w = 10`; `<sigma^-2> = 1`.
+    /// Draws a random start: a random reflectance and a random light, all variances `variance`
+    /// (paper 3.4: 0.1, "relatively large"); exposure `u = 1, w = 10`; `<sigma^-2> = 1`.
     pub fn random(problem: &Problem<'_>, variance: f64, rng: &mut Pcg64) -> Self {
         let f: Vec<f64> = if problem.examples.is_empty() {
             problem.rates.iter().map(|rate| <Exp1 as Distribution<f64>>::sample(&Exp1, rng) / rate).collect()
@@ -63,7 +63,8 @@ impl Ensemble {
         Self::at(&f, &l, variance)
     }
 
-    /// Means as given, all variances `variance`, exposure and noise as in [`Self::random`].
+    /// Ensemble with the given means, all variances `variance`, exposure and noise as in
+    /// [`Self::random`].
     pub fn at(f: &[f64], l: &[f64], variance: f64) -> Self {
         let precision = 1.0 / variance;
         let log_precision = precision.ln();
@@ -119,20 +120,20 @@ impl Ensemble {
         self.phi[at] = value;
     }
 
-    /// `u / w` and `1 / w` of reflectance coefficient `k`.
+    /// Sets `u / w` and `1 / w` of reflectance coefficient `k`.
     pub(crate) fn set_f(&mut self, k: usize, natural: f64, precision: f64) {
         self.phi[k] = natural;
         self.phi[self.k + k] = precision.ln();
     }
 
-    /// `u / w` and `1 / w` of light coefficient `m >= 1`.
+    /// Sets `u / w` and `1 / w` of light coefficient `m >= 1`.
     pub(crate) fn set_l(&mut self, m: usize, natural: f64, precision: f64) {
         let at = 2 * self.k + m - 1;
         self.phi[at] = natural;
         self.phi[at + self.light] = precision.ln();
     }
 
-    /// `u / w` and `1 / w` of the exposure.
+    /// Sets `u / w` and `1 / w` of the exposure.
     pub(crate) fn set_g(&mut self, natural: f64, precision: f64) {
         let at = self.noise_index() + 1;
         self.phi[at] = natural;
@@ -152,7 +153,7 @@ impl Ensemble {
         u.chain(std::iter::once(self.log_noise())).collect()
     }
 
-    /// With other [`Self::locations`] and the same `w`.
+    /// Ensemble with other [`Self::locations`] and the same `w`.
     pub(crate) fn with_locations(&self, locations: &[f64]) -> Self {
         let mut next = self.clone();
         for ((natural, log_precision), location) in self.pairs().zip(locations) {
@@ -162,7 +163,7 @@ impl Ensemble {
         next
     }
 
-    /// Places of `u / w` and `log(1 / w)` in the flat vector.
+    /// Indices of `u / w` and `log(1 / w)` in the flat vector.
     fn pairs(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let (k, light, noise) = (self.k, self.light, self.noise_index());
         let f = (0..k).map(move |at| (at, at + k));
@@ -186,7 +187,7 @@ impl Ensemble {
         }
     }
 
-    /// Places in the flat vector that determine one distribution.
+    /// Indices in the flat vector of the parameters of one distribution.
     #[cfg(test)]
     pub(crate) fn indices_of(&self, part: Part) -> Vec<usize> {
         let noise = self.noise_index();
@@ -251,7 +252,7 @@ impl Ensemble {
     }
 }
 
-/// A draw from the prior of a light coefficient.
+/// Draws from the prior of a light coefficient.
 fn draw(prior: &CoefficientPrior, rng: &mut Pcg64) -> f64 {
     match prior {
         CoefficientPrior::Mixture(mixture) => {
@@ -270,8 +271,8 @@ fn draw(prior: &CoefficientPrior, rng: &mut Pcg64) -> f64 {
             if x >= r.threshold {
                 return x;
             }
-            // A location far below the threshold would reject for ever: the exponential tail is
-            // exact enough there.
+            // With a location far below the threshold, rejection would take for ever; the
+            // exponential tail is accurate enough there.
             if r.location < r.threshold - 3.0 * r.variance.sqrt() {
                 let e: f64 = Exp1.sample(rng);
                 return r.threshold + e * r.variance / (r.threshold - r.location);

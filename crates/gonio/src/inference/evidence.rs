@@ -1,4 +1,5 @@
-//! `C_KL` against the evidence: it is minus the logarithm plus a divergence, constants and all.
+//! Compares `C_KL` with the evidence: it is minus the log evidence plus a divergence, including all
+//! constants.
 
 use std::f64::consts::TAU;
 
@@ -30,8 +31,7 @@ fn log_gamma(x: f64, shape: f64, rate: f64) -> f64 {
     shape * rate.ln() - ln_gamma(shape) + (shape - 1.0) * x.ln() - rate * x
 }
 
-/// An ensemble that minimises the cost, all factors at their best. Wherever it stops, the cost is a
-/// bound.
+/// Minimises the cost with all factors at their best. Wherever it stops, the cost is a bound.
 fn settled(problem: &Problem<'_>, mut ensemble: Ensemble) -> (Ensemble, f64) {
     let grams = grams::Grams::new(problem);
     let mut cost = f64::INFINITY;
@@ -56,10 +56,10 @@ fn single(pixels: usize, noise: f64) -> Projected {
 }
 
 /// `log p(I)` of a problem with one unknown reflectance coefficient, by sums over grids in the
-/// logarithms of `h = g f` (of which alone the image knows), of `g`, and of the precision.
+/// logarithms of `h = g f` (all that the image determines), of `g`, and of the precision.
 fn log_evidence(problem: &Problem<'_>) -> f64 {
     let (low, step, count) = (-12.0, 1e-3, 16_000);
-    // 0 at the largest, so that nothing overflows; the sums are of positive numbers.
+    // Subtracts the largest term, so that nothing overflows; the sums are of positive numbers.
     let sum_exp = |terms: &[f64]| {
         let top = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         top + terms.iter().map(|t| (t - top).exp()).sum::<f64>().ln()
@@ -75,7 +75,7 @@ fn log_evidence(problem: &Problem<'_>) -> f64 {
         .map(|i| {
             let h = (low + step * (i as f64 + 0.5)).exp();
             let residual = problem.energy - 2.0 * h * target + h * h * square;
-            // df dg = (h / g) dlog h dg, and g dlog g: h dlog h dlog g.
+            // Jacobian: df dg = (h / g) dlog h dg = h dlog h dlog g.
             let prior = |g: &f64| (rate * hyper.exposure_rate * h).ln() - rate * h / g - hyper.exposure_rate * g;
             let noise = |p: &f64| {
                 0.5 * problem.pixels * (p / TAU).ln() - 0.5 * p * residual
@@ -90,12 +90,12 @@ fn log_evidence(problem: &Problem<'_>) -> f64 {
     sum_exp(&over_h) + (step * (30.0 / 300.0) * (32.0 / 400.0)).ln()
 }
 
-/// The gap between the cost at convergence and minus the log evidence.
+/// Gap between the cost at convergence and minus the log evidence.
 fn gap(pixels: usize, noise: f64, rate: f64, hyper: Hyper) -> f64 {
     let image = single(pixels, noise);
     let problem = Problem::with_known_light(&image, &[rate], hyper).unwrap();
-    // Steps along the ridge `g f = const` are short: start where the priors balance, g near its
-    // final value.
+    // Steps along the ridge `g f = const` are short, so the start is where the priors balance, with
+    // g near its final value.
     let mut ensemble = Ensemble::at(&[1.0], &[], 0.1);
     let g = (rate / hyper.exposure_rate).sqrt();
     ensemble.set_g(1e4 / g, 1e4 / (g * g));
@@ -112,9 +112,9 @@ fn the_cost_is_never_below_minus_the_log_evidence() {
     }
 }
 
-/// Where the posterior is nearly separable q is nearly the posterior, and the bound nearly the
-/// evidence. Here that is where priors say more than the image: the likelihood alone ties `f` to
-/// `g`.
+/// Where the posterior is nearly separable, q is nearly the posterior, and the bound nearly equals
+/// the evidence. Here that is where the priors say more than the image, since only the likelihood
+/// ties `f` to `g`.
 #[test]
 fn the_bound_is_tight_where_the_posterior_is_separable() {
     let hyper = Hyper { exposure_rate: 5.0, noise_shape: 50.0, noise_rate: 50.0 };
@@ -123,9 +123,9 @@ fn the_bound_is_tight_where_the_posterior_is_separable() {
     assert!(gaps.iter().all(|g| *g > -1e-6), "{gaps:?}");
 }
 
-/// The other end: the exact posterior lies along the ridge `g f = const`, of the relative width `s`
-/// that the noise sets, and q has that width in every direction. Of the ridge it holds a part
-/// proportional to `s`, so that the gap is `-log s` and a constant: one decade of noise is
+/// The opposite case: the exact posterior lies along the ridge `g f = const`, with the relative
+/// width `s` that the noise sets, and q has that width in every direction. q covers a part of the
+/// ridge proportional to `s`, so that the gap is `-log s` plus a constant: one decade of noise adds
 /// `log 10`.
 #[test]
 fn the_gap_is_the_part_of_the_ridge_that_a_separable_q_misses() {
@@ -133,7 +133,7 @@ fn the_gap_is_the_part_of_the_ridge_that_a_separable_q_misses() {
     assert!((gaps[1] - gaps[0] - std::f64::consts::LN_10).abs() < 0.05, "{gaps:?}");
 }
 
-/// `u` and `w` of every factor of q.
+/// Parameters of every factor of q: `u` and `w`, and shape and rate for the noise.
 struct Factors {
     f: Vec<RectifiedGaussian>,
     l: Vec<RectifiedGaussian>,
@@ -144,7 +144,8 @@ struct Factors {
 impl Factors {
     fn of(problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
         let (k, light) = (problem.k(), problem.light.len());
-        // All of Phi but its last three entries is zero there.
+        // All entries of Phi are zero there except those of the exposure, which are added back
+        // below.
         let zero = Ensemble::at(&vec![0.0; k], &vec![0.0; light], 1.0);
         let mut phi = ensemble.minus(&zero);
         let noise = ensemble.noise_index();
@@ -156,7 +157,7 @@ impl Factors {
         };
         let threshold = |m: usize| match problem.light[m] {
             CoefficientPrior::Rectified(r) => r.threshold,
-            // As good as none.
+            // So low that it has no effect.
             CoefficientPrior::Mixture(_) => -1e6,
         };
         let shape = problem.noise_shape();
@@ -169,7 +170,7 @@ impl Factors {
     }
 }
 
-/// A draw and its log density.
+/// Returns a draw and its log density.
 fn draw(q: &RectifiedGaussian, rng: &mut Pcg64) -> (f64, f64) {
     loop {
         let z: f64 = StandardNormal.sample(rng);
@@ -180,12 +181,12 @@ fn draw(q: &RectifiedGaussian, rng: &mut Pcg64) -> (f64, f64) {
     }
 }
 
-/// Every term of `C_KL` by sampling q, with light: `<log q - log p(I, theta)>`.
+/// Checks every term of `C_KL`, light included, by sampling q: `<log q - log p(I, theta)>`.
 #[test]
 fn the_cost_is_the_expectation_that_it_stands_for() {
     let mut planted = planted(30, 2, 0.3, 21);
     for prior in &mut planted.prior.groups {
-        // With one component there is no bound in place of the expectation of the log prior.
+        // With one component the expectation of the log prior is exact instead of a bound.
         if let CoefficientPrior::Mixture(m) = prior {
             *m = ScaleMixture { weights: vec![1.0], variances: vec![m.variance()] };
         }
@@ -218,6 +219,6 @@ fn the_cost_is_the_expectation_that_it_stands_for() {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     let error = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n / n).sqrt();
-    // A forgotten factor of two would be 0.7.
+    // A missing factor of two would shift the mean by 0.7.
     assert!(error < 0.03 && (mean - cost).abs() < 4.0 * error, "{mean} +- {error} against {cost}");
 }

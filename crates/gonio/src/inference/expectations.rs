@@ -2,10 +2,11 @@
 //!
 //! Notation of the code: `a_i = A_i' <l>` (K), `b_i = A_i <f>` (M), `y_i = <l>' A_i <f>`, `v`
 //! variances,
-//! `Q_i = <(l' A_i f)^2> = y_i^2 + sum_m vl_m b_im^2 + sum_k vf_k a_ik^2 + sum_mk vl_m vf_k A_imk^2`,
+//! `Q_i = <(l' A_i f)^2>
+//! = y_i^2 + sum_m vl_m b_im^2 + sum_k vf_k a_ik^2 + sum_mk vl_m vf_k A_imk^2`,
 //! `E = sum_i I_i^2 - 2 <g> I_i y_i + <g^2> Q_i`.
 //!
-//! Every cross term factors through `a_i` and `b_i`; nothing is ever M x M or K x K per pixel.
+//! Every cross term factors through `a_i` and `b_i`; no pixel needs an M x M or K x K matrix.
 
 use puruspe::ln_gamma;
 
@@ -13,13 +14,13 @@ use super::ensemble::AllMoments;
 use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
 
-/// What the residual of eq. 9 looks like under q, and the cost.
+/// Moments of q, and the expectations under q that the residual of eq. 9 and the cost need.
 #[derive(Clone, Debug)]
 pub struct Expectations {
     pub(crate) moments: AllMoments,
-    /// rows x K.
+    /// `a_ik` (rows x K).
     pub(crate) a: Vec<f64>,
-    /// rows x M.
+    /// `b_im` (rows x M).
     pub(crate) b: Vec<f64>,
     pub(crate) y: Vec<f64>,
     /// `sum_i b_im^2`.
@@ -29,7 +30,7 @@ pub struct Expectations {
     pub(crate) sums: Sums,
 }
 
-/// All that the cost sees of the image.
+/// Sums over the pixels through which the cost depends on the image.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sums {
     /// `sum_i I_i y_i`.
@@ -60,7 +61,7 @@ impl Sums {
         reflectance + light + exposure + self.noise_cost(problem, moments)
     }
 
-    /// The terms of the noise: `KL(q(b) || p(b)) - <log p(I | ...)>`. With `a_p = a_0 + N/2` fixed,
+    /// Terms of the noise: `KL(q(b) || p(b)) - <log p(I | ...)>`. With `a_p = a_0 + N/2` fixed,
     /// digamma cancels.
     fn noise_cost(self, problem: &Problem<'_>, moments: &AllMoments) -> f64 {
         let (a0, b0, a) = (problem.hyper.noise_shape, problem.hyper.noise_rate, problem.noise_shape());
@@ -83,7 +84,7 @@ pub(crate) struct Pull {
 }
 
 impl Expectations {
-    /// Under the moments of an ensemble. Two passes over the operator.
+    /// Computes the expectations under the moments of an ensemble, in two passes over the operator.
     pub fn new(problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
         Self::of_moments(problem, ensemble.moments(problem))
     }
@@ -94,8 +95,8 @@ impl Expectations {
         Self::with(problem, moments, a, b)
     }
 
-    /// Under the moments of another ensemble: a pass for the means of light, one for those of
-    /// reflectance, and none for what has not changed.
+    /// Recomputes the expectations under the moments of another ensemble: one pass for the means of
+    /// light, one for those of reflectance, and none for means that have not changed.
     pub(crate) fn after(self, problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
         let moments = ensemble.moments(problem);
         let (mf, ml) = (moments.f_means(), moments.l_means());
@@ -156,7 +157,8 @@ impl Expectations {
         next
     }
 
-    /// What the data say about the light, given all else: one pass over the operator.
+    /// Gradient and curvature of the data term in the light, given all else: one pass over the
+    /// operator.
     pub(crate) fn pull(&self, problem: &Problem<'_>) -> Pull {
         let k_count = problem.k();
         let AllMoments { f, g, .. } = &self.moments;
@@ -214,7 +216,7 @@ pub(crate) fn expected_precision(mixture: &ScaleMixture, mean_square: f64) -> f6
     responsibilities(mixture, mean_square).zip(&mixture.variances).map(|(r, v)| r / v).sum()
 }
 
-/// What the prior adds to `u/w` and `1/w` of a light coefficient.
+/// Contribution of the prior to `u/w` and `1/w` of a light coefficient.
 pub(crate) fn prior_pull(prior: &CoefficientPrior, l: &Moments) -> (f64, f64) {
     match prior {
         CoefficientPrior::Mixture(mixture) => (0.0, expected_precision(mixture, l.mean_square())),
@@ -222,8 +224,9 @@ pub(crate) fn prior_pull(prior: &CoefficientPrior, l: &Moments) -> (f64, f64) {
     }
 }
 
-/// `<log p(l_m)>`, for mixtures its variational bound with the best responsibilities:
-/// `-sum_n r_n (log r_n - log pi_n + log(2 pi s_n^2)/2 + <l^2>/(2 s_n^2)) = log sum_n pi_n N(<l^2>; 0, s_n^2)`.
+/// `<log p(l_m)>`, for mixtures its variational bound with the best responsibilities: `-sum_n r_n
+/// (log r_n - log pi_n + log(2 pi s_n^2)/2 + <l^2>/(2 s_n^2))
+/// = log sum_n pi_n N(<l^2>; 0, s_n^2)`.
 pub(crate) fn expected_log_prior(prior: &CoefficientPrior, l: &Moments) -> f64 {
     match prior {
         CoefficientPrior::Mixture(mixture) => mixture.log_density_of_square(l.mean_square()),

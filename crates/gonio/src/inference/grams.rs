@@ -1,5 +1,5 @@
-//! What the operator gives once for all iterations on an image: its columns and its products with
-//! itself.
+//! Quantities of the operator computed once for all iterations on an image: its columns and its
+//! products with itself.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -11,20 +11,21 @@ use crate::lighting::Moments;
 use crate::transfer::column_bands;
 use crate::transfer::kernels::{axpy, dispatch, dot};
 
-/// Columns of a product that one thread makes: results do not depend on the number of threads.
+/// Columns of a product that one thread makes; constant, so that results do not depend on the
+/// number of threads.
 const BAND: usize = 128;
 
 /// Products of the operator with itself, and its transpose.
 pub(crate) struct Grams {
     /// `sum_i A_imk A_imj` (`[k][j][m]`, for `j <= k` only).
     pub(super) reflectance: Vec<f64>,
-    /// `A_k' A_k` (M x M) of each basis function; none for point estimates.
+    /// `A_k' A_k` (M x M) of each basis function; empty for point estimates.
     light: Vec<Mat<f32>>,
     pub(super) columns: Columns,
 }
 
 impl Grams {
-    /// For distributions of `f` and `l`.
+    /// Builds the products for distributions of `f` and `l`.
     pub(crate) fn new(problem: &Problem<'_>) -> Self {
         let (op, m) = (problem.bilinear, problem.m());
         let block = |k: usize| Mat::from_fn(op.rows(), m, |i, j| op.row(i)[k * m + j]);
@@ -32,7 +33,7 @@ impl Grams {
         Self { reflectance: op.reflectance_grams(), light, columns: Columns::new(problem) }
     }
 
-    /// For point estimates, whose variances are zero.
+    /// Builds the products for point estimates, whose variances are zero.
     pub(crate) fn of_points(problem: &Problem<'_>) -> Self {
         let reflectance = vec![0.0; problem.k() * problem.k() * problem.m()];
         Self { reflectance, light: Vec::new(), columns: Columns::new(problem) }
@@ -77,7 +78,7 @@ fn gram(x: MatRef<'_, f32>) -> Mat<f32> {
     gram
 }
 
-/// `S p` for a symmetric `S` of which only what is on and below the diagonal counts.
+/// `S p` for a symmetric `S` of which only the entries on and below the diagonal are read.
 pub(super) fn symmetric_times(s: &Mat<f64>, p: &[f64]) -> Vec<f64> {
     let mut out = vec![0.0; p.len()];
     dispatch(|| {
@@ -101,7 +102,7 @@ impl Columns {
         let (op, k_count, m_count) = (problem.bilinear, problem.k(), problem.m());
         let length = op.rows() * k_count;
         let mut data = vec![0.0; length * m_count];
-        // Eight coefficients at a time, so that a line of the cache is read once.
+        // Eight coefficients at a time, so that each cache line is read once.
         data.par_chunks_mut(8 * length).enumerate().for_each(|(group, columns)| {
             for i in 0..op.rows() {
                 for (k, block) in op.row(i).chunks_exact(m_count).enumerate() {
@@ -114,14 +115,14 @@ impl Columns {
         Self { length, data }
     }
 
-    /// `A_imk` of one `m`, `[row][k]`.
+    /// `A_imk` of one light coefficient `m`, `[row][k]`.
     pub(super) fn of(&self, m: usize) -> &[f32] {
         &self.data[m * self.length..][..self.length]
     }
 }
 
-/// `f_k ( <g> I_i - <g^2> y_i ) - <g^2> vf_k a_ik` into `out` (rows x K): its product with a column
-/// is the pull of the image on that coefficient of the light.
+/// Writes `f_k ( <g> I_i - <g^2> y_i ) - <g^2> vf_k a_ik` into `out` (rows x K): its product with a
+/// column is the pull of the image on that coefficient of the light.
 pub(super) fn pull_weights(problem: &Problem<'_>, now: &Expectations, a: &[f64], y: &[f64], out: &mut [f64]) {
     let (f, g) = (&now.moments.f, &now.moments.g);
     let (g1, g2) = (g.mean, g.mean_square());

@@ -1,5 +1,5 @@
-//! The joint maximum of eq. 10 over light, reflectance, exposure and noise: the estimate of eq. 2,
-//! which prefers a mirror in a blurry world and is here to be compared with.
+//! Joint maximum of eq. 10 over light, reflectance, exposure and noise: the estimate of eq. 2,
+//! which wrongly prefers a mirror under blurred illumination. It serves as a comparison.
 
 use rand::SeedableRng;
 use serde::{Deserialize, Serialize};
@@ -17,13 +17,13 @@ use crate::lighting::{CoefficientPrior, Moments};
 /// Settings of the joint maximum.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointMapSettings {
-    /// Random starts, of which the most probable end is kept.
+    /// Number of random starts, of which the most probable end is kept.
     pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
     /// A start ends when the log posterior grows by less than this three times in a row.
     pub tolerance: f64,
-    /// Iterations of one start at most.
+    /// Largest number of iterations of one start.
     pub max_iterations: usize,
 }
 
@@ -83,8 +83,8 @@ pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress
     }
 }
 
-/// The light at its best given all else: mixtures by their EM majoriser, one linear system; a
-/// rectified coefficient at its threshold alone.
+/// Moves the light to its best given all else: mixtures by their EM majoriser, in one linear
+/// system; rectified coefficients cut by their threshold one by one.
 fn settle_light(problem: &Problem<'_>, at: &mut AllMoments, grams: &Grams) -> LightSystem {
     let mut light = LightSystem::new(problem, at, grams);
     let (means, _) = light.settle(problem, at, |m, stiffness, push| {
@@ -95,8 +95,8 @@ fn settle_light(problem: &Problem<'_>, at: &mut AllMoments, grams: &Grams) -> Li
     light
 }
 
-/// From a light at its best along Newton's direction to the greatest density; the point and the
-/// residual in the reflectance there.
+/// Searches along Newton's direction for the greatest density, from a light at its best. Returns
+/// the point and the residual in the reflectance there.
 fn advance(
     problem: &Problem<'_>,
     from: AllMoments,
@@ -108,7 +108,7 @@ fn advance(
     let k = problem.k();
     let local = Local::new(problem, &from, (&a, &system), light, Some(problem.noise_shape() - 1.0));
     let Some(mut step) = local.without_negative(&from.f).step(light) else { return (from, system) };
-    // Those that could be cut off stay: the image is linear in the others.
+    // Rectified coefficients stay fixed: clipping them would make the image non-linear in the step.
     for (l, prior) in step.light[1..].iter_mut().zip(&problem.light) {
         if matches!(prior, CoefficientPrior::Rectified(_)) {
             *l = 0.0;
@@ -134,8 +134,8 @@ fn advance(
     }
 }
 
-/// One round: the light, a Newton step in everything, then reflectance, exposure and noise in turn.
-/// Returns the point and minus its log posterior, which never grows.
+/// Runs one round: the light, a Newton step in everything, then reflectance, exposure and noise in
+/// turn. Returns the point and minus its log posterior, which never grows.
 fn round(problem: &Problem<'_>, mut at: AllMoments, grams: &Grams) -> (AllMoments, f64) {
     let light = settle_light(problem, &mut at, grams);
     let (mut at, system) = advance(problem, at, &light, grams);
@@ -149,8 +149,8 @@ fn round(problem: &Problem<'_>, mut at: AllMoments, grams: &Grams) -> (AllMoment
     (at, cost)
 }
 
-/// Rounds of ascent; the trace holds minus the log posterior. Ends after three changes below the
-/// tolerance.
+/// Runs rounds of ascent until three changes in a row are below the tolerance. The trace holds
+/// minus the log posterior.
 fn ascend(
     problem: &Problem<'_>,
     mut at: AllMoments,

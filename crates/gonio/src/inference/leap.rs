@@ -1,9 +1,9 @@
 //! Leaps of light coefficients between the components of their mixtures.
 //!
-//! `C_KL` has a local minimum at nearly every assignment of the coefficients that the image leaves
-//! open: the expected square of one that begins in a wide component keeps that component
-//! responsible. Coordinate descent from each component in turn finds the best of these minima, one
-//! coefficient after the other.
+//! `C_KL` has a local minimum at nearly every assignment to components of the coefficients that the
+//! image does not determine: a coefficient that begins in a wide component has an expected square
+//! that keeps that component responsible. Coordinate descent from each component in turn finds the
+//! best of these minima, one coefficient after the other.
 
 use super::ensemble::AllMoments;
 use super::expectations::{Expectations, expected_precision};
@@ -12,14 +12,14 @@ use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments, ScaleMixture};
 use crate::transfer::kernels::{axpy, dispatch, dot};
 
-/// Fixed-point iterations of one coefficient in one component, at most.
+/// Largest number of fixed-point iterations of one coefficient in one component.
 const ALONE: usize = 200;
-/// Nats by which a leap must lower the cost of its coefficient.
+/// Smallest decrease of a coefficient's cost, in nats, for which it leaps.
 const GAIN: f64 = 1e-9;
 
-/// What `C_KL` says of one light coefficient with a mixture prior, all else given: up to a
-/// constant `<log q> + S <l^2> / 2 - P <l> - <log p(l)>` with the precision `S` and the push `P` of
-/// the image.
+/// `C_KL` as a function of one light coefficient with a mixture prior, all else given: up to a
+/// constant `<log q> + S <l^2> / 2 - P <l> - <log p(l)>`, with the precision `S` and the push `P`
+/// of the image.
 #[derive(Clone, Copy)]
 pub(super) struct Alone<'a> {
     pub(super) mixture: &'a ScaleMixture,
@@ -38,7 +38,7 @@ impl Alone<'_> {
         Moments::gaussian(self.push / (self.stiffness + prior), 1.0 / (self.stiffness + prior))
     }
 
-    /// Where coordinate descent ends that starts with the prior precision `prior`.
+    /// End of the coordinate descent that starts with the prior precision `prior`.
     fn descend(&self, prior: f64) -> Moments {
         let mut l = self.given(prior);
         for _ in 0..ALONE {
@@ -58,15 +58,16 @@ impl Alone<'_> {
         ends.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a mixture has components")
     }
 
-    /// How many nats the best descent lies below `l`.
+    /// Nats by which the best descent lies below `l`.
     #[cfg(test)]
     pub(super) fn gain(&self, l: &Moments) -> f64 {
         self.cost(l) - self.best().1
     }
 }
 
-/// Every light coefficient with a mixture prior at its best, one after the other, each given those
-/// before it. Never raises the cost. `now` belongs to `ensemble`; so does what is returned to its.
+/// Moves every light coefficient with a mixture prior to its best, one after the other, each given
+/// those before it. Never raises the cost. `now` belongs to `ensemble`, the returned expectations
+/// to the returned ensemble.
 pub(super) fn leap(
     problem: &Problem<'_>,
     ensemble: &Ensemble,
@@ -101,8 +102,8 @@ pub(super) fn leap(
     (next, now)
 }
 
-/// Every light coefficient at its best given the others as they were, all at once; nothing if that
-/// raises the cost.
+/// Moves every light coefficient with a mixture prior to its best given the old values of the
+/// others, all at once; changes nothing if that does not lower the cost.
 pub(super) fn leap_at_once(problem: &Problem<'_>, ensemble: &Ensemble, now: Expectations) -> (Ensemble, Expectations) {
     let mut next = ensemble.clone();
     for (m, alone) in alone(problem, &now) {
@@ -115,7 +116,7 @@ pub(super) fn leap_at_once(problem: &Problem<'_>, ensemble: &Ensemble, now: Expe
     if after.cost(problem) < now.cost(problem) { (next, after) } else { (ensemble.clone(), now) }
 }
 
-/// The problem of every light coefficient with a mixture prior, the others as they are.
+/// One-coefficient problems of all light coefficients with a mixture prior, the others fixed.
 pub(super) fn alone<'a>(
     problem: &'a Problem<'_>,
     now: &'a Expectations,

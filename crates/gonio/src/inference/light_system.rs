@@ -1,4 +1,4 @@
-//! The light given all else.
+//! Linear system of the light given all other unknowns.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -11,17 +11,18 @@ use super::{Ensemble, Problem};
 use crate::lighting::{CoefficientPrior, Moments};
 use crate::transfer::kernels::{axpy, dispatch};
 
-/// Standard deviations from its threshold from which on a rectified coefficient is a Gaussian one.
+/// Distance from its threshold, in standard deviations, above which a rectified coefficient is
+/// treated as a Gaussian one.
 const INSIDE: f64 = 6.0;
 
-/// The light given all else: `C_KL` is quadratic in its means, and quadratic with given
-/// responsibilities in all.
+/// Linear system of the light given all other unknowns: `C_KL` is quadratic in the means of the
+/// light when the responsibilities are fixed.
 pub(crate) struct LightSystem {
     /// `<b><g^2> ( B'B + sum_k vf_k A_k' A_k ) + diag d`, on and below the diagonal.
     curvature: Mat<f64>,
-    /// `<b><g^2> S_m`, what the image adds to its diagonal.
+    /// `<b><g^2> S_m`, the contribution of the image to the diagonal of the curvature.
     stiffness: Vec<f64>,
-    /// `<b><g> B'I`, and the pull of rectified priors.
+    /// `<b><g> B'I`, plus the pull of rectified priors.
     target: Vec<f64>,
     /// `d`: `sum_n r_n / s_n^2` for mixtures, `1 / s^2` for rectified Gaussians.
     priors: Vec<f64>,
@@ -91,14 +92,15 @@ impl LightSystem {
         self.target.iter().zip(&present).map(|(t, p)| t - p).collect()
     }
 
-    /// The light at its best given all else: means of all coefficients at once,
+    /// Computes the light at its best given all else: means of all coefficients at once,
     ///
     /// ```text
     /// ( <b><g^2> [ B'B + sum_k vf_k A_k'A_k ] + diag d ) l = <b><g> B'I
     /// ```
     ///
-    /// and the precisions `1/w` that go with them; those alone, one after the other, are left to
-    /// `alone(m, 1/w, u/w)` with what the image gives them, which returns their mean.
+    /// and the precisions `1/w` that go with them. Coefficients that are alone are updated one
+    /// after the other by `alone(m, 1/w, u/w)`, which receives the contributions of the image and
+    /// returns the mean.
     pub(crate) fn settle(
         &mut self,
         problem: &Problem<'_>,
@@ -123,7 +125,8 @@ impl LightSystem {
         (means, precisions)
     }
 
-    /// The means that solve the system, those alone as they are. Without a factor all stay.
+    /// Means that solve the system, those of coefficients alone unchanged. Without a factor, all
+    /// stay.
     fn solved(&self, from: &[f64]) -> Vec<f64> {
         let Some(factor) = &self.factor else { return from.to_vec() };
         let mut residual = self.residual(from);
@@ -131,19 +134,20 @@ impl LightSystem {
         from.iter().zip(factor.solve(&residual)).map(|(x, d)| x + d).collect()
     }
 
-    /// Of the curvature among the coefficients that are not alone; none where round-off is larger
-    /// than every prior precision.
+    /// Cholesky factor of the curvature among the coefficients that are not alone; `None` where
+    /// round-off is larger than every prior precision.
     pub(super) fn factor(&self) -> Option<&Cholesky> {
         self.factor.as_ref()
     }
 
-    /// Whether a coefficient is left out: DC, and rectified ones that their threshold cuts.
+    /// Whether a coefficient is left out of the system: DC, and rectified ones cut by their
+    /// threshold.
     pub(super) fn is_alone(&self, m: usize) -> bool {
         self.alone[m]
     }
 
-    /// How the prior pulls a coefficient back, `d_m (<l_m> - location)`, and `<b><g> B'I`: at its
-    /// best, image and prior balance the second.
+    /// Pull of the prior on a coefficient, `d_m (<l_m> - location)`, and `<b><g> B'I`, which image
+    /// and prior together balance at the optimum.
     pub(super) fn balance(&self, problem: &Problem<'_>, m: usize, mean: f64) -> (f64, f64) {
         let location = match problem.light[m - 1] {
             CoefficientPrior::Mixture(_) => 0.0,
@@ -162,8 +166,8 @@ impl LightSystem {
     }
 }
 
-/// One exact update of a single light coefficient to which the image gives precision `stiffness`
-/// and pull `push`, responsibilities included, from the moments that it has.
+/// Updates a single light coefficient exactly, responsibilities included, starting from its present
+/// moments. The image contributes the precision `stiffness` and the pull `push`.
 pub(crate) fn settle_coefficient(
     problem: &Problem<'_>,
     ensemble: &mut Ensemble,
@@ -171,8 +175,8 @@ pub(crate) fn settle_coefficient(
     (stiffness, push): (f64, f64),
     mut moments: Moments,
 ) -> Moments {
-    // The responsibilities depend on the coefficient's own moments: a fixed point, monotone in the
-    // cost.
+    // The responsibilities depend on the coefficient's own moments: a fixed-point iteration, which
+    // never raises the cost.
     for _ in 0..200 {
         let (natural, prior) = prior_pull(problem.light[m - 1], &moments);
         ensemble.set_l(m, push + natural, stiffness + prior);

@@ -4,12 +4,12 @@
 //!
 //! * [`Method::Variational`], the separable posterior of eqs. 12 to 14 fitted by Algorithm 1;
 //! * [`Method::JointMap`], the single most probable pair of light and reflectance (eq. 2), the
-//!   baseline that falls for the mirror in a blurry world;
-//! * [`Method::KnownLight`], for a problem whose light is given: what the image could determine at
-//!   best.
+//!   baseline, which wrongly prefers a mirror under blurred illumination;
+//! * [`Method::KnownLight`], for a problem whose light is given: the best that the image could
+//!   determine.
 //!
-//! [`light`] integrates the light out instead, given one BRDF: its evidence, and the
-//! best of them.
+//! [`light`] instead integrates the light out given one BRDF: it computes the evidence of the BRDF,
+//! and finds the BRDF of greatest evidence.
 
 mod blocks;
 mod coordinate;
@@ -42,19 +42,19 @@ pub use posterior::{Posterior, StartReport};
 pub use problem::{Hyper, MODEL_ERROR, Problem, ProblemError};
 pub use variational::{Solver, VariationalSettings};
 
-/// How the posterior of a [`Problem`] is found.
+/// Method for finding the posterior of a [`Problem`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Method {
-    /// Separable posterior by minimising `C_KL` (eq. 11) from several random starts.
+    /// Separable posterior that minimises `C_KL` (eq. 11), from several random starts.
     Variational(VariationalSettings),
     /// Joint maximum of eq. 10 over light, reflectance, exposure and noise.
     JointMap(JointMapSettings),
-    /// The light is known: the problem has one light coefficient, the DC. Separable posterior of
-    /// the rest.
+    /// Separable posterior of the other unknowns when the light is known: the problem has one light
+    /// coefficient, the DC.
     KnownLight(VariationalSettings),
 }
 
-/// Finds the posterior; deterministic for the seed in the method's settings. `progress` is told a
+/// Finds the posterior; deterministic for the seed in the method's settings. `progress` receives a
 /// fraction in 0..=1.
 pub fn infer(problem: &Problem<'_>, method: &Method, progress: &(dyn Fn(f64) + Sync)) -> Posterior {
     match method {

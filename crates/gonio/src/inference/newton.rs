@@ -1,7 +1,8 @@
 //! Newton's method in light, reflectance, exposure and noise at once.
 //!
-//! The image is bilinear: what more of one basis function explains, another light explains as well.
-//! Blocks in turn creep along that valley; a step in all of them at once goes along it.
+//! The image is bilinear: a change of reflectance and a change of light can explain the same
+//! pixels, which makes a narrow valley in the cost. Blocks in turn creep along that valley; a step
+//! in all of them at once follows it.
 
 use faer::Mat;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
@@ -13,11 +14,11 @@ use super::light_system::LightSystem;
 use super::parallel::search;
 use crate::lighting::Moments;
 
-/// Least curvature that a step believes, relative to that of a coordinate alone.
+/// Smallest curvature that a step trusts, relative to that of a coordinate alone.
 const FLOOR: f64 = 1e-8;
 
-/// From a light that is at its best for the reflectance, along Newton's direction to the least
-/// cost. Nothing where that does not lower the cost.
+/// Searches along Newton's direction for the least cost, from a light that is at its best for the
+/// reflectance. Returns `from` where no step lowers the cost.
 pub(super) fn advance(problem: &Problem<'_>, from: Point, light: &LightSystem, noise: bool) -> Point {
     let Point { moments, a, system, .. } = &from;
     let local = Local::new(problem, moments, (a, system), light, noise.then(|| problem.noise_shape()));
@@ -47,17 +48,17 @@ pub(super) fn advance(problem: &Problem<'_>, from: Point, light: &LightSystem, n
     }
 }
 
-/// Change of reflectance (K), exposure and, if it counts, `Phi_5`; and of the light (M).
+/// Step in reflectance (K), exposure and, if it is included, `Phi_5`; and in the light (M).
 pub(super) struct Step {
     pub(super) rest: DVector<f64>,
     pub(super) light: Vec<f64>,
 }
 
 impl Step {
-    /// As change of the [locations](super::Ensemble::locations); `None` if not finite.
+    /// Converts to a change of the [locations](super::Ensemble::locations); `None` if not finite.
     fn of_locations(&self, at: &Point) -> Option<Vec<f64>> {
         let AllMoments { f, g, .. } = &at.moments;
-        // Of a rectified Gaussian the mean moves by `var / w` times as much as the location.
+        // The mean of a rectified Gaussian moves by `var / w` times as much as its location.
         let natural = at.ensemble.natural();
         let moments = f.iter().chain([g]);
         let locations = |x: usize, variance: f64| self.rest[x] / (natural[x].1 * variance);
@@ -70,18 +71,19 @@ impl Step {
 }
 
 /// Gradient and curvature of a cost in the means of reflectance (K) and exposure and, if the noise
-/// counts, in `Phi_5`.
+/// is included, in `Phi_5`.
 pub(super) struct Local {
     gradient: DVector<f64>,
     curvature: DMatrix<f64>,
-    /// Curvature with the light (M x size), zero where that stays.
+    /// Mixed curvature with the light (M x size), zero for light coefficients that stay fixed.
     cross: Mat<f64>,
 }
 
 impl Local {
-    /// At points: of what the image and the priors of reflectance and exposure say, and the noise
-    /// with `shape` of its Gamma distribution. `a` is the image of each basis function under the
-    /// light (rows x K), `system` the residual in the reflectance.
+    /// Builds the terms of the image, of the priors of reflectance and exposure, and of the noise
+    /// with `shape` of its Gamma distribution, without the entropy of q, as for point estimates.
+    /// `a` is the image of each basis function under the light (rows x K), `system` the residual in
+    /// the reflectance.
     pub(super) fn new(
         problem: &Problem<'_>,
         moments: &AllMoments,
@@ -132,7 +134,7 @@ impl Local {
             if light.is_alone(m) {
                 return 0.0;
             }
-            // At its best the light balances its target by image and prior.
+            // At the optimum of the light, image and prior together balance its target.
             let (prior, target) = light.balance(problem, m, l[m].mean);
             match x {
                 x if x < k => pulled[x * l.len() + m] + images[(m, x)],
@@ -143,20 +145,20 @@ impl Local {
         Self { gradient, curvature, cross }
     }
 
-    /// With the entropy of rectified Gaussians of given `w`: in their means it curves by `1 / var`
-    /// less what the image does through `<x^2>`.
+    /// Adds the entropy of rectified Gaussians of given `w`: its curvature in their means is `1 /
+    /// var` minus the contribution of the image through `<x^2>`.
     fn with_entropy(mut self, at: &Point) -> Self {
         let AllMoments { f, g, .. } = &at.moments;
         for (x, ((u, p), m)) in at.ensemble.natural().into_iter().zip(f.iter().chain([g])).enumerate() {
             self.gradient[x] += u - p * m.mean;
-            // The image's own share, where a variance is not yet at its best.
+            // The image's curvature differs from `p` where a variance is not yet at its best.
             let all = 1.0 / m.variance + self.curvature[(x, x)] - p;
             self.curvature[(x, x)] = all.max(1e-3 / m.variance);
         }
         self
     }
 
-    /// With those reflectances left at zero that are there and would be negative.
+    /// Fixes the reflectances that are at zero and would become negative.
     pub(super) fn without_negative(mut self, f: &[Moments]) -> Self {
         for x in (0..f.len()).filter(|&x| f[x].mean <= 0.0) {
             if self.gradient[x] < 0.0 {
@@ -171,9 +173,10 @@ impl Local {
         self
     }
 
-    /// Newton's step, the light eliminated: its curvature `C` and the cross curvature `X` take
-    /// `X' C^-1 X` from the curvature of the rest. Where that leaves no minimum, the curvature
-    /// counts with its sign reversed. `None` without a factor of `C`.
+    /// Computes Newton's step, with the light eliminated: the curvature `C` of the light and the
+    /// mixed curvature `X` subtract `X' C^-1 X` from the curvature of the rest. Negative
+    /// eigenvalues of the result count with their sign reversed. Returns `None` without a factor of
+    /// `C`.
     pub(super) fn step(&self, light: &LightSystem) -> Option<Step> {
         let solved = light.factor()?.solve_all(&self.cross);
         let size = self.gradient.len();
@@ -209,7 +212,7 @@ mod tests {
         (Point::new(problem, ensemble, grams), light)
     }
 
-    /// Index of the unknowns of [`Local`] among the locations.
+    /// Indices of the unknowns of [`Local`] among the locations.
     fn places(problem: &Problem<'_>) -> Vec<usize> {
         let (k, m) = (problem.k(), problem.m());
         (0..k).chain([k + m - 1, k + m]).collect()
@@ -220,7 +223,7 @@ mod tests {
         let planted = planted(60, 3, 0.05, 4);
         let problem = planted.problem();
         let grams = Grams::new(&problem);
-        // Means anywhere; where the variances are at their best, the gradient is exact.
+        // The means are arbitrary; the gradient is exact where the variances are at their best.
         let mut ensemble = start(&planted, 4);
         for _ in 0..100 {
             let (point, _) = settled(&problem, ensemble, &grams);

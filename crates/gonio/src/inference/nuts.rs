@@ -1,4 +1,4 @@
-//! The separable posterior against samples of the exact one (eq. 10).
+//! Compares the separable posterior with samples of the exact one (eq. 10).
 
 use std::collections::HashMap;
 
@@ -13,8 +13,8 @@ use crate::lighting::CoefficientPrior;
 /// `log p(l, f, g, sigma^-2 | I)` up to a constant, as a function of free coordinates
 /// `[log f_k][l_m, or log(l_m - T) where rectified][log g][log sigma^-2]`, Jacobian included.
 ///
-/// With `z = f (x) l`, the residual is `sum I^2 - 2 g c'z + g^2 z'Gz`: other arithmetic than that
-/// of the inference.
+/// With `z = f (x) l`, the residual is `sum I^2 - 2 g c'z + g^2 z'Gz`: arithmetic that the
+/// inference does not share.
 #[derive(Clone)]
 struct Exact {
     /// `G = sum_i A_i (x) A_i`, over `[k][m]`.
@@ -29,7 +29,7 @@ struct Exact {
     hyper: Hyper,
 }
 
-/// A point of the posterior in its own coordinates.
+/// Point of the posterior in its own coordinates.
 #[derive(Clone, Debug)]
 struct Point {
     f: Vec<f64>,
@@ -75,7 +75,7 @@ impl Exact {
         }
     }
 
-    /// Value and gradient.
+    /// Returns the value and writes the gradient.
     fn evaluate(&self, x: &[f64], gradient: &mut [f64]) -> f64 {
         let Point { f, l, g, precision } = self.point(x);
         let (k_count, m_count) = (f.len(), l.len());
@@ -84,14 +84,14 @@ impl Exact {
         let gz: Vec<f64> = self.gram.chunks_exact(z.len()).map(|row| inner(row, &z)).collect();
         let (cz, zgz) = (inner(&self.target, &z), inner(&z, &gz));
         let residual = self.energy - 2.0 * g * cz + g * g * zgz;
-        // In the log of the precision: shape without minus one.
+        // In the log of the precision, the Jacobian cancels the minus one of the shape.
         let shape = self.hyper.noise_shape + 0.5 * self.pixels;
         let fall = precision * (self.hyper.noise_rate + 0.5 * residual);
         let mut value = shape * precision.ln() - fall;
         gradient[k_count + m_count] = shape - fall;
         value += g.ln() - self.hyper.exposure_rate * g;
         gradient[k_count + m_count - 1] = 1.0 - self.hyper.exposure_rate * g + precision * (g * cz - g * g * zgz);
-        // The likelihood in z.
+        // Gradient of the likelihood in z.
         let w: Vec<f64> = self.target.iter().zip(&gz).map(|(c, gz)| precision * (g * c - g * g * gz)).collect();
         for (k, (f, rate)) in f.iter().zip(&self.rates).enumerate() {
             value += f.ln() - rate * f;
@@ -116,7 +116,8 @@ impl Exact {
         value
     }
 
-    /// A draw from about the prior: where chains start, far from each other and from any answer.
+    /// Draws the start of a chain roughly from the prior, so that chains start far from each other
+    /// and from any answer.
     fn start(&self, rng: &mut Pcg64) -> Vec<f64> {
         let light = self.light.iter().map(|prior| match prior {
             CoefficientPrior::Mixture(m) => rng.random_range(-1.0..1.0) * m.variance().sqrt(),
@@ -131,7 +132,7 @@ impl Exact {
     }
 }
 
-/// The density is finite wherever the sampler goes; what overflows is a rejected step.
+/// Error of a density or gradient that overflows; the sampler rejects such a step.
 #[derive(Debug, thiserror::Error)]
 #[error("not finite")]
 struct NotFinite;
@@ -207,7 +208,8 @@ impl Draws {
         Self { chains, divergences }
     }
 
-    /// The Monte Carlo error is that of the means of batches, each many autocorrelation times long.
+    /// Estimates a function of the posterior, with the Monte Carlo error from the means of batches
+    /// that are many autocorrelation times long.
     fn estimate(&self, of: impl Fn(&Point) -> f64) -> Estimate {
         let values: Vec<Vec<f64>> = self.chains.iter().map(|chain| chain.iter().map(&of).collect()).collect();
         let moments = |values: &[f64]| {
@@ -249,18 +251,18 @@ fn the_gradient_is_that_of_the_density() {
     }
 }
 
-/// Exact posterior and both solvers on one problem.
+/// Compares the exact posterior with both solvers on one problem.
 ///
-/// Light has a fixed DC, but the pair `(f, g)` is determined by the image up to a common scale
-/// only: the priors leave a ridge `g f = const` along which the exact posterior spreads over a
-/// factor of two, while a separable q must settle somewhere on it. So what is compared does not
-/// change along the ridge: `f / |f|`, `g f`, the light, the noise.
+/// The DC of the light is fixed, but the image determines the pair `(f, g)` only up to a common
+/// scale: the priors leave a ridge `g f = const` along which the exact posterior spreads over a
+/// factor of two, while a separable q must settle somewhere on it. So the compared quantities are
+/// constant along the ridge: `f / |f|`, `g f`, the light, the noise.
 ///
-/// Across the ridge 50 and more pixels for each of the unknowns make the posterior nearly Gaussian,
-/// and a separable q has the mean of a Gaussian exactly; only its spreads are too small. What is
-/// left is the bias from the truncation at zero and from the product of `l` and `f`: below a
-/// twentieth of a standard deviation, measured. The tolerance is twice that and five Monte Carlo
-/// errors.
+/// Across the ridge, 50 and more pixels per unknown make the posterior nearly Gaussian, and a
+/// separable q has the mean of a Gaussian exactly; only its spreads are too small. The remaining
+/// difference is the bias from the truncation at zero and from the product of `l` and `f`, measured
+/// to be below a twentieth of a standard deviation. The tolerance is twice that plus five Monte
+/// Carlo errors.
 fn compare(rows: usize, noise: f64) {
     let planted = planted(rows, 3, noise, 21);
     let problem = planted.problem();
@@ -270,8 +272,8 @@ fn compare(rows: usize, noise: f64) {
     let directions = [0, 1, 2].map(|k| draws.estimate(|p| p.f[k] / norm(&p.f)));
     let agrees = |f: &[f64]| (0..3).all(|k| fits(directions[k], f[k] / norm(f)));
     for e in directions {
-        // Four chains from different places agree, and their error is small against what they are
-        // to measure.
+        // Four chains from different starts agree, and their error is small against the spread that
+        // they measure.
         assert!(e.error < 0.05 * e.sd, "{e:?}");
     }
     for solver in [Solver::Blocks, Solver::Parallel] {
@@ -291,11 +293,11 @@ fn compare(rows: usize, noise: f64) {
         }
         let e = draws.estimate(|p| p.precision);
         assert!(fits(e, (got.noise * problem.scale).powi(-2)), "{solver:?} noise {} {e:?}", got.noise * problem.scale);
-        // The ridge, and how little of it q sees.
+        // The exact posterior spreads along the ridge; q covers little of it.
         assert!(draws.estimate(|p| p.g.ln()).sd > 0.4 && got.exposure_sd < 0.05 * got.exposure);
     }
-    // Nothing else passes: not the same numbers in another order, not the prior mean, not even the
-    // truth, from which the noise of this one image leads away.
+    // The comparison rejects other answers: the same numbers in another order, the prior mean, and
+    // even the truth, from which the noise of this one image shifts the posterior.
     assert!(!agrees(&[planted.f[1], planted.f[2], planted.f[0]]));
     assert!(!agrees(&[1.0; 3]));
     assert!(!agrees(&planted.f), "{:?} {directions:?}", planted.f);

@@ -4,11 +4,11 @@ use super::leap::leap_at_once;
 use super::variational::{Run, SETTLED, Solver, VariationalSettings};
 use super::{Ensemble, Expectations, Problem};
 
-/// Share of the last search direction that the next one of [`Solver::Parallel`] keeps: that of the
+/// Share of the last search direction that the next one of [`Solver::Parallel`] keeps, as in the
 /// code that the paper builds on.
 const MOMENTUM: f64 = 0.9;
 
-/// The two nested loops of Algorithm 1: to the letter for [`Solver::Printed`].
+/// Runs the two nested loops of Algorithm 1, exactly as printed for [`Solver::Printed`].
 pub(super) fn run(
     problem: &Problem<'_>,
     ensemble: Ensemble,
@@ -25,7 +25,7 @@ pub(super) fn run(
     }
     let mut converged = false;
     'noise: loop {
-        // At the present noise level.
+        // Minimises at the present noise level.
         let mut settled = 0;
         loop {
             if trace.len() > settings.max_iterations {
@@ -50,8 +50,8 @@ pub(super) fn run(
                 search.last.clear();
             }
         }
-        // Only when all else has converged is the noise lowered, by the step that the line search
-        // ended with.
+        // The noise is lowered only when all else has converged, by the last step of the line
+        // search.
         let share = if printed { search.alpha } else { search.alpha.clamp(0.1, 1.0) };
         let best = state.now.sums.best_log_noise(problem, &state.now.moments.g);
         let change = share * (best - state.ensemble.log_noise());
@@ -67,7 +67,7 @@ pub(super) fn run(
     Run { ensemble: state.ensemble, trace, converged }
 }
 
-/// An ensemble with what belongs to it.
+/// Ensemble with its expectations and its cost.
 struct State {
     ensemble: Ensemble,
     now: Expectations,
@@ -80,7 +80,7 @@ impl State {
         Self { cost: now.cost(problem), ensemble, now }
     }
 
-    /// Every light coefficient in the component that is best for it.
+    /// State with every light coefficient in its best component.
     fn leapt(self, problem: &Problem<'_>) -> Self {
         let (ensemble, now) = leap_at_once(problem, &self.ensemble, self.now);
         Self { cost: now.cost(problem), ensemble, now }
@@ -91,13 +91,13 @@ impl State {
 /// parabolas.
 ///
 /// In the paper's variables `(u/w, log 1/w)` the parallel update need not be a direction of
-/// descent: just after the noise was lowered all precisions want to grow by a large factor, and the
-/// search stalls. In the natural parameters `(u/w, 1/w)` it always is one, since there the gradient
-/// of `C_KL` is the Fisher matrix times `Phi - Phi*`. So a search that finds nothing is repeated
-/// along that line.
+/// descent: just after the noise was lowered, all precisions grow by a large factor, and the search
+/// stalls. In the natural parameters `(u/w, 1/w)` it always is one, since there the gradient of
+/// `C_KL` is the Fisher matrix times `Phi - Phi*`. So a search that fails is repeated along that
+/// line.
 struct LineSearch {
     alpha: f64,
-    /// Nothing but the search along the update.
+    /// Whether to search along the update only.
     printed: bool,
     /// The last direction.
     last: Vec<f64>,
@@ -140,8 +140,8 @@ impl LineSearch {
     }
 }
 
-/// Minimiser of `at` near `start`, at most about `limit`; `None` if nothing down to a
-/// ten-thousandth of it falls below `cost`, the value at zero.
+/// Minimiser of `at` near `start`, at most about `limit`; `None` if no step down to a
+/// ten-thousandth of `start` gives less than `cost`, the value at zero.
 pub(super) fn search(start: f64, limit: f64, cost: f64, at: impl Fn(f64) -> f64) -> Option<f64> {
     let mut middle = (start, at(start));
     let mut right = None;
@@ -154,7 +154,7 @@ pub(super) fn search(start: f64, limit: f64, cost: f64, at: impl Fn(f64) -> f64)
         middle = (alpha, at(alpha));
     }
     let mut left = (0.0, cost);
-    // Or grow while it falls.
+    // Otherwise grows the bracket while the cost falls.
     let mut right = match right {
         Some(right) => right,
         None => loop {
@@ -184,7 +184,7 @@ pub(super) fn search(start: f64, limit: f64, cost: f64, at: impl Fn(f64) -> f64)
     Some(middle.0)
 }
 
-/// Where the parabola through three points has its extremum; NaN when they lie on a line.
+/// Abscissa of the extremum of the parabola through three points; NaN when they lie on a line.
 fn vertex(a: (f64, f64), b: (f64, f64), c: (f64, f64)) -> f64 {
     let (p, q) = ((b.0 - a.0) * (b.1 - c.1), (b.0 - c.0) * (b.1 - a.1));
     b.0 - 0.5 * ((b.0 - a.0) * p - (b.0 - c.0) * q) / (p - q)

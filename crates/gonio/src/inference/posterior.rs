@@ -1,8 +1,8 @@
-//! What was found.
+//! Result of the inference.
 
 use serde::{Deserialize, Serialize};
 
-/// How one start of a method ended.
+/// Report on one start of a method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StartReport {
     /// Final cost: `C_KL`, or minus the log posterior for the joint maximum.
@@ -20,7 +20,7 @@ pub struct Posterior {
     pub reflectance: Vec<f64>,
     /// Standard deviation of `f_k`; zero for a point estimate.
     pub reflectance_sd: Vec<f64>,
-    /// `<l_m>`, DC first. For a known light just its single coefficient, one.
+    /// `<l_m>`, DC first. For a known light, its single coefficient, one.
     pub light: Vec<f64>,
     /// Standard deviation of `l_m`.
     pub light_sd: Vec<f64>,
@@ -33,8 +33,8 @@ pub struct Posterior {
     /// Cost of the kept start after every iteration: `C_KL`, or minus the log posterior for the
     /// joint maximum.
     pub trace: Vec<f64>,
-    /// All starts, in the order they were made.
+    /// Reports of all starts, in the order they were made.
     pub starts: Vec<StartReport>,
-    /// Which of them was kept: the one of least cost.
+    /// Index of the start that was kept, the one of least cost.
     pub best_start: usize,
 }

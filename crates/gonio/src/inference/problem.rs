@@ -1,4 +1,4 @@
-//! What is known: the image on its rows, and the priors.
+//! Inference problem: the image on its rows, and the priors.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -10,28 +10,28 @@ use crate::transfer::{Bilinear, Projected};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hyper {
     /// `lambda_gamma` of `p(gamma) = Exp(lambda_gamma)`, for an image scaled to the brightness that
-    /// the prior means predict. Small: the scale of reflectance is that of its maximum, so a mirror
-    /// takes an exposure a thousand times a chalk's.
+    /// the prior means predict. It is small because reflectance is scaled to its maximum, so that a
+    /// mirror needs an exposure a thousand times that of chalk.
     pub exposure_rate: f64,
     /// Shape `a` of `p(sigma^-2) = Gamma(a, b)`.
     pub noise_shape: f64,
-    /// Rate `b` of the same, in squared units of the root mean square of the image.
+    /// Rate `b` of that distribution, in squared units of the root mean square of the image.
     pub noise_rate: f64,
 }
 
 impl Default for Hyper {
-    /// Vague about the noise.
+    /// Vague prior of the noise.
     fn default() -> Self {
         Self { exposure_rate: 1e-3, noise_shape: 1e-3, noise_rate: 1e-6 }
     }
 }
 
 impl Hyper {
-    /// What real images need: `Gamma(a, b)` with as much weight as `pixels` observations that were
-    /// all off by [`MODEL_ERROR`].
+    /// Prior for real images: `Gamma(a, b)` with as much weight as `pixels` observations that all
+    /// have an error of [`MODEL_ERROR`].
     ///
-    /// The residual of an image is not noise but what grid and basis cannot express, and it is
-    /// alike in neighbouring pixels.
+    /// The residual of a real image is not noise but the part that grid and basis cannot express,
+    /// and it is correlated between neighbouring pixels.
     pub fn with_model_error(pixels: usize) -> Self {
         let shape = pixels as f64;
         Self { noise_shape: shape, noise_rate: shape * MODEL_ERROR * MODEL_ERROR, ..Self::default() }
@@ -43,16 +43,16 @@ impl Hyper {
 /// unexplained.
 pub const MODEL_ERROR: f64 = 0.05;
 
-/// Why an image poses no problem.
+/// Why a problem cannot be built.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ProblemError {
-    /// There is nothing to explain.
+    /// The image is black.
     #[error("the observed part of the image is black")]
     Black,
-    /// Something is not finite.
+    /// The image has values that are not finite.
     #[error("the observed part of the image has values that are not finite")]
     NotFinite,
-    /// Rates and basis differ.
+    /// The number of rates differs from that of the basis functions.
     #[error("{rates} rates for {k} basis functions")]
     Rates {
         /// Rates given.
@@ -62,18 +62,18 @@ pub enum ProblemError {
     },
 }
 
-/// `I_i = g l' A_i f + e_i` with the priors of `l`, `f`, `g` and the precision of `e`; the image
-/// scaled so that `g` near one is plausible.
+/// Model `I_i = g l' A_i f + e_i` with the priors of `l`, `f`, `g` and the precision of `e`. The
+/// image is scaled so that `g` near one is plausible.
 #[derive(Clone, Debug)]
 pub struct Problem<'a> {
     pub(crate) bilinear: &'a Bilinear,
     /// Image on the rows, times `scale`.
     pub(crate) target: Vec<f64>,
-    /// Squared norm of the scaled image, with what lies outside the rows.
+    /// Squared norm of the scaled image, including the part outside the rows.
     pub(crate) energy: f64,
-    /// N of eq. 9.
+    /// Number of pixels, N of eq. 9.
     pub(crate) pixels: f64,
-    /// The value that every image was multiplied with.
+    /// Factor that the image was multiplied by.
     pub(crate) scale: f64,
     /// Prior of each light coefficient from 1 on; DC is fixed at `dc`.
     pub(crate) light: Vec<&'a CoefficientPrior>,
@@ -82,12 +82,12 @@ pub struct Problem<'a> {
     /// `lambda_k`.
     pub(crate) rates: Vec<f64>,
     pub(crate) hyper: Hyper,
-    /// Reflectance coefficients of known materials: starts are drawn from them where given.
+    /// Reflectance coefficients of known materials, from which starts are drawn if there are any.
     pub(crate) examples: Vec<Vec<f64>>,
 }
 
 impl<'a> Problem<'a> {
-    /// The blind problem: light unknown, with prior `light`.
+    /// Builds the blind problem, whose light is unknown, with prior `light`.
     ///
     /// # Errors
     /// For black or non-finite images and rates that do not fit the operator.
@@ -102,8 +102,8 @@ impl<'a> Problem<'a> {
         Self::new(image, priors, LightGrid::normalised_dc(), rates, hyper)
     }
 
-    /// The problem with known light: `image.bilinear` has one light coefficient, of value one, and
-    /// its rows are the images of the basis functions under that light.
+    /// Builds the problem with known light: `image.bilinear` has one light coefficient, of value
+    /// one, and its rows are the images of the basis functions under that light.
     ///
     /// # Errors
     /// As [`Self::blind`].
@@ -130,9 +130,9 @@ impl<'a> Problem<'a> {
         if energy <= 0.0 {
             return Err(ProblemError::Black);
         }
-        // Root mean square one: the paper starts with a noise variance of one, as large as the
-        // signal. Which exposure that makes plausible depends on units only by a factor that the
-        // broad prior of g absorbs.
+        // Scales the root mean square to one: the paper starts with a noise variance of one, as
+        // large as the signal. The units then change the plausible exposure only by a factor that
+        // the broad prior of g absorbs.
         let scale = (image.pixels as f64 / energy).sqrt();
         Ok(Self {
             bilinear,
@@ -148,8 +148,8 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Draws the random reflectances of the starts from coefficients of known materials instead of
-    /// from the exponential prior.
+    /// Makes the starts draw their random reflectances from coefficients of known materials instead
+    /// of from the exponential prior.
     pub fn starting_from(mut self, examples: Vec<Vec<f64>>) -> Self {
         assert!(examples.iter().all(|e| e.len() == self.rates.len()));
         self.examples = examples;

@@ -1,5 +1,5 @@
 //! Algorithm 1 on a problem of real size: a light of 32 x 32 texels, whose finest scale the image
-//! leaves open.
+//! does not determine.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -12,8 +12,8 @@ use crate::transfer::{PlanSettings, Projected, sphere_points, toy_prior, toy_sky
 
 const SIDE: usize = 32;
 
-/// A sphere of a diffuse part and two lobes under a sky that the prior has not seen, with noise of
-/// 1 % of the root mean square.
+/// Image of a sphere with a diffuse part and two lobes under a sky that the prior has not seen,
+/// with noise of 1 % of the root mean square.
 fn sphere(prior: &LightPrior) -> Projected {
     let (points, tables) = (sphere_points(700), toy_tables());
     let settings = PlanSettings { side: SIDE, ..PlanSettings::default() };

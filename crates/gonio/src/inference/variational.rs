@@ -9,16 +9,16 @@ use serde::{Deserialize, Serialize};
 use super::grams::Grams;
 use super::{Ensemble, Posterior, Problem, StartReport, blocks, parallel};
 
-/// How the next ensemble is found from the present one. The cost and its fixed points are the same.
+/// Algorithm that computes the next ensemble. The cost and its fixed points are the same for all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
-    /// Algorithm 1 to the letter: all parameters updated in parallel, then a line search on `C_KL`
+    /// Algorithm 1 as printed: all parameters updated in parallel, then a line search on `C_KL`
     /// along `Phi + alpha (Phi* - Phi)`; one change below the threshold settles a noise level.
     Printed,
-    /// [`Self::Printed`] with what makes it converge: leaps of the light between the components of
-    /// its prior, momentum, a second search in the natural parameters where the first finds
-    /// nothing, and three changes below the threshold.
+    /// [`Self::Printed`] with additions that make it converge: leaps of the light between the
+    /// components of its prior, momentum, a second search in the natural parameters where the first
+    /// fails, and three changes below the threshold.
     Parallel,
     /// Leaps, exact minimisation over light, reflectance and exposure in turn, and Newton steps in
     /// all of them: the same minima in a fraction of the time.
@@ -29,9 +29,9 @@ pub enum Solver {
 /// Settings of the separable posterior.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VariationalSettings {
-    /// How steps are made.
+    /// Algorithm of the steps.
     pub solver: Solver,
-    /// Random starts, of which the one of least `C_KL` is kept.
+    /// Number of random starts, of which the one of least `C_KL` is kept.
     pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
@@ -40,7 +40,7 @@ pub struct VariationalSettings {
     /// Stopping threshold (paper: 1e-4): of the change of `C_KL` at one noise level, in nats, and
     /// of the change of `Phi_5` from level to level.
     pub tolerance: f64,
-    /// Iterations of one start at most.
+    /// Largest number of iterations of one start.
     pub max_iterations: usize,
 }
 
@@ -51,18 +51,18 @@ impl Default for VariationalSettings {
 }
 
 impl VariationalSettings {
-    /// Algorithm 1 to the letter, from this many starts.
+    /// Settings of Algorithm 1 as printed, with this many starts.
     pub fn of_paper(starts: usize, seed: u64) -> Self {
         Self { solver: Solver::Printed, starts, seed, max_iterations: 20_000, ..Self::default() }
     }
 }
 
-/// Changes below the tolerance, one after the other, that settle a noise level.
+/// Number of consecutive changes below the tolerance that settle a noise level.
 pub(super) const SETTLED: usize = 3;
 /// A finished start.
 pub(super) struct Run {
     pub(super) ensemble: Ensemble,
-    /// The cost of the start and after every iteration.
+    /// Cost at the start and after every iteration.
     pub(super) trace: Vec<f64>,
     pub(super) converged: bool,
 }
@@ -116,7 +116,7 @@ pub(super) fn infer(
     }
 }
 
-/// One start.
+/// Runs one start.
 fn run(
     problem: &Problem<'_>,
     ensemble: Ensemble,
@@ -130,7 +130,7 @@ fn run(
     }
 }
 
-/// The end of one start from given variances: its ensemble, cost and iterations.
+/// Runs one start with the variance of the settings, and returns its ensemble, cost and iterations.
 #[cfg(test)]
 pub(super) fn end(problem: &Problem<'_>, settings: &VariationalSettings) -> (Ensemble, f64, usize) {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(settings.seed);

@@ -14,8 +14,8 @@ use glam::DVec3;
 use super::brdf::Brdf;
 use super::tree::{Cell, LightTree};
 use crate::reflectance::BivariateTable;
+use crate::shape::SurfacePoint;
 use crate::sphere::half_difference;
-use crate::transfer::SurfacePoint;
 
 /// Accuracy of the integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,8 +10,8 @@ use crate::picture::luminance;
 use crate::reflectance::{BivariateTable, CELLS};
 #[cfg(doc)]
 use crate::shape::Hit;
+use crate::shape::SurfacePoint;
 use crate::shape::{Ray, Surface};
-use crate::transfer::SurfacePoint;
 
 /// The luminance of each of a list of points, as a linear function of the cells of a
 /// [`BivariateTable`]: the light of eq. 1 gathered by the half and difference angle it arrives at.

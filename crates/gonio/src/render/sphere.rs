@@ -10,7 +10,7 @@ use super::rows::picture_of;
 use super::tree::LightTree;
 use crate::picture::{Picture, luminance};
 use crate::reflectance::BivariateTable;
-use crate::transfer::{Points, SurfacePoint};
+use crate::shape::{Points, SurfacePoint};
 
 /// How a sphere is pictured.
 #[derive(Clone, Copy, Debug, PartialEq)]

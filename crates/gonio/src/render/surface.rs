@@ -8,8 +8,8 @@ use super::rows::picture_of;
 use super::tree::LightTree;
 use crate::picture::Picture;
 use crate::reflectance::BivariateTable;
+use crate::shape::SurfacePoint;
 use crate::shape::{Camera, Hit, Ray, Surface};
-use crate::transfer::SurfacePoint;
 
 /// Of the light that a point reflects so much is asked for by rays, strongest directions first; the
 /// rest is taken to be blocked as the asked part is.

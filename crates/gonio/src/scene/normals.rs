@@ -14,8 +14,8 @@ use super::weights::weights;
 use super::{Fate, ObservationReport, ObservationSettings, Observations, SceneError};
 use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
+use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
-use crate::transfer::SurfacePoint;
 
 /// Largest error of a normal's length: renderers filter normals, and 8-bit files round them.
 const LENGTH_TOLERANCE: f32 = 0.05;

@@ -14,8 +14,8 @@ use super::{Circle, Fate, SceneError};
 use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
 use crate::shape::Visibility;
+use crate::shape::{Points, SurfacePoint};
 use crate::sphere::fibonacci_hemisphere;
-use crate::transfer::{Points, SurfacePoint};
 
 /// Least number of points with a value: what [`Plan::project`](crate::transfer::Plan::project)
 /// needs.

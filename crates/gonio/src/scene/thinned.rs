@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::Observations;
+use crate::shape::SurfacePoint;
 use crate::sphere::fibonacci_hemisphere;
-use crate::transfer::SurfacePoint;
 
 /// Largest angle between an observation and an even direction that it may represent, in degrees.
 const NEAR: f64 = 2.0;

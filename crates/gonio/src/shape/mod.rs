@@ -18,6 +18,7 @@ mod depth;
 mod forms;
 mod mesh;
 mod placed;
+mod points;
 mod smooth;
 mod surface;
 #[cfg(test)]
@@ -32,6 +33,7 @@ pub use depth::{DepthKind, DepthSize, positions_of_depth};
 pub use forms::Form;
 pub use mesh::{Mesh, MeshError, MeshParts, Soundness};
 pub use placed::{Placed, PlacedError};
+pub use points::{Points, SurfacePoint};
 pub use surface::{Ellipsoid, EllipsoidError, Hit, Surface};
 pub use tracer::Tracer;
 pub use visibility::{Lookout, Openness, Visibility};

@@ -159,8 +159,8 @@ mod tests {
     use crate::lighting::EnvironmentMap;
     use crate::picture::Plane;
     use crate::render::{IntegratorSettings, LightTree, Relighter};
+    use crate::shape::SurfacePoint;
     use crate::sphere::{direction_of_lat_long, fibonacci_hemisphere};
-    use crate::transfer::SurfacePoint;
 
     #[test]
     fn it_shows_what_the_integrator_does() {

@@ -10,7 +10,6 @@
 mod bilinear;
 pub(crate) mod kernels;
 mod plan;
-mod points;
 mod predict;
 mod quadrature;
 mod reference;
@@ -18,9 +17,8 @@ mod sketch;
 
 pub use bilinear::Bilinear;
 pub use plan::{Plan, PlanError, PlanSettings, Projected};
-pub use points::Points;
 pub use predict::{Prediction, predict};
-pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings, SurfacePoint};
+pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings};
 pub use reference::polar_reference;
 
 #[cfg(test)]

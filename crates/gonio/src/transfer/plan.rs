@@ -12,9 +12,10 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::sketch::{RowBlocks, Sketch, sketch};
-use super::{Bilinear, InterleavedTables, Points, Quadrature, QuadratureSettings, SurfacePoint};
+use super::{Bilinear, InterleavedTables, Quadrature, QuadratureSettings};
 use crate::lighting::{LightGrid, LightPrior};
 use crate::reflectance::BivariateTable;
+use crate::shape::{Points, SurfacePoint};
 use crate::sphere::Haar;
 
 /// How a plan is made.

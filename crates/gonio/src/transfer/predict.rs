@@ -3,10 +3,11 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{InterleavedTables, Points, Quadrature, QuadratureSettings, SurfacePoint};
+use super::{InterleavedTables, Quadrature, QuadratureSettings};
 use crate::lighting::LightGrid;
 use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
+use crate::shape::{Points, SurfacePoint};
 
 /// Luminances of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]

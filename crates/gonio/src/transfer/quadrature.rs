@@ -14,38 +14,12 @@
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::Vec3;
 
 use super::kernels;
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H};
+use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
-
-/// A point of the surface as the camera sees it; unit vectors.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfacePoint {
-    /// Surface normal.
-    pub normal: DVec3,
-    /// Direction towards the camera.
-    pub view: DVec3,
-}
-
-/// Cosine between normal and view of a point that is just seen.
-const LEAST_COSINE: f64 = 1e-3;
-
-impl SurfacePoint {
-    /// The normal in the frame of the view: z towards the camera, turned there by the shortest way.
-    pub fn in_view(&self) -> DVec3 {
-        DQuat::from_rotation_arc(self.view, DVec3::Z) * self.normal
-    }
-
-    /// The same point with its normal bent to where the camera just sees it, if it points away:
-    /// normals that are interpolated do at the rim.
-    #[must_use]
-    pub fn facing(self) -> Self {
-        let short = LEAST_COSINE - self.normal.dot(self.view);
-        if short <= 0.0 { self } else { Self { normal: (self.normal + short * self.view).normalize(), ..self } }
-    }
-}
 
 /// Several bivariate tables, interleaved so that one look-up of all touches four runs of memory.
 #[derive(Clone, Debug)]
@@ -226,6 +200,8 @@ impl Quadrature {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::super::polar_reference;
     use super::*;
     use crate::sphere::fibonacci_hemisphere;

@@ -4,9 +4,9 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::DVec3;
 
-use super::SurfacePoint;
 use crate::lighting::LightGrid;
 use crate::reflectance::BivariateTable;
+use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
 
 /// `T[t]` of one table by polar coordinates about the normal in the space of half vectors.

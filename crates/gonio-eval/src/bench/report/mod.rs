@@ -1,4 +1,4 @@
-//! The files that a run leaves: `results.csv`, `results.json`, `report.html`.
+//! The files that a run writes: `results.csv`, `results.json`, `report.html`.
 
 mod page;
 mod pictures;
@@ -14,7 +14,7 @@ use super::store::Conditions;
 use super::summary::{Summary, summaries};
 use crate::metrics::Class;
 
-/// Writes all three.
+/// Writes all three files, and prints the tables.
 pub(super) fn write(dir: &Path, conditions: &Conditions, records: &Records) -> Result<()> {
     let summaries = summaries(records);
     gonio_io::atomic::write_file(dir.join("results.csv"), csv(records).as_bytes())?;
@@ -28,7 +28,7 @@ pub(super) fn write(dir: &Path, conditions: &Conditions, records: &Records) -> R
     Ok(())
 }
 
-/// One line for each cell.
+/// Returns the CSV file, one line for each cell.
 fn csv(records: &Records) -> String {
     let mut out = String::from(
         "protocol,material,class,light,estimator,relight,relight_log,brdf_log,gloss,gloss_reference,coverage50,coverage90,\
@@ -65,7 +65,7 @@ fn csv(records: &Records) -> String {
     out
 }
 
-/// Everything but the pictures.
+/// Returns everything but the pictures as JSON.
 fn json(conditions: &Conditions, summaries: &[Summary], records: &Records) -> Result<Vec<u8>> {
     #[derive(Serialize)]
     struct Whole<'a> {
@@ -78,7 +78,7 @@ fn json(conditions: &Conditions, summaries: &[Summary], records: &Records) -> Re
     Ok(serde_json::to_vec_pretty(&Whole { conditions, summaries, cells })?)
 }
 
-/// The table for `docs/`.
+/// Returns the Markdown table for `docs/`.
 fn markdown(summary: &Summary) -> String {
     let mut out = format!(
         "{}: {} materials, {} lights{}\n\n| {} |\n|{}\n",

@@ -1,4 +1,4 @@
-//! The page: tables, distributions, comparisons, pictures.
+//! The HTML page: tables, distributions, comparisons, pictures.
 
 use maud::{Markup, html};
 
@@ -33,7 +33,7 @@ fn interval(i: &Interval, digits: usize) -> String {
     }
 }
 
-/// A row of it.
+/// Row of the table of estimators.
 pub(super) fn entries(row: &Row) -> Vec<String> {
     let percent = |x: f64| format!("{:.0} %", 100.0 * x);
     let failed = if row.failures > 0 { format!(" ({} failed)", row.failures) } else { String::new() };
@@ -118,7 +118,7 @@ fn what_it_means() -> Markup {
     }
 }
 
-/// Errors of every estimator as distributions, one chart for each measure.
+/// Charts the distribution of the errors of every estimator, one chart for each measure.
 fn distributions(summary: &Summary, mine: &[&Record]) -> Markup {
     let sets = |f: &dyn Fn(&Record) -> f64| -> Vec<(&'static str, Vec<f64>)> {
         let of = |e: Estimator| mine.iter().filter(|r| r.estimator == e).map(|r| f(r)).collect();
@@ -163,7 +163,8 @@ fn groups(caption: &str, summary: &Summary, groups: &[Group]) -> Markup {
     table::table(caption, &columns, &rows)
 }
 
-/// Gloss of estimates against that of references, for what looks at the image.
+/// Charts the gloss of estimates against that of references, for all but the trivial answers and
+/// the true table.
 fn gloss(summary: &Summary, mine: &[&Record]) -> Markup {
     let charts: Vec<Markup> = summary
         .rows

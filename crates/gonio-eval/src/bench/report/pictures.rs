@@ -1,4 +1,4 @@
-//! What estimates look like: the worst cells, and every material.
+//! Pictures of estimates: the worst cells, and every material.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,12 +9,12 @@ use crate::bench::judge::Record;
 use crate::metrics::Class;
 use gonio_report::page::figure;
 
-/// Cells shown as the worst.
+/// Number of cells shown as the worst.
 const WORST: usize = 12;
 /// Side of a picture on the page, CSS pixels.
 const SIDE: usize = 96;
 
-/// Everything about one photograph, by estimator.
+/// Records of one photograph, by estimator.
 type Photograph<'a> = BTreeMap<Estimator, &'a Record>;
 
 fn photographs<'a>(mine: &[&'a Record]) -> BTreeMap<(&'a str, &'a str), Photograph<'a>> {
@@ -56,18 +56,18 @@ fn tile(record: &Record) -> Markup {
     }
 }
 
-/// The estimator that is judged: the last that is neither oracle nor trivial.
+/// Returns the estimator whose worst cells are shown: the last that is neither oracle nor trivial.
 fn judged(mine: &[&Record]) -> Option<Estimator> {
     let serious = mine.iter().map(|r| r.estimator).filter(|e| !e.is_oracle() && !e.is_trivial());
     serious.max()
 }
 
-/// The photographs on which the judged estimator has the largest errors.
+/// Shows the photographs on which the judged estimator has the largest errors.
 pub(super) fn worst(mine: &[&Record]) -> Markup {
     let Some(estimator) = judged(mine) else { return html! { p { "No estimator was run." } } };
     let mut cells: Vec<&Record> = mine.iter().copied().filter(|r| r.estimator == estimator).collect();
     cells.sort_by(|a, b| b.log().total_cmp(&a.log()));
-    // One of each material: a mirror is bad in every light.
+    // One cell for each material: a mirror is bad in every light.
     let mut seen = BTreeSet::new();
     cells.retain(|r| seen.insert(r.material.as_str()));
     let all = photographs(mine);
@@ -91,7 +91,7 @@ pub(super) fn worst(mine: &[&Record]) -> Markup {
     }
 }
 
-/// One strip for each material, from its photograph of median error.
+/// Shows one strip for each material, from the photograph of median error.
 pub(super) fn strips(mine: &[&Record]) -> Markup {
     let Some(estimator) = judged(mine) else { return html! {} };
     let all = photographs(mine);

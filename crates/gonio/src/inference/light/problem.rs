@@ -10,7 +10,8 @@ use crate::inference::{Hyper, ProblemError};
 use crate::lighting::LightPrior;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
-use crate::transfer::{PlanError, PlanSettings, Points, Projected};
+use crate::shape::Points;
+use crate::transfer::{PlanError, PlanSettings, Projected};
 
 /// An image of one BRDF, to find its light: one row for every observation.
 #[derive(Clone, Debug)]

@@ -1,7 +1,35 @@
-//! The points that an operator is made for.
+//! Points of a surface: what an image is sampled at, and an operator is made for.
 
-use super::SurfacePoint;
-use crate::shape::Visibility;
+use glam::{DQuat, DVec3};
+
+use super::Visibility;
+
+/// A point of the surface as the camera sees it; unit vectors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Surface normal.
+    pub normal: DVec3,
+    /// Direction towards the camera.
+    pub view: DVec3,
+}
+
+/// Cosine between normal and view of a point that is just seen.
+const LEAST_COSINE: f64 = 1e-3;
+
+impl SurfacePoint {
+    /// The normal in the frame of the view: z towards the camera, turned there by the shortest way.
+    pub fn in_view(&self) -> DVec3 {
+        DQuat::from_rotation_arc(self.view, DVec3::Z) * self.normal
+    }
+
+    /// The same point with its normal bent to where the camera just sees it, if it points away:
+    /// normals that are interpolated do at the rim.
+    #[must_use]
+    pub fn facing(self) -> Self {
+        let short = LEAST_COSINE - self.normal.dot(self.view);
+        if short <= 0.0 { self } else { Self { normal: (self.normal + short * self.view).normalize(), ..self } }
+    }
+}
 
 /// Points of a surface, and what keeps light from them.
 #[derive(Clone, Copy, Debug)]

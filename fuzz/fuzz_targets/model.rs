@@ -1,5 +1,5 @@
 #![no_main]
-//! Trained models. Their hash would stop a fuzzer at the door, so it is put right first.
+//! Trained models. A wrong hash would reject every input, so it is corrected first.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {
     let _ = model::decode_posterior(Path::new("a"), &bytes);
 });
 
-/// The file with the hash that it should have (`docs/model-format.md`).
+/// Returns the file with its correct hash (`docs/model-format.md`).
 fn signed(bytes: &[u8]) -> Vec<u8> {
     const KEY: &[u8] = b"\"blake3\":\"";
     let mut bytes = bytes.to_vec();

@@ -46,7 +46,8 @@ pub(crate) struct Lighting {
     /// Layout of the sphere on the square
     #[arg(long, value_enum, default_value_t = MapName::EqualArea)]
     map: MapName,
-    /// Azimuths at which each map is seen; even numbers make the horizontal and vertical groups alike
+    /// Azimuths at which each map is seen; even numbers make the horizontal and vertical groups
+    /// alike
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     turns: u32,
     /// Cut off each map at this many times its mean, as a camera's range does

@@ -143,7 +143,7 @@ impl Materials {
         BivariateTable::luminance(&self.rgb[at])
     }
 
-    /// Which table [`Self::full`] returns for a material.
+    /// Kind of the table that [`Self::full`] returns for a material.
     pub(crate) fn source(&self, at: usize) -> Source {
         if matches!(self.origins[at], Origin::Bivariate) { Source::Bivariate } else { Source::Full }
     }

@@ -128,7 +128,7 @@ struct Velvet {
     diffuse: f64,
     /// Factor of the sheen.
     sheen: f64,
-    /// How far fibres lean from upright, 0 to 1.
+    /// Lean of the fibres from upright, 0 to 1.
     roughness: f64,
 }
 

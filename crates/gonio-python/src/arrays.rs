@@ -14,11 +14,11 @@ use pyo3::prelude::*;
 
 use crate::error::raise;
 
-/// The values of an array, which lives as long as this does.
+/// Values of an array, which is kept alive as long as this.
 struct Borrowed {
     start: *const f32,
     length: usize,
-    /// The array.
+    /// The array that owns the values.
     _owner: Py<PyAny>,
 }
 
@@ -33,8 +33,8 @@ unsafe impl Sync for Borrowed {}
 
 impl<T: AnyBitPattern> AsRef<[T]> for Borrowed {
     fn as_ref(&self) -> &[T] {
-        // SAFETY: `of` has checked that so many aligned values follow each other here; the owner
-        // keeps them.
+        // SAFETY: `of` has checked that `length` aligned values lie here one after the other; the
+        // owner keeps them.
         #[expect(unsafe_code, reason = "the only way to values whose owner is Python's")]
         let values = unsafe { std::slice::from_raw_parts(self.start, self.length) };
         cast_slice(values)
@@ -68,7 +68,7 @@ pub(crate) fn values(array: &Bound<'_, PyArray2<f32>>) -> PyResult<Plane<f32>> {
     Ok(Plane::lent(width, height, Arc::new(Borrowed::of(array)?)))
 }
 
-/// An array that takes the values over.
+/// Array that takes ownership of the values.
 pub(crate) fn array<'py, T: Element, D: Dimension>(
     py: Python<'py>,
     shape: impl numpy::ndarray::ShapeBuilder<Dim = D>,
@@ -77,7 +77,7 @@ pub(crate) fn array<'py, T: Element, D: Dimension>(
     Array::from_shape_vec(shape, values).expect("as many values as the shape has").into_pyarray(py)
 }
 
-/// Shape (height, width, 3), in the memory of the picture.
+/// Array of shape (height, width, 3), in the memory of the picture.
 pub(crate) fn of_colours(py: Python<'_>, picture: Plane<Vec3>) -> Bound<'_, PyArray3<f32>> {
     let (width, height) = picture.size();
     array(py, (height, width, 3), cast_vec(picture.into_vec()))
@@ -101,7 +101,7 @@ pub(crate) fn tables(array: &Bound<'_, PyArray3<f32>>) -> PyResult<[BivariateTab
     Ok([0, 1, 2].map(|c| BivariateTable::from_vec(cells.iter().map(|v| v[c]).collect())))
 }
 
-/// Shape (90, 90, 3).
+/// Array of shape (90, 90, 3).
 pub(crate) fn of_tables<'py>(py: Python<'py>, tables: &[BivariateTable; 3]) -> Bound<'py, PyArray3<f32>> {
     let [r, g, b] = tables.each_ref().map(BivariateTable::as_slice);
     let values = r.iter().zip(g).zip(b).flat_map(|((r, g), b)| [*r, *g, *b]).collect();

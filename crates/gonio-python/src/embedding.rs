@@ -11,13 +11,13 @@ use crate::error::raise;
 use crate::model::Model;
 use crate::work::{self, Listeners};
 
-/// What a photograph says of the materials of a model.
+/// Embedding of a photograph, which weighs the materials of a model.
 #[pyclass(frozen, module = "gonio._gonio")]
 pub(crate) struct Embedding(pub(crate) Vec<f32>);
 
 #[pymethods]
 impl Embedding {
-    /// From what it is pickled as.
+    /// Decodes the pickled form.
     #[staticmethod]
     fn decode(py: Python<'_>, json: &str) -> PyResult<Self> {
         let embedding = serde_json::from_str(json).map_err(|e| raise(&Problem::of("the pickled posterior", e), py))?;

@@ -1,5 +1,4 @@
-//! What can go wrong, and the exception that it becomes: the classes of `gonio._errors`, with the
-//! messages of the library.
+//! Problems as Python exceptions: the classes of `gonio._errors`, with the messages of the library.
 
 use std::io::ErrorKind;
 use std::sync::Mutex;
@@ -11,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
-/// Remedies in the words of the package: its arguments.
+/// Remedy in the words of the package: its arguments.
 pub(crate) fn words(remedy: &Remedy) -> Option<String> {
     let words = match remedy {
         Remedy::Outline => "give the outline of the ball with circle=(x, y, radius)",
@@ -43,7 +42,7 @@ pub(crate) fn worded(warnings: &[Warning]) -> Vec<String> {
     warnings.iter().map(|warning| warning.worded(&words)).collect()
 }
 
-/// The exception of a problem; those of files are also `OSError`s.
+/// Exception for a problem; exceptions for files are also `OSError`s.
 pub(crate) fn raise(problem: &Problem, py: Python<'_>) -> PyErr {
     static INPUT: PyOnceLock<Py<PyType>> = PyOnceLock::new();
     static FILE: PyOnceLock<Py<PyType>> = PyOnceLock::new();
@@ -59,8 +58,8 @@ pub(crate) fn raise(problem: &Problem, py: Python<'_>) -> PyErr {
     }
 }
 
-/// What the last panic said. Decoders of third parties panic on damaged files; `gonio-io` catches
-/// that and says what is wrong in one line, to which the message of the panic would only add noise.
+/// Message of the last panic. Third-party decoders panic on damaged files; `gonio-io` catches that
+/// and reports the problem in one line, to which the message of the panic would only add noise.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
 /// Keeps panics from being printed.
@@ -72,7 +71,7 @@ pub(crate) fn keep_panics_quiet() {
     }));
 }
 
-/// The exception for a panic of our own.
+/// Exception for a panic of gonio itself.
 pub(crate) fn fault() -> PyErr {
     let said = PANIC.lock().map(|noted| noted.clone()).unwrap_or_default();
     PyRuntimeError::new_err(format!("a fault of gonio itself: {said}; please report it"))

@@ -13,13 +13,13 @@ use crate::error::raise;
 use crate::render::merl_table;
 use crate::work::{self, Listeners};
 
-/// Names of the targets and what they are.
+/// Names and descriptions of the targets.
 #[pyfunction]
 pub(crate) fn export_targets() -> Vec<(&'static str, &'static str)> {
     Target::ALL.map(Target::names).into()
 }
 
-/// Writes a folder; gives what its `export.json` says.
+/// Writes a folder; returns the contents of its `export.json`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "called from one place, which names them")]
 #[pyo3(signature = (folder, table, full, to, name, albedo, tables, input, listeners))]

@@ -80,16 +80,16 @@ fn png(samples: &Bound<'_, PyArray3<u8>>) -> PyResult<Vec<u8>> {
     Ok(samples.py().detach(|| encode_png_srgb8(width, height, &values)))
 }
 
-/// The same, for Python.
+/// Encodes 8-bit samples of shape (height, width, 3) as a PNG.
 #[pyfunction]
 pub(crate) fn encode_png<'py>(py: Python<'py>, samples: &Bound<'py, PyArray3<u8>>) -> PyResult<Bound<'py, PyBytes>> {
     Ok(PyBytes::new(py, &png(samples)?))
 }
 
-/// A table over two angles and all of it over three, shape (3, 90, 90, 180).
+/// Table over two angles, shape (90, 90, 3), and the full table over three, shape (3, 90, 90, 180).
 type ReadBrdf<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray4<f32>>);
 
-/// Reads a MERL table, or with `any` an RGL file too.
+/// Reads a MERL table, or with `any` also an RGL file.
 #[pyfunction]
 pub(crate) fn read_brdf(py: Python<'_>, path: PathBuf, any: bool) -> PyResult<ReadBrdf<'_>> {
     let read = || if any { gonio_io::brdf::read(&path) } else { gonio_io::merl::read(&path) };
@@ -135,21 +135,21 @@ fn encode_brdf(
     })
 }
 
-/// What a folder of results holds, as `gonio infer` writes it.
+/// Contents of a folder of results, as `gonio infer` writes it.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct SavedResult<'py> {
     table: Bound<'py, PyArray3<f32>>,
     light: Bound<'py, PyArray3<f32>>,
     quantiles: Bound<'py, PyArray3<f32>>,
-    /// Pictures by name, of 8-bit samples of shape (height, width, 3); those that folders hold are
-    /// written.
+    /// Pictures by name, of 8-bit samples of shape (height, width, 3); only those that a folder of
+    /// results holds are written.
     pictures: HashMap<String, Bound<'py, PyArray3<u8>>>,
     notes: String,
     page: Option<String>,
 }
 
-/// Fills a folder, all of it or, on error, nothing.
+/// Writes a folder of results, completely or, on error, not at all.
 #[pyfunction]
 pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> PyResult<()> {
     let SavedResult { table, light, quantiles, pictures, notes, page } = result;
@@ -170,7 +170,7 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
     py.detach(write).map_err(|e| raise(&e.into(), py))
 }
 
-/// Writes a file, all of it or nothing.
+/// Writes a file, completely or not at all.
 #[pyfunction]
 pub(crate) fn write_file(py: Python<'_>, path: PathBuf, bytes: &[u8]) -> PyResult<()> {
     py.detach(|| write_whole(&path, bytes)).map_err(|e| raise(&e.into(), py))

@@ -1,4 +1,4 @@
-//! A photograph to everything that a `gonio.Posterior` holds.
+//! Inference from a photograph to everything that a `gonio.Posterior` holds.
 
 use glam::{DVec3, Vec3};
 use gonio::colour::Chroma;
@@ -17,7 +17,7 @@ use crate::model::Model;
 use crate::scene::GivenScene;
 use crate::work::{self, Listeners};
 
-/// How the answer is to be found.
+/// Settings of the inference.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings {
@@ -46,7 +46,7 @@ impl Settings {
     }
 }
 
-/// Infers; gives the values of a `Posterior` by name.
+/// Infers; returns the values of a `Posterior` by name.
 #[pyfunction]
 pub(crate) fn infer<'py>(
     py: Python<'py>,
@@ -87,7 +87,7 @@ fn pictures(answer: &Answer) -> Vec<(&'static str, Plane<Vec3>)> {
     pictures
 }
 
-/// What was found, by the names of `gonio._posterior.Found`.
+/// Dictionary of the results, by the names of `gonio._posterior.Found`.
 fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
     let (colours, light_colour) = (answer.colouring.colours(), answer.colouring.light());
     let pictures = pictures(&answer);

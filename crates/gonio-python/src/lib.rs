@@ -1,6 +1,6 @@
-//! The extension module `gonio._gonio`: what the Python package cannot do itself, over plain arrays
-//! and dictionaries. Classes, defaults and documentation are in `python/gonio`, the types of all
-//! this in `_gonio.pyi`.
+//! The extension module `gonio._gonio`: functions of the library for the Python package, over plain
+//! arrays and dictionaries. Classes, defaults and documentation are in `python/gonio`, the types of
+//! this module in `_gonio.pyi`.
 //!
 //! Long work runs on a thread of its own without the interpreter's lock, and ends when the user
 //! presses Ctrl-C (`work`). Arrays come and go without copies (`arrays`).
@@ -19,7 +19,7 @@ mod work;
 
 use pyo3::prelude::*;
 
-/// What the package `gonio` is made of; not for use by itself.
+/// Internal functions of the package `gonio`; not for use by themselves.
 #[pymodule]
 mod _gonio {
     #[pymodule_export]

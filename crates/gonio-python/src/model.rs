@@ -10,21 +10,21 @@ use pyo3::sync::PyOnceLock;
 
 use crate::error::raise;
 
-/// What inference knows beforehand: the prior of light, the basis of reflectance and the posterior
-/// of materials.
+/// Everything that inference knows beforehand: the prior of light, the basis of reflectance and the
+/// posterior of materials.
 #[pyclass(frozen, module = "gonio")]
 pub(crate) struct Model {
     pub(crate) model: Arc<gonio::model::Model>,
-    /// How messages call it.
+    /// Name in messages.
     pub(crate) name: String,
     is_embedded: bool,
 }
 
-/// How messages call the model that travels with the package.
+/// Name of the embedded model in messages.
 const EMBEDDED: &str = "the embedded model";
 
 impl Model {
-    /// One that has just been learnt.
+    /// Model that has just been learnt.
     pub(crate) fn learnt(model: Arc<gonio::model::Model>) -> Self {
         Self { model, name: "the model".into(), is_embedded: false }
     }
@@ -32,7 +32,7 @@ impl Model {
 
 #[pymethods]
 impl Model {
-    /// The model that travels with the package; decoded at the first call.
+    /// The model embedded in the package, decoded at the first call.
     #[staticmethod]
     fn embedded(py: Python<'_>) -> PyResult<Py<Self>> {
         static MODEL: PyOnceLock<Py<Model>> = PyOnceLock::new();
@@ -62,19 +62,19 @@ impl Model {
         py.detach(|| write_file(&path, &encode_model(&self.model))).map_err(|e| raise(&e.into(), py))
     }
 
-    /// What it was learnt from and how.
+    /// Data and method that the model was learnt with.
     #[getter]
     fn provenance(&self) -> &str {
         &self.model.provenance
     }
 
-    /// The largest grid of light that it covers, in texels a side.
+    /// The largest grid of light that the model covers, in texels a side.
     #[getter]
     fn largest_grid(&self) -> usize {
         1 << self.model.light.scales
     }
 
-    /// Whether it has the posterior of materials that inference needs.
+    /// Whether the model has the posterior of materials that inference needs.
     #[getter]
     fn has_posterior(&self) -> bool {
         self.model.learnt.is_some()
@@ -84,7 +84,7 @@ impl Model {
         format!("<gonio.Model: {}>", self.name)
     }
 
-    /// The embedded one is found by name wherever the package is; others travel whole.
+    /// Pickles the embedded model by reference, and other models whole.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let class = py.get_type::<Self>();
         if self.is_embedded {

@@ -15,7 +15,7 @@ use crate::error::{raise, worded};
 use crate::scene::take_shape;
 use crate::work::{self, Listeners};
 
-/// How a picture is made.
+/// Settings of a picture.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings {
@@ -29,8 +29,8 @@ pub(crate) struct Settings {
 /// Radiance of shape (height, width, 3), coverage of shape (height, width), and warnings.
 type Rendered<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, numpy::PyArray2<f32>>, Vec<String>);
 
-/// Renders a sphere or a mesh of a BRDF, by its table or by what depends on the third angle too,
-/// under a lat-long light.
+/// Renders a sphere or a mesh under a lat-long light, with a BRDF given by its table over two
+/// angles or, if there is one, by its full table over three.
 #[pyfunction]
 #[pyo3(signature = (table, full, light, shape, settings, listeners))]
 pub(crate) fn render<'py>(

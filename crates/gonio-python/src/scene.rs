@@ -1,4 +1,4 @@
-//! What Python says of a photograph and its object, for `gonio_app`.
+//! Photographs and objects as Python gives them, for `gonio_app`.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 
 use crate::arrays;
 
-/// A picture, in a file or in memory.
+/// A picture, in memory or in a file.
 #[derive(FromPyObject)]
 enum GivenPicture<'py> {
     Array(Bound<'py, PyArray3<f32>>),
@@ -19,14 +19,14 @@ enum GivenPicture<'py> {
     File(PathBuf),
 }
 
-/// One channel of a picture.
+/// A mask, in memory or in a file.
 #[derive(FromPyObject)]
 enum GivenMask<'py> {
     Array(Bound<'py, PyArray2<f32>>),
     File(PathBuf),
 }
 
-/// Triangles.
+/// A mesh, in memory or in a file.
 #[derive(FromPyObject)]
 enum GivenMesh<'py> {
     Arrays((Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>)),
@@ -49,7 +49,7 @@ impl Json {
     }
 }
 
-/// The shape of an object, as Python gives it; `mesh` or `normals` go before the name.
+/// The shape of an object, as Python gives it; `mesh` or `normals` take precedence over the name.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct GivenShape<'py> {
@@ -139,7 +139,7 @@ impl GivenShape<'_> {
     }
 }
 
-/// The shape that `render` shows.
+/// Extracts the shape that `render` shows.
 pub(crate) fn take_shape(given: &Bound<'_, PyAny>) -> PyResult<Shape> {
     given.extract::<GivenShape<'_>>()?.take()
 }

@@ -1,4 +1,4 @@
-//! Learning models.
+//! Training of models.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,7 +20,7 @@ use crate::error::raise;
 use crate::model::Model;
 use crate::work::{self, Listeners};
 
-/// A folder, or maps.
+/// Lights: a folder, or maps.
 #[derive(FromPyObject)]
 pub(crate) enum GivenLights<'py> {
     Folder(PathBuf),
@@ -41,7 +41,7 @@ impl GivenLights<'_> {
     }
 }
 
-/// A folder, or names and tables.
+/// Materials: a folder, or names and tables.
 #[derive(FromPyObject)]
 pub(crate) enum GivenMaterials<'py> {
     Folder(PathBuf),
@@ -73,7 +73,7 @@ fn channel(name: &str) -> Result<Channel, Problem> {
     })
 }
 
-/// How the prior of light is learnt.
+/// Settings by which the prior of light is learnt.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct LightingOptions {
@@ -83,10 +83,10 @@ pub(crate) struct LightingOptions {
     seed: u64,
 }
 
-/// The bytes of a file that was not written, and the note of its origin.
+/// Bytes of a model file that was not written to disk, and the note of its origin.
 type Part = (Py<PyBytes>, String);
 
-/// The prior of light.
+/// Learns the prior of light.
 #[pyfunction]
 pub(crate) fn train_lighting(
     py: Python<'_>,
@@ -112,7 +112,7 @@ pub(crate) fn train_lighting(
     Ok((PyBytes::new(py, &bytes).unbind(), provenance))
 }
 
-/// How the basis of reflectance is learnt.
+/// Settings by which the basis of reflectance is learnt.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct ReflectanceOptions {
@@ -125,7 +125,7 @@ pub(crate) struct ReflectanceOptions {
 /// Root mean square errors by material.
 type Errors = Vec<(String, f64)>;
 
-/// The basis of reflectance, and how well it shows each material.
+/// Learns the basis of reflectance; also returns the error of each material.
 #[pyfunction]
 pub(crate) fn train_reflectance(
     py: Python<'_>,
@@ -150,7 +150,7 @@ pub(crate) fn train_reflectance(
     Ok((PyBytes::new(py, &bytes).unbind(), provenance, errors))
 }
 
-/// How the posterior of materials is learnt.
+/// Settings by which the posterior of materials is learnt.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct PosteriorOptions {
@@ -161,7 +161,7 @@ pub(crate) struct PosteriorOptions {
     seed: u64,
 }
 
-/// The posterior of materials.
+/// Learns the posterior of materials.
 #[pyfunction]
 pub(crate) fn train_posterior(
     py: Python<'_>,
@@ -187,7 +187,7 @@ pub(crate) fn train_posterior(
     Ok((PyBytes::new(py, &bytes).unbind(), provenance))
 }
 
-/// A model of its parts: each the bytes of a file and how messages call it.
+/// Joins a model from its parts: each the bytes of a file and its name in messages.
 #[pyfunction]
 #[pyo3(signature = (lighting, reflectance, posterior))]
 pub(crate) fn join(

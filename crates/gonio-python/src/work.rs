@@ -1,5 +1,5 @@
-//! Long work beside Python: on a thread of its own, with progress and Ctrl-C on the thread that
-//! waits for it.
+//! Long computations on a separate thread, with progress and Ctrl-C handled on the Python thread
+//! that waits for them.
 
 use std::mem::take;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -15,43 +15,43 @@ use gonio_app::Problem;
 
 use crate::error::{fault, raise};
 
-/// How often signals are looked for and progress is told.
+/// Interval at which signals are checked and progress is reported.
 const POLL: Duration = Duration::from_millis(50);
 
-/// Who hears of the work while it goes on. Either may raise, which ends the work.
+/// Callbacks during the work. Either may raise, which ends the work.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Listeners {
     /// Called with the name of a stage and the fraction of it that is done.
     progress: Option<Py<PyAny>>,
-    /// Called whenever signals are looked for.
+    /// Called whenever signals are checked.
     poll: Option<Py<PyAny>>,
 }
 
-/// What both threads see.
+/// State shared by both threads.
 #[derive(Default)]
 struct Shared {
     stop: AtomicBool,
-    /// What was not told yet: of each stage the latest.
+    /// Events not yet reported: the latest of each stage.
     events: Mutex<Vec<(&'static str, f64)>>,
 }
 
-/// The worker's end: tells of progress, and ends the work when nobody waits for it any more.
+/// The worker's end: reports progress, and ends the work when nobody waits for it any more.
 #[derive(Clone)]
 pub(crate) struct Reporter(Arc<Shared>);
 
-/// What a worker unwinds with when it is told to stop.
+/// Payload with which a worker unwinds when it is told to stop.
 struct Stopped;
 
 impl Reporter {
-    /// A fraction (0..=1) of a stage is done.
+    /// Reports that a fraction (0..=1) of a stage is done; unwinds if the worker is told to stop.
     pub(crate) fn at(&self, stage: &'static str, fraction: f64) {
         if self.0.stop.load(Ordering::Relaxed) {
             resume_unwind(Box::new(Stopped));
         }
         if let Ok(mut events) = self.0.events.lock() {
             match events.last_mut().filter(|(last, _)| *last == stage) {
-                // Several threads report: a stage never goes back.
+                // Several threads report: the fraction of a stage never decreases.
                 Some((_, at)) => *at = at.max(fraction),
                 None => events.push((stage, fraction)),
             }
@@ -59,8 +59,8 @@ impl Reporter {
     }
 }
 
-/// Does the work while other threads of Python run. When waiting ends before the work does, by
-/// Ctrl-C or by an exception of a listener, the worker stops the next time it reports.
+/// Runs the job while other threads of Python run. When waiting ends before the job does, by Ctrl-C
+/// or by an exception of a listener, the worker stops the next time it reports.
 pub(crate) fn run<T: Send + 'static>(
     py: Python<'_>,
     listeners: Listeners,
@@ -75,7 +75,7 @@ pub(crate) fn run<T: Send + 'static>(
         let _ = sender.send(done);
     })?;
     loop {
-        // The receiver goes along: it is not to be shared between threads.
+        // The receiver moves into the closure and back, since it cannot be shared between threads.
         let (back, got) = py.detach(move || {
             let got = receiver.recv_timeout(POLL);
             (receiver, got)
@@ -94,7 +94,7 @@ pub(crate) fn run<T: Send + 'static>(
 }
 
 impl Listeners {
-    /// Nobody, but Ctrl-C works.
+    /// No callbacks; Ctrl-C still works.
     pub(crate) fn none() -> Self {
         Self { progress: None, poll: None }
     }

@@ -1,4 +1,4 @@
-//! Dense layers forward and back.
+//! Forward and backward passes of dense layers.
 
 use gonio::inference::learnt::NamedLayer;
 
@@ -10,11 +10,11 @@ pub(crate) struct Dense {
     pub(crate) layers: Vec<NamedLayer>,
 }
 
-/// What a pass forward leaves for the pass back. Everything has the samples first.
+/// Values that the forward pass keeps for the backward pass, samples along the first axis.
 pub(crate) struct DenseTrace {
-    /// What goes into each layer, and what comes out of the last.
+    /// Inputs of each layer, and outputs of the last.
     vectors: Vec<Vec<f32>>,
-    /// What comes out of each layer before it is activated, but for the last.
+    /// Outputs of each layer but the last, before activation.
     before: Vec<Vec<f32>>,
 }
 
@@ -25,8 +25,8 @@ impl DenseTrace {
 }
 
 impl Dense {
-    /// For inputs `[sample][inputs]`. `masks` multiply the units of the hidden layers,
-    /// `[sample][units]`; none for a pass in which nothing is left out.
+    /// Runs the forward pass for inputs `[sample][inputs]`. `masks` multiply the units of the
+    /// hidden layers, `[sample][units]`; without any there is no dropout.
     pub(crate) fn forward(&self, inputs: Vec<f32>, weights: &[Vec<f32>], masks: &[Vec<f32>]) -> DenseTrace {
         let mut trace = DenseTrace { vectors: vec![inputs], before: Vec::new() };
         for (at, layer) in self.layers.iter().enumerate() {
@@ -45,8 +45,8 @@ impl Dense {
         trace
     }
 
-    /// The gradient in the weights of each layer and that in the inputs, for that in the outputs
-    /// and the masks of the pass forward.
+    /// Returns the gradients with respect to the weights of each layer and to the inputs, given the
+    /// gradient `back` with respect to the outputs and the masks of the forward pass.
     pub(crate) fn backward(
         &self,
         mut trace: DenseTrace,

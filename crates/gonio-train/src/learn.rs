@@ -1,4 +1,4 @@
-//! From a stock of scenes to a posterior of materials.
+//! Learning of a posterior of materials from a stock of scenes.
 
 use gonio::appearance::disk::{CHANNELS, SIDE};
 use gonio::inference::learnt::{Candidates, LearntPosterior, interval_widths};
@@ -8,18 +8,19 @@ use rayon::prelude::*;
 
 use crate::{Photographs, TrainError, Trained, TrainingSettings, train};
 
-/// Photographs that the ranges of features are taken from: no more than the training saw.
+/// Number of photographs that the ranges of features are taken from, at most as many as the
+/// training saw.
 const RANGED: usize = 2000;
 
-/// The number of the first of them, beyond those of the training.
+/// Index of the first of these photographs, beyond those of the training.
 const FIRST: u64 = 1 << 40;
 
-/// Materials that stand for the prior. A quarter of them would do for most photographs, but leave
-/// the surest posteriors a handful (`docs/trials.md`).
+/// Number of materials that represent the prior. A quarter of them would be enough for most
+/// photographs, but would leave only a handful to the most certain posteriors (`docs/trials.md`).
 const CANDIDATES: u64 = 8192;
 
-/// Learns the posterior from photographs of a stock. `progress` is told the share done, in 0..=1,
-/// and the loss in nats.
+/// Learns the posterior from photographs of a stock. `progress` is called with the share done, in
+/// 0..=1, and the loss in nats.
 ///
 /// # Errors
 /// If a setting is out of range or the training diverges.
@@ -35,9 +36,9 @@ pub fn learn(
     Ok(posterior(stock, trained, RANGED.min(settings.steps * settings.batch)))
 }
 
-/// The posterior that training on a stock's photographs makes, with what goes with it: the measured
-/// materials, draws from the prior, what is usual of features, from so many photographs, and how
-/// wide the prior is.
+/// Builds the posterior from the trained encoder and what goes with it: the measured materials,
+/// draws from the prior, the usual ranges of features over `ranged` photographs, and the widths of
+/// the prior's intervals.
 fn posterior(stock: &Stock, trained: Trained, ranged: usize) -> LearntPosterior {
     let dictionary = stock.dictionary();
     let features: Vec<Vec<f32>> = (FIRST..FIRST + ranged as u64)

@@ -1,10 +1,10 @@
 //! Fits the [`Encoder`](gonio::inference::learnt::Encoder) of images to an endless stream of
 //! simulated ones.
 //!
-//! The layers are passed forward and back by the same products of matrices that the encoder itself
-//! uses. A batch is cut into parts of a fixed size which are drawn, passed forward and passed back
-//! on one thread each, and their gradients are summed in order: the result does not depend on the
-//! number of threads.
+//! Forward and backward passes use the same matrix products as the encoder itself. A batch is cut
+//! into parts of a fixed size, each of which is drawn and passed forward and backward on one
+//! thread, and their gradients are summed in order: the result does not depend on the number of
+//! threads.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -23,18 +23,18 @@ pub use learn::learn;
 pub use photographs::Photographs;
 pub use train::{PART, TrainError, Trained, TrainingSettings, train};
 
-/// An endless stream of images with what is to be read from them. The same index is the same
-/// sample.
+/// An endless stream of images with the targets to be read from them. An index always gives the
+/// same sample.
 pub trait Samples: Sync {
     /// Cells along a side of the images.
     fn side(&self) -> usize;
     /// Channels of the images.
     fn channels(&self) -> usize;
-    /// Numbers that come with an image.
+    /// Number of values that come with an image.
     fn globals(&self) -> usize;
-    /// Numbers to be read from an image.
+    /// Number of values to be read from an image.
     fn dimensions(&self) -> usize;
     /// Writes one sample: the image `[side][side][channels]`, its globals and the target, both with
-    /// means near 0 and deviations near 1. All are zero before.
+    /// means near 0 and deviations near 1. All are zero before the call.
     fn draw(&self, index: u64, image: &mut [f32], globals: &mut [f32], target: &mut [f32]);
 }

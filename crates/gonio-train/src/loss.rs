@@ -1,13 +1,13 @@
-//! How well an image tells its own material from others.
+//! Contrastive loss between images and materials.
 
-/// Sum over images of `log sum_c exp(s_c) - s_own - log(count)`, in nats, over the image's own
-/// material and all others, with the scores `s = u v / sqrt(width)` of the embeddings `u` of the
-/// image and `v` of a material: minus the logarithm of the probability of the right one, relative to
-/// a guess (van den Oord, Li & Vinyals 2018). It is least where the score is `log p(I | F) / p(I)`
-/// up to a constant of the image.
+/// Sum over images of `log sum_c exp(s_c) - s_own - log(count)`, in nats, where `c` runs over the
+/// image's own material and all others, with the scores `s = u v / sqrt(width)` of the embeddings
+/// `u` of the image and `v` of a material: the negative log probability of the right material,
+/// relative to a guess (van den Oord, Li & Vinyals 2018). It is least where the score is
+/// `log p(I | F) / p(I)` up to a constant of the image.
 ///
-/// `images` and `own` are `[image][width]` and are overwritten by the gradient in them; that in
-/// `others`, `[other][width]`, is added to `to_others`.
+/// `images` and `own` are `[image][width]` and are overwritten by the gradients with respect to
+/// them; the gradient with respect to `others`, `[other][width]`, is added to `to_others`.
 pub(crate) fn contrast(
     images: &mut [f32],
     own: &mut [f32],
@@ -25,7 +25,7 @@ pub(crate) fn contrast(
         let shares: Vec<f32> = scores.iter().map(|s| (s - top).exp()).collect();
         let total = shares.iter().map(|s| f64::from(*s)).sum::<f64>() + f64::from((right - top).exp());
         loss += total.ln() + f64::from(top - right) - ((scores.len() + 1) as f64).ln();
-        // Probability of each less what it should be.
+        // Probability of the right material minus one.
         let missing = (f64::from((right - top).exp()) / total - 1.0) as f32;
         let mut back: Vec<f32> = own.iter().map(|v| scale * missing * v).collect();
         own.iter_mut().zip(&*image).for_each(|(v, u)| *v = scale * missing * u);

@@ -1,9 +1,9 @@
-//! Steps down the gradient.
+//! Gradient descent.
 
 use std::ops::Range;
 
-/// AdamW (Loshchilov & Hutter 2019) with a bound on the gradient's norm, and the moving average of
-/// what it moves.
+/// AdamW (Loshchilov & Hutter 2019) with a bound on the norm of the gradient, and a moving average
+/// of the values.
 pub(crate) struct Optimiser {
     mean: Vec<f32>,
     square: Vec<f32>,
@@ -11,15 +11,15 @@ pub(crate) struct Optimiser {
     steps: i32,
 }
 
-/// How far a step goes.
+/// Settings of one step.
 pub(crate) struct Stride {
-    /// Rate of this step.
+    /// Learning rate of this step.
     pub(crate) rate: f32,
-    /// Share of the weights that decays, times the rate.
+    /// Weight decay: share of the weights that decays, times the rate.
     pub(crate) decay: f32,
     /// Gradients longer than this are scaled down to it.
     pub(crate) longest: f64,
-    /// Share of the average that stays.
+    /// Share of the moving average that is kept.
     pub(crate) average: f32,
 }
 
@@ -29,12 +29,12 @@ impl Optimiser {
         Self { mean: zeros.clone(), square: zeros, average: values.to_vec(), steps: 0 }
     }
 
-    /// The average over the steps so far, in which early ones are forgotten.
+    /// The moving average of the values over the steps so far.
     pub(crate) fn average(&self) -> &[f32] {
         &self.average
     }
 
-    /// Moves the values. Those at the `decaying` places are also made smaller.
+    /// Updates the values. Those in the ranges of `decaying` also decay.
     pub(crate) fn step(
         &mut self,
         values: &mut [f32],
@@ -51,7 +51,7 @@ impl Optimiser {
         for range in decaying {
             values[range].iter_mut().for_each(|v| *v *= 1.0 - stride.rate * stride.decay);
         }
-        // A short run is not to be averaged with where it started.
+        // Keeps the start of a short run out of its average.
         let keep = stride.average.min((1 + self.steps) as f32 / (10 + self.steps) as f32);
         let moments = self.mean.iter_mut().zip(&mut self.square).zip(&mut self.average);
         for ((value, gradient), ((mean, square), average)) in values.iter_mut().zip(gradient).zip(moments) {
@@ -64,8 +64,8 @@ impl Optimiser {
     }
 }
 
-/// Share of the largest rate at a share of the steps: a rise over three tenths and a fall over the
-/// rest, both along a cosine (Smith & Topin 2019).
+/// One-cycle schedule: share of the largest learning rate at a share of the steps, which rises over
+/// three tenths and falls over the rest, both along a cosine (Smith & Topin 2019).
 pub(crate) fn one_cycle(at: f64) -> f64 {
     let cosine = |from: f64, to: f64, t: f64| to + 0.5 * (from - to) * (1.0 + (std::f64::consts::PI * t).cos());
     if at < 0.3 { cosine(0.04, 1.0, at / 0.3) } else { cosine(1.0, 1e-5, (at - 0.3) / 0.7) }

@@ -1,9 +1,9 @@
-//! The numbers that are learnt, and the weights that they make.
+//! Learnt parameters, and the weights that they define.
 //!
-//! Convolutions have their weights standardised over the neighbourhood of each output and scaled by
-//! a gain that is learnt (Brock et al. 2021), in place of a normalisation of activations; the last
-//! one of a residual block has a small factor besides (De & Smith 2020). Dense layers are learnt as
-//! they are.
+//! The weights of convolutions are standardised over the neighbourhood of each output and scaled by
+//! a learnt gain (Brock et al. 2021), instead of normalising activations; the last convolution of a
+//! residual block also has a small learnt factor (De & Smith 2020). The weights of dense layers are
+//! learnt directly.
 
 use std::ops::Range;
 
@@ -16,22 +16,22 @@ use rayon::prelude::*;
 /// `silu` of a standard normal times this has variance one.
 const SILU_GAIN: f64 = 1.788_129;
 
-/// Factor of residual blocks at the start.
+/// Initial factor of residual blocks.
 const SKIP: f32 = 0.2;
 
-/// Where the numbers of a layer are among all.
+/// Ranges of the parameters of a layer in the vector of all.
 struct Slots {
     layer: NamedLayer,
     weights: Range<usize>,
     bias: Range<usize>,
-    /// One for each output of a convolution, times `scale`.
+    /// Gains, one for each output of a convolution, multiplied by `scale`.
     gain: Option<Range<usize>>,
-    /// The factor of a residual block, at its end.
+    /// Factor of a residual block, for its last convolution.
     skip: Option<Range<usize>>,
     scale: f32,
 }
 
-/// What the numbers of all layers mean, in one vector.
+/// Layout of the parameters of all layers in one vector.
 pub(crate) struct Parameters {
     slots: Vec<Slots>,
     count: usize,
@@ -53,7 +53,7 @@ impl Parameters {
                     bias: take(g.outputs),
                     gain: standard.then(|| take(g.outputs)),
                     skip: layer.name.ends_with(".second").then(|| take(1)),
-                    // The image is not what `silu` made.
+                    // The input of the stem is the image, not an output of `silu`.
                     scale: if layer.name == "stem" { 1.0 } else { SILU_GAIN as f32 },
                     layer: layer.clone(),
                 }
@@ -62,19 +62,19 @@ impl Parameters {
         Self { slots, count }
     }
 
-    /// Places of the numbers that decay: all weights, but no bias, gain or factor.
+    /// Ranges of the parameters that decay: all weights, but no bias, gain or factor.
     pub(crate) fn decaying(&self) -> impl Iterator<Item = Range<usize>> {
         self.slots.iter().map(|s| s.weights.clone())
     }
 
-    /// Places of each tensor.
+    /// Ranges of each tensor.
     #[cfg(test)]
     pub(crate) fn ranges(&self) -> Vec<Range<usize>> {
         let all = self.slots.iter().map(|s| (Some(&s.weights), Some(&s.bias), s.gain.as_ref(), s.skip.as_ref()));
         all.flat_map(|(w, b, g, s)| [w, b, g, s]).flatten().cloned().collect()
     }
 
-    /// Numbers to start from.
+    /// Random initial parameters.
     pub(crate) fn random(&self, seed: u64) -> Vec<f32> {
         let mut rng = Pcg64::seed_from_u64(seed);
         let mut normal = |deviation: f64| (deviation * Distribution::<f64>::sample(&StandardNormal, &mut rng)) as f32;
@@ -93,14 +93,15 @@ impl Parameters {
         self.slots.par_iter().map(|slots| slots.weights(values)).collect()
     }
 
-    /// The gradient in the numbers for the gradients in [`Self::weights`].
+    /// Returns the gradient with respect to the parameters, given the gradients with respect to
+    /// [`Self::weights`].
     pub(crate) fn pull(&self, values: &[f32], weights: &[Vec<f32>]) -> Vec<f32> {
         let parts: Vec<Vec<f32>> =
             self.slots.par_iter().zip(weights).map(|(slots, back)| slots.pull(values, back)).collect();
         parts.concat()
     }
 
-    /// The encoder of these numbers.
+    /// Builds the encoder of these parameters.
     pub(crate) fn export(&self, values: &[f32], shape: &EncoderShape) -> Result<Encoder, EncoderError> {
         let made = self.weights(values);
         Encoder::from_tensors(shape.clone(), |name| {
@@ -117,15 +118,14 @@ impl Parameters {
     }
 }
 
-/// The columns of a layer's weights in standard form: mean zero, and one for the sum of squares.
+/// Columns of a layer's weights, standardised to mean zero and a sum of squares of one.
 struct Standard {
     columns: Vec<f32>,
-    /// Root of the sum of squares about the mean, of each column before.
+    /// Root of the sum of squares about the mean of each column before standardising.
     spread: Vec<f32>,
 }
 
-/// For each column `f` of what is in a row and column, summed over rows. `values` has rows of
-/// `columns`.
+/// Sums `f(index, value)` over the rows of each column. `values` has rows of `columns`.
 fn sums(values: &[f32], columns: usize, f: impl Fn(usize, f32) -> f32) -> Vec<f32> {
     let mut sums = vec![0.0; columns];
     for (row, values) in values.chunks_exact(columns).enumerate() {
@@ -150,12 +150,12 @@ impl Standard {
 }
 
 impl Slots {
-    /// What the standardised weights of each output are multiplied by, without its gain.
+    /// Factor of the standardised weights of all outputs, without their gains.
     fn factor(&self, values: &[f32]) -> f32 {
         self.scale * self.skip.as_ref().map_or(1.0, |skip| values[skip.start])
     }
 
-    /// Weights and bias that the numbers make.
+    /// Weights and bias that the parameters define.
     fn weights(&self, values: &[f32]) -> Vec<f32> {
         let mut out = values[self.weights.start..self.bias.end].to_vec();
         if let Some(gain) = &self.gain {
@@ -168,8 +168,8 @@ impl Slots {
         out
     }
 
-    /// The gradient in the layer's numbers, in the order of their places, for that in its weights
-    /// and bias.
+    /// Returns the gradient with respect to the layer's parameters, in their order in the vector,
+    /// given that with respect to its weights and bias.
     fn pull(&self, values: &[f32], back: &[f32]) -> Vec<f32> {
         let mut out = back.to_vec();
         let Some(gain) = &self.gain else { return out };

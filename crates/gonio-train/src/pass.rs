@@ -1,30 +1,30 @@
-//! The encoder forward and back for some images on one thread.
+//! Forward and backward passes of the encoder for some images on one thread.
 //!
-//! By hand: the tape of candle 0.11, tried first, adds each gradient to zeros, and its operations
-//! on large tensors wait for one pool of threads that all parts of a batch share; two threads were
-//! slower than one (docs/trials.md).
+//! The backward pass is written by hand: the tape of candle 0.11, tried first, adds each gradient
+//! to zeros, and its operations on large tensors wait for one pool of threads that all parts of a
+//! batch share; two threads were slower than one (docs/trials.md).
 
 use gonio::inference::learnt::{Convolution, EncoderShape, NamedLayer, Step, inside_disk, pool, silu, silu_backward};
 
 use crate::dense::{Dense, DenseTrace};
 
-/// The layers of an encoder, without their numbers. Weights of a layer are `[neighbourhood +
-/// 1][outputs]`, the bias last.
+/// Layers of an encoder, without their weights. Weights of a layer are
+/// `[neighbourhood + 1][outputs]`, the bias last.
 pub(crate) struct Layers {
     steps: Vec<Step>,
     convolutions: Vec<NamedLayer>,
     dense: Dense,
 }
 
-/// What a pass forward leaves for the pass back. Activations have the samples first.
+/// Values that the forward pass keeps for the backward pass, samples along the first axis.
 pub(crate) struct Trace {
-    /// What goes into each convolution, and what comes out of the last.
+    /// Inputs of each convolution, and outputs of the last.
     images: Vec<Vec<f32>>,
     /// Means, maxima and spreads at each [`Step::Pool`].
     pooled: Vec<Vec<f32>>,
-    /// What comes out of each convolution before [`silu`].
+    /// Outputs of each convolution before [`silu`].
     before: Vec<Vec<f32>>,
-    /// The dense layers.
+    /// Trace of the dense layers.
     dense: DenseTrace,
 }
 
@@ -34,7 +34,7 @@ impl Trace {
     }
 }
 
-/// The layer's output for its input, with what is added to it.
+/// Output of a layer for its input, plus `added`.
 pub(crate) fn affine(g: &Convolution, weights: &[f32], input: &[f32], added: Option<&[f32]>) -> Vec<f32> {
     let (weights, bias) = weights.split_at(g.neighbourhood() * g.outputs);
     let mut out = bias.repeat(input.len() / g.input_len() * g.output_len() / g.outputs);
@@ -45,7 +45,8 @@ pub(crate) fn affine(g: &Convolution, weights: &[f32], input: &[f32], added: Opt
     out
 }
 
-/// The gradient in a layer's weights and bias; that in its input is added to `to_input`.
+/// Returns the gradient with respect to a layer's weights and bias, and adds that with respect to
+/// its input to `to_input`.
 pub(crate) fn affine_backward(
     g: &Convolution,
     weights: &[f32],
@@ -68,14 +69,14 @@ pub(crate) fn activated(before: &[f32]) -> Vec<f32> {
     out
 }
 
-/// Adds the gradient of [`pool`]ing one image to that in its activations. Of equal maxima the first
-/// moves.
+/// Adds the gradient of [`pool`]ing one image to that with respect to its activations. Of equal
+/// maxima the first takes the gradient.
 fn pool_backward(image: &[f32], cells: &[usize], pooled: &[f32], back: &[f32], to: &mut [f32]) {
     let channels = pooled.len() / 3;
     let share = 1.0 / cells.len() as f32;
     let mean: Vec<f32> = back[..channels].iter().map(|m| m * share).collect();
     let mut left = back[channels..2 * channels].to_vec();
-    // Of s = log(v + e) / 2 with the variance v: ds/dx = (x - mean) / (n exp(2 s)).
+    // For s = log(v + e) / 2 with the variance v: ds/dx = (x - mean) / (n exp(2 s)).
     let spread: Vec<f32> =
         back[2 * channels..].iter().zip(&pooled[2 * channels..]).map(|(b, s)| b * share * (-2.0 * s).exp()).collect();
     for cell in cells {
@@ -95,14 +96,14 @@ impl Layers {
         Self { steps: shape.steps(), convolutions: shape.convolutions(), dense: Dense { layers: shape.dense_layers() } }
     }
 
-    /// Convolutions, then dense layers.
+    /// All layers: convolutions, then dense layers.
     pub(crate) fn all(&self) -> impl Iterator<Item = &NamedLayer> {
         self.convolutions.iter().chain(&self.dense.layers)
     }
 
-    /// For images `[sample][side][side][channels]` and globals `[sample][globals]`. `masks`
-    /// multiply the units of the hidden layers, `[sample][units]`; none for a pass in which nothing
-    /// is left out.
+    /// Runs the forward pass for images `[sample][side][side][channels]` and globals
+    /// `[sample][globals]`. `masks` multiply the units of the hidden layers, `[sample][units]`;
+    /// without any there is no dropout.
     pub(crate) fn forward(
         &self,
         images: Vec<f32>,
@@ -152,8 +153,8 @@ impl Layers {
         Trace { images, pooled, before, dense }
     }
 
-    /// The gradient in the weights of each layer, for that in the outputs `[sample][outputs]` and
-    /// the masks of the pass forward.
+    /// Returns the gradient with respect to the weights of each layer, given that with respect to
+    /// the outputs `[sample][outputs]` and the masks of the forward pass.
     pub(crate) fn backward(
         &self,
         trace: Trace,
@@ -186,7 +187,7 @@ impl Layers {
                 Step::Convolve(at) => {
                     let back = before_silu(&mut before[at], &now);
                     let input = &images[at];
-                    // The photograph itself does not move.
+                    // No gradient with respect to the photograph itself is needed.
                     now = vec![0.0; if at == 0 { 0 } else { input.len() }];
                     let to = (at > 0).then_some(now.as_mut_slice());
                     gradients[at] = affine_backward(&self.convolutions[at].geometry, &weights[at], input, &back, to);
@@ -199,8 +200,8 @@ impl Layers {
                     let input = &images[at + 1];
                     gradients[at + 1] = affine_backward(second, &weights[at + 1], input, &outer, Some(&mut inner));
                     let inner = before_silu(&mut before[at], &inner);
-                    // What was added has the gradient of the sum, to which that of the way through
-                    // the block comes.
+                    // The skip connection takes the gradient of the sum; the gradient through the
+                    // block is added to it.
                     gradients[at] = affine_backward(first, &weights[at], &images[at], &inner, Some(&mut outer));
                     (now, layer) = (outer, at);
                 }
@@ -211,7 +212,8 @@ impl Layers {
     }
 }
 
-/// The gradient before a [`silu`] for that after it. Uses up what was kept of the values before.
+/// Returns the gradient before a [`silu`], given that after it. Consumes the stored values before
+/// it.
 pub(crate) fn before_silu(before: &mut Vec<f32>, back: &[f32]) -> Vec<f32> {
     let mut values = std::mem::take(before);
     silu_backward(&mut values, back);

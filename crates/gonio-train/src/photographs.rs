@@ -5,7 +5,7 @@ use gonio::simulation::Stock;
 
 use crate::Samples;
 
-/// Photographs of a stock, and where their materials lie in the coordinates of its dictionary.
+/// Photographs of a stock; the targets are the coordinates of their materials in its dictionary.
 pub struct Photographs<'a>(pub &'a Stock);
 
 impl Samples for Photographs<'_> {

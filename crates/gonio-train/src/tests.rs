@@ -4,14 +4,14 @@ use crate::loss::contrast;
 use crate::train::{Batch, Model, Part};
 use crate::{PART, Samples, Trained, TrainingSettings, train};
 
-/// A bright spot in a noisy image: its width and place are asked for, and one of the globals says
-/// the place up and down.
+/// Samples of a bright spot in a noisy image: the targets are its width and horizontal position,
+/// and one of the globals gives its vertical position.
 struct Spots {
     side: usize,
     channels: usize,
 }
 
-/// Uniform in -1..1.
+/// Uniform pseudo-random number in -1..1.
 fn uniform(index: u64, at: u64) -> f32 {
     let mut x = index.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ at.wrapping_mul(0xbf58_476d_1ce4_e5b9);
     for shift in [30, 27, 31] {
@@ -47,7 +47,7 @@ impl Samples for Spots {
             cell[1..].iter_mut().enumerate().for_each(|(c, v)| *v = centre((at + c) % self.side));
         }
         globals.copy_from_slice(&[1.6 * y, uniform(index, 4)]);
-        // Deviations of one; the second is the place sideways.
+        // Scaled to deviations of one; the second is the horizontal position.
         target.copy_from_slice(&[1.732 * width, 2.887 * x]);
     }
 }
@@ -78,7 +78,7 @@ fn the_gradient_is_that_of_the_loss() {
         assert_eq!(gradient.len(), values.len());
         // Tensor by tensor, along its gradient: single entries are below the rounding of the loss.
         let ranges = model.parameters.ranges();
-        // The last bias adds the same to the scores of all materials.
+        // The last bias adds the same to the scores of all materials, and has no gradient.
         for range in &ranges[..ranges.len() - 1] {
             let length = gradient[range.clone()].iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
             assert!(length > 1e-4, "{range:?}");
@@ -92,7 +92,7 @@ fn the_gradient_is_that_of_the_loss() {
             let numeric = (moved(step) - moved(-step)) / (2.0 * step);
             assert!((numeric - length).abs() < 0.01 * length + 3e-4, "{range:?}: {numeric} {length}");
         }
-        // Along ways through all of them.
+        // Along random directions through all of them.
         for direction in 0..10 {
             let way: Vec<f32> = (0..values.len()).map(|at| uniform(at as u64, direction)).collect();
             let moved = |step: f32| {
@@ -157,7 +157,7 @@ fn what_is_visible_is_learnt() {
     let (steps, hidden) = (300, vec![32, 32]);
     let settings = TrainingSettings { steps, batch: 32, rate: 5e-3, drop: 0.0, average: 0.98, hidden, ..small() };
     let trained = train(&SMALL, &settings, &|_, _| ()).unwrap();
-    // Nothing known is 0, certainty -log 200 = -5.3.
+    // The loss is 0 without knowledge, and -log 200 = -5.3 with certainty.
     let loss = loss_of(&trained, 1_000_000, 200);
     assert!(loss < -2.5, "{loss}");
 }
@@ -176,7 +176,7 @@ fn wrong_settings_and_samples_are_told() {
     assert!(matches!(train(&SMALL, &wild, &|_, _| ()), Err(crate::TrainError::Diverged { step: 1 })));
 }
 
-/// Printed, not asserted: machines differ.
+/// Prints the speed and asserts none: machines differ.
 #[test]
 #[ignore = "a measurement"]
 #[allow(clippy::print_stdout)]

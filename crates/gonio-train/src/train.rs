@@ -1,4 +1,4 @@
-//! The loop over batches.
+//! The training loop over batches.
 
 use gonio::inference::learnt::{Convolution, Encoder, EncoderError, EncoderShape, NamedLayer};
 use rand::{RngExt, SeedableRng};
@@ -13,41 +13,41 @@ use crate::optimiser::{Optimiser, Stride, one_cycle};
 use crate::parameters::Parameters;
 use crate::pass::Layers;
 
-/// Samples that are worked on together by one thread: few enough for their activations to stay in
-/// cache.
+/// Number of samples that one thread processes together: few enough for their activations to stay
+/// in cache.
 pub const PART: usize = 8;
 
-/// How an encoder is trained.
+/// Settings of the training of an encoder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainingSettings {
     /// Steps of the optimiser.
     pub steps: usize,
-    /// Samples between steps.
+    /// Samples in each step.
     pub batch: usize,
-    /// Largest rate of the optimiser; it rises over the first three tenths of the steps and falls
+    /// Largest learning rate; the rate rises over the first three tenths of the steps and falls
     /// over the rest.
     pub rate: f64,
-    /// Decay of weights.
+    /// Weight decay.
     pub decay: f64,
-    /// Share of the units of hidden dense layers left out at random.
+    /// Dropout: share of the units of hidden dense layers left out at random.
     pub drop: f64,
-    /// Numbers of an embedding.
+    /// Dimensions of an embedding.
     pub embedding: usize,
-    /// Materials that each image has to tell its own from: those of the images before.
+    /// Number of materials that each image's own is contrasted with: those of the preceding images.
     pub others: usize,
     /// Units of the hidden layers between a material and its embedding.
     pub materials: Vec<usize>,
-    /// Norm that gradients are cut to.
+    /// Largest norm of a gradient; longer ones are scaled down to it.
     pub longest: f64,
-    /// Share of the moving average of the weights that stays in each step; the average is what
-    /// comes of the training.
+    /// Share of the moving average of the weights that is kept in each step; the average is the
+    /// result of the training.
     pub average: f64,
-    /// As in [`EncoderShape::widths`].
+    /// Widths of the encoder, as in [`EncoderShape::widths`].
     pub widths: Vec<usize>,
-    /// As in [`EncoderShape::hidden`].
+    /// Hidden layers of the encoder, as in [`EncoderShape::hidden`].
     pub hidden: Vec<usize>,
-    /// Seed of the first weights and of what is left out.
+    /// Seed of the initial weights and of dropout.
     pub seed: u64,
 }
 
@@ -72,19 +72,20 @@ impl Default for TrainingSettings {
     }
 }
 
-/// Why there is no encoder.
+/// Reason why the training failed.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
-    /// A setting makes no sense.
+    /// A setting is out of range.
     #[error("the setting `{0}` is out of range")]
     Setting(&'static str),
-    /// The encoder cannot be built, or not be exported.
+    /// The encoder cannot be built or exported.
     #[error(transparent)]
     Encoder(#[from] EncoderError),
-    /// The loss or its gradient is not finite: a sample that is not, or too large a rate.
+    /// The loss or its gradient is not finite, because of a sample that is not finite or too large
+    /// a rate.
     #[error("the loss is not finite at step {step}")]
     Diverged {
-        /// Counted from zero.
+        /// Step, counted from zero.
         step: usize,
     },
 }
@@ -115,10 +116,11 @@ impl Part {
     }
 }
 
-/// Materials that are embedded together by one thread.
+/// Number of materials that one thread embeds together.
 const ROWS: usize = 128;
 
-/// Places are cut to so many deviations: a formula may lie anywhere.
+/// Bound of the coordinates of materials, in deviations: those of a formula may be arbitrarily
+/// large.
 const REACH: f32 = 8.0;
 
 fn bounded(places: &[f32]) -> Vec<f32> {
@@ -134,17 +136,17 @@ pub(crate) struct Model {
     drop: f64,
 }
 
-/// What is learnt: an encoder of images, and the embedding of materials that goes with it.
+/// Result of a training: an encoder of images, and the embedding of materials that goes with it.
 pub struct Trained {
-    /// From an image to its embedding.
+    /// Encoder of an image as its embedding.
     pub encoder: Encoder,
     materials: Dense,
     weights: Vec<Vec<f32>>,
 }
 
 impl Trained {
-    /// The embedding of a material at a place. Its product with that of an image is the logarithm
-    /// of the image's likelihood, up to a constant of the image.
+    /// Returns the embedding of a material at given coordinates. Its product with that of an image
+    /// is the logarithm of the image's likelihood, up to a constant of the image.
     pub fn embed(&self, place: &[f32]) -> Vec<f32> {
         let trace = self.materials.forward(bounded(place), &self.weights, &[]);
         let scale = 1.0 / (trace.outputs().len() as f32).sqrt();
@@ -152,33 +154,33 @@ impl Trained {
     }
 }
 
-/// A batch, and the materials of others.
+/// A batch of samples, and the materials of others.
 #[derive(Clone, Copy)]
 pub(crate) struct Batch<'a> {
     pub(crate) samples: &'a dyn Samples,
-    /// Number of the first sample.
+    /// Index of the first sample.
     pub(crate) first: u64,
     pub(crate) count: usize,
-    /// Places of the materials to tell the samples' own from, one after the other.
+    /// Coordinates of the materials to contrast with the samples' own, one after the other.
     pub(crate) others: &'a [f32],
-    /// Of what is left out.
+    /// Seed of dropout.
     pub(crate) seed: u64,
 }
 
-/// What is learnt from a batch.
+/// Loss and gradient of a batch.
 pub(crate) struct Lesson {
-    /// Mean of the loss.
+    /// Mean loss of the samples.
     pub(crate) loss: f64,
-    /// Its gradient in all that is learnt.
+    /// Its gradient with respect to all parameters.
     pub(crate) gradient: Vec<f32>,
-    /// Places of the samples' materials, one after the other.
+    /// Coordinates of the samples' materials, one after the other.
     pub(crate) places: Vec<f32>,
 }
 
-/// What is learnt from a part of a batch: sums over its samples.
+/// Loss and gradients of a part of a batch: sums over its samples.
 struct Piece {
     loss: f64,
-    /// Of all layers.
+    /// Gradients with respect to the weights of all layers.
     gradients: Vec<Vec<f32>>,
     to_others: Vec<f32>,
     places: Vec<f32>,
@@ -217,8 +219,8 @@ impl Model {
         Ok(Self { shape, layers, materials, parameters, drop: settings.drop })
     }
 
-    /// Of the images of a part, and of their own materials among the embeddings of others. Units
-    /// are left out by `seed`.
+    /// Computes loss and gradients of the images of a part, contrasting their own materials with
+    /// the embeddings `others`. `seed` determines dropout.
     fn piece(&self, part: Part, weights: &[Vec<f32>], others: &[f32], seed: u64) -> Piece {
         let masks = self.masks(part.count, seed);
         let (encoder, materials) = weights.split_at(self.layers.all().count());
@@ -232,8 +234,8 @@ impl Model {
         Piece { loss, gradients, to_others, places: part.targets }
     }
 
-    /// What the units of the hidden layers are multiplied by: zero for those left out, and more
-    /// than one for the rest to keep the mean.
+    /// Dropout masks of the hidden layers: zero for units left out, and more than one for the rest
+    /// to keep the mean.
     fn masks(&self, count: usize, seed: u64) -> Vec<Vec<f32>> {
         if self.drop == 0.0 {
             return Vec::new();
@@ -258,7 +260,7 @@ impl Model {
             .into_par_iter()
             .map(|at| {
                 let part = Part::draw(samples, first + (at * PART) as u64, PART.min(count - at * PART));
-                // Neighbouring seeds of the generator give streams that have nothing in common.
+                // Neighbouring seeds of the generator give unrelated streams.
                 let seed = (seed << 32).wrapping_add(first).wrapping_add((at * PART) as u64);
                 self.piece(part, &weights, &others, seed)
             })
@@ -295,7 +297,7 @@ impl Model {
     }
 }
 
-/// Sum of vectors of some length, in their order.
+/// Sums vectors of the given length, in their order.
 fn sum<'a>(vectors: impl Iterator<Item = &'a [f32]>, length: usize) -> Vec<f32> {
     let mut sum = vec![0.0; length];
     for vector in vectors {
@@ -304,11 +306,12 @@ fn sum<'a>(vectors: impl Iterator<Item = &'a [f32]>, length: usize) -> Vec<f32> 
     sum
 }
 
-/// Fits an encoder and the embedding of materials to the samples: step `i` sees those from `i *
-/// batch` on, and tells their materials from those of the `settings.others` samples before.
-/// `progress` is told the share of the steps done and the mean loss of the last one, in nats: minus
-/// the logarithm of how much likelier each image is of its own material than of any of them. Runs on
-/// the threads of rayon's pool; deterministic for the seed, whatever their number.
+/// Fits an encoder and the embedding of materials to the samples: step `i` uses those from
+/// `i * batch` on, and contrasts their materials with those of the `settings.others` samples
+/// before. `progress` is called with the share of the steps done and the mean loss of the last one,
+/// in nats: the negative logarithm of how much likelier each image is under its own material than
+/// under any of them. Runs on the threads of rayon's pool; the result is deterministic for the
+/// seed, whatever their number.
 ///
 /// # Errors
 /// If a setting is out of range or the loss is not finite.

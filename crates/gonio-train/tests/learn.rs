@@ -1,4 +1,4 @@
-//! From lights and materials to a posterior, in a small world of formulas.
+//! Learning of a posterior from lights and materials given by formulas.
 
 use glam::{DVec3, Vec3};
 use gonio::lighting::EnvironmentMap;
@@ -55,8 +55,8 @@ fn photographs_tell_their_materials() {
     let stock = stock(4);
     assert_eq!(stock.scenes(), 4 * 12);
     let posterior = learn(&stock, &settings(120), &|_, _| ()).unwrap();
-    // The embeddings tell materials of photographs that were not learnt from, and nothing of these
-    // is strange.
+    // The embeddings tell the materials of photographs that were not learnt from, and none of these
+    // photographs is unusual.
     let (mut along, mut strange, mut certain) = (0.0, 0.0, 0.0);
     let unseen = (1 << 41)..(1 << 41) + 60;
     for number in unseen {

@@ -1,13 +1,13 @@
 //! The inference of gonio in a browser: a photograph of a ball in, its material, light and files
 //! out, and nothing leaves the machine.
 //!
-//! * [`session`]: a photograph and what is found of it, step by step, as JSON and bytes;
-//! * [`preview`]: a photograph to look at.
+//! * [`session`]: inference from a photograph, step by step, with results as JSON and bytes;
+//! * [`preview`]: a photograph for display.
 //!
 //! This module hands a [`session::Session`] to JavaScript. `page/` holds the page: `index.html`
-//! with its style, `page.js`, which shows, and `worker.js`, which runs a session in a worker, so
-//! that the page stays alive. `cargo run -p xtask -- web` makes one file of all this. Times are
-//! taken by the worker; nothing here reads a clock.
+//! with its style, `page.js`, which displays, and `worker.js`, which runs a session in a worker, so
+//! that the page stays responsive. `cargo run -p xtask -- web` packs all this into one file. The
+//! worker measures times; nothing here reads a clock.
 
 pub mod preview;
 pub mod session;
@@ -23,7 +23,7 @@ extern "C" {
     fn panicked(message: &str);
 }
 
-/// What is to be done once, before anything else.
+/// Initialises the module; to be called once, before anything else.
 #[wasm_bindgen]
 pub fn prepare() {
     std::panic::set_hook(Box::new(|info| panicked(&info.to_string())));
@@ -31,8 +31,8 @@ pub fn prepare() {
     gemm_common::set_wasm_simd128(cfg!(target_feature = "simd128"));
 }
 
-/// A [`session::Session`] for JavaScript. What fails throws a string that can be shown. What is
-/// called before its turn throws too.
+/// A [`session::Session`] for JavaScript. Failures, and calls before their turn, throw a string
+/// that can be shown.
 #[wasm_bindgen]
 pub struct Session(session::Session);
 
@@ -47,13 +47,13 @@ impl Session {
         session::Session::open(name, bytes).map(Self)
     }
 
-    /// The picture to look at, as JSON with a PNG of at most so many pixels a side.
+    /// Returns the picture for display, as JSON with a PNG of at most `side` pixels a side.
     pub fn preview(&self, side: usize) -> String {
         self.0.preview(side).to_string()
     }
 
-    /// Finds the ball; an outline of three numbers (centre and radius in pixels) is taken as it is.
-    /// JSON.
+    /// Finds the ball, or takes a given outline of three numbers (centre and radius in pixels) as
+    /// it is. Returns JSON.
     ///
     /// # Errors
     /// If there is no ball, or too little of it.
@@ -61,7 +61,7 @@ impl Session {
         self.0.observe(outline.as_deref()).map(|notes| notes.to_string())
     }
 
-    /// Finds the material and its colours. JSON.
+    /// Finds the material and its colours. Returns JSON.
     ///
     /// # Errors
     /// If the picture is black.
@@ -69,10 +69,10 @@ impl Session {
         self.0.material().map(|notes| notes.to_string())
     }
 
-    /// Finds the light on a grid of so many texels a side. JSON.
+    /// Finds the light on a grid of `side` texels a side. Returns JSON.
     ///
     /// # Errors
-    /// If the grid is none.
+    /// If the prior does not cover the grid.
     pub fn light(&mut self, side: usize) -> Result<String, String> {
         self.0.light(side).map(|notes| notes.to_string())
     }
@@ -85,7 +85,7 @@ impl Session {
         self.0.uncertainty()
     }
 
-    /// A file to keep, by its name. `seconds` is JSON that goes into `result.json`.
+    /// Returns a file to save, by its name. `seconds` is JSON that goes into `result.json`.
     ///
     /// # Errors
     /// If there is no such file, or what it holds has not been found.

@@ -1,11 +1,11 @@
-//! A photograph to look at, no larger than a screen needs.
+//! Photographs and lights for display, no larger than a screen needs.
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::render::Exposure;
 
-/// The picture with its longer side at most `side` pixels, exposed so that four fifths of what is
-/// not black lie below a half: linear display values.
+/// Reduces the picture to at most `side` pixels on its longer side, exposed so that four fifths of
+/// the pixels that are not black lie below a half. Returns linear display values.
 pub fn preview(picture: &Picture, side: usize) -> Plane<Vec3> {
     let small = shrunk(&picture.rgb, side);
     let lit = |i: usize| small.as_slice()[i].max_element() > 0.0;
@@ -13,13 +13,14 @@ pub fn preview(picture: &Picture, side: usize) -> Plane<Vec3> {
     small.map(|v| exposure.apply(*v))
 }
 
-/// A lat-long light to look at: exposed for its median, so that lamps are white.
+/// Exposes a lat-long light for display: three quarters of it lie below a half, so that lamps are
+/// white.
 pub fn light(radiance: &Plane<Vec3>) -> Plane<Vec3> {
     let exposure = Exposure::by_quantile(radiance, |_| true, 0.75, 0.5);
     radiance.map(|v| exposure.apply(*v))
 }
 
-/// Means of square blocks of pixels; what is no radiance counts as none.
+/// Means of square blocks of pixels; values that are negative or not finite count as zero.
 fn shrunk(rgb: &Plane<Vec3>, side: usize) -> Plane<Vec3> {
     let (width, height) = rgb.size();
     let step = width.max(height).div_ceil(side.max(1));

@@ -1,4 +1,4 @@
-//! A photograph and what is found of it, one step after the other, so that the page can show each.
+//! Inference from a photograph, one step after the other, so that the page can show each result.
 
 use std::path::Path;
 
@@ -23,13 +23,13 @@ use serde_json::{Value, json};
 
 use crate::preview;
 
-/// Pixels at most: decoded and looked at, they take a good part of the four gigabytes that a page
-/// may have.
+/// Largest number of pixels: decoded and processed, they take a good part of the four gigabytes
+/// that a page may have.
 const MAX_PIXELS: u64 = 1 << 25;
-/// Rows of the lights of the viewer that are not found, as in the report.
+/// Rows of the viewer's own lights, as in the report.
 const ROWS: usize = 64;
 
-/// A file to keep.
+/// A file to save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Product {
     /// The BRDF in the format of the MERL database.
@@ -38,12 +38,12 @@ pub enum Product {
     Mitsuba,
     /// The light as a lat-long map.
     Light,
-    /// All numbers.
+    /// All numbers, as JSON.
     Result,
 }
 
 impl Product {
-    /// By the name of the file.
+    /// Returns the product with this file name.
     pub fn named(name: &str) -> Option<Self> {
         match name {
             BRDF => Some(Self::Merl),
@@ -55,7 +55,7 @@ impl Product {
     }
 }
 
-/// A photograph, and what has been found of it so far.
+/// A photograph, and the results so far.
 pub struct Session {
     model: Model,
     name: String,
@@ -68,7 +68,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Decodes a photograph; `name` tells nothing but its extension and serves the messages.
+    /// Decodes a photograph; of `name` only the extension matters, beside its use in messages.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -83,7 +83,7 @@ impl Session {
             name: name.to_owned(),
             picture: decoded.picture,
             clip: decoded.full_scale,
-            // The page has no settings that would be a remedy.
+            // The page has no settings that could be a remedy.
             warnings: warnings.iter().map(|warning| warning.worded(&|_| None)).collect(),
             sighting: None,
             found: None,
@@ -97,8 +97,8 @@ impl Session {
         json!({ "width": width, "height": height, "png": png(&preview::preview(&self.picture, side)) })
     }
 
-    /// Finds the ball and samples the photograph on it. An outline of `[x, y, radius]` in pixels is
-    /// not looked for. Where none can be found, what comes back says `why`, and the user may give
+    /// Finds the ball and samples the photograph on it. A given outline `[x, y, radius]` in pixels
+    /// replaces the search. Where none can be found, the result says `why`, and the user may give
     /// one.
     ///
     /// # Errors
@@ -127,7 +127,7 @@ impl Session {
         Ok(notes)
     }
 
-    /// Finds the material with its colours: what the viewer shows, and the uncertainty.
+    /// Finds the material with its colours; returns what the viewer shows, and the uncertainty.
     ///
     /// # Errors
     /// If nothing was observed yet, or the photograph is black.
@@ -156,11 +156,11 @@ impl Session {
         Ok(notes)
     }
 
-    /// Finds the light on a grid of `side` texels a side: a coarse one comes sooner. The last one
+    /// Finds the light on a grid of `side` texels a side: a coarse grid is faster. The last light
     /// found is kept.
     ///
     /// # Errors
-    /// If the material has not been found, or the grid is none that the prior covers.
+    /// If the material has not been found, or the prior does not cover the grid.
     pub fn light(&mut self, side: usize) -> Result<Value, String> {
         let (sighting, (material, colouring)) = self.known()?;
         let settings = EstimateSettings { side, ..EstimateSettings::default() };
@@ -186,7 +186,7 @@ impl Session {
         Ok(gonio_io::picture::encode_png(&uncertainty::draw(material)))
     }
 
-    /// A file to keep. `seconds`, JSON, is what the steps took, for `result.json`.
+    /// Returns a file to save. `seconds`, JSON, holds the times of the steps, for `result.json`.
     ///
     /// # Errors
     /// If what it holds has not been found yet.
@@ -204,7 +204,7 @@ impl Session {
         })
     }
 
-    /// What `gonio infer` writes as `result.json`, but for what only files have.
+    /// Contents of `result.json` as `gonio infer` writes it, without the entries on other files.
     fn result(&self, seconds: &str) -> Result<String, String> {
         let (sighting, (material, colouring)) = self.known()?;
         let (light, settings) = self.light.as_ref().ok_or("the light has not been found yet")?;
@@ -227,8 +227,7 @@ impl Session {
             sections,
         }
         .result();
-        // The picture of the quantiles is for the program alone: what the page offers has no such
-        // file.
+        // Only the program writes the file of the quantiles: the page offers no such file.
         if let Some(reflectance) = result["reflectance"].as_object_mut() {
             reflectance.remove("quantiles");
             reflectance["note"] =
@@ -248,12 +247,12 @@ impl Session {
     }
 }
 
-/// A data URL of linear display values.
+/// Encodes linear display values as the data URL of a PNG.
 fn png(picture: &Plane<Vec3>) -> String {
     format!("data:image/png;base64,{}", STANDARD.encode(gonio_io::picture::encode_png(picture)))
 }
 
-/// The name of a file without what comes after the last dot.
+/// Name of a file without its extension.
 fn stem(name: &str) -> String {
     Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }

@@ -12,7 +12,7 @@ use clap::Parser;
 #[derive(Parser)]
 #[command(name = "xtask")]
 enum Task {
-    /// Makes the page that infers in the browser, one file that needs nothing else
+    /// Builds the page for inference in the browser, one file that needs nothing else
     Web {
         /// Folder for index.html
         #[arg(short, long, value_name = "DIR", default_value = "target/web")]

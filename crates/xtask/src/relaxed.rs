@@ -1,9 +1,9 @@
-//! Takes relaxed vector instructions out of a module: where a browser does not have them, it
-//! refuses the module as a whole.
+//! Replaces relaxed vector instructions in a module: a browser that lacks them refuses the whole
+//! module.
 //!
-//! They come with code that asks at run time whether it may use them, and with default features of
-//! dependencies of dependencies, which cannot be turned off here. A relaxed multiplication with
-//! addition may round once or twice, so that a multiplication and an addition are one.
+//! They come from code that asks at run time whether it may use them, and from default features of
+//! indirect dependencies, which cannot be turned off here. A relaxed multiply-add may round once or
+//! twice, so that a multiplication followed by an addition is a valid replacement.
 
 use anyhow::{Result, bail};
 use walrus::ir::{
@@ -12,7 +12,7 @@ use walrus::ir::{
 };
 use walrus::{LocalId, Module, ValType};
 
-/// Replaces them all; gives how many there were.
+/// Replaces all relaxed instructions; returns their number.
 pub(crate) fn replace(module: &mut Module) -> Result<usize> {
     let mut count = 0;
     let functions: Vec<_> = module.funcs.iter_local().map(|(id, _)| id).collect();
@@ -30,7 +30,7 @@ pub(crate) fn replace(module: &mut Module) -> Result<usize> {
 }
 
 struct Replacer {
-    /// A variable of the function, for the summand.
+    /// Local variable of the function, for the summand.
     spare: LocalId,
     count: usize,
     unknown: Option<String>,
@@ -53,8 +53,8 @@ impl VisitorMut for Replacer {
 }
 
 impl Replacer {
-    /// What does the same as an instruction if it is a relaxed one; its name if nothing is known
-    /// to.
+    /// Returns instructions equivalent to a relaxed one, `None` for other instructions, and as the
+    /// error the name of a relaxed one without a known equivalent.
     fn replacement(&self, instruction: &Instr) -> Result<Option<Vec<Instr>>, String> {
         match instruction {
             Instr::TernOp(TernOp { op }) => self.ternary(*op).map(Some),
@@ -73,7 +73,7 @@ impl Replacer {
             other => return Err(name(&other)),
         };
         let (local, binary) = (self.spare, |op| Instr::Binop(Binop { op }));
-        // The summand lies on top of the two factors.
+        // The summand is on top of the stack, above the two factors.
         let mut instructions = vec![Instr::LocalSet(LocalSet { local }), binary(mul)];
         instructions.extend(negate.map(|op| Instr::Unop(Unop { op })));
         instructions.extend([Instr::LocalGet(LocalGet { local }), binary(add)]);
@@ -81,8 +81,8 @@ impl Replacer {
     }
 }
 
-/// The operation that a relaxed one may be taken for: it leaves open what becomes of zeros with
-/// signs and of what is no number.
+/// Returns the strict operation that may replace a relaxed one, whose results for signed zeros and
+/// NaN are left open.
 fn binary(op: BinaryOp) -> Result<Option<BinaryOp>, String> {
     Ok(Some(match op {
         BinaryOp::F32x4RelaxedMin => BinaryOp::F32x4Min,
@@ -125,7 +125,7 @@ mod tests {
             let mut module = module(op);
             assert_eq!(replace(&mut module).unwrap(), 1);
             assert_eq!(replace(&mut module).unwrap(), 0);
-            // What was written is sound.
+            // The emitted module is valid.
             assert!(Module::from_buffer(&module.emit_wasm()).is_ok());
         }
     }

@@ -1,4 +1,5 @@
-//! The page of `gonio-web`: the module compiled and bound, and everything put into one file.
+//! Building of the page of `gonio-web`: compiles the module, binds it to JavaScript, and puts
+//! everything into one file.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,10 +14,11 @@ use wasm_bindgen_cli_support::Bindgen;
 use crate::relaxed;
 
 const TARGET: &str = "wasm32-unknown-unknown";
-/// What browsers have had since 2023 at the latest, and the inference needs to be quick.
+/// Compiler flags for SIMD, which browsers have had since 2023 at the latest and the inference
+/// needs for speed.
 const FEATURES: &str = "-C target-feature=+simd128";
-/// Places of the page, each once in `index.html`, and the file of the workspace that goes there as
-/// it is.
+/// Placeholders, each once in `index.html`, and the files of the workspace that replace them
+/// unchanged.
 const PARTS: [(&str, &[&str]); 2] = [
     ("@@STYLE@@", &["crates/gonio-report/viewer/viewer.css", "crates/gonio-web/page/page.css"]),
     (
@@ -30,7 +32,7 @@ const PARTS: [(&str, &[&str]); 2] = [
     ),
 ];
 
-/// Makes `index.html` in a folder, and says so in a line.
+/// Builds `index.html` in a folder; returns a line that says so.
 pub(crate) fn make(output: &Path) -> Result<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize()?;
     let module = compile(&root)?;
@@ -38,7 +40,7 @@ pub(crate) fn make(output: &Path) -> Result<String> {
         .input_path(&module)
         .no_modules(true)?
         .typescript(false)
-        // Not by the profile's `strip`, which takes the list of vector instructions away too.
+        // Not by the profile's `strip`, which would also remove the list of vector instructions.
         .remove_name_section(true)
         .generate_output()
         .with_context(|| format!("{}: cannot be bound to JavaScript", module.display()))?;
@@ -68,7 +70,7 @@ pub(crate) fn make(output: &Path) -> Result<String> {
     ))
 }
 
-/// Compiles `gonio-web`; gives the path of the module.
+/// Compiles `gonio-web`; returns the path of the module.
 fn compile(root: &Path) -> Result<PathBuf> {
     if !has_target()? {
         bail!("Rust cannot compile for browsers here: run `rustup target add {TARGET}`");
@@ -78,7 +80,7 @@ fn compile(root: &Path) -> Result<PathBuf> {
         .current_dir(root)
         .args(["build", "--package", "gonio-web", "--lib", "--profile", "web", "--target", TARGET])
         .arg("--message-format=json-render-diagnostics")
-        // Flags that are meant for the host would take the place of those for the browser.
+        // Flags meant for the host would override those for the browser.
         .env_remove("RUSTFLAGS")
         .env_remove("CARGO_ENCODED_RUSTFLAGS")
         .env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", FEATURES)
@@ -111,7 +113,7 @@ fn read(root: &Path, file: &str) -> Result<String> {
     fs::read_to_string(root.join(file)).with_context(|| file.to_owned())
 }
 
-/// Puts a text in its place. What would end the script it stands in is refused.
+/// Replaces a placeholder by a text. Fails on a text that would end its script element.
 fn fill(page: &mut String, place: &str, text: &str) -> Result<()> {
     if text.contains("</script") || text.contains("<!--") {
         bail!("{place}: what goes there would end its element");

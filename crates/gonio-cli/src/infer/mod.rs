@@ -65,8 +65,8 @@ pub(crate) struct Options {
     /// How the posterior is found
     #[arg(long, value_enum, default_value_t = MethodName::Learnt)]
     method: MethodName,
-    /// The paper's own version on a sphere: its map of light at one azimuth, 8,600 normals away from
-    /// its poles, 10 basis functions, random starts, Algorithm 1 to the letter
+    /// The paper's own version on a sphere: its map of light at one azimuth, 8,600 normals away
+    /// from its poles, 10 basis functions, random starts, Algorithm 1 to the letter
     #[arg(long, conflicts_with_all = ["method", "solver", "grid", "model", "light", "normals", "mesh", "full_rows"])]
     paper: bool,
     /// Solver of --method variational

@@ -51,7 +51,7 @@ pub(crate) struct Report {
     pub(crate) converged: Option<bool>,
     /// Noise relative to the root mean square of the image.
     pub(crate) noise: Option<f64>,
-    /// Anything else worth a line, such as the name of a material.
+    /// Anything else worth noting, such as the name of a material.
     pub(crate) note: String,
 }
 

@@ -27,8 +27,8 @@ pub(crate) struct Options {
     /// Folder of full MERL `.binary` files [default: DATA/merl]
     #[arg(long)]
     merl: Option<PathBuf>,
-    /// How the tested materials relate to the training materials [default: all,leave-out; with
-    /// --quick leave-out]
+    /// Relation of the tested to the training materials [default: all,leave-out; with --quick
+    /// leave-out]
     #[arg(long, value_enum, value_delimiter = ',')]
     protocols: Vec<Protocol>,
     /// Only these materials (each protocol tests those of them that it allows)
@@ -82,8 +82,9 @@ pub(crate) struct Options {
 /// Settings of the separable posterior and of the joint maximum.
 #[derive(Clone, Copy, Debug, PartialEq, clap::Args, Serialize, Deserialize)]
 pub(crate) struct Separable {
-    /// As the paper prints it: no normals near the poles of its map, vague prior of the noise,
-    /// starts from the exponential prior; and, without --prior, its map of light at one azimuth
+    /// Settings as printed in the paper: no normals near the poles of its map, vague prior of the
+    /// noise, starts from the exponential prior; and, without --prior, its map of light at one
+    /// azimuth
     #[arg(long)]
     pub(crate) paper: bool,
     /// Stopping threshold of the separable posterior, in nats
@@ -95,7 +96,8 @@ pub(crate) struct Separable {
     /// Largest number of iterations of each start
     #[arg(long, default_value_t = VariationalSettings::default().max_iterations)]
     pub(crate) iterations: usize,
-    /// Shape `a` of the prior of the noise [default: as many as there are normals; with --paper 1e-3]
+    /// Shape `a` of the prior of the noise [default: as many as there are normals; with --paper
+    /// 1e-3]
     #[arg(long)]
     pub(crate) noise_shape: Option<f64>,
     /// Rate `b` of the prior of the noise, for an image of root mean square one [default: `a` times

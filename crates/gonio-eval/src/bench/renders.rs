@@ -46,7 +46,8 @@ pub(crate) fn render_key(material: &str, light: &str, points: &[SurfacePoint]) -
 /// Returns the cache key of the images of basis functions in a light. `light` is a fingerprint.
 pub(crate) fn basis_key(functions: &[BivariateTable], light: &str, points: &[SurfacePoint]) -> String {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(format!("basis images {VERSION} {} {light}", ACCURACY.tolerance).as_bytes());
+    let IntegratorSettings { tolerance, max_cells } = IntegratorSettings::default();
+    hasher.update(format!("basis images {VERSION} {tolerance} {max_cells} {light}").as_bytes());
     for value in functions.iter().flat_map(BivariateTable::as_slice) {
         hasher.update(&value.to_le_bytes());
     }

@@ -1,5 +1,5 @@
-//! `gonio-eval colour`: compares rules that colour a BRDF, on materials and lights that nothing was
-//! learnt from; with `--learn`, learns the model of colours from training materials in training
+//! `gonio-eval colour`: compares rules that colour a BRDF, on materials and lights unseen in
+//! training; with `--learn`, learns the model of colours from training materials in training
 //! lights.
 //!
 //! Photographs show bivariate RGB tables on a ball in full-resolution RGB light. All rules but the
@@ -69,7 +69,7 @@ struct Record {
     /// Distance of the chroma of body and highlight from the true ones.
     body: f64,
     highlight: f64,
-    /// How many of the four chroma coordinates (body, highlight) lie in their 90 % intervals.
+    /// Number of the four chroma coordinates (body, highlight) that lie in their 90 % intervals.
     covered: Option<usize>,
 }
 

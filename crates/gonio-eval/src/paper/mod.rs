@@ -39,7 +39,7 @@ pub(crate) struct Options {
     /// Random starts of each inference
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     starts: u32,
-    /// How reflectance is inferred
+    /// Estimator of reflectance
     #[arg(long, value_enum, default_value_t = Estimator::CKl)]
     estimator: Estimator,
 }

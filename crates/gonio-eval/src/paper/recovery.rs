@@ -31,7 +31,7 @@ pub(super) struct Estimate {
 pub(super) struct Recovered {
     /// Ground truth in the novel light.
     pub(super) truth: Picture,
-    /// One per light, in the order of [`LIGHTS`].
+    /// Estimates, one per light, in the order of [`LIGHTS`].
     pub(super) estimates: Vec<Estimate>,
 }
 

@@ -28,7 +28,7 @@ _Bytes: TypeAlias = NDArray[np.uint8]
 
 @final
 class Model:
-    """What inference knows beforehand: the prior of light, the basis of reflectance and the posterior of materials."""
+    """Everything that inference knows beforehand: the prior of light, the basis of reflectance and the posterior of materials."""
 
     @staticmethod
     def embedded() -> Model:

@@ -113,8 +113,7 @@ fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
     Ok(curve.iter().map(|g| g - middle).collect())
 }
 
-/// Computes how much the exposures of a pixel deviate from their mean, in logarithms; noise causes
-/// less than half of it.
+/// Computes how much the exposures of a pixel deviate from their mean, in logarithms.
 fn disagreements(pixel: &Equations, curve: &[f64]) -> Vec<f64> {
     let logs: Vec<f64> = pixel.iter().map(|&(level, time)| interpolate(curve, level) - time).collect();
     let mean = logs.iter().sum::<f64>() / logs.len() as f64;

@@ -8,8 +8,8 @@
 //! * [`Method::KnownLight`], for a problem whose light is given: the best that the image could
 //!   determine.
 //!
-//! [`light`] instead integrates the light out given one BRDF: it computes the evidence of the BRDF,
-//! and finds the BRDF of greatest evidence.
+//! [`light`] instead integrates the light out given one BRDF: it computes a bound on the evidence
+//! of the BRDF and the posterior of the light.
 
 mod blocks;
 mod coordinate;

@@ -1,4 +1,4 @@
-//! Proofs of the inference on small problems.
+//! Tests of the inference on small problems.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -11,7 +11,7 @@ use crate::transfer::{Bilinear, Projected};
 const SIDE: usize = 4;
 const M: usize = SIDE * SIDE;
 
-/// A prior of four by four light, learnt from toy lights.
+/// Prior of lights of 4 x 4 texels, learnt from toy lights.
 fn prior() -> LightPrior {
     crate::transfer::toy_prior(SIDE)
 }
@@ -68,7 +68,7 @@ pub(super) fn start(planted: &Planted, seed: u64) -> Ensemble {
     ensemble
 }
 
-/// Names of all scalar updates: each is made alone from the present state.
+/// Name of a scalar update; each is made alone from the present state.
 #[derive(Clone, Copy, Debug)]
 enum Coordinate {
     F(usize),
@@ -160,7 +160,7 @@ fn block_rounds_never_raise_the_cost() {
     for round in 0..30 {
         let next;
         (ensemble, next) = coordinate::round(&problem, &ensemble, &grams, round % 7 == 6);
-        // The cost of the round is what would be computed anew.
+        // The cost that the round returns equals that computed anew.
         let anew = planted.cost(&ensemble);
         assert!((anew - next).abs() < 1e-9 * next.abs(), "{anew} {next}");
         assert!(next <= cost + 1e-9 * cost.abs(), "round {round}: {cost} -> {next}");
@@ -168,7 +168,7 @@ fn block_rounds_never_raise_the_cost() {
     }
 }
 
-/// The residual under q by sampling q: checks every term of `E`.
+/// Compares the expected residual with samples of q: checks every term of `E`.
 #[test]
 fn the_expected_residual_matches_sampling() {
     let planted = planted(20, 2, 0.1, 11);
@@ -178,7 +178,7 @@ fn the_expected_residual_matches_sampling() {
     let expected = expected.sums.residual(&problem, &expected.moments.g);
     let AllMoments { f, l, g, .. } = ensemble.moments(&problem);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(8);
-    // Only means and variances enter: Gaussians with the same moments do.
+    // Only means and variances matter, so Gaussians with the same moments suffice.
     let mut draw = |m: &crate::lighting::Moments| {
         let z: f64 = StandardNormal.sample(&mut rng);
         m.mean + z * m.variance.sqrt()

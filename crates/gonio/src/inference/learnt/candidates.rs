@@ -1,27 +1,27 @@
-//! Materials drawn from the prior, weighed by an image.
+//! Materials drawn from the prior, weighted by an image.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 /// Materials with their embeddings. The dot product of the embeddings of an image and of a material
 /// is the logarithm of `p(I | F) / p(I)` up to a constant of the image: how much likelier the image
-/// is of this material than of any.
+/// is with this material than with any.
 ///
-/// Of materials that are drawn from the prior, the exponentials of these products are therefore the
-/// weights of the posterior (eq. 3 with the sum over materials in place of the integral).
+/// For materials drawn from the prior, the exponentials of these products are therefore the weights
+/// of the posterior (eq. 3 with the sum over materials in place of the integral).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidates {
-    /// Where each material lies among the [coordinates](crate::reflectance::Coordinates).
+    /// Position of each material in the [coordinates](crate::reflectance::Coordinates).
     pub places: Vec<Vec<f32>>,
-    /// The embedding of each, as long as that of an image.
+    /// Embedding of each material, as long as that of an image.
     pub embeddings: Vec<Vec<f32>>,
 }
 
 impl Candidates {
-    /// The weights of the materials for the embedding of an image; their sum is one.
+    /// Weights of the materials for the embedding of an image; their sum is one.
     ///
     /// # Panics
-    /// If there are no materials, or the embeddings are not of one length.
+    /// If there are no materials, or the embeddings differ in length.
     pub fn weights(&self, image: &[f32]) -> Vec<f64> {
         assert!(!self.embeddings.is_empty(), "no materials");
         let product = |material: &Vec<f32>| {
@@ -35,8 +35,9 @@ impl Candidates {
         weights.into_iter().map(|w| w / total).collect()
     }
 
-    /// Indices of `count` materials drawn by these weights, in rising order: as often as their
-    /// share, up to less than one (systematic resampling). The same seed gives the same.
+    /// Draws `count` materials by these weights and returns their indices in rising order. Each
+    /// occurs in proportion to its weight, to within less than one (systematic resampling). The
+    /// same seed gives the same draws.
     pub(super) fn draw(weights: &[f64], count: usize, seed: u64) -> Vec<usize> {
         let start: f64 = Pcg64::seed_from_u64(seed).random_range(0.0..1.0);
         let (mut drawn, mut below) = (Vec::with_capacity(count), 0.0);

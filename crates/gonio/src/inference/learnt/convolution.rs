@@ -12,10 +12,10 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::transfer::kernels::dispatch;
 
-/// Bytes of gathered neighbourhoods that are worked on at once.
+/// Bytes of gathered neighbourhoods in one tile.
 const TILE: usize = 1 << 18;
 
-/// The geometry of a convolution of square images, padded with zeros by `(kernel - 1) / 2`. A dense
+/// Geometry of a convolution of square images, padded with zeros by `(kernel - 1) / 2`. A dense
 /// layer is one of side and kernel 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Convolution {
@@ -32,7 +32,7 @@ pub struct Convolution {
 }
 
 impl Convolution {
-    /// An affine map of vectors.
+    /// Geometry of an affine map of vectors.
     pub fn dense(inputs: usize, outputs: usize) -> Self {
         Self { side: 1, inputs, outputs, kernel: 1, stride: 1 }
     }
@@ -116,7 +116,7 @@ impl Convolution {
         count
     }
 
-    /// Lines of output cells, counted through all images, that are worked on at once.
+    /// Ranges of lines of output cells, counted through all images, one for each tile.
     fn tiles(&self, count: usize) -> impl Iterator<Item = Range<usize>> + use<> {
         let (lines, tile) = (count * self.side_after(), self.lines_in_tile());
         (0..lines.div_ceil(tile)).map(move |t| t * tile..lines.min((t + 1) * tile))
@@ -136,9 +136,9 @@ impl Convolution {
         &mut out[lines.start * line..lines.end * line]
     }
 
-    /// For each row of the windows of the lines: the place of its first number inside the image,
-    /// that in the neighbourhoods, and how many are inside. Rows of windows that are outside have
-    /// none, and the place of the neighbourhood only.
+    /// Visits each row of the windows of the lines, with the index of its first number inside the
+    /// image, the index of that number in the neighbourhoods, and how many numbers are inside. Rows
+    /// of windows outside the image have none, and only the index in the neighbourhoods.
     #[inline(always)]
     fn each_row(&self, lines: Range<usize>, mut visit: impl FnMut(usize, usize, usize)) {
         let (after, pad) = (self.side_after(), (self.kernel - 1) / 2);
@@ -161,7 +161,7 @@ impl Convolution {
         }
     }
 
-    /// Neighbourhoods of the cells of the lines, one after the other.
+    /// Gathers the neighbourhoods of the cells of the lines, one after the other.
     fn gather<'a>(&self, images: &[f32], lines: Range<usize>, room: &'a mut [f32]) -> &'a [f32] {
         let room = &mut room[..lines.len() * self.side_after() * self.neighbourhood()];
         let line = self.kernel * self.inputs;
@@ -175,7 +175,7 @@ impl Convolution {
         room
     }
 
-    /// Adds neighbourhoods back to where they were gathered.
+    /// Adds neighbourhoods back to the places they were gathered from.
     #[inline(always)]
     fn scatter(&self, patches: &[f32], lines: Range<usize>, images: &mut [f32]) {
         self.each_row(lines, |source, patch, length| {
@@ -186,10 +186,10 @@ impl Convolution {
 }
 
 /// `1 / (1 + e^-x)` by a polynomial that compilers turn into vector instructions (Cephes' `expf`),
-/// right to about 2e-7.
+/// accurate to about 2e-7.
 #[inline(always)]
 fn sigmoid(x: f32) -> f32 {
-    // One and a half times 2^23: adding it rounds to an integer, which is then in the lowest bits.
+    // One and a half times 2^23: adding it rounds to an integer, held in the lowest bits.
     const ROUND: f32 = 12_582_912.0;
     let t = (-x).clamp(-87.0, 87.0);
     let rounded = t * std::f32::consts::LOG2_E + ROUND;
@@ -208,10 +208,10 @@ pub fn silu(values: &mut [f32]) {
     dispatch(|| values.iter_mut().for_each(|x| *x *= sigmoid(*x)));
 }
 
-/// Replaces values before [`silu`] by its slope there times a gradient.
+/// Replaces the inputs of [`silu`] by its slope there times a gradient.
 ///
 /// # Panics
-/// If there are not as many of both.
+/// If the two differ in length.
 pub fn silu_backward(values: &mut [f32], back: &[f32]) {
     assert_eq!(values.len(), back.len());
     dispatch(|| {
@@ -266,8 +266,8 @@ mod tests {
         }
     }
 
-    /// The map is linear in images and in weights: products with the gradients are products with
-    /// the output.
+    /// The map is linear in images and in weights, so products with the gradients equal products
+    /// with the output.
     #[test]
     fn the_way_back_is_adjoint() {
         let dot = |a: &[f32], b: &[f32]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum() };

@@ -1,5 +1,5 @@
-//! From an image of an object to the outputs of a network: convolutions, what they found inside the
-//! disk of normals, dense layers.
+//! Network from an image of an object to outputs: convolutions, pooling over the disk of normals,
+//! dense layers.
 
 use super::convolution::silu;
 use super::encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
@@ -11,13 +11,13 @@ pub fn inside_disk(side: usize) -> Vec<usize> {
     (0..side * side).filter(|at| centre(at % side).hypot(centre(at / side)) <= 1.0).collect()
 }
 
-/// Added to the variance of a channel before its logarithm is taken, which keeps a constant channel
-/// finite.
+/// Constant added to the variance of a channel before its logarithm is taken, which keeps a
+/// constant channel finite.
 pub(super) const LEAST_VARIANCE: f32 = 1e-3;
 
-/// Means of all channels over some cells, then their maxima, then halves of the logarithms of their
-/// variances plus 0.001: from activations `[cell][channel]` to three times as many numbers as there
-/// are channels.
+/// Pools activations `[cell][channel]` over some cells: means of all channels, then their maxima,
+/// then halves of the logarithms of their variances plus 0.001, three times as many numbers as
+/// there are channels.
 ///
 /// # Panics
 /// If cells or channels are missing.
@@ -64,7 +64,7 @@ impl Weights {
     }
 }
 
-/// A trained network from an image `[side][side][channels]` and a few numbers to outputs and
+/// Trained network from an image `[side][side][channels]` and a few numbers to outputs and
 /// features.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Encoder {
@@ -74,8 +74,8 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// From tensors: `find` gives dimensions and entries for a name. Needed are `NAME.weight` (of
-    /// [`NamedLayer::dimensions`]) and `NAME.bias` of all layers.
+    /// Builds the encoder from tensors: `find` gives dimensions and entries for a name. All layers
+    /// need `NAME.weight` (of [`NamedLayer::dimensions`]) and `NAME.bias`.
     pub fn from_tensors(
         shape: EncoderShape,
         mut find: impl FnMut(&str) -> Option<(Vec<usize>, Vec<f32>)>,
@@ -118,15 +118,16 @@ impl Encoder {
             .collect()
     }
 
-    /// How it is built.
+    /// Shape of the network.
     pub fn shape(&self) -> &EncoderShape {
         &self.shape
     }
 
-    /// Outputs and features for an image and its globals. One thread, and the same on each call.
+    /// Computes outputs and features for an image and its globals, on one thread and
+    /// deterministically.
     ///
     /// # Panics
-    /// If the image or the globals have not the size of the [shape](Self::shape).
+    /// If the image or the globals do not have the size of the [shape](Self::shape).
     pub fn apply(&self, image: &[f32], globals: &[f32]) -> (Vec<f32>, Vec<f32>) {
         let shape = &self.shape;
         assert_eq!(image.len(), shape.side * shape.side * shape.channels);
@@ -199,7 +200,7 @@ mod tests {
         assert_ne!(encoder.apply(&image, &[0.1, 0.5, 0.3]).0, outputs);
     }
 
-    /// Spoils the tensor of a name; false takes it away.
+    /// Changes the tensor of a name; false removes it.
     type Change = dyn Fn(&str, &mut Vec<usize>, &mut Vec<f32>) -> bool;
 
     #[test]
@@ -251,7 +252,7 @@ mod tests {
         }
     }
 
-    /// Printed, not asserted: machines differ.
+    /// Prints the time instead of asserting it, since machines differ.
     #[test]
     #[ignore = "a measurement"]
     #[allow(clippy::print_stdout)]

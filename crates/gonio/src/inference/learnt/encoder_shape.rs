@@ -1,45 +1,45 @@
-//! How an encoder is built: its layers, their sizes, names and order.
+//! Shape of an encoder: its layers, their sizes, names and order.
 
 use serde::{Deserialize, Serialize};
 
 use super::convolution::Convolution;
 
-/// How an [`Encoder`](super::Encoder) is built. The first convolution (4 x 4) and one at the start
-/// of each level (3 x 3) halve the side; two more (3 x 3) on each level make a residual block (He
-/// et al. 2016). Between layers is [`silu`](super::silu).
+/// Shape of an [`Encoder`](super::Encoder). The first convolution (4 x 4) and one at the start of
+/// each level (3 x 3) halve the side; two more (3 x 3) on each level make a residual block (He et
+/// al. 2016). [`silu`](super::silu) stands between layers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EncoderShape {
-    /// Cells along a side of the image, a multiple of two to the number of `widths`.
+    /// Cells along a side of the image, a multiple of two to the power of the number of `widths`.
     pub side: usize,
     /// Channels of the image.
     pub channels: usize,
-    /// Numbers that come with the image.
+    /// Number of globals, which are given with the image.
     pub globals: usize,
     /// Channels after the first convolution, then those of each level.
     pub widths: Vec<usize>,
     /// Units of the hidden dense layers; the last are the features.
     pub hidden: Vec<usize>,
-    /// Numbers that come out.
+    /// Number of outputs.
     pub outputs: usize,
 }
 
-/// What is wrong with the description or the numbers of an encoder.
+/// Error in the description or the tensors of an encoder.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EncoderError {
-    /// The description is not one of a network, or of one too large.
+    /// The description is not that of a network, or of one too large.
     #[error("the encoder's {0} is out of range")]
     Shape(&'static str),
-    /// A tensor is not there.
+    /// A tensor is missing.
     #[error("the encoder has no tensor {0}")]
     Missing(String),
-    /// A tensor has other dimensions than the description asks for.
+    /// A tensor has other dimensions than the description requires.
     #[error("the tensor {name} is {found:?} where the encoder needs {needed:?}")]
     Dimensions {
         /// Name of the tensor.
         name: String,
-        /// Its dimensions, or its length if that does not go with them.
+        /// Its dimensions, or its length if that does not match them.
         found: Vec<usize>,
-        /// Those of the description.
+        /// Dimensions that the description requires.
         needed: Vec<usize>,
     },
     /// A tensor has an entry that is not finite.
@@ -47,22 +47,22 @@ pub enum EncoderError {
     NotFinite(String),
 }
 
-/// What happens to the activations, in order.
+/// Operation on the activations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// The convolution of this number, then [`silu`](super::silu).
+    /// Convolution of this index, then [`silu`](super::silu).
     Convolve(usize),
-    /// The convolutions of this number and the next with [`silu`](super::silu) between them; what
-    /// went in is added; [`silu`](super::silu).
+    /// Residual block: convolutions of this index and the next with [`silu`](super::silu) between
+    /// them, the input added, then [`silu`](super::silu).
     Block(usize),
-    /// Mean, maximum and variance of each channel [inside the disk](super::inside_disk) are taken.
+    /// Mean, maximum and variance of each channel [inside the disk](super::inside_disk).
     Pool,
 }
 
 /// A layer with its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NamedLayer {
-    /// Beginning of the names of its tensors.
+    /// Prefix of the names of its tensors.
     pub name: String,
     /// Sizes.
     pub geometry: Convolution,
@@ -78,12 +78,13 @@ impl NamedLayer {
 }
 
 impl EncoderShape {
-    /// The usual widths, for images of 128 x 128 cells: 66 million products for five channels.
+    /// Shape with the usual widths, for images of 128 x 128 cells: 66 million products for five
+    /// channels.
     pub fn new(channels: usize, globals: usize, outputs: usize) -> Self {
         Self { side: 128, channels, globals, widths: vec![16, 32, 64, 96], hidden: vec![256, 256], outputs }
     }
 
-    /// Whether all is there and small enough for the sizes of a 32-bit machine.
+    /// Checks that nothing is missing and all is small enough for the sizes of a 32-bit machine.
     pub fn check(&self) -> Result<(), EncoderError> {
         let one = |ok: bool, name| if ok { Ok(()) } else { Err(EncoderError::Shape(name)) };
         one((2..=8).contains(&self.widths.len()), "number of widths")?;
@@ -126,8 +127,8 @@ impl EncoderShape {
         layers
     }
 
-    /// What is done to an image. Pooled are the first level before its block and each level after
-    /// it.
+    /// Operations on an image, in order. The first level is pooled before its block, and each level
+    /// after it.
     pub fn steps(&self) -> Vec<Step> {
         let mut steps = vec![Step::Convolve(0)];
         for level in 1..self.widths.len() {
@@ -140,12 +141,12 @@ impl EncoderShape {
         steps
     }
 
-    /// Numbers that pooling yields.
+    /// Number of values that pooling yields.
     pub fn pooled(&self) -> usize {
         3 * (self.widths[1] + self.widths[1..].iter().sum::<usize>())
     }
 
-    /// Products of one pass.
+    /// Number of products in one pass.
     pub fn products(&self) -> usize {
         let layers = self.convolutions().into_iter().chain(self.dense_layers());
         layers.map(|l| l.geometry.output_len() * l.geometry.neighbourhood()).sum()

@@ -1,13 +1,13 @@
-//! What a posterior of materials says of one number, such as gloss.
+//! Posterior of one number of a material, such as gloss.
 
 use rayon::prelude::*;
 
 use super::posterior::{MaterialPosterior, SPREAD, quantile};
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
-/// How much brighter the mirror direction is than what lies far from it: the value along the normal
-/// over the mean at half angles beyond 45 degrees (difference angles below). One for chalk, tens
-/// for a satin paint, thousands for polished metal.
+/// Brightness of the mirror direction relative to directions far from it: the value along the
+/// normal over the mean at half angles beyond 45 degrees (difference angles below). One for chalk,
+/// tens for a satin paint, thousands for polished metal.
 pub fn peak_over_base(table: &BivariateTable) -> f64 {
     let far = std::f64::consts::FRAC_PI_4;
     let (mut sum, mut count) = (0.0, 0.0);
@@ -20,15 +20,15 @@ pub fn peak_over_base(table: &BivariateTable) -> f64 {
     f64::from(table.cell(0, 0)) * count / f64::max(sum, 1e-300)
 }
 
-/// Draws of a posterior by a number of their tables.
+/// Draws of a posterior, ordered by a number of their tables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ranking {
-    /// Logarithm of the number, and which draw; by rising number.
+    /// Logarithm of the number and index of each draw, by rising number.
     draws: Vec<(f32, usize)>,
 }
 
 impl MaterialPosterior {
-    /// The draws by a positive number of their tables.
+    /// Orders the draws by a positive number of their tables.
     pub fn ranking(&self, number: impl Fn(&BivariateTable) -> f64 + Sync) -> Ranking {
         let log = |(at, table): (usize, &BivariateTable)| (number(table).max(1e-300).ln() as f32, at);
         let mut draws: Vec<(f32, usize)> = self.draws.par_iter().enumerate().map(log).collect();
@@ -38,7 +38,7 @@ impl MaterialPosterior {
 }
 
 impl Ranking {
-    /// Quantiles of the number, spread by what the coordinates miss as those of the cells are.
+    /// Quantiles of the number, spread like those of the cells by the error of the coordinates.
     /// Shares in 0..1, ascending.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
         let values: Vec<f32> = self.draws.iter().map(|d| d.0).collect();

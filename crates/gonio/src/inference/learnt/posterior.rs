@@ -1,22 +1,22 @@
-//! What a photograph says of its material.
+//! Posterior of the material of a photograph.
 
 use rayon::prelude::*;
 
 use super::{Candidates, LearntPosterior};
 use crate::reflectance::{BivariateTable, CELLS, is_trusted, trusted_cells};
 
-/// Draws that stand for a posterior.
+/// Number of draws that represent a posterior.
 const DRAWS: usize = 256;
 
-/// Standard deviation of the logarithm of reflectance that is added to every draw when intervals
-/// are taken: what the coordinates cannot express, and what the photographs of the training do not
-/// know of others (`docs/trials.md`).
+/// Standard deviation of the logarithm of reflectance that is added to every draw for intervals:
+/// the part that the coordinates cannot express, and the difference of other photographs from those
+/// of the training (`docs/trials.md`).
 pub(super) const SPREAD: f64 = 0.2;
 
-/// A cell is undetermined if its 90 % interval is at least this share of the prior's.
+/// Share of the prior's 90 % interval above which a cell's interval makes it undetermined.
 const UNDETERMINED: f64 = 0.6;
 
-/// A Gaussian as four equally likely values.
+/// Four equally likely values that represent a standard Gaussian.
 pub(super) const QUARTERS: [f64; 4] = [-1.271_1, -0.324_7, 0.324_7, 1.271_1];
 
 /// A measured material and its share of the posterior.
@@ -28,30 +28,30 @@ pub struct Neighbour {
     pub weight: f64,
 }
 
-/// Weights of materials, and what follows from them.
+/// Posterior of the material: equally likely draws, and weights of measured materials.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaterialPosterior {
-    /// The embedding of the image.
+    /// Embedding of the image.
     pub embedding: Vec<f32>,
     /// Materials drawn from the posterior, equally likely, of albedo one along the normal; always
     /// the same for one embedding.
     pub draws: Vec<BivariateTable>,
-    /// The estimate: the geometric mean of the draws, which is the mean of what the errors of a
-    /// BRDF are measured in.
+    /// Estimate: the geometric mean of the draws, which is the mean in the logarithm, in which the
+    /// errors of a BRDF are measured.
     ///
     /// A mean of the tables themselves (eq. 3) has the peak of the sharpest material that has a
-    /// share in it and is glossier than most of what it stands for. Relit, both are as good
-    /// (`docs/trials.md`).
+    /// share in it, and is glossier than most materials that it represents. Both relight equally
+    /// well (`docs/trials.md`).
     pub mean: BivariateTable,
     /// Measured materials by falling weight.
     pub neighbours: Vec<Neighbour>,
 }
 
 impl MaterialPosterior {
-    /// From the embedding of an image.
+    /// Computes the posterior from the embedding of an image.
     ///
     /// # Panics
-    /// If it is not as long as those of the candidates.
+    /// If it is not as long as the embeddings of the candidates.
     pub fn of(learnt: &LearntPosterior, embedding: Vec<f32>) -> Self {
         let draws = draws(learnt, &embedding, DRAWS, 1);
         let mut sum = vec![0.0_f64; CELLS];
@@ -68,9 +68,9 @@ impl MaterialPosterior {
     }
 
     /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws
-    /// brought to the geometric mean of `mean` over the trusted cells, spread by what the
-    /// coordinates miss. Shares in 0..1, ascending. Cells beyond the trusted ones have the
-    /// quantiles of the nearest trusted cell.
+    /// scaled to the geometric mean of `mean` over the trusted cells and spread by the error of the
+    /// coordinates. Shares in 0..1, ascending. Cells beyond the trusted ones have the quantiles of
+    /// the nearest trusted cell.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<Vec<f32>> {
         self.quantiles_spread(shares, SPREAD)
     }
@@ -93,9 +93,9 @@ impl MaterialPosterior {
             .collect()
     }
 
-    /// Which cells the image leaves open: those in which the draws' 90 % interval, in the logarithm
-    /// and without the spread of [`Self::quantiles`], is more than six tenths of what it is without
-    /// an image. Cells beyond the trusted ones always are.
+    /// Cells that the image does not determine: those in which the 90 % interval of the draws, in
+    /// the logarithm and without the spread of [`Self::quantiles`], is more than six tenths of the
+    /// prior's. Cells beyond the trusted ones always count as undetermined.
     pub fn undetermined(&self, learnt: &LearntPosterior) -> Vec<bool> {
         let widths = interval_widths(&self.draws);
         let open = |c: usize| f64::from(widths[c]) > UNDETERMINED * f64::from(learnt.widths[c]);
@@ -103,8 +103,8 @@ impl MaterialPosterior {
     }
 }
 
-/// Materials drawn from the posterior of an image with this embedding, of albedo one along the
-/// normal. The same seed gives the same.
+/// Draws materials from the posterior of an image with this embedding, of albedo one along the
+/// normal. The same seed gives the same draws.
 pub(crate) fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
     let candidates = &learnt.prior;
     let place = |at: usize| candidates.places[at].iter().map(|z| f64::from(*z)).collect();
@@ -147,8 +147,8 @@ fn quantiles_of_log(tables: &[BivariateTable], shares: &[f64], spread: f32) -> V
     (0..CELLS).into_par_iter().map(cell).collect()
 }
 
-/// A quantile of ascending values of equal weight, each spread by a Gaussian of a standard
-/// deviation: linear between the values.
+/// Quantile of ascending values of equal weight, each spread by a Gaussian of standard deviation
+/// `spread`; linear between the values without spread.
 pub(super) fn quantile(values: &[f32], share: f32, spread: f32) -> f32 {
     let last = values.len() - 1;
     if spread <= 0.0 {
@@ -156,7 +156,7 @@ pub(super) fn quantile(values: &[f32], share: f32, spread: f32) -> f32 {
         let below = (at as usize).min(last.saturating_sub(1));
         return values[below] + (at - below as f32) * (values[(below + 1).min(last)] - values[below]);
     }
-    // The share of the values, spread, that lies below a point rises with it.
+    // The share of the spread values that lies below a point rises with the point.
     let reach = spread * QUARTERS[3] as f32;
     let (mut low, mut high) = (values[0] - reach, values[last] + reach);
     let wanted = share * 4.0 * values.len() as f32;
@@ -185,7 +185,8 @@ mod tests {
     #[test]
     fn spread_values_are_wider() {
         let many: Vec<f32> = (0..1000).map(|i| i as f32 / 1000.0).collect();
-        // Of nearly one value the quantiles are those of the four that stand for the Gaussian.
+        // With a single value, the quantiles are those of the four values that represent the
+        // Gaussian.
         assert!((quantile(&[5.0; 4], 0.9, 1.0) - 6.271).abs() < 1e-3);
         let (low, high) = (quantile(&many, 0.05, 0.5), quantile(&many, 0.95, 0.5));
         assert!(low < -0.3 && high > 1.3 && (low + high - 1.0).abs() < 0.01, "{low} {high}");
@@ -193,7 +194,7 @@ mod tests {
 
     #[test]
     fn four_values_stand_for_a_gaussian() {
-        // Quarters have its mean and its variance.
+        // The four values have its mean and nearly its variance.
         assert!(QUARTERS.iter().sum::<f64>().abs() < 1e-12);
         assert!((QUARTERS.iter().map(|z| z * z).sum::<f64>() / 4.0 - 0.861).abs() < 0.01);
     }

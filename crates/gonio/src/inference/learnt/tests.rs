@@ -1,4 +1,4 @@
-//! Posteriors whose encoder says the same of every image.
+//! Posteriors whose encoder gives the same output for every image.
 
 use std::sync::LazyLock;
 
@@ -46,9 +46,9 @@ pub(crate) static WORLD: LazyLock<Dictionary> = LazyLock::new(|| {
     Dictionary::new(LogBasis::fit(&tables, 8), &settings)
 });
 
-/// The measured materials, weighed for every image by a Gaussian around a place, of this standard
-/// deviation along each coordinate: `-(z - m)^2 / 2 s^2` is the product of `(z, -z^2 / 2)` with
-/// `(m, 1) / s^2`, up to a constant.
+/// Measured materials, with embeddings `(z, -z^2 / 2)`. Their product with an image's embedding
+/// `(m, 1) / s^2` is `-(z - m)^2 / 2 s^2` up to a constant: a Gaussian around `m`, of standard
+/// deviation `s` along each coordinate.
 fn measured() -> Candidates {
     let places = &WORLD.places[..WORLD.measured.len()];
     let wide = |place: &Vec<f64>| place.iter().map(|z| *z as f32).collect::<Vec<f32>>();
@@ -67,7 +67,7 @@ fn draws_around(place: &[f64], deviation: f32) -> Candidates {
     Candidates { embeddings: vec![vec![0.0; place.len() + 1]; places.len()], places }
 }
 
-/// A posterior that answers every image by the materials around a place.
+/// Posterior that assigns to every image the materials around a place.
 fn around(place: &[f64], deviation: f32) -> LearntPosterior {
     let outputs = place.len() + 1;
     let shape = EncoderShape { widths: vec![1, 1], hidden: vec![2], ..EncoderShape::new(CHANNELS, GLOBALS, outputs) };
@@ -99,7 +99,7 @@ fn around(place: &[f64], deviation: f32) -> LearntPosterior {
     }
 }
 
-/// A posterior that is nearly sure of one of the six materials, whatever it sees.
+/// Posterior that is nearly certain of one of the six materials for any image.
 pub(crate) fn knowing(material: usize) -> LearntPosterior {
     around(&WORLD.places[material], 0.05)
 }
@@ -137,7 +137,8 @@ fn intervals_are_ordered_and_hold_the_mean_material() {
     let mean = posterior.mean.as_slice();
     let inside = trusted.iter().filter(|&&c| (quantiles[0][c]..=quantiles[2][c]).contains(&mean[c])).count();
     assert!(inside as f64 > 0.95 * trusted.len() as f64, "{inside}");
-    // As wide as the prior everything is open, nearly sure nothing that was trusted is.
+    // With draws as wide as the prior, most trusted cells are undetermined; with a nearly certain
+    // posterior, hardly any is.
     let open = |a: &LearntPosterior| a.posterior(&any_image()).undetermined(a).iter().filter(|o| **o).count();
     let nothing = CELLS - trusted.len();
     assert!(open(&around(&[0.0; 6], 1.0)) > nothing + trusted.len() / 2);

@@ -1,10 +1,10 @@
-//! The image that a sphere of the same material would give in the same light, from observations of
+//! Image that a sphere of the same material would give in the same light, from observations of
 //! another shape.
 //!
-//! The learnt posterior knows images of spheres alone, on which all light above the horizon arrives
-//! and which are seen from far away. Where the surface keeps light from itself, or the camera is
-//! near, an estimate of material and light tells how much brighter or darker the point would be on
-//! the sphere: its value is multiplied by that ratio, and a new estimate made.
+//! The learnt posterior is trained on images of spheres alone, which receive all light above the
+//! horizon and are seen from far away. Where there is self-shadowing, or the camera is near, an
+//! estimate of material and light predicts how much brighter or darker the point would be on the
+//! sphere: its value is multiplied by that ratio, and a new estimate made.
 
 use super::LearntPosterior;
 use crate::appearance::{DiskImage, Lattice, Sample};
@@ -14,17 +14,16 @@ use crate::lighting::{LightGrid, LightPrior};
 use crate::scene::Observations;
 use crate::transfer::{PlanSettings, Prediction, predict};
 
-/// How shadows are taken away.
+/// Settings of the removal of shadows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnshadowSettings {
-    /// Estimates of material and light, at most.
+    /// Largest number of estimates of material and light.
     pub rounds: usize,
-    /// Ratios that change by less than this, as the mean of their absolute logarithm, are taken to
-    /// have settled.
+    /// Mean absolute change of the log ratios below which they have settled.
     pub tolerance: f64,
-    /// Observations for each normal of the lattice.
+    /// Number of observations for each normal of the lattice.
     pub each: usize,
-    /// Observations from which the light is found, about.
+    /// Approximate number of observations from which the light is found.
     pub rows: usize,
 }
 
@@ -34,25 +33,25 @@ impl Default for UnshadowSettings {
     }
 }
 
-/// Ratios are kept between this and its inverse: of a point that gets a fifth of what the sphere
-/// would, noise and what the object reflects onto itself are most.
+/// Largest ratio, and inverse of the smallest: where a point receives a fifth of what the sphere
+/// would, noise and interreflections dominate.
 const LARGEST_RATIO: f64 = 5.0;
 
-/// Observations on the edge of a shadow count so little, squared: only where there are no others of
-/// their normal.
+/// Smallest factor, before squaring, of the weight of observations on the edge of a shadow: they
+/// count only where their normal has no others.
 const EDGE_WEIGHT: f64 = 1e-3;
 
-/// An image on the disk of normals.
+/// Image on the disk of normals, corrected for shadows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unshadowed {
-    /// The values as a sphere would show them.
+    /// Image as a sphere would show it.
     pub image: DiskImage,
-    /// Mean of how much values were changed, as the absolute logarithm of the ratio; zero where
-    /// nothing was to be done.
+    /// Mean absolute logarithm of the ratios by which values were changed; zero where no correction
+    /// was needed.
     pub change: f64,
 }
 
-/// The observations on the disk of normals, as a sphere would show them.
+/// Maps observations to the disk of normals, as a sphere would show them.
 ///
 /// # Errors
 /// [`LightError`] if all are black, and as [`LightProblem::new`] and [`LightProblem::posterior`].
@@ -93,8 +92,8 @@ pub fn unshadow(
             .collect();
         let values: Vec<Option<f64>> =
             chosen.values.iter().zip(&logs).map(|(value, log)| value.map(|v| v * log.exp())).collect();
-        // What is multiplied by a large factor brings its noise along; where most light passes a
-        // shadow's edge the ratio is a guess.
+        // A large factor also amplifies the noise; where most light passes a shadow's edge, the
+        // ratio is unreliable.
         let reliable = |((weight, log), prediction): ((&f64, &f64), &Prediction)| {
             weight * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(EDGE_WEIGHT).powi(2)
         };

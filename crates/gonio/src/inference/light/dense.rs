@@ -1,4 +1,4 @@
-//! Cholesky factors of dense matrices, the same on any number of threads.
+//! Cholesky factors of dense matrices, independent of the number of threads.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
@@ -8,19 +8,19 @@ use rayon::prelude::*;
 
 use crate::transfer::column_bands;
 
-/// Columns of a result that one sequential product or solve makes: results do not depend on the
-/// number of threads.
+/// Columns of a result that one sequential product or solve makes; constant, so that results do not
+/// depend on the number of threads.
 const BAND: usize = 128;
 
-/// The lower factor `L` of a symmetric positive definite `L L'` (n x n); what is above its diagonal
-/// means nothing.
+/// Lower factor `L` of a symmetric positive definite `L L'` (n x n); entries above its diagonal
+/// have no meaning.
 pub(crate) struct Cholesky {
     pub(super) lower: Mat<f64>,
 }
 
 impl Cholesky {
-    /// Of the matrix whose lower triangle is given. `None` where it is not positive definite or not
-    /// finite.
+    /// Factorises the matrix whose lower triangle is given. `None` where it is not positive
+    /// definite or not finite.
     pub(crate) fn new(mut lower: Mat<f64>) -> Option<Self> {
         let size = lower.nrows();
         let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
@@ -29,7 +29,7 @@ impl Cholesky {
         (0..size).all(|i| lower[(i, i)].is_finite()).then_some(Self { lower })
     }
 
-    /// Of a symmetric `h` with `extra` (n) added to its diagonal.
+    /// Factorises a symmetric `h` with `extra` (n) added to its diagonal.
     pub(super) fn of_sum(h: &Mat<f64>, extra: &[f64]) -> Option<Self> {
         let mut lower = h.clone();
         extra.iter().enumerate().for_each(|(i, x)| lower[(i, i)] += x);
@@ -67,7 +67,7 @@ impl Cholesky {
     }
 }
 
-/// The columns of a matrix in bands, with the first column of each.
+/// Columns of a matrix in bands, with the index of the first column of each.
 pub(super) fn bands_of<T>(matrix: MatMut<'_, T>) -> Vec<(usize, MatMut<'_, T>)> {
     let count = matrix.ncols().div_ceil(BAND).max(1);
     column_bands(matrix, count)

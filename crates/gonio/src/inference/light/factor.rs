@@ -1,4 +1,4 @@
-//! The algebra of `S = I + rho B V B'`, the covariance of an image in units of its noise, in the
+//! Algebra of `S = I + rho B V B'`, the covariance of an image in units of its noise, in the
 //! smaller of two spaces.
 
 use faer::linalg::matmul::matmul;
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::dense::{Cholesky, bands_of};
 use crate::linalg::squared_norms;
 
-/// Which of two equal matrices is factorised; `X = B V^(1/2)`.
+/// Matrix that is factorised, of two with the same determinant; `X = B V^(1/2)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Form {
     /// `S = I + rho X X'`, as large as the image has rows.
@@ -19,17 +19,16 @@ pub(super) enum Form {
 }
 
 impl Form {
-    /// The smaller matrix: the cheaper one, and no worse conditioned, since the larger has as many
-    /// eigenvalues of one more.
+    /// Chooses the smaller matrix: it is cheaper, and no worse conditioned, since the larger one
+    /// has the same eigenvalues and additional ones of one.
     pub(super) fn smaller(rows: usize, m: usize) -> Self {
         if rows <= m { Self::Rows } else { Self::Light }
     }
 }
 
-/// Whatever of an operator is used again at other variances: `B`, and `B'B` where the form needs
-/// it.
+/// Parts of an operator that are reused at other variances: `B`, and `B'B` where the form needs it.
 pub(super) struct Design {
-    /// rows x M.
+    /// `B` (rows x M).
     pub(super) matrix: Mat<f64>,
     gram: Option<Mat<f64>>,
 }
@@ -73,9 +72,9 @@ pub(super) struct Factor<'a> {
     rho: f64,
     /// `B V^(1/2)`, rows x M.
     scaled: Mat<f64>,
-    /// Of the form's matrix.
+    /// Cholesky factor of the form's matrix.
     cholesky: Cholesky,
-    /// `L^-1 X` (rows x M) of the form by rows, `L^-1` (M x M) of the form by light.
+    /// `L^-1 X` (rows x M) in the form by rows, `L^-1` (M x M) in the form by light.
     solved: Option<Mat<f64>>,
 }
 
@@ -125,14 +124,14 @@ impl<'a> Factor<'a> {
             return self.cholesky.solve(x);
         }
         let mut solution = self.deflated(x);
-        // The difference cancels where the light explains nearly all: refined once.
+        // The difference cancels where the light explains nearly all, so it is refined once.
         let explained = self.design.times(&self.gain(&solution));
         let left: Vec<f64> = x.iter().zip(&solution).zip(explained).map(|((x, e), y)| x - e - y).collect();
         solution.iter_mut().zip(self.deflated(&left)).for_each(|(e, more)| *e += more);
         solution
     }
 
-    /// `S^-1 x = x - rho X (I + rho X'X)^-1 X' x` (rows), of the form by light.
+    /// `S^-1 x = x - rho X (I + rho X'X)^-1 X' x` (rows), in the form by light.
     fn deflated(&self, x: &[f64]) -> Vec<f64> {
         let fitted = self.design.times(&self.root_times(self.cholesky.solve(&self.scaled_adjoint(x))));
         x.iter().zip(fitted).map(|(x, fit)| x - self.rho * fit).collect()
@@ -143,7 +142,7 @@ impl<'a> Factor<'a> {
         x
     }
 
-    /// `rho V B' e` (M): for `e = S^-1 t` the posterior mean of a light of prior mean zero whose
+    /// `rho V B' e` (M): for `e = S^-1 t`, the posterior mean of a light of prior mean zero whose
     /// image is `t`.
     pub(super) fn gain(&self, e: &[f64]) -> Vec<f64> {
         let back = self.design.adjoint(e);
@@ -164,7 +163,7 @@ impl<'a> Factor<'a> {
         self.root_times(self.cholesky.solve(&unit))
     }
 
-    /// Solves for what variances and gradients share.
+    /// Computes `solved` unless it is there already.
     fn ensure_solved(&mut self) {
         if self.solved.is_some() {
             return;
@@ -182,20 +181,19 @@ impl<'a> Factor<'a> {
         self.solved = Some(solved);
     }
 
-    /// The diagonal of the posterior covariance `Sigma` (M).
+    /// Diagonal of the posterior covariance `Sigma` (M).
     pub(super) fn posterior_variances(&mut self) -> Vec<f64> {
         self.ensure_solved();
         let solved = self.solved.as_ref().expect("just solved");
         let squares = squared_norms(solved.as_ref());
         let by_rows = self.by_rows();
-        // A coefficient that the image fixes beyond round-off keeps a variance.
+        // Keeps the variance positive where the image determines a coefficient beyond round-off.
         let share = |s: f64| if by_rows { (1.0 - self.rho * s).max(1e-14) } else { s };
         squares.into_iter().zip(&self.variances).map(|(s, v)| v * share(s)).collect()
     }
 }
 
-/// The lower triangle of the symmetric `a b`, band by band; some of what is above it is computed
-/// too.
+/// Lower triangle of the symmetric `a b`, band by band; a part above it is computed too.
 fn lower_of_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let n = a.nrows();
     let mut out = Mat::zeros(n, n);
@@ -212,7 +210,7 @@ mod tests {
     use super::*;
     use crate::inference::light::tests::{identity, inverse_and_log_det, random};
 
-    /// Every quantity of both forms against dense algebra, for fewer and for more rows than
+    /// Checks every quantity of both forms against dense algebra, for fewer and for more rows than
     /// coefficients.
     #[test]
     fn both_forms_are_the_dense_algebra() {

@@ -1,15 +1,16 @@
-//! LightInference inference: the light integrated out exactly.
+//! Inference with the light integrated out exactly.
 //!
-//! Given reflectance `f` an image is linear in the light, `t = g B l + e` with `B = sum_k f_k A_k`;
-//! and given the scales of its mixtures the light is Gaussian, of means `mu` and precisions `d`.
-//! Hence in closed form
+//! Given reflectance `f`, an image is linear in the light, `t = g B l + e` with `B = sum_k f_k
+//! A_k`; given the scales of its mixtures, the light is Gaussian, with means `mu` and precisions
+//! `d`. Hence in closed form
 //!
 //! `p(t | f, g, b) = N(t; g B mu, g^2 B diag(1/d) B' + I/b)`.
 //!
 //! The scales are not known. With responsibilities `r_n` for every coefficient,
 //! `d_m = sum_n r_n / s_n^2` and
 //!
-//! `log p(t | f, g, b) >= log N(t; ...) + sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2)/2) - log(d_m)/2 }`,
+//! `log p(t | f, g, b) >= log N(t; ...) +
+//! sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2)/2) - log(d_m)/2 }`,
 //!
 //! the variational bound that expectation maximisation raises: the exact Gaussian posterior of the
 //! light given `r`, then the best `r` given its `<l_m^2>`. It is an equality for mixtures of one
@@ -17,20 +18,20 @@
 //! is that of the whole Gaussian times the ratio of the masses above the threshold after and before
 //! the image.
 //!
-//! The bound has a local maximum for every choice of components, most of them far too low. The
-//! climb therefore also leaps: every coefficient takes the components that are best for it alone,
-//! if that raises the bound.
+//! The bound has a local maximum for every choice of components, most of them far too low. So the
+//! ascent also leaps: every coefficient takes the components that are best for it alone, if that
+//! raises the bound.
 //!
-//! * [`LightInference`] is an image with the priors of light, exposure and noise; [`LightOperator`] is
-//!   `B`;
-//! * [`LightInference::posterior`] climbs the bound for one `B` and returns it with the posterior of the
-//!   light: [`LightPosterior`];
+//! * [`LightInference`] is an image with the priors of light, exposure and noise; [`LightOperator`]
+//!   is `B`;
+//! * [`LightInference::posterior`] raises the bound for one `B` and returns it with the posterior
+//!   of the light, [`LightPosterior`];
 //! * `non_negative_light` is the mean of the light without negative texels;
-//! * [`LightProblem`] is all that for a photograph and one BRDF.
+//! * [`LightProblem`] combines all that for a photograph and one BRDF.
 //!
-//! Exposure `g` and precision `b` are maximised over, in their logarithms: the densities of `log g`
-//! and `log b` that follow from [`Hyper`] count, so that the best `b` is `(a + N/2) / (b_0 + E/2)`
-//! as in Algorithm 1.
+//! Exposure `g` and precision `b` are maximised over, in their logarithms: the objective includes
+//! the densities of `log g` and `log b` that follow from [`Hyper`], so that the best `b` is `(a +
+//! N/2) / (b_0 + E/2)` as in Algorithm 1.
 
 pub(crate) mod dense;
 pub(crate) use dense::Cholesky;
@@ -57,26 +58,26 @@ use scales::Scales;
 use super::{Hyper, ProblemError};
 use crate::lighting::{LightGrid, LightPrior};
 
-/// An image on r rows with all that does not depend on reflectance: the priors of light, exposure
-/// and noise.
+/// Image on r rows with everything that does not depend on reflectance: the priors of light,
+/// exposure and noise.
 ///
-/// As in [`Problem`](crate::inference::Problem) the image is scaled to root mean square one; bounds are logarithms of the
-/// density of the scaled image.
+/// As in [`Problem`](crate::inference::Problem), the image is scaled to root mean square one;
+/// bounds are logarithms of the density of the scaled image.
 #[derive(Clone, Debug)]
 pub struct LightInference<'a> {
     /// The scaled image on its rows (r).
     target: Vec<f64>,
     /// Energy of the scaled image outside the rows.
     outside: f64,
-    /// N of eq. 9: rows, and dimensions of pure noise outside them.
+    /// N of eq. 9: the number of rows plus the dimensions of pure noise outside them.
     pixels: f64,
-    /// What the image was multiplied with.
+    /// Factor that the image was multiplied by.
     scale: f64,
     scales: Scales<'a>,
     hyper: Hyper,
 }
 
-/// Why there is no evidence.
+/// Why the evidence cannot be computed.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum LightInferenceError {
     /// The operator or its products overflow.
@@ -85,8 +86,9 @@ pub enum LightInferenceError {
 }
 
 impl<'a> LightInference<'a> {
-    /// An image `target` on r rows (linear radiance), with energy `outside` (its square) in the
-    /// `pixels - r` dimensions that no light reaches, for operators of `m` light coefficients.
+    /// Builds the inference for an image `target` on r rows (linear radiance), with energy
+    /// `outside` (sum of squares) in the `pixels - r` dimensions that no light reaches, for
+    /// operators of `m` light coefficients.
     ///
     /// # Errors
     /// For black or non-finite images.
@@ -121,8 +123,8 @@ impl<'a> LightInference<'a> {
         })
     }
 
-    /// What the image was multiplied with: exposures and noise in units of the image are those of
-    /// the scaled image over this.
+    /// Factor that the image was multiplied by: exposure and noise in units of the image are those
+    /// of the scaled image divided by it.
     pub fn scale(&self) -> f64 {
         self.scale
     }

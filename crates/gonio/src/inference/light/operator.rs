@@ -1,4 +1,4 @@
-//! The linear map from light to image of one reflectance.
+//! Linear map from light to image for one reflectance.
 
 use faer::Mat;
 
@@ -19,10 +19,10 @@ impl LightOperator {
         Self::from_rows(bilinear.rows(), bilinear.m(), &bilinear.of_reflectance(f))
     }
 
-    /// Of any one BRDF: `entries` row by row, rows x m.
+    /// Builds the operator of any one BRDF from `entries`, row by row (rows x m).
     ///
     /// # Panics
-    /// If the length is another.
+    /// If there are not `rows * m` entries.
     pub(crate) fn from_rows<A: Copy + Into<f64>>(rows: usize, m: usize, entries: &[A]) -> Self {
         assert_eq!(entries.len(), rows * m);
         Self { matrix: Mat::from_fn(rows, m, |i, j| entries[i * m + j].into()) }
@@ -41,7 +41,7 @@ impl LightOperator {
         image
     }
 
-    /// Multiplies each row.
+    /// Multiplies each row by its factor.
     pub(super) fn scale_rows(&mut self, factors: &[f64]) {
         assert_eq!(factors.len(), self.rows());
         for column in self.matrix.as_mut().col_iter_mut() {

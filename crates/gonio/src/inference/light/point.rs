@@ -1,5 +1,5 @@
-//! The bound at one state of a climb, from one factorisation, and the state that expectation
-//! maximisation goes to from there.
+//! Bound at one state of the ascent, from one factorisation, and the next state of expectation
+//! maximisation.
 
 use std::f64::consts::TAU;
 
@@ -9,10 +9,10 @@ use super::{InferenceSettings, LightInference};
 use crate::lighting::RectifiedGaussian;
 use crate::transfer::kernels::dot;
 
-/// Where a climb stands.
+/// State of an ascent.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct State {
-    /// `<l_m^2>` that the responsibilities are the best for (M).
+    /// `<l_m^2>` (M), which determine the responsibilities.
     pub(super) squares: Vec<f64>,
     pub(super) log_g: f64,
     pub(super) log_b: f64,
@@ -23,7 +23,7 @@ impl State {
         self.log_b + 2.0 * self.log_g
     }
 
-    /// With `log rho` changed, through `b` where that is not known.
+    /// State with `log rho` changed, through `b` where that is not known, else through `g`.
     pub(super) fn stretched(&self, by: f64, settings: &InferenceSettings) -> Self {
         let mut moved = self.clone();
         match (settings.noise, settings.exposure) {
@@ -35,12 +35,12 @@ impl State {
     }
 }
 
-/// What rectification changes: the posterior of coefficient `c` is cut off at a threshold, and all
+/// Effect of rectification: the posterior of coefficient `c` is truncated at a threshold, and all
 /// others follow by regression.
 pub(super) struct Cut {
     /// `Sigma_mc / Sigma_cc` (M).
     pub(super) regression: Vec<f64>,
-    /// `B` times that (r).
+    /// `B` times the regression (r).
     pub(super) image: Vec<f64>,
     /// `Sigma_cc` minus the variance after the cut.
     pub(super) lost_variance: f64,
@@ -50,7 +50,7 @@ pub(super) struct Cut {
     log_mass: f64,
 }
 
-/// The bound at a state, of one factorisation.
+/// Bound at a state, from one factorisation.
 pub(super) struct Point<'a> {
     pub(super) state: State,
     pub(super) factor: Factor<'a>,
@@ -141,7 +141,7 @@ impl<'a> Point<'a> {
         objective.is_finite().then_some(Self { state, factor, given, bound, objective, light, image, cut, variances })
     }
 
-    /// Solves for the posterior variances, which the next step and the answer need.
+    /// Computes the posterior variances, which the next step and the answer need.
     pub(super) fn find_variances(&mut self) {
         if self.variances.is_empty() {
             self.variances = self.factor.posterior_variances();
@@ -177,16 +177,16 @@ impl<'a> Point<'a> {
         before - self.cut.as_ref().map_or(0.0, cut)
     }
 
-    /// The next state of expectation maximisation: responsibilities from the posterior of the
-    /// light; then `g` given `b`, and `b` given `g`, from the expected squared residual
-    /// `E = outside + |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 + tr(B Sigma B'))`.
+    /// Next state of expectation maximisation: responsibilities from the posterior of the light;
+    /// then `g` given `b`, and `b` given `g`, from the expected squared residual `E = outside +
+    /// |t|^2 - 2 g t'B<l> + g^2 (|B<l>|^2 + tr(B Sigma B'))`.
     pub(super) fn maximised(&self, inference: &LightInference<'_>, settings: &InferenceSettings) -> State {
         let mut state = self.state.clone();
         let spread = self.effective() / state.log_rho().exp();
         state.squares = self.squares();
         let (along, square) = (dot(&inference.target, &self.image), dot(&self.image, &self.image) + spread);
         if settings.exposure.is_none() {
-            // The positive root of -A g + P + 1/g, the sum that does not cancel.
+            // Positive root of -A g + P + 1/g, in the form that does not cancel.
             let b = state.log_b.exp();
             let (a, p) = (b * square, b * along - inference.hyper.exposure_rate);
             let root = (p * p + 4.0 * a).sqrt();
@@ -203,7 +203,7 @@ impl<'a> Point<'a> {
     }
 }
 
-/// `e' S^-1 e` for the residual `e = t - g B mu` of the prior mean, as a square in `g`; with the
+/// `e' S^-1 e` for the residual `e = t - g B mu` of the prior mean, as a quadratic in `g`, plus the
 /// energy outside the rows.
 struct Misfit {
     target: f64,
@@ -216,7 +216,7 @@ impl Misfit {
         (self.target - 2.0 * g * self.mixed + g * g * self.mean).max(0.0)
     }
 
-    /// The `log g` of highest objective for a fixed `rho`, so that `b = rho / g^2`; `current` if
+    /// `log g` of the highest objective for a fixed `rho`, so that `b = rho / g^2`; `current` if
     /// none is better.
     fn best_exposure(
         &self,
@@ -233,8 +233,8 @@ impl Misfit {
                 + inference.log_noise_prior(log_b)
                 + log_mass(u)
         };
-        // Without the mass the derivative in u has one sign change: a cubic in 1/g with one change
-        // of sign.
+        // Without the mass, the derivative in u is a cubic in 1/g whose coefficients change sign
+        // once, so it has one root.
         let hyper = &inference.hyper;
         let (rho, n) = (log_rho.exp(), inference.pixels + 2.0 * hyper.noise_shape - 1.0);
         let falls = |u: f64| {
@@ -257,7 +257,7 @@ impl Misfit {
     }
 }
 
-/// The maximum of a function with one on an interval, to the precision that its values allow.
+/// Maximiser of a unimodal function on an interval, to the precision that its values allow.
 fn golden(f: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
     let (mut a, mut b) = (high - ratio * (high - low), low + ratio * (high - low));

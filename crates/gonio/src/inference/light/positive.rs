@@ -8,15 +8,16 @@ use super::{LightInference, LightInferenceError, LightOperator, LightPosterior};
 use crate::linalg::{each_column, squared_norms};
 use crate::sphere::Haar;
 
-/// How `non_negative_light` iterates.
+/// Settings of the iterations of `non_negative_light`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NonNegativeSettings {
-    /// Times that the scales of the mixtures are found again from the light without negative
-    /// texels.
+    /// Number of times that the scales of the mixtures are re-estimated from the light without
+    /// negative texels.
     pub rounds: usize,
-    /// Steps at most of expectation propagation in each round, each a factorisation of M x M.
+    /// Largest number of steps of expectation propagation in each round, each a factorisation of M
+    /// x M.
     pub max_steps: usize,
-    /// Converged when a step changes the light by no more than this share of its norm.
+    /// Change of the light in one step, relative to its norm, at which it has converged.
     pub tolerance: f64,
 }
 
@@ -31,34 +32,34 @@ impl Default for NonNegativeSettings {
 pub struct NonNegativeLight {
     /// Coefficients (M), DC first, of a light of integral one.
     pub light: Vec<f64>,
-    /// Posterior standard deviations of the same (M); that of DC is of its exposure.
+    /// Posterior standard deviations of the light coefficients (M); that of DC is of its exposure.
     pub light_sd: Vec<f64>,
-    /// What the light is multiplied with, in units of the image.
+    /// Factor of the light, in units of the image.
     pub exposure: f64,
-    /// Steps of all rounds.
+    /// Number of steps in all rounds.
     pub steps: usize,
     /// Whether the last round met the tolerance.
     pub converged: bool,
 }
 
 impl LightInference<'_> {
-    /// The mean of the light with texels `>= 0` under the Gaussian of an [`LightPosterior`] found for
-    /// `operator`: of `g l` over
-    /// `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, `g_0` the exposure
-    /// of the posterior, by expectation propagation, a bound at every texel. The scales, which give
-    /// `D`, are then found again from the expected squares of that light.
+    /// Computes the mean of the light with texels `>= 0` under the Gaussian of a [`LightPosterior`]
+    /// found for `operator`: the mean of `g l` over `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D
+    /// (g l / g_0 - mu) / 2)`, with `g_0` the exposure of the posterior, by expectation propagation
+    /// with a bound at every texel. The scales, which give `D`, are then re-estimated from the
+    /// expected squares of that light.
     ///
-    /// The exposure is found again with the light, since what is taken from below zero must come
-    /// from elsewhere: the DC coefficient of `g l / g_0` is free, with its constant as mean and
-    /// standard deviation. The threshold of a rectified prior, which the non-negative lights it was
-    /// learnt from imply, is left out.
+    /// The exposure is re-estimated with the light, since raising negative texels to zero must be
+    /// compensated elsewhere: the DC coefficient of `g l / g_0` is free, with its constant as mean
+    /// and standard deviation. The threshold of a rectified prior is left out, since it follows
+    /// from the non-negativity of the lights that the prior was learnt from.
     ///
     /// # Errors
     /// If values overflow.
     ///
     /// # Panics
-    /// If M is not the square of a power of two, at least 4, or the operator is not of the image
-    /// and prior.
+    /// If M is not the square of a power of two, at least 4, or the operator does not fit the image
+    /// and the prior.
     pub(crate) fn non_negative_light(
         &self,
         operator: &LightOperator,
@@ -110,7 +111,8 @@ impl LightInference<'_> {
         (inverse_of_columns(half.transpose().to_owned(), haar), texels(haar, &linear))
     }
 
-    /// Coefficients of texels scaled to the constant DC, and what they were divided by.
+    /// Returns the coefficients of the texels scaled to the constant DC, and the divisor of this
+    /// scaling.
     fn normalised(&self, haar: Haar, mut texels: Vec<f64>) -> Result<(Vec<f64>, f64), LightInferenceError> {
         haar.forward(&mut texels, &mut Vec::new());
         let dc = self.scales.means()[0];
@@ -124,7 +126,7 @@ impl LightInference<'_> {
     }
 }
 
-/// Coefficients of the light of coefficients `light` (M) with its negative texels black.
+/// Coefficients of the light of coefficients `light` (M) with its negative texels set to zero.
 ///
 /// # Panics
 /// If M is not the square of a power of two, at least 4.
@@ -139,8 +141,8 @@ fn square(m: usize) -> Haar {
     Haar::new(m.isqrt()).filter(|haar| haar.coefficients() == m).expect("coefficients of a square light")
 }
 
-/// Texels of coefficients, or of whatever pulls on coefficients the pull on texels: the basis is
-/// orthonormal.
+/// Texels of coefficients. Since the basis is orthonormal, it also maps gradients in coefficients
+/// to gradients in texels.
 fn texels(haar: Haar, coefficients: &[f64]) -> Vec<f64> {
     let mut x = coefficients.to_vec();
     haar.inverse(&mut x, &mut Vec::new());
@@ -210,7 +212,7 @@ mod tests {
         Lamps { light: texels, operator: LightOperator::from_rows(rows, m, &entries), target }
     }
 
-    /// Gaussian light, which knows nothing of lamps: the mean swings below zero beside them.
+    /// Gaussian prior, which does not model lamps: the mean swings below zero beside them.
     fn gaussian_prior(side: usize) -> LightPrior {
         let mut prior = crate::transfer::toy_prior(side);
         for group in &mut prior.groups {
@@ -243,7 +245,7 @@ mod tests {
             assert!(lowest < -0.02 * top, "{noise}: nothing to remove: {lowest} of {top}");
             assert!(lit(&got.light).iter().all(|x| *x > -1e-12 * top));
             assert_eq!(got.light[0], posterior.light[0]);
-            // Where the image says next to nothing the prior, which knows no lamps, decides.
+            // Where the image says next to nothing, the prior decides, which does not model lamps.
             let (before, after) = (distance(&posterior.light, &light), distance(&got.light, &light));
             assert!(after < if noise > 0.1 { 1.01 * before } else { before }, "{noise}: {before} {after}");
         }

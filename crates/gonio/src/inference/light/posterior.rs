@@ -1,16 +1,16 @@
-//! The bound on the evidence at one operator, and the expectation maximisation that raises it.
+//! Bound on the evidence at one operator, and the expectation maximisation that raises it.
 
 use super::factor::{Design, Form};
 use super::point::{Point, State};
 use super::{LightInference, LightInferenceError, LightOperator};
 use crate::transfer::kernels::dot;
 
-/// How [`LightInference::posterior`] climbs.
+/// Settings of [`LightInference::posterior`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct InferenceSettings {
-    /// Steps of expectation maximisation at most.
+    /// Largest number of steps of expectation maximisation.
     pub max_steps: usize,
-    /// Converged when a step raises the objective by less than this, in nats.
+    /// Gain of the objective in one step, in nats, below which the ascent has converged.
     pub tolerance: f64,
     /// A known exposure, positive, in units of the image; `None` to find it.
     pub exposure: Option<f64>,
@@ -30,14 +30,14 @@ impl InferenceSettings {
     }
 }
 
-/// What an image says about one reflectance, and the posterior of the light given it.
+/// Evidence of one reflectance from an image, and the posterior of the light given it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightPosterior {
     /// Lower bound of `log p(I | f, g, b)` for the scaled image, in nats, all constants included;
     /// equal to it for mixtures of one component.
     pub bound: f64,
-    /// The bound plus `log p(log g)` and `log p(log b)` of whatever of the two was found: what the
-    /// steps never lower, and what candidates are compared by.
+    /// The bound plus `log p(log g)` and `log p(log b)` of each of the two that was estimated:
+    /// steps never lower it, and candidates are compared by it.
     pub objective: f64,
     /// `g`, in units of the image.
     pub exposure: f64,
@@ -47,8 +47,8 @@ pub struct LightPosterior {
     pub light: Vec<f64>,
     /// Posterior standard deviations of `l_m` (M), zero for DC.
     pub light_sd: Vec<f64>,
-    /// Directions of the light that the image determines rather than the prior,
-    /// `sum_m (1 - Sigma_mm d_m)`.
+    /// Number of directions of the light determined by the image rather than the prior, `sum_m (1 -
+    /// Sigma_mm d_m)`.
     pub effective: f64,
     /// The objective at the start and after every step.
     pub trace: Vec<f64>,
@@ -60,26 +60,25 @@ pub struct LightPosterior {
 /// Longest step in `log rho` beyond that of expectation maximisation.
 const LONGEST_STEP: f64 = 2.0;
 
-/// Most times that a step is made longer.
+/// Largest factor by which a step is lengthened.
 const LARGEST_STRETCH: f64 = 64.0;
 
-/// A climb that gains less than this in a step, in nats, looks for other components of the
-/// mixtures.
+/// Gain of a step, in nats, below which the ascent looks for other components of the mixtures.
 const SLOW: f64 = 1.0;
 
-/// Times that it does at most.
+/// Largest number of such searches.
 const LEAPS: usize = 8;
 
 impl LightInference<'_> {
-    /// The bound of an operator, climbed from the scales of the prior's variances.
+    /// Raises the bound of an operator, starting from the scales of the prior's variances.
     ///
-    /// The bound has a local maximum for every choice of components. Where the climb gets slow
-    /// every coefficient looks for a better component by itself, and as long as that raises the
-    /// objective the climb goes on from there.
+    /// The bound has a local maximum for every choice of components. Where the ascent gets slow,
+    /// every coefficient looks for a better component by itself; if that raises the objective, the
+    /// ascent continues from there.
     ///
     /// A step is one factorisation, of `r^2 M + r^3 / 3` flops by rows, and the posterior
     /// variances, of `r^2 M`. The step of `log(b g^2)` is lengthened by a secant; where that lowers
-    /// the objective, the step is made without.
+    /// the objective, the plain step is made.
     ///
     /// # Errors
     /// If the operator has values that are not finite, or so large that products overflow.
@@ -102,8 +101,8 @@ impl LightInference<'_> {
         Design::new(operator.matrix.clone(), Form::smaller(operator.rows(), operator.m()))
     }
 
-    /// The widest scales, the exposure that gives the expected image the energy of the image, and a
-    /// tenth of noise.
+    /// Start of the ascent: the widest scales, the exposure that gives the expected image the
+    /// energy of the image, and a noise of a tenth.
     pub(super) fn start(&self, design: &Design, settings: &InferenceSettings) -> State {
         let squares = self.scales.prior_squares();
         let mut energy = 0.0;
@@ -131,7 +130,8 @@ impl LightInference<'_> {
         let mut now = Point::new(self, design, start, settings).ok_or(LightInferenceError::NotFinite)?;
         now.find_variances();
         let mut trace = vec![now.objective];
-        // How much longer than a plain step the next may be; where the secant says nothing, it is.
+        // Factor by which the last step was lengthened. It limits the next factor, or sets it where
+        // the secant has no negative slope.
         let mut stretch = 1.0_f64;
         let mut leaps = LEAPS;
         let (mut converged, mut last) = (false, None::<(f64, f64)>);
@@ -153,7 +153,7 @@ impl LightInference<'_> {
             if next.is_none() {
                 next = Point::new(self, design, plain, settings);
             }
-            // Lower only by round-off, where nothing is left to gain.
+            // A plain step lowers the objective only by round-off, where nothing is left to gain.
             let Some(mut next) = next.filter(|next| next.objective >= now.objective) else {
                 converged = true;
                 break;
@@ -178,8 +178,8 @@ impl LightInference<'_> {
         Ok(self.answer(&now, trace, converged))
     }
 
-    /// A better point whose mixtures have other components, if there is one: of all coefficients at
-    /// once, or of those alone that the image says little about, which hardly depend on each other.
+    /// Better point whose mixtures have other components, if there is one: for all coefficients at
+    /// once, or only for those that the image determines little, which hardly depend on each other.
     fn leap<'a>(&self, design: &'a Design, now: &Point<'a>, settings: &InferenceSettings) -> Option<Point<'a>> {
         let posterior = now.final_variances();
         [1.0, 0.3, 0.05].into_iter().find_map(|weak| {

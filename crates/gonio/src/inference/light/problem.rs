@@ -1,4 +1,4 @@
-//! The light of an image whose BRDF is known or taken for known.
+//! Light of an image whose BRDF is known or assumed.
 
 use thiserror::Error;
 
@@ -13,7 +13,7 @@ use crate::scene::Observations;
 use crate::shape::Points;
 use crate::transfer::{PlanError, PlanSettings, Projected};
 
-/// An image of one BRDF, to find its light: one row for every observation.
+/// Problem of finding the light in an image of one BRDF, with one row for every observation.
 #[derive(Clone, Debug)]
 pub struct LightProblem<'a> {
     operator: LightOperator,
@@ -24,26 +24,26 @@ pub struct LightProblem<'a> {
 /// Why no light is found.
 #[derive(Debug, Error)]
 pub enum LightError {
-    /// Points, table or grid do not make an operator.
+    /// No operator can be built from points, table and grid.
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// The image is black or not finite.
     #[error(transparent)]
     Image(#[from] ProblemError),
-    /// The algebra has no result.
+    /// Values of the inference overflow.
     #[error(transparent)]
     LightPosterior(#[from] LightInferenceError),
 }
 
 impl<'a> LightProblem<'a> {
-    /// Steps of expectation maximisation: the light is for looking at, and the last steps change
-    /// little that is seen.
+    /// Number of steps of expectation maximisation: the light is for display, and further steps
+    /// change little that is visible.
     pub const STEPS: usize = 10;
 
-    /// The luminances `values` (linear, `None` where not observed) of `points` of a BRDF (1/sr),
-    /// for light of `settings.side` squared texels. The noise is that of
-    /// [`Hyper::with_model_error`], of variance in inverse proportion to the `weights` of the
-    /// points, where there are any.
+    /// Builds the problem from the luminances `values` (linear, `None` where not observed) of
+    /// `points` of a BRDF (1/sr), for light of `settings.side` squared texels. The noise is that of
+    /// [`Hyper::with_model_error`], with variance inversely proportional to the `weights` of the
+    /// points, if there are any.
     ///
     /// # Panics
     /// If there are not as many weights as points.
@@ -63,7 +63,7 @@ impl<'a> LightProblem<'a> {
         let mut operator = LightOperator::of_reflectance(&rows.bilinear, &[1.0]);
         let mut target = rows.target;
         if let Some(weights) = weights {
-            // Rows of equal noise.
+            // Scales the rows to equal noise.
             assert_eq!(weights.len(), values.len());
             let kept = weights.iter().zip(values).filter(|(_, value)| value.is_some());
             let roots: Vec<f64> = kept.map(|(w, _)| w.max(0.0).sqrt()).collect();
@@ -75,8 +75,8 @@ impl<'a> LightProblem<'a> {
         Ok(Self { operator, target, inference })
     }
 
-    /// Of observations with their weights and the visibility of each. A light does not need them
-    /// all: [`Observations::thinned`].
+    /// Builds the problem from observations, with their weights and visibility. Not all of them are
+    /// needed for a light: see [`Observations::thinned`].
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -99,7 +99,7 @@ impl<'a> LightProblem<'a> {
         (self.target.iter().map(|t| t * t).sum::<f64>() / self.target.len() as f64).sqrt()
     }
 
-    /// The posterior of the light, its mean first of all, by [`Self::STEPS`] steps.
+    /// Computes the posterior of the light, above all its mean, in [`Self::STEPS`] steps.
     ///
     /// # Errors
     /// As [`LightInference::posterior`].
@@ -120,8 +120,8 @@ impl<'a> LightProblem<'a> {
         Ok(self.inference.non_negative_light(&self.operator, posterior, settings)?)
     }
 
-    /// Root mean square of what a light leaves of the image, relative to the image's. `light` are
-    /// coefficients (M) of the radiance, in units of the image.
+    /// Root mean square of the residual that a light leaves, relative to that of the image. `light`
+    /// are coefficients (M) of the radiance, in units of the image.
     ///
     /// # Panics
     /// If there are not M coefficients.

@@ -1,10 +1,10 @@
-//! The prior of light given its scales: variances and constants of the variational bound (eq. 5).
+//! Prior of light given its scales: variances and constants of the variational bound (eq. 5).
 
 use std::f64::consts::TAU;
 
 use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
 
-/// Prior of one light coefficient, as the inference inference takes it.
+/// Prior of one light coefficient, as the inference uses it.
 #[derive(Clone, Copy, Debug)]
 enum Density<'a> {
     Constant(f64),
@@ -16,11 +16,12 @@ enum Density<'a> {
 #[derive(Clone, Debug)]
 pub(super) struct Scales<'a> {
     densities: Vec<Density<'a>>,
-    /// The coefficient below whose threshold there is nothing.
+    /// Index and prior of the rectified coefficient.
     pub(super) rectified: Option<(usize, RectifiedGaussian)>,
 }
 
-/// Gaussian prior that the expected squares of the light stand for, and what the bound loses by it.
+/// Gaussian prior for given expected squares of the light, and the constant that it adds to the
+/// bound.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Given {
     /// `1 / d_m` with `d_m = sum_n r_n / s_n^2`; zero for a constant.
@@ -31,8 +32,8 @@ pub(super) struct Given {
 }
 
 impl<'a> Scales<'a> {
-    /// The first rectified prior is exact; any further one counts as the Gaussian of its mean and
-    /// variance.
+    /// Builds the priors. The first rectified prior is exact; any further one is replaced by the
+    /// Gaussian of its mean and variance.
     pub(super) fn new(dc: f64, priors: &[&'a CoefficientPrior]) -> Self {
         let mut rectified = None;
         let mut densities = vec![Density::Constant(dc)];
@@ -52,7 +53,7 @@ impl<'a> Scales<'a> {
         Self { densities, rectified }
     }
 
-    /// Means of the coefficients, of the rectified one before rectification (M).
+    /// Means of the coefficients (M), that of the rectified one before rectification.
     pub(super) fn means(&self) -> Vec<f64> {
         let mean = |density: &Density<'_>| match *density {
             Density::Constant(value) => value,
@@ -73,8 +74,8 @@ impl<'a> Scales<'a> {
         self.densities.iter().map(square).collect()
     }
 
-    /// With the best responsibilities for expected squares `<l_m^2>` (M): `r_n` in proportion to
-    /// `pi_n / s_n exp(-<l^2> / (2 s_n^2))`.
+    /// Gaussian prior with the best responsibilities for expected squares `<l_m^2>` (M): `r_n` in
+    /// proportion to `pi_n / s_n exp(-<l^2> / (2 s_n^2))`.
     pub(super) fn given(&self, squares: &[f64]) -> Given {
         let mut constant = 0.0;
         let variance = |(density, square): (&Density<'_>, &f64)| match density {
@@ -90,13 +91,13 @@ impl<'a> Scales<'a> {
         Given { variances, constant }
     }
 
-    /// Expected squares of the responsibilities that would be best for every mixture alone, all
-    /// else as in a posterior of means and variances (M each): expectation maximisation of one
-    /// coefficient in its cavity, from each component in turn. `weak`
-    /// leaves those as they are in `squares` that the image determines for more than that share.
+    /// Expected squares whose responsibilities would be best for every mixture alone, all else as
+    /// in a posterior of means and variances (M each): expectation maximisation of one coefficient
+    /// in its cavity, from each component in turn. Coefficients that the image determines for more
+    /// than the share `weak` keep their value in `squares`.
     ///
-    /// A coefficient that the image leaves open stays with whatever component it has: the bound has
-    /// a local maximum at each.
+    /// Expectation maximisation alone would keep a coefficient that the image does not determine in
+    /// its present component, since the bound has a local maximum at each.
     pub(super) fn best_alone(
         &self,
         given: &Given,
@@ -131,25 +132,26 @@ impl<'a> Scales<'a> {
     }
 }
 
-/// Steps of the expectation maximisation of one coefficient.
+/// Number of steps of the expectation maximisation of one coefficient.
 const ALONE: usize = 6;
 
 /// `1 / d` and the constant of one mixture with the best responsibilities for `<l^2>`.
 fn gaussian_of(mixture: &ScaleMixture, square: f64) -> (f64, f64) {
     let log_sum = mixture.log_density_of_square(square);
     let d: f64 = mixture.log_joint(square).zip(&mixture.variances).map(|(j, v)| (j - log_sum).exp() / v).sum();
-    // log r_n = log pi_n + log N(<l^2>; s_n^2) - log_sum, put into the sum.
+    // log r_n = log pi_n + log N(<l^2>; s_n^2) - log_sum, inserted into the sum.
     (1.0 / d, log_sum + 0.5 * (TAU.ln() + square * d - d.ln()))
 }
 
-/// What all but its own prior says about one coefficient: `exp(h l - p l^2 / 2)`.
+/// Information on one coefficient from everything but its own prior: `exp(h l - p l^2 / 2)`.
 struct Cavity {
     p: f64,
     h: f64,
 }
 
 impl Cavity {
-    /// From its posterior under a Gaussian prior of mean zero.
+    /// Computes the cavity from the posterior of the coefficient under a Gaussian prior of mean
+    /// zero.
     fn new(mean: f64, variance: f64, prior: f64) -> Self {
         let variance = variance.max(1e-14 * prior);
         Self { p: (1.0 / variance - 1.0 / prior).max(0.0), h: mean / variance }

@@ -1,4 +1,4 @@
-//! The bound and its climb on problems small enough for other means.
+//! Tests of the bound and its ascent on problems small enough for other methods.
 
 use std::f64::consts::TAU;
 
@@ -21,7 +21,8 @@ pub(super) fn identity(n: usize) -> Vec<Vec<f64>> {
     (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect()
 }
 
-/// By Gauss and Jordan, without pivoting: for positive definite matrices.
+/// Inverse and log determinant by Gauss-Jordan elimination without pivoting, for positive definite
+/// matrices.
 pub(super) fn inverse_and_log_det(mut a: Vec<Vec<f64>>) -> (Vec<Vec<f64>>, f64) {
     let n = a.len();
     let (mut inverse, mut log_det) = (identity(n), 0.0);
@@ -44,7 +45,7 @@ pub(super) fn inverse_and_log_det(mut a: Vec<Vec<f64>>) -> (Vec<Vec<f64>>, f64) 
     (inverse, log_det)
 }
 
-/// An image and priors made by hand: no scaling, and dimensions outside the rows.
+/// Image and priors made by hand, without scaling and with dimensions outside the rows.
 pub(super) struct Toy {
     priors: Vec<CoefficientPrior>,
     pub(super) target: Vec<f64>,
@@ -109,8 +110,8 @@ impl Toy {
         self.inference().posterior(&self.operator, settings).unwrap()
     }
 
-    /// `log N` of a Gaussian image with light of given means and variances, by dense algebra over
-    /// all dimensions.
+    /// Logarithm of the Gaussian density of an image, with light of given means and variances, by
+    /// dense algebra over all dimensions.
     fn dense(&self, means: &[f64], variances: &[f64], g: f64, b: f64) -> f64 {
         let (rows, m) = (self.target.len(), means.len());
         let row = |i: usize| &self.entries[i * m..][..m];
@@ -221,19 +222,20 @@ fn the_bound_is_near_the_sum_over_all_components() {
         let want = top + terms.iter().map(|t| (t - top).exp()).sum::<f64>().ln();
         let got = toy.posterior(&known(1.3, b));
         assert!(got.bound < want, "{} {want}", got.bound);
-        // With the components that the climb starts from alone the bound would be 10 and 12 below
+        // With only the components that the ascent starts from, the bound would be 10 and 12 lower
         // in the first and last case.
         assert!(want - got.bound < 7.0, "{} {want}", got.bound);
     }
 }
 
-/// With rectification the posterior of the light is a cut Gaussian: its moments by integration.
+/// With rectification the posterior of the light is a truncated Gaussian; its moments are compared
+/// with integration.
 #[test]
 fn the_posterior_of_a_rectified_light_is_that_of_the_integral() {
     let toy = Toy::new(2, vec![mixture(&[1.0], &[0.5]), cut()], 0.6, 4);
     let (g, b) = (1.2, 2.0);
     let got = toy.posterior(&known(g, b));
-    // By importance: weights of a grid.
+    // Sums over a grid.
     let (mut total, mut first, mut second) = (0.0, [0.0; 2], [0.0; 2]);
     let n = 1200;
     for i in 0..n {
@@ -303,8 +305,8 @@ fn no_step_lowers_the_objective() {
     }
 }
 
-/// Where the climb ends the derivatives of the bound by exposure and noise, by finite differences
-/// at the same posterior of the light, and those of their priors add up to zero.
+/// At the end of the ascent, the derivatives of the bound by exposure and noise, by finite
+/// differences at the same posterior of the light, and those of their priors add up to zero.
 #[test]
 fn exposure_and_noise_end_at_their_best() {
     let toy = Toy::new(30, mixed(16), 0.05, 3);
@@ -324,7 +326,8 @@ fn exposure_and_noise_end_at_their_best() {
     assert!(by_g.abs() < 2e-4 && by_b.abs() < 2e-4, "{by_g} {by_b}");
 }
 
-/// Turning the rows, and leaving out a row that no light reaches, changes nothing.
+/// An orthogonal transform of the rows, and leaving out a row that no light reaches, change
+/// nothing.
 #[test]
 fn rows_may_be_turned_and_projected() {
     let mut toy = Toy::new(20, mixed(9), 0.1, 8);
@@ -339,7 +342,7 @@ fn rows_may_be_turned_and_projected() {
     };
     let columns: Vec<Vec<f64>> = (0..m).map(|j| reflect(&mut |i| toy.entries[i * m + j])).collect();
     let target = reflect(&mut |i| toy.target[i]);
-    // A dead row takes part of what lay outside.
+    // A row that no light reaches takes part of the energy outside.
     let dead = 0.5 * toy.outside.sqrt();
     toy.outside -= dead * dead;
     toy.target = target.into_iter().chain([dead]).collect();
@@ -391,7 +394,7 @@ fn answers_do_not_depend_on_the_number_of_threads() {
     assert_eq!(run(1), run(3));
 }
 
-/// With known light the image has a single, constant coefficient: what is left is the noise.
+/// With known light the image has a single, constant coefficient, and only the noise remains.
 #[test]
 fn a_known_light_has_the_evidence_of_its_residual() {
     let toy = Toy::new(12, Vec::new(), 0.2, 3);
@@ -410,7 +413,7 @@ fn operators_that_overflow_are_refused() {
     let operator = LightOperator::from_rows(4, 3, &entries);
     let got = toy.inference().posterior(&operator, &InferenceSettings::default());
     assert_eq!(got.unwrap_err(), LightInferenceError::NotFinite);
-    // A black one explains nothing, and that has an evidence.
+    // A black operator explains nothing, but its evidence exists.
     let black = LightOperator::from_rows(4, 3, &[0.0; 12]);
     assert!(
         toy.inference().posterior(&black, &InferenceSettings::default()).unwrap().objective

@@ -1,4 +1,4 @@
-//! The mean of a Gaussian among `x >= 0`, by expectation propagation.
+//! Mean of a Gaussian truncated to `x >= 0`, by expectation propagation.
 
 use faer::Mat;
 
@@ -6,7 +6,7 @@ use super::dense::Cholesky;
 use crate::lighting::RectifiedGaussian;
 use crate::linalg::squared_norms;
 
-/// A Gaussian `exp(-t x^2 / 2 + s x)` in place of each of the n bounds.
+/// Gaussians `exp(-t x^2 / 2 + s x)` that replace the n bounds.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Sites {
     /// `t` (n), not negative.
@@ -16,16 +16,16 @@ pub(super) struct Sites {
 }
 
 impl Sites {
-    /// To start from, for a Gaussian of precision `h` (n x n) and mean `mean` (n): nothing where
-    /// the mean is positive, and where it is not a pull to zero as strong as all else says about
-    /// the value.
+    /// Sites to start from, for a Gaussian of precision `h` (n x n) and mean `mean` (n): nothing
+    /// where the mean is positive, elsewhere a pull to zero with the precision that `h` gives the
+    /// value.
     pub(super) fn of_mean(h: &Mat<f64>, mean: &[f64]) -> Self {
         let pull = |(i, x): (usize, &f64)| if *x > 0.0 { 0.0 } else { h[(i, i)] };
         Self { precisions: mean.iter().enumerate().map(pull).collect(), shifts: vec![0.0; mean.len()] }
     }
 }
 
-/// What is found of the truncated Gaussian.
+/// Moments of the truncated Gaussian, and how the iteration ended.
 pub(super) struct Truncated {
     /// Means (n), positive.
     pub(super) mean: Vec<f64>,
@@ -33,24 +33,23 @@ pub(super) struct Truncated {
     pub(super) root: Mat<f64>,
     /// Norm of the change of the means by the last step, relative to their own.
     pub(super) change: f64,
-    /// Steps made.
+    /// Number of steps made.
     pub(super) steps: usize,
 }
 
-/// Share of the way to its new value that every site goes at first. All at once they would go too
-/// far.
+/// Share of the way to its new value that every site moves at first. Full steps of all sites at
+/// once would overshoot.
 const DAMPING: f64 = 0.7;
 
-/// The same at least.
+/// Smallest damping.
 const LEAST_DAMPING: f64 = 0.2;
 
-/// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by the Gaussian whose means and variances, value
-/// by value, are those of the Gaussian with the one bound put back in place of its site:
-/// expectation propagation, of all sites at once (Minka 2001, "Expectation propagation for
-/// approximate Bayesian inference", UAI; for truncated Gaussians Cunningham, Hennig and
-/// Lacoste-Julien 2011, arXiv:1111.6832). Each step is one factorisation and its inverse. Ends when
-/// the means change by no more than `tolerance` of their norm, or after `max_steps`, at least one;
-/// `sites` are where they then are.
+/// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by a Gaussian, by expectation propagation of all
+/// sites at once: each of its means and variances is that of the Gaussian with the one bound in
+/// place of its site (Minka 2001, "Expectation propagation for approximate Bayesian inference",
+/// UAI; for truncated Gaussians Cunningham, Hennig and Lacoste-Julien 2011, arXiv:1111.6832). Each
+/// step is one factorisation and its inverse. Ends when the means change by no more than
+/// `tolerance` of their norm, or after `max_steps`, at least one; `sites` hold the last state.
 ///
 /// `None` if `h` (n x n, symmetric) is not finite and positive definite.
 pub(super) fn truncated(
@@ -74,14 +73,14 @@ pub(super) fn truncated(
         let joint = factor.solve(&right);
         let mut mean = Vec::with_capacity(n);
         for (i, (joint, variance)) in joint.iter().zip(&variances).enumerate() {
-            // All but the site itself. Its precision is positive but for round-off, where the site
-            // is all there is.
+            // Cavity: all but the site itself. Its precision is positive except for round-off,
+            // where the site alone determines the value.
             let precision = (1.0 / variance - sites.precisions[i]).max(1e-12 / variance);
             let shift = joint / variance - sites.shifts[i];
             let cavity = RectifiedGaussian { location: shift / precision, variance: 1.0 / precision, threshold: 0.0 };
             let moments = cavity.moments();
             mean.push(moments.mean);
-            // A bound only ever narrows.
+            // A bound can only narrow a distribution.
             let narrower = (1.0 / moments.variance - precision).max(0.0);
             sites.precisions[i] += damping * (narrower - sites.precisions[i]);
             sites.shifts[i] += damping * (moments.mean / moments.variance - shift - sites.shifts[i]);
@@ -125,8 +124,8 @@ mod tests {
         }
     }
 
-    /// Against sums over a fine grid, for correlations of both signs and means on both sides of the
-    /// bounds.
+    /// Compares with sums over a fine grid, for correlations of both signs and means on both sides
+    /// of the bounds.
     #[test]
     fn two_dependent_values_are_near() {
         for (correlation, c) in [(0.8, [0.5, -1.0]), (-0.8, [1.0, 0.3]), (0.5, [-2.0, -2.0]), (-0.9, [-1.0, 2.0])] {

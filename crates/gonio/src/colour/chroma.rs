@@ -4,18 +4,18 @@ use glam::{DVec3, Vec3};
 
 use crate::picture::luminance;
 
-/// What a channel counts as at least, relative to the luminance: below, its logarithm says more of
-/// noise than of colour.
+/// Smallest value of a channel, relative to the luminance: below, its logarithm depends on noise
+/// more than on colour.
 pub(super) const FLOOR: f64 = 0.02;
 
-/// Chroma of linear RGB (Rec. 709) as `(ln R/G, ln B/G)`; `(0, 0)` is grey. The colour of light on
-/// a surface adds to that of the surface.
+/// Chroma of linear RGB (Rec. 709) as `(ln R/G, ln B/G)`; `(0, 0)` is grey. The chroma of the light
+/// adds to that of the surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Chroma(pub [f64; 2]);
 
 impl Chroma {
-    /// Of a linear RGB value. Channels below a fiftieth of the luminance count as that; black is
-    /// grey.
+    /// Chroma of a linear RGB value. Channels below a fiftieth of the luminance are raised to that;
+    /// black is grey.
     pub fn of(rgb: DVec3) -> Self {
         let brightness = luminance_of(rgb);
         if brightness.is_nan() || brightness <= 0.0 {
@@ -25,7 +25,7 @@ impl Chroma {
         Self([r - g, b - g])
     }
 
-    /// The linear RGB value of luminance one.
+    /// Linear RGB value of luminance one.
     pub fn rgb(self) -> DVec3 {
         let [r, b] = self.0.map(f64::exp);
         let rgb = DVec3::new(r, 1.0, b);

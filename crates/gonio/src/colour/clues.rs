@@ -1,4 +1,4 @@
-//! What the colours of a photograph are, in a few numbers.
+//! Colours of a photograph in a few numbers.
 
 use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
@@ -8,29 +8,29 @@ use crate::appearance::Lattice;
 use crate::lighting::LightGrid;
 use crate::sphere::fibonacci_hemisphere;
 
-/// How many chromas [`Clues`] has.
+/// Number of chromas in [`Clues`].
 pub const CLUES: usize = 7;
 
-/// Smoothings (standard deviations in degrees) between which fine and coarse detail lie.
+/// Smoothing widths (standard deviations in degrees) that bound fine and coarse detail.
 const DETAIL: [(f64, f64); 2] = [(2.5, 5.0), (10.0, 20.0)];
 
-/// Cosine of the angle to the view within which the centre is.
+/// Cosine of the largest angle to the view in the centre.
 const CENTRE: f64 = 0.8;
 
-/// Shares of the highlight that are taken off the mean and the median, relative to
+/// Shares of the highlight that are subtracted from the mean and the median, relative to
 /// [`highlight_share`](super::highlight_share).
 const TAKEN: [f64; 2] = [0.6, 0.4];
 
-/// Beyond this share of the highlight nothing more is taken off.
+/// Largest share of the highlight that is subtracted.
 const LARGEST_SHARE: f64 = 0.8;
 
-/// The chromas of a photograph on the [`Lattice`].
+/// Chromas of a photograph on the [`Lattice`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clues {
-    /// In order: of the mean; of the median of each channel; of the mean of the centre, within 37
-    /// degrees of the view; of fine detail (2.5 to 5 degrees) and of coarse (10 to 20), by
-    /// regression of the channels on their luminance; of the mean and of the median with a share of
-    /// the fine detail's colour taken off.
+    /// Chromas, in order: the mean; the median of each channel; the mean of the centre, within 37
+    /// degrees of the view; fine detail (2.5 to 5 degrees) and coarse detail (10 to 20), by
+    /// regression of the channels on their luminance; the mean and the median with a share of the
+    /// fine detail's colour subtracted.
     pub chromas: [Chroma; CLUES],
     /// Share of the highlight in the luminance BRDF, zero to one.
     pub share: f64,
@@ -45,7 +45,7 @@ pub struct ClueFinder {
 }
 
 impl ClueFinder {
-    /// Filters for a lattice.
+    /// Builds the filters for a lattice.
     pub fn new(lattice: &Lattice) -> Self {
         let normals = lattice.normals().to_vec();
         let detail = |(narrow, wide): (f64, f64)| -> Vec<f32> {
@@ -64,11 +64,11 @@ impl ClueFinder {
         Self { details: DETAIL.map(detail).into(), normals }
     }
 
-    /// The clues of an image, a linear RGB value for each normal of the lattice, of a material
-    /// whose highlight has this [share](super::highlight_share).
+    /// Computes the clues of an image, given as a linear RGB value for each normal of the lattice,
+    /// of a material whose highlight has this [share](super::highlight_share).
     ///
     /// # Panics
-    /// If the image has not as many values as the lattice has normals.
+    /// If the image does not have as many values as the lattice has normals.
     pub fn of(&self, image: &[Vec3], share: f64) -> Clues {
         let count = self.normals.len();
         assert_eq!(image.len(), count);
@@ -98,7 +98,7 @@ impl ClueFinder {
         }
     }
 
-    /// Chroma of the detail: of each channel's slope over that of the luminance. An image without
+    /// Chroma of the detail: that of the slope of each channel over the luminance. An image without
     /// detail has the chroma of its mean.
     fn slope(&self, filter: &[f32], image: &[Vec3], mean: DVec3) -> Chroma {
         let detail: Vec<DVec3> = filter
@@ -111,7 +111,7 @@ impl ClueFinder {
             sum += y * d;
             square += y * y;
         }
-        // Rounding of 32-bit sums is no detail.
+        // Rounding errors of 32-bit sums are not detail.
         if square > image.len() as f64 * (1e-5 * luminance_of(mean)).powi(2) {
             Chroma::of((sum / square).max(DVec3::ZERO))
         } else {
@@ -120,14 +120,14 @@ impl ClueFinder {
     }
 }
 
-/// Whether every colour has three equal channels, but for rounding.
+/// Whether every colour has three equal channels, up to rounding.
 pub(crate) fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
     colours.into_iter().all(|c| c.max_element() - c.min_element() <= 1e-5 * c.max_element().abs())
 }
 
-/// The chroma of light as a white matte ball shows it to a camera that looks along -z of the frame
-/// that `camera` turns to: of the mean of its radiance over the visible normals. What
-/// [`ColourModel`](super::ColourModel) means by the colour of the light.
+/// Chroma of light as a white matte ball shows it to a camera that looks along -z of the frame that
+/// `camera` turns to: that of the mean of its radiance over the visible normals. This is the colour
+/// of the light in [`ColourModel`](super::ColourModel).
 pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
     let normals: Vec<DVec3> = fibonacci_hemisphere(500).map(|n| camera * n).collect();
     let mut sum = DVec3::ZERO;
@@ -162,7 +162,7 @@ mod tests {
         let chroma = |c: Vec3| Chroma::of(c.as_dvec3());
         assert!(clues.chromas[3].distance(chroma(highlight)) < 0.05, "{clues:?}");
         assert!(clues.chromas[1].distance(chroma(body)) < 0.1, "{clues:?}");
-        // What is taken off brings the mean nearer to the body.
+        // Subtracting the highlight brings the mean nearer to the body.
         let distance = |clue: usize| clues.chromas[clue].distance(chroma(body));
         assert!(distance(5) < distance(0), "{clues:?}");
     }
@@ -175,7 +175,7 @@ mod tests {
         let lit: Vec<Vec3> = plain.iter().map(|c| 40.0 * light * *c).collect();
         let shift = Chroma::of(light.as_dvec3()).0;
         let (a, b) = (finder.of(&plain, 0.0), finder.of(&lit, 0.0));
-        // The slopes are over another luminance.
+        // The slopes are taken over another luminance, so they differ a little.
         for (clue, (a, b)) in a.chromas.iter().zip(&b.chromas).enumerate() {
             let moved = Chroma([a.0[0] + shift[0], a.0[1] + shift[1]]);
             assert!(moved.distance(*b) < 0.02, "{clue}: {moved:?} {b:?}");
@@ -215,7 +215,7 @@ mod tests {
         let (front, back) =
             (white_chroma(&light, DQuat::IDENTITY), white_chroma(&light, DQuat::from_rotation_y(std::f64::consts::PI)));
         assert!(front.0[0] > 0.4 && front.0[1] < 0.3, "{front:?}");
-        // Texels on the equator are of one half only.
+        // Texels on the equator belong to one half only.
         assert!((front.0[0] - back.0[1]).abs() < 0.1, "{front:?} {back:?}");
     }
 }

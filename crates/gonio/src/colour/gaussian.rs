@@ -1,8 +1,8 @@
 //! Small dense systems.
 
-/// Solves `a x = b` for a symmetric positive definite `a` (rows) and several right sides `b` (rows
-/// of `a`'s count), in place of `b`, by the Cholesky factor. Returns the logarithm of the
-/// determinant; pivots below a trillionth of the largest diagonal count as that.
+/// Solves `a x = b` for a symmetric positive definite `a` (rows) and several right sides `b` (as
+/// many rows as `a`), in place of `b`, by the Cholesky factor. Returns the logarithm of the
+/// determinant; pivots below a trillionth of the largest diagonal are raised to that.
 pub(super) fn solve<const M: usize>(a: &[Vec<f64>], b: &mut [[f64; M]]) -> f64 {
     let n = a.len();
     let least = 1e-12 * (0..n).map(|i| a[i][i]).fold(1e-300, f64::max);

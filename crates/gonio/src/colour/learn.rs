@@ -1,4 +1,4 @@
-//! Learning what the colours of photographs say.
+//! Learning of a [`ColourModel`] from photographs of known materials and lights.
 
 use super::chroma::Chroma;
 use super::clues::{CLUES, Clues};
@@ -9,7 +9,7 @@ use super::parts::TwoColours;
 /// A photograph whose material and light are known.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    /// What it shows.
+    /// Clues of the photograph.
     pub clues: Clues,
     /// The material's colours.
     pub colours: TwoColours,
@@ -17,40 +17,41 @@ pub struct Sample {
     pub light: Chroma,
 }
 
-/// Errors of a reading beyond this count by their root.
+/// Error of a reading beyond which its weight falls (Huber).
 const HUBER: f64 = 0.3;
 
-/// Rounds of reweighting.
+/// Number of rounds of reweighting.
 const ROUNDS: usize = 3;
 
-/// Share of the variance of a clue that draws its weight to zero.
+/// Weak penalty on the squared weights of the clues.
 const RIDGE: f64 = 3e-4;
 
-/// Errors of both readings together beyond this count less for the noise: they are of materials of
-/// more than two colours.
+/// Error of both readings together beyond which a sample counts less for the noise: it is of a
+/// material of more than two colours.
 const WILD: f64 = 1.2;
 
-/// The noise of materials that were not learnt from, over that of those that were.
+/// Noise of materials outside the training set, over that of those inside.
 const UNSEEN: f64 = 1.15;
 
-/// Highlights farther than this from the median one are coloured.
+/// Distance from the median highlight beyond which a highlight is coloured.
 const COLOURED: f64 = 0.3;
 
-/// The chroma of coloured highlights is known so much worse than its spread over the few there are.
+/// Factor on the spread of the chromas of coloured highlights, since there are few of them.
 const FEW: f64 = 1.4;
 
-/// Unknowns of a reading.
+/// Number of unknowns of a reading.
 const UNKNOWNS: usize = (CLUES + 1) * NODES.len();
 
 impl ColourModel {
-    /// From samples in which every material and every light is as frequent as any other.
+    /// Learns the model from samples in which every material and every light is as frequent as any
+    /// other.
     ///
     /// Readings are fitted by least squares with Huber's weights; their noise is the second moment
-    /// of what is left; the priors are the moments of lights and materials, and the probability of
+    /// of the residuals; the priors are the moments of lights and materials, and the probability of
     /// a coloured highlight is a logistic regression.
     ///
     /// # Panics
-    /// Without samples.
+    /// If there are no samples.
     pub fn learn(samples: &[Sample]) -> Self {
         assert!(!samples.is_empty(), "nothing to learn from");
         let plus = |a: Chroma, b: Chroma| [a.0[0] + b.0[0], a.0[1] + b.0[1]];
@@ -67,7 +68,8 @@ impl ColourModel {
         let coloured = |s: &Sample| s.colours.highlight.distance(Chroma(middle)) > COLOURED;
         let (with, without): (Vec<&Sample>, Vec<&Sample>) = samples.iter().partition(|s| coloured(s));
         let white = normal(&without.iter().map(|s| s.colours.highlight.0).collect::<Vec<_>>());
-        // Regression of the coloured ones on their bodies, from the mean white one on.
+        // Regression of the coloured highlights on their bodies, relative to the mean white
+        // highlight.
         let apart =
             |s: &Sample, c: usize| (s.colours.body.0[c] - white.mean[c], s.colours.highlight.0[c] - white.mean[c]);
         let pairs: Vec<(f64, f64)> = with.iter().flat_map(|s| [apart(s, 0), apart(s, 1)]).collect();
@@ -96,7 +98,7 @@ fn normal(values: &[[f64; 2]]) -> Normal {
     Normal { mean, covariance: [[moment(0, 0) + tiny, moment(0, 1)], [moment(1, 0), moment(1, 1) + tiny]] }
 }
 
-/// The coefficients of the unknowns in channel `c` of a reading.
+/// Coefficients of the unknowns in channel `c` of a reading.
 fn row(clues: &Clues, c: usize) -> [f64; UNKNOWNS] {
     let mut row = [0.0; UNKNOWNS];
     for (node, place) in places(clues.share).into_iter().enumerate() {
@@ -165,7 +167,7 @@ fn noise(samples: &[Sample], body: &Reading, highlight: &Reading) -> [[[f64; 4];
     })
 }
 
-/// Newton's method with a weak pull to zero.
+/// Logistic regression by Newton's method, with a weak pull to zero.
 fn logistic(samples: &[Sample], yes: &dyn Fn(&Sample) -> bool) -> [f64; 2] {
     let pull = 0.004 * samples.len() as f64;
     let mut x = [0.0; 2];
@@ -195,7 +197,7 @@ mod tests {
 
     use super::*;
 
-    /// Readings planted in the clues come back, and with them the colours.
+    /// Readings planted in the clues are recovered, and with them the colours.
     #[test]
     fn what_was_planted_is_learnt() {
         let mut rng = Pcg64::seed_from_u64(3);
@@ -224,7 +226,7 @@ mod tests {
             assert!((model.noise[node][0][0].sqrt() - 0.05).abs() < 0.02, "{:?}", model.noise);
         }
         assert!((model.follows - 1.0).abs() < 0.05 && model.coloured[0] < -0.5, "{model:?}");
-        // A quarter of them coloured: told from the readings.
+        // A quarter of the highlights are coloured, and the readings tell which.
         let (mut right, mut inside) = (0, 0);
         for (i, s) in samples.iter().enumerate() {
             let found = model.posterior(&s.clues, None);

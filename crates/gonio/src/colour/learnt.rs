@@ -1,5 +1,5 @@
-//! What `gonio-eval colour --learn` learnt: from photographs of the 80 reconstructed MERL materials
-//! that the benchmark does not hold out, in all 72 training lights.
+//! Model learnt by `gonio-eval colour --learn` from photographs of the 80 reconstructed MERL
+//! materials that the benchmark does not hold out, in all 72 training lights.
 
 use super::model::{ColourModel, Normal, Reading};
 

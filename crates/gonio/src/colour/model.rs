@@ -1,4 +1,4 @@
-//! The posterior of the colours of body, highlight and light.
+//! Posterior of the colours of body, highlight and light.
 
 use super::chroma::Chroma;
 use super::clues::{CLUES, Clues};
@@ -9,7 +9,7 @@ use super::parts::TwoColours;
 /// the logit of the share.
 pub(super) const NODES: [f64; 4] = [0.05, 0.2, 0.5, 0.85];
 
-/// Variance of a light's chroma that is given: a grey card is read to about two percent.
+/// Variance of a given chroma of the light: a grey card is read to about two percent.
 const GIVEN: f64 = 0.02 * 0.02;
 
 /// Quantile of a standard normal at 95 %.
@@ -24,55 +24,54 @@ pub struct Normal {
     pub covariance: [[f64; 2]; 2],
 }
 
-/// How a chroma is read from the [`Clues`]: the first, and of each other so many times its
-/// difference from the first.
+/// Linear reading of a chroma from the [`Clues`]: the first clue plus weighted differences of the
+/// others from the first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
-    /// For each node of the highlight's share, for each clue but the first.
+    /// Weights for each node of the highlight's share and each clue but the first.
     pub weights: [[f64; CLUES - 1]; NODES.len()],
-    /// Added for each node.
+    /// Offsets added for each node.
     pub offsets: [[f64; 2]; NODES.len()],
 }
 
-/// What is known of colours before a photograph, and how they are read from one. Learnt by
-/// [`ColourModel::learn`]; the default is what was learnt from reconstructed MERL materials in
-/// captured lights (`docs/trials.md`).
+/// Prior of colours, and their readings from a photograph. Learnt by [`ColourModel::learn`]; the
+/// default was learnt from reconstructed MERL materials in captured lights (`docs/trials.md`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColourModel {
-    /// Of the chroma of the body plus that of the light.
+    /// Reading of the chroma of the body plus that of the light.
     pub body: Reading,
-    /// Of the chroma of the highlight plus that of the light.
+    /// Reading of the chroma of the highlight plus that of the light.
     pub highlight: Reading,
     /// Covariance of the error of both readings, that of the body first, for each node.
     pub noise: [[[f64; 4]; 4]; NODES.len()],
-    /// Of lights, as [`white_chroma`](super::white_chroma).
+    /// Prior of lights, as [`white_chroma`](super::white_chroma).
     pub light: Normal,
-    /// Of bodies.
+    /// Prior of bodies.
     pub bodies: Normal,
-    /// Of highlights that are white.
+    /// Prior of white highlights.
     pub white: Normal,
-    /// A coloured highlight has so many times the difference of the body from the mean white
-    /// highlight.
+    /// Slope of a coloured highlight's difference from the mean white highlight over that of the
+    /// body.
     pub follows: f64,
-    /// Standard deviation of what is left.
+    /// Standard deviation of the residual of that regression.
     pub apart: f64,
     /// Logit of the probability of a coloured highlight: a constant, and a factor of the logit of
     /// the highlight's share.
     pub coloured: [f64; 2],
 }
 
-/// What a photograph says of the colours.
+/// Posterior of the colours given a photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColourPosterior {
     /// Chromas of body, highlight and light, one after the other.
     pub mean: [f64; 6],
-    /// Covariance of the same.
+    /// Covariance of these chromas.
     pub covariance: [[f64; 6]; 6],
     /// Probability that the highlight is coloured as the body is.
     pub coloured: f64,
 }
 
-/// Weights over the [`NODES`].
+/// Interpolation weights of the [`NODES`] at a share.
 pub(super) fn places(share: f64) -> [f64; NODES.len()] {
     let logit = |x: f64| (x / (1.0 - x)).ln();
     let x = share.clamp(NODES[0], NODES[NODES.len() - 1]);
@@ -85,14 +84,14 @@ pub(super) fn places(share: f64) -> [f64; NODES.len()] {
     out
 }
 
-/// The logit of a share that is neither nothing nor all.
+/// Logit of a share, which is kept between 0.001 and 0.999.
 pub(super) fn logit(share: f64) -> f64 {
     let share = share.clamp(1e-3, 1.0 - 1e-3);
     (share / (1.0 - share)).ln()
 }
 
 impl Reading {
-    /// The chroma.
+    /// Chroma read from the clues.
     pub fn of(&self, clues: &Clues) -> Chroma {
         let [first, others @ ..] = &clues.chromas;
         let mut out = first.0;
@@ -106,23 +105,23 @@ impl Reading {
     }
 }
 
-/// A joint normal of body, highlight and light.
+/// Joint normal distribution of body, highlight and light.
 struct Joint {
     mean: [f64; 6],
     covariance: [[f64; 6]; 6],
 }
 
 impl Joint {
-    /// Given two readings that are sums with the light; also the logarithm of their density,
-    /// without the constant.
+    /// Conditions on two readings that are sums with the light. Also returns the logarithm of their
+    /// density, without the constant.
     fn given(mut self, readings: &[f64; 4], noise: &[[f64; 4]; 4]) -> (Self, f64) {
-        // Row i of the observation takes entry i and the light.
+        // Reading o is the sum of entry o and the light.
         let cross: Vec<[f64; 4]> =
             (0..6).map(|i| std::array::from_fn(|o| self.covariance[i][o] + self.covariance[i][4 + o % 2])).collect();
         let of_readings: Vec<Vec<f64>> =
             (0..4).map(|o| (0..4).map(|p| cross[o][p] + cross[4 + o % 2][p] + noise[o][p]).collect()).collect();
         let gap: [f64; 4] = std::array::from_fn(|o| readings[o] - self.mean[o] - self.mean[4 + o % 2]);
-        // Right sides: the gap, then the cross covariances with the six.
+        // Right sides: the gap, then the cross covariances with the six unknowns.
         let mut sides: Vec<[f64; 7]> =
             (0..4).map(|o| std::array::from_fn(|m| if m == 0 { gap[o] } else { cross[m - 1][o] })).collect();
         let log_determinant = solve(&of_readings, &mut sides);
@@ -138,7 +137,7 @@ impl Joint {
 }
 
 impl ColourModel {
-    /// The posterior given the clues and, where it is known, the chroma of the light (see
+    /// Computes the posterior given the clues and, where it is known, the chroma of the light (see
     /// [`white_chroma`](super::white_chroma)).
     pub fn posterior(&self, clues: &Clues, light: Option<Chroma>) -> ColourPosterior {
         let (body, highlight) = (self.body.of(clues).0, self.highlight.of(clues).0);
@@ -196,12 +195,12 @@ impl ColourModel {
 }
 
 impl ColourPosterior {
-    /// The estimate: the mean.
+    /// Estimate of the colours: the posterior mean.
     pub fn colours(&self) -> TwoColours {
         TwoColours { body: self.chroma(0), highlight: self.chroma(2) }
     }
 
-    /// The mean of the light's chroma.
+    /// Posterior mean of the light's chroma.
     pub fn light(&self) -> Chroma {
         self.chroma(4)
     }
@@ -210,8 +209,8 @@ impl ColourPosterior {
         Chroma([self.mean[at], self.mean[at + 1]])
     }
 
-    /// 90 % intervals, from 5 to 95 %, of both numbers of body, highlight and light, as of a normal
-    /// distribution.
+    /// 90 % intervals, from 5 to 95 %, of both components of body, highlight and light, as for a
+    /// normal distribution.
     pub fn intervals(&self) -> [[f64; 2]; 6] {
         std::array::from_fn(|i| {
             let reach = NINETY * self.covariance[i][i].max(0.0).sqrt();
@@ -224,7 +223,7 @@ impl ColourPosterior {
 mod tests {
     use super::*;
 
-    /// Readings that are the first clue for the body and the fine detail for the highlight.
+    /// Model whose readings are the first clue for the body and the fine detail for the highlight.
     fn plain() -> ColourModel {
         let reading = |weight: f64| {
             let mut weights = [[0.0; CLUES - 1]; NODES.len()];
@@ -287,13 +286,13 @@ mod tests {
         assert!(wide(&found) < 0.2 && wide(&blind) > 0.5, "{} {}", wide(&found), wide(&blind));
     }
 
-    /// Against the formula for one dimension: without cross terms each channel is a problem of its
-    /// own.
+    /// Compares with the formula for one dimension: without cross terms each channel is a separate
+    /// problem.
     #[test]
     fn the_update_is_the_closed_form() {
         let mut model = plain();
         model.coloured = [-50.0, 0.0];
-        // Without a highlight to read, the body is the reading less the light, weighed by
+        // Without a reading of the highlight, the body is the reading minus the light, weighted by
         // precision.
         model.noise.iter_mut().for_each(|node| (2..4).for_each(|i| node[i][i] = 1e6));
         let found = model.posterior(&clues([1.0, -1.0], [0.0, 0.0]), None);

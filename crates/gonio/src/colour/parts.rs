@@ -1,4 +1,4 @@
-//! A BRDF of two colours: that of its body and that of its highlight.
+//! BRDF of two colours: that of its body and that of its highlight.
 //!
 //! `F_c(theta_h, theta_d) = b_c B(theta_h, theta_d) + h_c (F - B)` where `F` is the luminance BRDF,
 //! `B` its body and `b`, `h` colours of luminance one: the dichromatic model (Shafer 1985) with the
@@ -10,24 +10,24 @@ use glam::DVec3;
 use super::chroma::Chroma;
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H, place_of, theta_d_of, theta_h_of, trusted_cells};
 
-/// Half angles (radians) that show the body alone: highlights of all but mirrors in fog have ended
-/// there.
+/// Half angles (radians) at which only the body contributes: the highlights of all materials but
+/// blurry mirrors have ended there.
 const BODY: (f64, f64) = (60.0 / 180.0 * std::f64::consts::PI, 80.0 / 180.0 * std::f64::consts::PI);
 
-/// How strongly two colours that a material hardly tells apart are drawn to its mean colour: a
-/// share of its squared brightness.
+/// Strength with which two colours that a material hardly distinguishes are pulled to its mean
+/// colour, as a share of its squared brightness.
 const PULL: f64 = 0.003;
 
-/// The colours of a material's body and highlight.
+/// Colours of a material's body and highlight.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TwoColours {
-    /// Of what is scattered from below the surface, or by a rough one.
+    /// Colour of the part scattered below the surface, or by a rough one.
     pub body: Chroma,
-    /// Of the rest.
+    /// Colour of the rest.
     pub highlight: Chroma,
 }
 
-/// The body of a luminance BRDF: for each difference angle the median over half angles of 60 to 80
+/// Body of a luminance BRDF: for each difference angle the median over half angles of 60 to 80
 /// degrees, or the BRDF where it is darker.
 pub fn body(table: &BivariateTable) -> BivariateTable {
     let rows: Vec<usize> = (0..THETA_H).filter(|&i| (BODY.0..BODY.1).contains(&theta_h_of(i))).collect();
@@ -69,9 +69,9 @@ impl TwoColours {
         })
     }
 
-    /// The colours that explain the channels of a material best: least squares over the trusted
-    /// cells in proportion to the brightness of each, in which a part that the material hardly has
-    /// takes the mean colour.
+    /// Fits the colours to the channels of a material: least squares over the trusted cells,
+    /// relative to the brightness of each, in which a part that hardly exists in the material takes
+    /// the mean colour.
     pub fn of(channels: &[BivariateTable; 3]) -> Self {
         let table = BivariateTable::luminance(channels);
         let body = body(&table);
@@ -108,7 +108,7 @@ impl TwoColours {
     }
 }
 
-/// Brightness-weighted share of the highlight in light that comes back along the normal direction
+/// Brightness-weighted share of the highlight in light that is reflected along the normal direction
 /// from everywhere: between zero and one.
 pub fn highlight_share(table: &BivariateTable) -> f64 {
     let body = body(table);
@@ -121,8 +121,8 @@ pub fn highlight_share(table: &BivariateTable) -> f64 {
     if all > 0.0 { (part / all).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// Weight of a cell: the solid angle of its half vectors and, but for a small constant, of its
-/// difference angle's light.
+/// Weight of a cell: the solid angle of its half vectors times, up to a small constant, that of the
+/// light at its difference angle.
 fn solid(cell: usize) -> f64 {
     let (i, j) = place_of(cell);
     let width = 0.5 * (theta_h_of((i + 1).min(THETA_H - 1)) - theta_h_of(i.saturating_sub(1)));
@@ -166,7 +166,7 @@ mod tests {
         let got = TwoColours::of(&colours().tables(&plastic()));
         assert!(got.body.distance(colours().body) < 0.05, "{got:?}");
         assert!(got.highlight.distance(colours().highlight) < 0.05, "{got:?}");
-        // A part that is not there has the colour of the other.
+        // A part that does not exist has the colour of the other.
         let chalk = BivariateTable::from_fn(|_, _| 0.2);
         let got = TwoColours::of(&colours().tables(&chalk));
         assert!(got.highlight.distance(colours().body) < 0.02, "{got:?}");

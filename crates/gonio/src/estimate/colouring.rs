@@ -1,4 +1,4 @@
-//! The colours of a material whose luminance is known.
+//! Colours of a material whose luminance is known.
 
 use glam::Vec3;
 
@@ -12,14 +12,14 @@ use crate::scene::Observations;
 /// Ways to colour a BRDF.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ColouringRule {
-    /// A colour of the body and one of the highlight, each with the light's colour taken off as far
-    /// as the photograph tells it.
+    /// A colour of the body and one of the highlight, each with the light's colour removed as far
+    /// as the photograph determines it.
     Estimate {
         /// The light's colour, where it is known.
         light: Option<Chroma>,
     },
-    /// The median colour of the photograph for all, light and reflectance together: how the paper
-    /// displays its results.
+    /// The median colour of the photograph for everything, light and reflectance together, as the
+    /// paper displays its results.
     Median,
     /// Three equal channels.
     Grey,
@@ -34,24 +34,23 @@ impl Default for ColouringRule {
 /// Colours, and how they were found.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Colouring {
-    /// Nobody asked for any.
+    /// No colours were asked for.
     Grey,
-    /// The photograph has none.
+    /// The photograph is grey.
     GreyPhotograph,
     /// The median colour of the photograph.
     Median(Chroma),
     /// The colours of body, highlight and light.
     Estimate {
-        /// With their uncertainty.
+        /// Colours with their uncertainty.
         posterior: Box<ColourPosterior>,
-        /// Share of the image that is highlight, by which the clues were read
-        /// ([`highlight_share`]).
+        /// Share of the highlight in the image, by which the clues were read ([`highlight_share`]).
         share: f64,
     },
 }
 
 impl Colouring {
-    /// The colours of a BRDF whose luminance is `table`.
+    /// Finds the colours of a BRDF whose luminance is `table`.
     pub fn of(observations: &Observations, table: &BivariateTable, rule: &ColouringRule) -> Self {
         let light = match rule {
             ColouringRule::Grey => return Self::Grey,
@@ -72,7 +71,7 @@ impl Colouring {
         Self::Estimate { posterior: Box::new(ColourModel::default().posterior(&clues, light)), share: clues.share }
     }
 
-    /// Of body and highlight.
+    /// Colours of body and highlight.
     pub fn colours(&self) -> TwoColours {
         match self {
             Self::Grey | Self::GreyPhotograph => TwoColours::default(),

@@ -1,26 +1,26 @@
-//! What a user should be told before an estimate is believed.
+//! Reasons to doubt an estimate.
 
 use std::fmt;
 
 use super::Reason;
 
-/// A reason to believe an estimate less; each says so in a line.
+/// Reason to doubt an estimate, displayed as one line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Doubt {
-    /// So large a share of a sphere's normals is not seen on the object.
+    /// Share of a sphere's normals that are not seen on the object.
     Filled(f64),
-    /// So large a share of the photograph's features is out of the range of those learnt from.
+    /// Share of the photograph's features that are outside the range of the training.
     Strange(f64),
-    /// So large a share of the BRDF's domain is left open.
+    /// Share of the BRDF's domain that is undetermined.
     Open(f64),
-    /// Pixels that share a normal differ by so much, relative to their mean.
+    /// Deviation of pixels that share a normal, relative to their mean.
     Scatter(f64),
-    /// Light and material leave more of the photograph than noise and the light's resolution
-    /// explain.
+    /// Light and material leave more of the photograph unexplained than noise and the light's
+    /// resolution account for.
     Misfit {
-        /// What they leave, relative to the photograph.
+        /// Residual, relative to the photograph.
         left: f64,
-        /// What was to be expected ([`expected_misfit`](super::expected_misfit)).
+        /// Expected residual ([`expected_misfit`](super::expected_misfit)).
         expected: f64,
         /// The most probable reason.
         reason: Reason,

@@ -1,4 +1,4 @@
-//! What light explains a photograph of a material that is known.
+//! Light that explains a photograph of a known material.
 
 use super::{EstimateError, EstimateSettings, Stage};
 use crate::inference::light::{LightProblem, NonNegativeSettings, cut_off_at_zero};
@@ -8,62 +8,62 @@ use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 use crate::transfer::PlanSettings;
 
-/// The largest grid on which the light is kept from negative texels by its posterior, which takes a
-/// minute there; on finer ones, whose dense matrices would not fit, the mean is cut off at zero.
+/// Side of the largest grid on which the light is kept from negative texels by its posterior, which
+/// takes a minute there; on finer ones, whose dense matrices would not fit, the mean is cut off at
+/// zero.
 const LARGEST_BOUNDED_SIDE: usize = 64;
 
-/// How the light was kept from being negative.
+/// Method that kept the light from being negative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightEstimator {
-    /// The mean of the posterior among lights without negative texels: of the ways compared by
-    /// `gonio-eval lights` the nearest to the true one.
+    /// Mean of the posterior among lights without negative texels: of the methods compared by
+    /// `gonio-eval lights`, the nearest to the true light.
     NonNegative {
-        /// Steps of its refinement.
+        /// Number of steps of its refinement.
         steps: usize,
         /// Whether they settled.
         settled: bool,
     },
-    /// The mean of the posterior, cut off at zero: for grids beyond 64 x 64.
+    /// Mean of the posterior, cut off at zero: for grids beyond 64 x 64.
     CutOff,
 }
 
-/// The light of a photograph, in luminance, given a BRDF.
+/// Light of a photograph, in luminance, given a BRDF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
     /// Radiance on the scale of the photograph, for the table it was found with.
     pub grid: LightGrid,
     /// Coefficients of the light in units of the prior: radiance over [`Self::exposure`].
     pub coefficients: Vec<f64>,
-    /// Their standard deviations.
+    /// Standard deviations of the coefficients.
     pub sd: Vec<f64>,
     /// Radiance of a coefficient of one.
     pub exposure: f64,
-    /// How it was kept from being negative.
+    /// Method that kept it from being negative.
     pub estimator: LightEstimator,
-    /// Observations it was found from.
+    /// Number of observations it was found from.
     pub rows: usize,
-    /// Objective of the evidence at its end
+    /// Final objective of the evidence
     /// ([`LightPosterior::objective`](crate::inference::light::LightPosterior::objective)).
     pub objective: f64,
     /// Effective number of coefficients
     /// ([`LightPosterior::effective`](crate::inference::light::LightPosterior::effective)).
     pub effective: f64,
-    /// Objective of each step.
+    /// Objective after each step.
     pub trace: Vec<f64>,
     /// Whether the steps settled.
     pub converged: bool,
-    /// Standard deviation of what light and table leave over, as the evidence has it, on the scale
-    /// of the photograph.
+    /// Standard deviation of the residual of light and table, estimated by the evidence, on the
+    /// scale of the photograph.
     pub noise: f64,
-    /// The same over the root mean square of the observations.
+    /// Standard deviation of the residual over the root mean square of the observations.
     pub relative_noise: f64,
-    /// Root mean square of what light and table leave of the photograph, relative to the
-    /// photograph's.
+    /// Root mean square of the residual of light and table, relative to that of the photograph.
     pub misfit: f64,
 }
 
 impl Light {
-    /// The light given a BRDF (1/sr). `progress` is told of [`Stage::Transfer`] and
+    /// Finds the light given a BRDF (1/sr). `progress` receives [`Stage::Transfer`] and
     /// [`Stage::Light`].
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! What the object is made of.
+//! Material of the object.
 
 use super::{Doubt, EstimateError};
 use crate::appearance::DiskImage;
@@ -10,14 +10,14 @@ use crate::reflectance::{BivariateTable, trusted_cells};
 use crate::scene::Observations;
 use crate::transfer::PlanSettings;
 
-/// The albedo along the normal to which estimates are scaled: a photograph under unknown light does
-/// not tell it.
+/// Albedo along the normal to which estimates are scaled, since a photograph under unknown
+/// illumination does not determine it.
 pub const ALBEDO: f64 = 0.5;
 
 /// Shares of the quantiles in [`Material::quantiles`].
 pub const SHARES: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
 
-/// Measured materials that are named: at most so many, of at least this weight.
+/// Largest number of measured materials that are named, and smallest weight of each.
 const NAMED: (usize, f64) = (10, 0.005);
 
 /// A material with its uncertainty, in luminance.
@@ -26,42 +26,43 @@ pub struct Material {
     /// The mean of the posterior ([`MaterialPosterior::mean`]), in 1/sr, with a normal albedo of
     /// [`ALBEDO`].
     pub table: BivariateTable,
-    /// What [`MaterialPosterior::mean`] was multiplied by for it.
+    /// Factor from [`MaterialPosterior::mean`] to the table.
     pub scale: f64,
     /// Quantiles of each cell at [`SHARES`], `[quantile][cell]`, on the scale of the table.
     pub quantiles: Vec<Vec<f32>>,
-    /// Cells that the photograph leaves open ([`MaterialPosterior::undetermined`]).
+    /// Cells that the photograph does not determine ([`MaterialPosterior::undetermined`]).
     pub undetermined: Vec<bool>,
-    /// Their share of the trusted domain (both angles below 80 degrees), in 0..=1.
+    /// Share of the undetermined cells in the trusted domain (both angles below 80 degrees), in
+    /// 0..=1.
     pub open: f64,
-    /// The nearest measured materials by falling weight, at most ten; the weights of all measured
-    /// materials would sum to one.
+    /// Measured materials of the largest weights, by falling weight, at most ten; the weights of
+    /// all measured materials would sum to one.
     pub neighbours: Vec<Neighbour>,
-    /// The dull and the glossy end of what is probable: draws at 5 and 95 % of the posterior by
+    /// Dull and glossy end of the probable materials: draws at 5 and 95 % of the posterior by
     /// gloss, of albedo [`ALBEDO`].
     pub ends: [BivariateTable; 2],
     /// 5, 50 and 95 % quantiles of the gloss, [`peak_over_base`].
     pub gloss: [f64; 3],
-    /// Share of the photograph's features outside of the range of those the posterior was learnt
-    /// from ([`Reading::strangeness`](crate::inference::learnt::Reading::strangeness)).
+    /// Share of the photograph's features outside the range of the training
+    /// ([`Reading::strangeness`](crate::inference::learnt::Reading::strangeness)).
     pub strangeness: f64,
     /// Standard deviation of pixels that share a normal, relative to their mean
     /// ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).
     pub scatter: f64,
-    /// Cells of the disk of normals to which the photograph was brought.
+    /// Number of cells of the disk of normals to which the photograph was mapped.
     pub normals: usize,
-    /// Those of them without an observation, filled in from others.
+    /// Number of these cells without an observation, filled in from others.
     pub filled: usize,
-    /// Mean absolute logarithm of the ratio by which values were changed to those of a sphere
+    /// Mean absolute logarithm of the ratios by which values were changed to those of a sphere
     /// ([`unshadow`]).
     pub unshadowed: f64,
-    /// The density behind all this, and draws from it.
+    /// Posterior of the material, and draws from it.
     pub posterior: MaterialPosterior,
 }
 
 impl Material {
-    /// What observations tell of the material. `side` is that of the light's grid, which counts for
-    /// shapes that keep light from themselves alone.
+    /// Infers the material from observations. `side` is that of the light's grid, which matters
+    /// only for shapes with self-shadowing or a near camera.
     ///
     /// # Errors
     /// If the model has no posterior of materials, or the image is black.
@@ -72,7 +73,7 @@ impl Material {
         Ok(Impression::of(model, observations, side)?.describe())
     }
 
-    /// What speaks against believing it.
+    /// Reasons to doubt it.
     pub fn doubts(&self) -> Vec<Doubt> {
         let filled = self.filled as f64 / self.normals as f64;
         [
@@ -87,7 +88,7 @@ impl Material {
     }
 
     /// Draws from the posterior, each of albedo [`ALBEDO`]; the same `seed` gives the same draws.
-    /// The quantiles are wider: they allow for what the coordinates of materials miss.
+    /// The quantiles are wider, since they allow for the error of the coordinates of materials.
     ///
     /// # Errors
     /// [`EstimateError::NotLearnt`] if `model` is not the model of this estimate.
@@ -96,7 +97,7 @@ impl Material {
     }
 }
 
-/// What [`Material::samples`] does, of the embedding in [`MaterialPosterior::embedding`] alone.
+/// Draws like [`Material::samples`], from the embedding in [`MaterialPosterior::embedding`] alone.
 ///
 /// # Errors
 /// [`EstimateError::NotLearnt`] if the embeddings of the model have another length.
@@ -109,11 +110,11 @@ pub fn draws(model: &Model, embedding: &[f32], count: usize, seed: u64) -> Resul
     Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
 }
 
-/// What the posterior says before it is spelt out, which takes a while.
+/// Posterior of the material before its quantiles and gloss are computed, which takes a while.
 pub(super) struct Impression<'a> {
     learnt: &'a LearntPosterior,
     posterior: MaterialPosterior,
-    /// The estimate, and the scale it was given.
+    /// Estimate, at the normal albedo [`ALBEDO`].
     pub(super) table: BivariateTable,
     scale: f64,
     strangeness: f64,

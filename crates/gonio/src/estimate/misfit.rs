@@ -1,28 +1,28 @@
-//! The answer against the photograph: what light and material were expected to leave of it.
+//! Comparison of the answer with the photograph: the residual that light and material were expected
+//! to leave.
 
 use super::{Doubt, Light, Material};
 
 /// The most probable reason for a misfit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reason {
-    /// The surface itself varies, from pixel to pixel.
+    /// The surface varies from pixel to pixel.
     Texture,
-    /// Regions differ from what they should show: several materials, shadows, light from nearby,
-    /// normals or an outline beside the picture.
+    /// Regions differ from the prediction: several materials, shadows, light from nearby, misplaced
+    /// normals or outline.
     Regions,
 }
 
-/// What remains of a clean simulated photograph because its light has more than 32 x 32 texels, by
-/// the logarithm of the [gloss](Material::gloss), between which it is linear: about the 95 %
-/// quantile of photographs of left-out materials in left-out lights (`gonio-eval folds`,
-/// docs/trials.md).
+/// Residual of a clean simulated photograph because its light has more than 32 x 32 texels, by the
+/// logarithm of the [gloss](Material::gloss), linear between the entries: about the 95 % quantile
+/// of photographs of left-out materials in left-out lights (`gonio-eval folds`, docs/trials.md).
 const RESOLUTION: [(f64, f64); 5] = [(0.0, 0.05), (2.0, 0.08), (5.0, 0.22), (7.0, 0.45), (10.0, 0.45)];
 
-/// A misfit is doubted if it is so many times what was to be expected.
+/// Ratio of a misfit to the expected one above which it is a reason to doubt.
 const TOO_LARGE: f64 = 1.25;
 
-/// What light and material are expected to leave of a photograph, relative and as a root mean
-/// square, if the material is right: its noise, and what the light has no texels for.
+/// Expected residual of light and material, relative and as a root mean square, if the material is
+/// right: the noise, and the part that the light has no texels for.
 pub fn expected_misfit(material: &Material) -> f64 {
     expected(material.gloss[1], material.scatter)
 }
@@ -34,7 +34,7 @@ fn expected(gloss: f64, scatter: f64) -> f64 {
     (low + (high - low) * ((gloss - a) / (b - a)).clamp(0.0, 1.0)).hypot(scatter)
 }
 
-/// What there is to say if they leave more than that.
+/// Doubt about a misfit that is too large, if it is.
 pub(super) fn doubt(material: &Material, light: &Light) -> Option<Doubt> {
     let (left, expected) = (light.misfit, expected_misfit(material));
     let reason = if material.scatter > 0.5 * left { Reason::Texture } else { Reason::Regions };

@@ -1,10 +1,9 @@
-//! Everything from observations to an answer, by the posterior of materials with the light
-//! integrated out.
+//! Estimation from observations, by the posterior of materials with the light integrated out.
 //!
-//! [`estimate`] does it all. Its steps stand by themselves too: [`Material::of`] says what the
-//! object is made of, [`Light::of`] what light would then explain the photograph, [`Colouring::of`]
-//! which colours both have. The methods of the paper, which find coefficients in a basis, are in
-//! [`inference`](crate::inference).
+//! [`estimate`] does everything. Its steps can also be called by themselves: [`Material::of`]
+//! infers the material, [`Light::of`] the light that then explains the photograph,
+//! [`Colouring::of`] the colours of both. The methods of the paper, which find coefficients in a
+//! basis, are in [`inference`](crate::inference).
 
 mod colouring;
 mod doubt;
@@ -27,17 +26,17 @@ use crate::model::Model;
 use crate::scene::Observations;
 use material::Impression;
 
-/// How an answer is found.
+/// Settings of [`estimate`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct EstimateSettings {
     /// Texels along a side of the light's grid: a power of two from 4 to what the model's prior
     /// covers ([`LightPrior::scales`](crate::lighting::LightPrior::scales)).
     pub side: usize,
-    /// Observations from which the light is found, about: a mirror sees each texel of 32 x 32 in
-    /// one or two of 1,600. With fewer than there are texels those between the observations are
-    /// left to the prior, and show as a checkerboard.
+    /// Approximate number of observations from which the light is found: a mirror sees each texel
+    /// of 32 x 32 in one or two of 1,600. With fewer observations than texels, the prior alone
+    /// determines the texels between them, which shows as a checkerboard.
     pub rows: usize,
-    /// Where the colours come from.
+    /// Rule for the colours.
     pub colouring: ColouringRule,
 }
 
@@ -47,33 +46,33 @@ impl Default for EstimateSettings {
     }
 }
 
-/// What a photograph tells.
+/// Estimate from a photograph.
 #[derive(Clone, Debug)]
 pub struct Estimate {
-    /// What the object is made of, in luminance.
+    /// Material of the object, in luminance.
     pub material: Material,
-    /// The light, in luminance, on the scale that goes with [`Material::table`].
+    /// Light, in luminance, on the scale that goes with [`Material::table`].
     pub light: Light,
-    /// The colours of both.
+    /// Colours of both.
     pub colouring: Colouring,
 }
 
 impl Estimate {
-    /// What speaks against believing it.
+    /// Reasons to doubt it.
     pub fn doubts(&self) -> Vec<Doubt> {
         doubts(&self.material, &self.light)
     }
 }
 
-/// What speaks against believing a material and its light: misfit first.
+/// Reasons to doubt a material and its light, misfit first.
 pub fn doubts(material: &Material, light: &Light) -> Vec<Doubt> {
     misfit::doubt(material, light).into_iter().chain(material.doubts()).collect()
 }
 
-/// Stages of [`estimate`], in their order.
+/// Stages of [`estimate`], in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
-    /// Brings the observations to standard normals and asks the posterior of materials.
+    /// Maps the observations to standard normals and computes the posterior of materials.
     Material,
     /// Integrates the BRDF over the texels of the light.
     Transfer,
@@ -84,7 +83,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// In a word.
+    /// Name of the stage.
     pub fn name(self) -> &'static str {
         match self {
             Self::Material => "posterior",
@@ -95,20 +94,20 @@ impl Stage {
     }
 }
 
-/// Why there is no answer.
+/// Why there is no estimate.
 #[derive(Debug, Error)]
 pub enum EstimateError {
     /// The model was made for other methods.
     #[error("the model has no posterior of materials")]
     NotLearnt,
-    /// A grid that is none, or finer than the prior.
+    /// The side of the grid is invalid, or finer than the prior.
     #[error(
         "a light of {side} texels a side is not possible: take a power of two from 4 to {most}, which the model's prior of light covers"
     )]
     Grid {
-        /// What was asked for.
+        /// Side that was asked for.
         side: usize,
-        /// The most that the prior covers.
+        /// Largest side that the prior covers.
         most: usize,
     },
     /// The image is black or not finite, or its equations have no solution.
@@ -116,8 +115,8 @@ pub enum EstimateError {
     Light(#[from] LightError),
 }
 
-/// What observations tell of the material, its light and their colours. `progress` is told when a
-/// stage begins.
+/// Estimates the material, its light and their colours from observations. `progress` is called when
+/// a stage begins.
 ///
 /// # Errors
 /// If the model has no posterior of materials or does not cover the grid, or the image is black.
@@ -134,7 +133,8 @@ pub fn estimate(
     progress(Stage::Material);
     let impression = Impression::of(model, observations, settings.side)?;
     let table = impression.table.clone();
-    // The factorisations of the light leave a core idle half of the time.
+    // The factorisations of the light leave a core idle half of the time, so the posterior is
+    // described meanwhile.
     let (material, light) =
         rayon::join(|| impression.describe(), || Light::of(model, observations, &table, settings, progress));
     let light = light?;

@@ -1,4 +1,4 @@
-//! From a rendered ball to an estimate, in a small world of formulas.
+//! Tests from a rendered ball to an estimate, in a small world of formulas.
 
 use std::sync::Mutex;
 
@@ -15,7 +15,7 @@ use crate::scene::{Object, ObservationSettings, Sighting};
 use crate::sphere::OctahedralMap;
 use crate::transfer::{QuadratureSettings, predict};
 
-/// A model that knows which of the world's materials it sees.
+/// Model that recognises one of the world's materials.
 fn model(material: usize) -> Model {
     let grids: Vec<LightGrid> = (0..12).map(|seed| light_map(seed).to_grid(OctahedralMap::EqualArea, 16)).collect();
     let light = LightPrior::learn(&grids, grids.len(), &PriorSettings { restarts: 2, seed: 1 }).unwrap();
@@ -23,7 +23,8 @@ fn model(material: usize) -> Model {
     Model { light, reflectance, learnt: Some(knowing(material)), provenance: String::new() }
 }
 
-/// A ball of a material of the world, of this colour, in a light that was not learnt from.
+/// Photograph of a ball of a material of the world, of this colour, in a light that was not learnt
+/// from.
 fn photograph(material: usize, colour: Vec3) -> Picture {
     let table = WORLD.table(&WORLD.entries[material]);
     let settings = SphereSettings {
@@ -62,7 +63,7 @@ fn a_ball_gives_a_material_and_the_light_that_explains_it() {
     assert!(material.gloss.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", material.gloss);
     assert!((0.0..=1.0).contains(&material.open) && material.filled < material.normals);
 
-    // Table and light together are the photograph.
+    // Table and light together reproduce the photograph.
     let all = predict(observations.seen(), &material.table, &found.light.grid, QuadratureSettings::default());
     let (mut off, mut sum) = (0.0, 0.0);
     for (prediction, value) in all.iter().zip(&observations.values) {
@@ -115,7 +116,7 @@ fn colours_are_taken_as_asked_for() {
     let Colouring::Median(chroma) = &median else { panic!("{median:?}") };
     assert!(chroma.distance(Chroma::of(colour.as_dvec3())) < 0.02);
     assert_eq!(median.light(), Vec3::ONE);
-    // In a light of that colour the body is less coloured than in one that nobody knows.
+    // In a light known to have that colour, the body is less coloured than in an unknown one.
     let body = |light: Option<Chroma>| {
         Colouring::of(&observations, &table, &ColouringRule::Estimate { light })
             .colours()
@@ -150,7 +151,7 @@ fn doubts_say_what_and_how_much() {
 fn a_ball_of_two_materials_is_doubted() {
     let model = model(4);
     let picture = photograph(4, Vec3::ONE);
-    // Squares of which every second one is five times as dark.
+    // Squares, every second one five times as dark.
     let mut painted = picture.clone();
     let (width, height) = painted.rgb.size();
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {

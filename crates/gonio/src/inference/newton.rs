@@ -145,8 +145,8 @@ impl Local {
         Self { gradient, curvature, cross }
     }
 
-    /// Adds the entropy of rectified Gaussians of given `w`: its curvature in their means is `1 /
-    /// var` minus the contribution of the image through `<x^2>`.
+    /// Adds the entropy of rectified Gaussians of given `w`: its curvature in their means is
+    /// `1 / var` minus the contribution of the image through `<x^2>`.
     fn with_entropy(mut self, at: &Point) -> Self {
         let AllMoments { f, g, .. } = &at.moments;
         for (x, ((u, p), m)) in at.ensemble.natural().into_iter().zip(f.iter().chain([g])).enumerate() {

@@ -18,14 +18,14 @@ impl LightGrid {
     /// Wraps `side * side` texels.
     ///
     /// # Panics
-    /// If their number is another or `side` is not a power of two, at least 2.
+    /// If there are not `side * side` texels or `side` is not a power of two, at least 2.
     pub fn from_texels(map: OctahedralMap, side: usize, texels: Vec<Vec3>) -> Self {
         assert!(Haar::new(side).is_some(), "the side of a light grid is a power of two, not {side}");
         assert_eq!(texels.len(), side * side);
         Self { map, side, texels }
     }
 
-    /// The grey light of wavelet coefficients `l` (see [`Self::coefficients`]).
+    /// Grey light of wavelet coefficients `l` (see [`Self::coefficients`]).
     ///
     /// # Panics
     /// If the number of coefficients is not the square of a power of two.
@@ -38,7 +38,7 @@ impl LightGrid {
         Self::from_texels(map, side, values.into_iter().map(Vec3::splat).collect())
     }
 
-    /// How the sphere is laid out.
+    /// Layout of the sphere on the square.
     pub fn map(&self) -> OctahedralMap {
         self.map
     }
@@ -53,7 +53,8 @@ impl LightGrid {
         &self.texels
     }
 
-    /// Measure of one texel, such that the square has 4 pi: its solid angle on the equal-area map.
+    /// Measure of one texel, scaled so that the square has 4 pi: its solid angle on the equal-area
+    /// map.
     pub(crate) fn texel_measure(side: usize) -> f64 {
         4.0 * std::f64::consts::PI / (side * side) as f64
     }
@@ -64,7 +65,7 @@ impl LightGrid {
         (at(texel % side), -at(texel / side))
     }
 
-    /// The texel on which a unit direction falls.
+    /// Texel on which a unit direction falls.
     pub(crate) fn texel_of(map: OctahedralMap, side: usize, direction: DVec3) -> usize {
         let (u, v) = map.square(direction);
         let cell = |x: f64| ((0.5 * (x + 1.0) * side as f64) as usize).min(side - 1);
@@ -76,8 +77,8 @@ impl LightGrid {
         self.texels[Self::texel_of(self.map, self.side, direction)]
     }
 
-    /// Integral over the square in the measure of `texel_measure`: over the sphere on the
-    /// equal-area map.
+    /// Integral over the square in the measure of `texel_measure`; on the equal-area map, this is
+    /// the integral over the sphere.
     pub fn integral(&self) -> DVec3 {
         self.texels.iter().map(|t| t.as_dvec3()).sum::<DVec3>() * Self::texel_measure(self.side)
     }
@@ -92,7 +93,7 @@ impl LightGrid {
         values.into_iter().map(|x| f64::from(x) * scale).collect()
     }
 
-    /// The DC coefficient of every light whose integral is one: `1 / sqrt(4 pi)`.
+    /// DC coefficient of every light whose integral is one: `1 / sqrt(4 pi)`.
     pub(crate) fn normalised_dc() -> f64 {
         (4.0 * std::f64::consts::PI).sqrt().recip()
     }
@@ -110,7 +111,7 @@ impl LightGrid {
         Some(l)
     }
 
-    /// The light as a lat-long picture of `2 height` by `height`.
+    /// Light as a lat-long picture of `2 height` by `height`.
     pub fn to_lat_long(&self, height: usize) -> Plane<Vec3> {
         Plane::from_fn(2 * height, height, |x, y| {
             let (u, v) = ((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64);

@@ -1,4 +1,4 @@
-//! Environment maps as people have them: lat-long pictures of radiance.
+//! Environment maps: lat-long pictures of radiance.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -11,13 +11,13 @@ use crate::sphere::{OctahedralMap, direction_of_lat_long, lat_long_of_direction}
 /// Why a picture is not an environment map.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum MapError {
-    /// A lat-long map is twice as wide as it is high.
+    /// The picture is not twice as wide as it is high.
     #[error("a lat-long map is twice as wide as high, this picture is {0}x{1}")]
     Shape(usize, usize),
-    /// Radiance is finite and not negative.
+    /// Pixels are negative, NaN or infinite.
     #[error("{count} pixels are negative, NaN or infinite, the first at column {column}, row {row}")]
     BadPixels {
-        /// How many pixels.
+        /// Number of such pixels.
         count: usize,
         /// Column of the first.
         column: usize,
@@ -40,7 +40,7 @@ impl EnvironmentMap {
     /// Takes a lat-long picture of linear radiance.
     ///
     /// # Errors
-    /// When it is not twice as wide as high, has negative or non-finite pixels, or is black.
+    /// If it is not twice as wide as high, has negative or non-finite pixels, or is black.
     pub fn new(radiance: Plane<Vec3>) -> Result<Self, MapError> {
         let (width, height) = radiance.size();
         if width != 2 * height || height == 0 {
@@ -57,7 +57,7 @@ impl EnvironmentMap {
         Ok(Self { radiance })
     }
 
-    /// The picture, `2 h` by `h`.
+    /// Picture, `2 h` by `h`.
     pub fn radiance(&self) -> &Plane<Vec3> {
         &self.radiance
     }
@@ -69,16 +69,16 @@ impl EnvironmentMap {
         self.radiance[(((u * width as f64) as usize).min(width - 1), ((v * height as f64) as usize).min(height - 1))]
     }
 
-    /// The map turned about the vertical axis by whole pixels: what was at column `x` goes to
-    /// column `x + columns`.
+    /// Map turned about the vertical axis by whole pixels: column `x` moves to column
+    /// `x + columns`.
     pub fn turned(&self, columns: usize) -> Self {
         let (width, height) = self.radiance.size();
         let columns = columns % width;
         Self { radiance: Plane::from_fn(width, height, |x, y| self.radiance[((x + width - columns) % width, y)]) }
     }
 
-    /// The map with no pixel brighter than `times` the mean over the sphere: luminance is cut off,
-    /// colour kept. What a sun or a lamp loses is lost.
+    /// Map with no pixel brighter than `times` the mean over the sphere: luminance is clipped,
+    /// colour kept. The clipped energy of a sun or a lamp is lost.
     pub fn capped(&self, times: f64) -> Self {
         let (width, height) = self.radiance.size();
         let (mut sum, mut weight) = (0.0, 0.0);
@@ -97,16 +97,17 @@ impl EnvironmentMap {
 
     /// Mean radiance over each texel of an octahedral grid of `side` by `side`.
     ///
-    /// Every pixel is split into sub-pixels small against a texel, each of which gives its
-    /// radiance, weighted by its solid angle, to the texel it falls into: small lamps keep their
-    /// flux whatever the grid.
+    /// Every pixel is split into sub-pixels that are small compared with a texel, each of which
+    /// adds its radiance, weighted by its solid angle, to the texel it falls into: small lamps keep
+    /// their flux whatever the grid.
     pub fn to_grid(&self, map: OctahedralMap, side: usize) -> LightGrid {
         let (width, height) = self.radiance.size();
-        // At least a dozen sub-pixels across a texel; never fewer than six to a pixel, where a lamp
-        // of one pixel is split.
+        // At least a dozen sub-pixels across a texel, and never fewer than six per side of a pixel,
+        // for lamps of one pixel.
         let split = (12 * side).div_ceil(height).clamp(6, 16);
         let (fine_width, fine_height) = (width * split, height * split);
-        // Fixed bands, summed in order: the result does not depend on the number of threads.
+        // Fixed bands, summed in order, so that the result does not depend on the number of
+        // threads.
         const BANDS: usize = 16;
         let partial: Vec<Vec<(DVec3, f64)>> = (0..BANDS)
             .into_par_iter()

@@ -14,14 +14,14 @@ pub struct ScaleMixture {
     pub variances: Vec<f64>,
 }
 
-/// How a mixture is fitted.
+/// Settings of the fit of a mixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MixtureSettings {
     /// Number of components, at least 1.
     pub components: usize,
-    /// Starts, of which the likeliest end is kept.
+    /// Number of starts, of which the likeliest end is kept.
     pub restarts: usize,
-    /// Iterations of each start at most.
+    /// Largest number of iterations of each start.
     pub iterations: usize,
     /// A start ends when the mean log likelihood grows by less than this.
     pub tolerance: f64,
@@ -35,19 +35,19 @@ impl Default for MixtureSettings {
     }
 }
 
-/// Beyond this many samples they are replaced by the root mean squares of equal-count runs of the
-/// sorted magnitudes: a zero-mean mixture sees only magnitudes, and a run holds less than one in
-/// four thousand of them.
+/// Number of samples beyond which they are replaced by the root mean squares of equal-count runs of
+/// the sorted magnitudes: a zero-mean mixture depends only on magnitudes, and a run holds less than
+/// one in four thousand of them.
 const QUANTISED: usize = 4096;
 
 impl ScaleMixture {
-    /// Density at `x`, as its logarithm.
+    /// Logarithm of the density at `x`.
     pub fn log_density(&self, x: f64) -> f64 {
         self.log_density_of_square(x * x)
     }
 
-    /// The same for a given `x^2`; for an expected square `<x^2>` the bound of `<log p>` with the
-    /// best responsibilities.
+    /// Logarithm of the density for a given `x^2`; for an expected square `<x^2>`, the bound of
+    /// `<log p>` with the best responsibilities.
     pub(crate) fn log_density_of_square(&self, x2: f64) -> f64 {
         self.log_joint(x2).fold(f64::NEG_INFINITY, log_add)
     }
@@ -62,7 +62,8 @@ impl ScaleMixture {
         self.weights.iter().zip(&self.variances).map(move |(w, v)| w.ln() - 0.5 * ((TAU * v).ln() + x2 / v))
     }
 
-    /// Mean log likelihood of samples given as magnitudes with weights.
+    /// Fits from one start to samples given as squared magnitudes with weights. Returns the mean
+    /// log likelihood and the mixture.
     fn fit_once(magnitudes: &[(f64, f64)], start: Self, settings: &MixtureSettings) -> (f64, Self) {
         let n = start.weights.len();
         let mean_square = magnitudes.iter().map(|(x2, w)| x2 * w).sum::<f64>();
@@ -112,8 +113,8 @@ impl ScaleMixture {
         (best, mixture)
     }
 
-    /// Maximum likelihood fit to samples; `None` without any non-zero finite sample. Deterministic
-    /// for a seed.
+    /// Fits a mixture to samples by maximum likelihood; `None` without any non-zero finite sample.
+    /// Deterministic for a seed.
     pub fn fit(samples: &[f64], settings: &MixtureSettings) -> Option<Self> {
         let mut squares: Vec<f64> = samples.iter().map(|x| x * x).filter(|x| x.is_finite()).collect();
         squares.sort_by(f64::total_cmp);
@@ -134,7 +135,8 @@ impl ScaleMixture {
         let smallest_positive = magnitudes.iter().find(|m| m.0 > 0.0).map_or(1.0, |m| m.0);
         let (_, mut best) = (0..settings.restarts.max(1))
             .map(|restart| {
-                // Variances at spread quantiles of the squares; later starts jitter the quantiles.
+                // Variances start at evenly spread quantiles of the squares; later starts jitter
+                // the quantiles.
                 let mut variances: Vec<f64> = (0..n)
                     .map(|k| {
                         let jitter = if restart == 0 { 0.5 } else { rng.random_range(0.0..1.0) };

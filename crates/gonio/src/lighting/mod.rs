@@ -1,5 +1,4 @@
-//! Light from far away: environment maps, their octahedral grids and wavelet statistics (paper
-//! 3.1).
+//! Distant light: environment maps, their octahedral grids and wavelet statistics (paper 3.1).
 
 mod grid;
 mod map;

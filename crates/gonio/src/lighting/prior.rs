@@ -1,4 +1,4 @@
-//! The prior of light: mixtures per group of Haar coefficients, learnt from captured environments
+//! Prior of light: mixtures per group of Haar coefficients, learnt from captured environments
 //! (paper 3.1, eq. 5).
 
 use rayon::prelude::*;
@@ -39,7 +39,7 @@ impl CoefficientPrior {
     }
 }
 
-/// The coefficients that share one prior (paper 3.1).
+/// Group of coefficients that share one prior (paper 3.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum PriorGroup {
     /// Scale 1: one group per orientation.
@@ -50,7 +50,7 @@ pub enum PriorGroup {
         scale: u32,
         /// Orientation.
         orientation: Orientation,
-        /// Support in the upper half.
+        /// Whether the support is in the upper half.
         above: bool,
     },
     /// Scales 4 and finer: all coefficients of a scale.
@@ -61,7 +61,7 @@ pub enum PriorGroup {
 }
 
 impl PriorGroup {
-    /// The group of coefficient `index`; `None` for DC, which is the same for every light.
+    /// Group of coefficient `index`; `None` for DC, which is the same for every light.
     pub fn of_index(index: usize) -> Option<Self> {
         let w = Wavelet::of_index(index)?;
         Some(match (w.scale, w.above_horizon()) {
@@ -92,7 +92,7 @@ impl PriorGroup {
         }
     }
 
-    /// A short name, for reports: `1 vertical`, `3 diagonal above`, `5`.
+    /// Short name for reports: `1 vertical`, `3 diagonal above`, `5`.
     pub fn label(self) -> String {
         let name = |o: Orientation| format!("{o:?}").to_lowercase();
         match self {
@@ -105,13 +105,13 @@ impl PriorGroup {
     }
 }
 
-/// `p(l)` of eq. 5 for lights normalised to integral one: every coefficient but DC independent,
-/// with the prior of its group.
+/// `p(l)` of eq. 5 for lights normalised to integral one: all coefficients but DC are independent,
+/// each with the prior of its group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LightPrior {
-    /// How the sphere is laid out.
+    /// Layout of the sphere on the square.
     pub map: OctahedralMap,
-    /// Scales it covers: it serves grids of up to `2^scales` texels a side.
+    /// Number of scales that it covers: it serves grids of up to `2^scales` texels a side.
     pub scales: u32,
     /// One density per group, in the order of [`PriorGroup::all`].
     pub groups: Vec<CoefficientPrior>,
@@ -122,13 +122,13 @@ pub struct LightPrior {
 /// Why a prior cannot be learnt.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PriorError {
-    /// There is nothing to learn from.
+    /// There are no lights.
     #[error("no lights to learn from")]
     Empty,
-    /// All lights must be on the same grid.
+    /// A light is on another grid than the first.
     #[error("light {0} is on another grid than the first")]
     Grids(usize),
-    /// A light without energy has no normalised coefficients.
+    /// A light is black and has no normalised coefficients.
     #[error("light {0} is black")]
     Black(usize),
     /// Every coefficient of a group is zero.
@@ -136,10 +136,10 @@ pub enum PriorError {
     Flat(String),
 }
 
-/// How a light prior is learnt.
+/// Settings of the learning of a light prior.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorSettings {
-    /// Starts of each mixture fit.
+    /// Number of starts of each mixture fit.
     pub restarts: usize,
     /// Seed of the starts.
     pub seed: u64,
@@ -157,8 +157,8 @@ impl LightPrior {
     /// there are). Deterministic for a seed.
     ///
     /// # Errors
-    /// Without lights, with lights on different grids, black lights, or a group in which every
-    /// coefficient is zero.
+    /// If there are no lights, they are on different grids, one is black, or every coefficient of a
+    /// group is zero.
     pub fn learn(lights: &[LightGrid], captures: usize, settings: &PriorSettings) -> Result<Self, PriorError> {
         let first = lights.first().ok_or(PriorError::Empty)?;
         let coefficients: Vec<Vec<f64>> = lights
@@ -192,9 +192,9 @@ impl LightPrior {
         if group == PriorGroup::Coarsest(Orientation::Vertical) {
             let (low, high) = samples.iter().fold((f64::MAX, f64::MIN), |(a, b), &x| (a.min(x), b.max(x)));
             // The likelihood always prefers the threshold at the smallest sample; the expected gap
-            // to the true end of a range is that range over the number of samples. It is never
-            // above zero (paper: "rectified at a negative value"), nor below the bound that
-            // non-negative light sets.
+            // to the true end of a range is that range over the number of samples. The threshold is
+            // never above zero (paper: "rectified at a negative value"), nor below the bound of
+            // non-negative light.
             let gap = (high - low) / samples.len() as f64;
             let dc = LightGrid::normalised_dc();
             let threshold = (low - gap).clamp(-dc, -1e-3 * dc);

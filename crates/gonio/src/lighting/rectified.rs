@@ -1,7 +1,7 @@
-//! The Gaussian rectified at a threshold: `N(x; u, w)` cut off below `T` and renormalised.
+//! Gaussian rectified at a threshold: `N(x; u, w)` truncated below `T` and renormalised.
 //!
-//! The prior of the coarsest vertical wavelet (paper 3.1, `T < 0`) and the posterior form of
-//! everything that is bounded below (eqs. 12 to 14, `T = 0` or the prior's).
+//! It is the prior of the coarsest vertical wavelet (paper 3.1, `T < 0`) and the form of the
+//! posterior of everything that is bounded below (eqs. 12 to 14, `T = 0` or the prior's).
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_2_PI, TAU};
 
@@ -24,7 +24,7 @@ pub struct RectifiedGaussian {
 pub struct Moments {
     /// `<x>`.
     pub mean: f64,
-    /// `<x^2> - <x>^2`, kept apart because the difference cancels.
+    /// `<x^2> - <x>^2`, stored separately because the difference cancels.
     pub variance: f64,
     /// `<log q(x)>`, the negative entropy.
     pub mean_log: f64,
@@ -42,8 +42,8 @@ impl Moments {
     }
 }
 
-/// Beyond this many standard deviations between location and threshold the tail series is exact to
-/// round-off.
+/// Number of standard deviations between location and threshold beyond which the tail series is
+/// exact to round-off.
 const SERIES_FROM: f64 = 60.0;
 
 /// `log(erfc(x))` without underflow.
@@ -125,7 +125,7 @@ impl RectifiedGaussian {
             let about = |mean: f64, variance: f64| variance + (mean - location).powi(2);
             let variance = (about(mean, spread) + odds * about(hidden_mean, m.variance)) / total;
             let moved = (location - fit.location).abs() / spread.sqrt() + (variance / fit.variance - 1.0).abs();
-            // An exponential-looking sample would drive the location to minus infinity: stop at ten
+            // A nearly exponential sample would drive the location to minus infinity: stop at ten
             // spreads.
             if !variance.is_finite() || (location - mean).abs() > 10.0 * spread.sqrt() {
                 break;
@@ -150,7 +150,7 @@ mod tests {
         RectifiedGaussian { location, variance, threshold }
     }
 
-    /// Moments by Gauss-Legendre-free brute force: a fine midpoint rule over the effective support.
+    /// Moments by brute force: a fine midpoint rule over the effective support.
     fn brute(q: RectifiedGaussian) -> (f64, f64, f64) {
         let sd = q.variance.sqrt();
         let alpha = q.standard_threshold();

@@ -1,4 +1,4 @@
-//! More lights of our own making, beside the studio: outdoors, and a room at night.
+//! Further synthetic lights: outdoors, and a room at night.
 
 use glam::{DVec3, Vec3};
 
@@ -6,9 +6,9 @@ use super::EnvironmentMap;
 use crate::picture::Plane;
 use crate::sphere::direction_of_lat_long;
 
-/// A clear day, `2 height` by `height`: a sky that pales towards the horizon, a low sun behind the
-/// left shoulder, and dull ground. Relative units, mean about one; the sun brings half of the
-/// light.
+/// Light of a clear day, `2 height` by `height`: a sky that pales towards the horizon, a low sun
+/// behind the left shoulder, and dull ground. Relative units, mean about one; the sun gives half of
+/// the light.
 pub fn sky_light(height: usize) -> EnvironmentMap {
     let sun = DVec3::new(-0.6, 0.55, 0.65).normalize();
     map(height, |d| {
@@ -16,15 +16,15 @@ pub fn sky_light(height: usize) -> EnvironmentMap {
         let sky = Vec3::new(0.90, 0.92, 0.95).lerp(Vec3::new(0.18, 0.36, 0.80), up.sqrt());
         let ground = Vec3::new(0.16, 0.14, 0.11);
         let away = d.angle_between(sun);
-        // What the air scatters around the sun.
+        // Light that the air scatters around the sun.
         let glow = Vec3::new(1.0, 0.85, 0.6) * (2.5 * (-away / 0.25).exp()) as f32;
         let mixed = ground.lerp(sky + glow, smooth((d.y + 0.01) / 0.03) as f32);
         mixed + Vec3::new(560.0, 500.0, 410.0) * smooth((0.05 - away) / 0.02) as f32
     })
 }
 
-/// A dark room with lamps, `2 height` by `height`: a row of warm bulbs over the object, a screen at
-/// the left, a doorway behind. Relative units, mean about one.
+/// Light of a dark room with lamps, `2 height` by `height`: a row of warm bulbs over the object, a
+/// screen at the left, a doorway behind. Relative units, mean about one.
 pub fn lamp_light(height: usize) -> EnvironmentMap {
     let bulbs: Vec<DVec3> = (-2..=2).map(|i| DVec3::new(0.55 * f64::from(i), 1.0, 0.55).normalize()).collect();
     let (screen, door) = (DVec3::new(-1.0, 0.05, 0.3).normalize(), DVec3::new(0.5, 0.1, -1.0).normalize());
@@ -37,7 +37,7 @@ pub fn lamp_light(height: usize) -> EnvironmentMap {
     })
 }
 
-/// A map of a function of the direction.
+/// Map of a function of the direction.
 fn map(height: usize, radiance: impl Fn(DVec3) -> Vec3) -> EnvironmentMap {
     let pixel = |x: usize, y: usize| {
         radiance(direction_of_lat_long((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64))
@@ -45,8 +45,7 @@ fn map(height: usize, radiance: impl Fn(DVec3) -> Vec3) -> EnvironmentMap {
     EnvironmentMap::new(Plane::from_fn(2 * height, height, pixel)).expect("a lit map of the right shape")
 }
 
-/// One within an upright rectangle about a direction, of these halves of its sides in the tangent
-/// plane, zero outside.
+/// Indicator of an upright rectangle about a direction, with these half sides in the tangent plane.
 fn rectangle(d: DVec3, centre: DVec3, half_width: f64, half_height: f64) -> f64 {
     let right = DVec3::Y.cross(centre).normalize();
     let (top, depth) = (centre.cross(right), d.dot(centre));

@@ -1,5 +1,5 @@
-//! A light of our own making, to show a recovered material in: no captured map may travel with the
-//! program.
+//! Synthetic light for showing a recovered material, since no captured map may be distributed with
+//! the program.
 
 use glam::{DVec3, Vec3};
 
@@ -8,9 +8,9 @@ use super::scenes::smooth;
 use crate::picture::Plane;
 use crate::sphere::direction_of_lat_long;
 
-/// A photographer's studio, `2 height` by `height`: a large soft box above left of the camera, a
-/// strip light at the right, a small hot lamp behind the left shoulder, a window low at the back,
-/// over a graded room. Radiance in relative units, mean about one.
+/// Light of a photographer's studio, `2 height` by `height`: a large soft box above left of the
+/// camera, a strip light at the right, a small hot lamp behind the left shoulder, a window low at
+/// the back, over a graded room. Radiance in relative units, mean about one.
 pub fn studio_light(height: usize) -> EnvironmentMap {
     let unit = |x: f64, y: f64, z: f64| DVec3::new(x, y, z).normalize();
     // Centre, half width and height (radians-like, in the tangent plane), colour, softness of the

@@ -1,5 +1,5 @@
-//! The linear basis `F = sum_k f_k phi_k` of reflectance (paper 3.2) and the prior of its
-//! coefficients (paper eq. 6).
+//! Linear basis `F = sum_k f_k phi_k` of reflectance (paper 3.2) and the prior of its coefficients
+//! (paper eq. 6).
 
 use super::nnls::{NnlsError, nnls};
 use super::table::{BivariateTable, CELLS, THETA_D, trusted_cells};
@@ -48,11 +48,11 @@ pub struct TrainingMaterial {
 /// consistent: `functions`, `rates` and each material's coefficients have the same length `K`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReflectanceBasis {
-    /// The functions `phi_k`, each with maximum one over the trusted cells; those beyond continue
-    /// it by a constant.
+    /// Functions `phi_k`, each with maximum one over the trusted cells; the cells beyond continue
+    /// them by a constant.
     pub functions: Vec<BivariateTable>,
-    /// The rates `lambda_k` of `p(f_k) = lambda_k exp(-lambda_k f_k)` (eq. 6): one over the mean of
-    /// the training materials' coefficients, which is their most likely value.
+    /// Rates `lambda_k` of `p(f_k) = lambda_k exp(-lambda_k f_k)` (eq. 6): one over the mean of the
+    /// training materials' coefficients, the maximum-likelihood value.
     pub rates: Vec<f64>,
     /// The materials of the training, in the order given.
     pub materials: Vec<TrainingMaterial>,
@@ -86,8 +86,8 @@ impl ReflectanceBasis {
         Ok(BivariateTable::from_vec(sum.into_iter().map(|v| v as f32).collect()))
     }
 
-    /// The coefficients `f >= 0` that minimise the squared error to `table` over the trusted cells,
-    /// in its units.
+    /// Finds the coefficients `f >= 0` that minimise the squared error to `table` over the trusted
+    /// cells, in its units.
     ///
     /// # Errors
     /// If a trusted cell is not finite, or the least squares fail on functions that are not finite.
@@ -95,7 +95,7 @@ impl ReflectanceBasis {
         self.projector().project(table)
     }
 
-    /// A projector that keeps the inner products of the functions, for many tables.
+    /// Projector that keeps the inner products of the functions, for many tables.
     pub(super) fn projector(&self) -> Projector<'_> {
         let cells: Vec<usize> = trusted_cells().collect();
         let dot = |a: &BivariateTable, b: &BivariateTable| inner(&cells, a, b);

@@ -1,8 +1,8 @@
 //! Measured materials as a mean and principal axes of the logarithm of their tables.
 //!
-//! Reflectance spans five orders of magnitude. In the logarithm a few dozen axes hold a hundred
-//! materials to a few percent everywhere, in the diffuse part as in the peak, where a factorisation
-//! of the values themselves spends all its functions on the peaks of metals.
+//! Reflectance spans five orders of magnitude. In the logarithm, a few dozen axes represent a
+//! hundred materials to a few percent everywhere, in the diffuse part as in the peak, whereas a
+//! factorisation of the values themselves spends all its functions on the peaks of metals.
 
 use super::table::BivariateTable;
 use crate::linalg::{principal_axes, project};
@@ -10,29 +10,29 @@ use crate::linalg::{principal_axes, project};
 /// Smallest reflectance in 1/sr whose logarithm is taken: a thousandth of what soot reflects.
 const DARKEST: f32 = 1e-6;
 
-/// Tables as `exp(mean + sum_r c_r axis_r)`, the coefficients `c` those of each material.
+/// Tables as `exp(mean + sum_r c_r axis_r)`, with coefficients `c` for each material.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LogBasis {
     /// Names of the materials.
     pub names: Vec<String>,
     /// Mean of the logarithms, a value for each cell of a [`BivariateTable`].
     pub mean: Vec<f32>,
-    /// Orthonormal axes over the cells, the one of most variance first.
+    /// Orthonormal axes over the cells, by falling variance.
     pub axes: Vec<Vec<f32>>,
-    /// A coefficient for each axis, by material.
+    /// Coefficients of each material, one for each axis.
     pub coefficients: Vec<Vec<f32>>,
 }
 
 impl LogBasis {
-    /// Axes that hold the hundred reconstructed materials of the MERL database to 3 % (the root
-    /// mean square of the logarithm over trusted cells; 5 % for the worst).
+    /// Number of axes that represent the hundred reconstructed materials of the MERL database to 3
+    /// % (the root mean square of the logarithm over trusted cells; 5 % for the worst).
     pub const RANK: usize = 40;
 
-    /// The `rank` leading axes (fewer if there are not as many materials). Cells beyond the trusted
-    /// ones are taken from the last trusted.
+    /// Computes the `rank` leading axes (fewer if there are not as many materials). Cells beyond
+    /// the trusted ones take the value of the last trusted cell.
     ///
     /// # Panics
-    /// Without materials.
+    /// If there are no materials.
     pub fn fit(materials: &[(String, BivariateTable)], rank: usize) -> Self {
         assert!(!materials.is_empty(), "no materials");
         let logs: Vec<Vec<f64>> = materials
@@ -54,12 +54,12 @@ impl LogBasis {
         }
     }
 
-    /// The table of a material, 1/sr.
+    /// Table of a material, 1/sr.
     pub fn table(&self, material: usize) -> BivariateTable {
         self.at(&self.coefficients[material].iter().map(|c| f64::from(*c)).collect::<Vec<_>>())
     }
 
-    /// The table with these coefficients, one for each axis, 1/sr.
+    /// Table with these coefficients, one for each axis, 1/sr.
     pub(crate) fn at(&self, coefficients: &[f64]) -> BivariateTable {
         let mut log: Vec<f64> = self.mean.iter().map(|v| f64::from(*v)).collect();
         for (axis, c) in self.axes.iter().zip(coefficients) {

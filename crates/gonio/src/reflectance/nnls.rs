@@ -4,7 +4,7 @@
 use faer::MatRef;
 use thiserror::Error;
 
-/// Why `nnls` has no answer.
+/// Why `nnls` has no solution.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum NnlsError {
     /// The Gram matrix is not square, or the right-hand side has another length.
@@ -20,18 +20,19 @@ pub enum NnlsError {
     /// An input is NaN or infinite.
     #[error("an entry of the Gram matrix or of the right-hand side is not finite")]
     NotFinite,
-    /// The cost falls without end: only possible where `c` has negative entries or `G`, `h` belong
+    /// The cost is unbounded below: only possible where `c` has negative entries or `G`, `h` belong
     /// to no `A`, `b`.
     #[error("the cost is unbounded below along variable {0}")]
     Unbounded(usize),
-    /// The active set did not settle, which needs a matrix that is not positive semidefinite.
+    /// The active set did not settle, which happens only if the matrix is not positive
+    /// semidefinite.
     #[error("the active set did not settle; is the Gram matrix positive semidefinite?")]
     NoConvergence,
 }
 
 /// Relative size below which a gradient counts as zero.
 const ROUND_OFF: f64 = 1e-13;
-/// Part of a column's squared length outside the span of the others below which it counts as
+/// Share of a column's squared length outside the span of the others below which it counts as
 /// dependent.
 const DEPENDENT: f64 = 1e-12;
 
@@ -55,8 +56,7 @@ pub(crate) fn nnls(gram: MatRef<'_, f64>, h: &[f64]) -> Result<Vec<f64>, NnlsErr
         return Err(NnlsError::NotFinite);
     }
     let mut state = ActiveSet { gram, h, x: vec![0.0; n], passive: Vec::new() };
-    // A variable that round-off throws out at once may not come back before something else has
-    // changed.
+    // A variable that round-off removes at once may not return before something else has changed.
     let mut barred = vec![false; n];
     for _ in 0..100 + 30 * n {
         let Some(entering) = state.most_promising(&barred) else {
@@ -80,8 +80,8 @@ struct ActiveSet<'a> {
 }
 
 impl ActiveSet<'_> {
-    /// The variable at zero whose increase lowers the cost fastest (in units of its column's
-    /// length), if any does.
+    /// Variable at zero whose increase lowers the cost fastest (in units of its column's length),
+    /// if there is one.
     fn most_promising(&self, barred: &[bool]) -> Option<usize> {
         let mut best = None;
         let mut steepest = 0.0;
@@ -101,7 +101,7 @@ impl ActiveSet<'_> {
         best
     }
 
-    /// Lets variable `t` in and restores optimality over the passive set. False if `t` fell
+    /// Adds variable `t` and restores optimality over the passive set. Returns false if `t` fell
     /// straight back to zero.
     fn admit(&mut self, t: usize) -> Result<bool, NnlsError> {
         let column: Vec<f64> = self.passive.iter().map(|&p| self.gram[(p, t)]).collect();
@@ -129,7 +129,7 @@ impl ActiveSet<'_> {
         loop {
             let rhs: Vec<f64> = self.passive.iter().map(|&p| self.h[p]).collect();
             let Some(target) = self.solve(&rhs) else {
-                // Only the newcomer can have made the set singular.
+                // Only the added variable can have made the set singular.
                 self.passive.retain(|&p| p != t);
                 self.x[t] = 0.0;
                 return Ok(false);
@@ -140,8 +140,8 @@ impl ActiveSet<'_> {
                 }
                 return Ok(true);
             }
-            // As far towards the unconstrained optimum as the bounds allow; what arrives at zero
-            // leaves the set.
+            // Moves as far towards the unconstrained optimum as the bounds allow; variables that
+            // reach zero leave the set.
             let mut step = 1.0_f64;
             for (&p, &v) in self.passive.iter().zip(&target) {
                 if v <= 0.0 {
@@ -202,7 +202,7 @@ mod tests {
         quadratic - 2.0 * h.iter().zip(x).map(|(a, b)| a * b).sum::<f64>()
     }
 
-    /// Least cost over all supports: the unconstrained optimum of each that is not negative.
+    /// Least cost over all supports: the unconstrained optimum of each, if it is not negative.
     fn brute_force(gram: &Mat<f64>, h: &[f64]) -> f64 {
         let n = h.len();
         let mut best = 0.0_f64;

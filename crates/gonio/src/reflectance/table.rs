@@ -48,7 +48,7 @@ pub fn is_trusted(cell: usize) -> bool {
     theta_h < TRUSTED && theta_d < TRUSTED
 }
 
-/// The cells that [`is_trusted`], in their order.
+/// Cells that satisfy [`is_trusted`], in order.
 pub fn trusted_cells() -> impl DoubleEndedIterator<Item = usize> + Clone {
     (0..CELLS).filter(|cell| is_trusted(*cell))
 }
@@ -84,7 +84,7 @@ pub struct BivariateTable {
     values: Vec<f32>,
 }
 
-/// A list of values has not the length of a bivariate table.
+/// A list of values does not have the length of a bivariate table.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[error("{0} values; a bivariate table has {CELLS}")]
 pub struct CellCountError(pub usize);
@@ -148,7 +148,7 @@ impl BivariateTable {
         row(i) * (1.0 - s) + row(i + 1) * s
     }
 
-    /// The four cells that [`Self::eval`] interpolates between, with their weights: `eval` is
+    /// Four cells between which [`Self::eval`] interpolates, with their weights: `eval` is
     /// `sum_c weight_c value_c`.
     pub(crate) fn stencil(theta_h: f64, theta_d: f64) -> [(usize, f64); 4] {
         let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
@@ -156,7 +156,7 @@ impl BivariateTable {
         [(at, (1.0 - s) * (1.0 - t)), (at + 1, (1.0 - s) * t), (at + THETA_D, s * (1.0 - t)), (at + THETA_D + 1, s * t)]
     }
 
-    /// The table with every cell multiplied by a factor.
+    /// Table with every cell multiplied by a factor.
     pub fn scaled(&self, by: f64) -> Self {
         Self::from_vec(self.values.iter().map(|&v| (f64::from(v) * by) as f32).collect())
     }
@@ -196,8 +196,8 @@ impl BivariateTable {
         2.0 * PI * sum / STEPS as f64
     }
 
-    /// The table scaled to a [`Self::normal_albedo`], and the factor that was needed: a photograph
-    /// under unknown light fixes the product of light and reflectance alone.
+    /// Table scaled to a given [`Self::normal_albedo`], and the factor applied: a photograph under
+    /// unknown illumination determines only the product of light and reflectance.
     pub fn with_normal_albedo(&self, albedo: f64) -> (Self, f64) {
         let scale = albedo / self.normal_albedo();
         (self.scaled(scale), scale)
@@ -219,7 +219,7 @@ pub struct MerlTable {
 }
 
 impl MerlTable {
-    /// Samples in one channel.
+    /// Number of samples in one channel.
     pub const CHANNEL: usize = THETA_H * THETA_D * PHI_D;
 
     /// Wraps three channels of [`Self::CHANNEL`] values in 1/sr, `phi_d` fastest, negative where

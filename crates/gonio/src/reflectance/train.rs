@@ -8,20 +8,20 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// How to train.
+/// Settings of the training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainSettings {
-    /// The factorisation; its rank is the number of basis functions.
+    /// Settings of the factorisation; its rank is the number of basis functions.
     pub nmf: NmfSettings,
     /// Among the starts whose cost is at most `1 + cost_margin` times the least, the one with the
     /// least mean RMS error in 1/sr is kept: minima of nearly equal cost in scaled units can differ
     /// much in the materials' own. Zero keeps the least cost. Default 0.01.
     pub cost_margin: f64,
     /// Power of its largest trusted value that each material is divided by before the
-    /// factorisation. At 1 all weigh alike relative to their maximum, as in the paper; at 0 errors
-    /// count in 1/sr, so that the brightest decide. Whatever its value, stored coefficients are
-    /// those of materials of maximum one. Default 1.
+    /// factorisation. At 1 all count equally relative to their maximum, as in the paper; at 0
+    /// errors count in 1/sr, so that the brightest materials dominate. In either case, stored
+    /// coefficients are those of materials of maximum one. Default 1.
     pub scale_power: f64,
 }
 
@@ -31,7 +31,7 @@ impl Default for TrainSettings {
     }
 }
 
-/// Why no basis was learnt.
+/// Why no basis could be learnt.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum TrainError {
     /// There are no materials.
@@ -46,7 +46,7 @@ pub enum TrainError {
         theta_h: usize,
         /// Index of the cell in `theta_d`.
         theta_d: usize,
-        /// What it holds.
+        /// Value of the cell.
         value: f32,
     },
     /// All trusted cells of a material are zero.
@@ -59,7 +59,7 @@ pub enum TrainError {
     /// The margin is negative or NaN, or the power is not finite.
     #[error("the cost margin must not be negative and the scale power must be finite")]
     Settings,
-    /// The factorisation refused.
+    /// The factorisation failed.
     #[error("factorisation failed")]
     Nmf(#[from] NmfError),
     /// The final projection failed.
@@ -67,7 +67,7 @@ pub enum TrainError {
     Projection(#[from] BasisError),
 }
 
-/// How well a basis reproduces one of its materials.
+/// Error with which a basis reproduces one of its materials.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MaterialFit {
     /// Name of the material.
@@ -79,16 +79,16 @@ pub struct MaterialFit {
 /// One start of the training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// What the factorisation did; its cost is in scaled units.
+    /// Report on the factorisation; its cost is in scaled units.
     pub start: StartReport,
     /// Mean over the materials of their RMS error, 1/sr.
     pub mean_rms: f64,
 }
 
-/// What happened during training.
+/// Report on the training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainReport {
-    /// The materials, in the order given.
+    /// Errors of the materials, in the order given.
     pub fits: Vec<MaterialFit>,
     /// Every start, in order.
     pub candidates: Vec<Candidate>,
@@ -114,11 +114,11 @@ impl TrainReport {
 /// Learns basis functions from `materials` (name and one channel in 1/sr): each is scaled to
 /// maximum one over its trusted cells, the matrix of trusted cells x materials is factorised in the
 /// Frobenius norm, each function is scaled to maximum one and continued beyond the trusted cells,
-/// and the materials' coefficients are solved for once more. Of the starts,
-/// [`TrainSettings::cost_margin`] says which is kept.
+/// and the materials' coefficients are solved for once more. [`TrainSettings::cost_margin`]
+/// determines which of the starts is kept.
 ///
 /// # Errors
-/// See [`TrainError`]. Values in cells that are not trusted are never looked at.
+/// See [`TrainError`]. Values in cells that are not trusted are ignored.
 pub fn train(
     materials: &[(String, BivariateTable)],
     settings: &TrainSettings,
@@ -152,7 +152,7 @@ pub fn train(
     Ok((basis, TrainReport { fits, candidates, best }))
 }
 
-/// The start with the least error in original units among those of nearly least cost.
+/// Index of the start with the least error in original units among those of nearly least cost.
 fn choose(candidates: &[Candidate], cost_margin: f64) -> usize {
     let least = candidates.iter().map(|c| c.start.cost).fold(f64::INFINITY, f64::min);
     let limit = least * (1.0 + cost_margin);
@@ -173,7 +173,7 @@ fn rates(basis: &ReflectanceBasis) -> Result<Vec<f64>, TrainError> {
     (0..basis.len()).map(rate).collect()
 }
 
-/// The training set and what its matrix was made with.
+/// Training set, with the scales and cells of its matrix.
 struct Scaled<'a> {
     materials: &'a [(String, BivariateTable)],
     scales: Vec<f64>,
@@ -181,9 +181,9 @@ struct Scaled<'a> {
 }
 
 impl Scaled<'_> {
-    /// Functions from a factorisation, each material's coefficients and its error; the rates are
-    /// still missing. The coefficients are solved for once more, because the factorisation stops a
-    /// little short and the functions have since been rounded.
+    /// Computes functions from a factorisation, each material's coefficients and its error; the
+    /// rates are still missing. The coefficients are solved for once more, because the
+    /// factorisation stops a little short and the functions have since been rounded.
     fn solve(&self, nmf: &Nmf) -> Result<(ReflectanceBasis, Vec<MaterialFit>), TrainError> {
         let functions = (0..nmf.functions.ncols())
             .map(|k| function(nmf.functions.col_as_slice(k), &self.cells).ok_or(TrainError::Unused(k)))
@@ -242,8 +242,8 @@ fn rms(model: &BivariateTable, table: &BivariateTable, cells: &[usize]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Materials of two parts: a lobe and a constant, with nonsense in the cells that are not
-    /// trusted.
+    /// Materials of two parts, a lobe and a constant, with meaningless values in the cells that are
+    /// not trusted.
     fn materials() -> Vec<(String, BivariateTable)> {
         (0..6)
             .map(|m| {

@@ -1,4 +1,4 @@
-//! What can be rendered: isotropic BRDFs in half/difference coordinates.
+//! BRDFs that can be rendered: isotropic, in half/difference coordinates.
 
 use glam::DVec3;
 
@@ -9,14 +9,14 @@ pub trait Brdf: Sync {
     /// Value at half/difference angles in radians.
     fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> DVec3;
 
-    /// Whether [`Self::eval`] looks at `phi_d`.
+    /// Whether [`Self::eval`] depends on `phi_d`.
     fn depends_on_phi(&self) -> bool;
 
-    /// The largest channel, averaged over `phi_d`: where a renderer looks for lobes.
+    /// Largest channel, averaged over `phi_d`, by which a renderer finds lobes.
     fn envelope(&self) -> BivariateTable;
 }
 
-/// A grey table in one colour: how the paper shows a monochrome BRDF.
+/// A grey table in one colour, as the paper shows a monochrome BRDF.
 #[derive(Clone, Debug)]
 pub struct Tinted {
     /// Reflectance.
@@ -54,7 +54,7 @@ impl Brdf for [BivariateTable; 3] {
     }
 }
 
-/// The largest of the channels in each cell.
+/// Largest channel in each cell.
 fn strongest(rgb: &[BivariateTable; 3]) -> BivariateTable {
     let [r, g, b] = rgb.each_ref().map(BivariateTable::as_slice);
     BivariateTable::from_vec(r.iter().zip(g).zip(b).map(|((r, g), b)| r.max(*g).max(*b)).collect())

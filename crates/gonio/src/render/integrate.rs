@@ -1,10 +1,10 @@
-//! The reflected radiance at one point, to a given relative error.
+//! Reflected radiance at one point, to a given relative error.
 //!
-//! A cell of light contributes its mean radiance times reflectance and cosine at its centre. That
-//! is wrong by no more than the deviation of the light in the cell times the variation of the
+//! A cell of light contributes its mean radiance times reflectance and cosine at its centre. The
+//! error of that is no more than the deviation of the light in the cell times the variation of the
 //! reflectance over it, plus the error of the midpoint rule. The cell with the largest such bound
-//! is divided until the sum of all bounds is small against the radiance: small lamps and sharp
-//! lobes are found wherever they matter, and only there.
+//! is divided until the sum of all bounds is small compared with the radiance: small lamps and
+//! sharp lobes are found wherever they matter, and only there.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -20,10 +20,10 @@ use crate::sphere::half_difference;
 /// Accuracy of the integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IntegratorSettings {
-    /// The sum of the error bounds of all cells, relative to the radiance. The true error is some
-    /// fifty times smaller: the bounds do not know of cancellation.
+    /// Sum of the error bounds of all cells, relative to the radiance. The true error is some fifty
+    /// times smaller, since the bounds ignore cancellation.
     pub tolerance: f64,
-    /// Cells at most.
+    /// Largest number of cells.
     pub max_cells: usize,
 }
 
@@ -50,13 +50,13 @@ pub struct Node {
 /// A quadrature of the light at one point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nodes {
-    /// Where the light comes from.
+    /// Directions of the light with their weights.
     pub nodes: Vec<Node>,
     /// Bound of the error of the envelope's radiance, relative to it.
     pub bound: f64,
 }
 
-/// A cell in the queue, by its error bound.
+/// Cell in the queue, ordered by its error bound.
 struct Entry {
     bound: f64,
     value: f64,
@@ -84,7 +84,7 @@ impl Ord for Entry {
     }
 }
 
-/// Cells this small (radians) are not divided, whatever their bound.
+/// Radius (radians) of the smallest cells, which are not divided, whatever their bound.
 const SMALLEST: f64 = 2e-5;
 
 /// Divides the light for any BRDF that varies no faster than `envelope`.
@@ -97,9 +97,9 @@ pub fn nodes(
     nodes_within(point, envelope, light, settings, f64::INFINITY)
 }
 
-/// As [`nodes`]; cells of a radius beyond `largest` (radians) count as wholly wrong, so that nearly
-/// all light comes from smaller ones: for surfaces that shadow themselves, of which the bounds do
-/// not know.
+/// Divides the light as [`nodes`] does, but cells of a radius beyond `largest` (radians) count as
+/// wholly wrong, so that nearly all light comes from smaller ones: for surfaces with
+/// self-shadowing, which the bounds do not account for.
 pub(crate) fn nodes_within(
     point: &SurfacePoint,
     envelope: &BivariateTable,
@@ -175,7 +175,7 @@ fn assess(point: &SurfacePoint, envelope: &BivariateTable, cell: Cell) -> Option
     let half = sum / twice_cos_d.max(1e-9);
     let theta_h = 2.0 * (0.5 * (half - normal).length()).min(1.0).asin();
     let theta_d = (0.5 * (cell.centre - view).length()).min(1.0).asin();
-    // How far half vectors and elevation vary over the cell.
+    // Variation of half vectors and elevation over the cell.
     let spread = cell.radius / twice_cos_d.max(0.02);
     let highest = (cosine + cell.radius).min(1.0);
     // Reflectance at the ends of the ranges of both angles: tables are smooth between their
@@ -226,8 +226,8 @@ mod tests {
         .unwrap()
     }
 
-    /// The same integral by polar coordinates about the normal in the space of half vectors: an
-    /// independent route.
+    /// Computes the same integral independently, by polar coordinates about the normal in the space
+    /// of half vectors.
     fn reference(point: &SurfacePoint, brdf: &BivariateTable, light: &EnvironmentMap) -> f64 {
         let (rings, spokes) = (3000, 1500);
         let (n, v) = (point.normal, point.view);

@@ -13,22 +13,22 @@ use crate::shape::Hit;
 use crate::shape::SurfacePoint;
 use crate::shape::{Ray, Surface};
 
-/// The luminance of each of a list of points, as a linear function of the cells of a
-/// [`BivariateTable`]: the light of eq. 1 gathered by the half and difference angle it arrives at.
-/// A picture costs a sparse product instead of an integration, so that thousands of BRDFs can be
-/// seen in one light.
+/// Luminance of each of a list of points, as a linear function of the cells of a
+/// [`BivariateTable`]: the light of eq. 1, gathered by the half and difference angle at which it
+/// arrives. A picture costs a sparse product instead of an integration, so that thousands of BRDFs
+/// can be rendered in one light.
 #[derive(Clone, Debug)]
 pub struct Relighter {
-    /// Where the entries of each point end.
+    /// Index of the end of the entries of each point.
     ends: Vec<usize>,
     cells: Vec<u16>,
     weights: Vec<f32>,
 }
 
 impl Relighter {
-    /// The matrix for these points under `light`. The light is divided as finely as the sharpest of
-    /// `examples` needs to the accuracy of `settings`, each as bright as the others; sharper BRDFs
-    /// than these are rendered less exactly.
+    /// Computes the matrix for these points under `light`. The light is divided as finely as the
+    /// sharpest of `examples`, each scaled to the same brightness, needs for the accuracy of
+    /// `settings`; sharper BRDFs are rendered less accurately.
     pub fn new(
         points: &[SurfacePoint],
         examples: &[BivariateTable],
@@ -41,11 +41,11 @@ impl Relighter {
         matrix
     }
 
-    /// As [`Self::new`], for points of a surface that keeps light from itself. `clear` says where
-    /// rays from each point begin ([`Hit::clear`]).
+    /// Computes the matrix as [`Self::new`] does, for points of a surface with self-shadowing.
+    /// `clear` gives the origin of the rays from each point ([`Hit::clear`]).
     ///
     /// # Panics
-    /// If points and beginnings differ in number.
+    /// If points and origins differ in number.
     pub fn of_surface(
         points: &[SurfacePoint],
         (surface, clear): (&dyn Surface, &[DVec3]),
@@ -64,8 +64,8 @@ impl Relighter {
         matrix
     }
 
-    /// As [`Self::new`], but a matrix for each channel of the light (red, green, blue): what one
-    /// channel of a BRDF reflects of it.
+    /// Computes, as [`Self::new`] does, a matrix for each channel of the light (red, green, blue):
+    /// the reflection of that channel by the same channel of a BRDF.
     pub fn of_channels(
         points: &[SurfacePoint],
         examples: &[BivariateTable],
@@ -77,8 +77,8 @@ impl Relighter {
         Self::gathered(points.len(), divided, |radiance| radiance.as_dvec3().to_array())
     }
 
-    /// A matrix for each of the numbers that `measure` takes of the light, which `divided` gives
-    /// for each of `count` points.
+    /// Computes a matrix for each of the numbers that `measure` takes of the light, which `divided`
+    /// gives for each of `count` points.
     fn gathered<const N: usize>(
         count: usize,
         divided: impl Fn(usize) -> Nodes + Sync,
@@ -127,7 +127,7 @@ impl Relighter {
     }
 }
 
-/// The largest of all tables in each cell, each scaled to albedo one.
+/// Largest of all tables in each cell, each scaled to albedo one.
 pub(super) fn envelope(tables: &[BivariateTable]) -> BivariateTable {
     let scales: Vec<f32> = tables.iter().map(|t| (1.0 / t.normal_albedo().max(1e-300)) as f32).collect();
     let cell = |c: usize| tables.iter().zip(&scales).map(|(t, s)| s * t.as_slice()[c]).fold(0.0, f32::max);
@@ -166,7 +166,8 @@ mod tests {
                 assert!((got / want - 1.0).abs() < 5e-3, "{got} {want}");
             }
         }
-        // Their luminance is the luminance's matrix, whatever the channel of the light.
+        // The luminance of the channels' matrices is that of the luminance's matrix, whatever the
+        // channel of the light.
         let channels = Relighter::of_channels(&points, &tables, &tree, &fine).map(|m| m.render(&tables[1]));
         for (i, grey) in matrix.render(&tables[1]).into_iter().enumerate() {
             let colour = Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32));

@@ -12,7 +12,7 @@ use crate::picture::{Picture, luminance};
 use crate::reflectance::BivariateTable;
 use crate::shape::{Points, SurfacePoint};
 
-/// How a sphere is pictured.
+/// Settings of the picture of a sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphereSettings {
     /// Width and height of the picture in pixels.
@@ -38,8 +38,8 @@ impl SphereSettings {
     }
 }
 
-/// Renders a sphere of one material: unit radiance scale of the light, alpha the coverage, black
-/// outside (premultiplied). `progress` is told a fraction in 0..=1.
+/// Renders a sphere of one material: radiance on the scale of the light, alpha the coverage, black
+/// outside (premultiplied). `progress` receives a fraction in 0..=1.
 pub fn render_sphere(
     brdf: &dyn Brdf,
     light: &LightTree,
@@ -48,7 +48,8 @@ pub fn render_sphere(
 ) -> Picture {
     let (size, samples, radius) = (settings.size, settings.samples.max(1), settings.radius());
     let envelope = brdf.envelope();
-    // Coverage is sampled finer than radiance: the rim decides where the sphere is found again.
+    // Coverage is sampled finer than radiance, since the rim determines where the sphere is
+    // detected.
     let fine = 4 * samples;
     let place = |i: usize, n: usize, at: usize| (at as f64 + (i as f64 + 0.5) / n as f64 - 0.5 * size as f64) / radius;
     let pixel = |x: usize, y: usize| {
@@ -60,7 +61,7 @@ pub fn render_sphere(
         let mut sum = DVec3::ZERO;
         for s in 0..samples * samples {
             let (a, b) = (place(s % samples, samples, x), -place(s / samples, samples, y));
-            // A sample beyond the rim of a pixel that the sphere touches takes the rim's normal.
+            // A sample beyond the rim, in a pixel that the sphere touches, takes the rim's normal.
             let r = a.hypot(b).max(1.0);
             let (a, b) = (a / r, b / r);
             let normal = DVec3::new(a, b, (1.0 - a * a - b * b).max(1e-8).sqrt()).normalize();
@@ -73,8 +74,8 @@ pub fn render_sphere(
     picture_of((size, size), pixel, progress)
 }
 
-/// Luminance of every point under `light`, as far as it is visible, for each table: the rows of a
-/// problem whose light is known, `[point][table]`.
+/// Luminance of every point under the part of `light` that is visible from it, for each table: the
+/// rows of a problem whose light is known, `[point][table]`.
 pub fn images_of_basis<'a>(
     points: impl Into<Points<'a>>,
     tables: &[BivariateTable],
@@ -82,9 +83,9 @@ pub fn images_of_basis<'a>(
     settings: &IntegratorSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Vec<f32> {
-    // One division of the light serves all tables: that for their common envelope, each table as
-    // bright as the others, so that a sharp one is resolved even where a broad one sends a thousand
-    // times its light.
+    // One division of the light serves all tables: the division for their common envelope, with the
+    // tables scaled to the same brightness, so that a sharp one is resolved even where a broad one
+    // reflects a thousand times its light.
     let envelope = envelope(tables);
     let seen = points.into();
     let (points, visibility) = (seen.points(), seen.visibility());

@@ -1,4 +1,4 @@
-//! A surface of any shape, with the shadows that it throws on itself.
+//! A surface of any shape, with self-shadowing.
 
 use glam::{DVec3, Vec3};
 
@@ -11,25 +11,24 @@ use crate::reflectance::BivariateTable;
 use crate::shape::SurfacePoint;
 use crate::shape::{Camera, Hit, Ray, Surface};
 
-/// Of the light that a point reflects so much is asked for by rays, strongest directions first; the
-/// rest is taken to be blocked as the asked part is.
+/// Share of the light reflected by a point that is tested by rays, strongest directions first; the
+/// rest is assumed to be blocked in the same proportion.
 const ASKED: f64 = 0.995;
 
-/// Light that may be blocked is divided into cells of this radius, in radians.
+/// Radius, in radians, of the cells into which light that may be blocked is divided.
 pub(super) const PENUMBRA: f64 = 0.04;
 
-/// Rays along each side of a pixel that say how much of it the surface covers.
+/// Number of rays along each side of a pixel that determine its coverage.
 const COVERAGE: usize = 4;
 
-/// How a surface is pictured.
+/// Settings of the picture of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSettings {
     /// Samples along each side of a pixel.
     pub samples: usize,
     /// Accuracy of each sample.
     pub integrator: IntegratorSettings,
-    /// Whether the surface keeps light from itself. Light that it reflects onto itself is left out
-    /// in any case.
+    /// Whether to render self-shadowing. Interreflections are left out in any case.
     pub shadows: bool,
 }
 
@@ -39,9 +38,9 @@ impl Default for SurfaceSettings {
     }
 }
 
-/// Renders a surface of one material in light from far away: unit radiance scale of the light,
-/// alpha the coverage, black outside (premultiplied). Light and BRDF are in coordinates of the
-/// camera. `progress` is told a fraction in 0..=1.
+/// Renders a surface of one material in distant light: radiance on the scale of the light, alpha
+/// the coverage, black outside (premultiplied). Light and BRDF are in coordinates of the camera.
+/// `progress` receives a fraction in 0..=1.
 pub fn render_surface(
     brdf: &dyn Brdf,
     light: &LightTree,
@@ -65,7 +64,8 @@ pub fn render_surface(
         });
         let mut hits: Vec<(Hit, DVec3)> = hits.collect();
         if hits.is_empty() && covered > 0 {
-            // Touched beside its centre: what there is stands for it.
+            // The surface misses the samples but touches the pixel: one of the coverage rays that
+            // hit represents it.
             let any = (0..COVERAGE * COVERAGE).map(|s| ray(s, COVERAGE));
             hits.extend(any.filter_map(|ray| surface.hit(&ray).map(|hit| (hit, -ray.direction))).take(1));
         }
@@ -77,7 +77,7 @@ pub fn render_surface(
     picture_of(camera.size, pixel, progress)
 }
 
-/// Radiance that a place of the surface sends along `view`.
+/// Radiance that a point of the surface sends along `view`.
 fn radiance_of(
     hit: &Hit,
     view: DVec3,
@@ -98,9 +98,8 @@ fn radiance_of(
 }
 
 impl Nodes {
-    /// Takes away the light that is blocked. Directions that carry all but a last bit of what
-    /// `envelope` reflects are asked for, strongest first; the others lose the share that those
-    /// lose.
+    /// Removes the light that is blocked. Directions that carry nearly everything that `envelope`
+    /// reflects are tested, strongest first; the others lose the same share as those.
     pub fn shadow(&mut self, envelope: &BivariateTable, blocked: impl Fn(DVec3) -> bool) {
         let strength: Vec<f64> =
             self.nodes.iter().map(|n| envelope.eval(n.theta_h, n.theta_d) * n.weight.abs().max_element()).collect();
@@ -166,7 +165,7 @@ mod tests {
 
     #[test]
     fn shadows_are_those_of_many_rays() {
-        // White Lambertian in an even light: what is left of one is the openness.
+        // For a white Lambertian surface in uniform light, the remaining radiance is the openness.
         let white = BivariateTable::from_fn(|_, _| 1.0 / PI);
         let bowl = Tracer::new(Form::Bowl.mesh(24).unwrap());
         let (centre, radius) = bowl.bounds();
@@ -182,7 +181,7 @@ mod tests {
             let (rings, spokes) = (40, 80);
             let (tangent, other) = hit.normal.any_orthonormal_pair();
             let free = (0..rings * spokes).filter(|i| {
-                // Even in the measure of cosine times solid angle.
+                // Samples are even in the measure of cosine times solid angle.
                 let (s, c) = (((i % rings) as f64 + 0.5) / rings as f64).sqrt().asin().sin_cos();
                 let (a, b) = (2.0 * PI * ((i / rings) as f64 + 0.5) / spokes as f64).sin_cos();
                 let direction = s * (a * tangent + b * other) + c * hit.normal;

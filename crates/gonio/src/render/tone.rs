@@ -1,16 +1,16 @@
-//! From radiance to something to look at.
+//! Tone mapping of radiance for display.
 
 use glam::Vec3;
 
 use crate::picture::{Plane, luminance};
 
-/// A factor that brings radiance to display range.
+/// Factor that brings radiance to display range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure(pub f32);
 
 impl Exposure {
-    /// Puts the `quantile` (0..=1) of the luminance of the pixels that `keep` selects at `level`;
-    /// one for a black picture.
+    /// Exposure that puts the `quantile` (0..=1) of the luminance of the pixels that `keep` selects
+    /// at `level`; one for a black picture.
     pub fn by_quantile(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool, quantile: f32, level: f32) -> Self {
         let mut values: Vec<f32> =
             rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, p)| luminance(*p)).collect();
@@ -22,8 +22,8 @@ impl Exposure {
         Self(if *value > 0.0 { level / *value } else { 1.0 })
     }
 
-    /// Linear display value of a radiance, in 0..1: straight up to a half, then a shoulder that
-    /// keeps highlights apart and their hue.
+    /// Linear display value of a radiance, in 0..1: linear up to a half, then a shoulder that
+    /// preserves differences between highlights and their hue.
     pub fn apply(self, radiance: Vec3) -> Vec3 {
         let x = (radiance * self.0).max(Vec3::ZERO);
         let peak = x.max_element();
@@ -36,8 +36,8 @@ impl Exposure {
     }
 }
 
-/// The median of each channel over pixels that `keep` selects: the colour in which the paper shows
-/// a monochrome BRDF, scaled to luminance one. White when there are none.
+/// Median of each channel over the pixels that `keep` selects, scaled to luminance one: the colour
+/// in which the paper shows a monochrome BRDF. White if there are none.
 pub fn median_colour(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool) -> Vec3 {
     let kept: Vec<Vec3> = rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, p)| *p).collect();
     if kept.is_empty() {

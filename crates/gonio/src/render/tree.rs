@@ -1,4 +1,4 @@
-//! Light as a tree of cells, each with its mean radiance and how far its parts deviate from it.
+//! Light as a tree of cells, each with its mean radiance and the deviation of its parts from it.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use crate::lighting::{EnvironmentMap, LightGrid};
 use crate::sphere::{OctahedralMap, direction_of_lat_long};
 
-/// Coordinates that the cells are rectangles in.
+/// Coordinates in which the cells are rectangles.
 #[derive(Clone, Copy, Debug)]
 enum Chart {
     /// `u, v` in 0..1 of a lat-long map.
@@ -25,7 +25,7 @@ pub(super) struct Rectangle {
     dv: f64,
 }
 
-/// A cell as the integrator sees it.
+/// Cell of light, as the integrator uses it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cell {
     pub(super) rectangle: Rectangle,
@@ -39,8 +39,8 @@ pub(super) struct Cell {
     pub(super) mean: Vec3,
     /// Mean absolute deviation of the radiance from the mean, largest channel.
     pub(super) deviation: f32,
-    /// Index of the first of its children, which follow each other; `None` where the light is
-    /// constant.
+    /// Index of the first of its children, which are consecutive, and their number; `None` where
+    /// the light is constant.
     children: Option<(u32, u32)>,
 }
 
@@ -56,7 +56,7 @@ impl Chart {
         let (centre, radius, solid_angle) = match self {
             Self::LatLong => {
                 let (top, bottom) = ((PI * r.v).cos(), (PI * (r.v + r.dv)).cos());
-                // The middle of equal solid angles.
+                // The latitude that halves the solid angle.
                 let v = (0.5 * (top + bottom)).clamp(-1.0, 1.0).acos() / PI;
                 let widest =
                     if r.v < 0.5 && r.v + r.dv > 0.5 { 1.0 } else { (PI * r.v).sin().max((PI * (r.v + r.dv)).sin()) };
@@ -76,13 +76,13 @@ impl Chart {
 }
 
 impl LightTree {
-    /// The tree of a lat-long map, exact to its pixels.
+    /// Builds the tree of a lat-long map, exact to its pixels.
     pub fn of_map(map: &EnvironmentMap) -> Self {
         let (width, height) = map.radiance().size();
         Self::build(Chart::LatLong, width, height, &|x, y| map.radiance()[(x, y)])
     }
 
-    /// The tree of an octahedral grid, exact to its texels.
+    /// Builds the tree of an octahedral grid, exact to its texels.
     pub fn of_grid(grid: &LightGrid) -> Self {
         let side = grid.side();
         Self::build(Chart::Octahedral(grid.map()), side, side, &|x, y| grid.texels()[y * side + x])
@@ -143,7 +143,7 @@ impl LightTree {
         self.nodes[0]
     }
 
-    /// The parts of a cell: its children, or four quarters of constant radiance.
+    /// Parts of a cell: its children, or four quarters of constant radiance.
     pub(super) fn divide(&self, cell: &Cell) -> impl Iterator<Item = Cell> + '_ {
         let (stored, made) = match cell.children {
             Some((first, count)) => (&self.nodes[first as usize..(first + count) as usize], None),
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn cells_tile_the_sphere() {
-        // Sides that are not powers of two as well.
+        // Tests sides that are not powers of two as well.
         for height in [16, 15] {
             let picture = Plane::from_fn(2 * height, height, |x, y| Vec3::splat((x * y % 7) as f32 + 0.1));
             check(&LightTree::of_map(&EnvironmentMap::new(picture).unwrap()));

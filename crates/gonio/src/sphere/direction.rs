@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-/// A pair of light and view directions in the frame of half and difference vectors (Rusinkiewicz
+/// Pair of light and view directions in the frame of half and difference vectors (Rusinkiewicz
 /// 1998); radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfDifference {
@@ -26,8 +26,8 @@ pub fn half_difference(normal: DVec3, light: DVec3, view: DVec3) -> HalfDifferen
     let half = (light + view).try_normalize().unwrap_or(normal);
     let theta_h = 2.0 * (0.5 * (half - normal).length()).min(1.0).asin();
     let theta_d = (0.5 * (light - view).length()).min(1.0).asin();
-    // In the frame of the half vector: x away from the normal's side, as rotating h onto the pole
-    // of the surface does.
+    // In the frame of the half vector: x points away from the normal's side, as when h is rotated
+    // onto the pole of the surface.
     let axis = normal.cross(half);
     let phi_d = match axis.try_normalize() {
         Some(y) => light.dot(y).atan2(light.dot(y.cross(half))).rem_euclid(TAU),
@@ -51,8 +51,8 @@ pub(crate) fn lat_long_of_direction(direction: DVec3) -> (f64, f64) {
     (d.x.atan2(-d.z) / TAU + 0.5, polar / PI)
 }
 
-/// `count` normals spread evenly over the hemisphere z > 0 (a Fibonacci lattice: equal area to each
-/// point).
+/// `count` normals evenly distributed over the hemisphere z > 0 (a Fibonacci lattice: equal area
+/// for each point).
 pub fn fibonacci_hemisphere(count: usize) -> impl Iterator<Item = DVec3> {
     let golden = PI * (3.0 - 5.0_f64.sqrt());
     (0..count).map(move |i| {
@@ -69,7 +69,7 @@ mod tests {
 
     use super::*;
 
-    /// The inverse transform: normal +z, half vector at azimuth `phi_h`.
+    /// Inverse transform: normal +z, half vector at azimuth `phi_h`.
     fn pair(theta_h: f64, phi_h: f64, theta_d: f64, phi_d: f64) -> (DVec3, DVec3) {
         let diff = DVec3::new(theta_d.sin() * phi_d.cos(), theta_d.sin() * phi_d.sin(), theta_d.cos());
         let light = glam::DQuat::from_rotation_z(phi_h) * (glam::DQuat::from_rotation_y(theta_h) * diff);

@@ -1,4 +1,4 @@
-//! The orthonormal two-dimensional Haar transform of a square whose side is a power of two.
+//! Orthonormal two-dimensional Haar transform of a square whose side is a power of two.
 //!
 //! Coefficient order: 0 is DC; scale `s = 1, 2, ...` (1 the coarsest) takes the `3 * 4^(s-1)`
 //! indices from `4^(s-1)` on, first all horizontal wavelets, then vertical, then diagonal, each row
@@ -7,7 +7,7 @@
 
 use std::ops::{Add, Mul, Sub};
 
-/// Which differences a wavelet takes.
+/// Orientation of the differences that a wavelet takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Orientation {
     /// Right minus left.
@@ -19,11 +19,11 @@ pub enum Orientation {
 }
 
 impl Orientation {
-    /// In the order of the coefficients.
+    /// All orientations, in the order of the coefficients.
     pub const ALL: [Self; 3] = [Self::Horizontal, Self::Vertical, Self::Diagonal];
 }
 
-/// Where a wavelet coefficient lives.
+/// Scale, orientation and position of a wavelet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wavelet {
     /// Scale, 1 the coarsest.
@@ -37,7 +37,7 @@ pub struct Wavelet {
 }
 
 impl Wavelet {
-    /// The wavelet of coefficient `index`; `None` for DC.
+    /// Wavelet of coefficient `index`; `None` for DC.
     pub fn of_index(index: usize) -> Option<Self> {
         let scale = index.checked_ilog2()? / 2 + 1;
         let block = 1_usize << (2 * (scale - 1));
@@ -53,21 +53,21 @@ impl Wavelet {
     }
 }
 
-/// The floating-point types that can be transformed.
+/// Floating-point type that can be transformed.
 pub trait Real: Copy + From<f32> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
 
 impl Real for f32 {}
 impl Real for f64 {}
 
-/// The transform for squares of one side.
+/// Haar transform of squares of one side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Haar {
     side: usize,
 }
 
 impl Haar {
-    /// The transform of squares of `side` by `side`; `None` unless `side` is a power of two, at
-    /// least 2.
+    /// Creates the transform of squares of `side` by `side`; `None` unless `side` is a power of
+    /// two, at least 2.
     pub fn new(side: usize) -> Option<Self> {
         (side.is_power_of_two() && side >= 2).then_some(Self { side })
     }
@@ -82,14 +82,14 @@ impl Haar {
         self.side.ilog2()
     }
 
-    /// Coefficients of the `side * side` values in `square` (row-major, row 0 at the top), in
-    /// place. `scratch` is resized as needed.
+    /// Transforms the `side * side` values in `square` (row-major, row 0 at the top) to
+    /// coefficients, in place. `scratch` is resized as needed.
     pub fn forward<T: Real>(self, square: &mut [T], scratch: &mut Vec<T>) {
         let one_half = T::from(0.5);
         assert_eq!(square.len(), self.coefficients());
-        // The averages of each scale are kept in scratch, the details go straight to their final
-        // place; scale s occupies the indices from 4^(s-1) on, which the averages (indices below)
-        // no longer need.
+        // The averages of each scale are kept in scratch; the details are written straight to their
+        // final place. Scale s occupies the indices from 4^(s-1) on, which the averages (indices
+        // below) no longer need.
         scratch.clear();
         scratch.extend_from_slice(square);
         let mut side = self.side;
@@ -115,7 +115,7 @@ impl Haar {
         square[0] = scratch[0];
     }
 
-    /// Inverse of [`Self::forward`].
+    /// Inverts [`Self::forward`].
     pub fn inverse<T: Real>(self, coefficients: &mut [T], scratch: &mut Vec<T>) {
         let one_half = T::from(0.5);
         assert_eq!(coefficients.len(), self.coefficients());
@@ -206,8 +206,8 @@ mod tests {
 
     #[test]
     fn coarse_coefficients_do_not_depend_on_the_grid() {
-        // Averaging 2x2 texels and scaling by 2 (the measure of a texel) is the approximation space
-        // of the next scale.
+        // Averaging 2x2 texels and scaling by 2 (the measure of a texel) gives the approximation
+        // space of the next scale.
         let fine = random(32 * 32, 3);
         let coarse: Vec<f32> = (0..256)
             .map(|i| {

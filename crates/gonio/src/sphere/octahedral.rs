@@ -1,17 +1,17 @@
 //! Octahedral maps: the sphere unfolded onto a square.
 //!
 //! The square is -1..1 in `u` (right) and `v` (up); its centre looks along +z, towards the camera,
-//! and the four corners meet at -z, behind the object, where an image says least. The vertical axis
-//! of the square is the vertical axis of the world: `v > 0` exactly where `y > 0`. So the top half
-//! of the square is the sky, and the coarsest "vertical" wavelet weighs light from above against
-//! light from below, as the prior of the paper needs.
+//! and the four corners meet at -z, behind the object, where an image determines light least. The
+//! vertical axis of the square is the vertical axis of the world: `v > 0` exactly where `y > 0`. So
+//! the top half of the square is the sky, and the coarsest "vertical" wavelet compares light from
+//! above with light from below, as the prior of the paper needs.
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// How the sphere is laid out on the square.
+/// Layout of the sphere on the square.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OctahedralMap {
@@ -21,10 +21,10 @@ pub enum OctahedralMap {
     /// integral to one makes it the same constant for every light.
     #[default]
     EqualArea,
-    /// The map of Praun and Hoppe (2003), the one of the paper: central projection onto an
-    /// octahedron. Solid angle per area varies by a factor of 5.2, so integrals over the square and
-    /// over the sphere differ; the square's own is normalised, which again makes the DC coefficient
-    /// constant.
+    /// Map of Praun and Hoppe (2003), used in the paper: central projection onto an octahedron.
+    /// Solid angle per area varies by a factor of 5.2, so integrals over the square and over the
+    /// sphere differ; the integral over the square is normalised, which again makes the DC
+    /// coefficient constant.
     PraunHoppe,
 }
 
@@ -50,8 +50,8 @@ impl OctahedralMap {
         let (ax, ay) = (d.x.abs(), d.y.abs());
         let (a, b) = match self {
             Self::EqualArea => {
-                // 1 - |z| loses digits near the poles; (x^2 + y^2) / (1 + |z|) is the same without
-                // the cancellation.
+                // 1 - |z| loses digits near the poles; (x^2 + y^2) / (1 + |z|) is equal and does
+                // not cancel.
                 let r = ((ax * ax + ay * ay) / (1.0 + d.z.abs())).sqrt();
                 let b = r * ay.atan2(ax) / (2.0 * FRAC_PI_4);
                 (r - b, b)
@@ -74,13 +74,12 @@ impl OctahedralMap {
         }
     }
 
-    /// An upper bound of the angle (radians) between the centre of a cell and any other point of
-    /// it, for the cells of the square divided into `2^level` by `2^level`; meant for `level >= 2`,
+    /// Upper bound of the angle (radians) between the centre of a cell and any other point of it,
+    /// for the cells of the square divided into `2^level` by `2^level`; meant for `level >= 2`,
     /// where cells are small.
     pub(crate) fn cell_radius(self, level: u32) -> f64 {
         // The largest angle from the centre to a corner times 2^level grows with the level to 4.29
-        // (equal area) and
-        // 4.25 (Praun-Hoppe).
+        // (equal area) and 4.25 (Praun-Hoppe).
         4.3 / f64::from(1_u32 << level)
     }
 

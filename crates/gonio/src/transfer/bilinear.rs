@@ -1,12 +1,12 @@
-//! The bilinear operator `(l, f) -> l' A_i f` on a stack of rows, and the contractions that
-//! inference needs.
+//! Bilinear operator `(l, f) -> l' A_i f` on a stack of rows, and the contractions that inference
+//! needs.
 
 use rayon::prelude::*;
 
 use super::kernels::{add_product, axpy, dispatch, dot};
 
-/// Rows are worked on in groups of this many, summed in order: results do not depend on the number
-/// of threads.
+/// Number of rows in a group; groups are summed in order, so that results do not depend on the
+/// number of threads.
 const GROUP: usize = 32;
 
 /// Per-row matrices `A_i` (M x K) of eq. 8, kept row by row with the light coefficient fastest:
@@ -24,7 +24,7 @@ impl Bilinear {
     /// Wraps `rows * k * m` entries, `[row][k][m]`.
     ///
     /// # Panics
-    /// If the length is another.
+    /// If there are not `rows * k * m` entries.
     pub fn new(rows: usize, k: usize, m: usize, data: Vec<f32>) -> Self {
         assert_eq!(data.len(), rows * k * m);
         let mut bilinear = Self { rows, k, m, data, squares: Vec::new() };
@@ -47,7 +47,7 @@ impl Bilinear {
         self.m
     }
 
-    /// The matrix of one row, `[k][m]`.
+    /// Matrix of one row, `[k][m]`.
     pub fn row(&self, i: usize) -> &[f32] {
         &self.data[i * self.k * self.m..][..self.k * self.m]
     }
@@ -113,8 +113,8 @@ impl Bilinear {
         })
     }
 
-    /// `sum_i A_imk A_imj` (`[k][j][m]`, for `j <= k` only): how alike the basis functions look in
-    /// the light of each coefficient.
+    /// `sum_i A_imk A_imj` (`[k][j][m]`, for `j <= k` only): the similarity of the basis functions'
+    /// images in the light of each coefficient.
     pub fn reflectance_grams(&self) -> Vec<f64> {
         let (k, m) = (self.k, self.m);
         self.sum_over_rows(k * k * m, |_, row, sum| {
@@ -140,9 +140,9 @@ impl Bilinear {
         })
     }
 
-    /// `sum over rows of g(i, row, partial)` over groups in parallel, added up in order.
+    /// `sum over rows of g(i, row, partial)`, in parallel over groups that are added in order.
     fn sum_over_rows(&self, length: usize, g: impl Fn(usize, &[f32], &mut [f64]) + Sync) -> Vec<f64> {
-        // Few partial sums: each is as long as a row.
+        // Few partial sums, since each is as long as a row.
         let parts = self.rows.div_ceil(GROUP).clamp(1, 8);
         let partial: Vec<Vec<f64>> = (0..parts)
             .into_par_iter()

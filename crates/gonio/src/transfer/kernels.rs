@@ -1,10 +1,10 @@
-//! Inner loops, written so that the compiler vectorises them for whatever the processor offers.
+//! Inner loops, written so that the compiler vectorises them for any processor.
 
-/// `f32` values in a SIMD register that the loops are laid out for.
+/// Number of `f32` values in a SIMD register that the loops are laid out for.
 pub(super) const LANES: usize = 4;
 
-/// Runs `f` compiled for the widest vector instructions of this processor. Only what is inlined
-/// into `f` profits; closures that are too large to be inlined themselves do not.
+/// Runs `f` compiled for the widest vector instructions of this processor. Only code inlined into
+/// `f` profits; closures that are too large to be inlined do not.
 #[inline]
 pub(crate) fn dispatch<R>(f: impl pulp::NullaryFnOnce<Output = R>) -> R {
     pulp::Arch::new().dispatch(f)
@@ -21,8 +21,8 @@ pub(super) fn add_four(out: &mut [f32], a: [&[f32]; 4], w: [f32; 4]) {
     }
 }
 
-/// `asin(sqrt(x))` for `x` in 0..=1, to 2e-7: half an angle from the square of the sine that half
-/// its chord is.
+/// `asin(sqrt(x))` for `x` in 0..=1, to 2e-7: gives half an angle from its squared sine, which is
+/// the square of half the chord.
 #[inline(always)]
 pub(super) fn asin_of_sqrt(x: f32) -> f32 {
     // Chebyshev fit of asin(s)/s in s^2 on 0..=0.501, relative error 1.2e-7; above, asin(s) = pi/2
@@ -40,8 +40,8 @@ pub(super) fn asin_of_sqrt(x: f32) -> f32 {
     if x <= 0.5 { low(x) } else { std::f32::consts::FRAC_PI_2 - low(1.0 - x) }
 }
 
-/// Independent partial sums of a dot product: enough to hide the latency of two adders of eight
-/// `f64` each.
+/// Number of independent partial sums of a dot product: enough to hide the latency of two adders of
+/// eight `f64` each.
 const PARTIAL: usize = 16;
 
 /// `sum_i a_i x_i` with `a` in single or double and the arithmetic in double precision.

@@ -1,4 +1,4 @@
-//! The bilinear operator of eq. 8: how light and reflectance coefficients make an image of a known
+//! Bilinear operator of eq. 8: how light and reflectance coefficients form an image of a known
 //! shape (paper 3.3).
 //!
 //! * [`Quadrature`] integrates every basis function over every texel of the light grid for one

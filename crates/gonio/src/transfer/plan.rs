@@ -1,10 +1,10 @@
-//! The plan: everything about the bilinear operator that depends on shape, view, basis and grid,
-//! but not on the image.
+//! Plan: the parts of the bilinear operator that depend on shape, view, basis and grid, but not on
+//! the image.
 //!
 //! The N x (M K) stack of all rows has low numerical rank, so the plan keeps its leading left
-//! singular directions `Q` (weighted by how large light and reflectance coefficients are a priori)
-//! and `R = Q' A`. With `I_i = g l' A_i f + e_i` and white noise, `Q' I` and the energy of `I`
-//! outside `Q` are all that the likelihood sees of the image.
+//! singular directions `Q` (weighted by the prior magnitude of light and reflectance coefficients)
+//! and `R = Q' A`. With `I_i = g l' A_i f + e_i` and white noise, the likelihood depends on the
+//! image only through `Q' I` and the energy of `I` outside `Q`.
 
 use faer::{Mat, MatRef, Side};
 use rayon::prelude::*;
@@ -18,21 +18,21 @@ use crate::reflectance::BivariateTable;
 use crate::shape::{Points, SurfacePoint};
 use crate::sphere::Haar;
 
-/// How a plan is made.
+/// Settings of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanSettings {
     /// Texels along a side of the light grid, a power of two.
     pub side: usize,
-    /// Directions kept at most.
+    /// Largest number of directions kept.
     pub rank: usize,
-    /// Further directions of the random sketch.
+    /// Number of additional directions of the random sketch.
     pub oversampling: usize,
     /// Quadrature of reflectance over texels.
     pub quadrature: QuadratureSettings,
     /// Seed of the random sketch.
     pub seed: u64,
-    /// Rows are held in memory while they take fewer bytes than this, and made anew for each of
-    /// four passes otherwise.
+    /// Largest memory of all rows, in bytes, for which they are stored; otherwise they are
+    /// recomputed for each of four passes.
     pub hold: usize,
 }
 
@@ -49,13 +49,13 @@ impl Default for PlanSettings {
     }
 }
 
-/// Why there is no plan.
+/// Why a plan cannot be made or used.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlanError {
-    /// Too few points to learn anything from.
+    /// There are too few points.
     #[error("{0} points of the surface are too few, at least 50 are needed")]
     TooFewPoints(usize),
-    /// The light prior does not reach the grid.
+    /// The light prior does not cover the grid.
     #[error("the light prior covers grids of up to {covered} texels a side, not {side}")]
     Grid {
         /// Side asked for.
@@ -74,7 +74,7 @@ pub enum PlanError {
         /// Directions of the plan.
         rank: usize,
     },
-    /// Visibility on another grid than the light's.
+    /// The visibility is on another grid than the light.
     #[error(
         "visibility was found on a grid of {visibility} texels a side (or another map), the light has {side}: trace it anew"
     )]
@@ -122,11 +122,11 @@ struct Rows<'a> {
     held: Vec<f32>,
 }
 
-/// Rows in a block.
+/// Number of rows in a block.
 const BLOCK: usize = 256;
 
 impl Rows<'_> {
-    /// Rows of the points `first`, `first + step` and so on, as many as `block` holds.
+    /// Computes rows of the points `first`, `first + step` and so on, as many as `block` holds.
     fn compute(&self, first: usize, step: usize, block: &mut [f32]) {
         let (m, k, stride) = (self.haar.coefficients(), self.tables.count(), self.tables.stride());
         let scale = (1.0 / LightGrid::texel_measure(m.isqrt()).sqrt()) as f32;
@@ -151,8 +151,8 @@ impl Rows<'_> {
 }
 
 impl Rows<'_> {
-    /// Root mean square that each basis function alone gives to a pixel under lights with these
-    /// root mean square coefficients, from a few hundred of the points.
+    /// Root mean square of a pixel under each basis function alone, for lights with these root mean
+    /// square coefficients, from a few hundred of the points.
     fn energies(&self, light: &[f64]) -> Vec<f64> {
         let step = self.points.len().div_ceil(400);
         let (some, columns) = (self.points.len().div_ceil(step), self.columns());
@@ -220,13 +220,13 @@ fn rows_of<'a>(points: Points<'a>, tables: &[BivariateTable], prior: &LightPrior
 impl Plan {
     /// Integrates the basis over the light grid for every point and keeps the leading directions.
     ///
-    /// Which directions matter is weighed by the root mean square of each light coefficient a
-    /// priori, and by the brightness of each basis function, so that all functions count alike:
-    /// sharp ones are dim under average light, and without that weight their images would be left
-    /// out. `progress` is told about finished stages as a fraction in 0..=1.
+    /// Directions are weighted by the root mean square of each light coefficient a priori, and by
+    /// the brightness of each basis function, so that all functions count equally: sharp ones are
+    /// dim under average light, and without that weight their images would be left out. `progress`
+    /// receives the finished share in 0..=1.
     ///
     /// # Errors
-    /// With fewer than 50 points, an empty basis, or a grid that the prior does not cover.
+    /// If there are fewer than 50 points, the basis is empty, or the prior does not cover the grid.
     pub fn build<'a>(
         points: impl Into<Points<'a>>,
         tables: &[BivariateTable],
@@ -296,15 +296,15 @@ impl Plan {
     }
 
     /// Projects an image onto the plan. Points without a value (`None`) are left out exactly: the
-    /// remaining rows of `Q` are made orthonormal again.
+    /// remaining rows of `Q` are orthonormalised again.
     ///
-    /// The rank is chosen by the image: the smallest, in steps of 50, at which the energy left over
-    /// is at most `slack` of the image's above what it is at the full rank. (With points left out
-    /// it is the full rank.)
+    /// The rank depends on the image: the smallest, in steps of 50, at which the residual energy
+    /// exceeds that at the full rank by at most `slack` of the image's energy. (With points left
+    /// out, it is the full rank.)
     ///
     /// # Errors
-    /// When the number of values is not that of the points, or fewer than 50 or than the rank have
-    /// one.
+    /// If the number of values is not that of the points, or fewer than 50 points or than the rank
+    /// have a value.
     pub fn project(&self, image: &[Option<f64>], slack: f64) -> Result<Projected, PlanError> {
         if image.len() != self.points {
             return Err(PlanError::Points { plan: self.points, image: image.len() });
@@ -322,7 +322,7 @@ impl Plan {
         let q = Mat::<f64>::from_fn(kept.len(), full, |i, j| f64::from(self.q[kept[i] * full + j]));
         let coordinates = q.transpose() * &values;
         if kept.len() == self.points {
-            // Q is orthonormal as it is, to single precision.
+            // Q is already orthonormal, to single precision.
             let left = |r: usize| energy - coordinates.subrows(0, r).squared_norm_l2();
             let least = left(full);
             let rank = (1..).map(|s| (50 * s).min(full)).find(|&r| left(r) <= least + slack * energy).unwrap_or(full);
@@ -357,23 +357,23 @@ impl Plan {
     }
 }
 
-/// An image as the likelihood sees it: `I_i = g l' A_i f + e_i` on a few rows, and the energy
-/// outside them.
+/// Image as the likelihood uses it: `I_i = g l' A_i f + e_i` on a few rows, and the energy outside
+/// them.
 #[derive(Clone, Debug)]
 pub struct Projected {
-    /// The operator on the rows.
+    /// Operator on the rows.
     pub bilinear: Bilinear,
-    /// The image on the rows.
+    /// Image on the rows.
     pub target: Vec<f64>,
     /// Squared norm of the image outside the rows, which the model cannot explain.
     pub outside: f64,
-    /// Number of pixels the rows stand for, N of eq. 9.
+    /// Number of pixels that the rows represent, N of eq. 9.
     pub pixels: usize,
 }
 
 impl Projected {
-    /// The image on all its rows, without any projection: for images with much energy outside the
-    /// leading directions.
+    /// Keeps the image on all its rows, without any projection: for images with much energy outside
+    /// the leading directions.
     ///
     /// # Errors
     /// As [`Plan::build`].
@@ -399,7 +399,7 @@ impl Projected {
         Ok(Self { bilinear, pixels: target.len(), target, outside: 0.0 })
     }
 
-    /// The image of points whose light is known: `rows` are the images of the `k` basis functions,
+    /// Image of points whose light is known: `rows` are the images of the `k` basis functions,
     /// `[point][k]`. Points without a value are left out.
     ///
     /// # Panics
@@ -408,7 +408,7 @@ impl Projected {
         assert_eq!(rows.len(), k * image.len());
         let kept = || rows.chunks_exact(k).zip(image).filter_map(|(row, value)| value.map(|v| (row, v)));
         let target: Vec<f64> = kept().map(|(_, v)| v).collect();
-        // Of mean one, so that exposures near one are plausible.
+        // Scales the rows to mean one, so that exposures near one are plausible.
         let mean = kept().flat_map(|(row, _)| row).map(|&x| f64::from(x)).sum::<f64>() / (k * target.len()) as f64;
         let scale = if mean > 0.0 { 1.0 / mean } else { 1.0 };
         let data = kept().flat_map(|(row, _)| row.iter().map(move |&x| (f64::from(x) * scale) as f32)).collect();
@@ -447,7 +447,7 @@ pub(crate) mod tests {
         LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
     }
 
-    /// The prior learnt from thirty of them.
+    /// Prior learnt from thirty toy skies.
     pub(crate) fn toy_prior(side: usize) -> LightPrior {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
         let lights: Vec<LightGrid> = (0..30).map(|_| toy_sky(side, &mut rng)).collect();
@@ -502,7 +502,7 @@ pub(crate) mod tests {
         for (got, want) in projected.bilinear.apply(&l, &f).iter().zip(&projected.target) {
             assert!((got - want).abs() < 1e-5 * scale, "{got} {want}");
         }
-        // The same, with a tenth of the pixels missing.
+        // Repeats it with a tenth of the pixels missing.
         let holes: Vec<Option<f64>> = image.iter().enumerate().map(|(i, v)| v.filter(|_| i % 10 != 3)).collect();
         let partial = plan.project(&holes, 0.0).unwrap();
         assert_eq!(partial.pixels, holes.iter().flatten().count());
@@ -510,7 +510,7 @@ pub(crate) mod tests {
         for (got, want) in partial.bilinear.apply(&l, &f).iter().zip(&partial.target) {
             assert!((got - want).abs() < 1e-4 * scale, "{got} {want}");
         }
-        // And without any projection.
+        // Repeats it without any projection.
         let direct = Projected::unprojected(&points, &image, &tables, &prior, &settings).unwrap();
         assert_eq!(direct.pixels, points.len());
     }

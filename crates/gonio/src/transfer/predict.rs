@@ -1,4 +1,4 @@
-//! What points of a surface would show of one BRDF in one light.
+//! Predicted luminance of points of a surface, for one BRDF in one light.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -12,14 +12,13 @@ use crate::shape::{Points, SurfacePoint};
 /// Luminances of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prediction {
-    /// As the point is: in its own view, without the light that does not reach it.
+    /// Luminance of the point in its own view, without the light that does not reach it.
     pub seen: f64,
-    /// On a sphere: the point of the same normal relative to the view, seen from `+z` in the same
-    /// light, all of which reaches it.
+    /// Luminance on a sphere: at the point of the same normal relative to the view, seen from `+z`
+    /// in the same light, all of which reaches it.
     pub on_sphere: f64,
-    /// The share of `seen` that comes through texels that are open in part, in 0..=1: near one the
-    /// edge of a shadow lies on the point, and how much light arrives depends on where in a texel
-    /// it comes from.
+    /// Share of `seen` that comes through partly open texels, in 0..=1: near one, the edge of a
+    /// shadow lies on the point, and the amount of light depends on where in a texel it comes from.
     pub edge: f64,
 }
 
@@ -88,7 +87,7 @@ mod tests {
         BivariateTable::from_fn(|h, _| 0.1 + 0.5 / (1.0 + (h / 0.2_f64).powi(2)))
     }
 
-    /// Points within a bowl, seen from its front, and what they see.
+    /// Points inside a bowl, seen from its front, and their visibility.
     fn bowl() -> (Vec<SurfacePoint>, Visibility) {
         let tracer = Tracer::new(Form::Bowl.mesh(30).unwrap());
         let view = DVec3::Z;

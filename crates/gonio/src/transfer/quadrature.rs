@@ -9,8 +9,8 @@
 //! Measured materials have lobes of a fraction of a degree around `h = n`, sampled by MERL at steps
 //! of hundredths of a degree; a texel of a 32 x 32 grid is 6 degrees wide. So the square is divided
 //! as a quadtree: a cell is divided while its half vectors spread over more than a given fraction
-//! of its angle to the normal. Cells never straddle texels, and each undivided one counts with its
-//! centre.
+//! of its angle to the normal. Cells never cross the borders of texels, and each undivided one is
+//! evaluated at its centre.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -21,7 +21,8 @@ use crate::reflectance::{BivariateTable, THETA_D, THETA_H};
 use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
 
-/// Several bivariate tables, interleaved so that one look-up of all touches four runs of memory.
+/// Several bivariate tables, interleaved so that looking up all of them touches four runs of
+/// memory.
 #[derive(Clone, Debug)]
 pub struct InterleavedTables {
     count: usize,
@@ -74,7 +75,7 @@ impl InterleavedTables {
     }
 }
 
-/// How finely the quadrature divides.
+/// Fineness of the quadrature.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct QuadratureSettings {
     /// Every cell is divided at least down to `2^base` cells a side (or the light grid, if that is
@@ -89,26 +90,26 @@ pub struct QuadratureSettings {
 }
 
 impl Default for QuadratureSettings {
-    /// Chosen by `gonio-eval quadrature` (`docs/quadrature.md`).
+    /// Settings chosen by `gonio-eval quadrature` (`docs/quadrature.md`).
     fn default() -> Self {
         Self { base: 6, ratio: 0.3, core: 0.003 }
     }
 }
 
 impl QuadratureSettings {
-    /// Twice as fine in every respect: the difference of the two results measures the error of the
-    /// coarser one.
+    /// Settings twice as fine in every respect: the difference of the two results measures the
+    /// error of the coarser one.
     pub fn refined(self) -> Self {
         Self { base: self.base + 1, ratio: self.ratio / 2.0, core: self.core / 2.0 }
     }
 }
 
-/// Cells are never divided beyond this level: 0.03 degrees of half angle.
+/// Deepest level of cells: 0.03 degrees of half angle.
 const DEEPEST: u32 = 14;
-/// Centres of the cells down to this level are tabulated.
+/// Deepest level whose cell centres are tabulated.
 const TABULATED: u32 = 9;
 
-/// The quadrature for one light grid.
+/// Quadrature for one light grid.
 #[derive(Debug)]
 pub struct Quadrature {
     map: OctahedralMap,
@@ -126,7 +127,7 @@ fn cell(map: OctahedralMap, level: u32, x: u32, y: u32) -> (Vec3, f32) {
 }
 
 impl Quadrature {
-    /// The quadrature over the texels of a grid of `side` by `side`, a power of two.
+    /// Creates the quadrature over the texels of a grid of `side` by `side`, a power of two.
     pub fn new(map: OctahedralMap, side: usize, settings: QuadratureSettings) -> Self {
         let centres = (0..=TABULATED)
             .map(|level| {
@@ -137,7 +138,7 @@ impl Quadrature {
         Self { map, grid_level: side.ilog2(), settings, centres }
     }
 
-    /// Texels of the light grid.
+    /// Number of texels of the light grid.
     pub fn texels(&self) -> usize {
         1 << (2 * self.grid_level)
     }
@@ -171,8 +172,8 @@ impl Quadrature {
             }
             let sum = light + view;
             let twice_cos_d = sum.length();
-            // Chords keep their accuracy where the angle is small. sin(x) of half an angle is half
-            // its chord.
+            // Chords keep their accuracy where the angle is small. The sine of half an angle is
+            // half its chord.
             let half = sum / twice_cos_d.max(1e-6);
             let half_chord_square = 0.25 * (half - normal).length_squared();
             let theta_h = 2.0 * kernels::asin_of_sqrt(half_chord_square);
@@ -245,7 +246,7 @@ mod tests {
 
     #[test]
     fn sharp_lobes_match_the_polar_reference_texel_by_texel() {
-        // A quarter of a degree, like chrome; half a degree, five, thirty.
+        // Widths of a quarter of a degree, like chrome; half a degree, five, thirty.
         let tables: Vec<BivariateTable> = [0.25, 0.5, 5.0, 30.0_f64].map(|w| lobe(w.to_radians())).to_vec();
         let quadrature = Quadrature::new(OctahedralMap::EqualArea, 32, QuadratureSettings::default());
         for normal in fibonacci_hemisphere(12).filter(|n| n.z > 0.2) {

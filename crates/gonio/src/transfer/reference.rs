@@ -9,7 +9,7 @@ use crate::reflectance::BivariateTable;
 use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
 
-/// `T[t]` of one table by polar coordinates about the normal in the space of half vectors.
+/// Computes `T[t]` of one table by polar coordinates about the normal in the space of half vectors.
 ///
 /// With `h` at `(theta, phi)` about `n`, `w = 2 (h . v) h - v` and `dw = 4 (h . v) dh`: the lobe is
 /// resolved exactly whatever its width, and the texels are found by looking up where each sample
@@ -32,8 +32,8 @@ pub fn polar_reference(
         // d theta = 2 s ds pi/2
         let ring_area = theta.sin() * 2.0 * s * FRAC_PI_2 / rings as f64 * TAU / spokes as f64;
         for spoke in 0..spokes {
-            // Rings are turned against each other, so that no texel border runs along a spoke of
-            // all.
+            // Rings are rotated against each other, so that no texel border runs along a spoke of
+            // all of them.
             let phi = TAU * ((spoke as f64 + 0.5) / spokes as f64 + 0.618_034 * ring as f64);
             let h: DVec3 = theta.cos() * n + theta.sin() * (phi.cos() * x + phi.sin() * y);
             let cos_d = h.dot(v);

@@ -1,4 +1,4 @@
-//! The leading left singular subspace of a tall stack of rows that need not fit in memory, by
+//! Leading left singular subspace of a tall stack of rows that need not fit in memory, by
 //! randomised sketching (Halko, Martinsson and Tropp 2011).
 
 use faer::linalg::matmul::matmul;
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::linalg::eigenvectors;
 
-/// Where the rows come from: blocks of consecutive rows, either held or made anew on each pass.
+/// Source of rows: blocks of consecutive rows, either stored or recomputed on each pass.
 pub(super) trait RowBlocks {
     /// Number of rows.
     fn rows(&self) -> usize;
@@ -19,7 +19,7 @@ pub(super) trait RowBlocks {
     fn for_each(&self, visit: &mut dyn FnMut(usize, &[f32]));
 }
 
-/// `Q` (rows x rank) with orthonormal columns, `R = Q' A`, and what they keep of `A`.
+/// `Q` (rows x rank) with orthonormal columns, `R = Q' A`, and the energy of `A` that they keep.
 pub(super) struct Sketch {
     /// Orthonormal columns, by falling weighted energy.
     pub(super) q: Mat<f32>,
@@ -27,12 +27,12 @@ pub(super) struct Sketch {
     pub(super) r: Vec<f32>,
     /// Weighted energy `|q_j' A D|^2` of each direction.
     pub(super) energies: Vec<f64>,
-    /// Weighted energy `|A D|^2` of everything.
+    /// Total weighted energy `|A D|^2`.
     pub(super) total: f64,
 }
 
-/// Splits the work of a product into fixed bands of result columns: every band is one sequential
-/// product, so the result does not depend on the number of threads.
+/// Computes a product in fixed bands of result columns: every band is one sequential product, so
+/// the result does not depend on the number of threads.
 fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_, f32>) {
     const BAND: usize = 256;
     let columns = out.ncols();
@@ -42,8 +42,8 @@ fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_,
     });
 }
 
-/// Cuts a matrix into bands of columns that can be written at the same time, each with the index of
-/// its first column.
+/// Splits a matrix into bands of columns that can be written at the same time, each with the index
+/// of its first column.
 pub(crate) fn column_bands<T>(matrix: MatMut<'_, T>, count: usize) -> Vec<(usize, MatMut<'_, T>)> {
     let columns = matrix.ncols();
     let (mut bands, mut rest, mut first) = (Vec::with_capacity(count), matrix, 0);
@@ -61,7 +61,7 @@ fn orthonormalise(y: &mut Mat<f32>) {
     for _ in 0..2 {
         let mut tall = Mat::<f64>::from_fn(y.nrows(), y.ncols(), |i, j| f64::from(y[(i, j)]));
         let mut gram = gram(tall.as_ref());
-        // Directions that the sketch does not reach: a ridge far below the smallest kept energy
+        // For directions that the sketch does not reach, a ridge far below the smallest kept energy
         // keeps the factor finite.
         let ridge = 1e-13 * (0..gram.ncols()).map(|j| gram[(j, j)]).fold(0.0, f64::max);
         for j in 0..gram.ncols() {
@@ -91,11 +91,11 @@ fn gram(y: MatRef<'_, f64>) -> Mat<f64> {
     gram
 }
 
-/// The `rank` left singular directions of `A D` with most energy, `D` the diagonal of `weights`
-/// (one per column).
+/// Computes the `rank` left singular directions of `A D` with most energy, `D` the diagonal of
+/// `weights` (one per column).
 ///
-/// One power iteration on a Gaussian sketch of `rank + oversampling` columns; deterministic for a
-/// seed.
+/// It makes one power iteration on a Gaussian sketch of `rank + oversampling` columns;
+/// deterministic for a seed.
 pub(super) fn sketch(source: &dyn RowBlocks, weights: &[f32], rank: usize, oversampling: usize, seed: u64) -> Sketch {
     let (rows, columns) = (source.rows(), source.columns());
     let width = (rank + oversampling).min(rows).min(columns);
@@ -179,7 +179,7 @@ mod tests {
         }
     }
 
-    /// Rank-20 rows with falling singular values, plus a little of everything.
+    /// Rank-20 rows with falling singular values, plus a little noise.
     fn rows() -> Held {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
         let mut normal = |n: usize| -> Vec<f32> { (0..n).map(|_| StandardNormal.sample(&mut rng)).collect() };

@@ -1,8 +1,8 @@
 //! Inference with the light integrated out exactly.
 //!
-//! Given reflectance `f`, an image is linear in the light, `t = g B l + e` with `B = sum_k f_k
-//! A_k`; given the scales of its mixtures, the light is Gaussian, with means `mu` and precisions
-//! `d`. Hence in closed form
+//! Given reflectance `f`, an image is linear in the light, `t = g B l + e` with
+//! `B = sum_k f_k A_k`; given the scales of its mixtures, the light is Gaussian, with means `mu`
+//! and precisions `d`. Hence in closed form
 //!
 //! `p(t | f, g, b) = N(t; g B mu, g^2 B diag(1/d) B' + I/b)`.
 //!
@@ -30,8 +30,8 @@
 //! * [`LightProblem`] combines all that for a photograph and one BRDF.
 //!
 //! Exposure `g` and precision `b` are maximised over, in their logarithms: the objective includes
-//! the densities of `log g` and `log b` that follow from [`Hyper`], so that the best `b` is `(a +
-//! N/2) / (b_0 + E/2)` as in Algorithm 1.
+//! the densities of `log g` and `log b` that follow from [`Hyper`], so that the best `b` is
+//! `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
 
 pub(crate) mod dense;
 pub(crate) use dense::Cholesky;

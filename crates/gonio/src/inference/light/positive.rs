@@ -44,10 +44,10 @@ pub struct NonNegativeLight {
 
 impl LightInference<'_> {
     /// Computes the mean of the light with texels `>= 0` under the Gaussian of a [`LightPosterior`]
-    /// found for `operator`: the mean of `g l` over `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D
-    /// (g l / g_0 - mu) / 2)`, with `g_0` the exposure of the posterior, by expectation propagation
-    /// with a bound at every texel. The scales, which give `D`, are then re-estimated from the
-    /// expected squares of that light.
+    /// found for `operator`: the mean of `g l` over
+    /// `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, with `g_0` the
+    /// exposure of the posterior, by expectation propagation with a bound at every texel. The
+    /// scales, which give `D`, are then re-estimated from the expected squares of that light.
     ///
     /// The exposure is re-estimated with the light, since raising negative texels to zero must be
     /// compensated elsewhere: the DC coefficient of `g l / g_0` is free, with its constant as mean

@@ -47,8 +47,8 @@ pub struct LightPosterior {
     pub light: Vec<f64>,
     /// Posterior standard deviations of `l_m` (M), zero for DC.
     pub light_sd: Vec<f64>,
-    /// Number of directions of the light determined by the image rather than the prior, `sum_m (1 -
-    /// Sigma_mm d_m)`.
+    /// Number of directions of the light determined by the image rather than the prior,
+    /// `sum_m (1 - Sigma_mm d_m)`.
     pub effective: f64,
     /// The objective at the start and after every step.
     pub trace: Vec<f64>,

@@ -1,4 +1,4 @@
-//! The components of a dictionary: what its entries are mixtures of.
+//! Components of a dictionary, of which its entries are mixtures.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -12,30 +12,31 @@ use super::super::table::{BivariateTable, CELLS, THETA_D, THETA_H, theta_d_of, t
 /// Factors by which the highlights of measured materials are made narrower or wider.
 pub(super) const WARPS: [f64; 4] = [0.5, 0.707, 1.414, 2.0];
 
-/// Materials bred for each measured one.
+/// Number of materials bred for each measured one.
 pub(super) const LITTER: usize = 8;
 
-/// Standard deviation of the step that a bred material takes from between its parents, in units of
-/// the difference of two more materials: bred ones then vary as much as the measured.
+/// Standard deviation of the step of a bred material away from the line between its parents, in
+/// units of the difference of two more materials: bred materials then vary as much as the measured
+/// ones.
 const STEP: f64 = 0.4;
 
-/// No step is longer.
+/// Largest step.
 const LONGEST_STEP: f64 = 0.8;
 
-/// Widths of the analytic lobes; those between are mixtures of neighbours.
+/// Widths of the analytic lobes; the widths between are mixtures of neighbours.
 pub(super) const ALPHAS: [f64; 15] =
     [0.006, 0.009, 0.0135, 0.02, 0.03, 0.045, 0.065, 0.09, 0.13, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0];
 
 /// Tails of the analytic lobes (see [`lobes`]).
 pub(super) const TAILS: [f64; 4] = [1.5, 2.0, 3.0, 6.0];
 
-/// Diffuse components: Lambert, Burley of three roughnesses, below a surface.
+/// Number of diffuse components: Lambert, Burley of three roughnesses, below a surface.
 pub(super) const DIFFUSE: usize = 5;
 
 /// Widths of the sheen of cloth.
 pub(super) const SHEENS: [f64; 3] = [0.15, 0.3, 0.6];
 
-/// Where components are: measured, measured with other highlights, bred, diffuse, sheen, lobes.
+/// Order of the components: measured, measured with other highlights, bred, diffuse, sheen, lobes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Layout {
     /// Number of measured materials.
@@ -63,14 +64,14 @@ impl Layout {
         self.diffuse(DIFFUSE) + width
     }
 
-    /// With `full` reflectance along the normal or none.
+    /// Index of a lobe with `full` reflectance along the normal or none.
     pub(super) fn lobe(self, width: usize, tail: usize, full: bool) -> usize {
         self.sheen(SHEENS.len()) + 2 * (width * TAILS.len() + tail) + usize::from(full)
     }
 }
 
-/// All components in the order of [`Layout`], each of albedo one along the normal, and their
-/// albedos before.
+/// All components in the order of [`Layout`], each scaled to albedo one along the normal, and their
+/// albedos before scaling.
 pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>) {
     let own: Vec<BivariateTable> = (0..measured.len()).into_par_iter().map(|m| measured.table(m)).collect();
     let warped = own.par_iter().flat_map_iter(|table| WARPS.iter().map(move |&factor| warp(table, factor)));
@@ -91,9 +92,9 @@ pub(super) fn components(measured: &LogBasis) -> (Vec<BivariateTable>, Vec<f64>)
     (all, albedos)
 }
 
-/// Coefficients of a material between two measured ones, and a step beside the line between them:
-/// their logarithms mixed, and the difference of two more added (differential evolution; Storn and
-/// Price 1997). New materials are unlike every measured one, in the same ways as these are unlike
+/// Coefficients of a material near the line between two measured ones: a mixture of their
+/// logarithms, plus a multiple of the difference of two more (differential evolution; Storn and
+/// Price 1997). New materials differ from every measured one in the same ways as these differ from
 /// each other.
 fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
     let mut parent = || &measured.coefficients[rng.random_range(0..measured.len())];
@@ -108,10 +109,10 @@ fn breed(measured: &LogBasis, rng: &mut Pcg64) -> Vec<f64> {
     (0..measured.axes.len()).map(child).collect()
 }
 
-/// The table with highlights `factor` times as wide: tangents of half angles are stretched, so that
-/// the horizon stays where it is.
+/// Table with highlights `factor` times as wide: tangents of half angles are stretched, so that the
+/// horizon stays where it is.
 fn warp(table: &BivariateTable, factor: f64) -> BivariateTable {
-    // The same angle for a whole row: hundreds of these are made.
+    // A row shares one angle; computing it once matters, since hundreds of tables are made.
     let rows: Vec<f64> = (0..THETA_H).map(|i| (theta_h_of(i).tan() / factor).atan()).collect();
     let cell = |c: usize| table.eval(rows[c / THETA_D], theta_d_of(c % THETA_D)) as f32;
     BivariateTable::from_vec((0..CELLS).map(cell).collect())

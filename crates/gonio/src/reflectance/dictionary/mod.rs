@@ -1,10 +1,10 @@
-//! A prior of materials: measured ones, analytic ones, and what lies between them.
+//! Prior of materials: measured ones, analytic ones, and interpolations between them.
 //!
-//! A hundred measured materials are samples of `p(F)`, too few to stand for every paint. The same
-//! with narrower or wider highlights, sums of two of them, of one and a diffuse reflector or a
-//! coat, and formulas of dielectrics, metals and cloth fill the space between and around
-//! ([`Kind`]). Everything is a non-negative mixture of a few hundred *components*, so that a
-//! handful of numbers tells a material.
+//! A hundred measured materials are samples of `p(F)`, too few to represent every paint. Measured
+//! materials with narrower or wider highlights, sums of two of them or of one and a diffuse
+//! reflector or a coat, and formulas of dielectrics, metals and cloth fill the space between and
+//! around them ([`Kind`]). Everything is a non-negative mixture of a few hundred *components*, so
+//! that a handful of numbers describes a material.
 
 mod components;
 mod prior;
@@ -26,8 +26,8 @@ const FLOOR: f64 = 1e-3;
 /// Weights, positive with sum one, of components of albedo one.
 pub type Mixture = Vec<(usize, f64)>;
 
-/// Where tables lie in the space of materials: principal axes of the logarithm of tables without
-/// their scale, over the trusted cells.
+/// Coordinates of the space of materials: principal axes of the logarithm of tables without their
+/// scale, over the trusted cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coordinates {
     /// Mean of the logarithms over the prior, one value for each cell; zero in cells that are not
@@ -38,10 +38,10 @@ pub struct Coordinates {
     pub axes: Vec<Vec<f32>>,
 }
 
-/// Components and mixtures of them that stand for the prior of materials.
+/// Components, and mixtures of them that represent the prior of materials.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dictionary {
-    /// The measured materials, which are the first components and the first entries.
+    /// Measured materials, which are the first components and the first entries.
     pub measured: LogBasis,
     /// Tables of albedo one along the normal; the measured ones come first.
     pub components: Vec<BivariateTable>,
@@ -49,22 +49,22 @@ pub struct Dictionary {
     albedos: Vec<f64>,
     /// Entries: each measured material alone, then draws from the prior.
     pub entries: Vec<Mixture>,
-    /// The space they lie in.
+    /// Coordinates of the space of materials.
     pub coordinates: Coordinates,
-    /// Where each entry lies.
+    /// Coordinates of each entry.
     pub places: Vec<Vec<f64>>,
 }
 
-/// How a dictionary is made.
+/// Settings of a dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DictionarySettings {
-    /// Draws from the prior beside the measured materials.
+    /// Number of draws from the prior in addition to the measured materials.
     pub draws: usize,
     /// Number of coordinates.
     pub dimensions: usize,
     /// Seed of the draws.
     pub seed: u64,
-    /// What is drawn.
+    /// Prior of the draws.
     pub prior: Prior,
 }
 
@@ -85,12 +85,12 @@ impl Coordinates {
         self.axes.iter().map(axis).collect()
     }
 
-    /// The tables at some places, on a scale of their own: `exp(mean + sum_k z_k a_k)`, with `a_k`
+    /// Tables at some places, each with an arbitrary scale: `exp(mean + sum_k z_k a_k)`, with `a_k`
     /// the axis times the variance along it. Cells beyond the trusted ones have the value of the
-    /// nearest that is.
+    /// nearest trusted cell.
     ///
     /// # Panics
-    /// If a place has not a number for each axis.
+    /// If a place does not have a number for each axis.
     pub fn tables(&self, places: &[Vec<f64>]) -> Vec<BivariateTable> {
         let square = |axis: &Vec<f32>| axis.iter().map(|a| f64::from(*a).powi(2)).sum::<f64>().max(1e-300);
         let norms: Vec<f64> = self.axes.iter().map(square).collect();
@@ -101,7 +101,7 @@ impl Coordinates {
                 let along = (z / norm) as f32;
                 log.iter_mut().zip(axis).for_each(|(l, a)| *l += along * a);
             }
-            // Nothing measured is farther from the mean than this.
+            // No measured value is farther from the mean than this.
             let mut table = BivariateTable::from_vec(log.into_iter().map(|l| l.clamp(-25.0, 25.0).exp()).collect());
             table.extend_from_trusted();
             table
@@ -127,10 +127,10 @@ pub(crate) fn relative_log(table: &BivariateTable) -> Vec<f64> {
 }
 
 impl Dictionary {
-    /// Of measured materials. Deterministic for a seed.
+    /// Builds a dictionary from measured materials. Deterministic for a seed.
     ///
     /// # Panics
-    /// Without materials.
+    /// If there are no materials.
     pub fn new(measured: LogBasis, settings: &DictionarySettings) -> Self {
         let mut dictionary = Self::components_of(measured);
         let mut rng = Pcg64::seed_from_u64(settings.seed);
@@ -166,7 +166,7 @@ impl Dictionary {
         }
     }
 
-    /// The table of a mixture, of albedo one.
+    /// Table of a mixture, of albedo one.
     pub fn table(&self, mixture: &[(usize, f64)]) -> BivariateTable {
         let mut sum = vec![0.0_f32; CELLS];
         for &(component, weight) in mixture {
@@ -218,7 +218,7 @@ mod tests {
                 assert!((a - b).abs() < 1e-3, "{a} {b}");
             }
         }
-        // Of variance one over the entries.
+        // Coordinates have variance one over the entries.
         for k in 0..dictionary.coordinates.axes.len() {
             let square: f64 = dictionary.places.iter().map(|p| p[k] * p[k]).sum();
             assert!((square / 65.0 - 1.0).abs() < 1e-4);
@@ -235,7 +235,7 @@ mod tests {
             (a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / CELLS as f64).sqrt()
         };
         for (at, (table, place)) in dictionary.coordinates.tables(places).iter().zip(places).enumerate() {
-            // The floor of the logarithm bends what is near it.
+            // The floor of the logarithm distorts values near it.
             for (a, b) in dictionary.coordinates.of(table).iter().zip(place) {
                 assert!((a - b).abs() < 0.1, "{at}: {a} {b}");
             }

@@ -1,4 +1,4 @@
-//! The prior of materials: what is drawn from components, and how often.
+//! Prior of materials: which mixtures of components are drawn, and how often.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -7,8 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::components::{ALPHAS, DIFFUSE, LITTER, Layout, SHEENS, TAILS, WARPS};
 use super::{Dictionary, Mixture};
 
-/// Kinds of materials of the prior. Where it is left open, the material is a measured or a bred
-/// one.
+/// Kinds of materials of the prior. A "material" below is a measured or a bred one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -16,24 +15,24 @@ pub enum Kind {
     Measured,
     /// A measured material with highlights up to twice or half as wide.
     Warped,
-    /// Between measured materials in the logarithm, and beside the line between them.
+    /// A material near the line between two measured ones in the logarithm.
     Bred,
-    /// Two materials.
+    /// A mixture of two materials.
     Pair,
-    /// A material and a diffuse reflector.
+    /// A mixture of a material and a diffuse reflector.
     Based,
     /// A material below a clear surface.
     Coated,
-    /// A diffuse base with the lobe or two of a dielectric.
+    /// A diffuse base with one or two lobes of a dielectric.
     Dielectric,
-    /// The lobe or two of a metal, and a faint diffuse part.
+    /// One or two lobes of a metal, and a faint diffuse part.
     Metal,
-    /// A diffuse base with the sheen of cloth, which may have a lobe too.
+    /// A diffuse base with the sheen of cloth, and sometimes a lobe.
     Cloth,
 }
 
 impl Kind {
-    /// All, in the order of [`Prior::shares`].
+    /// All kinds, in the order of [`Prior::shares`].
     pub const ALL: [Self; 9] = [
         Self::Measured,
         Self::Warped,
@@ -47,23 +46,23 @@ impl Kind {
     ];
 }
 
-/// How often each kind of material is drawn.
+/// Probabilities of the kinds of materials.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Prior {
-    /// By kind, in the order of [`Kind::ALL`]: not negative, not all zero.
+    /// Relative frequency of each kind, in the order of [`Kind::ALL`]: not negative, not all zero.
     pub shares: [f64; 9],
 }
 
 impl Default for Prior {
-    /// Kinds chosen by leaving out materials, lights and whole kinds; few are measured materials as
-    /// they are, which an encoder learns by heart (`docs/trials.md`).
+    /// Shares chosen by leaving out materials, lights and whole kinds. Few draws are unchanged
+    /// measured materials, which an encoder would memorise (`docs/trials.md`).
     fn default() -> Self {
         Self { shares: [0.1, 0.1, 0.25, 0.12, 0.1, 0.06, 0.13, 0.08, 0.06] }
     }
 }
 
 impl Prior {
-    /// Of these kinds in the proportions of the default.
+    /// Prior of these kinds alone, in the proportions of the default.
     pub fn of(kinds: &[Kind]) -> Self {
         let mut shares = Self::default().shares;
         for (share, kind) in shares.iter_mut().zip(Kind::ALL) {
@@ -82,14 +81,14 @@ impl Prior {
             }
             at -= share;
         }
-        // Round-off: the last that occurs.
+        // Because of round-off: the last kind with a positive share.
         let last = self.shares.iter().rposition(|s| *s > 0.0);
         Kind::ALL[last.unwrap_or(0)]
     }
 }
 
 impl Dictionary {
-    /// A material drawn from the prior.
+    /// Draws a material from the prior.
     pub fn draw(&self, prior: &Prior, rng: &mut Pcg64) -> Mixture {
         let kind = prior.kind(rng);
         let mut draw = Draw { layout: self.layout(), albedos: &self.albedos, rng };
@@ -99,7 +98,7 @@ impl Dictionary {
     }
 }
 
-/// Drawing, with weights that are albedos.
+/// State of a draw, whose weights are albedos.
 struct Draw<'a> {
     layout: Layout,
     albedos: &'a [f64],
@@ -169,7 +168,7 @@ impl Draw<'_> {
 
     fn warped(&mut self, parts: &mut Mixture) {
         let material = self.measured();
-        // The material itself stands between the warps to either side.
+        // The material itself lies between the narrower and the wider warps.
         let at = self.between(0.0, WARPS.len() as f64);
         let component = |step: usize| match step.cmp(&(WARPS.len() / 2)) {
             std::cmp::Ordering::Less => self.layout.warped(material, step),
@@ -179,7 +178,8 @@ impl Draw<'_> {
         parts.extend([(component(at as usize), 1.0 - at.fract()), (component(at as usize + 1), at.fract())]);
     }
 
-    /// Two kinds of diffuse reflection in any proportion, in half of the cases Lambert's alone.
+    /// Adds two kinds of diffuse reflection in any proportion, in half of the cases Lambert's
+    /// alone.
     fn diffuse(&mut self, albedo: f64, parts: &mut Mixture) {
         if self.rng.random_range(0..2) == 0 {
             parts.push((self.layout.diffuse(0), albedo));
@@ -191,8 +191,8 @@ impl Draw<'_> {
         }
     }
 
-    /// A lobe, in three of ten cases with a wider one beside it. `f0`: range of the reflectance
-    /// along the normal; `widths`: range of the place in [`ALPHAS`].
+    /// Adds a lobe, in three of ten cases with a wider one as well. `f0`: range of the reflectance
+    /// along the normal; `widths`: range of the position in [`ALPHAS`].
     fn lobes(&mut self, f0: (f64, f64), widths: (f64, f64), parts: &mut Mixture) {
         let f0 = self.between(f0.0, f0.1);
         let width = self.between(widths.0, widths.1);
@@ -265,8 +265,8 @@ mod tests {
 
     #[test]
     fn lobes_have_their_own_reflectance_and_width() {
-        // The lobes of full and of no reflectance make the lobe of any: Schlick's formula is linear
-        // in it.
+        // Mixtures of the lobes of full and of no reflectance give the lobe of any reflectance,
+        // since Schlick's formula is linear in it.
         let dictionary = dictionary();
         let mut rng = Pcg64::seed_from_u64(0);
         let draw = Draw { layout: dictionary.layout(), albedos: &dictionary.albedos, rng: &mut rng };

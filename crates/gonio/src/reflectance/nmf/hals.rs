@@ -14,8 +14,8 @@ pub(super) struct Pair {
 
 /// Rows that one pass of [`sweep`] keeps in the first-level cache.
 const BLOCK: usize = 128;
-/// Iterations over which the fall of the cost is judged: single steps of an extrapolated iteration
-/// vary much.
+/// Number of iterations over which the fall of the cost is averaged, since single steps of an
+/// extrapolated iteration vary much.
 const WINDOW: usize = 10;
 
 /// `a b` on one thread, so that the order of summation never depends on the machine.
@@ -30,13 +30,13 @@ pub(super) fn dot(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
     (0..a.ncols()).map(|k| a.col_as_slice(k).iter().zip(b.col_as_slice(k)).map(|(x, y)| x * y).sum::<f64>()).sum()
 }
 
-/// Cyclic exact minimisation of `|X - u f'|^2` over each column of `u >= 0` in turn, given
-/// `target = X f` and `gram = f'f`; `times` rounds. Column `k` of `u` becomes
-/// `max(0, u_k + (target_k - u gram_k) / gram_kk)`. A column whose partner is zero has no say in
+/// Minimises `|X - u f'|^2` exactly over each column of `u >= 0` in turn, given `target = X f` and
+/// `gram = f'f`, in `times` rounds. Column `k` of `u` becomes
+/// `max(0, u_k + (target_k - u gram_k) / gram_kk)`. A column whose partner is zero does not affect
 /// the cost and becomes zero.
 pub(super) fn sweep(u: &mut Mat<f64>, target: &Mat<f64>, gram: &Mat<f64>, times: usize) {
-    // Compiled for the vector units at hand; without sums across lanes the result does not depend
-    // on their width.
+    // Compiled for the available vector units; without sums across lanes, the result does not
+    // depend on their width.
     Arch::new().dispatch(|| sweep_lanes(u, target, gram, times));
 }
 
@@ -84,8 +84,7 @@ fn extrapolate(new: &Mat<f64>, old: &Mat<f64>, beta: f64) -> Mat<f64> {
     out
 }
 
-/// How far the iterates are extrapolated, adapted to success and failure (Ang & Gillis 2019,
-/// algorithm 2).
+/// Extrapolation of the iterates, adapted to success and failure (Ang & Gillis 2019, algorithm 2).
 struct Momentum {
     beta: f64,
     ceiling: f64,
@@ -115,9 +114,9 @@ impl Momentum {
     }
 }
 
-/// Replaces components that are zero by the positive part of the worst residual. Its coefficients
-/// start at zero, so that the cost stays what it was until the next update lowers it. True if there
-/// was any.
+/// Replaces components that are zero by the positive part of the worst residual. Their coefficients
+/// start at zero, so that the cost does not change until the next update lowers it. Returns whether
+/// there was any.
 fn revive(x: MatRef<'_, f64>, pair: &mut Pair) -> bool {
     let zero = |m: &Mat<f64>, k: usize| m.col_as_slice(k).iter().all(|v| *v == 0.0);
     let dead: Vec<usize> = (0..pair.w.ncols()).filter(|&k| zero(&pair.w, k) || zero(&pair.v, k)).collect();
@@ -171,7 +170,7 @@ pub(super) fn descend(x: MatRef<'_, f64>, start: Pair, settings: &NmfSettings) -
         let target = product(x, v_trial.as_ref());
         let gram = product(v_trial.transpose(), v_trial.as_ref());
         sweep(&mut w_trial, &target, &gram, settings.function_sweeps);
-        // |X - w v'|^2 = |X|^2 - 2 <X v, w> + <w'w, v'v>, good to round-off of |X|^2.
+        // |X - w v'|^2 = |X|^2 - 2 <X v, w> + <w'w, v'v>, accurate to round-off of |X|^2.
         let own = product(w_trial.transpose(), w_trial.as_ref());
         let now = norm - 2.0 * dot(&target, &w_trial) + dot(&own, &gram);
         let slack = 1e-14 * norm;

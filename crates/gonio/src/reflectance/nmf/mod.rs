@@ -15,15 +15,15 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// How to factorise.
+/// Settings of the factorisation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NmfSettings {
     /// Number of functions, at least 1 and at most the number of samples and of weighted cells.
     /// Default 10.
     pub rank: usize,
-    /// Independent starts, of which the one with the least cost is kept. The first is NNDSVD, then
-    /// random samples and uniform random numbers alternate. At least 1. Default 16.
+    /// Number of independent starts, of which the one with the least cost is kept. The first is
+    /// NNDSVD, then random samples and uniform random numbers alternate. At least 1. Default 16.
     pub restarts: usize,
     /// Largest number of iterations of each start. Default 2000.
     pub max_iterations: usize,
@@ -34,7 +34,7 @@ pub struct NmfSettings {
     pub function_sweeps: usize,
     /// Rounds of column updates of the coefficients per product with `X`. Default 10.
     pub coefficient_sweeps: usize,
-    /// Whether iterates are extrapolated; off is plain HALS. Default on.
+    /// Whether iterates are extrapolated; without, the method is plain HALS. Default on.
     pub extrapolate: bool,
     /// Seed of the starts. Default 0.
     pub seed: u64,
@@ -68,7 +68,7 @@ pub enum NmfError {
         /// Its value.
         value: f64,
     },
-    /// There is not one weight for each row.
+    /// The number of weights differs from that of the rows.
     #[error("{weights} weights for {cells} cells")]
     WeightCount {
         /// Number of weights given.
@@ -94,21 +94,21 @@ pub enum NmfError {
         /// Columns of the matrix.
         samples: usize,
     },
-    /// Restarts, iterations and sweeps must be at least one, the tolerance finite and not negative.
+    /// Restarts, iterations or sweeps are zero, or the tolerance is negative or not finite.
     #[error("restarts, iterations and sweeps must be at least 1 and the tolerance finite and not negative")]
     Settings,
 }
 
-/// What one start did.
+/// Report on one start.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StartReport {
-    /// Cost at its end.
+    /// Final cost.
     pub cost: f64,
-    /// Iterations made.
+    /// Number of iterations made.
     pub iterations: usize,
     /// Whether it ended by the tolerance.
     pub converged: bool,
-    /// Cost of the kept pair after each iteration; good to about 1e-14 of `|X|^2`.
+    /// Cost of the kept pair after each iteration, accurate to about 1e-14 of `|X|^2`.
     pub trace: Vec<f64>,
 }
 
@@ -120,11 +120,11 @@ pub struct Nmf {
     pub functions: Mat<f64>,
     /// `V`, samples x rank, not negative.
     pub coefficients: Mat<f64>,
-    /// How it was found, and its weighted squared error.
+    /// Report on the start that found it, with its weighted squared error.
     pub report: StartReport,
 }
 
-/// Factorises `x` (cells x samples, not negative): the local minimum that each start ended in, in
+/// Factorises `x` (cells x samples, not negative) and returns the local minimum of each start, in
 /// the order of the starts. `cell_weights` (one for each cell, not negative) multiply the squared
 /// errors; without them all are 1.
 ///
@@ -158,7 +158,7 @@ pub(crate) fn factorize_all(
     Ok(seeds.into_par_iter().enumerate().map(run).collect())
 }
 
-/// The roots of the weights, if everything is in order.
+/// Checks the input and returns the square roots of the weights.
 fn check(x: MatRef<'_, f64>, weights: Option<&[f64]>, settings: &NmfSettings) -> Result<Vec<f64>, NmfError> {
     let (cells, samples) = (x.nrows(), x.ncols());
     let counts = [settings.restarts, settings.max_iterations, settings.function_sweeps, settings.coefficient_sweeps];
@@ -192,7 +192,7 @@ fn check(x: MatRef<'_, f64>, weights: Option<&[f64]>, settings: &NmfSettings) ->
 mod tests {
     use super::*;
 
-    /// The start of least cost, the earlier of equals.
+    /// Returns the start of least cost, the earlier of equals.
     fn factorize(x: MatRef<'_, f64>, weights: Option<&[f64]>, settings: &NmfSettings) -> Result<Nmf, NmfError> {
         let all = factorize_all(x, weights, settings)?;
         let best = all.into_iter().min_by(|a, b| a.report.cost.total_cmp(&b.report.cost));

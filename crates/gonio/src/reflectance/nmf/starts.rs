@@ -1,4 +1,4 @@
-//! Where the factorisation starts from.
+//! Starts of the factorisation.
 
 use super::hals::{Pair, dot, product};
 use faer::{Mat, MatRef, Side};
@@ -15,7 +15,7 @@ pub(super) fn start(x: MatRef<'_, f64>, rank: usize, index: usize, seed: u64) ->
         n if n % 2 == 1 => columns(x, rank, &mut rng),
         _ => uniform(x, rank, &mut rng),
     };
-    // No exact zeros, which are left only slowly.
+    // Avoids exact zeros, which the updates leave only slowly.
     for m in [&mut pair.w, &mut pair.v] {
         let top = m.norm_max();
         let fill = 1e-3 * if top > 0.0 { top } else { mean };
@@ -44,7 +44,7 @@ fn uniform(x: MatRef<'_, f64>, rank: usize, rng: &mut Pcg64) -> Pair {
     Pair { w: random(x.nrows(), rank, rng), v: random(x.ncols(), rank, rng) }
 }
 
-/// Functions are different samples, coefficients random.
+/// Takes different samples as functions, and random coefficients.
 fn columns(x: MatRef<'_, f64>, rank: usize, rng: &mut Pcg64) -> Pair {
     let mut order: Vec<usize> = (0..x.ncols()).collect();
     for k in 0..rank {
@@ -54,7 +54,7 @@ fn columns(x: MatRef<'_, f64>, rank: usize, rng: &mut Pcg64) -> Pair {
     Pair { w: Mat::from_fn(x.nrows(), rank, |i, k| x[(i, order[k])]), v: random(x.ncols(), rank, rng) }
 }
 
-/// Of each singular pair the sign half with the larger product of norms (NNDSVD, Boutsidis &
+/// Takes of each singular pair the sign half with the larger product of norms (NNDSVD, Boutsidis &
 /// Gallopoulos 2008). `None` if the eigenvalue iteration fails.
 fn singular(x: MatRef<'_, f64>, rank: usize) -> Option<Pair> {
     if x.ncols() > x.nrows() {
@@ -75,7 +75,7 @@ fn singular(x: MatRef<'_, f64>, rank: usize) -> Option<Pair> {
         };
         let [plus, minus] = [1.0, -1.0].map(|sign| (half(&left, sign), half(&right, sign)));
         let chosen = if plus.0.1 * plus.1.1 >= minus.0.1 * minus.1.1 { plus } else { minus };
-        // left already holds the singular value: share it evenly between the factors.
+        // `left` already contains the singular value, which is shared evenly between the factors.
         let ((w, w_norm), (v, v_norm)) = chosen;
         let size = (w_norm * v_norm).sqrt();
         if size > 0.0 {

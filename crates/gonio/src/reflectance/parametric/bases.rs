@@ -1,4 +1,4 @@
-//! What lies under the lobes: diffuse reflection of other kinds than Lambert's, and cloth.
+//! Bases below the lobes: diffuse reflection other than Lambert's, and cloth.
 
 use glam::DVec3;
 use std::f64::consts::{FRAC_1_PI, PI};
@@ -12,9 +12,9 @@ use super::{BivariateTable, Facet, Parametric};
 /// brighter, above all back towards the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Burley {
-    /// Albedo but for the factors, 0 to 1.
+    /// Albedo without the factors, 0 to 1.
     pub albedo: f64,
-    /// 0 to 1.
+    /// Roughness, 0 to 1.
     pub roughness: f64,
 }
 
@@ -26,12 +26,12 @@ impl Burley {
     }
 }
 
-/// Lambertian reflection below a clear surface, which light must pass on its way in and out:
+/// Lambertian reflection below a clear surface, through which light passes on its way in and out:
 /// `albedo / pi (1 - F_i)(1 - F_o)` with Schlick's `F` at the angles to the normal (Ashikhmin &
 /// Shirley 2000 without their factors).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Undercoat {
-    /// Albedo of what is below, 0 to 1.
+    /// Albedo of the layer below, 0 to 1.
     pub albedo: f64,
     /// Reflectance of the surface along the normal, 0 to 1.
     pub f0: f64,
@@ -44,14 +44,14 @@ impl Undercoat {
     }
 }
 
-/// The bright rim of cloth whose fibres stand up: `D / (4 (cos_i + cos_o - cos_i cos_o))` with an
+/// Bright rim of cloth whose fibres stand up: `D / (4 (cos_i + cos_o - cos_i cos_o))` with an
 /// inverted Gaussian, `D = (1 + 4 exp(-1 / (width^2 tan^2)) / sin^4) / (pi (1 + 4 width^2))`
 /// (Ashikhmin & Premoze 2007).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sheen {
     /// Factor.
     pub factor: f64,
-    /// How far fibres lean from upright, above 0, about 1 at most.
+    /// Width of the fibres' inclination from upright, above 0, about 1 at most.
     pub width: f64,
 }
 
@@ -59,7 +59,7 @@ impl Sheen {
     fn at(&self, facet: &Facet) -> f64 {
         let w2 = self.width * self.width;
         let sin2 = facet.tan2_h / (1.0 + facet.tan2_h);
-        // Without fibres along the normal the exponential is zero, however steep the other factor.
+        // At the normal the exponential is zero and outweighs the diverging factor.
         let upright = if facet.tan2_h > 1e-12 { (-1.0 / (w2 * facet.tan2_h)).exp() / (sin2 * sin2) } else { 0.0 };
         let distribution = (1.0 + 4.0 * upright) / (PI * (1.0 + 4.0 * w2));
         let spread = 4.0 * (facet.cos_i + facet.cos_o - facet.cos_i * facet.cos_o);

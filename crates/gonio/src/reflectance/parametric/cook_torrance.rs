@@ -9,8 +9,8 @@ use std::f64::consts::FRAC_1_PI;
 /// `D = exp(-tan^2 theta_h / m^2) / (m^2 cos^4 theta_h)`, Schlick's `F` and the V-groove
 /// `G = min(1, 2 cos_h cos_i / cos_d, 2 cos_h cos_o / cos_d)`.
 ///
-/// Note the `pi` where the microfacet theory of today has 4 and a normalised `D`, which is `D / pi`
-/// here: the specular lobe reflects up to four times `specular`.
+/// Note the `pi` where modern microfacet theory has 4 and a normalised `D`, which is `D / pi` here:
+/// the specular lobe reflects up to four times `specular`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CookTorrance {
     /// Albedo of the Lambertian part.

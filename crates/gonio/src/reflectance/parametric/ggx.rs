@@ -28,7 +28,7 @@ impl Parametric for Ggx {
     }
 }
 
-/// `D G / (4 cos_i cos_o)`: the reflection of a mirror's facets.
+/// `D G / (4 cos_i cos_o)`: the lobe of perfectly reflecting facets.
 pub(in crate::reflectance) fn lobe(facet: &Facet, alpha2: f64) -> f64 {
     distribution(facet, alpha2) * visibility(alpha2, facet.cos_i, facet.cos_o)
 }

@@ -5,10 +5,11 @@ use std::f64::consts::{FRAC_1_PI, TAU};
 
 /// Isotropic one-lobe Lafortune et al. 1997 with a Lambertian part, as fitted by Ngan et al. 2005:
 ///
-/// `f = diffuse/pi + specular (n + 2) / (2 pi max(|Cxy|, |Cz|)^n) max(0, Cxy (x_i x_o + y_i y_o) + Cz z_i z_o)^n`.
+/// `f = diffuse/pi + specular (n + 2) / (2 pi max(|Cxy|, |Cz|)^n)
+/// max(0, Cxy (x_i x_o + y_i y_o) + Cz z_i z_o)^n`.
 ///
-/// The factor before the lobe is theirs; without it the published coefficients give no visible
-/// lobe.
+/// The factor before the lobe is from Ngan et al.; without it the published coefficients give no
+/// visible lobe.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lafortune {
     /// Albedo of the Lambertian part.

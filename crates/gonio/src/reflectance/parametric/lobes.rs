@@ -5,9 +5,9 @@ use crate::reflectance::table::{BivariateTable, CELLS, PHI_D, angles_of};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// The mean over `phi_d` of what depends on light and view alike, as
-/// [`Parametric::to_bivariate`](super::Parametric::to_bivariate) takes it, up to round-off: a swap
-/// of the two is `180 degrees - phi_d`, so that half of the samples do.
+/// Mean over `phi_d` of a function that is symmetric in light and view, as
+/// [`Parametric::to_bivariate`](super::Parametric::to_bivariate) computes it, up to round-off:
+/// swapping the two gives `180 degrees - phi_d`, so that half of the samples suffice.
 pub(super) fn averaged(value: impl Fn(&Facet) -> f64 + Sync) -> BivariateTable {
     let cosines: Vec<f64> = (0..=PHI_D / 2).map(|k| (k as f64).to_radians().cos()).collect();
     let cell = |c: usize| {
@@ -44,9 +44,9 @@ pub(super) fn visibility(a2: f64, ci: f64, co: f64) -> f64 {
 
 /// Lobes of facets whose slopes are distributed as Student's t (Ribardiere et al. 2017): for each
 /// tail, above 1, the lobe of width `alpha` (above 0, at most 1) that reflects nothing along the
-/// normal, `f0 = 0`, and the one that reflects all, `f0 = 1`, by Schlick's formula; those between
-/// are their mixtures. A tail of 2 is GGX, an infinite one Beckmann's. Masking is that of
-/// [`Ggx`](super::Ggx) for all.
+/// normal, `f0 = 0`, and the one that reflects everything, `f0 = 1`, by Schlick's formula; lobes of
+/// other `f0` are their mixtures. A tail of 2 is GGX, an infinite one Beckmann's. Masking is that
+/// of [`Ggx`](super::Ggx) for all.
 pub fn lobes(alpha: f64, tails: &[f64]) -> Vec<[BivariateTable; 2]> {
     // Only masking depends on phi_d.
     let masked = averaged(|facet| visibility(alpha * alpha, facet.cos_i, facet.cos_o));

@@ -1,6 +1,6 @@
-//! Parametric BRDF models to compare with: the three fits of Ngan, Durand & Matusik 2005 that the
-//! paper's section 3.2 is measured against, GGX, Lambert, and what dictionaries of materials are
-//! mixed from.
+//! Parametric BRDF models for comparison: the three fits of Ngan, Durand & Matusik 2005 that the
+//! paper's section 3.2 is measured against, GGX, Lambert, and the models from which dictionaries of
+//! materials are mixed.
 //!
 //! All are isotropic, in 1/sr for one channel, with light and view as unit vectors around the
 //! normal `+z`, and zero where either is below the surface.
@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_1_PI;
 
-/// Cosine below which a sample of the grid counts as on the horizon: there round-off decides, and
+/// Cosine below which a sample of the grid counts as on the horizon, where round-off decides and
 /// models that divide by the cosines have a pole.
 const HORIZON: f64 = 1e-9;
 
@@ -37,7 +37,7 @@ pub trait Parametric: Sync {
     /// being `+z`.
     fn eval(&self, wi: DVec3, wo: DVec3) -> f64;
 
-    /// The mean over the `phi_d` samples of the MERL grid with light and view above the surface, as
+    /// Mean over the `phi_d` samples of the MERL grid with light and view above the surface, as
     /// [`MerlTable::bivariate`](super::MerlTable::bivariate) reduces a measured table.
     fn to_bivariate(&self) -> BivariateTable {
         let [table] = azimuth_means(1, |wi, wo| [self.eval(wi, wo)]);
@@ -45,8 +45,8 @@ pub trait Parametric: Sync {
     }
 }
 
-/// The mean of each of several values over every `step`-th `phi_d` sample of the MERL grid, among
-/// those with light and view above the surface; zero where there is none.
+/// Mean of each of several values over every `step`-th `phi_d` sample of the MERL grid, among those
+/// with light and view above the surface; zero where there is none.
 pub(super) fn azimuth_means<const N: usize>(
     step: usize,
     values: impl Fn(DVec3, DVec3) -> [f64; N] + Sync,
@@ -67,9 +67,9 @@ pub(super) fn azimuth_means<const N: usize>(
     std::array::from_fn(|which| BivariateTable::from_vec(cells.iter().map(|cell| cell[which]).collect()))
 }
 
-/// The table of the MERL database that holds a BRDF, given by channel in 1/sr for unit vectors
-/// towards the light and the viewer, the normal being `+z`: its values at the directions of the
-/// cells, missing (-1) below the horizon.
+/// Table in the MERL format of a BRDF, given by channel in 1/sr for unit vectors towards the light
+/// and the viewer, the normal being `+z`: its values at the directions of the cells, missing (-1)
+/// below the horizon.
 pub fn full_table(brdf: impl Fn(DVec3, DVec3) -> [f64; 3] + Sync) -> MerlTable {
     let cell = |at: usize| {
         let (c, k) = (at / PHI_D, at % PHI_D);
@@ -80,7 +80,7 @@ pub fn full_table(brdf: impl Fn(DVec3, DVec3) -> [f64; 3] + Sync) -> MerlTable {
     MerlTable::from_channels([0, 1, 2].map(|channel| cells.iter().map(|rgb| rgb[channel]).collect()))
 }
 
-/// The unit vectors `(wi, wo)` of a half/difference direction in radians (Rusinkiewicz 1998), half
+/// Unit vectors `(wi, wo)` of a half/difference direction in radians (Rusinkiewicz 1998), half
 /// vector in the plane `y = 0`.
 pub fn directions(theta_h: f64, theta_d: f64, phi_d: f64) -> (DVec3, DVec3) {
     let (sh, ch) = theta_h.sin_cos();
@@ -92,27 +92,27 @@ pub fn directions(theta_h: f64, theta_d: f64, phi_d: f64) -> (DVec3, DVec3) {
     (turned(sd * cp, sd * sp), turned(-sd * cp, -sd * sp))
 }
 
-/// The half/difference quantities of a pair of directions that microfacet formulas are written in.
+/// Half/difference quantities of a pair of directions, in which microfacet formulas are written.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Facet {
     pub(super) cos_i: f64,
     pub(super) cos_o: f64,
-    /// Between the normal and the half vector.
+    /// Cosine between the normal and the half vector.
     pub(super) cos_h: f64,
-    /// Between either direction and the half vector.
+    /// Cosine between either direction and the half vector.
     pub(super) cos_d: f64,
     pub(super) tan2_h: f64,
 }
 
 impl Facet {
-    /// `None` unless light and view are above the surface.
+    /// Computes the quantities; `None` unless light and view are above the surface.
     pub(super) fn new(wi: DVec3, wo: DVec3) -> Option<Self> {
         if wi.z <= 0.0 || wo.z <= 0.0 {
             return None;
         }
         let sum = wi + wo;
         let half = sum.normalize();
-        // From x and y, since 1 - cos^2 would lose the narrow peaks.
+        // Computed from x and y, since 1 - cos^2 would lose the narrow peaks.
         let tan2_h = (half.x * half.x + half.y * half.y) / (half.z * half.z);
         Some(Self { cos_i: wi.z, cos_o: wo.z, cos_h: half.z, cos_d: (0.5 * sum.length()).min(1.0), tan2_h })
     }
@@ -140,7 +140,8 @@ impl Parametric for Lambert {
 mod testing {
     use super::*;
 
-    /// The model is symmetric in light and view, not negative, and zero below the surface.
+    /// Checks that the model is symmetric in light and view, not negative, and zero below the
+    /// surface.
     pub(super) fn check_reciprocal(model: &impl Parametric) {
         for h in [0.0, 0.2, 0.7, 1.2] {
             for d in [0.0, 0.4, 1.0, 1.4] {

@@ -1,4 +1,4 @@
-//! What comes nearest to a table.
+//! Fits of shading models to a table.
 
 use glam::{DQuat, DVec3};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
@@ -13,46 +13,46 @@ use crate::reflectance::table::{theta_d_of, theta_h_of};
 use crate::reflectance::{BivariateTable, THETA_H};
 use crate::render::{IntegratorSettings, LightTree, Relighter};
 
-/// Half angles, as every so-manieth sample of a table: dense at the peak.
+/// Step between half angles, in samples of a table, which are dense at the peak.
 const STEP_H: usize = 3;
 /// Difference angles in degrees.
 const DIFFERENCE: [usize; 10] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79];
 /// Azimuths of the difference in degrees.
 const AZIMUTHS: [f64; 3] = [0.0, 90.0, 180.0];
-/// Values below this share of the mean are alike in the logarithm that is fitted.
+/// Floor of the fitted logarithm, as a share of the mean: values below it count alike.
 const FLOOR: f64 = 0.1;
 /// Step of the finite differences, in units of the logistic's argument.
 const STEP: f64 = 1e-4;
-/// Degrees between azimuths of the tables that fits are judged by, and on the way there.
+/// Degrees between azimuths of the tables by which fits are judged, and of those during the search.
 const FINE: usize = 6;
 const COARSE: usize = 20;
-/// Fits to the samples that are fitted to the picture too.
+/// Number of fits to the samples that are refined on the picture.
 const REFINED: usize = 2;
 
-/// Parameters so near to an end of their range, as a share of it, are tried at the end.
+/// Share of a parameter's range within which the end of the range is tried.
 const NEAR_END: f64 = 0.04;
 
-/// A model and how near it comes.
+/// Fitted model and its errors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fitted<S> {
-    /// The best that was found.
+    /// Best model that was found.
     pub model: S,
-    /// Root mean square difference of a sphere in a studio light from one of the table, relative to
-    /// that: over all channels of the normals up to 80 degrees.
+    /// Root mean square difference between a sphere of the model and one of the table in a studio
+    /// light, relative to the latter: over all channels and the normals up to 80 degrees.
     pub relight: f64,
-    /// The same of logarithms, above one percent of the mean.
+    /// Root mean square difference of the logarithms, above one percent of the mean.
     pub log_relight: f64,
 }
 
 impl<S> Fitted<S> {
-    /// What the best is chosen by: in the relative difference all is in the peak, in that of
-    /// logarithms little.
+    /// Criterion by which the best is chosen: the peak dominates the relative difference, and
+    /// hardly matters in that of logarithms.
     fn off(&self) -> f64 {
         self.log_relight + 0.5 * self.relight
     }
 }
 
-/// A table to be fitted, and the sphere that fits are judged by.
+/// Table to be fitted, and the sphere by which fits are judged.
 pub struct Fitter {
     samples: Vec<Sample>,
     floor: f64,
@@ -62,7 +62,7 @@ pub struct Fitter {
     picture: Vec<DVec3>,
 }
 
-/// A pair of directions and what the table has there, times the cosine of the light.
+/// Pair of directions, and the logarithm of the table's value there times the cosine of the light.
 struct Sample {
     wi: DVec3,
     wo: DVec3,
@@ -70,7 +70,7 @@ struct Sample {
 }
 
 impl Fitter {
-    /// Of linear RGB tables in 1/sr.
+    /// Prepares the fit of linear RGB tables in 1/sr.
     pub fn new(tables: &[BivariateTable; 3]) -> Self {
         let at = |h: f64, d: f64| DVec3::from_array(tables.each_ref().map(|t| t.eval(h, d)));
         let mut samples = Vec::new();
@@ -83,8 +83,7 @@ impl Fitter {
                 }
             }
         }
-        // Body and highlight by the retro-reflection far from the peak, and what the peak has above
-        // it.
+        // The body is the retro-reflection far from the peak, the highlight the rest of the albedo.
         let body = std::f64::consts::PI * at(60_f64.to_radians(), 30_f64.to_radians());
         let albedo = DVec3::from_array(tables.each_ref().map(BivariateTable::normal_albedo));
         let highlight = (albedo - body).max(DVec3::splat(0.01));
@@ -99,8 +98,8 @@ impl Fitter {
         Self { samples, floor, body, highlight, relighters, picture }
     }
 
-    /// The nearest of all starts: first to samples of the table, then to the picture of a sphere,
-    /// in which a peak has the weight that it has for the eye.
+    /// Finds the best model over all starts: first on samples of the table, then on the picture of
+    /// a sphere, in which a peak has the weight that it has for the eye.
     pub fn fit<S: Shading>(&self) -> Fitted<S> {
         let starts = S::starts(self.body, self.highlight);
         let search = |start: &[f64], goal: Goal, patience: usize| {
@@ -117,7 +116,8 @@ impl Fitter {
         let refined: Vec<_> = found.par_iter().take(REFINED).map(|(_, at)| search(at, Goal::Picture, 2)).collect();
         found.extend(refined);
         let (mut best, mut parameters) = found.into_iter().min_by(order).expect("a model has starts");
-        // The logistic never reaches an end of its range.
+        // The logistic function never reaches an end of its range, so the ends are tried
+        // separately.
         for (k, range) in S::PARAMETERS.iter().enumerate() {
             for end in [range.low, range.high] {
                 if (parameters[k] - end).abs() < NEAR_END * (range.high - range.low) {
@@ -134,18 +134,18 @@ impl Fitter {
         best
     }
 
-    /// How near a model comes.
+    /// Computes the errors of a model.
     pub fn judge<S: Shading>(&self, model: S) -> Fitted<S> {
         let (relight, log_relight) = self.compare(&model.to_bivariate(FINE));
         Fitted { model, relight, log_relight }
     }
 
-    /// Of all channels of the picture.
+    /// Mean over all channels of the picture.
     fn mean(&self) -> f64 {
         self.picture.iter().map(|p| p.element_sum()).sum::<f64>() / (3 * self.picture.len()) as f64
     }
 
-    /// How near other tables come: [`Fitted::relight`] and [`Fitted::log_relight`].
+    /// Errors of other tables: [`Fitted::relight`] and [`Fitted::log_relight`].
     pub fn compare(&self, tables: &[BivariateTable; 3]) -> (f64, f64) {
         let shown = picture(&self.relighters, tables);
         let (mut off, mut all, mut logs, least) = (0.0, 0.0, 0.0, 0.01 * self.mean());
@@ -168,16 +168,16 @@ fn picture(relighters: &[Relighter; 3], tables: &[BivariateTable; 3]) -> Vec<DVe
     r.into_iter().zip(g).zip(b).map(|((r, g), b)| DVec3::new(r, g, b).max(DVec3::ZERO)).collect()
 }
 
-/// What is to come near.
+/// Goal of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Goal {
-    /// Values of the table.
+    /// Match the values of the table.
     Samples,
-    /// A sphere in a studio light.
+    /// Match the picture of a sphere in a studio light.
     Picture,
 }
 
-/// Parameters on their way: each is kept within its range by a logistic function.
+/// Parameters during a search, each kept within its range by a logistic function.
 struct Search<'a, S> {
     fitter: &'a Fitter,
     goal: Goal,
@@ -209,8 +209,8 @@ impl<'a, S: Shading> Search<'a, S> {
         if self.goal == Goal::Picture {
             let shown = picture(&self.fitter.relighters, &model.to_bivariate(COARSE));
             let mean = self.fitter.mean();
-            // Between the value, of which all is in the peak, and its logarithm, in which the peak
-            // is a few pixels of many.
+            // The cube root is a compromise between the value, in which the peak dominates, and its
+            // logarithm, in which the peak is a few pixels of many.
             let bright = |c: DVec3| c.to_array().map(|c| (c / mean + FLOOR).cbrt());
             let pixels = shown.iter().zip(&self.fitter.picture);
             return pixels.flat_map(|(a, b)| (DVec3::from(bright(*a)) - DVec3::from(bright(*b))).to_array()).collect();
@@ -256,7 +256,7 @@ mod tests {
     use super::super::{ColourCookTorrance, ColourWard, Layered, MetallicRoughness, Principled};
     use super::*;
 
-    /// A model is found again from its own table.
+    /// Fits a model to its own table.
     fn found_again<S: Shading>(parameters: &[f64], log: f64) -> S {
         let tables = S::of(parameters).to_bivariate(FINE);
         let found = Fitter::new(&tables).fit::<S>();

@@ -8,16 +8,16 @@ use super::microfacet::{f0_of, fresnel_dielectric, schlick_weight};
 use super::{MetallicRoughness, Parameter, Shading};
 use crate::reflectance::parametric::{Facet, lobe};
 
-/// Base and specular layer of OpenPBR, on which Blender's Principled (4.0 and later) is built too:
-/// a mixture of a metal and of a Lambertian body under a dielectric, which takes from the body what
-/// it reflects itself. Both are GGX with `alpha = roughness^2`, height-correlated masking and
-/// energy that is scattered more than once (Turquin 2019). Renderers differ in how they take and
-/// give that energy by a few percent.
+/// Base and specular layer of OpenPBR, which Blender's Principled (4.0 and later) also follows: a
+/// mixture of a metal and of a Lambertian body under a dielectric. The body receives only the light
+/// that the dielectric does not reflect. Both are GGX with `alpha = roughness^2`, height-correlated
+/// masking and compensation of multiple scattering (Turquin 2019). Renderers differ by a few
+/// percent in how they account for that energy.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Layered {
-    /// Linear RGB, 0..=1: of the body of a dielectric, of the reflection of a metal.
+    /// Linear RGB, 0..=1: colour of the body for a dielectric, of the reflection for a metal.
     pub base_color: DVec3,
-    /// From dielectric (0) to metal (1).
+    /// Mixture of dielectric (0) and metal (1).
     pub metalness: f64,
     /// Square root of GGX's `alpha`, 0..=1.
     pub roughness: f64,
@@ -26,7 +26,7 @@ pub struct Layered {
 }
 
 impl Shading for Layered {
-    // The same parameters, by another name for one of them.
+    // The parameters of `MetallicRoughness`, with another name for one of them.
     const PARAMETERS: &'static [Parameter] = MetallicRoughness::PARAMETERS;
 
     fn of(parameters: &[f64]) -> Self {
@@ -42,7 +42,8 @@ impl Shading for Layered {
         let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
         let lobe = lobe(&facet, self.roughness.powi(4));
         let [at_zero, at_grazing] = Albedo::table().at(facet.cos_o, self.roughness);
-        // What a white lobe reflects at once; the rest comes back later, coloured once more.
+        // Share that a white lobe reflects at once; the rest is reflected later, coloured once
+        // more.
         let at_once = at_zero + at_grazing;
         let later = (1.0 - at_once) / at_once;
         let f0 = f0_of(self.ior);
@@ -55,10 +56,10 @@ impl Shading for Layered {
     }
 }
 
-/// Places of [`Albedo`] along each axis.
+/// Number of entries of [`Albedo`] along each axis.
 const SIDE: usize = 24;
 
-/// What a GGX lobe reflects of even light, by the cosine of the view and the roughness:
+/// Albedo of a GGX lobe in uniform light, by the cosine of the view and the roughness:
 /// `f0 * [0] + [1]` under Schlick's formula.
 struct Albedo(Vec<[f64; 2]>);
 
@@ -72,7 +73,7 @@ impl Albedo {
         })
     }
 
-    /// Between places.
+    /// Interpolates between entries.
     fn at(&self, cos: f64, roughness: f64) -> [f64; 2] {
         let axis = |x: f64| {
             let x = x.clamp(0.0, 1.0) * (SIDE - 1) as f64;
@@ -93,7 +94,8 @@ impl Albedo {
     }
 }
 
-/// By the visible normals of Heitz 2018, on even places of their square: each carries `F G2 / G1`.
+/// Computes an entry with the visible normals of Heitz 2018, on a regular grid of their square:
+/// each contributes `F G2 / G1`.
 fn reflected(cos: f64, alpha: f64) -> [f64; 2] {
     const N: usize = 24;
     let view = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
@@ -126,7 +128,7 @@ fn reflected(cos: f64, alpha: f64) -> [f64; 2] {
 mod tests {
     use super::*;
 
-    /// Light reflected of an even sky, by brute force over directions around the lobe.
+    /// Light reflected in a uniform sky, by brute force over directions around the lobe.
     fn albedo(model: &Layered, cos: f64) -> f64 {
         let view = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
         let (rings, spokes) = (400, 400);
@@ -142,7 +144,7 @@ mod tests {
 
     #[test]
     fn white_stays_white() {
-        // A white metal and a white body under a coat reflect all there is.
+        // A white metal and a white body under a coat reflect all light.
         for (metalness, roughness, cos) in [(1.0, 0.7, 0.6), (1.0, 1.0, 0.9), (0.0, 0.6, 0.8), (0.0, 0.9, 0.5)] {
             let model = Layered { base_color: DVec3::ONE, metalness, roughness, ior: 1.5 };
             let got = albedo(&model, cos);

@@ -7,14 +7,14 @@ use super::microfacet::{f0_of, schlick_weight};
 use super::{Parameter, Shading, UNIT};
 use crate::reflectance::parametric::{Facet, lobe};
 
-/// The metallic-roughness material of glTF 2.0 with the index of `KHR_materials_ior`, by appendix B
-/// of the specification: a mixture of a metal and of a Lambertian body under a dielectric, both GGX
+/// Metallic-roughness material of glTF 2.0 with the index of `KHR_materials_ior`, by appendix B of
+/// the specification: a mixture of a metal and of a Lambertian body under a dielectric, both GGX
 /// with `alpha = roughness^2`, height-correlated masking and Schlick's formula.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MetallicRoughness {
-    /// Linear RGB, 0..=1: of the body of a dielectric, of the reflection of a metal.
+    /// Linear RGB, 0..=1: colour of the body for a dielectric, of the reflection for a metal.
     pub base_color: DVec3,
-    /// From dielectric (0) to metal (1).
+    /// Mixture of dielectric (0) and metal (1).
     pub metallic: f64,
     /// Square root of GGX's `alpha`, 0..=1.
     pub roughness: f64,

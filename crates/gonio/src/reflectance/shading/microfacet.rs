@@ -1,5 +1,5 @@
-//! What the models of today have in common beside GGX, which they take from the parametric models:
-//! Fresnel, and masking of one direction.
+//! Parts that modern models share, beside GGX, which they take from the parametric models: Fresnel,
+//! and masking of one direction.
 
 /// `(1 - cos)^5` (Schlick 1994).
 pub(super) fn schlick_weight(cos: f64) -> f64 {
@@ -41,7 +41,7 @@ mod tests {
         // (1 + eta^2))^2 / 2.
         let brewster = 1.5_f64.atan().cos();
         assert!((fresnel_dielectric(brewster, 1.5) - 0.5 * (1.25_f64 / 3.25).powi(2)).abs() < 1e-12);
-        // Out of a dense medium all is reflected beyond the critical angle.
+        // From inside a dense medium, all light is reflected beyond the critical angle.
         assert_eq!(fresnel_dielectric(0.1, 1.0 / 1.5), 1.0);
     }
 

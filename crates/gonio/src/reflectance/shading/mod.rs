@@ -1,5 +1,5 @@
-//! The shading models of common renderers, in their own parameters, and what comes nearest to a
-//! table in each of them.
+//! Shading models of common renderers, in their own parameters, and fits of each of them to a
+//! table.
 //!
 //! | model | renderers | width of the lobe |
 //! |---|---|---|
@@ -9,8 +9,8 @@
 //! | [`ColourCookTorrance`] | classic | `m = roughness`, not squared |
 //! | [`ColourWard`] | classic | `alpha = roughness`, not squared |
 //!
-//! Each is fitted ([`Fitter::fit`]) by Levenberg and Marquardt's method from several starts, and
-//! judged by how a sphere of it looks in a studio light beside one of the table.
+//! Each is fitted ([`Fitter::fit`]) by the Levenberg-Marquardt method from several starts, and
+//! judged by comparing a sphere of it with one of the table in a studio light.
 
 mod classic;
 mod fit;
@@ -30,12 +30,12 @@ use glam::DVec3;
 use super::BivariateTable;
 use super::parametric::azimuth_means;
 
-/// An isotropic BRDF in colour with parameters that go into a file.
+/// An isotropic BRDF in colour, with parameters that are written to a file.
 pub trait Shading: Sync + Send + Sized {
-    /// The range of each parameter, and whether it is a width, whose logarithm matters.
+    /// Range of each parameter.
     const PARAMETERS: &'static [Parameter];
 
-    /// The model of these parameters, each within its range.
+    /// Builds the model from these parameters, each within its range.
     fn of(parameters: &[f64]) -> Self;
 
     /// Value in 1/sr, linear RGB, for unit vectors towards the light (`wi`) and the viewer (`wo`),
@@ -45,20 +45,20 @@ pub trait Shading: Sync + Send + Sized {
     /// Parameters to start from, for a material of this body colour and albedo of its highlight.
     fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>>;
 
-    /// The means over `phi_d` of each channel, as
-    /// [`Parametric::to_bivariate`](super::parametric::Parametric::to_bivariate) takes them, of
-    /// samples every so many degrees: formulas are smooth.
+    /// Means over `phi_d` of each channel, as in
+    /// [`Parametric::to_bivariate`](super::parametric::Parametric::to_bivariate), but of samples
+    /// every `step` degrees, since formulas are smooth.
     fn to_bivariate(&self, step: usize) -> [BivariateTable; 3] {
         azimuth_means(step, |wi, wo| self.eval(wi, wo).to_array())
     }
 }
 
-/// What is known of a parameter.
+/// Range of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Least value.
+    /// Smallest value.
     pub low: f64,
-    /// Greatest value.
+    /// Largest value.
     pub high: f64,
 }
 

@@ -7,24 +7,24 @@ use super::microfacet::{fresnel_dielectric, schlick_weight, smith};
 use super::{Parameter, Shading, UNIT};
 use crate::reflectance::parametric::{Facet, distribution};
 
-/// The reflecting part of Mitsuba 3's `principled`, after Burley 2012 and 2015: his diffuse lobe
-/// with retro-reflection and sheen, GGX with `alpha = roughness^2` and separable masking,
-/// dielectric by index and metallic by Schlick's formula, under a clear coat.
+/// Reflecting part of Mitsuba 3's `principled`, after Burley 2012 and 2015: his diffuse lobe with
+/// retro-reflection and sheen, GGX with `alpha = roughness^2` and separable masking, dielectric by
+/// index and metallic by Schlick's formula, under a clear coat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Principled {
-    /// Linear RGB, 0..=1: of the body of a dielectric, of the reflection of a metal.
+    /// Linear RGB, 0..=1: colour of the body for a dielectric, of the reflection for a metal.
     pub base_color: DVec3,
-    /// From dielectric (0) to metal (1).
+    /// Mixture of dielectric (0) and metal (1).
     pub metallic: f64,
     /// Square root of GGX's `alpha`, 0..=1.
     pub roughness: f64,
     /// Relative index of refraction, above one.
     pub eta: f64,
-    /// Of the retro-reflecting fuzz, 0..=1.
+    /// Weight of the retro-reflecting fuzz, 0..=1.
     pub sheen: f64,
     /// Weight of the coat, 0..=1.
     pub clearcoat: f64,
-    /// From a satin coat (0) to a glossy one (1).
+    /// Gloss of the coat, from satin (0) to glossy (1).
     pub clearcoat_gloss: f64,
 }
 
@@ -78,8 +78,8 @@ impl Shading for Principled {
         let back = 2.0 * self.roughness * cos_d * cos_d;
         let diffuse = (1.0 - 0.5 * at_i) * (1.0 - 0.5 * at_o) + back * (at_o + at_i + at_o * at_i * (back - 1.0));
         f += (1.0 - self.metallic) * (self.base_color * (FRAC_1_PI * diffuse) + DVec3::splat(self.sheen * at_d));
-        // The coat has an index of 1.5 and masking of width 1/4; what it takes from below is not
-        // taken off.
+        // The coat has an index of 1.5 and masking of width 1/4; the light that it reflects is not
+        // subtracted from the layers below.
         let a2 = (0.1 + (0.001 - 0.1) * self.clearcoat_gloss).powi(2);
         let d = (a2 - 1.0) / (PI * a2.ln() * (1.0 + (a2 - 1.0) * cos_h * cos_h));
         let coat = 0.25 * self.clearcoat * (0.04 + 0.96 * at_d) * d * smith(cos_i, 0.25) * smith(cos_o, 0.25);

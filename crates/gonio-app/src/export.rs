@@ -1,9 +1,7 @@
 //! A BRDF in the files and parameters of renderers, with how near each comes (`docs/exports.md`).
 
-use gonio::reflectance::shading::{
-    ColourCookTorrance, ColourWard, Fitted, Fitter, Layered, MetallicRoughness, Principled, Shading,
-};
 use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio::shading::{ColourCookTorrance, ColourWard, Fitted, Fitter, Layered, MetallicRoughness, Principled, Shading};
 use serde_json::{Map, Value, json};
 
 use gonio_io::atomic::StagedFolder;

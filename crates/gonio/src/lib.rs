@@ -45,6 +45,7 @@ pub mod reflectance;
 pub mod remedy;
 pub mod render;
 pub mod scene;
+pub mod shading;
 pub mod shape;
 pub mod simulation;
 pub mod sphere;

@@ -1,4 +1,4 @@
-use gonio::reflectance::shading::Layered;
+use gonio::shading::Layered;
 
 use super::{colour, number};
 

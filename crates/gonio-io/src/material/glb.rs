@@ -1,6 +1,6 @@
 use std::f64::consts::{PI, TAU};
 
-use gonio::reflectance::shading::MetallicRoughness;
+use gonio::shading::MetallicRoughness;
 use serde_json::json;
 
 /// Rings of the sphere from pole to pole, and vertices around each.

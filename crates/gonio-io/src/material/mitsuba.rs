@@ -1,4 +1,4 @@
-use gonio::reflectance::shading::Principled;
+use gonio::shading::Principled;
 
 use super::{colour, identifier, number};
 

@@ -1,5 +1,5 @@
 //! Materials in the files of renderers, as parameters of their own models:
-//! [`gonio::reflectance::shading`] describes the models.
+//! [`gonio::shading`] describes the models.
 //!
 //! Colours are linear Rec. 709 throughout, as all these formats expect. Names are kept where the
 //! format allows; elsewhere every character except letters, digits and underscores becomes an

@@ -1,7 +1,7 @@
 //! Parameters of the material for renderers, ready to copy.
 
 use gonio::reflectance::BivariateTable;
-use gonio::reflectance::shading::{Fitted, Fitter, Layered, MetallicRoughness, Principled};
+use gonio::shading::{Fitted, Fitter, Layered, MetallicRoughness, Principled};
 use gonio_io::material::{blender_script, materialx, mitsuba_principled};
 use maud::{Markup, html};
 use serde_json::json;

@@ -7,7 +7,6 @@ mod log_basis;
 pub mod nmf;
 pub mod nnls;
 pub mod parametric;
-pub mod shading;
 mod table;
 mod train;
 

@@ -29,12 +29,12 @@ impl Parametric for Ggx {
 }
 
 /// `D G / (4 cos_i cos_o)`: the lobe of perfectly reflecting facets.
-pub(in crate::reflectance) fn lobe(facet: &Facet, alpha2: f64) -> f64 {
+pub(crate) fn lobe(facet: &Facet, alpha2: f64) -> f64 {
     distribution(facet, alpha2) * visibility(alpha2, facet.cos_i, facet.cos_o)
 }
 
 /// Density of the facets' normals, which integrates with `cos_h` to 1 over the hemisphere.
-pub(in crate::reflectance) fn distribution(facet: &Facet, alpha2: f64) -> f64 {
+pub(crate) fn distribution(facet: &Facet, alpha2: f64) -> f64 {
     1.0 / (PI * alpha2 * (facet.cos_h * facet.cos_h * (1.0 + facet.tan2_h / alpha2)).powi(2))
 }
 

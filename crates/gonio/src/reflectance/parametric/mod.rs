@@ -19,7 +19,7 @@ pub use lafortune::Lafortune;
 pub use lobes::lobes;
 pub use ward::Ward;
 
-pub(super) use ggx::{distribution, lobe};
+pub(crate) use ggx::{distribution, lobe};
 
 use super::table::{BivariateTable, CELLS, MerlTable, PHI_D, THETA_D, angles_of, theta_d_of, theta_h_of};
 use glam::DVec3;
@@ -47,7 +47,7 @@ pub trait Parametric: Sync {
 
 /// Mean of each of several values over every `step`-th `phi_d` sample of the MERL grid, among those
 /// with light and view above the surface; zero where there is none.
-pub(super) fn azimuth_means<const N: usize>(
+pub(crate) fn azimuth_means<const N: usize>(
     step: usize,
     values: impl Fn(DVec3, DVec3) -> [f64; N] + Sync,
 ) -> [BivariateTable; N] {
@@ -94,19 +94,19 @@ pub fn directions(theta_h: f64, theta_d: f64, phi_d: f64) -> (DVec3, DVec3) {
 
 /// Half/difference quantities of a pair of directions, in which microfacet formulas are written.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Facet {
-    pub(super) cos_i: f64,
-    pub(super) cos_o: f64,
+pub(crate) struct Facet {
+    pub(crate) cos_i: f64,
+    pub(crate) cos_o: f64,
     /// Cosine between the normal and the half vector.
-    pub(super) cos_h: f64,
+    pub(crate) cos_h: f64,
     /// Cosine between either direction and the half vector.
-    pub(super) cos_d: f64,
-    pub(super) tan2_h: f64,
+    pub(crate) cos_d: f64,
+    pub(crate) tan2_h: f64,
 }
 
 impl Facet {
     /// Computes the quantities; `None` unless light and view are above the surface.
-    pub(super) fn new(wi: DVec3, wo: DVec3) -> Option<Self> {
+    pub(crate) fn new(wi: DVec3, wo: DVec3) -> Option<Self> {
         if wi.z <= 0.0 || wo.z <= 0.0 {
             return None;
         }
@@ -118,7 +118,7 @@ impl Facet {
     }
 
     /// Fresnel reflectance by Schlick 1994, `f0 + (1 - f0) (1 - cos_d)^5`.
-    pub(super) fn schlick(&self, f0: f64) -> f64 {
+    pub(crate) fn schlick(&self, f0: f64) -> f64 {
         f0 + (1.0 - f0) * (1.0 - self.cos_d).powi(5)
     }
 }

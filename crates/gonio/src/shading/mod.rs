@@ -27,8 +27,8 @@ pub use principled::Principled;
 
 use glam::DVec3;
 
-use super::BivariateTable;
-use super::parametric::azimuth_means;
+use crate::reflectance::BivariateTable;
+use crate::reflectance::parametric::azimuth_means;
 
 /// An isotropic BRDF in colour, with parameters that are written to a file.
 pub trait Shading: Sync + Send + Sized {
@@ -46,7 +46,7 @@ pub trait Shading: Sync + Send + Sized {
     fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>>;
 
     /// Means over `phi_d` of each channel, as in
-    /// [`Parametric::to_bivariate`](super::parametric::Parametric::to_bivariate), but of samples
+    /// [`Parametric::to_bivariate`](crate::reflectance::parametric::Parametric::to_bivariate), but of samples
     /// every `step` degrees, since formulas are smooth.
     fn to_bivariate(&self, step: usize) -> [BivariateTable; 3] {
         azimuth_means(step, |wi, wo| self.eval(wi, wo).to_array())

@@ -9,8 +9,8 @@ use super::Shading;
 use crate::appearance::Lattice;
 use crate::lighting::studio_light;
 use crate::reflectance::parametric::directions;
-use crate::reflectance::table::{theta_d_of, theta_h_of};
 use crate::reflectance::{BivariateTable, THETA_H};
+use crate::reflectance::{theta_d_of, theta_h_of};
 use crate::render::{IntegratorSettings, LightTree, Relighter};
 
 /// Step between half angles, in samples of a table, which are dense at the peak.

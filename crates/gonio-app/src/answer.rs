@@ -76,7 +76,7 @@ pub fn infer(
         Method::KnownLight(_, path) => Some(read_light(path)?),
         _ => None,
     };
-    let image = scene.name.clone();
+    let (image, linear) = (scene.name.clone(), scene.reading.linear);
     let known = if paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
     let shadows = settings.shadows.then_some((model.light.map, settings.side));
     let seen = scene.look(&known, shadows, &mut warnings, journal)?;
@@ -89,7 +89,7 @@ pub fn infer(
             let found = estimate(&model, observations, &ask, &begin).map_err(|error| Problem::of(&image, error))?;
             warnings.extend(found.doubts().iter().map(|doubt| Warning::from(doubt.to_string())));
             let mut sections = notes::estimate(&found);
-            sections["settings"] = notes::settings(&ask, settings.linear);
+            sections["settings"] = notes::settings(&ask, linear);
             let Estimate { material, light: Light { grid, misfit, .. }, colouring } = found;
             Found {
                 table: material.table.clone(),
@@ -104,7 +104,8 @@ pub fn infer(
             let how = (settings, search);
             let found = basis::find((&model, &image), how, known_light.as_ref(), observations, &mut warnings, journal)?;
             let colouring = Colouring::of(observations, &found.table, &rule);
-            let basis::Coefficients { table, light, noise, sections } = found;
+            let basis::Coefficients { table, light, noise, mut sections } = found;
+            sections["settings"]["linear"] = json!(linear);
             Found { table, material: None, light, left: ("noise", noise), colouring, sections }
         }
     };

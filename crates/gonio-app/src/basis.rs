@@ -84,7 +84,7 @@ pub(crate) fn find(
             "seed": search.seed, "starts": search.starts, "grid": settings.side,
             "solver": format!("{:?}", search.solver), "paper": search.paper,
             "model_error": (!search.paper).then_some(MODEL_ERROR),
-            "full_rows": search.full_rows, "linear": settings.linear,
+            "full_rows": search.full_rows,
         },
         "transfer": transfer,
         "reflectance": {

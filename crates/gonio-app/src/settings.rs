@@ -22,8 +22,6 @@ pub struct Settings<'a> {
     pub shadows: bool,
     /// Rule for the colours.
     pub colours: Colours,
-    /// True if integer values were read as linear radiance; noted in the result.
-    pub linear: bool,
     /// Draw the pictures.
     pub pictures: bool,
     /// Make the page, which needs the pictures.

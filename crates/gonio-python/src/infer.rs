@@ -64,7 +64,6 @@ pub(crate) fn infer<'py>(
             side: settings.grid,
             shadows: settings.shadows,
             colours: settings.colours()?,
-            linear: scene.reading.linear,
             pictures: settings.pictures,
             report: settings.report,
             words: &words,

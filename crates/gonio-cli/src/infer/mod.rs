@@ -220,7 +220,6 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         side: options.grid,
         shadows: !options.no_shadows,
         colours: options.colours()?,
-        linear: options.reading.linear,
         pictures: true,
         report: !options.no_report,
         words: &remedy::words,

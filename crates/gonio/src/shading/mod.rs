@@ -46,8 +46,8 @@ pub trait Shading: Sync + Send + Sized {
     fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>>;
 
     /// Means over `phi_d` of each channel, as in
-    /// [`Parametric::to_bivariate`](crate::reflectance::parametric::Parametric::to_bivariate), but of samples
-    /// every `step` degrees, since formulas are smooth.
+    /// [`Parametric::to_bivariate`](crate::reflectance::parametric::Parametric::to_bivariate), but
+    /// of samples every `step` degrees, since formulas are smooth.
     fn to_bivariate(&self, step: usize) -> [BivariateTable; 3] {
         azimuth_means(step, |wi, wo| self.eval(wi, wo).to_array())
     }

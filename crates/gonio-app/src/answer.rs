@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::path::Path;
 
-use gonio::estimate::{Colouring, Estimate, Light, Material, Stage, estimate};
+use gonio::estimate::{Colouring, ColouringRule, Estimate, Light, Material, Stage, estimate};
 use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
@@ -103,13 +103,17 @@ pub fn infer(
         Some(search) => {
             let how = (settings, search);
             let found = basis::find((&model, &image), how, known_light.as_ref(), observations, &mut warnings, journal)?;
-            let colouring = Colouring::of(observations, &found.table, &rule);
+            let colouring = Colouring::of(&model, observations, &found.table, &rule);
             let basis::Coefficients { table, light, noise, mut sections } = found;
             sections["settings"]["linear"] = json!(linear);
             Found { table, material: None, light, left: ("noise", noise), colouring, sections }
         }
     };
     let Found { table, material, light, left, colouring, sections } = found;
+    if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
+        let problem = "the model has no model of colours: the BRDF has the median colour of the photograph";
+        warnings.push(Warning::from(problem.to_owned()));
+    }
     let mut answer = Answer {
         caption: String::new(),
         panels: None,

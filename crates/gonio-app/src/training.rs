@@ -5,6 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
+use gonio::colour::ColourModel;
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use gonio::model::{Model, ModelError};
@@ -12,7 +13,7 @@ use gonio::reflectance::nmf::NmfSettings;
 use gonio::reflectance::{
     BivariateTable, Dictionary, DictionarySettings, LogBasis, ReflectanceBasis, TrainReport, TrainSettings, train,
 };
-use gonio::simulation::{Stock, StockSettings};
+use gonio::simulation::{ColourStock, Stock, StockSettings};
 use gonio::sphere::OctahedralMap;
 use gonio_train::{TrainError, TrainingSettings, learn};
 use rayon::prelude::*;
@@ -89,11 +90,11 @@ pub enum Channel {
 }
 
 impl Channel {
-    /// Selects from a material whose channels (red, green, blue) are `table(0)` to `table(2)`.
-    fn of(self, table: impl Fn(usize) -> BivariateTable) -> BivariateTable {
+    /// Selects from red, green and blue of a material.
+    fn of(self, rgb: &[BivariateTable; 3]) -> BivariateTable {
         match self {
-            Self::Red | Self::Green | Self::Blue => table(self as usize),
-            Self::Luminance => BivariateTable::luminance(&[0, 1, 2].map(table)),
+            Self::Red | Self::Green | Self::Blue => rgb[self as usize].clone(),
+            Self::Luminance => BivariateTable::luminance(rgb),
         }
     }
 }
@@ -257,7 +258,8 @@ pub fn posterior(
         progress("simulating scenes", share);
     })?;
     let training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
-    let learnt = learn(&stock, &training, &|share, _| progress("learning the posterior", share))?;
+    let mut learnt = learn(&stock, &training, &|share, _| progress("learning the posterior", share))?;
+    learnt.colours = Some(colours(&learnt, lights, materials, progress)?);
     let provenance = format!(
         "posterior of materials by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} scenes, {} photographs, seed {seed}",
         env!("CARGO_PKG_VERSION"),
@@ -266,6 +268,26 @@ pub fn posterior(
         training.steps * training.batch,
     );
     Ok((learnt, provenance))
+}
+
+/// Learns the model of colours from a photograph of each material in each light, read by the
+/// posterior of their luminance.
+///
+/// # Errors
+/// See [`posterior`].
+pub fn colours(
+    learnt: &LearntPosterior,
+    lights: &Lights,
+    materials: &Materials,
+    progress: Progress<'_>,
+) -> Result<ColourModel, TrainingError> {
+    let tables = materials.rgb(progress)?.into_iter().map(|(_, rgb)| rgb).collect();
+    let mut stock = ColourStock::new(learnt, tables);
+    lights.each(&mut |share, light| {
+        stock.add_light(light);
+        progress("learning colours", share);
+    })?;
+    Ok(stock.learn())
 }
 
 /// All parts as a model, each with the note of its origin.
@@ -342,21 +364,24 @@ impl Materials {
 
     /// One channel of every material.
     fn channel(&self, channel: Channel, progress: Progress<'_>) -> Result<Vec<(String, BivariateTable)>, Error> {
+        let all = self.rgb(progress)?;
+        Ok(all.into_iter().map(|(name, rgb)| (name, channel.of(&rgb))).collect())
+    }
+
+    /// Red, green and blue of every material.
+    fn rgb(&self, progress: Progress<'_>) -> Result<Vec<(String, [BivariateTable; 3])>, Error> {
         let dir = match self {
-            Self::Tables(tables) => {
-                return Ok(tables.iter().map(|(name, rgb)| (name.clone(), channel.of(|c| rgb[c].clone()))).collect());
-            }
+            Self::Tables(tables) => return Ok(tables.clone()),
             Self::Folder(dir) => dir,
         };
         if dir.join("bivariate_rgb_f32.npy").is_file() {
-            let set = bivariate::read_bivariate_set(dir)?;
-            return Ok(set.into_iter().map(|(name, rgb)| (name, channel.of(|c| rgb[c].clone()))).collect());
+            return bivariate::read_bivariate_set(dir);
         }
         let list = brdf::list(dir)?;
         let mut out = Vec::with_capacity(list.len());
         for (i, (name, path)) in list.iter().enumerate() {
             let table = brdf::read(path)?;
-            out.push((name.clone(), channel.of(|c| table.bivariate(c))));
+            out.push((name.clone(), [0, 1, 2].map(|c| table.bivariate(c))));
             progress("reading materials", (i + 1) as f64 / list.len() as f64);
         }
         Ok(out)

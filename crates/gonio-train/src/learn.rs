@@ -70,5 +70,6 @@ fn posterior(stock: &Stock, trained: Trained, ranged: usize) -> LearntPosterior 
         widths: interval_widths(&tables),
         ranges: (0..features[0].len()).map(range).collect(),
         encoder: trained.encoder,
+        colours: None,
     }
 }

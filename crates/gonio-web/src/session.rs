@@ -135,7 +135,7 @@ impl Session {
         let sighting = self.sighting.as_ref().ok_or("the ball has not been found yet")?;
         let side = EstimateSettings::default().side;
         let material = Material::of(&self.model, &sighting.observations, side).map_err(|e| self.blamed(&e))?;
-        let colouring = Colouring::of(&sighting.observations, &material.table, &ColouringRule::default());
+        let colouring = Colouring::of(&self.model, &sighting.observations, &material.table, &ColouringRule::default());
         let colours = colouring.colours();
         let [dull, glossy] = &material.ends;
         let views =

@@ -4,6 +4,7 @@
 use thiserror::Error;
 
 use crate::appearance::disk::{CHANNELS, GLOBALS, SIDE};
+use crate::colour::ColourModel;
 use crate::inference::learnt::LearntPosterior;
 use crate::lighting::{CoefficientPrior, LightPrior, PriorGroup};
 use crate::reflectance::{CELLS, ReflectanceBasis, THETA_D};
@@ -143,6 +144,9 @@ pub enum PosteriorFault {
     /// A range whose end lies before its beginning.
     #[error("feature {0} has no range")]
     Range(usize),
+    /// A model of colours with numbers that are not finite or variances that are not positive.
+    #[error("its model of colours has numbers that are not finite or variances that are not positive")]
+    Colours,
 }
 
 /// Scales of a prior at most: a grid of 16384 texels a side.
@@ -152,6 +156,11 @@ const MAX_SCALES: u32 = 14;
 const WEIGHT_TOLERANCE: f64 = 1e-6;
 
 impl Model {
+    /// Model of colours, if there is one.
+    pub(crate) fn colours(&self) -> Option<&ColourModel> {
+        self.learnt.as_ref().and_then(|learnt| learnt.colours.as_ref())
+    }
+
     /// Whether all parts are consistent: lengths fit, weights and variances are proper, everything
     /// is finite.
     ///
@@ -266,7 +275,7 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
         if values.iter().all(|v| v.is_finite()) { Ok(()) } else { Err(PosteriorFault::NotFinite(what)) }
     };
     let filled = |what, there: bool| if there { Ok(()) } else { Err(PosteriorFault::Empty(what)) };
-    let LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges } = posterior;
+    let LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges, colours } = posterior;
     let dimensions = coordinates.axes.len();
     filled("materials", !names.is_empty())?;
     filled("coordinates", dimensions > 0)?;
@@ -292,9 +301,12 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
     length("what the encoder knows of the image as a whole", shape.globals, GLOBALS)?;
     length("the ranges of its features", ranges.len(), shape.hidden.last().copied().unwrap_or(0))?;
     let proper = |(low, high): &(f32, f32)| low.is_finite() && high.is_finite() && low <= high;
-    match ranges.iter().position(|range| !proper(range)) {
-        Some(feature) => Err(PosteriorFault::Range(feature).into()),
-        None => Ok(()),
+    if let Some(feature) = ranges.iter().position(|range| !proper(range)) {
+        return Err(PosteriorFault::Range(feature).into());
+    }
+    match colours {
+        Some(colours) if !colours.is_proper() => Err(PosteriorFault::Colours.into()),
+        _ => Ok(()),
     }
 }
 

@@ -1,12 +1,10 @@
 //! `gonio-eval colour`: compares rules that colour a BRDF, on materials and lights unseen in
-//! training; with `--learn`, learns the model of colours from training materials in training
-//! lights.
+//! training. The model of colours is learnt from the training materials in the training lights.
 //!
 //! Photographs show bivariate RGB tables on a ball in full-resolution RGB light. All rules but the
 //! true table colour the same luminance estimate. No dictionary entries are left out by hand: the
 //! posterior is used as learnt from the training materials alone.
 
-mod learn;
 mod rules;
 
 use std::fmt::Write as _;
@@ -15,13 +13,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use glam::{DQuat, Vec3};
 use gonio::appearance::Lattice;
-use gonio::colour::{Chroma, ClueFinder, Clues, ColourModel, TwoColours, highlight_share, white_chroma};
+use gonio::colour::{Chroma, ClueFinder, ColourModel, TwoColours, white_chroma};
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{LightTree, Relighter};
 use gonio::shape::SurfacePoint;
+use gonio::simulation::ColourStock;
 use gonio::sphere::OctahedralMap;
 use gonio_io::cache::Cache;
 
@@ -46,10 +45,6 @@ pub(crate) struct Options {
     relight: Vec<String>,
     #[command(flatten)]
     effort: Effort,
-    /// Learn the model of colours from training materials in training lights instead, print it, and
-    /// its errors on left-out quarters of both
-    #[arg(long)]
-    learn: bool,
 }
 
 /// Distance of the body's chroma from grey beyond which a material counts as coloured.
@@ -83,10 +78,15 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let lights = Lights::training(data)?;
     let posterior = posteriors::load_or_train(&cache, &tables, &lights, &lights.names(), &options.effort.learning())?;
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
-    if options.learn {
-        return learn::run(&materials, &training, &lights, &posterior);
+    let mut stock = ColourStock::new(&posterior, training.iter().map(|&at| materials.rgb(at).clone()).collect());
+    let progress = Progress::new("learning colours", lights.names().len());
+    for name in lights.names() {
+        stock.add_light(&lights.map(&name)?);
+        progress.step();
     }
-    let bench = Bench::new(posterior);
+    progress.finish();
+    let model = stock.learn();
+    let bench = Bench { finder: ClueFinder::new(), lattice: Lattice::new(), posterior, model };
     let lights = Lights::open(data)?;
     let subjects: Vec<[BivariateTable; 3]> = held_out.iter().map(|&at| trusted(materials.rgb(at))).collect();
     let luminances: Vec<BivariateTable> = subjects.iter().map(BivariateTable::luminance).collect();
@@ -158,11 +158,6 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(posterior: LearntPosterior) -> Self {
-        let lattice = Lattice::new();
-        Self { posterior, model: ColourModel::default(), finder: ClueFinder::new(&lattice), lattice }
-    }
-
     /// Operator that relights estimates in a map.
     fn operator(&self, map: &EnvironmentMap, examples: &[BivariateTable]) -> [Relighter; 3] {
         Relighter::of_channels(&self.lattice.points(DQuat::IDENTITY), examples, &LightTree::of_map(map), &ACCURACY)
@@ -175,18 +170,11 @@ impl Bench {
         light: Chroma,
         rgb: &[BivariateTable; 3],
     ) -> Result<View> {
-        let (table, clues) = self.read(points, &image)?;
-        Ok(View { image, table, clues, light, truth: TwoColours::of(rgb) })
-    }
-
-    /// Estimates the luminance table from the colours of points, and finds the clues to its
-    /// colours.
-    fn read(&self, points: &[SurfacePoint], image: &[Vec3]) -> Result<(BivariateTable, Clues)> {
         let values = image.iter().map(|c| Some(f64::from(luminance(*c))));
         let table = self.posterior.posterior(&posteriors::on_disk(points, values)?).mean;
         let colours: Vec<Option<Vec3>> = image.iter().copied().map(Some).collect();
-        let clues = self.finder.of(&self.lattice.gather_colours(points, &colours), highlight_share(&table));
-        Ok((table, clues))
+        let clues = self.finder.read(points, &colours, &table);
+        Ok(View { image, table, clues, light, truth: TwoColours::of(rgb) })
     }
 }
 

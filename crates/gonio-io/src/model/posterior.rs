@@ -13,6 +13,9 @@ pub(super) const NAMES: &str = "posterior";
 /// Metadata entry with the sizes of the encoder's layers.
 const SHAPE: &str = "encoder";
 
+/// Metadata entry with the model of colours, which files without colours lack.
+const COLOURS: &str = "colours";
+
 /// Prefix of the names of the encoder's own tensors.
 const ENCODER: &str = "encoder.";
 
@@ -27,7 +30,7 @@ const EMBEDDINGS: &str = "embeddings";
 
 /// Returns metadata and tensors, those of the widest type first.
 pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
-    let LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges } = learnt;
+    let LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges, colours } = learnt;
     let dimensions = coordinates.axes.len();
     let ranges: Vec<f32> = ranges.iter().flat_map(|(low, high)| [*low, *high]).collect();
     let outputs = encoder.shape().outputs;
@@ -46,10 +49,11 @@ pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
         tensors.push(Tensor::f32(format!("{ENCODER}{name}"), &shape, values));
     }
     let json = |value: serde_json::Result<String>| value.expect("names and numbers are JSON");
-    let metadata = Metadata::from([
+    let mut metadata = Metadata::from([
         (NAMES, json(serde_json::to_string(names))),
         (SHAPE, json(serde_json::to_string(encoder.shape()))),
     ]);
+    metadata.extend(colours.as_ref().map(|colours| (COLOURS, json(serde_json::to_string(colours)))));
     (metadata, tensors)
 }
 
@@ -75,8 +79,9 @@ pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
         let (_, embeddings) = file.f32s(&format!("{name}{EMBEDDINGS}"), &[None, Some(outputs)])?;
         Ok(Candidates { places: rows(&places, coordinates.axes.len()), embeddings: rows(&embeddings, outputs) })
     };
+    let colours = file.says(COLOURS).then(|| file.json(COLOURS)).transpose()?;
     let (measured, prior) = (candidates(MEASURED)?, candidates(PRIOR)?);
-    let learnt = LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges };
+    let learnt = LearntPosterior { names, measured, prior, coordinates, widths, encoder, ranges, colours };
     // Checked before anything is computed from it.
     check_posterior(&learnt).map_err(|e| wrong(e.to_string()))?;
     Ok(learnt)

@@ -4,8 +4,11 @@ use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::chroma::{Chroma, luminance_of};
+use super::parts::highlight_share;
 use crate::appearance::Lattice;
 use crate::lighting::LightGrid;
+use crate::reflectance::BivariateTable;
+use crate::shape::SurfacePoint;
 use crate::sphere::fibonacci_hemisphere;
 
 /// Number of chromas in [`Clues`].
@@ -39,15 +42,16 @@ pub struct Clues {
 /// Filters on a [`Lattice`]; 22 MB.
 #[derive(Clone, Debug)]
 pub struct ClueFinder {
-    normals: Vec<DVec3>,
+    lattice: Lattice,
     /// `[scale][normal * count + other]`.
     details: Vec<Vec<f32>>,
 }
 
 impl ClueFinder {
-    /// Builds the filters for a lattice.
-    pub fn new(lattice: &Lattice) -> Self {
-        let normals = lattice.normals().to_vec();
+    /// Builds the filters.
+    pub fn new() -> Self {
+        let lattice = Lattice::new();
+        let normals = lattice.normals();
         let detail = |(narrow, wide): (f64, f64)| -> Vec<f32> {
             let row = |n: &DVec3| {
                 let smooth = |width: f64| -> Vec<f64> {
@@ -61,23 +65,30 @@ impl ClueFinder {
             };
             normals.par_iter().flat_map_iter(row).collect()
         };
-        Self { details: DETAIL.map(detail).into(), normals }
+        let details = DETAIL.map(detail).into();
+        Self { lattice, details }
+    }
+
+    /// Computes the clues of the colours of points, those of a material whose luminance is `table`.
+    pub fn read(&self, points: &[SurfacePoint], colours: &[Option<Vec3>], table: &BivariateTable) -> Clues {
+        self.of(&self.lattice.gather_colours(points, colours), highlight_share(table))
     }
 
     /// Computes the clues of an image, given as a linear RGB value for each normal of the lattice,
-    /// of a material whose highlight has this [share](super::highlight_share).
+    /// of a material whose highlight has this [share](highlight_share).
     ///
     /// # Panics
     /// If the image does not have as many values as the lattice has normals.
-    pub fn of(&self, image: &[Vec3], share: f64) -> Clues {
-        let count = self.normals.len();
+    fn of(&self, image: &[Vec3], share: f64) -> Clues {
+        let count = self.lattice.normals().len();
         assert_eq!(image.len(), count);
         let mean = image.iter().map(|c| c.as_dvec3()).sum::<DVec3>() / count as f64;
         let median = DVec3::from_array([0, 1, 2].map(|c| {
             let mut values: Vec<f32> = image.iter().map(|p| p[c]).collect();
             f64::from(*values.select_nth_unstable_by(count / 2, f32::total_cmp).1)
         }));
-        let centre = image.iter().zip(&self.normals).filter(|(_, n)| n.z > CENTRE).map(|(c, _)| c.as_dvec3()).sum();
+        let centre =
+            image.iter().zip(self.lattice.normals()).filter(|(_, n)| n.z > CENTRE).map(|(c, _)| c.as_dvec3()).sum();
         let [fine, coarse] = [0, 1].map(|scale| self.slope(&self.details[scale], image, mean));
         let unmixed = |colour: DVec3, taken: f64| {
             let taken = taken * share.clamp(0.0, LARGEST_SHARE);
@@ -156,7 +167,7 @@ mod tests {
 
     #[test]
     fn detail_has_the_colour_of_the_highlight_and_the_median_that_of_the_body() {
-        let finder = ClueFinder::new(&Lattice::new());
+        let finder = ClueFinder::new();
         let (body, highlight) = (Vec3::new(0.6, 0.2, 0.1), Vec3::new(1.0, 0.9, 0.8));
         let clues = finder.of(&image(body, highlight), 0.1);
         let chroma = |c: Vec3| Chroma::of(c.as_dvec3());
@@ -169,7 +180,7 @@ mod tests {
 
     #[test]
     fn the_light_adds_to_all_and_brightness_to_none() {
-        let finder = ClueFinder::new(&Lattice::new());
+        let finder = ClueFinder::new();
         let plain = image(Vec3::new(0.6, 0.3, 0.2), Vec3::ONE);
         let light = Vec3::new(1.3, 1.0, 0.7);
         let lit: Vec<Vec3> = plain.iter().map(|c| 40.0 * light * *c).collect();
@@ -187,14 +198,14 @@ mod tests {
         let picture = image(Vec3::new(0.6, 0.2, 0.1), Vec3::ONE);
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| ClueFinder::new(&Lattice::new()).of(&picture, 0.2))
+            pool.install(|| ClueFinder::new().of(&picture, 0.2))
         };
         assert_eq!(run(1), run(3));
     }
 
     #[test]
     fn a_smooth_image_has_one_colour() {
-        let finder = ClueFinder::new(&Lattice::new());
+        let finder = ClueFinder::new();
         let flat = vec![Vec3::new(0.5, 0.25, 0.25); Lattice::new().normals().len()];
         let clues = finder.of(&flat, 0.3);
         assert!(clues.chromas.iter().all(|c| c.distance(clues.chromas[0]) < 1e-6), "{clues:?}");

@@ -90,6 +90,54 @@ impl ColourModel {
     }
 }
 
+/// Errors of a [`ColourModel`] on materials and lights that it has not learnt from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeftOut {
+    /// Median distances of the chromas of body and highlight from the true ones, with the median
+    /// colour of the photograph for both.
+    pub median: [f64; 2],
+    /// The same distances with the estimate.
+    pub estimate: [f64; 2],
+    /// The same distances with the estimate when the light's chroma is given.
+    pub given: [f64; 2],
+    /// Share of the true components within their 90 % intervals.
+    pub inside: f64,
+}
+
+/// Parts that the materials and the lights are divided into; one part of each is left out, in turn.
+const FOLDS: usize = 4;
+
+impl LeftOut {
+    /// Measures on samples that stand beside the indices of their material and light.
+    pub(crate) fn of(samples: &[(usize, usize, Sample)]) -> Self {
+        let (mut errors, mut inside, mut count) = ([const { Vec::new() }; 6], 0, 0);
+        for (materials, lights) in (0..FOLDS * FOLDS).map(|fold| (fold / FOLDS, fold % FOLDS)) {
+            let seen = samples.iter().filter(|(m, l, _)| m % FOLDS != materials && l % FOLDS != lights);
+            let seen: Vec<Sample> = seen.map(|(.., s)| s.clone()).collect();
+            if seen.is_empty() {
+                continue;
+            }
+            let model = ColourModel::learn(&seen);
+            for (.., s) in samples.iter().filter(|(m, l, _)| m % FOLDS == materials && l % FOLDS == lights) {
+                let (blind, given) = (model.posterior(&s.clues, None), model.posterior(&s.clues, Some(s.light)));
+                let each = [TwoColours::same(s.clues.chromas[1]), blind.colours(), given.colours()];
+                for (k, colours) in each.into_iter().enumerate() {
+                    errors[2 * k].push(colours.body.distance(s.colours.body));
+                    errors[2 * k + 1].push(colours.highlight.distance(s.colours.highlight));
+                }
+                let truth = s.colours.body.0.into_iter().chain(s.colours.highlight.0);
+                inside += blind.intervals().iter().zip(truth).filter(|([low, high], x)| low <= x && x <= high).count();
+                count += 4;
+            }
+        }
+        let [a, b, c, d, e, f] = errors.map(|mut values: Vec<f64>| {
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+        });
+        Self { median: [a, b], estimate: [c, d], given: [e, f], inside: inside as f64 / f64::from(count.max(1)) }
+    }
+}
+
 fn normal(values: &[[f64; 2]]) -> Normal {
     let n = values.len().max(1) as f64;
     let mean = [0, 1].map(|c| values.iter().map(|v| v[c]).sum::<f64>() / n);

@@ -20,13 +20,14 @@ mod chroma;
 mod clues;
 mod gaussian;
 mod learn;
-mod learnt;
 mod model;
 mod parts;
 
 pub use chroma::Chroma;
 pub(crate) use clues::is_grey;
 pub use clues::{CLUES, ClueFinder, Clues, white_chroma};
-pub use learn::Sample;
+pub use learn::{LeftOut, Sample};
+#[cfg(test)]
+pub(crate) use model::tests::plain;
 pub use model::{ColourModel, ColourPosterior, Normal, Reading};
 pub use parts::{TwoColours, body, highlight_share};

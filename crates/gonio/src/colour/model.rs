@@ -4,6 +4,7 @@ use super::chroma::Chroma;
 use super::clues::{CLUES, Clues};
 use super::gaussian::solve;
 use super::parts::TwoColours;
+use serde::{Deserialize, Serialize};
 
 /// Shares of the highlight at which readings are learnt; between them they are interpolated over
 /// the logit of the share.
@@ -16,7 +17,7 @@ const GIVEN: f64 = 0.02 * 0.02;
 const NINETY: f64 = 1.645;
 
 /// A normal distribution of a chroma.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Normal {
     /// Its mean, `(ln R/G, ln B/G)`.
     pub mean: [f64; 2],
@@ -26,7 +27,7 @@ pub struct Normal {
 
 /// Linear reading of a chroma from the [`Clues`]: the first clue plus weighted differences of the
 /// others from the first.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
     /// Weights for each node of the highlight's share and each clue but the first.
     pub weights: [[f64; CLUES - 1]; NODES.len()],
@@ -34,9 +35,9 @@ pub struct Reading {
     pub offsets: [[f64; 2]; NODES.len()],
 }
 
-/// Prior of colours, and their readings from a photograph. Learnt by [`ColourModel::learn`]; the
-/// default was learnt from reconstructed MERL materials in captured lights (`docs/trials.md`).
-#[derive(Clone, Debug, PartialEq)]
+/// Prior of colours, and their readings from a photograph. Learnt by [`ColourModel::learn`], and
+/// part of a [`LearntPosterior`](crate::inference::learnt::LearntPosterior).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ColourModel {
     /// Reading of the chroma of the body plus that of the light.
     pub body: Reading,
@@ -137,6 +138,20 @@ impl Joint {
 }
 
 impl ColourModel {
+    /// Whether all numbers are finite and all variances positive.
+    pub(crate) fn is_proper(&self) -> bool {
+        let Self { body, highlight, noise, light, bodies, white, follows, apart, coloured } = self;
+        let readings = [body, highlight].into_iter();
+        let of_readings = readings.flat_map(|r| r.weights.as_flattened().iter().chain(r.offsets.as_flattened()));
+        let of_priors =
+            [light, bodies, white].into_iter().flat_map(|n| n.mean.iter().chain(n.covariance.as_flattened()));
+        let single = [follows, apart].into_iter().chain(coloured);
+        let all = of_readings.chain(of_priors).chain(single).chain(noise.as_flattened().as_flattened());
+        let variances = noise.iter().flat_map(|node| (0..4).map(|i| node[i][i]));
+        let spreads = [light, bodies, white].into_iter().flat_map(|n| [n.covariance[0][0], n.covariance[1][1]]);
+        all.copied().all(f64::is_finite) && variances.chain(spreads).all(|v| v > 0.0)
+    }
+
     /// Computes the posterior given the clues and, where it is known, the chroma of the light (see
     /// [`white_chroma`](super::white_chroma)).
     pub fn posterior(&self, clues: &Clues, light: Option<Chroma>) -> ColourPosterior {
@@ -220,11 +235,11 @@ impl ColourPosterior {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// Model whose readings are the first clue for the body and the fine detail for the highlight.
-    fn plain() -> ColourModel {
+    pub(crate) fn plain() -> ColourModel {
         let reading = |weight: f64| {
             let mut weights = [[0.0; CLUES - 1]; NODES.len()];
             weights.iter_mut().for_each(|node| node[2] = weight);
@@ -303,12 +318,9 @@ mod tests {
     }
 
     #[test]
-    fn what_travels_with_the_library_finds_plain_cases() {
-        let model = ColourModel::default();
-        let grey = model.posterior(&clues([0.0; 2], [0.0; 2]), None);
-        assert!(grey.colours().body.distance(Chroma::default()) < 0.35, "{grey:?}");
-        let red = model.posterior(&clues([1.5, -0.3], [0.1, 0.0]), None);
-        assert!(red.colours().body.0[0] > 1.0 && red.colours().highlight.0[0] < 0.4, "{red:?}");
-        assert!(red.intervals().iter().all(|[low, high]| low < high));
+    fn improper_models_are_told() {
+        assert!(plain().is_proper());
+        assert!(!ColourModel { apart: f64::NAN, ..plain() }.is_proper());
+        assert!(!ColourModel { white: Normal { mean: [0.0; 2], covariance: [[0.0; 2]; 2] }, ..plain() }.is_proper());
     }
 }

@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 
-use crate::appearance::Lattice;
-use crate::colour::{Chroma, ClueFinder, ColourModel, ColourPosterior, TwoColours, highlight_share, is_grey};
+use crate::colour::{Chroma, ClueFinder, ColourPosterior, TwoColours, is_grey};
+use crate::model::Model;
 use crate::picture::Plane;
 use crate::reflectance::BivariateTable;
 use crate::render::median_colour;
@@ -44,14 +44,15 @@ pub enum Colouring {
     Estimate {
         /// Colours with their uncertainty.
         posterior: Box<ColourPosterior>,
-        /// Share of the highlight in the image, by which the clues were read ([`highlight_share`]).
+        /// Share of the highlight in the image, by which the clues were read ([`highlight_share`](crate::colour::highlight_share)).
         share: f64,
     },
 }
 
 impl Colouring {
-    /// Finds the colours of a BRDF whose luminance is `table`.
-    pub fn of(observations: &Observations, table: &BivariateTable, rule: &ColouringRule) -> Self {
+    /// Finds the colours of a BRDF whose luminance is `table`. A model without a model of colours
+    /// gives the median colour instead of an estimate.
+    pub fn of(model: &Model, observations: &Observations, table: &BivariateTable, rule: &ColouringRule) -> Self {
         let light = match rule {
             ColouringRule::Grey => return Self::Grey,
             ColouringRule::Median => None,
@@ -61,14 +62,13 @@ impl Colouring {
         if is_grey(&seen) {
             return Self::GreyPhotograph;
         }
-        if *rule == ColouringRule::Median {
+        let learnt = model.colours().filter(|_| *rule != ColouringRule::Median);
+        let Some(learnt) = learnt else {
             let median = median_colour(&Plane::from_vec(seen.len(), 1, seen), |_| true);
             return Self::Median(Chroma::of(median.as_dvec3()));
-        }
-        let lattice = Lattice::new();
-        let image = lattice.gather_colours(&observations.points, &observations.colours);
-        let clues = ClueFinder::new(&lattice).of(&image, highlight_share(table));
-        Self::Estimate { posterior: Box::new(ColourModel::default().posterior(&clues, light)), share: clues.share }
+        };
+        let clues = ClueFinder::new().read(&observations.points, &observations.colours, table);
+        Self::Estimate { posterior: Box::new(learnt.posterior(&clues, light)), share: clues.share }
     }
 
     /// Colours of body and highlight.

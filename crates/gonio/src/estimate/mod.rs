@@ -139,7 +139,7 @@ pub fn estimate(
         rayon::join(|| impression.describe(), || Light::of(model, observations, &table, settings, progress));
     let light = light?;
     progress(Stage::Colours);
-    let colouring = Colouring::of(observations, &material.table, &settings.colouring);
+    let colouring = Colouring::of(model, observations, &material.table, &settings.colouring);
     Ok(Estimate { material, light, colouring })
 }
 

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use glam::Vec3;
 
 use super::*;
-use crate::colour::Chroma;
+use crate::colour::{Chroma, plain};
 use crate::inference::learnt::tests::{WORLD, knowing, light_map};
 use crate::lighting::{LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
@@ -109,16 +109,19 @@ fn samples_follow_the_density_and_the_seed() {
 #[test]
 fn colours_are_taken_as_asked_for() {
     let colour = Vec3::new(1.0, 0.6, 0.3);
-    let observations = observations(&photograph(4, colour));
+    let (mut model, observations) = (model(4), observations(&photograph(4, colour)));
     let table = BivariateTable::from_fn(|_, _| 0.2);
-    assert_eq!(Colouring::of(&observations, &table, &ColouringRule::Grey), Colouring::Grey);
-    let median = Colouring::of(&observations, &table, &ColouringRule::Median);
+    assert_eq!(Colouring::of(&model, &observations, &table, &ColouringRule::Grey), Colouring::Grey);
+    let median = Colouring::of(&model, &observations, &table, &ColouringRule::Median);
     let Colouring::Median(chroma) = &median else { panic!("{median:?}") };
     assert!(chroma.distance(Chroma::of(colour.as_dvec3())) < 0.02);
     assert_eq!(median.light(), Vec3::ONE);
+    // The model has no model of colours.
+    assert_eq!(Colouring::of(&model, &observations, &table, &ColouringRule::default()), median);
+    model.learnt.as_mut().unwrap().colours = Some(plain());
     // In a light known to have that colour, the body is less coloured than in an unknown one.
     let body = |light: Option<Chroma>| {
-        Colouring::of(&observations, &table, &ColouringRule::Estimate { light })
+        Colouring::of(&model, &observations, &table, &ColouringRule::Estimate { light })
             .colours()
             .body
             .distance(Chroma::default())

@@ -8,6 +8,7 @@
 
 mod ball;
 mod camera;
+mod colours;
 mod fields;
 mod figure;
 mod gather;
@@ -24,6 +25,7 @@ use serde::{Deserialize, Serialize};
 
 pub use ball::{BallRenderer, Rings};
 pub use camera::Camera;
+pub use colours::ColourStock;
 pub use lights::LightKind;
 pub use pyramid::LightPyramid;
 use scene::Packed;

@@ -36,6 +36,7 @@ pub use unshadow::{UnshadowSettings, Unshadowed, unshadow};
 
 use crate::appearance::DiskImage;
 use crate::appearance::disk::{CHANNELS, SIDE};
+use crate::colour::ColourModel;
 use crate::reflectance::Coordinates;
 
 /// Trained model from an image to the posterior of its material.
@@ -56,6 +57,8 @@ pub struct LearntPosterior {
     /// Smallest and largest value of each feature of the encoder in training, except for one in a
     /// thousand at either end.
     pub ranges: Vec<(f32, f32)>,
+    /// Model of the colours of materials and lights; `None` if only luminance was learnt.
+    pub colours: Option<ColourModel>,
 }
 
 /// Output of the encoder for an image.

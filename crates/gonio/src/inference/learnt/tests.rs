@@ -96,6 +96,7 @@ fn around(place: &[f64], deviation: f32) -> LearntPosterior {
         widths: interval_widths(&tables),
         encoder: Encoder::from_tensors(shape, find).unwrap(),
         ranges: vec![(0.0, 1.0); 2],
+        colours: None,
     }
 }
 

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use glam::{DQuat, Vec3};
 use gonio::appearance::Lattice;
-use gonio::colour::{Chroma, ClueFinder, ColourModel, TwoColours, white_chroma};
+use gonio::colour::{Chroma, ClueFinder, ColourModel, LeftOut, TwoColours, white_chroma};
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::luminance;
@@ -86,6 +86,12 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     }
     progress.finish();
     let model = stock.learn();
+    let LeftOut { median: display, estimate, given, inside } = stock.left_out();
+    println!("left-out quarters of training materials and lights, median errors of body / highlight:");
+    for (name, [body, highlight]) in [("median colour", display), ("estimate", estimate), ("light given", given)] {
+        println!("{name}: {body:.3} / {highlight:.3}");
+    }
+    println!("in 90 % intervals: {:.0} %", 100.0 * inside);
     let bench = Bench { finder: ClueFinder::new(), lattice: Lattice::new(), posterior, model };
     let lights = Lights::open(data)?;
     let subjects: Vec<[BivariateTable; 3]> = held_out.iter().map(|&at| trusted(materials.rgb(at))).collect();

@@ -44,7 +44,8 @@ pub enum Colouring {
     Estimate {
         /// Colours with their uncertainty.
         posterior: Box<ColourPosterior>,
-        /// Share of the highlight in the image, by which the clues were read ([`highlight_share`](crate::colour::highlight_share)).
+        /// Share of the highlight in the image, by which the clues were read
+        /// ([`highlight_share`](crate::colour::highlight_share)).
         share: f64,
     },
 }

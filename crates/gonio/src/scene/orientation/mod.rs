@@ -1,0 +1,165 @@
+//! Test of a normal map for the order and signs of its channels: x right, y up, z towards the
+//! camera, none flipped and none swapped.
+//!
+//! Three things hold for the normals of any surface:
+//! * what the camera sees faces it: z is positive;
+//! * the slopes integrate to a surface: around any closed path they add up to zero. This holds for
+//!   one sign of y relative to x and not for the other, but cannot tell a hill from a hollow (x and
+//!   y both flipped);
+//! * where the outline is the rim of a rounded object the normals are perpendicular to it: they
+//!   point out of the object or, in a hollow, into it.
+//!
+//! Each can show that an order is wrong. The ambiguity between a hill and a hollow remains: the
+//! rounder object is offered.
+
+mod evidence;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use self::evidence::Evidence;
+pub use self::settings::OrientationSettings;
+use super::observed::check_size;
+use super::{Correction, SceneError};
+use crate::picture::Plane;
+use crate::remedy::Remedy;
+
+/// Fit of an order of channels to a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fit {
+    /// Share of normals that face away from the camera, 0 to 1.
+    pub away: f64,
+    /// Relative sum of the slopes around closed paths, 0 (a surface) to 1; `None` where nothing can
+    /// be said: too few pixels, or a shape such as an upright cylinder.
+    pub circulation: Option<f64>,
+    /// Mean cosine, at the rim, between the normals and the direction out of the object, -1 (a
+    /// hollow) to 1 (a round object), and the mean of its absolute value. `None` without a rim.
+    pub rim: Option<(f64, f64)>,
+}
+
+impl Fit {
+    fn outwards(&self) -> Option<f64> {
+        self.rim.map(|r| r.0)
+    }
+
+    /// Returns by how much its circulation is smaller than that of another order.
+    fn gain_over(&self, other: &Self) -> Option<f64> {
+        Some(other.circulation? - self.circulation?)
+    }
+}
+
+/// Evidence that an order is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fault {
+    /// Many normals face away from the camera.
+    Away,
+    /// The slopes do not integrate to a surface.
+    Open,
+    /// Normals at the rim are not perpendicular to the outline.
+    Across,
+}
+
+/// Verdict on the order of the channels of a normal map.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Orientation {
+    /// Fit of the given order.
+    pub given: Fit,
+    /// What shows that the given order is wrong, whether or not a correction fits.
+    pub fault: Option<Fault>,
+    /// Corrections that fit, the more usual first, where the given order clearly does not;
+    /// otherwise empty. There are several where nothing tells them apart, such as x or y flipped on
+    /// a relief without a rim.
+    pub corrections: Vec<Correction>,
+    /// Improvement of the fit by the first correction, 0 to 1; zero without a correction.
+    pub confidence: f64,
+}
+
+impl Orientation {
+    /// Tests the normals that `coverage` gives as at least half covered, or all without it, by the
+    /// default [`OrientationSettings`]. Normals of length zero or that are not finite count as
+    /// missing.
+    ///
+    /// The verdict is cautious: nothing is corrected without evidence, or where the shape explains
+    /// the normals as well as an error would.
+    ///
+    /// # Errors
+    /// [`SceneError::Sizes`]; [`SceneError::NoNormals`].
+    pub fn of(normals: &Plane<Vec3>, coverage: Option<&Plane<f32>>) -> Result<Self, SceneError> {
+        Self::by(&OrientationSettings::default(), normals, coverage)
+    }
+
+    /// Like [`Self::of`], by other settings.
+    ///
+    /// # Errors
+    /// Like [`Self::of`].
+    ///
+    /// # Panics
+    /// If [`OrientationSettings::cells`] is zero.
+    pub fn by(
+        settings: &OrientationSettings,
+        normals: &Plane<Vec3>,
+        coverage: Option<&Plane<f32>>,
+    ) -> Result<Self, SceneError> {
+        if let Some(coverage) = coverage {
+            check_size("mask", coverage.size(), normals.size())?;
+        }
+        let surface = Plane::from_fn(normals.width(), normals.height(), |x, y| {
+            let covered = coverage.is_none_or(|c| c[(x, y)] >= 0.5);
+            normals[(x, y)].as_dvec3().try_normalize().filter(|_| covered)
+        });
+        let evidence = Evidence::of(&surface, settings).ok_or(SceneError::NoNormals)?;
+        let given = evidence.fit(Correction::default());
+        let fault = settings.fault(&given);
+        let nothing = Self { given, fault, corrections: Vec::new(), confidence: 0.0 };
+        let Some(contradicting) = fault else { return Ok(nothing) };
+        let all = Correction::all().into_iter().map(|c| (c, evidence.fit(c)));
+        let mut fitting: Vec<(Correction, Fit)> =
+            all.filter(|(_, fit)| settings.mends(contradicting, &given, fit)).collect();
+        let least = fitting.iter().filter_map(|f| f.1.circulation).fold(f64::INFINITY, f64::min);
+        fitting.retain(|f| f.1.circulation.is_some_and(|c| c < least + settings.tied));
+        // The rim decides among those left, if every one of them has a rim.
+        let outwards = fitting.iter().map(|f| f.1.outwards()).collect::<Option<Vec<f64>>>();
+        if let Some(best) = outwards.and_then(|r| r.into_iter().reduce(f64::max)) {
+            fitting.retain(|f| f.1.outwards().is_some_and(|r| r > best - settings.rounder));
+        }
+        let Some((_, first)) = fitting.first() else { return Ok(nothing) };
+        let straighter = first.rim.zip(given.rim).map_or(0.0, |(a, b)| a.1 - b.1);
+        let grounds = [given.away - first.away, first.gain_over(&given).unwrap_or(0.0), straighter];
+        let confidence = grounds.into_iter().fold(0.0, f64::max).min(1.0);
+        Ok(Self { given, fault, corrections: fitting.iter().map(|f| f.0).collect(), confidence })
+    }
+
+    /// Returns what contradicts the given order; `None` where it is or may be right.
+    pub(crate) fn contradiction(&self) -> Option<Contradiction> {
+        let first = self.corrections.first()?;
+        let why = match self.fault? {
+            Fault::Away => format!("{:.0} % of them face away from the camera", 100.0 * self.given.away),
+            Fault::Open => {
+                format!("their slopes do not close ({:.0} % off)", 100.0 * self.given.circulation?)
+            }
+            Fault::Across => "at the outline they do not point out of the object".to_owned(),
+        };
+        let complaint = format!("the normals seem to have {}: {why}", first.words());
+        Some(Contradiction { complaint, corrections: self.corrections.iter().take(3).copied().collect() })
+    }
+}
+
+/// Contradiction within the given normals.
+#[derive(Clone, Debug, PartialEq, Error)]
+#[error("{complaint}")]
+pub struct Contradiction {
+    complaint: String,
+    /// Corrections that mend it, the most probable first.
+    corrections: Vec<Correction>,
+}
+
+impl Contradiction {
+    /// Returns [`Remedy::NormalAxes`].
+    pub fn remedy(&self) -> Remedy {
+        Remedy::NormalAxes(self.corrections.clone())
+    }
+}

@@ -56,8 +56,8 @@ def test_figures_are_drawn(found):
 def test_without_matplotlib_the_rest_works():
     code = (
         "import sys; sys.modules['matplotlib'] = None\n"
-        "import gonio, gonio._show\n"
-        "try: gonio._show.plot(None)\n"
+        "import gonio, gonio._figure\n"
+        "try: gonio._figure.plot({}, None, None, None, None)\n"
         "except ImportError as error: print(error)\n"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -9,14 +9,14 @@ Angles are in radians, BRDFs in 1/sr, pictures linear radiance with row 0 at the
 object towards the camera.
 """
 
-from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, read_brdf, read_merl, write_merl
+from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, read_brdf, read_merl, render, write_merl
 from ._errors import FileError, GonioError, GonioWarning, MissingFileError
 from ._files import read_image, read_normals, write_image
 from ._gonio import Model, __version__
 from ._infer import infer, read_model
 from ._many import Failure, infer_many
 from ._posterior import QUANTILES, Posterior
-from ._render import render, studio_light
+from ._render import studio_light
 from ._show import tonemapped
 from ._train import Part, train_lighting, train_model, train_posterior, train_reflectance
 

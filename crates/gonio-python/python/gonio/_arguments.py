@@ -87,18 +87,6 @@ def mask(given: Picture | None) -> str | Floats | None:
     return values
 
 
-def light(given: Picture, name: str = "the light") -> Floats:
-    """A lat-long map: row 0 is up, the centre looks along -z, the right half is +x."""
-    from ._files import read_image
-
-    array = read_image(cast(Path, given)) if is_path(given) else np.asarray(given)
-    if array.ndim == 2:
-        array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
-    if array.ndim != 3 or array.shape[2] not in (3, 4):
-        raise GonioError(f"{name}: has the shape {array.shape}; give (height, 2 height, 3)")
-    return floats(array[:, :, :3])
-
-
 def json_or_file(given: Camera | None) -> str | bytes | None:
     """A camera or a pose."""
     if given is None:

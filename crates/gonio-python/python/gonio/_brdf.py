@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _gonio
-from ._arguments import Path, Picture, floats
+from ._arguments import Camera, Path, Picture, Shape, floats
 from ._errors import GonioError
+from ._render import drawn, frame
+from ._show import escaped, tonemapped
 from ._types import Floats, Listeners
 
 THETA_H: NDArray[np.float64] = (np.arange(90) / 90) ** 2 * (np.pi / 2)
@@ -100,8 +102,6 @@ class Brdf:
 
     def render(self, light: Picture | None = None, **options: Any) -> Floats:
         """:func:`gonio.render` of it, in the light that gonio shows its results in if no other is given."""
-        from ._render import render
-
         return render(self, light, **options)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -116,10 +116,40 @@ class Brdf:
         return f"<gonio.Brdf {self.name!r}: albedo {self.albedo:.3f}, at most {self.table[:84, :80].max():.3g} 1/sr>"
 
     def _repr_html_(self) -> str:
-        from ._show import escaped, tonemapped
-
         data = base64.b64encode(_gonio.encode_png(tonemapped(self.render(size=160)))).decode()
         return f'<img alt="{escaped(self.name)}" src="data:image/png;base64,{data}">'
+
+
+def render(
+    brdf: Brdf | ArrayLike,
+    light: Picture | None = None,
+    shape: Shape = "sphere",
+    size: int | tuple[int, int] = 256,
+    *,
+    camera: Camera | None = None,
+    pose: Camera | None = None,
+    samples: int = 1,
+    tolerance: float = 0.2,
+    shadows: bool = True,
+    progress: Callable[[str, float], object] | None = None,
+) -> Floats:
+    """Renders an object of a BRDF under a light.
+
+    :param brdf: what it is made of.
+    :param light: a lat-long map in coordinates of the camera (row 0 is up, the centre looks along -z, the right half is +x), as a file or an
+        array of shape (height, 2 height, 3); without one :func:`studio_light`.
+    :param shape: ``"sphere"``, ``"blob"``, ``"bunny"``, ``"bowl"``, the file of a mesh, or (vertices, faces).
+    :param size: width and height in pixels, or both as a pair.
+    :param camera: where the camera of a mesh is (docs/camera.md), ``pose``: where the mesh is.
+    :param samples: along each side of a pixel.
+    :param tolerance: sum of error bounds relative to the radiance; the true error is smaller, by some
+        fifty times in detailed light, by five in the worst case known (a coarse even map).
+    :param shadows: whether a mesh throws shadows on itself.
+    :returns: radiance and coverage, shape (height, width, 4); colour is multiplied by coverage.
+    """
+    given, settings = frame(shape, size, camera, pose, samples, tolerance, shadows)
+    what = brdf if isinstance(brdf, Brdf) else Brdf(brdf)
+    return drawn(what.table, what.full, light, given, settings, progress)
 
 
 def read_merl(path: Path) -> Brdf:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import warnings
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _gonio
-from ._arguments import Path, floats
+from ._arguments import Path, Picture, floats, is_path
 from ._errors import GonioError, GonioWarning
 from ._types import Floats
 
@@ -24,6 +25,16 @@ def read_image(path: Path, *, linear: bool = False, layer: str | None = None) ->
     for message in said:
         warnings.warn(message, GonioWarning, stacklevel=2)
     return rgb if alpha is None else np.dstack([rgb, alpha])
+
+
+def light_map(given: Picture, name: str = "the light") -> Floats:
+    """A lat-long map: row 0 is up, the centre looks along -z, the right half is +x."""
+    array = read_image(cast(Path, given)) if is_path(given) else np.asarray(given)
+    if array.ndim == 2:
+        array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
+    if array.ndim != 3 or array.shape[2] not in (3, 4):
+        raise GonioError(f"{name}: has the shape {array.shape}; give (height, 2 height, 3)")
+    return floats(array[:, :, :3])
 
 
 def read_normals(path: Path) -> Floats:

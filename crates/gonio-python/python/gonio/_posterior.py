@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 from collections.abc import Callable, Sequence
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 from . import _gonio
 from ._arguments import Path, Picture, Shape
 from ._brdf import Brdf
+from ._figure import plot
+from ._show import escaped
 from ._types import Floats, Found, SavedResult
 
 if TYPE_CHECKING:
@@ -141,9 +144,7 @@ class Posterior:
     def plot(self) -> Figure:
         """A figure of the photograph, its reproduction, the light, the BRDF on a sphere and along its lobe, and how sure it is. Needs
         matplotlib; in a notebook the figure shows itself."""
-        from ._show import plot
-
-        return plot(self)
+        return plot(self.pictures, self.luminance, self.quantiles, self.samples, self.undetermined)
 
     def __getstate__(self) -> dict[str, Any]:
         # What is computed when asked for is computed again.
@@ -158,6 +159,26 @@ class Posterior:
         )
 
     def _repr_html_(self) -> str:
-        from ._show import html
+        """For notebooks: pictures and numbers in one piece."""
 
-        return html(self)
+        def image(name: str, width: int) -> str:
+            if name not in self.pictures:
+                return ""
+            data = base64.b64encode(_gonio.encode_png(self.pictures[name])).decode()
+            return f'<img alt="{name}" width="{width}" style="max-width:100%" src="data:image/png;base64,{data}">'
+
+        low, median, high = self.gloss
+        rows = [
+            ("gloss", f"{median:.3g} &nbsp; <small>90 %: {low:.3g} to {high:.3g}</small>"),
+            ("nearest measured", ", ".join(f"{escaped(n)} ({100 * w:.0f}&nbsp;%)" for n, w in self.materials[:3])),
+            ("left open", f"{100 * self.open:.0f} % of the domain"),
+            ("misfit", f"{100 * self.misfit:.1f} %"),
+            ("scatter", f"{100 * self.scatter:.1f} %"),
+        ]
+        rows += [("warning", escaped(message)) for message in self.warnings]
+        cell = 'style="text-align:left;vertical-align:top"'
+        table = "".join(f"<tr><th {cell}>{name}</th><td {cell}>{value}</td></tr>" for name, value in rows)
+        return (
+            f'<div class="gonio-posterior"><p><b>gonio</b> posterior of <b>{escaped(self.brdf.name)}</b></p>'
+            f"{image('summary', 900)}<table>{table}</table></div>"
+        )

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _gonio
-from ._arguments import Path, Picture, floats, is_path, light
+from ._arguments import Path, Picture, floats, is_path
 from ._brdf import Brdf
+from ._files import light_map
 from ._gonio import Model
 from ._types import Floats, LightingOptions, Listeners, PosteriorOptions, ReflectanceOptions
 
@@ -125,7 +126,7 @@ def _listeners(progress: Progress | None) -> Listeners:
 def _lights(lights: Lights) -> str | list[Floats]:
     if is_path(lights):
         return os.fspath(cast(Path, lights))
-    return [light(map, f"light {i}") for i, map in enumerate(cast("Sequence[Picture]", lights))]
+    return [light_map(map, f"light {i}") for i, map in enumerate(cast("Sequence[Picture]", lights))]
 
 
 def _materials(materials: Materials) -> str | list[tuple[str, Floats]]:

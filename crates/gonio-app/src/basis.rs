@@ -10,9 +10,9 @@ use gonio::render::{IntegratorSettings, LightTree, images_of_basis};
 use gonio::scene::Observations;
 use gonio::transfer::{PlanSettings, Projected};
 use gonio_io::cache::Cache;
-use gonio_io::plan::{PlanOrigin, load_or_build};
 use serde_json::{Value, json};
 
+use crate::plan::{PlanOrigin, load_or_build};
 use crate::{Journal, Method, Problem, Search, Settings, Warning};
 
 /// Noise relative to the image above which an answer is no answer: every photograph that a solver

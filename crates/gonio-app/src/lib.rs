@@ -15,6 +15,7 @@ pub mod export;
 mod journal;
 pub mod notes;
 pub mod photograph;
+pub mod plan;
 mod problem;
 pub mod results;
 mod scene;

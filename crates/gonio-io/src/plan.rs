@@ -1,4 +1,4 @@
-//! Plans in the cache: their encoding, their keys, and building them when they are not there.
+//! Plans in the cache: their encoding and their keys.
 //!
 //! The bytes are an eight-byte length, a JSON header of that length, and the arrays `q` and `r`
 //! (32-bit) and `energies` (64-bit) of the [`Plan`], little-endian. They are for the cache alone,
@@ -7,7 +7,7 @@
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
 use gonio::shape::Points;
-use gonio::transfer::{Plan, PlanError, PlanSettings};
+use gonio::transfer::{Plan, PlanSettings};
 use serde::{Deserialize, Serialize};
 
 use crate::cache::Cache;
@@ -112,47 +112,21 @@ fn unheld(settings: &PlanSettings) -> PlanSettings {
     PlanSettings { hold: 0, ..*settings }
 }
 
-/// Origin of a plan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PlanOrigin {
-    /// The plan was in the cache.
-    Cache,
-    /// The plan was built.
-    Built,
+/// Reads the plan of a key from the cache; `None` if it is not there or damaged, or is not one of
+/// this number of points and of tables and these settings: a file may have been put under a wrong
+/// name by hand.
+pub fn load_plan(cache: &Cache, key: &str, points: usize, tables: usize, settings: &PlanSettings) -> Option<Plan> {
+    let plan = cache.load(key).and_then(|bytes| decode_plan(&bytes))?;
+    let fits = (plan.points, plan.k) == (points, tables) && unheld(&plan.settings) == unheld(settings);
+    fits.then_some(plan)
 }
 
-/// Returns the plan from the cache, or else builds and stores it. The arguments are those of
-/// [`Plan::build`].
-///
-/// The third value is the error of storing, if that failed: worth a warning, the plan itself is
-/// good. Several threads or processes may do this at once; at worst each builds the plan for
-/// itself.
+/// Stores a plan in the cache.
 ///
 /// # Errors
-/// See [`Plan::build`].
-pub fn load_or_build<'a>(
-    cache: Option<&Cache>,
-    points: impl Into<Points<'a>>,
-    tables: &[BivariateTable],
-    prior: &LightPrior,
-    settings: &PlanSettings,
-    progress: &(dyn Fn(f64) + Sync),
-) -> Result<(Plan, PlanOrigin, Option<Error>), PlanError> {
-    let points = points.into();
-    let build = || Plan::build(points, tables, prior, settings, progress);
-    let Some(cache) = cache else { return Ok((build()?, PlanOrigin::Built, None)) };
-    let key = plan_key(points, tables, prior, settings);
-    // These checks catch a plan that was put under a wrong name by hand.
-    let fits = |plan: &Plan| {
-        (plan.points, plan.k) == (points.len(), tables.len()) && unheld(&plan.settings) == unheld(settings)
-    };
-    if let Some(plan) = cache.load(&key).and_then(|bytes| decode_plan(&bytes)).filter(fits) {
-        progress(1.0);
-        return Ok((plan, PlanOrigin::Cache, None));
-    }
-    let plan = build()?;
-    let failed = cache.store(&key, &encode_plan(&plan)).err();
-    Ok((plan, PlanOrigin::Built, failed))
+/// Like [`Cache::store`].
+pub fn store_plan(cache: &Cache, key: &str, plan: &Plan) -> Result<(), Error> {
+    cache.store(key, &encode_plan(plan))
 }
 
 #[cfg(test)]
@@ -198,15 +172,18 @@ mod tests {
             plan_key(&self.points, &self.tables, &self.prior, &self.settings)
         }
 
-        fn get(&self, cache: Option<&Cache>) -> (Plan, PlanOrigin, Option<Error>) {
-            let Self { points, tables, prior, settings } = self;
-            load_or_build(cache, points, tables, prior, settings, &|_| ()).unwrap()
+        fn plan(&self) -> Plan {
+            Plan::build(&self.points, &self.tables, &self.prior, &self.settings, &|_| ()).unwrap()
+        }
+
+        fn load(&self, cache: &Cache) -> Option<Plan> {
+            load_plan(cache, &self.key(), self.points.len(), self.tables.len(), &self.settings)
         }
     }
 
     #[test]
     fn plans_come_back_as_they_were() {
-        let plan = input().get(None).0;
+        let plan = input().plan();
         let bytes = encode_plan(&plan);
         assert_eq!(decode_plan(&bytes).unwrap(), plan);
         for cut in (0..bytes.len()).step_by(211).chain([7, 8, 9, bytes.len() - 1]) {
@@ -295,75 +272,26 @@ mod tests {
     }
 
     #[test]
-    fn what_was_built_is_found_again_and_damage_is_built_anew() {
+    fn damaged_and_misnamed_plans_are_not_loaded() {
         let dir = tempfile::tempdir().unwrap();
-        let cache = Cache::at(dir.path());
-        let input = input();
-        let (built, origin, failed) = input.get(Some(&cache));
-        assert!(origin == PlanOrigin::Built && failed.is_none());
-        let (found, origin, _) = input.get(Some(&cache));
-        assert_eq!((origin, &found), (PlanOrigin::Cache, &built));
-        // A damaged file; a whole one that is no plan; a plan under the name of another.
+        let (cache, input) = (Cache::at(dir.path()), input());
+        let plan = input.plan();
+        assert_eq!(input.load(&cache), None);
+        let store = |plan: &Plan| store_plan(&cache, &input.key(), plan).unwrap();
+        store(&plan);
+        assert_eq!(input.load(&cache).as_ref(), Some(&plan));
         let path = dir.path().join(format!("{}.plan", input.key()));
         let mut bytes = fs::read(&path).unwrap();
         let middle = bytes.len() / 2;
         bytes[middle] ^= 4;
         fs::write(&path, bytes).unwrap();
-        let again = || {
-            let (plan, origin, failed) = input.get(Some(&cache));
-            assert_eq!((origin, &plan), (PlanOrigin::Built, &built));
-            assert!(failed.is_none());
-            assert_eq!(input.get(Some(&cache)).1, PlanOrigin::Cache);
-        };
-        again();
+        assert_eq!(input.load(&cache), None);
         cache.store(&input.key(), b"no plan").unwrap();
-        again();
-        cache
-            .store(
-                &input.key(),
-                &encode_plan(&Plan { settings: PlanSettings { seed: 5, ..built.settings }, ..built.clone() }),
-            )
-            .unwrap();
-        again();
-    }
-
-    #[test]
-    fn a_cache_that_cannot_be_written_costs_a_warning_only() {
-        let dir = tempfile::tempdir().unwrap();
-        fs::write(dir.path().join("file"), "").unwrap();
-        let (plan, origin, failed) = input().get(Some(&Cache::at(dir.path().join("file/cache"))));
-        assert_eq!((plan.points, origin), (150, PlanOrigin::Built));
-        assert!(failed.unwrap().to_string().contains("cache folder"));
-        let (.., failed) = input().get(Some(&Cache::at(dir.path()).with_budget(1000)));
-        assert!(failed.unwrap().to_string().contains("budget"));
-    }
-
-    #[test]
-    fn threads_that_build_at_once_all_get_the_plan() {
-        let dir = tempfile::tempdir().unwrap();
-        let cache = Cache::at(dir.path());
-        let (input, barrier) = (input(), std::sync::Barrier::new(2));
-        let run = || {
-            barrier.wait();
-            input.get(Some(&cache))
-        };
-        let (a, b) = std::thread::scope(|s| {
-            let (a, b) = (s.spawn(run), s.spawn(run));
-            (a.join().unwrap(), b.join().unwrap())
-        });
-        assert_eq!(a.0, b.0);
-        assert!(a.2.is_none() && b.2.is_none());
-        assert_eq!(input.get(Some(&cache)).1, PlanOrigin::Cache);
-    }
-
-    #[test]
-    fn what_cannot_be_planned_is_refused_with_and_without_a_cache() {
-        let dir = tempfile::tempdir().unwrap();
-        let cache = Cache::at(dir.path());
-        let Input { points, tables, prior, settings } = input();
-        for cache in [None, Some(&cache)] {
-            let got = load_or_build(cache, &points[..10], &tables, &prior, &settings, &|_| ());
-            assert_eq!(got.unwrap_err(), PlanError::TooFewPoints(10));
-        }
+        assert_eq!(input.load(&cache), None);
+        store(&Plan { settings: PlanSettings { seed: 5, ..plan.settings }, ..plan.clone() });
+        assert_eq!(input.load(&cache), None);
+        // Rows held in memory are no part of the result.
+        store(&Plan { settings: PlanSettings { hold: 7, ..plan.settings }, ..plan.clone() });
+        assert!(input.load(&cache).is_some());
     }
 }

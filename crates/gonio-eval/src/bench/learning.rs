@@ -50,7 +50,7 @@ impl Knowledge {
         let Model { light, learnt: embedded, .. } = gonio_io::model::embedded()?;
         let light = prior.cloned().unwrap_or(light);
         let (plan, _, _) =
-            gonio_io::plan::load_or_build(Some(cache), points, &reflectance.functions, &light, plan, &|_| ())
+            gonio_app::plan::load_or_build(Some(cache), points, &reflectance.functions, &light, plan, &|_| ())
                 .context("the operator")?;
         let training: Vec<(String, BivariateTable)> =
             kept.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();

@@ -9,8 +9,8 @@ use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::LightTree;
 use gonio::shape::SurfacePoint;
 use gonio::transfer::{Plan, PlanSettings, Projected};
+use gonio_app::plan::load_or_build;
 use gonio_io::cache::Cache;
-use gonio_io::plan::load_or_build;
 
 use super::{Estimator, Options};
 use crate::data::Lights;

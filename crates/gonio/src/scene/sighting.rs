@@ -4,6 +4,7 @@ use std::fmt;
 
 use glam::{DVec3, Vec3};
 
+use super::observed::check_size;
 use super::{
     Circle, Contradiction, Ellipse, ObservationSettings, Observations, Orientation, SceneError, SurfaceView,
     background_coverage, find_ball, find_ellipse, find_sphere,
@@ -201,9 +202,8 @@ impl Sighting {
         settings: &ObservationSettings,
     ) -> Result<Self, SceneError> {
         let size = picture.rgb.size();
-        if let Some(mask) = mask.as_ref().filter(|mask| mask.size() != size) {
-            let ((width, height), (picture_width, picture_height)) = (mask.size(), size);
-            return Err(SceneError::Sizes { what: "mask", width, height, picture_width, picture_height });
+        if let Some(mask) = &mask {
+            check_size("mask", mask.size(), size)?;
         }
         let coverage = mask.or_else(|| picture.alpha.clone()).or_else(|| background_coverage(&picture.rgb));
         let looker = Looker { picture, coverage, settings };
@@ -338,16 +338,7 @@ impl Looker<'_> {
     /// Builds the surface of a picture of positions, cut to the object.
     fn relief(&self, Relief { mut places, camera }: Relief) -> Result<(Placed, Soundness), SceneError> {
         let size = self.picture.rgb.size();
-        if places.size() != size {
-            let ((width, height), (picture_width, picture_height)) = (places.size(), size);
-            return Err(SceneError::Sizes {
-                what: "picture of depths or positions",
-                width,
-                height,
-                picture_width,
-                picture_height,
-            });
-        }
+        check_size("picture of depths or positions", places.size(), size)?;
         if let Some(coverage) = &self.coverage {
             let cut = places.as_slice().iter().zip(coverage.as_slice()).map(|(p, c)| p.filter(|_| *c >= 0.5));
             places = Plane::from_vec(size.0, size.1, cut.collect());

@@ -127,7 +127,7 @@ impl Settings<'_> {
     /// If the model lacks what the method needs, or its prior does not cover the grid.
     pub(crate) fn check(&self, model: &Model, name: &str) -> Result<(), Problem> {
         let blind = !matches!(self.method, Method::KnownLight(..));
-        let covered = if blind { 1 << model.light.scales } else { 512 };
+        let covered = if blind { model.light.finest_side() } else { 512 };
         if !self.side.is_power_of_two() || !(4..=covered).contains(&self.side) {
             let of_model = if blind { ", which the model's prior of light covers" } else { "" };
             return Err(Problem::new(format!("grid {}: give a power of two from 4 to {covered}{of_model}", self.side)));

@@ -71,7 +71,7 @@ impl Model {
     /// The largest grid of light that the model covers, in texels a side.
     #[getter]
     fn largest_grid(&self) -> usize {
-        1 << self.model.light.scales
+        self.model.light.finest_side()
     }
 
     /// Whether the model has the posterior of materials that inference needs.

@@ -30,7 +30,7 @@ use material::Impression;
 #[derive(Clone, Debug, PartialEq)]
 pub struct EstimateSettings {
     /// Texels along a side of the light's grid: a power of two from 4 to what the model's prior
-    /// covers ([`LightPrior::scales`](crate::lighting::LightPrior::scales)).
+    /// covers ([`LightPrior::finest_side`](crate::lighting::LightPrior::finest_side)).
     pub side: usize,
     /// Approximate number of observations from which the light is found: a mirror sees each texel
     /// of 32 x 32 in one or two of 1,600. With fewer observations than texels, the prior alone
@@ -145,7 +145,7 @@ pub fn estimate(
 
 impl EstimateSettings {
     fn check(&self, model: &Model) -> Result<(), EstimateError> {
-        let most = 1 << model.light.scales;
+        let most = model.light.finest_side();
         if self.side.is_power_of_two() && (4..=most).contains(&self.side) {
             Ok(())
         } else {

@@ -222,13 +222,18 @@ impl LightPrior {
         self.groups.get(at)
     }
 
+    /// Texels along a side of the finest grid that the prior covers.
+    pub fn finest_side(&self) -> usize {
+        1 << self.scales
+    }
+
     /// Prior mean and variance of all coefficients of a grid of `side`; DC is the constant of
     /// normalised light.
     ///
     /// # Panics
     /// If the prior does not cover the grid.
     pub(crate) fn mean_and_variance(&self, side: usize) -> Vec<(f64, f64)> {
-        assert!(side.ilog2() <= self.scales, "this prior covers grids of up to {} texels", 1 << self.scales);
+        assert!(side.ilog2() <= self.scales, "this prior covers grids of up to {} texels", self.finest_side());
         let dc = (LightGrid::normalised_dc(), 0.0);
         let rest = (1..side * side).map(|m| self.of_index(m).expect("covered").mean_and_variance());
         std::iter::once(dc).chain(rest).collect()

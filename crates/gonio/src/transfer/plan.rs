@@ -273,7 +273,7 @@ impl Plan {
         if tables == 0 {
             return Err(PlanError::EmptyBasis);
         }
-        let covered = 1 << prior.scales;
+        let covered = prior.finest_side();
         if Haar::new(settings.side).is_none() || settings.side < 4 || settings.side > covered {
             return Err(PlanError::Grid { side: settings.side, covered });
         }

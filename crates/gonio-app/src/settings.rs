@@ -104,6 +104,12 @@ pub enum Colours {
 pub const AS_CAPTURED: &str = "the light has a colour as captured lights have, around white";
 
 impl Colours {
+    /// Under a light of this linear colour; `None` unless all numbers are positive and finite.
+    pub fn under(light: [f64; 3]) -> Option<Self> {
+        let sound = light.iter().all(|x| x.is_finite() && *x > 0.0);
+        sound.then(|| Self::Under(Chroma::of(light.into())))
+    }
+
     /// The rule, and in words what is taken for the light's colour.
     pub fn rule(self, known: Option<&EnvironmentMap>) -> (ColouringRule, &'static str) {
         let (light, assumption) = match (self, known) {

@@ -1,7 +1,6 @@
 //! Inference from a photograph to everything that a `gonio.Posterior` holds.
 
-use glam::{DVec3, Vec3};
-use gonio::colour::Chroma;
+use glam::Vec3;
 use gonio::picture::{Plane, srgb_encode};
 use gonio::reflectance::{THETA_D, THETA_H};
 use gonio_app::results::LIGHT_ROWS;
@@ -34,10 +33,8 @@ impl Settings {
         let problem = |text: &str| Err(Problem::new(text));
         match (self.color.as_str(), self.light_color) {
             ("estimate", None) => Ok(Colours::Estimate),
-            ("estimate", Some(rgb)) if rgb.iter().all(|x| x.is_finite() && *x > 0.0) => {
-                Ok(Colours::Under(Chroma::of(DVec3::from_array(rgb))))
-            }
-            ("estimate", Some(_)) => problem("light_color: give three positive numbers on a linear scale"),
+            ("estimate", Some(rgb)) => Colours::under(rgb)
+                .map_or_else(|| problem("light_color: give three positive numbers on a linear scale"), Ok),
             (_, Some(_)) => problem("light_color serves color=\"estimate\" alone"),
             ("median", None) => Ok(Colours::Median),
             ("none", None) => Ok(Colours::Grey),

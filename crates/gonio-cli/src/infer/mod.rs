@@ -6,8 +6,6 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use glam::DVec3;
-use gonio::colour::Chroma;
 use gonio::inference::Solver;
 use gonio::scene::Circle;
 use gonio_app::{Colours, Journal, Method, Scene, Search, Settings, Shots, Source};
@@ -94,7 +92,7 @@ pub(crate) struct Options {
     /// Linear colour of a white matte ball, or of a grey card towards the camera, in the object's
     /// place, where it is known; its brightness does not matter
     #[arg(long, value_name = "R,G,B", value_parser = parse_light, conflicts_with = "light")]
-    light_color: Option<[f64; 3]>,
+    light_color: Option<Colours>,
     /// Write no report.html, which takes a few seconds
     #[arg(long, env = "GONIO_NO_REPORT")]
     no_report: bool,
@@ -161,12 +159,10 @@ fn parse_circle(text: &str) -> Result<Circle, String> {
 }
 
 /// `R,G,B`, linear, positive.
-fn parse_light(text: &str) -> Result<[f64; 3], String> {
+fn parse_light(text: &str) -> Result<Colours, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[r, g, b]) if [r, g, b].iter().all(|x: &f64| x.is_finite() && *x > 0.0) => Ok([r, g, b]),
-        _ => Err("give three positive numbers, R,G,B, on a linear scale".into()),
-    }
+    let light: Option<[f64; 3]> = numbers.ok().and_then(|numbers| numbers.try_into().ok());
+    light.and_then(Colours::under).ok_or_else(|| "give three positive numbers, R,G,B, on a linear scale".into())
 }
 
 impl Options {
@@ -193,7 +189,7 @@ impl Options {
     fn colours(&self) -> Result<Colours> {
         Ok(match (self.color, self.light_color) {
             (ColourName::Estimate, None) => Colours::Estimate,
-            (ColourName::Estimate, Some(rgb)) => Colours::Under(Chroma::of(DVec3::from_array(rgb))),
+            (ColourName::Estimate, Some(under)) => under,
             (_, Some(_)) => bail!("--light-color serves --color estimate alone"),
             (ColourName::Median, None) => Colours::Median,
             (ColourName::None, None) => Colours::Grey,
@@ -259,7 +255,8 @@ mod tests {
 
     #[test]
     fn colours_of_light_are_three_positive_numbers() {
-        assert_eq!(parse_light("1, 0.8,0.5"), Ok([1.0, 0.8, 0.5]));
+        assert_eq!(parse_light("1, 0.8,0.5").ok(), Colours::under([1.0, 0.8, 0.5]));
+        assert!(parse_light("1, 0.8,0.5").is_ok());
         for wrong in ["", "1,1", "1,1,0", "1,1,nan", "1,1,-1", "1,1,1,1", "red"] {
             assert!(parse_light(wrong).is_err(), "{wrong}");
         }

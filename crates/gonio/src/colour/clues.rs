@@ -47,6 +47,12 @@ pub struct ClueFinder {
     details: Vec<Vec<f32>>,
 }
 
+impl Default for ClueFinder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl ClueFinder {
     /// Builds the filters.
     pub fn new() -> Self {

@@ -1,8 +1,10 @@
 //! The estimators that are compared: trivial answers, oracles, and the methods of the library.
 
 use anyhow::{Context, Result};
+use gonio::inference::known_light::KnownLightPosterior;
 use gonio::inference::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
 use gonio::reflectance::BivariateTable;
+use gonio::render::Relighter;
 use gonio::transfer::Projected;
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +20,8 @@ pub(crate) struct Photograph<'a> {
     pub(crate) image: &'a [Option<f64>],
     /// The image projected onto the rows of the plan.
     pub(crate) projected: &'a Projected,
+    /// Matrix of the true light for every `1 / step` of the points, and the step.
+    pub(crate) operator: Option<&'a (Relighter, usize)>,
     /// Images of the basis functions in the true light, `[point][function]`.
     pub(crate) under_true_light: &'a [f32],
     /// Luminance table of the true material.
@@ -68,8 +72,10 @@ pub(crate) enum Estimator {
     /// The true table without `phi_d` and colour: no bivariate grey estimate has a smaller error,
     /// except by luck.
     TrueBivariate,
-    /// The separable posterior given the true light: an oracle.
+    /// The posterior given the true light at its full resolution: an oracle.
     KnownLight,
+    /// The separable posterior in the basis given the true light: an oracle.
+    KnownLightBasis,
     /// Joint maximum over light and reflectance.
     JointMap,
     /// The mean of the posterior learnt from simulated photographs: the default method.
@@ -89,6 +95,7 @@ impl Estimator {
             Self::NearestMaterial => "nearest-material",
             Self::TrueBivariate => "true-bivariate",
             Self::KnownLight => "known-light",
+            Self::KnownLightBasis => "known-light-basis",
             Self::JointMap => "joint-map",
             Self::Learnt => "learnt",
             Self::Variational => "variational",
@@ -104,6 +111,7 @@ impl Estimator {
             Self::NearestMaterial => "nearest training material (oracle)",
             Self::TrueBivariate => "true bivariate table (floor)",
             Self::KnownLight => "known light (oracle)",
+            Self::KnownLightBasis => "known light, ten functions (oracle)",
             Self::JointMap => "joint MAP",
             Self::Learnt => "learnt posterior",
             Self::Variational => "Algorithm 1 (block solver)",
@@ -113,7 +121,7 @@ impl Estimator {
 
     /// Whether the estimator uses what no photograph shows.
     pub(crate) fn is_oracle(self) -> bool {
-        matches!(self, Self::NearestMaterial | Self::TrueBivariate | Self::KnownLight)
+        matches!(self, Self::NearestMaterial | Self::TrueBivariate | Self::KnownLight | Self::KnownLightBasis)
     }
 
     /// Whether the estimator ignores the image.
@@ -129,6 +137,7 @@ impl Estimator {
             Self::NearestMaterial,
             Self::TrueBivariate,
             Self::KnownLight,
+            Self::KnownLightBasis,
             Self::JointMap,
             Self::Variational,
             Self::Learnt,
@@ -137,7 +146,7 @@ impl Estimator {
 
     /// Estimates the BRDF from a photograph.
     pub(crate) fn estimate(self, photograph: &Photograph<'_>) -> Result<Estimate> {
-        let Photograph { knowledge, image, projected, under_true_light, truth, starts, separable } = *photograph;
+        let Photograph { knowledge, image, projected, under_true_light, truth, starts, separable, .. } = *photograph;
         let Separable { paper, tolerance, variance, iterations, .. } = separable;
         let basis = &knowledge.model.reflectance;
         let hyper = separable.hyper(projected.pixels);
@@ -160,7 +169,8 @@ impl Estimator {
             Self::NearestMaterial => return Ok(nearest(&knowledge.training, truth)),
             Self::TrueBivariate => return Ok(Estimate::of(truth.clone())),
             Self::Learnt => return learnt_posterior(knowledge, image),
-            Self::KnownLight => {
+            Self::KnownLight => return known_light(photograph),
+            Self::KnownLightBasis => {
                 let known = Projected::under_known_light(under_true_light, basis.len(), image);
                 let problem = Problem::with_known_light(&known, &basis.rates, hyper)?;
                 (rms(&known), infer(&problem, &Method::KnownLight(variational(Solver::Blocks)), &|_| ()))
@@ -193,6 +203,22 @@ fn learnt_posterior(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Esti
     let nearest = &posterior.neighbours[0];
     let note = format!("{} {:.2}", nearest.name, nearest.weight);
     let report = Report { note, ..Report::default() };
+    Ok(Estimate { table: Some(posterior.mean), quantiles: Some(quantiles), report })
+}
+
+/// Estimates by the posterior under the true light.
+fn known_light(photograph: &Photograph<'_>) -> Result<Estimate> {
+    let Photograph { knowledge, image, operator, .. } = *photograph;
+    let (operator, step) = operator.context("no operator of the light")?;
+    let (coordinates, places) = knowledge.space.as_ref().context("no space of materials")?;
+    let seen = knowledge.points.iter().zip(image).step_by(*step);
+    let (normals, values): (Vec<_>, Vec<f64>) = seen.map(|(p, v)| (p.in_view(), v.unwrap_or(0.0))).unzip();
+    let trust = vec![1.0; values.len()];
+    let found = KnownLightPosterior::of(operator, (&normals, &values, &trust), coordinates, places)?;
+    let posterior = found.posterior(None);
+    let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().ok().context("four quantiles")?;
+    let note = format!("noise {:.3}, discrepancy {:.3}", found.noise, found.discrepancy);
+    let report = Report { converged: Some(found.settled), noise: Some(found.misfit), note, ..Report::default() };
     Ok(Estimate { table: Some(posterior.mean), quantiles: Some(quantiles), report })
 }
 

@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use gonio::inference::learnt::LearntPosterior;
 use gonio::lighting::LightPrior;
 use gonio::model::Model;
-use gonio::reflectance::{BivariateTable, TrainSettings};
+use gonio::reflectance::{BivariateTable, Coordinates, Dictionary, DictionarySettings, LogBasis, TrainSettings};
 use gonio::shape::SurfacePoint;
 use gonio::transfer::Plan;
 use gonio_io::cache::Cache;
@@ -24,6 +24,8 @@ pub(crate) struct Knowledge {
     pub(crate) training: Vec<(String, BivariateTable)>,
     /// The bilinear operator at the points of a sphere.
     pub(crate) plan: Plan,
+    /// Coordinates of the space of materials, and places of its prior, for known light.
+    pub(crate) space: Option<(Coordinates, Vec<Vec<f64>>)>,
     /// The points of the sphere.
     pub(crate) points: Vec<SurfacePoint>,
 }
@@ -37,7 +39,7 @@ impl Knowledge {
         conditions: &Conditions,
         points: &[SurfacePoint],
         prior: Option<&LightPrior>,
-        lights: Option<&Lights>,
+        (lights, known_light): (Option<&Lights>, bool),
         cache: &Cache,
     ) -> Result<Self> {
         let Conditions { rank, ref plan, ref learning, .. } = *conditions;
@@ -69,11 +71,17 @@ impl Knowledge {
             }
         };
         let posterior = lights.map(learn).transpose().context("the posterior of materials")?;
+        let space = known_light.then(|| {
+            let basis = LogBasis::fit(&training, LogBasis::RANK);
+            let dictionary = Dictionary::new(basis, &DictionarySettings::default());
+            (dictionary.coordinates, dictionary.places)
+        });
         let provenance = format!("basis of {} materials", kept.len());
         Ok(Self {
             model: Model { light, reflectance, learnt: posterior, provenance },
             training,
             plan,
+            space,
             points: points.to_vec(),
         })
     }

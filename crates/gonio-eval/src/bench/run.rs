@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow};
+use gonio::inference::known_light;
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{IntegratorSettings, LightTree, Relighter};
@@ -190,9 +191,10 @@ impl Bench {
 
     fn estimate(&self, work: &[Work], threads: usize) -> Result<()> {
         let start = Instant::now();
+        let known_light = work.iter().flat_map(|(_, open)| open).any(|(e, _)| *e == Estimator::KnownLight);
         let mut knowledge: BTreeMap<Protocol, Knowledge> = BTreeMap::new();
         for protocol in work.iter().map(|(u, _)| u.protocol.learns_as()).collect::<BTreeSet<_>>() {
-            let (prior, lights) = (self.prior.as_ref(), self.training.as_ref());
+            let (prior, lights) = (self.prior.as_ref(), (self.training.as_ref(), known_light));
             let learnt = Knowledge::gather(
                 &self.materials,
                 protocol,
@@ -226,6 +228,18 @@ impl Bench {
                 place.insert(renders::images(&self.cache, functions, name, &tree, &self.points)?);
             }
         }
+        // Matrices of the lights that are given, by training protocol and light.
+        let mut operators: BTreeMap<(Protocol, &str), (Relighter, usize)> = BTreeMap::new();
+        for (unit, _) in work {
+            let learnt = unit.protocol.learns_as();
+            let Some((coordinates, places)) = &knowledge[&learnt].space else { continue };
+            if let Entry::Vacant(place) = operators.entry((learnt, unit.light.as_str())) {
+                let step = self.points.len().div_ceil(known_light::ROWS);
+                let points: Vec<SurfacePoint> = self.points.iter().step_by(step).copied().collect();
+                let tree = self.lights.tree(&unit.light)?;
+                place.insert((known_light::operator(&points, None, &tree, coordinates, places), step));
+            }
+        }
         eprintln!("bases, operators and known lights: {:.0} s", start.elapsed().as_secs_f64());
         let progress = Progress::new("estimating", work.iter().map(|(_, open)| open.len()).sum());
         let next = AtomicUsize::new(0);
@@ -245,9 +259,10 @@ impl Bench {
                     };
                     while let Some((unit, open)) = work.get(next.fetch_add(1, Ordering::Relaxed)) {
                         let learnt = unit.protocol.learns_as();
-                        let images = &images[&(learnt, unit.light.as_str())];
+                        let of_light = (learnt, unit.light.as_str());
+                        let given = (&images[&of_light][..], operators.get(&of_light));
                         let done = pool.install(|| {
-                            self.photograph(unit, open, &knowledge[&learnt], images, &relighters, &progress)
+                            self.photograph(unit, open, &knowledge[&learnt], given, &relighters, &progress)
                         });
                         if let Err(error) = done {
                             let name = &self.materials.names[unit.material];
@@ -267,7 +282,7 @@ impl Bench {
         unit: &Unit,
         open: &[(Estimator, String)],
         knowledge: &Knowledge,
-        under_true_light: &[f32],
+        (under_true_light, operator): (&[f32], Option<&(Relighter, usize)>),
         relighters: &BTreeMap<(bool, String), Relighter>,
         progress: &Progress,
     ) -> Result<()> {
@@ -301,7 +316,8 @@ impl Bench {
         };
         let Conditions { starts, separable, .. } = self.conditions;
         let (image, projected, truth) = (&image, &projected, &truth);
-        let photograph = Photograph { knowledge, image, projected, under_true_light, truth, starts, separable };
+        let photograph =
+            Photograph { knowledge, image, projected, operator, under_true_light, truth, starts, separable };
         for (estimator, key) in open {
             let start = Instant::now();
             let estimate = estimator.estimate(&photograph);

@@ -32,6 +32,9 @@ pub(crate) struct Options {
     /// Objects, folders of DATA/captured [default: all]
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     objects: Vec<String>,
+    /// Give the lights of each photograph, as `gonio infer --light` does
+    #[arg(long)]
+    lit: bool,
     /// Folder for `captured.csv`, `captured.json` and pictures in `captured.html`
     #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -57,7 +60,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         }
         let object = Captured::read(&folder)?;
         let study = study::Study::new(&object).with_context(|| folder.display().to_string())?;
-        let (answers, without) = study.answers(&model);
+        let (answers, without) = study.answers(&model, options.lit);
         refused.extend(without);
         if options.out.is_some() {
             sections.push(page::section(&object, &answers));

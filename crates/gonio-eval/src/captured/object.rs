@@ -1,10 +1,12 @@
 //! A captured object: photographs under known lights, its normals, and its BRDF as measured from
 //! single lights.
 
+use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use glam::{DVec3, Vec3};
+use gonio::lighting::EnvironmentMap;
 use gonio::picture::{Picture, Plane};
 use gonio::sphere::half_difference;
 use rayon::prelude::*;
@@ -150,6 +152,21 @@ pub(crate) fn reflected(f: &impl Fn(f64, f64) -> f64, normal: DVec3, lights: &[D
         light.weight * (cosine * f(angles.theta_h, angles.theta_d))
     };
     lights.iter().map(one).sum()
+}
+
+/// Map of directional lights, each in the texel that it falls into.
+pub(crate) fn map_of(lights: &[Directional]) -> Result<EnvironmentMap> {
+    let (width, height) = (2048, 1024);
+    let mut map = Plane::from_vec(width, height, vec![Vec3::ZERO; width * height]);
+    for light in lights {
+        let [x, y, z] = light.direction.to_array();
+        let column = ((x.atan2(-z) / TAU + 0.5) * width as f64) as usize % width;
+        let row = ((y.clamp(-1.0, 1.0).acos() / PI * height as f64) as usize).min(height - 1);
+        let edge = |row: usize| (PI * row as f64 / height as f64).cos();
+        let solid_angle = TAU / width as f64 * (edge(row) - edge(row + 1));
+        map[(column, row)] += (light.weight / solid_angle).as_vec3();
+    }
+    Ok(EnvironmentMap::new(map)?)
 }
 
 /// Reads lines of direction and RGB weight.

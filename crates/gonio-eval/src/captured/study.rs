@@ -3,14 +3,15 @@
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use gonio::estimate::{EstimateSettings, Light, Material, doubts};
+use gonio::estimate::{ColouringRule, Doubt, EstimateSettings, Light, Material, doubts, estimate_under};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
+use gonio::render::LightTree;
 use gonio::scene::{NormalPicture, Object, ObservationSettings, Sighting};
 use serde::Serialize;
 
 use super::judge::{self, Reflectance};
-use super::object::Captured;
+use super::object::{Captured, map_of};
 use super::slice::Cell;
 use crate::metrics::{Relight, mean};
 
@@ -115,11 +116,13 @@ impl<'a> Study<'a> {
 
     /// Returns the answers to all photographs, in order, and the errors for those without an
     /// answer.
-    pub(super) fn answers(&self, model: &Model) -> (Vec<Answer>, Vec<String>) {
+    ///
+    /// With `lit`, the lights of each photograph are given.
+    pub(super) fn answers(&self, model: &Model, lit: bool) -> (Vec<Answer>, Vec<String>) {
         let (mut answers, mut refused) = (Vec::new(), Vec::new());
         for (seen, photograph) in self.object.photographs.iter().enumerate() {
             let title = format!("{}, {}", self.object.name, photograph.name);
-            match self.answer(seen, model) {
+            match self.answer(seen, model, lit) {
                 Ok(answer) => {
                     eprintln!("{title}: {:.1} s", answer.record.seconds);
                     answers.push(answer);
@@ -130,14 +133,15 @@ impl<'a> Study<'a> {
         (answers, refused)
     }
 
-    fn answer(&self, seen: usize, model: &Model) -> Result<Answer> {
+    fn answer(&self, seen: usize, model: &Model, lit: bool) -> Result<Answer> {
         let start = Instant::now();
-        let (material, light) = estimate(self.object, seen, model)?;
-        let record = self.record(seen, &material, &light, start.elapsed().as_secs_f64())?;
+        let found = estimate(self.object, seen, model, lit)?;
+        let record = self.record(seen, &found, start.elapsed().as_secs_f64())?;
+        let material = found.0;
         Ok(Answer { record, table: material.table })
     }
 
-    fn record(&self, seen: usize, material: &Material, light: &Light, seconds: f64) -> Result<Record> {
+    fn record(&self, seen: usize, (material, misfit, doubts): &Found, seconds: f64) -> Result<Record> {
         let (object, cells, table) = (self.object, &self.cells, &material.table);
         let quantiles: Vec<BivariateTable> =
             material.quantiles.iter().map(|values| BivariateTable::from_vec(values.clone())).collect();
@@ -155,15 +159,19 @@ impl<'a> Study<'a> {
             gloss_estimate: judge::gloss(cells, &|h, d| table.eval(h, d)),
             gloss: gloss_quantiles(material, cells),
             coverage: judge::coverage(cells, table, &quantiles),
-            misfit: light.misfit,
-            warnings: doubts(material, light).iter().map(ToString::to_string).collect(),
+            misfit: *misfit,
+            warnings: doubts.iter().map(ToString::to_string).collect(),
             seconds,
         })
     }
 }
 
-/// Estimates as the program does with `--normals normal.exr --mask mask.png`, in luminance.
-fn estimate(object: &Captured, seen: usize, model: &Model) -> Result<(Material, Light)> {
+/// A material, the misfit and the doubts.
+type Found = (Material, f64, Vec<Doubt>);
+
+/// Estimates as the program does with `--normals normal.exr --mask mask.png`, in luminance, and
+/// with `--light` if `lit`.
+fn estimate(object: &Captured, seen: usize, model: &Model, lit: bool) -> Result<Found> {
     let normals = NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false };
     let sighting = Sighting::of(
         &object.photographs[seen].picture,
@@ -171,10 +179,17 @@ fn estimate(object: &Captured, seen: usize, model: &Model) -> Result<(Material, 
         Object::Normals(Box::new(normals)),
         &ObservationSettings::default(),
     )?;
+    if lit {
+        let tree = LightTree::of_map(&map_of(&object.photographs[seen].lights)?);
+        let found = estimate_under(model, &sighting.observations, &tree, &ColouringRule::Grey, &|_| ())?;
+        let doubts = found.doubts();
+        return Ok((found.material, found.misfit, doubts));
+    }
     let settings = EstimateSettings::default();
     let material = Material::of(model, &sighting.observations, settings.side)?;
     let light = Light::of(model, &sighting.observations, &material.table, &settings, &|_| ())?;
-    Ok((material, light))
+    let doubts = doubts(&material, &light);
+    Ok((material, light.misfit, doubts))
 }
 
 /// 5, 50 and 95 % quantiles of [`judge::gloss`] under the posterior.

@@ -53,6 +53,8 @@ impl fmt::Display for Doubt {
                 100.0 * expected,
                 match reason {
                     Reason::Texture => "a strong texture, or noise",
+                    Reason::Light =>
+                        "a light map that is turned, clipped, too coarse or of another place, several materials, shadows of the object on itself, or an outline or normals that do not lie on the picture",
                     Reason::Regions =>
                         "several materials, shadows of the object on itself, light that is not far away, or an outline or normals that do not lie on the picture",
                 }

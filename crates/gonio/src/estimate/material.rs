@@ -2,9 +2,11 @@
 
 use super::{Doubt, EstimateError};
 use crate::appearance::DiskImage;
+use crate::inference::ProblemError;
 use crate::inference::learnt::{
     self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
+use crate::inference::light::LightError;
 use crate::model::Model;
 use crate::reflectance::{BivariateTable, trusted_cells};
 use crate::scene::Observations;
@@ -88,11 +90,17 @@ impl Material {
     }
 
     /// Draws from the posterior, each of albedo [`ALBEDO`]; the same `seed` gives the same draws.
-    /// The quantiles are wider, since they allow for the error of the coordinates of materials.
+    /// The quantiles are wider, since they allow for the error of the coordinates of materials. Under
+    /// a known light they are the draws of [`MaterialPosterior::draws`], in turn.
     ///
     /// # Errors
     /// [`EstimateError::NotLearnt`] if `model` is not the model of this estimate.
     pub fn samples(&self, model: &Model, count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
+        if self.posterior.embedding.is_empty() {
+            let all = &self.posterior.draws;
+            let first = (seed % all.len() as u64) as usize;
+            return Ok((0..count).map(|i| all[(first + i) % all.len()].scaled(ALBEDO)).collect());
+        }
         draws(model, &self.posterior.embedding, count, seed)
     }
 }
@@ -144,6 +152,29 @@ impl<'a> Impression<'a> {
             normals,
             filled: normals - (f64::from(unshadowed.image.observed()) * normals as f64).round() as usize,
             unshadowed: unshadowed.change,
+        })
+    }
+
+    /// The impression from a photograph under a known light.
+    pub(super) fn under(
+        learnt: &'a LearntPosterior,
+        observations: &Observations,
+        posterior: MaterialPosterior,
+    ) -> Result<Self, EstimateError> {
+        let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
+        let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
+        let normals = DiskImage::cells();
+        Ok(Self {
+            learnt,
+            posterior,
+            table,
+            scale,
+            strangeness: 0.0,
+            scatter: f64::from(image.scatter),
+            normals,
+            // Nothing is filled in: every observation stands for itself.
+            filled: 0,
+            unshadowed: 0.0,
         })
     }
 

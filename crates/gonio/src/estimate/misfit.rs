@@ -11,6 +11,8 @@ pub enum Reason {
     /// Regions differ from the prediction: several materials, shadows, light from nearby, misplaced
     /// normals or outline.
     Regions,
+    /// The light that was given is not the one in the photograph, or not where it was.
+    Light,
 }
 
 /// Residual of a clean simulated photograph because its light has more than 32 x 32 texels, by the

@@ -2,11 +2,12 @@
 //!
 //! [`estimate`] does everything. Its steps can also be called by themselves: [`Material::of`]
 //! infers the material, [`Light::of`] the light that then explains the photograph,
-//! [`Colouring::of`] the colours of both. The methods of the paper, which find coefficients in a
+//! [`Colouring::of`] the colours of both. [`estimate_under`] takes a light that is given. The methods of the paper, which find coefficients in a
 //! basis, are in [`inference`](crate::inference).
 
 mod colouring;
 mod doubt;
+mod known_light;
 mod light;
 mod material;
 mod misfit;
@@ -17,10 +18,12 @@ use thiserror::Error;
 
 pub use colouring::{Colouring, ColouringRule};
 pub use doubt::Doubt;
+pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};
 pub use misfit::{Reason, expected_misfit};
 
+use crate::inference::known_light::KnownLightError;
 use crate::inference::light::LightError;
 use crate::model::Model;
 use crate::scene::Observations;
@@ -113,6 +116,9 @@ pub enum EstimateError {
     /// The image is black or not finite, or its equations have no solution.
     #[error(transparent)]
     Light(#[from] LightError),
+    /// The given light and the image do not go together.
+    #[error(transparent)]
+    KnownLight(#[from] KnownLightError),
 }
 
 /// Estimates the material, its light and their colours from observations. `progress` is called when

@@ -19,6 +19,7 @@ mod evidence;
 mod expectations;
 mod grams;
 mod joint_map;
+pub mod known_light;
 mod leap;
 pub mod learnt;
 pub mod light;

@@ -53,6 +53,13 @@ pub fn trusted_cells() -> impl DoubleEndedIterator<Item = usize> + Clone {
     (0..CELLS).filter(|cell| is_trusted(*cell))
 }
 
+/// The trusted cell whose indices are nearest to those of a cell.
+pub(crate) fn nearest_trusted(cell: usize) -> usize {
+    let last_h = (0..THETA_H).rfind(|&i| theta_h_of(i) < TRUSTED).expect("some rows are trusted");
+    let last_d = (0..THETA_D).rfind(|&j| theta_d_of(j) < TRUSTED).expect("some columns are trusted");
+    (cell / THETA_D).min(last_h) * THETA_D + (cell % THETA_D).min(last_d)
+}
+
 /// Whether light and view are both above the surface at this half/difference direction.
 pub(crate) fn above_horizon(theta_h: f64, theta_d: f64, phi_d: f64) -> bool {
     let vertical = theta_h.cos() * theta_d.cos();
@@ -172,12 +179,8 @@ impl BivariateTable {
     /// cells by the corner). The largest values of many measured tables lie there and are
     /// extrapolation, not measurement.
     pub fn extend_from_trusted(&mut self) {
-        let last_h = (0..THETA_H).rfind(|&i| theta_h_of(i) < TRUSTED).expect("some rows are trusted");
-        let last_d = (0..THETA_D).rfind(|&j| theta_d_of(j) < TRUSTED).expect("some columns are trusted");
-        for i in 0..THETA_H {
-            for j in 0..THETA_D {
-                self.values[i * THETA_D + j] = self.cell(i.min(last_h), j.min(last_d));
-            }
+        for cell in 0..CELLS {
+            self.values[cell] = self.values[nearest_trusted(cell)];
         }
     }
 

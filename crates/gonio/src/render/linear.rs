@@ -11,7 +11,7 @@ use crate::reflectance::{BivariateTable, CELLS};
 #[cfg(doc)]
 use crate::shape::Hit;
 use crate::shape::SurfacePoint;
-use crate::shape::{Ray, Surface};
+use crate::shape::{Ray, Surface, Visibility};
 
 /// Luminance of each of a list of points, as a linear function of the cells of a
 /// [`BivariateTable`]: the light of eq. 1, gathered by the half and difference angle at which it
@@ -58,6 +58,31 @@ impl Relighter {
         let divided = |at: usize| {
             let mut nodes = nodes_within(&points[at], &envelope, light, settings, PENUMBRA);
             nodes.shadow(&envelope, |direction| surface.blocks(&Ray { origin: clear[at], direction }));
+            nodes
+        };
+        let [matrix] = Self::gathered(points.len(), divided, |radiance| [f64::from(luminance(radiance))]);
+        matrix
+    }
+
+    /// Computes the matrix as [`Self::new`] does, for points that see a part of the light.
+    ///
+    /// # Panics
+    /// If points and visibility differ in number.
+    pub(crate) fn within(
+        points: &[SurfacePoint],
+        visibility: Option<&Visibility>,
+        examples: &[BivariateTable],
+        light: &LightTree,
+        settings: &IntegratorSettings,
+    ) -> Self {
+        let Some(visibility) = visibility else { return Self::new(points, examples, light, settings) };
+        assert_eq!(points.len(), visibility.len());
+        let envelope = envelope(examples);
+        let divided = |at: usize| {
+            let mut nodes = nodes_within(&points[at], &envelope, light, settings, PENUMBRA);
+            for node in &mut nodes.nodes {
+                node.weight *= f64::from(visibility.share_along(at, node.direction));
+            }
             nodes
         };
         let [matrix] = Self::gathered(points.len(), divided, |radiance| [f64::from(luminance(radiance))]);
@@ -113,6 +138,23 @@ impl Relighter {
             let (cells, weights) = rows.iter().flatten().map(|(cell, w)| (*cell, w[n])).unzip();
             Self { ends: ends.clone(), cells, weights }
         })
+    }
+
+    /// Number of points.
+    pub(crate) fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Cells and weights of a point.
+    pub(crate) fn row(&self, point: usize) -> impl Iterator<Item = (usize, f32)> {
+        let range = if point == 0 { 0 } else { self.ends[point - 1] }..self.ends[point];
+        self.cells[range.clone()].iter().map(|cell| usize::from(*cell)).zip(self.weights[range].iter().copied())
+    }
+
+    /// Luminance of every point for reflectance given in every cell.
+    pub(crate) fn apply(&self, values: &[f64]) -> Vec<f64> {
+        let point = |at: usize| self.row(at).map(|(cell, w)| f64::from(w) * values[cell]).sum();
+        (0..self.len()).map(point).collect()
     }
 
     /// Luminance of every point for a BRDF.

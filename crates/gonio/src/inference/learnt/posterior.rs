@@ -45,6 +45,9 @@ pub struct MaterialPosterior {
     pub mean: BivariateTable,
     /// Measured materials by falling weight.
     pub neighbours: Vec<Neighbour>,
+    /// Standard deviation of the logarithm of reflectance by which draws are spread for intervals:
+    /// what they do not know of their own error.
+    pub spread: f64,
 }
 
 impl MaterialPosterior {
@@ -64,7 +67,7 @@ impl MaterialPosterior {
         let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
         let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(shares).map(named).collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        Self { embedding, draws, mean, neighbours }
+        Self { embedding, draws, mean, neighbours, spread: SPREAD }
     }
 
     /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws
@@ -72,7 +75,7 @@ impl MaterialPosterior {
     /// coordinates. Shares in 0..1, ascending. Cells beyond the trusted ones have the quantiles of
     /// the nearest trusted cell.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<Vec<f32>> {
-        self.quantiles_spread(shares, SPREAD)
+        self.quantiles_spread(shares, self.spread)
     }
 
     /// [`Self::quantiles`] with draws spread by another standard deviation of the logarithm.

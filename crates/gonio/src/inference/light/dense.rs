@@ -14,8 +14,9 @@ const BAND: usize = 128;
 
 /// Lower factor `L` of a symmetric positive definite `L L'` (n x n); entries above its diagonal
 /// have no meaning.
+#[derive(Clone, Debug)]
 pub(crate) struct Cholesky {
-    pub(super) lower: Mat<f64>,
+    pub(in crate::inference) lower: Mat<f64>,
 }
 
 impl Cholesky {
@@ -30,7 +31,7 @@ impl Cholesky {
     }
 
     /// Factorises a symmetric `h` with `extra` (n) added to its diagonal.
-    pub(super) fn of_sum(h: &Mat<f64>, extra: &[f64]) -> Option<Self> {
+    pub(crate) fn of_sum(h: &Mat<f64>, extra: &[f64]) -> Option<Self> {
         let mut lower = h.clone();
         extra.iter().enumerate().for_each(|(i, x)| lower[(i, i)] += x);
         Self::new(lower)
@@ -52,9 +53,23 @@ impl Cholesky {
         x
     }
 
+    /// Replaces `X` by `L^-1 X`.
+    pub(crate) fn whiten(&self, x: &mut Mat<f64>) {
+        bands_of(x.as_mut()).into_par_iter().for_each(|(_, band)| {
+            solve_lower_triangular_in_place(self.lower.as_ref(), band, Par::Seq);
+        });
+    }
+
+    /// `L^-T x` (n): of covariance `(L L')^-1` if `x` is white.
+    pub(crate) fn colour(&self, x: &[f64]) -> Vec<f64> {
+        let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
+        solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
+        x.col(0).iter().copied().collect()
+    }
+
     /// `L^-1` (n x n). The squared norms of its columns are the diagonal of the inverse of the
     /// matrix.
-    pub(super) fn inverse_of_lower(&self) -> Mat<f64> {
+    pub(crate) fn inverse_of_lower(&self) -> Mat<f64> {
         let n = self.lower.nrows();
         let mut inverse = Mat::identity(n, n);
         bands_of(inverse.as_mut()).into_par_iter().for_each(|(first, band)| {

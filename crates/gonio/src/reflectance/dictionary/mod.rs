@@ -85,6 +85,15 @@ impl Coordinates {
         self.axes.iter().map(axis).collect()
     }
 
+    /// Change of the logarithm per unit of each coordinate: the axis times the variance along it.
+    pub(crate) fn directions(&self) -> Vec<Vec<f32>> {
+        let scaled = |axis: &Vec<f32>| {
+            let square = axis.iter().map(|a| f64::from(*a).powi(2)).sum::<f64>().max(1e-300);
+            axis.iter().map(|a| (f64::from(*a) / square) as f32).collect()
+        };
+        self.axes.iter().map(scaled).collect()
+    }
+
     /// Tables at some places, each with an arbitrary scale: `exp(mean + sum_k z_k a_k)`, with `a_k`
     /// the axis times the variance along it. Cells beyond the trusted ones have the value of the
     /// nearest trusted cell.
@@ -92,14 +101,12 @@ impl Coordinates {
     /// # Panics
     /// If a place does not have a number for each axis.
     pub fn tables(&self, places: &[Vec<f64>]) -> Vec<BivariateTable> {
-        let square = |axis: &Vec<f32>| axis.iter().map(|a| f64::from(*a).powi(2)).sum::<f64>().max(1e-300);
-        let norms: Vec<f64> = self.axes.iter().map(square).collect();
+        let directions = self.directions();
         let table = |place: &Vec<f64>| {
             assert_eq!(place.len(), self.axes.len());
             let mut log = self.mean.clone();
-            for ((axis, norm), z) in self.axes.iter().zip(&norms).zip(place) {
-                let along = (z / norm) as f32;
-                log.iter_mut().zip(axis).for_each(|(l, a)| *l += along * a);
+            for (axis, z) in directions.iter().zip(place) {
+                log.iter_mut().zip(axis).for_each(|(l, a)| *l += *z as f32 * a);
             }
             // No measured value is farther from the mean than this.
             let mut table = BivariateTable::from_vec(log.into_iter().map(|l| l.clamp(-25.0, 25.0).exp()).collect());

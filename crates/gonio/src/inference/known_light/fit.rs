@@ -1,0 +1,218 @@
+//! The most probable material, by damped Gauss-Newton steps.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
+use rayon::prelude::*;
+
+use super::error_model::{ErrorModel, median};
+use super::space::Space;
+use crate::inference::light::Cholesky;
+use crate::render::Relighter;
+
+/// Rounds in which the error model is estimated anew; after them it stays, so that the steps
+/// descend one cost.
+const ROUNDS: usize = 4;
+
+/// Standard deviation of the coefficients of the splines, in the logarithm of reflectance, before
+/// it is estimated, and its range.
+const DEVIATION: f64 = 0.2;
+const DEVIATIONS: (f64, f64) = (0.1, 1.0);
+
+/// Steps of each round, at most.
+const STEPS: usize = 25;
+
+/// Decrease of the cost, in nats, below which a round ends.
+const SETTLED: f64 = 0.01;
+
+/// Largest change of the logarithm of reflectance in one step.
+const LARGEST_STEP: f64 = 3.0;
+
+/// Logarithms are taken of values plus this share of their mean: dark pixels have the noise of the
+/// camera.
+const FLOOR: f64 = 0.01;
+
+/// An image under a known light: `I_i = sum_c R_ic F_c` with the matrix `R` of the light, and the
+/// error of its logarithm.
+pub(super) struct Image<'a> {
+    operator: &'a Relighter,
+    logs: Vec<f64>,
+    floor: f64,
+    space: &'a Space,
+    precisions: Vec<f64>,
+}
+
+/// Coefficients and what follows from them.
+#[derive(Clone)]
+pub(super) struct State {
+    pub(super) coefficients: Vec<f64>,
+    values: Vec<f64>,
+    pub(super) predicted: Vec<f64>,
+    pub(super) residuals: Vec<f64>,
+}
+
+/// Result of a fit.
+pub(super) struct Fit {
+    pub(super) state: State,
+    /// Factor of the inverse covariance of the coefficients.
+    pub(super) curvature: Cholesky,
+    pub(super) errors: ErrorModel,
+    /// Cost after each step, and the index at which each round begins.
+    #[cfg_attr(not(test), expect(dead_code, reason = "only the tests look at the way down"))]
+    pub(super) trace: Vec<Vec<f64>>,
+    pub(super) settled: bool,
+}
+
+impl<'a> Image<'a> {
+    pub(super) fn new(operator: &'a Relighter, values: &[f64], space: &'a Space) -> Self {
+        let floor = FLOOR * values.iter().sum::<f64>() / values.len() as f64;
+        let logs = values.iter().map(|v| (v.max(0.0) + floor).ln()).collect();
+        Self { operator, logs, floor, space, precisions: space.precisions(DEVIATION) }
+    }
+
+    /// State of coefficients whose constant is replaced by what fits best.
+    pub(super) fn exposed(&self, coefficients: Vec<f64>) -> State {
+        let mut state = self.state(coefficients);
+        let last = state.coefficients.len() - 1;
+        state.coefficients[last] += median(state.residuals.clone());
+        self.state(state.coefficients)
+    }
+
+    fn state(&self, coefficients: Vec<f64>) -> State {
+        let values = self.space.values(&coefficients);
+        let predicted = self.operator.apply(&values);
+        let residuals = self.logs.iter().zip(&predicted).map(|(log, p)| log - (p + self.floor).ln()).collect();
+        State { coefficients, values, predicted, residuals }
+    }
+
+    /// Derivatives of the logarithm of the image (N x n).
+    fn derivatives(&self, state: &State) -> Mat<f64> {
+        let n = self.space.len();
+        let rows: Vec<Vec<f64>> = (0..state.predicted.len())
+            .into_par_iter()
+            .map(|at| {
+                let mut row = vec![0.0; n];
+                let scale = 1.0 / (state.predicted[at] + self.floor);
+                for (cell, weight) in self.operator.row(at) {
+                    self.space.add_derivatives(cell, scale * f64::from(weight) * state.values[cell], &mut row);
+                }
+                row
+            })
+            .collect();
+        Mat::from_fn(rows.len(), n, |i, j| rows[i][j])
+    }
+
+    fn prior(&self, coefficients: &[f64]) -> f64 {
+        0.5 * self.precisions.iter().zip(coefficients).map(|(p, x)| p * x * x).sum::<f64>()
+    }
+
+    /// Cost of a state: minus the logarithm of the posterior, without constants.
+    fn cost(&self, state: &State, covariance: &Cholesky) -> f64 {
+        0.5 * whitened(covariance, &state.residuals).iter().map(|r| r * r).sum::<f64>()
+            + self.prior(&state.coefficients)
+    }
+
+    /// Descends from a state. `None` if the equations have no solution, which finite images have.
+    pub(super) fn fit(mut self, start: State, mut errors: ErrorModel) -> Option<Fit> {
+        let mut state = start;
+        let (mut trace, mut settled, mut curvature) = (Vec::new(), false, None);
+        for _ in 0..ROUNDS {
+            errors.estimate(&state.residuals);
+            errors.reweigh(&state.residuals, &errors.factor()?);
+            let covariance = errors.factor()?;
+            let mut costs = vec![self.cost(&state, &covariance)];
+            let mut damping = 1e-3;
+            settled = false;
+            for _ in 0..STEPS {
+                let (normal, gradient) = self.equations(&state, &covariance);
+                let before = costs[costs.len() - 1];
+                let Some((next, cost)) = self.step(&state, &normal, &gradient, &covariance, before, &mut damping)
+                else {
+                    settled = true;
+                    break;
+                };
+                state = next;
+                costs.push(cost);
+                if before - cost < SETTLED {
+                    settled = true;
+                    break;
+                }
+            }
+            trace.push(costs);
+            let (normal, _) = self.equations(&state, &covariance);
+            let found = Cholesky::of_sum(&normal, &self.precisions)?;
+            self.precisions = self.space.precisions(self.deviation(&state, &found));
+            curvature = Some(found);
+        }
+        Some(Fit { state, curvature: curvature?, errors, trace, settled })
+    }
+
+    /// Standard deviation of the coefficients of the splines under which they are most probable
+    /// (a step of the EM algorithm): materials unlike those of the prior need larger ones.
+    fn deviation(&self, state: &State, curvature: &Cholesky) -> f64 {
+        let inverse = curvature.inverse_of_lower();
+        let splines = self.space.splines();
+        let count = splines.len() as f64;
+        let square = splines.map(|j| {
+            let variance: f64 = inverse.col(j).iter().map(|x| x * x).sum();
+            state.coefficients[j].powi(2) + variance
+        });
+        (square.sum::<f64>() / count).sqrt().clamp(DEVIATIONS.0, DEVIATIONS.1)
+    }
+
+    /// Normal equations of the likelihood and the gradient of the posterior.
+    fn equations(&self, state: &State, covariance: &Cholesky) -> (Mat<f64>, Vec<f64>) {
+        let n = self.space.len();
+        let mut derivatives = self.derivatives(state);
+        covariance.whiten(&mut derivatives);
+        let residuals = whitened(covariance, &state.residuals);
+        let mut normal = Mat::zeros(n, n);
+        matmul(normal.as_mut(), Accum::Replace, derivatives.transpose(), derivatives.as_ref(), 1.0, Par::Seq);
+        let gradient = (0..n).map(|j| {
+            let along: f64 = derivatives.col(j).iter().zip(&residuals).map(|(d, r)| d * r).sum();
+            along - self.precisions[j] * state.coefficients[j]
+        });
+        let gradient = gradient.collect();
+        (normal, gradient)
+    }
+
+    /// The first damped step that lowers the cost; `None` if none does.
+    fn step(
+        &self,
+        state: &State,
+        normal: &Mat<f64>,
+        gradient: &[f64],
+        covariance: &Cholesky,
+        before: f64,
+        damping: &mut f64,
+    ) -> Option<(State, f64)> {
+        for _ in 0..10 {
+            let diagonal: Vec<f64> = self
+                .precisions
+                .iter()
+                .enumerate()
+                .map(|(i, p)| p + *damping * (p + normal[(i, i)]).max(1e-12))
+                .collect();
+            if let Some(factor) = Cholesky::of_sum(normal, &diagonal) {
+                let step = factor.solve(gradient);
+                let largest = self.space.change(&step).into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+                let scale = (LARGEST_STEP / largest).min(1.0);
+                let next = state.coefficients.iter().zip(&step).map(|(x, d)| x + scale * d).collect();
+                let next = self.state(next);
+                let cost = self.cost(&next, covariance);
+                if cost < before {
+                    *damping = (*damping / 10.0).max(1e-9);
+                    return Some((next, cost));
+                }
+            }
+            *damping *= 10.0;
+        }
+        None
+    }
+}
+
+/// `L^-1 x` for a covariance `L L'`.
+fn whitened(covariance: &Cholesky, x: &[f64]) -> Vec<f64> {
+    let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
+    covariance.whiten(&mut x);
+    x.col(0).iter().copied().collect()
+}

@@ -1,0 +1,156 @@
+//! The space of tables that a material is searched in.
+
+use std::ops::Range;
+
+use crate::reflectance::{BivariateTable, CELLS, Coordinates, THETA_D, nearest_trusted};
+
+/// Splines along the half angle and along the difference angle. Half angles are counted by the
+/// samples of a table, which lie close where highlights are sharp.
+const SPLINES: [usize; 2] = [20, 7];
+
+/// Range of the logarithm of reflectance relative to its mean; no measured value is beyond.
+const LIMIT: f64 = 25.0;
+
+/// Number of splines that are not zero in a cell, along each angle.
+const SUPPORT: usize = 4;
+
+/// Logarithms of tables: `mean + sum_k z_k a_k + sum_j w_j s_j + c`, with the principal axes `a_k`
+/// of the prior, products `s_j` of cubic splines for what the axes cannot express, and a constant
+/// `c` for the exposure. The coefficients `z_k` have unit variance, `w_j` a small one, and `c` any.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Space {
+    mean: Vec<f64>,
+    /// `[cell][axis]`.
+    axes: Vec<f64>,
+    pub(super) dimensions: usize,
+    /// Of each cell, the first spline along each angle that is not zero there, and the values of
+    /// it and those after it.
+    splines: Vec<[(usize, [f64; SUPPORT]); 2]>,
+}
+
+impl Space {
+    pub(super) fn new(coordinates: &Coordinates) -> Self {
+        let nearest: Vec<usize> = (0..CELLS).map(nearest_trusted).collect();
+        let [last_h, last_d] = nearest.iter().fold([0, 0], |[h, d], c| [h.max(c / THETA_D), d.max(c % THETA_D)]);
+        let axes = coordinates.directions();
+        let splines = |cell: &usize| {
+            let at = |place: usize, last: usize, count: usize| splines(place as f64 / last as f64, count);
+            [at(cell / THETA_D, last_h, SPLINES[0]), at(cell % THETA_D, last_d, SPLINES[1])]
+        };
+        Self {
+            mean: nearest.iter().map(|&c| f64::from(coordinates.mean[c])).collect(),
+            axes: nearest.iter().flat_map(|&c| axes.iter().map(move |axis| f64::from(axis[c]))).collect(),
+            dimensions: axes.len(),
+            splines: nearest.iter().map(splines).collect(),
+        }
+    }
+
+    /// Number of coefficients; the constant is the last.
+    pub(super) fn len(&self) -> usize {
+        self.dimensions + SPLINES[0] * SPLINES[1] + 1
+    }
+
+    /// Coefficients of a material at a place of the prior.
+    pub(super) fn at(&self, place: &[f64]) -> Vec<f64> {
+        let mut coefficients = vec![0.0; self.len()];
+        coefficients[..self.dimensions].copy_from_slice(place);
+        coefficients
+    }
+
+    /// Indices of the coefficients of the splines.
+    pub(super) fn splines(&self) -> Range<usize> {
+        self.dimensions..self.len() - 1
+    }
+
+    /// Precisions of the prior of the coefficients, whose mean is zero. `deviation` is the standard
+    /// deviation of the coefficients of the splines.
+    pub(super) fn precisions(&self, deviation: f64) -> Vec<f64> {
+        let mut out = vec![1.0; self.len()];
+        out[self.splines()].fill(deviation.powi(-2));
+        out[self.len() - 1] = 0.0;
+        out
+    }
+
+    /// Adds `scale` times the derivatives of the logarithm in a cell to `row`.
+    pub(super) fn add_derivatives(&self, cell: usize, scale: f64, row: &mut [f64]) {
+        let k = self.dimensions;
+        for (sum, axis) in row[..k].iter_mut().zip(&self.axes[cell * k..][..k]) {
+            *sum += scale * axis;
+        }
+        let [(first_h, of_h), (first_d, of_d)] = &self.splines[cell];
+        for (i, h) in of_h.iter().enumerate() {
+            let at = k + (first_h + i) * SPLINES[1] + first_d;
+            row[at..at + SUPPORT].iter_mut().zip(of_d).for_each(|(sum, d)| *sum += scale * h * d);
+        }
+        row[self.len() - 1] += scale;
+    }
+
+    /// Change of the logarithm in every cell along a step of the coefficients.
+    pub(super) fn change(&self, step: &[f64]) -> Vec<f64> {
+        let k = self.dimensions;
+        let change = |cell: usize| {
+            let along_axes: f64 = self.axes[cell * k..][..k].iter().zip(step).map(|(a, z)| a * z).sum();
+            let [(first_h, of_h), (first_d, of_d)] = &self.splines[cell];
+            let rows = of_h.iter().enumerate().map(|(i, h)| {
+                let at = k + (first_h + i) * SPLINES[1] + first_d;
+                h * step[at..at + SUPPORT].iter().zip(of_d).map(|(w, d)| w * d).sum::<f64>()
+            });
+            along_axes + rows.sum::<f64>() + step[self.len() - 1]
+        };
+        (0..CELLS).map(change).collect()
+    }
+
+    /// Reflectance in every cell.
+    pub(super) fn values(&self, coefficients: &[f64]) -> Vec<f64> {
+        let change = self.change(coefficients);
+        self.mean.iter().zip(change).map(|(mean, change)| (mean + change).clamp(-LIMIT, LIMIT).exp()).collect()
+    }
+
+    /// Table of the coefficients.
+    pub(super) fn table(&self, coefficients: &[f64]) -> BivariateTable {
+        BivariateTable::from_vec(self.values(coefficients).into_iter().map(|v| v as f32).collect())
+    }
+}
+
+/// The cubic B-splines of `count` over 0..=1, with equidistant knots and full multiplicity at the
+/// ends, that are not zero at `x`: the index of the first, and their values, whose sum is one.
+fn splines(x: f64, count: usize) -> (usize, [f64; SUPPORT]) {
+    let pieces = count - 3;
+    let knot = |i: usize| (i.saturating_sub(3).min(pieces)) as f64 / pieces as f64;
+    let first = ((x * pieces as f64) as usize).min(pieces - 1);
+    // The recursion of de Boor and Cox on the knots around the piece.
+    let mut values = [0.0; SUPPORT];
+    values[0] = 1.0;
+    for degree in 1..SUPPORT {
+        let mut saved = 0.0;
+        for i in 0..degree {
+            let (right, left) = (knot(first + 4 + i), knot(first + 4 + i - degree));
+            let part = values[i] / (right - left);
+            values[i] = saved + (right - x) * part;
+            saved = (x - left) * part;
+        }
+        values[degree] = saved;
+    }
+    (first, values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splines_sum_to_one_and_reproduce_lines() {
+        // The coefficients of a line are its values at the means of three knots (Greville).
+        let count = 9;
+        let pieces = count - 3;
+        let knot = |i: usize| (i.saturating_sub(3).min(pieces)) as f64 / pieces as f64;
+        let greville = |i: usize| (knot(i + 1) + knot(i + 2) + knot(i + 3)) / 3.0;
+        for step in 0..=100 {
+            let x = f64::from(step) / 100.0;
+            let (first, values) = splines(x, count);
+            assert!((values.iter().sum::<f64>() - 1.0).abs() < 1e-12 && values.iter().all(|v| *v >= -1e-12));
+            let line: f64 = values.iter().enumerate().map(|(i, v)| v * greville(first + i)).sum();
+            assert!((line - x).abs() < 1e-12, "{x}: {line}");
+        }
+    }
+}

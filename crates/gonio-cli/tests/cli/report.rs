@@ -24,6 +24,15 @@ fn sphere(page: &str) -> Value {
     serde_json::from_str(text).unwrap()
 }
 
+/// Whether NaN stands in the page as a word; encoded pictures may hold the same letters.
+fn says_nan(page: &str) -> bool {
+    let within = |c: Option<char>| c.is_some_and(|c| c.is_ascii_alphanumeric() || c == '+' || c == '/');
+    page.match_indices("NaN").any(|(at, word)| {
+        let (before, after) = (&page[..at], &page[at + word.len()..]);
+        !within(before.chars().next_back()) && !within(after.chars().next())
+    })
+}
+
 fn names(list: &Value) -> Vec<&str> {
     list.as_array().unwrap().iter().map(|entry| entry["name"].as_str().unwrap()).collect()
 }
@@ -87,7 +96,7 @@ fn other_methods_and_shapes_have_one_too() {
     assert!(!page.contains("id=\"trust\"") && page.contains("id=\"renderers\""));
     assert_eq!(names(&sphere(&page)["materials"]), ["the estimate"]);
     assert_eq!(names(&sphere(&page)["lights"])[3], "the light given");
-    assert!(!page.contains("NaN"));
+    assert!(!says_nan(&page));
 
     bench.run("infer ball.exr -o plain --grid 8").succeeds();
     assert!(!bench.path("plain/report.html").exists());

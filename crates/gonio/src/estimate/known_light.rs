@@ -4,7 +4,10 @@ use glam::DVec3;
 
 use super::material::Impression;
 use super::{Colouring, ColouringRule, Doubt, EstimateError, Material, Reason, Stage};
+use crate::appearance::DiskImage;
+use crate::inference::ProblemError;
 use crate::inference::known_light::{KnownLightPosterior, ROWS, operator};
+use crate::inference::light::LightError;
 use crate::model::Model;
 use crate::render::LightTree;
 use crate::scene::Observations;
@@ -79,8 +82,8 @@ pub fn estimate_under(
     let normals: Vec<DVec3> = few.points.iter().map(|p| p.in_view()).collect();
     let values: Vec<f64> = few.values.iter().flatten().copied().collect();
     let found = KnownLightPosterior::of(&matrix, (&normals, &values, &few.trust()), &learnt.coordinates, &places)?;
-    let impression = Impression::under(learnt, observations, found.posterior(Some(learnt)))?;
-    let material = impression.describe();
+    let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
+    let material = Impression::under(learnt, &image, found.posterior(Some(learnt))).describe();
     progress(Stage::Colours);
     Ok(LitEstimate {
         exposure: found.table().normal_albedo() / material.table.normal_albedo(),

@@ -2,11 +2,9 @@
 
 use super::{Doubt, EstimateError};
 use crate::appearance::DiskImage;
-use crate::inference::ProblemError;
 use crate::inference::learnt::{
     self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
-use crate::inference::light::LightError;
 use crate::model::Model;
 use crate::reflectance::{BivariateTable, trusted_cells};
 use crate::scene::Observations;
@@ -90,8 +88,8 @@ impl Material {
     }
 
     /// Draws from the posterior, each of albedo [`ALBEDO`]; the same `seed` gives the same draws.
-    /// The quantiles are wider, since they allow for the error of the coordinates of materials. Under
-    /// a known light they are the draws of [`MaterialPosterior::draws`], in turn.
+    /// The quantiles are wider, since they allow for the error of the coordinates of materials.
+    /// Under a known light they are the draws of [`MaterialPosterior::draws`], in turn.
     ///
     /// # Errors
     /// [`EstimateError::NotLearnt`] if `model` is not the model of this estimate.
@@ -156,15 +154,10 @@ impl<'a> Impression<'a> {
     }
 
     /// The impression from a photograph under a known light.
-    pub(super) fn under(
-        learnt: &'a LearntPosterior,
-        observations: &Observations,
-        posterior: MaterialPosterior,
-    ) -> Result<Self, EstimateError> {
-        let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
+    pub(super) fn under(learnt: &'a LearntPosterior, image: &DiskImage, posterior: MaterialPosterior) -> Self {
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
         let normals = DiskImage::cells();
-        Ok(Self {
+        Self {
             learnt,
             posterior,
             table,
@@ -175,7 +168,7 @@ impl<'a> Impression<'a> {
             // Nothing is filled in: every observation stands for itself.
             filled: 0,
             unshadowed: 0.0,
-        })
+        }
     }
 
     pub(super) fn describe(self) -> Material {

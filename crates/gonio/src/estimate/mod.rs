@@ -2,8 +2,9 @@
 //!
 //! [`estimate`] does everything. Its steps can also be called by themselves: [`Material::of`]
 //! infers the material, [`Light::of`] the light that then explains the photograph,
-//! [`Colouring::of`] the colours of both. [`estimate_under`] takes a light that is given. The methods of the paper, which find coefficients in a
-//! basis, are in [`inference`](crate::inference).
+//! [`Colouring::of`] the colours of both. [`estimate_under`] takes a light that is given. The
+//! methods of the paper, which find coefficients in a basis, are in
+//! [`inference`](crate::inference).
 
 mod colouring;
 mod doubt;

@@ -143,6 +143,27 @@ fn what_cannot_be_answered_is_said() {
 }
 
 #[test]
+fn a_known_light_gives_the_material_and_its_scale() {
+    let (model, observations) = (model(2), observations(&photograph(2, Vec3::ONE)));
+    let under =
+        |light: &LightTree| estimate_under(&model, &observations, light, &ColouringRule::default(), &|_| ()).unwrap();
+    let found = under(&LightTree::of_map(&light_map(100)));
+    let truth = WORLD.table(&WORLD.entries[2]);
+    assert!(found.doubts().is_empty() && found.settled && found.misfit < 0.05, "{}", found.misfit);
+    let albedo = found.exposure * ALBEDO / truth.normal_albedo();
+    assert!((albedo - 1.0).abs() < 0.05, "{albedo}");
+    let ordered = |c: usize| found.material.quantiles.windows(2).all(|pair| pair[0][c] < pair[1][c]);
+    assert!(trusted_cells().all(ordered));
+    let samples = found.material.samples(&model, 5, 0).unwrap();
+    assert!(samples.iter().all(|sample| (sample.normal_albedo() - ALBEDO).abs() < 1e-4));
+
+    // The light of another place does not explain the photograph, and that is said.
+    let other = under(&LightTree::of_map(&light_map(101)));
+    let said = other.doubts().into_iter().find(|d| matches!(d, Doubt::Misfit { reason: Reason::Light, .. }));
+    assert!(said.is_some(), "{} {}", other.misfit, other.expected_misfit());
+}
+
+#[test]
 fn doubts_say_what_and_how_much() {
     let text =
         [Doubt::Filled(0.4), Doubt::Strange(0.12), Doubt::Open(0.6), Doubt::Scatter(0.23)].map(|d| d.to_string());

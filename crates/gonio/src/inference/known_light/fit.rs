@@ -57,7 +57,7 @@ pub(super) struct Fit {
     pub(super) curvature: Cholesky,
     pub(super) errors: ErrorModel,
     /// Cost after each step, and the index at which each round begins.
-    #[cfg_attr(not(test), expect(dead_code, reason = "only the tests look at the way down"))]
+    #[cfg(test)]
     pub(super) trace: Vec<Vec<f64>>,
     pub(super) settled: bool,
 }
@@ -114,7 +114,9 @@ impl<'a> Image<'a> {
     /// Descends from a state. `None` if the equations have no solution, which finite images have.
     pub(super) fn fit(mut self, start: State, mut errors: ErrorModel) -> Option<Fit> {
         let mut state = start;
-        let (mut trace, mut settled, mut curvature) = (Vec::new(), false, None);
+        #[cfg(test)]
+        let mut trace = Vec::new();
+        let (mut settled, mut curvature) = (false, None);
         for _ in 0..ROUNDS {
             errors.estimate(&state.residuals);
             errors.reweigh(&state.residuals, &errors.factor()?);
@@ -137,13 +139,21 @@ impl<'a> Image<'a> {
                     break;
                 }
             }
+            #[cfg(test)]
             trace.push(costs);
             let (normal, _) = self.equations(&state, &covariance);
             let found = Cholesky::of_sum(&normal, &self.precisions)?;
             self.precisions = self.space.precisions(self.deviation(&state, &found));
             curvature = Some(found);
         }
-        Some(Fit { state, curvature: curvature?, errors, trace, settled })
+        Some(Fit {
+            state,
+            curvature: curvature?,
+            errors,
+            #[cfg(test)]
+            trace,
+            settled,
+        })
     }
 
     /// Standard deviation of the coefficients of the splines under which they are most probable
@@ -215,4 +225,90 @@ fn whitened(covariance: &Cholesky, x: &[f64]) -> Vec<f64> {
     let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
     covariance.whiten(&mut x);
     x.col(0).iter().copied().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+    use crate::inference::known_light::tests::{ball, under};
+    use crate::inference::learnt::tests::{WORLD, light_map};
+
+    fn normals(count: usize, deviation: f64, seed: u64) -> Vec<f64> {
+        let mut rng = Pcg64::seed_from_u64(seed);
+        (0..count).map(|_| deviation * Distribution::<f64>::sample(&StandardNormal, &mut rng)).collect()
+    }
+
+    fn moved(x: &[f64], along: &[f64], by: f64) -> Vec<f64> {
+        x.iter().zip(along).map(|(x, d)| x + by * d).collect()
+    }
+
+    /// Derivatives of the image, the gradient, and the curvature where the image is met exactly,
+    /// agree with finite differences along random directions.
+    #[test]
+    fn derivatives_agree_with_finite_differences() {
+        let points = ball(60);
+        let operator = under(&points, &light_map(3));
+        let space = Space::new(&WORLD.coordinates);
+        let truth = moved(&space.at(&WORLD.places[2]), &normals(space.len(), 0.1, 1), 1.0);
+        let values = operator.apply(&space.values(&truth));
+        let image = Image::new(&operator, &values, &space);
+        let normals_of_points: Vec<_> = points.iter().map(|p| p.in_view()).collect();
+        let covariance = ErrorModel::new(&normals_of_points, vec![1.0; points.len()]).factor().unwrap();
+        let elsewhere = image.state(moved(&truth, &normals(space.len(), 0.05, 2), 1.0));
+        let (derivatives, (_, gradient)) = (image.derivatives(&elsewhere), image.equations(&elsewhere, &covariance));
+        let exact = image.state(truth.clone());
+        let (normal, _) = image.equations(&exact, &covariance);
+        for seed in 3..8 {
+            let along = normals(space.len(), 1.0, seed);
+            let at = |x: &[f64], h: f64| image.state(moved(x, &along, h));
+            let cost = |x: &[f64], h: f64| image.cost(&at(x, h), &covariance);
+
+            let h = 1e-4;
+            let (next, last) = (at(&elsewhere.coefficients, h), at(&elsewhere.coefficients, -h));
+            for i in 0..points.len() {
+                let slope = (last.residuals[i] - next.residuals[i]) / (2.0 * h);
+                let found: f64 = derivatives.row(i).iter().zip(&along).map(|(a, b)| a * b).sum();
+                assert!((slope - found).abs() < 1e-5 * (1.0 + slope.abs()), "{slope} {found}");
+            }
+            let slope = (cost(&elsewhere.coefficients, h) - cost(&elsewhere.coefficients, -h)) / (2.0 * h);
+            let found: f64 = gradient.iter().zip(&along).map(|(g, d)| -g * d).sum();
+            assert!((slope - found).abs() < 1e-4 * (1.0 + slope.abs()), "{slope} {found}");
+
+            let h = 1e-3;
+            let second = (cost(&truth, h) - 2.0 * cost(&truth, 0.0) + cost(&truth, -h)) / (h * h);
+            let of_likelihood: f64 = (0..along.len())
+                .map(|i| along[i] * normal.row(i).iter().zip(&along).map(|(n, d)| n * d).sum::<f64>())
+                .sum();
+            let of_prior: f64 = image.precisions.iter().zip(&along).map(|(p, d)| p * d * d).sum();
+            let found = of_likelihood + of_prior;
+            assert!((second / found - 1.0).abs() < 1e-3, "{second} {found}");
+        }
+    }
+
+    /// Every step lowers the cost, and the last is at a minimum: the gradient is small beside what
+    /// the curvature makes of one standard deviation.
+    #[test]
+    fn the_cost_never_rises() {
+        let points = ball(150);
+        let operator = under(&points, &light_map(3));
+        let space = Space::new(&WORLD.coordinates);
+        let noise = normals(points.len(), 0.05, 9);
+        let clean = operator.apply(
+            WORLD.table(&WORLD.entries[1]).as_slice().iter().map(|v| f64::from(*v)).collect::<Vec<_>>().as_slice(),
+        );
+        let values: Vec<f64> = clean.iter().zip(&noise).map(|(v, n)| v * n.exp()).collect();
+        let image = Image::new(&operator, &values, &space);
+        let start = image.exposed(space.at(&WORLD.places[4]));
+        let normals_of_points: Vec<_> = points.iter().map(|p| p.in_view()).collect();
+        let found = image.fit(start, ErrorModel::new(&normals_of_points, vec![1.0; points.len()])).unwrap();
+        assert!(found.settled && found.trace.len() == ROUNDS);
+        for costs in &found.trace {
+            assert!(costs.windows(2).all(|pair| pair[1] < pair[0]), "{costs:?}");
+        }
+        assert!(found.trace[0].len() > 2, "{:?}", found.trace);
+    }
 }

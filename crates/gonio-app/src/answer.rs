@@ -3,7 +3,9 @@
 use std::borrow::Cow;
 use std::path::Path;
 
-use gonio::estimate::{Colouring, ColouringRule, Estimate, Light, Material, Stage, estimate};
+use gonio::estimate::{
+    ALBEDO, Colouring, ColouringRule, Estimate, Light, LitEstimate, Material, Stage, estimate, estimate_under,
+};
 use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
@@ -13,7 +15,7 @@ use gonio_report::report::{Fits, Report};
 use serde_json::{Map, Value, json};
 
 use crate::notes::{self, Account};
-use crate::{Journal, Method, Problem, Scene, Seen, Settings, Warning, basis};
+use crate::{Journal, Method, Problem, Scene, Seen, Settings, Source, Warning, basis};
 
 /// Everything that was found in a photograph.
 pub struct Answer {
@@ -21,11 +23,13 @@ pub struct Answer {
     pub seen: Seen,
     /// Reflectance in luminance, of albedo one half along the normal (1/sr).
     pub table: BivariateTable,
+    /// Factor from it to the reflectance that is written, where that is absolute; else one.
+    pub scale: f64,
     /// How sure it is, for the method that tells.
     pub material: Option<Material>,
     /// The estimated light, in luminance, on the scale that goes with the table.
     pub light: Option<LightGrid>,
-    /// The light that was given.
+    /// The light that was given, turned and brightened as it was found.
     pub known_light: Option<EnvironmentMap>,
     /// Residual of the photograph given light and reflectance, relative to it, after its name.
     pub left: (&'static str, f64),
@@ -47,12 +51,17 @@ pub struct Answer {
 /// Result of a method.
 struct Found {
     table: BivariateTable,
+    scale: f64,
     material: Option<Material>,
     light: Option<LightGrid>,
     left: (&'static str, f64),
     colouring: Colouring,
     sections: Value,
 }
+
+/// Normal albedo above which a reflectance cannot be absolute: no surface reflects more light than
+/// it gets, but for the error of a photograph.
+const MOST: f64 = 1.1;
 
 /// Infers what the object of a scene is made of. `name` is how messages call the model.
 ///
@@ -72,9 +81,10 @@ pub fn infer(
     }
     settings.check(&model, name)?;
     let mut warnings = Vec::new();
-    let known_light = match &settings.method {
-        Method::KnownLight(_, path) => Some(read_light(path)?),
-        _ => None,
+    let mut known_light = match settings.method.light() {
+        Some(Source::File(path)) => Some(read_light(path)?),
+        Some(Source::Here(map)) => Some(map.clone()),
+        None => None,
     };
     let (image, linear) = (scene.name.clone(), scene.reading.linear);
     let known = if paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
@@ -82,8 +92,28 @@ pub fn infer(
     let seen = scene.look(&known, shadows, &mut warnings, journal)?;
     let (rule, assumption) = settings.colours.rule(known_light.as_ref());
     let observations = &seen.sighting.observations;
-    let found = match settings.method.search() {
-        None => {
+    let found = match (&settings.method, &mut known_light) {
+        (Method::KnownLight(ask), Some(map)) => {
+            let begin = |stage: Stage| journal.at(stage.name(), 0.0);
+            let found = estimate_under(&model, observations, (map, ask.alignment), &rule, &begin)
+                .map_err(|error| Problem::of(&image, error))?;
+            *map = found.corrected(map);
+            let scale = if ask.absolute { found.exposure } else { 1.0 };
+            let mut doubts: Vec<String> = found.doubts().iter().map(ToString::to_string).collect();
+            if ask.absolute && scale * ALBEDO > MOST {
+                doubts.push(format!(
+                    "the albedo along the normal comes out as {:.2}: photograph and light map are not on one scale",
+                    scale * ALBEDO
+                ));
+            }
+            warnings.extend(doubts.into_iter().map(Warning::from));
+            let mut sections = notes::under_known_light(&found, ask);
+            sections["settings"]["linear"] = json!(linear);
+            let LitEstimate { material, misfit, colouring, .. } = found;
+            let table = material.table.clone();
+            Found { table, scale, material: Some(material), light: None, left: ("misfit", misfit), colouring, sections }
+        }
+        (Method::Learnt, _) => {
             let ask = settings.estimate(rule);
             let begin = |stage: Stage| journal.at(stage.name(), 0.0);
             let found = estimate(&model, observations, &ask, &begin).map_err(|error| Problem::of(&image, error))?;
@@ -93,6 +123,7 @@ pub fn infer(
             let Estimate { material, light: Light { grid, misfit, .. }, colouring } = found;
             Found {
                 table: material.table.clone(),
+                scale: 1.0,
                 material: Some(material),
                 light: Some(grid),
                 left: ("misfit", misfit),
@@ -100,16 +131,17 @@ pub fn infer(
                 sections,
             }
         }
-        Some(search) => {
+        (method, known_light) => {
+            let Some(search) = method.search() else { return Err(Problem::new("no light is given")) };
             let how = (settings, search);
             let found = basis::find((&model, &image), how, known_light.as_ref(), observations, &mut warnings, journal)?;
             let colouring = Colouring::of(&model, observations, &found.table, &rule);
             let basis::Coefficients { table, light, noise, mut sections } = found;
             sections["settings"]["linear"] = json!(linear);
-            Found { table, material: None, light, left: ("noise", noise), colouring, sections }
+            Found { table, scale: 1.0, material: None, light, left: ("noise", noise), colouring, sections }
         }
     };
-    let Found { table, material, light, left, colouring, sections } = found;
+    let Found { table, scale, material, light, left, colouring, sections } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
         let problem = "the model has no model of colours: the BRDF has the median colour of the photograph";
         warnings.push(Warning::from(problem.to_owned()));
@@ -123,6 +155,7 @@ pub fn infer(
         shadows: settings.shadows,
         seen,
         table,
+        scale,
         material,
         light,
         known_light,
@@ -187,11 +220,19 @@ impl Answer {
     }
 }
 
-/// Reads a lat-long light map.
+/// Rows of the map of directional lights: pixels as small as the sharpest highlights can tell.
+const DIRECTIONAL_ROWS: usize = 1024;
+
+/// Reads a lat-long light map, or a list of directional lights (`.txt`).
 ///
 /// # Errors
 /// If it cannot be read, or is none.
 pub fn read_light(path: &Path) -> Result<EnvironmentMap, Problem> {
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("txt")) {
+        let lights = gonio_io::lights::read_lights(path)?;
+        return EnvironmentMap::of_directions(&lights, DIRECTIONAL_ROWS)
+            .map_err(|error| Problem::of(path.display(), error));
+    }
     let decoded = gonio_io::picture::read(path, &gonio_io::picture::ReadOptions::default())?;
     EnvironmentMap::new(decoded.picture.rgb).map_err(|error| Problem::of(path.display(), error))
 }

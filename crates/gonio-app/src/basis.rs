@@ -49,7 +49,7 @@ pub(crate) fn find(
             let report = |x| journal.at("plan", x);
             let rows = images_of_basis(observations.seen(), tables, &LightTree::of_map(light), &integrator, &report);
             let projected = Projected::under_known_light(&rows, tables.len(), &observations.values);
-            (projected, json!({ "light": settings.method.light() }))
+            (projected, json!({ "light": settings.method.light().map(|light| light.name("the light")) }))
         }
         None => project(model, settings.side, search.full_rows, observations, warnings, journal)
             .map_err(|error| blame(&*error))?,
@@ -167,7 +167,7 @@ fn posterior(
         (Hyper::with_model_error(projected.pixels), settings)
     };
     let (problem, finder) = match settings.method {
-        Method::KnownLight(..) => {
+        Method::KnownLightBasis(..) => {
             let settings = VariationalSettings { solver: Solver::Blocks, ..variational };
             (Bilinear::with_known_light(projected, rates, hyper)?, Finder::KnownLight(settings))
         }
@@ -175,7 +175,7 @@ fn posterior(
             let settings = JointMapSettings { starts, seed, ..JointMapSettings::default() };
             (Bilinear::blind(projected, &model.light, rates, hyper)?, Finder::JointMap(settings))
         }
-        Method::Variational(_) | Method::Learnt => {
+        Method::Variational(_) | Method::Learnt | Method::KnownLight(_) => {
             (Bilinear::blind(projected, &model.light, rates, hyper)?, Finder::Variational(variational))
         }
     };

@@ -24,9 +24,10 @@ mod shape;
 pub mod training;
 
 pub use answer::{Answer, infer, read_light};
+pub use gonio::estimate::Alignment;
 pub use journal::Journal;
 pub use photograph::{Curve, Photograph, Reading, Shots};
 pub use problem::{Problem, Warning, Words};
 pub use scene::{Scene, Seen};
-pub use settings::{AS_CAPTURED, Colours, Method, Search, Settings};
+pub use settings::{AS_CAPTURED, Colours, KnownLight, Method, Search, Settings};
 pub use shape::{Form, Normals, Places, Shape, Source};

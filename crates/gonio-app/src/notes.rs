@@ -1,13 +1,15 @@
 //! The sections of `result.json`.
 
 use gonio::colour::Chroma;
-use gonio::estimate::{Colouring, Estimate, Light, LightEstimator, Material, expected_misfit};
+use gonio::estimate::{ALBEDO, Colouring, Estimate, Light, LightEstimator, LitEstimate, Material, expected_misfit};
 use gonio::inference::learnt::Neighbour;
 use gonio::inference::light::LightProblem;
 use gonio::model::Model;
 use gonio::scene::{Found, Sighting};
 use gonio::shape::{Camera, Soundness};
 use serde_json::{Value, json};
+
+use crate::KnownLight;
 
 /// Everything in `result.json` that does not depend on the method, and the sections that do.
 pub struct Account<'a> {
@@ -93,6 +95,48 @@ pub fn estimate(estimate: &Estimate) -> Value {
             "note": "misfit: what light and material leave of the photograph (root mean square, relative); expected: what noise and the \
                      light's resolution would leave if the material were right",
         },
+    })
+}
+
+/// The sections `posterior`, `reflectance`, `known_light`, `exposure`, `noise` and `settings` of an
+/// estimate under a known light.
+pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
+    let albedo = found.exposure * ALBEDO;
+    let turn = found.turn.to_scaled_axis().to_array().map(f64::to_degrees);
+    let gain = found.gain.map(|(gain, sd)| json!({ "factor": gain, "log_sd": sd }));
+    json!({
+        "posterior": posterior(&found.material),
+        "reflectance": {
+            "quantiles": "brdf_quantiles.npy",
+            "absolute": ask.absolute,
+            "normal_albedo": if ask.absolute { albedo } else { ALBEDO },
+            "note": "brdf.binary is the most probable BRDF, in 1/sr; brdf_quantiles.npy holds the 5, 25, 75 and 95 % quantiles of \
+                     the posterior, [quantile][theta_h][theta_d]; absolute: photograph and light map are on one scale, and so is the \
+                     BRDF, whose normal albedo is 0.5 otherwise",
+        },
+        "known_light": {
+            "map": ask.map.name("the light"),
+            "rows": found.map_rows,
+            "turn_degrees": turn,
+            "clipped": gain,
+            "note": "turn_degrees: rotation vector (about x, y, z) from where the map has the light to where it was found; clipped: \
+                     factor by which the clipped pixels of the map are brighter than it says, and the standard deviation of its \
+                     logarithm; light.exr is the map with both",
+        },
+        "exposure": {
+            "albedo": albedo,
+            "note": "albedo along the normal if photograph and light map are on one scale",
+        },
+        "noise": {
+            "relative": found.noise,
+            "discrepancy": found.discrepancy,
+            "misfit": found.misfit,
+            "expected": found.expected_misfit(),
+            "note": "relative: standard deviation of the independent error of the logarithm of the image; discrepancy: of its smooth \
+                     error; misfit: what light and material leave of the photograph (root mean square, relative); expected: what \
+                     noise and texture would leave if both were right",
+        },
+        "settings": { "rows": found.rows, "settled": found.settled },
     })
 }
 

@@ -81,10 +81,11 @@ impl Answer {
     pub fn files(&self) -> Result<Files, Problem> {
         let notes = serde_json::to_string_pretty(&self.notes)
             .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
+        let scaled = |values: Vec<f32>| values.into_iter().map(|v| v * self.scale as f32).collect();
         let estimated = self.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
         Ok(Files {
-            tables: self.colouring.colours().tables(&self.table),
-            quantiles: self.material.as_ref().map(|m| (m.quantiles.len(), m.quantiles.concat())),
+            tables: self.colouring.colours().tables(&self.table.scaled(self.scale)),
+            quantiles: self.material.as_ref().map(|m| (m.quantiles.len(), scaled(m.quantiles.concat()))),
             light: estimated.or_else(|| self.known_light.as_ref().map(|known| known.radiance().clone())),
             pictures: self.pictures().iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
             notes,

@@ -1,16 +1,14 @@
 //! Settings of an inference.
 
-use std::path::PathBuf;
-
 use gonio::colour::{Chroma, white_chroma};
-use gonio::estimate::{ColouringRule, EstimateSettings};
+use gonio::estimate::{Alignment, ColouringRule, EstimateSettings};
 use gonio::inference::Solver;
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::remedy::Remedy;
 use gonio::sphere::OctahedralMap;
 
-use crate::{Problem, Words};
+use crate::{Problem, Source, Words};
 
 /// Settings of an inference: method, grid, colours, and which outputs are made.
 pub struct Settings<'a> {
@@ -31,16 +29,29 @@ pub struct Settings<'a> {
 }
 
 /// Ways to find a material.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub enum Method {
     /// The learnt posterior of materials, then the light given its mean.
     Learnt,
+    /// The posterior of materials under a light that is known.
+    KnownLight(KnownLight),
     /// The separable posterior of light and reflectance: Algorithm 1 of the paper.
     Variational(Search),
     /// The joint maximum of light and reflectance.
     JointMaximum(Search),
-    /// Coefficients in the basis under the light of a lat-long map.
-    KnownLight(Search, PathBuf),
+    /// Coefficients in the basis under a light that is known: the paper's estimate.
+    KnownLightBasis(Search, Source<EnvironmentMap>),
+}
+
+/// A light that is known.
+#[derive(Clone, Debug)]
+pub struct KnownLight {
+    /// Its lat-long map in camera space.
+    pub map: Source<EnvironmentMap>,
+    /// How far it may lie from where the map has it.
+    pub alignment: Alignment,
+    /// Map and photograph are on one scale, so that reflectance is absolute.
+    pub absolute: bool,
 }
 
 /// How coefficients of reflectance are searched for.
@@ -65,24 +76,30 @@ impl Method {
             Self::Learnt => "learnt",
             Self::Variational(_) => "variational",
             Self::JointMaximum(_) => "map",
-            Self::KnownLight(..) => "known-light",
+            Self::KnownLight(_) => "known-light",
+            Self::KnownLightBasis(..) => "known-light-basis",
         }
     }
 
     /// How it searches, if it does.
     pub(crate) fn search(&self) -> Option<&Search> {
         match self {
-            Self::Learnt => None,
-            Self::Variational(search) | Self::JointMaximum(search) | Self::KnownLight(search, _) => Some(search),
+            Self::Learnt | Self::KnownLight(_) => None,
+            Self::Variational(search) | Self::JointMaximum(search) | Self::KnownLightBasis(search, _) => Some(search),
         }
     }
 
-    /// The file of the known light.
-    pub(crate) fn light(&self) -> Option<String> {
+    /// The known light.
+    pub(crate) fn light(&self) -> Option<&Source<EnvironmentMap>> {
         match self {
-            Self::KnownLight(_, path) => Some(path.display().to_string()),
+            Self::KnownLight(KnownLight { map, .. }) | Self::KnownLightBasis(_, map) => Some(map),
             _ => None,
         }
+    }
+
+    /// Whether it starts from the learnt posterior of materials.
+    fn is_learnt(&self) -> bool {
+        matches!(self, Self::Learnt | Self::KnownLight(_))
     }
 }
 
@@ -132,13 +149,13 @@ impl Settings<'_> {
     /// # Errors
     /// If the model lacks what the method needs, or its prior does not cover the grid.
     pub(crate) fn check(&self, model: &Model, name: &str) -> Result<(), Problem> {
-        let blind = !matches!(self.method, Method::KnownLight(..));
+        let blind = self.method.light().is_none();
         let covered = if blind { model.light.finest_side() } else { 512 };
         if !self.side.is_power_of_two() || !(4..=covered).contains(&self.side) {
             let of_model = if blind { ", which the model's prior of light covers" } else { "" };
             return Err(Problem::new(format!("grid {}: give a power of two from 4 to {covered}{of_model}", self.side)));
         }
-        if self.method == Method::Learnt && model.learnt.is_none() {
+        if self.method.is_learnt() && model.learnt.is_none() {
             return Err(Problem::of(name, "has no posterior of materials").with(Remedy::LearnPosterior));
         }
         Ok(())

@@ -9,6 +9,7 @@
 //! * [`brdf`]: measured BRDFs, of [`merl`] and [`rgl`]; [`bivariate`], [`fits`]: sets of them and
 //!   published fits;
 //! * [`model`]: trained models and their halves (`docs/model-format.md`);
+//! * [`lights`]: lists of directional lights;
 //! * [`npy`]: arrays of numpy;
 //! * [`folder`]: listing of folders; [`atomic`]: output that appears complete or not at all;
 //! * [`cache`], [`plan`]: computed plans kept between runs.
@@ -30,6 +31,7 @@ pub mod fits;
 pub mod folder;
 pub mod geometry;
 mod guard;
+pub mod lights;
 mod little_endian;
 pub mod material;
 pub mod merl;

@@ -8,7 +8,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gonio::inference::Solver;
 use gonio::scene::Circle;
-use gonio_app::{Colours, Journal, Method, Scene, Search, Settings, Shots, Source};
+use gonio_app::{Alignment, Colours, Journal, KnownLight, Method, Scene, Search, Settings, Shots, Source};
 use gonio_io::atomic::StagedFolder;
 use serde_json::json;
 
@@ -60,9 +60,9 @@ pub(crate) struct Options {
     /// Model file instead of the one that travels with the program
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// How the posterior is found
-    #[arg(long, value_enum, default_value_t = MethodName::Learnt)]
-    method: MethodName,
+    /// How the posterior is found; known-light if --light is given, else learnt
+    #[arg(long, value_enum)]
+    method: Option<MethodName>,
     /// The paper's own version on a sphere: its map of light at one azimuth, 8,600 normals away
     /// from its poles, 10 basis functions, random starts, Algorithm 1 to the letter
     #[arg(long, conflicts_with_all = ["method", "solver", "grid", "model", "light", "normals", "mesh", "full_rows"])]
@@ -70,10 +70,19 @@ pub(crate) struct Options {
     /// Solver of --method variational
     #[arg(long, value_enum, default_value_t = SolverName::Blocks)]
     solver: SolverName,
-    /// The light, a lat-long map in camera space, for --method known-light
+    /// The light, if it is known: a lat-long map in camera space (-z at its centre, +y up), such as
+    /// gonio light makes of a mirror ball, or a text file of directional lights
     #[arg(long, value_name = "MAP")]
     light: Option<PathBuf>,
-    /// Seed of the random starts of --method variational, map and known-light; learnt has none
+    /// How far the light may be turned from where its map has it: by a few degrees, by any angle
+    /// about the vertical, or not at all
+    #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around")]
+    align_light: Option<AlignmentName>,
+    /// Photograph and light map are on one scale (exposure, white balance): the BRDF is absolute,
+    /// not of albedo one half
+    #[arg(long, requires = "light")]
+    absolute: bool,
+    /// Seed of the random starts of --method variational, map and known-light-basis
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Random starts of the same
@@ -131,8 +140,21 @@ enum MethodName {
     Variational,
     /// Joint maximum of light and reflectance: falls for the mirror in a blurry world
     Map,
-    /// The light is given by --light
+    /// Posterior of the material under the light that --light gives
     KnownLight,
+    /// Coefficients in ten functions under that light: the paper's estimate
+    KnownLightBasis,
+}
+
+/// How far a light may be turned.
+#[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
+enum AlignmentName {
+    /// By a few degrees about any axis
+    Near,
+    /// By any angle about the vertical, and a few degrees about any axis
+    Around,
+    /// Not at all
+    Fixed,
 }
 
 /// Names of the solvers.
@@ -174,11 +196,27 @@ impl Options {
         };
         let (starts, seed) = (self.starts as usize, self.seed);
         let search = Search { solver, starts, seed, paper: self.paper, full_rows: self.full_rows };
-        let name = if self.paper { MethodName::Variational } else { self.method };
-        Ok(match (name, &self.light) {
-            (MethodName::KnownLight, Some(light)) => Method::KnownLight(search, light.clone()),
-            (MethodName::KnownLight, None) | (_, Some(_)) => {
-                bail!("--method known-light and --light MAP go together: give both or neither")
+        let usual = if self.light.is_some() { MethodName::KnownLight } else { MethodName::Learnt };
+        let name = if self.paper { MethodName::Variational } else { self.method.unwrap_or(usual) };
+        let light = self.light.clone().map(Source::File);
+        if (self.absolute || self.align_light.is_some()) && name != MethodName::KnownLight {
+            bail!("--absolute and --align-light are for --method known-light");
+        }
+        Ok(match (name, light) {
+            (MethodName::KnownLight, Some(map)) => {
+                let alignment = match self.align_light {
+                    None | Some(AlignmentName::Near) => Alignment::Near,
+                    Some(AlignmentName::Around) => Alignment::Around,
+                    Some(AlignmentName::Fixed) => Alignment::Fixed,
+                };
+                Method::KnownLight(KnownLight { map, alignment, absolute: self.absolute })
+            }
+            (MethodName::KnownLightBasis, Some(map)) => Method::KnownLightBasis(search, map),
+            (MethodName::KnownLight | MethodName::KnownLightBasis, None) => {
+                bail!("this --method needs the light: give it with --light MAP")
+            }
+            (_, Some(_)) => {
+                bail!("--light MAP is for --method known-light and known-light-basis: the other methods find it")
             }
             (MethodName::Learnt, None) => Method::Learnt,
             (MethodName::Variational, None) => Method::Variational(search),
@@ -243,7 +281,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     );
     // What fills no screen; the rest is in result.json.
     let mut notes = answer.notes;
-    let fields = ["method", "posterior", "colour", "noise", "seconds"].map(|key| (key.to_owned(), notes[key].take()));
+    let fields = ["method", "posterior", "colour", "noise", "known_light", "exposure", "seconds"]
+        .map(|key| (key.to_owned(), notes[key].take()));
     let mut outcome = Outcome::new(text, json!({ "output": output })).warning(answer.warnings);
     outcome.fields.extend(fields);
     Ok(outcome)

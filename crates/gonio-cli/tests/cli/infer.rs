@@ -69,10 +69,10 @@ fn the_joint_maximum_is_found_in_an_existing_folder() {
 }
 
 #[test]
-fn a_known_light_is_taken_as_it_is() {
+fn the_papers_estimate_takes_a_known_light_as_it_is() {
     let bench = Bench::with_ball();
     bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
-    let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light --light light.hdr";
+    let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light-basis --light light.hdr";
     bench.run(line).succeeds();
     assert_eq!(bench.names("out"), OUTPUT);
     let light = |name: &str| read(bench.path(name), &ReadOptions::default()).unwrap().picture.rgb;
@@ -118,4 +118,48 @@ fn the_papers_version_takes_no_other_choice() {
     for other in ["--method map", "--solver blocks", "--grid 16", "--normals normals.npy"] {
         bench.refuses(&format!("infer ball.exr -o out --paper {other}"), &["--paper", "cannot be used with"]);
     }
+}
+
+/// A ball under the studio light: its photograph, and the light as a map.
+fn lit_ball() -> Bench {
+    let bench = Bench::with_ball();
+    bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
+    bench
+}
+
+#[test]
+fn a_light_that_is_given_is_used_without_a_method() {
+    let bench = lit_ball();
+    bench.run("infer ball.exr -o out --light light.hdr").succeeds();
+    let result = bench.json("out/result.json");
+    assert_eq!(result["method"], "known-light");
+    assert_eq!(result["reflectance"]["normal_albedo"], 0.5);
+    assert!(result["known_light"]["map"] == "light.hdr" && result["noise"]["discrepancy"].is_number());
+    assert!(bench.names("out").contains(&"brdf_quantiles.npy".to_owned()));
+    bench.run("infer ball.exr -o absolute --light light.hdr --absolute --align-light fixed").succeeds();
+    let albedo = &bench.json("absolute/result.json")["reflectance"]["normal_albedo"];
+    assert_eq!(*albedo, result["exposure"]["albedo"]);
+    assert!(bench.read("absolute/brdf.binary") != bench.read("out/brdf.binary"));
+}
+
+#[test]
+fn directional_lights_are_a_light() {
+    let bench = lit_ball();
+    bench.write("lights.txt", b"# three lamps\n1 1 1 1 1 1\n-1 0.5 1 0.5 0.5 0.5\n0 -1 0.2 0.2 0.2 0.2\n");
+    bench.run("infer ball.exr -o out --light lights.txt").succeeds();
+    bench.write("bad.txt", b"1 1 1 1 1 1\n1 2 3\n");
+    bench.refuses("infer ball.exr -o bad --light bad.txt", &["bad.txt", "line 2", "x y z r g b"]);
+}
+
+#[test]
+fn a_light_that_does_not_fit_is_refused() {
+    let bench = lit_ball();
+    bench.refuses("infer ball.exr -o out --light ball.exr", &["ball.exr", "twice as wide as high"]);
+    bench.refuses("infer ball.exr -o out --light none.hdr", &["none.hdr: cannot open"]);
+    bench.refuses(
+        "infer ball.exr -o out --light light.hdr --method learnt",
+        &["--light MAP is for --method known-light"],
+    );
+    bench.refuses("infer ball.exr -o out --method known-light", &["--light MAP"]);
+    bench.refuses("infer ball.exr -o out --absolute", &["--light"]);
 }

@@ -89,7 +89,7 @@ fn other_methods_and_shapes_have_one_too() {
     let bench = Bench::with_ball();
     bench.write("normals.npy", &encode_normals(&normals(SIZE)));
     bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
-    let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light --light light.hdr";
+    let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light-basis --light light.hdr";
     bench.run_with(line, &WITH_REPORT).succeeds();
     let page = String::from_utf8(bench.read("out/report.html")).unwrap();
     // Nothing is said of what this method does not know.

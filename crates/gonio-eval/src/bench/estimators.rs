@@ -1,10 +1,11 @@
 //! The estimators that are compared: trivial answers, oracles, and the methods of the library.
 
 use anyhow::{Context, Result};
-use gonio::inference::known_light::KnownLightPosterior;
+use glam::{DQuat, DVec3};
+use gonio::inference::known_light::{Alignment, GivenLight, KnownLightPosterior, Materials, Operator, Rows};
 use gonio::inference::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
+use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
-use gonio::render::Relighter;
 use gonio::transfer::Projected;
 use serde::{Deserialize, Serialize};
 
@@ -20,8 +21,8 @@ pub(crate) struct Photograph<'a> {
     pub(crate) image: &'a [Option<f64>],
     /// The image projected onto the rows of the plan.
     pub(crate) projected: &'a Projected,
-    /// Matrix of the true light for every `1 / step` of the points, and the step.
-    pub(crate) operator: Option<&'a (Relighter, usize)>,
+    /// The true light.
+    pub(crate) operator: Option<&'a Lit>,
     /// Images of the basis functions in the true light, `[point][function]`.
     pub(crate) under_true_light: &'a [f32],
     /// Luminance table of the true material.
@@ -30,6 +31,15 @@ pub(crate) struct Photograph<'a> {
     pub(crate) starts: usize,
     /// Settings of the separable posterior and of the joint maximum.
     pub(crate) separable: Separable,
+}
+
+/// A light that is given.
+pub(crate) struct Lit {
+    /// Its matrix, for one of `step` points.
+    pub(crate) operator: Operator,
+    pub(crate) step: usize,
+    /// Its map.
+    pub(crate) map: EnvironmentMap,
 }
 
 /// Answer of an estimator.
@@ -74,6 +84,9 @@ pub(crate) enum Estimator {
     TrueBivariate,
     /// The posterior given the true light at its full resolution: an oracle.
     KnownLight,
+    /// The same posterior given a map of the light that is turned by five degrees, which it is to
+    /// find.
+    KnownLightTurned,
     /// The separable posterior in the basis given the true light: an oracle.
     KnownLightBasis,
     /// Joint maximum over light and reflectance.
@@ -95,6 +108,7 @@ impl Estimator {
             Self::NearestMaterial => "nearest-material",
             Self::TrueBivariate => "true-bivariate",
             Self::KnownLight => "known-light",
+            Self::KnownLightTurned => "known-light-turned",
             Self::KnownLightBasis => "known-light-basis",
             Self::JointMap => "joint-map",
             Self::Learnt => "learnt",
@@ -111,6 +125,7 @@ impl Estimator {
             Self::NearestMaterial => "nearest training material (oracle)",
             Self::TrueBivariate => "true bivariate table (floor)",
             Self::KnownLight => "known light (oracle)",
+            Self::KnownLightTurned => "known light, map turned by 5 degrees (oracle)",
             Self::KnownLightBasis => "known light, ten functions (oracle)",
             Self::JointMap => "joint MAP",
             Self::Learnt => "learnt posterior",
@@ -121,7 +136,8 @@ impl Estimator {
 
     /// Whether the estimator uses what no photograph shows.
     pub(crate) fn is_oracle(self) -> bool {
-        matches!(self, Self::NearestMaterial | Self::TrueBivariate | Self::KnownLight | Self::KnownLightBasis)
+        let lit = matches!(self, Self::KnownLight | Self::KnownLightTurned | Self::KnownLightBasis);
+        lit || matches!(self, Self::NearestMaterial | Self::TrueBivariate)
     }
 
     /// Whether the estimator ignores the image.
@@ -169,7 +185,8 @@ impl Estimator {
             Self::NearestMaterial => return Ok(nearest(&knowledge.training, truth)),
             Self::TrueBivariate => return Ok(Estimate::of(truth.clone())),
             Self::Learnt => return learnt_posterior(knowledge, image),
-            Self::KnownLight => return known_light(photograph),
+            Self::KnownLight => return known_light(photograph, false),
+            Self::KnownLightTurned => return known_light(photograph, true),
             Self::KnownLightBasis => {
                 let known = Projected::under_known_light(under_true_light, basis.len(), image);
                 let problem = Problem::with_known_light(&known, &basis.rates, hyper)?;
@@ -206,18 +223,26 @@ fn learnt_posterior(knowledge: &Knowledge, image: &[Option<f64>]) -> Result<Esti
     Ok(Estimate { table: Some(posterior.mean), quantiles: Some(quantiles), report })
 }
 
-/// Estimates by the posterior under the true light.
-fn known_light(photograph: &Photograph<'_>) -> Result<Estimate> {
+/// Estimates by the posterior under the true light, or under its map turned by five degrees.
+fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
     let Photograph { knowledge, image, operator, .. } = *photograph;
-    let (operator, step) = operator.context("no operator of the light")?;
+    let Lit { operator, map, step } = operator.context("no operator of the light")?;
     let (coordinates, places) = knowledge.space.as_ref().context("no space of materials")?;
+    let materials = Materials { coordinates, places };
     let seen = knowledge.points.iter().zip(image).step_by(*step);
-    let (normals, values): (Vec<_>, Vec<f64>) = seen.map(|(p, v)| (p.in_view(), v.unwrap_or(0.0))).unzip();
+    let (points, values): (Vec<_>, Vec<f64>) = seen.map(|(p, v)| (*p, v.unwrap_or(0.0))).unzip();
     let trust = vec![1.0; values.len()];
-    let found = KnownLightPosterior::of(operator, (&normals, &values, &trust), coordinates, places)?;
+    let rows = Rows { points: &points, visibility: None, values: &values, trust: &trust };
+    let found = if turned {
+        let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 1.0).normalize(), 5_f64.to_radians());
+        KnownLightPosterior::of(&rows, GivenLight::of_map(&map.rotated(turn)), Alignment::Near, &materials)?
+    } else {
+        KnownLightPosterior::under(operator, &rows, &materials)?
+    };
     let posterior = found.posterior(None);
     let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().ok().context("four quantiles")?;
-    let note = format!("noise {:.3}, discrepancy {:.3}", found.noise, found.discrepancy);
+    let angle = found.turn.to_scaled_axis().length().to_degrees();
+    let note = format!("noise {:.3}, discrepancy {:.3}, turn {angle:.1}", found.noise, found.discrepancy);
     let report = Report { converged: Some(found.settled), noise: Some(found.misfit), note, ..Report::default() };
     Ok(Estimate { table: Some(posterior.mean), quantiles: Some(quantiles), report })
 }

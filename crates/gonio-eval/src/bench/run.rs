@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow};
-use gonio::inference::known_light;
+use gonio::inference::known_light::{self, GivenLight, Operator};
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
 use gonio::render::{IntegratorSettings, LightTree, Relighter};
@@ -16,7 +16,7 @@ use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
 use gonio_io::cache::Cache;
 
-use super::estimators::{Estimator, Photograph};
+use super::estimators::{Estimator, Lit, Photograph};
 use super::grid::{Protocol, Unit, relight_lights, units};
 use super::judge::{Reference, encoded};
 use super::learning::Knowledge;
@@ -191,7 +191,8 @@ impl Bench {
 
     fn estimate(&self, work: &[Work], threads: usize) -> Result<()> {
         let start = Instant::now();
-        let known_light = work.iter().flat_map(|(_, open)| open).any(|(e, _)| *e == Estimator::KnownLight);
+        let is_lit = |e: &Estimator| matches!(e, Estimator::KnownLight | Estimator::KnownLightTurned);
+        let known_light = work.iter().flat_map(|(_, open)| open).any(|(e, _)| is_lit(e));
         let mut knowledge: BTreeMap<Protocol, Knowledge> = BTreeMap::new();
         for protocol in work.iter().map(|(u, _)| u.protocol.learns_as()).collect::<BTreeSet<_>>() {
             let (prior, lights) = (self.prior.as_ref(), (self.training.as_ref(), known_light));
@@ -229,15 +230,16 @@ impl Bench {
             }
         }
         // Matrices of the lights that are given, by training protocol and light.
-        let mut operators: BTreeMap<(Protocol, &str), (Relighter, usize)> = BTreeMap::new();
+        let mut operators: BTreeMap<(Protocol, &str), Lit> = BTreeMap::new();
         for (unit, _) in work {
             let learnt = unit.protocol.learns_as();
             let Some((coordinates, places)) = &knowledge[&learnt].space else { continue };
             if let Entry::Vacant(place) = operators.entry((learnt, unit.light.as_str())) {
                 let step = self.points.len().div_ceil(known_light::ROWS);
                 let points: Vec<SurfacePoint> = self.points.iter().step_by(step).copied().collect();
-                let tree = self.lights.tree(&unit.light)?;
-                place.insert((known_light::operator(&points, None, &tree, coordinates, places), step));
+                let map = self.lights.map(&unit.light)?;
+                let light = GivenLight::of_map(&map);
+                place.insert(Lit { operator: Operator::of(&points, None, &light, coordinates, places), step, map });
             }
         }
         eprintln!("bases, operators and known lights: {:.0} s", start.elapsed().as_secs_f64());
@@ -282,7 +284,7 @@ impl Bench {
         unit: &Unit,
         open: &[(Estimator, String)],
         knowledge: &Knowledge,
-        (under_true_light, operator): (&[f32], Option<&(Relighter, usize)>),
+        (under_true_light, operator): (&[f32], Option<&Lit>),
         relighters: &BTreeMap<(bool, String), Relighter>,
         progress: &Progress,
     ) -> Result<()> {

@@ -1,7 +1,6 @@
 //! A captured object: photographs under known lights, its normals, and its BRDF as measured from
 //! single lights.
 
-use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -154,46 +153,16 @@ pub(crate) fn reflected(f: &impl Fn(f64, f64) -> f64, normal: DVec3, lights: &[D
     lights.iter().map(one).sum()
 }
 
-/// Map of directional lights, each in the texel that it falls into.
+/// Map of directional lights.
 pub(crate) fn map_of(lights: &[Directional]) -> Result<EnvironmentMap> {
-    let (width, height) = (2048, 1024);
-    let mut map = Plane::from_vec(width, height, vec![Vec3::ZERO; width * height]);
-    for light in lights {
-        let [x, y, z] = light.direction.to_array();
-        let column = ((x.atan2(-z) / TAU + 0.5) * width as f64) as usize % width;
-        let row = ((y.clamp(-1.0, 1.0).acos() / PI * height as f64) as usize).min(height - 1);
-        let edge = |row: usize| (PI * row as f64 / height as f64).cos();
-        let solid_angle = TAU / width as f64 * (edge(row) - edge(row + 1));
-        map[(column, row)] += (light.weight / solid_angle).as_vec3();
-    }
-    Ok(EnvironmentMap::new(map)?)
+    let lights: Vec<_> = lights.iter().map(|light| (light.direction, light.weight.as_vec3())).collect();
+    Ok(EnvironmentMap::of_directions(&lights, 1024)?)
 }
 
 /// Reads lines of direction and RGB weight.
 fn read_lights(path: &Path) -> Result<Vec<Directional>> {
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    let lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.starts_with('#'));
-    let lights =
-        lines.map(|(i, line)| parse_light(line).with_context(|| format!("{}, line {}", path.display(), i + 1)));
-    let lights = lights.collect::<Result<Vec<_>>>()?;
-    if lights.is_empty() {
-        bail!("{}: no lights", path.display());
-    }
-    Ok(lights)
-}
-
-fn parse_light(line: &str) -> Result<Directional> {
-    let numbers = line.split_whitespace().map(str::parse).collect::<Result<Vec<f64>, _>>();
-    let numbers = numbers.context("not numbers")?;
-    let [x, y, z, r, g, b] = numbers[..] else {
-        bail!("{} numbers instead of direction and RGB weight", numbers.len())
-    };
-    let direction = DVec3::new(x, y, z).try_normalize().context("a direction of no length")?;
-    let weight = DVec3::new(r, g, b);
-    if !(weight.is_finite() && weight.min_element() >= 0.0) {
-        bail!("a weight is negative or not finite");
-    }
-    Ok(Directional { direction, weight })
+    let lights = gonio_io::lights::read_lights(path)?;
+    Ok(lights.into_iter().map(|(direction, weight)| Directional { direction, weight: weight.as_dvec3() }).collect())
 }
 
 #[cfg(test)]

@@ -3,10 +3,9 @@
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use gonio::estimate::{ColouringRule, Doubt, EstimateSettings, Light, Material, doubts, estimate_under};
+use gonio::estimate::{Alignment, ColouringRule, Doubt, EstimateSettings, Light, Material, doubts, estimate_under};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
-use gonio::render::LightTree;
 use gonio::scene::{NormalPicture, Object, ObservationSettings, Sighting};
 use serde::Serialize;
 
@@ -180,8 +179,9 @@ fn estimate(object: &Captured, seen: usize, model: &Model, lit: bool) -> Result<
         &ObservationSettings::default(),
     )?;
     if lit {
-        let tree = LightTree::of_map(&map_of(&object.photographs[seen].lights)?);
-        let found = estimate_under(model, &sighting.observations, &tree, &ColouringRule::Grey, &|_| ())?;
+        let map = map_of(&object.photographs[seen].lights)?;
+        let given = (&map, Alignment::Near);
+        let found = estimate_under(model, &sighting.observations, given, &ColouringRule::Grey, &|_| ())?;
         let doubts = found.doubts();
         return Ok((found.material, found.misfit, doubts));
     }

@@ -15,6 +15,17 @@ pub enum Doubt {
     Open(f64),
     /// Deviation of pixels that share a normal, relative to their mean.
     Scatter(f64),
+    /// A light map was turned by this rotation vector, in degrees about x, y and z, to fit.
+    Turned([f64; 3]),
+    /// The clipped pixels of a light map are brighter than it says.
+    Clipped {
+        /// By this factor.
+        gain: f64,
+        /// Standard deviation of its logarithm.
+        sd: f64,
+    },
+    /// A pixel of a light map, of so many degrees, is wider than the highlight.
+    Coarse(f64),
     /// Light and material leave more of the photograph unexplained than noise and the light's
     /// resolution account for.
     Misfit {
@@ -45,6 +56,26 @@ impl fmt::Display for Doubt {
                 "pixels that share a normal differ by {:.0} %: texture, shadows of the object on itself, several materials, noise, or normals that do not lie \
                  on the picture; what is fine in the highlights cannot be told from it",
                 100.0 * deviation
+            ),
+            Self::Turned([x, y, z]) => {
+                let angle = x.hypot(*y).hypot(*z);
+                write!(
+                    f,
+                    "the light map fits the photograph best when it is turned by {angle:.1} degrees (about x, y and z by {x:.1}, {y:.1} \
+                     and {z:.1}), and was turned so"
+                )
+            }
+            Self::Clipped { gain, sd } => write!(
+                f,
+                "the brightest pixels of the light map are clipped: the photograph tells that they are {gain:.1} times as bright \
+                 ({:.1} to {:.1})",
+                gain * (-1.645 * sd).exp(),
+                gain * (1.645 * sd).exp(),
+            ),
+            Self::Coarse(degrees) => write!(
+                f,
+                "a pixel of the light map is {degrees:.1} degrees wide, wider than the highlight: how sharp the material is cannot be \
+                 told; give a finer map"
             ),
             Self::Misfit { left, expected, reason } => write!(
                 f,

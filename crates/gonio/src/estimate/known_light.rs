@@ -1,15 +1,19 @@
 //! Estimation when the light is given.
 
-use glam::DVec3;
+use std::f64::consts::PI;
+
+use glam::DQuat;
 
 use super::material::Impression;
 use super::{Colouring, ColouringRule, Doubt, EstimateError, Material, Reason, Stage};
 use crate::appearance::DiskImage;
 use crate::inference::ProblemError;
-use crate::inference::known_light::{KnownLightPosterior, ROWS, operator};
+use crate::inference::known_light::{Alignment, GivenLight, KnownLightPosterior, Materials, ROWS, Rows, clipped};
 use crate::inference::light::LightError;
+use crate::lighting::EnvironmentMap;
 use crate::model::Model;
-use crate::render::LightTree;
+use crate::picture::Plane;
+use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 
 /// Residual, relative and as a root mean square, that a right light and a clean photograph leave:
@@ -18,6 +22,9 @@ const EXPECTED: f64 = 0.1;
 
 /// Ratio of a misfit to the expected one above which it is a reason to doubt.
 const TOO_LARGE: f64 = 1.25;
+
+/// Factor of clipped pixels from which it is said, if it is also two standard deviations above one.
+const BRIGHTER: f64 = 1.2;
 
 /// Estimate from a photograph under a light that is given.
 #[derive(Clone, Debug)]
@@ -33,6 +40,13 @@ pub struct LitEstimate {
     pub discrepancy: f64,
     /// Root mean square of the residual, relative to that of the observations.
     pub misfit: f64,
+    /// Rotation from where the map has the light to where it was found.
+    pub turn: DQuat,
+    /// Factor by which the clipped pixels of the map are brighter than it says, with the standard
+    /// deviation of its logarithm; `None` if no pixels are clipped.
+    pub gain: Option<(f64, f64)>,
+    /// Number of rows of the map.
+    pub map_rows: usize,
     /// Number of observations it was found from.
     pub rows: usize,
     /// Whether the steps settled.
@@ -47,16 +61,47 @@ impl LitEstimate {
         EXPECTED.hypot(self.material.scatter)
     }
 
-    /// Reasons to doubt it, misfit first.
+    /// Reasons to doubt it, misfit first, and how the light map had to be corrected.
     pub fn doubts(&self) -> Vec<Doubt> {
         let (left, expected) = (self.misfit, self.expected_misfit());
         let misfit = (left > TOO_LARGE * expected).then_some(Doubt::Misfit { left, expected, reason: Reason::Light });
-        misfit.into_iter().chain(self.material.doubts()).collect()
+        let turn = self.turn.to_scaled_axis();
+        let turned = (self.turn != DQuat::IDENTITY).then(|| Doubt::Turned(turn.to_array().map(f64::to_degrees)));
+        let clipped = self.gain.filter(|(gain, sd)| *gain > BRIGHTER && gain.ln() > 2.0 * sd);
+        let pixel = PI / self.map_rows as f64;
+        let coarse = (highlight(&self.material.table) < pixel).then(|| Doubt::Coarse(pixel.to_degrees()));
+        let of_light = [turned, clipped.map(|(gain, sd)| Doubt::Clipped { gain, sd }), coarse];
+        misfit.into_iter().chain(of_light.into_iter().flatten()).chain(self.material.doubts()).collect()
+    }
+
+    /// The map that was given as it was found: its clipped pixels as bright, and turned.
+    pub fn corrected(&self, map: &EnvironmentMap) -> EnvironmentMap {
+        let mut map = map.clone();
+        if let (Some((gain, _)), Some(mask)) = (self.gain, clipped(&map)) {
+            let (width, height) = mask.size();
+            let radiance = map.radiance();
+            let pixel = |x, y| radiance[(x, y)] * if mask[(x, y)] { gain as f32 } else { 1.0 };
+            map = EnvironmentMap::new(Plane::from_fn(width, height, pixel)).unwrap_or(map);
+        }
+        if self.turn == DQuat::IDENTITY { map } else { map.rotated(self.turn) }
     }
 }
 
-/// Estimates the material and its colours under a light in camera space. `progress` is called when
-/// a stage begins.
+/// Width in radians over which a highlight spreads the light of a point: twice the half angle at
+/// which the table falls to half of its peak, which turns the mirror direction by as much again;
+/// infinite without a highlight.
+fn highlight(table: &BivariateTable) -> f64 {
+    let peak = table.eval(0.0, 0.0);
+    if peak < 4.0 * table.eval(1.0, 0.0) {
+        return f64::INFINITY;
+    }
+    let degree = |at: usize| (at as f64 * 0.25).to_radians();
+    let half = (0..240).map(degree).find(|h| table.eval(*h, 0.0) < 0.5 * peak);
+    half.map_or(f64::INFINITY, |half| 4.0 * half)
+}
+
+/// Estimates the material and its colours under a light map in camera space. `progress` is called
+/// when a stage begins.
 ///
 /// # Errors
 /// If the model has no posterior of materials, or light or image are black.
@@ -66,22 +111,22 @@ impl LitEstimate {
 pub fn estimate_under(
     model: &Model,
     observations: &Observations,
-    light: &LightTree,
+    (light, alignment): (&EnvironmentMap, Alignment),
     colouring: &ColouringRule,
     progress: &(dyn Fn(Stage) + Sync),
 ) -> Result<LitEstimate, EstimateError> {
     let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
-    progress(Stage::Transfer);
+    progress(Stage::Material);
     let few = observations.thinned(ROWS);
     let seen: Vec<usize> = (0..few.points.len()).filter(|&i| few.values[i].is_some()).collect();
     let few = few.select(&seen);
     let places: Vec<Vec<f64>> =
         learnt.prior.places.iter().map(|place| place.iter().map(|z| f64::from(*z)).collect()).collect();
-    let matrix = operator(&few.points, few.visibility.as_ref(), light, &learnt.coordinates, &places);
-    progress(Stage::Material);
-    let normals: Vec<DVec3> = few.points.iter().map(|p| p.in_view()).collect();
     let values: Vec<f64> = few.values.iter().flatten().copied().collect();
-    let found = KnownLightPosterior::of(&matrix, (&normals, &values, &few.trust()), &learnt.coordinates, &places)?;
+    let (points, visibility, trust) = (&few.points[..], few.visibility.as_ref(), few.trust());
+    let rows = Rows { points, visibility, values: &values, trust: &trust };
+    let materials = Materials { coordinates: &learnt.coordinates, places: &places };
+    let found = KnownLightPosterior::of(&rows, GivenLight::of_map(light), alignment, &materials)?;
     let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
     let material = Impression::under(learnt, &image, found.posterior(Some(learnt))).describe();
     progress(Stage::Colours);
@@ -92,6 +137,9 @@ pub fn estimate_under(
         noise: found.noise,
         discrepancy: found.discrepancy,
         misfit: found.misfit,
+        turn: found.turn,
+        gain: found.gain,
+        map_rows: light.radiance().height(),
         rows: values.len(),
         settled: found.settled,
     })

@@ -17,6 +17,7 @@ mod tests;
 
 use thiserror::Error;
 
+pub use crate::inference::known_light::Alignment;
 pub use colouring::{Colouring, ColouringRule};
 pub use doubt::Doubt;
 pub use known_light::{LitEstimate, estimate_under};

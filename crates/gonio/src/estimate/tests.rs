@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::*;
 use crate::colour::{Chroma, plain};
 use crate::inference::learnt::tests::{WORLD, knowing, light_map};
-use crate::lighting::{LightGrid, LightPrior, PriorSettings};
+use crate::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
 use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
 use crate::render::{IntegratorSettings, LightTree, SphereSettings, render_sphere};
@@ -145,9 +145,11 @@ fn what_cannot_be_answered_is_said() {
 #[test]
 fn a_known_light_gives_the_material_and_its_scale() {
     let (model, observations) = (model(2), observations(&photograph(2, Vec3::ONE)));
-    let under =
-        |light: &LightTree| estimate_under(&model, &observations, light, &ColouringRule::default(), &|_| ()).unwrap();
-    let found = under(&LightTree::of_map(&light_map(100)));
+    let under = |light: &EnvironmentMap| {
+        let given = (light, Alignment::default());
+        estimate_under(&model, &observations, given, &ColouringRule::default(), &|_| ()).unwrap()
+    };
+    let found = under(&light_map(100));
     let truth = WORLD.table(&WORLD.entries[2]);
     assert!(found.doubts().is_empty() && found.settled && found.misfit < 0.05, "{}", found.misfit);
     let albedo = found.exposure * ALBEDO / truth.normal_albedo();
@@ -158,7 +160,7 @@ fn a_known_light_gives_the_material_and_its_scale() {
     assert!(samples.iter().all(|sample| (sample.normal_albedo() - ALBEDO).abs() < 1e-4));
 
     // The light of another place does not explain the photograph, and that is said.
-    let other = under(&LightTree::of_map(&light_map(101)));
+    let other = under(&light_map(101));
     let said = other.doubts().into_iter().find(|d| matches!(d, Doubt::Misfit { reason: Reason::Light, .. }));
     assert!(said.is_some(), "{} {}", other.misfit, other.expected_misfit());
 }

@@ -1,6 +1,6 @@
 //! Environment maps: lat-long pictures of radiance.
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 use thiserror::Error;
 
@@ -57,6 +57,24 @@ impl EnvironmentMap {
         Ok(Self { radiance })
     }
 
+    /// Map of `rows` rows of light from single directions, each with the irradiance that it gives a
+    /// surface facing it; each fills one pixel.
+    ///
+    /// # Errors
+    /// If there is no light.
+    pub fn of_directions(lights: &[(DVec3, Vec3)], rows: usize) -> Result<Self, MapError> {
+        let (width, height) = (2 * rows, rows);
+        let mut map = Plane::from_vec(width, height, vec![Vec3::ZERO; width * height]);
+        for (direction, irradiance) in lights {
+            let (u, v) = lat_long_of_direction(*direction);
+            let (x, y) = (((u * width as f64) as usize).min(width - 1), ((v * height as f64) as usize).min(height - 1));
+            let edge = |row: usize| (std::f64::consts::PI * row as f64 / height as f64).cos();
+            let solid_angle = std::f64::consts::TAU / width as f64 * (edge(y) - edge(y + 1));
+            map[(x, y)] += *irradiance / solid_angle as f32;
+        }
+        Self::new(map)
+    }
+
     /// Picture, `2 h` by `h`.
     pub fn radiance(&self) -> &Plane<Vec3> {
         &self.radiance
@@ -75,6 +93,53 @@ impl EnvironmentMap {
         let (width, height) = self.radiance.size();
         let columns = columns % width;
         Self { radiance: Plane::from_fn(width, height, |x, y| self.radiance[((x + width - columns) % width, y)]) }
+    }
+
+    /// Map of at most `rows` rows, each of whose pixels is the mean over those it covers.
+    pub fn reduced(&self, rows: usize) -> Self {
+        let (width, height) = self.radiance.size();
+        if height <= rows {
+            return self.clone();
+        }
+        let range = |at: usize, whole: usize, parts: usize| at * whole / parts..(at + 1) * whole / parts;
+        let weights: Vec<f32> =
+            (0..height).map(|y| (std::f64::consts::PI * (y as f64 + 0.5) / height as f64).sin() as f32).collect();
+        let mean = |x: usize, y: usize| {
+            let (mut sum, mut total) = (Vec3::ZERO, 0.0);
+            for row in range(y, height, rows) {
+                for column in range(x, width, 2 * rows) {
+                    sum += weights[row] * self.radiance[(column, row)];
+                    total += weights[row];
+                }
+            }
+            sum / total
+        };
+        Self { radiance: Plane::from_fn(2 * rows, rows, mean) }
+    }
+
+    /// Map turned by a rotation: each pixel is the mean of four bilinear samples.
+    pub fn rotated(&self, turn: DQuat) -> Self {
+        let (width, height) = self.radiance.size();
+        let (w, h) = (width as f64, height as f64);
+        let sample = |direction: DVec3| {
+            let (u, v) = lat_long_of_direction(direction);
+            let (x, y) = (u * w - 0.5, (v * h - 0.5).clamp(0.0, h - 1.0));
+            let (s, t) = ((x - x.floor()) as f32, (y - y.floor()) as f32);
+            let (x, y) = (x.floor() as isize, y as usize);
+            let column = |x: isize| x.rem_euclid(width as isize) as usize;
+            let at = |y: usize| {
+                let y = y.min(height - 1);
+                self.radiance[(column(x), y)].lerp(self.radiance[(column(x + 1), y)], s)
+            };
+            at(y).lerp(at(y + 1), t)
+        };
+        let back = turn.inverse();
+        let mean = |x: usize, y: usize| {
+            let parts = [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)];
+            let direction = |(a, b): (f64, f64)| direction_of_lat_long((x as f64 + a) / w, (y as f64 + b) / h);
+            parts.map(|part| sample(back * direction(part))).into_iter().sum::<Vec3>() / 4.0
+        };
+        Self { radiance: Plane::from_fn(width, height, mean) }
     }
 
     /// Map with no pixel brighter than `times` the mean over the sphere: luminance is clipped,
@@ -168,6 +233,30 @@ mod tests {
             assert_eq!(sky.radiance()[(x, y)], capped.radiance()[(x, y)]);
         }
         assert_eq!(sky.capped(f64::INFINITY), sky);
+    }
+
+    #[test]
+    fn fewer_rows_keep_the_flux() {
+        let sky = sky();
+        let (got, expected) = (flux(&sky.reduced(16)), flux(&sky));
+        assert!(((got - expected) / expected).abs().max_element() < 0.01, "{got} {expected}");
+        assert_eq!(sky.reduced(64), sky);
+    }
+
+    #[test]
+    fn a_rotation_about_the_vertical_shifts_columns() {
+        let sky = sky();
+        let turned = sky.rotated(DQuat::from_rotation_y(-2.0 * PI * 5.0 / 128.0));
+        // The four samples blur a lamp of one pixel, but leave its flux.
+        assert!(((flux(&turned) - flux(&sky)) / flux(&sky)).abs().max_element() < 0.02);
+        let expected = sky.turned(5);
+        let (a, b) = (turned.radiance()[(10, 40)], expected.radiance()[(10, 40)]);
+        assert!((a - b).abs().max_element() < 0.02, "{a} {b}");
+        let brightest = |map: &EnvironmentMap| {
+            let pixels = map.radiance().as_slice();
+            (0..pixels.len()).max_by(|i, j| pixels[*i].x.total_cmp(&pixels[*j].x))
+        };
+        assert_eq!(brightest(&turned), brightest(&expected));
     }
 
     /// Integral over the sphere.

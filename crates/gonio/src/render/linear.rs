@@ -151,12 +151,6 @@ impl Relighter {
         self.cells[range.clone()].iter().map(|cell| usize::from(*cell)).zip(self.weights[range].iter().copied())
     }
 
-    /// Luminance of every point for reflectance given in every cell.
-    pub(crate) fn apply(&self, values: &[f64]) -> Vec<f64> {
-        let point = |at: usize| self.row(at).map(|(cell, w)| f64::from(w) * values[cell]).sum();
-        (0..self.len()).map(point).collect()
-    }
-
     /// Luminance of every point for a BRDF.
     pub fn render(&self, brdf: &BivariateTable) -> Vec<f64> {
         let values = brdf.as_slice();

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 
 use crate::lighting::{EnvironmentMap, LightGrid};
 use crate::sphere::{OctahedralMap, direction_of_lat_long};
@@ -49,6 +49,7 @@ pub(super) struct Cell {
 pub struct LightTree {
     chart: Chart,
     nodes: Vec<Cell>,
+    turn: DQuat,
 }
 
 impl Chart {
@@ -89,7 +90,7 @@ impl LightTree {
     }
 
     fn build(chart: Chart, width: usize, height: usize, value: &dyn Fn(usize, usize) -> Vec3) -> Self {
-        let mut tree = Self { chart, nodes: Vec::with_capacity(width * height * 4 / 3 + 8) };
+        let mut tree = Self { chart, nodes: Vec::with_capacity(width * height * 4 / 3 + 8), turn: DQuat::IDENTITY };
         let whole = [0, width, 0, height];
         let root = tree.leaf(whole, (width, height), Vec3::ZERO);
         tree.nodes.push(root);
@@ -139,8 +140,18 @@ impl LightTree {
         node.children = Some((first as u32, parts.len() as u32));
     }
 
+    /// The light turned by a rotation from where it was built, in place of an earlier one.
+    #[must_use]
+    pub fn turned(self, turn: DQuat) -> Self {
+        Self { turn, ..self }
+    }
+
     pub(super) fn root(&self) -> Cell {
-        self.nodes[0]
+        self.placed(self.nodes[0])
+    }
+
+    fn placed(&self, cell: Cell) -> Cell {
+        Cell { centre: self.turn * cell.centre, ..cell }
     }
 
     /// Parts of a cell: its children, or four quarters of constant radiance.
@@ -155,7 +166,7 @@ impl LightTree {
             [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
                 .map(|(a, b)| self.chart.cell(Rectangle { u: u + a * du, v: v + b * dv, du, dv }, cell.mean))
         });
-        stored.iter().copied().chain(quarters)
+        stored.iter().copied().chain(quarters).map(|cell| self.placed(cell))
     }
 
     /// Mean radiance over the sphere.
@@ -204,6 +215,30 @@ mod tests {
         for map in [OctahedralMap::EqualArea, OctahedralMap::PraunHoppe] {
             let texels = (0..1024).map(|t| Vec3::splat((t % 5) as f32)).collect();
             check(&LightTree::of_grid(&LightGrid::from_texels(map, 32, texels)));
+        }
+    }
+
+    #[test]
+    fn a_turned_light_is_that_of_a_turned_map() {
+        let map = EnvironmentMap::new(Plane::from_fn(32, 16, |x, y| Vec3::splat((x + 3 * y) as f32))).unwrap();
+        // By three columns about the vertical axis, which is right-handed from +z to +x.
+        let turn = DQuat::from_rotation_y(-TAU * 3.0 / 32.0);
+        let (turned, tree) = (LightTree::of_map(&map.turned(3)), LightTree::of_map(&map).turned(turn));
+        let leaves = |tree: &LightTree| {
+            let (mut stack, mut out) = (vec![tree.root()], Vec::new());
+            while let Some(cell) = stack.pop() {
+                if cell.children.is_some() {
+                    stack.extend(tree.divide(&cell));
+                } else {
+                    out.push((cell.centre, cell.mean.x));
+                }
+            }
+            out
+        };
+        let (found, expected) = (leaves(&tree), leaves(&turned));
+        for (centre, mean) in found {
+            let nearest = expected.iter().min_by(|a, b| a.0.distance(centre).total_cmp(&b.0.distance(centre))).unwrap();
+            assert!(nearest.0.distance(centre) < 1e-9 && nearest.1 == mean, "{centre} {mean} {nearest:?}");
         }
     }
 

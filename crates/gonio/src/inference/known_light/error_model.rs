@@ -28,7 +28,7 @@ const SAMPLE: usize = 300;
 const FREEDOM: f64 = 4.0;
 
 /// Largest residual, in median absolute ones, that counts in the estimation.
-const CUT: f64 = 4.0;
+pub(super) const CUT: f64 = 4.0;
 
 /// Error of the logarithm of the image: a smooth function of the normal, of exponential
 /// correlation (the *discrepancy* of the model, Kennedy & O'Hagan 2001), plus independent noise
@@ -52,6 +52,17 @@ impl ErrorModel {
         let n = normals.len();
         let correlation = Mat::from_fn(n, n, |i, j| (-normals[i].distance(normals[j]) / LENGTH).exp());
         Self { correlation, weights: vec![1.0; n], trust, noise: 0.1, discrepancy: 0.1 }
+    }
+
+    /// The model of some of the rows.
+    pub(super) fn of_rows(&self, rows: &[usize]) -> Self {
+        let some = |values: &[f64]| rows.iter().map(|&at| values[at]).collect();
+        Self {
+            correlation: Mat::from_fn(rows.len(), rows.len(), |i, j| self.correlation[(rows[i], rows[j])]),
+            trust: some(&self.trust),
+            weights: some(&self.weights),
+            ..*self
+        }
     }
 
     /// Factorised covariance.

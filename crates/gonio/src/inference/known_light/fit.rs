@@ -5,9 +5,11 @@ use faer::{Accum, Mat, Par};
 use rayon::prelude::*;
 
 use super::error_model::{ErrorModel, median};
+use super::light::Operator;
 use super::space::Space;
+use super::{KnownLightError, Rows};
 use crate::inference::light::Cholesky;
-use crate::render::Relighter;
+use crate::reflectance::CELLS;
 
 /// Rounds in which the error model is estimated anew; after them it stays, so that the steps
 /// descend one cost.
@@ -31,10 +33,15 @@ const LARGEST_STEP: f64 = 3.0;
 /// camera.
 const FLOOR: f64 = 0.01;
 
-/// An image under a known light: `I_i = sum_c R_ic F_c` with the matrix `R` of the light, and the
-/// error of its logarithm.
+/// Standard deviation of the logarithm of the factor by which clipped pixels of the light are
+/// brighter than the map says. Half an exposure step is usual, five are not unheard of.
+const GAIN: f64 = 1.5;
+
+/// An image under a known light: `I_i = sum_c (R_ic + g S_ic) F_c` with the matrices of the light,
+/// `S` for its clipped pixels, and the error of its logarithm. The last coefficient is `ln g` if the
+/// light has clipped pixels.
 pub(super) struct Image<'a> {
-    operator: &'a Relighter,
+    operator: &'a Operator,
     logs: Vec<f64>,
     floor: f64,
     space: &'a Space,
@@ -45,7 +52,7 @@ pub(super) struct Image<'a> {
 #[derive(Clone)]
 pub(super) struct State {
     pub(super) coefficients: Vec<f64>,
-    values: Vec<f64>,
+    pub(super) values: Vec<f64>,
     pub(super) predicted: Vec<f64>,
     pub(super) residuals: Vec<f64>,
 }
@@ -63,42 +70,94 @@ pub(super) struct Fit {
 }
 
 impl<'a> Image<'a> {
-    pub(super) fn new(operator: &'a Relighter, values: &[f64], space: &'a Space) -> Self {
-        let floor = FLOOR * values.iter().sum::<f64>() / values.len() as f64;
-        let logs = values.iter().map(|v| (v.max(0.0) + floor).ln()).collect();
-        Self { operator, logs, floor, space, precisions: space.precisions(DEVIATION) }
+    /// The image of rows.
+    ///
+    /// # Errors
+    /// If the light or the photograph is black.
+    pub(super) fn of(operator: &'a Operator, rows: &Rows<'_>, space: &'a Space) -> Result<Self, KnownLightError> {
+        let count = operator.len();
+        assert!(count == rows.points.len() && count == rows.values.len() && count == rows.trust.len());
+        if operator.apply(&vec![1.0; CELLS], 1.0).into_iter().all(|v| v <= 0.0) {
+            return Err(KnownLightError::Dark);
+        }
+        if rows.values.iter().all(|v| *v <= 0.0) {
+            return Err(KnownLightError::Black);
+        }
+        Ok(Self::new(operator, rows.values, space))
     }
 
-    /// State of coefficients whose constant is replaced by what fits best.
-    pub(super) fn exposed(&self, coefficients: Vec<f64>) -> State {
+    fn new(operator: &'a Operator, values: &[f64], space: &'a Space) -> Self {
+        let floor = FLOOR * values.iter().sum::<f64>() / values.len() as f64;
+        let logs = values.iter().map(|v| (v.max(0.0) + floor).ln()).collect();
+        let mut image = Self { operator, logs, floor, space, precisions: Vec::new() };
+        image.expect(DEVIATION);
+        image
+    }
+
+    /// Sets the standard deviation of the coefficients of the splines.
+    fn expect(&mut self, deviation: f64) {
+        self.precisions = self.space.precisions(deviation);
+        if self.operator.clips() {
+            self.precisions.push(GAIN.powi(-2));
+        }
+    }
+
+    /// Number of coefficients.
+    pub(super) fn len(&self) -> usize {
+        self.precisions.len()
+    }
+
+    /// State of a material at a place of the prior, with this gain and the constant that fits best.
+    pub(super) fn start(&self, place: &[f64], gain: f64) -> State {
+        let mut coefficients = self.space.at(place);
+        if self.operator.clips() {
+            coefficients.push(gain.ln());
+        }
         let mut state = self.state(coefficients);
-        let last = state.coefficients.len() - 1;
-        state.coefficients[last] += median(state.residuals.clone());
+        state.coefficients[self.space.len() - 1] += median(state.residuals.clone());
         self.state(state.coefficients)
     }
 
-    fn state(&self, coefficients: Vec<f64>) -> State {
+    /// Factor of the clipped pixels.
+    pub(super) fn gain(&self, coefficients: &[f64]) -> f64 {
+        coefficients.get(self.space.len()).map_or(1.0, |log| log.exp())
+    }
+
+    pub(super) fn state(&self, coefficients: Vec<f64>) -> State {
         let values = self.space.values(&coefficients);
-        let predicted = self.operator.apply(&values);
+        let predicted = self.operator.apply(&values, self.gain(&coefficients));
         let residuals = self.logs.iter().zip(&predicted).map(|(log, p)| log - (p + self.floor).ln()).collect();
         State { coefficients, values, predicted, residuals }
     }
 
-    /// Derivatives of the logarithm of the image (N x n).
-    fn derivatives(&self, state: &State) -> Mat<f64> {
-        let n = self.space.len();
-        let rows: Vec<Vec<f64>> = (0..state.predicted.len())
-            .into_par_iter()
-            .map(|at| {
+    /// Derivatives of the logarithm of these rows of the image (N x n).
+    pub(super) fn derivatives(&self, state: &State, rows: &[usize]) -> Mat<f64> {
+        let (n, gain) = (self.len(), self.gain(&state.coefficients));
+        let rows: Vec<Vec<f64>> = rows
+            .par_iter()
+            .map(|&at| {
                 let mut row = vec![0.0; n];
                 let scale = 1.0 / (state.predicted[at] + self.floor);
-                for (cell, weight) in self.operator.row(at) {
-                    self.space.add_derivatives(cell, scale * f64::from(weight) * state.values[cell], &mut row);
+                for (cell, weight) in self.operator.row(at, gain) {
+                    self.space.add_derivatives(cell, scale * weight * state.values[cell], &mut row);
+                }
+                if self.operator.clips() {
+                    row[n - 1] = scale * gain * self.operator.under_clipped(at, &state.values);
                 }
                 row
             })
             .collect();
         Mat::from_fn(rows.len(), n, |i, j| rows[i][j])
+    }
+
+    /// Precisions of the prior of the coefficients.
+    pub(super) fn precisions(&self) -> &[f64] {
+        &self.precisions
+    }
+
+    /// Logarithm of a value, raised by the floor.
+    pub(super) fn log(&self, value: f64) -> f64 {
+        (value.max(0.0) + self.floor).ln()
     }
 
     fn prior(&self, coefficients: &[f64]) -> f64 {
@@ -112,7 +171,7 @@ impl<'a> Image<'a> {
     }
 
     /// Descends from a state. `None` if the equations have no solution, which finite images have.
-    pub(super) fn fit(mut self, start: State, mut errors: ErrorModel) -> Option<Fit> {
+    pub(super) fn fit(&mut self, start: State, mut errors: ErrorModel) -> Option<Fit> {
         let mut state = start;
         #[cfg(test)]
         let mut trace = Vec::new();
@@ -143,7 +202,7 @@ impl<'a> Image<'a> {
             trace.push(costs);
             let (normal, _) = self.equations(&state, &covariance);
             let found = Cholesky::of_sum(&normal, &self.precisions)?;
-            self.precisions = self.space.precisions(self.deviation(&state, &found));
+            self.expect(self.deviation(&state, &found));
             curvature = Some(found);
         }
         Some(Fit {
@@ -171,8 +230,9 @@ impl<'a> Image<'a> {
 
     /// Normal equations of the likelihood and the gradient of the posterior.
     fn equations(&self, state: &State, covariance: &Cholesky) -> (Mat<f64>, Vec<f64>) {
-        let n = self.space.len();
-        let mut derivatives = self.derivatives(state);
+        let n = self.len();
+        let all: Vec<usize> = (0..state.predicted.len()).collect();
+        let mut derivatives = self.derivatives(state, &all);
         covariance.whiten(&mut derivatives);
         let residuals = whitened(covariance, &state.residuals);
         let mut normal = Mat::zeros(n, n);
@@ -204,7 +264,8 @@ impl<'a> Image<'a> {
                 .collect();
             if let Some(factor) = Cholesky::of_sum(normal, &diagonal) {
                 let step = factor.solve(gradient);
-                let largest = self.space.change(&step).into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+                let of_gain = step.get(self.space.len()).map_or(0.0, |x| x.abs());
+                let largest = self.space.change(&step).into_iter().fold(of_gain, |m: f64, x| m.max(x.abs()));
                 let scale = (LARGEST_STEP / largest).min(1.0);
                 let next = state.coefficients.iter().zip(&step).map(|(x, d)| x + scale * d).collect();
                 let next = self.state(next);
@@ -221,7 +282,7 @@ impl<'a> Image<'a> {
 }
 
 /// `L^-1 x` for a covariance `L L'`.
-fn whitened(covariance: &Cholesky, x: &[f64]) -> Vec<f64> {
+pub(super) fn whitened(covariance: &Cholesky, x: &[f64]) -> Vec<f64> {
     let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
     covariance.whiten(&mut x);
     x.col(0).iter().copied().collect()
@@ -253,17 +314,22 @@ mod tests {
         let points = ball(60);
         let operator = under(&points, &light_map(3));
         let space = Space::new(&WORLD.coordinates);
-        let truth = moved(&space.at(&WORLD.places[2]), &normals(space.len(), 0.1, 1), 1.0);
-        let values = operator.apply(&space.values(&truth));
+        let size = space.len() + usize::from(operator.clips());
+        let mut truth = space.at(&WORLD.places[2]);
+        truth.resize(size, 1.0);
+        let truth = moved(&truth, &normals(size, 0.1, 1), 1.0);
+        let values = operator.apply(&space.values(&truth), truth[space.len()].exp());
         let image = Image::new(&operator, &values, &space);
         let normals_of_points: Vec<_> = points.iter().map(|p| p.in_view()).collect();
         let covariance = ErrorModel::new(&normals_of_points, vec![1.0; points.len()]).factor().unwrap();
-        let elsewhere = image.state(moved(&truth, &normals(space.len(), 0.05, 2), 1.0));
-        let (derivatives, (_, gradient)) = (image.derivatives(&elsewhere), image.equations(&elsewhere, &covariance));
+        let elsewhere = image.state(moved(&truth, &normals(size, 0.05, 2), 1.0));
+        let all: Vec<usize> = (0..points.len()).collect();
+        let (derivatives, (_, gradient)) =
+            (image.derivatives(&elsewhere, &all), image.equations(&elsewhere, &covariance));
         let exact = image.state(truth.clone());
         let (normal, _) = image.equations(&exact, &covariance);
         for seed in 3..8 {
-            let along = normals(space.len(), 1.0, seed);
+            let along = normals(size, 1.0, seed);
             let at = |x: &[f64], h: f64| image.state(moved(x, &along, h));
             let cost = |x: &[f64], h: f64| image.cost(&at(x, h), &covariance);
 
@@ -297,12 +363,11 @@ mod tests {
         let operator = under(&points, &light_map(3));
         let space = Space::new(&WORLD.coordinates);
         let noise = normals(points.len(), 0.05, 9);
-        let clean = operator.apply(
-            WORLD.table(&WORLD.entries[1]).as_slice().iter().map(|v| f64::from(*v)).collect::<Vec<_>>().as_slice(),
-        );
+        let truth: Vec<f64> = WORLD.table(&WORLD.entries[1]).as_slice().iter().map(|v| f64::from(*v)).collect();
+        let clean = operator.apply(&truth, 1.0);
         let values: Vec<f64> = clean.iter().zip(&noise).map(|(v, n)| v * n.exp()).collect();
-        let image = Image::new(&operator, &values, &space);
-        let start = image.exposed(space.at(&WORLD.places[4]));
+        let mut image = Image::new(&operator, &values, &space);
+        let start = image.start(&WORLD.places[4], 1.0);
         let normals_of_points: Vec<_> = points.iter().map(|p| p.in_view()).collect();
         let found = image.fit(start, ErrorModel::new(&normals_of_points, vec![1.0; points.len()])).unwrap();
         assert!(found.settled && found.trace.len() == ROUNDS);

@@ -3,7 +3,8 @@
 //! Given the light, the image is linear in the reflectance of the 8,100 cells of a table
 //! ([`Relighter`]), at the full resolution of the light. The table is searched around the prior of
 //! materials of the learnt posterior: its logarithm is a sum of principal axes of the prior and of
-//! splines for what the axes cannot express. The error of the logarithm of the image has a smooth
+//! splines for what the axes cannot express. A light map may be turned by a few degrees, and its
+//! brightest pixels may be clipped: the turn and the true brightness are found along with it. The error of the logarithm of the image has a smooth
 //! part, since no bivariate table is exact and no light map is, and an independent one with heavy
 //! tails; both are estimated from the image. The most probable table is found by Gauss-Newton
 //! steps from the best of a thousand materials of the prior, and the posterior is the Gaussian
@@ -12,13 +13,16 @@
 //! The paper's estimate under a known light, coefficients in ten functions, is
 //! [`Method::KnownLight`](super::Method::KnownLight).
 
+mod align;
 mod error_model;
 mod fit;
+mod light;
 mod space;
 #[cfg(test)]
 mod tests;
+mod turn;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
@@ -27,11 +31,12 @@ use thiserror::Error;
 
 use crate::inference::learnt::{LearntPosterior, MaterialPosterior, Neighbour};
 use crate::inference::light::Cholesky;
-use crate::reflectance::{BivariateTable, CELLS, Coordinates};
-use crate::render::{IntegratorSettings, LightTree, Relighter};
+use crate::reflectance::{BivariateTable, Coordinates};
+use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};
 use error_model::{ErrorModel, median};
-use fit::Image;
+use fit::{Fit, Image};
+pub use light::{GivenLight, Operator, clipped};
 use space::Space;
 
 /// Draws that represent the posterior.
@@ -47,28 +52,15 @@ const STARTS: usize = 1000;
 /// Observations by which they are compared, at most.
 const COMPARED: usize = 200;
 
+/// Gains of clipped pixels that are compared for the start.
+const GAINS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
+
 /// Observations that the posterior is found from, by default: with more it takes longer, and their
 /// errors are correlated anyway.
 pub const ROWS: usize = 1000;
 
-/// Materials of the prior for which the light is divided finely enough, at most.
-const EXAMPLES: usize = 200;
-
 /// Accuracy of the pictures of a material.
 const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
-
-/// The matrix from a table to the luminance of points under a light, divided as finely as the
-/// sharpest materials at these places need.
-pub fn operator(
-    points: &[SurfacePoint],
-    visibility: Option<&Visibility>,
-    light: &LightTree,
-    coordinates: &Coordinates,
-    places: &[Vec<f64>],
-) -> Relighter {
-    let examples: Vec<Vec<f64>> = places.iter().step_by(places.len().div_ceil(EXAMPLES).max(1)).cloned().collect();
-    Relighter::within(points, visibility, &coordinates.tables(&examples), light, &ACCURACY)
-}
 
 /// Why there is no posterior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -82,6 +74,40 @@ pub enum KnownLightError {
     /// The equations have no solution.
     #[error("the photograph and the light given do not go together: no material was found")]
     Unsolvable,
+}
+
+/// The observations of a photograph, one for each point.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows<'a> {
+    /// Normals and views.
+    pub points: &'a [SurfacePoint],
+    /// Which part of the light each point sees.
+    pub visibility: Option<&'a Visibility>,
+    /// Luminance, positive and linear.
+    pub values: &'a [f64],
+    /// Inverse variance of each value relative to the others, in 0..=1.
+    pub trust: &'a [f64],
+}
+
+/// How far the light may lie from where its map has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Alignment {
+    /// It lies there exactly.
+    Fixed,
+    /// It is turned by a few degrees about any axis.
+    #[default]
+    Near,
+    /// It is turned by any angle about the vertical, and by a few degrees about any axis.
+    Around,
+}
+
+/// The materials that a photograph is compared with.
+#[derive(Clone, Copy, Debug)]
+pub struct Materials<'a> {
+    /// Space of their logarithms.
+    pub coordinates: &'a Coordinates,
+    /// Materials of the prior by their coordinates, of which the best is the start.
+    pub places: &'a [Vec<f64>],
 }
 
 /// Posterior of the material under a known light.
@@ -99,52 +125,72 @@ pub struct KnownLightPosterior {
     pub misfit: f64,
     /// Predicted value of each observation.
     pub predicted: Vec<f64>,
+    /// Rotation from where the map has the light to where it was found.
+    pub turn: DQuat,
+    /// Factor by which the clipped pixels of the light are brighter than the map says, with the
+    /// standard deviation of its logarithm; `None` if no pixels are clipped.
+    pub gain: Option<(f64, f64)>,
     /// Whether the steps settled.
     pub settled: bool,
 }
 
 impl KnownLightPosterior {
-    /// Finds the posterior from values (positive, linear) at points. `operator` has a row for each
-    /// of them; `normals` are in the frame of the view of each point, so that views do not matter;
-    /// `trust` is the inverse variance of each value relative to the others, in 0..=1. `places` are
-    /// [coordinates](Coordinates) of materials of the prior, of which the best is the start.
+    /// Finds the posterior under a light that is given, and the turn of the light.
     ///
     /// # Errors
     /// If the light or the photograph is black, or the equations have no solution.
     ///
     /// # Panics
-    /// If lengths differ, or there are no values or no places.
+    /// If numbers of rows differ, or there are no rows or no materials.
     pub fn of(
-        operator: &Relighter,
-        (normals, values, trust): (&[DVec3], &[f64], &[f64]),
-        coordinates: &Coordinates,
-        places: &[Vec<f64>],
+        rows: &Rows<'_>,
+        light: GivenLight,
+        alignment: Alignment,
+        materials: &Materials<'_>,
     ) -> Result<Self, KnownLightError> {
-        assert!(operator.len() == normals.len() && normals.len() == values.len() && values.len() == trust.len());
-        if operator.apply(&vec![1.0; CELLS]).into_iter().all(|v| v <= 0.0) {
-            return Err(KnownLightError::Dark);
-        }
-        if values.iter().all(|v| *v <= 0.0) {
-            return Err(KnownLightError::Black);
-        }
-        let space = Space::new(coordinates);
-        let image = Image::new(operator, values, &space);
-        let start = image.exposed(space.at(&start(operator, values, coordinates, places)));
-        let trust = trust.iter().map(|t| t.clamp(1e-3, 1.0)).collect();
-        let found = image.fit(start, ErrorModel::new(normals, trust)).ok_or(KnownLightError::Unsolvable)?;
+        let space = Space::new(materials.coordinates);
+        align::aligned(rows, light, alignment, &space, materials)
+    }
+
+    /// Finds the posterior under a light whose matrix is given, with a row for each point.
+    ///
+    /// # Errors
+    /// If the light or the photograph is black, or the equations have no solution.
+    ///
+    /// # Panics
+    /// If numbers of rows differ, or there are no rows or no materials.
+    pub fn under(operator: &Operator, rows: &Rows<'_>, materials: &Materials<'_>) -> Result<Self, KnownLightError> {
+        let space = Space::new(materials.coordinates);
+        let start = start(operator, rows.values, materials);
+        let mut image = Image::of(operator, rows, &space)?;
+        let state = image.start(&start.place, start.gain);
+        let found = image.fit(state, ErrorModel::new(&rows.normals(), rows.trusts()));
+        let found = found.ok_or(KnownLightError::Unsolvable)?;
+        Ok(Self::found(&image, found, rows, &space, DQuat::IDENTITY))
+    }
+
+    fn found(image: &Image<'_>, found: Fit, rows: &Rows<'_>, space: &Space, turn: DQuat) -> Self {
         let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
-        let left = square(&mut values.iter().zip(&found.state.predicted).map(|(v, p)| v - p));
-        let misfit = (left / square(&mut values.iter().copied())).sqrt();
-        Ok(Self {
+        let left = square(&mut rows.values.iter().zip(&found.state.predicted).map(|(v, p)| v - p));
+        let misfit = (left / square(&mut rows.values.iter().copied())).sqrt();
+        let mut last = vec![0.0; image.len()];
+        last[image.len() - 1] = 1.0;
+        let gain = (image.len() > space.len()).then(|| {
+            let variance = found.curvature.solve(&last)[image.len() - 1];
+            (image.gain(&found.state.coefficients), variance.sqrt())
+        });
+        Self {
             coefficients: found.state.coefficients,
             curvature: found.curvature,
             noise: found.errors.noise,
             discrepancy: found.errors.discrepancy,
             misfit,
             predicted: found.state.predicted,
+            turn,
+            gain,
             settled: found.settled,
-            space,
-        })
+            space: space.clone(),
+        }
     }
 
     /// The most probable table, on the scale of photograph and light: its albedo is absolute if
@@ -196,27 +242,50 @@ impl KnownLightPosterior {
     }
 }
 
-/// The place whose picture is nearest to the image, by the median absolute deviation of the
-/// logarithm.
-fn start(operator: &Relighter, values: &[f64], coordinates: &Coordinates, places: &[Vec<f64>]) -> Vec<f64> {
+impl Rows<'_> {
+    /// Normals in the frame of the view of each point, so that views do not matter.
+    fn normals(&self) -> Vec<DVec3> {
+        self.points.iter().map(SurfacePoint::in_view).collect()
+    }
+
+    fn trusts(&self) -> Vec<f64> {
+        self.trust.iter().map(|t| t.clamp(1e-3, 1.0)).collect()
+    }
+}
+
+/// A material to start from.
+struct Start {
+    place: Vec<f64>,
+    gain: f64,
+    /// Median absolute deviation of the logarithm of its picture from the image.
+    deviation: f64,
+}
+
+/// The material, and the gain of the clipped pixels, whose picture is nearest to the image by the
+/// median absolute deviation of the logarithm.
+fn start(operator: &Operator, values: &[f64], materials: &Materials<'_>) -> Start {
     let some = |count: usize, most: usize| (0..count).step_by(count.div_ceil(most).max(1));
     let rows: Vec<usize> = some(values.len(), COMPARED).collect();
-    let places: Vec<Vec<f64>> = some(places.len(), STARTS).map(|at| places[at].clone()).collect();
+    let places: Vec<Vec<f64>> = some(materials.places.len(), STARTS).map(|at| materials.places[at].clone()).collect();
     let floor = 0.01 * values.iter().sum::<f64>() / values.len() as f64;
-    let deviation = |table: &BivariateTable| {
+    let deviation = |table: &BivariateTable, gain: f64| {
         let cells = table.as_slice();
-        let picture: Vec<f64> = rows
-            .iter()
-            .map(|&at| operator.row(at).map(|(cell, w)| f64::from(w) * f64::from(cells[cell])).sum())
-            .collect();
+        let picture: Vec<f64> =
+            rows.iter().map(|&at| operator.row(at, gain).map(|(cell, w)| w * f64::from(cells[cell])).sum()).collect();
         let ratio: f64 = rows.iter().map(|&at| values[at]).sum::<f64>() / picture.iter().sum::<f64>().max(1e-300);
         let logs: Vec<f64> =
             rows.iter().zip(&picture).map(|(&at, p)| ((values[at] + floor) / (ratio * p + floor)).ln()).collect();
         let middle = median(logs.clone());
         median(logs.iter().map(|l| (l - middle).abs()).collect())
     };
-    let tables = coordinates.tables(&places);
-    let deviations: Vec<f64> = tables.par_iter().map(deviation).collect();
-    let best = (0..places.len()).min_by(|a, b| deviations[*a].total_cmp(&deviations[*b]));
-    places[best.expect("there are places")].clone()
+    let gains = if operator.clips() { &GAINS[..] } else { &GAINS[..1] };
+    let best = materials.coordinates.tables(&places);
+    let best = best.par_iter().map(|table| {
+        let each = gains.iter().map(|gain| (*gain, deviation(table, *gain)));
+        each.min_by(|a, b| a.1.total_cmp(&b.1)).expect("there are gains")
+    });
+    let deviations: Vec<(f64, f64)> = best.collect();
+    let at = (0..places.len()).min_by(|a, b| deviations[*a].1.total_cmp(&deviations[*b].1));
+    let at = at.expect("there are materials");
+    Start { place: places[at].clone(), gain: deviations[at].0, deviation: deviations[at].1 }
 }

@@ -45,6 +45,10 @@ impl Space {
         }
     }
 
+    fn constant(&self) -> usize {
+        self.len() - 1
+    }
+
     /// Number of coefficients; the constant is the last.
     pub(super) fn len(&self) -> usize {
         self.dimensions + SPLINES[0] * SPLINES[1] + 1
@@ -82,7 +86,7 @@ impl Space {
             let at = k + (first_h + i) * SPLINES[1] + first_d;
             row[at..at + SUPPORT].iter_mut().zip(of_d).for_each(|(sum, d)| *sum += scale * h * d);
         }
-        row[self.len() - 1] += scale;
+        row[self.constant()] += scale;
     }
 
     /// Change of the logarithm in every cell along a step of the coefficients.
@@ -95,7 +99,7 @@ impl Space {
                 let at = k + (first_h + i) * SPLINES[1] + first_d;
                 h * step[at..at + SUPPORT].iter().zip(of_d).map(|(w, d)| w * d).sum::<f64>()
             });
-            along_axes + rows.sum::<f64>() + step[self.len() - 1]
+            along_axes + rows.sum::<f64>() + step[self.constant()]
         };
         (0..CELLS).map(change).collect()
     }

@@ -15,24 +15,23 @@ pub(super) fn ball(count: usize) -> Vec<SurfacePoint> {
 }
 
 /// Operator of a light for the materials of the world.
-pub(super) fn under(points: &[SurfacePoint], light: &EnvironmentMap) -> Relighter {
-    operator(points, None, &LightTree::of_map(light), &WORLD.coordinates, &WORLD.places)
+pub(super) fn under(points: &[SurfacePoint], light: &EnvironmentMap) -> Operator {
+    Operator::of(points, None, &GivenLight::of_map(light), &WORLD.coordinates, &WORLD.places)
 }
 
 /// Values of a material of the world under an operator, at this scale.
-fn image(operator: &Relighter, material: usize, scale: f64) -> Vec<f64> {
+fn image(operator: &Operator, material: usize, scale: f64) -> Vec<f64> {
     let table = WORLD.table(&WORLD.entries[material]);
-    operator.apply(&table.as_slice().iter().map(|v| scale * f64::from(*v)).collect::<Vec<f64>>())
+    operator.apply(&table.as_slice().iter().map(|v| scale * f64::from(*v)).collect::<Vec<f64>>(), 1.0)
 }
 
-fn infer(
-    points: &[SurfacePoint],
-    operator: &Relighter,
-    values: &[f64],
-) -> Result<KnownLightPosterior, KnownLightError> {
-    let normals: Vec<DVec3> = points.iter().map(|p| p.in_view()).collect();
+fn materials() -> Materials<'static> {
+    Materials { coordinates: &WORLD.coordinates, places: &WORLD.places }
+}
+
+fn infer(points: &[SurfacePoint], operator: &Operator, values: &[f64]) -> Result<KnownLightPosterior, KnownLightError> {
     let trust = vec![1.0; values.len()];
-    KnownLightPosterior::of(operator, (&normals, values, &trust), &WORLD.coordinates, &WORLD.places)
+    KnownLightPosterior::under(operator, &Rows { points, visibility: None, values, trust: &trust }, &materials())
 }
 
 #[test]
@@ -99,4 +98,72 @@ fn what_is_dark_is_said() {
     let front: Vec<SurfacePoint> = points.iter().filter(|p| p.normal.z > 0.6).copied().collect();
     let dark = under(&front, &EnvironmentMap::new(behind).unwrap());
     assert_eq!(infer(&front, &dark, &vec![1.0; front.len()]).unwrap_err(), KnownLightError::Dark);
+}
+
+/// The answer for a picture of a material under one light, given another.
+fn given(points: &[SurfacePoint], values: &[f64], light: &EnvironmentMap, alignment: Alignment) -> KnownLightPosterior {
+    let trust = vec![1.0; values.len()];
+    let rows = Rows { points, visibility: None, values, trust: &trust };
+    KnownLightPosterior::of(&rows, GivenLight::of_map(light), alignment, &materials()).unwrap()
+}
+
+#[test]
+fn the_turn_of_a_light_is_found() {
+    let points = ball(400);
+    let (map, turn) = (light_map(7), DQuat::from_scaled_axis(DVec3::new(0.05, -0.06, 0.03)));
+    let turned = GivenLight::of_map(&map).turned(turn);
+    let operator = Operator::of(&points, None, &turned, &WORLD.coordinates, &WORLD.places);
+    let values = image(&operator, 2, 1.0);
+    let (fixed, near) =
+        (given(&points, &values, &map, Alignment::Fixed), given(&points, &values, &map, Alignment::Near));
+    let off = near.turn.angle_between(turn).to_degrees();
+    assert!(off < 0.5, "{off}");
+    assert_eq!(fixed.turn, DQuat::IDENTITY);
+    assert!(near.misfit < 0.02 && fixed.misfit > 2.0 * near.misfit, "{} {}", near.misfit, fixed.misfit);
+}
+
+#[test]
+fn a_light_that_lies_right_is_left_there() {
+    let points = ball(400);
+    let operator = under(&points, &light_map(7));
+    for material in [1, 4] {
+        let values = image(&operator, material, 1.0);
+        assert_eq!(given(&points, &values, &light_map(7), Alignment::Near).turn, DQuat::IDENTITY);
+    }
+}
+
+#[test]
+fn any_turn_about_the_vertical_is_found() {
+    let points = ball(400);
+    let turn = DQuat::from_rotation_y(2.0);
+    let turned = GivenLight::of_map(&light_map(7)).turned(turn);
+    let operator = Operator::of(&points, None, &turned, &WORLD.coordinates, &WORLD.places);
+    let found = given(&points, &image(&operator, 1, 1.0), &light_map(7), Alignment::Around);
+    let off = found.turn.angle_between(turn).to_degrees();
+    assert!(off < 1.0, "{off}");
+}
+
+#[test]
+fn the_energy_of_clipped_pixels_is_found() {
+    let points = ball(400);
+    // A sun in a sky that is brighter towards it.
+    let sun = DVec3::new(0.5, 0.6, 0.6).normalize();
+    let sky = |clip: f32| {
+        let map = Plane::from_fn(256, 128, |x, y| {
+            let d = direction_of_lat_long((x as f64 + 0.5) / 256.0, (y as f64 + 0.5) / 128.0);
+            let sun = if d.angle_between(sun) < 0.04 { 3000.0 } else { 0.0 };
+            Vec3::splat((sun + 1.0 + d.y as f32 + 2.0 * d.dot(DVec3::X) as f32 * d.z as f32 + 1.0).min(clip))
+        });
+        EnvironmentMap::new(map).unwrap()
+    };
+    let (map, clipped) = (sky(1e9), sky(300.0));
+    let operator = under(&points, &map);
+    let values = image(&operator, 1, 1.0);
+    let found = given(&points, &values, &clipped, Alignment::Near);
+    let (gain, sd) = found.gain.unwrap();
+    assert!((gain / 10.0).ln().abs() < 0.1 && sd < 0.3, "{gain} {sd}");
+    assert!(found.misfit < 0.03, "{}", found.misfit);
+    // A lamp that only looks clipped keeps its brightness.
+    let found = given(&points, &values, &map, Alignment::Near);
+    assert!(found.gain.is_some_and(|(gain, _)| gain.ln().abs() < 0.05), "{:?}", found.gain);
 }

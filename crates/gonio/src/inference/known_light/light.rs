@@ -1,0 +1,138 @@
+//! The light as it is given: a map that may be clipped and turned.
+
+use glam::{DQuat, Vec3};
+
+use super::ACCURACY;
+use crate::lighting::EnvironmentMap;
+use crate::picture::Plane;
+use crate::reflectance::Coordinates;
+use crate::render::{LightTree, Relighter};
+use crate::shape::{SurfacePoint, Visibility};
+
+/// Pixels from this share of the largest value on count as clipped.
+const PLATEAU: f32 = 0.999;
+
+/// Number of pixels from which a plateau of the largest value is no coincidence, and the largest
+/// share of the sphere that it may fill.
+const CLIPPED: (usize, f64) = (4, 0.2);
+
+/// Rows of a map from which finer ones are averaged: pixels of 0.18 degrees, a third of the sun.
+const ROWS: usize = 1024;
+
+/// Materials of the prior for which the light is divided finely enough, at most.
+const EXAMPLES: usize = 200;
+
+/// A given light, with the pixels that may have been clipped apart from the rest: their radiance is
+/// at least what the map says.
+#[derive(Clone, Debug)]
+pub struct GivenLight {
+    rest: LightTree,
+    clipped: Option<LightTree>,
+}
+
+impl GivenLight {
+    /// Takes a map in camera space. Maps of more than 1,024 rows are averaged to fewer.
+    pub fn of_map(map: &EnvironmentMap) -> Self {
+        let map = map.reduced(ROWS);
+        match clipped(&map) {
+            None => Self { rest: LightTree::of_map(&map), clipped: None },
+            Some(mask) => {
+                let part = |keep: bool| {
+                    let (width, height) = map.radiance().size();
+                    let value = |x, y| if mask[(x, y)] == keep { map.radiance()[(x, y)] } else { Vec3::ZERO };
+                    EnvironmentMap::new(Plane::from_fn(width, height, value)).ok()
+                };
+                match (part(false), part(true)) {
+                    (Some(rest), Some(of_clipped)) => {
+                        Self { rest: LightTree::of_map(&rest), clipped: Some(LightTree::of_map(&of_clipped)) }
+                    }
+                    _ => Self { rest: LightTree::of_map(&map), clipped: None },
+                }
+            }
+        }
+    }
+
+    /// The light turned by a rotation from where the map has it, in place of an earlier one.
+    #[must_use]
+    pub fn turned(self, turn: DQuat) -> Self {
+        Self { rest: self.rest.turned(turn), clipped: self.clipped.map(|tree| tree.turned(turn)) }
+    }
+
+    /// Its parts with their factors, if the clipped pixels are `gain` times as bright.
+    pub(super) fn parts(&self, gain: f64) -> impl Iterator<Item = (&LightTree, f64)> {
+        std::iter::once((&self.rest, 1.0)).chain(self.clipped.iter().map(move |tree| (tree, gain)))
+    }
+}
+
+/// The pixels of a map at its largest value, if so many share it that the map was clipped there.
+/// A lamp of constant radiance looks the same; its gain is then found to be one.
+pub fn clipped(map: &EnvironmentMap) -> Option<Plane<bool>> {
+    let radiance = map.radiance();
+    let (width, height) = radiance.size();
+    let largest = radiance.as_slice().iter().map(|p| p.max_element()).fold(0.0, f32::max);
+    let mask = radiance.map(|p| p.max_element() >= PLATEAU * largest);
+    let count = mask.as_slice().iter().filter(|m| **m).count();
+    let row = |y: usize| (std::f64::consts::PI * (y as f64 + 0.5) / height as f64).sin();
+    let weight = |y: usize| row(y) * (0..width).filter(|x| mask[(*x, y)]).count() as f64;
+    let share = (0..height).map(weight).sum::<f64>() / (0..height).map(|y| row(y) * width as f64).sum::<f64>();
+    (count >= CLIPPED.0 && share <= CLIPPED.1).then_some(mask)
+}
+
+/// Matrices from a table to the luminance of points: under the light but its clipped pixels, and
+/// under those.
+#[derive(Clone, Debug)]
+pub struct Operator {
+    rest: Relighter,
+    clipped: Option<Relighter>,
+}
+
+impl Operator {
+    /// Computes the matrices for points of a surface with this visibility. The light is divided as
+    /// finely as the sharpest materials at `places` need.
+    pub fn of(
+        points: &[SurfacePoint],
+        visibility: Option<&Visibility>,
+        light: &GivenLight,
+        coordinates: &Coordinates,
+        places: &[Vec<f64>],
+    ) -> Self {
+        let examples: Vec<Vec<f64>> = places.iter().step_by(places.len().div_ceil(EXAMPLES).max(1)).cloned().collect();
+        let examples = coordinates.tables(&examples);
+        let part = |tree: &LightTree| Relighter::within(points, visibility, &examples, tree, &ACCURACY);
+        Self { rest: part(&light.rest), clipped: light.clipped.as_ref().map(part) }
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Whether the light has clipped pixels.
+    pub(super) fn clips(&self) -> bool {
+        self.clipped.is_some()
+    }
+
+    /// Cells and weights of a point, if the clipped pixels are `gain` times as bright. A cell may
+    /// come twice.
+    pub(super) fn row(&self, point: usize, gain: f64) -> impl Iterator<Item = (usize, f64)> {
+        let of_clipped = self.clipped.iter().flat_map(move |matrix| matrix.row(point));
+        let of_clipped = of_clipped.map(move |(cell, w)| (cell, gain * f64::from(w)));
+        self.rest.row(point).map(|(cell, w)| (cell, f64::from(w))).chain(of_clipped)
+    }
+
+    /// Luminance of a point under the clipped pixels alone, as bright as in the map.
+    pub(super) fn under_clipped(&self, point: usize, values: &[f64]) -> f64 {
+        let matrix = self.clipped.iter();
+        matrix.flat_map(|matrix| matrix.row(point)).map(|(cell, w)| f64::from(w) * values[cell]).sum()
+    }
+
+    /// Luminance of every point for reflectance given in every cell.
+    pub(super) fn apply(&self, values: &[f64], gain: f64) -> Vec<f64> {
+        (0..self.len()).map(|at| self.row(at, gain).map(|(cell, w)| w * values[cell]).sum()).collect()
+    }
+}

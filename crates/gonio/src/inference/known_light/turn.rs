@@ -1,0 +1,111 @@
+//! The rotation by which a given light lies elsewhere than where its map has it.
+
+use faer::Mat;
+use glam::{DQuat, DVec3};
+use rayon::prelude::*;
+
+use super::Rows;
+use super::fit::{Fit, Image, whitened};
+use super::light::GivenLight;
+use crate::inference::light::Cholesky;
+use crate::picture::luminance;
+use crate::reflectance::BivariateTable;
+use crate::render::{IntegratorSettings, nodes};
+use crate::sphere::half_difference;
+
+/// Prior standard deviation of a turn about each axis: 3 degrees, as of a probe that was held by
+/// hand.
+const DEVIATION: f64 = 3.0 / DEGREES;
+
+const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+
+/// Angle over which derivatives are taken: 1 degree, the resolution of tables at the highlight.
+const STEP: f64 = 1.0 / DEGREES;
+
+/// Observations by which a turn is proposed, at most.
+const COMPARED: usize = 300;
+
+/// Accuracy of their pictures, which serve for derivatives alone.
+const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.5, max_cells: 3_000 };
+
+/// A turn that the image asks for.
+pub(super) struct Proposal {
+    /// Rotation vector of the turn to be made after those made before, radians.
+    pub(super) turn: DVec3,
+    /// Decrease of the cost to expect, in nats.
+    pub(super) worth: f64,
+}
+
+/// A share of the light of one point.
+struct Share {
+    direction: DVec3,
+    /// Irradiance over the cosine.
+    weight: f64,
+}
+
+/// Returns the Gauss-Newton step of the turn, the material being free to follow. `made` is the
+/// rotation vector of the turn so far. `None` if the equations have no solution.
+pub(super) fn propose(
+    (image, found): (&Image<'_>, &Fit),
+    rows: &Rows<'_>,
+    light: &GivenLight,
+    table: &BivariateTable,
+    made: DVec3,
+) -> Option<Proposal> {
+    let total = rows.values.len();
+    let some: Vec<usize> = (0..total).step_by(total.div_ceil(COMPARED)).collect();
+    let gain = image.gain(&found.state.coefficients);
+    let slopes: Vec<[f64; 3]> = some.par_iter().map(|&at| slopes(image, rows, (light, gain), table, at)).collect();
+    let (m, n) = (some.len(), image.len());
+    let of_material = image.derivatives(&found.state, &some);
+    let mut design = Mat::from_fn(m, n + 3, |i, j| if j < n { of_material[(i, j)] } else { slopes[i][j - n] });
+    let covariance = found.errors.of_rows(&some).factor()?;
+    covariance.whiten(&mut design);
+    let residuals: Vec<f64> = some.iter().map(|&at| found.state.residuals[at]).collect();
+    let residuals = whitened(&covariance, &residuals);
+    let prior = |j: usize| if j < n { image.precisions()[j] } else { DEVIATION.powi(-2) };
+    let value = |j: usize| if j < n { found.state.coefficients[j] } else { made[j - n] };
+    // The sample stands for all observations, as far as these are independent.
+    let gradient: Vec<f64> = (0..n + 3)
+        .map(|j| design.col(j).iter().zip(&residuals).map(|(d, r)| d * r).sum::<f64>() - prior(j) * value(j))
+        .collect();
+    let mut normal = design.transpose() * &design;
+    (0..n + 3).for_each(|j| normal[(j, j)] += prior(j));
+    let step = Cholesky::new(normal.clone())?.solve(&gradient);
+    let fixed = Cholesky::new(normal.submatrix(0, 0, n, n).to_owned())?.solve(&gradient[..n]);
+    let decrease = |step: &[f64]| 0.5 * step.iter().zip(&gradient).map(|(s, g)| s * g).sum::<f64>();
+    let worth = decrease(&step) - decrease(&fixed);
+    Some(Proposal { turn: DVec3::new(step[n], step[n + 1], step[n + 2]), worth })
+}
+
+/// Derivatives of the logarithm of the luminance of a point by the rotation vector of the light.
+fn slopes(
+    image: &Image<'_>,
+    rows: &Rows<'_>,
+    (light, gain): (&GivenLight, f64),
+    table: &BivariateTable,
+    at: usize,
+) -> [f64; 3] {
+    let point = &rows.points[at];
+    let mut shares = Vec::new();
+    for (tree, factor) in light.parts(gain) {
+        for node in nodes(point, table, tree, &ACCURACY).nodes {
+            let cosine = node.direction.dot(point.normal).max(1e-6);
+            let seen = rows.visibility.map_or(1.0, |v| f64::from(v.share_along(at, node.direction)));
+            let weight = factor * seen * f64::from(luminance(node.weight.as_vec3())) / cosine;
+            shares.push(Share { direction: node.direction, weight });
+        }
+    }
+    let turned = |turn: DQuat| -> f64 {
+        let shine = |share: &Share| {
+            let direction = turn * share.direction;
+            let angles = half_difference(point.normal, direction, point.view);
+            share.weight * direction.dot(point.normal).max(0.0) * table.eval(angles.theta_h, angles.theta_d)
+        };
+        shares.iter().map(shine).sum()
+    };
+    [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
+        let at = |angle: f64| image.log(turned(DQuat::from_axis_angle(axis, angle)));
+        (at(STEP) - at(-STEP)) / (2.0 * STEP)
+    })
+}

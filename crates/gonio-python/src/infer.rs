@@ -10,8 +10,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays;
-use crate::embedding::Embedding;
 use crate::error::words;
+use crate::likelihood::SavedLikelihood;
 use crate::model::Model;
 use crate::scene::GivenScene;
 use crate::work::{self, Listeners};
@@ -103,7 +103,7 @@ fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) ->
     let materials: Vec<(String, f64)> = material.neighbours.into_iter().map(|n| (n.name, n.weight)).collect();
     out.set_item("materials", materials)?;
     out.set_item("gloss", material.gloss.to_vec())?;
-    out.set_item("embedding", Embedding(material.posterior.embedding))?;
+    out.set_item("likelihood", SavedLikelihood(material.posterior.likelihood))?;
     out.set_item("scatter", material.scatter)?;
     out.set_item("light", light.map(|light| arrays::of_colours(py, light)))?;
     out.set_item("light_color", arrays::array(py, 3, light_colour.to_array().to_vec()))?;

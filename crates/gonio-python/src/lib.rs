@@ -6,11 +6,11 @@
 //! presses Ctrl-C (`work`). Arrays come and go without copies (`arrays`).
 
 mod arrays;
-mod embedding;
 mod error;
 mod export;
 mod files;
 mod infer;
+mod likelihood;
 mod model;
 mod render;
 mod scene;
@@ -23,8 +23,6 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _gonio {
     #[pymodule_export]
-    use super::embedding::{Embedding, draw};
-    #[pymodule_export]
     use super::export::{export, export_targets};
     #[pymodule_export]
     use super::files::{
@@ -32,6 +30,8 @@ mod _gonio {
     };
     #[pymodule_export]
     use super::infer::infer;
+    #[pymodule_export]
+    use super::likelihood::{SavedLikelihood, draw};
     #[pymodule_export]
     use super::model::Model;
     #[pymodule_export]

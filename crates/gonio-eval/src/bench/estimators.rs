@@ -3,6 +3,7 @@
 use anyhow::{Context, Result};
 use glam::{DQuat, DVec3};
 use gonio::inference::known_light::{Alignment, GivenLight, KnownLightPosterior, Materials, Operator, Rows};
+use gonio::inference::learnt::MaterialPosterior;
 use gonio::inference::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
 use gonio::lighting::EnvironmentMap;
 use gonio::reflectance::BivariateTable;
@@ -239,7 +240,8 @@ fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
     } else {
         KnownLightPosterior::under(operator, &rows, &materials)?
     };
-    let posterior = found.posterior(None);
+    let posterior = MaterialPosterior::of_gaussian(coordinates, found.gaussian()?, Vec::new());
+    let posterior = posterior.context("the posterior is not a Gaussian")?;
     let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().ok().context("four quantiles")?;
     let angle = found.turn.to_scaled_axis().length().to_degrees();
     let note = format!("noise {:.3}, discrepancy {:.3}, turn {angle:.1}", found.noise, found.discrepancy);

@@ -91,7 +91,7 @@ class Posterior:
         self.pictures = found["pictures"]
         self.report = found["page"]
         self.model = found["model"]
-        self._embedding = found["embedding"]
+        self._likelihood = found["likelihood"]
         self._notes = found["notes"]
 
     @cached_property
@@ -102,7 +102,7 @@ class Posterior:
     def draw(self, count: int, seed: int = 0) -> Floats:
         """Draws from the posterior over the model's space of materials, in luminance, shape (count, 90, 90).
         The same seed gives the same draws. :attr:`quantiles` are wider: they allow for what the space misses."""
-        return _gonio.draw(self.model, self._embedding, count, seed)
+        return _gonio.draw(self.model, self._likelihood, count, seed)
 
     @cached_property
     def notes(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ._gonio import Embedding, Model
+    from ._gonio import Likelihood, Model
 
 Floats: TypeAlias = NDArray[np.float32]
 Doubles: TypeAlias = NDArray[np.float64]
@@ -84,7 +84,7 @@ class Found(TypedDict):
     open: float
     materials: list[tuple[str, float]]
     gloss: list[float]
-    embedding: Embedding
+    likelihood: Likelihood
     scatter: float
     light: Floats
     light_color: Floats

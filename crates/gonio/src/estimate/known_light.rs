@@ -7,9 +7,12 @@ use glam::DQuat;
 use super::material::Impression;
 use super::{Colouring, ColouringRule, Doubt, EstimateError, Material, Reason, Stage};
 use crate::appearance::DiskImage;
-use crate::inference::ProblemError;
-use crate::inference::known_light::{Alignment, GivenLight, KnownLightPosterior, Materials, ROWS, Rows, clipped};
+use crate::inference::known_light::{
+    Alignment, GivenLight, KnownLightError, KnownLightPosterior, Materials, ROWS, Rows, clipped,
+};
+use crate::inference::learnt::MaterialPosterior;
 use crate::inference::light::LightError;
+use crate::inference::{Likelihood, ProblemError};
 use crate::lighting::EnvironmentMap;
 use crate::model::Model;
 use crate::picture::Plane;
@@ -128,7 +131,9 @@ pub fn estimate_under(
     let materials = Materials { coordinates: &learnt.coordinates, places: &places };
     let found = KnownLightPosterior::of(&rows, GivenLight::of_map(light), alignment, &materials)?;
     let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
-    let material = Impression::under(learnt, &image, found.posterior(Some(learnt))).describe();
+    let likelihood = Likelihood::Gaussian(found.gaussian()?);
+    let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(KnownLightError::Unsolvable)?;
+    let material = Impression::with(learnt, f64::from(image.scatter), posterior).describe();
     progress(Stage::Colours);
     Ok(LitEstimate {
         exposure: found.table().normal_albedo() / material.table.normal_albedo(),

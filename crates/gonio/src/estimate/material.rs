@@ -2,6 +2,7 @@
 
 use super::{Doubt, EstimateError};
 use crate::appearance::DiskImage;
+use crate::inference::Likelihood;
 use crate::inference::learnt::{
     self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
@@ -89,30 +90,26 @@ impl Material {
 
     /// Draws from the posterior, each of albedo [`ALBEDO`]; the same `seed` gives the same draws.
     /// The quantiles are wider, since they allow for the error of the coordinates of materials.
-    /// Under a known light they are the draws of [`MaterialPosterior::draws`], in turn.
     ///
     /// # Errors
     /// [`EstimateError::NotLearnt`] if `model` is not the model of this estimate.
     pub fn samples(&self, model: &Model, count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
-        if self.posterior.embedding.is_empty() {
-            let all = &self.posterior.draws;
-            let first = (seed % all.len() as u64) as usize;
-            return Ok((0..count).map(|i| all[(first + i) % all.len()].scaled(ALBEDO)).collect());
-        }
-        draws(model, &self.posterior.embedding, count, seed)
+        draws(model, &self.posterior.likelihood, count, seed)
     }
 }
 
-/// Draws like [`Material::samples`], from the embedding in [`MaterialPosterior::embedding`] alone.
+/// Draws like [`Material::samples`], from [`MaterialPosterior::likelihood`] alone.
 ///
 /// # Errors
-/// [`EstimateError::NotLearnt`] if the embeddings of the model have another length.
-pub fn draws(model: &Model, embedding: &[f32], count: usize, seed: u64) -> Result<Vec<BivariateTable>, EstimateError> {
+/// [`EstimateError::NotLearnt`] if the likelihood is that of another model.
+pub fn draws(
+    model: &Model,
+    likelihood: &Likelihood,
+    count: usize,
+    seed: u64,
+) -> Result<Vec<BivariateTable>, EstimateError> {
     let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
-    if learnt.encoder.shape().outputs != embedding.len() {
-        return Err(EstimateError::NotLearnt);
-    }
-    let tables = learnt::draws(learnt, embedding, count, seed);
+    let tables = learnt::sample(learnt, likelihood, count, seed).ok_or(EstimateError::NotLearnt)?;
     Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
 }
 
@@ -137,7 +134,8 @@ impl<'a> Impression<'a> {
         let settings = UnshadowSettings::default();
         let unshadowed = unshadow(observations, learnt, &model.light, &plan, &settings)?;
         let reading = learnt.read(&unshadowed.image);
-        let posterior = MaterialPosterior::of(learnt, reading.embedding);
+        let likelihood = Likelihood::Embedding(reading.embedding);
+        let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(EstimateError::NotLearnt)?;
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
         let normals = DiskImage::cells();
         Ok(Self {
@@ -153,8 +151,8 @@ impl<'a> Impression<'a> {
         })
     }
 
-    /// The impression from a photograph under a known light.
-    pub(super) fn under(learnt: &'a LearntPosterior, image: &DiskImage, posterior: MaterialPosterior) -> Self {
+    /// The impression of a posterior, with the scatter of the photographs it is from.
+    pub(super) fn with(learnt: &'a LearntPosterior, scatter: f64, posterior: MaterialPosterior) -> Self {
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
         let normals = DiskImage::cells();
         Self {
@@ -163,7 +161,7 @@ impl<'a> Impression<'a> {
             table,
             scale,
             strangeness: 0.0,
-            scatter: f64::from(image.scatter),
+            scatter,
             normals,
             // Nothing is filled in: every observation stands for itself.
             filled: 0,

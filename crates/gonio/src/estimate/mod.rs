@@ -2,11 +2,12 @@
 //!
 //! [`estimate`] does everything. Its steps can also be called by themselves: [`Material::of`]
 //! infers the material, [`Light::of`] the light that then explains the photograph,
-//! [`Colouring::of`] the colours of both. [`estimate_under`] takes a light that is given. The
-//! methods of the paper, which find coefficients in a basis, are in
-//! [`inference`](crate::inference).
+//! [`Colouring::of`] the colours of both. [`estimate_under`] takes a light that is given, and
+//! [`combine`] what several photographs say. The methods of the paper, which find coefficients in
+//! a basis, are in [`inference`](crate::inference).
 
 mod colouring;
+mod combine;
 mod doubt;
 mod known_light;
 mod light;
@@ -19,12 +20,14 @@ use thiserror::Error;
 
 pub use crate::inference::known_light::Alignment;
 pub use colouring::{Colouring, ColouringRule};
+pub use combine::{Combined, combine};
 pub use doubt::Doubt;
 pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};
 pub use misfit::{Reason, expected_misfit};
 
+use crate::inference::ProductError;
 use crate::inference::known_light::KnownLightError;
 use crate::inference::light::LightError;
 use crate::model::Model;
@@ -118,6 +121,9 @@ pub enum EstimateError {
     /// The image is black or not finite, or its equations have no solution.
     #[error(transparent)]
     Light(#[from] LightError),
+    /// The photographs cannot be combined.
+    #[error(transparent)]
+    Product(#[from] ProductError),
     /// The given light and the image do not go together.
     #[error(transparent)]
     KnownLight(#[from] KnownLightError),

@@ -7,6 +7,8 @@ use glam::Vec3;
 use super::*;
 use crate::colour::{Chroma, plain};
 use crate::inference::learnt::tests::{WORLD, knowing, light_map};
+use crate::inference::learnt::{MaterialPosterior, interval_widths};
+use crate::inference::{CONTRADICTION, Likelihood};
 use crate::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
 use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
@@ -163,6 +165,64 @@ fn a_known_light_gives_the_material_and_its_scale() {
     let other = under(&light_map(101));
     let said = other.doubts().into_iter().find(|d| matches!(d, Doubt::Misfit { reason: Reason::Light, .. }));
     assert!(said.is_some(), "{} {}", other.misfit, other.expected_misfit());
+}
+
+/// What a photograph of a material under its own light says of it.
+fn seen(model: &Model, material: usize, light: u64) -> Likelihood {
+    let table = WORLD.table(&WORLD.entries[material]);
+    let settings = SphereSettings {
+        size: 64,
+        integrator: IntegratorSettings { tolerance: 0.5, max_cells: 3000 },
+        ..SphereSettings::default()
+    };
+    let map = light_map(light);
+    let picture = render_sphere(&table, &LightTree::of_map(&map), &settings, &|_| ());
+    let given = (&map, Alignment::Fixed);
+    let found = estimate_under(model, &observations(&picture), given, &ColouringRule::Grey, &|_| ()).unwrap();
+    found.material.posterior.likelihood
+}
+
+#[test]
+fn photographs_of_one_material_say_more_together() {
+    let model = model(2);
+    let all = [100, 101, 102].map(|light| seen(&model, 2, light));
+    let learnt = model.learnt.as_ref().unwrap();
+    let width = |likelihood: &Likelihood| {
+        let posterior = MaterialPosterior::of(learnt, likelihood.clone()).unwrap();
+        let widths = interval_widths(&posterior.draws);
+        trusted_cells().map(|c| f64::from(widths[c])).sum::<f64>() / trusted_cells().count() as f64
+    };
+    let combined = combine(&model, &all).unwrap();
+    let together = width(&combined.material.posterior.likelihood);
+    assert!(all.iter().all(|one| together < width(one)), "{together} {:?}", all.each_ref().map(width));
+    assert!(combined.agreement.iter().all(|ratio| *ratio > 0.0), "{:?}", combined.agreement);
+    let truth = WORLD.table(&WORLD.entries[2]).with_normal_albedo(ALBEDO).0;
+    let found = &combined.material.table;
+    let off = |c: usize| (found.as_slice()[c] / truth.as_slice()[c]).ln().abs();
+    let mean = trusted_cells().map(|c| f64::from(off(c))).sum::<f64>() / trusted_cells().count() as f64;
+    assert!(mean < 0.1, "{mean}");
+}
+
+#[test]
+fn photographs_of_two_materials_contradict_each_other() {
+    let model = model(2);
+    let all = [seen(&model, 2, 100), seen(&model, 0, 101), seen(&model, 2, 102)];
+    let error = combine(&model, &all).unwrap_err();
+    let EstimateError::Product(ProductError::Contradiction { at: 1, ratio }) = error else { panic!("{error}") };
+    assert!(ratio < CONTRADICTION, "{ratio}");
+}
+
+#[test]
+fn what_has_no_product_is_said() {
+    let model = model(2);
+    let (lit, blind) = (seen(&model, 2, 100), Likelihood::Embedding(vec![0.0; 7]));
+    let refused = |all: &[Likelihood]| match combine(&model, all).unwrap_err() {
+        EstimateError::Product(error) => error,
+        other => panic!("{other}"),
+    };
+    assert_eq!(refused(&[lit.clone()]), ProductError::Few);
+    assert_eq!(refused(&[lit.clone(), blind.clone()]), ProductError::Mixed);
+    assert_eq!(refused(&[blind, Likelihood::Embedding(vec![0.0; 3])]), ProductError::Model(1));
 }
 
 #[test]

@@ -38,8 +38,8 @@ const FLOOR: f64 = 0.01;
 const GAIN: f64 = 1.5;
 
 /// An image under a known light: `I_i = sum_c (R_ic + g S_ic) F_c` with the matrices of the light,
-/// `S` for its clipped pixels, and the error of its logarithm. The last coefficient is `ln g` if the
-/// light has clipped pixels.
+/// `S` for its clipped pixels, and the error of its logarithm. The last coefficient is `ln g` if
+/// the light has clipped pixels.
 pub(super) struct Image<'a> {
     operator: &'a Operator,
     logs: Vec<f64>,
@@ -63,6 +63,8 @@ pub(super) struct Fit {
     /// Factor of the inverse covariance of the coefficients.
     pub(super) curvature: Cholesky,
     pub(super) errors: ErrorModel,
+    /// Standard deviation of the coefficients of the splines in this curvature.
+    pub(super) deviation: f64,
     /// Cost after each step, and the index at which each round begins.
     #[cfg(test)]
     pub(super) trace: Vec<Vec<f64>>,
@@ -175,7 +177,7 @@ impl<'a> Image<'a> {
         let mut state = start;
         #[cfg(test)]
         let mut trace = Vec::new();
-        let (mut settled, mut curvature) = (false, None);
+        let (mut settled, mut curvature, mut deviation) = (false, None, DEVIATION);
         for _ in 0..ROUNDS {
             errors.estimate(&state.residuals);
             errors.reweigh(&state.residuals, &errors.factor()?);
@@ -202,6 +204,7 @@ impl<'a> Image<'a> {
             trace.push(costs);
             let (normal, _) = self.equations(&state, &covariance);
             let found = Cholesky::of_sum(&normal, &self.precisions)?;
+            deviation = self.precisions[self.space.splines().start].powf(-0.5);
             self.expect(self.deviation(&state, &found));
             curvature = Some(found);
         }
@@ -209,6 +212,7 @@ impl<'a> Image<'a> {
             state,
             curvature: curvature?,
             errors,
+            deviation,
             #[cfg(test)]
             trace,
             settled,

@@ -1,14 +1,16 @@
 //! Posterior of the material when the light is known.
 //!
 //! Given the light, the image is linear in the reflectance of the 8,100 cells of a table
-//! ([`Relighter`]), at the full resolution of the light. The table is searched around the prior of
-//! materials of the learnt posterior: its logarithm is a sum of principal axes of the prior and of
-//! splines for what the axes cannot express. A light map may be turned by a few degrees, and its
-//! brightest pixels may be clipped: the turn and the true brightness are found along with it. The error of the logarithm of the image has a smooth
-//! part, since no bivariate table is exact and no light map is, and an independent one with heavy
-//! tails; both are estimated from the image. The most probable table is found by Gauss-Newton
-//! steps from the best of a thousand materials of the prior, and the posterior is the Gaussian
-//! around it (Laplace's approximation).
+//! ([`Relighter`](crate::render::Relighter)), at the full resolution of the light. The table is
+//! searched around the prior of materials of the learnt posterior: its logarithm is a sum of
+//! principal axes of the prior and of splines for what the axes cannot express. A light map may be
+//! turned by a few degrees, and its brightest pixels may be clipped: the turn and the true
+//! brightness are found along with the table.
+//!
+//! The error of the logarithm of the image has a smooth part, since no bivariate table is exact and
+//! no light map is, and an independent one with heavy tails; both are estimated from the image. The
+//! most probable table is found by Gauss-Newton steps from the best of a thousand materials of the
+//! prior, and the posterior is the Gaussian around it (Laplace's approximation).
 //!
 //! The paper's estimate under a known light, coefficients in ten functions, is
 //! [`Method::KnownLight`](super::Method::KnownLight).
@@ -16,6 +18,7 @@
 mod align;
 mod error_model;
 mod fit;
+mod gaussian;
 mod light;
 mod space;
 #[cfg(test)]
@@ -23,28 +26,18 @@ mod tests;
 mod turn;
 
 use glam::{DQuat, DVec3};
-use rand::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
-use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::inference::learnt::{LearntPosterior, MaterialPosterior, Neighbour};
 use crate::inference::light::Cholesky;
 use crate::reflectance::{BivariateTable, Coordinates};
 use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};
 use error_model::{ErrorModel, median};
 use fit::{Fit, Image};
+pub use gaussian::Gaussian;
 pub use light::{GivenLight, Operator, clipped};
 use space::Space;
-
-/// Draws that represent the posterior.
-const DRAWS: usize = 256;
-
-/// Standard deviation of the logarithm of reflectance that is added to every draw for intervals:
-/// the error that Laplace's approximation does not know of (docs/trials.md).
-const SPREAD: f64 = 0.15;
 
 /// Materials of the prior that are compared for the start, at most.
 const STARTS: usize = 1000;
@@ -125,6 +118,8 @@ pub struct KnownLightPosterior {
     pub misfit: f64,
     /// Predicted value of each observation.
     pub predicted: Vec<f64>,
+    /// Standard deviation of the coefficients of splines a priori.
+    deviation: f64,
     /// Rotation from where the map has the light to where it was found.
     pub turn: DQuat,
     /// Factor by which the clipped pixels of the light are brighter than the map says, with the
@@ -186,6 +181,7 @@ impl KnownLightPosterior {
             discrepancy: found.errors.discrepancy,
             misfit,
             predicted: found.state.predicted,
+            deviation: found.deviation,
             turn,
             gain,
             settled: found.settled,
@@ -199,46 +195,14 @@ impl KnownLightPosterior {
         self.space.table(&self.coefficients)
     }
 
-    /// Draws tables from the posterior; the same seed gives the same draws.
-    pub fn draws(&self, count: usize, seed: u64) -> Vec<BivariateTable> {
-        let mut rng = Pcg64::seed_from_u64(seed);
-        let white: Vec<Vec<f64>> = (0..count)
-            .map(|_| (0..self.coefficients.len()).map(|_| StandardNormal.sample(&mut rng)).collect())
-            .collect();
-        let table = |white: &Vec<f64>| {
-            let step = self.curvature.colour(white);
-            let drawn: Vec<f64> = self.coefficients.iter().zip(&step).map(|(x, d)| x + d).collect();
-            self.space.table(&drawn)
-        };
-        white.par_iter().map(table).collect()
-    }
-
-    /// The posterior of the material without its scale, by draws of albedo one along the normal.
-    /// `learnt` tells its measured neighbours.
-    pub fn posterior(&self, learnt: Option<&LearntPosterior>) -> MaterialPosterior {
-        let draws = self.draws(DRAWS, 1).into_par_iter().map(|table| table.with_normal_albedo(1.0).0).collect();
-        let mean = self.table().with_normal_albedo(1.0).0;
-        let neighbours = learnt.map_or_else(Vec::new, |learnt| self.neighbours(learnt));
-        MaterialPosterior { embedding: Vec::new(), draws, mean, neighbours, spread: SPREAD }
-    }
-
-    /// Measured materials by falling weight: `exp(-d^2 / 2)` with the distance in coordinates.
-    fn neighbours(&self, learnt: &LearntPosterior) -> Vec<Neighbour> {
-        let distance =
-            |place: &Vec<f32>| self.place().iter().zip(place).map(|(a, b)| (a - f64::from(*b)).powi(2)).sum::<f64>();
-        let distances: Vec<f64> = learnt.measured.places.iter().map(distance).collect();
-        let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
-        let weights: Vec<f64> = distances.iter().map(|d| (-0.5 * (d - least)).exp()).collect();
-        let total: f64 = weights.iter().sum();
-        let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight: weight / total };
-        let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(weights).map(named).collect();
-        neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        neighbours
-    }
-
-    /// Coordinates of the material in the space of the prior.
-    pub fn place(&self) -> &[f64] {
-        &self.coefficients[..self.space.dimensions]
+    /// The posterior without the scale.
+    ///
+    /// # Errors
+    /// If the equations have no solution.
+    pub fn gaussian(&self) -> Result<Gaussian, KnownLightError> {
+        let free = Space::free(self.space.dimensions);
+        let found = Gaussian::marginal(&self.coefficients, &self.curvature, free, self.deviation);
+        found.ok_or(KnownLightError::Unsolvable)
     }
 }
 

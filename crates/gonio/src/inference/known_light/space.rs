@@ -45,6 +45,11 @@ impl Space {
         }
     }
 
+    /// Number of coefficients but the constant, for so many axes.
+    pub(super) const fn free(axes: usize) -> usize {
+        axes + SPLINES[0] * SPLINES[1]
+    }
+
     fn constant(&self) -> usize {
         self.len() - 1
     }

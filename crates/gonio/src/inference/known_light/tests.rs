@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::*;
+use crate::inference::learnt::MaterialPosterior;
 use crate::inference::learnt::tests::{WORLD, light_map};
 use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
@@ -45,7 +46,8 @@ fn a_planted_material_is_found_with_its_scale() {
         let albedo = found.table().normal_albedo() / (3.0 * truth.normal_albedo());
         assert!((albedo - 1.0).abs() < 0.03, "{material}: {albedo}");
 
-        let posterior = found.posterior(None);
+        let gaussian = found.gaussian().unwrap();
+        let posterior = MaterialPosterior::of_gaussian(&WORLD.coordinates, gaussian, Vec::new()).unwrap();
         let quantiles = posterior.quantiles(&[0.05, 0.95]);
         let truth = truth.with_normal_albedo(1.0).0;
         let held =
@@ -59,14 +61,19 @@ fn draws_follow_the_seed_and_spread_as_the_curvature_says() {
     let points = ball(150);
     let operator = under(&points, &light_map(7));
     let found = infer(&points, &operator, &image(&operator, 2, 1.0)).unwrap();
-    assert_eq!(found.draws(5, 1), found.draws(5, 1));
-    assert_ne!(found.draws(5, 1), found.draws(5, 2));
-    // The variance of a logarithm, by draws and by the inverse of the curvature.
-    let cell = trusted_cells().nth(1234).unwrap();
+    let gaussian = found.gaussian().unwrap();
+    let draws = |count: usize, seed: u64| gaussian.draws(&WORLD.coordinates, count, seed).unwrap();
+    assert_eq!(draws(5, 1), draws(5, 1));
+    assert_ne!(draws(5, 1), draws(5, 2));
+    // The variance of the difference of the logarithms of two cells, which has no scale, by draws
+    // and by the inverse of the curvature.
+    let cells = [1234, 20].map(|n| trusted_cells().nth(n).unwrap());
     let mut row = vec![0.0; found.coefficients.len()];
-    found.space.add_derivatives(cell, 1.0, &mut row);
+    found.space.add_derivatives(cells[0], 1.0, &mut row);
+    found.space.add_derivatives(cells[1], -1.0, &mut row);
     let exact: f64 = row.iter().zip(found.curvature.solve(&row)).map(|(a, b)| a * b).sum();
-    let logs: Vec<f64> = found.draws(2000, 3).iter().map(|t| f64::from(t.as_slice()[cell]).ln()).collect();
+    let log = |t: &BivariateTable, c: usize| f64::from(t.as_slice()[c]).ln();
+    let logs: Vec<f64> = draws(2000, 3).iter().map(|t| log(t, cells[0]) - log(t, cells[1])).collect();
     let mean = logs.iter().sum::<f64>() / 2000.0;
     let variance = logs.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / 2000.0;
     assert!((variance / exact - 1.0).abs() < 0.15, "{variance} {exact}");
@@ -80,7 +87,7 @@ fn a_fifth_of_spoilt_pixels_costs_little() {
     values.iter_mut().step_by(5).for_each(|v| *v *= 0.2);
     let found = infer(&points, &operator, &values).unwrap();
     let truth = WORLD.table(&WORLD.entries[2]);
-    for (a, b) in found.place().iter().zip(WORLD.coordinates.of(&truth)).take(2) {
+    for (a, b) in found.gaussian().unwrap().place().iter().zip(WORLD.coordinates.of(&truth)).take(2) {
         assert!((a - b).abs() < 0.4, "{a} {b}");
     }
 }

@@ -30,7 +30,7 @@ pub use convolution::{Convolution, silu, silu_backward};
 pub use encoder::{Encoder, inside_disk, pool};
 pub use encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
 pub use numbers::{Ranking, peak_over_base};
-pub(crate) use posterior::draws;
+pub(crate) use posterior::sample;
 pub use posterior::{MaterialPosterior, Neighbour, interval_widths};
 pub use unshadow::{UnshadowSettings, Unshadowed, unshadow};
 
@@ -84,6 +84,6 @@ impl LearntPosterior {
 
     /// Posterior of the material of an image.
     pub fn posterior(&self, image: &DiskImage) -> MaterialPosterior {
-        MaterialPosterior::of(self, self.read(image).embedding)
+        MaterialPosterior::of_embedding(self, self.read(image).embedding)
     }
 }

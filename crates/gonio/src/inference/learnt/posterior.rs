@@ -3,7 +3,9 @@
 use rayon::prelude::*;
 
 use super::{Candidates, LearntPosterior};
-use crate::reflectance::{BivariateTable, CELLS, is_trusted, trusted_cells};
+use crate::inference::known_light::Gaussian;
+use crate::inference::likelihood::Likelihood;
+use crate::reflectance::{BivariateTable, CELLS, Coordinates, is_trusted, trusted_cells};
 
 /// Number of draws that represent a posterior.
 const DRAWS: usize = 256;
@@ -12,6 +14,10 @@ const DRAWS: usize = 256;
 /// the part that the coordinates cannot express, and the difference of other photographs from those
 /// of the training (`docs/trials.md`).
 pub(super) const SPREAD: f64 = 0.2;
+
+/// The same under a known light: the error that Laplace's approximation does not know of
+/// (`docs/trials.md`).
+const SPREAD_LIT: f64 = 0.15;
 
 /// Share of the prior's 90 % interval above which a cell's interval makes it undetermined.
 const UNDETERMINED: f64 = 0.6;
@@ -31,8 +37,8 @@ pub struct Neighbour {
 /// Posterior of the material: equally likely draws, and weights of measured materials.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaterialPosterior {
-    /// Embedding of the image.
-    pub embedding: Vec<f32>,
+    /// What the photographs say of the material.
+    pub likelihood: Likelihood,
     /// Materials drawn from the posterior, equally likely, of albedo one along the normal; always
     /// the same for one embedding.
     pub draws: Vec<BivariateTable>,
@@ -51,11 +57,32 @@ pub struct MaterialPosterior {
 }
 
 impl MaterialPosterior {
+    /// Computes the posterior from a likelihood. `None` if it is that of another model.
+    pub fn of(learnt: &LearntPosterior, likelihood: Likelihood) -> Option<Self> {
+        if !likelihood.is_of(learnt) {
+            return None;
+        }
+        match likelihood {
+            Likelihood::Embedding(embedding) => Some(Self::of_embedding(learnt, embedding)),
+            Likelihood::Gaussian(gaussian) => {
+                let neighbours = nearest(learnt, gaussian.place());
+                Self::of_gaussian(&learnt.coordinates, gaussian, neighbours)
+            }
+        }
+    }
+
+    /// Computes the posterior under a known light, with these neighbours. `None` if the Gaussian
+    /// is not one.
+    pub fn of_gaussian(coordinates: &Coordinates, gaussian: Gaussian, neighbours: Vec<Neighbour>) -> Option<Self> {
+        let (draws, mean) = (gaussian.draws(coordinates, DRAWS, 1)?, gaussian.table(coordinates));
+        Some(Self { likelihood: Likelihood::Gaussian(gaussian), draws, mean, neighbours, spread: SPREAD_LIT })
+    }
+
     /// Computes the posterior from the embedding of an image.
     ///
     /// # Panics
     /// If it is not as long as the embeddings of the candidates.
-    pub fn of(learnt: &LearntPosterior, embedding: Vec<f32>) -> Self {
+    pub(super) fn of_embedding(learnt: &LearntPosterior, embedding: Vec<f32>) -> Self {
         let draws = draws(learnt, &embedding, DRAWS, 1);
         let mut sum = vec![0.0_f64; CELLS];
         for table in &draws {
@@ -67,7 +94,7 @@ impl MaterialPosterior {
         let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
         let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(shares).map(named).collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        Self { embedding, draws, mean, neighbours, spread: SPREAD }
+        Self { likelihood: Likelihood::Embedding(embedding), draws, mean, neighbours, spread: SPREAD }
     }
 
     /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws
@@ -106,9 +133,38 @@ impl MaterialPosterior {
     }
 }
 
+/// Measured materials by falling weight: `exp(-d^2 / 2)` with the distance from a place in the
+/// coordinates.
+fn nearest(learnt: &LearntPosterior, from: &[f64]) -> Vec<Neighbour> {
+    let distance = |place: &Vec<f32>| from.iter().zip(place).map(|(a, b)| (a - f64::from(*b)).powi(2)).sum::<f64>();
+    let distances: Vec<f64> = learnt.measured.places.iter().map(distance).collect();
+    let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
+    let weights: Vec<f64> = distances.iter().map(|d| (-0.5 * (d - least)).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight: weight / total };
+    let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(weights).map(named).collect();
+    neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+    neighbours
+}
+
+/// Draws materials from a posterior, of albedo one along the normal. The same seed gives the same
+/// draws. `None` if the likelihood is that of another model.
+pub(crate) fn sample(
+    learnt: &LearntPosterior,
+    likelihood: &Likelihood,
+    count: usize,
+    seed: u64,
+) -> Option<Vec<BivariateTable>> {
+    match likelihood {
+        likelihood if !likelihood.is_of(learnt) => None,
+        Likelihood::Embedding(embedding) => Some(draws(learnt, embedding, count, seed)),
+        Likelihood::Gaussian(gaussian) => gaussian.draws(&learnt.coordinates, count, seed),
+    }
+}
+
 /// Draws materials from the posterior of an image with this embedding, of albedo one along the
 /// normal. The same seed gives the same draws.
-pub(crate) fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
+fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -> Vec<BivariateTable> {
     let candidates = &learnt.prior;
     let place = |at: usize| candidates.places[at].iter().map(|z| f64::from(*z)).collect();
     let drawn = Candidates::draw(&candidates.weights(embedding), count, seed);

@@ -1,0 +1,190 @@
+//! The posterior of the material as a Gaussian, without the scale, to be drawn from, stored, and
+//! multiplied with others.
+
+use faer::Mat;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::space::Space;
+use crate::inference::light::Cholesky;
+use crate::reflectance::{BivariateTable, Coordinates};
+
+/// Gaussian posterior of the coefficients of the logarithm of reflectance: first those of the
+/// principal axes of the prior, of unit variance a priori, then those of splines.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Gaussian {
+    mean: Vec<f64>,
+    /// Lower triangle of the inverse covariance, row by row.
+    precision: Vec<f64>,
+    /// Standard deviation of the coefficients of splines a priori.
+    deviation: f64,
+}
+
+impl Gaussian {
+    /// The marginal of the first `count` coefficients of a Gaussian whose inverse covariance has
+    /// this factor. `None` if it is not positive definite.
+    pub(super) fn marginal(mean: &[f64], curvature: &Cholesky, count: usize, deviation: f64) -> Option<Self> {
+        // The covariance of all, of which the block of the first is that of the marginal.
+        let inverse = curvature.inverse_of_lower();
+        let part = inverse.submatrix(0, 0, mean.len(), count);
+        let covariance = part.transpose() * part;
+        let factor = Cholesky::new(covariance)?;
+        let inverse = factor.inverse_of_lower();
+        let precision = inverse.transpose() * &inverse;
+        Some(Self { mean: mean[..count].to_vec(), precision: lower(&precision), deviation })
+    }
+
+    /// Whether it has the coefficients of a space, and is sound.
+    pub(crate) fn is_of(&self, coordinates: &Coordinates) -> bool {
+        let n = self.mean.len();
+        n == Space::free(coordinates.directions().len())
+            && self.precision.len() == n * (n + 1) / 2
+            && self.deviation > 0.0
+            && self.mean.iter().chain(&self.precision).all(|v| v.is_finite())
+    }
+
+    /// Standard deviation of the coefficients of splines a priori.
+    pub(crate) fn deviation(&self) -> f64 {
+        self.deviation
+    }
+
+    fn matrix(&self) -> Mat<f64> {
+        let n = self.mean.len();
+        Mat::from_fn(n, n, |i, j| {
+            let (i, j) = (i.max(j), i.min(j));
+            self.precision[i * (i + 1) / 2 + j]
+        })
+    }
+
+    /// Precisions a priori, of splines of this standard deviation.
+    fn prior(&self, axes: usize, deviation: f64) -> impl Iterator<Item = f64> {
+        (0..self.mean.len()).map(move |i| if i < axes { 1.0 } else { deviation.powi(-2) })
+    }
+
+    fn axes(&self) -> usize {
+        self.mean.len() - Space::free(0)
+    }
+
+    /// Inverse covariance, and its product with the mean, of all likelihoods and one prior.
+    fn sums(all: &[&Self], deviation: f64) -> (Mat<f64>, Vec<f64>) {
+        let n = all[0].mean.len();
+        let (mut precision, mut information) = (Mat::zeros(n, n), vec![0.0; n]);
+        for one in all {
+            let own = one.matrix();
+            for (i, sum) in information.iter_mut().enumerate() {
+                *sum += (0..n).map(|j| own[(i, j)] * one.mean[j]).sum::<f64>();
+            }
+            precision += own;
+            one.prior(one.axes(), one.deviation).enumerate().for_each(|(i, p)| precision[(i, i)] -= p);
+        }
+        all[0].prior(all[0].axes(), deviation).enumerate().for_each(|(i, p)| precision[(i, i)] += p);
+        (precision, information)
+    }
+
+    /// Posterior given several photographs: the product of their likelihoods with one prior, whose
+    /// splines have the largest standard deviation of all.
+    pub(crate) fn product(all: &[&Self]) -> Option<Self> {
+        let deviation = all.iter().map(|one| one.deviation).fold(0.0, f64::max);
+        let (precision, information) = Self::sums(all, deviation);
+        let mean = Cholesky::new(precision.clone())?.solve(&information);
+        Some(Self { mean, precision: lower(&precision), deviation })
+    }
+
+    /// Logarithm of the mean of the product of likelihoods over the prior, up to a constant that
+    /// is the sum of one of each.
+    pub(crate) fn log_evidence(all: &[&Self], deviation: f64) -> Option<f64> {
+        let (precision, information) = Self::sums(all, deviation);
+        let factor = Cholesky::new(precision)?;
+        let explained: f64 = factor.solve(&information).iter().zip(&information).map(|(m, h)| m * h).sum();
+        let log_det = |value: f64| value.ln();
+        let of_posterior: f64 = (0..information.len()).map(|i| 2.0 * log_det(factor.lower[(i, i)])).sum();
+        let of_prior: f64 = all[0].prior(all[0].axes(), deviation).map(log_det).sum();
+        Some(0.5 * (explained + of_prior - of_posterior))
+    }
+
+    /// The most probable table, of albedo one along the normal.
+    pub(crate) fn table(&self, coordinates: &Coordinates) -> BivariateTable {
+        Space::new(coordinates).table(&self.whole(&self.mean)).with_normal_albedo(1.0).0
+    }
+
+    /// Place of the mean in the coordinates of the prior.
+    pub(crate) fn place(&self) -> &[f64] {
+        &self.mean[..self.axes()]
+    }
+
+    /// Draws tables of albedo one along the normal; the same seed gives the same draws. `None` if
+    /// the Gaussian is not one.
+    pub(crate) fn draws(&self, coordinates: &Coordinates, count: usize, seed: u64) -> Option<Vec<BivariateTable>> {
+        let (space, factor) = (Space::new(coordinates), Cholesky::new(self.matrix())?);
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let white: Vec<Vec<f64>> =
+            (0..count).map(|_| self.mean.iter().map(|_| StandardNormal.sample(&mut rng)).collect()).collect();
+        let table = |white: &Vec<f64>| {
+            let step = factor.colour(white);
+            let drawn: Vec<f64> = self.mean.iter().zip(&step).map(|(x, d)| x + d).collect();
+            space.table(&self.whole(&drawn)).with_normal_albedo(1.0).0
+        };
+        Some(white.par_iter().map(table).collect())
+    }
+
+    /// All coefficients of the space, with no change of the scale.
+    fn whole(&self, coefficients: &[f64]) -> Vec<f64> {
+        coefficients.iter().copied().chain([0.0]).collect()
+    }
+}
+
+/// Lower triangle of a symmetric matrix, row by row.
+fn lower(matrix: &Mat<f64>) -> Vec<f64> {
+    (0..matrix.nrows()).flat_map(|i| (0..=i).map(move |j| matrix[(i, j)])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A Gaussian posterior with the likelihood `N(mean; precision)` on the first axis alone.
+    fn seen(count: usize, mean: f64, precision: f64) -> Gaussian {
+        let n = Space::free(count);
+        let own = Mat::from_fn(n, n, |i, j| match (i == j, i) {
+            (false, _) => 0.0,
+            (true, 0) => 1.0 + precision,
+            (true, i) => {
+                if i < count {
+                    1.0
+                } else {
+                    25.0
+                }
+            }
+        });
+        let mut place = vec![0.0; n];
+        place[0] = precision * mean / (1.0 + precision);
+        Gaussian { mean: place, precision: lower(&own), deviation: 0.2 }
+    }
+
+    #[test]
+    fn products_follow_the_rule_of_gaussians() {
+        let (a, b) = (seen(3, 1.0, 4.0), seen(3, 2.0, 5.0));
+        let both = Gaussian::product(&[&a, &b]).unwrap();
+        assert!((both.mean[0] - (4.0 + 10.0) / 10.0).abs() < 1e-12 && both.mean[1] == 0.0, "{:?}", both.mean);
+        assert!((both.precision[0] - 10.0).abs() < 1e-12);
+    }
+
+    /// The ratio is the density of one mean under the prediction from the other, over that under
+    /// the prior.
+    #[test]
+    fn the_odds_of_one_material_are_those_of_the_predictions() {
+        let deviation = 0.2;
+        for second in [0.9, 3.0] {
+            let (a, b) = (seen(3, 1.0, 400.0), seen(3, second, 500.0));
+            let evidence = |some: &[&Gaussian]| Gaussian::log_evidence(some, deviation).unwrap();
+            let got = evidence(&[&a, &b]) - evidence(&[&a]) - evidence(&[&b]);
+            let normal = |x: f64, variance: f64| -0.5 * (x * x / variance + (std::f64::consts::TAU * variance).ln());
+            let predicted = (400.0 / 401.0, 1.0 / 401.0 + 1.0 / 500.0);
+            let want = normal(second - predicted.0, predicted.1) - normal(second, 1.0 + 1.0 / 500.0);
+            assert!((got - want).abs() < 1e-6 * (1.0 + want.abs()), "{got} {want}");
+        }
+    }
+}

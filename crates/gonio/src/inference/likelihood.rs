@@ -1,0 +1,148 @@
+//! What photographs say of a material, and what several say together.
+//!
+//! Photographs of one object are independent given its material, so that the posterior given all
+//! of them is the prior times the product of their likelihoods. It holds for photographs of one
+//! material alone: the ratio of `p(I_1 .. I_K | one material)` to that of two materials tells.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::known_light::Gaussian;
+use super::learnt::LearntPosterior;
+
+/// Logarithm of the ratio of probabilities, one material for all photographs to another one for
+/// the photograph in question, below which they contradict each other (docs/combine.md).
+pub const CONTRADICTION: f64 = -12.0;
+
+/// Likelihood of a material given a photograph, up to a constant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Likelihood {
+    /// Under unknown illumination: the embedding of the image, whose product with the embedding of
+    /// a material is the logarithm of the likelihood.
+    Embedding(Vec<f32>),
+    /// Under a known light: a Gaussian in the coefficients of the logarithm of reflectance.
+    Gaussian(Gaussian),
+}
+
+/// Why likelihoods have no product.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum ProductError {
+    /// There are fewer than two.
+    #[error("give at least two photographs")]
+    Few,
+    /// Some are under unknown illumination, others under a known light.
+    #[error("some are under unknown illumination and others under a known light: combine each kind by itself")]
+    Mixed,
+    /// One was found with another model.
+    #[error("it was found with another model than the one given")]
+    Model(
+        /// Index of the photograph.
+        usize,
+    ),
+    /// One cannot be of the same material as the others.
+    #[error("it is not of the same material as the others (the logarithm of the odds is {ratio:.0})")]
+    Contradiction {
+        /// Index of the photograph.
+        at: usize,
+        /// Logarithm of the odds of one material to two.
+        ratio: f64,
+    },
+    /// Its numbers are not those of a likelihood.
+    #[error("its numbers are damaged")]
+    Damaged,
+}
+
+/// Likelihood of a material given several photographs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Product {
+    /// The product of the likelihoods.
+    pub likelihood: Likelihood,
+    /// For each photograph, the logarithm of the odds of one material for all to another one for
+    /// this photograph; above zero if they agree.
+    pub agreement: Vec<f64>,
+}
+
+impl Likelihood {
+    /// The product of several likelihoods, all found with the model of `learnt`.
+    ///
+    /// # Errors
+    /// If there are fewer than two, they are of both kinds or of another model, or one contradicts
+    /// the others.
+    pub fn product(learnt: &LearntPosterior, all: &[Self]) -> Result<Product, ProductError> {
+        if all.len() < 2 {
+            return Err(ProductError::Few);
+        }
+        if let Some(at) = all.iter().position(|one| !one.is_of(learnt)) {
+            return Err(ProductError::Model(at));
+        }
+        let embeddings: Option<Vec<&Vec<f32>>> =
+            all.iter().map(|one| if let Self::Embedding(e) = one { Some(e) } else { None }).collect();
+        let gaussians: Option<Vec<&Gaussian>> =
+            all.iter().map(|one| if let Self::Gaussian(g) = one { Some(g) } else { None }).collect();
+        let (likelihood, agreement) = match (embeddings, gaussians) {
+            (Some(embeddings), _) => (
+                Self::Embedding(sum(&embeddings)),
+                agreement(all.len(), |some| {
+                    let some: Vec<&Vec<f32>> = some.iter().map(|&at| embeddings[at]).collect();
+                    Some(log_mean(learnt, &sum(&some)))
+                }),
+            ),
+            (_, Some(gaussians)) => {
+                let likelihood = Gaussian::product(&gaussians).ok_or(ProductError::Damaged)?;
+                let deviation = likelihood.deviation();
+                (
+                    Self::Gaussian(likelihood),
+                    agreement(all.len(), |some| {
+                        let some: Vec<&Gaussian> = some.iter().map(|&at| gaussians[at]).collect();
+                        Gaussian::log_evidence(&some, deviation)
+                    }),
+                )
+            }
+            _ => return Err(ProductError::Mixed),
+        };
+        let agreement = agreement.ok_or(ProductError::Damaged)?;
+        let worst = (0..all.len()).min_by(|a, b| agreement[*a].total_cmp(&agreement[*b])).unwrap_or(0);
+        if agreement[worst] < CONTRADICTION {
+            return Err(ProductError::Contradiction { at: worst, ratio: agreement[worst] });
+        }
+        Ok(Product { likelihood, agreement })
+    }
+
+    /// Whether it can have been found with this model.
+    pub fn is_of(&self, learnt: &LearntPosterior) -> bool {
+        match self {
+            Self::Embedding(embedding) => {
+                learnt.prior.embeddings.first().is_some_and(|e| e.len() == embedding.len())
+                    && embedding.iter().all(|v| v.is_finite())
+            }
+            Self::Gaussian(gaussian) => gaussian.is_of(&learnt.coordinates),
+        }
+    }
+}
+
+/// For each of `count` photographs, `ln Z(all) - ln Z(others) - ln Z(it)`, where `evidence` gives
+/// `ln Z` of some of them.
+fn agreement(count: usize, evidence: impl Fn(&[usize]) -> Option<f64>) -> Option<Vec<f64>> {
+    let all: Vec<usize> = (0..count).collect();
+    let of_all = evidence(&all)?;
+    let each = all.iter().map(|&at| {
+        let others: Vec<usize> = all.iter().copied().filter(|other| *other != at).collect();
+        Some(of_all - evidence(&others)? - evidence(&[at])?)
+    });
+    each.collect()
+}
+
+fn sum(embeddings: &[&Vec<f32>]) -> Vec<f32> {
+    (0..embeddings[0].len()).map(|i| embeddings.iter().map(|e| e[i]).sum()).collect()
+}
+
+/// Logarithm of the mean likelihood over materials of the prior.
+fn log_mean(learnt: &LearntPosterior, embedding: &[f32]) -> f64 {
+    let product = |material: &Vec<f32>| -> f64 {
+        material.iter().zip(embedding).map(|(m, i)| f64::from(*m) * f64::from(*i)).sum()
+    };
+    let logs: Vec<f64> = learnt.prior.embeddings.iter().map(product).collect();
+    let top = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    top + (logs.iter().map(|l| (l - top).exp()).sum::<f64>() / logs.len() as f64).ln()
+}

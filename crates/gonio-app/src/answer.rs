@@ -10,12 +10,13 @@ use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::ObservationSettings;
+use gonio_io::posterior::SavedPosterior;
 use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
 use serde_json::{Map, Value, json};
 
 use crate::notes::{self, Account};
-use crate::{Journal, Method, Problem, Scene, Seen, Settings, Source, Warning, basis};
+use crate::{Journal, Method, Problem, Scene, Seen, Settings, Source, Warning, basis, combine};
 
 /// Everything that was found in a photograph.
 pub struct Answer {
@@ -45,6 +46,8 @@ pub struct Answer {
     pub notes: Value,
     /// Warnings, one line each.
     pub warnings: Vec<String>,
+    /// What can be combined with other photographs, for the methods that tell how sure they are.
+    pub saved: Option<SavedPosterior>,
     shadows: bool,
 }
 
@@ -153,6 +156,7 @@ pub fn infer(
         notes: Value::Null,
         warnings: warnings.iter().map(|warning| warning.worded(settings.words)).collect(),
         shadows: settings.shadows,
+        saved: material.as_ref().and_then(|material| combine::saved(&model, &image, material, &colouring)),
         seen,
         table,
         scale,

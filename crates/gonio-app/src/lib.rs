@@ -11,6 +11,7 @@
 
 mod answer;
 mod basis;
+pub mod combine;
 pub mod export;
 mod journal;
 pub mod notes;

@@ -146,6 +146,17 @@ pub fn settings(settings: &gonio::estimate::EstimateSettings, linear: bool) -> V
     json!({ "grid": settings.side, "linear": linear, "rows": settings.rows, "steps": LightProblem::STEPS })
 }
 
+/// The section `posterior` of a material from several photographs.
+pub(crate) fn combined(material: &Material) -> Value {
+    let mut notes = posterior(material);
+    if let Some(notes) = notes.as_object_mut() {
+        for of_one in ["strangeness", "scatter", "normals", "filled", "unshadowed", "note"] {
+            notes.remove(of_one);
+        }
+    }
+    notes
+}
+
 fn posterior(material: &Material) -> Value {
     let share = |n: &Neighbour| json!({ "name": n.name, "weight": n.weight });
     let [low, median, high] = material.gloss;

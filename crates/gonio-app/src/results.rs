@@ -4,6 +4,7 @@ use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
 use gonio_io::picture::{encode_exr, encode_png};
+use gonio_io::posterior::SavedPosterior;
 use gonio_io::{merl, npy};
 use gonio_report::panels::used::with_legend;
 use gonio_report::{summary, uncertainty};
@@ -21,7 +22,7 @@ pub const RESULT: &str = "result.json";
 /// The page.
 pub const REPORT: &str = "report.html";
 /// Pictures that a folder holds as `NAME.png`.
-pub const PICTURES: [&str; 4] = ["relit", "used", "summary", "uncertainty"];
+pub const PICTURES: [&str; 5] = ["relit", "used", "summary", "uncertainty", "combined"];
 /// Rows of [`LIGHT`].
 pub const LIGHT_ROWS: usize = 128;
 
@@ -31,6 +32,8 @@ pub struct Files {
     pub tables: [BivariateTable; 3],
     /// Quantiles of its luminance, and how many there are.
     pub quantiles: Option<(usize, Vec<f32>)>,
+    /// `posterior.json`, what can be combined with other photographs.
+    pub posterior: Option<Vec<u8>>,
     /// The light, lat-long.
     pub light: Option<Plane<Vec3>>,
     /// Pictures by their names in [`PICTURES`], as PNG.
@@ -44,12 +47,13 @@ pub struct Files {
 impl Files {
     /// Their names and contents.
     pub fn encode(self) -> Vec<(String, Vec<u8>)> {
-        let Self { tables, quantiles, light, pictures, notes, page } = self;
+        let Self { tables, quantiles, posterior, light, pictures, notes, page } = self;
         let mut files = vec![(BRDF.to_owned(), merl::encode(&MerlTable::from_bivariate(tables.each_ref())))];
         files.extend(quantiles.map(|(count, values)| {
             let array = npy::Array { shape: vec![count, THETA_H, THETA_D], values };
             (QUANTILES.to_owned(), npy::encode(&array))
         }));
+        files.extend(posterior.map(|posterior| (gonio_io::posterior::FILE.to_owned(), posterior)));
         files.extend(light.map(|light| (LIGHT.to_owned(), encode_exr(&light, None))));
         files.extend(pictures.into_iter().map(|(name, png)| (format!("{name}.png"), png)));
         files.extend(page.map(|page| (REPORT.to_owned(), page.into_bytes())));
@@ -86,6 +90,7 @@ impl Answer {
         Ok(Files {
             tables: self.colouring.colours().tables(&self.table.scaled(self.scale)),
             quantiles: self.material.as_ref().map(|m| (m.quantiles.len(), scaled(m.quantiles.concat()))),
+            posterior: self.saved.as_ref().map(SavedPosterior::encode),
             light: estimated.or_else(|| self.known_light.as_ref().map(|known| known.radiance().clone())),
             pictures: self.pictures().iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
             notes,

@@ -134,7 +134,8 @@ impl Colours {
             (Self::Median, _) => return (ColouringRule::Median, ""),
             (Self::Under(light), _) => (Some(light), "the light has the colour that was given"),
             (Self::Estimate, Some(map)) => {
-                let grid = map.to_grid(OctahedralMap::EqualArea, 32);
+                // Four pixels to a texel are enough for a mean.
+                let grid = map.reduced(128).to_grid(OctahedralMap::EqualArea, 32);
                 (Some(white_chroma(&grid, glam::DQuat::IDENTITY)), "the light has the mean colour of the map given")
             }
             (Self::Estimate, None) => (None, AS_CAPTURED),

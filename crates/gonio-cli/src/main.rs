@@ -5,6 +5,7 @@
 //! with nothing half-written.
 
 mod batch;
+mod combine;
 mod convert;
 mod export;
 mod help;
@@ -40,6 +41,8 @@ pub(crate) struct Args {
 pub(crate) enum Command {
     /// Infer many: the rows of a table, or a shard of them
     Batch(batch::Options),
+    /// Combine several photographs of one material
+    Combine(combine::Options),
     /// Convert a BRDF between file formats
     Convert(convert::Options),
     /// Write a BRDF for renderers: Mitsuba, pbrt, Blender, glTF, MaterialX
@@ -77,6 +80,7 @@ fn main() -> ExitCode {
     set_hook(Box::new(note));
     let run = || match &command {
         Command::Batch(options) => batch::run(options),
+        Command::Combine(options) => combine::run(options),
         Command::Convert(options) => convert::run(options),
         Command::Export(options) => export::run(options),
         Command::Infer(options) => infer::run(options),

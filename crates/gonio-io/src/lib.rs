@@ -10,6 +10,7 @@
 //!   published fits;
 //! * [`model`]: trained models and their halves (`docs/model-format.md`);
 //! * [`lights`]: lists of directional lights;
+//! * [`posterior`]: what a photograph says of a material, to be combined;
 //! * [`npy`]: arrays of numpy;
 //! * [`folder`]: listing of folders; [`atomic`]: output that appears complete or not at all;
 //! * [`cache`], [`plan`]: computed plans kept between runs.
@@ -41,6 +42,7 @@ pub mod normals;
 pub mod npy;
 pub mod picture;
 pub mod plan;
+pub mod posterior;
 pub mod rgl;
 
 pub use error::{Error, Kind};

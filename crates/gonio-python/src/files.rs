@@ -17,6 +17,7 @@ use pyo3::types::PyBytes;
 
 use crate::arrays;
 use crate::error::{raise, worded};
+use crate::likelihood::Likelihood;
 use crate::render::merl_table;
 
 /// Colours, coverage, the radiance at which the file says that it clips, and warnings.
@@ -140,7 +141,8 @@ fn encode_brdf(
 #[pyo3(from_item_all)]
 pub(crate) struct SavedResult<'py> {
     table: Bound<'py, PyArray3<f32>>,
-    light: Bound<'py, PyArray3<f32>>,
+    likelihood: Bound<'py, Likelihood>,
+    light: Option<Bound<'py, PyArray3<f32>>>,
     quantiles: Bound<'py, PyArray3<f32>>,
     /// Pictures by name, of 8-bit samples of shape (height, width, 3); only those that a folder of
     /// results holds are written.
@@ -152,12 +154,13 @@ pub(crate) struct SavedResult<'py> {
 /// Writes a folder of results, completely or, on error, not at all.
 #[pyfunction]
 pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> PyResult<()> {
-    let SavedResult { table, light, quantiles, pictures, notes, page } = result;
+    let SavedResult { table, likelihood, light, quantiles, pictures, notes, page } = result;
     let held = PICTURES.into_iter().filter_map(|name| pictures.get(name).map(|samples| (name, samples)));
     let files = Files {
         tables: arrays::tables(&table)?,
         quantiles: Some((quantiles.shape()[0], quantiles.readonly().as_array().iter().copied().collect())),
-        light: Some(arrays::colours(&light)?),
+        posterior: Some(likelihood.get().0.encode()),
+        light: light.map(|light| arrays::colours(&light)).transpose()?,
         pictures: held.map(|(name, samples)| Ok((name, png(samples)?))).collect::<PyResult<_>>()?,
         notes,
         page,

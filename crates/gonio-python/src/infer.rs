@@ -1,26 +1,33 @@
 //! Inference from a photograph to everything that a `gonio.Posterior` holds.
 
 use glam::Vec3;
+use gonio::colour::TwoColours;
+use gonio::estimate::Material;
+use gonio::lighting::EnvironmentMap;
 use gonio::picture::{Plane, srgb_encode};
 use gonio::reflectance::{THETA_D, THETA_H};
 use gonio_app::results::LIGHT_ROWS;
-use gonio_app::{Answer, Colours, Journal, Method, Problem};
+use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Source};
 use gonio_report::panels::Panels;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays;
+use crate::error::raise;
 use crate::error::words;
-use crate::likelihood::SavedLikelihood;
+use crate::likelihood::Likelihood;
 use crate::model::Model;
-use crate::scene::GivenScene;
+use crate::scene::{GivenPicture, GivenScene};
 use crate::work::{self, Listeners};
 
 /// Settings of the inference.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Settings {
+pub(crate) struct Settings<'py> {
     grid: usize,
+    light: Option<GivenPicture<'py>>,
+    align_light: String,
+    absolute: bool,
     shadows: bool,
     color: String,
     light_color: Option<[f64; 3]>,
@@ -28,7 +35,32 @@ pub(crate) struct Settings {
     report: bool,
 }
 
-impl Settings {
+impl Settings<'_> {
+    /// The method: known-light if a light is given.
+    fn method(&self) -> PyResult<Result<Method, Problem>> {
+        let alignment = match self.align_light.as_str() {
+            "near" => Alignment::Near,
+            "around" => Alignment::Around,
+            "fixed" => Alignment::Fixed,
+            other => {
+                let problem = format!("align_light {other:?}: give \"near\", \"around\" or \"fixed\"");
+                return Ok(Err(Problem::new(problem)));
+            }
+        };
+        let map = match &self.light {
+            None if self.absolute => return Ok(Err(Problem::new("absolute needs the light: give light"))),
+            None => return Ok(Ok(Method::Learnt)),
+            Some(GivenPicture::File(path)) => Source::File(path.clone()),
+            Some(GivenPicture::Array(rgb) | GivenPicture::WithAlpha((rgb, _))) => {
+                match EnvironmentMap::new(arrays::colours(rgb)?) {
+                    Ok(map) => Source::Here(map),
+                    Err(error) => return Ok(Err(Problem::of("light", error))),
+                }
+            }
+        };
+        Ok(Ok(Method::KnownLight(KnownLight { map, alignment, absolute: self.absolute })))
+    }
+
     fn colours(&self) -> Result<Colours, Problem> {
         let problem = |text: &str| Err(Problem::new(text));
         match (self.color.as_str(), self.light_color) {
@@ -48,23 +80,18 @@ impl Settings {
 pub(crate) fn infer<'py>(
     py: Python<'py>,
     scene: GivenScene<'py>,
-    settings: Settings,
+    settings: Settings<'py>,
     model: &Bound<'py, Model>,
     listeners: Listeners,
 ) -> PyResult<Bound<'py, PyDict>> {
     let scene = scene.take()?;
     let (known, name) = (model.get().model.clone(), model.get().name.clone());
+    let method = settings.method()?.map_err(|error| raise(&error, py))?;
+    let colours = settings.colours().map_err(|error| raise(&error, py))?;
+    let Settings { grid: side, shadows, pictures, report, .. } = settings;
     let answer = work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
-        let settings = gonio_app::Settings {
-            method: Method::Learnt,
-            side: settings.grid,
-            shadows: settings.shadows,
-            colours: settings.colours()?,
-            pictures: settings.pictures,
-            report: settings.report,
-            words: &words,
-        };
+        let settings = gonio_app::Settings { method, side, shadows, colours, pictures, report, words: &words };
         gonio_app::infer((&known, &name), scene, &settings, &Journal::new("reading", &listener))
     })?;
     spell_out(py, answer, model)
@@ -83,39 +110,57 @@ fn pictures(answer: &Answer) -> Vec<(&'static str, Plane<Vec3>)> {
     pictures
 }
 
-/// Dictionary of the results, by the names of `gonio._posterior.Found`.
-fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
-    let (colours, light_colour) = (answer.colouring.colours(), answer.colouring.light());
-    let pictures = pictures(&answer);
-    let light = answer.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
-    let Answer { table, material, left, notes, warnings, page, .. } = answer;
-    let material = material.expect("the learnt posterior tells of the material");
-    let shape = (THETA_H, THETA_D);
+/// Dictionary of a material, by the names of `gonio._types.FoundMaterial`.
+pub(crate) fn of_material<'py>(
+    py: Python<'py>,
+    material: &Material,
+    colours: TwoColours,
+    scale: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (shape, table) = ((THETA_H, THETA_D), material.table.scaled(scale));
     let out = PyDict::new(py);
     out.set_item("table", arrays::of_tables(py, &colours.tables(&table)))?;
-    let ends = material.ends.each_ref().map(|end| arrays::of_tables(py, &colours.tables(end)));
+    let ends = material.ends.each_ref().map(|end| arrays::of_tables(py, &colours.tables(&end.scaled(scale))));
     out.set_item("ends", ends)?;
     out.set_item("luminance", arrays::array(py, shape, table.into()))?;
-    let (count, quantiles) = (material.quantiles.len(), material.quantiles.concat());
-    out.set_item("quantiles", arrays::array(py, (count, THETA_H, THETA_D), quantiles))?;
-    out.set_item("undetermined", arrays::array(py, shape, material.undetermined))?;
+    let quantiles: Vec<f32> = material.quantiles.iter().flatten().map(|v| v * scale as f32).collect();
+    out.set_item("quantiles", arrays::array(py, (material.quantiles.len(), THETA_H, THETA_D), quantiles))?;
+    out.set_item("undetermined", arrays::array(py, shape, material.undetermined.clone()))?;
     out.set_item("open", material.open)?;
-    let materials: Vec<(String, f64)> = material.neighbours.into_iter().map(|n| (n.name, n.weight)).collect();
+    let materials: Vec<(String, f64)> = material.neighbours.iter().map(|n| (n.name.clone(), n.weight)).collect();
     out.set_item("materials", materials)?;
     out.set_item("gloss", material.gloss.to_vec())?;
-    out.set_item("likelihood", SavedLikelihood(material.posterior.likelihood))?;
-    out.set_item("scatter", material.scatter)?;
-    out.set_item("light", light.map(|light| arrays::of_colours(py, light)))?;
-    out.set_item("light_color", arrays::array(py, 3, light_colour.to_array().to_vec()))?;
-    out.set_item("misfit", left.1)?;
-    let shown = PyDict::new(py);
+    Ok(out)
+}
+
+/// Pictures by name as sRGB samples of shape (height, width, 3).
+pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec3>)>) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
     for (name, picture) in pictures {
         let (width, height) = picture.size();
         let code = |v: f32| (srgb_encode(v.max(0.0)) * 255.0).round() as u8;
         let samples: Vec<u8> = picture.as_slice().iter().flat_map(|v| v.to_array().map(code)).collect();
-        shown.set_item(name, arrays::array(py, (height, width, 3), samples))?;
+        out.set_item(name, arrays::array(py, (height, width, 3), samples))?;
     }
-    out.set_item("pictures", shown)?;
+    Ok(out)
+}
+
+/// Dictionary of the results, by the names of `gonio._types.Found`.
+fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
+    let (colours, light_colour) = (answer.colouring.colours(), answer.colouring.light());
+    let pictures = pictures(&answer);
+    let estimated = answer.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
+    let light = estimated.or_else(|| answer.known_light.as_ref().map(|light| light.radiance().clone()));
+    let Answer { material, saved, scale, left, notes, warnings, page, .. } = answer;
+    let (material, saved) = material.zip(saved).expect("both methods tell of the material");
+    let out = of_material(py, &material, colours, scale)?;
+    out.set_item("likelihood", Likelihood(saved))?;
+    out.set_item("scale", scale)?;
+    out.set_item("scatter", material.scatter)?;
+    out.set_item("light", light.map(|light| arrays::of_colours(py, light)))?;
+    out.set_item("light_color", arrays::array(py, 3, light_colour.to_array().to_vec()))?;
+    out.set_item("misfit", left.1)?;
+    out.set_item("pictures", shown(py, pictures)?)?;
     out.set_item("warnings", warnings)?;
     out.set_item("notes", notes.to_string())?;
     out.set_item("page", page)?;

@@ -31,7 +31,7 @@ mod _gonio {
     #[pymodule_export]
     use super::infer::infer;
     #[pymodule_export]
-    use super::likelihood::{SavedLikelihood, draw};
+    use super::likelihood::{Likelihood, combine_all, draw};
     #[pymodule_export]
     use super::model::Model;
     #[pymodule_export]

@@ -1,28 +1,33 @@
-//! Draws from a posterior.
+//! What photographs say of a material: draws from it, and its product with that of others.
+
+use std::path::PathBuf;
 
 use gonio::estimate::draws;
-use gonio::inference::Likelihood;
 use gonio::reflectance::{THETA_D, THETA_H};
-use gonio_app::Problem;
+use gonio_app::combine::{self, CombinedAnswer};
+use gonio_app::{Journal, Problem};
+use gonio_io::posterior::SavedPosterior;
 use numpy::PyArray3;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 use crate::arrays;
 use crate::error::raise;
+use crate::infer::{of_material, shown};
 use crate::model::Model;
 use crate::work::{self, Listeners};
 
 /// What photographs say of a material.
-#[pyclass(frozen, name = "Likelihood", module = "gonio._gonio")]
-pub(crate) struct SavedLikelihood(pub(crate) Likelihood);
+#[pyclass(frozen, module = "gonio._gonio")]
+pub(crate) struct Likelihood(pub(crate) SavedPosterior);
 
 #[pymethods]
-impl SavedLikelihood {
+impl Likelihood {
     /// Decodes the pickled form.
     #[staticmethod]
     fn decode(py: Python<'_>, json: &str) -> PyResult<Self> {
-        let likelihood = serde_json::from_str(json).map_err(|e| raise(&Problem::of("the pickled posterior", e), py))?;
-        Ok(Self(likelihood))
+        let saved = serde_json::from_str(json).map_err(|e| raise(&Problem::of("the pickled posterior", e), py))?;
+        Ok(Self(saved))
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
@@ -36,15 +41,52 @@ impl SavedLikelihood {
 pub(crate) fn draw<'py>(
     py: Python<'py>,
     model: &Bound<'py, Model>,
-    likelihood: &Bound<'py, SavedLikelihood>,
+    likelihood: &Bound<'py, Likelihood>,
     count: usize,
     seed: u64,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
-    let (model, likelihood) = (model.get().model.clone(), likelihood.get().0.clone());
+    let (model, likelihood) = (model.get().model.clone(), likelihood.get().0.likelihood.clone());
     let listeners = Listeners::none();
     let tables = work::run(py, listeners, move |_| {
         let tables = draws(&model, &likelihood, count, seed).map_err(|e| Problem::new(e.to_string()))?;
         Ok(tables.into_iter().flat_map(Vec::<f32>::from).collect::<Vec<f32>>())
     })?;
     Ok(arrays::array(py, (count, THETA_H, THETA_D), tables))
+}
+
+/// What a photograph says: as it was found, or in a folder of results.
+#[derive(FromPyObject)]
+pub(crate) enum Given<'py> {
+    Found((String, Bound<'py, Likelihood>)),
+    Folder(PathBuf),
+}
+
+/// Combines what several photographs say; returns the values of a `Combined` by name.
+#[pyfunction]
+pub(crate) fn combine_all<'py>(
+    py: Python<'py>,
+    given: Vec<Given<'py>>,
+    model: &Bound<'py, Model>,
+    listeners: Listeners,
+) -> PyResult<Bound<'py, PyDict>> {
+    let mut all = Vec::new();
+    for one in given {
+        match one {
+            Given::Found((name, likelihood)) => all.push((name, likelihood.get().0.clone())),
+            Given::Folder(path) => all.extend(combine::read_posteriors(&[path]).map_err(|e| raise(&e, py))?),
+        }
+    }
+    let (known, name) = (model.get().model.clone(), model.get().name.clone());
+    let answer = work::run(py, listeners, move |reporter| {
+        let listener = |stage, fraction| reporter.at(stage, fraction);
+        combine::combine((&known, &name), &all, &Journal::new("reading", &listener))
+    })?;
+    let CombinedAnswer { material, colours, agreement, pictures, notes, saved } = answer;
+    let out = of_material(py, &material, colours, 1.0)?;
+    out.set_item("likelihood", Likelihood(saved))?;
+    out.set_item("agreement", agreement)?;
+    out.set_item("pictures", shown(py, pictures)?)?;
+    out.set_item("notes", notes.to_string())?;
+    out.set_item("model", model)?;
+    Ok(out)
 }

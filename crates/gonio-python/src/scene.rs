@@ -13,7 +13,7 @@ use crate::arrays;
 
 /// A picture, in memory or in a file.
 #[derive(FromPyObject)]
-enum GivenPicture<'py> {
+pub(crate) enum GivenPicture<'py> {
     Array(Bound<'py, PyArray3<f32>>),
     WithAlpha((Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<f32>>)),
     File(PathBuf),

@@ -1,10 +1,11 @@
 //! Reports on an estimate: one page to read ([`report`]), and its pictures ([`panels`],
-//! [`summary`], [`uncertainty`]).
+//! [`summary`], [`uncertainty`], [`combined`]).
 //!
 //! This crate reads and writes no files: pictures are linear display values, which `gonio-io`
 //! encodes. [`page`] is the frame of all reports.
 
 pub mod canvas;
+pub mod combined;
 pub mod page;
 pub mod panels;
 pub mod report;

@@ -51,7 +51,7 @@ fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
 
 /// Puts panels side by side and rows below each other with a line of text under each panel, and one
 /// under all.
-fn side_by_side(rows: &[Vec<(&str, &Plane<Vec3>)>], caption: &str) -> Plane<Vec3> {
+pub(crate) fn side_by_side(rows: &[Vec<(&str, &Plane<Vec3>)>], caption: &str) -> Plane<Vec3> {
     let width = |row: &Vec<(&str, &Plane<Vec3>)>| GAP + row.iter().map(|(_, p)| p.width() + GAP).sum::<usize>();
     let high = PANEL + GAP + LINE;
     let mut out = sheet(rows.iter().map(width).max().unwrap_or(0), rows.len() * high + GAP + LINE);

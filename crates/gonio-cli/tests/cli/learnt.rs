@@ -8,8 +8,16 @@ use serde_json::Value;
 
 use crate::support::{Bench, SIZE, ball, encode_normals, exr, normals};
 
-const OUTPUT: [&str; 7] =
-    ["brdf.binary", "brdf_quantiles.npy", "light.exr", "relit.png", "result.json", "summary.png", "uncertainty.png"];
+const OUTPUT: [&str; 8] = [
+    "brdf.binary",
+    "brdf_quantiles.npy",
+    "light.exr",
+    "posterior.json",
+    "relit.png",
+    "result.json",
+    "summary.png",
+    "uncertainty.png",
+];
 
 /// A result without what depends on the clock.
 fn timeless(mut result: Value) -> Value {

@@ -10,6 +10,7 @@ object towards the camera.
 """
 
 from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, read_brdf, read_merl, render, write_merl
+from ._combine import Combined, combine
 from ._errors import FileError, GonioError, GonioWarning, MissingFileError
 from ._files import read_image, read_normals, write_image
 from ._gonio import Model, __version__
@@ -26,6 +27,7 @@ __all__ = [
     "THETA_D",
     "THETA_H",
     "Brdf",
+    "Combined",
     "Failure",
     "FileError",
     "GonioError",
@@ -35,6 +37,7 @@ __all__ = [
     "Part",
     "Posterior",
     "__version__",
+    "combine",
     "infer",
     "infer_many",
     "read_brdf",

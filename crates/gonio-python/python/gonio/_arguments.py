@@ -70,6 +70,12 @@ def picture(given: Picture, name: str, linear: bool, warnings: list[str]) -> Giv
     raise GonioError(f"{name}: has the shape {array.shape}; give (height, width), (height, width, 3) or (height, width, 4)")
 
 
+def light_map(given: Picture, warnings: list[str]) -> str | Floats:
+    """A light map: a file, or an array of shape (height, 2 height, 3)."""
+    light = picture(given, "light", False, warnings)
+    return light[0] if isinstance(light, tuple) else light
+
+
 def mask(given: Picture | None) -> str | Floats | None:
     """Where the object is: float32 of shape (height, width) is read where it is."""
     if given is None:

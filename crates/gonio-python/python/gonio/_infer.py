@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias, cast
 
 from . import _gonio
-from ._arguments import Camera, Path, Picture, Shape, is_path, mask as given_mask, picture, shape as given_shape
+from ._arguments import Camera, Path, Picture, Shape, is_path, light_map, mask as given_mask, picture, shape as given_shape
 from ._errors import GonioError, GonioWarning
 from ._gonio import Model
 from ._posterior import Posterior
@@ -39,6 +39,9 @@ def infer(
     keep_colors: bool = False,
     linear: bool = False,
     layer: str | None = None,
+    light: Picture | None = None,
+    align_light: str = "near",
+    absolute: bool = False,
     grid: int = 32,
     color: str = "estimate",
     light_color: tuple[float, float, float] | None = None,
@@ -69,6 +72,11 @@ def infer(
     :param keep_colors: observe regions of another colour (paint, stickers) as well, which are left
         out where they are told safely from reflections.
     :param linear: values of integers are linear radiance. ``layer``: which one of an OpenEXR file.
+    :param light: the light, if it is known: a lat-long map in coordinates of the camera (a file, or an array of shape (height, 2 height, 3)),
+        or a text file of directional lights. The answer is then much sharper.
+    :param align_light: how far the light may be turned from where its map has it: ``"near"`` (by a few degrees), ``"around"`` (by any
+        angle about the vertical) or ``"fixed"``.
+    :param absolute: photograph and light map are on one scale, so that reflectance is absolute and not of albedo 0.5.
     :param grid: texels along a side of the light's grid, a power of two.
     :param color: ``"estimate"``, ``"median"`` or ``"none"``: how the BRDF, which is found from luminance, is coloured.
     :param light_color: linear colour of a white matte ball in the object's place, where it is known.
@@ -107,7 +115,11 @@ def run(options: dict[str, Any], poll: Callable[[], object] | None) -> Posterior
         "keep_colors": options["keep_colors"],
         "object": given_shape(options["shape"], **{key: options[key] for key in shape_names}),
     }
+    light = options["light"]
     settings: Settings = {
+        "light": None if light is None else light_map(light, said),
+        "align_light": options["align_light"],
+        "absolute": options["absolute"],
         "grid": options["grid"],
         "shadows": options["shadows"],
         "color": options["color"],

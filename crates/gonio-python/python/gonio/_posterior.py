@@ -17,7 +17,7 @@ from ._arguments import Path, Picture, Shape
 from ._brdf import Brdf
 from ._figure import plot
 from ._show import escaped
-from ._types import Floats, Found, SavedResult
+from ._types import Floats, Found, FoundMaterial, SavedResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,51 +29,31 @@ DRAWS = 64
 """Number of :attr:`Posterior.samples`."""
 
 
-class Posterior:
-    """What one photograph tells of a material and of the light on it.
-
-    All BRDFs have an albedo of 0.5 along the normal: a photograph under unknown light does not tell the scale of reflectance.
-    Posteriors can be pickled, and hold no reference to the photograph.
-    """
+class Material:
+    """A material with its uncertainty."""
 
     brdf: Brdf
-    """The mean of the posterior, in colour."""
+    """The estimate, in colour."""
     ends: tuple[Brdf, Brdf]
     """The dull and the glossy end of what is probable: 5 and 95 % of the posterior by gloss."""
     luminance: Floats
-    """The mean in luminance, shape (90, 90): what quantiles and samples go with."""
+    """The estimate in luminance, shape (90, 90): what quantiles and samples go with."""
     quantiles: Floats
     """5, 25, 75 and 95 % quantiles of the luminance of each cell, shape (4, 90, 90)."""
     undetermined: NDArray[np.bool_]
-    """Cells of the table that the photograph leaves open, shape (90, 90)."""
+    """Cells of the table that are left open, shape (90, 90)."""
     open: float
     """Their share of the domain in which both angles are below 80 degrees."""
     materials: list[tuple[str, float]]
     """The nearest measured materials and their weights."""
     gloss: NDArray[np.float64]
     """5, 50 and 95 % quantiles of the gloss: the BRDF along the normal over its mean at half angles beyond 45 degrees."""
-    light: Floats
-    """The estimated light, a lat-long map of shape (128, 256, 3) in luminance: row 0 is up, the centre looks along -z, the right half is
-    +x, in coordinates of the camera. Times :attr:`light_color` it goes with :attr:`brdf`."""
-    light_color: Floats
-    """Linear colour of the light, of luminance one, shape (3,); white where it was not estimated."""
-    misfit: float
-    """What BRDF and light leave of the photograph, relative to it (root mean square)."""
-    scatter: float
-    """Standard deviation of pixels that share a normal, relative to their mean: noise, texture, shadows and wrong normals. 0 where too
-    few share one."""
-    warnings: tuple[str, ...]
-    """What speaks against believing it, one line each."""
     pictures: dict[str, NDArray[np.uint8]]
-    """sRGB pictures of shape (height, width, 3): photograph, observed (where it was sampled), reproduction, residual, light;
-    spheres of the BRDF in lights of gonio's own, the first called relit; summary, uncertainty; used (what was left out and why), if
-    anything was. Empty if inferred with ``pictures=False``."""
-    report: str | None
-    """The page ``report.html``, if it was asked for."""
+    """sRGB pictures of shape (height, width, 3) by name."""
     model: _gonio.Model
     """The model it was inferred with."""
 
-    def __init__(self, found: Found, name: str) -> None:
+    def __init__(self, found: FoundMaterial, name: str, scale: float = 1.0) -> None:
         self.brdf = Brdf(found["table"], name=name)
         dull, glossy = found["ends"]
         self.ends = (Brdf(dull, name=f"{name}, dull end"), Brdf(glossy, name=f"{name}, glossy end"))
@@ -83,16 +63,11 @@ class Posterior:
         self.open = found["open"]
         self.materials = found["materials"]
         self.gloss = np.array(found["gloss"])
-        self.light = found["light"]
-        self.light_color = found["light_color"]
-        self.misfit = found["misfit"]
-        self.scatter = found["scatter"]
-        self.warnings = tuple(found["warnings"])
         self.pictures = found["pictures"]
-        self.report = found["page"]
         self.model = found["model"]
         self._likelihood = found["likelihood"]
         self._notes = found["notes"]
+        self._scale = scale
 
     @cached_property
     def samples(self) -> Floats:
@@ -102,29 +77,28 @@ class Posterior:
     def draw(self, count: int, seed: int = 0) -> Floats:
         """Draws from the posterior over the model's space of materials, in luminance, shape (count, 90, 90).
         The same seed gives the same draws. :attr:`quantiles` are wider: they allow for what the space misses."""
-        return _gonio.draw(self.model, self._likelihood, count, seed)
+        drawn = _gonio.draw(self.model, self._likelihood, count, seed)
+        return drawn if self._scale == 1.0 else drawn * np.float32(self._scale)
 
     @cached_property
     def notes(self) -> dict[str, Any]:
-        """All numbers by name, as in the ``result.json`` of ``gonio infer``."""
+        """All numbers by name, as in ``result.json``."""
         notes: dict[str, Any] = json.loads(self._notes)
-        notes["warnings"] = list(self.warnings)
         return notes
 
     def relight(self, light: Picture | None = None, shape: Shape = "sphere", size: int | tuple[int, int] = 256, **options: Any) -> Floats:
         """:func:`gonio.render` of :attr:`brdf`: radiance and coverage, shape (height, width, 4)."""
         return self.brdf.render(light, shape=shape, size=size, **options)
 
-    def save(self, directory: Path) -> None:
-        """Writes the folder of results that ``gonio infer`` writes, whole or not at all: ``brdf.binary``, ``brdf_quantiles.npy``,
-        ``light.exr``, pictures and ``result.json``; ``report.html`` if :func:`gonio.infer` was asked for it."""
+    def _write(self, directory: Path, light: Floats | None, page: str | None) -> None:
         result: SavedResult = {
             "table": self.brdf.table,
-            "light": self.light,
+            "likelihood": self._likelihood,
+            "light": light,
             "quantiles": self.quantiles,
             "pictures": self.pictures,
             "notes": json.dumps(self.notes, indent=2, allow_nan=False),
-            "page": self.report,
+            "page": page,
         }
         _gonio.save(os.fspath(directory), result)
 
@@ -141,14 +115,63 @@ class Posterior:
         """Writes files for renderers into a folder, as ``gonio export`` does; see :meth:`Brdf.export`."""
         return self.brdf.export(directory, to, name=name, albedo=albedo, tables=tables, progress=progress)
 
+    def __getstate__(self) -> dict[str, Any]:
+        # What is computed when asked for is computed again.
+        return {key: value for key, value in self.__dict__.items() if key not in ("samples", "notes")}
+
+
+class Posterior(Material):
+    """What one photograph tells of a material and of the light on it.
+
+    All BRDFs have an albedo of 0.5 along the normal: a photograph under unknown light does not tell the scale of reflectance.
+    Posteriors can be pickled, and hold no reference to the photograph.
+    """
+
+    light: Floats
+    """The estimated light, a lat-long map of shape (128, 256, 3) in luminance: row 0 is up, the centre looks along -z, the right half is
+    +x, in coordinates of the camera. Times :attr:`light_color` it goes with :attr:`brdf`. If the light was given: its map, as it was found
+    to lie."""
+    light_color: Floats
+    """Linear colour of the light, of luminance one, shape (3,); white where it was not estimated."""
+    misfit: float
+    """What BRDF and light leave of the photograph, relative to it (root mean square)."""
+    scatter: float
+    """Standard deviation of pixels that share a normal, relative to their mean: noise, texture, shadows and wrong normals. 0 where too
+    few share one."""
+    warnings: tuple[str, ...]
+    """What speaks against believing it, one line each."""
+    pictures: dict[str, NDArray[np.uint8]]
+    """sRGB pictures of shape (height, width, 3): photograph, observed (where it was sampled), reproduction, residual, light;
+    spheres of the BRDF in lights of gonio's own, the first called relit; summary, uncertainty; used (what was left out and why), if
+    anything was. Empty if inferred with ``pictures=False``."""
+    report: str | None
+    """The page ``report.html``, if it was asked for."""
+
+    def __init__(self, found: Found, name: str) -> None:
+        super().__init__(found, name, found["scale"])
+        self.light = found["light"]
+        self.light_color = found["light_color"]
+        self.misfit = found["misfit"]
+        self.scatter = found["scatter"]
+        self.warnings = tuple(found["warnings"])
+        self.report = found["page"]
+
+    @cached_property
+    def notes(self) -> dict[str, Any]:
+        """All numbers by name, as in the ``result.json`` of ``gonio infer``."""
+        notes: dict[str, Any] = json.loads(self._notes)
+        notes["warnings"] = list(self.warnings)
+        return notes
+
+    def save(self, directory: Path) -> None:
+        """Writes the folder of results that ``gonio infer`` writes, whole or not at all: ``brdf.binary``, ``brdf_quantiles.npy``,
+        ``posterior.json``, ``light.exr``, pictures and ``result.json``; ``report.html`` if :func:`gonio.infer` was asked for it."""
+        self._write(directory, self.light, self.report)
+
     def plot(self) -> Figure:
         """A figure of the photograph, its reproduction, the light, the BRDF on a sphere and along its lobe, and how sure it is. Needs
         matplotlib; in a notebook the figure shows itself."""
         return plot(self.pictures, self.luminance, self.quantiles, self.samples, self.undetermined)
-
-    def __getstate__(self) -> dict[str, Any]:
-        # What is computed when asked for is computed again.
-        return {key: value for key, value in self.__dict__.items() if key not in ("samples", "notes")}
 
     def __repr__(self) -> str:
         nearest = f", like {self.materials[0][0]}" if self.materials else ""

@@ -56,6 +56,9 @@ class Settings(TypedDict):
     """How an answer is to be found."""
 
     grid: int
+    light: str | Floats | None
+    align_light: str
+    absolute: bool
     shadows: bool
     color: str
     light_color: tuple[float, float, float] | None
@@ -73,8 +76,8 @@ class RenderSettings(TypedDict):
     shadows: bool
 
 
-class Found(TypedDict):
-    """Everything that inference finds."""
+class FoundMaterial(TypedDict):
+    """A material with its uncertainty."""
 
     table: Floats
     ends: tuple[Floats, Floats]
@@ -85,22 +88,35 @@ class Found(TypedDict):
     materials: list[tuple[str, float]]
     gloss: list[float]
     likelihood: Likelihood
+    pictures: dict[str, Bytes]
+    notes: str
+    model: Model
+
+
+class Found(FoundMaterial):
+    """Everything that inference finds."""
+
+    scale: float
     scatter: float
     light: Floats
     light_color: Floats
     misfit: float
-    pictures: dict[str, Bytes]
     warnings: list[str]
-    notes: str
     page: str | None
-    model: Model
+
+
+class FoundTogether(FoundMaterial):
+    """Everything that several photographs tell of a material."""
+
+    agreement: list[float]
 
 
 class SavedResult(TypedDict):
     """What goes into a folder of results."""
 
     table: Floats
-    light: Floats
+    likelihood: Likelihood
+    light: Floats | None
     quantiles: Floats
     pictures: dict[str, NDArray[np.uint8]]
     notes: str

@@ -15,6 +15,7 @@ use gonio::scene::Sighting;
 
 use crate::canvas::PAPER;
 use view::View;
+pub(crate) use view::spheres;
 
 /// Height of a panel, pixels.
 pub const PANEL: usize = 240;
@@ -78,6 +79,11 @@ pub struct Panels {
     /// Renderings of the dull and the glossy end of the probable materials in the first of these
     /// lights, for the method that gives them.
     pub ends: Vec<Plane<Vec3>>,
+}
+
+/// The built-in light that spheres are first shown in.
+pub(crate) fn own_sphere_light() -> EnvironmentMap {
+    studio_light(LIGHT_ROWS)
 }
 
 /// Returns the built-in lights that results are shown in: analytic, `2 height` by `height`.
@@ -199,7 +205,7 @@ fn is_covered(picture: &Picture, i: usize) -> bool {
     picture.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.99)
 }
 
-fn over_paper(p: &Picture, exposure: Exposure) -> Plane<Vec3> {
+pub(crate) fn over_paper(p: &Picture, exposure: Exposure) -> Plane<Vec3> {
     let alpha = p.alpha.as_ref();
     Plane::from_fn(p.rgb.width(), p.rgb.height(), |x, y| {
         let a = alpha.map_or(1.0, |a| a[(x, y)]);

@@ -82,6 +82,16 @@ impl LearntPosterior {
         Reading { embedding, strangeness: outside as f64 / self.ranges.len().max(1) as f64 }
     }
 
+    /// Identifies the model among others: a hash (FNV-1a) of its coordinates and embeddings, as 16
+    /// hexadecimal digits.
+    pub fn id(&self) -> String {
+        let numbers = self.coordinates.mean.iter().chain(self.measured.embeddings.iter().flatten());
+        let hash = numbers
+            .flat_map(|v| v.to_bits().to_le_bytes())
+            .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
+        format!("{hash:016x}")
+    }
+
     /// Posterior of the material of an image.
     pub fn posterior(&self, image: &DiskImage) -> MaterialPosterior {
         MaterialPosterior::of_embedding(self, self.read(image).embedding)

@@ -1,0 +1,244 @@
+//! Several photographs of one material to one folder of results.
+
+use std::path::{Path, PathBuf};
+
+use glam::Vec3;
+use gonio::colour::{Chroma, TwoColours};
+use gonio::estimate::{ALBEDO, Colouring, Combined, EstimateError, Material, SHARES, combine as multiply};
+use gonio::inference::ProductError;
+use gonio::inference::learnt::MaterialPosterior;
+use gonio::model::Model;
+use gonio::picture::Plane;
+use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
+use gonio_io::picture::encode_png;
+use gonio_io::posterior::{self, SavedColours, SavedPosterior};
+use gonio_io::{merl, npy};
+use gonio_report::combined::{Shown, compose, sphere};
+use gonio_report::uncertainty;
+use serde_json::{Value, json};
+
+use crate::results::{BRDF, QUANTILES, RESULT};
+use crate::{Journal, Problem, notes};
+
+/// Factor of a 90 % interval to its standard deviation.
+const INTERVAL: f64 = 2.0 * 1.645;
+
+/// Photographs whose labels the picture shows, at most.
+const SHOWN: usize = 12;
+
+/// One material from several photographs.
+pub struct CombinedAnswer {
+    /// The material, of albedo one half along the normal.
+    pub material: Material,
+    /// Its colours.
+    pub colours: TwoColours,
+    /// For each photograph, the logarithm of the odds of one material for all to another one for it.
+    pub agreement: Vec<f64>,
+    /// Pictures by name, as linear display values.
+    pub pictures: Vec<(&'static str, Plane<Vec3>)>,
+    /// All numbers by name: `result.json`.
+    pub notes: Value,
+    /// What can be combined further.
+    pub saved: SavedPosterior,
+}
+
+/// What is saved of an estimate with a material for [`combine`]. `image` is the name of the
+/// photograph.
+pub(crate) fn saved(model: &Model, image: &str, material: &Material, colouring: &Colouring) -> Option<SavedPosterior> {
+    let learnt = model.learnt.as_ref()?;
+    let likelihood = material.posterior.likelihood.clone();
+    Some(SavedPosterior::new(learnt.id(), vec![image.to_owned()], likelihood, saved_colours(colouring)))
+}
+
+fn saved_colours(colouring: &Colouring) -> Option<SavedColours> {
+    let Colouring::Estimate { posterior, .. } = colouring else { return None };
+    let (colours, intervals) = (posterior.colours(), posterior.intervals());
+    let sd = |at: usize| [0, 1].map(|i| (intervals[at + i][1] - intervals[at + i][0]) / INTERVAL);
+    Some(SavedColours { body: colours.body.0, body_sd: sd(0), highlight: colours.highlight.0, highlight_sd: sd(2) })
+}
+
+/// Reads what each of these folders of results says of the material.
+///
+/// # Errors
+/// If one has no posterior, or it cannot be read.
+pub fn read_posteriors(folders: &[PathBuf]) -> Result<Vec<(String, SavedPosterior)>, Problem> {
+    let read = |folder: &PathBuf| {
+        let name = folder.display().to_string();
+        if folder.is_dir() && !folder.join(posterior::FILE).is_file() {
+            let problem = format!(
+                "holds no {}; give folders that gonio infer wrote with its own method or with a known light",
+                posterior::FILE
+            );
+            return Err(Problem::of(name, problem));
+        }
+        Ok((name, SavedPosterior::read(folder)?))
+    };
+    folders.iter().map(read).collect()
+}
+
+/// Combines what several photographs say of one material. `model` is the one they were found with,
+/// with its name in messages.
+///
+/// # Errors
+/// If there are fewer than two, one is given twice or was found with another model, some are under
+/// a known light and others not, or they cannot be of one material; the one at fault is named.
+pub fn combine(
+    (model, model_name): (&Model, &str),
+    given: &[(String, SavedPosterior)],
+    journal: &Journal<'_>,
+) -> Result<CombinedAnswer, Problem> {
+    let learnt = model.learnt.as_ref().ok_or_else(|| Problem::of(model_name, "has no posterior of materials"))?;
+    let other = "was found with another model: combine results of one model, and give it";
+    if let Some((name, _)) = given.iter().find(|(_, saved)| saved.model != learnt.id()) {
+        return Err(Problem::of(name, other));
+    }
+    for (at, (name, saved)) in given.iter().enumerate() {
+        if let Some((first, _)) = given[..at].iter().find(|(_, other)| other.likelihood == saved.likelihood) {
+            return Err(Problem::of(name, format!("is of the same photograph as {first}: give each once")));
+        }
+    }
+    journal.at("posterior", 0.0);
+    let likelihoods: Vec<_> = given.iter().map(|(_, saved)| saved.likelihood.clone()).collect();
+    let Combined { material, agreement } = multiply(model, &likelihoods).map_err(|error| blame(given, &error))?;
+    let saved: Vec<SavedColours> = given.iter().filter_map(|(_, saved)| saved.colours).collect();
+    let colours = mean_colours(&saved);
+    let alone: Vec<MaterialPosterior> =
+        likelihoods.into_iter().filter_map(|likelihood| MaterialPosterior::of(learnt, likelihood)).collect();
+    journal.at("drawing", 0.0);
+    let pictures = draw(given, &material, &alone, colours.0);
+    let images: Vec<String> = given.iter().flat_map(|(_, saved)| saved.images.clone()).collect();
+    let both = SavedPosterior::new(learnt.id(), images, material.posterior.likelihood.clone(), colours.1);
+    let notes = account(model, given, &material, &agreement, colours.0, journal);
+    Ok(CombinedAnswer { material, colours: colours.0, agreement, pictures, notes, saved: both })
+}
+
+/// Names the photograph at fault.
+fn blame(given: &[(String, SavedPosterior)], error: &EstimateError) -> Problem {
+    match error {
+        EstimateError::Product(ProductError::Contradiction { at, .. } | ProductError::Model(at)) => {
+            Problem::of(&given[*at].0, error)
+        }
+        error => Problem::new(error.to_string()),
+    }
+}
+
+/// Mean of colours by their inverse variances, which is white of none.
+fn mean_colours(all: &[SavedColours]) -> (TwoColours, Option<SavedColours>) {
+    if all.is_empty() {
+        return (TwoColours::default(), None);
+    }
+    let mean = |value: &dyn Fn(&SavedColours) -> (f64, f64)| {
+        let (sum, weight) = all.iter().map(value).fold((0.0, 0.0), |(sum, weight), (value, sd)| {
+            let own = sd.max(1e-3).powi(-2);
+            (sum + own * value, weight + own)
+        });
+        (sum / weight, weight.powf(-0.5))
+    };
+    let body = [0, 1].map(|i| mean(&|c: &SavedColours| (c.body[i], c.body_sd[i])));
+    let highlight = [0, 1].map(|i| mean(&|c: &SavedColours| (c.highlight[i], c.highlight_sd[i])));
+    let saved = SavedColours {
+        body: body.map(|b| b.0),
+        body_sd: body.map(|b| b.1),
+        highlight: highlight.map(|h| h.0),
+        highlight_sd: highlight.map(|h| h.1),
+    };
+    (TwoColours { body: Chroma(saved.body), highlight: Chroma(saved.highlight) }, Some(saved))
+}
+
+fn gloss(low: f64, median: f64, high: f64) -> String {
+    format!("gloss {median:.1} ({low:.1} to {high:.1})")
+}
+
+fn draw(
+    given: &[(String, SavedPosterior)],
+    material: &Material,
+    alone: &[MaterialPosterior],
+    colours: TwoColours,
+) -> Vec<(&'static str, Plane<Vec3>)> {
+    let coloured = |table: &BivariateTable| colours.tables(table);
+    let [low, median, high] = material.gloss;
+    let combined = [
+        ("all together", &material.table),
+        ("its dull end, at 5 %", &material.ends[0]),
+        ("its glossy end, at 95 %", &material.ends[1]),
+    ]
+    .map(|(label, table)| Shown { label: label.to_owned(), tables: coloured(table) });
+    let singles: Vec<Shown> = given
+        .iter()
+        .zip(alone)
+        .take(SHOWN)
+        .map(|((name, _), posterior)| {
+            let name = Path::new(name).file_name().unwrap_or_default().to_string_lossy();
+            let label = name.chars().take(20).collect();
+            Shown { label, tables: coloured(&posterior.mean.with_normal_albedo(ALBEDO).0) }
+        })
+        .collect();
+    let caption = format!("combined of {} photographs | {}", given.len(), gloss(low, median, high));
+    vec![
+        ("relit", sphere(&combined[0].tables)),
+        ("combined", compose(&combined, &singles, &caption)),
+        ("uncertainty", uncertainty::draw(material)),
+    ]
+}
+
+fn account(
+    model: &Model,
+    given: &[(String, SavedPosterior)],
+    material: &Material,
+    agreement: &[f64],
+    colours: TwoColours,
+    journal: &Journal<'_>,
+) -> Value {
+    let photographs: Vec<Value> = given
+        .iter()
+        .zip(agreement)
+        .map(|((name, saved), agreement)| json!({ "folder": name, "images": saved.images, "agreement": agreement }))
+        .collect();
+    let seconds: serde_json::Map<String, Value> =
+        journal.seconds().into_iter().map(|(stage, seconds)| (stage.to_owned(), json!(seconds))).collect();
+    json!({
+        "format": "gonio-result",
+        "version": 1,
+        "gonio": env!("CARGO_PKG_VERSION"),
+        "method": "combine",
+        "model": { "provenance": model.provenance },
+        "photographs": photographs,
+        "posterior": notes::combined(material),
+        "reflectance": {
+            "quantiles": QUANTILES,
+            "shares": SHARES,
+            "note": "brdf.binary is the estimate from all photographs, in 1/sr with a normal albedo of 0.5; agreement: \
+                     logarithm of the odds of one material for all photographs to another one for this",
+        },
+        "colour": {
+            "body": { "rgb": colours.body.rgb().to_array(), "log_chroma": colours.body.0 },
+            "highlight": { "rgb": colours.highlight.rgb().to_array(), "log_chroma": colours.highlight.0 },
+        },
+        "warnings": [],
+        "seconds": seconds,
+    })
+}
+
+impl CombinedAnswer {
+    /// Names and contents of the files of its folder.
+    ///
+    /// # Errors
+    /// If the numbers cannot be written as JSON.
+    pub fn files(&self) -> Result<Vec<(String, Vec<u8>)>, Problem> {
+        let notes = serde_json::to_string_pretty(&self.notes)
+            .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
+        let tables = self.colours.tables(&self.material.table);
+        let quantiles = npy::Array {
+            shape: vec![self.material.quantiles.len(), THETA_H, THETA_D],
+            values: self.material.quantiles.concat(),
+        };
+        let mut files = vec![
+            (BRDF.to_owned(), merl::encode(&MerlTable::from_bivariate(tables.each_ref()))),
+            (QUANTILES.to_owned(), npy::encode(&quantiles)),
+            (posterior::FILE.to_owned(), self.saved.encode()),
+        ];
+        files.extend(self.pictures.iter().map(|(name, picture)| (format!("{name}.png"), encode_png(picture))));
+        files.push((RESULT.to_owned(), notes.into_bytes()));
+        Ok(files)
+    }
+}

@@ -1,0 +1,55 @@
+//! `gonio combine`: one material from several photographs.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use gonio_app::{Journal, combine};
+use gonio_io::atomic::StagedFolder;
+use serde_json::json;
+
+use crate::input;
+use crate::outcome::Outcome;
+use crate::progress::Bars;
+use crate::remedy::plain;
+
+/// Options of `gonio combine`.
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Folders that gonio infer wrote, each of another photograph of one object or material
+    #[arg(required = true, num_args = 2.., value_name = "DIR")]
+    folders: Vec<PathBuf>,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Model file that they were found with, instead of the one that travels with the program
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+}
+
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
+    let bars = Bars::default();
+    let listener = |stage, fraction| bars.at(stage, fraction);
+    let journal = Journal::new("reading", &listener);
+    let given = combine::read_posteriors(&options.folders).map_err(plain)?;
+    let model = input::model(options.model.as_deref())?;
+    let name = options.model.as_ref().map_or("the embedded model".into(), |path| path.display().to_string());
+    let folder = StagedFolder::create(&options.output)?;
+    let answer = combine::combine((&model, &name), &given, &journal).map_err(plain)?;
+    journal.at("writing", 0.0);
+    for (name, bytes) in answer.files().map_err(plain)? {
+        folder.write(&name, &bytes)?;
+    }
+    folder.commit()?;
+    bars.finish();
+    let [low, median, high] = answer.material.gloss;
+    let output = options.output.display().to_string();
+    let text = format!(
+        "{output}: BRDF, pictures and result.json from {} photographs; gloss {median:.1} ({low:.1} to {high:.1})",
+        given.len()
+    );
+    let mut outcome = Outcome::new(text, json!({ "output": output }));
+    let mut notes = answer.notes;
+    let fields = ["method", "photographs", "posterior", "colour"].map(|key| (key.to_owned(), notes[key].take()));
+    outcome.fields.extend(fields);
+    Ok(outcome)
+}

@@ -1,0 +1,122 @@
+//! What a photograph says of a material, kept beside its other results: JSON, `posterior.json`
+//! (docs/combine.md).
+
+use std::path::Path;
+
+use gonio::inference::Likelihood;
+use serde::{Deserialize, Serialize};
+
+use crate::Error;
+use crate::guard::read_whole;
+
+/// Name of the file in a folder of results.
+pub const FILE: &str = "posterior.json";
+
+/// What the file says it is.
+const FORMAT: &str = "gonio-posterior";
+
+/// Version that is written, and the newest that is read.
+const VERSION: u32 = 1;
+
+/// Largest file, in bytes.
+const MAX_BYTES: u64 = 64 << 20;
+
+/// Colours of a material with their uncertainty: of its body and of its highlight, as `ln R/G` and
+/// `ln B/G`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SavedColours {
+    /// Body.
+    pub body: [f64; 2],
+    /// Standard deviations.
+    pub body_sd: [f64; 2],
+    /// Highlight.
+    pub highlight: [f64; 2],
+    /// Standard deviations.
+    pub highlight_sd: [f64; 2],
+}
+
+/// The contents of a file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SavedPosterior {
+    format: String,
+    version: u32,
+    /// Which model it was found with ([`LearntPosterior::id`](gonio::inference::learnt::LearntPosterior::id)).
+    pub model: String,
+    /// Names of the photographs.
+    pub images: Vec<String>,
+    /// What they say of the material.
+    pub likelihood: Likelihood,
+    /// Colours, if they were estimated.
+    pub colours: Option<SavedColours>,
+}
+
+impl SavedPosterior {
+    /// Contents of a file.
+    pub fn new(model: String, images: Vec<String>, likelihood: Likelihood, colours: Option<SavedColours>) -> Self {
+        Self { format: FORMAT.to_owned(), version: VERSION, model, images, likelihood, colours }
+    }
+
+    /// Encodes a file.
+    pub fn encode(&self) -> Vec<u8> {
+        serde_json::to_vec(self).unwrap_or_default()
+    }
+
+    /// Reads a file, or that of a folder of results.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is damaged or of a newer version.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let file = if path.is_dir() { path.join(FILE) } else { path.to_owned() };
+        Self::decode(&file, &read_whole(&file, MAX_BYTES)?)
+    }
+
+    fn decode(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
+        let saved: Self =
+            serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, format!("is no posterior: {error}")))?;
+        if saved.format != FORMAT {
+            return Err(Error::damaged(path, format!("is no posterior but {:?}", saved.format)));
+        }
+        if saved.version > VERSION {
+            return Err(Error::damaged(path, format!("is of version {}, newer than this program", saved.version)));
+        }
+        let numbers = saved.colours.map_or(Vec::new(), |c| [c.body, c.body_sd, c.highlight, c.highlight_sd].concat());
+        if numbers.iter().any(|v| !v.is_finite()) {
+            return Err(Error::damaged(path, "has colours that are no numbers"));
+        }
+        Ok(saved)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_come_back_as_they_were() {
+        let colours = SavedColours {
+            body: [0.1, -0.2],
+            body_sd: [0.3; 2],
+            highlight: [0.0, 1.0 / 3.0],
+            highlight_sd: [0.1, 0.2],
+        };
+        let likelihood = Likelihood::Embedding(vec![1.0, -0.1, 1e-7]);
+        let saved = SavedPosterior::new("abc".into(), vec!["ball.exr".into()], likelihood, Some(colours));
+        assert_eq!(SavedPosterior::decode(Path::new("p"), &saved.encode()).unwrap(), saved);
+    }
+
+    #[test]
+    fn what_is_no_posterior_is_said() {
+        let saved = SavedPosterior::new(String::new(), Vec::new(), Likelihood::Embedding(vec![1.0]), None);
+        let text = String::from_utf8(saved.encode()).unwrap();
+        let wrong = [
+            "{}".to_owned(),
+            text.replace("gonio-posterior", "other"),
+            text.replace("\"version\":1", "\"version\":9"),
+            text[..text.len() / 2].to_owned(),
+        ];
+        for text in wrong {
+            let error = SavedPosterior::decode(Path::new("out/posterior.json"), text.as_bytes()).unwrap_err();
+            assert!(error.to_string().starts_with("out/posterior.json: is "), "{error}");
+        }
+    }
+}

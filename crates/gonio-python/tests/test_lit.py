@@ -1,0 +1,74 @@
+"""A light that is known, and several photographs of one material."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import gonio
+
+
+def lit_ball(peak: float, light: np.ndarray, size: int = 64) -> np.ndarray:
+    brdf = gonio.Brdf.of(lambda h, d: 0.1 + peak * np.exp(-((h / 0.15) ** 2)))
+    return gonio.render(brdf, light, size=size)
+
+
+@pytest.fixture(scope="module")
+def lights() -> list[np.ndarray]:
+    studio = gonio.studio_light(32)
+    return [studio, np.roll(studio, 20, axis=1), np.roll(studio, 45, axis=1)]
+
+
+@pytest.fixture(scope="module")
+def seen(lights) -> list[gonio.Posterior]:
+    return [gonio.infer(lit_ball(3.0, light), light=light, pictures=False) for light in lights]
+
+
+def test_a_known_light_tells_material_and_albedo(seen, lights):
+    found = seen[0]
+    assert found.notes["method"] == "known-light" and found.misfit < 0.05
+    assert found.light.shape == lights[0].shape
+    truth = gonio.Brdf.of(lambda h, d: 0.1 + 3.0 * np.exp(-((h / 0.15) ** 2)))
+    assert found.notes["exposure"]["albedo"] == pytest.approx(truth.albedo, rel=0.05)
+    absolute = gonio.infer(lit_ball(3.0, lights[0]), light=lights[0], pictures=False, absolute=True)
+    assert absolute.brdf.albedo == pytest.approx(truth.albedo, rel=0.05)
+    assert np.median(absolute.samples[:, 45, 20]) == pytest.approx(absolute.luminance[45, 20], rel=0.2)
+
+
+def test_photographs_of_one_material_combine(seen, tmp_path):
+    together = gonio.combine(seen)
+    assert len(together.agreement) == 3 and min(together.agreement) > 0
+    width = lambda found: np.log(found.quantiles[3] / found.quantiles[0])[:70, :70].mean()
+    assert width(together) <= min(map(width, seen))
+    seen[0].save(tmp_path / "a")
+    seen[1].save(tmp_path / "b")
+    mixed = gonio.combine([tmp_path / "a", tmp_path / "b", seen[2]])
+    assert np.array_equal(mixed.brdf.table, together.brdf.table)
+    together.save(tmp_path / "both")
+    assert (tmp_path / "both" / "combined.png").exists() and (tmp_path / "both" / "posterior.json").exists()
+    again = pickle.loads(pickle.dumps(together))
+    assert np.array_equal(again.samples, together.samples)
+
+
+def test_photographs_that_contradict_each_other_are_refused(seen, lights, tmp_path):
+    other = gonio.infer(lit_ball(0.2, lights[1]), light=lights[1], pictures=False)
+    with pytest.raises(gonio.GonioError, match="not of the same material"):
+        gonio.combine([seen[0], other, seen[2]])
+    with pytest.raises(gonio.GonioError, match="same photograph"):
+        gonio.combine([seen[0], seen[0]])
+    with pytest.raises(gonio.GonioError, match="at least two"):
+        gonio.combine([seen[0]])
+    with pytest.raises(gonio.GonioError, match="posterior.json"):
+        gonio.combine([tmp_path, seen[0]])
+
+
+def test_wrong_lights_are_refused(lights):
+    ball = lit_ball(3.0, lights[0])
+    with pytest.raises(gonio.GonioError, match="twice as wide as high"):
+        gonio.infer(ball, light=np.ones((32, 32, 3), np.float32))
+    with pytest.raises(gonio.GonioError, match="align_light"):
+        gonio.infer(ball, light=lights[0], align_light="sideways")
+    with pytest.raises(gonio.GonioError, match="absolute"):
+        gonio.infer(ball, absolute=True)

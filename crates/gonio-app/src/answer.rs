@@ -52,19 +52,60 @@ pub struct Answer {
 }
 
 /// Result of a method.
-struct Found {
+pub(crate) struct Found {
     table: BivariateTable,
     scale: f64,
     material: Option<Material>,
     light: Option<LightGrid>,
     left: (&'static str, f64),
     colouring: Colouring,
-    sections: Value,
+    pub(crate) sections: Value,
 }
 
 /// Normal albedo above which a reflectance cannot be absolute: no surface reflects more light than
 /// it gets, but for the error of a photograph.
 const MOST: f64 = 1.1;
+
+/// What an inference works with.
+pub(crate) struct Asked<'a> {
+    pub(crate) model: Cow<'a, Model>,
+    pub(crate) known_light: Option<EnvironmentMap>,
+    /// Rule for the colours, and in words what is assumed of the light's.
+    pub(crate) rule: (ColouringRule, &'static str),
+    observing: ObservationSettings,
+}
+
+impl<'a> Asked<'a> {
+    /// Checks the settings and reads the known light. `name` is how messages call the model.
+    pub(crate) fn of((model, name): (&'a Model, &str), settings: &Settings<'_>) -> Result<Self, Problem> {
+        let paper = settings.method.search().is_some_and(|search| search.paper);
+        let mut model = Cow::Borrowed(model);
+        if paper {
+            model.to_mut().light = gonio_io::model::lighting_of_paper()?;
+        }
+        settings.check(&model, name)?;
+        let known_light = match settings.method.light() {
+            Some(Source::File(path)) => Some(read_light(path)?),
+            Some(Source::Here(map)) => Some(map.clone()),
+            None => None,
+        };
+        let rule = settings.colours.rule(known_light.as_ref());
+        let observing = if paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
+        Ok(Self { model, known_light, rule, observing })
+    }
+
+    /// Looks at a scene.
+    pub(crate) fn look(
+        &self,
+        scene: Scene,
+        settings: &Settings<'_>,
+        warnings: &mut Vec<Warning>,
+        journal: &Journal<'_>,
+    ) -> Result<Seen, Problem> {
+        let shadows = settings.shadows.then_some((self.model.light.map, settings.side));
+        scene.look(&self.observing, shadows, warnings, journal)
+    }
+}
 
 /// Infers what the object of a scene is made of. `name` is how messages call the model.
 ///
@@ -72,34 +113,35 @@ const MOST: f64 = 1.1;
 /// If a file cannot be read, settings do not go together, the object cannot be found, or there is
 /// too little to observe. The input at fault is named.
 pub fn infer(
-    (model, name): (&Model, &str),
+    model: (&Model, &str),
     scene: Scene,
     settings: &Settings<'_>,
     journal: &Journal<'_>,
 ) -> Result<Answer, Problem> {
-    let paper = settings.method.search().is_some_and(|search| search.paper);
-    let mut model = Cow::Borrowed(model);
-    if paper {
-        model.to_mut().light = gonio_io::model::lighting_of_paper()?;
-    }
-    settings.check(&model, name)?;
+    let mut asked = Asked::of(model, settings)?;
     let mut warnings = Vec::new();
-    let mut known_light = match settings.method.light() {
-        Some(Source::File(path)) => Some(read_light(path)?),
-        Some(Source::Here(map)) => Some(map.clone()),
-        None => None,
-    };
     let (image, linear) = (scene.name.clone(), scene.reading.linear);
-    let known = if paper { ObservationSettings::of_paper() } else { ObservationSettings::default() };
-    let shadows = settings.shadows.then_some((model.light.map, settings.side));
-    let seen = scene.look(&known, shadows, &mut warnings, journal)?;
-    let (rule, assumption) = settings.colours.rule(known_light.as_ref());
+    let seen = asked.look(scene, settings, &mut warnings, journal)?;
+    let found = solve(&mut asked, &seen, (&image, linear), settings, &mut warnings, journal)?;
+    Ok(conclude(&asked, seen, found, &image, settings, warnings, journal))
+}
+
+/// Finds the material of an object, and the light unless it is known.
+pub(crate) fn solve(
+    asked: &mut Asked<'_>,
+    seen: &Seen,
+    (image, linear): (&str, bool),
+    settings: &Settings<'_>,
+    warnings: &mut Vec<Warning>,
+    journal: &Journal<'_>,
+) -> Result<Found, Problem> {
+    let Asked { model, known_light, rule: (rule, _), .. } = asked;
     let observations = &seen.sighting.observations;
-    let found = match (&settings.method, &mut known_light) {
+    let begin = |stage: Stage| journal.at(stage.name(), 0.0);
+    let blame = |error: gonio::estimate::EstimateError| Problem::of(image, error);
+    match (&settings.method, known_light) {
         (Method::KnownLight(ask), Some(map)) => {
-            let begin = |stage: Stage| journal.at(stage.name(), 0.0);
-            let found = estimate_under(&model, observations, (map, ask.alignment), &rule, &begin)
-                .map_err(|error| Problem::of(&image, error))?;
+            let found = estimate_under(model, observations, (map, ask.alignment), rule, &begin).map_err(blame)?;
             *map = found.corrected(map);
             let scale = if ask.absolute { found.exposure } else { 1.0 };
             let mut doubts: Vec<String> = found.doubts().iter().map(ToString::to_string).collect();
@@ -114,36 +156,56 @@ pub fn infer(
             sections["settings"]["linear"] = json!(linear);
             let LitEstimate { material, misfit, colouring, .. } = found;
             let table = material.table.clone();
-            Found { table, scale, material: Some(material), light: None, left: ("misfit", misfit), colouring, sections }
+            let left = ("misfit", misfit);
+            Ok(Found { table, scale, material: Some(material), light: None, left, colouring, sections })
         }
         (Method::Learnt, _) => {
-            let ask = settings.estimate(rule);
-            let begin = |stage: Stage| journal.at(stage.name(), 0.0);
-            let found = estimate(&model, observations, &ask, &begin).map_err(|error| Problem::of(&image, error))?;
-            warnings.extend(found.doubts().iter().map(|doubt| Warning::from(doubt.to_string())));
-            let mut sections = notes::estimate(&found);
-            sections["settings"] = notes::settings(&ask, linear);
-            let Estimate { material, light: Light { grid, misfit, .. }, colouring } = found;
-            Found {
-                table: material.table.clone(),
-                scale: 1.0,
-                material: Some(material),
-                light: Some(grid),
-                left: ("misfit", misfit),
-                colouring,
-                sections,
-            }
+            let ask = settings.estimate(*rule);
+            let found = estimate(model, observations, &ask, &begin).map_err(blame)?;
+            Ok(Found::blind(found, notes::settings(&ask, linear), warnings))
         }
         (method, known_light) => {
             let Some(search) = method.search() else { return Err(Problem::new("no light is given")) };
             let how = (settings, search);
-            let found = basis::find((&model, &image), how, known_light.as_ref(), observations, &mut warnings, journal)?;
-            let colouring = Colouring::of(&model, observations, &found.table, &rule);
+            let found = basis::find((model, image), how, known_light.as_ref(), observations, warnings, journal)?;
+            let colouring = Colouring::of(model, observations, &found.table, rule);
             let basis::Coefficients { table, light, noise, mut sections } = found;
             sections["settings"]["linear"] = json!(linear);
-            Found { table, scale: 1.0, material: None, light, left: ("noise", noise), colouring, sections }
+            Ok(Found { table, scale: 1.0, material: None, light, left: ("noise", noise), colouring, sections })
         }
-    };
+    }
+}
+
+impl Found {
+    /// An estimate under unknown illumination; its doubts become warnings.
+    pub(crate) fn blind(found: Estimate, settings: Value, warnings: &mut Vec<Warning>) -> Self {
+        warnings.extend(found.doubts().iter().map(|doubt| Warning::from(doubt.to_string())));
+        let mut sections = notes::estimate(&found);
+        sections["settings"] = settings;
+        let Estimate { material, light: Light { grid, misfit, .. }, colouring } = found;
+        Self {
+            table: material.table.clone(),
+            scale: 1.0,
+            material: Some(material),
+            light: Some(grid),
+            left: ("misfit", misfit),
+            colouring,
+            sections,
+        }
+    }
+}
+
+/// Draws the pictures and writes the account of what was found.
+pub(crate) fn conclude(
+    asked: &Asked<'_>,
+    seen: Seen,
+    found: Found,
+    image: &str,
+    settings: &Settings<'_>,
+    mut warnings: Vec<Warning>,
+    journal: &Journal<'_>,
+) -> Answer {
+    let Asked { model, known_light, rule: (rule, assumption), .. } = asked;
     let Found { table, scale, material, light, left, colouring, sections } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
         let problem = "the model has no model of colours: the BRDF has the median colour of the photograph";
@@ -156,13 +218,13 @@ pub fn infer(
         notes: Value::Null,
         warnings: warnings.iter().map(|warning| warning.worded(settings.words)).collect(),
         shadows: settings.shadows,
-        saved: material.as_ref().and_then(|material| combine::saved(&model, &image, material, &colouring)),
+        saved: material.as_ref().and_then(|material| combine::saved(model, image, material, &colouring)),
         seen,
         table,
         scale,
         material,
         light,
-        known_light,
+        known_light: known_light.clone(),
         left,
         colouring,
     };
@@ -174,9 +236,9 @@ pub fn infer(
     answer.caption = format!("{method} | {used} observations | {word} {:.1} % | {total:.0} s", 100.0 * left);
     let seconds = seconds.into_iter().chain([("total", total)]);
     answer.notes = Account {
-        image: &image,
+        image,
         method,
-        model: &model,
+        model,
         observations: answer.seen.notes.clone(),
         bracket: answer.seen.bracket.clone(),
         colouring: &answer.colouring,
@@ -189,11 +251,11 @@ pub fn infer(
     }
     .result();
     answer.page = fits.zip(answer.panels.as_ref()).map(|(fits, panels)| {
-        let name = Path::new(&image).file_stem().unwrap_or_default().to_string_lossy();
+        let name = Path::new(image).file_stem().unwrap_or_default().to_string_lossy();
         let (subject, warnings, result) = (&answer.subject(), &answer.warnings[..], &answer.notes);
         Report { name: &name, subject, panels, fits: &fits, warnings, result }.render()
     });
-    Ok(answer)
+    answer
 }
 
 impl Answer {

@@ -18,6 +18,7 @@ pub mod notes;
 pub mod photograph;
 pub mod plan;
 mod problem;
+pub mod regions;
 pub mod results;
 mod scene;
 mod settings;

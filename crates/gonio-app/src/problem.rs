@@ -34,6 +34,13 @@ impl Problem {
         Self { remedies: error.remedies(), ..Self::of(name, error) }
     }
 
+    /// The problem of a part of the input, which is named first.
+    #[must_use]
+    pub fn within(mut self, part: &str) -> Self {
+        self.text = format!("{part}: {}", self.text);
+        self
+    }
+
     /// Adds a remedy.
     #[must_use]
     pub fn with(mut self, remedy: Remedy) -> Self {

@@ -8,7 +8,8 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gonio::inference::Solver;
 use gonio::scene::Circle;
-use gonio_app::{Alignment, Colours, Journal, KnownLight, Method, Scene, Search, Settings, Shots, Source};
+use gonio_app::regions::{self, Regions, Several};
+use gonio_app::{Alignment, Colours, Form, Journal, KnownLight, Method, Scene, Search, Settings, Shots, Source};
 use gonio_io::atomic::StagedFolder;
 use serde_json::json;
 
@@ -54,9 +55,14 @@ pub(crate) struct Options {
     /// constant background tells
     #[arg(long, value_name = "FILE")]
     mask: Option<PathBuf>,
-    /// The sphere's outline in pixels, centre from the top left corner, if it is not to be found
+    /// The sphere's outline in pixels, centre from the top left corner, if it is not to be found;
+    /// several times for several balls
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with_all = ["normals", "mesh", "camera"])]
-    circle: Option<Circle>,
+    circle: Vec<Circle>,
+    /// Picture of regions of different materials, one index or colour for each, black where there
+    /// is none: a BRDF for each, all under one light
+    #[arg(long, value_name = "LABELS", conflicts_with = "paper")]
+    materials: Option<PathBuf>,
     /// Model file instead of the one that travels with the program
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -234,6 +240,20 @@ impl Options {
         })
     }
 
+    /// The regions of the photograph, if it shows several materials.
+    fn regions(&self, scene: &Scene) -> Result<Option<Regions>> {
+        if let Some(labels) = &self.materials {
+            return Ok(Some(Regions::Labels(labels.clone())));
+        }
+        if self.circle.len() > 1 {
+            return Ok(Some(Regions::Circles(self.circle.clone())));
+        }
+        let looks_for_balls = matches!(scene.shape.form, Form::Sphere(None)) && scene.shape.camera.is_none();
+        let possible =
+            looks_for_balls && !self.paper && matches!(self.method()?, Method::Learnt | Method::KnownLight(_));
+        Ok((possible && regions::balls(scene).map_err(plain)? > 1).then_some(Regions::Balls))
+    }
+
     fn scene(&self) -> Scene {
         Scene {
             name: self.image.display().to_string(),
@@ -265,7 +285,12 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let name = options.model.as_ref().map_or("the embedded model".into(), |path| path.display().to_string());
     // Made before the long work: a folder that cannot be made is told at once.
     let folder = StagedFolder::create(&options.output)?;
-    let answer = gonio_app::infer((&model, &name), options.scene(), &settings, &journal).map_err(plain)?;
+    let scene = options.scene();
+    if let Some(regions) = options.regions(&scene)? {
+        let several = regions::infer_regions((&model, &name), scene, &regions, &settings, &journal).map_err(plain)?;
+        return write_regions(&several, folder, &journal, &bars, start);
+    }
+    let answer = gonio_app::infer((&model, &name), scene, &settings, &journal).map_err(plain)?;
     journal.at("writing", 0.0);
     for (name, bytes) in answer.files().map_err(plain)?.encode() {
         folder.write(&name, &bytes)?;
@@ -285,6 +310,33 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         .map(|key| (key.to_owned(), notes[key].take()));
     let mut outcome = Outcome::new(text, json!({ "output": output })).warning(answer.warnings);
     outcome.fields.extend(fields);
+    Ok(outcome)
+}
+
+/// Writes the results of several regions.
+fn write_regions(
+    several: &Several,
+    folder: StagedFolder,
+    journal: &Journal<'_>,
+    bars: &Bars,
+    start: Instant,
+) -> Result<Outcome> {
+    journal.at("writing", 0.0);
+    for (name, bytes) in several.files().map_err(plain)? {
+        folder.write(&name, &bytes)?;
+    }
+    let output = folder.target().display().to_string();
+    folder.commit()?;
+    bars.finish();
+    let names: Vec<&str> = several.regions.iter().map(|region| region.name.as_str()).collect();
+    let seconds = start.elapsed().as_secs_f64();
+    let text = format!("{output}: BRDFs of {} regions ({}) in {seconds:.1} s", names.len(), names.join(", "));
+    let mut warnings: Vec<String> = Vec::new();
+    for region in &several.regions {
+        warnings.extend(region.answer.warnings.iter().map(|warning| format!("region {}: {warning}", region.name)));
+    }
+    let mut outcome = Outcome::new(text, json!({ "output": output })).warning(warnings);
+    outcome.fields.extend([("regions".to_owned(), several.notes["regions"].clone())]);
     Ok(outcome)
 }
 

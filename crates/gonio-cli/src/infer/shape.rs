@@ -94,7 +94,7 @@ impl Options {
         }
         let form = match (&self.normals, self.shape) {
             (Some(picture), _) => Form::Normals(Box::new(self.normal_options.normals(picture.clone()))),
-            (None, ShapeName::Sphere) => Form::Sphere(self.circle),
+            (None, ShapeName::Sphere) => Form::Sphere(self.circle.first().copied()),
             (None, ShapeName::Ellipsoid) => Form::Ellipsoid(self.depth_axis),
         };
         Shape { camera: self.surface.camera.clone().map(Source::File), ..Shape::of(form) }

@@ -4,6 +4,7 @@
 
 mod batch;
 mod colour;
+mod combine;
 mod export;
 mod help;
 mod infer;
@@ -11,6 +12,7 @@ mod learnt;
 mod merge;
 mod pictures;
 mod refusals;
+mod regions;
 mod render;
 mod report;
 mod shapes;

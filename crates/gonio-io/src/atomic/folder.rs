@@ -1,5 +1,6 @@
 //! Output folder that appears as a whole.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -47,9 +48,11 @@ impl StagedFolder {
     /// Returns the temporary path of the output file `name`.
     ///
     /// # Panics
-    /// If `name` is not a plain file name.
+    /// If `name` is not a plain file name, or one in a folder of a plain name: `folder/file`.
     pub fn path(&self, name: &str) -> PathBuf {
-        assert!(Path::new(name).file_name().is_some_and(|n| n == name), "`{name}` is a plain file name");
+        let plain = |name: &str| Path::new(name).file_name().is_some_and(|n| n == name);
+        let (folder, file) = name.split_once('/').map_or((None, name), |(folder, file)| (Some(folder), file));
+        assert!(plain(file) && folder.is_none_or(plain), "`{name}` is a plain file name");
         self.staging.path().join(name)
     }
 
@@ -59,8 +62,12 @@ impl StagedFolder {
     /// If it cannot be written; the error names the file in the folder to be filled.
     ///
     /// # Panics
-    /// If `name` is not a plain file name.
+    /// As [`Self::path`].
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
+        if let Some((folder, _)) = name.split_once('/') {
+            let made = fs::create_dir_all(self.path(folder));
+            made.map_err(|e| Error::io(&self.target.join(folder), "make the folder", e))?;
+        }
         super::write(&self.path(name), bytes).map_err(|e| Error::io(&self.target.join(name), "write", e))
     }
 
@@ -99,9 +106,14 @@ impl StagedFolder {
                     return Err(Error::io(&twin, "replace", io::ErrorKind::IsADirectory.into()));
                 }
             }
+            let folders: BTreeSet<&Path> = names.iter().filter_map(|name| name.parent()).collect();
+            for folder in &folders {
+                fs::create_dir_all(self.target.join(folder)).map_err(failed)?;
+            }
             for name in &names {
                 fs::rename(staging.join(name), self.target.join(name)).map_err(failed)?;
             }
+            folders.iter().for_each(|folder| sync_folder(&self.target.join(folder)));
             sync_folder(&self.target);
         }
         self.parents.keep();
@@ -110,21 +122,28 @@ impl StagedFolder {
     }
 
     /// Syncs all staged files to the disk, where a full disk may show only now, and returns their
-    /// names.
-    fn sync(&self) -> Result<Vec<std::ffi::OsString>, Error> {
-        let staging = self.staging.path();
-        let failed = |name: &Path, e| Error::io(&self.target.join(name), "write", e);
+    /// names, with those of their folders.
+    fn sync(&self) -> Result<Vec<PathBuf>, Error> {
         let mut names = Vec::new();
-        for entry in fs::read_dir(staging).map_err(|e| failed(Path::new(""), e))? {
-            let name = entry.map_err(|e| failed(Path::new(""), e))?.file_name();
-            let path = staging.join(&name);
-            if path.is_file() {
-                File::open(path).and_then(|f| f.sync_all()).map_err(|e| failed(Path::new(&name), e))?;
+        let mut folders = vec![PathBuf::new()];
+        while let Some(folder) = folders.pop() {
+            let failed = |name: &Path, e| Error::io(&self.target.join(name), "write", e);
+            let path = self.staging.path().join(&folder);
+            for entry in fs::read_dir(&path).map_err(|e| failed(&folder, e))? {
+                let name = folder.join(entry.map_err(|e| failed(&folder, e))?.file_name());
+                let path = self.staging.path().join(&name);
+                if path.is_dir() {
+                    folders.push(name);
+                    continue;
+                }
+                if path.is_file() {
+                    File::open(path).and_then(|f| f.sync_all()).map_err(|e| failed(&name, e))?;
+                }
+                names.push(name);
             }
-            names.push(name);
+            sync_folder(&path);
         }
         names.sort();
-        sync_folder(staging);
         Ok(names)
     }
 }

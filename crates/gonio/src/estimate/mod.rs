@@ -3,8 +3,9 @@
 //! [`estimate`] does everything. Its steps can also be called by themselves: [`Material::of`]
 //! infers the material, [`Light::of`] the light that then explains the photograph,
 //! [`Colouring::of`] the colours of both. [`estimate_under`] takes a light that is given, and
-//! [`combine`] what several photographs say. The methods of the paper, which find coefficients in
-//! a basis, are in [`inference`](crate::inference).
+//! [`combine`] what several photographs say; [`estimate_together`] finds several materials under
+//! one light. The methods of the paper, which find coefficients in a basis, are in
+//! [`inference`](crate::inference).
 
 mod colouring;
 mod combine;
@@ -15,6 +16,7 @@ mod material;
 mod misfit;
 #[cfg(test)]
 mod tests;
+mod together;
 
 use thiserror::Error;
 
@@ -26,6 +28,7 @@ pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};
 pub use misfit::{Reason, expected_misfit};
+pub use together::{Shared, estimate_together};
 
 use crate::inference::ProductError;
 use crate::inference::known_light::KnownLightError;

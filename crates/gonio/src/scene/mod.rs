@@ -33,6 +33,7 @@ mod observations;
 mod observed;
 mod orientation;
 mod outline;
+mod separate;
 mod shadowed;
 mod sighting;
 mod thinned;
@@ -49,5 +50,6 @@ pub use observations::{ObservationReport, ObservationSettings, Observations, sph
 pub use orientation::{Contradiction, Fault, Fit, Orientation, OrientationSettings};
 pub use outline::Ellipse;
 pub(crate) use outline::{find_ball, find_ellipse};
+pub use separate::separate;
 pub use sighting::{Found, NormalPicture, Object, Oddity, Relief, Sighting};
 pub use view::SurfaceView;

@@ -1,0 +1,322 @@
+//! Several materials in one photograph: regions by a picture of labels, or several balls.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use glam::Vec3;
+use gonio::estimate::{Shared, Stage, estimate_together};
+use gonio::model::Model;
+use gonio::picture::{Picture, Plane};
+use gonio::scene::{Circle, Observations, separate};
+use gonio_io::picture::{ReadOptions, encode_png};
+use gonio_report::combined::{Shown, side_by_side};
+use gonio_report::regions::{Row, page, painted};
+use serde_json::{Value, json};
+
+use crate::answer::{Answer, Asked, Found, conclude, solve};
+use crate::results::{REPORT, RESULT};
+use crate::{Form, Journal, Method, Problem, Reading, Scene, Settings, Shots, Source, Warning, notes};
+
+/// Regions of a photograph, at most.
+const MOST: usize = 16;
+
+/// Share of the labelled pixels below which a colour is no label but the blend of two.
+const LEAST: f64 = 0.005;
+
+/// Where the regions of a photograph are.
+#[derive(Clone, Debug)]
+pub enum Regions {
+    /// A picture with one index or colour for each region, black where there is none.
+    Labels(PathBuf),
+    /// The outlines of balls.
+    Circles(Vec<Circle>),
+    /// Balls that do not touch, which are to be found.
+    Balls,
+}
+
+/// A region and what it is made of.
+pub struct Region {
+    /// Its name: the index or colour of its label, or the number of the ball.
+    pub name: String,
+    /// Everything that was found.
+    pub answer: Answer,
+    /// Name of the region whose light it was found under, and the ratio of their albedos.
+    pub shared: Option<(String, f64)>,
+}
+
+/// The materials of a photograph.
+pub struct Several {
+    /// The regions.
+    pub regions: Vec<Region>,
+    /// All numbers by name: `result.json`.
+    pub notes: Value,
+    /// Where the regions are, and a sphere of each material, as linear display values.
+    pub overview: Option<Plane<Vec3>>,
+    /// The page `report.html`, if it was asked for.
+    pub page: Option<String>,
+}
+
+/// A region before it is looked at.
+struct Part {
+    name: String,
+    mask: Plane<f32>,
+    form: Form,
+}
+
+/// Number of balls that do not touch in a photograph, whose file is read; one where nothing tells.
+///
+/// # Errors
+/// If a file cannot be read.
+pub fn balls(scene: &Scene) -> Result<usize, Problem> {
+    let mask = scene.mask.clone().map(read_mask).transpose()?;
+    let picture = scene.shots.clone().read(&scene.reading, scene.clip, &mut Vec::new())?.picture;
+    Ok(separate(&picture, mask.as_ref()).len().max(1))
+}
+
+fn read_mask(mask: Source<Plane<f32>>) -> Result<Plane<f32>, Problem> {
+    match mask {
+        Source::Here(mask) => Ok(mask),
+        Source::File(path) => Ok(gonio_io::picture::read_mask(path)?),
+    }
+}
+
+/// Infers what each region of a photograph is made of, under one light.
+///
+/// # Errors
+/// As [`infer`](crate::infer), with the region at fault; if labels are no labels, or the method is
+/// one of the paper's.
+pub fn infer_regions(
+    model: (&Model, &str),
+    scene: Scene,
+    regions: &Regions,
+    settings: &Settings<'_>,
+    journal: &Journal<'_>,
+) -> Result<Several, Problem> {
+    if settings.method.search().is_some() {
+        return Err(Problem::new("several materials are found by the default method or with a known light alone"));
+    }
+    let mut asked = Asked::of(model, settings)?;
+    let mut warnings = Vec::new();
+    journal.at("reading", 0.0);
+    let photograph = scene.shots.clone().read(&scene.reading, scene.clip, &mut warnings)?;
+    let mask = scene.mask.clone().map(read_mask).transpose()?;
+    let parts = parts(&photograph.picture, mask.as_ref(), &scene, regions)?;
+    let mut looked = Vec::new();
+    for part in &parts {
+        let one = Scene {
+            name: scene.name.clone(),
+            shots: Shots::Here(photograph.picture.clone()),
+            reading: Reading { linear: scene.reading.linear, ..Reading::default() },
+            clip: photograph.clip,
+            mask: Some(Source::Here(part.mask.clone())),
+            // Labels tell what is of another material.
+            keep_colours: true,
+            shape: crate::Shape { form: part.form.clone(), ..scene.shape.clone() },
+        };
+        let mut own = Vec::new();
+        let of = |problem: Problem| problem.within(&format!("region {}", part.name));
+        let seen = asked.look(one, settings, &mut own, journal).map_err(of)?;
+        looked.push((seen, own));
+    }
+    let linear = scene.reading.linear;
+    let shared = match settings.method {
+        Method::Learnt => {
+            let all: Vec<&Observations> = looked.iter().map(|(seen, _)| &seen.sighting.observations).collect();
+            let ask = settings.estimate(asked.rule.0);
+            let begin = |stage: Stage| journal.at(stage.name(), 0.0);
+            let found = estimate_together(&asked.model, &all, &ask, &begin)
+                .map_err(|(at, error)| Problem::of(&scene.name, error).within(&format!("region {}", parts[at].name)))?;
+            found.into_iter().map(Some).collect()
+        }
+        _ => vec![None; parts.len()],
+    };
+    let mut done = Vec::new();
+    for ((part, (seen, mut own)), shared) in parts.iter().zip(looked).zip(shared) {
+        let mut sharing = None;
+        let found = match shared {
+            Some(Shared { estimate, light_of, albedo_ratio }) => {
+                sharing = (light_of != done.len()).then(|| (parts[light_of].name.clone(), albedo_ratio));
+                let ask = settings.estimate(asked.rule.0);
+                let mut found = Found::blind(estimate, notes::settings(&ask, linear), &mut own);
+                if let Some((name, ratio)) = &sharing {
+                    found.sections["shared_light"] = json!({ "of": name, "albedo_ratio": ratio });
+                }
+                found
+            }
+            None => solve(&mut asked, &seen, (&scene.name, linear), settings, &mut own, journal)
+                .map_err(|problem| problem.within(&format!("region {}", part.name)))?,
+        };
+        let answer = conclude(&asked, seen, found, &scene.name, settings, own, journal);
+        done.push(Region { name: part.name.clone(), answer, shared: sharing });
+    }
+    Ok(Several::of(&scene.name, &photograph.picture, &parts, done, &warnings, settings))
+}
+
+/// The regions with their masks.
+fn parts(picture: &Picture, mask: Option<&Plane<f32>>, scene: &Scene, regions: &Regions) -> Result<Vec<Part>, Problem> {
+    let size = picture.rgb.size();
+    let ball =
+        |at: usize, mask: Plane<f32>, circle| Part { name: (at + 1).to_string(), mask, form: Form::Sphere(circle) };
+    match regions {
+        Regions::Labels(path) => {
+            let inside = mask.or(picture.alpha.as_ref());
+            let labels = read_labels(path, size, &scene.name)?;
+            // The outline of a ball is that of all its regions.
+            let form = match (&scene.shape.form, &scene.shape.camera) {
+                (Form::Sphere(None), None) => {
+                    let whole = Scene { shots: Shots::Here(picture.clone()), keep_colours: true, ..scene.clone() };
+                    let seen =
+                        whole.look(&Default::default(), None, &mut Vec::new(), &Journal::new("reading", &|_, _| ()))?;
+                    Form::Sphere(seen.sighting.circle())
+                }
+                (form, _) => form.clone(),
+            };
+            let part = |(name, own): (String, Plane<bool>)| {
+                let mask = Plane::from_fn(size.0, size.1, |x, y| {
+                    if own[(x, y)] { inside.map_or(1.0, |mask| mask[(x, y)]) } else { 0.0 }
+                });
+                Part { name, mask, form: form.clone() }
+            };
+            Ok(labels.into_iter().map(part).collect())
+        }
+        Regions::Circles(circles) => Ok(circles
+            .iter()
+            .enumerate()
+            .map(|(at, circle)| {
+                let mask = Plane::from_fn(size.0, size.1, |x, y| {
+                    let r = (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y);
+                    (circle.radius - r + 0.5).clamp(0.0, 1.0) as f32
+                });
+                ball(at, mask, Some(*circle))
+            })
+            .collect()),
+        Regions::Balls => {
+            let found = separate(picture, mask);
+            if found.len() > MOST {
+                let problem =
+                    format!("{} objects are there, of which at most {MOST} are balls to be told apart", found.len());
+                return Err(Problem::of(&scene.name, problem));
+            }
+            Ok(found.into_iter().enumerate().map(|(at, mask)| ball(at, mask, None)).collect())
+        }
+    }
+}
+
+/// Reads a picture of labels: for each label its name, and the pixels all of whose neighbours have
+/// it too.
+fn read_labels(path: &Path, size: (usize, usize), image: &str) -> Result<Vec<(String, Plane<bool>)>, Problem> {
+    let name = path.display();
+    let options = ReadOptions { linear: true, ..ReadOptions::default() };
+    let labels = gonio_io::picture::read(path, &options)?.picture.rgb;
+    if labels.size() != size {
+        let ((w, h), (pw, ph)) = (labels.size(), size);
+        return Err(Problem::of(name, format!("the labels are {w}x{h}, {image} is {pw}x{ph}: make both of one size")));
+    }
+    let code = |v: Vec3| v.to_array().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
+    let codes = labels.map(|v| code(*v));
+    let mut counts: BTreeMap<[u8; 3], usize> = BTreeMap::new();
+    codes.as_slice().iter().filter(|code| **code != [0; 3]).for_each(|code| *counts.entry(*code).or_default() += 1);
+    let total: usize = counts.values().sum();
+    let kept: Vec<[u8; 3]> =
+        counts.into_iter().filter(|(_, count)| *count as f64 >= LEAST * total as f64).map(|(code, _)| code).collect();
+    match kept.len() {
+        0 => return Err(Problem::of(name, "is black: give each region an index or colour of its own")),
+        n if n > MOST => {
+            let problem =
+                format!("holds {n} colours: give each of at most {MOST} regions one index or colour, without blending");
+            return Err(Problem::of(name, problem));
+        }
+        _ => (),
+    }
+    let whole = |x: usize, y: usize, code: [u8; 3]| {
+        let near = |at: usize, most: usize| at.saturating_sub(1)..(at + 2).min(most);
+        near(y, size.1).all(|v| near(x, size.0).all(|u| codes[(u, v)] == code))
+    };
+    let region = |code: [u8; 3]| {
+        let named = if code[0] == code[1] && code[1] == code[2] {
+            code[0].to_string()
+        } else {
+            format!("{:02x}{:02x}{:02x}", code[0], code[1], code[2])
+        };
+        (named, Plane::from_fn(size.0, size.1, |x, y| codes[(x, y)] == code && whole(x, y, code)))
+    };
+    Ok(kept.into_iter().map(region).collect())
+}
+
+impl Several {
+    fn of(
+        image: &str,
+        picture: &Picture,
+        parts: &[Part],
+        regions: Vec<Region>,
+        warnings: &[Warning],
+        settings: &Settings<'_>,
+    ) -> Self {
+        let warnings: Vec<String> = warnings.iter().map(|warning| warning.worded(settings.words)).collect();
+        let gloss = |region: &Region| region.answer.material.as_ref().map(|material| material.gloss);
+        let notes = json!({
+            "format": "gonio-regions",
+            "version": 1,
+            "gonio": env!("CARGO_PKG_VERSION"),
+            "image": image,
+            "method": settings.method.name(),
+            "regions": regions.iter().map(|region| json!({
+                "name": region.name,
+                "folder": region.name,
+                "light_of": region.shared.as_ref().map(|(name, _)| name),
+                "albedo_ratio": region.shared.as_ref().map(|(_, ratio)| ratio),
+                "gloss": gloss(region),
+                "misfit": region.answer.left.1,
+                "warnings": region.answer.warnings,
+            })).collect::<Vec<_>>(),
+            "warnings": warnings,
+            "note": "each region has a folder of results of its own; light_of: region whose light it was found under; \
+                     albedo_ratio: its albedo over that region's",
+        });
+        let overview = settings.pictures.then(|| {
+            let masks: Vec<&Plane<f32>> = parts.iter().map(|part| &part.mask).collect();
+            let (map, colours) = painted(picture, &masks);
+            let spheres: Vec<Shown> = regions
+                .iter()
+                .map(|region| Shown {
+                    label: format!("region {}", region.name),
+                    tables: region.answer.colouring.colours().tables(&region.answer.table),
+                })
+                .collect();
+            side_by_side((&map, "regions"), &spheres, &colours, &format!("{image} | {} materials", spheres.len()))
+        });
+        let page = overview.as_ref().filter(|_| settings.report).map(|overview| {
+            let rows: Vec<Row> = regions
+                .iter()
+                .map(|region| Row {
+                    name: region.name.clone(),
+                    gloss: gloss(region),
+                    nearest: region.answer.material.as_ref().and_then(|m| m.neighbours.first()).map(|n| n.name.clone()),
+                    shared: region.shared.clone(),
+                    misfit: region.answer.left.1,
+                    warnings: region.answer.warnings.clone(),
+                })
+                .collect();
+            page(image, overview, &rows)
+        });
+        Self { regions, notes, overview, page }
+    }
+
+    /// Names and contents of the files: those of all, and those of each region in a folder of its
+    /// name.
+    ///
+    /// # Errors
+    /// If the numbers cannot be written as JSON.
+    pub fn files(&self) -> Result<Vec<(String, Vec<u8>)>, Problem> {
+        let notes = serde_json::to_string_pretty(&self.notes)
+            .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
+        let mut files = vec![(RESULT.to_owned(), notes.into_bytes())];
+        files.extend(self.overview.as_ref().map(|overview| ("materials.png".to_owned(), encode_png(overview))));
+        files.extend(self.page.as_ref().map(|page| (REPORT.to_owned(), page.clone().into_bytes())));
+        for region in &self.regions {
+            let own = region.answer.files()?.encode();
+            files.extend(own.into_iter().map(|(name, bytes)| (format!("{}/{name}", region.name), bytes)));
+        }
+        Ok(files)
+    }
+}

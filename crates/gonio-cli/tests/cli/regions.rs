@@ -1,0 +1,80 @@
+//! Several materials in one photograph.
+
+use glam::Vec3;
+use gonio::picture::{Picture, Plane};
+use gonio_io::picture::encode_png;
+
+use crate::support::{Bench, SIZE, ball, exr};
+
+/// Two balls of the sample side by side, one of them darker.
+fn two_balls() -> Picture {
+    let one = ball();
+    let at = |x: usize| if x < SIZE { (x, 1.0) } else { (x - SIZE, 0.4) };
+    let rgb = Plane::from_fn(2 * SIZE, SIZE, |x, y| one.rgb[(at(x).0, y)] * at(x).1);
+    let alpha = one.alpha.as_ref().map(|alpha| Plane::from_fn(2 * SIZE, SIZE, |x, y| alpha[(at(x).0, y)]));
+    Picture { rgb, alpha }
+}
+
+fn labels(width: usize, height: usize) -> Vec<u8> {
+    encode_png(&Plane::from_fn(width, height, |x, _| if x < width / 2 { Vec3::X } else { Vec3::Y }))
+}
+
+#[test]
+fn balls_that_do_not_touch_are_told_apart() {
+    let bench = Bench::new();
+    bench.write("balls.exr", &exr(&two_balls()));
+    bench.run("infer balls.exr -o out --grid 16").succeeds();
+    assert_eq!(bench.names("out"), ["1", "2", "materials.png", "result.json"]);
+    let result = bench.json("out/result.json");
+    assert_eq!(result["regions"].as_array().unwrap().len(), 2);
+    for name in ["1", "2"] {
+        assert!(bench.names(&format!("out/{name}")).contains(&"brdf.binary".to_owned()));
+    }
+    // One light tells that one is 0.4 times as bright as the other.
+    let shared = result["regions"].as_array().unwrap().iter().find(|region| !region["light_of"].is_null()).unwrap();
+    let ratio = shared["albedo_ratio"].as_f64().unwrap();
+    let expected = if shared["name"] == "2" { 0.4 } else { 2.5 };
+    assert!((ratio / expected - 1.0).abs() < 0.15, "{ratio} {expected}");
+    // Again into the same folder.
+    bench.run("infer balls.exr -o out --grid 16").succeeds();
+}
+
+#[test]
+fn a_circle_for_each_ball_does_the_same() {
+    let bench = Bench::new();
+    bench.write("balls.exr", &exr(&two_balls()));
+    let (half, radius) = (SIZE as f64 / 2.0, SIZE as f64 / 2.0 - 2.0);
+    let circles = format!("--circle {half},{half},{radius} --circle {},{half},{radius}", half + SIZE as f64);
+    bench.run(&format!("infer balls.exr -o out --grid 16 {circles}")).succeeds();
+    assert_eq!(bench.names("out"), ["1", "2", "materials.png", "result.json"]);
+}
+
+#[test]
+fn labels_name_the_regions() {
+    let bench = Bench::with_ball();
+    bench.write("labels.png", &labels(SIZE, SIZE));
+    bench
+        .run_with("infer ball.exr -o out --grid 16 --materials labels.png", &[("GONIO_NO_REPORT", "false")])
+        .succeeds();
+    assert_eq!(bench.names("out"), ["00ff00", "ff0000", "materials.png", "report.html", "result.json"]);
+    let page = String::from_utf8(bench.read("out/report.html")).unwrap();
+    assert!(page.contains("./ff0000/report.html"));
+}
+
+#[test]
+fn labels_that_are_none_are_refused() {
+    let bench = Bench::with_ball();
+    bench.write("small.png", &labels(SIZE / 2, SIZE));
+    bench.write("black.png", &encode_png(&Plane::from_fn(SIZE, SIZE, |_, _| Vec3::ZERO)));
+    bench.write("many.png", &encode_png(&Plane::from_fn(SIZE, SIZE, |x, _| Vec3::splat((x as f32 + 1.0) / 50.0))));
+    for (labels, says) in [
+        ("small.png", "small.png: the labels are"),
+        ("black.png", "black.png: is black"),
+        ("many.png", "many.png: holds"),
+        ("none.png", "none.png: cannot open"),
+    ] {
+        bench.refuses(&format!("infer ball.exr -o out --materials {labels}"), &[says]);
+    }
+    bench.write("labels.png", &labels(SIZE, SIZE));
+    bench.refuses("infer ball.exr -o out --materials labels.png --method map", &["several materials"]);
+}

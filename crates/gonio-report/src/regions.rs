@@ -1,0 +1,120 @@
+//! The materials of several regions of a photograph.
+
+use glam::Vec3;
+use gonio::picture::{Picture, Plane};
+use gonio::render::Exposure;
+use maud::html;
+
+use crate::page::figure::picture as embedded;
+use crate::page::{Section, document};
+use crate::panels::{PANEL, resize};
+
+/// Colours of regions, which are told apart by most eyes.
+const COLOURS: [Vec3; 8] = [
+    Vec3::new(0.90, 0.36, 0.02),
+    Vec3::new(0.02, 0.36, 0.80),
+    Vec3::new(0.10, 0.62, 0.20),
+    Vec3::new(0.75, 0.10, 0.55),
+    Vec3::new(0.85, 0.75, 0.05),
+    Vec3::new(0.05, 0.65, 0.70),
+    Vec3::new(0.55, 0.30, 0.12),
+    Vec3::new(0.55, 0.55, 0.60),
+];
+
+/// The photograph with its regions tinted, as high as a panel, and the colour of each region.
+pub fn painted(photograph: &Picture, masks: &[&Plane<f32>]) -> (Plane<Vec3>, Vec<Vec3>) {
+    let colours: Vec<Vec3> = (0..masks.len()).map(|at| COLOURS[at % COLOURS.len()]).collect();
+    let (width, height) = photograph.rgb.size();
+    let of = |at: usize| masks.iter().position(|mask| mask.as_slice()[at] > 0.5);
+    let exposure = Exposure::by_quantile(&photograph.rgb, |at| of(at).is_some(), 0.9, 0.6);
+    let tinted = Plane::from_fn(width, height, |x, y| {
+        let shown = exposure.apply(photograph.rgb[(x, y)]);
+        match of(y * width + x) {
+            Some(region) => shown.lerp(colours[region], 0.35),
+            None => 0.4 * shown,
+        }
+    });
+    (resize(&tinted, (PANEL * width).div_ceil(height).max(1), PANEL), colours)
+}
+
+/// A row of the table of regions.
+pub struct Row {
+    /// Name of the region, which is that of its folder.
+    pub name: String,
+    /// 5, 50 and 95 % quantiles of its gloss.
+    pub gloss: Option<[f64; 3]>,
+    /// The nearest measured material.
+    pub nearest: Option<String>,
+    /// Region whose light it was found under, and the ratio of their albedos.
+    pub shared: Option<(String, f64)>,
+    /// Residual, relative.
+    pub misfit: f64,
+    /// Warnings.
+    pub warnings: Vec<String>,
+}
+
+/// The page of all regions, with a link to the page of each.
+pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
+    let lead = html! {
+        p { (rows.len()) " materials in " (image) ". Each has a page of its own: follow its name." }
+        (embedded(overview, "The regions of the photograph, and a sphere of each material."))
+    };
+    let body = html! {
+        table {
+            thead {
+                tr { th { "region" } th { "gloss (90 % interval)" } th { "most like" } th { "light" } th { "misfit" } }
+            }
+            tbody {
+                @for row in rows {
+                    tr {
+                        th { a href={ "./" (row.name) "/report.html" } { (row.name) } }
+                        td { @if let Some([low, median, high]) = row.gloss { (format!("{median:.1} ({low:.1} to {high:.1})")) } }
+                        td { (row.nearest.as_deref().unwrap_or("")) }
+                        td {
+                            @match &row.shared {
+                                Some((name, ratio)) => { "that of " (name) "; albedo " (format!("{ratio:.2}")) " times its" }
+                                None => { "its own" }
+                            }
+                        }
+                        td { (format!("{:.1} %", 100.0 * row.misfit)) }
+                    }
+                }
+            }
+        }
+        @for row in rows {
+            @for warning in &row.warnings { p { b { (row.name) ": " } (warning) } }
+        }
+    };
+    let sections = [Section { id: "regions".into(), title: "Regions".into(), body }];
+    document("Materials of a photograph", &lead, &sections)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_escaped_and_linked() {
+        let row = Row {
+            name: "a<b".into(),
+            gloss: Some([1.0, 2.0, 3.0]),
+            nearest: Some("brass".into()),
+            shared: Some(("c".into(), 0.5)),
+            misfit: 0.05,
+            warnings: vec!["odd".into()],
+        };
+        let page = page("x.exr", &Plane::from_fn(8, 8, |_, _| Vec3::ZERO), &[row]);
+        assert!(
+            page.contains("a&lt;b/report.html") && page.contains("2.0 (1.0 to 3.0)") && page.contains("0.50 times")
+        );
+    }
+
+    #[test]
+    fn regions_have_their_colours() {
+        let picture = Picture { rgb: Plane::from_fn(20, 10, |_, _| Vec3::ONE), alpha: None };
+        let half = |left: bool| Plane::from_fn(20, 10, |x, _| f32::from(u8::from((x < 10) == left)));
+        let (map, colours) = painted(&picture, &[&half(true), &half(false)]);
+        assert_eq!((map.size(), colours.len()), ((2 * PANEL, PANEL), 2));
+        assert!((map[(10, 10)] - map[(2 * PANEL - 10, 10)]).length() > 0.1);
+    }
+}

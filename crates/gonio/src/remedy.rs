@@ -39,6 +39,8 @@ pub enum Remedy {
     DepthRange,
     /// Give the exposure times.
     Times,
+    /// Give the angle by which the second camera went around the ball.
+    Turn,
     /// Learn a posterior of materials and join it to the model.
     LearnPosterior,
 }

@@ -1,5 +1,5 @@
 //! Reports on an estimate: one page to read ([`report`]), and its pictures ([`panels`],
-//! [`summary`], [`uncertainty`]).
+//! [`summary`], [`uncertainty`]). [`probe`] draws what was made of a mirror ball.
 //!
 //! This crate reads and writes no files: pictures are linear display values, which `gonio-io`
 //! encodes. [`page`] is the frame of all reports.
@@ -7,6 +7,7 @@
 pub mod canvas;
 pub mod page;
 pub mod panels;
+pub mod probe;
 pub mod report;
 pub mod summary;
 pub mod uncertainty;

@@ -8,6 +8,7 @@ mod export;
 mod help;
 mod infer;
 mod learnt;
+mod light;
 mod merge;
 mod pictures;
 mod refusals;

@@ -12,7 +12,7 @@ use crate::sphere::direction_of_lat_long;
 const SAMPLES: (usize, usize) = (2, 32);
 /// Angles from the direction of the camera, in radians, up to which a view shows mostly the camera,
 /// and from which on it does not.
-const CAMERA: (f64, f64) = (0.20, 0.35);
+pub(super) const CAMERA: (f64, f64) = (0.20, 0.35);
 /// Trust in what shows the camera itself, if another view shows the same direction.
 const LITTLE: f64 = 1e-5;
 

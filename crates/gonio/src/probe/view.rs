@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::ball::MirrorBall;
+use super::unwrap::CAMERA;
 use super::{ProbeError, Reflectance};
 use crate::picture::{Picture, Plane};
 use crate::scene::{COVERED, Fate, Object, SceneError, clip_level, is_clipped};
@@ -94,6 +95,13 @@ impl View {
     /// has; [`Fate::Edge`] at the rim; [`Fate::Outside`]; or a value that is no radiance.
     pub fn fates(&self) -> &Plane<Fate> {
         &self.fates
+    }
+
+    /// Whether a pixel shows the camera that took the picture, or what is close to it: beside
+    /// another view it is not trusted.
+    pub fn shows_camera(&self, (x, y): (usize, usize)) -> bool {
+        let seen = self.ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5));
+        seen.is_some_and(|seen| seen.direction.angle_between(self.ball.axis()) < CAMERA.1)
     }
 
     /// Number of pixels of some fates.

@@ -1,7 +1,7 @@
 //! Inference from a photograph to everything that a `gonio.Posterior` holds.
 
 use glam::Vec3;
-use gonio::picture::{Plane, srgb_encode};
+use gonio::picture::Plane;
 use gonio::reflectance::{THETA_D, THETA_H};
 use gonio_app::results::LIGHT_ROWS;
 use gonio_app::{Answer, Colours, Journal, Method, Problem};
@@ -110,10 +110,7 @@ fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) ->
     out.set_item("misfit", left.1)?;
     let shown = PyDict::new(py);
     for (name, picture) in pictures {
-        let (width, height) = picture.size();
-        let code = |v: f32| (srgb_encode(v.max(0.0)) * 255.0).round() as u8;
-        let samples: Vec<u8> = picture.as_slice().iter().flat_map(|v| v.to_array().map(code)).collect();
-        shown.set_item(name, arrays::array(py, (height, width, 3), samples))?;
+        shown.set_item(name, arrays::coded(py, &picture))?;
     }
     out.set_item("pictures", shown)?;
     out.set_item("warnings", warnings)?;

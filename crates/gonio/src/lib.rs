@@ -24,7 +24,7 @@
 //! maximum, or under a known light.
 //!
 //! The other way round, [`render`] makes pictures of a BRDF ([`reflectance`]) on a sphere or a
-//! surface ([`shape`]) in a light ([`lighting`]). [`probe`] unwraps a photograph of a mirror ball to
+//! surface ([`shape`]) in a light ([`lighting`]). [`probe`] unwraps photographs of a mirror ball to
 //! such a light.
 //!
 //! Examples of a dozen lines each are in `crates/gonio-app/examples`, beside the crate that reads

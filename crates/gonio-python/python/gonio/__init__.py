@@ -16,6 +16,7 @@ from ._gonio import Model, __version__
 from ._infer import infer, read_model
 from ._many import Failure, infer_many
 from ._posterior import QUANTILES, Posterior
+from ._probe import LightProbe, light_probe
 from ._render import studio_light
 from ._show import tonemapped
 from ._train import Part, train_lighting, train_model, train_posterior, train_reflectance
@@ -30,6 +31,7 @@ __all__ = [
     "FileError",
     "GonioError",
     "GonioWarning",
+    "LightProbe",
     "MissingFileError",
     "Model",
     "Part",
@@ -37,6 +39,7 @@ __all__ = [
     "__version__",
     "infer",
     "infer_many",
+    "light_probe",
     "read_brdf",
     "read_image",
     "read_merl",

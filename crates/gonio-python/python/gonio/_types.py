@@ -73,6 +73,14 @@ class RenderSettings(TypedDict):
     shadows: bool
 
 
+class ProbeSettings(TypedDict):
+    """How a light probe is found."""
+
+    reflectance: tuple[float, float, float]
+    rows: int | None
+    second_yaw: float | None
+
+
 class Found(TypedDict):
     """Everything that inference finds."""
 

@@ -48,7 +48,7 @@ pub(crate) enum Command {
     /// Infer the BRDF of the object in a photograph
     Infer(Box<infer::Options>),
     /// Unwrap a photograph of a mirror ball to the light around it
-    Light(light::Options),
+    Light(Box<light::Options>),
     /// Merge exposures of one scene to an HDR picture
     Merge(merge::Options),
     /// Render a sphere of a BRDF under a light

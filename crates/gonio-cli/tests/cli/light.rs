@@ -4,6 +4,7 @@ use glam::{DQuat, DVec3, Vec3};
 use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::picture::{Picture, Plane};
 use gonio::probe::MirrorBall;
+use gonio::reflectance::BivariateTable;
 use gonio::scene::Circle;
 use gonio::shape::{Camera, Projection};
 use gonio_io::picture::{ReadOptions, encode_exr, encode_hdr, encode_png, read};
@@ -135,8 +136,17 @@ fn the_light_serves_an_inference() {
     gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
     bench.run("render --brdf in.binary --light light.hdr -o matte.exr --size 48").succeeds();
     bench.run("light chrome.exr -o probe.exr --reflectance 0.6").succeeds();
-    bench.run("infer matte.exr --method known-light --light probe.exr --starts 1 --grid 16 -o out").succeeds();
-    assert!(bench.names("out").contains(&"brdf.binary".to_owned()));
+    let found = |light: &str, out: &str| {
+        let line = format!("infer matte.exr --method known-light --light {light} --starts 1 --grid 16 -o {out}");
+        bench.run(&line).succeeds();
+        let brdf = gonio_io::merl::read(bench.path(&format!("{out}/brdf.binary"))).unwrap();
+        BivariateTable::luminance(&[0, 1, 2].map(|c| brdf.bivariate(c)))
+    };
+    let (exact, unwrapped) = (found("light.hdr", "exact"), found("probe.exr", "out"));
+    let squares = exact.as_slice().iter().zip(unwrapped.as_slice()).map(|(a, b)| f64::from((a / b).ln()).powi(2));
+    let off = (squares.sum::<f64>() / exact.as_slice().len() as f64).sqrt();
+    eprintln!("BRDF in the unwrapped light off by {:.1} % from that in the exact light", 100.0 * off);
+    assert!(off < 0.05, "{off}");
 }
 
 #[test]

@@ -32,7 +32,7 @@ pub struct CombinedAnswer {
     pub material: Material,
     /// Its colours.
     pub colours: TwoColours,
-    /// For each photograph, the logarithm of the odds of one material for all to another one for it.
+    /// For each photograph, the logarithm of the odds of one material for all to another for it.
     pub agreement: Vec<f64>,
     /// Pictures by name, as linear display values.
     pub pictures: Vec<(&'static str, Plane<Vec3>)>,

@@ -1,7 +1,7 @@
 //! A photograph of an object: read, the object found, the picture sampled on it.
 
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{ObservationSettings, Oddity, SceneError, Sighting};
+use gonio::scene::{Object, ObservationSettings, Oddity, SceneError, Sighting};
 use gonio::shape::Visibility;
 use gonio::sphere::OctahedralMap;
 use serde_json::{Value, json};
@@ -39,21 +39,25 @@ pub struct Seen {
     pub bracket: Option<Value>,
 }
 
+/// What the files of a scene hold.
+pub(crate) struct Opened {
+    pub(crate) picture: Picture,
+    pub(crate) clip: Option<f32>,
+    /// The section `bracket` of the result.
+    pub(crate) bracket: Option<Value>,
+    pub(crate) mask: Option<Plane<f32>>,
+    pub(crate) object: Object,
+    /// Notes on the shape.
+    own_notes: Value,
+    pub(crate) names: Names,
+}
+
 impl Scene {
-    /// Reads what is in files, finds the object and samples the picture on it. With a map and a
-    /// number of texels a side, self-shadowing is found on that grid. Tells of the stages `reading`
-    /// and `shadows`.
+    /// Reads what is in files. Tells of the stage `reading`.
     ///
     /// # Errors
-    /// If a file cannot be read, the object cannot be found, or there is too little to observe;
-    /// the input at fault is named.
-    pub fn look(
-        self,
-        known: &ObservationSettings,
-        shadows: Option<(OctahedralMap, usize)>,
-        warnings: &mut Vec<Warning>,
-        journal: &Journal<'_>,
-    ) -> Result<Seen, Problem> {
+    /// If a file cannot be read, or mask and photograph do not go together.
+    pub(crate) fn open(self, warnings: &mut Vec<Warning>, journal: &Journal<'_>) -> Result<Opened, Problem> {
         journal.at("reading", 0.0);
         let Photograph { picture, clip, notes: bracket } = self.shots.read(&self.reading, self.clip, warnings)?;
         let size = picture.rgb.size();
@@ -72,7 +76,26 @@ impl Scene {
         }
         journal.at("reading", 0.5);
         let (object, own_notes) = self.shape.object(&self.name, size, warnings)?;
-        let settings = ObservationSettings { clip, keep_colours: self.keep_colours, ..*known };
+        Ok(Opened { picture, clip, bracket, mask, object, own_notes, names })
+    }
+
+    /// Reads what is in files, finds the object and samples the picture on it. With a map and a
+    /// number of texels a side, self-shadowing is found on that grid. Tells of the stages `reading`
+    /// and `shadows`.
+    ///
+    /// # Errors
+    /// If a file cannot be read, the object cannot be found, or there is too little to observe;
+    /// the input at fault is named.
+    pub fn look(
+        self,
+        known: &ObservationSettings,
+        shadows: Option<(OctahedralMap, usize)>,
+        warnings: &mut Vec<Warning>,
+        journal: &Journal<'_>,
+    ) -> Result<Seen, Problem> {
+        let keep_colours = self.keep_colours;
+        let Opened { picture, clip, bracket, mask, object, own_notes, names } = self.open(warnings, journal)?;
+        let settings = ObservationSettings { clip, keep_colours, ..*known };
         let mut sighting = Sighting::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
         warnings.extend(sighting.oddities.iter().map(|odd| names.warn(odd)));
         if let Some(grid) = shadows.filter(|_| sighting.placed.is_some()) {
@@ -95,7 +118,7 @@ impl Scene {
 const UNNAMED_MASK: &str = "the mask";
 
 /// How messages call the inputs of a scene.
-struct Names {
+pub(crate) struct Names {
     image: String,
     mask: Option<String>,
     shape: Option<String>,
@@ -120,14 +143,18 @@ impl Names {
 
     /// The problem, with the input at fault.
     fn blame(&self, error: &SceneError) -> Problem {
-        let origin = match error {
+        Problem::of_scene(self.origin(error), error)
+    }
+
+    /// How messages call the input at fault.
+    pub(crate) fn origin(&self, error: &SceneError) -> &str {
+        match error {
             // A fault of an outline is one of whatever it was found in.
             error if error.is_of_outline() => self.mask.as_ref().unwrap_or(&self.image),
             SceneError::Contradiction(_) => self.shape.as_ref().unwrap_or(&self.image),
             SceneError::Relief(_) => self.places.as_ref().unwrap_or(&self.image),
             _ => &self.whole,
-        };
-        Problem::of_scene(origin, error)
+        }
     }
 
     fn warn(&self, odd: &Oddity) -> Warning {

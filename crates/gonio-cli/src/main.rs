@@ -11,6 +11,7 @@ mod export;
 mod help;
 mod infer;
 mod input;
+mod light;
 mod merge;
 mod outcome;
 mod progress;
@@ -49,6 +50,8 @@ pub(crate) enum Command {
     Export(export::Options),
     /// Infer the BRDF of the object in a photograph
     Infer(Box<infer::Options>),
+    /// Unwrap a photograph of a mirror ball to the light around it
+    Light(Box<light::Options>),
     /// Merge exposures of one scene to an HDR picture
     Merge(merge::Options),
     /// Render a sphere of a BRDF under a light
@@ -84,6 +87,7 @@ fn main() -> ExitCode {
         Command::Convert(options) => convert::run(options),
         Command::Export(options) => export::run(options),
         Command::Infer(options) => infer::run(options),
+        Command::Light(options) => light::run(options),
         Command::Merge(options) => merge::run(options),
         Command::Render(options) => render::run(options),
         Command::Train(command) => train::run(command),

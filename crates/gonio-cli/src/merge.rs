@@ -75,7 +75,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 
 /// Writes all files; where one cannot be written, those that were not there before are removed
 /// again.
-fn write_all(files: &[(PathBuf, Vec<u8>)]) -> Result<()> {
+pub(crate) fn write_all(files: &[(PathBuf, Vec<u8>)]) -> Result<()> {
     let mut made: Vec<&Path> = Vec::new();
     for (path, bytes) in files {
         let is_new = !path.exists();

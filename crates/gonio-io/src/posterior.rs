@@ -40,7 +40,8 @@ pub struct SavedColours {
 pub struct SavedPosterior {
     format: String,
     version: u32,
-    /// Which model it was found with ([`LearntPosterior::id`](gonio::inference::learnt::LearntPosterior::id)).
+    /// The model it was found with: its
+    /// [`id`](gonio::inference::learnt::LearntPosterior::id).
     pub model: String,
     /// Names of the photographs.
     pub images: Vec<String>,

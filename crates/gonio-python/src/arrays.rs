@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bytemuck::allocation::cast_vec;
 use bytemuck::{AnyBitPattern, cast_slice};
 use glam::Vec3;
-use gonio::picture::Plane;
+use gonio::picture::{Plane, srgb_encode};
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, place_of};
 use gonio_app::Problem;
 use numpy::ndarray::{Array, Dimension};
@@ -81,6 +81,14 @@ pub(crate) fn array<'py, T: Element, D: Dimension>(
 pub(crate) fn of_colours(py: Python<'_>, picture: Plane<Vec3>) -> Bound<'_, PyArray3<f32>> {
     let (width, height) = picture.size();
     array(py, (height, width, 3), cast_vec(picture.into_vec()))
+}
+
+/// Linear display values as 8-bit samples of shape (height, width, 3).
+pub(crate) fn coded<'py>(py: Python<'py>, picture: &Plane<Vec3>) -> Bound<'py, PyArray3<u8>> {
+    let (width, height) = picture.size();
+    let code = |v: f32| (srgb_encode(v.max(0.0)) * 255.0).round() as u8;
+    let samples: Vec<u8> = picture.as_slice().iter().flat_map(|v| v.to_array().map(code)).collect();
+    array(py, (height, width, 3), samples)
 }
 
 /// The tables of three channels from an array of shape (90, 90, 3).

@@ -4,7 +4,7 @@ use glam::Vec3;
 use gonio::colour::TwoColours;
 use gonio::estimate::Material;
 use gonio::lighting::EnvironmentMap;
-use gonio::picture::{Plane, srgb_encode};
+use gonio::picture::Plane;
 use gonio::reflectance::{THETA_D, THETA_H};
 use gonio_app::results::LIGHT_ROWS;
 use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Source};
@@ -137,10 +137,7 @@ pub(crate) fn of_material<'py>(
 pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec3>)>) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     for (name, picture) in pictures {
-        let (width, height) = picture.size();
-        let code = |v: f32| (srgb_encode(v.max(0.0)) * 255.0).round() as u8;
-        let samples: Vec<u8> = picture.as_slice().iter().flat_map(|v| v.to_array().map(code)).collect();
-        out.set_item(name, arrays::array(py, (height, width, 3), samples))?;
+        out.set_item(name, arrays::coded(py, &picture))?;
     }
     Ok(out)
 }

@@ -12,6 +12,7 @@ mod files;
 mod infer;
 mod likelihood;
 mod model;
+mod probe;
 mod render;
 mod scene;
 mod train;
@@ -34,6 +35,8 @@ mod _gonio {
     use super::likelihood::{Likelihood, combine_all, draw};
     #[pymodule_export]
     use super::model::Model;
+    #[pymodule_export]
+    use super::probe::light_probe;
     #[pymodule_export]
     use super::render::{eval, normal_albedo, render, studio};
     #[pymodule_export]

@@ -1,5 +1,6 @@
 //! Reports on an estimate: one page to read ([`report`]), and its pictures ([`panels`],
-//! [`summary`], [`uncertainty`], [`combined`], [`regions`]).
+//! [`summary`], [`uncertainty`], [`combined`], [`regions`]). [`probe`] draws what was made of a
+//! mirror ball.
 //!
 //! This crate reads and writes no files: pictures are linear display values, which `gonio-io`
 //! encodes. [`page`] is the frame of all reports.
@@ -8,6 +9,7 @@ pub mod canvas;
 pub mod combined;
 pub mod page;
 pub mod panels;
+pub mod probe;
 pub mod regions;
 pub mod report;
 pub mod summary;

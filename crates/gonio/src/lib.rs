@@ -24,7 +24,8 @@
 //! maximum, or under a known light.
 //!
 //! The other way round, [`render`] makes pictures of a BRDF ([`reflectance`]) on a sphere or a
-//! surface ([`shape`]) in a light ([`lighting`]).
+//! surface ([`shape`]) in a light ([`lighting`]). [`probe`] unwraps photographs of a mirror ball to
+//! such a light.
 //!
 //! Examples of a dozen lines each are in `crates/gonio-app/examples`, beside the crate that reads
 //! and writes files with them: a photograph to its BRDF, a BRDF to a picture, the light of a known
@@ -41,6 +42,7 @@ pub mod lighting;
 mod linalg;
 pub mod model;
 pub mod picture;
+pub mod probe;
 pub mod reflectance;
 pub mod remedy;
 pub mod render;

@@ -39,6 +39,12 @@ pub enum Remedy {
     DepthRange,
     /// Give the exposure times.
     Times,
+    /// Give the angle by which the second camera went around the ball.
+    Turn,
+    /// Give the outline of the ball in the second photograph.
+    SecondOutline,
+    /// Give a mask of the ball in the second photograph.
+    SecondMask,
     /// Learn a posterior of materials and join it to the model.
     LearnPosterior,
 }

@@ -178,7 +178,7 @@ fn parse_positive(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or_else(|| "give a positive number".into())
 }
 
-fn parse_circle(text: &str) -> Result<Circle, String> {
+pub(crate) fn parse_circle(text: &str) -> Result<Circle, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
     match numbers.as_deref() {
         Ok(&[x, y, radius]) if radius > 0.0 => Ok(Circle { x, y, radius }),

@@ -9,6 +9,7 @@ mod export;
 mod help;
 mod infer;
 mod learnt;
+mod light;
 mod merge;
 mod pictures;
 mod refusals;

@@ -17,6 +17,7 @@ from ._gonio import Model, __version__
 from ._infer import infer, read_model
 from ._many import Failure, infer_many
 from ._posterior import QUANTILES, Posterior
+from ._probe import LightProbe, light_probe
 from ._render import studio_light
 from ._show import tonemapped
 from ._train import Part, train_lighting, train_model, train_posterior, train_reflectance
@@ -32,6 +33,7 @@ __all__ = [
     "FileError",
     "GonioError",
     "GonioWarning",
+    "LightProbe",
     "MissingFileError",
     "Model",
     "Part",
@@ -40,6 +42,7 @@ __all__ = [
     "combine",
     "infer",
     "infer_many",
+    "light_probe",
     "read_brdf",
     "read_image",
     "read_merl",

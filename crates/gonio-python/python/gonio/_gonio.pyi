@@ -15,6 +15,7 @@ from ._types import (
     LightingOptions,
     Listeners,
     PosteriorOptions,
+    ProbeSettings,
     ReflectanceOptions,
     RenderSettings,
     SavedResult,
@@ -61,6 +62,9 @@ class Likelihood:
         """From what it is pickled as."""
 
 def infer(scene: GivenScene, settings: Settings, model: Model, listeners: Listeners) -> Found: ...
+def light_probe(
+    first: GivenScene, second: GivenScene | None, settings: ProbeSettings, listeners: Listeners
+) -> tuple[_Floats, _Floats, _Bytes, str, list[str]]: ...
 def render(
     table: _Floats,
     full: _Floats | None,

@@ -76,6 +76,14 @@ class RenderSettings(TypedDict):
     shadows: bool
 
 
+class ProbeSettings(TypedDict):
+    """How a light probe is found."""
+
+    reflectance: tuple[float, float, float]
+    rows: int | None
+    second_yaw: float | None
+
+
 class FoundMaterial(TypedDict):
     """A material with its uncertainty."""
 

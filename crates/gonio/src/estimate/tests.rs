@@ -220,7 +220,7 @@ fn what_has_no_product_is_said() {
         EstimateError::Product(error) => error,
         other => panic!("{other}"),
     };
-    assert_eq!(refused(&[lit.clone()]), ProductError::Few);
+    assert_eq!(refused(std::slice::from_ref(&lit)), ProductError::Few);
     assert_eq!(refused(&[lit.clone(), blind.clone()]), ProductError::Mixed);
     assert_eq!(refused(&[blind, Likelihood::Embedding(vec![0.0; 3])]), ProductError::Model(1));
 }

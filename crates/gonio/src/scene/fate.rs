@@ -44,7 +44,7 @@ impl Fate {
     /// primaries and the ringing of a resampler make such pixels, and their luminance is right.
     /// Zero in all channels is black and valid: renderings of dark metals have it wherever the
     /// light is black. No surface has negative luminance.
-    pub(super) fn fault(colour: Vec3) -> Option<Self> {
+    pub(crate) fn fault(colour: Vec3) -> Option<Self> {
         if !colour.is_finite() {
             Some(Self::NotFinite)
         } else if luminance(colour) > 0.0 || colour == Vec3::ZERO {

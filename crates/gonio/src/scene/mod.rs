@@ -47,6 +47,7 @@ pub use correction::Correction;
 pub use error::SceneError;
 pub use fate::Fate;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
+pub(crate) use observed::{COVERED, clip_level, is_clipped};
 pub use orientation::{Contradiction, Fault, Fit, Orientation, OrientationSettings};
 pub use outline::Ellipse;
 pub(crate) use outline::{find_ball, find_ellipse};

@@ -6,7 +6,7 @@ use super::SceneError;
 use crate::picture::Plane;
 
 /// Coverage below which a pixel mixes the object with what is behind it.
-pub(super) const COVERED: f32 = 0.99;
+pub(crate) const COVERED: f32 = 0.99;
 /// Least number of pixels that share the largest value where a sensor or a file clips.
 const CLIPPED_PIXELS: usize = 12;
 /// Least share of the observed pixels that do.
@@ -39,7 +39,7 @@ pub(super) fn check_size(what: &'static str, size: (usize, usize), picture: (usi
 /// Returns the value at or above which a channel counts as clipped: the one `given`, or else the
 /// largest value of the region if so many of its pixels have exactly that value that it cannot be
 /// coincidence.
-pub(super) fn clip_level(rgb: &Plane<Vec3>, region: &Plane<bool>, given: Option<f32>) -> Option<f32> {
+pub(crate) fn clip_level(rgb: &Plane<Vec3>, region: &Plane<bool>, given: Option<f32>) -> Option<f32> {
     if given.is_some() {
         return given;
     }
@@ -58,7 +58,7 @@ pub(super) fn clip_level(rgb: &Plane<Vec3>, region: &Plane<bool>, given: Option<
 }
 
 /// Whether a colour has a clipped channel.
-pub(super) fn is_clipped(colour: Vec3, level: Option<f32>) -> bool {
+pub(crate) fn is_clipped(colour: Vec3, level: Option<f32>) -> bool {
     level.is_some_and(|level| colour.max_element() >= level)
 }
 

@@ -78,6 +78,11 @@ impl Ellipsoid {
     pub fn centre(&self) -> DVec3 {
         self.centre
     }
+
+    /// Returns the length of the first semi-axis: the radius of a sphere.
+    pub(crate) fn first_axis(&self) -> f64 {
+        self.to_unit.inverse().x_axis.length()
+    }
 }
 
 impl Surface for Ellipsoid {

@@ -132,10 +132,10 @@ fn splines(x: f64, count: usize) -> (usize, [f64; SUPPORT]) {
     values[0] = 1.0;
     for degree in 1..SUPPORT {
         let mut saved = 0.0;
-        for i in 0..degree {
+        for (i, value) in values.iter_mut().take(degree).enumerate() {
             let (right, left) = (knot(first + 4 + i), knot(first + 4 + i - degree));
-            let part = values[i] / (right - left);
-            values[i] = saved + (right - x) * part;
+            let part = *value / (right - left);
+            *value = saved + (right - x) * part;
             saved = (x - left) * part;
         }
         values[degree] = saved;

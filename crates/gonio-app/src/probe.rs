@@ -1,0 +1,160 @@
+//! Light probes: from photographs of a mirror ball to the light around it.
+
+use glam::Vec3;
+use gonio::picture::Plane;
+use gonio::probe::{ProbeError, ProbeOddity, ProbeSettings, Reflectance, SecondView, View, probe};
+use gonio::remedy::Remedy;
+use gonio::scene::Fate;
+use gonio_io::picture::{encode_exr, encode_png};
+use gonio_report::probe::draw;
+use serde_json::{Value, json};
+
+use crate::scene::Opened;
+use crate::{Journal, Problem, Scene, Warning};
+
+/// A mirror ball in one photograph or two.
+#[derive(Clone, Debug)]
+pub struct Mirror {
+    /// The photograph; its shape is a sphere.
+    pub first: Scene,
+    /// A second photograph, from a camera that went around the ball, and the angle by which it did,
+    /// in degrees counterclockwise as seen from above; it is found if not given.
+    pub second: Option<(Scene, Option<f64>)>,
+    /// Share of red, green and blue that the ball reflects at normal incidence, each above 0 and at
+    /// most 1.
+    pub reflectance: [f64; 3],
+    /// Rows of the map, a power of two from 8 to 4096; by the radius of the ball if not given.
+    pub rows: Option<usize>,
+}
+
+/// A light that was found.
+#[derive(Clone, Debug)]
+pub struct LightProbe {
+    /// The light: a lat-long map of linear radiance in the space of the first camera.
+    pub light: Plane<Vec3>,
+    /// Share of each of its texels that was seen, 0..=1; the rest is filled.
+    pub seen: Plane<f32>,
+    /// What was done, as linear display values: the photographs with what was used of them, and the
+    /// map with what was filled.
+    pub picture: Plane<Vec3>,
+    /// Its numbers by name.
+    pub notes: Value,
+    /// What is odd.
+    pub warnings: Vec<Warning>,
+}
+
+impl LightProbe {
+    /// The map as OpenEXR and the picture as PNG.
+    pub fn encode(&self) -> (Vec<u8>, Vec<u8>) {
+        (encode_exr(&self.light, None), encode_png(&self.picture))
+    }
+}
+
+/// Reads the photographs, finds the ball in each and unwraps it. Tells of the stages `reading` and
+/// `unwrapping`.
+///
+/// # Errors
+/// If a file cannot be read, there is no ball, it shows too little, or settings cannot be used; the
+/// input at fault is named.
+pub fn light_probe(mirror: Mirror, journal: &Journal<'_>) -> Result<LightProbe, Problem> {
+    let mut warnings = Vec::new();
+    let reflectance = Reflectance::new(mirror.reflectance).map_err(|error| Problem::new(error.to_string()))?;
+    let settings = ProbeSettings { reflectance, rows: mirror.rows };
+    let own = |remedy| remedy;
+    let first = Seen::of(mirror.first, &own, &mut warnings, journal)?;
+    let second = match mirror.second {
+        None => None,
+        Some((scene, degrees)) => Some((Seen::of(scene, &of_second, &mut warnings, journal)?, degrees)),
+    };
+    journal.at("unwrapping", 0.0);
+    let all = || std::iter::once(&first).chain(second.as_ref().map(|(seen, _)| seen));
+    let names = all().map(|seen| seen.name.clone()).collect::<Vec<_>>().join(" and ");
+    for seen in all() {
+        warnings.extend(seen.view.oddities().iter().map(|odd| warning(&seen.name, odd)));
+    }
+    let mut notes = json!({ "photograph": first.notes() });
+    if let Some((second, _)) = &second {
+        notes["second"] = second.notes();
+    }
+    let (name, first) = (first.name, first.view);
+    let second = second.map(|(seen, degrees)| SecondView { view: seen.view, turn: degrees.map(f64::to_radians) });
+    let found = probe(&first, second.as_ref(), &settings).map_err(|error| {
+        let about_settings = matches!(error, ProbeError::Rows { .. } | ProbeError::Angle);
+        let problem = match &second {
+            _ if about_settings => Problem::new(error.to_string()),
+            Some(_) => Problem::of(&names, &error),
+            None => Problem::of(&name, &error),
+        };
+        error.remedies().into_iter().fold(problem, Problem::with)
+    })?;
+    warnings.extend(found.report.oddities().iter().map(|odd| warning(&names, odd)));
+    crate::notes::extend(&mut notes, json!(found.report));
+    let views: Vec<&View> = std::iter::once(&first).chain(second.as_ref().map(|second| &second.view)).collect();
+    let picture = draw(&views, &found);
+    Ok(LightProbe { light: found.light.radiance().clone(), seen: found.seen, picture, notes, warnings })
+}
+
+fn warning(name: &str, odd: &ProbeOddity) -> Warning {
+    Warning::from(format!("{name}: {odd}"))
+}
+
+/// What helps the second photograph in place of what helps the first.
+fn of_second(remedy: Remedy) -> Remedy {
+    match remedy {
+        Remedy::Outline => Remedy::SecondOutline,
+        Remedy::Mask => Remedy::SecondMask,
+        other => other,
+    }
+}
+
+/// A photograph in which the ball was found.
+struct Seen {
+    name: String,
+    view: View,
+    bracket: Option<Value>,
+}
+
+impl Seen {
+    /// `remedy` says what helps this photograph in place of what helps the first.
+    fn of(
+        scene: Scene,
+        remedy: &dyn Fn(Remedy) -> Remedy,
+        warnings: &mut Vec<Warning>,
+        journal: &Journal<'_>,
+    ) -> Result<Self, Problem> {
+        let name = scene.name.clone();
+        let Opened { picture, clip, bracket, mask, object, names, .. } = scene.open(warnings, journal)?;
+        let view = View::of(&picture, mask.as_ref(), &object, clip).map_err(|error| {
+            let problem = match &error {
+                ProbeError::Scene(scene) => Problem::of(names.origin(scene), &error),
+                _ => Problem::of(&name, &error),
+            };
+            error.remedies().into_iter().map(remedy).fold(problem, Problem::with)
+        })?;
+        Ok(Self { name, view, bracket })
+    }
+
+    /// What was found of the ball, and what became of the pixels on it.
+    fn notes(&self) -> Value {
+        let ball = self.view.ball();
+        let mut notes = json!({
+            "image": self.name,
+            "radius_pixels": ball.pixels(),
+            "used": self.view.count(&[Fate::Used, Fate::Clipped]),
+            "clipped": self.view.count(&[Fate::Clipped]),
+            "faulty": self.view.count(&[Fate::Negative, Fate::NotFinite]),
+            "rim": self.view.count(&[Fate::Edge]),
+        });
+        match ball.circle() {
+            Some(circle) => notes["circle"] = json!(circle),
+            None => {
+                let (centre, radius) = ball.sphere();
+                notes["ball"] = json!({ "centre": centre.to_array(), "radius": radius });
+            }
+        }
+        if let Some(bracket) = &self.bracket {
+            notes["bracket"] = bracket.clone();
+        }
+        notes
+    }
+}

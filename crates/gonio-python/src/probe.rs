@@ -1,0 +1,52 @@
+//! The light around a mirror ball.
+
+use gonio_app::{Journal, Mirror};
+use numpy::{PyArray2, PyArray3};
+use pyo3::prelude::*;
+
+use crate::arrays;
+use crate::error::worded;
+use crate::scene::GivenScene;
+use crate::work::{self, Listeners};
+
+/// Settings of a light probe.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Settings {
+    reflectance: [f64; 3],
+    rows: Option<usize>,
+    second_yaw: Option<f64>,
+}
+
+/// Light of shape (rows, 2 rows, 3), share of it that was seen of shape (rows, 2 rows), a picture
+/// of 8-bit samples, numbers as JSON, and warnings.
+type Probe<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<u8>>, String, Vec<String>);
+
+/// Unwraps one or two photographs of a mirror ball.
+#[pyfunction]
+#[pyo3(signature = (first, second, settings, listeners))]
+pub(crate) fn light_probe<'py>(
+    py: Python<'py>,
+    first: GivenScene<'py>,
+    second: Option<GivenScene<'py>>,
+    settings: Settings,
+    listeners: Listeners,
+) -> PyResult<Probe<'py>> {
+    let Settings { reflectance, rows, second_yaw } = settings;
+    let second = second.map(GivenScene::take).transpose()?.map(|scene| (scene, second_yaw));
+    let mirror = Mirror { first: first.take()?, second, reflectance, rows };
+    let found = work::run(py, listeners, move |reporter| {
+        let listener = |stage, fraction| reporter.at(stage, fraction);
+        gonio_app::light_probe(mirror, &Journal::new("reading", &listener))
+    })?;
+    let (rows, columns) = (found.seen.height(), found.seen.width());
+    let seen = arrays::array(py, (rows, columns), found.seen.into_vec());
+    let warnings = worded(&found.warnings);
+    Ok((
+        arrays::of_colours(py, found.light),
+        seen,
+        arrays::coded(py, &found.picture),
+        found.notes.to_string(),
+        warnings,
+    ))
+}

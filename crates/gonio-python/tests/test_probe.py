@@ -1,0 +1,92 @@
+"""The light around a mirror ball."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gonio
+
+
+def room(d: np.ndarray) -> np.ndarray:
+    """Light from directions of shape (..., 3): wavy walls, a red lamp at the right, a blue one above."""
+    x, y, z = np.moveaxis(d, -1, 0)
+    wall = 1.7 + np.sin(7 * x + 3 * y - 2 * z) + 0.5 * np.cos(5 * z - 4 * x)
+    light = np.repeat(wall[..., None], 3, axis=-1)
+    # Not of one value, which would look clipped.
+    light[x > 0.99] += (40, 0, 0)
+    light[y > 0.99] += (0, 0, 40)
+    return light
+
+
+def photograph(yaw: float = 0.0, size: int = 160, radius: float = 70.0) -> np.ndarray:
+    """A mirror ball in the middle of a picture with alpha, from a camera that went around it."""
+    at = (np.arange(size) + 0.5 - size / 2) / radius
+    x, y = np.meshgrid(at, -at)
+    inside = x**2 + y**2 < 1
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    n = np.dstack([x, y, z])
+    d = 2 * z[..., None] * n - np.array([0, 0, 1])
+    turn = np.radians(yaw)
+    d = np.dstack([np.cos(turn) * d[..., 0] + np.sin(turn) * d[..., 2], d[..., 1], np.cos(turn) * d[..., 2] - np.sin(turn) * d[..., 0]])
+    return np.dstack([0.6 * room(d) * inside[..., None], inside]).astype(np.float32)
+
+
+def at(light: np.ndarray, d: tuple[float, float, float]) -> np.ndarray:
+    x, y, z = np.array(d) / np.linalg.norm(d)
+    rows = light.shape[0]
+    column = int((np.arctan2(x, -z) / (2 * np.pi) + 0.5) * 2 * rows) % (2 * rows)
+    return light[min(int(np.arccos(y) / np.pi * rows), rows - 1), column]
+
+
+def test_the_light_is_where_it_was(tmp_path):
+    told = []
+    found = gonio.light_probe(photograph(), reflectance=0.6, progress=lambda *stage: told.append(stage))
+    assert found.light.shape == (64, 128, 3) and found.seen.shape == (64, 128) and found.picture.dtype == np.uint8
+    assert at(found.light, (1, 0, 0))[0] > 30 and at(found.light, (0, 1, 0))[2] > 30
+    wall = at(found.light, (-0.5, -0.4, 0.7))
+    d = np.array([-0.5, -0.4, 0.7])
+    assert wall == pytest.approx(room(d[None] / np.linalg.norm(d))[0], rel=0.1)
+    assert found.notes["unseen"] == pytest.approx(1 - np.average(found.seen, weights=weights(64), axis=None), abs=1e-3)
+    assert found.warnings == [] and told and "<img" in found._repr_html_()
+    found.write(tmp_path / "probe.exr")
+    assert np.array_equal(gonio.read_image(tmp_path / "probe.exr"), found.light)
+    # It is a light like any other.
+    gonio.render(gonio.Brdf.of(lambda h, d: np.full_like(h, 0.3)), found.light, size=16)
+
+
+def weights(rows: int) -> np.ndarray:
+    """Solid angles of the texels."""
+    return np.repeat(np.sin((np.arange(rows) + 0.5) / rows * np.pi)[:, None], 2 * rows, axis=1)
+
+
+def test_two_views_are_merged():
+    found = gonio.light_probe(photograph(), second=photograph(70.0), reflectance=(0.6, 0.6, 0.6), rows=32)
+    views = found.notes["views"]
+    assert views["turn_degrees"] == pytest.approx(70, abs=0.5) and views["found"] and found.notes["unseen"] < 1e-6
+    with pytest.warns(gonio.GonioWarning, match="the image and the second image: the two views differ"):
+        gonio.light_probe(photograph(), second=photograph(70.0), second_yaw=-80.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rows": 100}, "100 rows: give a power of two"),
+        ({"rows": -1}, "rows -1: give a power of two"),
+        ({"reflectance": 1.5}, "the reflectance 1.5 cannot be used"),
+        ({"reflectance": (1, 1)}, "reflectance: give one number"),
+        ({"circle": (1, 2, 0)}, "circle: give three numbers"),
+        ({"second_yaw": 3.0}, "give second="),
+        ({"mask": np.ones((3, 4))}, "the mask is 4x3, the photograph 160x160"),
+        ({"second": np.random.default_rng(1).random((80, 80, 3))}, "the second image: .*; give a mask with second_mask=, or give the outline"),
+        ({"clip": -1.0}, "clip -1.0"),
+    ],
+)
+def test_what_cannot_be_is_refused(options, message):
+    with pytest.raises(gonio.GonioError, match=message):
+        gonio.light_probe(photograph(), **options)
+
+
+def test_files_that_are_not_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match="none.exr"):
+        gonio.light_probe(tmp_path / "none.exr")

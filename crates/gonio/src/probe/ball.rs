@@ -1,0 +1,246 @@
+//! Geometry of a mirror ball: which direction each place of its picture reflects to the camera.
+
+use glam::DVec3;
+
+use super::ProbeError;
+use crate::picture::{Picture, Plane};
+use crate::scene::{Circle, Object, SceneError, background_coverage, find_ball, find_sphere};
+use crate::shape::{Camera, Ellipsoid, Projection, Surface};
+
+/// Least radius of a ball, in pixels: a smaller one does not show enough of its surroundings.
+const LEAST_RADIUS: f64 = 8.0;
+/// Steps of Newton's method; it gains digits quadratically, and the last step ends it.
+const STEPS: usize = 40;
+
+/// A ball in front of a camera, both in coordinates of the camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MirrorBall {
+    camera: Camera,
+    centre: DVec3,
+    radius: f64,
+}
+
+/// What a place of the picture reflects; unit vectors in camera space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reflection {
+    /// Direction that the light comes from.
+    pub direction: DVec3,
+    /// Surface normal.
+    pub normal: DVec3,
+    /// Cosine between normal and view direction, 0 at the outline and 1 in the middle.
+    pub cosine: f64,
+}
+
+/// Where the light from a direction is seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Place {
+    /// Column and row in pixels, from the top left corner.
+    pub(super) at: (f64, f64),
+    /// Cosine between normal and view direction.
+    pub(super) cosine: f64,
+}
+
+impl MirrorBall {
+    /// Takes a ball that a camera sees.
+    ///
+    /// # Errors
+    /// [`SceneError::NotAnEllipse`] if the camera is inside of the ball or looks away from it.
+    pub fn new(camera: Camera, centre: DVec3, radius: f64) -> Result<Self, ProbeError> {
+        let ahead = match camera.projection {
+            Projection::Orthographic { .. } => true,
+            Projection::Perspective { .. } => centre.z < 0.0 && centre.length() > radius,
+        };
+        if !(ahead && centre.is_finite() && radius.is_finite() && radius > 0.0) {
+            return Err(SceneError::NotAnEllipse { residual: 0.0, rim: 0 }.into());
+        }
+        Ok(Self { camera, centre, radius })
+    }
+
+    /// Takes a ball of this outline, seen from far away in a picture of `size`.
+    ///
+    /// # Errors
+    /// [`SceneError::BadCircle`] for a radius below 8 pixels or numbers that are not finite.
+    pub fn of_circle(circle: Circle, size: (usize, usize)) -> Result<Self, ProbeError> {
+        let Circle { x, y, radius } = circle;
+        if !(x.is_finite() && y.is_finite() && radius.is_finite() && radius >= LEAST_RADIUS) {
+            return Err(SceneError::BadCircle { x, y, radius, least: LEAST_RADIUS }.into());
+        }
+        let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size)
+            .map_err(SceneError::from)?;
+        Self::new(camera, DVec3::new(x, -y, -2.0 * radius), radius)
+    }
+
+    /// Finds the ball in a picture as [`Sighting::of`](crate::scene::Sighting::of) does: by its
+    /// outline in the mask, the alpha channel or a constant background, unless a circle is given.
+    ///
+    /// # Errors
+    /// Errors of the outline; [`ProbeError::NotABall`] for another object.
+    pub(super) fn find(picture: &Picture, mask: Option<&Plane<f32>>, object: &Object) -> Result<Self, ProbeError> {
+        let outlined = || {
+            let given = mask.or(picture.alpha.as_ref()).cloned();
+            given.or_else(|| background_coverage(&picture.rgb)).ok_or(SceneError::NoOutline)
+        };
+        match object {
+            Object::Sphere(Some(circle)) => Self::of_circle(*circle, picture.rgb.size()),
+            Object::Sphere(None) => Self::of_circle(find_sphere(&outlined()?)?.circle, picture.rgb.size()),
+            Object::Ball(camera) => {
+                let ball = find_ball(&outlined()?, camera)?;
+                Self::new(*camera, ball.centre(), ball.first_axis())
+            }
+            _ => Err(ProbeError::NotABall),
+        }
+    }
+
+    /// Direction from the ball to the camera, and the ball's radius over its distance: zero from
+    /// far away.
+    fn towards_camera(&self) -> (DVec3, f64) {
+        match self.camera.projection {
+            Projection::Orthographic { .. } => (DVec3::Z, 0.0),
+            Projection::Perspective { .. } => {
+                let distance = self.centre.length();
+                (-self.centre / distance, self.radius / distance)
+            }
+        }
+    }
+
+    /// Direction from the ball to the camera, a unit vector.
+    pub(super) fn axis(&self) -> DVec3 {
+        self.towards_camera().0
+    }
+
+    /// Radius of the outline in pixels; in perspective, as it would be in the middle of the
+    /// picture.
+    pub fn pixels(&self) -> f64 {
+        match self.camera.projection {
+            Projection::Orthographic { pixels_per_unit } => self.radius * pixels_per_unit,
+            Projection::Perspective { focal } => {
+                let ratio = self.radius / self.centre.length();
+                focal * ratio / (1.0 - ratio * ratio).sqrt()
+            }
+        }
+    }
+
+    /// Outline as a circle, for a ball seen from far away.
+    pub fn circle(&self) -> Option<Circle> {
+        match self.camera.projection {
+            Projection::Orthographic { .. } => {
+                let (x, y) = self.camera.project(self.centre)?;
+                Some(Circle { x, y, radius: self.pixels() })
+            }
+            Projection::Perspective { .. } => None,
+        }
+    }
+
+    /// Centre in coordinates of the camera, and radius.
+    pub fn sphere(&self) -> (DVec3, f64) {
+        (self.centre, self.radius)
+    }
+
+    /// What the place `(x, y)`, in pixels from the top left corner, reflects to the camera; `None`
+    /// outside of the ball.
+    pub fn reflection_at(&self, at: (f64, f64)) -> Option<Reflection> {
+        let ray = self.camera.ray(at);
+        let normal = Ellipsoid::sphere(self.centre, self.radius).ok()?.hit(&ray)?.normal;
+        let cosine = -normal.dot(ray.direction);
+        Some(Reflection { direction: ray.direction + 2.0 * cosine * normal, normal, cosine })
+    }
+
+    /// Where the light from a direction, a unit vector, is seen; `None` for directions behind the
+    /// ball.
+    ///
+    /// In the plane of the direction and the camera, the normal at the angle `t` from the axis to
+    /// the camera reflects the direction at `2 t + b`. Here `b`, the angle under which the ball
+    /// sees the camera aside, is `atan2(s sin t, 1 - s cos t)` with the ratio `s` of radius and
+    /// distance. The sum is concave in `t`, and Newton's method rises to its solution from zero.
+    pub(super) fn place_of(&self, direction: DVec3) -> Option<Place> {
+        let (axis, ratio) = self.towards_camera();
+        let along = direction.dot(axis);
+        let across = direction - along * axis;
+        let angle = across.length().atan2(along);
+        let aside = |t: f64| (ratio * t.sin()).atan2(1.0 - ratio * t.cos());
+        let most = ratio.acos();
+        if angle > 2.0 * most + aside(most) {
+            return None;
+        }
+        let mut tilt = 0.0;
+        for _ in 0..STEPS {
+            let cos = f64::cos(tilt);
+            let slope = 2.0 + ratio * (cos - ratio) / (1.0 - 2.0 * ratio * cos + ratio * ratio);
+            let step = (angle - 2.0 * tilt - aside(tilt)) / slope;
+            tilt = (tilt + step).min(most);
+            if step.abs() < 1e-12 {
+                break;
+            }
+        }
+        let sideways = across.try_normalize().unwrap_or_else(|| axis.any_orthonormal_vector());
+        let normal = tilt.cos() * axis + tilt.sin() * sideways;
+        let at = self.camera.project(self.centre + self.radius * normal)?;
+        Some(Place { at, cosine: (tilt + aside(tilt)).cos() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sphere::direction_of_lat_long;
+
+    fn balls() -> [MirrorBall; 3] {
+        let size = (400, 300);
+        let perspective = |centre, radius| {
+            let camera = Camera::new(Projection::Perspective { focal: 500.0 }, (200.0, 150.0), size).unwrap();
+            MirrorBall::new(camera, centre, radius).unwrap()
+        };
+        [
+            MirrorBall::of_circle(Circle { x: 180.3, y: 140.1, radius: 120.0 }, size).unwrap(),
+            perspective(DVec3::new(0.2, -0.1, -3.0), 0.6),
+            perspective(DVec3::new(0.05, 0.1, -1.3), 1.0),
+        ]
+    }
+
+    #[test]
+    fn places_and_directions_are_inverse() {
+        for ball in balls() {
+            let mut seen = 0;
+            for i in 0..2000 {
+                let direction =
+                    direction_of_lat_long(f64::from(i % 50) / 50.0 + 0.003, (f64::from(i / 50) + 0.5) / 40.0);
+                let Some(place) = ball.place_of(direction) else { continue };
+                seen += 1;
+                let back = ball.reflection_at(place.at).unwrap_or_else(|| panic!("{ball:?} {place:?}"));
+                assert!(place.cosine >= -1e-9 && (back.cosine - place.cosine).abs() < 1e-5, "{place:?} {back:?}");
+                // At the outline a place says less and less of the direction.
+                assert!((back.direction - direction).length() * place.cosine < 1e-6, "{direction} {back:?}");
+            }
+            assert!(seen > 1300, "{seen}");
+        }
+    }
+
+    #[test]
+    fn the_middle_reflects_the_camera_and_the_rim_what_is_behind() {
+        let [far, near, _] = balls();
+        let middle = far.reflection_at((180.3, 140.1)).unwrap();
+        assert!((middle.direction - DVec3::Z).length() < 1e-9 && (middle.cosine - 1.0).abs() < 1e-9);
+        // A little left of the rim at the right.
+        let rim = far.reflection_at((180.3 + 119.99, 140.1)).unwrap();
+        assert!(rim.direction.z < -0.99 && rim.direction.x > 0.0, "{rim:?}");
+        // Halfway to 45 degrees: the normal is at 45 degrees, the light from the right.
+        let right = far.reflection_at((180.3 + 120.0 * 0.5_f64.sqrt(), 140.1)).unwrap();
+        assert!((right.direction - DVec3::X).length() < 1e-9, "{right:?}");
+        let up = far.reflection_at((180.3, 140.1 - 120.0 * 0.5_f64.sqrt())).unwrap();
+        assert!((up.direction - DVec3::Y).length() < 1e-9, "{up:?}");
+        // A near ball hides a wider cone.
+        assert!(near.place_of(near.axis() * -1.0).is_none());
+        assert!(far.place_of(DVec3::new(1e-3, 0.0, -1.0).normalize()).is_some());
+    }
+
+    #[test]
+    fn what_is_no_ball_is_refused() {
+        let circle = Circle { x: 5.0, y: 5.0, radius: 3.0 };
+        let refused = MirrorBall::of_circle(circle, (10, 10)).unwrap_err();
+        assert!(matches!(refused, ProbeError::Scene(SceneError::BadCircle { .. })), "{refused}");
+        let camera = Camera::new(Projection::Perspective { focal: 500.0 }, (200.0, 150.0), (400, 300)).unwrap();
+        for centre in [DVec3::new(0.0, 0.0, -0.5), DVec3::new(0.0, 0.0, 3.0)] {
+            assert!(MirrorBall::new(camera, centre, 1.0).is_err());
+        }
+    }
+}

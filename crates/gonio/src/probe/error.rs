@@ -1,0 +1,147 @@
+//! Why a picture of a mirror ball gives no light probe, and what is odd about one that does.
+
+use std::fmt;
+
+use thiserror::Error;
+
+use crate::remedy::Remedy;
+use crate::scene::SceneError;
+
+/// Error of unwrapping a mirror ball; [`ProbeError::remedies`] lists what may help.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ProbeError {
+    /// The ball cannot be found.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The object is no ball.
+    #[error("only a ball can be unwrapped: give the outline of one, or a mask")]
+    NotABall,
+    /// Too little of the ball can be used.
+    #[error(
+        "the ball shows only {:.0} % of all directions, at least {:.0} % are needed: check that mask or circle lie on \
+         the ball",
+        100.0 * .share,
+        100.0 * .least
+    )]
+    TooLittle {
+        /// Share of the sphere of directions that is seen.
+        share: f64,
+        /// Least share that is accepted.
+        least: f64,
+    },
+    /// Everything that the ball shows is black.
+    #[error("the ball is entirely black: check the exposure, and that mask or circle lie on the ball")]
+    Black,
+    /// The reflectance is no reflectance.
+    #[error("the reflectance {0} cannot be used: give numbers above 0 and up to 1")]
+    Reflectance(f64),
+    /// The number of rows is not accepted.
+    #[error("{rows} rows: give a power of two from {least} to {most}")]
+    Rows {
+        /// The number given.
+        rows: usize,
+        /// Least number that is accepted.
+        least: usize,
+        /// Largest number that is accepted.
+        most: usize,
+    },
+    /// The angle is no number.
+    #[error("the turn of the camera is no finite number of degrees")]
+    Angle,
+    /// The views do not tell how far the camera was turned.
+    #[error(
+        "the two views do not tell how far the camera went around the ball (they agree to {:.2} at best, and to \
+         {:.2} elsewhere, where 1 is complete)",
+        .best,
+        .second
+    )]
+    Turn {
+        /// Correlation of both maps at the best angle, -1..=1.
+        best: f64,
+        /// The largest correlation at an angle that is far from the best.
+        second: f64,
+    },
+}
+
+impl ProbeError {
+    /// Lists what may help, the most probable first.
+    pub fn remedies(&self) -> Vec<Remedy> {
+        match self {
+            // A mirror ball has no other shape that could be given instead.
+            Self::Scene(error) => error
+                .remedies()
+                .into_iter()
+                .filter(|remedy| matches!(remedy, Remedy::Outline | Remedy::Mask | Remedy::Camera))
+                .collect(),
+            Self::Turn { .. } => vec![Remedy::Turn],
+            _ => Vec::new(),
+        }
+    }
+}
+
+/// Something odd about a light probe, displayed as one line.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ProbeOddity {
+    /// Some pixels are clipped: lamps are dimmer in the map than they are.
+    Clipped {
+        /// Number of clipped pixels.
+        clipped: usize,
+        /// Number of pixels of the ball that are used.
+        used: usize,
+    },
+    /// Some pixels have values that are not radiances.
+    Faulty {
+        /// Number of such pixels.
+        faulty: usize,
+        /// Number of pixels of the ball that are used.
+        used: usize,
+    },
+    /// The ball looks matte; holds the share of its variation that a smooth shading explains.
+    Matte(f64),
+    /// Much of the sphere is not seen; holds its share.
+    Unseen(f64),
+    /// Two views show different light where both see it.
+    Unlike {
+        /// Median difference of both, relative to their mean.
+        difference: f64,
+        /// Correlation of the logarithms of both.
+        correlation: f64,
+    },
+    /// Two views were exposed differently; holds the brightness of the second over the first.
+    Brightness(f64),
+}
+
+impl fmt::Display for ProbeOddity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Clipped { clipped, used } => write!(
+                f,
+                "{clipped} of {used} pixels on the ball are clipped: the light is brighter there than the map says; \
+                 add shorter exposures"
+            ),
+            Self::Faulty { faulty, used } => write!(
+                f,
+                "{faulty} pixels on the ball are negative, NaN or infinite beside {used} sound ones; they are left out"
+            ),
+            Self::Matte(share) => write!(
+                f,
+                "the ball looks matte, not like a mirror: smooth shading explains {:.1} % of its variation",
+                100.0 * share
+            ),
+            Self::Unseen(share) => {
+                write!(f, "{:.0} % of all directions are not seen and filled from around them", 100.0 * share)
+            }
+            Self::Unlike { difference, correlation } => write!(
+                f,
+                "the two views differ by {:.0} % where both see the light (correlation {correlation:.2}): check the \
+                 angle between them, and that both cameras were level and the light the same",
+                100.0 * difference
+            ),
+            Self::Brightness(ratio) => write!(
+                f,
+                "the second view is {ratio:.2} times as bright as the first where both see the light, which was \
+                 divided out"
+            ),
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! Telling a matte ball from a mirror.
+
+use faer::Mat;
+
+use super::View;
+use crate::linalg::solve_positive;
+use crate::picture::luminance;
+use crate::scene::Fate;
+
+/// Share of the variation that smooth shading explains, from which on a ball looks matte. Matte
+/// balls reach 0.99: shading by any light has hardly more than nine harmonics of the normal
+/// (Ramamoorthi and Hanrahan 2001). Mirrors of lights with any detail stay far below.
+const MATTE: f64 = 0.97;
+/// Standard deviation of the brightness, relative to its mean, below which there is no shading.
+const EVEN: f64 = 0.02;
+/// About so many pixels are looked at.
+const PIXELS: usize = 4000;
+
+/// Share of the ball's variation that shading by nine harmonics of the normal explains, if it is so
+/// large that the ball looks matte.
+pub(super) fn matte(view: &View) -> Option<f64> {
+    let width = view.rgb().width();
+    let used = || view.fates().as_slice().iter().enumerate().filter(|(_, fate)| **fate == Fate::Used).map(|(i, _)| i);
+    let step = (used().count() / PIXELS).max(1);
+    let mut gram = Mat::<f64>::zeros(9, 9);
+    let mut right = vec![0.0; 9];
+    let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
+    for i in used().step_by(step) {
+        let Some(seen) = view.ball().reflection_at(((i % width) as f64 + 0.5, (i / width) as f64 + 0.5)) else {
+            continue;
+        };
+        let n = seen.normal;
+        let row = [1.0, n.x, n.y, n.z, n.x * n.y, n.y * n.z, n.z * n.x, n.x * n.x - n.y * n.y, 3.0 * n.z * n.z - 1.0];
+        let value = f64::from(luminance(view.rgb().as_slice()[i]));
+        for a in 0..9 {
+            right[a] += row[a] * value;
+            (0..9).for_each(|b| gram[(a, b)] += row[a] * row[b]);
+        }
+        count += 1.0;
+        sum += value;
+        squares += value * value;
+    }
+    let variation = squares - sum * sum / count;
+    if count < 100.0 || variation <= (EVEN * sum / count).powi(2) * count {
+        return None;
+    }
+    let solution = solve_positive(gram, &right)?;
+    // What least squares leaves is the sum of squares less what the solution explains.
+    let left = squares - solution.iter().zip(&right).map(|(x, r)| x * r).sum::<f64>();
+    let explained = 1.0 - left / variation;
+    (explained >= MATTE).then_some(explained.min(1.0))
+}

@@ -1,0 +1,192 @@
+//! A mirror ball as a light probe: from one or two photographs of it to the light around it.
+//!
+//! 1. [`View::of`] finds the ball in a picture, orthographic or before a camera, and says which
+//!    pixels of it can be used.
+//! 2. [`probe`] takes the light from each direction from the place of the ball that reflects it
+//!    towards the camera, divided by the [`Reflectance`] there.
+//! 3. Two views that were taken from around the ball are merged: each is trusted where it sees the
+//!    ball from the front and not the camera in it. The angle between them is found from what both
+//!    see.
+//! 4. Directions that no view shows are filled from around them.
+//!
+//! The light is taken to be far away: the ball has no size. Directions are in the space of the
+//! first camera, as everywhere: x right, y up, z towards the camera.
+
+mod ball;
+mod error;
+mod fill;
+mod matte;
+mod reflectance;
+mod turn;
+mod unwrap;
+mod view;
+
+#[cfg(test)]
+mod tests;
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+use serde::Serialize;
+
+pub use ball::{MirrorBall, Reflection};
+pub use error::{ProbeError, ProbeOddity};
+pub use reflectance::Reflectance;
+pub use turn::Agreement;
+pub use view::View;
+
+use crate::lighting::EnvironmentMap;
+use crate::picture::Plane;
+use crate::scene::Fate;
+use turn::{compare, find_turn, solid_angle};
+use unwrap::{Texel, unwrap};
+
+/// Least and largest number of rows of a map that are chosen by themselves.
+const OWN_ROWS: (usize, usize) = (64, 1024);
+/// Least and largest number of rows that can be asked for.
+const ROWS: (usize, usize) = (8, 4096);
+/// Least share of the sphere that must be seen.
+const LEAST_SEEN: f64 = 0.25;
+/// Share of the sphere that is not seen from which on the user is told.
+const MUCH_UNSEEN: f64 = 0.12;
+/// Median difference of two views from which on the user is told, their correlation below which,
+/// and the ratio of their brightness from which on.
+const MOST_DIFFERENCE: f64 = 0.2;
+const LEAST_CORRELATION: f64 = 0.6;
+const MOST_BRIGHTNESS: f64 = 1.1;
+
+/// Settings of [`probe`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ProbeSettings {
+    /// Reflectance of the ball.
+    pub reflectance: Reflectance,
+    /// Rows of the map, a power of two from 8 to 4096; about the radius of the ball in pixels if
+    /// not given, from 64 to 1024.
+    pub rows: Option<usize>,
+}
+
+/// A second view of the ball.
+pub struct SecondView {
+    /// The view. Its camera is as high as the first, and as level.
+    pub view: View,
+    /// Angle in radians by which the camera went around the ball, counterclockwise as seen from
+    /// above; found from the views if not given.
+    pub turn: Option<f64>,
+}
+
+/// Numbers of a probe.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ProbeReport {
+    /// Rows of the map.
+    pub rows: usize,
+    /// Reflectance of the ball, at normal incidence.
+    pub reflectance: Reflectance,
+    /// Share of the sphere of directions that no view shows, which is filled, 0..=1.
+    pub unseen: f64,
+    /// Share of the light of the whole sphere, in luminance, that is of what was filled.
+    pub filled_light: f64,
+    /// Agreement of two views.
+    pub views: Option<Agreement>,
+}
+
+/// The light around a mirror ball.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Probe {
+    /// The light, in the space of the first camera, on the scale of its picture.
+    pub light: EnvironmentMap,
+    /// Share of each texel that a view shows, 0..=1; the rest is filled.
+    pub seen: Plane<f32>,
+    /// Its numbers.
+    pub report: ProbeReport,
+}
+
+/// Unwraps one or two views of a mirror ball.
+///
+/// # Errors
+/// [`ProbeError::Rows`] and [`ProbeError::Angle`] for wrong settings; [`ProbeError::Turn`] if the
+/// angle between the views has to be found and they do not tell; [`ProbeError::TooLittle`] if they
+/// show less than a quarter of all directions; [`ProbeError::Black`].
+pub fn probe(first: &View, second: Option<&SecondView>, settings: &ProbeSettings) -> Result<Probe, ProbeError> {
+    let rows = rows(first, settings)?;
+    let reflectance = &settings.reflectance;
+    let mut texels = unwrap(first, rows, 0.0, reflectance);
+    let mut views = None;
+    if let Some(SecondView { view, turn }) = second {
+        let (turn, found) = match turn {
+            Some(turn) if turn.is_finite() => (*turn, false),
+            Some(_) => return Err(ProbeError::Angle),
+            None => (find_turn(first, view, reflectance)?, true),
+        };
+        let others = unwrap(view, rows, turn, reflectance);
+        let agreement = compare(&texels, &others, rows, turn, found);
+        texels.iter_mut().zip(&others).for_each(|(a, b)| *a = merged(a, b, agreement.brightness));
+        views = Some(agreement);
+    }
+    let whole = |f: &dyn Fn(usize) -> f64| (0..texels.len()).map(|i| solid_angle(rows, i) * f(i)).sum::<f64>();
+    let unseen = (1.0 - whole(&|i| texels[i].seen) / (4.0 * PI)).max(0.0);
+    if 1.0 - unseen < LEAST_SEEN {
+        return Err(ProbeError::TooLittle { share: 1.0 - unseen, least: LEAST_SEEN });
+    }
+    let known: Vec<f64> = texels.iter().map(|texel| texel.seen).collect();
+    let mut radiance: Vec<DVec3> = texels.iter().map(|texel| texel.radiance).collect();
+    if radiance.iter().all(|r| *r == DVec3::ZERO) {
+        return Err(ProbeError::Black);
+    }
+    fill::fill(&mut radiance, &known, rows);
+    let bright = |i: usize| radiance[i].dot(DVec3::new(0.2126, 0.7152, 0.0722));
+    let filled_light = whole(&|i| (1.0 - known[i]) * bright(i)) / whole(&bright).max(f64::MIN_POSITIVE);
+    let finite = |r: &DVec3| r.min(DVec3::splat(f32::MAX.into())).as_vec3();
+    let plane = Plane::from_vec(2 * rows, rows, radiance.iter().map(finite).collect());
+    let light = EnvironmentMap::new(plane).map_err(|_| ProbeError::Black)?;
+    Ok(Probe {
+        light,
+        seen: Plane::from_vec(2 * rows, rows, known.iter().map(|k| *k as f32).collect()),
+        report: ProbeReport { rows, reflectance: *reflectance, unseen, filled_light, views },
+    })
+}
+
+fn rows(first: &View, settings: &ProbeSettings) -> Result<usize, ProbeError> {
+    let (least, most) = ROWS;
+    match settings.rows {
+        Some(rows) if rows.is_power_of_two() && (least..=most).contains(&rows) => Ok(rows),
+        Some(rows) => Err(ProbeError::Rows { rows, least, most }),
+        None => {
+            let near = 2.0_f64.powf(first.ball().pixels().log2().round());
+            Ok((near as usize).clamp(OWN_ROWS.0, OWN_ROWS.1))
+        }
+    }
+}
+
+/// One texel from two views, the second of which is brighter by a factor.
+fn merged(first: &Texel, second: &Texel, brightness: f64) -> Texel {
+    let trust = first.trust + second.trust;
+    if trust <= 0.0 {
+        return *first;
+    }
+    let sum = first.trust * first.radiance + second.trust * second.radiance / brightness;
+    Texel { radiance: sum / trust, seen: first.seen.max(second.seen), trust }
+}
+
+impl View {
+    /// What is odd about it.
+    pub fn oddities(&self) -> Vec<ProbeOddity> {
+        let used = self.count(&[Fate::Used, Fate::Clipped]);
+        let (clipped, faulty) = (self.count(&[Fate::Clipped]), self.count(&[Fate::Negative, Fate::NotFinite]));
+        let clipped = (clipped > 0).then_some(ProbeOddity::Clipped { clipped, used });
+        let faulty = (faulty > 0).then_some(ProbeOddity::Faulty { faulty, used });
+        clipped.into_iter().chain(faulty).chain(matte::matte(self).map(ProbeOddity::Matte)).collect()
+    }
+}
+
+impl ProbeReport {
+    /// What is odd about it.
+    pub fn oddities(&self) -> Vec<ProbeOddity> {
+        let unseen = (self.unseen > MUCH_UNSEEN).then_some(ProbeOddity::Unseen(self.unseen));
+        let unlike =
+            self.views.filter(|views| views.difference > MOST_DIFFERENCE || views.correlation < LEAST_CORRELATION);
+        let unlike =
+            unlike.map(|Agreement { difference, correlation, .. }| ProbeOddity::Unlike { difference, correlation });
+        let ratio = self.views.map(|views| views.brightness).filter(|ratio| ratio.ln().abs() > MOST_BRIGHTNESS.ln());
+        unseen.into_iter().chain(unlike).chain(ratio.map(ProbeOddity::Brightness)).collect()
+    }
+}

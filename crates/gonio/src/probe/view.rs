@@ -1,0 +1,140 @@
+//! A picture of a mirror ball, and which of its pixels can be used.
+
+use glam::{DVec3, Vec3};
+
+use super::ball::MirrorBall;
+use super::unwrap::CAMERA;
+use super::{ProbeError, Reflectance};
+use crate::picture::{Picture, Plane};
+use crate::scene::{COVERED, Fate, Object, SceneError, clip_level, is_clipped};
+
+/// Width of the rim that is left out, in pixels: there a pixel mixes the ball with what is behind
+/// it.
+const RIM: f64 = 1.5;
+/// Further width, as a share of the radius, within which an error of the outline bends directions
+/// too far.
+const RIM_SHARE: f64 = 0.005;
+
+/// A picture of a mirror ball.
+pub struct View {
+    rgb: Plane<Vec3>,
+    ball: MirrorBall,
+    fates: Plane<Fate>,
+    /// Cosine between normal and view direction at the inner edge of the rim.
+    least_cosine: f64,
+}
+
+/// What a direction looks like in a view.
+pub(super) struct Sample {
+    /// Radiance that arrives at the ball from there.
+    pub(super) radiance: DVec3,
+    /// Cosine between normal and view direction at the place that reflects it.
+    pub(super) cosine: f64,
+}
+
+impl View {
+    /// Finds the ball in a picture; `mask` says where it is, otherwise the alpha channel or a
+    /// constant background does. `clip` is the radiance at or above which a channel is clipped;
+    /// without it, the largest value is if many pixels share it.
+    ///
+    /// # Errors
+    /// Errors of the outline where it has to be found; a mask of another size;
+    /// [`ProbeError::NotABall`] if the object is neither [`Object::Sphere`] nor [`Object::Ball`].
+    pub fn of(
+        picture: &Picture,
+        mask: Option<&Plane<f32>>,
+        object: &Object,
+        clip: Option<f32>,
+    ) -> Result<Self, ProbeError> {
+        let (width, height) = picture.rgb.size();
+        if let Some(mask) = mask
+            && mask.size() != (width, height)
+        {
+            let sizes = SceneError::Sizes {
+                what: "mask",
+                width: mask.width(),
+                height: mask.height(),
+                picture_width: width,
+                picture_height: height,
+            };
+            return Err(sizes.into());
+        }
+        let ball = MirrorBall::find(picture, mask, object)?;
+        let within = 1.0 - (RIM / ball.pixels() + RIM_SHARE);
+        let least_cosine = (1.0 - within * within).sqrt();
+        let covered = mask.or(picture.alpha.as_ref());
+        let fate = |x: usize, y: usize| {
+            let Some(seen) = ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5)) else { return Fate::Outside };
+            if covered.is_some_and(|c| c[(x, y)].is_nan() || c[(x, y)] < COVERED) {
+                return Fate::Outside;
+            }
+            let sound = if seen.cosine < least_cosine { Fate::Edge } else { Fate::Used };
+            Fate::fault(picture.rgb[(x, y)]).unwrap_or(sound)
+        };
+        let mut fates = Plane::from_fn(width, height, fate);
+        let level = clip_level(&picture.rgb, &fates.map(|fate| *fate == Fate::Used), clip);
+        for (fate, colour) in fates.as_mut_slice().iter_mut().zip(picture.rgb.as_slice()) {
+            if *fate == Fate::Used && is_clipped(*colour, level) {
+                *fate = Fate::Clipped;
+            }
+        }
+        Ok(Self { rgb: picture.rgb.clone(), ball, fates, least_cosine })
+    }
+
+    /// The ball.
+    pub fn ball(&self) -> &MirrorBall {
+        &self.ball
+    }
+
+    /// The picture.
+    pub fn rgb(&self) -> &Plane<Vec3> {
+        &self.rgb
+    }
+
+    /// What became of each pixel: [`Fate::Used`]; [`Fate::Clipped`], which is used at the value it
+    /// has; [`Fate::Edge`] at the rim; [`Fate::Outside`]; or a value that is no radiance.
+    pub fn fates(&self) -> &Plane<Fate> {
+        &self.fates
+    }
+
+    /// Whether a pixel shows the camera that took the picture, or what is close to it: beside
+    /// another view it is not trusted.
+    pub fn shows_camera(&self, (x, y): (usize, usize)) -> bool {
+        let seen = self.ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5));
+        seen.is_some_and(|seen| seen.direction.angle_between(self.ball.axis()) < CAMERA.1)
+    }
+
+    /// Number of pixels of some fates.
+    pub fn count(&self, fates: &[Fate]) -> usize {
+        self.fates.as_slice().iter().filter(|fate| fates.contains(fate)).count()
+    }
+
+    /// The light from a direction, by interpolation between pixel centres; `None` where the view
+    /// does not show it.
+    pub(super) fn sample(&self, direction: DVec3, reflectance: &Reflectance) -> Option<Sample> {
+        let place = self.ball.place_of(direction)?;
+        if place.cosine < self.least_cosine {
+            return None;
+        }
+        let (width, height) = self.rgb.size();
+        let (x, y) = (place.at.0 - 0.5, place.at.1 - 0.5);
+        let (left, top) = (x.floor(), y.floor());
+        let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
+        for (row, down) in [(top, 1.0 - (y - top)), (top + 1.0, y - top)] {
+            for (column, right) in [(left, 1.0 - (x - left)), (left + 1.0, x - left)] {
+                let inside = row >= 0.0 && column >= 0.0 && row < height as f64 && column < width as f64;
+                if !inside {
+                    continue;
+                }
+                let at = (column as usize, row as usize);
+                if matches!(self.fates[at], Fate::Used | Fate::Clipped | Fate::Edge) {
+                    // Channels out of the gamut of a file may be negative; light is not.
+                    sum += right * down * self.rgb[at].as_dvec3().max(DVec3::ZERO);
+                    weight += right * down;
+                }
+            }
+        }
+        let radiance = sum / weight / reflectance.at(place.cosine);
+        (weight > 0.25).then_some(Sample { radiance, cosine: place.cosine })
+    }
+}

@@ -1,7 +1,6 @@
 //! Several materials in one photograph: regions by a picture of labels, or several balls.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use gonio::estimate::{Shared, Stage, estimate_together};
@@ -27,7 +26,7 @@ const LEAST: f64 = 0.005;
 #[derive(Clone, Debug)]
 pub enum Regions {
     /// A picture with one index or colour for each region, black where there is none.
-    Labels(PathBuf),
+    Labels(Source<Plane<Vec3>>),
     /// The outlines of balls.
     Circles(Vec<Circle>),
     /// Balls that do not touch, which are to be found.
@@ -158,9 +157,9 @@ fn parts(picture: &Picture, mask: Option<&Plane<f32>>, scene: &Scene, regions: &
     let ball =
         |at: usize, mask: Plane<f32>, circle| Part { name: (at + 1).to_string(), mask, form: Form::Sphere(circle) };
     match regions {
-        Regions::Labels(path) => {
+        Regions::Labels(source) => {
             let inside = mask.or(picture.alpha.as_ref());
-            let labels = read_labels(path, size, &scene.name)?;
+            let labels = read_labels(source, size, &scene.name)?;
             // The outline of a ball is that of all its regions.
             let form = match (&scene.shape.form, &scene.shape.camera) {
                 (Form::Sphere(None), None) => {
@@ -204,10 +203,19 @@ fn parts(picture: &Picture, mask: Option<&Plane<f32>>, scene: &Scene, regions: &
 
 /// Reads a picture of labels: for each label its name, and the pixels all of whose neighbours have
 /// it too.
-fn read_labels(path: &Path, size: (usize, usize), image: &str) -> Result<Vec<(String, Plane<bool>)>, Problem> {
-    let name = path.display();
-    let options = ReadOptions { linear: true, ..ReadOptions::default() };
-    let labels = gonio_io::picture::read(path, &options)?.picture.rgb;
+fn read_labels(
+    source: &Source<Plane<Vec3>>,
+    size: (usize, usize),
+    image: &str,
+) -> Result<Vec<(String, Plane<bool>)>, Problem> {
+    let name = source.name("the labels");
+    let labels = match source {
+        Source::Here(labels) => labels.clone(),
+        Source::File(path) => {
+            let options = ReadOptions { linear: true, ..ReadOptions::default() };
+            gonio_io::picture::read(path, &options)?.picture.rgb
+        }
+    };
     if labels.size() != size {
         let ((w, h), (pw, ph)) = (labels.size(), size);
         return Err(Problem::of(name, format!("the labels are {w}x{h}, {image} is {pw}x{ph}: make both of one size")));

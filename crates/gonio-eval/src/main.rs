@@ -16,6 +16,7 @@ mod paper;
 mod posteriors;
 mod quadrature;
 mod shapes;
+mod together;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -55,6 +56,9 @@ enum Command {
     Camera(camera::Options),
     /// Cross-validates the learnt posterior on training materials in training lights.
     Folds(folds::Options),
+    /// Measures what several photographs of one material, and several materials under one light,
+    /// tell beyond one.
+    Together(together::Options),
     /// Merges the folders that the jobs of `bench --shard` have filled into one report.
     Merge(bench::MergeOptions),
 }
@@ -72,6 +76,7 @@ fn main() -> ExitCode {
         Command::Bench(options) => bench::bench(&data, &options),
         Command::Camera(options) => camera::run(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
+        Command::Together(options) => together::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),
     };
     match result {

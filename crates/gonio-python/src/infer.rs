@@ -6,6 +6,8 @@ use gonio::estimate::Material;
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::Plane;
 use gonio::reflectance::{THETA_D, THETA_H};
+use gonio::scene::Circle;
+use gonio_app::regions::{self, Regions};
 use gonio_app::results::LIGHT_ROWS;
 use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Source};
 use gonio_report::panels::Panels;
@@ -95,6 +97,55 @@ pub(crate) fn infer<'py>(
         gonio_app::infer((&known, &name), scene, &settings, &Journal::new("reading", &listener))
     })?;
     spell_out(py, answer, model)
+}
+
+/// Where regions are: a picture of labels, outlines, or balls to be found.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct GivenRegions<'py> {
+    labels: Option<GivenPicture<'py>>,
+    circles: Option<Vec<(f64, f64, f64)>>,
+}
+
+impl GivenRegions<'_> {
+    fn take(self) -> PyResult<Regions> {
+        Ok(match (self.labels, self.circles) {
+            (Some(GivenPicture::File(path)), _) => Regions::Labels(Source::File(path)),
+            (Some(GivenPicture::Array(rgb) | GivenPicture::WithAlpha((rgb, _))), _) => {
+                Regions::Labels(Source::Here(arrays::colours(&rgb)?))
+            }
+            (None, Some(circles)) => {
+                Regions::Circles(circles.into_iter().map(|(x, y, radius)| Circle { x, y, radius }).collect())
+            }
+            (None, None) => Regions::Balls,
+        })
+    }
+}
+
+/// Infers several materials under one light; returns the name of each region with the values of a
+/// `Posterior` by name.
+#[pyfunction]
+pub(crate) fn infer_regions<'py>(
+    py: Python<'py>,
+    scene: GivenScene<'py>,
+    regions: GivenRegions<'py>,
+    settings: Settings<'py>,
+    model: &Bound<'py, Model>,
+    listeners: Listeners,
+) -> PyResult<Vec<(String, Bound<'py, PyDict>)>> {
+    let (scene, regions) = (scene.take()?, regions.take()?);
+    let (known, name) = (model.get().model.clone(), model.get().name.clone());
+    let method = settings.method()?.map_err(|error| raise(&error, py))?;
+    let colours = settings.colours().map_err(|error| raise(&error, py))?;
+    let Settings { grid: side, shadows, pictures, report, .. } = settings;
+    let several = work::run(py, listeners, move |reporter| {
+        let listener = |stage, fraction| reporter.at(stage, fraction);
+        let settings = gonio_app::Settings { method, side, shadows, colours, pictures, report, words: &words };
+        let journal = Journal::new("reading", &listener);
+        regions::infer_regions((&known, &name), scene, &regions, &settings, &journal)
+    })?;
+    let spelt = several.regions.into_iter().map(|region| Ok((region.name, spell_out(py, region.answer, model)?)));
+    spelt.collect()
 }
 
 /// All pictures by name: those of a folder of results, and the panels they are made of.

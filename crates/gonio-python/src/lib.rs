@@ -30,7 +30,7 @@ mod _gonio {
         encode_png, read_brdf, read_file, read_image, read_normals, save, write_brdf, write_file, write_image,
     };
     #[pymodule_export]
-    use super::infer::infer;
+    use super::infer::{infer, infer_regions};
     #[pymodule_export]
     use super::likelihood::{Likelihood, combine_all, draw};
     #[pymodule_export]

@@ -72,3 +72,18 @@ def test_wrong_lights_are_refused(lights):
         gonio.infer(ball, light=lights[0], align_light="sideways")
     with pytest.raises(gonio.GonioError, match="absolute"):
         gonio.infer(ball, absolute=True)
+
+
+def test_two_balls_share_their_light(lights):
+    dull, shiny = (lit_ball(peak, lights[0], 48) for peak in (0.3, 8.0))
+    both = np.concatenate([dull, 0.5 * shiny * [1, 1, 1, 2]], axis=1).astype(np.float32)
+    found = gonio.infer_regions(both, grid=16, pictures=False)
+    assert sorted(found) == ["1", "2"]
+    shared = [posterior.notes["shared_light"] for posterior in found.values() if "shared_light" in posterior.notes]
+    assert len(shared) <= 1
+    labels = np.zeros(both.shape[:2], np.uint8)
+    labels[:, :48], labels[:, 48:] = 1, 2
+    with pytest.raises(gonio.GonioError, match="make both of one size"):
+        gonio.infer_regions(both, labels[:, :60])
+    with pytest.raises(gonio.GonioError, match="whole numbers"):
+        gonio.infer_regions(both, labels.astype(float))

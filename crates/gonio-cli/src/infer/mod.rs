@@ -243,7 +243,7 @@ impl Options {
     /// The regions of the photograph, if it shows several materials.
     fn regions(&self, scene: &Scene) -> Result<Option<Regions>> {
         if let Some(labels) = &self.materials {
-            return Ok(Some(Regions::Labels(labels.clone())));
+            return Ok(Some(Regions::Labels(Source::File(labels.clone()))));
         }
         if self.circle.len() > 1 {
             return Ok(Some(Regions::Circles(self.circle.clone())));

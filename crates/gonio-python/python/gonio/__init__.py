@@ -18,6 +18,7 @@ from ._infer import infer, read_model
 from ._many import Failure, infer_many
 from ._posterior import QUANTILES, Posterior
 from ._probe import LightProbe, light_probe
+from ._regions import infer_regions
 from ._render import studio_light
 from ._show import tonemapped
 from ._train import Part, train_lighting, train_model, train_posterior, train_reflectance
@@ -42,6 +43,7 @@ __all__ = [
     "combine",
     "infer",
     "infer_many",
+    "infer_regions",
     "light_probe",
     "read_brdf",
     "read_image",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ._types import (
     Found,
     FoundTogether,
+    GivenRegions,
     GivenScene,
     GivenShape,
     LightingOptions,
@@ -73,6 +74,9 @@ def render(
     settings: RenderSettings,
     listeners: Listeners,
 ) -> tuple[_Floats, _Floats, list[str]]: ...
+def infer_regions(
+    scene: GivenScene, regions: GivenRegions, settings: Settings, model: Model, listeners: Listeners
+) -> list[tuple[str, Found]]: ...
 def combine_all(given: Sequence[str | tuple[str, Likelihood]], model: Model, listeners: Listeners) -> FoundTogether: ...
 def draw(model: Model, likelihood: Likelihood, count: int, seed: int) -> _Floats: ...
 def studio(height: int) -> _Floats: ...

@@ -93,8 +93,8 @@ def infer(
     return found
 
 
-def run(options: dict[str, Any], poll: Callable[[], object] | None) -> Posterior:
-    """:func:`infer` of its arguments by name, without warnings. ``poll`` is called often, and ends the work by raising."""
+def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list[str]]:
+    """What :func:`infer` is given by name, for the extension, with warnings so far."""
     image = options["image"]
     name = os.fspath(image) if is_path(image) else "the image"
     said: list[str] = []
@@ -129,7 +129,17 @@ def run(options: dict[str, Any], poll: Callable[[], object] | None) -> Posterior
     }
     given = options["model"]
     model = Model.embedded() if given is None else given if isinstance(given, Model) else read_model(given)
+    return scene, settings, model, said
+
+
+def run(options: dict[str, Any], poll: Callable[[], object] | None) -> Posterior:
+    """:func:`infer` of its arguments by name, without warnings. ``poll`` is called often, and ends the work by raising."""
+    scene, settings, model, said = prepared(options)
     found = _gonio.infer(scene, settings, model, {"progress": options["progress"], "poll": poll})
     found["warnings"] = said + found["warnings"]
-    stem = os.path.splitext(os.path.basename(name))[0] if is_path(image) else "gonio"
-    return Posterior(found, stem)
+    return Posterior(found, stem_of(options["image"]))
+
+
+def stem_of(image: Picture) -> str:
+    """What a result is called."""
+    return os.path.splitext(os.path.basename(os.fspath(cast(Path, image))))[0] if is_path(image) else "gonio"

@@ -52,6 +52,13 @@ class GivenScene(TypedDict):
     object: GivenShape
 
 
+class GivenRegions(TypedDict):
+    """Where the regions of a photograph are."""
+
+    labels: str | Floats | None
+    circles: list[tuple[float, float, float]] | None
+
+
 class Settings(TypedDict):
     """How an answer is to be found."""
 

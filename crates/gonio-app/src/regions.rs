@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use gonio::estimate::{Shared, Stage, estimate_together};
+use gonio::estimate::{Beside, Stage, estimate_together};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, Observations, separate};
@@ -39,8 +39,9 @@ pub struct Region {
     pub name: String,
     /// Everything that was found.
     pub answer: Answer,
-    /// Name of the region whose light it was found under, and the ratio of their albedos.
-    pub shared: Option<(String, f64)>,
+    /// Its albedo relative to that of the brightest region, in 0..=1; `None` under a known light,
+    /// where `exposure.albedo` in its result tells.
+    pub relative_albedo: Option<f64>,
 }
 
 /// The materials of a photograph.
@@ -118,7 +119,7 @@ pub fn infer_regions(
         looked.push((seen, own));
     }
     let linear = scene.reading.linear;
-    let shared = match settings.method {
+    let together = match settings.method {
         Method::Learnt => {
             let all: Vec<&Observations> = looked.iter().map(|(seen, _)| &seen.sighting.observations).collect();
             let ask = settings.estimate(asked.rule.0);
@@ -130,23 +131,20 @@ pub fn infer_regions(
         _ => vec![None; parts.len()],
     };
     let mut done = Vec::new();
-    for ((part, (seen, mut own)), shared) in parts.iter().zip(looked).zip(shared) {
-        let mut sharing = None;
-        let found = match shared {
-            Some(Shared { estimate, light_of, albedo_ratio }) => {
-                sharing = (light_of != done.len()).then(|| (parts[light_of].name.clone(), albedo_ratio));
+    for ((part, (seen, mut own)), beside) in parts.iter().zip(looked).zip(together) {
+        let relative_albedo = beside.as_ref().map(|beside: &Beside| beside.relative_albedo);
+        let found = match beside {
+            Some(Beside { estimate, relative_albedo }) => {
                 let ask = settings.estimate(asked.rule.0);
                 let mut found = Found::blind(estimate, notes::settings(&ask, linear), &mut own);
-                if let Some((name, ratio)) = &sharing {
-                    found.sections["shared_light"] = json!({ "of": name, "albedo_ratio": ratio });
-                }
+                found.sections["relative_albedo"] = json!(relative_albedo);
                 found
             }
             None => solve(&mut asked, &seen, (&scene.name, linear), settings, &mut own, journal)
                 .map_err(|problem| problem.within(&format!("region {}", part.name)))?,
         };
         let answer = conclude(&asked, seen, found, &scene.name, settings, own, journal);
-        done.push(Region { name: part.name.clone(), answer, shared: sharing });
+        done.push(Region { name: part.name.clone(), answer, relative_albedo });
     }
     Ok(Several::of(&scene.name, &photograph.picture, &parts, done, &warnings, settings))
 }
@@ -271,15 +269,14 @@ impl Several {
             "regions": regions.iter().map(|region| json!({
                 "name": region.name,
                 "folder": region.name,
-                "light_of": region.shared.as_ref().map(|(name, _)| name),
-                "albedo_ratio": region.shared.as_ref().map(|(_, ratio)| ratio),
+                "relative_albedo": region.relative_albedo,
                 "gloss": gloss(region),
                 "misfit": region.answer.left.1,
                 "warnings": region.answer.warnings,
             })).collect::<Vec<_>>(),
             "warnings": warnings,
-            "note": "each region has a folder of results of its own; light_of: region whose light it was found under; \
-                     albedo_ratio: its albedo over that region's",
+            "note": "each region has a folder of results of its own; relative_albedo: its albedo along the normal over that of \
+                     the brightest region, since all are under one light",
         });
         let overview = settings.pictures.then(|| {
             let masks: Vec<&Plane<f32>> = parts.iter().map(|part| &part.mask).collect();
@@ -300,7 +297,7 @@ impl Several {
                     name: region.name.clone(),
                     gloss: gloss(region),
                     nearest: region.answer.material.as_ref().and_then(|m| m.neighbours.first()).map(|n| n.name.clone()),
-                    shared: region.shared.clone(),
+                    relative_albedo: region.relative_albedo,
                     misfit: region.answer.left.1,
                     warnings: region.answer.warnings.clone(),
                 })

@@ -90,6 +90,8 @@ impl SavedPosterior {
 
 #[cfg(test)]
 mod tests {
+    use gonio::inference::Embedding;
+
     use super::*;
 
     #[test]
@@ -100,14 +102,15 @@ mod tests {
             highlight: [0.0, 1.0 / 3.0],
             highlight_sd: [0.1, 0.2],
         };
-        let likelihood = Likelihood::Embedding(vec![1.0, -0.1, 1e-7]);
+        let likelihood = Likelihood::Embedding(Embedding::of(vec![1.0, -0.1, 1e-7]));
         let saved = SavedPosterior::new("abc".into(), vec!["ball.exr".into()], likelihood, Some(colours));
         assert_eq!(SavedPosterior::decode(Path::new("p"), &saved.encode()).unwrap(), saved);
     }
 
     #[test]
     fn what_is_no_posterior_is_said() {
-        let saved = SavedPosterior::new(String::new(), Vec::new(), Likelihood::Embedding(vec![1.0]), None);
+        let saved =
+            SavedPosterior::new(String::new(), Vec::new(), Likelihood::Embedding(Embedding::of(vec![1.0])), None);
         let text = String::from_utf8(saved.encode()).unwrap();
         let wrong = [
             "{}".to_owned(),

@@ -68,7 +68,7 @@ def test_folders_of_results(found, tmp_path):
     found.save(tmp_path / "a" / "ball")
     names = {path.name for path in (tmp_path / "a" / "ball").iterdir()}
     assert names == {
-        "brdf.binary", "brdf_quantiles.npy", "light.exr", "relit.png", "summary.png", "uncertainty.png", "result.json"
+        "brdf.binary", "brdf_quantiles.npy", "light.exr", "posterior.json", "relit.png", "summary.png", "uncertainty.png", "result.json"
     }
     assert np.allclose(gonio.read_merl(tmp_path / "a" / "ball" / "brdf.binary").table, found.brdf.table, rtol=1e-5)
     assert np.array_equal(np.load(tmp_path / "a" / "ball" / "brdf_quantiles.npy"), found.quantiles)

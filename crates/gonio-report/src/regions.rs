@@ -45,8 +45,8 @@ pub struct Row {
     pub gloss: Option<[f64; 3]>,
     /// The nearest measured material.
     pub nearest: Option<String>,
-    /// Region whose light it was found under, and the ratio of their albedos.
-    pub shared: Option<(String, f64)>,
+    /// Its albedo relative to that of the brightest region.
+    pub relative_albedo: Option<f64>,
     /// Residual, relative.
     pub misfit: f64,
     /// Warnings.
@@ -62,7 +62,7 @@ pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
     let body = html! {
         table {
             thead {
-                tr { th { "region" } th { "gloss (90 % interval)" } th { "most like" } th { "light" } th { "misfit" } }
+                tr { th { "region" } th { "gloss (90 % interval)" } th { "most like" } th { "albedo beside the brightest" } th { "misfit" } }
             }
             tbody {
                 @for row in rows {
@@ -71,10 +71,7 @@ pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
                         td { @if let Some([low, median, high]) = row.gloss { (format!("{median:.1} ({low:.1} to {high:.1})")) } }
                         td { (row.nearest.as_deref().unwrap_or("")) }
                         td {
-                            @match &row.shared {
-                                Some((name, ratio)) => { "that of " (name) "; albedo " (format!("{ratio:.2}")) " times its" }
-                                None => { "its own" }
-                            }
+                            @if let Some(albedo) = row.relative_albedo { (format!("{albedo:.2}")) }
                         }
                         td { (format!("{:.1} %", 100.0 * row.misfit)) }
                     }
@@ -99,14 +96,12 @@ mod tests {
             name: "a<b".into(),
             gloss: Some([1.0, 2.0, 3.0]),
             nearest: Some("brass".into()),
-            shared: Some(("c".into(), 0.5)),
+            relative_albedo: Some(0.5),
             misfit: 0.05,
             warnings: vec!["odd".into()],
         };
         let page = page("x.exr", &Plane::from_fn(8, 8, |_, _| Vec3::ZERO), &[row]);
-        assert!(
-            page.contains("a&lt;b/report.html") && page.contains("2.0 (1.0 to 3.0)") && page.contains("0.50 times")
-        );
+        assert!(page.contains("a&lt;b/report.html") && page.contains("2.0 (1.0 to 3.0)") && page.contains("0.50"));
     }
 
     #[test]

@@ -42,8 +42,8 @@ def infer_regions(
         width) or (height, width, 3). The shape is that of ``options``, as for a single material.
     :param circles: the outlines of several balls instead, x, y and radius in pixels. With neither, balls that do not touch are found.
     :param options: arguments of :func:`gonio.infer`.
-    :returns: for each region, by its index or colour or the number of the ball, a posterior. Where a region was found under the light of
-        another one, ``notes["shared_light"]`` says which, and how bright it is beside it.
+    :returns: for each region, by its index or colour or the number of the ball, a posterior. ``notes["relative_albedo"]`` is its albedo
+        beside that of the brightest region: all are under one light.
     :raises GonioError: as :func:`gonio.infer`, with the region at fault.
     """
     defaults = {name: value.default for name, value in signature(infer).parameters.items()}

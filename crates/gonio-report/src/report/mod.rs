@@ -58,12 +58,38 @@ impl Report<'_> {
         sections.push(section("making", "How this was made", self.making()));
         let title = format!("What {} is made of", self.name);
         let lead = html! {
-            p { "The reflectance (BRDF) of an object, estimated from one photograph in light that nobody measured. \
-                 Brightness of light and reflectance cannot be told apart: the albedo along the normal is set to one half." }
+            (self.about())
             (self.verdict())
             (warnings(self.warnings))
         };
         Document { title: &title, lead, sections, style: STYLE, script: SCRIPT }.render()
+    }
+
+    /// Says what the page is about: one photograph, in an unknown or a known light.
+    fn about(&self) -> Markup {
+        if self.subject.known_light.is_none() {
+            return html! {
+                p { "The reflectance (BRDF) of an object, estimated from one photograph under unknown illumination. \
+                     Brightness of light and reflectance cannot be told apart: the albedo along the normal is set to one half." }
+            };
+        }
+        let albedo = self.result["exposure"]["albedo"].as_f64();
+        let absolute = self.result["reflectance"]["absolute"].as_bool() == Some(true);
+        html! {
+            p {
+                "The reflectance (BRDF) of an object, estimated from one photograph in a light that is known. "
+                @match (albedo, absolute) {
+                    (Some(albedo), true) => {
+                        "Photograph and light map are on one scale: the albedo along the normal is " (format!("{albedo:.2}")) "."
+                    }
+                    (Some(albedo), false) => {
+                        "The albedo along the normal is set to one half; it is " (format!("{albedo:.2}")) " if photograph and \
+                         light map are on one scale."
+                    }
+                    _ => { "The albedo along the normal is set to one half." }
+                }
+            }
+        }
     }
 
     fn found(&self) -> Markup {
@@ -121,8 +147,10 @@ impl Report<'_> {
         let pictures: Vec<Markup> = pictures.into_iter().chain(self.used()).collect();
         html! {
             (figure::grid(15, &pictures))
-            p { "A small residual does not prove the material right: a blurry light on a mirror can look \
-                 like a sharp light on a dull surface." }
+            @if self.subject.light.is_some() {
+                p { "A small residual does not prove the material right: a blurry light on a mirror can look \
+                     like a sharp light on a dull surface." }
+            }
             (counts(&self.subject.sighting.observations.report))
             (figure::figure(&small(light, &light_words), &html! {
                 "The " (given) " light, latitude over longitude: the middle lies behind the object, the left and right edges behind the camera. "

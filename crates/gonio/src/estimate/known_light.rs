@@ -48,7 +48,7 @@ pub struct LitEstimate {
     /// Factor by which the clipped pixels of the map are brighter than it says, with the standard
     /// deviation of its logarithm; `None` if no pixels are clipped.
     pub gain: Option<(f64, f64)>,
-    /// Number of rows of the map; the largest number for a light that is no map.
+    /// Number of rows of the map.
     pub map_rows: usize,
     /// Number of observations it was found from.
     pub rows: usize,
@@ -118,26 +118,8 @@ pub fn estimate_under(
     colouring: &ColouringRule,
     progress: &(dyn Fn(Stage) + Sync),
 ) -> Result<LitEstimate, EstimateError> {
-    progress(Stage::Material);
-    let given = Given { light: GivenLight::of_map(light), alignment };
-    let lit = estimate_given(model, observations, given, colouring)?;
-    Ok(LitEstimate { map_rows: light.radiance().height(), ..lit })
-}
-
-/// A light with what may be wrong with it.
-pub(super) struct Given {
-    pub(super) light: GivenLight,
-    pub(super) alignment: Alignment,
-}
-
-/// The estimate under a light that is no map.
-pub(super) fn estimate_given(
-    model: &Model,
-    observations: &Observations,
-    Given { light, alignment }: Given,
-    colouring: &ColouringRule,
-) -> Result<LitEstimate, EstimateError> {
     let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
+    progress(Stage::Material);
     let few = observations.thinned(ROWS);
     let seen: Vec<usize> = (0..few.points.len()).filter(|&i| few.values[i].is_some()).collect();
     let few = few.select(&seen);
@@ -147,11 +129,12 @@ pub(super) fn estimate_given(
     let (points, visibility, trust) = (&few.points[..], few.visibility.as_ref(), few.trust());
     let rows = Rows { points, visibility, values: &values, trust: &trust };
     let materials = Materials { coordinates: &learnt.coordinates, places: &places };
-    let found = KnownLightPosterior::of(&rows, light, alignment, &materials)?;
+    let found = KnownLightPosterior::of(&rows, GivenLight::of_map(light), alignment, &materials)?;
     let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
     let likelihood = Likelihood::Gaussian(found.gaussian()?);
     let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(KnownLightError::Unsolvable)?;
     let material = Impression::with(learnt, f64::from(image.scatter), posterior).describe();
+    progress(Stage::Colours);
     Ok(LitEstimate {
         exposure: found.table().normal_albedo() / material.table.normal_albedo(),
         colouring: Colouring::of(model, observations, &material.table, colouring),
@@ -161,7 +144,7 @@ pub(super) fn estimate_given(
         misfit: found.misfit,
         turn: found.turn,
         gain: found.gain,
-        map_rows: usize::MAX,
+        map_rows: light.radiance().height(),
         rows: values.len(),
         settled: found.settled,
     })

@@ -2,10 +2,10 @@
 
 use super::{Doubt, EstimateError};
 use crate::appearance::DiskImage;
-use crate::inference::Likelihood;
 use crate::inference::learnt::{
     self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
+use crate::inference::{Embedding, Likelihood};
 use crate::model::Model;
 use crate::reflectance::{BivariateTable, trusted_cells};
 use crate::scene::Observations;
@@ -134,7 +134,7 @@ impl<'a> Impression<'a> {
         let settings = UnshadowSettings::default();
         let unshadowed = unshadow(observations, learnt, &model.light, &plan, &settings)?;
         let reading = learnt.read(&unshadowed.image);
-        let likelihood = Likelihood::Embedding(reading.embedding);
+        let likelihood = Likelihood::Embedding(Embedding::of(reading.embedding));
         let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(EstimateError::NotLearnt)?;
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
         let normals = DiskImage::cells();

@@ -28,7 +28,7 @@ pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};
 pub use misfit::{Reason, expected_misfit};
-pub use together::{Shared, estimate_together};
+pub use together::{Beside, estimate_together};
 
 use crate::inference::ProductError;
 use crate::inference::known_light::KnownLightError;

@@ -8,7 +8,7 @@ use super::*;
 use crate::colour::{Chroma, plain};
 use crate::inference::learnt::tests::{WORLD, knowing, light_map};
 use crate::inference::learnt::{MaterialPosterior, interval_widths};
-use crate::inference::{CONTRADICTION, Likelihood};
+use crate::inference::{CONTRADICTION, Embedding, Likelihood};
 use crate::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
 use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
@@ -215,14 +215,14 @@ fn photographs_of_two_materials_contradict_each_other() {
 #[test]
 fn what_has_no_product_is_said() {
     let model = model(2);
-    let (lit, blind) = (seen(&model, 2, 100), Likelihood::Embedding(vec![0.0; 7]));
+    let (lit, blind) = (seen(&model, 2, 100), Likelihood::Embedding(Embedding::of(vec![0.0; 7])));
     let refused = |all: &[Likelihood]| match combine(&model, all).unwrap_err() {
         EstimateError::Product(error) => error,
         other => panic!("{other}"),
     };
     assert_eq!(refused(std::slice::from_ref(&lit)), ProductError::Few);
     assert_eq!(refused(&[lit.clone(), blind.clone()]), ProductError::Mixed);
-    assert_eq!(refused(&[blind, Likelihood::Embedding(vec![0.0; 3])]), ProductError::Model(1));
+    assert_eq!(refused(&[blind, Likelihood::Embedding(Embedding::of(vec![0.0; 3]))]), ProductError::Model(1));
 }
 
 #[test]

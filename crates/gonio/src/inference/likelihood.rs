@@ -18,11 +18,39 @@ pub const CONTRADICTION: f64 = -12.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Likelihood {
-    /// Under unknown illumination: the embedding of the image, whose product with the embedding of
-    /// a material is the logarithm of the likelihood.
-    Embedding(Vec<f32>),
+    /// Under unknown illumination.
+    Embedding(Embedding),
     /// Under a known light: a Gaussian in the coefficients of the logarithm of reflectance.
     Gaussian(Gaussian),
+}
+
+/// Likelihood by embeddings of images.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Embedding {
+    /// Sum of the embeddings of the images: its product with the embedding of a material is the
+    /// sum of the logarithms of the likelihoods.
+    sum: Vec<f32>,
+    /// Number of images.
+    count: usize,
+}
+
+/// Share of the error of a likelihood that photographs of one material have in common: that of the
+/// model, not of the light. With it `K` photographs count as `K / (1 + (K - 1) rho)`. Without it
+/// the intervals of materials outside of the training became too narrow, and the answers no better
+/// (docs/trials.md).
+const COMMON: f64 = 0.5;
+
+impl Embedding {
+    /// The embedding of one image.
+    pub fn of(image: Vec<f32>) -> Self {
+        Self { sum: image, count: 1 }
+    }
+
+    /// The embedding by which materials are weighed.
+    pub(crate) fn weighed(&self) -> Vec<f32> {
+        let share = 1.0 / (1.0 + (self.count.max(1) - 1) as f64 * COMMON);
+        self.sum.iter().map(|v| (f64::from(*v) * share) as f32).collect()
+    }
 }
 
 /// Why likelihoods have no product.
@@ -76,7 +104,7 @@ impl Likelihood {
         if let Some(at) = all.iter().position(|one| !one.is_of(learnt)) {
             return Err(ProductError::Model(at));
         }
-        let embeddings: Option<Vec<&Vec<f32>>> =
+        let embeddings: Option<Vec<&Embedding>> =
             all.iter().map(|one| if let Self::Embedding(e) = one { Some(e) } else { None }).collect();
         let gaussians: Option<Vec<&Gaussian>> =
             all.iter().map(|one| if let Self::Gaussian(g) = one { Some(g) } else { None }).collect();
@@ -84,8 +112,8 @@ impl Likelihood {
             (Some(embeddings), _) => (
                 Self::Embedding(sum(&embeddings)),
                 agreement(all.len(), |some| {
-                    let some: Vec<&Vec<f32>> = some.iter().map(|&at| embeddings[at]).collect();
-                    Some(log_mean(learnt, &sum(&some)))
+                    let some: Vec<&Embedding> = some.iter().map(|&at| embeddings[at]).collect();
+                    Some(log_mean(learnt, &sum(&some).sum))
                 }),
             ),
             (_, Some(gaussians)) => {
@@ -113,8 +141,9 @@ impl Likelihood {
     pub fn is_of(&self, learnt: &LearntPosterior) -> bool {
         match self {
             Self::Embedding(embedding) => {
-                learnt.prior.embeddings.first().is_some_and(|e| e.len() == embedding.len())
-                    && embedding.iter().all(|v| v.is_finite())
+                learnt.prior.embeddings.first().is_some_and(|e| e.len() == embedding.sum.len())
+                    && embedding.count > 0
+                    && embedding.sum.iter().all(|v| v.is_finite())
             }
             Self::Gaussian(gaussian) => gaussian.is_of(&learnt.coordinates),
         }
@@ -133,8 +162,11 @@ fn agreement(count: usize, evidence: impl Fn(&[usize]) -> Option<f64>) -> Option
     each.collect()
 }
 
-fn sum(embeddings: &[&Vec<f32>]) -> Vec<f32> {
-    (0..embeddings[0].len()).map(|i| embeddings.iter().map(|e| e[i]).sum()).collect()
+fn sum(embeddings: &[&Embedding]) -> Embedding {
+    Embedding {
+        sum: (0..embeddings[0].sum.len()).map(|i| embeddings.iter().map(|e| e.sum[i]).sum()).collect(),
+        count: embeddings.iter().map(|e| e.count).fold(0, usize::saturating_add),
+    }
 }
 
 /// Logarithm of the mean likelihood over materials of the prior.

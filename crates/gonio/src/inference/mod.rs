@@ -40,7 +40,7 @@ mod variational;
 pub use ensemble::Ensemble;
 pub use expectations::Expectations;
 pub use joint_map::JointMapSettings;
-pub use likelihood::{CONTRADICTION, Likelihood, Product, ProductError};
+pub use likelihood::{CONTRADICTION, Embedding, Likelihood, Product, ProductError};
 pub use posterior::{Posterior, StartReport};
 pub use problem::{Hyper, MODEL_ERROR, Problem, ProblemError};
 pub use variational::{Solver, VariationalSettings};

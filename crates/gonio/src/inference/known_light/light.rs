@@ -3,7 +3,7 @@
 use glam::{DQuat, Vec3};
 
 use super::ACCURACY;
-use crate::lighting::{EnvironmentMap, LightGrid};
+use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
 use crate::reflectance::Coordinates;
 use crate::render::{LightTree, Relighter};
@@ -50,11 +50,6 @@ impl GivenLight {
                 }
             }
         }
-    }
-
-    /// Takes an octahedral grid in camera space.
-    pub fn of_grid(grid: &LightGrid) -> Self {
-        Self { rest: LightTree::of_grid(grid), clipped: None }
     }
 
     /// The light turned by a rotation from where the map has it, in place of an earlier one.

@@ -37,6 +37,7 @@ pub use unshadow::{UnshadowSettings, Unshadowed, unshadow};
 use crate::appearance::DiskImage;
 use crate::appearance::disk::{CHANNELS, SIDE};
 use crate::colour::ColourModel;
+use crate::inference::likelihood::Embedding;
 use crate::reflectance::Coordinates;
 
 /// Trained model from an image to the posterior of its material.
@@ -94,6 +95,6 @@ impl LearntPosterior {
 
     /// Posterior of the material of an image.
     pub fn posterior(&self, image: &DiskImage) -> MaterialPosterior {
-        MaterialPosterior::of_embedding(self, self.read(image).embedding)
+        MaterialPosterior::of_embedding(self, Embedding::of(self.read(image).embedding))
     }
 }

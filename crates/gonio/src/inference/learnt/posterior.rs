@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::{Candidates, LearntPosterior};
 use crate::inference::known_light::Gaussian;
-use crate::inference::likelihood::Likelihood;
+use crate::inference::likelihood::{Embedding, Likelihood};
 use crate::reflectance::{BivariateTable, CELLS, Coordinates, is_trusted, trusted_cells};
 
 /// Number of draws that represent a posterior.
@@ -78,19 +78,20 @@ impl MaterialPosterior {
         Some(Self { likelihood: Likelihood::Gaussian(gaussian), draws, mean, neighbours, spread: SPREAD_LIT })
     }
 
-    /// Computes the posterior from the embedding of an image.
+    /// Computes the posterior from the embedding of images.
     ///
     /// # Panics
     /// If it is not as long as the embeddings of the candidates.
-    pub(super) fn of_embedding(learnt: &LearntPosterior, embedding: Vec<f32>) -> Self {
-        let draws = draws(learnt, &embedding, DRAWS, 1);
+    pub(super) fn of_embedding(learnt: &LearntPosterior, embedding: Embedding) -> Self {
+        let weighed = embedding.weighed();
+        let draws = draws(learnt, &weighed, DRAWS, 1);
         let mut sum = vec![0.0_f64; CELLS];
         for table in &draws {
             sum.iter_mut().zip(table.as_slice()).for_each(|(sum, v)| *sum += f64::from(v.max(1e-12)).ln());
         }
         let count = draws.len() as f64;
         let mean = BivariateTable::from_vec(sum.into_iter().map(|v| (v / count).exp() as f32).collect());
-        let shares = learnt.measured.weights(&embedding);
+        let shares = learnt.measured.weights(&weighed);
         let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
         let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(shares).map(named).collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
@@ -157,7 +158,7 @@ pub(crate) fn sample(
 ) -> Option<Vec<BivariateTable>> {
     match likelihood {
         likelihood if !likelihood.is_of(learnt) => None,
-        Likelihood::Embedding(embedding) => Some(draws(learnt, embedding, count, seed)),
+        Likelihood::Embedding(embedding) => Some(draws(learnt, &embedding.weighed(), count, seed)),
         Likelihood::Gaussian(gaussian) => gaussian.draws(&learnt.coordinates, count, seed),
     }
 }

@@ -20,6 +20,11 @@ pub(crate) fn random(n: usize, seed: u64) -> Vec<f64> {
     (0..n).map(|_| rng.random_range(-1.0..1.0)).collect()
 }
 
+/// Inner product.
+pub(crate) fn inner(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
 /// A constant and a Gaussian lobe of this width in radians.
 pub(crate) fn lobe(floor: f64, strength: f64, width: f64) -> BivariateTable {
     BivariateTable::from_fn(move |h, _| floor + strength * (-(h / width).powi(2)).exp())

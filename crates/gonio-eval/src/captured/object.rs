@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_a_direction_and_a_weight() {
+    fn lines_of_lights() {
         let light = parse_light(" 0 0 2  1 2 3 ").unwrap();
         assert_eq!(light, Directional { direction: DVec3::Z, weight: DVec3::new(1.0, 2.0, 3.0) });
         for bad in ["", "0 0 1 1 1", "0 0 0 1 1 1", "0 0 1 1 1 x", "0 0 1 1 -1 1", "0 0 1 1 nan 1"] {

@@ -6,7 +6,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::ensemble::AllMoments;
 use super::*;
 use crate::lighting::{LightPrior, ScaleMixture};
-use crate::testing::on_threads;
+use crate::testing::{inner, on_threads};
 use crate::transfer::{Bilinear, Projected, toy_prior};
 
 const SIDE: usize = 4;
@@ -196,7 +196,6 @@ fn the_expected_residual_matches_sampling() {
 
 /// Cosine between two vectors.
 fn alike(a: &[f64], b: &[f64]) -> f64 {
-    let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     inner(a, b) / (inner(a, a) * inner(b, b)).sqrt()
 }
 

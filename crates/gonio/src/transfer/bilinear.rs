@@ -176,14 +176,10 @@ fn add_squares(row: &[f32], sum: &mut [f64]) {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::testing::{on_threads, random};
+    use crate::testing::{inner, on_threads, random};
 
     pub(crate) fn random_bilinear(rows: usize, k: usize, m: usize) -> Bilinear {
         Bilinear::new(rows, k, m, random(rows * k * m, 42).into_iter().map(|x| x as f32).collect())
-    }
-
-    fn inner(a: &[f64], b: &[f64]) -> f64 {
-        a.iter().zip(b).map(|(a, b)| a * b).sum()
     }
 
     #[test]

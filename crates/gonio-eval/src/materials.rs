@@ -210,15 +210,21 @@ mod tests {
 
     use super::*;
 
-    #[test]
-    fn the_order_is_that_of_the_files() {
+    /// A database of grey materials of these names.
+    fn database(names: &[&str]) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
         let merl = dir.path().join("merl");
         std::fs::create_dir(&merl).unwrap();
-        let names = ["chrome", "brass", "chrome-steel"];
         std::fs::write(merl.join("materials.txt"), names.join("\n")).unwrap();
-        let array = gonio_io::npy::Array { shape: vec![3, THETA_H, THETA_D, 3], values: vec![0.5; 9 * CELLS] };
+        let shape = vec![names.len(), THETA_H, THETA_D, 3];
+        let array = gonio_io::npy::Array { shape, values: vec![0.5; 3 * names.len() * CELLS] };
         std::fs::write(merl.join("bivariate_rgb_f32.npy"), gonio_io::npy::encode(&array)).unwrap();
+        dir
+    }
+
+    #[test]
+    fn the_order_is_that_of_the_files() {
+        let dir = database(&["chrome", "brass", "chrome-steel"]);
         let materials = Materials::open(dir.path(), None).unwrap();
         assert_eq!(materials.names, ["brass", "chrome-steel", "chrome"]);
         assert_eq!(materials.index("chrome").unwrap(), 2);
@@ -229,12 +235,7 @@ mod tests {
 
     #[test]
     fn materials_outside_come_after_the_database() {
-        let dir = tempfile::tempdir().unwrap();
-        let merl = dir.path().join("merl");
-        std::fs::create_dir(&merl).unwrap();
-        std::fs::write(merl.join("materials.txt"), "brass\nzinc").unwrap();
-        let array = gonio_io::npy::Array { shape: vec![2, THETA_H, THETA_D, 3], values: vec![0.5; 6 * CELLS] };
-        std::fs::write(merl.join("bivariate_rgb_f32.npy"), gonio_io::npy::encode(&array)).unwrap();
+        let dir = database(&["brass", "zinc"]);
         let materials = Materials::open(dir.path(), None).unwrap();
         assert!(materials.outside().is_empty());
         let materials = materials.with_outside(dir.path()).unwrap();

@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn fresnel_by_hand() {
+    fn fresnel_is_as_worked_out_by_hand() {
         // Glass and silver along the normal: ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2). All light at
         // the horizon.
         assert!((dielectric(1.0, 1.5) - 0.04).abs() < 1e-12);

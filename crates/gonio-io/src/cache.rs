@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn round_trips() {
+    fn what_is_stored_comes_back() {
         let (_dir, cache) = cache();
         for (key, n) in [("a-b_9", 100_000), ("empty", 0), ("odd key/../\u{e9}", 3), ("a-b_9", 5)] {
             assert!(cache.load("never stored").is_none());
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn the_variable_decides() {
+    fn the_variable_decides_where_the_cache_is() {
         assert!(Cache::user_or(Some("".into())).is_none());
         assert_eq!(Cache::user_or(Some("/x".into())).unwrap().dir(), Path::new("/x"));
         if let Some(cache) = Cache::user_or(None) {

@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn round_trips() {
+    fn an_array_comes_back() {
         for shape in [vec![2, 3, 4], vec![24], vec![1, 24, 1]] {
             let array = Array { shape, values: (0..24).map(|i| i as f32).collect() };
             let bytes = encode(&array);

@@ -54,7 +54,7 @@ fn settings(steps: usize) -> TrainingSettings {
 fn photographs_tell_their_materials() {
     let stock = stock(4);
     assert_eq!(stock.scenes(), 4 * 12);
-    let posterior = learn(&stock, &settings(120), &|_, _| ()).unwrap();
+    let posterior = learn(&stock, &settings(60), &|_, _| ()).unwrap();
     // The embeddings tell the materials of photographs that were not learnt from, and none of these
     // photographs is unusual.
     let (mut along, mut strange, mut certain) = (0.0, 0.0, 0.0);

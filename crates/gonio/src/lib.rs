@@ -51,4 +51,6 @@ pub mod shading;
 pub mod shape;
 pub mod simulation;
 pub mod sphere;
+#[cfg(test)]
+mod testing;
 pub mod transfer;

@@ -312,21 +312,23 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::reflectance::{BivariateTable, TrainingMaterial};
+    use std::sync::LazyLock;
 
-    fn model() -> Model {
-        let lobe = BivariateTable::from_fn(|h, _| (-h * h / 0.02).exp());
+    use super::*;
+    use crate::reflectance::TrainingMaterial;
+    use crate::testing::lobe;
+
+    static MODEL: LazyLock<Model> = LazyLock::new(|| {
         let reflectance = ReflectanceBasis {
-            functions: vec![BivariateTable::from_fn(|_, _| 1.0), lobe],
+            functions: vec![lobe(1.0, 0.0, 1.0), lobe(0.0, 1.0, 0.02_f64.sqrt())],
             rates: vec![2.0, 30.0],
             materials: vec![TrainingMaterial { name: "chalk".into(), scale: 0.3, coefficients: vec![0.9, 0.0] }],
         };
         Model { light: crate::transfer::toy_prior(8), reflectance, learnt: None, provenance: "toys".into() }
-    }
+    });
 
     fn check(spoil: impl FnOnce(&mut Model), says: &str) {
-        let mut model = model();
+        let mut model = MODEL.clone();
         assert_eq!(model.check(), Ok(()));
         spoil(&mut model);
         let error = model.check().unwrap_err().to_string();

@@ -2,14 +2,8 @@
 
 use glam::Vec3;
 use gonio::picture::{Picture, luminance};
-use gonio::reflectance::{BivariateTable, MerlTable};
 
 use crate::support::{Bench, ball, exr};
-
-fn channels(bench: &Bench, out: &str) -> [BivariateTable; 3] {
-    let brdf: MerlTable = gonio_io::merl::read(bench.path(out).join("brdf.binary")).unwrap();
-    [0, 1, 2].map(|c| brdf.bivariate(c))
-}
 
 /// A ball whose picture is of this colour.
 fn tinted(colour: Vec3) -> Vec<u8> {
@@ -25,15 +19,15 @@ fn the_colour_changes_and_the_luminance_does_not() {
     bench.run("infer red.exr -o median --grid 8 --color median").succeeds();
     bench.run("infer red.exr -o estimate --grid 8").succeeds();
     bench.run("infer red.exr -o given --grid 8 --light-color 3.2,1.4,1").succeeds();
-    let [r, g, b] = channels(&bench, "grey");
+    let [r, g, b] = bench.channels("grey");
     assert!(r == g && g == b);
     for out in ["median", "estimate", "given"] {
-        let same = BivariateTable::luminance(&channels(&bench, out));
+        let same = bench.luminance(out);
         let near = same.as_slice().iter().zip(g.as_slice()).all(|(a, b)| (a / b - 1.0).abs() < 1e-4);
         assert!(near, "another luminance: {out}");
     }
     // The paper's display: one colour, that of the picture.
-    let [r, g, _] = channels(&bench, "median");
+    let [r, g, _] = bench.channels("median");
     assert!(r.as_slice().iter().zip(g.as_slice()).all(|(r, g)| (r / g - 1.6 / 0.7).abs() < 1e-3));
     let colour = |out: &str| bench.json(&format!("{out}/result.json"))["colour"].clone();
     let body = |out: &str| colour(out)["body"]["log_chroma"][0].as_f64().unwrap();
@@ -50,7 +44,7 @@ fn a_grey_photograph_gives_a_grey_brdf() {
     let bench = Bench::new();
     bench.write("grey.exr", &tinted(Vec3::ONE));
     bench.run("infer grey.exr -o out --grid 8").succeeds();
-    let [r, g, b] = channels(&bench, "out");
+    let [r, g, b] = bench.channels("out");
     assert!(r == g && g == b);
     assert_eq!(bench.json("out/result.json")["colour"]["how"], "grey photograph");
 }

@@ -1,7 +1,6 @@
 //! `gonio export` and `gonio convert`.
 
 use gonio::reflectance::{BivariateTable, MerlTable};
-use serde_json::Value;
 
 use crate::support::{Bench, material, merl};
 
@@ -12,15 +11,11 @@ fn bench() -> Bench {
     bench
 }
 
-fn summary(bench: &Bench, folder: &str) -> Value {
-    serde_json::from_slice(&bench.read(&format!("{folder}/export.json"))).unwrap()
-}
-
 #[test]
 fn everything_is_written_and_says_how_near_it_comes() {
     let bench = bench();
     bench.run("export in.binary -o out --name ball").succeeds();
-    let exports = &summary(&bench, "out")["exports"];
+    let exports = &bench.json("out/export.json")["exports"];
     let count = exports.as_object().unwrap().len();
     assert_eq!(count, 9);
     for (target, entry) in exports.as_object().unwrap() {
@@ -51,13 +46,13 @@ fn everything_is_written_and_says_how_near_it_comes() {
 fn a_chosen_albedo_scales_everything() {
     let bench = bench();
     bench.run("export in.binary -o out --to merl,bsdf,ward --albedo 0.25").succeeds();
-    assert_eq!(summary(&bench, "out")["albedo"].as_f64().map(|a| (1e6 * a).round() / 1e6), Some(0.25));
+    assert_eq!(bench.json("out/export.json")["albedo"].as_f64().map(|a| (1e6 * a).round() / 1e6), Some(0.25));
     let table = gonio_io::brdf::read(bench.path("out/brdf.binary")).unwrap();
     let luminance = BivariateTable::luminance(&[0, 1, 2].map(|c| table.bivariate(c)));
     assert!((luminance.normal_albedo() - 0.25).abs() < 1e-3);
     let tensor = gonio_io::brdf::read(bench.path("out/brdf_rgb.bsdf")).unwrap();
     assert!((tensor.bivariate(0).normal_albedo() / table.bivariate(0).normal_albedo() - 1.0).abs() < 0.02);
-    assert_eq!(summary(&bench, "out")["exports"].as_object().unwrap().len(), 3);
+    assert_eq!(bench.json("out/export.json")["exports"].as_object().unwrap().len(), 3);
 }
 
 #[test]

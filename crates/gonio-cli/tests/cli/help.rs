@@ -41,7 +41,7 @@ fn programs_get_one_object() {
         assert_eq!((run.code, run.stderr.as_str()), (Some(code), ""), "{line}");
         serde_json::from_str(&run.stdout).unwrap_or_else(|e| panic!("{line}: {e}: {}", run.stdout))
     };
-    let found = object("infer ball.exr -o out --grid 16 --json", 0);
+    let found = object("infer ball.exr -o out --grid 8 --json", 0);
     assert_eq!((found["output"].as_str(), found["method"].as_str()), (Some("out"), Some("learnt")));
     assert!(found["posterior"]["materials"][0]["weight"].as_f64().unwrap() > 0.0);
     assert!(found["warnings"].is_array());

@@ -9,7 +9,7 @@ use gonio::picture::{Picture, Plane};
 use crate::support::{Bench, SIZE, ball, encode_normals, exr, grey, mask, normals};
 
 #[test]
-fn bad_photographs() {
+fn bad_photographs_are_refused() {
     let bench = Bench::with_ball();
     let good = bench.read("ball.exr");
     bench.write("short.exr", &good[..good.len() * 2 / 3]);
@@ -56,7 +56,7 @@ fn help_and_version_are_no_errors() {
 
 #[cfg(unix)]
 #[test]
-fn unreadable_photographs() {
+fn unreadable_photographs_are_refused() {
     use std::os::unix::fs::PermissionsExt;
     let bench = Bench::with_ball();
     fs::set_permissions(bench.path("ball.exr"), fs::Permissions::from_mode(0o000)).unwrap();
@@ -68,7 +68,7 @@ fn unreadable_photographs() {
 }
 
 #[test]
-fn bad_masks() {
+fn bad_masks_are_refused() {
     let bench = Bench::with_ball();
     bench.write("empty.exr", &grey(0.0, SIZE, SIZE));
     bench.write("full.exr", &grey(1.0, SIZE, SIZE));
@@ -100,7 +100,7 @@ fn bad_masks() {
 }
 
 #[test]
-fn bad_normals() {
+fn bad_normals_are_refused() {
     let bench = Bench::with_ball();
     let good = normals(SIZE);
     bench.write("small.npy", &encode_normals(&normals(SIZE / 2)));
@@ -134,7 +134,7 @@ fn edited_model(old: &str, new: &str) -> Vec<u8> {
 }
 
 #[test]
-fn bad_models() {
+fn bad_models_are_refused() {
     let bench = Bench::with_ball();
     bench.write("future.model", &edited_model("\"version\":\"1\"", "\"version\":\"2\""));
     bench.write("kind.model", &edited_model("\"kind\":\"model\"", "\"kind\":\"medal\""));
@@ -155,7 +155,7 @@ fn bad_models() {
 }
 
 #[test]
-fn bad_lights_and_options() {
+fn bad_lights_and_options_are_refused() {
     let bench = Bench::with_ball();
     bench.write("square.exr", &grey(1.0, 8, 8));
     bench.write("wide.exr", &grey(1.0, 17, 8));
@@ -193,7 +193,7 @@ fn bad_lights_and_options() {
 }
 
 #[test]
-fn folders_that_cannot_be_made() {
+fn folders_that_cannot_be_made_are_refused() {
     let bench = Bench::with_ball();
     bench.write("file", b"x");
     bench.refuses("infer ball.exr -o file", &["file: cannot make the folder", "a file of that name exists"]);
@@ -221,7 +221,7 @@ impl Drop for SmallDisk<'_> {
 }
 
 #[test]
-fn a_full_disk() {
+fn a_full_disk_is_named_and_left_as_it_was() {
     let bench = Bench::with_ball();
     let Some(_disk) = SmallDisk::mount(&bench) else {
         eprintln!("skipped: no permission to mount a small disk");

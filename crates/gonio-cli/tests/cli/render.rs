@@ -1,20 +1,12 @@
 //! `gonio render`.
 
-use gonio::lighting::studio_light;
-use gonio_io::picture::{ReadOptions, encode_hdr, read};
+use gonio_io::picture::{ReadOptions, read};
 
-use crate::support::{Bench, grey, material, merl};
-
-fn bench() -> Bench {
-    let bench = Bench::new();
-    bench.write("light.hdr", &encode_hdr(studio_light(16).radiance()));
-    gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
-    bench
-}
+use crate::support::{Bench, grey};
 
 #[test]
 fn pictures_have_the_size_asked_for() {
-    let bench = bench();
+    let bench = Bench::with_light_and_material();
     for (name, size) in [("a.exr", 33), ("a.png", 40)] {
         bench.run(&format!("render --brdf in.binary --light light.hdr -o {name} --size {size}")).succeeds();
         let picture = read(bench.path(name), &ReadOptions::default()).unwrap().picture;
@@ -26,7 +18,7 @@ fn pictures_have_the_size_asked_for() {
 
 #[test]
 fn bad_input_is_refused() {
-    let bench = bench();
+    let bench = Bench::with_light_and_material();
     let good = bench.read("in.binary");
     bench.write("short.binary", &good[..good.len() / 2]);
     bench.write("header.binary", &good[..7]);

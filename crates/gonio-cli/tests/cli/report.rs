@@ -1,12 +1,13 @@
 //! The page that `gonio infer` writes.
 
 use std::fs;
+use std::sync::LazyLock;
 
 use gonio::lighting::studio_light;
 use gonio_io::picture::encode_hdr;
 use serde_json::Value;
 
-use crate::support::{Bench, SIZE, encode_normals, normals};
+use crate::support::Bench;
 
 /// Runs that write the page; others leave it out for speed.
 const WITH_REPORT: [(&str, &str); 1] = [("GONIO_NO_REPORT", "false")];
@@ -37,35 +38,49 @@ fn names(list: &Value) -> Vec<&str> {
     list.as_array().unwrap().iter().map(|entry| entry["name"].as_str().unwrap()).collect()
 }
 
-#[test]
-fn a_result_comes_with_a_page_that_needs_nothing_else() {
+/// The page of the ball, and the result that it shows.
+static PAGE: LazyLock<(String, Value)> = LazyLock::new(|| {
     let bench = Bench::with_ball();
     // A name that would break out of text or attributes.
     let name = "<b>&\"x.exr";
     fs::rename(bench.path("ball.exr"), bench.path(name)).unwrap();
     bench.run_with(&format!("infer {name} -o out --grid 8"), &WITH_REPORT).succeeds();
-    let page = String::from_utf8(bench.read("out/report.html")).unwrap();
-    assert!((500_000..4_000_000).contains(&page.len()), "{} bytes", page.len());
+    (String::from_utf8(bench.read("out/report.html")).unwrap(), bench.json("out/result.json"))
+});
 
-    for source in attributes(&page, "src") {
+#[test]
+fn a_result_comes_with_a_page_that_needs_nothing_else() {
+    let page = &PAGE.0;
+    assert!((500_000..4_000_000).contains(&page.len()), "{} bytes", page.len());
+    for source in attributes(page, "src") {
         assert!(source.starts_with("data:image/png;base64,"), "{source:.80}");
     }
-    for link in attributes(&page, "href") {
+    for link in attributes(page, "href") {
         assert!(link.starts_with('#') || link == "data:,", "{link:.80}");
     }
     assert!(page.contains("default-src 'none'") && !page.contains("@import"));
-    assert!(attributes(&page, "src").len() >= 13);
-    assert!(attributes(&page, "alt").iter().all(|words| words.len() > 10));
+}
+
+#[test]
+fn the_page_has_its_sections_and_says_what_each_picture_shows() {
+    let page = &PAGE.0;
+    assert!(attributes(page, "src").len() >= 13);
+    assert!(attributes(page, "alt").iter().all(|words| words.len() > 10));
     for id in ["found", "photograph", "reflectance", "trust", "renderers", "making"] {
         assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
     }
     assert!(page.contains("What &lt;b&gt;&amp;&quot;x is made of") && !page.contains("<b>"));
+    for word in ["principled", "BSDF_PRINCIPLED", "open_pbr_surface", "pbrMetallicRoughness"] {
+        assert!(page.contains(word), "{word}");
+    }
+}
 
-    let data = sphere(&page);
+#[test]
+fn what_the_result_says_the_page_says() {
+    let (page, result) = &*PAGE;
+    let data = sphere(page);
     assert_eq!(names(&data["materials"]).len(), 3);
     assert_eq!(names(&data["lights"]), ["studio", "clear sky", "lamps at night", "the light found"]);
-    // What result.json says, the page says.
-    let result = bench.json("out/result.json");
     for material in result["posterior"]["materials"].as_array().unwrap() {
         assert!(page.contains(material["name"].as_str().unwrap()));
     }
@@ -79,25 +94,17 @@ fn a_result_comes_with_a_page_that_needs_nothing_else() {
             .replace('"', "&quot;");
         assert!(page.contains(&escaped), "{escaped}");
     }
-    for word in ["principled", "BSDF_PRINCIPLED", "open_pbr_surface", "pbrMetallicRoughness"] {
-        assert!(page.contains(word), "{word}");
-    }
 }
 
 #[test]
-fn other_methods_and_shapes_have_one_too() {
+fn the_page_of_a_known_light_says_nothing_of_what_it_does_not_know() {
     let bench = Bench::with_ball();
-    bench.write("normals.npy", &encode_normals(&normals(SIZE)));
     bench.write("light.hdr", &encode_hdr(studio_light(32).radiance()));
     let line = "infer ball.exr -o out --starts 1 --normals normals.npy --method known-light-basis --light light.hdr";
     bench.run_with(line, &WITH_REPORT).succeeds();
     let page = String::from_utf8(bench.read("out/report.html")).unwrap();
-    // Nothing is said of what this method does not know.
     assert!(!page.contains("id=\"trust\"") && page.contains("id=\"renderers\""));
     assert_eq!(names(&sphere(&page)["materials"]), ["the estimate"]);
     assert_eq!(names(&sphere(&page)["lights"])[3], "the light given");
     assert!(!says_nan(&page));
-
-    bench.run("infer ball.exr -o plain --grid 8").succeeds();
-    assert!(!bench.path("plain/report.html").exists());
 }

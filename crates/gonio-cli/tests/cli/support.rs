@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::LazyLock;
 
 use glam::{DVec3, Vec3};
 use gonio::lighting::studio_light;
@@ -11,6 +12,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::reflectance::{BivariateTable, MerlTable};
 use gonio::render::{LightTree, SphereSettings, render_sphere};
 use gonio_io::npy;
+use gonio_io::picture::encode_hdr;
 
 /// Side of the pictures of the ball.
 pub(crate) const SIZE: usize = 48;
@@ -55,6 +57,14 @@ impl Bench {
         let bench = Self::new();
         bench.write("ball.exr", &exr(&ball()));
         bench.write("normals.npy", &encode_normals(&normals(SIZE)));
+        bench
+    }
+
+    /// A bench with a light as `light.hdr` and a material as `in.binary`.
+    pub(crate) fn with_light_and_material() -> Self {
+        let bench = Self::new();
+        bench.write("light.hdr", &encode_hdr(studio_light(16).radiance()));
+        gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
         bench
     }
 
@@ -127,7 +137,40 @@ impl Bench {
         names.sort();
         names
     }
+
+    /// The files of a folder by name.
+    pub(crate) fn files(&self, dir: &str) -> Files {
+        Files(self.names(dir).into_iter().map(|name| (name.clone(), self.read(&format!("{dir}/{name}")))).collect())
+    }
+
+    /// The luminance of the BRDF in a folder.
+    pub(crate) fn luminance(&self, dir: &str) -> BivariateTable {
+        BivariateTable::luminance(&self.channels(dir))
+    }
+
+    /// The channels of the BRDF in a folder.
+    pub(crate) fn channels(&self, dir: &str) -> [BivariateTable; 3] {
+        let brdf = gonio_io::merl::read(self.path(dir).join("brdf.binary")).unwrap();
+        [0, 1, 2].map(|c| brdf.bivariate(c))
+    }
 }
+
+/// Files by name.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Files(pub(crate) BTreeMap<String, Vec<u8>>);
+
+impl Files {
+    pub(crate) fn json(&self, name: &str) -> serde_json::Value {
+        serde_json::from_slice(&self.0[name]).unwrap()
+    }
+}
+
+/// What `gonio infer` makes of the ball, asked once for all tests.
+pub(crate) static ANSWER: LazyLock<Files> = LazyLock::new(|| {
+    let bench = Bench::with_ball();
+    bench.run("infer ball.exr -o out --grid 8").succeeds();
+    bench.files("out")
+});
 
 /// A diffuse material with a highlight whose width is given in radians.
 pub(crate) fn material(diffuse: f64, width: f64) -> BivariateTable {
@@ -141,7 +184,13 @@ pub(crate) fn merl(table: &BivariateTable) -> MerlTable {
 /// A photograph of a ball: alpha around it, and noise of two per cent, without which the inference
 /// would take its time.
 pub(crate) fn ball() -> Picture {
-    let settings = SphereSettings { size: SIZE, ..SphereSettings::default() };
+    static BALL: LazyLock<Picture> = LazyLock::new(|| ball_of(SIZE));
+    BALL.clone()
+}
+
+/// The ball on pictures of another size.
+pub(crate) fn ball_of(size: usize) -> Picture {
+    let settings = SphereSettings { size, ..SphereSettings::default() };
     let light = LightTree::of_map(&studio_light(32));
     let mut picture = render_sphere(&merl(&material(0.1, 0.3)), &light, &settings, &|_| ());
     for (i, colour) in picture.rgb.as_mut_slice().iter_mut().enumerate() {

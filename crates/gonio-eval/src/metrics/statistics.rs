@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn medians() {
+    fn the_median_lies_in_the_middle() {
         assert!(median(Vec::new()).is_nan());
         assert_eq!(median(vec![3.0, 1.0, 2.0]), 2.0);
         assert_eq!(median(vec![4.0, 1.0, 2.0, 3.0]), 2.5);
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn wins() {
+    fn ties_are_half_a_win() {
         assert_eq!(win_rate([(1.0, 2.0), (2.0, 1.0), (1.0, 3.0), (2.0, 2.0)].into_iter()), 0.625);
     }
 }

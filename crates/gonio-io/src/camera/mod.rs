@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn scales_and_centres() {
+    fn scale_and_centre_are_those_of_the_file() {
         for (rest, want) in [(r#""pixels_per_unit": 90"#, 90.0), (r#""height": 8"#, 50.0), (r#""width": 8"#, 75.0)] {
             let camera = read(&format!(r#"{{"projection": "orthographic", "size": [600, 400], {rest}}}"#)).unwrap();
             assert_eq!(camera.projection, Projection::Orthographic { pixels_per_unit: want });

@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn grey_or_alpha() {
+    fn a_mask_is_its_grey_or_its_alpha() {
         let (black, white, red) = (Vec3::ZERO, Vec3::ONE, Vec3::X);
         check([black, white], None, false, [0.0, 1.0]);
         check([black, red], None, false, [0.0, 1.0]);

@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn round_trips() {
+    fn a_response_comes_back() {
         let srgb = Response::srgb(255);
         let back = decode_response(Path::new("r"), &encode_response(&srgb)).unwrap();
         assert!((0..256).all(|k| (back.curve(1)[k] - srgb.curve(1)[k]).abs() < 1e-8));

@@ -145,7 +145,7 @@ fn raw_files_are_exposures() {
 }
 
 #[test]
-fn damaged_raw_files() {
+fn damaged_raw_files_are_refused() {
     let good = dng(|x, y| sample(x, y, 1.0), 8, Some(0.5), 1);
     let options = ReadOptions { max_pixels: 1 << 16, ..ReadOptions::default() };
     // What follows the numbers may be missing: make, model, correction.

@@ -69,9 +69,11 @@ mod tests {
     }
 
     #[test]
-    fn narrow_highlights_have_more_of_it() {
-        let lobe = |width: f32| of(move |x, y| (-(x * x + y * y) / (width * width)).exp());
-        let most = |width: f32| inner().filter_map(|c| lobe(width)[c]).fold(0.0, f32::max);
+    fn narrow_highlights_have_more_detail() {
+        let most = |width: f32| {
+            let lobe = of(|x, y| (-(x * x + y * y) / (width * width)).exp());
+            inner().filter_map(|c| lobe[c]).fold(0.0, f32::max)
+        };
         // Widths of 0.6, 1.1 and 2.3 degrees.
         let [fine, middle, wide] = [0.01, 0.02, 0.04].map(most);
         assert!(fine > 1.5 * middle && middle > 2.5 * wide, "{fine} {middle} {wide}");

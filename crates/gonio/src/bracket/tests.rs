@@ -5,6 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::*;
+use crate::testing::on_threads;
 
 /// A camera's curves, exposure 0..=1 to code 0..=1, none of which is the sRGB curve or a power law.
 fn camera(channel: usize, exposure: f64) -> f64 {
@@ -125,14 +126,12 @@ fn the_response_is_recovered_from_noisy_codes() {
 #[test]
 fn nothing_depends_on_the_number_of_threads() {
     let exposures = take(&scene(96, 64), &AMOUNTS, 0.5);
-    let with = |threads| {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-            let response = Response::recover(&exposures).unwrap();
-            let merged = merge(&exposures, &response, &MergeSettings::default()).unwrap();
-            (response, merged)
-        })
+    let run = || {
+        let response = Response::recover(&exposures).unwrap();
+        let merged = merge(&exposures, &response, &MergeSettings::default()).unwrap();
+        (response, merged)
     };
-    assert_eq!(with(1), with(3));
+    assert_eq!(on_threads(1, run), on_threads(3, run));
 }
 
 #[test]

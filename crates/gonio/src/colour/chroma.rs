@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn chroma_and_back() {
+    fn chroma_gives_back_the_colour_and_adds_up() {
         let rgb = DVec3::new(0.7, 0.4, 0.2);
         let back = Chroma::of(rgb).rgb();
         assert!((luminance_of(back) - 1.0).abs() < 1e-12);

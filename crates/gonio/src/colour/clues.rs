@@ -161,6 +161,7 @@ pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
 mod tests {
     use super::*;
     use crate::sphere::OctahedralMap;
+    use crate::testing::on_threads;
 
     fn image(body: Vec3, highlight: Vec3) -> Vec<Vec3> {
         let lamp = DVec3::new(0.3, 0.4, 0.8).normalize();
@@ -202,11 +203,8 @@ mod tests {
     #[test]
     fn clues_do_not_depend_on_threads() {
         let picture = image(Vec3::new(0.6, 0.2, 0.1), Vec3::ONE);
-        let run = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| ClueFinder::new().of(&picture, 0.2))
-        };
-        assert_eq!(run(1), run(3));
+        let run = || ClueFinder::new().of(&picture, 0.2);
+        assert_eq!(on_threads(1, run), on_threads(3, run));
     }
 
     #[test]

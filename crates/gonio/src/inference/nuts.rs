@@ -9,6 +9,7 @@ use rand_pcg::Pcg64;
 use super::tests::planted;
 use super::*;
 use crate::lighting::CoefficientPrior;
+use crate::testing::inner;
 
 /// `log p(l, f, g, sigma^-2 | I)` up to a constant, as a function of free coordinates
 /// `[log f_k][l_m, or log(l_m - T) where rectified][log g][log sigma^-2]`, Jacobian included.
@@ -80,7 +81,6 @@ impl Exact {
         let Point { f, l, g, precision } = self.point(x);
         let (k_count, m_count) = (f.len(), l.len());
         let z: Vec<f64> = f.iter().flat_map(|f| l.iter().map(move |l| f * l)).collect();
-        let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let gz: Vec<f64> = self.gram.chunks_exact(z.len()).map(|row| inner(row, &z)).collect();
         let (cz, zgz) = (inner(&self.target, &z), inner(&z, &gz));
         let residual = self.energy - 2.0 * g * cz + g * g * zgz;
@@ -225,7 +225,7 @@ impl Draws {
 }
 
 fn norm(x: &[f64]) -> f64 {
-    x.iter().map(|x| x * x).sum::<f64>().sqrt()
+    inner(x, x).sqrt()
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Algorithm 1 on a problem of real size: a light of 32 x 32 texels, whose finest scale the image
-//! does not determine.
+//! Algorithm 1 on lights whose finest scale the image does not determine, up to the real size of 32
+//! x 32 texels.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -10,17 +10,15 @@ use super::*;
 use crate::lighting::LightPrior;
 use crate::transfer::{PlanSettings, Projected, sphere_points, toy_prior, toy_sky, toy_tables};
 
-const SIDE: usize = 32;
-
 /// Image of a sphere with a diffuse part and two lobes under a sky that the prior has not seen,
 /// with noise of 1 % of the root mean square.
-fn sphere(prior: &LightPrior) -> Projected {
-    let (points, tables) = (sphere_points(700), toy_tables());
-    let settings = PlanSettings { side: SIDE, ..PlanSettings::default() };
+fn sphere(side: usize, prior: &LightPrior) -> Projected {
+    let (points, tables) = (sphere_points(7 * side * side / 10), toy_tables());
+    let settings = PlanSettings { side, ..PlanSettings::default() };
     let project =
         |image: &[Option<f64>]| Projected::unprojected(&points, image, &tables, prior, &settings).expect("a sphere");
     let mut rng = rand_pcg::Pcg64::seed_from_u64(77);
-    let light = toy_sky(SIDE, &mut rng).normalised_coefficients().expect("not black");
+    let light = toy_sky(side, &mut rng).normalised_coefficients().expect("not black");
     let clean = project(&vec![Some(1.0); points.len()]).bilinear.apply(&light, &[0.5, 0.2, 0.3]);
     let rms = (clean.iter().map(|y| y * y).sum::<f64>() / clean.len() as f64).sqrt();
     let mut noisy = |y: f64| {
@@ -36,8 +34,8 @@ fn problem<'a>(image: &'a Projected, prior: &'a LightPrior) -> Problem<'a> {
 
 #[test]
 fn the_end_depends_neither_on_the_starting_variance_nor_on_the_tolerance() {
-    let prior = toy_prior(SIDE);
-    let image = sphere(&prior);
+    let prior = toy_prior(32);
+    let image = sphere(32, &prior);
     let problem = problem(&image, &prior);
     let at = |variance, tolerance| {
         let settings = VariationalSettings { variance, tolerance, max_iterations: 20_000, ..Default::default() };
@@ -57,8 +55,8 @@ fn the_end_depends_neither_on_the_starting_variance_nor_on_the_tolerance() {
 
 #[test]
 fn blocks_end_where_the_parallel_update_ends() {
-    let prior = toy_prior(SIDE);
-    let image = sphere(&prior);
+    let prior = toy_prior(16);
+    let image = sphere(16, &prior);
     let problem = problem(&image, &prior);
     let [(_, blocks, few), (_, parallel, many)] = [Solver::Blocks, Solver::Parallel].map(|solver| {
         let settings = VariationalSettings { solver, max_iterations: 20_000, ..Default::default() };

@@ -6,15 +6,11 @@ use rand_distr::{Distribution, StandardNormal};
 use super::ensemble::AllMoments;
 use super::*;
 use crate::lighting::{LightPrior, ScaleMixture};
-use crate::transfer::{Bilinear, Projected};
+use crate::testing::{inner, on_threads};
+use crate::transfer::{Bilinear, Projected, toy_prior};
 
 const SIDE: usize = 4;
 const M: usize = SIDE * SIDE;
-
-/// Prior of lights of 4 x 4 texels, learnt from toy lights.
-fn prior() -> LightPrior {
-    crate::transfer::toy_prior(SIDE)
-}
 
 /// A random operator and the image of planted coefficients with noise.
 pub(super) struct Planted {
@@ -29,7 +25,7 @@ pub(super) fn planted(rows: usize, k: usize, noise: f64, seed: u64) -> Planted {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
     let data = (0..rows * k * M).map(|_| rng.random_range(-1.0_f32..1.0)).collect();
     let bilinear = Bilinear::new(rows, k, M, data);
-    let prior = prior();
+    let prior = toy_prior(SIDE);
     let mut l: Vec<f64> = prior
         .mean_and_variance(SIDE)
         .iter()
@@ -200,7 +196,6 @@ fn the_expected_residual_matches_sampling() {
 
 /// Cosine between two vectors.
 fn alike(a: &[f64], b: &[f64]) -> f64 {
-    let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     inner(a, b) / (inner(a, a) * inner(b, b)).sqrt()
 }
 
@@ -267,8 +262,7 @@ fn the_same_seed_gives_the_same_posterior_on_any_number_of_threads() {
     let planted = planted(120, 3, 0.05, 5);
     let run = |threads, seed| {
         let settings = VariationalSettings { seed, starts: 2, max_iterations: 60, ..Default::default() };
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| solved(&planted, &Method::Variational(settings)))
+        on_threads(threads, || solved(&planted, &Method::Variational(settings)))
     };
     assert_eq!(run(1, 4), run(3, 4));
     assert_ne!(run(2, 4).trace, run(2, 5).trace);

@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_and_back() {
+    fn coefficients_give_back_the_light() {
         let light = ramp(32);
         let back = LightGrid::from_coefficients(light.map(), &light.coefficients());
         for (a, b) in light.texels().iter().zip(back.texels()) {

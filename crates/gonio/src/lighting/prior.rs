@@ -242,6 +242,8 @@ impl LightPrior {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::LazyLock;
+
     use glam::Vec3;
     use rand::{RngExt, SeedableRng};
 
@@ -263,6 +265,13 @@ mod tests {
             .collect()
     }
 
+    static LIGHTS: LazyLock<Vec<LightGrid>> = LazyLock::new(|| lights(40, 32));
+    static PRIOR: LazyLock<LightPrior> = LazyLock::new(|| learn(&LIGHTS));
+
+    fn learn(lights: &[LightGrid]) -> LightPrior {
+        LightPrior::learn(lights, lights.len(), &PriorSettings::default()).unwrap()
+    }
+
     #[test]
     fn groups_are_those_of_the_paper() {
         // Scale 1: 3; scales 2 and 3: 3 orientations x 2; scales 4 and 5: one each.
@@ -277,7 +286,7 @@ mod tests {
 
     #[test]
     fn every_coefficient_finds_the_prior_of_its_group() {
-        let prior = LightPrior::learn(&lights(40, 32), 40, &PriorSettings::default()).unwrap();
+        let prior = &*PRIOR;
         let all = PriorGroup::all(5);
         for m in 1..1024 {
             let group = PriorGroup::of_index(m).unwrap();
@@ -285,23 +294,20 @@ mod tests {
             assert!(std::ptr::eq(prior.of_index(m).unwrap(), &prior.groups[at]), "{m} {group:?}");
         }
         assert!(prior.of_index(0).is_none() && prior.of_index(1024).is_none());
-        assert_eq!(prior, LightPrior::learn(&lights(40, 32), 40, &PriorSettings::default()).unwrap());
+        assert_eq!(*prior, learn(&LIGHTS));
     }
 
     #[test]
     fn light_from_above_is_learnt() {
-        let prior = LightPrior::learn(&lights(40, 32), 40, &PriorSettings::default()).unwrap();
-        let CoefficientPrior::Rectified(vertical) = prior.of_index(2).unwrap() else { panic!("not rectified") };
+        let CoefficientPrior::Rectified(vertical) = PRIOR.of_index(2).unwrap() else { panic!("not rectified") };
         assert!(vertical.threshold < 0.0 && vertical.moments().mean > 0.02, "{vertical:?}");
     }
 
     #[test]
     fn variances_are_those_of_the_samples() {
-        let set = lights(40, 32);
-        let prior = LightPrior::learn(&set, 40, &PriorSettings::default()).unwrap();
-        let moments = prior.mean_and_variance(32);
+        let moments = PRIOR.mean_and_variance(32);
         let fine: Vec<f64> =
-            set.iter().flat_map(|l| l.normalised_coefficients().unwrap()[256..].to_vec()).map(|x| x * x).collect();
+            LIGHTS.iter().flat_map(|l| l.normalised_coefficients().unwrap()[256..].to_vec()).map(|x| x * x).collect();
         let sample = fine.iter().sum::<f64>() / fine.len() as f64;
         assert!((moments[300].1 / sample - 1.0).abs() < 1e-3, "{} {sample}", moments[300].1);
         assert_eq!(moments[0], (LightGrid::normalised_dc(), 0.0));

@@ -176,7 +176,8 @@ mod tests {
     use crate::lighting::EnvironmentMap;
     use crate::picture::Plane;
     use crate::render::radiance;
-    use crate::sphere::{direction_of_lat_long, fibonacci_hemisphere};
+    use crate::sphere::direction_of_lat_long;
+    use crate::testing::ball;
 
     #[test]
     fn it_shows_what_the_integrator_does() {
@@ -187,10 +188,7 @@ mod tests {
         }))
         .unwrap();
         let tree = LightTree::of_map(&map);
-        let points: Vec<SurfacePoint> = fibonacci_hemisphere(40)
-            .filter(|n| n.z > 0.2)
-            .map(|normal| SurfacePoint { normal, view: DVec3::Z })
-            .collect();
+        let points: Vec<SurfacePoint> = ball(40).into_iter().filter(|p| p.normal.z > 0.2).collect();
         let lobe =
             |width: f64| BivariateTable::from_fn(move |h, d| 0.1 + d + 9.0 / (1.0 + (h / width).powi(2)).powi(2));
         let tables: Vec<BivariateTable> = [0.01, 0.1, 1.0].map(lobe).into();

@@ -131,14 +131,11 @@ mod tests {
 
     use super::super::{SphereSettings, render_sphere};
     use super::*;
-    use crate::lighting::EnvironmentMap;
-    use crate::picture::Plane;
     use crate::shape::{Ellipsoid, Form, Projection, Tracer, hit_at};
-    use crate::sphere::direction_of_lat_long;
+    use crate::testing::light_map;
 
-    fn light(f: impl Fn(DVec3) -> f32) -> LightTree {
-        let at = |x: usize, y: usize| direction_of_lat_long((x as f64 + 0.5) / 128.0, (y as f64 + 0.5) / 64.0);
-        LightTree::of_map(&EnvironmentMap::new(Plane::from_fn(128, 64, |x, y| Vec3::splat(f(at(x, y))))).unwrap())
+    fn light(f: impl Fn(DVec3) -> f64) -> LightTree {
+        LightTree::of_map(&light_map(128, f))
     }
 
     fn lobe() -> BivariateTable {
@@ -147,7 +144,7 @@ mod tests {
 
     #[test]
     fn an_ellipsoid_of_equal_axes_is_the_sphere() {
-        let light = light(|d| 2.0 + d.y as f32 + 0.5 * d.x as f32);
+        let light = light(|d| 2.0 + d.y + 0.5 * d.x);
         let flat = SphereSettings { size: 24, ..SphereSettings::default() };
         let want = render_sphere(&lobe(), &light, &flat, &|_| ());
         let projection = Projection::Orthographic { pixels_per_unit: flat.radius() };

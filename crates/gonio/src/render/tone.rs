@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_and_medians() {
+    fn exposure_and_colour_are_those_of_the_median() {
         let plane = Plane::from_fn(10, 10, |x, y| Vec3::splat((10 * y + x) as f32));
         let exposure = Exposure::by_quantile(&plane, |_| true, 0.5, 0.5);
         assert!((exposure.0 - 0.5 / 49.0).abs() < 1e-6);

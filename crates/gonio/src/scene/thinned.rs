@@ -46,14 +46,11 @@ fn evenly(points: &[SurfacePoint], weights: &[f64], rows: usize) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn points(count: usize) -> Vec<SurfacePoint> {
-        fibonacci_hemisphere(count).map(|normal| SurfacePoint { normal, view: DVec3::Z }).collect()
-    }
+    use crate::testing::ball;
 
     #[test]
     fn few_points_are_all_taken_but_for_those_without_weight() {
-        let points = points(300);
+        let points = ball(300);
         let weights: Vec<f64> = (0..300).map(|i| f64::from(i % 3 != 0)).collect();
         let want: Vec<usize> = (0..300).filter(|i| i % 3 != 0).collect();
         assert_eq!(evenly(&points, &weights, 400), want);
@@ -61,7 +58,7 @@ mod tests {
 
     #[test]
     fn many_are_thinned_evenly() {
-        let points = points(12_000);
+        let points = ball(12_000);
         let taken = evenly(&points, &[1.0; 12_000], 1600);
         assert!((1500..=1920).contains(&taken.len()), "{}", taken.len());
         let gap = fibonacci_hemisphere(500)
@@ -72,7 +69,7 @@ mod tests {
 
     #[test]
     fn of_neighbours_the_better_is_taken() {
-        let points = points(12_000);
+        let points = ball(12_000);
         let weights: Vec<f64> = (0..12_000).map(|i| if i % 2 == 0 { 1.0 } else { 0.2 }).collect();
         let taken = evenly(&points, &weights, 1600);
         let poor = taken.iter().filter(|&&i| i % 2 == 1).count();

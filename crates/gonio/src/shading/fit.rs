@@ -265,13 +265,25 @@ mod tests {
     }
 
     #[test]
-    fn models_are_found_again() {
+    fn metallic_roughness_is_found_again() {
         let got: MetallicRoughness = found_again(&[0.5, 0.2, 0.1, 0.05, 0.35, 1.5], 0.01);
         assert!((got.roughness - 0.35).abs() < 0.01 && (got.base_color.x - 0.5).abs() < 0.02, "{got:?}");
+    }
+
+    #[test]
+    fn a_layered_metal_is_found_again() {
         let got: Layered = found_again(&[0.9, 0.6, 0.3, 1.0, 0.25, 1.5], 0.02);
         assert!((got.roughness - 0.25).abs() < 0.01 && got.metalness > 0.9, "{got:?}");
+    }
+
+    #[test]
+    fn a_principled_body_with_sheen_is_found_again() {
         let got: Principled = found_again(&[0.2, 0.3, 0.6, 0.0, 0.4, 1.5, 0.0, 0.0, 0.9], 0.02);
         assert!((got.roughness - 0.4).abs() < 0.02 && got.metallic < 0.1, "{got:?}");
+    }
+
+    #[test]
+    fn the_classic_models_are_found_again() {
         let got: ColourWard = found_again(&[0.3, 0.2, 0.1, 0.1, 0.1, 0.1, 0.08], 0.01);
         assert!((got.roughness - 0.08).abs() < 0.004, "{got:?}");
         let got: ColourCookTorrance = found_again(&[0.3, 0.2, 0.1, 0.5, 0.5, 0.5, 0.1, 0.15], 0.02);

@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fresnel_by_hand() {
+    fn fresnel_is_as_worked_out_by_hand() {
         assert!((fresnel_dielectric(1.0, 1.5) - 0.04).abs() < 1e-12);
         assert!((f0_of(1.5) - 0.04).abs() < 1e-12);
         assert!((fresnel_dielectric(1e-9, 1.5) - 1.0).abs() < 1e-6);
@@ -46,7 +46,7 @@ mod tests {
     }
 
     #[test]
-    fn masking_by_hand() {
+    fn masking_is_as_worked_out_by_hand() {
         // Masking of a rough surface seen at 45 degrees, alpha = 1: 2 / (1 + sqrt 2).
         assert!((smith(0.5_f64.sqrt(), 1.0) - 2.0 / (1.0 + 2.0_f64.sqrt())).abs() < 1e-12);
     }

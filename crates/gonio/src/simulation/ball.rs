@@ -156,29 +156,24 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::lighting::EnvironmentMap;
-    use crate::picture::Plane;
     use crate::render::{IntegratorSettings, LightTree, Relighter};
     use crate::shape::SurfacePoint;
-    use crate::sphere::{direction_of_lat_long, fibonacci_hemisphere};
+    use crate::testing::{ball, light_map};
 
     #[test]
     fn it_shows_what_the_integrator_does() {
         let lamp = DVec3::new(0.4, 0.5, 0.6).normalize();
         let light = |d: DVec3| if d.angle_between(lamp) < 0.05 { 300.0 } else { 1.0 + d.y };
-        let map = EnvironmentMap::new(Plane::from_fn(1024, 512, |x, y| {
-            Vec3::splat(light(direction_of_lat_long((x as f64 + 0.5) / 1024.0, (y as f64 + 0.5) / 512.0)) as f32)
-        }));
-        let normals: Vec<DVec3> = fibonacci_hemisphere(120).filter(|n| n.z > 0.2).collect();
-        let points: Vec<SurfacePoint> = normals.iter().map(|&normal| SurfacePoint { normal, view: DVec3::Z }).collect();
+        let tree = LightTree::of_map(&light_map(1024, light));
+        let points: Vec<SurfacePoint> = ball(120).into_iter().filter(|p| p.normal.z > 0.2).collect();
         let lobe =
             |width: f64| BivariateTable::from_fn(move |h, d| 0.1 + d + 3.0 / (1.0 + (h / width).powi(2)).powi(2));
         for (width, median, worst) in [(1.0, 0.01, 0.06), (0.2, 0.01, 0.1), (0.05, 0.02, 0.25), (0.02, 0.03, 0.4)] {
             let tables = [lobe(width)];
             let fine = IntegratorSettings { tolerance: 0.05, ..IntegratorSettings::default() };
-            let want = Relighter::new(&points, &tables, &LightTree::of_map(map.as_ref().unwrap()), &fine);
+            let want = Relighter::new(&points, &tables, &tree, &fine);
             let want = want.render(&tables[0]);
-            let seen: Vec<Vec3> = normals.iter().map(|n| n.as_vec3()).collect();
+            let seen: Vec<Vec3> = points.iter().map(|p| p.normal.as_vec3()).collect();
             let pyramid = LightPyramid::new(light);
             let [near, far] = [Rings::Near, Rings::Far]
                 .map(|rings| BallRenderer::new().render(&seen, &tables, &pyramid, rings).swap_remove(0));

@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn angles_of_cosines() {
+    fn angles_come_back_from_their_cosines() {
         for i in 0..=900 {
             let angle = 0.1 * f64::from(i);
             let got = degrees_of_cosine(angle.to_radians().cos() as f32);

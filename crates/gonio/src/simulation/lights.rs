@@ -210,19 +210,15 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use crate::picture::Plane;
-    use crate::sphere::{direction_of_lat_long, fibonacci_hemisphere};
+    use crate::sphere::fibonacci_hemisphere;
+    use crate::testing::light_map;
 
     fn map() -> EnvironmentMap {
-        let value = |x: usize, y: usize| {
-            let d = direction_of_lat_long((x as f64 + 0.5) / 64.0, (y as f64 + 0.5) / 32.0);
-            Vec3::splat(2.0 + d.y as f32)
-        };
-        EnvironmentMap::new(Plane::from_fn(64, 32, value)).unwrap()
+        light_map(64, |d| 2.0 + d.y)
     }
 
-    fn mean(light: &LightPyramid, of: impl Fn(DVec3) -> bool) -> f64 {
-        let all: Vec<DVec3> = fibonacci_hemisphere(50_000).flat_map(|n| [n, -n]).filter(|d| of(*d)).collect();
+    fn mean(light: &LightPyramid, count: usize, of: impl Fn(DVec3) -> bool) -> f64 {
+        let all: Vec<DVec3> = fibonacci_hemisphere(count).flat_map(|n| [n, -n]).filter(|d| of(*d)).collect();
         all.iter().map(|d| f64::from(light.towards(*d, 0))).sum::<f64>() / all.len() as f64
     }
 
@@ -250,7 +246,7 @@ mod tests {
     fn lamps_have_the_power_they_are_given() {
         let lamp = Lamp::new(DVec3::new(0.6, 0.0, 0.8), 5.0, 3.0);
         let light = LightPyramid::new(|d| lamp.at(d));
-        assert!((mean(&light, |_| true) / 3.0 - 1.0).abs() < 0.05);
+        assert!((mean(&light, 50_000, |_| true) / 3.0 - 1.0).abs() < 0.05);
     }
 
     #[test]
@@ -258,7 +254,7 @@ mod tests {
         for (kind, _) in LightKind::SHARES {
             for seed in 0..6 {
                 let light = kind.light(&map(), DQuat::IDENTITY, &mut Pcg64::seed_from_u64(seed));
-                let (front, back) = (mean(&light, |d| d.z > 0.0), mean(&light, |d| d.z < -0.6));
+                let (front, back) = (mean(&light, 5_000, |d| d.z > 0.0), mean(&light, 5_000, |d| d.z < -0.6));
                 assert!(front.is_finite() && back >= 0.0 && front > 0.0, "{kind:?} {seed}: {front} {back}");
             }
         }

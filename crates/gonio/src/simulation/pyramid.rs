@@ -208,7 +208,7 @@ mod tests {
     use crate::sphere::fibonacci_hemisphere;
 
     #[test]
-    fn whole_numbers_and_rests() {
+    fn a_number_is_its_whole_part_and_its_rest() {
         for i in 0..6000 {
             let x = i as f32 * 0.037;
             let (whole, rest) = whole(x);

@@ -131,7 +131,7 @@ mod tests {
     }
 
     fn shiny(width: f64) -> BivariateTable {
-        BivariateTable::from_fn(move |h, _| 0.1 + 0.02 / (width * width) * (-(h / width).powi(2)).exp())
+        crate::testing::lobe(0.1, 0.02 / (width * width), width)
     }
 
     #[test]

@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn lat_long_conventions() {
+    fn the_middle_of_a_lat_long_map_is_behind_the_object() {
         for (u, v, d) in [
             (0.5, 0.5, -DVec3::Z),
             (0.75, 0.5, DVec3::X),

@@ -145,13 +145,10 @@ impl Haar {
 
 #[cfg(test)]
 mod tests {
-    use rand::{RngExt, SeedableRng};
-
     use super::*;
 
     fn random(n: usize, seed: u64) -> Vec<f32> {
-        let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
-        (0..n).map(|_| rng.random_range(-1.0..1.0)).collect()
+        crate::testing::random(n, seed).into_iter().map(|x| x as f32).collect()
     }
 
     #[test]
@@ -171,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn only_powers_of_two() {
+    fn only_powers_of_two_have_a_transform() {
         assert!([0, 1, 3, 48].iter().all(|&n| Haar::new(n).is_none()));
     }
 

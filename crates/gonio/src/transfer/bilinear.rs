@@ -175,21 +175,11 @@ fn add_squares(row: &[f32], sum: &mut [f64]) {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use rand::{RngExt, SeedableRng};
-
     use super::*;
-
-    pub(crate) fn random(n: usize, seed: u64) -> Vec<f64> {
-        let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
-        (0..n).map(|_| rng.random_range(-1.0..1.0)).collect()
-    }
+    use crate::testing::{inner, on_threads, random};
 
     pub(crate) fn random_bilinear(rows: usize, k: usize, m: usize) -> Bilinear {
         Bilinear::new(rows, k, m, random(rows * k * m, 42).into_iter().map(|x| x as f32).collect())
-    }
-
-    fn inner(a: &[f64], b: &[f64]) -> f64 {
-        a.iter().zip(b).map(|(a, b)| a * b).sum()
     }
 
     #[test]
@@ -239,9 +229,7 @@ pub(crate) mod tests {
     fn sums_do_not_depend_on_threads() {
         let op = random_bilinear(300, 4, 64);
         let b = random(300 * 64, 9);
-        let run = |threads| {
-            rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| op.contract_light(&b))
-        };
+        let run = |threads| on_threads(threads, || op.contract_light(&b));
         assert_eq!(run(1), run(3));
     }
 }

@@ -429,12 +429,16 @@ impl Projected {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use glam::{DVec3, Vec3};
+    use std::collections::BTreeMap;
+    use std::sync::{LazyLock, Mutex};
+
+    use glam::Vec3;
     use rand::{RngExt, SeedableRng};
 
     use super::*;
     use crate::lighting::PriorSettings;
-    use crate::sphere::{OctahedralMap, fibonacci_hemisphere};
+    use crate::sphere::OctahedralMap;
+    use crate::testing::{ball, lobe};
 
     /// Random lamps over a sky.
     pub(crate) fn toy_sky(side: usize, rng: &mut rand_pcg::Pcg64) -> LightGrid {
@@ -447,23 +451,23 @@ pub(crate) mod tests {
         LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
     }
 
-    /// Prior learnt from thirty toy skies.
+    /// Prior learnt from thirty toy skies, once for each side.
     pub(crate) fn toy_prior(side: usize) -> LightPrior {
-        let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
-        let lights: Vec<LightGrid> = (0..30).map(|_| toy_sky(side, &mut rng)).collect();
-        LightPrior::learn(&lights, 30, &PriorSettings::default()).unwrap()
+        static LEARNT: Mutex<BTreeMap<usize, LightPrior>> = Mutex::new(BTreeMap::new());
+        let learn = || {
+            let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
+            let lights: Vec<LightGrid> = (0..30).map(|_| toy_sky(side, &mut rng)).collect();
+            LightPrior::learn(&lights, 30, &PriorSettings::default()).unwrap()
+        };
+        LEARNT.lock().unwrap().entry(side).or_insert_with(learn).clone()
     }
 
     pub(crate) fn toy_tables() -> Vec<BivariateTable> {
-        let lobe = |width: f64| BivariateTable::from_fn(move |h, _| (-(h / width).powi(2)).exp());
-        vec![BivariateTable::from_fn(|_, _| 0.3), lobe(0.1), lobe(0.4)]
+        vec![lobe(0.3, 0.0, 1.0), lobe(0.0, 1.0, 0.1), lobe(0.0, 1.0, 0.4)]
     }
 
     pub(crate) fn sphere_points(count: usize) -> Vec<SurfacePoint> {
-        fibonacci_hemisphere(count)
-            .filter(|n| n.z > 80.0_f64.to_radians().cos())
-            .map(|normal| SurfacePoint { normal, view: DVec3::Z })
-            .collect()
+        ball(count).into_iter().filter(|p| p.normal.z > 80.0_f64.to_radians().cos()).collect()
     }
 
     fn toy() -> (Vec<SurfacePoint>, Vec<BivariateTable>, LightPrior, PlanSettings) {
@@ -476,11 +480,13 @@ pub(crate) mod tests {
         Plan::build(&points, &tables, &prior, settings, &|_| ()).unwrap()
     }
 
+    static PLAN: LazyLock<Plan> = LazyLock::new(|| build(&toy().3));
+
     #[test]
     fn rows_made_anew_and_rows_held_give_the_same_plan() {
         let (.., settings) = toy();
         let streamed = build(&PlanSettings { hold: 0, ..settings });
-        let held = build(&settings);
+        let held = &*PLAN;
         assert!(held.left_out() < 1e-3, "{}", held.left_out());
         let difference = streamed.energies.iter().zip(&held.energies).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(difference < 1e-4 * held.energies[0], "{difference}");
@@ -489,7 +495,7 @@ pub(crate) mod tests {
     #[test]
     fn a_projected_image_is_what_the_rows_say() {
         let (points, tables, prior, settings) = toy();
-        let plan = build(&settings);
+        let plan = &*PLAN;
         let full = Bilinear::new(points.len(), 3, 256, full_rows((&points).into(), &tables, &prior, &settings));
         let mut l: Vec<f64> = prior.mean_and_variance(16).iter().map(|m| m.0).collect();
         l[5] = 0.1;
@@ -517,7 +523,7 @@ pub(crate) mod tests {
 
     #[test]
     fn the_rank_follows_the_slack() {
-        let plan = build(&toy().3);
+        let plan = &*PLAN;
         let image: Vec<Option<f64>> = sphere_points(600).iter().map(|p| Some(p.normal.y + 2.0)).collect();
         let (tight, loose) = (plan.project(&image, 0.0).unwrap(), plan.project(&image, 0.5).unwrap());
         assert_eq!((tight.bilinear.rows(), loose.bilinear.rows()), (300, 50));
@@ -533,7 +539,7 @@ pub(crate) mod tests {
         assert_eq!(build(&points[..10], &tables, 16), PlanError::TooFewPoints(10));
         assert_eq!(build(&points, &[], 16), PlanError::EmptyBasis);
         assert_eq!(build(&points, &tables, 32), PlanError::Grid { side: 32, covered: 16 });
-        let plan = Plan::build(&points, &tables, &prior, &settings, &|_| ()).unwrap();
+        let plan = &*PLAN;
         assert!(matches!(plan.project(&[Some(1.0)], 0.0), Err(PlanError::Points { image: 1, .. })));
         assert_eq!(plan.project(&vec![None; points.len()], 0.0).unwrap_err(), PlanError::TooFewPoints(0));
         let few: Vec<Option<f64>> = (0..points.len()).map(|i| (i < 100).then_some(1.0)).collect();

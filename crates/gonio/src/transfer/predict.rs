@@ -79,6 +79,7 @@ mod tests {
     use super::*;
     use crate::shape::{Form, Lookout, Ray, Surface, Tracer, Visibility};
     use crate::sphere::{OctahedralMap, fibonacci_hemisphere};
+    use crate::testing::ball;
 
     const SIDE: usize = 16;
     const MAP: OctahedralMap = OctahedralMap::EqualArea;
@@ -152,10 +153,9 @@ mod tests {
         let view = DVec3::new(0.3, 0.1, 1.0).normalize();
         let turn = DQuat::from_rotation_arc(DVec3::Z, view);
         let light = LightGrid::from_texels(MAP, SIDE, (0..SIDE * SIDE).map(|t| Vec3::splat((t % 5) as f32)).collect());
-        let normals: Vec<DVec3> = fibonacci_hemisphere(30).filter(|n| n.z > 0.3).collect();
-        let turned: Vec<SurfacePoint> = normals.iter().map(|&n| SurfacePoint { normal: turn * n, view }).collect();
-        let straight: Vec<SurfacePoint> =
-            normals.iter().map(|&normal| SurfacePoint { normal, view: DVec3::Z }).collect();
+        let straight: Vec<SurfacePoint> = ball(30).into_iter().filter(|p| p.normal.z > 0.3).collect();
+        let turned: Vec<SurfacePoint> =
+            straight.iter().map(|p| SurfacePoint { normal: turn * p.normal, view }).collect();
         let (a, b) = (
             predict(&turned, &table(), &light, QuadratureSettings::default()),
             predict(&straight, &table(), &light, QuadratureSettings::default()),

@@ -162,6 +162,7 @@ pub(super) fn sketch(source: &dyn RowBlocks, weights: &[f32], rank: usize, overs
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::on_threads;
 
     struct Held(Vec<f32>, usize, usize);
 
@@ -231,10 +232,7 @@ mod tests {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(9);
         let (n, m) = (700, 900);
         let source = Held((0..n * m).map(|_| StandardNormal.sample(&mut rng)).collect(), n, m);
-        let run = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| sketch(&source, &vec![1.0; source.2], 400, 30, 1).r)
-        };
+        let run = |threads| on_threads(threads, || sketch(&source, &vec![1.0; source.2], 400, 30, 1).r);
         assert_eq!(run(1), run(3));
     }
 }

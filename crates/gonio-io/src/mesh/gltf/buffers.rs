@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_decoded() {
+    fn names_and_embedded_buffers_are_decoded() {
         assert_eq!(percent_decoded("a%20b%C3%A9.bin").unwrap(), "a bé.bin");
         for bad in ["%", "%2", "%zz", "%ff", "%00"] {
             assert_eq!(percent_decoded(bad), None, "{bad}");

@@ -299,8 +299,9 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use crate::inference::known_light::tests::{ball, under};
+    use crate::inference::known_light::tests::under;
     use crate::inference::learnt::tests::{WORLD, light_map};
+    use crate::testing::ball;
 
     fn normals(count: usize, deviation: f64, seed: u64) -> Vec<f64> {
         let mut rng = Pcg64::seed_from_u64(seed);

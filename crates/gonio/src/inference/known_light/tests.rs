@@ -8,12 +8,8 @@ use crate::inference::learnt::tests::{WORLD, light_map};
 use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
 use crate::reflectance::trusted_cells;
-use crate::sphere::{direction_of_lat_long, fibonacci_hemisphere};
-
-/// Points of a ball.
-pub(super) fn ball(count: usize) -> Vec<SurfacePoint> {
-    fibonacci_hemisphere(count).map(|normal| SurfacePoint { normal, view: DVec3::Z }).collect()
-}
+use crate::sphere::direction_of_lat_long;
+use crate::testing::ball;
 
 /// Operator of a light for the materials of the world.
 pub(super) fn under(points: &[SurfacePoint], light: &EnvironmentMap) -> Operator {

@@ -57,14 +57,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gloss_of_known_tables() {
+    fn gloss_is_the_peak_over_the_base() {
         assert!((peak_over_base(&BivariateTable::from_fn(|_, _| 0.2)) - 1.0).abs() < 1e-6);
-        let lobe = BivariateTable::from_fn(|h, _| 0.1 + 4.9 * (-(h / 0.1).powi(2)).exp());
-        assert!((peak_over_base(&lobe) - 50.0).abs() < 1e-3);
+        assert!((peak_over_base(&crate::testing::lobe(0.1, 4.9, 0.1)) - 50.0).abs() < 1e-3);
     }
 
     #[test]
-    fn draws_and_quantiles_by_number() {
+    fn draws_and_quantiles_follow_the_ranking() {
         let ranking = Ranking { draws: (0..101).map(|i| (0.01 * i as f32, 200 - i)).collect() };
         assert_eq!([0.0, 0.5, 1.0].map(|share| ranking.draw(share)), [200, 150, 100]);
         let quantiles = ranking.quantiles(&[0.05, 0.5, 0.95]);

@@ -233,7 +233,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_of_values() {
+    fn quantiles_lie_between_the_middles_of_values() {
         let values = [1.0, 2.0, 3.0, 4.0];
         // Middles at 1/8, 3/8, 5/8, 7/8.
         for (share, want) in [(0.05, 1.0), (0.125, 1.0), (0.25, 1.5), (0.5, 2.5), (0.99, 4.0)] {

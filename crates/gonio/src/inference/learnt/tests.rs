@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
@@ -10,9 +10,8 @@ use rand_pcg::Pcg64;
 use super::*;
 use crate::appearance::disk::{GLOBALS, on_disk};
 use crate::lighting::EnvironmentMap;
-use crate::picture::Plane;
 use crate::reflectance::{BivariateTable, CELLS, Dictionary, DictionarySettings, LogBasis, trusted_cells};
-use crate::sphere::direction_of_lat_long;
+use crate::testing;
 
 /// A sky, a ground and a few lamps.
 pub(crate) fn light_map(seed: u64) -> EnvironmentMap {
@@ -25,13 +24,11 @@ pub(crate) fn light_map(seed: u64) -> EnvironmentMap {
         })
         .collect();
     let sky = draw(0.5, 2.0);
-    let map = Plane::from_fn(96, 48, |x, y| {
-        let d = direction_of_lat_long((x as f64 + 0.5) / 96.0, (y as f64 + 0.5) / 48.0);
+    testing::light_map(96, |d| {
         let base = if d.y > 0.0 { sky } else { 0.3 };
         let lit = lamps.iter().filter(|(lamp, width, _)| d.angle_between(*lamp) < *width).map(|l| l.2).sum::<f64>();
-        Vec3::splat((base + lit) as f32)
-    });
-    EnvironmentMap::new(map).unwrap()
+        base + lit
+    })
 }
 
 fn lobe(width: f64, strength: f64) -> BivariateTable {

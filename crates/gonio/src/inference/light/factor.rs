@@ -208,7 +208,8 @@ fn lower_of_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::inference::light::tests::{identity, inverse_and_log_det, random};
+    use crate::inference::light::tests::{identity, inverse_and_log_det};
+    use crate::testing::random;
 
     /// Checks every quantity of both forms against dense algebra, for fewer and for more rows than
     /// coefficients.

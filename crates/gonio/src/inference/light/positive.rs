@@ -171,6 +171,7 @@ mod tests {
     use crate::inference::Hyper;
     use crate::inference::light::InferenceSettings;
     use crate::lighting::{CoefficientPrior, LightGrid, LightPrior, ScaleMixture};
+    use crate::testing::on_threads;
 
     /// A light of one bright and one lesser lamp in the dark, seen through a blurring operator with
     /// noise.
@@ -255,16 +256,13 @@ mod tests {
     fn threads_do_not_change_the_light() {
         let Lamps { operator, target, .. } = lamps(16, 0.05);
         let prior = crate::transfer::toy_prior(16);
-        let run = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let inference = LightInference::new(&target, 0.0, target.len(), 256, &prior, Hyper::default()).unwrap();
-                let settings = InferenceSettings { max_steps: 3, ..Default::default() };
-                let posterior = inference.posterior(&operator, &settings).unwrap();
-                inference.non_negative_light(&operator, &posterior, &NonNegativeSettings::default()).unwrap()
-            })
+        let run = || {
+            let inference = LightInference::new(&target, 0.0, target.len(), 256, &prior, Hyper::default()).unwrap();
+            let settings = InferenceSettings { max_steps: 3, ..Default::default() };
+            let posterior = inference.posterior(&operator, &settings).unwrap();
+            inference.non_negative_light(&operator, &posterior, &NonNegativeSettings::default()).unwrap()
         };
-        assert_eq!(run(1), run(3));
+        assert_eq!(on_threads(1, run), on_threads(3, run));
     }
 
     #[test]

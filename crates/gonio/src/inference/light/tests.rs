@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
@@ -10,12 +10,8 @@ use super::point::State;
 use super::*;
 use crate::inference::tests::{Planted, planted};
 use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
+use crate::testing::{on_threads, random};
 use crate::transfer::Bilinear;
-
-pub(super) fn random(n: usize, seed: u64) -> Vec<f64> {
-    let mut rng = Pcg64::seed_from_u64(seed);
-    (0..n).map(|_| rng.random_range(-1.0..1.0)).collect()
-}
 
 pub(super) fn identity(n: usize) -> Vec<Vec<f64>> {
     (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect()
@@ -384,14 +380,9 @@ fn answers_do_not_depend_on_the_number_of_threads() {
     let target = bilinear.apply(&light, &[0.5, 1.0]);
     let prior = crate::transfer::toy_prior(16);
     let inference = LightInference::new(&target, 0.0, rows, m, &prior, Hyper::default()).unwrap();
-    let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let settings = InferenceSettings { max_steps: 5, ..Default::default() };
-            inference.posterior(&LightOperator::of_reflectance(&bilinear, &[0.5, 1.0]), &settings).unwrap()
-        })
-    };
-    assert_eq!(run(1), run(3));
+    let settings = InferenceSettings { max_steps: 5, ..Default::default() };
+    let run = || inference.posterior(&LightOperator::of_reflectance(&bilinear, &[0.5, 1.0]), &settings).unwrap();
+    assert_eq!(on_threads(1, run), on_threads(3, run));
 }
 
 /// With known light the image has a single, constant coefficient, and only the noise remains.

@@ -150,9 +150,8 @@ mod tests {
 
     #[test]
     fn bred_materials_vary_as_the_measured_do() {
-        let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.02 + (-(h / w).powi(2)).exp() / w);
-        let set: Vec<(String, BivariateTable)> =
-            (0..20).map(|i| (i.to_string(), lobe(0.03 * 1.2_f64.powi(i)))).collect();
+        let widths = (0..20).map(|i| 0.03 * 1.2_f64.powi(i));
+        let set: Vec<_> = widths.map(|w| (w.to_string(), crate::testing::lobe(0.02, 1.0 / w, w))).collect();
         let basis = LogBasis::fit(&set, 10);
         let mut rng = Pcg64::seed_from_u64(1);
         let bred: Vec<Vec<f64>> = (0..4000).map(|_| breed(&basis, &mut rng)).collect();

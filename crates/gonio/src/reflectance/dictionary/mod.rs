@@ -200,8 +200,7 @@ mod tests {
 
     #[test]
     fn a_full_basis_holds_its_materials() {
-        let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.05 + (-(h / w).powi(2)).exp());
-        let set: Vec<(String, BivariateTable)> = [0.1, 0.3, 0.9].map(|w| (w.to_string(), lobe(w))).into();
+        let set = [0.1, 0.3, 0.9].map(|w| (w.to_string(), crate::testing::lobe(0.05, 1.0, w)));
         let basis = LogBasis::fit(&set, 9);
         assert_eq!((basis.len(), basis.axes.len()), (3, 2));
         for (m, (_, table)) in set.iter().enumerate() {

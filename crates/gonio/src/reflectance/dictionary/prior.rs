@@ -223,13 +223,12 @@ mod tests {
 
     use super::super::super::log_basis::LogBasis;
     use super::super::super::parametric::{Ggx, Parametric};
-    use super::super::super::table::BivariateTable;
     use super::super::DictionarySettings;
     use super::*;
+    use crate::testing::lobe;
 
     fn dictionary() -> Dictionary {
-        let lobe = |w: f64| BivariateTable::from_fn(move |h, _| 0.05 + (-(h / w).powi(2)).exp());
-        let set: Vec<(String, BivariateTable)> = [0.1, 0.3, 0.9].map(|w| (w.to_string(), lobe(w))).into();
+        let set = [0.1, 0.3, 0.9].map(|w| (w.to_string(), lobe(0.05, 1.0, w)));
         Dictionary::new(LogBasis::fit(&set, 9), &DictionarySettings { draws: 1, ..Default::default() })
     }
 

@@ -191,6 +191,7 @@ fn check(x: MatRef<'_, f64>, weights: Option<&[f64]>, settings: &NmfSettings) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::on_threads;
 
     /// Returns the start of least cost, the earlier of equals.
     fn factorize(x: MatRef<'_, f64>, weights: Option<&[f64]>, settings: &NmfSettings) -> Result<Nmf, NmfError> {
@@ -278,9 +279,8 @@ mod tests {
     fn the_seed_decides_and_threads_do_not() {
         let x = noisy(150, 20);
         let run = |threads, seed| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let s = NmfSettings { seed, max_iterations: 50, ..settings(4) };
-            pool.install(|| factorize_all(x.as_ref(), None, &s).unwrap())
+            on_threads(threads, || factorize_all(x.as_ref(), None, &s).unwrap())
         };
         let (a, b, c) = (run(1, 3), run(4, 3), run(1, 4));
         for (a, b) in a.iter().zip(&b) {

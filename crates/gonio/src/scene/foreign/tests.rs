@@ -130,26 +130,23 @@ fn what_metals_reflect_is_not_paint() {
         let channel = |k: u32| 0.05 + ((seed.wrapping_mul(2_654_435_761).rotate_left(8 * k) >> 7) & 255) as f32 / 255.0;
         Vec3::new(channel(0), channel(1), channel(2))
     };
-    for tint in [Vec3::ONE, Vec3::new(1.0, 0.7, 0.3), Vec3::new(0.9, 0.5, 0.4)] {
+    let tints = [Vec3::ONE, Vec3::new(1.0, 0.7, 0.3), Vec3::new(0.9, 0.5, 0.4)];
+    for (seed, tint) in (0..12).zip(tints.into_iter().cycle()) {
         for pieces in [1.5_f32, 2.5, 4.0, 8.0] {
-            for seed in 0..12 {
-                let rgb = ball(|_, r| {
-                    let cell = |v: f32| ((v + 1.0) * pieces) as u32;
-                    let number = seed * 1000 + cell(r.x) + 17 * cell(r.y) + 289 * cell(r.z);
-                    tint * hue(number) * (0.6 + 0.4 * r.x * r.y + 0.3 * r.y)
-                });
-                assert_eq!(found(&rgb, true), 0, "{tint} {pieces} {seed}");
-            }
+            let rgb = ball(|_, r| {
+                let cell = |v: f32| ((v + 1.0) * pieces) as u32;
+                let number = seed * 1000 + cell(r.x) + 17 * cell(r.y) + 289 * cell(r.z);
+                tint * hue(number) * (0.6 + 0.4 * r.x * r.y + 0.3 * r.y)
+            });
+            assert_eq!(found(&rgb, true), 0, "{tint} {pieces} {seed}");
         }
         for (grade, inner) in [(0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.0, 0.5)] {
-            for seed in 0..12 {
-                let rgb = ball(|_, r| {
-                    let card = (r - Vec3::new(0.3, 0.4, 0.86)).length() < 0.7;
-                    let (colour, slope) = if card { (hue(seed), inner * r.x) } else { (hue(seed + 99), grade * r.y) };
-                    tint * colour * (1.0 + slope)
-                });
-                assert_eq!(found(&rgb, true), 0, "{tint} {grade} {inner} {seed}");
-            }
+            let rgb = ball(|_, r| {
+                let card = (r - Vec3::new(0.3, 0.4, 0.86)).length() < 0.7;
+                let (colour, slope) = if card { (hue(seed), inner * r.x) } else { (hue(seed + 99), grade * r.y) };
+                tint * colour * (1.0 + slope)
+            });
+            assert_eq!(found(&rgb, true), 0, "{tint} {grade} {inner} {seed}");
         }
     }
 }

@@ -1,8 +1,8 @@
-//! `gonio-eval together`: how much several photographs of one material, and several materials under
-//! one light, tell beyond one.
+//! `gonio-eval together`: what several photographs of one material tell beyond one, and several
+//! materials under one light.
 //!
-//! Materials are those outside of the MERL database (`DATA/rgl` and formulas), with a model that was
-//! not learnt from them; lights are the test lights. Photographs are rendered balls, which are
+//! Materials are those outside of the MERL database (`DATA/rgl` and formulas), with a model that
+//! was not learnt from them; lights are the test lights. Photographs are rendered balls, which are
 //! looked at as any others.
 
 use std::fmt::Write as _;

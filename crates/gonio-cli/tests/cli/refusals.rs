@@ -162,7 +162,7 @@ fn bad_lights_and_options_are_refused() {
     bench.write("nan.exr", &grey(f32::NAN, 16, 8));
     for (options, says) in [
         ("--method known-light", "--light"),
-        ("--light square.exr", "--method known-light"),
+        ("--method map --light square.exr", "--light MAP is for --method known-light"),
         ("--method known-light --light none.exr", "none.exr: cannot open"),
         ("--method known-light --light square.exr", "square.exr: a lat-long map is twice as wide as high"),
         ("--method known-light --light wide.exr", "wide.exr: a lat-long map"),

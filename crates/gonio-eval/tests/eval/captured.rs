@@ -83,5 +83,5 @@ fn a_matte_ball_is_judged_by_slice_and_photographs() {
     std::fs::write(folder.join("top_lights.txt"), "0 0 1 1 1\n").unwrap();
     let refused = command(&[]).output().unwrap();
     assert_eq!(refused.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&refused.stderr).contains("top_lights.txt, line 1"));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("top_lights.txt: line 1"));
 }

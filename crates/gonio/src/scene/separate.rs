@@ -64,7 +64,7 @@ mod tests {
         assert_eq!(parts.len(), 2);
         assert!(parts[0][(110, 40)] == 1.0 && parts[0][(40, 40)] == 0.0);
         assert!(parts[1][(40, 40)] == 1.0 && parts[1][(110, 40)] == 0.0 && parts[1][(155, 40)] == 0.0);
-        let plain = Picture { rgb: Plane::from_fn(20, 20, |x, y| Vec3::splat((x * y) as f32)), alpha: None };
+        let plain = Picture { rgb: Plane::from_fn(20, 20, |x, y| Vec3::splat((x + 20 * y) as f32)), alpha: None };
         assert!(separate(&plain, None).is_empty());
     }
 }

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import cast
-
 from . import _gonio
 from ._arguments import Path, is_path
 from ._errors import GonioError
@@ -61,12 +59,12 @@ def combine(
         if isinstance(one, Material):
             given.append((one.brdf.name, one._likelihood))
         elif is_path(one):
-            given.append(os.fspath(cast(Path, one)))
+            given.append(os.fspath(one))
         else:
             raise GonioError(f"{one!r}: give posteriors of gonio.infer, or folders of results")
     found_with = [one.model for one in posteriors if isinstance(one, Material)]
     if model is None:
         known = found_with[0] if found_with else Model.embedded()
     else:
-        known = model if isinstance(model, Model) else read_model(cast(Path, model))
+        known = model if isinstance(model, Model) else read_model(model)
     return Combined(_gonio.combine_all(given, known, {"progress": progress, "poll": None}), "combined")

@@ -57,6 +57,7 @@ pub(crate) struct Found {
     scale: f64,
     material: Option<Material>,
     light: Option<LightGrid>,
+    known_light: Option<EnvironmentMap>,
     left: (&'static str, f64),
     colouring: Colouring,
     pub(crate) sections: Value,
@@ -69,7 +70,7 @@ const MOST: f64 = 1.1;
 /// What an inference works with.
 pub(crate) struct Asked<'a> {
     pub(crate) model: Cow<'a, Model>,
-    pub(crate) known_light: Option<EnvironmentMap>,
+    known_light: Option<EnvironmentMap>,
     /// Rule for the colours, and in words what is assumed of the light's.
     pub(crate) rule: (ColouringRule, &'static str),
     observing: ObservationSettings,
@@ -118,17 +119,26 @@ pub fn infer(
     settings: &Settings<'_>,
     journal: &Journal<'_>,
 ) -> Result<Answer, Problem> {
-    let mut asked = Asked::of(model, settings)?;
-    let mut warnings = Vec::new();
+    of_one(&Asked::of(model, settings)?, scene, settings, Vec::new(), journal)
+}
+
+/// The answer to a scene with one object; `warnings` are those of reading it so far.
+pub(crate) fn of_one(
+    asked: &Asked<'_>,
+    scene: Scene,
+    settings: &Settings<'_>,
+    mut warnings: Vec<Warning>,
+    journal: &Journal<'_>,
+) -> Result<Answer, Problem> {
     let (image, linear) = (scene.name.clone(), scene.reading.linear);
     let seen = asked.look(scene, settings, &mut warnings, journal)?;
-    let found = solve(&mut asked, &seen, (&image, linear), settings, &mut warnings, journal)?;
-    Ok(conclude(&asked, seen, found, &image, settings, warnings, journal))
+    let found = solve(asked, &seen, (&image, linear), settings, &mut warnings, journal)?;
+    Ok(conclude(asked, seen, found, &image, settings, warnings, journal))
 }
 
 /// Finds the material of an object, and the light unless it is known.
 pub(crate) fn solve(
-    asked: &mut Asked<'_>,
+    asked: &Asked<'_>,
     seen: &Seen,
     (image, linear): (&str, bool),
     settings: &Settings<'_>,
@@ -142,7 +152,7 @@ pub(crate) fn solve(
     match (&settings.method, known_light) {
         (Method::KnownLight(ask), Some(map)) => {
             let found = estimate_under(model, observations, (map, ask.alignment), rule, &begin).map_err(blame)?;
-            *map = found.corrected(map);
+            let known_light = Some(found.corrected(map));
             let scale = if ask.absolute { found.exposure } else { 1.0 };
             let mut doubts: Vec<String> = found.doubts().iter().map(ToString::to_string).collect();
             if ask.absolute && scale * ALBEDO > MOST {
@@ -157,7 +167,8 @@ pub(crate) fn solve(
             let LitEstimate { material, misfit, colouring, .. } = found;
             let table = material.table.clone();
             let left = ("misfit", misfit);
-            Ok(Found { table, scale, material: Some(material), light: None, left, colouring, sections })
+            let material = Some(material);
+            Ok(Found { table, scale, material, light: None, known_light, left, colouring, sections })
         }
         (Method::Learnt, _) => {
             let ask = settings.estimate(*rule);
@@ -171,7 +182,9 @@ pub(crate) fn solve(
             let colouring = Colouring::of(model, observations, &found.table, rule);
             let basis::Coefficients { table, light, noise, mut sections } = found;
             sections["settings"]["linear"] = json!(linear);
-            Ok(Found { table, scale: 1.0, material: None, light, left: ("noise", noise), colouring, sections })
+            let known_light = known_light.clone();
+            let left = ("noise", noise);
+            Ok(Found { table, scale: 1.0, material: None, light, known_light, left, colouring, sections })
         }
     }
 }
@@ -188,6 +201,7 @@ impl Found {
             scale: 1.0,
             material: Some(material),
             light: Some(grid),
+            known_light: None,
             left: ("misfit", misfit),
             colouring,
             sections,
@@ -205,8 +219,8 @@ pub(crate) fn conclude(
     mut warnings: Vec<Warning>,
     journal: &Journal<'_>,
 ) -> Answer {
-    let Asked { model, known_light, rule: (rule, assumption), .. } = asked;
-    let Found { table, scale, material, light, left, colouring, sections } = found;
+    let Asked { model, rule: (rule, assumption), .. } = asked;
+    let Found { table, scale, material, light, known_light, left, colouring, sections } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
         let problem = "the model has no model of colours: the BRDF has the median colour of the photograph";
         warnings.push(Warning::from(problem.to_owned()));
@@ -224,7 +238,7 @@ pub(crate) fn conclude(
         scale,
         material,
         light,
-        known_light: known_light.clone(),
+        known_light,
         left,
         colouring,
     };

@@ -48,6 +48,8 @@ pub enum Curve {
 pub enum Shots {
     /// A picture in memory.
     Here(Picture),
+    /// A photograph that was read before.
+    Read(Photograph),
     /// A picture, or the exposures of a bracket; at least one.
     Files(Vec<PathBuf>),
 }
@@ -92,6 +94,7 @@ impl Shots {
         }
         let paths = match self {
             Self::Here(picture) => return Ok(Photograph { picture, clip, notes: None }),
+            Self::Read(photograph) => return Ok(photograph),
             Self::Files(paths) => paths,
         };
         if let ([path], None) = (&paths[..], &reading.response) {

@@ -6,15 +6,16 @@ use glam::Vec3;
 use gonio::estimate::{Beside, Stage, estimate_together};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Circle, Observations, separate};
+use gonio::scene::{Circle, Observations, outline_of_ball, separate_balls};
 use gonio_io::picture::{ReadOptions, encode_png};
 use gonio_report::combined::{Shown, side_by_side};
 use gonio_report::regions::{Row, page, painted};
 use serde_json::{Value, json};
 
-use crate::answer::{Answer, Asked, Found, conclude, solve};
+use crate::answer::{Answer, Asked, Found, conclude, of_one, solve};
 use crate::results::{REPORT, RESULT};
-use crate::{Form, Journal, Method, Problem, Reading, Scene, Settings, Shots, Source, Warning, notes};
+use crate::scene::read_mask;
+use crate::{Form, Journal, Method, Problem, Scene, Settings, Shots, Source, Warning, notes};
 
 /// Regions of a photograph, at most.
 const MOST: usize = 16;
@@ -63,21 +64,42 @@ struct Part {
     form: Form,
 }
 
-/// Number of balls that do not touch in a photograph, whose file is read; one where nothing tells.
-///
-/// # Errors
-/// If a file cannot be read.
-pub fn balls(scene: &Scene) -> Result<usize, Problem> {
-    let mask = scene.mask.clone().map(read_mask).transpose()?;
-    let picture = scene.shots.clone().read(&scene.reading, scene.clip, &mut Vec::new())?.picture;
-    Ok(separate(&picture, mask.as_ref()).len().max(1))
+/// Answer to a photograph of one material, or of several.
+pub enum Inferred {
+    /// One material.
+    One(Box<Answer>),
+    /// Several.
+    Several(Several),
 }
 
-fn read_mask(mask: Source<Plane<f32>>) -> Result<Plane<f32>, Problem> {
-    match mask {
-        Source::Here(mask) => Ok(mask),
-        Source::File(path) => Ok(gonio_io::picture::read_mask(path)?),
+/// Infers what a photograph shows: the regions given, or several balls where there are several, or
+/// one object.
+///
+/// # Errors
+/// As [`infer`](crate::infer) and [`infer_regions`].
+pub fn infer_all(
+    model: (&Model, &str),
+    mut scene: Scene,
+    regions: Option<&Regions>,
+    settings: &Settings<'_>,
+    journal: &Journal<'_>,
+) -> Result<Inferred, Problem> {
+    if let Some(regions) = regions {
+        return Ok(Inferred::Several(infer_regions(model, scene, regions, settings, journal)?));
     }
+    let (asked, mut warnings) = (Asked::of(model, settings)?, Vec::new());
+    let may_be_several = matches!((&scene.shape.form, &scene.shape.camera), (Form::Sphere(None), None));
+    if may_be_several && settings.method.search().is_none() {
+        journal.at("reading", 0.0);
+        let photograph = scene.shots.read(&scene.reading, scene.clip, &mut warnings)?;
+        let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size())?;
+        let several = separate_balls(&photograph.picture, mask.as_ref()).len() > 1;
+        scene.shots = Shots::Read(photograph);
+        if several {
+            return Ok(Inferred::Several(of_regions(&asked, scene, &Regions::Balls, settings, warnings, journal)?));
+        }
+    }
+    Ok(Inferred::One(Box::new(of_one(&asked, scene, settings, warnings, journal)?)))
 }
 
 /// Infers what each region of a photograph is made of, under one light.
@@ -95,23 +117,30 @@ pub fn infer_regions(
     if settings.method.search().is_some() {
         return Err(Problem::new("several materials are found by the default method or with a known light alone"));
     }
-    let mut asked = Asked::of(model, settings)?;
-    let mut warnings = Vec::new();
+    of_regions(&Asked::of(model, settings)?, scene, regions, settings, Vec::new(), journal)
+}
+
+fn of_regions(
+    asked: &Asked<'_>,
+    scene: Scene,
+    regions: &Regions,
+    settings: &Settings<'_>,
+    mut warnings: Vec<Warning>,
+    journal: &Journal<'_>,
+) -> Result<Several, Problem> {
     journal.at("reading", 0.0);
     let photograph = scene.shots.clone().read(&scene.reading, scene.clip, &mut warnings)?;
-    let mask = scene.mask.clone().map(read_mask).transpose()?;
+    let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size())?;
     let parts = parts(&photograph.picture, mask.as_ref(), &scene, regions)?;
     let mut looked = Vec::new();
     for part in &parts {
         let one = Scene {
-            name: scene.name.clone(),
-            shots: Shots::Here(photograph.picture.clone()),
-            reading: Reading { linear: scene.reading.linear, ..Reading::default() },
-            clip: photograph.clip,
+            shots: Shots::Read(photograph.clone()),
             mask: Some(Source::Here(part.mask.clone())),
             // Labels tell what is of another material.
             keep_colours: true,
             shape: crate::Shape { form: part.form.clone(), ..scene.shape.clone() },
+            ..scene.clone()
         };
         let mut own = Vec::new();
         let of = |problem: Problem| problem.within(&format!("region {}", part.name));
@@ -140,10 +169,10 @@ pub fn infer_regions(
                 found.sections["relative_albedo"] = json!(relative_albedo);
                 found
             }
-            None => solve(&mut asked, &seen, (&scene.name, linear), settings, &mut own, journal)
+            None => solve(asked, &seen, (&scene.name, linear), settings, &mut own, journal)
                 .map_err(|problem| problem.within(&format!("region {}", part.name)))?,
         };
-        let answer = conclude(&asked, seen, found, &scene.name, settings, own, journal);
+        let answer = conclude(asked, seen, found, &scene.name, settings, own, journal);
         done.push(Region { name: part.name.clone(), answer, relative_albedo });
     }
     Ok(Several::of(&scene.name, &photograph.picture, &parts, done, &warnings, settings))
@@ -160,12 +189,9 @@ fn parts(picture: &Picture, mask: Option<&Plane<f32>>, scene: &Scene, regions: &
             let labels = read_labels(source, size, &scene.name)?;
             // The outline of a ball is that of all its regions.
             let form = match (&scene.shape.form, &scene.shape.camera) {
-                (Form::Sphere(None), None) => {
-                    let whole = Scene { shots: Shots::Here(picture.clone()), keep_colours: true, ..scene.clone() };
-                    let seen =
-                        whole.look(&Default::default(), None, &mut Vec::new(), &Journal::new("reading", &|_, _| ()))?;
-                    Form::Sphere(seen.sighting.circle())
-                }
+                (Form::Sphere(None), None) => Form::Sphere(Some(
+                    outline_of_ball(picture, mask).map_err(|error| Problem::of_scene(&scene.name, &error))?,
+                )),
                 (form, _) => form.clone(),
             };
             let part = |(name, own): (String, Plane<bool>)| {
@@ -188,10 +214,9 @@ fn parts(picture: &Picture, mask: Option<&Plane<f32>>, scene: &Scene, regions: &
             })
             .collect()),
         Regions::Balls => {
-            let found = separate(picture, mask);
+            let found = separate_balls(picture, mask);
             if found.len() > MOST {
-                let problem =
-                    format!("{} objects are there, of which at most {MOST} are balls to be told apart", found.len());
+                let problem = format!("{} balls are there, of which at most {MOST} can be told apart", found.len());
                 return Err(Problem::of(&scene.name, problem));
             }
             Ok(found.into_iter().enumerate().map(|(at, mask)| ball(at, mask, None)).collect())

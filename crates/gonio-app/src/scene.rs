@@ -62,18 +62,7 @@ impl Scene {
         let Photograph { picture, clip, notes: bracket } = self.shots.read(&self.reading, self.clip, warnings)?;
         let size = picture.rgb.size();
         let names = Names::of(&self.name, self.mask.as_ref(), &self.shape);
-        let mask = match self.mask {
-            Some(Source::File(path)) => Some(gonio_io::picture::read_mask(&path)?),
-            Some(Source::Here(mask)) => Some(mask),
-            None => None,
-        };
-        if let (Some(mask), Some(name)) = (&mask, &names.mask)
-            && mask.size() != size
-        {
-            let ((w, h), (pw, ph)) = (mask.size(), size);
-            let problem = format!("the mask is {w}x{h}, the photograph {pw}x{ph}; give one of the same size");
-            return Err(if name == UNNAMED_MASK { Problem::new(problem) } else { Problem::of(name, problem) });
-        }
+        let mask = read_mask(self.mask, size)?;
         journal.at("reading", 0.5);
         let (object, own_notes) = self.shape.object(&self.name, size, warnings)?;
         Ok(Opened { picture, clip, bracket, mask, object, own_notes, names })
@@ -112,6 +101,25 @@ impl Scene {
         }
         Ok(Seen { picture, sighting, notes, bracket })
     }
+}
+
+/// Reads a mask for a photograph of `size`.
+///
+/// # Errors
+/// If the file cannot be read, or the mask is of another size.
+pub(crate) fn read_mask(mask: Option<Source<Plane<f32>>>, size: (usize, usize)) -> Result<Option<Plane<f32>>, Problem> {
+    let Some(source) = mask else { return Ok(None) };
+    let name = source.name(UNNAMED_MASK);
+    let mask = match source {
+        Source::File(path) => gonio_io::picture::read_mask(&path)?,
+        Source::Here(mask) => mask,
+    };
+    if mask.size() == size {
+        return Ok(Some(mask));
+    }
+    let ((w, h), (pw, ph)) = (mask.size(), size);
+    let problem = format!("the mask is {w}x{h}, the photograph {pw}x{ph}; give one of the same size");
+    Err(if name == UNNAMED_MASK { Problem::new(problem) } else { Problem::of(name, problem) })
 }
 
 /// How messages call a mask without a file.

@@ -8,8 +8,8 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gonio::inference::Solver;
 use gonio::scene::Circle;
-use gonio_app::regions::{self, Regions, Several};
-use gonio_app::{Alignment, Colours, Form, Journal, KnownLight, Method, Scene, Search, Settings, Shots, Source};
+use gonio_app::regions::{Inferred, Regions, Several, infer_all};
+use gonio_app::{Alignment, Colours, Journal, KnownLight, Method, Scene, Search, Settings, Shots, Source};
 use gonio_io::atomic::StagedFolder;
 use serde_json::json;
 
@@ -240,18 +240,10 @@ impl Options {
         })
     }
 
-    /// The regions of the photograph, if it shows several materials.
-    fn regions(&self, scene: &Scene) -> Result<Option<Regions>> {
-        if let Some(labels) = &self.materials {
-            return Ok(Some(Regions::Labels(Source::File(labels.clone()))));
-        }
-        if self.circle.len() > 1 {
-            return Ok(Some(Regions::Circles(self.circle.clone())));
-        }
-        let looks_for_balls = matches!(scene.shape.form, Form::Sphere(None)) && scene.shape.camera.is_none();
-        let possible =
-            looks_for_balls && !self.paper && matches!(self.method()?, Method::Learnt | Method::KnownLight(_));
-        Ok((possible && regions::balls(scene).map_err(plain)? > 1).then_some(Regions::Balls))
+    /// The regions that are given, if any are.
+    fn regions(&self) -> Option<Regions> {
+        let labels = self.materials.clone().map(|labels| Regions::Labels(Source::File(labels)));
+        labels.or_else(|| (self.circle.len() > 1).then(|| Regions::Circles(self.circle.clone())))
     }
 
     fn scene(&self) -> Scene {
@@ -285,12 +277,12 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let name = options.model.as_ref().map_or("the embedded model".into(), |path| path.display().to_string());
     // Made before the long work: a folder that cannot be made is told at once.
     let folder = StagedFolder::create(&options.output)?;
-    let scene = options.scene();
-    if let Some(regions) = options.regions(&scene)? {
-        let several = regions::infer_regions((&model, &name), scene, &regions, &settings, &journal).map_err(plain)?;
-        return write_regions(&several, folder, &journal, &bars, start);
-    }
-    let answer = gonio_app::infer((&model, &name), scene, &settings, &journal).map_err(plain)?;
+    let (scene, regions) = (options.scene(), options.regions());
+    let inferred = infer_all((&model, &name), scene, regions.as_ref(), &settings, &journal).map_err(plain)?;
+    let answer = match inferred {
+        Inferred::One(answer) => answer,
+        Inferred::Several(several) => return write_regions(&several, folder, &journal, &bars, start),
+    };
     journal.at("writing", 0.0);
     for (name, bytes) in answer.files().map_err(plain)?.encode() {
         folder.write(&name, &bytes)?;

@@ -77,3 +77,30 @@ fn labels_that_are_none_are_refused() {
     bench.write("labels.png", &labels(SIZE, SIZE));
     bench.refuses("infer ball.exr -o out --materials labels.png --method map", &["several materials"]);
 }
+
+#[test]
+fn what_is_no_ball_beside_one_is_left_out() {
+    let bench = Bench::new();
+    let one = ball();
+    // A board beside the ball, smaller than it.
+    let board = |x: usize, y: usize| (SIZE + 4..SIZE + 20).contains(&x) && (8..24).contains(&y);
+    let beside = |x: usize, y: usize| f32::from(u8::from(board(x, y)));
+    let rgb = Plane::from_fn(2 * SIZE, SIZE, |x, y| if x < SIZE { one.rgb[(x, y)] } else { Vec3::splat(beside(x, y)) });
+    let alpha = one
+        .alpha
+        .as_ref()
+        .map(|alpha| Plane::from_fn(2 * SIZE, SIZE, |x, y| if x < SIZE { alpha[(x, y)] } else { beside(x, y) }));
+    bench.write("board.exr", &exr(&Picture { rgb, alpha }));
+    bench.run("infer board.exr -o out --grid 16").succeeds();
+    assert!(bench.names("out").contains(&"brdf.binary".to_owned()), "{:?}", bench.names("out"));
+}
+
+#[test]
+fn a_mask_of_another_size_is_refused_for_regions_too() {
+    let bench = Bench::with_ball();
+    bench.write("small.png", &encode_png(&Plane::from_fn(SIZE / 2, SIZE, |_, _| Vec3::ONE)));
+    bench.write("labels.png", &labels(SIZE, SIZE));
+    for options in ["", "--materials labels.png"] {
+        bench.refuses(&format!("infer ball.exr -o out --mask small.png {options}"), &["small.png: the mask is"]);
+    }
+}

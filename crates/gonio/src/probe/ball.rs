@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::ProbeError;
 use crate::picture::{Picture, Plane};
-use crate::scene::{Circle, Object, SceneError, background_coverage, find_ball, find_sphere};
+use crate::scene::{Circle, Object, SceneError, coverage_of, find_ball, outline_of_ball};
 use crate::shape::{Camera, Ellipsoid, Projection, Surface};
 
 /// Least radius of a ball, in pixels: a smaller one does not show enough of its surroundings.
@@ -76,15 +76,11 @@ impl MirrorBall {
     /// # Errors
     /// Errors of the outline; [`ProbeError::NotABall`] for another object.
     pub(super) fn find(picture: &Picture, mask: Option<&Plane<f32>>, object: &Object) -> Result<Self, ProbeError> {
-        let outlined = || {
-            let given = mask.or(picture.alpha.as_ref()).cloned();
-            given.or_else(|| background_coverage(&picture.rgb)).ok_or(SceneError::NoOutline)
-        };
         match object {
             Object::Sphere(Some(circle)) => Self::of_circle(*circle, picture.rgb.size()),
-            Object::Sphere(None) => Self::of_circle(find_sphere(&outlined()?)?.circle, picture.rgb.size()),
+            Object::Sphere(None) => Self::of_circle(outline_of_ball(picture, mask)?, picture.rgb.size()),
             Object::Ball(camera) => {
-                let ball = find_ball(&outlined()?, camera)?;
+                let ball = find_ball(&coverage_of(picture, mask).ok_or(SceneError::NoOutline)?, camera)?;
                 Self::new(*camera, ball.centre(), ball.first_axis())
             }
             _ => Err(ProbeError::NotABall),

@@ -6,7 +6,7 @@ use super::ball::MirrorBall;
 use super::unwrap::CAMERA;
 use super::{ProbeError, Reflectance};
 use crate::picture::{Picture, Plane};
-use crate::scene::{COVERED, Fate, Object, SceneError, clip_level, is_clipped};
+use crate::scene::{COVERED, Fate, Object, check_size, clip_level, is_clipped};
 
 /// Width of the rim that is left out, in pixels: there a pixel mixes the ball with what is behind
 /// it.
@@ -47,17 +47,8 @@ impl View {
         clip: Option<f32>,
     ) -> Result<Self, ProbeError> {
         let (width, height) = picture.rgb.size();
-        if let Some(mask) = mask
-            && mask.size() != (width, height)
-        {
-            let sizes = SceneError::Sizes {
-                what: "mask",
-                width: mask.width(),
-                height: mask.height(),
-                picture_width: width,
-                picture_height: height,
-            };
-            return Err(sizes.into());
+        if let Some(mask) = mask {
+            check_size("mask", mask.size(), (width, height))?;
         }
         let ball = MirrorBall::find(picture, mask, object)?;
         let within = 1.0 - (RIM / ball.pixels() + RIM_SHARE);

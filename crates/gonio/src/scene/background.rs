@@ -5,7 +5,13 @@ use std::collections::BTreeMap;
 use glam::Vec3;
 
 use super::components::{border, flood, neighbours};
-use crate::picture::Plane;
+use crate::picture::{Picture, Plane};
+
+/// Coverage (0..1) of what a picture shows: by a mask, else by its alpha channel, else by a constant
+/// background; `None` if nothing tells.
+pub(crate) fn coverage_of(picture: &Picture, mask: Option<&Plane<f32>>) -> Option<Plane<f32>> {
+    mask.or(picture.alpha.as_ref()).cloned().or_else(|| background_coverage(&picture.rgb))
+}
 
 /// Estimates the coverage (0..1) of the object in a picture whose background has exactly one value,
 /// such as the black of a renderer; `None` when there is no such background.
@@ -14,7 +20,7 @@ use crate::picture::Plane;
 /// a quarter at least, with every pixel of that value connected to those. A pixel next to the
 /// background may be part background: its coverage is its contrast to the background over that of
 /// the object's pixels nearby, at most 1.
-pub(crate) fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
+fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
     // Adding zero turns -0 into 0, which are equal but differ in their bits.
     let key = |at: (usize, usize)| (rgb[at] + Vec3::ZERO).to_array().map(f32::to_bits);
     let mut counts = BTreeMap::new();

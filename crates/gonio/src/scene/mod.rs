@@ -1,8 +1,8 @@
 //! Observations for the inference, from a picture of an object of known shape (paper
 //! section 4).
 //!
-//! 1. `find_sphere` finds the outline of a ball in a mask, an alpha channel, or the
-//!    `background_coverage` of a picture without either.
+//! 1. `find_sphere` finds the outline of a ball in a mask, in an alpha channel, or before
+//!    a constant background of a picture without either.
 //! 2. `of_sphere` samples the picture at normals spread evenly over the visible
 //!    hemisphere; [`Observations::of_normals`] does the same for any shape that comes with a
 //!    picture of its normals.
@@ -21,6 +21,7 @@
 //! (clipped, masked, cropped) has the value `None`.
 
 mod background;
+mod balls;
 mod circle;
 mod circle_fit;
 mod components;
@@ -33,24 +34,23 @@ mod observations;
 mod observed;
 mod orientation;
 mod outline;
-mod separate;
 mod shadowed;
 mod sighting;
 mod thinned;
 mod view;
 mod weights;
 
-pub(crate) use background::background_coverage;
+pub(crate) use background::coverage_of;
+pub use balls::{outline_of_ball, separate_balls};
 pub(crate) use circle::find_sphere;
 pub use circle_fit::Circle;
 pub use correction::Correction;
 pub use error::SceneError;
 pub use fate::Fate;
 pub use observations::{ObservationReport, ObservationSettings, Observations, sphere_points};
-pub(crate) use observed::{COVERED, clip_level, is_clipped};
+pub(crate) use observed::{COVERED, check_size, clip_level, is_clipped};
 pub use orientation::{Contradiction, Fault, Fit, Orientation, OrientationSettings};
 pub use outline::Ellipse;
 pub(crate) use outline::{find_ball, find_ellipse};
-pub use separate::separate;
 pub use sighting::{Found, NormalPicture, Object, Oddity, Relief, Sighting};
 pub use view::SurfaceView;

@@ -28,7 +28,7 @@ pub(super) enum Seen {
 }
 
 /// Checks that a mask, normal map or the like of `size` belongs to a picture of `picture` size.
-pub(super) fn check_size(what: &'static str, size: (usize, usize), picture: (usize, usize)) -> Result<(), SceneError> {
+pub(crate) fn check_size(what: &'static str, size: (usize, usize), picture: (usize, usize)) -> Result<(), SceneError> {
     let ((width, height), (picture_width, picture_height)) = (size, picture);
     if size == picture {
         return Ok(());

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use super::observed::check_size;
 use super::{
     Circle, Contradiction, Ellipse, ObservationSettings, Observations, Orientation, SceneError, SurfaceView,
-    background_coverage, find_ball, find_ellipse, find_sphere,
+    coverage_of, find_ball, find_ellipse, find_sphere,
 };
 use crate::picture::{Picture, Plane};
 use crate::remedy::Remedy;
@@ -189,7 +189,7 @@ pub struct Sighting {
 
 impl Sighting {
     /// Finds the object and samples the picture on it. `mask` says where the object is; without one
-    /// the alpha channel of the picture does, or else its `background_coverage`.
+    /// the alpha channel of the picture does, or else a constant background.
     ///
     /// # Errors
     /// Errors of the outline ([`SceneError::is_of_outline`]) where one has to be found; normals and
@@ -205,7 +205,7 @@ impl Sighting {
         if let Some(mask) = &mask {
             check_size("mask", mask.size(), size)?;
         }
-        let coverage = mask.or_else(|| picture.alpha.clone()).or_else(|| background_coverage(&picture.rgb));
+        let coverage = coverage_of(picture, mask.as_ref());
         let looker = Looker { picture, coverage, settings };
         let mut sighting = match object {
             Object::Sphere(Some(circle)) => looker.circle(circle)?,

@@ -9,15 +9,14 @@ use gonio::inference::ProductError;
 use gonio::inference::learnt::MaterialPosterior;
 use gonio::model::Model;
 use gonio::picture::Plane;
-use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
+use gonio::reflectance::BivariateTable;
 use gonio_io::picture::encode_png;
 use gonio_io::posterior::{self, SavedColours, SavedPosterior};
-use gonio_io::{merl, npy};
-use gonio_report::combined::{Shown, compose, sphere};
+use gonio_report::combined::{Shown, compose};
 use gonio_report::uncertainty;
 use serde_json::{Value, json};
 
-use crate::results::{BRDF, QUANTILES, RESULT};
+use crate::results::{Files, QUANTILES};
 use crate::{Journal, Problem, notes};
 
 /// Factor of a 90 % interval to its standard deviation.
@@ -174,11 +173,8 @@ fn draw(
         })
         .collect();
     let caption = format!("combined of {} photographs | {}", given.len(), gloss(low, median, high));
-    vec![
-        ("relit", sphere(&combined[0].tables)),
-        ("combined", compose(&combined, &singles, &caption)),
-        ("uncertainty", uncertainty::draw(material)),
-    ]
+    let (sheet, sphere) = compose(&combined, &singles, &caption);
+    vec![("relit", sphere), ("combined", sheet), ("uncertainty", uncertainty::draw(material))]
 }
 
 fn account(
@@ -220,25 +216,22 @@ fn account(
 }
 
 impl CombinedAnswer {
-    /// Names and contents of the files of its folder.
+    /// Contents of its folder of results.
     ///
     /// # Errors
     /// If the numbers cannot be written as JSON.
-    pub fn files(&self) -> Result<Vec<(String, Vec<u8>)>, Problem> {
+    pub fn files(&self) -> Result<Files, Problem> {
         let notes = serde_json::to_string_pretty(&self.notes)
             .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
-        let tables = self.colours.tables(&self.material.table);
-        let quantiles = npy::Array {
-            shape: vec![self.material.quantiles.len(), THETA_H, THETA_D],
-            values: self.material.quantiles.concat(),
-        };
-        let mut files = vec![
-            (BRDF.to_owned(), merl::encode(&MerlTable::from_bivariate(tables.each_ref()))),
-            (QUANTILES.to_owned(), npy::encode(&quantiles)),
-            (posterior::FILE.to_owned(), self.saved.encode()),
-        ];
-        files.extend(self.pictures.iter().map(|(name, picture)| (format!("{name}.png"), encode_png(picture))));
-        files.push((RESULT.to_owned(), notes.into_bytes()));
-        Ok(files)
+        let quantiles = &self.material.quantiles;
+        Ok(Files {
+            tables: self.colours.tables(&self.material.table),
+            quantiles: Some((quantiles.len(), quantiles.concat())),
+            posterior: Some(self.saved.encode()),
+            light: None,
+            pictures: self.pictures.iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
+            notes,
+            page: None,
+        })
     }
 }

@@ -31,15 +31,11 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let listener = |stage, fraction| bars.at(stage, fraction);
     let journal = Journal::new("reading", &listener);
     let given = combine::read_posteriors(&options.folders).map_err(plain)?;
-    let model = input::model(options.model.as_deref())?;
-    let name = options.model.as_ref().map_or("the embedded model".into(), |path| path.display().to_string());
+    let (model, name) = input::model(options.model.as_deref())?;
     let folder = StagedFolder::create(&options.output)?;
     let answer = combine::combine((&model, &name), &given, &journal).map_err(plain)?;
     journal.at("writing", 0.0);
-    for (name, bytes) in answer.files().map_err(plain)? {
-        folder.write(&name, &bytes)?;
-    }
-    folder.commit()?;
+    folder.fill(&answer.files().map_err(plain)?.encode())?;
     bars.finish();
     let [low, median, high] = answer.material.gloss;
     let output = options.output.display().to_string();

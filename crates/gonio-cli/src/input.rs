@@ -19,10 +19,10 @@ pub(crate) fn brdf(path: &Path) -> Result<MerlTable> {
     Ok(gonio_io::brdf::read(path)?)
 }
 
-/// The model of a file, or the one that travels with the program.
-pub(crate) fn model(path: Option<&Path>) -> Result<Model> {
+/// The model of a file, or the one that travels with the program, and how messages call it.
+pub(crate) fn model(path: Option<&Path>) -> Result<(Model, String)> {
     Ok(match path {
-        Some(path) => gonio_io::model::read_model(path)?,
-        None => gonio_io::model::embedded()?,
+        Some(path) => (gonio_io::model::read_model(path)?, path.display().to_string()),
+        None => (gonio_io::model::embedded()?, "the embedded model".to_owned()),
     })
 }

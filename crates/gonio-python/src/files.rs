@@ -165,11 +165,7 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
         notes,
         page,
     };
-    let write = || {
-        let folder = StagedFolder::create(&folder)?;
-        files.encode().iter().try_for_each(|(name, bytes)| folder.write(name, bytes))?;
-        folder.commit()
-    };
+    let write = || StagedFolder::create(&folder)?.fill(&files.encode());
     py.detach(write).map_err(|e| raise(&e.into(), py))
 }
 

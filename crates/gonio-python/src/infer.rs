@@ -4,6 +4,7 @@ use glam::Vec3;
 use gonio::colour::TwoColours;
 use gonio::estimate::Material;
 use gonio::lighting::EnvironmentMap;
+use gonio::model::Model as Known;
 use gonio::picture::Plane;
 use gonio::reflectance::{THETA_D, THETA_H};
 use gonio::scene::Circle;
@@ -87,16 +88,29 @@ pub(crate) fn infer<'py>(
     listeners: Listeners,
 ) -> PyResult<Bound<'py, PyDict>> {
     let scene = scene.take()?;
+    let answer = work_on(py, settings, model, listeners, move |model, settings, journal| {
+        gonio_app::infer(model, scene, settings, journal)
+    })?;
+    spell_out(py, answer, model)
+}
+
+/// Runs an inference beside Python.
+fn work_on<T: Send + 'static>(
+    py: Python<'_>,
+    settings: Settings<'_>,
+    model: &Bound<'_, Model>,
+    listeners: Listeners,
+    infer: impl FnOnce((&Known, &str), &gonio_app::Settings<'_>, &Journal<'_>) -> Result<T, Problem> + Send + 'static,
+) -> PyResult<T> {
     let (known, name) = (model.get().model.clone(), model.get().name.clone());
     let method = settings.method()?.map_err(|error| raise(&error, py))?;
     let colours = settings.colours().map_err(|error| raise(&error, py))?;
     let Settings { grid: side, shadows, pictures, report, .. } = settings;
-    let answer = work::run(py, listeners, move |reporter| {
+    work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
         let settings = gonio_app::Settings { method, side, shadows, colours, pictures, report, words: &words };
-        gonio_app::infer((&known, &name), scene, &settings, &Journal::new("reading", &listener))
-    })?;
-    spell_out(py, answer, model)
+        infer((&known, &name), &settings, &Journal::new("reading", &listener))
+    })
 }
 
 /// Where regions are: a picture of labels, outlines, or balls to be found.
@@ -134,15 +148,8 @@ pub(crate) fn infer_regions<'py>(
     listeners: Listeners,
 ) -> PyResult<Vec<(String, Bound<'py, PyDict>)>> {
     let (scene, regions) = (scene.take()?, regions.take()?);
-    let (known, name) = (model.get().model.clone(), model.get().name.clone());
-    let method = settings.method()?.map_err(|error| raise(&error, py))?;
-    let colours = settings.colours().map_err(|error| raise(&error, py))?;
-    let Settings { grid: side, shadows, pictures, report, .. } = settings;
-    let several = work::run(py, listeners, move |reporter| {
-        let listener = |stage, fraction| reporter.at(stage, fraction);
-        let settings = gonio_app::Settings { method, side, shadows, colours, pictures, report, words: &words };
-        let journal = Journal::new("reading", &listener);
-        regions::infer_regions((&known, &name), scene, &regions, &settings, &journal)
+    let several = work_on(py, settings, model, listeners, move |model, settings, journal| {
+        regions::infer_regions(model, scene, &regions, settings, journal)
     })?;
     let spelt = several.regions.into_iter().map(|region| Ok((region.name, spell_out(py, region.answer, model)?)));
     spelt.collect()

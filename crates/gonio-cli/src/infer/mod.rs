@@ -273,8 +273,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let bars = Bars::default();
     let listener = |stage, fraction| bars.at(stage, fraction);
     let journal = Journal::new("model", &listener);
-    let model = input::model(options.model.as_deref())?;
-    let name = options.model.as_ref().map_or("the embedded model".into(), |path| path.display().to_string());
+    let (model, name) = input::model(options.model.as_deref())?;
     // Made before the long work: a folder that cannot be made is told at once.
     let folder = StagedFolder::create(&options.output)?;
     let (scene, regions) = (options.scene(), options.regions());
@@ -284,10 +283,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         Inferred::Several(several) => return write_regions(&several, folder, &journal, &bars, start),
     };
     journal.at("writing", 0.0);
-    for (name, bytes) in answer.files().map_err(plain)?.encode() {
-        folder.write(&name, &bytes)?;
-    }
-    folder.commit()?;
+    folder.fill(&answer.files().map_err(plain)?.encode())?;
     bars.finish();
     let output = options.output.display().to_string();
     let page = if options.no_report { "result.json" } else { "report.html" };
@@ -314,11 +310,8 @@ fn write_regions(
     start: Instant,
 ) -> Result<Outcome> {
     journal.at("writing", 0.0);
-    for (name, bytes) in several.files().map_err(plain)? {
-        folder.write(&name, &bytes)?;
-    }
     let output = folder.target().display().to_string();
-    folder.commit()?;
+    folder.fill(&several.files().map_err(plain)?)?;
     bars.finish();
     let names: Vec<&str> = several.regions.iter().map(|region| region.name.as_str()).collect();
     let seconds = start.elapsed().as_secs_f64();

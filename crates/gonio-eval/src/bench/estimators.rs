@@ -229,7 +229,7 @@ fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
     let Photograph { knowledge, image, operator, .. } = *photograph;
     let Lit { operator, map, step } = operator.context("no operator of the light")?;
     let (coordinates, places) = knowledge.space.as_ref().context("no space of materials")?;
-    let materials = Materials { coordinates, places };
+    let materials = Materials::of(coordinates, places);
     let seen = knowledge.points.iter().zip(image).step_by(*step);
     let (points, values): (Vec<_>, Vec<f64>) = seen.map(|(p, v)| (*p, v.unwrap_or(0.0))).unzip();
     let trust = vec![1.0; values.len()];

@@ -239,7 +239,11 @@ impl Bench {
                 let points: Vec<SurfacePoint> = self.points.iter().step_by(step).copied().collect();
                 let map = self.lights.map(&unit.light)?;
                 let light = GivenLight::of_map(&map);
-                place.insert(Lit { operator: Operator::of(&points, None, &light, coordinates, places), step, map });
+                place.insert(Lit {
+                    operator: Operator::of(&points, None, &light, &known_light::Materials::of(coordinates, places)),
+                    step,
+                    map,
+                });
             }
         }
         eprintln!("bases, operators and known lights: {:.0} s", start.elapsed().as_secs_f64());

@@ -71,6 +71,18 @@ impl StagedFolder {
         super::write(&self.path(name), bytes).map_err(|e| Error::io(&self.target.join(name), "write", e))
     }
 
+    /// Writes files by their names, and [commits](Self::commit) them.
+    ///
+    /// # Errors
+    /// As [`Self::write`] and [`Self::commit`].
+    ///
+    /// # Panics
+    /// As [`Self::path`].
+    pub fn fill(self, files: &[(String, Vec<u8>)]) -> Result<(), Error> {
+        files.iter().try_for_each(|(name, bytes)| self.write(name, bytes))?;
+        self.commit()
+    }
+
     /// Returns the folder to be filled.
     pub fn target(&self) -> &Path {
         &self.target

@@ -115,7 +115,7 @@ impl Panels {
             // The ends differ in the first light as clearly as in any other.
             let materials = if i == 0 { &shown[..] } else { &shown[..1] };
             let drawn = view::spheres(materials, &LightTree::of_map(&light));
-            let exposure = Exposure::by_quantile(&drawn[0].rgb, |i| is_covered(&drawn[0], i), 0.8, 0.5);
+            let exposure = sphere_exposure(&drawn[0]);
             let mut drawn = drawn.iter().map(|p| over_paper(p, exposure));
             spheres.extend(drawn.next().map(|p| (name, p)));
             ends.extend(drawn);
@@ -199,6 +199,11 @@ fn light(subject: &Subject<'_>) -> Plane<Vec3> {
     };
     let exposure = Exposure::by_quantile(&light, |_| true, 0.9, 0.6);
     light.map(|p| exposure.apply(*p))
+}
+
+/// Exposure at which a sphere is shown.
+pub(crate) fn sphere_exposure(sphere: &Picture) -> Exposure {
+    Exposure::by_quantile(&sphere.rgb, |i| is_covered(sphere, i), 0.8, 0.5)
 }
 
 fn is_covered(picture: &Picture, i: usize) -> bool {

@@ -128,7 +128,7 @@ pub fn estimate_under(
     let values: Vec<f64> = few.values.iter().flatten().copied().collect();
     let (points, visibility, trust) = (&few.points[..], few.visibility.as_ref(), few.trust());
     let rows = Rows { points, visibility, values: &values, trust: &trust };
-    let materials = Materials { coordinates: &learnt.coordinates, places: &places };
+    let materials = Materials::of(&learnt.coordinates, &places);
     let found = KnownLightPosterior::of(&rows, GivenLight::of_map(light), alignment, &materials)?;
     let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
     let likelihood = Likelihood::Gaussian(found.gaussian()?);

@@ -136,25 +136,19 @@ impl<'a> Impression<'a> {
         let reading = learnt.read(&unshadowed.image);
         let likelihood = Likelihood::Embedding(Embedding::of(reading.embedding));
         let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(EstimateError::NotLearnt)?;
-        let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
+        let image = &unshadowed.image;
         let normals = DiskImage::cells();
         Ok(Self {
-            learnt,
-            posterior,
-            table,
-            scale,
             strangeness: reading.strangeness,
-            scatter: f64::from(unshadowed.image.scatter),
-            normals,
-            filled: normals - (f64::from(unshadowed.image.observed()) * normals as f64).round() as usize,
+            filled: normals - (f64::from(image.observed()) * normals as f64).round() as usize,
             unshadowed: unshadowed.change,
+            ..Self::with(learnt, f64::from(image.scatter), posterior)
         })
     }
 
     /// The impression of a posterior, with the scatter of the photographs it is from.
     pub(super) fn with(learnt: &'a LearntPosterior, scatter: f64, posterior: MaterialPosterior) -> Self {
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
-        let normals = DiskImage::cells();
         Self {
             learnt,
             posterior,
@@ -162,7 +156,7 @@ impl<'a> Impression<'a> {
             scale,
             strangeness: 0.0,
             scatter,
-            normals,
+            normals: DiskImage::cells(),
             // Nothing is filled in: every observation stands for itself.
             filled: 0,
             unshadowed: 0.0,

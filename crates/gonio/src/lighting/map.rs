@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use super::LightGrid;
 use crate::picture::{Plane, luminance};
-use crate::sphere::{OctahedralMap, direction_of_lat_long, lat_long_of_direction};
+use crate::sphere::{OctahedralMap, direction_of_lat_long, lat_long_of_direction, lat_long_solid_angle};
 
 /// Why a picture is not an environment map.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -68,9 +68,7 @@ impl EnvironmentMap {
         for (direction, irradiance) in lights {
             let (u, v) = lat_long_of_direction(*direction);
             let (x, y) = (((u * width as f64) as usize).min(width - 1), ((v * height as f64) as usize).min(height - 1));
-            let edge = |row: usize| (std::f64::consts::PI * row as f64 / height as f64).cos();
-            let solid_angle = std::f64::consts::TAU / width as f64 * (edge(y) - edge(y + 1));
-            map[(x, y)] += *irradiance / solid_angle as f32;
+            map[(x, y)] += *irradiance / lat_long_solid_angle(y, height) as f32;
         }
         Self::new(map)
     }
@@ -102,8 +100,7 @@ impl EnvironmentMap {
             return self.clone();
         }
         let range = |at: usize, whole: usize, parts: usize| at * whole / parts..(at + 1) * whole / parts;
-        let weights: Vec<f32> =
-            (0..height).map(|y| (std::f64::consts::PI * (y as f64 + 0.5) / height as f64).sin() as f32).collect();
+        let weights: Vec<f32> = (0..height).map(|y| lat_long_solid_angle(y, height) as f32).collect();
         let mean = |x: usize, y: usize| {
             let (mut sum, mut total) = (Vec3::ZERO, 0.0);
             for row in range(y, height, rows) {

@@ -36,7 +36,7 @@ pub use turn::Agreement;
 pub use view::View;
 
 use crate::lighting::EnvironmentMap;
-use crate::picture::Plane;
+use crate::picture::{Plane, luminance};
 use crate::scene::Fate;
 use turn::{compare, find_turn, solid_angle};
 use unwrap::{Texel, unwrap};
@@ -133,7 +133,7 @@ pub fn probe(first: &View, second: Option<&SecondView>, settings: &ProbeSettings
         return Err(ProbeError::Black);
     }
     fill::fill(&mut radiance, &known, rows);
-    let bright = |i: usize| radiance[i].dot(DVec3::new(0.2126, 0.7152, 0.0722));
+    let bright = |i: usize| f64::from(luminance(radiance[i].as_vec3()));
     let filled_light = whole(&|i| (1.0 - known[i]) * bright(i)) / whole(&bright).max(f64::MIN_POSITIVE);
     let finite = |r: &DVec3| r.min(DVec3::splat(f32::MAX.into())).as_vec3();
     let plane = Plane::from_vec(2 * rows, rows, radiance.iter().map(finite).collect());

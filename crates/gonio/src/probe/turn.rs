@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::unwrap::{Texel, unwrap};
 use super::{ProbeError, Reflectance, View};
 use crate::picture::luminance;
+use crate::sphere::lat_long_solid_angle;
 
 /// Rows of the maps on which all turns are tried, and of those on which the best is refined.
 const COARSE: usize = 64;
@@ -103,9 +104,7 @@ fn brightness(texel: &Texel) -> f64 {
 
 /// Solid angle of a texel, by its index.
 pub(super) fn solid_angle(rows: usize, texel: usize) -> f64 {
-    let row = texel / (2 * rows);
-    let (top, bottom) = (PI * row as f64 / rows as f64, PI * (row + 1) as f64 / rows as f64);
-    (top.cos() - bottom.cos()) * PI / rows as f64
+    lat_long_solid_angle(texel / (2 * rows), rows)
 }
 
 /// Finds the angle, in radians, by which the second camera went around the ball: the one at which

@@ -140,10 +140,9 @@ impl LightTree {
         node.children = Some((first as u32, parts.len() as u32));
     }
 
-    /// The light turned by a rotation from where it was built, in place of an earlier one.
-    #[must_use]
-    pub fn turned(self, turn: DQuat) -> Self {
-        Self { turn, ..self }
+    /// Turns the light by a rotation from where it was built, in place of an earlier one.
+    pub fn turn_to(&mut self, turn: DQuat) {
+        self.turn = turn;
     }
 
     pub(super) fn root(&self) -> Cell {
@@ -223,7 +222,8 @@ mod tests {
         let map = EnvironmentMap::new(Plane::from_fn(32, 16, |x, y| Vec3::splat((x + 3 * y) as f32))).unwrap();
         // By three columns about the vertical axis, which is right-handed from +z to +x.
         let turn = DQuat::from_rotation_y(-TAU * 3.0 / 32.0);
-        let (turned, tree) = (LightTree::of_map(&map.turned(3)), LightTree::of_map(&map).turned(turn));
+        let (turned, mut tree) = (LightTree::of_map(&map.turned(3)), LightTree::of_map(&map));
+        tree.turn_to(turn);
         let leaves = |tree: &LightTree| {
             let (mut stack, mut out) = (vec![tree.root()], Vec::new());
             while let Some(cell) = stack.pop() {

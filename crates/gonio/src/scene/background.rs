@@ -7,8 +7,8 @@ use glam::Vec3;
 use super::components::{border, flood, neighbours};
 use crate::picture::{Picture, Plane};
 
-/// Coverage (0..1) of what a picture shows: by a mask, else by its alpha channel, else by a constant
-/// background; `None` if nothing tells.
+/// Coverage (0..1) of what a picture shows: by a mask, else by its alpha channel, else by a
+/// constant background; `None` if nothing tells.
 pub(crate) fn coverage_of(picture: &Picture, mask: Option<&Plane<f32>>) -> Option<Plane<f32>> {
     mask.or(picture.alpha.as_ref()).cloned().or_else(|| background_coverage(&picture.rgb))
 }

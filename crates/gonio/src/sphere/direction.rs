@@ -36,6 +36,12 @@ pub fn half_difference(normal: DVec3, light: DVec3, view: DVec3) -> HalfDifferen
     HalfDifference { theta_h, theta_d, phi_d }
 }
 
+/// Solid angle in steradians of a pixel in a row of a lat-long map of so many rows.
+pub(crate) fn lat_long_solid_angle(row: usize, rows: usize) -> f64 {
+    let edge = |row: usize| (PI * row as f64 / rows as f64).cos();
+    (edge(row) - edge(row + 1)) * PI / rows as f64
+}
+
 /// Direction of the point `(u, v)` of a lat-long map, both in 0..1: the centre of the map looks
 /// along -z, row 0 up.
 pub fn direction_of_lat_long(u: f64, v: f64) -> DVec3 {

@@ -7,7 +7,7 @@ mod direction;
 mod haar;
 mod octahedral;
 
-pub(crate) use direction::lat_long_of_direction;
 pub use direction::{HalfDifference, direction_of_lat_long, fibonacci_hemisphere, half_difference};
+pub(crate) use direction::{lat_long_of_direction, lat_long_solid_angle};
 pub use haar::{Haar, Orientation, Real, Wavelet};
 pub use octahedral::OctahedralMap;

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
-use super::error_model::{CUT, ErrorModel, median};
+use super::error_model::{CUT, median};
 use super::fit::{Fit, Image, State};
 use super::light::{GivenLight, Operator};
 use super::space::Space;
@@ -43,26 +43,21 @@ impl Candidate {
 /// Finds the posterior and the turn of the light.
 pub(super) fn aligned(
     rows: &Rows<'_>,
-    light: GivenLight,
+    mut light: GivenLight,
     alignment: Alignment,
     space: &Space,
     materials: &Materials<'_>,
 ) -> Result<KnownLightPosterior, KnownLightError> {
-    let (mut light, turns) = match alignment {
-        Alignment::Fixed | Alignment::Near => (light, vec![DQuat::IDENTITY]),
-        Alignment::Around => around(rows, light, materials),
+    let turns = match alignment {
+        Alignment::Fixed | Alignment::Near => vec![DQuat::IDENTITY],
+        Alignment::Around => around(rows, &mut light, materials),
     };
     let mut best: Option<Candidate> = None;
     for from in turns {
-        light = light.turned(from);
-        let candidate = Candidate::at(from, &light, rows, space, materials, None)?;
-        let found = if alignment == Alignment::Fixed {
-            candidate
-        } else {
-            let (found, turned) = candidate.refined(light, rows, space, materials, from)?;
-            light = turned;
-            found
-        };
+        let mut found = Candidate::at(from, &mut light, rows, space, materials, None)?;
+        if alignment != Alignment::Fixed {
+            found = found.refined(&mut light, rows, space, materials)?;
+        }
         if best.as_ref().is_none_or(|best| found.error() < best.error()) {
             best = Some(found);
         }
@@ -73,7 +68,7 @@ pub(super) fn aligned(
 }
 
 /// The angles about the vertical under which some material of the prior comes nearest to the image.
-fn around(rows: &Rows<'_>, mut light: GivenLight, materials: &Materials<'_>) -> (GivenLight, Vec<DQuat>) {
+fn around(rows: &Rows<'_>, light: &mut GivenLight, materials: &Materials<'_>) -> Vec<DQuat> {
     let total = rows.values.len();
     let some: Vec<usize> = (0..total).step_by(total.div_ceil(COMPARED)).collect();
     let points: Vec<_> = some.iter().map(|&at| rows.points[at]).collect();
@@ -82,61 +77,57 @@ fn around(rows: &Rows<'_>, mut light: GivenLight, materials: &Materials<'_>) -> 
     let mut scored = Vec::new();
     for step in 0..AROUND.0 {
         let turn = DQuat::from_rotation_y(TAU * step as f64 / AROUND.0 as f64);
-        light = light.turned(turn);
-        let operator = Operator::of(&points, visibility.as_ref(), &light, materials.coordinates, materials.places);
+        light.turn_to(turn);
+        let operator = Operator::of(&points, visibility.as_ref(), light, materials);
         scored.push((start(&operator, &values, materials).deviation, turn));
     }
     scored.sort_by(|a, b| a.0.total_cmp(&b.0));
-    (light, scored.into_iter().take(AROUND.1).map(|(_, turn)| turn).collect())
+    scored.into_iter().take(AROUND.1).map(|(_, turn)| turn).collect()
 }
 
 impl Candidate {
-    /// Fits the material under a light, from a state or from the best material of the prior.
+    /// Turns the light and fits the material under it, from a state or from the best material of
+    /// the prior.
     fn at(
         turn: DQuat,
-        light: &GivenLight,
+        light: &mut GivenLight,
         rows: &Rows<'_>,
         space: &Space,
         materials: &Materials<'_>,
         from: Option<&State>,
     ) -> Result<Self, KnownLightError> {
-        let operator = Operator::of(rows.points, rows.visibility, light, materials.coordinates, materials.places);
+        light.turn_to(turn);
+        let operator = Operator::of(rows.points, rows.visibility, light, materials);
         let mut image = Image::of(&operator, rows, space)?;
         let state = match from {
             Some(state) => image.state(state.coefficients.clone()),
-            None => {
-                let start = start(&operator, rows.values, materials);
-                image.start(&start.place, start.gain)
-            }
+            None => start(&operator, rows.values, materials).state(&image),
         };
-        let fit = image.fit(state, ErrorModel::new(&rows.normals(), rows.trusts()));
-        let fit = fit.ok_or(KnownLightError::Unsolvable)?;
+        let fit = image.fit_to(rows, state)?;
         Ok(Self { turn, operator, fit })
     }
 
-    /// Turns the light for as long as the image is explained better. `origin` is the turn around
-    /// which small ones are probable.
+    /// Turns the light for as long as the image is explained better. Small turns from where it is
+    /// now are probable.
     fn refined(
         mut self,
-        mut light: GivenLight,
+        light: &mut GivenLight,
         rows: &Rows<'_>,
         space: &Space,
         materials: &Materials<'_>,
-        origin: DQuat,
-    ) -> Result<(Self, GivenLight), KnownLightError> {
+    ) -> Result<Self, KnownLightError> {
+        let origin = self.turn;
         for _ in 0..TURNS {
             let made = (self.turn * origin.inverse()).to_scaled_axis();
-            let Some(turn) = self.proposal(&light, rows, space, made)? else { break };
+            let Some(turn) = self.proposal(light, rows, space, made)? else { break };
             let turn = DQuat::from_scaled_axis(turn) * self.turn;
-            light = light.turned(turn);
-            let next = Self::at(turn, &light, rows, space, materials, Some(&self.fit.state))?;
+            let next = Self::at(turn, light, rows, space, materials, Some(&self.fit.state))?;
             if next.error() > BETTER * self.error() {
-                light = light.turned(self.turn);
                 break;
             }
             self = next;
         }
-        Ok((self, light))
+        Ok(self)
     }
 
     /// The next turn, if there is one worth trying.

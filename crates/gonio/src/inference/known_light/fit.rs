@@ -172,8 +172,17 @@ impl<'a> Image<'a> {
             + self.prior(&state.coefficients)
     }
 
+    /// Fits the material to the rows from a state.
+    ///
+    /// # Errors
+    /// If the equations have no solution.
+    pub(super) fn fit_to(&mut self, rows: &Rows<'_>, start: State) -> Result<Fit, KnownLightError> {
+        let found = self.fit(start, ErrorModel::new(&rows.normals(), rows.trusts()));
+        found.ok_or(KnownLightError::Unsolvable)
+    }
+
     /// Descends from a state. `None` if the equations have no solution, which finite images have.
-    pub(super) fn fit(&mut self, start: State, mut errors: ErrorModel) -> Option<Fit> {
+    fn fit(&mut self, start: State, mut errors: ErrorModel) -> Option<Fit> {
         let mut state = start;
         #[cfg(test)]
         let mut trace = Vec::new();

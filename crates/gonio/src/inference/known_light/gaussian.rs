@@ -40,7 +40,7 @@ impl Gaussian {
     /// Whether it has the coefficients of a space, and is sound.
     pub(crate) fn is_of(&self, coordinates: &Coordinates) -> bool {
         let n = self.mean.len();
-        n == Space::free(coordinates.directions().len())
+        n == Space::free(coordinates.axes.len())
             && self.precision.len() == n * (n + 1) / 2
             && self.deviation > 0.0
             && self.mean.iter().chain(&self.precision).all(|v| v.is_finite())
@@ -99,9 +99,8 @@ impl Gaussian {
         let (precision, information) = Self::sums(all, deviation);
         let factor = Cholesky::new(precision)?;
         let explained: f64 = factor.solve(&information).iter().zip(&information).map(|(m, h)| m * h).sum();
-        let log_det = |value: f64| value.ln();
-        let of_posterior: f64 = (0..information.len()).map(|i| 2.0 * log_det(factor.lower[(i, i)])).sum();
-        let of_prior: f64 = all[0].prior(all[0].axes(), deviation).map(log_det).sum();
+        let of_posterior: f64 = (0..information.len()).map(|i| 2.0 * factor.lower[(i, i)].ln()).sum();
+        let of_prior: f64 = all[0].prior(all[0].axes(), deviation).map(f64::ln).sum();
         Some(0.5 * (explained + of_prior - of_posterior))
     }
 

@@ -2,12 +2,12 @@
 
 use glam::{DQuat, Vec3};
 
-use super::ACCURACY;
+use super::{ACCURACY, Materials};
 use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
-use crate::reflectance::Coordinates;
 use crate::render::{LightTree, Relighter};
 use crate::shape::{SurfacePoint, Visibility};
+use crate::sphere::lat_long_solid_angle;
 
 /// Pixels from this share of the largest value on count as clipped.
 const PLATEAU: f32 = 0.999;
@@ -18,9 +18,6 @@ const CLIPPED: (usize, f64) = (4, 0.2);
 
 /// Rows of a map from which finer ones are averaged: pixels of 0.18 degrees, a third of the sun.
 const ROWS: usize = 1024;
-
-/// Materials of the prior for which the light is divided finely enough, at most.
-const EXAMPLES: usize = 200;
 
 /// A given light, with the pixels that may have been clipped apart from the rest: their radiance is
 /// at least what the map says.
@@ -54,8 +51,14 @@ impl GivenLight {
 
     /// The light turned by a rotation from where the map has it, in place of an earlier one.
     #[must_use]
-    pub fn turned(self, turn: DQuat) -> Self {
-        Self { rest: self.rest.turned(turn), clipped: self.clipped.map(|tree| tree.turned(turn)) }
+    pub fn turned(mut self, turn: DQuat) -> Self {
+        self.turn_to(turn);
+        self
+    }
+
+    pub(super) fn turn_to(&mut self, turn: DQuat) {
+        self.rest.turn_to(turn);
+        self.clipped.iter_mut().for_each(|tree| tree.turn_to(turn));
     }
 
     /// Its parts with their factors, if the clipped pixels are `gain` times as bright.
@@ -72,9 +75,9 @@ pub fn clipped(map: &EnvironmentMap) -> Option<Plane<bool>> {
     let largest = radiance.as_slice().iter().map(|p| p.max_element()).fold(0.0, f32::max);
     let mask = radiance.map(|p| p.max_element() >= PLATEAU * largest);
     let count = mask.as_slice().iter().filter(|m| **m).count();
-    let row = |y: usize| (std::f64::consts::PI * (y as f64 + 0.5) / height as f64).sin();
-    let weight = |y: usize| row(y) * (0..width).filter(|x| mask[(*x, y)]).count() as f64;
-    let share = (0..height).map(weight).sum::<f64>() / (0..height).map(|y| row(y) * width as f64).sum::<f64>();
+    let clipped = |y: usize| (0..width).filter(|x| mask[(*x, y)]).count() as f64;
+    let covered: f64 = (0..height).map(|y| lat_long_solid_angle(y, height) * clipped(y)).sum();
+    let share = covered / (4.0 * std::f64::consts::PI);
     (count >= CLIPPED.0 && share <= CLIPPED.1).then_some(mask)
 }
 
@@ -88,17 +91,14 @@ pub struct Operator {
 
 impl Operator {
     /// Computes the matrices for points of a surface with this visibility. The light is divided as
-    /// finely as the sharpest materials at `places` need.
+    /// finely as the sharpest of the materials need.
     pub fn of(
         points: &[SurfacePoint],
         visibility: Option<&Visibility>,
         light: &GivenLight,
-        coordinates: &Coordinates,
-        places: &[Vec<f64>],
+        materials: &Materials<'_>,
     ) -> Self {
-        let examples: Vec<Vec<f64>> = places.iter().step_by(places.len().div_ceil(EXAMPLES).max(1)).cloned().collect();
-        let examples = coordinates.tables(&examples);
-        let part = |tree: &LightTree| Relighter::within(points, visibility, &examples, tree, &ACCURACY);
+        let part = |tree: &LightTree| Relighter::within(points, visibility, &materials.examples, tree, &ACCURACY);
         Self { rest: part(&light.rest), clipped: light.clipped.as_ref().map(part) }
     }
 

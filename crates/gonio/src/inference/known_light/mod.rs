@@ -33,8 +33,8 @@ use crate::inference::light::Cholesky;
 use crate::reflectance::{BivariateTable, Coordinates};
 use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};
-use error_model::{ErrorModel, median};
-use fit::{Fit, Image};
+use error_model::median;
+use fit::{Fit, Image, State};
 pub use gaussian::Gaussian;
 pub use light::{GivenLight, Operator, clipped};
 use space::Space;
@@ -44,6 +44,9 @@ const STARTS: usize = 1000;
 
 /// Observations by which they are compared, at most.
 const COMPARED: usize = 200;
+
+/// Materials of the prior for which the light is divided finely enough, at most.
+const EXAMPLES: usize = 200;
 
 /// Gains of clipped pixels that are compared for the start.
 const GAINS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
@@ -94,13 +97,30 @@ pub enum Alignment {
     Around,
 }
 
-/// The materials that a photograph is compared with.
-#[derive(Clone, Copy, Debug)]
+/// The materials that a photograph is compared with, computed once for all lights.
+#[derive(Clone, Debug)]
 pub struct Materials<'a> {
-    /// Space of their logarithms.
-    pub coordinates: &'a Coordinates,
-    /// Materials of the prior by their coordinates, of which the best is the start.
-    pub places: &'a [Vec<f64>],
+    coordinates: &'a Coordinates,
+    /// Materials to start from: their coordinates and tables.
+    starts: Vec<Vec<f64>>,
+    tables: Vec<BivariateTable>,
+    /// Materials for which the light is divided finely enough.
+    examples: Vec<BivariateTable>,
+}
+
+impl<'a> Materials<'a> {
+    /// Takes materials of the prior by their coordinates.
+    ///
+    /// # Panics
+    /// If there are none.
+    pub fn of(coordinates: &'a Coordinates, places: &[Vec<f64>]) -> Self {
+        assert!(!places.is_empty(), "no materials");
+        let some =
+            |most: usize| -> Vec<Vec<f64>> { places.iter().step_by(places.len().div_ceil(most)).cloned().collect() };
+        let starts = some(STARTS);
+        let (tables, examples) = (coordinates.tables(&starts), coordinates.tables(&some(EXAMPLES)));
+        Self { coordinates, starts, tables, examples }
+    }
 }
 
 /// Posterior of the material under a known light.
@@ -156,11 +176,8 @@ impl KnownLightPosterior {
     /// If numbers of rows differ, or there are no rows or no materials.
     pub fn under(operator: &Operator, rows: &Rows<'_>, materials: &Materials<'_>) -> Result<Self, KnownLightError> {
         let space = Space::new(materials.coordinates);
-        let start = start(operator, rows.values, materials);
         let mut image = Image::of(operator, rows, &space)?;
-        let state = image.start(&start.place, start.gain);
-        let found = image.fit(state, ErrorModel::new(&rows.normals(), rows.trusts()));
-        let found = found.ok_or(KnownLightError::Unsolvable)?;
+        let found = image.fit_to(rows, start(operator, rows.values, materials).state(&image))?;
         Ok(Self::found(&image, found, rows, &space, DQuat::IDENTITY))
     }
 
@@ -182,7 +199,8 @@ impl KnownLightPosterior {
             misfit,
             predicted: found.state.predicted,
             deviation: found.deviation,
-            turn,
+            // Of both quaternions of one rotation, that of the smaller angle.
+            turn: if turn.w < 0.0 { -turn } else { turn },
             gain,
             settled: found.settled,
             space: space.clone(),
@@ -225,12 +243,16 @@ struct Start {
     deviation: f64,
 }
 
+impl Start {
+    fn state(&self, image: &Image<'_>) -> State {
+        image.start(&self.place, self.gain)
+    }
+}
+
 /// The material, and the gain of the clipped pixels, whose picture is nearest to the image by the
 /// median absolute deviation of the logarithm.
 fn start(operator: &Operator, values: &[f64], materials: &Materials<'_>) -> Start {
-    let some = |count: usize, most: usize| (0..count).step_by(count.div_ceil(most).max(1));
-    let rows: Vec<usize> = some(values.len(), COMPARED).collect();
-    let places: Vec<Vec<f64>> = some(materials.places.len(), STARTS).map(|at| materials.places[at].clone()).collect();
+    let rows: Vec<usize> = (0..values.len()).step_by(values.len().div_ceil(COMPARED).max(1)).collect();
     let floor = 0.01 * values.iter().sum::<f64>() / values.len() as f64;
     let deviation = |table: &BivariateTable, gain: f64| {
         let cells = table.as_slice();
@@ -243,13 +265,12 @@ fn start(operator: &Operator, values: &[f64], materials: &Materials<'_>) -> Star
         median(logs.iter().map(|l| (l - middle).abs()).collect())
     };
     let gains = if operator.clips() { &GAINS[..] } else { &GAINS[..1] };
-    let best = materials.coordinates.tables(&places);
-    let best = best.par_iter().map(|table| {
+    let best = materials.tables.par_iter().map(|table| {
         let each = gains.iter().map(|gain| (*gain, deviation(table, *gain)));
         each.min_by(|a, b| a.1.total_cmp(&b.1)).expect("there are gains")
     });
     let deviations: Vec<(f64, f64)> = best.collect();
-    let at = (0..places.len()).min_by(|a, b| deviations[*a].1.total_cmp(&deviations[*b].1));
+    let at = (0..deviations.len()).min_by(|a, b| deviations[*a].1.total_cmp(&deviations[*b].1));
     let at = at.expect("there are materials");
-    Start { place: places[at].clone(), gain: deviations[at].0, deviation: deviations[at].1 }
+    Start { place: materials.starts[at].clone(), gain: deviations[at].0, deviation: deviations[at].1 }
 }

@@ -2,10 +2,11 @@
 //! measured BRDF and their photographs in other lights.
 //!
 //! [`object`] and [`slice`](mod@slice) hold the captured data, [`judge`] measures the errors of a
-//! BRDF against them, [`study`] estimates from each photograph, [`report`] writes the tables and
-//! [`page`] the pictures. Each estimate stands beside three references: a Lambertian answer; the
-//! measured slice itself, whose only errors are those from shadows, texture and registration; and
-//! the profile of that slice, the best answer that depends on `theta_h` alone.
+//! BRDF against them, [`study`] estimates from each photograph, [`several`] from some together,
+//! [`report`] writes the tables and [`page`] the pictures. Each estimate stands beside three
+//! references: a Lambertian answer; the measured slice itself, whose only errors are those from
+//! shadows, texture and registration; and the profile of that slice, the best answer that depends
+//! on `theta_h` alone.
 
 mod judge;
 mod object;
@@ -13,6 +14,7 @@ mod page;
 #[cfg(test)]
 mod planted;
 mod report;
+mod several;
 mod slice;
 mod study;
 
@@ -53,7 +55,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     if let Some(out) = &options.out {
         std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     }
-    let (mut records, mut sections, mut refused) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut records, mut together, mut sections, mut refused) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for folder in folders {
         if !folder.is_dir() {
             bail!("{}: there is no such object", folder.display());
@@ -65,6 +67,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         if options.out.is_some() {
             sections.push(page::section(&object, &answers));
         }
+        together.push(study.several(&model, &answers)?);
         records.extend(answers.into_iter().map(|answer| answer.record));
     }
     if let Some(out) = &options.out {
@@ -72,7 +75,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         gonio_io::atomic::write_file(out.join("captured.json"), &serde_json::to_vec_pretty(&records)?)?;
         gonio_io::atomic::write_file(out.join("captured.html"), page::page(&sections).as_bytes())?;
     }
-    print!("{}", report::markdown(&records));
+    print!("{}\n{}", report::markdown(&records), several::markdown(&together));
     if !refused.is_empty() {
         bail!("no answer to {} of the photographs:\n{}", refused.len(), refused.join("\n"));
     }

@@ -57,7 +57,7 @@ fn card(object: &Captured, seen: usize, answer: &Answer) -> Markup {
         ),
     ];
     let answers: [(&str, Reflectance<'_>); 3] = [
-        ("estimate", &|h, d| answer.table.eval(h, d)),
+        ("estimate", &|h, d| answer.material.table.eval(h, d)),
         ("Lambertian", &|_, _| 1.0),
         ("measured slice", &|h, d| object.slice.eval(h, d)),
     ];

@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::judge::{self, Reflectance};
 use super::object::{Captured, map_of};
+use super::several::{self, Several};
 use super::slice::Cell;
 use crate::metrics::{Relight, mean};
 
@@ -60,10 +61,10 @@ impl Record {
     }
 }
 
-/// A record and the estimated BRDF.
+/// A record and the material found.
 pub(super) struct Answer {
     pub(super) record: Record,
-    pub(super) table: BivariateTable,
+    pub(super) material: Material,
 }
 
 /// An object and the errors of the references on it.
@@ -132,21 +133,25 @@ impl<'a> Study<'a> {
         (answers, refused)
     }
 
+    /// Judges the answers from several photographs together.
+    ///
+    /// # Errors
+    /// If an answer has no quantiles.
+    pub(super) fn several(&self, model: &Model, answers: &[Answer]) -> Result<Several> {
+        let ones: Vec<&Material> = answers.iter().map(|answer| &answer.material).collect();
+        Several::of(&self.object.name, &self.cells, model, &ones)
+    }
+
     fn answer(&self, seen: usize, model: &Model, lit: bool) -> Result<Answer> {
         let start = Instant::now();
         let found = estimate(self.object, seen, model, lit)?;
         let record = self.record(seen, &found, start.elapsed().as_secs_f64())?;
-        let material = found.0;
-        Ok(Answer { record, table: material.table })
+        Ok(Answer { record, material: found.0 })
     }
 
     fn record(&self, seen: usize, (material, misfit, doubts): &Found, seconds: f64) -> Result<Record> {
         let (object, cells, table) = (self.object, &self.cells, &material.table);
-        let quantiles: Vec<BivariateTable> =
-            material.quantiles.iter().map(|values| BivariateTable::from_vec(values.clone())).collect();
-        let Ok(quantiles) = <[BivariateTable; 4]>::try_from(quantiles) else {
-            bail!("the estimate has not the quantiles that coverage is measured by")
-        };
+        let quantiles = several::quantiles(material)?;
         Ok(Record {
             object: object.name.clone(),
             photograph: object.photographs[seen].name.clone(),

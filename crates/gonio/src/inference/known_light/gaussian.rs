@@ -8,6 +8,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::hint::Hint;
 use super::space::Space;
 use crate::inference::light::Cholesky;
 use crate::reflectance::{BivariateTable, Coordinates};
@@ -82,6 +83,24 @@ impl Gaussian {
         }
         all[0].prior(all[0].axes(), deviation).enumerate().for_each(|(i, p)| precision[(i, i)] += p);
         (precision, information)
+    }
+
+    /// The posterior with a hint as one more likelihood. `None` if it is not positive definite.
+    ///
+    /// # Panics
+    /// If the hint has another number of axes.
+    pub fn informed_by(&self, hint: &Hint) -> Option<Self> {
+        assert_eq!(hint.vector.len(), self.axes());
+        let n = self.mean.len();
+        let mut precision = self.matrix();
+        let mut information: Vec<f64> =
+            (0..n).map(|i| (0..n).map(|j| precision[(i, j)] * self.mean[j]).sum()).collect();
+        for (i, of_hint) in hint.vector.iter().enumerate() {
+            information[i] += of_hint;
+            (0..hint.vector.len()).for_each(|j| precision[(i, j)] += hint.information[(i, j)]);
+        }
+        let mean = Cholesky::new(precision.clone())?.solve(&information);
+        Some(Self { mean, precision: lower(&precision), ..*self })
     }
 
     /// Posterior given several photographs: the product of their likelihoods with one prior, whose
@@ -169,6 +188,19 @@ mod tests {
         let both = Gaussian::product(&[&a, &b]).unwrap();
         assert!((both.mean[0] - (4.0 + 10.0) / 10.0).abs() < 1e-12 && both.mean[1] == 0.0, "{:?}", both.mean);
         assert!((both.precision[0] - 10.0).abs() < 1e-12);
+    }
+
+    /// A hint is one more photograph's likelihood; it moves what is known little.
+    #[test]
+    fn a_hint_counts_as_a_likelihood() {
+        let information = Mat::from_fn(3, 3, |i, j| if i == 0 && j == 0 { 5.0 } else { 0.0 });
+        let hint = Hint { information, vector: vec![5.0 * 2.0, 0.0, 0.0] };
+        let (a, b) = (seen(3, 1.0, 4.0), seen(3, 2.0, 5.0));
+        let (informed, both) = (a.informed_by(&hint).unwrap(), Gaussian::product(&[&a, &b]).unwrap());
+        let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
+        assert!(same(&informed.mean, &both.mean) && same(&informed.precision, &both.precision));
+        let sharp = seen(3, 1.0, 1e4);
+        assert!((sharp.informed_by(&hint).unwrap().mean[0] - sharp.mean[0]).abs() < 1e-3);
     }
 
     /// The ratio is the density of one mean under the prediction from the other, over that under

@@ -10,7 +10,8 @@
 //! The error of the logarithm of the image has a smooth part, since no bivariate table is exact and
 //! no light map is, and an independent one with heavy tails; both are estimated from the image. The
 //! most probable table is found by Gauss-Newton steps from the best of a thousand materials of the
-//! prior, and the posterior is the Gaussian around it (Laplace's approximation).
+//! prior, and the posterior is the Gaussian around it (Laplace's approximation). What the learnt
+//! posterior makes of the same photograph is one more likelihood ([`Hint`]).
 //!
 //! The paper's estimate under a known light, coefficients in ten functions, is
 //! [`Method::KnownLight`](super::Method::KnownLight).
@@ -19,6 +20,7 @@ mod align;
 mod error_model;
 mod fit;
 mod gaussian;
+mod hint;
 mod light;
 mod space;
 #[cfg(test)]
@@ -36,6 +38,7 @@ use crate::shape::{SurfacePoint, Visibility};
 use error_model::median;
 use fit::{Fit, Image, State};
 pub use gaussian::Gaussian;
+pub use hint::Hint;
 pub use light::{GivenLight, Operator, clipped};
 use space::Space;
 

@@ -1,0 +1,135 @@
+//! What several photographs of a captured object tell together.
+
+use std::fmt::Write as _;
+
+use anyhow::{Context, Result};
+use gonio::estimate::{Material, combine};
+use gonio::inference::Likelihood;
+use gonio::model::Model;
+use gonio::reflectance::BivariateTable;
+
+use super::judge;
+use super::slice::Cell;
+use crate::metrics::{mean, median};
+
+/// Errors of the answer from some photographs.
+struct Joint {
+    slice: f64,
+    /// Mean width of the 90 % interval of the logarithm over the judged cells.
+    width: f64,
+    coverage: [f64; 2],
+}
+
+/// The answers from one, two, three and more photographs of an object.
+pub(super) struct Several {
+    object: String,
+    /// Answers from one photograph more each.
+    joint: Vec<Vec<Joint>>,
+    /// Combinations that are refused.
+    refused: usize,
+}
+
+impl Several {
+    /// Judges each photograph, and those that follow one another in the list, around its end.
+    ///
+    /// # Errors
+    /// If an answer has no quantiles.
+    pub(super) fn of(object: &str, cells: &[Cell], model: &Model, ones: &[&Material]) -> Result<Self> {
+        let (mut joint, mut refused) = (Vec::new(), 0);
+        for count in 1..=ones.len() {
+            let mut of_count = Vec::new();
+            let starts = if count == ones.len() { 1 } else { ones.len() };
+            for start in 0..starts {
+                if count == 1 {
+                    of_count.push(Joint::of(ones[start], cells)?);
+                    continue;
+                }
+                let some: Vec<Likelihood> =
+                    (0..count).map(|at| ones[(start + at) % ones.len()].posterior.likelihood.clone()).collect();
+                match combine(model, &some) {
+                    Ok(found) => of_count.push(Joint::of(&found.material, cells)?),
+                    Err(_) => refused += 1,
+                }
+            }
+            joint.push(of_count);
+        }
+        Ok(Self { object: object.to_owned(), joint, refused })
+    }
+}
+
+impl Joint {
+    fn of(material: &Material, cells: &[Cell]) -> Result<Self> {
+        let quantiles = quantiles(material)?;
+        let width = |c: &Cell| {
+            let [low, .., high] = &quantiles;
+            (high.eval(c.theta_h, c.theta_d) / low.eval(c.theta_h, c.theta_d).max(1e-12)).ln()
+        };
+        Ok(Self {
+            slice: judge::slice_error(cells, &|h, d| material.table.eval(h, d)),
+            width: mean(&cells.iter().map(width).collect::<Vec<f64>>()),
+            coverage: judge::coverage(cells, &material.table, &quantiles),
+        })
+    }
+}
+
+/// Tables of the quantiles of a material.
+///
+/// # Errors
+/// If there are not four.
+pub(super) fn quantiles(material: &Material) -> Result<[BivariateTable; 4]> {
+    let tables: Vec<BivariateTable> =
+        material.quantiles.iter().map(|values| BivariateTable::from_vec(values.clone())).collect();
+    tables.try_into().ok().context("the estimate has not the quantiles that coverage is measured by")
+}
+
+/// Table of the medians over the combinations.
+pub(super) fn markdown(all: &[Several]) -> String {
+    let mut text = "\
+| object | photographs together | slice | width of the 90 % interval | 50 % / 90 % covered |
+|---|---|---|---|---|
+"
+    .to_owned();
+    for Several { object, joint, refused } in all {
+        for (at, answers) in joint.iter().enumerate().filter(|(_, answers)| !answers.is_empty()) {
+            let typical = |f: &dyn Fn(&Joint) -> f64| median(answers.iter().map(f).collect());
+            let _ = writeln!(
+                text,
+                "| {object} | {} | {:.2} | {:.2} | {:.0} % / {:.0} % |",
+                at + 1,
+                typical(&|j| j.slice),
+                typical(&|j| j.width),
+                100.0 * typical(&|j| j.coverage[0]),
+                100.0 * typical(&|j| j.coverage[1]),
+            );
+        }
+        if *refused > 0 {
+            let _ = writeln!(text, "| {object} | {refused} combinations refused | | | |");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use gonio::scene::{Object, ObservationSettings, Sighting};
+
+    use super::super::planted;
+    use super::*;
+
+    /// Photographs of one planted ball make the interval narrower.
+    #[test]
+    fn photographs_of_one_ball_agree() {
+        let model = gonio_io::model::embedded().unwrap();
+        let ball = planted::ball(&BivariateTable::from_fn(|h, _| 0.2 + 2.0 * (-(h / 0.2).powi(2)).exp()));
+        let picture = &ball.photographs[0].picture;
+        let sighting = Sighting::of(picture, None, Object::Sphere(None), &ObservationSettings::default()).unwrap();
+        let one = Material::of(&model, &sighting.observations, 16).unwrap();
+        let several = Several::of("ball", &ball.slice.judged(), &model, &[&one, &one, &one]).unwrap();
+        assert_eq!(several.refused, 0);
+        let widths: Vec<f64> = several.joint.iter().map(|joint| joint[0].width).collect();
+        assert!(several.joint[0].len() == 3 && several.joint[2].len() == 1);
+        assert!(widths[2] < widths[1] && widths[1] < widths[0], "{widths:?}");
+        let text = markdown(&[several]);
+        assert_eq!(text.lines().count(), 5, "{text}");
+    }
+}

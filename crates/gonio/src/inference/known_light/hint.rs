@@ -1,0 +1,105 @@
+//! What the learnt posterior makes of the same photograph, as information on the axes of the prior.
+//!
+//! The encoder was trained on photographs with texture, specks and wrong normals. The error model
+//! of [`fit`](super::fit) knows of them by their size alone, so that where pixels scatter, a bright
+//! patch can pass for a highlight. Both are made from one photograph and err together, so that the
+//! encoder counts by half, as a second photograph does in
+//! [`Likelihood`](crate::inference::Likelihood). A clean photograph under a right light says so
+//! much more that it hardly matters there (docs/trials.md).
+
+use faer::Mat;
+
+use crate::inference::learnt::LearntPosterior;
+use crate::inference::light::Cholesky;
+use crate::linalg::eigenvectors;
+
+/// Share of the information that counts.
+const POWER: f64 = 0.5;
+
+/// Variance that is added to each coordinate: a finite number of materials can gather in one place,
+/// without being known that well.
+const LEAST_VARIANCE: f64 = 0.02;
+
+/// Gaussian likelihood of the coordinates of a material, up to a constant:
+/// `exp(b' z - z' A z / 2)`.
+#[derive(Clone, Debug)]
+pub struct Hint {
+    /// `A`, positive semidefinite.
+    pub(super) information: Mat<f64>,
+    /// `b`.
+    pub(super) vector: Vec<f64>,
+}
+
+impl Hint {
+    /// Takes the likelihood from an embedding of the photograph: the Gaussian by which the moments
+    /// of the prior become those of the posterior. Where the posterior is wider than the prior, it
+    /// moves the mean alone. `None` if numbers are not finite.
+    pub fn of(learnt: &LearntPosterior, embedding: &[f32]) -> Option<Self> {
+        Self::of_weights(&learnt.prior.places, &learnt.prior.weights(embedding))
+    }
+
+    fn of_weights(places: &[Vec<f32>], weights: &[f64]) -> Option<Self> {
+        let (prior, from) = natural(places, &vec![1.0; places.len()])?;
+        let (posterior, to) = natural(places, weights)?;
+        let (values, vectors) = eigenvectors((posterior - prior).as_ref());
+        let n = to.len();
+        let half = Mat::from_fn(n, n, |i, k| vectors[(i, k)] * (POWER * values[k].max(0.0)).sqrt());
+        let vector = to.iter().zip(from).map(|(to, from)| POWER * (to - from)).collect();
+        Some(Self { information: &half * half.transpose(), vector })
+    }
+}
+
+/// Inverse covariance of weighted places, and its product with their mean.
+fn natural(places: &[Vec<f32>], weights: &[f64]) -> Option<(Mat<f64>, Vec<f64>)> {
+    let (n, total) = (places[0].len(), weights.iter().sum::<f64>());
+    let mut mean = vec![0.0; n];
+    for (place, weight) in places.iter().zip(weights) {
+        mean.iter_mut().zip(place).for_each(|(sum, z)| *sum += weight / total * f64::from(*z));
+    }
+    let off = Mat::from_fn(places.len(), n, |i, k| (weights[i] / total).sqrt() * (f64::from(places[i][k]) - mean[k]));
+    let mut covariance = off.transpose() * &off;
+    (0..n).for_each(|k| covariance[(k, k)] += LEAST_VARIANCE);
+    let inverse = Cholesky::new(covariance)?.inverse_of_lower();
+    let precision = inverse.transpose() * &inverse;
+    let vector = (0..n).map(|i| (0..n).map(|j| precision[(i, j)] * mean[j]).sum()).collect();
+    Some((precision, vector))
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    fn places(count: usize) -> Vec<Vec<f32>> {
+        let mut rng = Pcg64::seed_from_u64(4);
+        (0..count).map(|_| (0..3).map(|_| StandardNormal.sample(&mut rng)).collect()).collect()
+    }
+
+    /// Half of a Gaussian likelihood by which places are weighed comes back.
+    #[test]
+    fn a_gaussian_likelihood_is_found() {
+        let (places, at, deviations) = (places(200_000), [0.5, -0.3, 0.2], [0.5, 0.8, 1e3]);
+        let weight = |place: &Vec<f32>| {
+            let off = (0..3).map(|k| ((f64::from(place[k]) - at[k]) / deviations[k]).powi(2));
+            (-0.5 * off.sum::<f64>()).exp()
+        };
+        let hint = Hint::of_weights(&places, &places.iter().map(weight).collect::<Vec<f64>>()).unwrap();
+        for k in 0..3 {
+            let want = POWER / deviations[k].powi(2);
+            let found = hint.information[(k, k)];
+            assert!((found - want).abs() < 0.1 * want + 0.02, "{k}: {found} {want}");
+            assert!((hint.vector[k] - want * at[k]).abs() < 0.1 * want + 0.02, "{k}: {}", hint.vector[k]);
+        }
+    }
+
+    /// Equal weights say nothing.
+    #[test]
+    fn the_prior_itself_is_no_hint() {
+        let hint = Hint::of_weights(&places(500), &[0.7; 500]).unwrap();
+        assert!((0..9).all(|i| hint.information[(i / 3, i % 3)].abs() < 1e-9));
+        assert!(hint.vector.iter().all(|b| b.abs() < 1e-9));
+    }
+}

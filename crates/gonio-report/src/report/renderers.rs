@@ -20,7 +20,7 @@ pub struct Fits {
 }
 
 impl Fits {
-    /// Fits the models to linear RGB tables in 1/sr: takes some five seconds of one core.
+    /// Fits the models to linear RGB tables in 1/sr: takes about two seconds of one core.
     pub fn of(tables: &[BivariateTable; 3]) -> Self {
         let fitter = Fitter::new(tables);
         Self { principled: fitter.fit(), layered: fitter.fit(), metallic_roughness: fitter.fit() }

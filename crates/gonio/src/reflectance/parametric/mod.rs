@@ -29,7 +29,7 @@ use std::f64::consts::FRAC_1_PI;
 
 /// Cosine below which a sample of the grid counts as on the horizon, where round-off decides and
 /// models that divide by the cosines have a pole.
-const HORIZON: f64 = 1e-9;
+pub(crate) const HORIZON: f64 = 1e-9;
 
 /// An isotropic BRDF given by a formula.
 pub trait Parametric: Sync {

@@ -1,5 +1,7 @@
 //! Fits of shading models to a table.
 
+mod sketch;
+
 use glam::{DQuat, DVec3};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
@@ -12,6 +14,7 @@ use crate::reflectance::parametric::directions;
 use crate::reflectance::{BivariateTable, THETA_H};
 use crate::reflectance::{theta_d_of, theta_h_of};
 use crate::render::{IntegratorSettings, LightTree, Relighter};
+use sketch::Sketch;
 
 /// Step between half angles, in samples of a table, which are dense at the peak.
 const STEP_H: usize = 3;
@@ -23,11 +26,10 @@ const AZIMUTHS: [f64; 3] = [0.0, 90.0, 180.0];
 const FLOOR: f64 = 0.1;
 /// Step of the finite differences, in units of the logistic's argument.
 const STEP: f64 = 1e-4;
-/// Degrees between azimuths of the tables by which fits are judged, and of those during the search.
+/// Degrees between azimuths of the tables by which fits are judged.
 const FINE: usize = 6;
-const COARSE: usize = 20;
 /// Number of fits to the samples that are refined on the picture.
-const REFINED: usize = 2;
+const REFINED: usize = 3;
 
 /// Share of a parameter's range within which the end of the range is tried.
 const NEAR_END: f64 = 0.04;
@@ -60,6 +62,7 @@ pub struct Fitter {
     highlight: DVec3,
     relighters: [Relighter; 3],
     picture: Vec<DVec3>,
+    sketch: Sketch,
 }
 
 /// Pair of directions, and the logarithm of the table's value there times the cosine of the light.
@@ -95,27 +98,35 @@ impl Fitter {
         let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
         let relighters = Relighter::of_channels(&points, tables, &LightTree::of_map(&studio_light(64)), &settings);
         let picture = picture(&relighters, tables);
-        Self { samples, floor, body, highlight, relighters, picture }
+        let sketch = Sketch::new(&relighters, tables);
+        Self { samples, floor, body, highlight, relighters, picture, sketch }
     }
 
     /// Finds the best model over all starts: first on samples of the table, then on the picture of
-    /// a sphere, in which a peak has the weight that it has for the eye.
+    /// a sphere, in which a peak has the weight that it has for the eye. The best of the first
+    /// search are refined, and those of both judged.
     pub fn fit<S: Shading>(&self) -> Fitted<S> {
         let starts = S::starts(self.body, self.highlight);
         let search = |start: &[f64], goal: Goal, patience: usize| {
             let problem = Search::<S>::new(self, start, goal);
             let (found, _) =
                 LevenbergMarquardt::new().with_patience(patience).with_ftol(1e-3).with_xtol(1e-3).minimize(problem);
-            let parameters = found.parameters();
-            (self.judge(S::of(&parameters)), parameters)
+            found.parameters()
         };
-        let mut found: Vec<(Fitted<S>, Vec<f64>)> =
-            starts.par_iter().map(|start| search(start, Goal::Samples, 12)).collect();
-        let order = |a: &(Fitted<S>, Vec<f64>), b: &(Fitted<S>, Vec<f64>)| a.0.off().total_cmp(&b.0.off());
-        found.sort_by(order);
-        let refined: Vec<_> = found.par_iter().take(REFINED).map(|(_, at)| search(at, Goal::Picture, 2)).collect();
-        found.extend(refined);
-        let (mut best, mut parameters) = found.into_iter().min_by(order).expect("a model has starts");
+        let first = starts.par_iter().map(|start| {
+            let found = search(start, Goal::Samples, 12);
+            (self.sketched(&S::of(&found)), found)
+        });
+        let mut first: Vec<(f64, Vec<f64>)> = first.collect();
+        first.sort_by(|a, b| a.0.total_cmp(&b.0));
+        first.truncate(REFINED);
+        let found = first.into_par_iter().flat_map_iter(|(_, at)| {
+            let refined = search(&at, Goal::Picture, 2);
+            [at, refined].map(|parameters| (self.judge(S::of(&parameters)), parameters))
+        });
+        let found: Vec<(Fitted<S>, Vec<f64>)> = found.collect();
+        let best = found.into_iter().min_by(|a, b| a.0.off().total_cmp(&b.0.off()));
+        let (mut best, mut parameters) = best.expect("a model has starts");
         // The logistic function never reaches an end of its range, so the ends are tried
         // separately.
         for (k, range) in S::PARAMETERS.iter().enumerate() {
@@ -147,9 +158,19 @@ impl Fitter {
 
     /// Errors of other tables: [`Fitted::relight`] and [`Fitted::log_relight`].
     pub fn compare(&self, tables: &[BivariateTable; 3]) -> (f64, f64) {
-        let shown = picture(&self.relighters, tables);
+        self.errors(&self.picture, &picture(&self.relighters, tables))
+    }
+
+    /// [`Fitted::off`] of a model by the sketch.
+    fn sketched<S: Shading>(&self, model: &S) -> f64 {
+        let shown = self.sketch.picture(&self.sketch.values(|wi, wo| model.eval(wi, wo)));
+        let (relight, log_relight) = self.errors(&self.sketch.target, &shown);
+        log_relight + 0.5 * relight
+    }
+
+    fn errors(&self, want: &[DVec3], shown: &[DVec3]) -> (f64, f64) {
         let (mut off, mut all, mut logs, least) = (0.0, 0.0, 0.0, 0.01 * self.mean());
-        for (a, b) in self.picture.iter().zip(&shown) {
+        for (a, b) in want.iter().zip(shown) {
             off += (*a - *b).length_squared();
             all += a.length_squared();
             let ratio = (*b + DVec3::splat(least)) / (*a + DVec3::splat(least));
@@ -207,12 +228,13 @@ impl<'a, S: Shading> Search<'a, S> {
     fn off(&self, at: &DVector<f64>) -> Vec<f64> {
         let model = S::of(&Self::within(at));
         if self.goal == Goal::Picture {
-            let shown = picture(&self.fitter.relighters, &model.to_bivariate(COARSE));
+            let sketch = &self.fitter.sketch;
+            let shown = sketch.picture(&sketch.values(|wi, wo| model.eval(wi, wo)));
             let mean = self.fitter.mean();
             // The cube root is a compromise between the value, in which the peak dominates, and its
             // logarithm, in which the peak is a few pixels of many.
             let bright = |c: DVec3| c.to_array().map(|c| (c / mean + FLOOR).cbrt());
-            let pixels = shown.iter().zip(&self.fitter.picture);
+            let pixels = shown.iter().zip(&sketch.target);
             return pixels.flat_map(|(a, b)| (DVec3::from(bright(*a)) - DVec3::from(bright(*b))).to_array()).collect();
         }
         let each = |s: &Sample| {

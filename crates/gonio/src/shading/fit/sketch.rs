@@ -1,0 +1,163 @@
+//! Pictures of smooth models from few evaluations, for the search.
+
+use glam::DVec3;
+
+use crate::reflectance::parametric::{HORIZON, directions};
+use crate::reflectance::{BivariateTable, CELLS, PHI_D, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of};
+use crate::render::Relighter;
+
+/// Cells along the half angle that a model is evaluated in, dense at the peak as the cells are, and
+/// along the difference angle, dense where reflection rises.
+const STEP_H: usize = 3;
+const ALONG_D: [usize; 12] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79, 84, 89];
+
+/// Degrees between azimuths of the difference.
+const AZIMUTHS: usize = 20;
+
+/// Least mean product of both cosines by which a model is scaled for interpolation.
+const LEAST_COSINES: f64 = 1e-3;
+
+/// One of so many points of the sphere is looked at.
+const POINTS: usize = 3;
+
+/// Part of a sphere in a light, as a linear function of a model's means over azimuth in a few
+/// cells; between them the model is interpolated.
+pub(super) struct Sketch {
+    /// Directions of each cell, over the azimuths at which light and viewer are above the horizon.
+    cells: Vec<Vec<(DVec3, DVec3)>>,
+    /// Weights of the cells in each point, for each channel.
+    matrix: [Vec<f32>; 3],
+    /// Picture of the table that is fitted.
+    pub(super) target: Vec<DVec3>,
+}
+
+impl Sketch {
+    /// Takes the matrices of the whole sphere, and the table to be fitted.
+    pub(super) fn new(relighters: &[Relighter; 3], tables: &[BivariateTable; 3]) -> Self {
+        let along_h: Vec<usize> = (0..THETA_H).step_by(STEP_H).chain([THETA_H - 1]).collect();
+        let (in_h, in_d) = (shares(&along_h, THETA_H), shares(&ALONG_D, THETA_D));
+        let count = along_h.len() * ALONG_D.len();
+        // Formulas of microfacets divide by both cosines: the product is smoother.
+        let cosines: Vec<f32> = (0..CELLS)
+            .map(|cell| {
+                let (h, d) = angles_of(cell);
+                let all = above(h, d);
+                let sum: f64 = all.iter().map(|(wi, wo)| wi.z * wo.z).sum();
+                (sum / all.len().max(1) as f64).max(LEAST_COSINES) as f32
+            })
+            .collect();
+        let rows = (0..relighters[0].len()).step_by(POINTS);
+        let matrix = relighters.each_ref().map(|relighter| {
+            let mut matrix = vec![0.0_f32; rows.clone().count() * count];
+            for (row, point) in matrix.chunks_exact_mut(count).zip(rows.clone()) {
+                for (cell, weight) in relighter.row(point) {
+                    for (h, of_h) in in_h[cell / THETA_D] {
+                        for (d, of_d) in in_d[cell % THETA_D] {
+                            let at = along_h[h] * THETA_D + ALONG_D[d];
+                            row[h * ALONG_D.len() + d] += weight * of_h * of_d * cosines[at] / cosines[cell];
+                        }
+                    }
+                }
+            }
+            matrix
+        });
+        let places = along_h.iter().flat_map(|&h| ALONG_D.map(|d| (theta_h_of(h), theta_d_of(d))));
+        let mut sketch = Self { cells: places.clone().map(|(h, d)| above(h, d)).collect(), matrix, target: Vec::new() };
+        let values = places.map(|(h, d)| tables.each_ref().map(|t| t.eval(h, d) as f32)).collect::<Vec<_>>();
+        sketch.target = sketch.picture(&values);
+        sketch
+    }
+
+    /// Values of a model in the cells, by channel.
+    pub(super) fn values(&self, eval: impl Fn(DVec3, DVec3) -> DVec3) -> Vec<[f32; 3]> {
+        let mean = |directions: &Vec<(DVec3, DVec3)>| {
+            let sum: DVec3 = directions.iter().map(|(wi, wo)| eval(*wi, *wo)).sum();
+            (sum / directions.len().max(1) as f64).to_array().map(|v| v as f32)
+        };
+        self.cells.iter().map(mean).collect()
+    }
+
+    /// Colour of each point for these values.
+    pub(super) fn picture(&self, values: &[[f32; 3]]) -> Vec<DVec3> {
+        let channel = |c: usize| {
+            let of_cells: Vec<f32> = values.iter().map(|v| v[c]).collect();
+            let rows = self.matrix[c].chunks_exact(of_cells.len());
+            rows.map(move |row| f64::from(dot(row, &of_cells)))
+        };
+        let points = channel(0).zip(channel(1)).zip(channel(2));
+        points.map(|((r, g), b)| DVec3::new(r, g, b).max(DVec3::ZERO)).collect()
+    }
+}
+
+/// Directions of a cell with light and viewer above the horizon, over the azimuths.
+fn above(theta_h: f64, theta_d: f64) -> Vec<(DVec3, DVec3)> {
+    let all = (0..PHI_D).step_by(AZIMUTHS).map(|phi| directions(theta_h, theta_d, (phi as f64).to_radians()));
+    all.filter(|(wi, wo)| wi.z > HORIZON && wo.z > HORIZON).collect()
+}
+
+/// For each of `count` cells the two nearest that are evaluated, by index, and their shares.
+fn shares(evaluated: &[usize], count: usize) -> Vec<[(usize, f32); 2]> {
+    let share = |cell: usize| {
+        let right = evaluated.partition_point(|at| *at <= cell).clamp(1, evaluated.len() - 1);
+        let (low, high) = (evaluated[right - 1], evaluated[right]);
+        let x = (cell - low) as f32 / (high - low) as f32;
+        [(right - 1, 1.0 - x), (right, x)]
+    };
+    (0..count).map(share).collect()
+}
+
+/// Dot product in eight sums, which the compiler keeps in one register.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f32 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    let mut sums = [0.0_f32; 8];
+    for (a, b) in a.zip(b) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    rest + sums.iter().sum::<f32>()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::super::super::{MetallicRoughness, Shading};
+    use super::*;
+    use crate::appearance::Lattice;
+    use crate::lighting::studio_light;
+    use crate::render::{IntegratorSettings, LightTree};
+
+    /// The picture by few cells is that of the whole table, but for the error of interpolation.
+    #[test]
+    fn a_sketch_is_near_to_the_picture() {
+        let model = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4]);
+        let tables = model.to_bivariate(AZIMUTHS);
+        let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };
+        let points = Lattice::new().points(DQuat::IDENTITY);
+        let relighters = Relighter::of_channels(&points, &tables, &LightTree::of_map(&studio_light(32)), &settings);
+        let sketch = Sketch::new(&relighters, &tables);
+        let drawn = sketch.picture(&sketch.values(|wi, wo| model.eval(wi, wo)));
+        let exact: Vec<f64> = relighters[1].render(&tables[1]).into_iter().step_by(POINTS).collect();
+        let all: f64 = exact.iter().map(|e| e * e).sum();
+        let off: f64 = drawn.iter().zip(&exact).map(|(a, e)| (a.y - e).powi(2)).sum();
+        assert!((off / all).sqrt() < 0.03, "{}", (off / all).sqrt());
+        let own: f64 = drawn.iter().zip(&sketch.target).map(|(a, b)| (*a - *b).length_squared()).sum();
+        assert!((own / (3.0 * all)).sqrt() < 0.01, "{}", (own / all).sqrt());
+    }
+
+    #[test]
+    fn shares_reproduce_lines() {
+        for (cell, shares) in shares(&[0, 3, 7, 9], 10).into_iter().enumerate() {
+            let place: f32 = shares.iter().map(|(at, share)| [0.0, 3.0, 7.0, 9.0][*at] * share).sum();
+            assert!((place - cell as f32).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn dots_are_sums_of_products() {
+        let a: Vec<f32> = (0..29).map(|i| i as f32).collect();
+        assert_eq!(dot(&a, &a), a.iter().map(|x| x * x).sum::<f32>());
+    }
+}

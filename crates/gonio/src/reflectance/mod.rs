@@ -13,9 +13,9 @@ mod train;
 pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
 pub use dictionary::{Coordinates, Dictionary, DictionarySettings, Kind, Mixture, Prior};
 pub use log_basis::LogBasis;
-pub(crate) use table::nearest_trusted;
 pub use table::{
     BivariateTable, CELLS, CellCountError, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, angles_of, is_trusted,
     place_of, theta_d_of, theta_h_of, trusted_cells,
 };
+pub(crate) use table::{axis_d, axis_h, nearest_trusted};
 pub use train::{Candidate, MaterialFit, TrainError, TrainReport, TrainSettings, train};

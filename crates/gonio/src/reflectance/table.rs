@@ -67,19 +67,23 @@ pub(crate) fn above_horizon(theta_h: f64, theta_d: f64, phi_d: f64) -> bool {
     vertical - lateral > 0.0 && vertical + lateral > 0.0
 }
 
+/// Two neighbouring samples of an axis around a value: the index of the first, and the share of the
+/// second.
+pub(crate) type Bracket = (usize, f64);
+
 /// Position on an axis of `n` samples for linear interpolation: lower index and weight of the upper
 /// one. Beyond the last sample the last value is held.
-fn bracket(x: f64, n: usize) -> (usize, f64) {
+fn bracket(x: f64, n: usize) -> Bracket {
     let x = x.clamp(0.0, (n - 1) as f64);
     let i = (x as usize).min(n - 2);
     (i, x - i as f64)
 }
 
-fn axis_h(theta_h: f64) -> (usize, f64) {
+pub(crate) fn axis_h(theta_h: f64) -> Bracket {
     bracket((theta_h.max(0.0) / FRAC_PI_2).sqrt() * THETA_H as f64, THETA_H)
 }
 
-fn axis_d(theta_d: f64) -> (usize, f64) {
+pub(crate) fn axis_d(theta_d: f64) -> Bracket {
     bracket(theta_d.to_degrees(), THETA_D)
 }
 
@@ -147,7 +151,11 @@ impl BivariateTable {
     /// Value at `(theta_h, theta_d)` in radians: bilinear in the sample indices, the last sample
     /// held up to 90 degrees.
     pub fn eval(&self, theta_h: f64, theta_d: f64) -> f64 {
-        let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
+        self.between(axis_h(theta_h), axis_d(theta_d))
+    }
+
+    /// [`Self::eval`] between samples of both axes, which are found once for several values.
+    pub(crate) fn between(&self, (i, s): Bracket, (j, t): Bracket) -> f64 {
         let row = |i: usize| {
             let v = &self.values[i * THETA_D + j..][..2];
             f64::from(v[0]) * (1.0 - t) + f64::from(v[1]) * t

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::reflectance::{BivariateTable, MerlTable};
+use crate::reflectance::{BivariateTable, MerlTable, axis_d, axis_h};
 
 /// An isotropic BRDF with RGB values in 1/sr (or relative units).
 pub trait Brdf: Sync {
@@ -42,7 +42,8 @@ impl Brdf for Tinted {
 /// A table for each channel: red, green, blue.
 impl Brdf for [BivariateTable; 3] {
     fn eval(&self, theta_h: f64, theta_d: f64, _: f64) -> DVec3 {
-        DVec3::from_array(self.each_ref().map(|table| table.eval(theta_h, theta_d)))
+        let (h, d) = (axis_h(theta_h), axis_d(theta_d));
+        DVec3::from_array(self.each_ref().map(|table| table.between(h, d)))
     }
 
     fn depends_on_phi(&self) -> bool {

@@ -13,7 +13,7 @@ use glam::DVec3;
 
 use super::brdf::Brdf;
 use super::tree::{Cell, LightTree};
-use crate::reflectance::BivariateTable;
+use crate::reflectance::{BivariateTable, axis_d, axis_h};
 use crate::shape::SurfacePoint;
 use crate::sphere::half_difference;
 
@@ -181,12 +181,13 @@ fn assess(point: &SurfacePoint, envelope: &BivariateTable, cell: Cell) -> Option
     // Reflectance at the ends of the ranges of both angles: tables are smooth between their
     // samples, and cells that may hold the peak start at `theta_h = 0`.
     let tilt = 0.5 * cell.radius;
-    let centre = envelope.eval(theta_h, theta_d);
+    let (h, d) = (axis_h(theta_h), axis_d(theta_d));
+    let centre = envelope.between(h, d);
     let ends = [
-        envelope.eval((theta_h - spread).max(0.0), theta_d),
-        envelope.eval(theta_h + spread, theta_d),
-        envelope.eval(theta_h, (theta_d - tilt).max(0.0)),
-        envelope.eval(theta_h, theta_d + tilt),
+        envelope.between(axis_h((theta_h - spread).max(0.0)), d),
+        envelope.between(axis_h(theta_h + spread), d),
+        envelope.between(h, axis_d((theta_d - tilt).max(0.0))),
+        envelope.between(h, axis_d(theta_d + tilt)),
     ];
     let (low, strongest) = ends.iter().fold((centre, centre), |(a, b), &x| (a.min(x), b.max(x)));
     let variation = (strongest - low) / strongest.max(1e-300) + cell.radius / highest.max(1e-3);

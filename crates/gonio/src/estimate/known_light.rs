@@ -4,19 +4,20 @@ use std::f64::consts::PI;
 
 use glam::DQuat;
 
-use super::material::{Impression, read};
+use super::material::Impression;
 use super::{Colouring, ColouringRule, Doubt, EstimateError, Material, Reason, Stage};
-use crate::inference::Likelihood;
+use crate::appearance::DiskImage;
 use crate::inference::known_light::{
     Alignment, GivenLight, Hint, KnownLightError, KnownLightPosterior, Materials, ROWS, Rows, clipped,
 };
 use crate::inference::learnt::MaterialPosterior;
+use crate::inference::light::LightError;
+use crate::inference::{Likelihood, ProblemError};
 use crate::lighting::EnvironmentMap;
 use crate::model::Model;
 use crate::picture::Plane;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
-use crate::transfer::PlanSettings;
 
 /// Residual, relative and as a root mean square, that a right light and a clean photograph leave:
 /// about the 95 % quantile over left-out materials (`gonio-eval bench`, docs/results.md).
@@ -129,12 +130,14 @@ pub fn estimate_under(
     let rows = Rows { points, visibility, values: &values, trust: &trust };
     let materials = Materials::of(&learnt.coordinates, &places);
     let found = KnownLightPosterior::of(&rows, GivenLight::of_map(light), alignment, &materials)?;
-    let (unshadowed, reading) = read(model, learnt, observations, PlanSettings::default().side)?;
-    let hint = Hint::of(learnt, &reading.embedding).ok_or(KnownLightError::Unsolvable)?;
+    // Shadows of the object on itself stay in it: the encoder is right about them often enough, and
+    // to remove them without the light would take longer than all the rest.
+    let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
+    let hint = Hint::of(learnt, &learnt.read(&image).embedding).ok_or(KnownLightError::Unsolvable)?;
     let gaussian = found.gaussian()?.informed_by(&hint).ok_or(KnownLightError::Unsolvable)?;
     let likelihood = Likelihood::Gaussian(gaussian);
     let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(KnownLightError::Unsolvable)?;
-    let material = Impression::with(learnt, f64::from(unshadowed.image.scatter), posterior).describe();
+    let material = Impression::with(learnt, f64::from(image.scatter), posterior).describe();
     progress(Stage::Colours);
     Ok(LitEstimate {
         exposure: found.table().normal_albedo() / material.table.normal_albedo(),

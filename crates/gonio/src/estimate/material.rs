@@ -3,8 +3,7 @@
 use super::{Doubt, EstimateError};
 use crate::appearance::DiskImage;
 use crate::inference::learnt::{
-    self, LearntPosterior, MaterialPosterior, Neighbour, Reading, UnshadowSettings, Unshadowed, peak_over_base,
-    unshadow,
+    self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
 };
 use crate::inference::{Embedding, Likelihood};
 use crate::model::Model;
@@ -128,23 +127,13 @@ pub(super) struct Impression<'a> {
     unshadowed: f64,
 }
 
-/// What the encoder makes of the photograph, as a sphere would show it.
-pub(super) fn read(
-    model: &Model,
-    learnt: &LearntPosterior,
-    observations: &Observations,
-    side: usize,
-) -> Result<(Unshadowed, Reading), EstimateError> {
-    let plan = PlanSettings { side, ..PlanSettings::default() };
-    let unshadowed = unshadow(observations, learnt, &model.light, &plan, &UnshadowSettings::default())?;
-    let reading = learnt.read(&unshadowed.image);
-    Ok((unshadowed, reading))
-}
-
 impl<'a> Impression<'a> {
     pub(super) fn of(model: &'a Model, observations: &Observations, side: usize) -> Result<Self, EstimateError> {
         let learnt = model.learnt.as_ref().ok_or(EstimateError::NotLearnt)?;
-        let (unshadowed, reading) = read(model, learnt, observations, side)?;
+        let plan = PlanSettings { side, ..PlanSettings::default() };
+        let settings = UnshadowSettings::default();
+        let unshadowed = unshadow(observations, learnt, &model.light, &plan, &settings)?;
+        let reading = learnt.read(&unshadowed.image);
         let likelihood = Likelihood::Embedding(Embedding::of(reading.embedding));
         let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(EstimateError::NotLearnt)?;
         let image = &unshadowed.image;

@@ -5,6 +5,7 @@
 //! was not learnt from them; lights are the test lights. Photographs are rendered balls, which are
 //! looked at as any others.
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -182,24 +183,35 @@ fn regions(model: &Model, all: &[Seen], lights: &[String]) -> Result<String> {
 /// Adds the errors of one photograph, and of two, three and more together, and counts the
 /// combinations that are refused.
 fn collect(model: &Model, ones: &[Material], truth: &BivariateTable, out: &mut [Vec<Errors>]) -> Result<usize> {
+    let ones: Vec<&Material> = ones.iter().collect();
     let mut refused = 0;
     for (count, out) in out.iter_mut().enumerate().map(|(at, out)| (at + 1, out)) {
-        // Neighbours in the list, around its end.
-        let starts = if count == ones.len() { 1 } else { ones.len() };
-        for start in 0..starts {
-            if count == 1 {
-                out.push(Errors::of(&ones[start], truth)?);
-                continue;
-            }
-            let some: Vec<Likelihood> =
-                (0..count).map(|at| ones[(start + at) % ones.len()].posterior.likelihood.clone()).collect();
-            match combine(model, &some) {
-                Ok(found) => out.push(Errors::of(&found.material, truth)?),
-                Err(_) => refused += 1,
+        for found in joined(model, &ones, count) {
+            match found {
+                Some(found) => out.push(Errors::of(&found, truth)?),
+                None => refused += 1,
             }
         }
     }
     Ok(refused)
+}
+
+/// The answers from each `count` photographs that follow one another in the list, around its end;
+/// `None` where they are refused.
+pub(crate) fn joined<'a>(
+    model: &Model,
+    ones: &[&'a Material],
+    count: usize,
+) -> impl Iterator<Item = Option<Cow<'a, Material>>> {
+    let starts = if count == ones.len() { 1 } else { ones.len() };
+    (0..starts).map(move |start| {
+        if count == 1 {
+            return Some(Cow::Borrowed(ones[start]));
+        }
+        let some: Vec<Likelihood> =
+            (0..count).map(|at| ones[(start + at) % ones.len()].posterior.likelihood.clone()).collect();
+        combine(model, &some).ok().map(|found| Cow::Owned(found.material))
+    })
 }
 
 fn photograph(table: &BivariateTable, map: &EnvironmentMap) -> Result<Observations> {

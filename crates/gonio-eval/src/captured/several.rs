@@ -3,14 +3,14 @@
 use std::fmt::Write as _;
 
 use anyhow::{Context, Result};
-use gonio::estimate::{Material, combine};
-use gonio::inference::Likelihood;
+use gonio::estimate::Material;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 
 use super::judge;
 use super::slice::Cell;
 use crate::metrics::{mean, median};
+use crate::together::joined;
 
 /// Errors of the answer from some photographs.
 struct Joint {
@@ -38,17 +38,10 @@ impl Several {
         let (mut joint, mut refused) = (Vec::new(), 0);
         for count in 1..=ones.len() {
             let mut of_count = Vec::new();
-            let starts = if count == ones.len() { 1 } else { ones.len() };
-            for start in 0..starts {
-                if count == 1 {
-                    of_count.push(Joint::of(ones[start], cells)?);
-                    continue;
-                }
-                let some: Vec<Likelihood> =
-                    (0..count).map(|at| ones[(start + at) % ones.len()].posterior.likelihood.clone()).collect();
-                match combine(model, &some) {
-                    Ok(found) => of_count.push(Joint::of(&found.material, cells)?),
-                    Err(_) => refused += 1,
+            for found in joined(model, ones, count) {
+                match found {
+                    Some(found) => of_count.push(Joint::of(&found, cells)?),
+                    None => refused += 1,
                 }
             }
             joint.push(of_count);

@@ -75,9 +75,7 @@ impl Gaussian {
         let (mut precision, mut information) = (Mat::zeros(n, n), vec![0.0; n]);
         for one in all {
             let own = one.matrix();
-            for (i, sum) in information.iter_mut().enumerate() {
-                *sum += (0..n).map(|j| own[(i, j)] * one.mean[j]).sum::<f64>();
-            }
+            information.iter_mut().zip(times(&own, &one.mean)).for_each(|(sum, of_one)| *sum += of_one);
             precision += own;
             one.prior(one.axes(), one.deviation).enumerate().for_each(|(i, p)| precision[(i, i)] -= p);
         }
@@ -91,10 +89,8 @@ impl Gaussian {
     /// If the hint has another number of axes.
     pub fn informed_by(&self, hint: &Hint) -> Option<Self> {
         assert_eq!(hint.vector.len(), self.axes());
-        let n = self.mean.len();
         let mut precision = self.matrix();
-        let mut information: Vec<f64> =
-            (0..n).map(|i| (0..n).map(|j| precision[(i, j)] * self.mean[j]).sum()).collect();
+        let mut information = times(&precision, &self.mean);
         for (i, of_hint) in hint.vector.iter().enumerate() {
             information[i] += of_hint;
             (0..hint.vector.len()).for_each(|j| precision[(i, j)] += hint.information[(i, j)]);
@@ -152,6 +148,11 @@ impl Gaussian {
     fn whole(&self, coefficients: &[f64]) -> Vec<f64> {
         coefficients.iter().copied().chain([0.0]).collect()
     }
+}
+
+/// Product of a square matrix with a vector.
+pub(super) fn times(matrix: &Mat<f64>, vector: &[f64]) -> Vec<f64> {
+    (0..vector.len()).map(|i| vector.iter().enumerate().map(|(j, x)| matrix[(i, j)] * x).sum()).collect()
 }
 
 /// Lower triangle of a symmetric matrix, row by row.

@@ -9,6 +9,7 @@
 
 use faer::Mat;
 
+use super::gaussian::times;
 use crate::inference::learnt::LearntPosterior;
 use crate::inference::light::Cholesky;
 use crate::linalg::eigenvectors;
@@ -61,7 +62,7 @@ fn natural(places: &[Vec<f32>], weights: &[f64]) -> Option<(Mat<f64>, Vec<f64>)>
     (0..n).for_each(|k| covariance[(k, k)] += LEAST_VARIANCE);
     let inverse = Cholesky::new(covariance)?.inverse_of_lower();
     let precision = inverse.transpose() * &inverse;
-    let vector = (0..n).map(|i| (0..n).map(|j| precision[(i, j)] * mean[j]).sum()).collect();
+    let vector = times(&precision, &mean);
     Some((precision, vector))
 }
 

@@ -47,10 +47,8 @@ pub struct Fitted<S> {
 }
 
 impl<S> Fitted<S> {
-    /// Criterion by which the best is chosen: the peak dominates the relative difference, and
-    /// hardly matters in that of logarithms.
     fn off(&self) -> f64 {
-        self.log_relight + 0.5 * self.relight
+        criterion((self.relight, self.log_relight))
     }
 }
 
@@ -161,11 +159,10 @@ impl Fitter {
         self.errors(&self.picture, &picture(&self.relighters, tables))
     }
 
-    /// [`Fitted::off`] of a model by the sketch.
+    /// [`criterion`] of a model by the sketch.
     fn sketched<S: Shading>(&self, model: &S) -> f64 {
         let shown = self.sketch.picture(&self.sketch.values(|wi, wo| model.eval(wi, wo)));
-        let (relight, log_relight) = self.errors(&self.sketch.target, &shown);
-        log_relight + 0.5 * relight
+        criterion(self.errors(&self.sketch.target, &shown))
     }
 
     fn errors(&self, want: &[DVec3], shown: &[DVec3]) -> (f64, f64) {
@@ -178,6 +175,12 @@ impl Fitter {
         }
         ((off / all).sqrt(), (logs / (3 * shown.len()) as f64).sqrt())
     }
+}
+
+/// Criterion by which the best is chosen, from both errors: the peak dominates the relative
+/// difference, and hardly matters in that of logarithms.
+fn criterion((relight, log_relight): (f64, f64)) -> f64 {
+    log_relight + 0.5 * relight
 }
 
 fn logs(value: DVec3, floor: f64) -> DVec3 {

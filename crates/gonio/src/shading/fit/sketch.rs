@@ -5,6 +5,7 @@ use glam::DVec3;
 use crate::reflectance::parametric::{HORIZON, directions};
 use crate::reflectance::{BivariateTable, CELLS, PHI_D, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of};
 use crate::render::Relighter;
+use crate::transfer::kernels::{dispatch, dot};
 
 /// Cells along the half angle that a model is evaluated in, dense at the peak as the cells are, and
 /// along the difference angle, dense where reflection rises.
@@ -63,28 +64,30 @@ impl Sketch {
         });
         let places = along_h.iter().flat_map(|&h| ALONG_D.map(|d| (theta_h_of(h), theta_d_of(d))));
         let mut sketch = Self { cells: places.clone().map(|(h, d)| above(h, d)).collect(), matrix, target: Vec::new() };
-        let values = places.map(|(h, d)| tables.each_ref().map(|t| t.eval(h, d) as f32)).collect::<Vec<_>>();
+        let values =
+            places.map(|(h, d)| DVec3::from_array(tables.each_ref().map(|t| t.eval(h, d)))).collect::<Vec<_>>();
         sketch.target = sketch.picture(&values);
         sketch
     }
 
     /// Values of a model in the cells, by channel.
-    pub(super) fn values(&self, eval: impl Fn(DVec3, DVec3) -> DVec3) -> Vec<[f32; 3]> {
+    pub(super) fn values(&self, eval: impl Fn(DVec3, DVec3) -> DVec3) -> Vec<DVec3> {
         let mean = |directions: &Vec<(DVec3, DVec3)>| {
             let sum: DVec3 = directions.iter().map(|(wi, wo)| eval(*wi, *wo)).sum();
-            (sum / directions.len().max(1) as f64).to_array().map(|v| v as f32)
+            sum / directions.len().max(1) as f64
         };
         self.cells.iter().map(mean).collect()
     }
 
     /// Colour of each point for these values.
-    pub(super) fn picture(&self, values: &[[f32; 3]]) -> Vec<DVec3> {
+    pub(super) fn picture(&self, values: &[DVec3]) -> Vec<DVec3> {
         let channel = |c: usize| {
-            let of_cells: Vec<f32> = values.iter().map(|v| v[c]).collect();
+            let of_cells: Vec<f64> = values.iter().map(|v| v[c]).collect();
             let rows = self.matrix[c].chunks_exact(of_cells.len());
-            rows.map(move |row| f64::from(dot(row, &of_cells)))
+            dispatch(|| rows.map(|row| dot(row, &of_cells)).collect::<Vec<f64>>())
         };
-        let points = channel(0).zip(channel(1)).zip(channel(2));
+        let [r, g, b] = [0, 1, 2].map(channel);
+        let points = r.into_iter().zip(g).zip(b);
         points.map(|((r, g), b)| DVec3::new(r, g, b).max(DVec3::ZERO)).collect()
     }
 }
@@ -104,19 +107,6 @@ fn shares(evaluated: &[usize], count: usize) -> Vec<[(usize, f32); 2]> {
         [(right - 1, 1.0 - x), (right, x)]
     };
     (0..count).map(share).collect()
-}
-
-/// Dot product in eight sums, which the compiler keeps in one register.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f32 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
-    let mut sums = [0.0_f32; 8];
-    for (a, b) in a.zip(b) {
-        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
-            *sum += a * b;
-        }
-    }
-    rest + sums.iter().sum::<f32>()
 }
 
 #[cfg(test)]
@@ -153,11 +143,5 @@ mod tests {
             let place: f32 = shares.iter().map(|(at, share)| [0.0, 3.0, 7.0, 9.0][*at] * share).sum();
             assert!((place - cell as f32).abs() < 1e-5);
         }
-    }
-
-    #[test]
-    fn dots_are_sums_of_products() {
-        let a: Vec<f32> = (0..29).map(|i| i as f32).collect();
-        assert_eq!(dot(&a, &a), a.iter().map(|x| x * x).sum::<f32>());
     }
 }

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use glam::{DQuat, DVec3};
-use gonio::inference::known_light::{Alignment, GivenLight, Hint, KnownLightPosterior, Materials, Operator, Rows};
+use gonio::inference::known_light::{Alignment, GivenLight, KnownLightPosterior, Materials, Operator, Rows};
 use gonio::inference::learnt::MaterialPosterior;
 use gonio::inference::{JointMapSettings, Method, Posterior, Problem, Solver, VariationalSettings, infer};
 use gonio::lighting::EnvironmentMap;
@@ -240,16 +240,7 @@ fn known_light(photograph: &Photograph<'_>, turned: bool) -> Result<Estimate> {
     } else {
         KnownLightPosterior::under(operator, &rows, &materials)?
     };
-    // With the learnt posterior among the estimators, as the program does; else without its hint.
-    let learnt = knowledge.model.learnt.as_ref().filter(|learnt| learnt.coordinates == *coordinates);
-    let mut gaussian = Some(found.gaussian()?);
-    if let Some(learnt) = learnt {
-        let reading = learnt.read(&on_disk(&knowledge.points, image.iter().copied())?);
-        let hint = Hint::of(learnt, &reading.embedding).context("the learnt posterior is no Gaussian")?;
-        gaussian = gaussian.and_then(|found| found.informed_by(&hint));
-    }
-    let gaussian = gaussian.context("the posterior is not a Gaussian")?;
-    let posterior = MaterialPosterior::of_gaussian(coordinates, gaussian, Vec::new());
+    let posterior = MaterialPosterior::of_gaussian(coordinates, found.gaussian()?, Vec::new());
     let posterior = posterior.context("the posterior is not a Gaussian")?;
     let quantiles = posterior.quantiles(&[0.05, 0.25, 0.75, 0.95]).try_into().ok().context("four quantiles")?;
     let angle = found.turn.to_scaled_axis().length().to_degrees();

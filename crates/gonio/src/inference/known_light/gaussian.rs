@@ -87,7 +87,7 @@ impl Gaussian {
     ///
     /// # Panics
     /// If the hint has another number of axes.
-    pub fn informed_by(&self, hint: &Hint) -> Option<Self> {
+    pub(crate) fn informed_by(&self, hint: &Hint) -> Option<Self> {
         assert_eq!(hint.vector.len(), self.axes());
         let mut precision = self.matrix();
         let mut information = times(&precision, &self.mean);

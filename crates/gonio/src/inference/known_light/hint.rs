@@ -24,7 +24,7 @@ const LEAST_VARIANCE: f64 = 0.02;
 /// Gaussian likelihood of the coordinates of a material, up to a constant:
 /// `exp(b' z - z' A z / 2)`.
 #[derive(Clone, Debug)]
-pub struct Hint {
+pub(crate) struct Hint {
     /// `A`, positive semidefinite.
     pub(super) information: Mat<f64>,
     /// `b`.
@@ -35,7 +35,7 @@ impl Hint {
     /// Takes the likelihood from an embedding of the photograph: the Gaussian by which the moments
     /// of the prior become those of the posterior. Where the posterior is wider than the prior, it
     /// moves the mean alone. `None` if numbers are not finite.
-    pub fn of(learnt: &LearntPosterior, embedding: &[f32]) -> Option<Self> {
+    pub(crate) fn of(learnt: &LearntPosterior, embedding: &[f32]) -> Option<Self> {
         Self::of_weights(&learnt.prior.places, &learnt.prior.weights(embedding))
     }
 

@@ -38,7 +38,7 @@ use crate::shape::{SurfacePoint, Visibility};
 use error_model::median;
 use fit::{Fit, Image, State};
 pub use gaussian::Gaussian;
-pub use hint::Hint;
+pub(crate) use hint::Hint;
 pub use light::{GivenLight, Operator, clipped};
 use space::Space;
 

@@ -11,7 +11,7 @@
 //! no light map is, and an independent one with heavy tails; both are estimated from the image. The
 //! most probable table is found by Gauss-Newton steps from the best of a thousand materials of the
 //! prior, and the posterior is the Gaussian around it (Laplace's approximation). What the learnt
-//! posterior makes of the same photograph is one more likelihood ([`Hint`]).
+//! posterior makes of the same photograph is one more likelihood.
 //!
 //! The paper's estimate under a known light, coefficients in ten functions, is
 //! [`Method::KnownLight`](super::Method::KnownLight).

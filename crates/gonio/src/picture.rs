@@ -52,21 +52,25 @@ impl<T> Plane<T> {
     }
 
     /// Number of columns.
+    #[inline]
     pub fn width(&self) -> usize {
         self.width
     }
 
     /// Number of rows.
+    #[inline]
     pub fn height(&self) -> usize {
         self.height
     }
 
     /// Columns and rows.
+    #[inline]
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)
     }
 
     /// All pixels, row-major.
+    #[inline]
     pub fn as_slice(&self) -> &[T] {
         match &self.data {
             Pixels::Own(data) => data,
@@ -117,6 +121,7 @@ impl<T: PartialEq> PartialEq for Plane<T> {
 impl<T> std::ops::Index<(usize, usize)> for Plane<T> {
     type Output = T;
     /// The pixel at `(column, row)`.
+    #[inline]
     fn index(&self, (x, y): (usize, usize)) -> &T {
         debug_assert!(x < self.width && y < self.height);
         &self.as_slice()[y * self.width + x]
@@ -124,6 +129,7 @@ impl<T> std::ops::Index<(usize, usize)> for Plane<T> {
 }
 
 impl<T: Clone> std::ops::IndexMut<(usize, usize)> for Plane<T> {
+    #[inline]
     fn index_mut(&mut self, (x, y): (usize, usize)) -> &mut T {
         debug_assert!(x < self.width && y < self.height);
         let at = y * self.width + x;

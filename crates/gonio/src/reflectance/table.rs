@@ -79,10 +79,12 @@ fn bracket(x: f64, n: usize) -> Bracket {
     (i, x - i as f64)
 }
 
+#[inline]
 pub(crate) fn axis_h(theta_h: f64) -> Bracket {
     bracket((theta_h.max(0.0) / FRAC_PI_2).sqrt() * THETA_H as f64, THETA_H)
 }
 
+#[inline]
 pub(crate) fn axis_d(theta_d: f64) -> Bracket {
     bracket(theta_d.to_degrees(), THETA_D)
 }

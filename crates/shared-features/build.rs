@@ -1,2 +1,3 @@
-// A build script is required for cargo to consider build dependencies.
+//! Cargo considers the dependencies of build scripts only where there is a build script.
+
 fn main() {}

@@ -17,7 +17,7 @@ use gonio::inference::Likelihood;
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
-use gonio::render::{IntegratorSettings, LightTree, SphereSettings, render_sphere};
+use gonio::render::{Accuracy, IntegratorSettings, LightTree, SphereSettings, render_sphere};
 use gonio::scene::{Object, ObservationSettings, Observations, Sighting};
 
 use crate::data::Lights;
@@ -217,7 +217,7 @@ pub(crate) fn joined<'a>(
 fn photograph(table: &BivariateTable, map: &EnvironmentMap) -> Result<Observations> {
     let settings = SphereSettings {
         size: 128,
-        integrator: IntegratorSettings { tolerance: 0.3, max_cells: 8000 },
+        accuracy: Accuracy::Bound(IntegratorSettings { tolerance: 0.3, max_cells: 8000 }),
         ..SphereSettings::default()
     };
     let picture = render_sphere(table, &LightTree::of_map(map), &settings, &|_| ());

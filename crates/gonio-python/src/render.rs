@@ -4,7 +4,7 @@ use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::picture::Picture;
 use gonio::reflectance::{MerlTable, THETA_D, THETA_H};
 use gonio::render::{
-    Brdf, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface,
+    Accuracy, Brdf, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface,
 };
 use gonio_app::Problem;
 use numpy::{PyArray1, PyArray3, PyArray4, PyArrayMethods};
@@ -22,7 +22,7 @@ pub(crate) struct Settings {
     width: usize,
     height: usize,
     samples: usize,
-    tolerance: f64,
+    tolerance: Option<f64>,
     shadows: bool,
 }
 
@@ -54,15 +54,16 @@ pub(crate) fn render<'py>(
         let mut warnings = Vec::new();
         let Settings { width, height, samples, tolerance, shadows } = settings;
         let placed = shape.surface((width, height), &mut warnings)?;
-        let integrator = IntegratorSettings { tolerance, ..IntegratorSettings::default() };
+        let bound = |tolerance| Accuracy::Bound(IntegratorSettings { tolerance, ..IntegratorSettings::default() });
+        let accuracy = tolerance.map_or_else(Accuracy::default, bound);
         let report = |x| reporter.at("rendering", x);
         let picture = match &placed {
             Some(placed) => {
-                let settings = SurfaceSettings { samples, integrator, shadows };
+                let settings = SurfaceSettings { samples, accuracy, shadows };
                 render_surface(&*brdf, &tree, placed.surface.as_ref(), &placed.camera, &settings, &report)
             }
             None => {
-                let settings = SphereSettings { size: width, samples, integrator, ..SphereSettings::default() };
+                let settings = SphereSettings { size: width, samples, accuracy, ..SphereSettings::default() };
                 render_sphere(&*brdf, &tree, &settings, &report)
             }
         };

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::{BivariateTable, MerlTable};
-use gonio::render::{Brdf, Exposure, IntegratorSettings, LightTree, SphereSettings, radiance, render_sphere};
+use gonio::render::{Accuracy, Brdf, Exposure, IntegratorSettings, LightTree, SphereSettings, radiance, render_sphere};
 use gonio::shape::SurfacePoint;
 use rayon::prelude::*;
 
@@ -17,7 +17,7 @@ pub(super) const SPHERE: usize = 96;
 pub(super) fn settings(size: usize, measured: bool) -> SphereSettings {
     let integrator =
         if measured { IntegratorSettings::default() } else { IntegratorSettings { tolerance: 0.4, max_cells: 6000 } };
-    SphereSettings { size, integrator, ..SphereSettings::default() }
+    SphereSettings { size, accuracy: Accuracy::Bound(integrator), ..SphereSettings::default() }
 }
 
 /// Renders a sphere of [`SPHERE`] pixels for display.

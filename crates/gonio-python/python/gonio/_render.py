@@ -27,14 +27,14 @@ def frame(
     camera: Camera | None,
     pose: Camera | None,
     samples: int,
-    tolerance: float,
+    tolerance: float | None,
     shadows: bool,
 ) -> tuple[GivenShape, RenderSettings]:
     """What :func:`gonio.render` is asked for, apart from BRDF and light, checked."""
     width, height = (size, size) if isinstance(size, int) else size
     if not (8 <= width <= 8192 and 8 <= height <= 8192):
         raise GonioError(f"size {size}: give sides from 8 to 8192 pixels")
-    if not tolerance > 0:
+    if tolerance is not None and not tolerance > 0:
         raise GonioError(f"tolerance {tolerance}: give a positive number")
     if not 1 <= samples <= 16:
         raise GonioError(f"samples {samples}: give a number from 1 to 16")

@@ -79,7 +79,7 @@ class RenderSettings(TypedDict):
     width: int
     height: int
     samples: int
-    tolerance: float
+    tolerance: float | None
     shadows: bool
 
 

@@ -10,7 +10,7 @@ use gonio::estimate::Material;
 use gonio::lighting::{EnvironmentMap, LightGrid, lamp_light, sky_light, studio_light};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
-use gonio::render::{Exposure, IntegratorSettings, LightTree};
+use gonio::render::{Exposure, LightTree, PrefilteredLight};
 use gonio::scene::Sighting;
 
 use crate::canvas::PAPER;
@@ -19,8 +19,6 @@ pub(crate) use view::spheres;
 
 /// Height of a panel, pixels.
 pub const PANEL: usize = 240;
-/// Integrator settings of draft quality, sufficient for viewing.
-const DRAFT: IntegratorSettings = IntegratorSettings { tolerance: 1.0, max_cells: 6000 };
 /// Rows of the lights that are rendered.
 const LIGHT_ROWS: usize = 128;
 
@@ -114,7 +112,7 @@ impl Panels {
         for (i, (name, light)) in own_lights(LIGHT_ROWS).into_iter().enumerate() {
             // The ends differ in the first light as clearly as in any other.
             let materials = if i == 0 { &shown[..] } else { &shown[..1] };
-            let drawn = view::spheres(materials, &LightTree::of_map(&light));
+            let drawn = view::spheres(materials, &PrefilteredLight::of(&LightTree::of_map(&light)));
             let exposure = sphere_exposure(&drawn[0]);
             let mut drawn = drawn.iter().map(|p| over_paper(p, exposure));
             spheres.extend(drawn.next().map(|p| (name, p)));
@@ -141,7 +139,7 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
         (None, Some(map)) => LightTree::of_map(map),
         (None, None) => LightTree::of_map(&studio_light(16)),
     };
-    let mut model = view.render(&subject.coloured(subject.table), &tree);
+    let mut model = view.render(&subject.coloured(subject.table), &PrefilteredLight::of(&tree));
     let factor = match subject.light {
         // Reflectance and light carry the photograph's scale in luminance.
         Some(_) => subject.light_colour,

@@ -2,15 +2,15 @@
 
 use glam::{DVec3, Vec3};
 use gonio::picture::{Picture, Plane};
-use gonio::reflectance::{BivariateTable, CELLS};
-use gonio::render::{Brdf, LightTree, nodes};
+use gonio::reflectance::BivariateTable;
+use gonio::render::{Brdf, Lobe, LobeSettings, PrefilteredLight};
 use gonio::scene::Circle;
 use gonio::shape::SurfacePoint;
 use gonio::shape::{Lookout, Placed, Visibility, hit_at, view_at};
 use gonio::sphere::OctahedralMap;
 use rayon::prelude::*;
 
-use super::{DRAFT, PANEL, Subject};
+use super::{PANEL, Subject};
 
 /// Texels along a side of the grid on which self-shadowing is computed for the pictures.
 const SHADOWS: usize = 16;
@@ -169,7 +169,7 @@ impl<'a> View<'a> {
     }
 
     /// Renders the object with this material in the frame.
-    pub(crate) fn render(&self, material: &[BivariateTable; 3], light: &LightTree) -> Picture {
+    pub(crate) fn render(&self, material: &[BivariateTable; 3], light: &PrefilteredLight) -> Picture {
         match self {
             Self::Sphere(..) => spheres(std::slice::from_ref(material), light).remove(0),
             Self::Normals(..) => {
@@ -201,7 +201,7 @@ fn sphere_normal(x: f64, y: f64) -> Option<DVec3> {
 }
 
 /// Renders spheres of these materials that fill a panel.
-pub(crate) fn spheres(materials: &[[BivariateTable; 3]], light: &LightTree) -> Vec<Picture> {
+pub(crate) fn spheres(materials: &[[BivariateTable; 3]], light: &PrefilteredLight) -> Vec<Picture> {
     let whole = View::Sphere(Circle { x: 0.0, y: 0.0, radius: 1.0 }, None);
     pictures(&whole.points(), None, materials, light).into_iter().map(cut_out).collect()
 }
@@ -223,22 +223,18 @@ fn pictures(
     points: &[Option<SurfacePoint>],
     visibility: Option<&Visibility>,
     materials: &[[BivariateTable; 3]],
-    light: &LightTree,
+    light: &PrefilteredLight,
 ) -> Vec<Picture> {
     let half = PANEL / 2;
-    let envelopes: Vec<BivariateTable> = materials.iter().map(Brdf::envelope).collect();
-    let largest = |c: usize| envelopes.iter().map(|t| t.as_slice()[c]).fold(0.0, f32::max);
-    let envelope = BivariateTable::from_vec((0..CELLS).map(largest).collect());
+    let brdfs: Vec<&dyn Brdf> = materials.iter().map(|m| m as &dyn Brdf).collect();
+    let lobe = Lobe::new(&brdfs, light, LobeSettings::DRAFT);
     let colours: Vec<Vec<Vec3>> = points
         .par_iter()
         .enumerate()
         .map(|(i, point)| {
             let Some(point) = point else { return vec![Vec3::ZERO; materials.len()] };
-            let mut nodes = nodes(point, &envelope, light, &DRAFT);
-            if let Some(visibility) = visibility {
-                nodes.nodes.iter_mut().for_each(|n| n.weight *= f64::from(visibility.share_along(i, n.direction)));
-            }
-            materials.iter().map(|m| nodes.radiance(point, m).as_vec3()).collect()
+            let open = |direction: Vec3| visibility.map_or(1.0, |v| v.share_along(i, direction.as_dvec3()));
+            lobe.radiance(point, light, open)
         })
         .collect();
     let panel = |which: usize| {

@@ -12,7 +12,7 @@ use crate::inference::{CONTRADICTION, Embedding, Likelihood};
 use crate::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
 use crate::picture::{Picture, luminance};
 use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
-use crate::render::{IntegratorSettings, LightTree, SphereSettings, render_sphere};
+use crate::render::{Accuracy, IntegratorSettings, LightTree, SphereSettings, render_sphere};
 use crate::scene::{Object, ObservationSettings, Sighting};
 use crate::sphere::OctahedralMap;
 use crate::transfer::{QuadratureSettings, predict};
@@ -31,7 +31,7 @@ fn photograph(material: usize, colour: Vec3) -> Picture {
     let table = WORLD.table(&WORLD.entries[material]);
     let settings = SphereSettings {
         size: 96,
-        integrator: IntegratorSettings { tolerance: 0.5, max_cells: 3000 },
+        accuracy: Accuracy::Bound(IntegratorSettings { tolerance: 0.5, max_cells: 3000 }),
         ..SphereSettings::default()
     };
     let mut picture = render_sphere(&table, &LightTree::of_map(&light_map(100)), &settings, &|_| ());
@@ -172,7 +172,7 @@ fn seen(model: &Model, material: usize, light: u64) -> Likelihood {
     let table = WORLD.table(&WORLD.entries[material]);
     let settings = SphereSettings {
         size: 64,
-        integrator: IntegratorSettings { tolerance: 0.5, max_cells: 3000 },
+        accuracy: Accuracy::Bound(IntegratorSettings { tolerance: 0.5, max_cells: 3000 }),
         ..SphereSettings::default()
     };
     let map = light_map(light);

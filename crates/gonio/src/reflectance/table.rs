@@ -260,6 +260,14 @@ impl MerlTable {
         }))
     }
 
+    /// Whether no cell depends on `phi_d`, as in tables made by [`Self::from_bivariate`].
+    pub fn is_bivariate(&self) -> bool {
+        self.channels.iter().flat_map(|channel| channel.chunks_exact(PHI_D)).all(|cell| {
+            let mut valid = cell.iter().filter(|v| **v >= 0.0);
+            valid.next().is_none_or(|first| valid.all(|v| v == first))
+        })
+    }
+
     /// The samples of one channel (0 red, 1 green, 2 blue), `phi_d` fastest.
     pub fn channel(&self, channel: usize) -> &[f32] {
         &self.channels[channel]

@@ -14,6 +14,9 @@ pub trait Brdf: Sync {
 
     /// Largest channel, averaged over `phi_d`, by which a renderer finds lobes.
     fn envelope(&self) -> BivariateTable;
+
+    /// The same BRDF as a table for each channel; `None` if it depends on `phi_d`.
+    fn tables(&self) -> Option<[BivariateTable; 3]>;
 }
 
 /// A grey table in one colour, as the paper shows a monochrome BRDF.
@@ -37,6 +40,10 @@ impl Brdf for Tinted {
     fn envelope(&self) -> BivariateTable {
         self.table.scaled(self.colour.max_element())
     }
+
+    fn tables(&self) -> Option<[BivariateTable; 3]> {
+        Some(self.colour.to_array().map(|factor| self.table.scaled(factor)))
+    }
 }
 
 /// A table for each channel: red, green, blue.
@@ -52,6 +59,10 @@ impl Brdf for [BivariateTable; 3] {
 
     fn envelope(&self) -> BivariateTable {
         strongest(self)
+    }
+
+    fn tables(&self) -> Option<[BivariateTable; 3]> {
+        Some(self.clone())
     }
 }
 
@@ -73,6 +84,10 @@ impl Brdf for BivariateTable {
     fn envelope(&self) -> BivariateTable {
         self.clone()
     }
+
+    fn tables(&self) -> Option<[BivariateTable; 3]> {
+        Some([0, 1, 2].map(|_| self.clone()))
+    }
 }
 
 impl Brdf for MerlTable {
@@ -86,5 +101,9 @@ impl Brdf for MerlTable {
 
     fn envelope(&self) -> BivariateTable {
         strongest(&[0, 1, 2].map(|c| self.bivariate(c)))
+    }
+
+    fn tables(&self) -> Option<[BivariateTable; 3]> {
+        self.is_bivariate().then(|| [0, 1, 2].map(|c| self.bivariate(c)))
     }
 }

@@ -4,7 +4,11 @@
 mod brdf;
 mod integrate;
 mod linear;
+pub(crate) mod lobe;
+mod prefiltered;
+pub(crate) mod pyramid;
 mod rows;
+mod shader;
 mod sphere;
 mod surface;
 mod tone;
@@ -13,7 +17,24 @@ mod tree;
 pub use brdf::{Brdf, Tinted};
 pub use integrate::{IntegratorSettings, Node, Nodes, nodes, radiance};
 pub use linear::Relighter;
+pub use lobe::{Arrival, Lobe, LobeSettings};
+pub use prefiltered::PrefilteredLight;
 pub use sphere::{SphereSettings, images_of_basis, render_sphere};
 pub use surface::{SurfaceSettings, render_surface};
 pub use tone::{Exposure, median_colour};
 pub use tree::LightTree;
+
+/// How the radiance of a pixel is computed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Accuracy {
+    /// By a fixed set of half vectors: quick, and free of noise.
+    Lobes(LobeSettings),
+    /// By dividing the light until the bound of the error is small enough.
+    Bound(IntegratorSettings),
+}
+
+impl Default for Accuracy {
+    fn default() -> Self {
+        Self::Lobes(LobeSettings::FINE)
+    }
+}

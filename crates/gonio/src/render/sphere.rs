@@ -4,9 +4,11 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::brdf::Brdf;
-use super::integrate::{IntegratorSettings, nodes, radiance};
+use super::Accuracy;
+use super::integrate::{IntegratorSettings, nodes};
 use super::linear::envelope;
 use super::rows::picture_of;
+use super::shader::Shader;
 use super::tree::LightTree;
 use crate::picture::{Picture, luminance};
 use crate::reflectance::BivariateTable;
@@ -22,12 +24,12 @@ pub struct SphereSettings {
     /// Samples along each side of a pixel.
     pub samples: usize,
     /// Accuracy of each sample.
-    pub integrator: IntegratorSettings,
+    pub accuracy: Accuracy,
 }
 
 impl Default for SphereSettings {
     fn default() -> Self {
-        Self { size: 256, margin: 2.0, samples: 1, integrator: IntegratorSettings::default() }
+        Self { size: 256, margin: 2.0, samples: 1, accuracy: Accuracy::default() }
     }
 }
 
@@ -47,7 +49,7 @@ pub fn render_sphere(
     progress: &(dyn Fn(f64) + Sync),
 ) -> Picture {
     let (size, samples, radius) = (settings.size, settings.samples.max(1), settings.radius());
-    let envelope = brdf.envelope();
+    let shader = Shader::new(brdf, light, settings.accuracy);
     // Coverage is sampled finer than radiance, since the rim determines where the sphere is
     // detected.
     let fine = 4 * samples;
@@ -66,7 +68,7 @@ pub fn render_sphere(
             let (a, b) = (a / r, b / r);
             let normal = DVec3::new(a, b, (1.0 - a * a - b * b).max(1e-8).sqrt()).normalize();
             let point = SurfacePoint { normal, view: DVec3::Z };
-            sum += radiance(&point, brdf, &envelope, light, &settings.integrator);
+            sum += shader.radiance(&point);
         }
         let coverage = inside as f32 / (fine * fine) as f32;
         ((sum / (samples * samples) as f64).as_vec3() * coverage, coverage)

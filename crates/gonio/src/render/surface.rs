@@ -3,8 +3,10 @@
 use glam::{DVec3, Vec3};
 
 use super::brdf::Brdf;
-use super::integrate::{IntegratorSettings, Nodes, nodes_within};
+use super::Accuracy;
+use super::integrate::Nodes;
 use super::rows::picture_of;
+use super::shader::Shader;
 use super::tree::LightTree;
 use crate::picture::Picture;
 use crate::reflectance::BivariateTable;
@@ -27,14 +29,14 @@ pub struct SurfaceSettings {
     /// Samples along each side of a pixel.
     pub samples: usize,
     /// Accuracy of each sample.
-    pub integrator: IntegratorSettings,
+    pub accuracy: Accuracy,
     /// Whether to render self-shadowing. Interreflections are left out in any case.
     pub shadows: bool,
 }
 
 impl Default for SurfaceSettings {
     fn default() -> Self {
-        Self { samples: 1, integrator: IntegratorSettings::default(), shadows: true }
+        Self { samples: 1, accuracy: Accuracy::default(), shadows: true }
     }
 }
 
@@ -49,9 +51,17 @@ pub fn render_surface(
     settings: &SurfaceSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Picture {
-    let envelope = brdf.envelope();
+    let shader = Shader::new(brdf, light, settings.accuracy);
+    let shadows = settings.shadows && !surface.is_convex();
     let samples = settings.samples.max(1);
-    let shade = |hit: &Hit, view: DVec3| radiance_of(hit, view, brdf, &envelope, light, surface, settings);
+    let shade = |hit: &Hit, view: DVec3| {
+        let point = SurfacePoint { normal: hit.normal, view }.facing();
+        if shadows {
+            shader.shadowed(&point, |direction| surface.blocks(&Ray { origin: hit.clear, direction }))
+        } else {
+            shader.radiance(&point)
+        }
+    };
     let pixel = |x: usize, y: usize| {
         let ray = |s: usize, n: usize| {
             let at = |i: usize, from: usize| from as f64 + (i as f64 + 0.5) / n as f64;
@@ -77,59 +87,50 @@ pub fn render_surface(
     picture_of(camera.size, pixel, progress)
 }
 
-/// Radiance that a point of the surface sends along `view`.
-fn radiance_of(
-    hit: &Hit,
-    view: DVec3,
-    brdf: &dyn Brdf,
-    envelope: &BivariateTable,
-    light: &LightTree,
-    surface: &dyn Surface,
-    settings: &SurfaceSettings,
-) -> DVec3 {
-    let point = SurfacePoint { normal: hit.normal, view }.facing();
-    let shadows = settings.shadows && !surface.is_convex();
-    let largest = if shadows { PENUMBRA } else { f64::INFINITY };
-    let mut found = nodes_within(&point, envelope, light, &settings.integrator, largest);
-    if shadows {
-        found.shadow(envelope, |direction| surface.blocks(&Ray { origin: hit.clear, direction }));
-    }
-    found.radiance(&point, brdf)
-}
-
 impl Nodes {
     /// Removes the light that is blocked. Directions that carry nearly everything that `envelope`
     /// reflects are tested, strongest first; the others lose the same share as those.
     pub fn shadow(&mut self, envelope: &BivariateTable, blocked: impl Fn(DVec3) -> bool) {
+        let directions: Vec<DVec3> = self.nodes.iter().map(|n| n.direction).collect();
         let strength: Vec<f64> =
             self.nodes.iter().map(|n| envelope.eval(n.theta_h, n.theta_d) * n.weight.abs().max_element()).collect();
-        let total: f64 = strength.iter().sum();
-        let mut order: Vec<usize> = (0..strength.len()).collect();
-        order.sort_by(|&a, &b| strength[b].total_cmp(&strength[a]));
-        let (mut asked, mut open, mut count) = (0.0, 0.0, 0);
-        for &i in &order {
-            if asked >= ASKED * total {
-                break;
-            }
-            asked += strength[i];
-            count += 1;
-            if blocked(self.nodes[i].direction) {
-                self.nodes[i].weight = DVec3::ZERO;
-            } else {
-                open += strength[i];
-            }
+        for (node, open) in self.nodes.iter_mut().zip(open_shares(&strength, |i| blocked(directions[i]))) {
+            node.weight *= open;
         }
-        let left = if asked > 0.0 { open / asked } else { 1.0 };
-        order[count..].iter().for_each(|&i| self.nodes[i].weight *= left);
         self.nodes.retain(|n| n.weight != DVec3::ZERO);
     }
+}
+
+/// Share of each direction's light that arrives, for the strengths of the directions: see
+/// [`Nodes::shadow`].
+pub(super) fn open_shares(strength: &[f64], blocked: impl Fn(usize) -> bool) -> Vec<f64> {
+    let total: f64 = strength.iter().sum();
+    let mut order: Vec<usize> = (0..strength.len()).collect();
+    order.sort_by(|&a, &b| strength[b].total_cmp(&strength[a]));
+    let (mut asked, mut open, mut count) = (0.0, 0.0, 0);
+    let mut shares = vec![1.0; strength.len()];
+    for &i in &order {
+        if asked >= ASKED * total {
+            break;
+        }
+        asked += strength[i];
+        count += 1;
+        if blocked(i) {
+            shares[i] = 0.0;
+        } else {
+            open += strength[i];
+        }
+    }
+    let left = if asked > 0.0 { open / asked } else { 1.0 };
+    order[count..].iter().for_each(|&i| shares[i] = left);
+    shares
 }
 
 #[cfg(test)]
 mod tests {
     use std::f64::consts::PI;
 
-    use super::super::{SphereSettings, render_sphere};
+    use super::super::{IntegratorSettings, SphereSettings, render_sphere};
     use super::*;
     use crate::shape::{Ellipsoid, Form, Projection, Tracer, hit_at};
     use crate::testing::light_map;
@@ -162,6 +163,13 @@ mod tests {
 
     #[test]
     fn shadows_are_those_of_many_rays() {
+        let fine = IntegratorSettings { tolerance: 0.05, ..IntegratorSettings::default() };
+        for accuracy in [Accuracy::Bound(fine), Accuracy::default()] {
+            check_shadows(accuracy);
+        }
+    }
+
+    fn check_shadows(accuracy: Accuracy) {
         // For a white Lambertian surface in uniform light, the remaining radiance is the openness.
         let white = BivariateTable::from_fn(|_, _| 1.0 / PI);
         let bowl = Tracer::new(Form::Bowl.mesh(24).unwrap());
@@ -170,7 +178,7 @@ mod tests {
         let bowl = Tracer::new(bowl.mesh().transformed(&world.to_world.inverse()).unwrap());
         let even = light(|_| 1.0);
         let mut settings = SurfaceSettings::default();
-        settings.integrator.tolerance = 0.05;
+        settings.accuracy = accuracy;
         let got = render_surface(&white, &even, &bowl, &world, &settings, &|_| ());
         let mut darkest = 1.0_f64;
         for (x, y) in (0..12).flat_map(|y| (0..12).map(move |x| (x, y))) {

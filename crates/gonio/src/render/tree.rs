@@ -50,9 +50,31 @@ pub struct LightTree {
     chart: Chart,
     nodes: Vec<Cell>,
     turn: DQuat,
+    /// Rows of a lat-long map of this resolution.
+    rows: usize,
 }
 
 impl Chart {
+    /// Direction at `u, v` in 0..1.
+    fn direction(self, u: f64, v: f64) -> DVec3 {
+        match self {
+            Self::LatLong => direction_of_lat_long(u, v),
+            Self::Octahedral(map) => map.direction(2.0 * u - 1.0, 1.0 - 2.0 * v),
+        }
+    }
+
+    /// Width and height of a cell, radians.
+    fn extent(self, cell: &Cell) -> (f64, f64) {
+        match self {
+            Self::LatLong => {
+                let tall = PI * cell.rectangle.dv;
+                (cell.solid_angle / tall, tall)
+            }
+            // Cells are up to half again as long as they are wide.
+            Self::Octahedral(_) => (1.5 * cell.solid_angle.sqrt(), 1.5 * cell.solid_angle.sqrt()),
+        }
+    }
+
     fn cell(self, r: Rectangle, mean: Vec3) -> Cell {
         let (centre, radius, solid_angle) = match self {
             Self::LatLong => {
@@ -90,7 +112,7 @@ impl LightTree {
     }
 
     fn build(chart: Chart, width: usize, height: usize, value: &dyn Fn(usize, usize) -> Vec3) -> Self {
-        let mut tree = Self { chart, nodes: Vec::with_capacity(width * height * 4 / 3 + 8), turn: DQuat::IDENTITY };
+        let mut tree = Self { chart, nodes: Vec::with_capacity(width * height * 4 / 3 + 8), turn: DQuat::IDENTITY, rows: height };
         let whole = [0, width, 0, height];
         let root = tree.leaf(whole, (width, height), Vec3::ZERO);
         tree.nodes.push(root);
@@ -166,6 +188,42 @@ impl LightTree {
                 .map(|(a, b)| self.chart.cell(Rectangle { u: u + a * du, v: v + b * dv, du, dv }, cell.mean))
         });
         stored.iter().copied().chain(quarters).map(|cell| self.placed(cell))
+    }
+
+    /// Rows of a lat-long map of about this resolution.
+    pub(super) fn rows(&self) -> usize {
+        self.rows
+    }
+
+    pub(super) fn turn(&self) -> DQuat {
+        self.turn
+    }
+
+    /// Calls `take` with direction, radiance and solid angle of samples, no more than `step`
+    /// radians apart, of every `parts`-th cell, before the light was turned.
+    pub(super) fn samples(&self, step: f64, part: usize, parts: usize, mut take: impl FnMut(DVec3, Vec3, f64)) {
+        let leaves = self.nodes.iter().filter(|cell| cell.children.is_none());
+        for cell in leaves.skip(part).step_by(parts) {
+            let Rectangle { u, v, du, dv } = cell.rectangle;
+            let (wide, tall) = self.chart.extent(cell);
+            let number = |extent: f64| (extent / step).ceil().max(1.0) as usize;
+            let (columns, rows) = (number(wide), number(tall));
+            let along = |from: f64, length: f64, i: usize, n: usize| from + length * (i as f64 + 0.5) / n as f64;
+            let solid_angle = cell.solid_angle / (columns * rows) as f64;
+            let across: Vec<f64> = (0..columns).map(|column| along(u, du, column, columns)).collect();
+            // Directions of one height at all azimuths: the trigonometry is done once.
+            let level: Vec<DVec3> = across.iter().map(|&u| self.chart.direction(u, 0.5)).collect();
+            for v in (0..rows).map(|row| along(v, dv, row, rows)) {
+                let (sin, cos) = (PI * v).sin_cos();
+                for (&u, level) in across.iter().zip(&level) {
+                    let direction = match self.chart {
+                        Chart::LatLong => DVec3::new(sin * level.x, cos, sin * level.z),
+                        Chart::Octahedral(_) => self.chart.direction(u, v),
+                    };
+                    take(direction, cell.mean, solid_angle);
+                }
+            }
+        }
     }
 
     /// Mean radiance over the sphere.

@@ -12,8 +12,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::gather::{Gather, LANES, LampBlock, RingBlock, RingSample};
-use super::pyramid::{LightPyramid, Part};
+use super::pyramid::LightPyramid;
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H};
+use crate::render::pyramid::{Part, level};
 use crate::transfer::kernels::dispatch;
 
 /// Number of rings of half vectors about a normal, even in the square root of the angle like the
@@ -86,7 +87,7 @@ impl BallRenderer {
                 let half =
                     Vec3::new((theta.sin() * phi.cos()) as f32, (theta.sin() * phi.sin()) as f32, theta.cos() as f32);
                 let row = place as usize * THETA_D;
-                let level = LightPyramid::level(4.0 * TYPICAL * solid_angle);
+                let level = level(LightPyramid::SIDE, 4.0 * TYPICAL * solid_angle);
                 let far_share = counted(theta.to_degrees() as f32);
                 let sample = |share: f32| RingSample {
                     half,
@@ -132,7 +133,7 @@ impl BallRenderer {
                 |rows, normals| {
                     let rows = &mut rows[..normals.len() * cells];
                     rows.fill(0.0);
-                    dispatch(Gather { rings: blocks, lamps: &lamps, light, part, normals, rows, cells });
+                    dispatch(Gather { rings: blocks, lamps: &lamps, light: &light.0, part, normals, rows, cells });
                     let mut out = vec![0.0_f32; normals.len() * tables.len()];
                     let product = MatMut::from_column_major_slice_mut(&mut out, normals.len(), tables.len());
                     let rows = MatRef::from_row_major_slice(rows, normals.len(), cells);

@@ -6,8 +6,10 @@ use std::array;
 use glam::Vec3;
 
 use super::ball::counted;
-use super::pyramid::{LightPyramid, Part, Place, whole};
+use super::pyramid::LightPyramid;
 use crate::reflectance::{THETA_D, THETA_H};
+use crate::render::lobe::{column_of, degrees_of_cosine};
+use crate::render::pyramid::{Part, Place, Pyramid, half_side, whole};
 
 /// Number of values that are processed together.
 pub(super) const LANES: usize = 16;
@@ -47,7 +49,7 @@ impl RingBlock {
             row: array::from_fn(|i| at(i).row),
             beyond: array::from_fn(|i| at(i).beyond),
             level: array::from_fn(|i| at(i).level),
-            half_side: array::from_fn(|i| LightPyramid::half_side(at(i).level)),
+            half_side: array::from_fn(|i| half_side(LightPyramid::SIDE, at(i).level)),
         }
     }
 }
@@ -66,7 +68,7 @@ pub(super) struct LampBlock {
 impl LampBlock {
     /// Packs all lamps of a light.
     pub(super) fn all(light: &LightPyramid) -> Vec<Self> {
-        light.lamps().chunks(LANES).map(Self::of).collect()
+        light.0.lamps().chunks(LANES).map(Self::of).collect()
     }
 
     fn of(lamps: &[(Vec3, f32)]) -> Self {
@@ -89,7 +91,7 @@ impl LampBlock {
 pub(super) struct Gather<'a> {
     pub(super) rings: &'a [RingBlock],
     pub(super) lamps: &'a [LampBlock],
-    pub(super) light: &'a LightPyramid,
+    pub(super) light: &'a Pyramid<f32>,
     /// Part of the light that the rings see.
     pub(super) part: Part,
     pub(super) normals: &'a [Vec3],
@@ -115,7 +117,7 @@ impl pulp::NullaryFnOnce for Gather<'_> {
 }
 
 #[inline(always)]
-fn add_ring(block: &RingBlock, normal: Vec3, light: &LightPyramid, part: Part, cells: &mut [f32]) {
+fn add_ring(block: &RingBlock, normal: Vec3, light: &Pyramid<f32>, part: Part, cells: &mut [f32]) {
     let (right, up) = normal.any_orthonormal_pair();
     let mut weights = [0.0; LANES];
     let mut columns = [(0, 0.0); LANES];
@@ -131,7 +133,7 @@ fn add_ring(block: &RingBlock, normal: Vec3, light: &LightPyramid, part: Part, c
         // Four times the cosine: the ratio of the solid angle of light to that of half vectors.
         weights[lane] = cosine.max(0.0) * 2.0 * twice.max(0.0) * block.solid_angle[lane];
         columns[lane] = column_of(cos_d.max(0.0));
-        places[lane] = Place::of(x, y, z, block.half_side[lane]);
+        places[lane] = Place::of([x, y, z], block.half_side[lane]);
     }
     for lane in (0..LANES).filter(|&lane| weights[lane] > 0.0) {
         let weight = weights[lane] * light.at(part, block.level[lane], &places[lane]);
@@ -167,20 +169,6 @@ fn add(cells: &mut [f32], row: usize, beyond: f32, (column, next): (u32, f32), w
     upper[1] += (1.0 - beyond) * next;
     lower[0] += beyond * here;
     lower[1] += beyond * next;
-}
-
-/// Returns the column of a table below a difference angle, and the fraction of the way to the next.
-#[inline(always)]
-fn column_of(cos_d: f32) -> (u32, f32) {
-    whole(degrees_of_cosine(cos_d).min((THETA_D - 1) as f32 - 1e-3))
-}
-
-/// Returns the angle in 0..=90 degrees of a cosine, to 0.01 degrees (Abramowitz & Stegun 4.4.45).
-#[inline(always)]
-fn degrees_of_cosine(cosine: f32) -> f32 {
-    let x = cosine.min(1.0);
-    let polynomial = 1.570_728_8 + x * (-0.212_114_4 + x * (0.074_261 - 0.018_729_3 * x));
-    (1.0 - x).sqrt() * polynomial.to_degrees()
 }
 
 #[cfg(test)]

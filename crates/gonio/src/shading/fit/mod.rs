@@ -28,6 +28,8 @@ const FLOOR: f64 = 0.1;
 const STEP: f64 = 1e-4;
 /// Degrees between azimuths of the tables by which fits are judged.
 const FINE: usize = 6;
+/// Number of starts, the nearest to the picture, that are fitted to the samples.
+const PROMISING: usize = 5;
 /// Number of fits to the samples that are refined on the picture.
 const REFINED: usize = 3;
 
@@ -100,18 +102,21 @@ impl Fitter {
         Self { samples, floor, body, highlight, relighters, picture, sketch }
     }
 
-    /// Finds the best model over all starts: first on samples of the table, then on the picture of
-    /// a sphere, in which a peak has the weight that it has for the eye. The best of the first
-    /// search are refined, and those of both judged.
+    /// Finds the best model from the most promising starts: first on samples of the table, then on
+    /// the picture of a sphere, in which a peak has the weight that it has for the eye. The best of
+    /// the first search are refined, and those of both judged.
     pub fn fit<S: Shading>(&self) -> Fitted<S> {
-        let starts = S::starts(self.body, self.highlight);
+        let starts = S::starts(self.body, self.highlight).into_par_iter();
+        let mut starts: Vec<(f64, Vec<f64>)> = starts.map(|start| (self.sketched(&S::of(&start)), start)).collect();
+        starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        starts.truncate(PROMISING);
         let search = |start: &[f64], goal: Goal, patience: usize| {
             let problem = Search::<S>::new(self, start, goal);
             let (found, _) =
                 LevenbergMarquardt::new().with_patience(patience).with_ftol(1e-3).with_xtol(1e-3).minimize(problem);
             found.parameters()
         };
-        let first = starts.par_iter().map(|start| {
+        let first = starts.par_iter().map(|(_, start)| {
             let found = search(start, Goal::Samples, 12);
             (self.sketched(&S::of(&found)), found)
         });

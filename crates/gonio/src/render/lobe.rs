@@ -1,0 +1,436 @@
+//! Reflected radiance at many points, quickly.
+//!
+//! Half vectors are placed in rings about the normal, half of them evenly, half of them where the
+//! materials reflect. Each stands for its own solid angle: the reflectance is the mean over its
+//! ring, the light the mean over its footprint (prefiltered importance sampling, Colbert & Krivanek
+//! 2007). Rings and footprints are the same at every point, so pictures are free of noise. Small
+//! bright lamps are added one by one where no lobe is as narrow as they are.
+
+use std::f32::consts::PI;
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use glam::{Vec3, Vec3A};
+
+use super::brdf::Brdf;
+use super::prefiltered::PrefilteredLight;
+use super::pyramid::{Part, Place, half_side, level, whole};
+use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H};
+use crate::shape::SurfacePoint;
+use crate::sphere::half_difference;
+
+/// How many half vectors are used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LobeSettings {
+    /// Number of rings.
+    pub rings: usize,
+    /// Largest number of half vectors in a ring.
+    pub spokes: usize,
+}
+
+impl LobeSettings {
+    /// For pictures to look at: errors of one or two percent.
+    pub const DRAFT: Self = Self { rings: 32, spokes: 24 };
+    /// For pictures to keep: errors of half a percent.
+    pub const FINE: Self = Self { rings: 64, spokes: 48 };
+}
+
+/// Least number of half vectors in a ring.
+const FEWEST: f64 = 6.0;
+
+/// Typical cosine of the difference angle, used to choose footprints.
+const TYPICAL: f64 = 0.8;
+
+/// Steps over which the reflectance of a ring is averaged.
+const STEPS: usize = 12;
+
+/// Intervals in the root of the half angle in which the density of rings is given.
+const INTERVALS: usize = 720;
+
+/// Change of the logarithm of reflectance over a lamp beyond which the lamp is not a point.
+const NARROW: f64 = 0.25;
+
+/// Largest half angle (radians) at which lamps may be sampled by rings.
+const NEAR: f64 = 0.14;
+
+/// Half vectors for a group of materials under lights of one resolution.
+pub struct Lobe<'a> {
+    materials: usize,
+    rings: Vec<Ring>,
+    /// Half vectors about a normal along z, by rings.
+    halves: Vec<Vec3>,
+    /// Mean reflectance of each ring: `[ring][theta_d][material]`, in 1/sr.
+    means: Vec<Vec3A>,
+    /// Reflectance of all materials: `[theta_h][theta_d][material]`, in 1/sr.
+    full: Vec<Vec3A>,
+    /// A single material whose reflectance depends on the azimuth too.
+    azimuthal: Option<&'a dyn Brdf>,
+    /// Half angles in degrees between which lamps change from samples to points.
+    near: (f32, f32),
+    /// Texels along a side of the lights.
+    side: usize,
+}
+
+struct Ring {
+    /// Index of the first half vector.
+    first: usize,
+    end: usize,
+    theta_h: f64,
+    /// Solid angle of each half vector.
+    solid_angle: f32,
+    level: usize,
+    /// Share of the lamps that are points at this angle.
+    points: f32,
+}
+
+/// Light from one direction, as a [`Lobe`] sees it.
+pub struct Arrival<'a> {
+    /// Direction of the light.
+    pub direction: Vec3,
+    /// Radiance times cosine and solid angle.
+    pub irradiance: Vec3A,
+    values: [&'a [Vec3A]; 4],
+    weights: [f32; 4],
+    given: Option<Vec3A>,
+}
+
+impl Arrival<'_> {
+    /// Radiance that a material reflects of it.
+    #[inline(always)]
+    pub fn reflected(&self, material: usize) -> Vec3A {
+        if let Some(value) = self.given {
+            return value * self.irradiance;
+        }
+        let mixed = self.values[0][material] * self.weights[0]
+            + self.values[1][material] * self.weights[1]
+            + self.values[2][material] * self.weights[2]
+            + self.values[3][material] * self.weights[3];
+        mixed * self.irradiance
+    }
+}
+
+impl<'a> Lobe<'a> {
+    /// Places half vectors for these materials under lights of the resolution of `light`.
+    ///
+    /// # Panics
+    /// If there is no material, or if one of several depends on the azimuth of the half vector.
+    pub fn new(materials: &[&'a dyn Brdf], light: &PrefilteredLight, settings: LobeSettings) -> Self {
+        assert!(!materials.is_empty(), "no material");
+        let tables: Vec<Option<[BivariateTable; 3]>> = materials.iter().map(|m| m.tables()).collect();
+        let azimuthal = tables.iter().any(Option::is_none).then_some(materials[0]);
+        assert!(azimuthal.is_none() || materials.len() == 1, "several materials, one of them azimuthal");
+        let side = light.side();
+        let envelopes: Vec<BivariateTable> = materials.iter().map(|m| m.envelope()).collect();
+        let envelope = super::linear::envelope(&envelopes);
+        let near = near(&envelope, (4.0 * std::f64::consts::PI).sqrt() / side as f64);
+        let edges = edges(&envelope, settings.rings);
+        let at_cell = |table: &[BivariateTable; 3], cell: usize| Vec3A::from(table.each_ref().map(|t| t.as_slice()[cell]));
+        let full = match azimuthal {
+            // Lamps ask for the very value.
+            Some(_) => Vec::new(),
+            None => (0..CELLS).flat_map(|cell| tables.iter().flatten().map(move |t| at_cell(t, cell))).collect(),
+        };
+        let mut lobe = Self {
+            materials: materials.len(),
+            rings: Vec::with_capacity(settings.rings),
+            halves: Vec::new(),
+            means: Vec::new(),
+            full,
+            azimuthal,
+            near,
+            side,
+        };
+        edges.windows(2).enumerate().for_each(|(i, edge)| lobe.add_ring(i, (edge[0], edge[1]), settings.spokes));
+        lobe
+    }
+
+    /// Adds a ring between two roots of half angles, relative to a right angle.
+    fn add_ring(&mut self, index: usize, (low, high): (f64, f64), most: usize) {
+        let angle = |root: f64| root * root * FRAC_PI_2;
+        // Midpoints in the root, in which tables are linear, weighted by solid angle.
+        let steps: [(f64, f64); STEPS] = std::array::from_fn(|k| {
+            let edge = |k: usize| low + (high - low) * k as f64 / STEPS as f64;
+            (0.5 * (edge(k) + edge(k + 1)), angle(edge(k)).cos() - angle(edge(k + 1)).cos())
+        });
+        let total: f64 = steps.iter().map(|s| s.1).sum();
+        let theta_h = steps.iter().map(|(root, w)| angle(*root) * w).sum::<f64>() / total;
+        let wanted = TAU * theta_h.sin() / (angle(high) - angle(low));
+        let spokes = wanted.clamp(FEWEST, most as f64).round() as usize;
+        let solid_angle = TAU * total / spokes as f64;
+        let first = self.halves.len();
+        self.halves.extend((0..spokes).map(|spoke| {
+            // Rings are turned against each other by the golden section.
+            let phi = TAU * ((spoke as f64 + 0.5) / spokes as f64 + 0.618_034 * index as f64);
+            let (sin, cos) = theta_h.sin_cos();
+            Vec3::new((sin * phi.cos()) as f32, (sin * phi.sin()) as f32, cos as f32)
+        }));
+        self.rings.push(Ring {
+            first,
+            end: first + spokes,
+            theta_h,
+            solid_angle: solid_angle as f32,
+            level: level(self.side, 4.0 * TYPICAL * solid_angle),
+            points: ramp(theta_h.to_degrees() as f32, self.near),
+        });
+        if self.azimuthal.is_some() {
+            return;
+        }
+        let row = THETA_D * self.materials;
+        let mut mean = vec![Vec3A::ZERO; row];
+        for (root, weight) in steps {
+            let place = (root * THETA_H as f64).min((THETA_H - 1) as f64 - 1e-6);
+            let (i, beyond) = (place as usize, place.fract() as f32);
+            let share = (weight / total) as f32;
+            for (k, m) in mean.iter_mut().enumerate() {
+                *m += (self.full[i * row + k] * (1.0 - beyond) + self.full[(i + 1) * row + k] * beyond) * share;
+            }
+        }
+        self.means.append(&mut mean);
+    }
+
+    /// Calls `take` with the light from every direction of which something may be reflected at a
+    /// point.
+    #[inline(always)]
+    pub fn gather(&self, point: &SurfacePoint, light: &PrefilteredLight, mut take: impl FnMut(&Arrival<'_>)) {
+        debug_assert_eq!(light.side(), self.side);
+        let (normal, view) = (point.normal.as_vec3a(), point.view.as_vec3a());
+        let (right, up) = point.normal.as_vec3().any_orthonormal_pair();
+        let (right, up) = (Vec3A::from(right), Vec3A::from(up));
+        let pyramid = light.pyramid();
+        let row = THETA_D * self.materials;
+        for (index, ring) in self.rings.iter().enumerate() {
+            let half_side = half_side(self.side, ring.level);
+            for local in &self.halves[ring.first..ring.end] {
+                let half = right * local.x + up * local.y + normal * local.z;
+                let cos_d = half.dot(view);
+                let towards = half * (2.0 * cos_d) - view;
+                let cosine = towards.dot(normal);
+                if cos_d <= 0.0 || cosine <= 0.0 {
+                    continue;
+                }
+                let place = Place::of(light.turned(towards), half_side);
+                let radiance = if ring.points >= 1.0 {
+                    pyramid.at(Part::Even, ring.level, &place)
+                } else {
+                    let all = pyramid.at(Part::All, ring.level, &place);
+                    if ring.points <= 0.0 {
+                        all
+                    } else {
+                        all + (pyramid.at(Part::Even, ring.level, &place) - all) * ring.points
+                    }
+                };
+                // Four times the cosine: the ratio of the solid angle of light to that of half
+                // vectors.
+                let irradiance = radiance * (cosine * 4.0 * cos_d * ring.solid_angle);
+                let direction = Vec3::from(towards);
+                if let Some(brdf) = self.azimuthal {
+                    let given = azimuthal(brdf, point, direction, Some(ring.theta_h));
+                    take(&Arrival { direction, irradiance, values: [&[]; 4], weights: [0.0; 4], given: Some(given) });
+                    continue;
+                }
+                let (column, next) = column_of(cos_d);
+                let at = index * row + column as usize * self.materials;
+                let pair = &self.means[at..at + 2 * self.materials];
+                let (here, beyond) = pair.split_at(self.materials);
+                let weights = [1.0 - next, next, 0.0, 0.0];
+                take(&Arrival { direction, irradiance, values: [here, beyond, here, here], weights, given: None });
+            }
+        }
+        self.gather_lamps(point, light, take);
+    }
+
+    /// Calls `take` with the light of each lamp.
+    #[inline(always)]
+    fn gather_lamps(&self, point: &SurfacePoint, light: &PrefilteredLight, mut take: impl FnMut(&Arrival<'_>)) {
+        let (normal, view) = (point.normal.as_vec3a(), point.view.as_vec3a());
+        let row = THETA_D * self.materials;
+        for &(towards, irradiance) in light.lamps() {
+            let cosine = towards.dot(normal);
+            if cosine <= 0.0 {
+                continue;
+            }
+            let sum = towards + view;
+            let length = sum.length();
+            if length < 1e-4 {
+                continue;
+            }
+            let theta_h = degrees_of_cosine((sum.dot(normal) / length).max(0.0));
+            let points = ramp(theta_h, self.near);
+            if points <= 0.0 {
+                continue;
+            }
+            let irradiance = irradiance * (cosine * points);
+            let direction = Vec3::from(towards);
+            if let Some(brdf) = self.azimuthal {
+                let given = azimuthal(brdf, point, direction, None);
+                take(&Arrival { direction, irradiance, values: [&[]; 4], weights: [0.0; 4], given: Some(given) });
+                continue;
+            }
+            let (line, beyond) =
+                whole(((theta_h / 90.0).sqrt() * THETA_H as f32).min((THETA_H - 1) as f32 - 1e-3));
+            let (column, next) = column_of((0.5 * length).min(1.0));
+            let at = line as usize * row + column as usize * self.materials;
+            let [upper, lower] = [at, at + row].map(|at| self.full[at..at + 2 * self.materials].split_at(self.materials));
+            take(&Arrival {
+                direction,
+                irradiance,
+                values: [upper.0, upper.1, lower.0, lower.1],
+                weights: [(1.0 - beyond) * (1.0 - next), (1.0 - beyond) * next, beyond * (1.0 - next), beyond * next],
+                given: None,
+            });
+        }
+    }
+
+    /// Radiance that each material reflects at a point, of whose light a share arrives by direction.
+    pub fn radiance(&self, point: &SurfacePoint, light: &PrefilteredLight, open: impl Fn(Vec3) -> f32) -> Vec<Vec3> {
+        let mut out = vec![Vec3A::ZERO; self.materials];
+        self.gather(point, light, |arrival| {
+            let open = open(arrival.direction);
+            out.iter_mut().enumerate().for_each(|(m, sum)| *sum += arrival.reflected(m) * open);
+        });
+        out.into_iter().map(Vec3::from).collect()
+    }
+}
+
+/// Value of a material that depends on the azimuth, at its very half angle or at a given one.
+fn azimuthal(brdf: &dyn Brdf, point: &SurfacePoint, direction: Vec3, theta_h: Option<f64>) -> Vec3A {
+    let angles = half_difference(point.normal, direction.as_dvec3(), point.view);
+    brdf.eval(theta_h.unwrap_or(angles.theta_h), angles.theta_d, angles.phi_d).as_vec3a()
+}
+
+/// Share of the way between two values, in 0..=1; beyond both if they are equal.
+#[inline(always)]
+fn ramp(x: f32, (low, high): (f32, f32)) -> f32 {
+    if high <= low { 1.0 } else { ((x - low) / (high - low)).clamp(0.0, 1.0) }
+}
+
+/// Half angles in degrees between which lamps as wide as a texel (radians) change from samples to
+/// points: where the envelope changes over a lamp.
+fn near(envelope: &BivariateTable, texel: f64) -> (f32, f32) {
+    let theta_d = 0.5;
+    // Half vectors move by half as much as the light.
+    let step = 0.5 * texel;
+    let changes = |theta: f64| {
+        let (here, there) = (envelope.eval(theta, theta_d), envelope.eval(theta + step, theta_d));
+        (here.max(1e-300) / there.max(1e-300)).ln().abs() > NARROW
+    };
+    let angles = (0..=100).map(|i| NEAR * f64::from(i) / 100.0);
+    angles.filter(|theta| changes(*theta)).fold((0.0, 0.0), |_, theta| {
+        let theta = (theta + step).to_degrees() as f32;
+        (theta, 1.5 * theta)
+    })
+}
+
+/// Edges of rings, as roots of half angles relative to a right angle, from zero to one.
+fn edges(envelope: &BivariateTable, rings: usize) -> Vec<f64> {
+    let density = |i: usize| {
+        let root = (i as f64 + 0.5) / INTERVALS as f64;
+        let theta = root * root * FRAC_PI_2;
+        envelope.eval(theta, 0.5) * theta.sin() * theta.cos() * root
+    };
+    let energy: Vec<f64> = (0..INTERVALS).map(density).collect();
+    let total = energy.iter().sum::<f64>().max(1e-300);
+    let mut edges = vec![0.0];
+    let (mut sum, mut next) = (0.0, 1.0);
+    for (i, e) in energy.iter().enumerate() {
+        let share = 0.5 * (e / total + 1.0 / INTERVALS as f64) * rings as f64;
+        while next <= sum + share && edges.len() < rings {
+            edges.push((i as f64 + (next - sum) / share) / INTERVALS as f64);
+            next += 1.0;
+        }
+        sum += share;
+    }
+    edges.push(1.0);
+    edges
+}
+
+/// Returns the column of a table below a difference angle, and the fraction of the way to the next.
+#[inline(always)]
+pub(crate) fn column_of(cos_d: f32) -> (u32, f32) {
+    whole(degrees_of_cosine(cos_d).min((THETA_D - 1) as f32 - 1e-3))
+}
+
+/// Returns the angle in 0..=90 degrees of a cosine, to 0.01 degrees (Abramowitz & Stegun 4.4.45).
+#[inline(always)]
+pub(crate) fn degrees_of_cosine(cosine: f32) -> f32 {
+    let x = cosine.min(1.0);
+    let polynomial = 1.570_728_8 + x * (-0.212_114_4 + x * (0.074_261 - 0.018_729_3 * x));
+    (1.0 - x).sqrt() * polynomial * (180.0 / PI)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::super::{IntegratorSettings, LightTree, radiance};
+    use super::*;
+    use crate::reflectance::MerlTable;
+    use crate::testing::{ball, light_map};
+
+    /// Colours of points by half vectors and by the integrator, relative errors sorted.
+    fn errors(brdf: &dyn Brdf, tree: &LightTree, settings: LobeSettings) -> Vec<f64> {
+        let light = PrefilteredLight::of(tree);
+        let lobe = Lobe::new(&[brdf], &light, settings);
+        let fine = IntegratorSettings { tolerance: 0.05, ..IntegratorSettings::default() };
+        let points: Vec<SurfacePoint> = ball(24).into_iter().filter(|p| p.normal.z > 0.2).collect();
+        let envelope = brdf.envelope();
+        let off = points.iter().map(|point| {
+            let want = radiance(point, brdf, &envelope, tree, &fine);
+            let got = lobe.radiance(point, &light, |_| 1.0)[0].as_dvec3();
+            (got - want).length() / want.length()
+        });
+        let mut off: Vec<f64> = off.collect();
+        off.sort_by(f64::total_cmp);
+        off
+    }
+
+    fn lamp(d: DVec3) -> f64 {
+        let lamp = DVec3::new(0.4, 0.5, 0.6).normalize();
+        if d.angle_between(lamp) < 0.05 { 300.0 } else { 1.0 + d.y }
+    }
+
+    #[test]
+    fn it_shows_what_the_integrator_does() {
+        let tree = LightTree::of_map(&light_map(256, lamp));
+        let lobe =
+            |width: f64| BivariateTable::from_fn(|h, d| 0.1 + d + 3.0 / (1.0 + (h / width).powi(2)).powi(2));
+        for (width, median, worst) in [(1.0, 0.003, 0.02), (0.2, 0.003, 0.03), (0.05, 0.005, 0.08)] {
+            for (settings, times) in [(LobeSettings::FINE, 1.0), (LobeSettings::DRAFT, 3.0)] {
+                let off = errors(&lobe(width), &tree, settings);
+                let (middle, last) = (off[off.len() / 2], off[off.len() - 1]);
+                assert!(middle < times * median && last < times * worst, "{width} {settings:?}: {middle} {last}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_turned_light_is_that_of_a_turned_map() {
+        let map = light_map(64, lamp);
+        let mut tree = LightTree::of_map(&map);
+        let turn = glam::DQuat::from_rotation_y(-std::f64::consts::TAU * 16.0 / 128.0);
+        let want = PrefilteredLight::of(&LightTree::of_map(&map.turned(16)));
+        tree.turn_to(turn);
+        let got = PrefilteredLight::of(&tree);
+        let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 / (1.0 + (h / 0.3).powi(2)).powi(2));
+        let lobe = Lobe::new(&[&table], &want, LobeSettings::FINE);
+        for point in ball(10).into_iter().filter(|p| p.normal.z > 0.2) {
+            let [want, got] = [&want, &got].map(|light| lobe.radiance(&point, light, |_| 1.0)[0]);
+            assert!((want - got).length() < 0.01 * want.length(), "{want} {got}");
+        }
+    }
+
+    #[test]
+    fn the_azimuth_of_a_table_counts() {
+        let tree = LightTree::of_map(&light_map(64, |d| 1.5 + d.y));
+        let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 / (1.0 + (h / 0.3).powi(2)).powi(2));
+        let even = MerlTable::from_bivariate([&table; 3]);
+        assert!(even.is_bivariate());
+        let turned = |(k, value): (usize, &f32)| {
+            let phi_d = ((k % crate::reflectance::PHI_D) as f32).to_radians();
+            if *value < 0.0 { *value } else { value * (1.0 + 0.5 * phi_d.cos().powi(2)) }
+        };
+        let merl = MerlTable::from_channels([0, 1, 2].map(|c| even.channel(c).iter().enumerate().map(turned).collect()));
+        assert!(!merl.is_bivariate());
+        let off = errors(&merl, &tree, LobeSettings::FINE);
+        assert!(off[off.len() / 2] < 0.005 && off[off.len() - 1] < 0.02, "{off:?}");
+    }
+}

@@ -10,13 +10,13 @@ use std::f32::consts::PI;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::{Vec3, Vec3A};
+use rayon::prelude::*;
 
 use super::brdf::Brdf;
 use super::prefiltered::PrefilteredLight;
 use super::pyramid::{Part, Place, half_side, level, whole};
-use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H};
+use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of};
 use crate::shape::SurfacePoint;
-use crate::sphere::half_difference;
 
 /// How many half vectors are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +31,7 @@ impl LobeSettings {
     /// For pictures to look at: errors of one or two percent.
     pub const DRAFT: Self = Self { rings: 32, spokes: 24 };
     /// For pictures to keep: errors of half a percent.
-    pub const FINE: Self = Self { rings: 64, spokes: 48 };
+    pub const FINE: Self = Self { rings: 54, spokes: 36 };
 }
 
 /// Least number of half vectors in a ring.
@@ -52,18 +52,22 @@ const NARROW: f64 = 0.25;
 /// Largest half angle (radians) at which lamps may be sampled by rings.
 const NEAR: f64 = 0.14;
 
+/// Number of azimuths of the difference in half a turn at which a material that depends on it is
+/// tabulated.
+const AZIMUTHS: usize = 20;
+
 /// Half vectors for a group of materials under lights of one resolution.
-pub struct Lobe<'a> {
+pub struct Lobe {
     materials: usize,
+    /// Number of azimuths in the tables: one if nothing depends on it, else [`AZIMUTHS`].
+    azimuths: usize,
     rings: Vec<Ring>,
     /// Half vectors about a normal along z, by rings.
     halves: Vec<Vec3>,
-    /// Mean reflectance of each ring: `[ring][theta_d][material]`, in 1/sr.
+    /// Mean reflectance of each ring: `[ring][theta_d][phi_d][material]`, in 1/sr.
     means: Vec<Vec3A>,
-    /// Reflectance of all materials: `[theta_h][theta_d][material]`, in 1/sr.
+    /// Reflectance of all materials: `[theta_h][theta_d][phi_d][material]`, in 1/sr.
     full: Vec<Vec3A>,
-    /// A single material whose reflectance depends on the azimuth too.
-    azimuthal: Option<&'a dyn Brdf>,
     /// Half angles in degrees between which lamps change from samples to points.
     near: (f32, f32),
     /// Texels along a side of the lights.
@@ -74,7 +78,6 @@ struct Ring {
     /// Index of the first half vector.
     first: usize,
     end: usize,
-    theta_h: f64,
     /// Solid angle of each half vector.
     solid_angle: f32,
     level: usize,
@@ -108,34 +111,40 @@ impl Arrival<'_> {
     }
 }
 
-impl<'a> Lobe<'a> {
+impl Lobe {
     /// Places half vectors for these materials under lights of the resolution of `light`.
     ///
     /// # Panics
     /// If there is no material, or if one of several depends on the azimuth of the half vector.
-    pub fn new(materials: &[&'a dyn Brdf], light: &PrefilteredLight, settings: LobeSettings) -> Self {
+    pub fn new(materials: &[&dyn Brdf], light: &PrefilteredLight, settings: LobeSettings) -> Self {
         assert!(!materials.is_empty(), "no material");
         let tables: Vec<Option<[BivariateTable; 3]>> = materials.iter().map(|m| m.tables()).collect();
-        let azimuthal = tables.iter().any(Option::is_none).then_some(materials[0]);
-        assert!(azimuthal.is_none() || materials.len() == 1, "several materials, one of them azimuthal");
+        let azimuthal = tables.iter().any(Option::is_none);
+        assert!(!azimuthal || materials.len() == 1, "several materials, one of them azimuthal");
         let side = light.side();
         let envelopes: Vec<BivariateTable> = materials.iter().map(|m| m.envelope()).collect();
         let envelope = super::linear::envelope(&envelopes);
         let near = near(&envelope, (4.0 * std::f64::consts::PI).sqrt() / side as f64);
         let edges = edges(&envelope, settings.rings);
-        let at_cell = |table: &[BivariateTable; 3], cell: usize| Vec3A::from(table.each_ref().map(|t| t.as_slice()[cell]));
-        let full = match azimuthal {
-            // Lamps ask for the very value.
-            Some(_) => Vec::new(),
-            None => (0..CELLS).flat_map(|cell| tables.iter().flatten().map(move |t| at_cell(t, cell))).collect(),
+        let at_cell =
+            |table: &[BivariateTable; 3], cell: usize| Vec3A::from(table.each_ref().map(|t| t.as_slice()[cell]));
+        let full = if azimuthal {
+            let value = |at: usize| {
+                let (theta_h, theta_d) = angles_of(at / AZIMUTHS);
+                let phi_d = std::f64::consts::PI * (at % AZIMUTHS) as f64 / AZIMUTHS as f64;
+                materials[0].eval(theta_h, theta_d, phi_d).as_vec3a()
+            };
+            (0..CELLS * AZIMUTHS).into_par_iter().map(value).collect()
+        } else {
+            (0..CELLS).flat_map(|cell| tables.iter().flatten().map(move |t| at_cell(t, cell))).collect()
         };
         let mut lobe = Self {
             materials: materials.len(),
+            azimuths: if azimuthal { AZIMUTHS } else { 1 },
             rings: Vec::with_capacity(settings.rings),
             halves: Vec::new(),
             means: Vec::new(),
             full,
-            azimuthal,
             near,
             side,
         };
@@ -166,15 +175,11 @@ impl<'a> Lobe<'a> {
         self.rings.push(Ring {
             first,
             end: first + spokes,
-            theta_h,
             solid_angle: solid_angle as f32,
             level: level(self.side, 4.0 * TYPICAL * solid_angle),
             points: ramp(theta_h.to_degrees() as f32, self.near),
         });
-        if self.azimuthal.is_some() {
-            return;
-        }
-        let row = THETA_D * self.materials;
+        let row = self.row();
         let mut mean = vec![Vec3A::ZERO; row];
         for (root, weight) in steps {
             let place = (root * THETA_H as f64).min((THETA_H - 1) as f64 - 1e-6);
@@ -187,6 +192,11 @@ impl<'a> Lobe<'a> {
         self.means.append(&mut mean);
     }
 
+    /// Number of values at one half angle.
+    fn row(&self) -> usize {
+        THETA_D * self.azimuths * self.materials
+    }
+
     /// Calls `take` with the light from every direction of which something may be reflected at a
     /// point.
     #[inline(always)]
@@ -195,8 +205,7 @@ impl<'a> Lobe<'a> {
         let (normal, view) = (point.normal.as_vec3a(), point.view.as_vec3a());
         let (right, up) = point.normal.as_vec3().any_orthonormal_pair();
         let (right, up) = (Vec3A::from(right), Vec3A::from(up));
-        let pyramid = light.pyramid();
-        let row = THETA_D * self.materials;
+        let (pyramid, row, azimuthal) = (light.pyramid(), self.row(), self.azimuths > 1);
         for (index, ring) in self.rings.iter().enumerate() {
             let half_side = half_side(self.side, ring.level);
             for local in &self.halves[ring.first..ring.end] {
@@ -222,12 +231,13 @@ impl<'a> Lobe<'a> {
                 // vectors.
                 let irradiance = radiance * (cosine * 4.0 * cos_d * ring.solid_angle);
                 let direction = Vec3::from(towards);
-                if let Some(brdf) = self.azimuthal {
-                    let given = azimuthal(brdf, point, direction, Some(ring.theta_h));
+                let (column, next) = column_of(cos_d);
+                if azimuthal {
+                    let given =
+                        between_azimuths(&self.means, index * row, (column, next), azimuth(normal, half, towards));
                     take(&Arrival { direction, irradiance, values: [&[]; 4], weights: [0.0; 4], given: Some(given) });
                     continue;
                 }
-                let (column, next) = column_of(cos_d);
                 let at = index * row + column as usize * self.materials;
                 let pair = &self.means[at..at + 2 * self.materials];
                 let (here, beyond) = pair.split_at(self.materials);
@@ -242,7 +252,7 @@ impl<'a> Lobe<'a> {
     #[inline(always)]
     fn gather_lamps(&self, point: &SurfacePoint, light: &PrefilteredLight, mut take: impl FnMut(&Arrival<'_>)) {
         let (normal, view) = (point.normal.as_vec3a(), point.view.as_vec3a());
-        let row = THETA_D * self.materials;
+        let row = self.row();
         for &(towards, irradiance) in light.lamps() {
             let cosine = towards.dot(normal);
             if cosine <= 0.0 {
@@ -260,16 +270,19 @@ impl<'a> Lobe<'a> {
             }
             let irradiance = irradiance * (cosine * points);
             let direction = Vec3::from(towards);
-            if let Some(brdf) = self.azimuthal {
-                let given = azimuthal(brdf, point, direction, None);
-                take(&Arrival { direction, irradiance, values: [&[]; 4], weights: [0.0; 4], given: Some(given) });
+            let (line, beyond) = whole(((theta_h / 90.0).sqrt() * THETA_H as f32).min((THETA_H - 1) as f32 - 1e-3));
+            let (column, next) = column_of((0.5 * length).min(1.0));
+            if self.azimuths > 1 {
+                let place = azimuth(normal, sum / length, towards);
+                let [upper, lower] =
+                    [0, 1].map(|i| between_azimuths(&self.full, (line as usize + i) * row, (column, next), place));
+                let given = Some(upper + (lower - upper) * beyond);
+                take(&Arrival { direction, irradiance, values: [&[]; 4], weights: [0.0; 4], given });
                 continue;
             }
-            let (line, beyond) =
-                whole(((theta_h / 90.0).sqrt() * THETA_H as f32).min((THETA_H - 1) as f32 - 1e-3));
-            let (column, next) = column_of((0.5 * length).min(1.0));
             let at = line as usize * row + column as usize * self.materials;
-            let [upper, lower] = [at, at + row].map(|at| self.full[at..at + 2 * self.materials].split_at(self.materials));
+            let [upper, lower] =
+                [at, at + row].map(|at| self.full[at..at + 2 * self.materials].split_at(self.materials));
             take(&Arrival {
                 direction,
                 irradiance,
@@ -291,10 +304,36 @@ impl<'a> Lobe<'a> {
     }
 }
 
-/// Value of a material that depends on the azimuth, at its very half angle or at a given one.
-fn azimuthal(brdf: &dyn Brdf, point: &SurfacePoint, direction: Vec3, theta_h: Option<f64>) -> Vec3A {
-    let angles = half_difference(point.normal, direction.as_dvec3(), point.view);
-    brdf.eval(theta_h.unwrap_or(angles.theta_h), angles.theta_d, angles.phi_d).as_vec3a()
+/// Place of the azimuth of the difference among [`AZIMUTHS`]: see
+/// [`half_difference`](crate::sphere::half_difference).
+#[inline(always)]
+fn azimuth(normal: Vec3A, half: Vec3A, towards: Vec3A) -> (usize, f32) {
+    let y = normal.cross(half);
+    let turn = share_of_half_turn(towards.dot(y), towards.dot(y.cross(half))) * AZIMUTHS as f32;
+    let first = (turn as usize).min(AZIMUTHS - 1);
+    (first, turn - first as f32)
+}
+
+/// Angle of the direction `(x, y)` or its opposite, in half turns: 0..=1, to 1e-5 (Abramowitz & Stegun
+/// 4.4.47).
+#[inline(always)]
+fn share_of_half_turn(y: f32, x: f32) -> f32 {
+    let (steep, flat) = (y.abs().max(x.abs()), y.abs().min(x.abs()));
+    let a = flat / steep.max(1e-30);
+    let b = a * a;
+    let angle = a * (0.999_866 + b * (-0.330_299_5 + b * (0.180_141 + b * (-0.085_133 + b * 0.020_835_1)))) / PI;
+    let angle = if y.abs() > x.abs() { 0.5 - angle } else { angle };
+    if (y < 0.0) == (x < 0.0) { angle } else { 1.0 - angle }
+}
+
+/// Value of a material between the azimuths and difference angles of a row of its table.
+#[inline(always)]
+fn between_azimuths(table: &[Vec3A], row: usize, (column, next): (u32, f32), (first, beyond): (usize, f32)) -> Vec3A {
+    let at = row + column as usize * AZIMUTHS;
+    let second = (first + 1) % AZIMUTHS;
+    let along = |at: usize| table[at + first] + (table[at + second] - table[at + first]) * beyond;
+    let here = along(at);
+    here + (along(at + AZIMUTHS) - here) * next
 }
 
 /// Share of the way between two values, in 0..=1; beyond both if they are equal.
@@ -391,8 +430,7 @@ mod tests {
     #[test]
     fn it_shows_what_the_integrator_does() {
         let tree = LightTree::of_map(&light_map(256, lamp));
-        let lobe =
-            |width: f64| BivariateTable::from_fn(|h, d| 0.1 + d + 3.0 / (1.0 + (h / width).powi(2)).powi(2));
+        let lobe = |width: f64| BivariateTable::from_fn(|h, d| 0.1 + d + 3.0 / (1.0 + (h / width).powi(2)).powi(2));
         for (width, median, worst) in [(1.0, 0.003, 0.02), (0.2, 0.003, 0.03), (0.05, 0.005, 0.08)] {
             for (settings, times) in [(LobeSettings::FINE, 1.0), (LobeSettings::DRAFT, 3.0)] {
                 let off = errors(&lobe(width), &tree, settings);
@@ -419,6 +457,19 @@ mod tests {
     }
 
     #[test]
+    fn angles_are_those_of_the_library() {
+        for i in 0..720 {
+            let angle = 0.5 * i as f32 + 0.01;
+            let (y, x) = angle.to_radians().sin_cos();
+            let want = (angle % 180.0) / 180.0;
+            assert!((share_of_half_turn(y, x) - want).abs() < 2e-5, "{angle}");
+            if angle < 90.0 {
+                assert!((degrees_of_cosine(x) - angle).abs() < 0.02, "{angle}");
+            }
+        }
+    }
+
+    #[test]
     fn the_azimuth_of_a_table_counts() {
         let tree = LightTree::of_map(&light_map(64, |d| 1.5 + d.y));
         let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 / (1.0 + (h / 0.3).powi(2)).powi(2));
@@ -428,7 +479,8 @@ mod tests {
             let phi_d = ((k % crate::reflectance::PHI_D) as f32).to_radians();
             if *value < 0.0 { *value } else { value * (1.0 + 0.5 * phi_d.cos().powi(2)) }
         };
-        let merl = MerlTable::from_channels([0, 1, 2].map(|c| even.channel(c).iter().enumerate().map(turned).collect()));
+        let merl =
+            MerlTable::from_channels([0, 1, 2].map(|c| even.channel(c).iter().enumerate().map(turned).collect()));
         assert!(!merl.is_bivariate());
         let off = errors(&merl, &tree, LobeSettings::FINE);
         assert!(off[off.len() / 2] < 0.005 && off[off.len() - 1] < 0.02, "{off:?}");

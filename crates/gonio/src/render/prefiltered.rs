@@ -29,8 +29,7 @@ impl PrefilteredLight {
     /// Filters a light. Fluxes are kept exactly; texels are about as wide as those of the light.
     pub fn of(tree: &LightTree) -> Self {
         let side = (tree.rows() * 3 / 2).next_power_of_two().clamp(SIDES.0, SIDES.1);
-        let parts: Vec<Vec<(DVec3, f64)>> =
-            (0..PARTS).into_par_iter().map(|part| splat(tree, side, part)).collect();
+        let parts: Vec<Vec<(DVec3, f64)>> = (0..PARTS).into_par_iter().map(|part| splat(tree, side, part)).collect();
         let mut texels = vec![(DVec3::ZERO, 0.0); side * side];
         for part in &parts {
             texels.iter_mut().zip(part).for_each(|(sum, add)| *sum = (sum.0 + add.0, sum.1 + add.1));

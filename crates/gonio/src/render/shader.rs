@@ -14,7 +14,7 @@ use crate::shape::SurfacePoint;
 
 /// A material in a light.
 pub(super) enum Shader<'a> {
-    Lobes { lobe: Lobe<'a>, light: PrefilteredLight },
+    Lobes { lobe: Lobe, light: PrefilteredLight },
     Bound { brdf: &'a dyn Brdf, envelope: BivariateTable, light: &'a LightTree, settings: IntegratorSettings },
 }
 

@@ -3,8 +3,8 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::brdf::Brdf;
 use super::Accuracy;
+use super::brdf::Brdf;
 use super::integrate::{IntegratorSettings, nodes};
 use super::linear::envelope;
 use super::rows::picture_of;

@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Vec3};
 
-use super::brdf::Brdf;
 use super::Accuracy;
+use super::brdf::Brdf;
 use super::integrate::Nodes;
 use super::rows::picture_of;
 use super::shader::Shader;

@@ -112,7 +112,8 @@ impl LightTree {
     }
 
     fn build(chart: Chart, width: usize, height: usize, value: &dyn Fn(usize, usize) -> Vec3) -> Self {
-        let mut tree = Self { chart, nodes: Vec::with_capacity(width * height * 4 / 3 + 8), turn: DQuat::IDENTITY, rows: height };
+        let mut tree =
+            Self { chart, nodes: Vec::with_capacity(width * height * 4 / 3 + 8), turn: DQuat::IDENTITY, rows: height };
         let whole = [0, width, 0, height];
         let root = tree.leaf(whole, (width, height), Vec3::ZERO);
         tree.nodes.push(root);

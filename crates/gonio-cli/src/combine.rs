@@ -9,7 +9,7 @@ use serde_json::json;
 
 use crate::input;
 use crate::outcome::Outcome;
-use crate::progress::Bars;
+use crate::progress::Stages;
 use crate::remedy::plain;
 
 /// Options of `gonio combine`.
@@ -27,8 +27,8 @@ pub(crate) struct Options {
 }
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
-    let bars = Bars::default();
-    let listener = |stage, fraction| bars.at(stage, fraction);
+    let line = Stages::new("reading");
+    let listener = |stage, fraction| line.at(stage, fraction);
     let journal = Journal::new("reading", &listener);
     let given = combine::read_posteriors(&options.folders).map_err(plain)?;
     let (model, name) = input::model(options.model.as_deref())?;
@@ -36,7 +36,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let answer = combine::combine((&model, &name), &given, &journal).map_err(plain)?;
     journal.at("writing", 0.0);
     folder.fill(&answer.files().map_err(plain)?.encode())?;
-    bars.finish();
+    line.finish();
     let [low, median, high] = answer.material.gloss;
     let output = options.output.display().to_string();
     let text = format!(

@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::infer::parse_circle;
 use crate::merge::write_all;
 use crate::outcome::Outcome;
-use crate::progress::Bars;
+use crate::progress::Stages;
 use crate::reading::ReadingOptions;
 use crate::remedy::{self, plain};
 
@@ -116,10 +116,10 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if [&options.image].into_iter().chain(&options.exposures).chain(&options.second).any(|image| image == output) {
         bail!("{}: is the photograph itself; write to another name", output.display());
     }
-    let bars = Bars::default();
-    let listener = |stage, fraction| bars.at(stage, fraction);
+    let line = Stages::new("reading");
+    let listener = |stage, fraction| line.at(stage, fraction);
     let probe = light_probe(options.mirror(), &Journal::new("reading", &listener)).map_err(plain)?;
-    bars.finish();
+    line.finish();
     let (map, picture) = probe.encode();
     let drawn = output.with_extension("light.png");
     write_all(&[(output.clone(), map), (drawn.clone(), picture)])?;

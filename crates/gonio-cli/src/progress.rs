@@ -1,69 +1,135 @@
-//! Bars on standard error for work that takes longer than a second.
+//! A line on standard error that tells what is going on.
 
 use std::sync::Mutex;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// Progress of one stage; silent during its first second and where standard error is no terminal.
+/// Steps of a bar; the last is never shown, for something is still going on.
+const STEPS: u64 = 1000;
+
+/// Time after which the line appears: what is quicker needs none.
+const PATIENCE: Duration = Duration::from_millis(200);
+
+/// Time between two states of the sign of life.
+const TICK: Duration = Duration::from_millis(100);
+
+/// Line of a stage before a fraction of it is known, and after.
+const WITHOUT_BAR: &str = "{spinner} {msg} {elapsed}";
+const WITH_BAR: &str = "{spinner} {msg} {elapsed} [{bar:30}] {percent:>2} %";
+
+/// Progress of one stage; silent at first, and where standard error is no terminal.
 pub(crate) struct Stage {
     bar: ProgressBar,
     start: Instant,
 }
 
-/// Steps of a bar.
-const STEPS: u64 = 1000;
-
 impl Stage {
     pub(crate) fn new(name: &'static str) -> Self {
         let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::hidden());
-        let style = ProgressStyle::with_template("{msg:28} [{bar:40}] {percent:>3} %  {eta} left");
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
+        bar.set_style(style(WITHOUT_BAR));
         bar.set_message(name);
+        // Appears by itself, however long the stage is silent.
+        let line = bar.downgrade();
+        thread::spawn(move || {
+            thread::sleep(PATIENCE);
+            if let Some(bar) = line.upgrade().filter(|bar| !bar.is_finished()) {
+                bar.set_draw_target(ProgressDrawTarget::stderr());
+                bar.enable_steady_tick(TICK);
+            }
+        });
         Self { bar, start: Instant::now() }
     }
 
     /// Tells that a fraction (0..=1) of the stage is done.
     pub(crate) fn at(&self, fraction: f64) {
-        if self.bar.is_hidden() && self.start.elapsed() > Duration::from_secs(1) {
-            self.bar.set_draw_target(ProgressDrawTarget::stderr());
-        }
-        let position = (fraction.clamp(0.0, 1.0) * STEPS as f64) as u64;
+        let position = ((fraction.clamp(0.0, 1.0) * STEPS as f64) as u64).min(STEPS - STEPS / 100);
+        let before = self.bar.position();
         // Several threads report: the bar never goes back.
-        self.bar.set_position(position.max(self.bar.position()));
+        if position > before {
+            if before == 0 {
+                self.bar.set_style(style(WITH_BAR));
+            }
+            self.bar.set_position(position);
+        }
     }
 
-    /// Takes the bar away and says how long the stage took, in seconds.
+    /// Goes on with another stage, of which no fraction is known yet.
+    fn go_on(&self, name: &'static str) {
+        self.bar.set_style(style(WITHOUT_BAR));
+        self.bar.set_position(0);
+        self.bar.set_message(name);
+    }
+
+    /// Takes the line away and says how long the stage took, in seconds.
     pub(crate) fn finish(self) -> f64 {
         self.bar.finish_and_clear();
         self.start.elapsed().as_secs_f64()
     }
 }
 
-/// Bars of stages that follow each other.
-#[derive(Default)]
-pub(crate) struct Bars(Mutex<Option<(&'static str, Stage)>>);
+fn style(template: &str) -> ProgressStyle {
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    style.progress_chars("=> ")
+}
 
-impl Bars {
+/// A line for stages that follow each other.
+pub(crate) struct Stages {
+    line: Stage,
+    on: Mutex<&'static str>,
+}
+
+impl Stages {
+    /// Begins with a stage.
+    pub(crate) fn new(first: &'static str) -> Self {
+        Self { line: Stage::new(first), on: Mutex::new(first) }
+    }
+
     /// Tells that a fraction (0..=1) of a stage is done; a stage that is told of for the first time
     /// takes the place of the one before.
     pub(crate) fn at(&self, stage: &'static str, fraction: f64) {
-        let Ok(mut on) = self.0.lock() else { return };
-        if on.as_ref().is_none_or(|(name, _)| *name != stage) {
-            if let Some((_, before)) = on.take() {
-                before.finish();
+        let Ok(mut on) = self.on.lock() else { return };
+        if *on != stage {
+            // The end of a stage is told when the next begins.
+            if fraction >= 1.0 {
+                return;
             }
-            *on = Some((stage, Stage::new(stage)));
+            *on = stage;
+            self.line.go_on(stage);
         }
-        if let Some((_, bar)) = &*on {
-            bar.at(fraction);
+        if fraction < 1.0 {
+            self.line.at(fraction);
         }
     }
 
-    /// Takes the last bar away.
-    pub(crate) fn finish(&self) {
-        if let Some((_, last)) = self.0.lock().ok().and_then(|mut on| on.take()) {
-            last.finish();
+    /// Takes the line away.
+    pub(crate) fn finish(self) {
+        self.line.finish();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bar_rises_and_is_never_full() {
+        let stage = Stage::new("drawing");
+        for (fraction, position) in [(0.0, 0), (0.5, 500), (0.25, 500), (1.0, 990), (f64::NAN, 990)] {
+            stage.at(fraction);
+            assert_eq!(stage.bar.position(), position);
         }
+    }
+
+    #[test]
+    fn a_stage_takes_the_place_of_the_one_before() {
+        let stages = Stages::new("reading");
+        stages.at("reading", 0.7);
+        stages.at("drawing", 0.0);
+        assert_eq!((stages.line.bar.message(), stages.line.bar.position()), ("drawing".to_owned(), 0));
+        stages.at("reading", 1.0);
+        stages.at("drawing", 0.2);
+        assert_eq!((stages.line.bar.message(), stages.line.bar.position()), ("drawing".to_owned(), 200));
     }
 }

@@ -1,7 +1,6 @@
 //! `gonio train`: the priors of light and reflectance from measurements.
 
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 
 use anyhow::Result;
 use gonio::reflectance::nmf::NmfSettings;
@@ -17,7 +16,7 @@ use gonio_io::model::{
 use serde_json::{Value, json};
 
 use crate::outcome::Outcome;
-use crate::progress::Stage;
+use crate::progress::Stages;
 
 /// Part of a model to learn.
 #[derive(clap::Subcommand)]
@@ -176,37 +175,11 @@ fn written(output: &Path, provenance: &str) -> Outcome {
     Outcome::new(format!("{output}: {provenance}"), json!({ "output": output, "provenance": provenance }))
 }
 
-/// A bar for each stage that is reported.
-#[derive(Default)]
-struct Bars(Mutex<Option<(&'static str, Stage)>>);
-
-impl Bars {
-    fn at(&self, name: &'static str, fraction: f64) {
-        let Ok(mut current) = self.0.lock() else { return };
-        if current.as_ref().is_none_or(|(last, _)| *last != name) {
-            if let Some((_, last)) = current.take() {
-                last.finish();
-            }
-            *current = Some((name, Stage::new(name)));
-        }
-        if let Some((_, stage)) = current.as_ref() {
-            stage.at(fraction);
-        }
-    }
-
-    /// Takes the last one away.
-    fn finish(self) {
-        if let Ok(Some((_, last))) = self.0.into_inner() {
-            last.finish();
-        }
-    }
-}
-
-/// Learns with bars; settings are called as the command line calls them.
+/// Learns beside a line of progress; settings are called as the command line calls them.
 fn learn<T>(job: impl FnOnce(training::Progress<'_>) -> Result<T, TrainingError>) -> Result<T> {
-    let bars = Bars::default();
-    let learnt = job(&|name, fraction| bars.at(name, fraction));
-    bars.finish();
+    let line = Stages::new("reading");
+    let learnt = job(&|name, fraction| line.at(name, fraction));
+    line.finish();
     learnt.map_err(|error| match error {
         TrainingError::Setting(problem) => anyhow::anyhow!("--{problem}"),
         error => error.into(),

@@ -15,7 +15,7 @@ use serde_json::json;
 
 use crate::input;
 use crate::outcome::Outcome;
-use crate::progress::Bars;
+use crate::progress::Stages;
 use crate::reading::ReadingOptions;
 use crate::remedy::{self, plain};
 use crate::surface::SurfaceOptions;
@@ -270,8 +270,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         report: !options.no_report,
         words: &remedy::words,
     };
-    let bars = Bars::default();
-    let listener = |stage, fraction| bars.at(stage, fraction);
+    let line = Stages::new("model");
+    let listener = |stage, fraction| line.at(stage, fraction);
     let journal = Journal::new("model", &listener);
     let (model, name) = input::model(options.model.as_deref())?;
     // Made before the long work: a folder that cannot be made is told at once.
@@ -280,11 +280,15 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let inferred = infer_all((&model, &name), scene, regions.as_ref(), &settings, &journal).map_err(plain)?;
     let answer = match inferred {
         Inferred::One(answer) => answer,
-        Inferred::Several(several) => return write_regions(&several, folder, &journal, &bars, start),
+        Inferred::Several(several) => {
+            let outcome = write_regions(&several, folder, &journal, start);
+            line.finish();
+            return outcome;
+        }
     };
     journal.at("writing", 0.0);
     folder.fill(&answer.files().map_err(plain)?.encode())?;
-    bars.finish();
+    line.finish();
     let output = options.output.display().to_string();
     let page = if options.no_report { "result.json" } else { "report.html" };
     let text = format!(
@@ -302,17 +306,10 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 }
 
 /// Writes the results of several regions.
-fn write_regions(
-    several: &Several,
-    folder: StagedFolder,
-    journal: &Journal<'_>,
-    bars: &Bars,
-    start: Instant,
-) -> Result<Outcome> {
+fn write_regions(several: &Several, folder: StagedFolder, journal: &Journal<'_>, start: Instant) -> Result<Outcome> {
     journal.at("writing", 0.0);
     let output = folder.target().display().to_string();
     folder.fill(&several.files().map_err(plain)?)?;
-    bars.finish();
     let names: Vec<&str> = several.regions.iter().map(|region| region.name.as_str()).collect();
     let seconds = start.elapsed().as_secs_f64();
     let text = format!("{output}: BRDFs of {} regions ({}) in {seconds:.1} s", names.len(), names.join(", "));

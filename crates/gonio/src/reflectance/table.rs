@@ -62,8 +62,11 @@ pub(crate) fn nearest_trusted(cell: usize) -> usize {
 
 /// Whether light and view are both above the surface at this half/difference direction.
 pub(crate) fn above_horizon(theta_h: f64, theta_d: f64, phi_d: f64) -> bool {
-    let vertical = theta_h.cos() * theta_d.cos();
-    let lateral = theta_h.sin() * theta_d.sin() * phi_d.cos();
+    are_above_horizon(theta_h.cos() * theta_d.cos(), theta_h.sin() * theta_d.sin() * phi_d.cos())
+}
+
+/// Whether both cosines, `vertical - lateral` and `vertical + lateral`, are positive.
+fn are_above_horizon(vertical: f64, lateral: f64) -> bool {
     vertical - lateral > 0.0 && vertical + lateral > 0.0
 }
 
@@ -247,17 +250,17 @@ impl MerlTable {
 
     /// Spreads one bivariate table per channel over `phi_d`; cells below the horizon become -1.
     pub fn from_bivariate(rgb: [&BivariateTable; 3]) -> Self {
-        Self::from_channels(rgb.map(|table| {
-            let mut out = Vec::with_capacity(Self::CHANNEL);
-            for c in 0..CELLS {
-                let (h, d) = angles_of(c);
-                out.extend((0..PHI_D).map(|k| {
-                    let valid = above_horizon(h, d, (k as f64).to_radians());
-                    if valid { table.values[c] } else { -1.0 }
-                }));
+        // The trigonometry is done once for all cells and channels.
+        let cosines: [f64; PHI_D] = std::array::from_fn(|k| (k as f64).to_radians().cos());
+        let mut channels = rgb.map(|_| Vec::with_capacity(Self::CHANNEL));
+        for c in 0..CELLS {
+            let ((sin_h, cos_h), (sin_d, cos_d)) = (angles_of(c).0.sin_cos(), angles_of(c).1.sin_cos());
+            let valid = cosines.map(|cos_phi| are_above_horizon(cos_h * cos_d, sin_h * sin_d * cos_phi));
+            for (channel, table) in channels.iter_mut().zip(rgb) {
+                channel.extend(valid.iter().map(|valid| if *valid { table.values[c] } else { -1.0 }));
             }
-            out
-        }))
+        }
+        Self::from_channels(channels)
     }
 
     /// Whether no cell depends on `phi_d`, as in tables made by [`Self::from_bivariate`].

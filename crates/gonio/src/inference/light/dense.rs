@@ -2,8 +2,9 @@
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
+use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Mat, MatMut, Par};
+use faer::{Accum, Mat, MatMut, Par};
 use rayon::prelude::*;
 
 use crate::transfer::column_bands;
@@ -20,13 +21,31 @@ pub(crate) struct Cholesky {
 }
 
 impl Cholesky {
-    /// Factorises the matrix whose lower triangle is given. `None` where it is not positive
-    /// definite or not finite.
+    /// Factorises the matrix whose lower triangle is given, band by band. `None` where it is not
+    /// positive definite or not finite.
     pub(crate) fn new(mut lower: Mat<f64>) -> Option<Self> {
         let size = lower.nrows();
-        let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
-        let stack = MemStack::new(&mut memory);
-        cholesky_in_place(lower.as_mut(), Default::default(), Par::Seq, stack, Default::default()).ok()?;
+        let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(BAND, Par::Seq, Default::default()));
+        for first in (0..size).step_by(BAND) {
+            let width = BAND.min(size - first);
+            let rest = lower.as_mut().submatrix_mut(first, first, size - first, size - first);
+            let (left, mut right) = rest.split_at_col_mut(width);
+            let (mut corner, below) = left.split_at_row_mut(width);
+            let stack = MemStack::new(&mut memory);
+            cholesky_in_place(corner.as_mut(), Default::default(), Par::Seq, stack, Default::default()).ok()?;
+            // Below it `L_21 = A_21 L_11^-T`, right of that `A_22 - L_21 L_21'`.
+            let (corner, mut below) = (corner.as_ref(), below.transpose_mut());
+            bands_of(below.as_mut()).into_par_iter().for_each(|(_, band)| {
+                solve_lower_triangular_in_place(corner, band, Par::Seq);
+            });
+            let below = below.as_ref();
+            let trailing = right.as_mut().subrows_mut(width, size - first - width);
+            bands_of(trailing).into_par_iter().for_each(|(at, band)| {
+                let rows = below.ncols() - at;
+                let (a, b) = (below.subcols(at, rows).transpose(), below.subcols(at, band.ncols()));
+                matmul(band.subrows_mut(at, rows), Accum::Add, a, b, -1.0, Par::Seq);
+            });
+        }
         (0..size).all(|i| lower[(i, i)].is_finite()).then_some(Self { lower })
     }
 
@@ -86,4 +105,25 @@ impl Cholesky {
 pub(super) fn bands_of<T>(matrix: MatMut<'_, T>) -> Vec<(usize, MatMut<'_, T>)> {
     let count = matrix.ncols().div_ceil(BAND).max(1);
     column_bands(matrix, count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::random;
+
+    #[test]
+    fn the_factor_by_bands_gives_the_matrix_back() {
+        for n in [1, 5, BAND, BAND + 1, 3 * BAND + 7] {
+            let a = random(n * n, 3);
+            let x = Mat::from_fn(n, n, |i, j| a[i * n + j]);
+            let h = &x * x.transpose() + Mat::<f64>::identity(n, n);
+            let factor = Cholesky::new(h.clone()).unwrap();
+            let lower = Mat::from_fn(n, n, |i, j| if j > i { 0.0 } else { factor.lower[(i, j)] });
+            let off = &lower * lower.transpose() - &h;
+            assert!(off.norm_max() < 1e-12 * h.norm_max() * n as f64, "{n}: {}", off.norm_max());
+        }
+        let saddle = Mat::from_fn(300, 300, |i, j| if i != j { 0.0 } else if i == 200 { -1.0 } else { 1.0 });
+        assert!(Cholesky::new(saddle).is_none());
+    }
 }

@@ -8,6 +8,11 @@ use rayon::prelude::*;
 
 use super::dense::{Cholesky, bands_of};
 use crate::linalg::squared_norms;
+use crate::transfer::kernels::{axpy, dot};
+
+/// Rows of an image, and least number of coefficients, that one thread computes at a time.
+const ROWS: usize = 256;
+const COLUMNS: usize = 32;
 
 /// Matrix that is factorised, of two with the same determinant; `X = B V^(1/2)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,19 +47,19 @@ impl Design {
     /// `B x` (rows).
     pub(super) fn times(&self, x: &[f64]) -> Vec<f64> {
         let mut out = vec![0.0; self.matrix.nrows()];
-        for (m, x) in x.iter().enumerate() {
-            if *x != 0.0 {
-                for (out, b) in out.iter_mut().zip(self.matrix.col(m).iter()) {
-                    *out += x * b;
-                }
+        out.par_chunks_mut(ROWS).enumerate().for_each(|(part, out)| {
+            let rows = part * ROWS..part * ROWS + out.len();
+            for (m, x) in x.iter().enumerate().filter(|(_, x)| **x != 0.0) {
+                axpy(*x, &self.matrix.col_as_slice(m)[rows.clone()], out);
             }
-        }
+        });
         out
     }
 
     /// `B' e` (M).
     pub(super) fn adjoint(&self, e: &[f64]) -> Vec<f64> {
-        (0..self.matrix.ncols()).map(|m| self.matrix.col(m).iter().zip(e).map(|(b, e)| b * e).sum()).collect()
+        let columns = (0..self.matrix.ncols()).into_par_iter().with_min_len(COLUMNS);
+        columns.map(|m| dot(self.matrix.col_as_slice(m), e)).collect()
     }
 
     /// `rho B'B + diag(d)` (M x M): the precision of the posterior under prior precisions `d`.
@@ -70,8 +75,8 @@ pub(super) struct Factor<'a> {
     design: &'a Design,
     variances: Vec<f64>,
     rho: f64,
-    /// `B V^(1/2)`, rows x M.
-    scaled: Mat<f64>,
+    /// `B V^(1/2)` (rows x M), in the form by rows.
+    scaled: Option<Mat<f64>>,
     /// Cholesky factor of the form's matrix.
     cholesky: Cholesky,
     /// `L^-1 X` (rows x M) in the form by rows, `L^-1` (M x M) in the form by light.
@@ -85,13 +90,17 @@ impl<'a> Factor<'a> {
         let m = design.matrix.ncols();
         assert_eq!(variances.len(), m);
         let roots: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
-        let mut scaled = design.matrix.clone();
-        for (column, root) in scaled.as_mut().col_iter_mut().zip(&roots) {
-            column.iter_mut().for_each(|x| *x *= root);
-        }
-        let mut lower = match &design.gram {
-            None => lower_of_product(scaled.as_ref(), scaled.transpose()),
-            Some(gram) => Mat::from_fn(m, m, |i, j| if i < j { 0.0 } else { gram[(i, j)] * (roots[i] * roots[j]) }),
+        let scaled = design.gram.is_none().then(|| {
+            let mut scaled = design.matrix.clone();
+            for (column, root) in scaled.as_mut().col_iter_mut().zip(&roots) {
+                column.iter_mut().for_each(|x| *x *= root);
+            }
+            scaled
+        });
+        let mut lower = match (&design.gram, &scaled) {
+            (_, Some(scaled)) => lower_of_product(scaled.as_ref(), scaled.transpose()),
+            (None, None) => unreachable!("one of the two"),
+            (Some(gram), None) => Mat::from_fn(m, m, |i, j| if i < j { 0.0 } else { gram[(i, j)] * (roots[i] * roots[j]) }),
         };
         for (j, column) in lower.as_mut().col_iter_mut().enumerate() {
             for (i, x) in column.iter_mut().enumerate().skip(j) {
@@ -168,8 +177,8 @@ impl<'a> Factor<'a> {
         if self.solved.is_some() {
             return;
         }
-        let solved = if self.by_rows() {
-            let mut solved = self.scaled.clone();
+        let solved = if let Some(scaled) = &self.scaled {
+            let mut solved = scaled.clone();
             let lower = self.cholesky.lower.as_ref();
             bands_of(solved.as_mut()).into_par_iter().for_each(|(_, band)| {
                 solve_lower_triangular_in_place(lower, band, Par::Seq);

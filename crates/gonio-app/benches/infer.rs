@@ -1,0 +1,199 @@
+//! The whole of `infer` and each of its stages, beside what the machine can do:
+//! `cargo bench -p gonio-app`. docs/performance.md holds a table of it.
+//!
+//! `cargo bench -p gonio-app -- quick` leaves out the largest inputs.
+
+use std::time::Instant;
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
+use gonio::lighting::studio_light;
+use gonio::model::Model;
+use gonio::picture::{Picture, Plane};
+use gonio::reflectance::BivariateTable;
+use gonio::reflectance::parametric::{Ggx, Parametric};
+use gonio::render::{LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface};
+use gonio::scene::Correction;
+use gonio::shape::{Form as OwnForm, GeometryBuffer, MeshParts};
+use gonio_app::{Colours, Form, Journal, Method, Normals, Reading, Scene, Settings, Shape, Shots, Source, infer};
+
+/// Side of the products by which the machine is measured, and their number.
+const PRODUCT: usize = 2000;
+const PRODUCTS: usize = 3;
+
+/// Times that each input is inferred; the fastest counts.
+const RUNS: usize = 3;
+
+/// Stages in their order.
+const STAGES: [&str; 8] = ["reading", "shadows", "posterior", "transfer", "light", "colour", "drawing", "files"];
+
+fn main() {
+    // Cargo passes `--bench`.
+    let quick = std::env::args().any(|argument| argument == "quick");
+    let unit = products();
+    let rate = PRODUCTS as f64 * 2.0 * (PRODUCT as f64).powi(3) / unit / 1e9;
+    println!("{PRODUCTS} products of {PRODUCT} x {PRODUCT} in f64: {unit:.3} s, {rate:.0} GFLOP/s\n");
+    let model = gonio_io::model::embedded().expect("the model is part of the program");
+    let bench = Bench { model, unit };
+    bench.head();
+    let sample = Scene { shots: Shots::Files(vec![sample_file()]), ..scene(ball(8), Form::Sphere(None)) };
+    bench.row("samples/ball.exr", &sample, 32, true);
+    bench.row("the same, no report", &sample, 32, false);
+    bench.row("the same, light of 16 x 16", &sample, 16, true);
+    if !quick {
+        bench.row("the same, light of 64 x 64", &sample, 64, true);
+    }
+    bench.row("normals of 288 x 244", &by_normals(288, 244), 32, true);
+    bench.row("normals of 576 x 488", &by_normals(576, 488), 32, true);
+    for side in [64, 256, 1024, 4096].into_iter().filter(|side| !quick || *side < 4096) {
+        bench.row(&format!("ball of {side} x {side}"), &scene(ball(side), Form::Sphere(None)), 32, true);
+    }
+    for cells in [40, 80, 190].into_iter().filter(|cells| !quick || *cells < 190) {
+        let (triangles, scene) = by_mesh(cells);
+        bench.row(&format!("bunny of {triangles} triangles, 256 x 256"), &scene, 32, true);
+    }
+    println!();
+    let light = LightTree::of_map(&studio_light(512));
+    let settings = SphereSettings::default();
+    let start = Instant::now();
+    render_sphere(&material(), &light, &settings, &|_| ());
+    let took = start.elapsed().as_secs_f64();
+    println!("sphere of 256 x 256 under a map of 1024 x 512: {took:.2} s, {:.1} units", took / unit);
+}
+
+/// Time in seconds of the products, the unit of all others: it says what these cores can do now.
+fn products() -> f64 {
+    let entry = |i: usize, j: usize| ((i * 7 + j * 13) % 17) as f64 / 17.0;
+    let (a, b) = (Mat::from_fn(PRODUCT, PRODUCT, entry), Mat::from_fn(PRODUCT, PRODUCT, entry));
+    let mut out = Mat::<f64>::zeros(PRODUCT, PRODUCT);
+    let mut run = || {
+        let start = Instant::now();
+        for _ in 0..PRODUCTS {
+            matmul(out.as_mut(), Accum::Replace, a.as_ref(), b.as_ref(), 1.0, Par::rayon(0));
+        }
+        start.elapsed().as_secs_f64()
+    };
+    run();
+    (0..RUNS).map(|_| run()).fold(f64::INFINITY, f64::min)
+}
+
+struct Bench {
+    model: Model,
+    /// Seconds of the products.
+    unit: f64,
+}
+
+impl Bench {
+    fn head(&self) {
+        println!("seconds; the last column is the total in units of the products");
+        print!("{:42}", "");
+        STAGES.iter().for_each(|stage| print!("{stage:>10}"));
+        println!("{:>10}{:>10}", "total", "units");
+    }
+
+    fn row(&self, name: &str, scene: &Scene, side: usize, report: bool) {
+        let settings = Settings {
+            method: Method::Learnt,
+            side,
+            shadows: true,
+            colours: Colours::Estimate,
+            pictures: true,
+            report,
+            words: &|_| None,
+        };
+        let run = || {
+            let listener = |_: &'static str, _: f64| ();
+            let journal = Journal::new("reading", &listener);
+            let answer = infer((&self.model, "the model"), scene.clone(), &settings, &journal)
+                .unwrap_or_else(|problem| panic!("{name}: {problem:?}"));
+            let mut seconds = journal.seconds();
+            let start = Instant::now();
+            let files = answer.files().map(|files| files.encode().len());
+            assert!(files.is_ok_and(|count| count > 3), "{name}");
+            // The files are made but not written.
+            seconds.push(("files", start.elapsed().as_secs_f64()));
+            let total: f64 = seconds.iter().map(|s| s.1).sum();
+            (total, seconds)
+        };
+        let best = (0..RUNS).map(|_| run()).min_by(|a, b| a.0.total_cmp(&b.0)).expect("at least one run");
+        print!("{name:42}");
+        for stage in STAGES {
+            match best.1.iter().find(|s| s.0 == stage) {
+                Some((_, seconds)) => print!("{seconds:>10.3}"),
+                None => print!("{:>10}", ""),
+            }
+        }
+        println!("{:>10.3}{:>10.1}", best.0, best.0 / self.unit);
+    }
+}
+
+fn sample_file() -> std::path::PathBuf {
+    std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/ball.exr")
+}
+
+fn material() -> BivariateTable {
+    Ggx { diffuse: 0.3, f0: 0.04, alpha: 0.15 }.to_bivariate()
+}
+
+fn light() -> LightTree {
+    LightTree::of_map(&studio_light(128))
+}
+
+fn scene(picture: Picture, form: Form) -> Scene {
+    Scene {
+        name: "the photograph".into(),
+        shots: Shots::Here(picture),
+        reading: Reading::default(),
+        clip: None,
+        mask: None,
+        keep_colours: false,
+        shape: Shape::of(form),
+    }
+}
+
+/// A photograph of a ball, rendered at no more than 256 pixels a side and enlarged.
+fn ball(side: usize) -> Picture {
+    let small = side.min(256);
+    let picture = render_sphere(&material(), &light(), &SphereSettings { size: small, ..Default::default() }, &|_| ());
+    let times = side / small;
+    let large = |from: usize| from / times;
+    Picture {
+        rgb: Plane::from_fn(side, side, |x, y| picture.rgb[(large(x), large(y))]),
+        alpha: picture.alpha.map(|alpha| Plane::from_fn(side, side, |x, y| alpha[(large(x), large(y))])),
+    }
+}
+
+/// Photograph of one of our own forms before the default camera, with what was seen.
+fn photograph(mesh: MeshParts, size: (usize, usize)) -> (Picture, GeometryBuffer) {
+    let shape = Shape::of(Form::Mesh(Source::Here(mesh)));
+    let placed = shape.surface(size, &mut Vec::new()).ok().flatten().expect("a mesh before a camera");
+    let settings = SurfaceSettings::default();
+    let picture = render_surface(&material(), &light(), placed.surface.as_ref(), &placed.camera, &settings, &|_| ());
+    (picture, GeometryBuffer::of(placed.surface.as_ref(), &placed.camera))
+}
+
+fn form(form: OwnForm, cells: usize) -> MeshParts {
+    let mesh = form.mesh(cells).expect("our own form");
+    MeshParts {
+        positions: mesh.positions().to_vec(),
+        triangles: mesh.triangles().to_vec(),
+        normals: Some(mesh.normals().to_vec()),
+    }
+}
+
+fn by_normals(width: usize, height: usize) -> Scene {
+    let (picture, seen) = photograph(form(OwnForm::Blob, 60), (width, height));
+    let normals = Normals {
+        picture: Source::Here(seen.normals),
+        correction: Correction::default(),
+        trusted: true,
+        places: None,
+    };
+    scene(picture, Form::Normals(Box::new(normals)))
+}
+
+fn by_mesh(cells: usize) -> (usize, Scene) {
+    let mesh = form(OwnForm::Bunny, cells);
+    let (picture, _) = photograph(mesh.clone(), (256, 256));
+    (mesh.triangles.len(), scene(picture, Form::Mesh(Source::Here(mesh))))
+}

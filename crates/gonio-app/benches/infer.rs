@@ -183,12 +183,8 @@ fn form(form: OwnForm, cells: usize) -> MeshParts {
 
 fn by_normals(width: usize, height: usize) -> Scene {
     let (picture, seen) = photograph(form(OwnForm::Blob, 60), (width, height));
-    let normals = Normals {
-        picture: Source::Here(seen.normals),
-        correction: Correction::default(),
-        trusted: true,
-        places: None,
-    };
+    let normals =
+        Normals { picture: Source::Here(seen.normals), correction: Correction::default(), trusted: true, places: None };
     scene(picture, Form::Normals(Box::new(normals)))
 }
 

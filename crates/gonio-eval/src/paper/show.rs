@@ -102,6 +102,10 @@ impl Brdf for Green<'_> {
     fn envelope(&self) -> BivariateTable {
         self.0.bivariate(1)
     }
+
+    fn tables(&self) -> Option<[BivariateTable; 3]> {
+        None
+    }
 }
 
 #[cfg(test)]

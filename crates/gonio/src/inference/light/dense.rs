@@ -123,7 +123,15 @@ mod tests {
             let off = &lower * lower.transpose() - &h;
             assert!(off.norm_max() < 1e-12 * h.norm_max() * n as f64, "{n}: {}", off.norm_max());
         }
-        let saddle = Mat::from_fn(300, 300, |i, j| if i != j { 0.0 } else if i == 200 { -1.0 } else { 1.0 });
+        let saddle = Mat::from_fn(300, 300, |i, j| {
+            if i != j {
+                0.0
+            } else if i == 200 {
+                -1.0
+            } else {
+                1.0
+            }
+        });
         assert!(Cholesky::new(saddle).is_none());
     }
 }

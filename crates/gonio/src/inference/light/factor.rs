@@ -100,7 +100,9 @@ impl<'a> Factor<'a> {
         let mut lower = match (&design.gram, &scaled) {
             (_, Some(scaled)) => lower_of_product(scaled.as_ref(), scaled.transpose()),
             (None, None) => unreachable!("one of the two"),
-            (Some(gram), None) => Mat::from_fn(m, m, |i, j| if i < j { 0.0 } else { gram[(i, j)] * (roots[i] * roots[j]) }),
+            (Some(gram), None) => {
+                Mat::from_fn(m, m, |i, j| if i < j { 0.0 } else { gram[(i, j)] * (roots[i] * roots[j]) })
+            }
         };
         for (j, column) in lower.as_mut().col_iter_mut().enumerate() {
             for (i, x) in column.iter_mut().enumerate().skip(j) {

@@ -41,6 +41,11 @@ impl LightOperator {
         image
     }
 
+    /// The operator of the first `m` coefficients alone.
+    pub(super) fn first(&self, m: usize) -> Self {
+        Self { matrix: self.matrix.subcols(0, m).to_owned() }
+    }
+
     /// Multiplies each row by its factor.
     pub(super) fn scale_rows(&mut self, factors: &[f64]) {
         assert_eq!(factors.len(), self.rows());

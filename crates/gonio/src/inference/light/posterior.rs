@@ -90,8 +90,26 @@ impl LightInference<'_> {
         operator: &LightOperator,
         settings: &InferenceSettings,
     ) -> Result<LightPosterior, LightInferenceError> {
+        self.posterior_from(operator, settings, None)
+    }
+
+    /// Raises the bound as [`Self::posterior`] does, from what was found for the first coefficients
+    /// alone; finer ones start from the scales of their prior.
+    pub(super) fn posterior_from(
+        &self,
+        operator: &LightOperator,
+        settings: &InferenceSettings,
+        coarse: Option<&LightPosterior>,
+    ) -> Result<LightPosterior, LightInferenceError> {
         let design = self.design(operator);
-        let start = self.start(&design, settings);
+        let start = match coarse {
+            None => self.start(&design, settings),
+            Some(coarse) => {
+                let mut state = coarse.state.clone();
+                state.squares.extend(&self.scales.prior_squares()[state.squares.len()..]);
+                state
+            }
+        };
         self.climb(&design, start, settings)
     }
 

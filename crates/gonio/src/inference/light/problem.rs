@@ -36,9 +36,15 @@ pub enum LightError {
 }
 
 impl<'a> LightProblem<'a> {
-    /// Number of steps of expectation maximisation: the light is for display, and further steps
-    /// change little that is visible.
+    /// Number of steps of expectation maximisation on the coarsest grid: the light is for display,
+    /// and further steps change little that is visible.
     pub const STEPS: usize = 10;
+
+    /// Number of steps on each finer grid, from what was found on the one before.
+    pub const FINER_STEPS: usize = 5;
+
+    /// Coefficients of the coarsest grid, 16 x 16.
+    const COARSEST: usize = 256;
 
     /// Builds the problem from the luminances `values` (linear, `None` where not observed) of
     /// `points` of a BRDF (1/sr), for light of `settings.side` squared texels. The noise is that of
@@ -99,13 +105,26 @@ impl<'a> LightProblem<'a> {
         (self.target.iter().map(|t| t * t).sum::<f64>() / self.target.len() as f64).sqrt()
     }
 
-    /// Computes the posterior of the light, above all its mean, in [`Self::STEPS`] steps.
+    /// Computes the posterior of the light, above all its mean: in [`Self::STEPS`] steps on a
+    /// coarse grid, and from there in [`Self::FINER_STEPS`] on each that is twice as fine.
     ///
     /// # Errors
     /// As [`LightInference::posterior`].
     pub fn posterior(&self) -> Result<LightPosterior, LightError> {
-        let settings = InferenceSettings { max_steps: Self::STEPS, tolerance: 0.1, ..Default::default() };
-        Ok(self.inference.posterior(&self.operator, &settings)?)
+        let all = self.operator.m();
+        let mut found: Option<LightPosterior> = None;
+        let mut m = all.min(Self::COARSEST);
+        loop {
+            let max_steps = if found.is_none() { Self::STEPS } else { Self::FINER_STEPS };
+            let settings = InferenceSettings { max_steps, tolerance: 0.1, ..Default::default() };
+            if m == all {
+                return Ok(self.inference.posterior_from(&self.operator, &settings, found.as_ref())?);
+            }
+            // The coefficients of coarse scales come first.
+            let coarse = LightInference { scales: self.inference.scales.first(m), ..self.inference.clone() };
+            found = Some(coarse.posterior_from(&self.operator.first(m), &settings, found.as_ref())?);
+            m *= 4;
+        }
     }
 
     /// The mean of the light without negative texels.

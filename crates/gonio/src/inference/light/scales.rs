@@ -53,6 +53,11 @@ impl<'a> Scales<'a> {
         Self { densities, rectified }
     }
 
+    /// Priors of the first `m` coefficients alone.
+    pub(super) fn first(&self, m: usize) -> Self {
+        Self { densities: self.densities[..m].to_vec(), rectified: self.rectified.filter(|(at, _)| *at < m) }
+    }
+
     /// Means of the coefficients (M), that of the rectified one before rectification.
     pub(super) fn means(&self) -> Vec<f64> {
         let mean = |density: &Density<'_>| match *density {

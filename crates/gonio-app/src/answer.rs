@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use gonio::estimate::{
-    ALBEDO, Colouring, ColouringRule, Estimate, Light, LitEstimate, Material, Stage, estimate, estimate_under,
+    ALBEDO, Colouring, ColouringRule, Estimate, Light, LitEstimate, Material, Stage, estimate_beside, estimate_under,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid};
 use gonio::model::Model;
@@ -61,6 +61,8 @@ pub(crate) struct Found {
     left: (&'static str, f64),
     colouring: Colouring,
     pub(crate) sections: Value,
+    /// Renderers' models, where they were fitted already.
+    fits: Option<Fits>,
 }
 
 /// Normal albedo above which a reflectance cannot be absolute: no surface reflects more light than
@@ -168,12 +170,16 @@ pub(crate) fn solve(
             let table = material.table.clone();
             let left = ("misfit", misfit);
             let material = Some(material);
-            Ok(Found { table, scale, material, light: None, known_light, left, colouring, sections })
+            Ok(Found { table, scale, material, light: None, known_light, left, colouring, sections, fits: None })
         }
         (Method::Learnt, _) => {
             let ask = settings.estimate(*rule);
-            let found = estimate(model, observations, &ask, &begin).map_err(blame)?;
-            Ok(Found::blind(found, notes::settings(&ask, linear), warnings))
+            let wanted = settings.pictures && settings.report;
+            let fit = |table: &BivariateTable, colouring: &Colouring| {
+                wanted.then(|| Fits::of(&colouring.colours().tables(table)))
+            };
+            let (found, fits) = estimate_beside(model, observations, &ask, &begin, fit).map_err(blame)?;
+            Ok(Found { fits, ..Found::blind(found, notes::settings(&ask, linear), warnings) })
         }
         (method, known_light) => {
             let Some(search) = method.search() else { return Err(Problem::new("no light is given")) };
@@ -184,7 +190,7 @@ pub(crate) fn solve(
             sections["settings"]["linear"] = json!(linear);
             let known_light = known_light.clone();
             let left = ("noise", noise);
-            Ok(Found { table, scale: 1.0, material: None, light, known_light, left, colouring, sections })
+            Ok(Found { table, scale: 1.0, material: None, light, known_light, left, colouring, sections, fits: None })
         }
     }
 }
@@ -205,6 +211,7 @@ impl Found {
             left: ("misfit", misfit),
             colouring,
             sections,
+            fits: None,
         }
     }
 }
@@ -220,7 +227,7 @@ pub(crate) fn conclude(
     journal: &Journal<'_>,
 ) -> Answer {
     let Asked { model, rule: (rule, assumption), .. } = asked;
-    let Found { table, scale, material, light, known_light, left, colouring, sections } = found;
+    let Found { table, scale, material, light, known_light, left, colouring, sections, fits } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
         let problem = "the model has no model of colours: the BRDF has the median colour of the photograph";
         warnings.push(Warning::from(problem.to_owned()));
@@ -242,7 +249,7 @@ pub(crate) fn conclude(
         left,
         colouring,
     };
-    let fits = settings.pictures.then(|| answer.draw(settings.report, journal)).flatten();
+    let fits = settings.pictures.then(|| answer.draw(settings.report, fits, journal)).flatten();
     let seconds = journal.seconds();
     let total: f64 = seconds.iter().map(|(_, seconds)| seconds).sum();
     let (used, (word, left)) = (answer.seen.sighting.observations.report.used, answer.left);
@@ -288,13 +295,16 @@ impl Answer {
         }
     }
 
-    /// Draws the pictures, and beside it fits renderers' models if a page will show them.
-    fn draw(&mut self, report: bool, journal: &Journal<'_>) -> Option<Fits> {
+    /// Draws the pictures, and beside it fits renderers' models if a page will show them and there
+    /// are none yet.
+    fn draw(&mut self, report: bool, fits: Option<Fits>, journal: &Journal<'_>) -> Option<Fits> {
         journal.at("drawing", 0.0);
         let subject = self.subject();
         let tables = subject.coloured(&self.table);
-        let (panels, fits) =
-            rayon::join(|| Panels::draw(&subject, &|x| journal.at("drawing", x)), || report.then(|| Fits::of(&tables)));
+        let (panels, fits) = rayon::join(
+            || Panels::draw(&subject, &|x| journal.at("drawing", x)),
+            || fits.or_else(|| report.then(|| Fits::of(&tables))),
+        );
         self.panels = Some(panels);
         fits
     }

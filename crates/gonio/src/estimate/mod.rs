@@ -34,6 +34,7 @@ use crate::inference::ProductError;
 use crate::inference::known_light::KnownLightError;
 use crate::inference::light::LightError;
 use crate::model::Model;
+use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 use material::Impression;
 
@@ -146,18 +147,37 @@ pub fn estimate(
     settings: &EstimateSettings,
     progress: &(dyn Fn(Stage) + Sync),
 ) -> Result<Estimate, EstimateError> {
+    let found = estimate_beside(model, observations, settings, progress, |_, _| ());
+    found.map(|(estimate, ())| estimate)
+}
+
+/// Estimates as [`estimate`] does, and calls `beside` with the reflectance, in luminance, and the
+/// colours while the light is being found, which leaves a core idle half of the time.
+///
+/// # Errors
+/// As [`estimate`].
+///
+/// # Panics
+/// If nothing is observed.
+pub fn estimate_beside<T: Send>(
+    model: &Model,
+    observations: &Observations,
+    settings: &EstimateSettings,
+    progress: &(dyn Fn(Stage) + Sync),
+    beside: impl FnOnce(&BivariateTable, &Colouring) -> T + Send,
+) -> Result<(Estimate, T), EstimateError> {
     settings.check(model)?;
     progress(Stage::Material);
     let impression = Impression::of(model, observations, settings.side)?;
     let table = impression.table.clone();
-    // The factorisations of the light leave a core idle half of the time, so the posterior is
-    // described meanwhile.
-    let (material, light) =
-        rayon::join(|| impression.describe(), || Light::of(model, observations, &table, settings, progress));
-    let light = light?;
     progress(Stage::Colours);
-    let colouring = Colouring::of(model, observations, &material.table, &settings.colouring);
-    Ok(Estimate { material, light, colouring })
+    let colouring = Colouring::of(model, observations, &table, &settings.colouring);
+    // The posterior is described meanwhile, too.
+    let (light, (material, made)) = rayon::join(
+        || Light::of(model, observations, &table, settings, progress),
+        || (impression.describe(), beside(&table, &colouring)),
+    );
+    Ok((Estimate { material, light: light?, colouring }, made))
 }
 
 impl EstimateSettings {

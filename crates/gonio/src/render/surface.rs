@@ -177,8 +177,7 @@ mod tests {
         let world = Camera::framing(centre, radius, (12, 12), 0.05).unwrap();
         let bowl = Tracer::new(bowl.mesh().transformed(&world.to_world.inverse()).unwrap());
         let even = light(|_| 1.0);
-        let mut settings = SurfaceSettings::default();
-        settings.accuracy = accuracy;
+        let settings = SurfaceSettings { accuracy, ..SurfaceSettings::default() };
         let got = render_surface(&white, &even, &bowl, &world, &settings, &|_| ());
         let mut darkest = 1.0_f64;
         for (x, y) in (0..12).flat_map(|y| (0..12).map(move |x| (x, y))) {

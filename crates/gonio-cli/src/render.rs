@@ -43,8 +43,9 @@ pub(crate) struct Options {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     samples: u32,
     /// Bound the error: the light is divided until the sum of all error bounds is this share of the
-    /// radiance. 0.2 is an error of about half a percent, and takes ten times as long [default: half
-    /// vectors as fine as the light's pixels, an error of about half a percent without a bound]
+    /// radiance. 0.2 is an error of about half a percent, and takes five to ten times as long
+    /// [default: half vectors as fine as the light's pixels, an error of about half a percent
+    /// without a bound]
     #[arg(long)]
     tolerance: Option<f64>,
 }

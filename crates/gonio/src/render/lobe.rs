@@ -293,7 +293,8 @@ impl Lobe {
         }
     }
 
-    /// Radiance that each material reflects at a point, of whose light a share arrives by direction.
+    /// Radiance that each material reflects at a point; `open` is the share of the light that
+    /// arrives from a direction.
     pub fn radiance(&self, point: &SurfacePoint, light: &PrefilteredLight, open: impl Fn(Vec3) -> f32) -> Vec<Vec3> {
         let mut out = vec![Vec3A::ZERO; self.materials];
         self.gather(point, light, |arrival| {
@@ -314,8 +315,8 @@ fn azimuth(normal: Vec3A, half: Vec3A, towards: Vec3A) -> (usize, f32) {
     (first, turn - first as f32)
 }
 
-/// Angle of the direction `(x, y)` or its opposite, in half turns: 0..=1, to 1e-5 (Abramowitz & Stegun
-/// 4.4.47).
+/// Angle of the direction `(x, y)` or its opposite, in half turns: 0..=1, to 1e-5 (Abramowitz &
+/// Stegun 4.4.47).
 #[inline(always)]
 fn share_of_half_turn(y: f32, x: f32) -> f32 {
     let (steep, flat) = (y.abs().max(x.abs()), y.abs().min(x.abs()));

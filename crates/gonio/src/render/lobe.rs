@@ -40,6 +40,10 @@ const FEWEST: f64 = 6.0;
 /// Typical cosine of the difference angle, used to choose footprints.
 const TYPICAL: f64 = 0.8;
 
+/// Factor by which footprints are larger than the solid angles that they stand for, outside of
+/// narrow lobes: edges of large lamps would be seen as ripples else.
+const OVERLAP: f64 = 1.6;
+
 /// Steps over which the reflectance of a ring is averaged.
 const STEPS: usize = 12;
 
@@ -165,6 +169,7 @@ impl Lobe {
         let wanted = TAU * theta_h.sin() / (angle(high) - angle(low));
         let spokes = wanted.clamp(FEWEST, most as f64).round() as usize;
         let solid_angle = TAU * total / spokes as f64;
+        let points = ramp(theta_h.to_degrees() as f32, self.near);
         let first = self.halves.len();
         self.halves.extend((0..spokes).map(|spoke| {
             // Rings are turned against each other by the golden section.
@@ -176,8 +181,8 @@ impl Lobe {
             first,
             end: first + spokes,
             solid_angle: solid_angle as f32,
-            level: level(self.side, 4.0 * TYPICAL * solid_angle),
-            points: ramp(theta_h.to_degrees() as f32, self.near),
+            level: level(self.side, 4.0 * TYPICAL * solid_angle * if points >= 1.0 { OVERLAP } else { 1.0 }),
+            points,
         });
         let row = self.row();
         let mut mean = vec![Vec3A::ZERO; row];

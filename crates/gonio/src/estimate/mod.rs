@@ -86,12 +86,12 @@ pub fn doubts(material: &Material, light: &Light) -> Vec<Doubt> {
 pub enum Stage {
     /// Maps the observations to standard normals and computes the posterior of materials.
     Material,
+    /// Finds the colours.
+    Colours,
     /// Integrates the BRDF over the texels of the light.
     Transfer,
     /// Finds the light.
     Light,
-    /// Finds the colours.
-    Colours,
 }
 
 impl Stage {

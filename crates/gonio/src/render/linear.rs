@@ -11,7 +11,7 @@ use crate::reflectance::{BivariateTable, CELLS};
 #[cfg(doc)]
 use crate::shape::Hit;
 use crate::shape::SurfacePoint;
-use crate::shape::{Ray, Surface, Visibility};
+use crate::shape::{Surface, Visibility};
 
 /// Luminance of each of a list of points, as a linear function of the cells of a
 /// [`BivariateTable`]: the light of eq. 1, gathered by the half and difference angle at which it
@@ -57,7 +57,7 @@ impl Relighter {
         let envelope = envelope(examples);
         let divided = |at: usize| {
             let mut nodes = nodes_within(&points[at], &envelope, light, settings, PENUMBRA);
-            nodes.shadow(&envelope, |direction| surface.blocks(&Ray { origin: clear[at], direction }));
+            nodes.shadow(&envelope, |directions| surface.blocked(clear[at], directions));
             nodes
         };
         let [matrix] = Self::gathered(points.len(), divided, |radiance| [f64::from(luminance(radiance))]);

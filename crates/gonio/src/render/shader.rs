@@ -45,7 +45,7 @@ impl<'a> Shader<'a> {
 
     /// Radiance that the point reflects of the light that is not blocked: see
     /// [`Nodes::shadow`](super::Nodes::shadow).
-    pub(super) fn shadowed(&self, point: &SurfacePoint, blocked: impl Fn(DVec3) -> bool) -> DVec3 {
+    pub(super) fn shadowed(&self, point: &SurfacePoint, blocked: impl Fn(&[DVec3]) -> Vec<bool>) -> DVec3 {
         match self {
             Self::Lobes { lobe, light } => {
                 let (mut directions, mut values, mut strength) = (Vec::new(), Vec::new(), Vec::new());
@@ -55,7 +55,11 @@ impl<'a> Shader<'a> {
                     values.push(value);
                     strength.push(f64::from(value.abs().max_element()));
                 });
-                let shares = open_shares(&strength, |i| blocked(directions[i].as_dvec3()));
+                let asked = |asked: &[usize]| {
+                    let directions: Vec<DVec3> = asked.iter().map(|&i| directions[i].as_dvec3()).collect();
+                    blocked(&directions)
+                };
+                let shares = open_shares(&strength, asked);
                 values.iter().zip(shares).map(|(value, open)| value.as_dvec3() * open).sum()
             }
             Self::Bound { brdf, envelope, light, settings } => {

@@ -11,7 +11,7 @@ use super::tree::LightTree;
 use crate::picture::Picture;
 use crate::reflectance::BivariateTable;
 use crate::shape::SurfacePoint;
-use crate::shape::{Camera, Hit, Ray, Surface};
+use crate::shape::{Camera, Hit, Surface};
 
 /// Share of the light reflected by a point that is tested by rays, strongest directions first; the
 /// rest is assumed to be blocked in the same proportion.
@@ -57,7 +57,7 @@ pub fn render_surface(
     let shade = |hit: &Hit, view: DVec3| {
         let point = SurfacePoint { normal: hit.normal, view }.facing();
         if shadows {
-            shader.shadowed(&point, |direction| surface.blocks(&Ray { origin: hit.clear, direction }))
+            shader.shadowed(&point, |directions| surface.blocked(hit.clear, directions))
         } else {
             shader.radiance(&point)
         }
@@ -90,32 +90,36 @@ pub fn render_surface(
 impl Nodes {
     /// Removes the light that is blocked. Directions that carry nearly everything that `envelope`
     /// reflects are tested, strongest first; the others lose the same share as those.
-    pub fn shadow(&mut self, envelope: &BivariateTable, blocked: impl Fn(DVec3) -> bool) {
-        let directions: Vec<DVec3> = self.nodes.iter().map(|n| n.direction).collect();
+    pub fn shadow(&mut self, envelope: &BivariateTable, blocked: impl Fn(&[DVec3]) -> Vec<bool>) {
         let strength: Vec<f64> =
             self.nodes.iter().map(|n| envelope.eval(n.theta_h, n.theta_d) * n.weight.abs().max_element()).collect();
-        for (node, open) in self.nodes.iter_mut().zip(open_shares(&strength, |i| blocked(directions[i]))) {
-            node.weight *= open;
-        }
+        let asked = |asked: &[usize]| {
+            let directions: Vec<DVec3> = asked.iter().map(|&i| self.nodes[i].direction).collect();
+            blocked(&directions)
+        };
+        let shares = open_shares(&strength, asked);
+        self.nodes.iter_mut().zip(shares).for_each(|(node, open)| node.weight *= open);
         self.nodes.retain(|n| n.weight != DVec3::ZERO);
     }
 }
 
-/// Share of each direction's light that arrives, for the strengths of the directions: see
-/// [`Nodes::shadow`].
-pub(super) fn open_shares(strength: &[f64], blocked: impl Fn(usize) -> bool) -> Vec<f64> {
+/// Share of each direction's light that arrives, for the strengths of the directions; `blocked` is
+/// asked about some of them, in the order given. See [`Nodes::shadow`].
+pub(super) fn open_shares(strength: &[f64], blocked: impl FnOnce(&[usize]) -> Vec<bool>) -> Vec<f64> {
     let total: f64 = strength.iter().sum();
     let mut order: Vec<usize> = (0..strength.len()).collect();
     order.sort_by(|&a, &b| strength[b].total_cmp(&strength[a]));
-    let (mut asked, mut open, mut count) = (0.0, 0.0, 0);
-    let mut shares = vec![1.0; strength.len()];
-    for &i in &order {
-        if asked >= ASKED * total {
-            break;
-        }
-        asked += strength[i];
+    let (mut asked, mut count) = (0.0, 0);
+    while count < order.len() && asked < ASKED * total {
+        asked += strength[order[count]];
         count += 1;
-        if blocked(i) {
+    }
+    let mut tested = order[..count].to_vec();
+    tested.sort_unstable();
+    let mut open = 0.0;
+    let mut shares = vec![1.0; strength.len()];
+    for (&i, blocked) in tested.iter().zip(blocked(&tested)) {
+        if blocked {
             shares[i] = 0.0;
         } else {
             open += strength[i];
@@ -184,13 +188,14 @@ mod tests {
             let Some(hit) = hit_at(&bowl, &world, x, y) else { continue };
             let (rings, spokes) = (40, 80);
             let (tangent, other) = hit.normal.any_orthonormal_pair();
-            let free = (0..rings * spokes).filter(|i| {
+            let directions = (0..rings * spokes).map(|i| {
                 // Samples are even in the measure of cosine times solid angle.
                 let (s, c) = (((i % rings) as f64 + 0.5) / rings as f64).sqrt().asin().sin_cos();
                 let (a, b) = (2.0 * PI * ((i / rings) as f64 + 0.5) / spokes as f64).sin_cos();
-                let direction = s * (a * tangent + b * other) + c * hit.normal;
-                !bowl.blocks(&Ray { origin: hit.clear, direction })
+                s * (a * tangent + b * other) + c * hit.normal
             });
+            let directions: Vec<DVec3> = directions.collect();
+            let free = bowl.blocked(hit.clear, &directions).into_iter().filter(|blocked| !blocked);
             let want = free.count() as f64 / (rings * spokes) as f64;
             let alpha = f64::from(got.alpha.as_ref().unwrap()[(x, y)]);
             let value = f64::from(got.rgb[(x, y)].x) / alpha;

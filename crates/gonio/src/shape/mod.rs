@@ -17,6 +17,7 @@ mod camera;
 mod depth;
 mod forms;
 mod mesh;
+mod packet;
 mod placed;
 mod points;
 mod smooth;

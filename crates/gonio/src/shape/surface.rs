@@ -26,8 +26,9 @@ pub trait Surface: Sync {
     /// Returns the first intersection with a ray.
     fn hit(&self, ray: &Ray) -> Option<Hit>;
 
-    /// Whether anything of the surface lies on a ray that starts at a [`Hit::clear`].
-    fn blocks(&self, ray: &Ray) -> bool;
+    /// Returns for each of some directions whether anything of the surface lies on the ray from a
+    /// [`Hit::clear`]. It is fastest where like directions come one after the other.
+    fn blocked(&self, origin: DVec3, directions: &[DVec3]) -> Vec<bool>;
 
     /// Whether the surface cannot shadow itself.
     fn is_convex(&self) -> bool {
@@ -104,8 +105,8 @@ impl Surface for Ellipsoid {
         (distance > 0.0).then_some(Hit { distance, position, normal, clear: position, inside })
     }
 
-    fn blocks(&self, _: &Ray) -> bool {
-        false
+    fn blocked(&self, _: DVec3, directions: &[DVec3]) -> Vec<bool> {
+        vec![false; directions.len()]
     }
 
     fn is_convex(&self) -> bool {

@@ -95,10 +95,31 @@ fn every_ray_finds_what_all_triangles_say() {
             hits += usize::from(want.is_finite());
             // A ray through an edge may fall on either side of it.
             wrong += usize::from(!((want - got).abs() < 1e-6 || want == got));
-            assert_eq!(tracer.blocks(&ray), got.is_finite());
+            assert_eq!(tracer.blocked(ray.origin, &[ray.direction]), [got.is_finite()]);
         }
     }
     assert!(hits > 300 && wrong <= 2, "{wrong} of {hits}");
+}
+
+#[test]
+fn rays_that_are_traced_together_are_blocked_as_each_alone() {
+    let tracer = Tracer::new(Form::Bunny.mesh(40).unwrap());
+    let sky: Vec<DVec3> = fibonacci_hemisphere(300).flat_map(|d| [d, -d]).collect();
+    let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
+    let (mut blocked, mut wrong) = (0, 0);
+    for from in fibonacci_hemisphere(30).flat_map(|d| [d, -d]) {
+        let Some(hit) = tracer.hit(&Ray { origin: 5.0 * from, direction: -from }) else { continue };
+        for directions in [&sky[..], &sky[..17], &axes, &[]] {
+            let got = tracer.blocked(hit.clear, directions);
+            assert_eq!(got.len(), directions.len());
+            for (direction, got) in directions.iter().zip(got) {
+                let alone = tracer.hit(&Ray { origin: hit.clear, direction: *direction });
+                blocked += usize::from(got);
+                wrong += usize::from(got != alone.is_some());
+            }
+        }
+    }
+    assert!(blocked > 10_000 && wrong <= 2, "{wrong} of {blocked}");
 }
 
 /// Returns the share of an even sky's light that reaches a point.
@@ -181,7 +202,7 @@ fn shares_are_those_of_many_rays() {
                 let direction = MAP.direction(u + at(f % fine), v + at(f / fine));
                 let cosine = direction.dot(point.normal);
                 if cosine > 0.0 {
-                    let passes = !tracer.blocks(&Ray { origin: point.from, direction });
+                    let passes = tracer.hit(&Ray { origin: point.from, direction }).is_none();
                     above += 1;
                     free += usize::from(passes);
                     all += cosine;

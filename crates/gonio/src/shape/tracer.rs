@@ -3,14 +3,14 @@
 use glam::{DVec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::cwbvh::{CwBvh, bvh2_to_cwbvh::bvh2_to_cwbvh};
+use obvhs::bvh2::{Bvh2, leaf_collapser::collapse, reinsertion::ReinsertionOptimizer};
 use obvhs::ploc::PlocBuilder;
 use obvhs::ray::RayHit;
 use obvhs::triangle::Triangle;
 
 use super::Ray;
 use super::mesh::Mesh;
+use super::packet::Shadows;
 use super::surface::{Hit, Surface};
 use super::topology::face;
 
@@ -25,12 +25,15 @@ const SLIVER: f64 = 0.3;
 /// Padding of the boxes around triangles, as a share of the object's size.
 const PAD: f32 = 1e-6;
 
+/// Largest number of triangles in a box that is not divided.
+const LEAF: u32 = 4;
+
 /// A mesh with an acceleration structure for the triangles that a ray hits.
 pub struct Tracer {
     mesh: Mesh,
     /// Bounding volumes of the triangles in `triangles`, in the frame of a sphere of radius one
     /// about the object.
-    tree: CwBvh,
+    tree: Bvh2,
     triangles: Vec<Triangle>,
     centre: DVec3,
     radius: f64,
@@ -55,15 +58,15 @@ impl Tracer {
             })
             .collect();
         let build = BvhBuildParams::medium_build();
-        let mut binary = PlocBuilder::with_capacity(unsorted.len()).build(
+        let mut tree = PlocBuilder::with_capacity(unsorted.len()).build(
             build.ploc_search_distance,
             &boxes,
             (0..unsorted.len() as u32).collect(),
             build.sort_precision,
             build.search_depth_threshold,
         );
-        ReinsertionOptimizer::default().run(&mut binary, build.reinsertion_batch_ratio, None);
-        let tree = bvh2_to_cwbvh(&binary, build.max_prims_per_leaf.clamp(1, 3), true, false);
+        ReinsertionOptimizer::default().run(&mut tree, build.reinsertion_batch_ratio, None);
+        collapse(&mut tree, LEAF, 1.0);
         let triangles = tree.primitive_indices.iter().map(|&i| unsorted[i as usize]).collect();
         Self { mesh, tree, triangles, centre, radius }
     }
@@ -184,10 +187,13 @@ impl Surface for Tracer {
         Some(Hit { distance, position, normal, clear, inside })
     }
 
-    fn blocks(&self, ray: &Ray) -> bool {
-        self.local(ray).is_some_and(|local| {
-            let sheared = Sheared::new(&local);
-            !self.tree.ray_traverse_miss(local, |ray, i| sheared.meet(&self.triangles[i], ray.tmax))
-        })
+    fn blocked(&self, origin: DVec3, directions: &[DVec3]) -> Vec<bool> {
+        let directions: Vec<Vec3A> = directions.iter().map(|d| Vec3A::from(d.as_vec3())).collect();
+        let origin = Vec3A::from(((origin - self.centre) / self.radius).as_vec3());
+        let mut blocked = vec![false; directions.len()];
+        let (tree, triangles) = (&self.tree, &self.triangles[..]);
+        let task = Shadows { tree, triangles, origin, directions: &directions, blocked: &mut blocked };
+        pulp::Arch::new().dispatch(task);
+        blocked
     }
 }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Ray, Surface};
+use super::Surface;
 use crate::lighting::LightGrid;
 use crate::sphere::OctahedralMap;
 
@@ -205,6 +205,8 @@ pub struct Openness {
 /// Directions of a grid.
 struct Texels {
     side: usize,
+    /// Texels in an order that keeps neighbours together.
+    order: Vec<usize>,
     centres: Vec<DVec3>,
     /// [`FINE`] squared directions for each texel.
     fine: Vec<DVec3>,
@@ -231,7 +233,9 @@ impl Texels {
         let centres = (0..side * side).map(|t| direction(t, 0.5, 0.5)).collect();
         let cells = (0..side * side).flat_map(|t| (0..FINE * FINE).map(move |f| (t, f)));
         let fine = cells.map(|(t, f)| direction(t, offset(f % FINE), offset(f / FINE))).collect();
-        Self { side, centres, fine, radius: map.cell_radius(side.ilog2()) }
+        let mut order: Vec<usize> = (0..side * side).collect();
+        order.sort_by_key(|t| interleaved(t % side, t / side));
+        Self { side, order, centres, fine, radius: map.cell_radius(side.ilog2()) }
     }
 
     /// Returns the texel at a step from another; across an edge of the square it is one on the same
@@ -249,45 +253,50 @@ impl Texels {
     }
 
     fn row(&self, surface: &dyn Surface, point: &Lookout) -> Row {
-        let blocks = |direction: DVec3| surface.blocks(&Ray { origin: point.from, direction });
+        // A centre below the horizon does not tell whether the part above it is blocked.
         let lowest = -self.radius.sin();
-        let states: Vec<State> = self
-            .centres
-            .iter()
-            .map(|&direction| match direction.dot(point.normal) {
-                // A centre below the horizon does not tell whether the part above it is blocked.
-                height if height <= lowest => State::Below,
-                _ if blocks(direction) => State::Blocked,
-                _ => State::Open,
-            })
-            .collect();
+        let above: Vec<usize> =
+            self.order.iter().copied().filter(|&t| self.centres[t].dot(point.normal) > lowest).collect();
+        let centres: Vec<DVec3> = above.iter().map(|&t| self.centres[t]).collect();
+        let mut states = vec![State::Below; self.centres.len()];
+        for (&texel, blocked) in above.iter().zip(surface.blocked(point.from, &centres)) {
+            states[texel] = if blocked { State::Blocked } else { State::Open };
+        }
+        let mixed = |texel: usize| {
+            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+            let mut near = near.map(|(dx, dy)| states[self.neighbour(texel, dx, dy)]);
+            near.any(|state| state != states[texel] && state != State::Below)
+        };
+        let (mixed, even): (Vec<usize>, Vec<usize>) = above.into_iter().partition(|&texel| mixed(texel));
+        let fine = |texel: usize| {
+            let all = &self.fine[texel * FINE * FINE..(texel + 1) * FINE * FINE];
+            all.iter().copied().filter(|d| d.dot(point.normal) > 0.0)
+        };
+        let rays: Vec<DVec3> = mixed.iter().flat_map(|&texel| fine(texel)).collect();
+        let mut hits = surface.blocked(point.from, &rays).into_iter();
+
         let mut blocked = vec![0_u64; states.len().div_ceil(64)];
         let mut partial = Vec::new();
-        for (texel, &state) in states.iter().enumerate().filter(|(_, s)| **s != State::Below) {
-            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
-            let mixed =
-                near.map(|(dx, dy)| states[self.neighbour(texel, dx, dy)]).any(|s| s != state && s != State::Below);
-            let open = if mixed {
-                let rays = &self.fine[texel * FINE * FINE..(texel + 1) * FINE * FINE];
-                let above = || rays.iter().filter(|d| d.dot(point.normal) > 0.0);
-                match above().count() {
-                    0 => 255,
-                    count => (255 * above().filter(|d| !blocks(**d)).count() / count) as u8,
-                }
-            } else if state == State::Open {
-                255
-            } else {
-                0
-            };
-            match open {
+        let mut block = |texel: usize| blocked[texel / 64] |= 1 << (texel % 64);
+        even.into_iter().filter(|&texel| states[texel] == State::Blocked).for_each(&mut block);
+        for texel in mixed {
+            let count = fine(texel).count();
+            let open = hits.by_ref().take(count).filter(|hit| !hit).count();
+            match (255 * open).checked_div(count).unwrap_or(255) {
                 255 => (),
-                0 => blocked[texel / 64] |= 1 << (texel % 64),
-                share => partial.push((texel as u32, share)),
+                0 => block(texel),
+                share => partial.push((texel as u32, share as u8)),
             }
         }
+        partial.sort_unstable();
         if blocked.iter().all(|word| *word == 0) {
             blocked.clear();
         }
         Row { blocked: blocked.into(), partial: partial.into() }
     }
+}
+
+/// Interleaves the bits of a column and a row.
+fn interleaved(x: usize, y: usize) -> usize {
+    (0..usize::BITS / 2).map(|bit| (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1)).sum()
 }

@@ -1,0 +1,155 @@
+//! Shadow rays from one point, sixteen at a time.
+
+use std::array;
+
+use glam::Vec3A;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::triangle::Triangle;
+
+/// Number of rays that go through the tree together.
+const LANES: usize = 16;
+
+type Lanes = [f32; LANES];
+
+/// Factor of the distance at which a ray leaves a box, against rounding.
+const SLACK: f32 = 1.000_001;
+
+/// Task that finds which of some rays from one origin hit a triangle. Rays of like direction should
+/// come one after the other.
+pub(super) struct Shadows<'a> {
+    /// Boxes of the triangles.
+    pub(super) tree: &'a Bvh2,
+    /// Triangles, in the order of the tree.
+    pub(super) triangles: &'a [Triangle],
+    pub(super) origin: Vec3A,
+    pub(super) directions: &'a [Vec3A],
+    /// Result for each direction.
+    pub(super) blocked: &'a mut [bool],
+}
+
+impl pulp::NullaryFnOnce for Shadows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let mut stack = Vec::with_capacity(64);
+        for (directions, blocked) in self.directions.chunks(LANES).zip(self.blocked.chunks_mut(LANES)) {
+            let mut packet = Packet::of(directions);
+            stack.clear();
+            stack.push(0);
+            packet.trace(&mut stack, self.tree, self.triangles, self.origin);
+            blocked.iter_mut().zip(packet.reach).for_each(|(blocked, reach)| *blocked = reach < 0.0);
+        }
+    }
+}
+
+/// Rays of one origin.
+struct Packet {
+    direction: [Lanes; 3],
+    inverse: [Lanes; 3],
+    /// Direction of their middle.
+    middle: Vec3A,
+    /// Distance up to which a ray counts: infinity, or -1 for one that is known to be blocked.
+    reach: Lanes,
+}
+
+impl Packet {
+    #[inline(always)]
+    fn of(directions: &[Vec3A]) -> Self {
+        let ray = |lane: usize| directions[lane.min(directions.len() - 1)];
+        let direction = [0, 1, 2].map(|axis| array::from_fn(|lane| ray(lane)[axis]));
+        // A finite slope in place of infinity: its product with zero is a number.
+        let inverse = |d: f32| if d.abs() < 1e-12 { 1e12 } else { 1.0 / d };
+        Self {
+            inverse: direction.map(|along: Lanes| along.map(inverse)),
+            direction,
+            middle: directions.iter().sum(),
+            reach: array::from_fn(|lane| if lane < directions.len() { f32::INFINITY } else { -1.0 }),
+        }
+    }
+
+    #[inline(always)]
+    fn trace(&mut self, stack: &mut Vec<u32>, tree: &Bvh2, triangles: &[Triangle], origin: Vec3A) {
+        while let Some(at) = stack.pop() {
+            let node = &tree.nodes[at as usize];
+            let first = node.first_index;
+            if node.is_leaf() {
+                for triangle in &triangles[first as usize..(first + node.prim_count) as usize] {
+                    self.meet(triangle, origin);
+                }
+                if greatest(self.reach) < 0.0 {
+                    return;
+                }
+                continue;
+            }
+            let [a, b] = [first, first + 1].map(|i| tree.nodes[i as usize].aabb());
+            let order = if self.middle.dot(b.center() - a.center()) > 0.0 {
+                [(first + 1, b), (first, a)]
+            } else {
+                [(first, a), (first + 1, b)]
+            };
+            for (index, bounds) in order {
+                if self.enters(bounds, origin) {
+                    stack.push(index);
+                }
+            }
+        }
+    }
+
+    /// Whether any ray that is still open enters a box.
+    #[inline(always)]
+    fn enters(&self, bounds: &Aabb, origin: Vec3A) -> bool {
+        let (low, high) = (bounds.min - origin, bounds.max - origin);
+        let margin: Lanes = array::from_fn(|lane| {
+            let [x, y, z] = [0, 1, 2].map(|axis| {
+                let (a, b) = (low[axis] * self.inverse[axis][lane], high[axis] * self.inverse[axis][lane]);
+                (smaller(a, b), larger(a, b))
+            });
+            let near = larger(larger(x.0, y.0), larger(z.0, 0.0));
+            let far = smaller(smaller(x.1, y.1), smaller(z.1, self.reach[lane]));
+            SLACK * far - near
+        });
+        greatest(margin) >= 0.0
+    }
+
+    /// Marks the rays that hit a triangle. A ray hits it if it passes the three planes through the
+    /// origin and an edge on the same side. The normals of these planes are the same, but for the
+    /// sign, for the triangle on the other side of the edge: no ray passes between the two.
+    #[inline(always)]
+    fn meet(&mut self, triangle: &Triangle, origin: Vec3A) {
+        let [a, b, c] = [triangle.v0, triangle.v1, triangle.v2].map(|v| v - origin);
+        let normals = [c.cross(b), a.cross(c), b.cross(a)];
+        // On the side of the triangle towards which its plane lies.
+        let side = if a.dot(normals[0]) < 0.0 { -1.0 } else { 1.0 };
+        let normals = normals.map(|n| side * n);
+        self.reach = array::from_fn(|lane| {
+            let [u, v, w] = normals
+                .map(|n| n.x * self.direction[0][lane] + n.y * self.direction[1][lane] + n.z * self.direction[2][lane]);
+            let inside = smaller(smaller(u, v), w) >= 0.0 && u + v + w > 0.0;
+            if inside { -1.0 } else { self.reach[lane] }
+        });
+    }
+}
+
+#[inline(always)]
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+fn greatest(mut lanes: Lanes) -> f32 {
+    let mut half = LANES / 2;
+    while half > 0 {
+        for lane in 0..half {
+            lanes[lane] = larger(lanes[lane], lanes[lane + half]);
+        }
+        half /= 2;
+    }
+    lanes[0]
+}

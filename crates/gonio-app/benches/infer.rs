@@ -1,7 +1,8 @@
 //! The whole of `infer` and each of its stages, beside what the machine can do:
 //! `cargo bench -p gonio-app`. docs/performance.md holds a table of it.
 //!
-//! `cargo bench -p gonio-app -- quick` leaves out the largest inputs.
+//! `cargo bench -p gonio-app -- quick` leaves out the largest inputs; other words select the rows
+//! whose names contain one of them.
 
 use std::time::Instant;
 
@@ -29,12 +30,14 @@ const STAGES: [&str; 8] = ["reading", "shadows", "posterior", "transfer", "light
 
 fn main() {
     // Cargo passes `--bench`.
-    let quick = std::env::args().any(|argument| argument == "quick");
+    let mut words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
+    let quick = words.iter().any(|word| word == "quick");
+    words.retain(|word| word != "quick");
     let unit = products();
     let rate = PRODUCTS as f64 * 2.0 * (PRODUCT as f64).powi(3) / unit / 1e9;
     println!("{PRODUCTS} products of {PRODUCT} x {PRODUCT} in f64: {unit:.3} s, {rate:.0} GFLOP/s\n");
     let model = gonio_io::model::embedded().expect("the model is part of the program");
-    let bench = Bench { model, unit };
+    let bench = Bench { model, unit, words };
     bench.head();
     let sample = Scene { shots: Shots::Files(vec![sample_file()]), ..scene(ball(8), Form::Sphere(None)) };
     bench.row("samples/ball.exr", &sample, 32, true);
@@ -81,6 +84,8 @@ struct Bench {
     model: Model,
     /// Seconds of the products.
     unit: f64,
+    /// Words of which a row's name contains one; none selects all rows.
+    words: Vec<String>,
 }
 
 impl Bench {
@@ -92,6 +97,9 @@ impl Bench {
     }
 
     fn row(&self, name: &str, scene: &Scene, side: usize, report: bool) {
+        if !self.words.is_empty() && !self.words.iter().any(|word| name.contains(word)) {
+            return;
+        }
         let settings = Settings {
             method: Method::Learnt,
             side,

@@ -78,7 +78,7 @@ impl Packet {
                 for triangle in &triangles[first as usize..(first + node.prim_count) as usize] {
                     self.meet(triangle, origin);
                 }
-                if greatest(self.reach) < 0.0 {
+                if !self.is_open() {
                     return;
                 }
                 continue;
@@ -97,20 +97,31 @@ impl Packet {
         }
     }
 
+    /// Whether any ray is not blocked yet.
+    #[inline(always)]
+    fn is_open(&self) -> bool {
+        let mut any = false;
+        for reach in &self.reach {
+            any |= *reach > 0.0;
+        }
+        any
+    }
+
     /// Whether any ray that is still open enters a box.
     #[inline(always)]
     fn enters(&self, bounds: &Aabb, origin: Vec3A) -> bool {
         let (low, high) = (bounds.min - origin, bounds.max - origin);
-        let margin: Lanes = array::from_fn(|lane| {
-            let [x, y, z] = [0, 1, 2].map(|axis| {
-                let (a, b) = (low[axis] * self.inverse[axis][lane], high[axis] * self.inverse[axis][lane]);
-                (smaller(a, b), larger(a, b))
-            });
-            let near = larger(larger(x.0, y.0), larger(z.0, 0.0));
-            let far = smaller(smaller(x.1, y.1), smaller(z.1, self.reach[lane]));
-            SLACK * far - near
-        });
-        greatest(margin) >= 0.0
+        let [x, y, z] = &self.inverse;
+        let mut any = false;
+        for lane in 0..LANES {
+            let (xa, xb) = (low.x * x[lane], high.x * x[lane]);
+            let (ya, yb) = (low.y * y[lane], high.y * y[lane]);
+            let (za, zb) = (low.z * z[lane], high.z * z[lane]);
+            let near = larger(larger(smaller(xa, xb), smaller(ya, yb)), larger(smaller(za, zb), 0.0));
+            let far = smaller(smaller(larger(xa, xb), larger(ya, yb)), smaller(larger(za, zb), self.reach[lane]));
+            any |= SLACK * far >= near;
+        }
+        any
     }
 
     /// Marks the rays that hit a triangle. A ray hits it if it passes the three planes through the
@@ -118,17 +129,18 @@ impl Packet {
     /// sign, for the triangle on the other side of the edge: no ray passes between the two.
     #[inline(always)]
     fn meet(&mut self, triangle: &Triangle, origin: Vec3A) {
-        let [a, b, c] = [triangle.v0, triangle.v1, triangle.v2].map(|v| v - origin);
-        let normals = [c.cross(b), a.cross(c), b.cross(a)];
+        let (a, b, c) = (triangle.v0 - origin, triangle.v1 - origin, triangle.v2 - origin);
+        let (u, v, w) = (c.cross(b), a.cross(c), b.cross(a));
         // On the side of the triangle towards which its plane lies.
-        let side = if a.dot(normals[0]) < 0.0 { -1.0 } else { 1.0 };
-        let normals = normals.map(|n| side * n);
-        self.reach = array::from_fn(|lane| {
-            let [u, v, w] = normals
-                .map(|n| n.x * self.direction[0][lane] + n.y * self.direction[1][lane] + n.z * self.direction[2][lane]);
-            let inside = smaller(smaller(u, v), w) >= 0.0 && u + v + w > 0.0;
-            if inside { -1.0 } else { self.reach[lane] }
-        });
+        let side = if a.dot(u) < 0.0 { -1.0 } else { 1.0 };
+        let (u, v, w) = (side * u, side * v, side * w);
+        let [x, y, z] = &self.direction;
+        for lane in 0..LANES {
+            let along = |n: Vec3A| n.x * x[lane] + n.y * y[lane] + n.z * z[lane];
+            let (u, v, w) = (along(u), along(v), along(w));
+            let inside = (smaller(smaller(u, v), w) >= 0.0) & (u + v + w > 0.0);
+            self.reach[lane] = if inside { -1.0 } else { self.reach[lane] };
+        }
     }
 }
 
@@ -140,16 +152,4 @@ fn smaller(a: f32, b: f32) -> f32 {
 #[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
-}
-
-#[inline(always)]
-fn greatest(mut lanes: Lanes) -> f32 {
-    let mut half = LANES / 2;
-    while half > 0 {
-        for lane in 0..half {
-            lanes[lane] = larger(lanes[lane], lanes[lane + half]);
-        }
-        half /= 2;
-    }
-    lanes[0]
 }

@@ -25,8 +25,10 @@ const SLIVER: f64 = 0.3;
 /// Padding of the boxes around triangles, as a share of the object's size.
 const PAD: f32 = 1e-6;
 
-/// Largest number of triangles in a box that is not divided.
-const LEAF: u32 = 4;
+/// Largest number of triangles in a box that is not divided, and the cost of a box in units of that
+/// of a triangle, for rays that are traced together.
+const LEAF: u32 = 8;
+const COST: f32 = 2.0;
 
 /// A mesh with an acceleration structure for the triangles that a ray hits.
 pub struct Tracer {
@@ -66,7 +68,7 @@ impl Tracer {
             build.search_depth_threshold,
         );
         ReinsertionOptimizer::default().run(&mut tree, build.reinsertion_batch_ratio, None);
-        collapse(&mut tree, LEAF, 1.0);
+        collapse(&mut tree, LEAF, COST);
         let triangles = tree.primitive_indices.iter().map(|&i| unsorted[i as usize]).collect();
         Self { mesh, tree, triangles, centre, radius }
     }

@@ -204,10 +204,11 @@ pub struct Openness {
 
 /// Directions of a grid.
 struct Texels {
-    side: usize,
     /// Texels in an order that keeps neighbours together.
     order: Vec<usize>,
     centres: Vec<DVec3>,
+    /// Neighbours of each texel.
+    near: Vec<[u32; 8]>,
     /// [`FINE`] squared directions for each texel.
     fine: Vec<DVec3>,
     /// Upper bound of the angle between a centre and any direction of its texel.
@@ -235,21 +236,8 @@ impl Texels {
         let fine = cells.map(|(t, f)| direction(t, offset(f % FINE), offset(f / FINE))).collect();
         let mut order: Vec<usize> = (0..side * side).collect();
         order.sort_by_key(|t| interleaved(t % side, t / side));
-        Self { side, order, centres, fine, radius: map.cell_radius(side.ilog2()) }
-    }
-
-    /// Returns the texel at a step from another; across an edge of the square it is one on the same
-    /// edge.
-    fn neighbour(&self, texel: usize, dx: isize, dy: isize) -> usize {
-        let n = self.side as isize;
-        let (mut x, mut y) = ((texel % self.side) as isize + dx, (texel / self.side) as isize + dy);
-        if x < 0 || x >= n {
-            (x, y) = (if x < 0 { 0 } else { n - 1 }, n - 1 - y);
-        }
-        if y < 0 || y >= n {
-            (x, y) = (n - 1 - x, if y < 0 { 0 } else { n - 1 });
-        }
-        (y.clamp(0, n - 1) * n + x.clamp(0, n - 1)) as usize
+        let near = (0..side * side).map(|t| STEPS.map(|(dx, dy)| neighbour(side, t, dx, dy) as u32)).collect();
+        Self { order, centres, near, fine, radius: map.cell_radius(side.ilog2()) }
     }
 
     fn row(&self, surface: &dyn Surface, point: &Lookout) -> Row {
@@ -262,25 +250,25 @@ impl Texels {
         for (&texel, blocked) in above.iter().zip(surface.blocked(point.from, &centres)) {
             states[texel] = if blocked { State::Blocked } else { State::Open };
         }
-        let mixed = |texel: usize| {
-            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
-            let mut near = near.map(|(dx, dy)| states[self.neighbour(texel, dx, dy)]);
-            near.any(|state| state != states[texel] && state != State::Below)
-        };
-        let (mixed, even): (Vec<usize>, Vec<usize>) = above.into_iter().partition(|&texel| mixed(texel));
-        let fine = |texel: usize| {
-            let all = &self.fine[texel * FINE * FINE..(texel + 1) * FINE * FINE];
-            all.iter().copied().filter(|d| d.dot(point.normal) > 0.0)
-        };
-        let rays: Vec<DVec3> = mixed.iter().flat_map(|&texel| fine(texel)).collect();
-        let mut hits = surface.blocked(point.from, &rays).into_iter();
-
         let mut blocked = vec![0_u64; states.len().div_ceil(64)];
-        let mut partial = Vec::new();
         let mut block = |texel: usize| blocked[texel / 64] |= 1 << (texel % 64);
-        even.into_iter().filter(|&texel| states[texel] == State::Blocked).for_each(&mut block);
-        for texel in mixed {
-            let count = fine(texel).count();
+        // Texels that are divided, with the number of their rays.
+        let (mut mixed, mut rays) = (Vec::new(), Vec::new());
+        for texel in above {
+            let state = states[texel];
+            let other = |near: &u32| states[*near as usize] != state && states[*near as usize] != State::Below;
+            if self.near[texel].iter().any(other) {
+                let before = rays.len();
+                let all = &self.fine[texel * FINE * FINE..(texel + 1) * FINE * FINE];
+                rays.extend(all.iter().filter(|d| d.dot(point.normal) > 0.0));
+                mixed.push((texel, rays.len() - before));
+            } else if state == State::Blocked {
+                block(texel);
+            }
+        }
+        let mut hits = surface.blocked(point.from, &rays).into_iter();
+        let mut partial = Vec::new();
+        for (texel, count) in mixed {
             let open = hits.by_ref().take(count).filter(|hit| !hit).count();
             match (255 * open).checked_div(count).unwrap_or(255) {
                 255 => (),
@@ -294,6 +282,23 @@ impl Texels {
         }
         Row { blocked: blocked.into(), partial: partial.into() }
     }
+}
+
+/// Steps to the neighbours of a texel.
+const STEPS: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+
+/// Returns the texel at a step from another; across an edge of the square it is one on the same
+/// edge.
+fn neighbour(side: usize, texel: usize, dx: isize, dy: isize) -> usize {
+    let n = side as isize;
+    let (mut x, mut y) = ((texel % side) as isize + dx, (texel / side) as isize + dy);
+    if x < 0 || x >= n {
+        (x, y) = (if x < 0 { 0 } else { n - 1 }, n - 1 - y);
+    }
+    if y < 0 || y >= n {
+        (x, y) = (n - 1 - x, if y < 0 { 0 } else { n - 1 });
+    }
+    (y.clamp(0, n - 1) * n + x.clamp(0, n - 1)) as usize
 }
 
 /// Interleaves the bits of a column and a row.

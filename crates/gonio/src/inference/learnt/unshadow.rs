@@ -12,7 +12,7 @@ use crate::inference::ProblemError;
 use crate::inference::light::{LightError, LightProblem, cut_off_at_zero};
 use crate::lighting::{LightGrid, LightPrior};
 use crate::scene::Observations;
-use crate::transfer::{PlanSettings, Prediction, predict};
+use crate::transfer::{PlanSettings, Prediction, QuadratureSettings, predict};
 
 /// Settings of the removal of shadows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +36,10 @@ impl Default for UnshadowSettings {
 /// Largest ratio, and inverse of the smallest: where a point receives a fifth of what the sphere
 /// would, noise and interreflections dominate.
 const LARGEST_RATIO: f64 = 5.0;
+
+/// Quadrature of the predictions. Only their ratios count, in which its errors nearly cancel: it
+/// takes a quarter of the time of the default one.
+const QUADRATURE: QuadratureSettings = QuadratureSettings { base: 5, ratio: 0.6, core: 0.02 };
 
 /// Smallest factor, before squaring, of the weight of observations on the edge of a shadow: they
 /// count only where their normal has no others.
@@ -84,7 +88,7 @@ pub fn unshadow(
         let evidence = problem.posterior()?;
         let radiance: Vec<f64> = cut_off_at_zero(&evidence.light).iter().map(|l| l * evidence.exposure).collect();
         let light = LightGrid::from_coefficients(prior.map, &radiance);
-        let predictions = predict(chosen.seen(), &posterior.mean, &light, plan.quadrature);
+        let predictions = predict(chosen.seen(), &posterior.mean, &light, QUADRATURE);
         let logs: Vec<f64> = predictions
             .iter()
             .map(|p| p.on_sphere / p.seen)

@@ -26,7 +26,22 @@
   const bytesOf = (id) => Uint8Array.from(atob(at(id).textContent), (c) => c.charCodeAt(0));
   const urls = (parts, type) => URL.createObjectURL(new Blob(parts, { type }));
 
-  let compiled; // the module, compiled once for all workers
+  /** The bytes of a part of the page that is compressed. */
+  async function unpacked(id) {
+    const stream = new Blob([bytesOf(id)]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  }
+
+  /** Puts a file together that is stored as all first bytes of its words of four, then all second bytes, and so on. */
+  function interleaved(planes) {
+    const words = planes.length / 4;
+    return Uint8Array.from(planes, (_, i) => planes[(i % 4) * words + (i >> 2)]);
+  }
+
+  // The module and the model, made ready once for all workers, while the page waits for a photograph.
+  const compiled = unpacked("module").then((bytes) => WebAssembly.compile(bytes));
+  const learnt = unpacked("model").then(interleaved);
+  for (const part of [compiled, learnt]) part.catch(() => {}); // told when a photograph comes
   let run = null; // what is shown: its worker, viewer, and what came back so far
   const outline = gonioOutline(document.querySelector(".stage"), at("outline"), (...marked) => {
     at("trouble").hidden = true;
@@ -57,9 +72,9 @@
     }));
     show("steps");
     tell(`Reading ${name} …`);
-    let module;
+    let module, model;
     try {
-      module = await (compiled ??= WebAssembly.compile(bytesOf("module")));
+      [module, model] = await Promise.all([compiled, learnt]);
     } catch (error) {
       return trouble(`This browser cannot run the computation: ${error.message}`, "A current Chrome, Edge, Firefox or Safari can.");
     }
@@ -73,7 +88,7 @@
       event.preventDefault();
       if (own === run) trouble("The computation could not be started.", event.message || "Reload the page and try again.");
     };
-    worker.postMessage({ module, name, bytes }, [bytes]);
+    worker.postMessage({ module, model, name, bytes }, [bytes]);
   }
 
   function heard(message) {

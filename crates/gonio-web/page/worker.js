@@ -1,6 +1,6 @@
 // Runs one session of gonio-web. What goes before this is the binding of the module.
 //
-// Messages in: { module, name, bytes } once; { outline } marks the ball; { product } asks for a file.
+// Messages in: { module, model, name, bytes } once; { outline } marks the ball; { product } asks for a file.
 // Messages out: { event, ... }: "begin" and "end" of a step, "outline" where the ball has to be marked, "product", "failed".
 "use strict";
 
@@ -21,11 +21,11 @@ function step(name, work) {
   return found;
 }
 
-function open({ module, name, bytes }) {
+function open({ module, model, name, bytes }) {
   step("photograph", () => {
     wasm_bindgen.initSync({ module });
     wasm_bindgen.prepare();
-    session = new wasm_bindgen.Session(name, new Uint8Array(bytes));
+    session = new wasm_bindgen.Session(model, name, new Uint8Array(bytes));
     return JSON.parse(session.preview(PREVIEW));
   });
   observe();

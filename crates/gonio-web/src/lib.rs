@@ -12,6 +12,8 @@
 pub mod preview;
 pub mod session;
 
+use std::path::Path;
+
 use wasm_bindgen::prelude::*;
 
 use session::Product;
@@ -38,13 +40,14 @@ pub struct Session(session::Session);
 
 #[wasm_bindgen]
 impl Session {
-    /// Decodes a picture. `name` is that of its file.
+    /// Decodes a model and a picture. `name` is that of the picture's file.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If one of them cannot be read.
     #[wasm_bindgen(constructor)]
-    pub fn new(name: &str, bytes: &[u8]) -> Result<Session, String> {
-        session::Session::open(name, bytes).map(Self)
+    pub fn new(model: &[u8], name: &str, bytes: &[u8]) -> Result<Session, String> {
+        let model = gonio_io::model::decode_model(Path::new("the model of the page"), model);
+        session::Session::open(model.map_err(|e| e.to_string())?, name, bytes).map(Self)
     }
 
     /// Returns the picture for display, as JSON with a PNG of at most `side` pixels a side.

@@ -72,8 +72,7 @@ impl Session {
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn open(name: &str, bytes: &[u8]) -> Result<Self, String> {
-        let model = gonio_io::model::embedded().map_err(|e| e.to_string())?;
+    pub fn open(model: Model, name: &str, bytes: &[u8]) -> Result<Self, String> {
         let options = ReadOptions { max_pixels: MAX_PIXELS, ..ReadOptions::default() };
         let mut warnings = Vec::new();
         let decoded =
@@ -265,9 +264,13 @@ mod tests {
         std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../../samples/ball.exr")).unwrap()
     }
 
+    fn model() -> Model {
+        gonio_io::model::embedded().unwrap()
+    }
+
     #[test]
     fn a_photograph_goes_all_the_way() {
-        let mut session = Session::open("ball.exr", &sample()).unwrap();
+        let mut session = Session::open(model(), "ball.exr", &sample()).unwrap();
         assert!(session.material().unwrap_err().contains("not been found"));
         let preview = session.preview(100);
         assert!(preview["png"].as_str().unwrap().starts_with("data:image/png;base64,"));
@@ -289,7 +292,7 @@ mod tests {
     fn an_outline_may_be_given_where_none_is_found() {
         let grey = Plane::from_fn(64, 64, |x, y| Vec3::splat(1.0 + 0.3 * ((x * 7 + y * 3) % 11) as f32));
         let bytes = gonio_io::picture::encode_exr(&grey, None);
-        let mut session = Session::open("grey.exr", &bytes).unwrap();
+        let mut session = Session::open(model(), "grey.exr", &bytes).unwrap();
         let why = session.observe(None).unwrap()["why"].as_str().unwrap().to_owned();
         assert!(!why.contains("--") && why.len() > 10, "{why}");
         assert!(session.observe(Some(&[1.0])).is_err());
@@ -298,9 +301,9 @@ mod tests {
 
     #[test]
     fn what_is_no_picture_is_refused_in_a_line() {
-        let refused = Session::open("ball.exr", b"no picture at all").err().unwrap();
+        let refused = Session::open(model(), "ball.exr", b"no picture at all").err().unwrap();
         assert!(refused.starts_with("ball.exr: ") && !refused.contains('\n'), "{refused}");
         let cut = sample();
-        assert!(Session::open("ball.exr", &cut[..cut.len() / 2]).is_err());
+        assert!(Session::open(model(), "ball.exr", &cut[..cut.len() / 2]).is_err());
     }
 }

@@ -73,9 +73,34 @@ pub(super) fn encode(content: Content, mut metadata: Metadata, tensors: &[Tensor
     let entry = format!("\"{HASH}\":\"");
     let at = find(&file, entry.as_bytes()).expect("the entry is in the header") + entry.len();
     tensors.iter().for_each(|t| file.extend(&t.bytes));
-    let hash = blake3::hash(&file).to_hex();
-    file[at..at + BLANK.len()].copy_from_slice(hash.as_bytes());
+    seal(&mut file, at);
     file
+}
+
+/// Writes the hash of a file into it, at the place of its digits.
+fn seal(file: &mut [u8], at: usize) {
+    file[at..at + BLANK.len()].copy_from_slice(&BLANK);
+    let hash = blake3::hash(file).to_hex();
+    file[at..at + BLANK.len()].copy_from_slice(hash.as_bytes());
+}
+
+/// Rounds the 32-bit numbers of an undamaged file to `digits` binary digits, of which they have 24.
+pub(super) fn rounded(path: &Path, bytes: &[u8], content: Content, digits: u32) -> Result<Vec<u8>, Error> {
+    let hash = Container::decode(path, bytes, content)?.text(HASH)?.to_owned();
+    let (length, header) = SafeTensors::read_metadata(bytes).map_err(|e| unreadable(path, bytes, &e))?;
+    let mut file = bytes.to_vec();
+    let lost = 24 - digits.clamp(1, 24);
+    let half = (1_u32 << lost) >> 1;
+    for tensor in header.tensors().values().filter(|tensor| tensor.dtype == Dtype::F32) {
+        let (from, to) = tensor.data_offsets;
+        for number in file[8 + length + from..8 + length + to].as_chunks_mut().0 {
+            let bits = u32::from_le_bytes(*number).saturating_add(half);
+            *number = (bits >> lost << lost).to_le_bytes();
+        }
+    }
+    let at = find(&file, hash.as_bytes()).ok_or_else(|| Error::damaged(path, "does not match its own checksum"))?;
+    seal(&mut file, at);
+    Ok(file)
 }
 
 /// A file of the expected kind, checked to be undamaged.

@@ -270,3 +270,17 @@ fn posteriors_that_cannot_be_are_refused() {
     spoilt(|p| p.ranges[1] = (1.0, 0.0), "feature 1 has no range");
     spoilt(|p| p.colours.as_mut().unwrap().noise[1][2][2] = 0.0, "variances that are not positive");
 }
+
+#[test]
+fn a_rounded_model_is_near_to_the_whole_one() {
+    let learnt = |model: Model| model.learnt.unwrap();
+    let (whole, bytes) = (learnt(embedded().unwrap()), embedded_rounded(14).unwrap());
+    let rounded = learnt(decode(&bytes).unwrap());
+    let (mut most, mut changed) = (0.0_f32, 0);
+    for (a, b) in whole.prior.places.concat().iter().zip(rounded.prior.places.concat()) {
+        most = most.max((a - b).abs() / a.abs().max(1e-6));
+        changed += usize::from(*a != b);
+    }
+    assert!(changed > 1000 && most <= 0.5_f32.powi(14), "{changed} {most}");
+    assert_eq!(learnt(decode(&embedded_rounded(24).unwrap()).unwrap()).prior.places, whole.prior.places);
+}

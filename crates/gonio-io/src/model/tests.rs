@@ -270,3 +270,25 @@ fn posteriors_that_cannot_be_are_refused() {
     spoilt(|p| p.ranges[1] = (1.0, 0.0), "feature 1 has no range");
     spoilt(|p| p.colours.as_mut().unwrap().noise[1][2][2] = 0.0, "variances that are not positive");
 }
+
+#[test]
+fn the_sources_that_are_named_are_those_of_the_model() {
+    let lines = || super::EMBEDDED_SOURCES.lines().filter(|line| !line.starts_with(' '));
+    let number = |line: &str| line.split(' ').next().unwrap().parse::<usize>().unwrap();
+    let count = |what: &str| lines().filter(|line| line.contains(what)).map(number).sum::<usize>();
+    let model = embedded().unwrap();
+    assert_eq!(count("captured lights"), model.light.lights);
+    assert_eq!(count("materials"), model.reflectance.materials.len());
+    assert_eq!(super::lighting_of_paper().unwrap().lights, model.light.lights);
+
+    // The same as the long text says.
+    let text = include_str!("../../model/PROVENANCE.md");
+    for (heading, whose) in [("Poly Haven", "Poly Haven"), ("sIBL Archive", "sIBL"), ("Others", "others")] {
+        let line = lines().find(|line| line.contains(whose)).unwrap();
+        let says = text.lines().find(|l| l.starts_with(&format!("**{heading}"))).unwrap();
+        assert!(says.contains(&format!(": {} maps", number(line))), "{line} is not {says}");
+        for terms in ["CC0", "CC BY-NC-SA 3.0 US"] {
+            assert_eq!(line.contains(terms), says.contains(terms), "{line} is not {says}");
+        }
+    }
+}

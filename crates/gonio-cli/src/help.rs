@@ -1,7 +1,8 @@
 //! `gonio completions` and `gonio man`: what a shell and `man` want to know, made from the options
-//! themselves.
+//! themselves; and what `gonio --version` says.
 
 use std::path::PathBuf;
+use std::sync::LazyLock;
 
 use anyhow::{Context, Result};
 use clap::CommandFactory;
@@ -24,6 +25,25 @@ pub(crate) struct Man {
     /// Folder for gonio.1 and a page for each command
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+}
+
+/// The version with the terms of the code and, apart from them, of what the model was learnt from.
+pub(crate) fn version() -> &'static str {
+    static TEXT: LazyLock<String> = LazyLock::new(|| {
+        let library = match cfg!(feature = "raw") {
+            true => "\nCamera raw files: by the library rawler, LGPL-2.1",
+            false => "",
+        };
+        format!(
+            "{}\n\nCode: {}{library}\n\nModel: gonio-1.model, part of the program.\n\
+             The licence of the code does not speak for what it was learnt from:\n{}\n\n\
+             Models of sources that all allow commercial use: docs/licences.md in the source",
+            env!("CARGO_PKG_VERSION"),
+            env!("CARGO_PKG_LICENSE"),
+            gonio_io::model::EMBEDDED_SOURCES,
+        )
+    });
+    &TEXT
 }
 
 pub(crate) fn completions(options: &Completions) -> Result<Outcome> {

@@ -29,7 +29,7 @@ use clap::{Parser, Subcommand};
 
 /// The BRDF of an object of known shape, from one photograph under unknown illumination.
 #[derive(Parser)]
-#[command(name = "gonio", version)]
+#[command(name = "gonio", version, long_version = help::version())]
 pub(crate) struct Args {
     /// Print one JSON object instead of lines: what was done, or the error
     #[arg(long, global = true)]

@@ -1,6 +1,7 @@
 //! Tasks of the workspace that cargo has no command for: `cargo run -p xtask -- TASK`.
 
 mod relaxed;
+mod sbom;
 mod web;
 
 use std::path::PathBuf;
@@ -12,6 +13,12 @@ use clap::Parser;
 #[derive(Parser)]
 #[command(name = "xtask")]
 enum Task {
+    /// Lists what the program is made of, with licences and checksums: CycloneDX 1.5 in JSON
+    Sbom {
+        /// File to write
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+    },
     /// Builds the page for inference in the browser, one file that needs nothing else
     Web {
         /// Folder for index.html
@@ -22,6 +29,7 @@ enum Task {
 
 fn main() -> ExitCode {
     let done = match Task::parse() {
+        Task::Sbom { output } => sbom::make(&output),
         Task::Web { output } => web::make(&output),
     };
     match done {

@@ -20,8 +20,8 @@ const TARGET: &str = "wasm32-unknown-unknown";
 /// Compiler flags for SIMD, which browsers have had since 2023 at the latest and the inference
 /// needs for speed.
 const FEATURES: &str = "-C target-feature=+simd128";
-/// Binary digits that the numbers of the page's model keep: the BRDF of the sample differs from that
-/// of the program by less than a thousandth.
+/// Binary digits that the numbers of the page's model keep: the BRDF of the sample differs from
+/// that of the program by less than a thousandth.
 const DIGITS: u32 = 14;
 /// Placeholders, each once in `index.html`, and the files of the workspace that replace them
 /// unchanged.

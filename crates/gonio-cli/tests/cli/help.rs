@@ -52,3 +52,20 @@ fn programs_get_one_object() {
     assert!(object("--json render --nonsense", 2)["error"].as_str().unwrap().contains("--nonsense"));
     assert!(object("completions bash --json", 0)["script"].is_string());
 }
+
+#[test]
+fn the_version_tells_terms_of_code_and_model_apart() {
+    let bench = Bench::new();
+    let short = format!("gonio {}\n", env!("CARGO_PKG_VERSION"));
+    assert_eq!(bench.run("-V").succeeds().stdout, short);
+    let long = bench.run("--version").succeeds().stdout;
+    assert!(long.starts_with(&short), "{long}");
+    let (code, model) = long.split_once("Model: gonio-1.model").unwrap();
+    assert!(code.contains("Code: MIT OR Apache-2.0"), "{long}");
+    assert_eq!(code.contains("rawler, LGPL-2.1"), cfg!(feature = "raw"), "{long}");
+    assert!(model.contains(gonio_io::model::EMBEDDED_SOURCES) && model.contains("docs/licences.md"), "{long}");
+    for terms in ["CC0", "CC BY-NC-SA 3.0 US", "CC BY-SA 4.0", "unknown"] {
+        assert!(model.contains(terms) && !code.contains(terms), "{terms} in {long}");
+    }
+    assert!(long.lines().all(|line| line.len() <= 100), "{long}");
+}

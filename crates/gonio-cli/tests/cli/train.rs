@@ -114,3 +114,88 @@ fn materials_that_cannot_be_learnt_from_are_refused() {
     bench.write("set/materials.txt", b"one\ntwo\n");
     bench.refuses(&line("set --rank 1"), &["set/bivariate_rgb_f32.npy", "shape"]);
 }
+
+/// The lights of `tools/cc0_lights.txt`.
+fn cc0_lights() -> Vec<&'static str> {
+    include_str!("../../../../tools/cc0_lights.txt").lines().filter(|line| !line.starts_with('#')).collect()
+}
+
+#[test]
+fn the_lights_for_commercial_models_are_stated_to_be_cc0() {
+    let text = include_str!("../../../gonio-io/model/PROVENANCE.md");
+    let (_, poly_haven) = text.split_once("**Poly Haven").unwrap();
+    let (poly_haven, others) = poly_haven.split_once("**sIBL").unwrap();
+    assert!(poly_haven.contains("CC0"));
+    // Each item is a source and its lights; of a series the first has the whole name.
+    let items: Vec<String> = poly_haven.split("\n* ").skip(1).map(str::to_owned).collect();
+    let mut stated = Vec::new();
+    for item in items.iter().filter(|item| !item.contains("open3d")) {
+        let (_, lights) = item.split_once("):").unwrap();
+        let mut series = "";
+        for light in lights.split(&[',', '\n'][..]).map(str::trim).filter(|light| !light.is_empty()) {
+            if !light.starts_with('_') && light.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
+                series = light.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('_');
+                stated.push(light.to_owned());
+            } else if light.starts_with('_') {
+                stated.push(format!("{series}{light}"));
+            }
+        }
+    }
+    for light in cc0_lights() {
+        assert!(stated.iter().any(|l| l == light), "{light} is not among {stated:?}");
+        assert!(!others.contains(light), "{light}");
+    }
+    assert_eq!(cc0_lights().len(), 51);
+}
+
+/// The script with a program in place of gonio that writes down what it is given: training takes
+/// too long for a test.
+#[cfg(unix)]
+#[test]
+fn a_commercial_model_is_built_of_the_listed_lights_alone() {
+    use std::os::unix::fs::PermissionsExt;
+    use std::process::Command;
+    let bench = Bench::new();
+    let noting = r#"#!/usr/bin/env bash
+set -e
+case "$2" in
+lighting | reflectance) ls "$3" > "$5" ;;
+posterior) ls "$4" > "$8"; echo "${@:9}" > options ;;
+model) cat "$4" "$6" "$8" > "${10}" ;;
+esac
+"#;
+    bench.write("noting", noting.as_bytes());
+    std::fs::set_permissions(bench.path("noting"), std::fs::Permissions::from_mode(0o755)).unwrap();
+    let script = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/commercial_model.sh");
+    let build = || {
+        let mut command = Command::new("bash");
+        command.arg(&script).args(["lights", "materials", "own.model", "--steps", "1"]);
+        let out = command.current_dir(bench.path("")).env("GONIO", bench.path("noting")).output().unwrap();
+        (out.status.success(), String::from_utf8(out.stderr).unwrap())
+    };
+    for folder in ["lights", "materials"] {
+        std::fs::create_dir(bench.path(folder)).unwrap();
+    }
+    bench.write("materials/one.binary", b"x");
+    let mut names: Vec<String> = cc0_lights().iter().map(|name| format!("{name}.hdr")).collect();
+    names[1] = names[1].replace(".hdr", ".exr");
+    for name in names[1..].iter().map(String::as_str).chain(["sibl_papermill.hdr", "o3d_park.hdr"]) {
+        bench.write(&format!("lights/{name}"), b"x");
+    }
+    let before = bench.tree();
+    let (done, says) = build();
+    assert!(!done && says.contains(&format!("does not hold {};", cc0_lights()[0])), "{says}");
+    assert_eq!(bench.tree(), before);
+
+    bench.write(&format!("lights/{}", names[0]), b"x");
+    let (done, says) = build();
+    assert!(done, "{says}");
+    let made = String::from_utf8(bench.read("own.model")).unwrap();
+    let expected = [&names[..], &["one.binary".to_owned()], &names[..]].concat();
+    let mut made: Vec<&str> = made.lines().collect();
+    let mut expected: Vec<&str> = expected.iter().map(String::as_str).collect();
+    made.sort_unstable();
+    expected.sort_unstable();
+    assert_eq!(made, expected);
+    assert_eq!(bench.read("options"), b"--steps 1\n");
+}

@@ -284,3 +284,25 @@ fn a_rounded_model_is_near_to_the_whole_one() {
     assert!(changed > 1000 && most <= 0.5_f32.powi(14), "{changed} {most}");
     assert_eq!(learnt(decode(&embedded_rounded(24).unwrap()).unwrap()).prior.places, whole.prior.places);
 }
+
+#[test]
+fn the_sources_that_are_named_are_those_of_the_model() {
+    let lines = || super::EMBEDDED_SOURCES.lines().filter(|line| !line.starts_with(' '));
+    let number = |line: &str| line.split(' ').next().unwrap().parse::<usize>().unwrap();
+    let count = |what: &str| lines().filter(|line| line.contains(what)).map(number).sum::<usize>();
+    let model = embedded().unwrap();
+    assert_eq!(count("captured lights"), model.light.lights);
+    assert_eq!(count("materials"), model.reflectance.materials.len());
+    assert_eq!(super::lighting_of_paper().unwrap().lights, model.light.lights);
+
+    // The same as the long text says.
+    let text = include_str!("../../model/PROVENANCE.md");
+    for (heading, whose) in [("Poly Haven", "Poly Haven"), ("sIBL Archive", "sIBL"), ("Others", "others")] {
+        let line = lines().find(|line| line.contains(whose)).unwrap();
+        let says = text.lines().find(|l| l.starts_with(&format!("**{heading}"))).unwrap();
+        assert!(says.contains(&format!(": {} maps", number(line))), "{line} is not {says}");
+        for terms in ["CC0", "CC BY-NC-SA 3.0 US"] {
+            assert_eq!(line.contains(terms), says.contains(terms), "{line} is not {says}");
+        }
+    }
+}

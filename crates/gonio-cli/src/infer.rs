@@ -1,126 +1,129 @@
 //! `gonio infer`: what the options ask for, and the folder of results.
 
-mod shape;
-
 use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
+use clap::ValueEnum;
 use gonio::inference::Solver;
-use gonio::scene::Circle;
-use gonio_app::regions::{Inferred, Regions, Several, infer_all};
-use gonio_app::{Alignment, Colours, Journal, KnownLight, Method, Scene, Search, Settings, Shots, Source};
+use gonio_app::folder::{beside, for_results, holds_results, would_replace};
+use gonio_app::regions::{Inferred, Several, infer_all};
+use gonio_app::{Alignment, Colours, Journal, KnownLight, Method, Search, Settings, Source};
 use gonio_io::atomic::StagedFolder;
 use serde_json::json;
 
 use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::Stages;
-use crate::reading::ReadingOptions;
 use crate::remedy::{self, plain};
-use crate::surface::SurfaceOptions;
-use shape::{NormalOptions, ShapeName};
+use crate::scene::SceneOptions;
 
 /// Options of `gonio infer`.
 #[derive(clap::Args)]
+#[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
 pub(crate) struct Options {
-    /// HDR photograph (EXR, Radiance HDR, PFM; PNG, TIFF, JPEG with a warning), or the first
-    /// exposure of a bracket
-    image: PathBuf,
-    /// Further exposures of the same scene (8 or 16-bit JPEG, PNG, TIFF), to be merged with it as
-    /// by gonio merge
-    exposures: Vec<PathBuf>,
-    /// Folder for the results
-    #[arg(short, long, value_name = "DIR")]
-    output: PathBuf,
-    /// Shape of the object, fitted to its outline
-    #[arg(long, value_enum, default_value_t = ShapeName::Sphere, conflicts_with_all = ["normals", "mesh"])]
-    shape: ShapeName,
-    /// Semi-axis of an ellipsoid towards the camera, in pixels
-    #[arg(long, value_name = "PIXELS", value_parser = parse_positive, allow_negative_numbers = true)]
-    depth_axis: Option<f64>,
     #[command(flatten)]
-    surface: SurfaceOptions,
-    /// Picture of the object's normals instead (EXR, NPY, PNG): camera space, x right, y up, z
-    /// towards the camera
-    #[arg(long, value_name = "FILE", conflicts_with = "mesh")]
-    normals: Option<PathBuf>,
-    #[command(flatten)]
-    normal_options: NormalOptions,
-    /// Take all light above a point's horizon to arrive there, whatever the object keeps from
-    /// itself
-    #[arg(long)]
-    no_shadows: bool,
-    /// Where the object is: a picture that is bright on it; without one, the alpha channel or a
-    /// constant background tells
-    #[arg(long, value_name = "FILE")]
-    mask: Option<PathBuf>,
-    /// The sphere's outline in pixels, centre from the top left corner, if it is not to be found;
-    /// several times for several balls
-    #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with_all = ["normals", "mesh", "camera"])]
-    circle: Vec<Circle>,
-    /// Picture of regions of different materials, one index or colour for each, black where there
-    /// is none: a BRDF for each, all under one light
-    #[arg(long, value_name = "LABELS", conflicts_with = "paper")]
-    materials: Option<PathBuf>,
-    /// Model file instead of the one that travels with the program
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
-    /// How the posterior is found; known-light if --light is given, else learnt
-    #[arg(long, value_enum)]
-    method: Option<MethodName>,
-    /// The paper's own version on a sphere: its map of light at one azimuth, 8,600 normals away
-    /// from its poles, 10 basis functions, random starts, Algorithm 1 to the letter
-    #[arg(long, conflicts_with_all = ["method", "solver", "grid", "model", "light", "normals", "mesh", "full_rows"])]
-    paper: bool,
-    /// Solver of --method variational
-    #[arg(long, value_enum, default_value_t = SolverName::Blocks)]
-    solver: SolverName,
-    /// The light, if it is known: a lat-long map in camera space (-z at its centre, +y up), such as
-    /// gonio light makes of a mirror ball, or a text file of directional lights
-    #[arg(long, value_name = "MAP")]
+    pub(crate) scene: SceneOptions,
+    /// The light, if it is known: a lat-long map
+    ///
+    /// In camera space (-z at its centre, +y up), such as gonio light makes of a mirror ball, or a
+    /// text file of directional lights (docs/known-light.md).
+    #[arg(long, value_name = "MAP", help_heading = LIGHT)]
     light: Option<PathBuf>,
-    /// How far the light may be turned from where its map has it: by a few degrees, by any angle
-    /// about the vertical, or not at all
-    #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around")]
+    /// How far the light may be turned from where its map has it
+    #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
+          help_heading = LIGHT)]
     align_light: Option<AlignmentName>,
-    /// Photograph and light map are on one scale (exposure, white balance): the BRDF is absolute,
-    /// not of albedo one half
-    #[arg(long, requires = "light")]
+    /// Photograph and light map are on one scale: the BRDF is absolute
+    ///
+    /// That is one exposure and white balance for both. Otherwise its albedo is one half.
+    #[arg(long, requires = "light", help_heading = LIGHT)]
     absolute: bool,
-    /// Seed of the random starts of --method variational, map and known-light-basis
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Random starts of the same
-    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    starts: u32,
-    /// Texels along a side of the light grid, a power of two
-    #[arg(long, default_value_t = 32)]
-    grid: usize,
-    /// Run --method variational or map on all observations instead of their projection (slower,
-    /// more memory)
-    #[arg(long)]
+    /// Take all light above a point's horizon to arrive there
+    ///
+    /// Whatever the object keeps from itself.
+    #[arg(long, help_heading = LIGHT)]
+    no_shadows: bool,
+    /// How the material is found
+    ///
+    /// known-light if --light is given, else learnt.
+    #[arg(long, value_enum, help_heading = METHOD)]
+    method: Option<MethodName>,
+    /// Model file instead of the one that travels with the program
+    #[arg(long, value_name = "FILE", help_heading = METHOD)]
+    model: Option<PathBuf>,
+    /// Texels along a side of the light grid [default: 32]
+    ///
+    /// A power of two from 4 to what the model's prior of light covers, which is 128 for the model
+    /// that travels with the program.
+    #[arg(long, value_name = "N", help_heading = METHOD)]
+    grid: Option<usize>,
+    /// The paper's own version, on a sphere
+    ///
+    /// Its map of light at one azimuth, 8,600 normals away from its poles, 10 basis functions,
+    /// random starts, Algorithm 1 to the letter.
+    #[arg(long, help_heading = METHOD, conflicts_with_all = [
+        "method", "solver", "grid", "model", "light", "normals", "mesh", "materials", "full_rows",
+    ])]
+    paper: bool,
+    /// Random starts of the paper's methods [default: 4]
+    ///
+    /// For --method variational, map and known-light-basis, and --paper.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = METHOD)]
+    starts: Option<u32>,
+    /// Seed of these starts [default: 1]
+    #[arg(long, value_name = "N", help_heading = METHOD)]
+    seed: Option<u64>,
+    /// Solver of --method variational [default: blocks]
+    #[arg(long, value_enum, help_heading = METHOD)]
+    solver: Option<SolverName>,
+    /// Run --method variational or map on all observations
+    ///
+    /// Instead of their projection: slower, with more memory.
+    #[arg(long, help_heading = METHOD)]
     full_rows: bool,
-    /// How the BRDF, which is found from luminance, is coloured
-    #[arg(long, value_enum, default_value_t = ColourName::Estimate)]
-    color: ColourName,
-    /// Linear colour of a white matte ball, or of a grey card towards the camera, in the object's
-    /// place, where it is known; its brightness does not matter
-    #[arg(long, value_name = "R,G,B", value_parser = parse_light, conflicts_with = "light")]
+    /// Colour of the light, where it is known
+    ///
+    /// The linear colour of a white matte ball, or of a grey card towards the camera, in the
+    /// object's place; its brightness does not matter.
+    #[arg(long, value_name = "R,G,B", value_parser = parse_light, conflicts_with = "light", help_heading = COLOUR)]
     light_color: Option<Colours>,
-    /// Write no report.html, which takes a few seconds
-    #[arg(long, env = "GONIO_NO_REPORT")]
+    /// How the BRDF, which is found from luminance, is coloured
+    #[arg(long, value_enum, default_value_t = ColourName::Estimate, help_heading = COLOUR)]
+    color: ColourName,
+    /// Folder for the results; IMAGE-gonio beside the photograph if not given
+    ///
+    /// Results of an earlier run that it holds are replaced; files of others stay. The folder beside
+    /// the photograph is used again only if it holds results.
+    #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
+    pub(crate) output: Option<PathBuf>,
+    /// Write no report.html
+    ///
+    /// In the variable 1, yes, true or on write none; 0, no, false, off or nothing write it.
+    #[arg(long, env = "GONIO_NO_REPORT", hide_env_values = true, value_parser = parse_yes, help_heading = OUTPUT)]
     no_report: bool,
-    /// Observe regions of another colour (paint, stickers) as well, which are left out where they
-    /// are told safely from reflections
-    #[arg(long)]
-    keep_colors: bool,
-    #[command(flatten)]
-    reading: ReadingOptions,
-    /// Radiance at which the camera clips; found by itself where many pixels share the maximum
-    #[arg(long, value_name = "VALUE")]
-    clip: Option<f32>,
 }
+
+const LIGHT: &str = "Light";
+const METHOD: &str = "Method";
+const COLOUR: &str = "Colour";
+const OUTPUT: &str = "Output";
+
+const SHORT_EXAMPLES: &str = "\
+Example: gonio infer photo.exr --mask mask.png      All options: gonio infer --help";
+
+const EXAMPLES: &str = "\
+Examples:
+  gonio infer ball.exr                            results in ball-gonio/, report.html first
+  gonio infer photo.exr --mask mask.png -o out
+  gonio infer photo.exr --circle 612,400,310
+  gonio infer a.jpg b.jpg c.jpg -o out            exposures of one scene
+  gonio infer photo.exr --light probe.hdr         the light is known
+  gonio infer photo.exr --mesh statue.glb --pose pose.json --camera camera.json --mask mask.png
+  gonio infer photo.exr --normals normals.exr --depth depth.exr --mask mask.png
+  curl -s https://example.org/ball.exr | gonio infer - -o out
+
+See whether the object is found first: gonio check. Many photographs: gonio batch.";
 
 /// Ways to colour the BRDF.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
@@ -174,15 +177,12 @@ enum SolverName {
     Printed,
 }
 
-fn parse_positive(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or_else(|| "give a positive number".into())
-}
-
-pub(crate) fn parse_circle(text: &str) -> Result<Circle, String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[x, y, radius]) if radius > 0.0 => Ok(Circle { x, y, radius }),
-        _ => Err("give three numbers, X,Y,RADIUS, in pixels".into()),
+/// What people write for yes and no.
+fn parse_yes(text: &str) -> Result<bool, String> {
+    match text.trim().to_ascii_lowercase().as_str() {
+        "1" | "y" | "yes" | "t" | "true" | "on" => Ok(true),
+        "" | "0" | "n" | "no" | "f" | "false" | "off" => Ok(false),
+        _ => Err("give 1 or 0, yes or no".into()),
     }
 }
 
@@ -196,19 +196,16 @@ fn parse_light(text: &str) -> Result<Colours, String> {
 impl Options {
     fn method(&self) -> Result<Method> {
         let solver = match self.solver {
-            SolverName::Blocks => Solver::Blocks,
-            SolverName::Parallel => Solver::Parallel,
-            SolverName::Printed => Solver::Printed,
+            None | Some(SolverName::Blocks) => Solver::Blocks,
+            Some(SolverName::Parallel) => Solver::Parallel,
+            Some(SolverName::Printed) => Solver::Printed,
         };
-        let (starts, seed) = (self.starts as usize, self.seed);
+        let (starts, seed) = (self.starts.unwrap_or(4) as usize, self.seed.unwrap_or(1));
         let search = Search { solver, starts, seed, paper: self.paper, full_rows: self.full_rows };
         let usual = if self.light.is_some() { MethodName::KnownLight } else { MethodName::Learnt };
         let name = if self.paper { MethodName::Variational } else { self.method.unwrap_or(usual) };
         let light = self.light.clone().map(Source::File);
-        if (self.absolute || self.align_light.is_some()) && name != MethodName::KnownLight {
-            bail!("--absolute and --align-light are for --method known-light");
-        }
-        Ok(match (name, light) {
+        let method = match (name, light) {
             (MethodName::KnownLight, Some(map)) => {
                 let alignment = match self.align_light {
                     None | Some(AlignmentName::Near) => Alignment::Near,
@@ -227,7 +224,34 @@ impl Options {
             (MethodName::Learnt, None) => Method::Learnt,
             (MethodName::Variational, None) => Method::Variational(search),
             (MethodName::Map, None) => Method::JointMaximum(search),
-        })
+        };
+        self.refuse_unused(name)?;
+        Ok(method)
+    }
+
+    /// Refuses options that a method does not use.
+    fn refuse_unused(&self, method: MethodName) -> Result<()> {
+        use MethodName as M;
+        let searches: &[M] = &[M::Variational, M::Map, M::KnownLightBasis];
+        let blind: &[M] = &[M::Learnt, M::Variational, M::Map];
+        for (given, option, of) in [
+            (self.absolute, "--absolute", &[M::KnownLight][..]),
+            (self.align_light.is_some(), "--align-light", &[M::KnownLight]),
+            (self.solver.is_some(), "--solver", &[M::Variational]),
+            (self.starts.is_some(), "--starts", searches),
+            (self.seed.is_some(), "--seed", searches),
+            (self.full_rows, "--full-rows", &[M::Variational, M::Map]),
+            // Shadows are found on the grid, whatever the method.
+            (self.grid.is_some() && !self.scene.has_shadows(), "--grid", blind),
+        ] {
+            if given && !of.contains(&method) {
+                let names: Vec<String> =
+                    of.iter().filter_map(|m| Some(m.to_possible_value()?.get_name().to_owned())).collect();
+                let own = method.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
+                bail!("{option} is for --method {}: {own} does not use it", names.join(", "));
+            }
+        }
+        Ok(())
     }
 
     fn colours(&self) -> Result<Colours> {
@@ -240,22 +264,26 @@ impl Options {
         })
     }
 
-    /// The regions that are given, if any are.
-    fn regions(&self) -> Option<Regions> {
-        let labels = self.materials.clone().map(|labels| Regions::Labels(Source::File(labels)));
-        labels.or_else(|| (self.circle.len() > 1).then(|| Regions::Circles(self.circle.clone())))
-    }
-
-    fn scene(&self) -> Scene {
-        Scene {
-            name: self.image.display().to_string(),
-            shots: Shots::Files(std::iter::once(&self.image).chain(&self.exposures).cloned().collect()),
-            reading: self.reading.reading(),
-            clip: self.clip,
-            mask: self.mask.clone().map(Source::File),
-            keep_colours: self.keep_colors,
-            shape: self.shape(),
+    /// The folder of results: the one given, or one beside the photograph.
+    fn folder(&self) -> Result<PathBuf> {
+        let image = self.scene.image();
+        let Some(output) = &self.output else {
+            if input::is_stdin(&image) {
+                bail!("- is standard input, and has no place for results beside it: give -o DIR");
+            }
+            let output = beside(&image);
+            if output.exists() && !holds_results(&output) {
+                bail!(
+                    "{}: is there and holds no results of gonio infer; give another folder with -o DIR",
+                    output.display()
+                );
+            }
+            return Ok(output);
+        };
+        if let Some(image) = self.scene.images.iter().find(|image| would_replace(output, image)) {
+            bail!("{}: results in {} would replace it; give another folder", image.display(), output.display());
         }
+        Ok(output.clone())
     }
 }
 
@@ -263,7 +291,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let start = Instant::now();
     let settings = Settings {
         method: options.method()?,
-        side: options.grid,
+        side: options.grid.unwrap_or(32),
         shadows: !options.no_shadows,
         colours: options.colours()?,
         pictures: true,
@@ -275,8 +303,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let journal = Journal::new("model", &listener);
     let (model, name) = input::model(options.model.as_deref())?;
     // Made before the long work: a folder that cannot be made is told at once.
-    let folder = StagedFolder::create(&options.output)?;
-    let (scene, regions) = (options.scene(), options.regions());
+    let output = options.folder()?;
+    let folder = for_results(&output)?;
+    let (scene, regions) = (options.scene.scene()?, options.scene.regions());
     let inferred = infer_all((&model, &name), scene, regions.as_ref(), &settings, &journal).map_err(plain)?;
     let answer = match inferred {
         Inferred::One(answer) => answer,
@@ -289,7 +318,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     journal.at("writing", 0.0);
     folder.fill(&answer.files().map_err(plain)?.encode())?;
     line.finish();
-    let output = options.output.display().to_string();
+    let output = output.display().to_string();
     let page = if options.no_report { "result.json" } else { "report.html" };
     let text = format!(
         "{output}: BRDF, light, pictures and {page} from {} observations in {:.1} s",

@@ -93,8 +93,8 @@ pub(crate) struct Options {
     color: ColourName,
     /// Folder for the results; IMAGE-gonio beside the photograph if not given
     ///
-    /// Results of an earlier run that it holds are replaced; files of others stay. The folder beside
-    /// the photograph is used again only if it holds results.
+    /// Results of an earlier run that it holds are replaced; files of others stay. The folder
+    /// beside the photograph is used again only if it holds results.
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(crate) output: Option<PathBuf>,
     /// Write no report.html

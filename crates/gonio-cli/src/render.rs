@@ -46,9 +46,9 @@ pub(crate) struct Options {
     samples: u32,
     /// Bound the error by this share of the radiance
     ///
-    /// The light is divided until the sum of all error bounds is that. 0.2 is an error of about half
-    /// a percent, and takes five to ten times as long. Without it half vectors are as fine as the
-    /// light's pixels: an error of about half a percent without a bound.
+    /// The light is divided until the sum of all error bounds is that. 0.2 is an error of about
+    /// half a percent, and takes five to ten times as long. Without it half vectors are as fine as
+    /// the light's pixels: an error of about half a percent without a bound.
     #[arg(long)]
     tolerance: Option<f64>,
 }

@@ -107,8 +107,8 @@ impl StagedFolder {
     }
 
     /// Moves the files to the target. A new folder appears in one step; in an existing one each
-    /// file replaces the one of the same name, after all of them have reached the disk, and what was
-    /// [discarded](Self::discard) goes. Other files there stay.
+    /// file replaces the one of the same name, after all of them have reached the disk, and what
+    /// was [discarded](Self::discard) goes. Other files there stay.
     ///
     /// # Errors
     /// If the files cannot reach the disk (it may be full), a folder stands where a file should go,

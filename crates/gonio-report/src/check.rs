@@ -38,7 +38,7 @@ pub fn draw(picture: &Picture, sightings: &[&Sighting]) -> Plane<Vec3> {
             && matches!(fates.as_slice()[i], Fate::Used | Fate::Outside)
             && picture.rgb.as_slice()[i].is_finite()
     };
-    let exposure = Exposure::by_quantile(&picture.rgb, |i| observed(i), 0.9, 0.6);
+    let exposure = Exposure::by_quantile(&picture.rgb, observed, 0.9, 0.6);
     let shown = over_paper(picture, exposure);
     let longest = width.max(height);
     // Of large photographs several pixels share one of the picture, and the reverse of small ones.

@@ -23,7 +23,7 @@ pub(crate) struct SceneOptions {
     /// EXR, Radiance HDR and PFM are read as they are; PNG, TIFF and JPEG with a warning. Several
     /// exposures (8 or 16-bit JPEG, PNG, TIFF) are merged as by gonio merge. From standard input
     /// comes one whole picture, whose format its bytes tell.
-    #[arg(required = true, value_name = "IMAGE", help_heading = None::<clap::builder::Str>)]
+    #[arg(required = true, value_name = "IMAGE", help_heading = None::<&str>)]
     pub(crate) images: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) reading: ReadingOptions,

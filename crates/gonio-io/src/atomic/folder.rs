@@ -49,6 +49,10 @@ impl StagedFolder {
         let writing = writing();
         parents.make(&beside).map_err(failed)?;
         unfinished::sweep(&beside);
+        if exists {
+            // From when it did not exist yet.
+            unfinished::sweep(&folder_of(&target));
+        }
         let (staging, lock) = hidden(&beside).map_err(failed)?;
         let unfinished = Unfinished::folder(staging.path());
         drop(writing);
@@ -353,6 +357,9 @@ mod tests {
         let second = StagedFolder::create(dir.path().join("b")).unwrap();
         assert!(!left.exists());
         second.commit().unwrap();
+        fs::create_dir(&left).unwrap();
+        drop(StagedFolder::create(dir.path().join("b")).unwrap());
+        assert!(!left.exists(), "left beside a folder that exists now");
         first.commit().unwrap();
         assert_eq!(tree(dir.path()), [".gonio-file.unfinished", ".gonio-mine", "a", "a/x", "b"]);
     }

@@ -21,6 +21,8 @@ const WIDTH: usize = 320;
 /// Factor by which the photograph is darkened outside of the objects.
 const SHADE: f32 = 0.35;
 
+/// Width of the outline, pixels.
+const WEIGHT: usize = 2;
 const OUTLINE: Vec3 = Vec3::new(0.10, 0.85, 0.75);
 
 /// Draws the photograph, dark outside of the objects, with their outlines and the pixels that are
@@ -52,8 +54,8 @@ pub fn draw(picture: &Picture, sightings: &[&Sighting]) -> Plane<Vec3> {
     let photograph = Plane::from_fn(size.0, size.1, |x, y| {
         let mark = MARKS.iter().find(|mark| behind(x, y).any(|at| mark.marks(fates[at])));
         let own = owner[first(x, y)];
-        let ends = [(x.saturating_sub(1), y), (x, y.saturating_sub(1)), (x + 1, y), (x, y + 1)]
-            .into_iter()
+        let ends = (1..=WEIGHT)
+            .flat_map(|d| [(x.saturating_sub(d), y), (x, y.saturating_sub(d)), (x + d, y), (x, y + d)])
             .any(|(u, v)| u < size.0 && v < size.1 && owner[first(u, v)].is_none());
         match (mark, own) {
             (_, Some(_)) if ends => OUTLINE,

@@ -6,7 +6,7 @@ use std::path::Path;
 use gonio::estimate::{
     ALBEDO, Colouring, ColouringRule, Estimate, Light, LitEstimate, Material, Stage, estimate_beside, estimate_under,
 };
-use gonio::lighting::{EnvironmentMap, LightGrid};
+use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::ObservationSettings;
@@ -313,11 +313,18 @@ impl Answer {
 /// Rows of the map of directional lights: pixels as small as the sharpest highlights can tell.
 const DIRECTIONAL_ROWS: usize = 1024;
 
-/// Reads a lat-long light map, or a list of directional lights (`.txt`).
+/// Rows of the map of a light that is a formula.
+const NAMED_ROWS: usize = 256;
+
+/// Reads a lat-long light map, or a list of directional lights (`.txt`). `studio`, `sky` and `lamp`
+/// are lights of our own, where there is no file of that name.
 ///
 /// # Errors
 /// If it cannot be read, or is none.
 pub fn read_light(path: &Path) -> Result<EnvironmentMap, Problem> {
+    if let Some(light) = path.to_str().filter(|_| !path.exists()).and_then(|name| named_light(name, NAMED_ROWS)) {
+        return Ok(light);
+    }
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("txt")) {
         let lights = gonio_io::lights::read_lights(path)?;
         return EnvironmentMap::of_directions(&lights, DIRECTIONAL_ROWS)

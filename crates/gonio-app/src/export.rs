@@ -8,6 +8,9 @@ use gonio_io::atomic::StagedFolder;
 use gonio_io::material::{blender_script, glb_sphere, materialx, mitsuba_measured, mitsuba_principled};
 use gonio_io::{Error, merl, rgl};
 
+/// Account of what was written, in the same folder.
+pub const SUMMARY: &str = "export.json";
+
 /// Format that can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
@@ -132,7 +135,7 @@ impl Export {
             "note": "relight: root mean square difference of a sphere of the export in a studio light from one of the BRDF, relative; log_relight: the same of \
                      logarithms, above 1 % of the mean; colours are linear Rec. 709",
         });
-        folder.write("export.json", pretty(&summary).as_bytes())?;
+        folder.write(SUMMARY, pretty(&summary).as_bytes())?;
         Ok(Some(summary))
     }
 }

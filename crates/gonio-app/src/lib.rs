@@ -11,8 +11,10 @@
 
 mod answer;
 mod basis;
+mod check;
 pub mod combine;
 pub mod export;
+pub mod folder;
 mod journal;
 pub mod notes;
 pub mod photograph;
@@ -27,6 +29,7 @@ mod shape;
 pub mod training;
 
 pub use answer::{Answer, infer, read_light};
+pub use check::{Checked, Looked, check};
 pub use gonio::estimate::Alignment;
 pub use journal::Journal;
 pub use photograph::{Curve, Photograph, Reading, Shots};

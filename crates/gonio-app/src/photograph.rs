@@ -50,6 +50,8 @@ pub enum Shots {
     Here(Picture),
     /// A photograph that was read before.
     Read(Photograph),
+    /// A picture as a file would hold it, and how messages call it.
+    Bytes(String, Vec<u8>),
     /// A picture, or the exposures of a bracket; at least one.
     Files(Vec<PathBuf>),
 }
@@ -95,10 +97,16 @@ impl Shots {
         let paths = match self {
             Self::Here(picture) => return Ok(Photograph { picture, clip, notes: None }),
             Self::Read(photograph) => return Ok(photograph),
+            Self::Bytes(name, bytes) => {
+                if reading.response.is_some() {
+                    return Err(Problem::of(name, "a camera's curve is for exposures in files"));
+                }
+                return single(Path::new(&name), Some(&bytes), reading, clip, warnings);
+            }
             Self::Files(paths) => paths,
         };
         if let ([path], None) = (&paths[..], &reading.response) {
-            return single(path, reading, clip, warnings);
+            return single(path, None, reading, clip, warnings);
         }
         let bracket = merge_files(&paths, reading, warnings)?;
         let notes = json!({
@@ -155,9 +163,10 @@ fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warnin
     coded.into_iter().chain(layered).collect()
 }
 
-/// A picture that is a photograph by itself.
+/// A picture that is a photograph by itself; its bytes, if they are not in the file.
 fn single(
     path: &Path,
+    bytes: Option<&[u8]>,
     reading: &Reading,
     clip: Option<f32>,
     warnings: &mut Vec<Warning>,
@@ -169,7 +178,10 @@ fn single(
         ));
     }
     let options = ReadOptions { linear: reading.linear, layer: reading.layer.clone(), ..ReadOptions::default() };
-    let mut decoded = read_picture(path, &options, warnings)?;
+    let mut decoded = match bytes {
+        Some(bytes) => decode_picture(path, bytes, &options, warnings)?,
+        None => read_picture(path, &options, warnings)?,
+    };
     if let Some(code) = reading.black_level {
         let Encoding::Linear { bits } = decoded.encoding else {
             let problem = "a black level is for linear integer pictures: say that it is linear, or give none";

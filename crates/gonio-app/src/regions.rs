@@ -13,9 +13,9 @@ use gonio_report::regions::{Row, page, painted};
 use serde_json::{Value, json};
 
 use crate::answer::{Answer, Asked, Found, conclude, of_one, solve};
-use crate::results::{REPORT, RESULT};
+use crate::results::{MATERIALS, REPORT, RESULT};
 use crate::scene::read_mask;
-use crate::{Form, Journal, Method, Problem, Scene, Settings, Shots, Source, Warning, notes};
+use crate::{Form, Journal, Method, Photograph, Problem, Scene, Settings, Shots, Source, Warning, notes};
 
 /// Regions of a photograph, at most.
 const MOST: usize = 16;
@@ -58,9 +58,9 @@ pub struct Several {
 }
 
 /// A region before it is looked at.
-struct Part {
-    name: String,
-    mask: Plane<f32>,
+pub(crate) struct Part {
+    pub(crate) name: String,
+    pub(crate) mask: Plane<f32>,
     form: Form,
 }
 
@@ -88,8 +88,7 @@ pub fn infer_all(
         return Ok(Inferred::Several(infer_regions(model, scene, regions, settings, journal)?));
     }
     let (asked, mut warnings) = (Asked::of(model, settings)?, Vec::new());
-    let may_be_several = matches!((&scene.shape.form, &scene.shape.camera), (Form::Sphere(None), None));
-    if may_be_several && settings.method.search().is_none() {
+    if may_be_several(&scene) && settings.method.search().is_none() {
         journal.at("reading", 0.0);
         let photograph = scene.shots.read(&scene.reading, scene.clip, &mut warnings)?;
         let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size())?;
@@ -100,6 +99,25 @@ pub fn infer_all(
         }
     }
     Ok(Inferred::One(Box::new(of_one(&asked, scene, settings, warnings, journal)?)))
+}
+
+/// Whether balls that do not touch are looked for in a scene.
+pub(crate) fn may_be_several(scene: &Scene) -> bool {
+    matches!((&scene.shape.form, &scene.shape.camera), (Form::Sphere(None), None))
+}
+
+impl Part {
+    /// The scene of this part alone.
+    pub(crate) fn scene(&self, whole: &Scene, photograph: &Photograph) -> Scene {
+        Scene {
+            shots: Shots::Read(photograph.clone()),
+            mask: Some(Source::Here(self.mask.clone())),
+            // Labels tell what is of another material.
+            keep_colours: true,
+            shape: crate::Shape { form: self.form.clone(), ..whole.shape.clone() },
+            ..whole.clone()
+        }
+    }
 }
 
 /// Infers what each region of a photograph is made of, under one light.
@@ -134,14 +152,7 @@ fn of_regions(
     let parts = parts(&photograph.picture, mask.as_ref(), &scene, regions)?;
     let mut looked = Vec::new();
     for part in &parts {
-        let one = Scene {
-            shots: Shots::Read(photograph.clone()),
-            mask: Some(Source::Here(part.mask.clone())),
-            // Labels tell what is of another material.
-            keep_colours: true,
-            shape: crate::Shape { form: part.form.clone(), ..scene.shape.clone() },
-            ..scene.clone()
-        };
+        let one = part.scene(&scene, &photograph);
         let mut own = Vec::new();
         let of = |problem: Problem| problem.within(&format!("region {}", part.name));
         let seen = asked.look(one, settings, &mut own, journal).map_err(of)?;
@@ -179,7 +190,12 @@ fn of_regions(
 }
 
 /// The regions with their masks.
-fn parts(picture: &Picture, mask: Option<&Plane<f32>>, scene: &Scene, regions: &Regions) -> Result<Vec<Part>, Problem> {
+pub(crate) fn parts(
+    picture: &Picture,
+    mask: Option<&Plane<f32>>,
+    scene: &Scene,
+    regions: &Regions,
+) -> Result<Vec<Part>, Problem> {
     let size = picture.rgb.size();
     let ball =
         |at: usize, mask: Plane<f32>, circle| Part { name: (at + 1).to_string(), mask, form: Form::Sphere(circle) };
@@ -341,7 +357,7 @@ impl Several {
         let notes = serde_json::to_string_pretty(&self.notes)
             .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
         let mut files = vec![(RESULT.to_owned(), notes.into_bytes())];
-        files.extend(self.overview.as_ref().map(|overview| ("materials.png".to_owned(), encode_png(overview))));
+        files.extend(self.overview.as_ref().map(|overview| (MATERIALS.to_owned(), encode_png(overview))));
         files.extend(self.page.as_ref().map(|page| (REPORT.to_owned(), page.clone().into_bytes())));
         for region in &self.regions {
             let own = region.answer.files()?.encode();

@@ -23,8 +23,17 @@ pub const RESULT: &str = "result.json";
 pub const REPORT: &str = "report.html";
 /// Pictures that a folder holds as `NAME.png`.
 pub const PICTURES: [&str; 5] = ["relit", "used", "summary", "uncertainty", "combined"];
+/// Where the regions are, and a sphere of each material, beside the folders of several regions.
+pub const MATERIALS: &str = "materials.png";
 /// Rows of [`LIGHT`].
 pub const LIGHT_ROWS: usize = 128;
+
+/// Names of all files that a folder of results may hold, those in folders of regions and of exports
+/// apart.
+pub(crate) fn names() -> impl Iterator<Item = String> {
+    let plain = [BRDF, QUANTILES, LIGHT, RESULT, REPORT, MATERIALS, gonio_io::posterior::FILE];
+    plain.into_iter().map(str::to_owned).chain(PICTURES.iter().map(|name| format!("{name}.png")))
+}
 
 /// Contents of a folder of results. Parts that a method does not tell are missing.
 pub struct Files {

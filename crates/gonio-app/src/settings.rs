@@ -150,11 +150,13 @@ impl Settings<'_> {
     /// # Errors
     /// If the model lacks what the method needs, or its prior does not cover the grid.
     pub(crate) fn check(&self, model: &Model, name: &str) -> Result<(), Problem> {
-        let blind = self.method.light().is_none();
-        let covered = if blind { model.light.finest_side() } else { 512 };
+        let covered = model.light.finest_side();
         if !self.side.is_power_of_two() || !(4..=covered).contains(&self.side) {
-            let of_model = if blind { ", which the model's prior of light covers" } else { "" };
-            return Err(Problem::new(format!("grid {}: give a power of two from 4 to {covered}{of_model}", self.side)));
+            let of_model = "which the model's prior of light covers";
+            return Err(Problem::new(format!(
+                "grid {}: give a power of two from 4 to {covered}, {of_model}",
+                self.side
+            )));
         }
         if self.method.is_learnt() && model.learnt.is_none() {
             return Err(Problem::of(name, "has no posterior of materials").with(Remedy::LearnPosterior));

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
+use gonio_app::folder::for_results;
 use gonio_app::{Journal, combine};
-use gonio_io::atomic::StagedFolder;
 use serde_json::json;
 
 use crate::input;
@@ -32,7 +32,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let journal = Journal::new("reading", &listener);
     let given = combine::read_posteriors(&options.folders).map_err(plain)?;
     let (model, name) = input::model(options.model.as_deref())?;
-    let folder = StagedFolder::create(&options.output)?;
+    let folder = for_results(&options.output)?;
     let answer = combine::combine((&model, &name), &given, &journal).map_err(plain)?;
     journal.at("writing", 0.0);
     folder.fill(&answer.files().map_err(plain)?.encode())?;

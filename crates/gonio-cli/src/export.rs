@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use gonio_app::export::{Export, Target};
-use gonio_io::atomic::StagedFolder;
+use gonio_app::folder::{EXPORT, for_exports};
 use serde_json::{Value, json};
 
 use crate::input;
@@ -58,6 +58,12 @@ fn parse_albedo(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
+    if !options.input.exists() {
+        bail!(
+            "{}: there is no such file or folder; give a folder of results of gonio infer, or a BRDF (.binary, .bsdf)",
+            options.input.display()
+        );
+    }
     let is_folder = options.input.is_dir();
     let file = if is_folder { options.input.join("brdf.binary") } else { options.input.clone() };
     if is_folder && !file.is_file() {
@@ -65,7 +71,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     }
     let output = match &options.output {
         Some(output) => output.clone(),
-        None if is_folder => options.input.join("export"),
+        None if is_folder => options.input.join(EXPORT),
         None => bail!("give -o DIR: a single file has no folder of results to write to"),
     };
     let named = options.name.clone().or_else(|| {
@@ -74,7 +80,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     });
     let name = named.filter(|n| !n.is_empty()).unwrap_or_else(|| "gonio".to_owned());
     let table = input::brdf(&file)?;
-    let folder = StagedFolder::create(&output)?;
+    let folder = for_exports(&output)?;
     let targets: Vec<Target> =
         if options.to.is_empty() { Target::ALL.to_vec() } else { options.to.iter().map(|name| name.0).collect() };
     let export = Export {

@@ -1,16 +1,79 @@
-//! `gonio completions` and `gonio man`: what a shell and `man` want to know, made from the options
-//! themselves; and what `gonio --version` says.
+//! What the options are: for people who ask `-h`, and by `gonio completions` and `gonio man` for a
+//! shell and for `man`, made from the options themselves; and what `gonio --version` says.
 
-use std::path::PathBuf;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use anyhow::{Context, Result};
-use clap::CommandFactory;
+use anyhow::Context;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{CommandFactory, FromArgMatches};
 use clap_complete::Shell;
 use serde_json::json;
 
 use crate::Args;
 use crate::outcome::Outcome;
+
+/// What `gonio infer -h` shows; the rest is for `--help`.
+const COMMON: [&str; 13] = [
+    "images",
+    "mask",
+    "circle",
+    "mesh",
+    "normals",
+    "camera",
+    "light",
+    "method",
+    "light_color",
+    "output",
+    "json",
+    "quiet",
+    "help",
+];
+
+/// Commands with more options than a screen has lines.
+const LONG: [&str; 2] = ["infer", "check"];
+
+/// Endings of the names of pictures.
+pub(crate) const PICTURES: [&str; 9] = ["exr", "hdr", "pic", "pfm", "png", "jpg", "jpeg", "tif", "tiff"];
+
+/// Whether a file is a picture, by its name.
+pub(crate) fn is_picture(path: &Path) -> bool {
+    path.extension().is_some_and(|e| PICTURES.contains(&e.to_string_lossy().to_ascii_lowercase().as_str()))
+}
+
+/// The program with its options.
+pub(crate) fn command() -> clap::Command {
+    let mut command = Args::command();
+    // Options of all commands come to each when it is built, and cannot be hidden for one before.
+    for name in LONG {
+        command = command.mut_subcommand(name, |long| {
+            long.mut_args(|arg| {
+                let is_common = COMMON.contains(&arg.get_id().as_str());
+                arg.hide_short_help(!is_common)
+            })
+        });
+    }
+    command
+}
+
+/// Understands arguments.
+pub(crate) fn parse<T: Into<OsString> + Clone>(words: impl IntoIterator<Item = T>) -> Result<Args, clap::Error> {
+    let mut command = command();
+    let found = command.try_get_matches_from_mut(words)?;
+    Args::from_arg_matches(&found).map_err(|error| error.format(&mut command))
+}
+
+/// What to do about arguments that cannot be understood, where it can be guessed.
+pub(crate) fn hint(error: &clap::Error) -> Option<String> {
+    let (ErrorKind::InvalidSubcommand, Some(ContextValue::String(word))) =
+        (error.kind(), error.get(ContextKind::InvalidSubcommand))
+    else {
+        return None;
+    };
+    let path = Path::new(word);
+    (is_picture(path) || path.is_file()).then(|| format!("to infer from a photograph: gonio infer {word}"))
+}
 
 /// Options of `gonio completions`.
 #[derive(clap::Args)]
@@ -46,18 +109,18 @@ pub(crate) fn version() -> &'static str {
     &TEXT
 }
 
-pub(crate) fn completions(options: &Completions) -> Result<Outcome> {
+pub(crate) fn completions(options: &Completions) -> anyhow::Result<Outcome> {
     let mut script = Vec::new();
-    clap_complete::generate(options.shell, &mut Args::command(), "gonio", &mut script);
+    clap_complete::generate(options.shell, &mut command(), "gonio", &mut script);
     let script = String::from_utf8(script).context("a script that is no text")?;
     let fields = json!({ "shell": options.shell.to_string(), "script": script });
     Ok(Outcome::new(script.trim_end(), fields))
 }
 
-pub(crate) fn man(options: &Man) -> Result<Outcome> {
+pub(crate) fn man(options: &Man) -> anyhow::Result<Outcome> {
     let dir = options.output.display().to_string();
     let failed = || format!("{dir}: the pages cannot be written there");
     std::fs::create_dir_all(&options.output).with_context(failed)?;
-    clap_mangen::generate_to(Args::command(), &options.output).with_context(failed)?;
+    clap_mangen::generate_to(command(), &options.output).with_context(failed)?;
     Ok(Outcome::new(format!("{dir}: see man -l {dir}/gonio.1"), json!({ "output": dir })))
 }

@@ -4,25 +4,26 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use gonio::scene::Circle;
-use gonio_app::{Form, Journal, Mirror, Reading, Scene, Shape, Shots, Source, light_probe};
+use gonio_app::{Form, Journal, Mirror, Reading, Scene, Shape, Source, light_probe};
 use serde_json::json;
 
-use crate::infer::parse_circle;
+use crate::input;
 use crate::merge::write_all;
 use crate::outcome::Outcome;
 use crate::progress::Stages;
 use crate::reading::ReadingOptions;
 use crate::remedy::{self, plain};
+use crate::scene::parse_circle;
 
 /// Options of `gonio light`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// HDR photograph of a mirror ball (EXR, Radiance HDR, PFM; PNG, TIFF, JPEG with a warning), or
-    /// the first exposure of a bracket
-    image: PathBuf,
-    /// Further exposures of the same scene (8 or 16-bit JPEG, PNG, TIFF), to be merged with it as
-    /// by gonio merge
-    exposures: Vec<PathBuf>,
+    /// HDR photograph of a mirror ball, or exposures of one scene; - is standard input
+    ///
+    /// EXR, Radiance HDR and PFM are read as they are; PNG, TIFF and JPEG with a warning. Several
+    /// exposures (8 or 16-bit JPEG, PNG, TIFF) are merged as by gonio merge.
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
     /// Light map to write: lat-long, in coordinates of the camera. What was done is drawn to a
     /// .light.png beside it
     #[arg(short, long, value_name = "X.exr")]
@@ -82,29 +83,27 @@ fn parse_reflectance(text: &str) -> Result<Reflectance, String> {
 }
 
 impl Options {
-    fn scene(&self, files: Vec<PathBuf>, mask: Option<&PathBuf>, circle: Option<Circle>) -> Scene {
+    fn scene(&self, files: &[PathBuf], mask: Option<&PathBuf>, circle: Option<Circle>) -> Result<Scene> {
         let reading: Reading = self.reading.reading();
-        Scene {
-            name: files.first().map(|file| file.display().to_string()).unwrap_or_default(),
-            shots: Shots::Files(files),
+        Ok(Scene {
+            name: input::name(files),
+            shots: input::shots(files)?,
             reading,
             clip: self.clip,
             mask: mask.cloned().map(Source::File),
             keep_colours: true,
             shape: Shape { camera: self.camera.clone().map(Source::File), ..Shape::of(Form::Sphere(circle)) },
-        }
+        })
     }
 
-    fn mirror(&self) -> Mirror {
-        let files = std::iter::once(&self.image).chain(&self.exposures).cloned().collect();
-        let second = (!self.second.is_empty())
-            .then(|| (self.scene(self.second.clone(), self.second_mask.as_ref(), self.second_circle), self.second_yaw));
-        Mirror {
-            first: self.scene(files, self.mask.as_ref(), self.circle),
-            second,
+    fn mirror(&self) -> Result<Mirror> {
+        let second = || self.scene(&self.second, self.second_mask.as_ref(), self.second_circle);
+        Ok(Mirror {
+            first: self.scene(&self.images, self.mask.as_ref(), self.circle)?,
+            second: if self.second.is_empty() { None } else { Some((second()?, self.second_yaw)) },
             reflectance: self.reflectance.0,
             rows: self.rows,
-        }
+        })
     }
 }
 
@@ -113,12 +112,12 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
         bail!("{}: write to a name ending in .exr", output.display());
     }
-    if [&options.image].into_iter().chain(&options.exposures).chain(&options.second).any(|image| image == output) {
+    if options.images.iter().chain(&options.second).any(|image| image == output) {
         bail!("{}: is the photograph itself; write to another name", output.display());
     }
     let line = Stages::new("reading");
     let listener = |stage, fraction| line.at(stage, fraction);
-    let probe = light_probe(options.mirror(), &Journal::new("reading", &listener)).map_err(plain)?;
+    let probe = light_probe(options.mirror()?, &Journal::new("reading", &listener)).map_err(plain)?;
     line.finish();
     let (map, picture) = probe.encode();
     let drawn = output.with_extension("light.png");

@@ -5,12 +5,14 @@
 //! with nothing half-written.
 
 mod batch;
+mod check;
 mod combine;
 mod convert;
 mod export;
 mod help;
 mod infer;
 mod input;
+mod interrupt;
 mod light;
 mod merge;
 mod outcome;
@@ -18,6 +20,7 @@ mod progress;
 mod reading;
 mod remedy;
 mod render;
+mod scene;
 mod surface;
 mod train;
 
@@ -27,35 +30,66 @@ use std::sync::Mutex;
 
 use clap::{Parser, Subcommand};
 
+use progress::{Talk, set_talk};
+
 /// The BRDF of an object of known shape, from one photograph under unknown illumination.
 #[derive(Parser)]
-#[command(name = "gonio", version, long_version = help::version())]
+#[command(
+    name = "gonio",
+    version,
+    long_version = help::version(),
+    disable_help_flag = true,
+    after_help = "Begin with: gonio infer photo.exr"
+)]
 pub(crate) struct Args {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    general: General,
+}
+
+/// Options of every command.
+#[derive(clap::Args)]
+#[command(next_help_heading = "General")]
+struct General {
     /// Print one JSON object instead of lines: what was done, or the error
     #[arg(long, global = true)]
     json: bool,
-    #[command(subcommand)]
-    command: Command,
+    /// Print errors alone
+    #[arg(short, long, global = true, conflicts_with_all = ["json", "verbose"])]
+    quiet: bool,
+    /// Print each stage with its seconds
+    #[arg(short, long, global = true)]
+    verbose: bool,
+    /// Threads to work with; one for each core if not given
+    #[arg(long, global = true, value_name = "N", allow_negative_numbers = true,
+          value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Print help: -h what is common, --help everything
+    #[arg(short, long, global = true, action = clap::ArgAction::Help)]
+    help: Option<bool>,
 }
 
 #[derive(Subcommand)]
 pub(crate) enum Command {
-    /// Infer many: the rows of a table, or a shard of them
+    /// Infer the BRDF of the object in a photograph
+    Infer(Box<infer::Options>),
+    /// Show what would be inferred from: the object, clipped and faulty pixels
+    Check(Box<check::Options>),
+    /// Infer many: photographs, the rows of a table, or a shard of them
     Batch(batch::Options),
     /// Combine several photographs of one material
     Combine(combine::Options),
-    /// Convert a BRDF between file formats
-    Convert(convert::Options),
     /// Write a BRDF for renderers: Mitsuba, pbrt, Blender, glTF, MaterialX
     Export(export::Options),
-    /// Infer the BRDF of the object in a photograph
-    Infer(Box<infer::Options>),
-    /// Unwrap a photograph of a mirror ball to the light around it
-    Light(Box<light::Options>),
+    /// Render a sphere or a mesh of a BRDF under a light
+    Render(render::Options),
     /// Merge exposures of one scene to an HDR picture
     Merge(merge::Options),
-    /// Render a sphere of a BRDF under a light
-    Render(render::Options),
+    /// Unwrap a photograph of a mirror ball to the light around it
+    Light(Box<light::Options>),
+    /// Convert a BRDF between file formats
+    Convert(convert::Options),
     /// Learn the priors of light and reflectance
     #[command(subcommand)]
     Train(train::Command),
@@ -76,13 +110,26 @@ fn note(panic: &PanicHookInfo<'_>) {
 }
 
 fn main() -> ExitCode {
-    let Args { json, command } = match Args::try_parse() {
+    let Args { general, command } = match help::parse(std::env::args_os()) {
         Ok(args) => args,
         Err(error) => return refuse(&error),
     };
+    let json = general.json;
+    set_talk(match general {
+        // A script is what was asked for, and no talk.
+        General { quiet: true, .. } if !matches!(command, Command::Completions(_)) => Talk::Quiet,
+        General { verbose: true, .. } => Talk::Verbose,
+        _ => Talk::Usual,
+    });
+    if let Some(threads) = general.threads {
+        // Fails only where a pool is there already, and none is.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+    }
     set_hook(Box::new(note));
+    interrupt::watch();
     let run = || match &command {
         Command::Batch(options) => batch::run(options),
+        Command::Check(options) => check::run(options),
         Command::Combine(options) => combine::run(options),
         Command::Convert(options) => convert::run(options),
         Command::Export(options) => export::run(options),
@@ -127,7 +174,8 @@ fn refuse(error: &clap::Error) -> ExitCode {
         error.exit();
     }
     // The option itself may be among what could not be understood.
-    tell(&format!("{}; see --help", problem(error)), std::env::args_os().any(|a| a == "--json"));
+    let hint = help::hint(error).unwrap_or_else(|| "see --help".to_owned());
+    tell(&format!("{}; {hint}", problem(error)), std::env::args_os().any(|a| a == "--json"));
     ExitCode::from(2)
 }
 

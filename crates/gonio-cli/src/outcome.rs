@@ -2,6 +2,8 @@
 
 use serde_json::{Map, Value, json};
 
+use crate::progress::is_quiet;
+
 /// The end of a command that did what it was asked for.
 pub(crate) struct Outcome {
     /// Lines for standard output.
@@ -31,7 +33,7 @@ impl Outcome {
         if json {
             self.fields.insert("warnings".into(), json!(self.warnings));
             println!("{}", Value::Object(self.fields));
-        } else {
+        } else if !is_quiet() {
             self.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
             println!("{}", self.text);
         }

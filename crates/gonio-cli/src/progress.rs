@@ -1,6 +1,6 @@
 //! A line on standard error that tells what is going on.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -19,10 +19,41 @@ const TICK: Duration = Duration::from_millis(100);
 const WITHOUT_BAR: &str = "{spinner} {msg} {elapsed}";
 const WITH_BAR: &str = "{spinner} {msg} {elapsed} [{bar:30}] {percent:>2} %";
 
+/// How much is said beside what was asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Talk {
+    /// Errors alone.
+    Quiet,
+    /// Warnings and progress, too.
+    Usual,
+    /// Each stage with its seconds, too.
+    Verbose,
+}
+
+static TALK: OnceLock<Talk> = OnceLock::new();
+
+/// Says once and for all how much is said.
+pub(crate) fn set_talk(talk: Talk) {
+    // The first word counts.
+    let _ = TALK.set(talk);
+}
+
+fn talk() -> Talk {
+    TALK.get().copied().unwrap_or(Talk::Usual)
+}
+
+pub(crate) fn is_quiet() -> bool {
+    talk() == Talk::Quiet
+}
+
+pub(crate) fn is_verbose() -> bool {
+    talk() == Talk::Verbose
+}
+
 /// Progress of one stage; silent at first, and where standard error is no terminal.
 pub(crate) struct Stage {
     bar: ProgressBar,
-    start: Instant,
+    now: Mutex<(&'static str, Instant)>,
 }
 
 impl Stage {
@@ -34,12 +65,12 @@ impl Stage {
         let line = bar.downgrade();
         thread::spawn(move || {
             thread::sleep(PATIENCE);
-            if let Some(bar) = line.upgrade().filter(|bar| !bar.is_finished()) {
+            if let Some(bar) = line.upgrade().filter(|bar| !bar.is_finished() && !is_quiet()) {
                 bar.set_draw_target(ProgressDrawTarget::stderr());
                 bar.enable_steady_tick(TICK);
             }
         });
-        Self { bar, start: Instant::now() }
+        Self { bar, now: Mutex::new((name, Instant::now())) }
     }
 
     /// Tells that a fraction (0..=1) of the stage is done.
@@ -57,15 +88,25 @@ impl Stage {
 
     /// Goes on with another stage, of which no fraction is known yet.
     fn go_on(&self, name: &'static str) {
+        self.tell(name);
         self.bar.set_style(style(WITHOUT_BAR));
         self.bar.set_position(0);
         self.bar.set_message(name);
     }
 
-    /// Takes the line away and says how long the stage took, in seconds.
-    pub(crate) fn finish(self) -> f64 {
+    /// Takes the line away.
+    pub(crate) fn finish(self) {
         self.bar.finish_and_clear();
-        self.start.elapsed().as_secs_f64()
+        self.tell("");
+    }
+
+    /// Tells how long the stage took that ends now, if anybody wants to know.
+    fn tell(&self, next: &'static str) {
+        let Ok(mut now) = self.now.lock() else { return };
+        let (name, start) = std::mem::replace(&mut *now, (next, Instant::now()));
+        if is_verbose() {
+            self.bar.suspend(|| eprintln!("{name}: {:.2} s", start.elapsed().as_secs_f64()));
+        }
     }
 }
 

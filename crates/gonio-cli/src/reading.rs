@@ -7,21 +7,27 @@ use gonio_app::{Curve, Reading};
 /// Options of reading a photograph.
 #[derive(clap::Args)]
 pub(crate) struct ReadingOptions {
-    /// Values of an integer picture are linear radiance, not sRGB-coded; the same as --response
-    /// linear for exposures
+    /// Values of an integer picture are linear radiance, not sRGB-coded
+    ///
+    /// For exposures it is the same as --response linear.
     #[arg(long, conflicts_with = "response")]
     pub(crate) linear: bool,
-    /// Exposure times of the files in seconds, in place of those of their EXIF data
+    /// Exposure times in seconds, in place of those of the EXIF data
     #[arg(long, value_name = "1/30,1/8,0.5,...", value_parser = parse_times)]
     times: Option<Times>,
-    /// The camera's curve: srgb, linear, or a file as --save-response writes; without it, it is
-    /// recovered from the exposures
+    /// The camera's curve, if it is not to be recovered from the exposures
+    ///
+    /// srgb, linear, or a file as gonio merge --save-response writes.
     #[arg(long, value_name = "FILE|srgb|linear")]
     response: Option<String>,
-    /// Black level of linear integer files, in their codes (0 to 255 or 65535)
+    /// Black level of linear integer files, in their codes
+    ///
+    /// 0 to 255, or to 65535.
     #[arg(long, value_name = "CODE")]
     black_level: Option<f64>,
-    /// Picture of an evenly lit surface by the same lens, to divide by: takes vignetting away
+    /// Picture of an evenly lit surface by the same lens, to divide by
+    ///
+    /// It takes vignetting away.
     #[arg(long, value_name = "FILE")]
     flat: Option<PathBuf>,
     /// Layer of an OpenEXR file that holds several

@@ -22,6 +22,9 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::Layer => "take another with --layer NAME",
         Remedy::DepthRange => "give the range with --depth-range NEAR,FAR",
         Remedy::Times => "give them with --times",
+        Remedy::Separately => {
+            "give each photograph by itself, or infer from all of them with `gonio batch IMAGE... -o DIR`"
+        }
         Remedy::Turn => "give the angle with --second-yaw DEGREES",
         Remedy::SecondOutline => "give the outline of the ball with --second-circle X,Y,RADIUS",
         Remedy::SecondMask => "give a mask with --second-mask FILE",

@@ -22,7 +22,9 @@ pub(crate) struct Options {
     /// BRDF: a MERL table, or an RGB file of the RGL database
     #[arg(long, value_name = "FILE.binary|FILE.bsdf")]
     brdf: PathBuf,
-    /// Lat-long light map (HDR, EXR, PFM), in coordinates of the camera
+    /// Lat-long light map (HDR, EXR, PFM), in coordinates of the camera; or studio, sky, lamp
+    ///
+    /// These are lights of our own. A text file of directional lights serves, too.
     #[arg(long, value_name = "MAP")]
     light: PathBuf,
     /// Picture to write: .exr holds radiance and coverage, .png is tone-mapped for looking at
@@ -42,10 +44,11 @@ pub(crate) struct Options {
     /// Samples along each side of a pixel
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     samples: u32,
-    /// Bound the error: the light is divided until the sum of all error bounds is this share of the
-    /// radiance. 0.2 is an error of about half a percent, and takes five to ten times as long
-    /// [default: half vectors as fine as the light's pixels, an error of about half a percent
-    /// without a bound]
+    /// Bound the error by this share of the radiance
+    ///
+    /// The light is divided until the sum of all error bounds is that. 0.2 is an error of about
+    /// half a percent, and takes five to ten times as long. Without it half vectors are as fine as
+    /// the light's pixels: an error of about half a percent without a bound.
     #[arg(long)]
     tolerance: Option<f64>,
 }

@@ -7,14 +7,20 @@ use gonio_app::{Form, Shape, Source};
 /// Options that say what the object is and where the camera stands.
 #[derive(clap::Args)]
 pub(crate) struct SurfaceOptions {
-    /// The object as a triangle mesh: OBJ, PLY, glTF, or blob, bunny, bowl for one of our own
-    #[arg(long, value_name = "FILE")]
+    /// The object as a triangle mesh: OBJ, PLY, glTF
+    ///
+    /// Or one of our own: blob, bunny, bowl.
+    #[arg(long, value_name = "FILE", help_heading = "Shape")]
     pub(crate) mesh: Option<PathBuf>,
-    /// Where the mesh is in the world (docs/camera.md); as its file has it if not given
-    #[arg(long, value_name = "FILE.json", requires = "mesh")]
+    /// Where the mesh is in the world (docs/camera.md)
+    ///
+    /// It is where its file has it if not given.
+    #[arg(long, value_name = "FILE.json", requires = "mesh", help_heading = "Shape")]
     pose: Option<PathBuf>,
-    /// The camera (docs/camera.md); if not given an orthographic one along -z that frames the mesh
-    #[arg(long, value_name = "FILE.json")]
+    /// The camera (docs/camera.md); far away if not given
+    ///
+    /// Without one it is orthographic, looks along -z, and frames the mesh if there is one.
+    #[arg(long, value_name = "FILE.json", help_heading = "Camera")]
     pub(crate) camera: Option<PathBuf>,
 }
 

@@ -16,7 +16,7 @@ use gonio_io::model::{
 use serde_json::{Value, json};
 
 use crate::outcome::Outcome;
-use crate::progress::Stages;
+use crate::progress::{Stages, is_verbose};
 
 /// Part of a model to learn.
 #[derive(clap::Subcommand)]
@@ -87,9 +87,6 @@ pub(crate) struct Reflectance {
     /// Seed of the starts
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Print the error of every material
-    #[arg(long)]
-    verbose: bool,
 }
 
 /// Channels of a MERL table.
@@ -210,7 +207,7 @@ fn reflectance(options: &Reflectance) -> Result<Outcome> {
     let (basis, report, provenance) = learn(|progress| training::reflectance(&materials, &settings, progress))?;
     write_file(&options.output, &encode_reflectance(&basis, &provenance))?;
     let fits = report.fits.iter();
-    let lines: String = match options.verbose {
+    let lines: String = match is_verbose() {
         true => fits.clone().map(|fit| format!("{:40} RMS error {:.4} 1/sr\n", fit.name, fit.rms)).collect(),
         false => String::new(),
     };

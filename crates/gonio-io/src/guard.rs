@@ -38,6 +38,19 @@ pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
+/// Reads all of a stream of at most `max` bytes, which messages call `name`.
+pub(crate) fn read_stream(name: &Path, stream: impl Read, max: u64) -> Result<Vec<u8>, Error> {
+    let mut bytes = Vec::new();
+    stream.take(max.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::io(name, "read", e))?;
+    if bytes.len() as u64 > max {
+        return Err(Error::limits(name, format!("is longer than {max} bytes"), "reduce it or raise the limit"));
+    }
+    if bytes.is_empty() {
+        return Err(Error::damaged(name, "is empty"));
+    }
+    Ok(bytes)
+}
+
 /// Runs the decoder of a third party and turns its panic, which only a damaged file causes, into an
 /// error.
 pub(crate) fn catching<T>(path: &Path, format: &str, decode: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
@@ -50,6 +63,14 @@ pub(crate) fn catching<T>(path: &Path, format: &str, decode: impl FnOnce() -> Re
 mod tests {
     use super::*;
     use crate::Kind;
+
+    #[test]
+    fn empty_and_long_streams_are_refused() {
+        let read = |bytes: &[u8]| read_stream(Path::new("stream"), bytes, 5);
+        assert_eq!(read(b"12345").unwrap(), b"12345");
+        assert_eq!(read(b"123456").unwrap_err().kind(), Kind::Limits);
+        assert_eq!(read(b"").unwrap_err().to_string().split(';').next(), Some("stream: is empty"));
+    }
 
     #[test]
     fn folders_empty_and_long_files_are_refused() {

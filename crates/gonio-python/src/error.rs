@@ -31,6 +31,7 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::KeepColours => "use them with keep_colors=True",
         Remedy::Linear => "give linear=True if its values are linear radiance",
         Remedy::Layer => "take another with layer=NAME",
+        Remedy::Separately => "give each photograph by itself, or all of them to infer_many",
         Remedy::Turn => "give the angle with second_yaw=DEGREES",
         Remedy::SecondOutline => "give the outline of the ball with second_circle=(x, y, radius)",
         Remedy::SecondMask => "give a mask with second_mask=",

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use gonio_app::Problem;
 use gonio_app::export::{Export, Target};
-use gonio_io::atomic::StagedFolder;
+use gonio_app::folder::for_exports;
 use numpy::{PyArray3, PyArray4};
 use pyo3::prelude::*;
 
@@ -49,7 +49,7 @@ pub(crate) fn export(
     let whole = full.map(merl_table).transpose()?;
     let export = Export { name, tables: arrays::tables(table)?, whole, albedo, with_tables: tables };
     work::run(py, listeners, move |reporter| {
-        let folder = StagedFolder::create(&folder)?;
+        let folder = for_exports(&folder)?;
         let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;
         let Some(summary) = written else { return Err(Problem::of(input, "reflects nothing along the normal")) };
         folder.commit()?;

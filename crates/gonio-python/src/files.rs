@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use gonio::picture::Picture;
 use gonio::reflectance::{BivariateTable, MerlTable, PHI_D, THETA_D, THETA_H};
 use gonio_app::Problem;
+use gonio_app::folder::for_results;
 use gonio_app::photograph::read_picture;
 use gonio_app::results::{Files, PICTURES};
-use gonio_io::atomic::{StagedFolder, write_file as write_whole};
+use gonio_io::atomic::write_file as write_whole;
 use gonio_io::picture::{ReadOptions, encode_exr, encode_hdr, encode_pfm, encode_png_srgb8};
 use gonio_io::rgl::{self, Channels};
 use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
@@ -165,7 +166,7 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
         notes,
         page,
     };
-    let write = || StagedFolder::create(&folder)?.fill(&files.encode());
+    let write = || for_results(&folder)?.fill(&files.encode());
     py.detach(write).map_err(|e| raise(&e.into(), py))
 }
 

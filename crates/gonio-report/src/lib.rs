@@ -1,11 +1,12 @@
 //! Reports on an estimate: one page to read ([`report`]), and its pictures ([`panels`],
 //! [`summary`], [`uncertainty`], [`combined`], [`regions`]). [`probe`] draws what was made of a
-//! mirror ball.
+//! mirror ball, [`check`] what was found in a photograph before anything is inferred.
 //!
 //! This crate reads and writes no files: pictures are linear display values, which `gonio-io`
 //! encodes. [`page`] is the frame of all reports.
 
 pub mod canvas;
+pub mod check;
 pub mod combined;
 pub mod page;
 pub mod panels;

@@ -45,6 +45,8 @@ pub enum Remedy {
     SecondOutline,
     /// Give a mask of the ball in the second photograph.
     SecondMask,
+    /// Give each of several photographs by itself.
+    Separately,
     /// Learn a posterior of materials and join it to the model.
     LearnPosterior,
 }

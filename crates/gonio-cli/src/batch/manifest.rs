@@ -9,6 +9,7 @@ use clap::{Command, CommandFactory};
 
 use super::NOTES;
 use crate::Args;
+use crate::help::is_picture;
 
 /// Longest table, in rows.
 const MOST_ROWS: usize = 1_000_000;
@@ -96,6 +97,25 @@ pub(super) fn read(path: &Path, output: &Path) -> Result<Vec<Row>> {
     }
     if rows.is_empty() {
         bail!("{shown}: has no rows");
+    }
+    Ok(rows)
+}
+
+/// Rows of photographs without a table; their names are those of the files.
+pub(super) fn of_images(images: &[PathBuf], output: &Path) -> Result<Vec<Row>> {
+    let mut names = BTreeSet::new();
+    let mut rows = Vec::new();
+    for image in images {
+        let shown = image.display();
+        if !is_picture(image) {
+            bail!("{shown}: is no picture by its name; give photographs, or one table");
+        }
+        let record = csv::StringRecord::from(vec![shown.to_string()]);
+        let row = row(&[Column::Image], &record, Path::new(""), output).with_context(|| format!("{shown}"))?;
+        if !names.insert(row.name.clone()) {
+            bail!("{shown}: another photograph has the name {}, too; give a table with a column name", row.name);
+        }
+        rows.push(row);
     }
     Ok(rows)
 }

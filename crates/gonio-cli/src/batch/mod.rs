@@ -12,13 +12,13 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use clap::Parser;
 use gonio_io::atomic::write_file;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::outcome::Outcome;
-use crate::{Args, Command, infer};
+use crate::progress::is_quiet;
+use crate::{Command, help, infer};
 use manifest::Row;
 use shard::Shard;
 
@@ -28,12 +28,14 @@ const NOTES: &str = "rows";
 /// Options of `gonio batch`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Table (CSV): a column `image`, a column `name` for the folder of each row's results, and a
-    /// column for any option of gonio infer (`mask`, `normals`, `light-color`, …); files are
-    /// relative to the table, cells may be empty
-    #[arg(required_unless_present = "merge")]
-    manifest: Option<PathBuf>,
-    /// Folder for a folder of results of each row, and for batch.csv
+    /// Photographs, each by itself; or a table (CSV) of photographs and options
+    ///
+    /// Results of a photograph go to a folder of its name. A table has a column `image`, a column
+    /// `name` for the folder of each row's results, and a column for any option of gonio infer
+    /// (`mask`, `normals`, `light-color`, …); files are relative to the table, cells may be empty.
+    #[arg(required_unless_present = "merge", value_name = "IMAGE|TABLE")]
+    input: Vec<PathBuf>,
+    /// Folder for a folder of results of each photograph, and for batch.csv
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Only each N-th row, beginning with the I-th; in a Slurm array its variables say this
@@ -57,7 +59,11 @@ struct Note {
 }
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
-    let rows = options.manifest.as_deref().map(|path| manifest::read(path, &options.output)).transpose()?;
+    let rows = match &options.input[..] {
+        [] => None,
+        [table] if !help::is_picture(table) => Some(manifest::read(table, &options.output)?),
+        images => Some(manifest::of_images(images, &options.output)?),
+    };
     if options.merge {
         return merge::merge(&options.output, rows.as_deref());
     }
@@ -80,7 +86,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         let text = serde_json::to_string_pretty(&note).context("a note that is no JSON")?;
         write_file(note_path(&options.output, &row.name), text.as_bytes())?;
         let end = note.error.as_ref().map_or_else(|| format!("{:.1} s", note.seconds), |e| format!("failed: {e}"));
-        eprintln!("[{}/{}] {}: {end}", i + 1, own.len(), row.name);
+        if note.error.is_some() || !is_quiet() {
+            eprintln!("[{}/{}] {}: {end}", i + 1, own.len(), row.name);
+        }
         if note.error.is_some() {
             failed.push(row.name.clone());
         }
@@ -103,7 +111,7 @@ fn infer_row(row: &Row) -> Note {
     let start = Instant::now();
     let whole = || -> Result<Vec<String>> {
         let words = ["gonio", "infer"].into_iter().map(str::to_owned).chain(row.arguments.iter().cloned());
-        let parsed = Args::try_parse_from(words).map_err(|e| anyhow::anyhow!("{}", crate::problem(&e)))?;
+        let parsed = help::parse(words).map_err(|e| anyhow::anyhow!("{}", crate::problem(&e)))?;
         let Command::Infer(options) = parsed.command else { bail!("not a row") };
         Ok(infer::run(&options)?.warnings)
     };

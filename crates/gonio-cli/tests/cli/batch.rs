@@ -106,5 +106,5 @@ fn bad_tables_are_refused() {
     std::fs::create_dir_all(bench.path("x/rows")).unwrap();
     bench.refuses("batch --merge -o x", &["x: holds no results of gonio batch"]);
     assert!(!bench.path("x/batch.csv").exists());
-    bench.refuses("batch -o x", &["<MANIFEST>"]);
+    bench.refuses("batch -o x", &["<IMAGE|TABLE>"]);
 }

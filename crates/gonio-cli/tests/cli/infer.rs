@@ -105,7 +105,7 @@ fn an_8_bit_picture_is_warned_of_unless_linear() {
     let largest = picture.as_slice().iter().map(|p| p.max_element()).fold(0.0, f32::max);
     bench.write("ball.png", &gonio_io::picture::encode_png(&picture.map(|p| *p * (0.8 / largest))));
     for (options, warned) in [("-o coded", true), ("-o linear --linear", false)] {
-        let line = format!("infer ball.png {options} --starts 1 --grid 8 --normals normals.npy");
+        let line = format!("infer ball.png {options} --grid 8 --normals normals.npy");
         let run = bench.run(&line).succeeds();
         let warning = run.stderr.lines().any(|l| l.starts_with("warning: ball.png: 8-bit sRGB-coded picture"));
         assert_eq!(warning, warned, "{run:?}");

@@ -2,10 +2,13 @@
 
 #![allow(missing_docs)]
 
+mod asking;
 mod batch;
+mod check;
 mod colour;
 mod combine;
 mod export;
+mod folders;
 mod help;
 mod infer;
 mod learnt;

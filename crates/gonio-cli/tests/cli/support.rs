@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
 use std::sync::LazyLock;
 
 use glam::{DVec3, Vec3};
@@ -26,6 +26,11 @@ pub(crate) struct Run {
 }
 
 impl Run {
+    fn of(out: &Output) -> Self {
+        let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+        Self { code: out.status.code(), stdout: text(&out.stdout), stderr: text(&out.stderr) }
+    }
+
     #[track_caller]
     pub(crate) fn succeeds(self) -> Self {
         assert_eq!(self.code, Some(0), "{self:?}");
@@ -91,17 +96,24 @@ impl Bench {
 
     /// Runs the program with variables of the environment.
     pub(crate) fn run_with(&self, line: &str, environment: &[(&str, &str)]) -> Run {
-        let out = Command::new(env!("CARGO_BIN_EXE_gonio"))
+        Run::of(&self.command(line).envs(environment.iter().copied()).output().unwrap())
+    }
+
+    /// Runs the program with a file as its standard input.
+    pub(crate) fn run_reading(&self, line: &str, file: &str) -> Run {
+        Run::of(&self.command(line).stdin(fs::File::open(self.path(file)).unwrap()).output().unwrap())
+    }
+
+    /// The program with the words of `line` as arguments.
+    pub(crate) fn command(&self, line: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_gonio"));
+        command
             .args(line.split_whitespace())
             .current_dir(self.0.path())
             // A page takes longer than all the rest; report.rs asks for it.
             .env("GONIO_NO_REPORT", "true")
-            .envs(environment.iter().copied())
-            .env("GONIO_CACHE_DIR", Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"))
-            .output()
-            .unwrap();
-        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-        Run { code: out.status.code(), stdout: text(out.stdout), stderr: text(out.stderr) }
+            .env("GONIO_CACHE_DIR", Path::new(env!("CARGO_TARGET_TMPDIR")).join("plans"));
+        command
     }
 
     /// Runs `gonio`, which refuses, says each of `says` in one line, and leaves the folder as it

@@ -3,10 +3,11 @@
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use tempfile::TempDir;
 
+use super::unfinished::{self, Unfinished, own, writing};
 use super::{folder_of, sync_folder, temporary};
 use crate::Error;
 
@@ -19,6 +20,11 @@ pub struct StagedFolder {
     staging: TempDir,
     /// Removes the created parents after `staging`: fields are dropped in order.
     parents: MadeFolders,
+    /// Files and folders of the target that go when the new files come.
+    stale: Vec<PathBuf>,
+    /// Tells other processes that the hidden folder is in use. `None` where the system cannot.
+    _lock: Option<File>,
+    _unfinished: Unfinished,
 }
 
 impl StagedFolder {
@@ -40,9 +46,25 @@ impl StagedFolder {
         // Placed next to a new folder, so that one rename makes it appear, but inside an existing
         // one, which may be a mount point or a link, and whose parent need not be writable.
         let beside = if exists { target.clone() } else { folder_of(&target) };
+        let writing = writing();
         parents.make(&beside).map_err(failed)?;
-        let staging = temporary(0o777).tempdir_in(&beside).map_err(failed)?;
-        Ok(Self { target, staging, parents })
+        unfinished::sweep(&beside);
+        if exists {
+            // From when it did not exist yet.
+            unfinished::sweep(&folder_of(&target));
+        }
+        let (staging, lock) = hidden(&beside).map_err(failed)?;
+        let unfinished = Unfinished::folder(staging.path());
+        drop(writing);
+        Ok(Self { target, staging, parents, stale: Vec::new(), _lock: lock, _unfinished: unfinished })
+    }
+
+    /// Lets files of the target go when the new ones come, unless they are replaced. A folder goes
+    /// if it is empty then. Names are relative to the target; others, and what is not there, are
+    /// passed over.
+    pub fn discard(&mut self, names: impl IntoIterator<Item = PathBuf>) {
+        let below = |name: &PathBuf| name.components().all(|part| matches!(part, Component::Normal(_)));
+        self.stale.extend(names.into_iter().filter(below));
     }
 
     /// Returns the temporary path of the output file `name`.
@@ -89,14 +111,15 @@ impl StagedFolder {
     }
 
     /// Moves the files to the target. A new folder appears in one step; in an existing one each
-    /// file replaces the one of the same name, after all of them have reached the disk. Other files
-    /// there stay.
+    /// file replaces the one of the same name, after all of them have reached the disk, and what
+    /// was [discarded](Self::discard) goes. Other files there stay.
     ///
     /// # Errors
     /// If the files cannot reach the disk (it may be full), a folder stands where a file should go,
     /// or something is in the way. Nothing has been replaced then, unless renaming itself failed
-    /// halfway.
+    /// halfway. If what was discarded cannot be removed; the new files are there then.
     pub fn commit(mut self) -> Result<(), Error> {
+        let _writing = writing();
         let staging = self.staging.path();
         let names = self.sync()?;
         let failed = |e| Error::io(&self.target, "put the files into the folder", e);
@@ -126,10 +149,35 @@ impl StagedFolder {
                 fs::rename(staging.join(name), self.target.join(name)).map_err(failed)?;
             }
             folders.iter().for_each(|folder| sync_folder(&self.target.join(folder)));
+            self.remove_stale(&names)?;
             sync_folder(&self.target);
         }
         self.parents.keep();
         sync_folder(&folder_of(&self.target));
+        Ok(())
+    }
+
+    /// Removes what was discarded and not replaced, folders last.
+    fn remove_stale(&self, names: &[PathBuf]) -> Result<(), Error> {
+        let mut folders = Vec::new();
+        for path in self.stale.iter().filter(|name| !names.contains(name)).map(|name| self.target.join(name)) {
+            if fs::symlink_metadata(&path).is_ok_and(|meta| meta.is_dir()) {
+                folders.push(path);
+                continue;
+            }
+            match fs::remove_file(&path) {
+                // A missing folder on the way is as good as a missing file.
+                Err(e) if !matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+                    return Err(Error::io(&path, "remove what is left of earlier results", e));
+                }
+                _ => (),
+            }
+        }
+        folders.sort();
+        for folder in folders.iter().rev() {
+            // Fails, rightly, where something else is in it.
+            let _ = fs::remove_dir(folder);
+        }
         Ok(())
     }
 
@@ -160,9 +208,22 @@ impl StagedFolder {
     }
 }
 
+/// Makes a hidden folder and locks it.
+fn hidden(beside: &Path) -> io::Result<(TempDir, Option<File>)> {
+    loop {
+        let staging = temporary(0o777).suffix(unfinished::SUFFIX).tempdir_in(beside)?;
+        match own(staging.path()) {
+            unfinished::Owner::Us(lock) => return Ok((staging, Some(lock))),
+            unfinished::Owner::Nobody => return Ok((staging, None)),
+            // Another process took it for one that was left, before it was locked.
+            unfinished::Owner::Another => (),
+        }
+    }
+}
+
 /// Folders created on the way, removed again on drop if they are still empty.
 #[derive(Debug, Default)]
-struct MadeFolders(Vec<PathBuf>);
+struct MadeFolders(Vec<(PathBuf, Unfinished)>);
 
 impl MadeFolders {
     /// Creates `dir` and its missing parents.
@@ -175,7 +236,7 @@ impl MadeFolders {
             self.make(&parent)?;
         }
         match fs::create_dir(dir) {
-            Ok(()) => self.0.push(dir.to_owned()),
+            Ok(()) => self.0.push((dir.to_owned(), Unfinished::parent(dir))),
             // Another process was faster; then it is not ours to remove.
             Err(_) if dir.is_dir() => {}
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
@@ -193,7 +254,7 @@ impl MadeFolders {
 
 impl Drop for MadeFolders {
     fn drop(&mut self) {
-        for dir in self.0.iter().rev() {
+        for (dir, _) in self.0.iter().rev() {
             // Fails, rightly, when another process has put something into it.
             let _ = fs::remove_dir(dir);
         }
@@ -257,6 +318,50 @@ mod tests {
         staged.commit().unwrap();
         assert_eq!(fs::read_to_string(out.join("x")).unwrap(), "new");
         assert_eq!(tree(&out), ["other", "x"]);
+    }
+
+    #[test]
+    fn what_is_discarded_goes_with_the_old_files() {
+        let dir = tempfile::tempdir().unwrap();
+        for folder in ["out/a", "out/b", "out/gone"] {
+            fs::create_dir_all(dir.path().join(folder)).unwrap();
+        }
+        for file in ["keep", "out/x", "out/old", "out/other", "out/a/old", "out/b/old", "out/b/other"] {
+            fs::write(dir.path().join(file), "old").unwrap();
+        }
+        let out = dir.path().join("out");
+        let names = ["x", "old", "a", "a/old", "b", "b/old", "missing", "gone/old", "gone", "../keep"];
+        let mut staged = StagedFolder::create(&out).unwrap();
+        staged.discard(names.map(PathBuf::from));
+        drop(staged);
+        assert_eq!(tree(&out).len(), 9, "dropped before the end: {:?}", tree(&out));
+        let mut staged = StagedFolder::create(&out).unwrap();
+        staged.discard(names.map(PathBuf::from));
+        fs::write(staged.path("x"), "new").unwrap();
+        staged.commit().unwrap();
+        assert_eq!(tree(dir.path()), ["keep", "out", "out/b", "out/b/other", "out/other", "out/x"]);
+        assert_eq!(fs::read_to_string(out.join("x")).unwrap(), "new");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_a_killed_process_left_is_removed_and_what_is_in_use_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let left = dir.path().join(".gonio-abcdef.unfinished");
+        fs::create_dir(&left).unwrap();
+        fs::write(left.join("x"), "half").unwrap();
+        fs::create_dir(dir.path().join(".gonio-mine")).unwrap();
+        fs::write(dir.path().join(".gonio-file.unfinished"), "a file").unwrap();
+        let first = StagedFolder::create(dir.path().join("a")).unwrap();
+        fs::write(first.path("x"), "x").unwrap();
+        let second = StagedFolder::create(dir.path().join("b")).unwrap();
+        assert!(!left.exists());
+        second.commit().unwrap();
+        fs::create_dir(&left).unwrap();
+        drop(StagedFolder::create(dir.path().join("b")).unwrap());
+        assert!(!left.exists(), "left beside a folder that exists now");
+        first.commit().unwrap();
+        assert_eq!(tree(dir.path()), [".gonio-file.unfinished", ".gonio-mine", "a", "a/x", "b"]);
     }
 
     #[test]

@@ -1,15 +1,18 @@
 //! Output that appears complete or not at all: single files, and whole folders of them.
 //!
-//! A process that is killed can leave a hidden file or folder behind, named `.gonio-*`; nothing
-//! else can.
+//! A process that is told to end calls [`abandon`] and leaves nothing. One that is killed can leave
+//! a hidden file behind, named `.gonio-*`, or a hidden folder, which the next [`StagedFolder`] in
+//! the same place removes.
 
 mod folder;
+mod unfinished;
 
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 pub use folder::StagedFolder;
+pub use unfinished::abandon;
 
 use crate::Error;
 
@@ -42,8 +45,10 @@ fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
         Err(e) => return Err(e),
     };
     let folder = folder_of(&target);
+    let _writing = unfinished::writing();
     // Dropping the temporary file on any of the errors below removes it.
     let mut file = temporary(0o666).tempfile_in(&folder)?;
+    let _unfinished = unfinished::Unfinished::file(file.path());
     file.write_all(bytes)?;
     // A full disk may show only here; without this a crash could leave an empty file under the
     // final name.

@@ -99,8 +99,8 @@ fn decode_codes(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Code
 }
 
 fn not_coded(path: &Path) -> Error {
-    let advice = "give 8 or 16-bit pictures as exposures, or this one alone";
-    Error::unsupported(path, "holds radiance instead of the codes of a camera", advice)
+    let advice = "give 8 or 16-bit pictures as exposures of one scene";
+    Error::unsupported(path, "holds radiance instead of the codes of a camera", advice).with_remedy(Remedy::Separately)
 }
 
 fn codes_of(

@@ -32,6 +32,7 @@ mod response;
 mod shot;
 mod write;
 
+use std::io::Read;
 use std::path::Path;
 
 use gonio::picture::Picture;
@@ -46,8 +47,8 @@ pub use mask::read_mask;
 pub use response::{decode_response, encode_response, read_response, write_response};
 pub use shot::Shot;
 pub use write::{
-    encode_exr, encode_exr_clipped, encode_hdr, encode_pfm, encode_png, encode_png_srgb8, write_exr, write_hdr,
-    write_pfm, write_png, write_png_srgb8,
+    encode_exr, encode_exr_clipped, encode_hdr, encode_pfm, encode_png, encode_png_signed, encode_png_srgb8, is_signed,
+    write_exr, write_hdr, write_pfm, write_png, write_png_srgb8,
 };
 
 /// Options for reading a picture.
@@ -188,6 +189,14 @@ impl Format {
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Decoded, Error> {
     let path = path.as_ref();
     decode(path, &guard::read_whole(path, options.max_bytes())?, options)
+}
+
+/// Reads the bytes of a picture from a stream, which messages call `name`.
+///
+/// # Errors
+/// If it cannot be read, is empty, or is longer than a picture that the options allow.
+pub fn read_stream(name: &Path, stream: impl Read, options: &ReadOptions) -> Result<Vec<u8>, Error> {
+    guard::read_stream(name, stream, options.max_bytes())
 }
 
 /// Decodes a picture held in memory; `path` serves the messages only. The rest is as in [`read`].

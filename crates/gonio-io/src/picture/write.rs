@@ -1,6 +1,7 @@
 //! Encoding and writing of pictures. Every file is encoded in memory first and then written
 //! [atomically](crate::atomic).
 
+use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -90,6 +91,37 @@ pub fn encode_png(rgb: &Plane<Vec3>) -> Vec<u8> {
     let code = |v: f32| (srgb_encode(v.max(0.0)) * 255.0).round() as u8;
     let samples: Vec<u8> = rgb.as_slice().iter().flat_map(|v| v.to_array().map(code)).collect();
     encode_png_srgb8(rgb.width(), rgb.height(), &samples)
+}
+
+/// Encodes like [`encode_png`] and notes in the file which program wrote it: [`is_signed`] tells.
+///
+/// # Panics
+/// As [`encode_png`], or if `program` is not short.
+pub fn encode_png_signed(rgb: &Plane<Vec3>, program: &str) -> Vec<u8> {
+    let mut bytes = encode_png(rgb);
+    // The last chunk, `IEND`, is empty.
+    let end = bytes.len() - 12;
+    bytes.splice(end..end, signature(program));
+    bytes
+}
+
+/// Whether a file is a PNG that [`encode_png_signed`] made for this program.
+pub fn is_signed(path: impl AsRef<Path>, program: &str) -> bool {
+    let signature = signature(program);
+    fs::read(path).is_ok_and(|bytes| {
+        bytes.starts_with(b"\x89PNG") && bytes.windows(signature.len()).any(|part| part == signature)
+    })
+}
+
+/// A text chunk of a PNG file that names the program.
+fn signature(program: &str) -> Vec<u8> {
+    let mut chunk = b"tEXtSoftware\0".to_vec();
+    chunk.extend(program.as_bytes());
+    let length = u32::try_from(chunk.len() - 4).expect("the name of a program is short");
+    let check = !chunk.iter().fold(u32::MAX, |check, byte| {
+        (0..8).fold(check ^ u32::from(*byte), |check, _| (check >> 1) ^ (0xedb8_8320 & (check & 1).wrapping_neg()))
+    });
+    [&length.to_be_bytes()[..], &chunk, &check.to_be_bytes()].concat()
 }
 
 /// Encodes a PNG of 8-bit RGB samples that are already sRGB-coded, row-major from the top.

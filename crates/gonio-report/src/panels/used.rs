@@ -24,6 +24,13 @@ pub struct Mark {
     fates: &'static [Fate],
 }
 
+impl Mark {
+    /// Whether it stands for this fate.
+    pub fn marks(&self, fate: Fate) -> bool {
+        self.fates.contains(&fate)
+    }
+}
+
 /// All reasons except lying outside; of photograph pixels that share one pixel of the picture the
 /// first reason is shown.
 pub const MARKS: [Mark; 6] = [

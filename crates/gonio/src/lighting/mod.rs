@@ -13,5 +13,5 @@ pub use map::{EnvironmentMap, MapError};
 pub use mixture::{MixtureSettings, ScaleMixture};
 pub use prior::{CoefficientPrior, LightPrior, PriorError, PriorGroup, PriorSettings};
 pub use rectified::{Moments, RectifiedGaussian};
-pub use scenes::{lamp_light, sky_light};
+pub use scenes::{lamp_light, named_light, sky_light};
 pub use studio::studio_light;

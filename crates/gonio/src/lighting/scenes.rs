@@ -6,6 +6,16 @@ use super::EnvironmentMap;
 use crate::picture::Plane;
 use crate::sphere::direction_of_lat_long;
 
+/// The light of our own of a name, `studio`, `sky` or `lamp`: `2 height` by `height`.
+pub fn named_light(name: &str, height: usize) -> Option<EnvironmentMap> {
+    match name {
+        "studio" => Some(super::studio_light(height)),
+        "sky" => Some(sky_light(height)),
+        "lamp" => Some(lamp_light(height)),
+        _ => None,
+    }
+}
+
 /// Light of a clear day, `2 height` by `height`: a sky that pales towards the horizon, a low sun
 /// behind the left shoulder, and dull ground. Relative units, mean about one; the sun gives half of
 /// the light.

@@ -260,6 +260,16 @@ impl Sighting {
         }
     }
 
+    /// Whether the middle of a pixel lies on the object.
+    pub fn contains(&self, x: usize, y: usize) -> bool {
+        if let Some(circle) = self.circle() {
+            return (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y) < circle.radius;
+        }
+        let has_normal = |normals: &Plane<Vec3>| normals[(x, y)].is_finite() && normals[(x, y)] != Vec3::ZERO;
+        let covered = |coverage: &Plane<f32>| coverage[(x, y)] >= 0.5;
+        self.normals.as_ref().is_none_or(has_normal) && self.coverage.as_ref().is_none_or(covered)
+    }
+
     /// Returns the outline of a ball seen from far away.
     pub fn circle(&self) -> Option<Circle> {
         match self.found {

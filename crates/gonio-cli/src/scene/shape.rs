@@ -6,7 +6,7 @@ use gonio::scene::Correction;
 use gonio::shape::DepthKind;
 use gonio_app::{Form, Normals, Places, Shape, Source};
 
-use super::Options;
+use super::SceneOptions;
 
 /// Shapes known by name.
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -35,8 +35,9 @@ pub(super) struct NormalOptions {
     /// Take the normals as they are even if they contradict themselves
     #[arg(long, requires = "normals")]
     trust_normals: bool,
-    /// Picture of the object's depth (EXR, NPY, 16-bit PNG), to know which light it keeps from
-    /// itself
+    /// Picture of the object's depth, to know which light it keeps from itself
+    ///
+    /// EXR, NPY or 16-bit PNG.
     #[arg(long, value_name = "FILE", requires = "normals", conflicts_with = "positions")]
     depth: Option<PathBuf>,
     /// Depths that the codes 0 and 1 of an integer picture stand for
@@ -45,7 +46,9 @@ pub(super) struct NormalOptions {
     /// Depths are distances along the rays, not along the camera's axis
     #[arg(long, requires = "depth")]
     depth_along_rays: bool,
-    /// Picture of the object's positions (EXR, NPY) in coordinates of the camera, for the same
+    /// Picture of the object's positions, for the same
+    ///
+    /// EXR or NPY, in coordinates of the camera.
     #[arg(long, value_name = "FILE", requires = "normals")]
     positions: Option<PathBuf>,
 }
@@ -86,7 +89,7 @@ impl NormalOptions {
     }
 }
 
-impl Options {
+impl SceneOptions {
     /// Returns the shape that the options describe.
     pub(super) fn shape(&self) -> Shape {
         if let Some(shape) = self.surface.mesh() {

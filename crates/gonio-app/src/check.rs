@@ -1,0 +1,108 @@
+//! A photograph before anything is inferred: the object, and what is wrong with its pixels.
+
+use glam::Vec3;
+use gonio::picture::{Picture, Plane};
+use gonio::scene::{Found, ObservationSettings, separate_balls};
+use gonio_report::check::draw;
+use serde_json::{Value, json};
+
+use crate::regions::{Regions, may_be_several, parts};
+use crate::scene::read_mask;
+use crate::{Journal, Photograph, Problem, Scene, Seen, Shots, Warning, notes};
+
+/// A photograph that was looked at.
+pub struct Checked {
+    /// The photograph.
+    pub picture: Picture,
+    /// The objects, or the regions of one.
+    pub objects: Vec<Looked>,
+    /// What is odd about the photograph.
+    pub warnings: Vec<Warning>,
+}
+
+/// An object of a photograph.
+pub struct Looked {
+    /// Its name, if there are several.
+    pub name: Option<String>,
+    /// Where it is, and what became of its pixels.
+    pub seen: Seen,
+}
+
+/// Finds what [`infer_all`](crate::regions::infer_all) would work on. Tells of the stage `reading`.
+///
+/// # Errors
+/// If a file cannot be read, or an object cannot be found or shows too little; the input at fault
+/// is named.
+pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) -> Result<Checked, Problem> {
+    let mut warnings = Vec::new();
+    journal.at("reading", 0.0);
+    let shots = std::mem::replace(&mut scene.shots, Shots::Files(Vec::new()));
+    let photograph: Photograph = shots.read(&scene.reading, scene.clip, &mut warnings)?;
+    let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size())?;
+    let several = || may_be_several(&scene) && separate_balls(&photograph.picture, mask.as_ref()).len() > 1;
+    let regions = regions.or_else(|| several().then_some(Regions::Balls));
+    let mut look = |scene: Scene| scene.look(&ObservationSettings::default(), None, &mut warnings, journal);
+    let objects = match &regions {
+        None => {
+            let seen = look(Scene { shots: Shots::Read(photograph.clone()), ..scene })?;
+            vec![Looked { name: None, seen }]
+        }
+        Some(regions) => {
+            let mut objects = Vec::new();
+            for part in parts(&photograph.picture, mask.as_ref(), &scene, regions)? {
+                let seen = look(part.scene(&scene, &photograph))
+                    .map_err(|problem| problem.within(&format!("region {}", part.name)))?;
+                objects.push(Looked { name: Some(part.name), seen });
+            }
+            objects
+        }
+    };
+    Ok(Checked { picture: photograph.picture, objects, warnings })
+}
+
+impl Checked {
+    /// The photograph with outlines, clipped and faulty pixels drawn in, as linear display values.
+    pub fn draw(&self) -> Plane<Vec3> {
+        let sightings: Vec<_> = self.objects.iter().map(|object| &object.seen.sighting).collect();
+        draw(&self.picture, &sightings)
+    }
+
+    /// All numbers by name.
+    pub fn notes(&self) -> Value {
+        let (width, height) = self.picture.rgb.size();
+        let object = |object: &Looked| {
+            let mut notes = notes::sighting(&object.seen.sighting);
+            notes["name"] = json!(object.name);
+            notes["coverage"] = json!(object.coverage());
+            notes
+        };
+        json!({ "width": width, "height": height, "objects": self.objects.iter().map(object).collect::<Vec<_>>() })
+    }
+}
+
+impl Looked {
+    /// Share of the picture that the object covers.
+    pub fn coverage(&self) -> f64 {
+        let sighting = &self.seen.sighting;
+        let (width, height) = self.seen.picture.rgb.size();
+        let inside = (0..width * height).filter(|i| sighting.contains(i % width, i / width));
+        inside.count() as f64 / (width * height).max(1) as f64
+    }
+
+    /// What was found of its shape, in a few words.
+    pub fn outline(&self) -> String {
+        match &self.seen.sighting.found {
+            Found::Circle(circle) => {
+                format!("ball, circle {:.1},{:.1},{:.1} (x, y, radius in pixels)", circle.x, circle.y, circle.radius)
+            }
+            Found::Ball(centre) => {
+                format!("ball of radius 1 at {:.2},{:.2},{:.2} before the camera", centre.x, centre.y, centre.z)
+            }
+            Found::Ellipse(ellipse, depth) => {
+                format!("ellipsoid, semi-axes {:.1} and {:.1} pixels, {depth:.1} deep", ellipse.axes.0, ellipse.axes.1)
+            }
+            Found::Surface => "mesh before its camera".to_owned(),
+            Found::Normals(_) => "shape by its normals".to_owned(),
+        }
+    }
+}

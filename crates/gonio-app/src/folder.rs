@@ -1,0 +1,203 @@
+//! What of a folder is ours: new results replace earlier ones, and no file of anybody else.
+//!
+//! A folder holds results if its `result.json` says so. Then the files of the names that
+//! [`results`](crate::results) gives are ours, as are the folders of the regions that `result.json`
+//! names, and what was exported from all of these, as `export.json` names it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use gonio_io::Error;
+use gonio_io::atomic::StagedFolder;
+use serde_json::Value;
+
+use crate::export::SUMMARY;
+use crate::results::{RESULT, names};
+
+/// Folder of what was exported, within that of the results.
+pub const EXPORT: &str = "export";
+
+/// Formats that `result.json` may say it is of.
+const RESULTS: [&str; 2] = ["gonio-result", "gonio-regions"];
+
+/// End of the name of the folder of results beside a photograph.
+const BESIDE: &str = "-gonio";
+
+/// Prepares a folder for new results; earlier ones that it holds go when the new ones come.
+///
+/// # Errors
+/// As [`StagedFolder::create`].
+pub fn for_results(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
+    let mut folder = StagedFolder::create(&dir)?;
+    let mut ours = Vec::new();
+    results_in(dir.as_ref(), Path::new(""), &mut ours);
+    folder.discard(ours);
+    Ok(folder)
+}
+
+/// Prepares a folder for new exports; earlier ones that it holds go when the new ones come.
+///
+/// # Errors
+/// As [`StagedFolder::create`].
+pub fn for_exports(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
+    let mut folder = StagedFolder::create(&dir)?;
+    let mut ours = Vec::new();
+    exports_in(dir.as_ref(), Path::new(""), &mut ours);
+    folder.discard(ours);
+    Ok(folder)
+}
+
+/// Whether a folder holds results of ours.
+pub fn holds_results(dir: &Path) -> bool {
+    notes(&dir.join(RESULT), &RESULTS).is_some()
+}
+
+/// The folder of results beside a photograph: `ball-gonio` for `ball.exr`.
+pub fn beside(image: &Path) -> PathBuf {
+    let mut name = image.file_stem().unwrap_or_default().to_owned();
+    name.push(BESIDE);
+    image.with_file_name(name)
+}
+
+/// Whether results in `dir` could replace this file, which is none of them.
+pub fn would_replace(dir: &Path, file: &Path) -> bool {
+    let same = |a: &Path, b: &Path| fs::canonicalize(a).ok().zip(fs::canonicalize(b).ok()).is_some_and(|(a, b)| a == b);
+    names().any(|name| same(&dir.join(name), file))
+}
+
+/// Adds what is ours of a folder of results to `ours`; `dir` is the folder, `within` how it is
+/// called from the one that is asked about.
+fn results_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
+    let Some(notes) = notes(&dir.join(RESULT), &RESULTS) else { return };
+    ours.extend(names().map(|name| within.join(name)));
+    exports_in(&dir.join(EXPORT), &within.join(EXPORT), ours);
+    // A folder of a region holds no regions.
+    if within != Path::new("") {
+        return;
+    }
+    for region in texts(&notes["regions"], |region| &region["folder"]).filter(|name| is_plain(name)) {
+        results_in(&dir.join(&region), Path::new(&region), ours);
+        ours.push(region.into());
+    }
+}
+
+/// The same of a folder of exports.
+fn exports_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
+    let Some(notes) = notes(&dir.join(SUMMARY), &["gonio-export"]) else { return };
+    let targets = notes["exports"].as_object();
+    let files = targets.into_iter().flatten().flat_map(|(_, entry)| texts(&entry["files"], |file| file));
+    ours.extend(files.filter(|name| is_plain(name)).map(|name| within.join(name)));
+    ours.push(within.join(SUMMARY));
+    if within != Path::new("") {
+        ours.push(within.to_owned());
+    }
+}
+
+/// A file of ours, if it says that it is of one of these formats.
+fn notes(path: &Path, formats: &[&str]) -> Option<Value> {
+    let notes: Value = serde_json::from_slice(&fs::read(path).ok()?).ok()?;
+    formats.iter().any(|format| notes["format"] == **format).then_some(notes)
+}
+
+/// The texts in a list.
+fn texts<'a>(list: &'a Value, of: impl Fn(&'a Value) -> &'a Value + 'a) -> impl Iterator<Item = String> + 'a {
+    list.as_array().into_iter().flatten().filter_map(move |entry| of(entry).as_str().map(str::to_owned))
+}
+
+/// Whether this is the name of a file or folder, and no path.
+fn is_plain(name: &str) -> bool {
+    Path::new(name).file_name().is_some_and(|n| n == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    /// Files of a folder, by name and content.
+    fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            let path = dir.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        dir
+    }
+
+    fn left(dir: &Path) -> Vec<String> {
+        let (mut found, mut open) = (Vec::new(), vec![dir.to_owned()]);
+        while let Some(next) = open.pop() {
+            for entry in fs::read_dir(next).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    open.push(path);
+                } else {
+                    found.push(path.strip_prefix(dir).unwrap().to_string_lossy().into_owned());
+                }
+            }
+        }
+        found.sort();
+        found
+    }
+
+    #[test]
+    fn earlier_results_go_and_everything_else_stays() {
+        let result = json!({
+            "format": "gonio-regions",
+            "regions": [{ "folder": "1" }, { "folder": "../outside" }, { "folder": "mine" }],
+        })
+        .to_string();
+        let region = json!({ "format": "gonio-result" }).to_string();
+        let export = json!({
+            "format": "gonio-export", "exports": { "ward": { "files": ["ward.json", "../brdf.txt"] } },
+        })
+        .to_string();
+        let dir = folder(&[
+            ("result.json", &result),
+            ("report.html", ""),
+            ("brdf.txt", ""),
+            ("photo.exr", ""),
+            ("1/result.json", &region),
+            ("1/brdf.binary", ""),
+            ("1/export/export.json", &export),
+            ("1/export/ward.json", ""),
+            ("mine/report.html", "a folder without results"),
+            ("export/export.json", &export),
+            ("export/ward.json", ""),
+            ("export/scene.blend", ""),
+        ]);
+        let staged = for_results(dir.path()).unwrap();
+        assert_eq!(left(dir.path()).len(), 12);
+        staged.fill(&[("relit.png".to_owned(), b"new".to_vec())]).unwrap();
+        assert_eq!(left(dir.path()), ["brdf.txt", "export/scene.blend", "mine/report.html", "photo.exr", "relit.png"]);
+        assert!(!dir.path().join("1").exists());
+    }
+
+    #[test]
+    fn folders_of_others_are_left_as_they_are() {
+        for result in ["", "no JSON", "{\"format\": \"another\"}"] {
+            let dir = folder(&[("result.json", result), ("report.html", ""), ("export/ward.json", "")]);
+            assert!(!holds_results(dir.path()));
+            for_results(dir.path()).unwrap().fill(&[("relit.png".to_owned(), Vec::new())]).unwrap();
+            assert_eq!(left(dir.path()), ["export/ward.json", "relit.png", "report.html", "result.json"]);
+        }
+    }
+
+    #[test]
+    fn a_photograph_of_the_name_of_a_result_is_in_danger() {
+        let dir = folder(&[("light.exr", ""), ("photo.exr", "")]);
+        let name = |name: &str| dir.path().join(name);
+        assert!(would_replace(dir.path(), &name("light.exr")));
+        assert!(!would_replace(dir.path(), &name("photo.exr")));
+        assert!(!would_replace(&name("out"), &name("light.exr")));
+        assert!(!would_replace(dir.path(), &name("relit.png")));
+    }
+
+    #[test]
+    fn results_lie_beside_their_photograph() {
+        assert_eq!(beside(Path::new("a/ball.exr")), Path::new("a/ball-gonio"));
+        assert_eq!(beside(Path::new("ball.1.exr")), Path::new("ball.1-gonio"));
+    }
+}

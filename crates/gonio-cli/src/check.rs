@@ -1,0 +1,101 @@
+//! `gonio check`: what `gonio infer` would work on, in a second.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use gonio_app::{Checked, Journal, check};
+use gonio_io::atomic::write_file;
+use gonio_io::picture::{encode_png_signed, is_signed};
+use serde_json::json;
+
+use crate::input;
+use crate::outcome::Outcome;
+use crate::progress::Stages;
+use crate::remedy::{self, plain};
+use crate::scene::SceneOptions;
+
+/// Note in the pictures that are written: those are ours to replace.
+const SIGNATURE: &str = "gonio check";
+
+/// Options of `gonio check`.
+#[derive(clap::Args)]
+#[command(after_help = "Example: gonio check photo.exr --mask mask.png")]
+pub(crate) struct Options {
+    #[command(flatten)]
+    scene: SceneOptions,
+    /// Picture to write; IMAGE-check.png beside the photograph if not given
+    ///
+    /// It shows the outline of the object, clipped and faulty pixels and what else is left out. The
+    /// picture beside the photograph is replaced only if gonio check wrote it.
+    #[arg(short, long, value_name = "X.png", help_heading = "Output")]
+    output: Option<PathBuf>,
+}
+
+impl Options {
+    /// The picture: the one given, or one beside the photograph.
+    fn output(&self) -> Result<PathBuf> {
+        let image = self.scene.image();
+        if let Some(output) = &self.output {
+            if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
+                bail!("{}: write to a name ending in .png", output.display());
+            }
+            if self.scene.images.contains(output) {
+                bail!("{}: is the photograph itself; write to another name", output.display());
+            }
+            return Ok(output.clone());
+        }
+        if input::is_stdin(&image) {
+            bail!("- is standard input, and has no place for a picture beside it: give -o X.png");
+        }
+        let output = beside(&image);
+        if output.exists() && !is_signed(&output, SIGNATURE) {
+            bail!("{}: is there and not of gonio check; give another name with -o X.png", output.display());
+        }
+        Ok(output)
+    }
+}
+
+/// The picture beside a photograph: `ball-check.png` for `ball.exr`.
+fn beside(image: &Path) -> PathBuf {
+    let mut name = image.file_stem().unwrap_or_default().to_owned();
+    name.push("-check.png");
+    image.with_file_name(name)
+}
+
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
+    let output = options.output()?;
+    let (scene, regions) = (options.scene.scene()?, options.scene.regions());
+    let name = scene.name.clone();
+    let line = Stages::new("reading");
+    let listener = |stage, fraction| line.at(stage, fraction);
+    let journal = Journal::new("reading", &listener);
+    let checked = check(scene, regions, &journal).map_err(plain)?;
+    journal.at("drawing", 0.0);
+    write_file(&output, &encode_png_signed(&checked.draw(), SIGNATURE))?;
+    line.finish();
+    let output = output.display().to_string();
+    let text = format!("{}see {output}", describe(&checked, &name));
+    let mut fields = checked.notes();
+    fields["output"] = json!(output);
+    fields["image"] = json!(name);
+    Ok(Outcome::new(text, fields).warning(remedy::worded(&checked.warnings)))
+}
+
+/// Lines on a photograph and each of its objects.
+fn describe(checked: &Checked, name: &str) -> String {
+    let (width, height) = checked.picture.rgb.size();
+    let mut lines = format!("{name}: {width}x{height} pixels\n");
+    for object in &checked.objects {
+        let report = &object.seen.sighting.observations.report;
+        let of = object.name.as_ref().map(|name| format!("region {name}: ")).unwrap_or_default();
+        lines += &format!(
+            "{of}{}, {:.1} % of the picture\n{of}{} pixels to observe; {} clipped, {} faulty (negative, NaN or infinite)\n",
+            object.outline(),
+            100.0 * object.coverage(),
+            report.observed_pixels,
+            report.clipped_pixels,
+            report.negative + report.not_finite,
+        );
+    }
+    lines
+}

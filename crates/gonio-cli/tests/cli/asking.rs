@@ -1,0 +1,199 @@
+//! What is asked of people, and what is told to them.
+
+use gonio::lighting::studio_light;
+use gonio_io::picture::encode_hdr;
+
+use crate::support::{Bench, ball, exr};
+
+#[test]
+fn short_help_fits_a_screen_and_long_help_has_headings() {
+    let bench = Bench::new();
+    let headings = ["Input", "Finding the object", "Shape", "Camera", "Light", "Method", "Colour", "Output", "General"];
+    let short = bench.run("infer -h").succeeds().stdout;
+    assert!(short.lines().count() <= 40, "{}", short.lines().count());
+    assert!(short.lines().all(|line| line.chars().count() <= 100), "{short}");
+    assert!(short.contains("--mask") && !short.contains("--normals-flip-y"), "{short}");
+    let long = bench.run("infer --help").succeeds().stdout;
+    let at = |heading: &str| long.find(&format!("\n{heading}:\n")).unwrap_or_else(|| panic!("{heading}: {long}"));
+    assert!(headings.windows(2).all(|pair| at(pair[0]) < at(pair[1])));
+    assert!(!long.contains("\nOptions:\n"), "{long}");
+    assert!(long.contains("--normals-flip-y") && at("Examples") > at("General"));
+    // Everything that --help lists of a method, and in no other place.
+    for option in ["--starts", "--solver", "--seed", "--grid", "--paper"] {
+        let place = long.find(&format!(" {option}")).unwrap();
+        assert!(at("Method") < place && place < at("Colour"), "{option}");
+    }
+}
+
+#[test]
+fn options_that_a_method_does_not_use_are_refused() {
+    let bench = Bench::with_ball();
+    bench.write("light.hdr", &encode_hdr(studio_light(16).radiance()));
+    bench.write("labels.png", b"");
+    for (options, says) in [
+        ("--solver blocks", "--solver is for --method variational: learnt does not use it"),
+        ("--starts 2", "--starts is for --method variational, map, known-light-basis"),
+        ("--seed 2", "--seed is for"),
+        ("--full-rows", "--full-rows is for --method variational, map: learnt"),
+        ("--method map --solver blocks", "--solver is for --method variational: map does not use it"),
+        ("--light light.hdr --starts 2", "known-light does not use it"),
+        ("--light light.hdr --grid 16", "--grid is for --method learnt, variational, map: known-light"),
+        ("--light light.hdr --method known-light-basis --full-rows", "--full-rows is for"),
+        ("--light light.hdr --method known-light-basis --absolute", "--absolute is for --method known-light"),
+        ("--light light.hdr --method known-light-basis --align-light", "--align-light is for --method known-light"),
+        ("--depth-axis 20", "--depth-axis is for --shape ellipsoid"),
+        ("--normals normals.npy --depth-axis 20", "--depth-axis is for --shape ellipsoid"),
+        ("--shape ellipsoid --circle 24,24,20", "--circle is the outline of a ball"),
+        ("--circle 14,24,9 --circle 34,24,9 --mask ball.exr", "or --mask"),
+        ("--circle 14,24,9 --circle 34,24,9 --materials labels.png", "or several --circle"),
+        ("--circle 14,24,9 --circle 34,24,9 --keep-colors", "--keep-colors is for a photograph of one material"),
+        // One range for every method.
+        ("--grid 256", "grid 256: give a power of two from 4 to 128"),
+        ("--light light.hdr --normals normals.npy --grid 256", "grid 256: give a power of two from 4 to 128"),
+        ("--method map --grid 256", "grid 256: give a power of two from 4 to 128"),
+    ] {
+        bench.refuses(&format!("infer ball.exr -o out {options}"), &[says]);
+    }
+}
+
+#[test]
+fn results_lie_beside_the_photograph_if_nothing_else_is_said() {
+    let bench = Bench::with_ball();
+    std::fs::create_dir(bench.path("photos")).unwrap();
+    std::fs::rename(bench.path("ball.exr"), bench.path("photos/ball.exr")).unwrap();
+    for _ in 0..2 {
+        let run = bench.run("infer photos/ball.exr --grid 8").succeeds();
+        assert!(run.stdout.starts_with("photos/ball-gonio: "), "{run:?}");
+    }
+    assert_eq!(bench.names("photos"), ["ball-gonio", "ball.exr"]);
+    std::fs::remove_file(bench.path("photos/ball-gonio/result.json")).unwrap();
+    bench.refuses("infer photos/ball.exr", &["photos/ball-gonio: is there and holds no results", "-o DIR"]);
+}
+
+#[test]
+fn a_photograph_comes_from_standard_input() {
+    let bench = Bench::with_ball();
+    bench.run("infer ball.exr -o file --grid 8").succeeds();
+    bench.run_reading("infer - -o piped --grid 8", "ball.exr").succeeds();
+    assert!(bench.read("piped/brdf.binary") == bench.read("file/brdf.binary"), "another BRDF from the same bytes");
+    assert_eq!(bench.json("piped/result.json")["image"], "standard input");
+    bench.write("text", b"no picture");
+    bench.write("empty", b"");
+    for (line, file, says) in [
+        ("infer - -o x", "text", "standard input: is in no known picture format"),
+        ("infer - -o x", "empty", "standard input: is empty"),
+        ("infer -", "ball.exr", "give -o DIR"),
+        ("infer - ball.exr -o x", "ball.exr", "give exposures as files"),
+        ("infer - -o x --response srgb", "ball.exr", "standard input: a camera's curve is for exposures in files"),
+    ] {
+        bench.run_reading(line, file).fails(&[says]);
+        assert!(!bench.path("x").exists());
+    }
+    bench.run_reading("light - -o probe.exr --rows 16", "ball.exr").succeeds();
+}
+
+#[test]
+fn the_variable_for_no_report_means_what_it_says() {
+    let bench = Bench::with_ball();
+    for (value, written) in [("1", false), ("yes", false), ("TRUE", false), ("0", true), ("", true), ("no", true)] {
+        bench.run_with("infer ball.exr -o out --grid 8", &[("GONIO_NO_REPORT", value)]).succeeds();
+        assert_eq!(bench.path("out/report.html").exists(), written, "{value:?}");
+    }
+    bench.run_with("infer ball.exr -o out --no-report --grid 8", &[("GONIO_NO_REPORT", "0")]).succeeds();
+    assert!(!bench.path("out/report.html").exists());
+    bench.run_with("infer ball.exr -o out", &[("GONIO_NO_REPORT", "perhaps")]).fails(&["perhaps", "1 or 0"]);
+}
+
+#[test]
+fn mistakes_get_a_hint() {
+    let bench = Bench::with_light_and_material();
+    bench.write("a.exr", &exr(&ball()));
+    bench.write("b.exr", &exr(&ball()));
+    std::fs::create_dir_all(bench.path("out")).unwrap();
+    std::fs::create_dir_all(bench.path("empty")).unwrap();
+    std::fs::copy(bench.path("in.binary"), bench.path("out/brdf.binary")).unwrap();
+    for (line, says) in [
+        ("a.exr", "gonio infer a.exr"),
+        ("none.exr --json=x", "gonio infer none.exr"),
+        ("infr", "'infer'"),
+        ("infer a.exr b.exr -o x", "gonio batch IMAGE... -o DIR"),
+        ("render --brdf out --light light.hdr -o x.png", "out: is a folder of results; give out/brdf.binary"),
+        ("render --brdf empty --light light.hdr -o x.png", "empty: is a folder that holds no brdf.binary"),
+        ("export none", "none: there is no such file or folder; give a folder of results of gonio infer"),
+    ] {
+        bench.refuses(line, &[says]);
+    }
+}
+
+#[test]
+fn quiet_says_nothing_but_errors() {
+    let bench = Bench::with_light_and_material();
+    bench.write("ball.exr", &exr(&ball()));
+    let run = bench.run("infer ball.exr -o out --grid 8 --quiet").succeeds();
+    assert_eq!((run.stdout.as_str(), run.stderr.as_str()), ("", ""));
+    let run = bench.run("-q batch ball.exr -o many").succeeds();
+    assert_eq!((run.stdout.as_str(), run.stderr.as_str()), ("", ""));
+    assert!(bench.path("many/ball/result.json").exists());
+    bench.run("infer none.exr -o x -q").fails(&["none.exr: cannot open"]);
+    assert!(!bench.run("completions bash -q").succeeds().stdout.is_empty());
+    bench.refuses("infer ball.exr -o x -q -v", &["--quiet", "--verbose"]);
+}
+
+#[test]
+fn verbose_tells_the_stages_with_their_seconds() {
+    let bench = Bench::with_light_and_material();
+    bench.write("ball.exr", &exr(&ball()));
+    let run = bench.run("infer ball.exr -o out --grid 8 --verbose").succeeds();
+    let seconds = |stage: &str| -> f64 {
+        let line = run.stderr.lines().find_map(|line| line.strip_prefix(&format!("{stage}: ")));
+        line.unwrap_or_else(|| panic!("{stage}: {run:?}")).trim_end_matches(" s").parse().unwrap()
+    };
+    let noted = &bench.json("out/result.json")["seconds"];
+    for stage in ["model", "reading", "drawing"] {
+        assert!((seconds(stage) - noted[stage].as_f64().unwrap()).abs() < 0.2, "{stage}: {noted} {run:?}");
+    }
+    let run = bench.run("render --brdf in.binary --light studio -o a.png --size 16 -v").succeeds();
+    assert!(run.stderr.starts_with("rendering: ") && run.stderr.lines().count() == 1, "{run:?}");
+}
+
+#[test]
+fn threads_change_no_result() {
+    let bench = Bench::with_ball();
+    for threads in ["1", "3"] {
+        bench.run(&format!("infer ball.exr -o {threads} --grid 8 --threads {threads}")).succeeds();
+    }
+    assert!(bench.read("1/brdf.binary") == bench.read("3/brdf.binary"), "another BRDF with more threads");
+    for wrong in ["0", "x", "-1", "100000"] {
+        bench.refuses(&format!("infer ball.exr -o x --threads {wrong}"), &["--threads"]);
+    }
+}
+
+#[test]
+fn lights_of_our_own_have_names() {
+    let bench = Bench::with_light_and_material();
+    for light in ["studio", "sky", "lamp"] {
+        bench.run(&format!("render --brdf in.binary --light {light} -o {light}.exr --size 16")).succeeds();
+    }
+    assert!(bench.read("studio.exr") != bench.read("sky.exr"));
+    // A file of that name comes first.
+    bench.write("sky", &encode_hdr(studio_light(256).radiance()));
+    bench.run("render --brdf in.binary --light sky -o file.exr --size 16").succeeds();
+    assert!(bench.read("file.exr") != bench.read("sky.exr"));
+    bench.refuses("render --brdf in.binary --light moon -o x.exr --size 16", &["moon: cannot open"]);
+}
+
+#[test]
+fn photographs_need_no_table() {
+    let bench = Bench::with_ball();
+    for name in ["a.exr", "b.exr"] {
+        bench.write(name, &exr(&ball()));
+    }
+    let run = bench.run("batch a.exr b.exr -o many").succeeds();
+    assert!(run.stdout.contains("2 rows inferred"), "{run:?}");
+    assert_eq!(bench.names("many"), ["a", "b", "batch.csv", "rows"]);
+    assert!(bench.run("batch a.exr b.exr ball.exr -o many").succeeds().stdout.contains("1 rows inferred, 2 were done"));
+    std::fs::create_dir(bench.path("c")).unwrap();
+    bench.write("c/a.exr", &exr(&ball()));
+    bench.refuses("batch a.exr c/a.exr -o x", &["c/a.exr: another photograph has the name a"]);
+    bench.refuses("batch a.exr list.csv -o x", &["list.csv: is no picture by its name", "one table"]);
+}

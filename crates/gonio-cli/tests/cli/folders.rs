@@ -1,0 +1,130 @@
+//! Folders of results: nothing stale in them, nothing of others touched, nothing left by a program
+//! that was told to end.
+
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use gonio_io::picture::encode_hdr;
+
+use crate::support::{Bench, SIZE, ball, exr, grey};
+
+#[test]
+fn new_results_take_the_place_of_earlier_ones() {
+    let bench = Bench::with_ball();
+    bench.run_with("infer ball.exr -o out --grid 8", &[("GONIO_NO_REPORT", "0")]).succeeds();
+    bench.run("export out --to ward,gltf").succeeds();
+    bench.write("out/notes.txt", b"mine");
+    bench.write("out/export/scene.blend", b"mine");
+    let before = bench.names("out");
+    for name in ["report.html", "brdf_quantiles.npy", "posterior.json", "uncertainty.png"] {
+        assert!(before.iter().any(|n| n == name), "{name} in {before:?}");
+    }
+    // The paper's method knows neither quantiles nor a posterior of materials.
+    bench.run("infer ball.exr -o out --grid 8 --method variational --starts 1").succeeds();
+    let after = ["brdf.binary", "export", "light.exr", "notes.txt", "relit.png", "result.json", "summary.png"];
+    assert_eq!(bench.names("out"), after);
+    assert_eq!(bench.names("out/export"), ["scene.blend"]);
+    assert_eq!(bench.json("out/result.json")["method"], "variational");
+}
+
+#[test]
+fn a_failure_leaves_earlier_results_as_they_are() {
+    let bench = Bench::with_ball();
+    bench.run("infer ball.exr -o out --grid 8").succeeds();
+    bench.write("black.exr", &grey(0.0, SIZE, SIZE));
+    bench.refuses("infer black.exr -o out", &["black.exr"]);
+}
+
+#[test]
+fn folders_of_regions_go_with_the_regions() {
+    let bench = Bench::with_ball();
+    bench.write("circles.exr", &exr(&ball()));
+    bench.run("infer circles.exr -o out --grid 8 --circle 14,24,9 --circle 34,24,9").succeeds();
+    assert_eq!(bench.names("out"), ["1", "2", "materials.png", "result.json"]);
+    bench.write("out/2/notes.txt", b"mine");
+    bench.run("infer ball.exr -o out --grid 8").succeeds();
+    let names = bench.names("out");
+    assert!(names.iter().any(|n| n == "brdf.binary"), "{names:?}");
+    assert!(!names.iter().any(|n| n == "1" || n == "materials.png"), "{names:?}");
+    assert_eq!(bench.names("out/2"), ["notes.txt"]);
+}
+
+#[test]
+fn new_exports_take_the_place_of_earlier_ones() {
+    let bench = Bench::with_light_and_material();
+    bench.run("export in.binary -o out --to ward,mitsuba").succeeds();
+    bench.write("out/notes.txt", b"mine");
+    bench.run("export in.binary -o out --to gltf").succeeds();
+    let files = &bench.json("out/export.json")["exports"]["gltf"]["files"];
+    let mut expected: Vec<String> = files.as_array().unwrap().iter().map(|f| f.as_str().unwrap().to_owned()).collect();
+    expected.extend(["export.json".to_owned(), "notes.txt".to_owned()]);
+    expected.sort();
+    assert_eq!(bench.names("out"), expected);
+}
+
+#[test]
+fn a_photograph_is_not_replaced_by_results() {
+    let bench = Bench::with_ball();
+    bench.write("light.exr", &exr(&ball()));
+    bench.refuses("infer light.exr -o .", &["light.exr: results in . would replace it"]);
+}
+
+/// Starts a long inference into `line`'s folder, and waits for its hidden folder in `dir`.
+fn started(bench: &Bench, line: &str, dir: &str) -> Child {
+    let mut child = bench.command(line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let start = Instant::now();
+    while hidden(bench, dir).is_empty() {
+        assert!(start.elapsed() < Duration::from_secs(60), "no hidden folder");
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        sleep(Duration::from_millis(5));
+    }
+    child
+}
+
+fn hidden(bench: &Bench, dir: &str) -> Vec<String> {
+    if !bench.path(dir).is_dir() {
+        return Vec::new();
+    }
+    bench.names(dir).into_iter().filter(|name| name.starts_with(".gonio-")).collect()
+}
+
+/// Sends a signal and returns the one that the program ended by.
+#[cfg(unix)]
+fn told(child: &mut Child, signal: &str) -> Option<i32> {
+    let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    std::os::unix::process::ExitStatusExt::signal(&child.wait().unwrap())
+}
+
+/// An inference that takes its time.
+const LONG: &str = "infer ball.exr --method variational --solver printed --starts 1000 --grid 32 -o";
+
+#[cfg(unix)]
+#[test]
+fn a_program_that_is_told_to_end_leaves_nothing() {
+    let bench = Bench::with_ball();
+    let before = bench.tree();
+    for (signal, number) in [("-INT", 2), ("-TERM", 15)] {
+        for (output, dir) in [("out", "."), ("deep/er/out", "deep/er")] {
+            let mut child = started(&bench, &format!("{LONG} {output}"), dir);
+            assert_eq!(told(&mut child, signal), Some(number));
+            assert_eq!(bench.tree(), before, "{signal} {output}");
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn the_next_run_removes_what_a_killed_one_left() {
+    let bench = Bench::with_ball();
+    bench.write("light.hdr", &encode_hdr(gonio::lighting::studio_light(16).radiance()));
+    let mut child = started(&bench, &format!("{LONG} out"), ".");
+    // A run beside it leaves alone what is in use.
+    bench.run("infer ball.exr -o other --light light.hdr").succeeds();
+    assert_eq!(hidden(&bench, ".").len(), 1);
+    assert_eq!(told(&mut child, "-KILL"), Some(9));
+    assert_eq!(hidden(&bench, ".").len(), 1);
+    bench.run("infer ball.exr -o out --light light.hdr").succeeds();
+    assert_eq!(hidden(&bench, "."), Vec::<String>::new());
+}

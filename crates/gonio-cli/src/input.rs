@@ -1,7 +1,9 @@
 //! Reading what the user names, and telling what is wrong with it in the user's terms.
 
+use std::collections::BTreeMap;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Result, bail};
 use gonio::lighting::EnvironmentMap;
@@ -66,10 +68,23 @@ pub(crate) fn brdf(path: &Path) -> Result<MerlTable> {
     Ok(gonio_io::brdf::read(path)?)
 }
 
-/// The model of a file, or the one that travels with the program, and how messages call it.
-pub(crate) fn model(path: Option<&Path>) -> Result<(Model, String)> {
-    Ok(match path {
-        Some(path) => (gonio_io::model::read_model(path)?, path.display().to_string()),
-        None => (gonio_io::model::embedded()?, "the embedded model".to_owned()),
-    })
+/// The model of a file, or the one that travels with the program, and how messages call it. Each is
+/// read once in a run: the rows of a batch share it.
+pub(crate) fn model(path: Option<&Path>) -> Result<(Arc<Model>, String)> {
+    static READ: Mutex<BTreeMap<Option<PathBuf>, Arc<Model>>> = Mutex::new(BTreeMap::new());
+    let name = path.map_or_else(|| "the embedded model".to_owned(), |path| path.display().to_string());
+    // A panic leaves what had been read before.
+    let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+    let key = path.map(Path::to_owned);
+    let model = match read.get(&key) {
+        Some(model) => Arc::clone(model),
+        None => {
+            let model = match path {
+                Some(path) => gonio_io::model::read_model(path)?,
+                None => gonio_io::model::embedded()?,
+            };
+            Arc::clone(read.entry(key).or_insert(Arc::new(model)))
+        }
+    };
+    Ok((model, name))
 }

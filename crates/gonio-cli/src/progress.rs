@@ -1,5 +1,6 @@
 //! A line on standard error that tells what is going on.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -50,6 +51,14 @@ pub(crate) fn is_verbose() -> bool {
     talk() == Talk::Verbose
 }
 
+/// Whether several answers are found at a time, whose lines would overwrite each other.
+static SHARED: AtomicBool = AtomicBool::new(false);
+
+/// Shows no more lines of progress, or shows them again.
+pub(crate) fn share_terminal(shared: bool) {
+    SHARED.store(shared, Ordering::Relaxed);
+}
+
 /// Progress of one stage; silent at first, and where standard error is no terminal.
 pub(crate) struct Stage {
     bar: ProgressBar,
@@ -65,7 +74,9 @@ impl Stage {
         let line = bar.downgrade();
         thread::spawn(move || {
             thread::sleep(PATIENCE);
-            if let Some(bar) = line.upgrade().filter(|bar| !bar.is_finished() && !is_quiet()) {
+            if let Some(bar) =
+                line.upgrade().filter(|bar| !bar.is_finished() && !is_quiet() && !SHARED.load(Ordering::Relaxed))
+            {
                 bar.set_draw_target(ProgressDrawTarget::stderr());
                 bar.enable_steady_tick(TICK);
             }

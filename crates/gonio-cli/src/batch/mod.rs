@@ -9,6 +9,8 @@ mod shard;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -17,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::outcome::Outcome;
-use crate::progress::is_quiet;
+use crate::progress::{self, is_quiet};
 use crate::{Command, help, infer};
 use manifest::Row;
 use shard::Shard;
@@ -73,26 +75,14 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         rows.iter().enumerate().filter(|(i, _)| shard.is_none_or(|s| s.has(*i))).map(|(_, r)| r).collect();
     let notes = options.output.join(NOTES);
     std::fs::create_dir_all(&notes).with_context(|| format!("{}: cannot make this folder", notes.display()))?;
-    let (mut failed, mut skipped) = (Vec::new(), 0);
-    for (i, row) in own.iter().enumerate() {
-        let done = read_note(&options.output, &row.name).filter(|note| {
+    let done = |row: &&&Row| {
+        read_note(&options.output, &row.name).is_some_and(|note| {
             note.error.is_none() && note.arguments == row.arguments && row.folder.join("result.json").is_file()
-        });
-        if done.is_some() {
-            skipped += 1;
-            continue;
-        }
-        let note = infer_row(row);
-        let text = serde_json::to_string_pretty(&note).context("a note that is no JSON")?;
-        write_file(note_path(&options.output, &row.name), text.as_bytes())?;
-        let end = note.error.as_ref().map_or_else(|| format!("{:.1} s", note.seconds), |e| format!("failed: {e}"));
-        if note.error.is_some() || !is_quiet() {
-            eprintln!("[{}/{}] {}: {end}", i + 1, own.len(), row.name);
-        }
-        if note.error.is_some() {
-            failed.push(row.name.clone());
-        }
-    }
+        })
+    };
+    let (done, open): (Vec<&Row>, Vec<&Row>) = own.iter().partition(done);
+    let skipped = done.len();
+    let failed = infer_rows(&open, &options.output)?;
     // Shards leave this to the one that merges.
     if shard.is_none() {
         merge::merge(&options.output, Some(&rows))?;
@@ -104,6 +94,43 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let count = own.len() - skipped;
     let text = format!("{output}: {count} rows inferred, {skipped} were done before");
     Ok(Outcome::new(text, json!({ "output": output, "rows": own.len(), "inferred": count, "skipped": skipped })))
+}
+
+/// Infers rows, as many at a time as there are threads; returns the names of those that failed, in
+/// order. A row that has a thread for itself leaves none idle.
+fn infer_rows(rows: &[&Row], output: &Path) -> Result<Vec<String>> {
+    let threads = rayon::current_num_threads();
+    let workers = threads.min(rows.len()).max(1);
+    progress::share_terminal(workers > 1);
+    let (next, ended) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let work = || -> Result<Vec<usize>> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads / workers).build()?;
+        let mut failed = Vec::new();
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(row) = rows.get(i) else { return Ok(failed) };
+            let note = pool.install(|| infer_row(row));
+            let text = serde_json::to_string_pretty(&note).context("a note that is no JSON")?;
+            write_file(note_path(output, &row.name), text.as_bytes())?;
+            let count = ended.fetch_add(1, Ordering::Relaxed) + 1;
+            let end = note.error.as_ref().map_or_else(|| format!("{:.1} s", note.seconds), |e| format!("failed: {e}"));
+            if note.error.is_some() || !is_quiet() {
+                eprintln!("[{count}/{}] {}: {end}", rows.len(), row.name);
+            }
+            failed.extend(note.error.is_some().then_some(i));
+        }
+    };
+    let all = thread::scope(|scope| {
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
+        // A row that panics is noted as failed: no worker does.
+        workers
+            .into_iter()
+            .map(|worker| worker.join().unwrap_or_else(|_| bail!("a worker of the batch ended")))
+            .collect::<Result<Vec<_>>>()
+    })?;
+    let mut failed = all.concat();
+    failed.sort_unstable();
+    Ok(failed.into_iter().map(|i| rows[i].name.clone()).collect())
 }
 
 /// Infers a row; whatever happens is noted.

@@ -87,11 +87,13 @@ class Brdf:
         name: str | None = None,
         albedo: float | None = None,
         tables: bool = False,
+        light: Picture | None = None,
         progress: Callable[[str, float], object] | None = None,
     ) -> dict[str, Any]:
         """Writes files for renderers into a folder, the same as ``gonio export`` does: those of :data:`EXPORTS` that ``to`` names, or all.
 
-        ``albedo`` scales the BRDF first, ``tables`` adds the table of each fitted model. Returns what ``export.json`` says.
+        ``albedo`` scales the BRDF first, ``tables`` adds the table of each fitted model. ``light`` is the light of the scenes, a lat-long
+        picture; a studio if not given. Returns what ``export.json`` says.
         """
         wanted = [to] if isinstance(to, str) else to
         listeners: Listeners = {"progress": progress, "poll": None}

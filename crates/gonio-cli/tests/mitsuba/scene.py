@@ -64,9 +64,8 @@ def check(folder, file, own):
     scene = mi.load_file(str(folder / "scene.xml"), material=file, samples=SAMPLES)
     pictures = [np.array(mi.render(scene, seed=seed), dtype=np.float64) for seed in (0, 1)]
     (square, doubt), limit = compare(own, pictures), LIMIT[file] ** 2
-    # With more noise than that the check would tell nothing.
-    good = abs(pictures[0][..., 3] - own[..., 3]).mean() < 0.005 and 3 * doubt < limit and square < limit + 3 * doubt
-    # The same with the light the wrong way round, and with pictures a hundredth of the width off, has to fail.
+    good = abs(pictures[0][..., 3] - own[..., 3]).mean() < 0.005 and square < limit + 3 * doubt
+    # Mirrored pictures, and those a hundredth of the width off, have to fail: there is not so much noise that anything passes.
     for what, wrong in [("mirrored", [picture[:, ::-1] for picture in pictures]), ("shifted", [np.roll(picture, 3, 1) for picture in pictures])]:
         off, unsure = compare(own, wrong)
         good &= off > limit + 3 * unsure

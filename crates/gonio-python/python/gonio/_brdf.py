@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _gonio
 from ._arguments import Camera, Path, Picture, Shape, floats
 from ._errors import GonioError
+from ._files import light_map
 from ._render import drawn, frame
 from ._show import escaped, tonemapped
 from ._types import Floats, Listeners
@@ -98,7 +99,8 @@ class Brdf:
         wanted = [to] if isinstance(to, str) else to
         listeners: Listeners = {"progress": progress, "poll": None}
         called = name or self.name
-        text = _gonio.export(os.fspath(directory), self.table, self.full, wanted, called, albedo, tables, self.name, listeners)
+        lit = None if light is None else light_map(light)
+        text = _gonio.export(os.fspath(directory), self.table, self.full, lit, wanted, called, albedo, tables, self.name, listeners)
         summary: dict[str, Any] = json.loads(text)
         return summary
 

@@ -170,8 +170,8 @@ impl Export {
     }
 }
 
-/// The light that a folder of results tells of, in colour, for [`Export::light`]; `None` if it tells
-/// of none.
+/// The light that a folder of results tells of, in colour, for [`Export::light`]; `None` without
+/// one.
 ///
 /// # Errors
 /// If its file cannot be read.

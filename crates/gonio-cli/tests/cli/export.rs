@@ -124,7 +124,7 @@ fn scenes_are_lit_by_the_light_of_the_results() {
     let brighter = f64::from(means("dark/light.exr").y / lit.y);
     assert!((brighter * 0.05 / albedo - 1.0).abs() < 1e-2, "{brighter}");
 
-    // The scene is of the better material that there is, and new exports take away the earlier scene.
+    // The scene is of the better material that there is, and goes with it.
     let scene = |folder: &str| String::from_utf8(bench.read(&format!("{folder}/scene.xml"))).unwrap();
     assert!(scene("out/export").contains("name=\"material\" value=\"brdf_measured.xml\""));
     assert!(scene("dark").contains("name=\"material\" value=\"principled.xml\""));

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 
 # Of the root mean square difference of logarithms: Cycles scatters several times where the fit does not, and denoises; the picture has 8 bits.
-LIMIT = 0.06
+LIMIT = 0.05
 
 
 def run(*arguments):

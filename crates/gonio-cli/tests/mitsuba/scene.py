@@ -78,7 +78,8 @@ def compiled(folder):
     """The same in the variant that compiles. An LLVM of the system that cannot compile for its processor is no fault of the files."""
     done = subprocess.run([sys.executable, "-c", COMPILED, *RGB], cwd=folder, capture_output=True, text=True)
     print(*(f"llvm_ad_rgb: {line}\n" for line in done.stdout.splitlines()), sep="", end="")
-    if done.returncode and "LLVM" in done.stderr:
+    loaded = done.stdout.count(" loads\n") == len(RGB) + 1
+    if loaded and done.returncode and "LLVM ERROR" in done.stderr:
         print(f"llvm_ad_rgb: the LLVM of this system does not do: {next(line for line in done.stderr.splitlines() if 'LLVM' in line)[:100]}")
         return True
     print(done.stderr, end="", file=sys.stderr)

@@ -1,15 +1,37 @@
 //! A BRDF in the files and parameters of renderers, with how near each comes (`docs/exports.md`).
 
+use std::path::Path;
+
+use glam::Vec3;
+use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::reflectance::{BivariateTable, MerlTable};
+use gonio::render::{Exposure, LightTree, SphereSettings, render_sphere};
 use gonio::shading::{ColourCookTorrance, ColourWard, Fitted, Fitter, Layered, MetallicRoughness, Principled, Shading};
 use serde_json::{Map, Value, json};
 
 use gonio_io::atomic::StagedFolder;
-use gonio_io::material::{blender_script, glb_sphere, materialx, mitsuba_measured, mitsuba_principled};
+use gonio_io::material::{
+    Place, blender_scene, glb_sphere, materialx, mitsuba_measured, mitsuba_principled, mitsuba_scene,
+};
+use gonio_io::picture::encode_exr;
 use gonio_io::{Error, merl, rgl};
+
+use crate::results::{LIGHT, LIGHT_ROWS, RESULT};
+use crate::{Problem, read_light};
 
 /// Account of what was written, in the same folder.
 pub const SUMMARY: &str = "export.json";
+
+/// Scene of Mitsuba, in the same folder, with [`LIGHT`] beside it.
+const SCENE: &str = "scene.xml";
+
+/// Files of `measured` materials of Mitsuba and the tensors that they read: of its RGB variants and
+/// of its spectral ones.
+const MEASURED: [(&str, &str); 2] =
+    [("brdf_measured.xml", "brdf_rgb.bsdf"), ("brdf_measured_spectral.xml", "brdf_spec.bsdf")];
+
+/// File of the `principled` material of Mitsuba.
+const PRINCIPLED: &str = "principled.xml";
 
 /// Format that can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,6 +102,8 @@ pub struct Export {
     pub tables: [BivariateTable; 3],
     /// BRDF with its dependence on the third angle, which MERL tables keep.
     pub whole: Option<MerlTable>,
+    /// Light of the scenes, in which the photograph was taken; a studio if there is none.
+    pub light: Option<EnvironmentMap>,
     /// Scale the BRDF to this albedo of its luminance along the normal.
     pub albedo: Option<f64>,
     /// Write the table of each fitted model too, to be rendered beside the BRDF.
@@ -100,7 +124,7 @@ impl Export {
         input: &str,
         progress: &dyn Fn(f64),
     ) -> Result<Option<Value>, Error> {
-        let Self { name, mut tables, whole, albedo, with_tables } = self;
+        let Self { name, mut tables, whole, light, albedo, with_tables } = self;
         let measured = BivariateTable::luminance(&tables).normal_albedo();
         if !(measured > 0.0 && measured.is_finite()) {
             return Ok(None);
@@ -109,9 +133,13 @@ impl Export {
         if scale != 1.0 {
             tables = tables.map(|table| table.scaled(scale));
         }
+        let found = light.is_some();
         let mut writer = Writer {
             folder,
             name,
+            // The photograph tells the product of light and BRDF.
+            light: light
+                .map_or_else(|| studio_light(LIGHT_ROWS), |light| times(&light, Vec3::splat(1.0 / scale as f32))),
             fitter: Fitter::new(&tables),
             layered: None,
             tables,
@@ -123,6 +151,7 @@ impl Export {
             progress(i as f64 / targets.len() as f64);
             writer.write(*target)?;
         }
+        writer.scene(targets)?;
         progress(1.0);
         let summary = json!({
             "format": "gonio-export",
@@ -131,6 +160,7 @@ impl Export {
             "input": input,
             "name": writer.name,
             "albedo": measured * scale,
+            "light": if found { "of the results" } else { "studio" },
             "exports": writer.entries,
             "note": "relight: root mean square difference of a sphere of the export in a studio light from one of the BRDF, relative; log_relight: the same of \
                      logarithms, above 1 % of the mean; colours are linear Rec. 709",
@@ -138,6 +168,35 @@ impl Export {
         folder.write(SUMMARY, pretty(&summary).as_bytes())?;
         Ok(Some(summary))
     }
+}
+
+/// The light that a folder of results tells of, in colour, for [`Export::light`]; `None` without
+/// one.
+///
+/// # Errors
+/// If its file cannot be read.
+pub fn light_of_results(dir: &Path) -> Result<Option<EnvironmentMap>, Problem> {
+    let file = dir.join(LIGHT);
+    if !file.is_file() {
+        return Ok(None);
+    }
+    let light = read_light(&file)?;
+    let notes: Option<Value> = std::fs::read(dir.join(RESULT)).ok().and_then(|text| serde_json::from_slice(&text).ok());
+    let colour: Option<[f32; 3]> =
+        notes.and_then(|notes| serde_json::from_value(notes["colour"]["light"]["rgb"].clone()).ok());
+    Ok(Some(colour.map_or_else(|| light.clone(), |colour| coloured(&light, Vec3::from(colour)))))
+}
+
+/// A light that was estimated, whose map is of its luminance, in its colour; one that was given has
+/// its colours already.
+pub fn coloured(light: &EnvironmentMap, colour: Vec3) -> EnvironmentMap {
+    let is_grey = light.radiance().as_slice().iter().all(|p| p.max_element() == p.min_element());
+    if is_grey { times(light, colour) } else { light.clone() }
+}
+
+/// The light times a colour; the light itself if that leaves the range of its numbers.
+fn times(light: &EnvironmentMap, colour: Vec3) -> EnvironmentMap {
+    EnvironmentMap::new(light.radiance().map(|p| *p * colour)).unwrap_or_else(|_| light.clone())
 }
 
 /// JSON for people.
@@ -155,6 +214,8 @@ struct Writer<'a> {
     tables: [BivariateTable; 3],
     /// BRDF with its dependence on the third angle, if it is exported unscaled.
     whole: Option<MerlTable>,
+    /// Light of the scenes.
+    light: EnvironmentMap,
     with_tables: bool,
     entries: Map<String, Value>,
 }
@@ -185,21 +246,23 @@ impl Writer<'_> {
                 let spectral = rgl::encode(&self.tables, &self.name, rgl::Channels::Spectral);
                 let back = rgl::decode("brdf_rgb.bsdf".as_ref(), &rgb)?.to_merl();
                 self.folder.write("brdf_spec.bsdf", &spectral)?;
-                self.folder.write("brdf_measured.xml", mitsuba_measured(&self.name, "brdf_rgb.bsdf").as_bytes())?;
+                for (file, tensor) in MEASURED {
+                    self.folder.write(file, mitsuba_measured(&self.name, tensor).as_bytes())?;
+                }
                 let note = "RGL tensors, read as `measured`: brdf_rgb.bsdf by Mitsuba 3, brdf_spec.bsdf (smooth spectra of these colours under D65) by its \
                             spectral variants and pbrt-v4";
                 self.table(target, "brdf_rgb.bsdf", &rgb, [0, 1, 2].map(|c| back.bivariate(c)), note)?;
-                self.add_files(target, &["brdf_spec.bsdf", "brdf_measured.xml"]);
+                self.add_files(target, &["brdf_spec.bsdf", MEASURED[0].0, MEASURED[1].0]);
                 Ok(())
             }
             Target::Mitsuba => {
                 let fitted = self.fitter.fit::<Principled>();
-                let text = mitsuba_principled(&self.name, &fitted.model);
-                self.model(target, "principled.xml", text.as_bytes(), &fitted, "alpha = roughness^2")
+                let text = mitsuba_principled(&self.name, &fitted.model, Place::File);
+                self.model(target, PRINCIPLED, text.as_bytes(), &fitted, "alpha = roughness^2")
             }
             Target::Blender => {
                 let fitted = self.layered();
-                let text = blender_script(&self.name, &fitted.model);
+                let text = blender_scene(&self.name, &fitted.model, LIGHT, self.stops());
                 let note = "Blender 4.0 or later; alpha = Roughness^2; the same fit as mtlx";
                 self.model(target, "blender.py", text.as_bytes(), &fitted, note)
             }
@@ -232,6 +295,35 @@ impl Writer<'_> {
                 self.model(target, "ward.json", text.as_bytes(), &fitted, note)
             }
         }
+    }
+
+    /// The light of the scenes, and the scene of Mitsuba, of the better one of its materials.
+    fn scene(&mut self, targets: &[Target]) -> Result<(), Error> {
+        let scenes = [(Target::Bsdf, MEASURED[0].0), (Target::Mitsuba, PRINCIPLED)];
+        let scenes: Vec<_> = scenes.into_iter().filter(|(target, _)| targets.contains(target)).collect();
+        if let Some((_, material)) = scenes.first() {
+            self.folder.write(SCENE, mitsuba_scene(material, LIGHT).as_bytes())?;
+        }
+        for (target, _) in &scenes {
+            self.add_files(*target, &[SCENE, LIGHT]);
+        }
+        let blender = targets.contains(&Target::Blender);
+        if blender {
+            self.add_files(Target::Blender, &[LIGHT]);
+        }
+        if blender || !scenes.is_empty() {
+            self.folder.write(LIGHT, &encode_exr(self.light.radiance(), None))?;
+        }
+        Ok(())
+    }
+
+    /// By how much a picture under the light is brightened to be looked at, in stops: next to
+    /// nothing of it shall be clipped.
+    fn stops(&self) -> f64 {
+        let settings = SphereSettings { size: 32, ..SphereSettings::default() };
+        let sphere = render_sphere(&self.tables, &LightTree::of_map(&self.light), &settings, &|_| ());
+        let covered = |i: usize| sphere.alpha.as_ref().is_some_and(|alpha| alpha.as_slice()[i] > 0.99);
+        f64::from(Exposure::by_quantile(&sphere.rgb, covered, 0.97, 0.9).0.log2())
     }
 
     /// The fit of OpenPBR, at the first call.

@@ -6,13 +6,14 @@ use std::sync::LazyLock;
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
-use gonio_app::export::{Export, Target};
+use gonio_app::export::{Export, Target, light_of_results};
 use gonio_app::folder::{EXPORT, for_exports};
 use serde_json::{Value, json};
 
 use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::Stage;
+use crate::remedy::plain;
 
 /// Options of `gonio export`.
 #[derive(clap::Args)]
@@ -80,6 +81,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     });
     let name = named.filter(|n| !n.is_empty()).unwrap_or_else(|| "gonio".to_owned());
     let table = input::brdf(&file)?;
+    let light = if is_folder { light_of_results(&options.input).map_err(plain)? } else { None };
     let folder = for_exports(&output)?;
     let targets: Vec<Target> =
         if options.to.is_empty() { Target::ALL.to_vec() } else { options.to.iter().map(|name| name.0).collect() };
@@ -87,6 +89,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         name,
         tables: [0, 1, 2].map(|c| table.bivariate(c)),
         whole: Some(table),
+        light,
         albedo: options.albedo,
         with_tables: options.tables,
     };

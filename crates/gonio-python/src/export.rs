@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use gonio::lighting::EnvironmentMap;
 use gonio_app::Problem;
 use gonio_app::export::{Export, Target};
 use gonio_app::folder::for_exports;
@@ -22,12 +23,13 @@ pub(crate) fn export_targets() -> Vec<(&'static str, &'static str)> {
 /// Writes a folder; returns the contents of its `export.json`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "called from one place, which names them")]
-#[pyo3(signature = (folder, table, full, to, name, albedo, tables, input, listeners))]
+#[pyo3(signature = (folder, table, full, light, to, name, albedo, tables, input, listeners))]
 pub(crate) fn export(
     py: Python<'_>,
     folder: PathBuf,
     table: &Bound<'_, PyArray3<f32>>,
     full: Option<&Bound<'_, PyArray4<f32>>>,
+    light: Option<&Bound<'_, PyArray3<f32>>>,
     to: Option<Vec<String>>,
     name: String,
     albedo: Option<f64>,
@@ -47,7 +49,9 @@ pub(crate) fn export(
         return Err(raise(&Problem::new(format!("albedo {albedo}: give a number above 0, at most 1")), py));
     }
     let whole = full.map(merl_table).transpose()?;
-    let export = Export { name, tables: arrays::tables(table)?, whole, albedo, with_tables: tables };
+    let light = light.map(arrays::colours).transpose()?.map(EnvironmentMap::new).transpose();
+    let light = light.map_err(|error| raise(&Problem::of("the light", error), py))?;
+    let export = Export { name, tables: arrays::tables(table)?, whole, light, albedo, with_tables: tables };
     work::run(py, listeners, move |reporter| {
         let folder = for_exports(&folder)?;
         let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;

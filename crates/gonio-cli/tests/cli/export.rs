@@ -1,5 +1,6 @@
 //! `gonio export` and `gonio convert`.
 
+use gonio::lighting::studio_light;
 use gonio::reflectance::{BivariateTable, MerlTable};
 
 use crate::support::{Bench, material, merl};
@@ -68,7 +69,7 @@ fn formats_go_there_and_back() {
         assert!(off / 5000.0 < 0.03, "{c}: {off}");
     }
     // A measured tensor is a BRDF like any other.
-    bench.write("light.hdr", &gonio_io::picture::encode_hdr(gonio::lighting::studio_light(16).radiance()));
+    bench.write("light.hdr", &gonio_io::picture::encode_hdr(studio_light(16).radiance()));
     bench.run("render --brdf a.bsdf --light light.hdr -o a.exr --size 16").succeeds();
 }
 
@@ -95,4 +96,45 @@ fn bad_input_is_refused() {
     ] {
         bench.refuses(arguments, &[says]);
     }
+}
+
+#[test]
+fn scenes_are_lit_by_the_light_of_the_results() {
+    let bench = bench();
+    let read = |file: &str| gonio_app::read_light(&bench.path(file)).unwrap().radiance().as_slice().to_vec();
+    let means = |file: &str| read(file).iter().sum::<glam::Vec3>() / read(file).len() as f32;
+    // A BRDF alone is shown in the studio.
+    bench.run("export in.binary -o alone --to blender").succeeds();
+    assert_eq!(bench.json("alone/export.json")["light"], "studio");
+    assert!(!bench.path("alone/scene.xml").exists());
+
+    // A light that was estimated is grey and has its colour in the notes; what a scene shows stays
+    // the same when the BRDF is scaled.
+    std::fs::create_dir(bench.path("out")).unwrap();
+    std::fs::rename(bench.path("in.binary"), bench.path("out/brdf.binary")).unwrap();
+    let grey = studio_light(16).radiance().map(|p| glam::Vec3::splat(p.x));
+    bench.write("out/light.exr", &gonio_io::picture::encode_exr(&grey, None));
+    bench.write("out/result.json", br#"{"format": "gonio-result", "colour": {"light": {"rgb": [0.5, 1.0, 2.0]}}}"#);
+    bench.run("export out --to bsdf,mitsuba,merl").succeeds();
+    assert_eq!(bench.json("out/export/export.json")["light"], "of the results");
+    let (found, lit) = (means("out/light.exr"), means("out/export/light.exr"));
+    assert!((lit / found - glam::Vec3::new(0.5, 1.0, 2.0)).abs().max_element() < 1e-2, "{lit} {found}");
+    let albedo = bench.json("out/export/export.json")["albedo"].as_f64().unwrap();
+    bench.run("export out -o dark --to mitsuba --albedo 0.05").succeeds();
+    let brighter = f64::from(means("dark/light.exr").y / lit.y);
+    assert!((brighter * 0.05 / albedo - 1.0).abs() < 1e-2, "{brighter}");
+
+    // The scene is of the better material that there is, and goes with it.
+    let scene = |folder: &str| String::from_utf8(bench.read(&format!("{folder}/scene.xml"))).unwrap();
+    assert!(scene("out/export").contains("name=\"material\" value=\"brdf_measured.xml\""));
+    assert!(scene("dark").contains("name=\"material\" value=\"principled.xml\""));
+    bench.run("export out --to merl").succeeds();
+    assert!(!bench.path("out/export/scene.xml").exists() && !bench.path("out/export/light.exr").exists());
+
+    // A light that was given has its colours already.
+    bench.write("out/light.exr", &gonio_io::picture::encode_exr(studio_light(16).radiance(), None));
+    bench.run("export out --to mitsuba").succeeds();
+    assert_eq!(read("out/export/light.exr"), read("out/light.exr"));
+    bench.write("out/light.exr", b"no picture");
+    bench.refuses("export out --to mitsuba", &["light.exr"]);
 }

@@ -1,6 +1,6 @@
 use gonio::shading::Layered;
 
-use super::{colour, number};
+use super::{HALF_WIDTH, SIZE, colour, number};
 
 /// Writes a script for Blender 4.0 and later, to be run from its text editor or with
 /// `blender --python`: it creates a material of this name with a Principled BSDF, and assigns it to
@@ -18,5 +18,19 @@ pub fn blender_script(name: &str, model: &Layered) -> String {
         number(model.metalness),
         number(model.roughness),
         number(model.ior),
+    )
+}
+
+/// Writes the script of [`blender_script`] with a scene to it, which it makes and renders to
+/// `blender.png` beside itself where Blender runs without a window: a sphere of the material,
+/// framed as `render_sphere` frames it, under the lat-long map in the file `light`, brightened by
+/// `exposure` stops.
+pub fn blender_scene(name: &str, model: &Layered, light: &str, exposure: f64) -> String {
+    format!(
+        "{}\n\nLIGHT = \"{light}\"\nEXPOSURE = {}  # stops\nSIZE = {SIZE}  # pixels\nWIDTH = {:.6}  # of the picture, in radii\n\n{}",
+        blender_script(name, model),
+        number(exposure),
+        2.0 * HALF_WIDTH,
+        include_str!("blender_scene.py"),
     )
 }

@@ -2,9 +2,29 @@ use gonio::shading::Principled;
 
 use super::{colour, identifier, number};
 
-/// Writes a `principled` material for a scene of Mitsuba 3; its `roughness` is the square root of
-/// GGX's width.
-pub fn mitsuba_principled(name: &str, model: &Principled) -> String {
+/// Version of Mitsuba's format: the root of a file has to state it, and nothing else may.
+const VERSION: &str = "3.0.0";
+
+/// Where the text of a material will stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// In a file of its own.
+    File,
+    /// Within a scene.
+    Scene,
+}
+
+/// Start of the tag of a material.
+fn opening(kind: &str, name: &str, place: Place) -> String {
+    let version = match place {
+        Place::File => format!(" version=\"{VERSION}\""),
+        Place::Scene => String::new(),
+    };
+    format!("<bsdf{version} type=\"{kind}\" id=\"{}\">", identifier(name))
+}
+
+/// Writes a `principled` material of Mitsuba 3; its `roughness` is the square root of GGX's width.
+pub fn mitsuba_principled(name: &str, model: &Principled, place: Place) -> String {
     let float = |name: &str, value: f64| format!("    <float name=\"{name}\" value=\"{}\"/>\n", number(value));
     let values = [
         float("metallic", model.metallic),
@@ -15,17 +35,60 @@ pub fn mitsuba_principled(name: &str, model: &Principled) -> String {
         float("clearcoat_gloss", model.clearcoat_gloss),
     ];
     format!(
-        "<bsdf type=\"principled\" id=\"{}\">\n    <rgb name=\"base_color\" value=\"{}\"/>\n{}</bsdf>\n",
-        identifier(name),
+        "{}\n    <rgb name=\"base_color\" value=\"{}\"/>\n{}</bsdf>\n",
+        opening("principled", name, place),
         colour(model.base_color),
         values.concat()
     )
 }
 
-/// Writes a `measured` material for a scene of Mitsuba 3, read from a file beside it.
-pub fn mitsuba_measured(name: &str, file: &str) -> String {
+/// Writes the file of a `measured` material of Mitsuba 3, which reads `tensor` from beside it.
+pub fn mitsuba_measured(name: &str, tensor: &str) -> String {
+    format!("{}\n    <string name=\"filename\" value=\"{tensor}\"/>\n</bsdf>\n", opening("measured", name, Place::File))
+}
+
+/// Writes a scene of Mitsuba 3: a sphere, framed as `render_sphere` frames it, of the material in
+/// the file `material` under the lat-long map in the file `light`. `material`, `size` and `samples`
+/// are parameters of it.
+pub fn mitsuba_scene(material: &str, light: &str) -> String {
+    // The middle of our maps is along -z, that of Mitsuba's along +z.
     format!(
-        "<bsdf type=\"measured\" id=\"{}\">\n    <string name=\"filename\" value=\"{file}\"/>\n</bsdf>\n",
-        identifier(name)
+        r#"<scene version="{VERSION}">
+    <default name="material" value="{material}"/>
+    <default name="size" value="{SIZE}"/>
+    <default name="samples" value="64"/>
+
+    <integrator type="path">
+        <boolean name="hide_emitters" value="true"/>
+    </integrator>
+    <sensor type="orthographic">
+        <transform name="to_world">
+            <scale x="{HALF_WIDTH:.6}" y="{HALF_WIDTH:.6}"/>
+            <lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/>
+        </transform>
+        <film type="hdrfilm">
+            <integer name="width" value="$size"/>
+            <integer name="height" value="$size"/>
+            <string name="pixel_format" value="rgba"/>
+            <rfilter type="box"/>
+        </film>
+        <sampler type="multijitter">
+            <integer name="sample_count" value="$samples"/>
+        </sampler>
+    </sensor>
+
+    <shape type="sphere">
+        <include filename="$material"/>
+    </shape>
+    <emitter type="envmap">
+        <string name="filename" value="{light}"/>
+        <transform name="to_world">
+            <rotate y="1" angle="180"/>
+        </transform>
+    </emitter>
+</scene>
+"#,
+        SIZE = super::SIZE,
+        HALF_WIDTH = super::HALF_WIDTH,
     )
 }

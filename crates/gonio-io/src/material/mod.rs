@@ -10,12 +10,19 @@ mod glb;
 mod materialx;
 mod mitsuba;
 
-pub use blender::blender_script;
+pub use blender::{blender_scene, blender_script};
 pub use glb::glb_sphere;
 pub use materialx::materialx;
-pub use mitsuba::{mitsuba_measured, mitsuba_principled};
+pub use mitsuba::{Place, mitsuba_measured, mitsuba_principled, mitsuba_scene};
 
 use glam::DVec3;
+
+/// Width and height in pixels of the pictures that scenes make.
+const SIZE: usize = 256;
+
+/// Half the width of such a picture, for a sphere of radius one with two empty pixels around it:
+/// that of `gonio::render::SphereSettings`.
+const HALF_WIDTH: f64 = 0.5 * SIZE as f64 / (0.5 * SIZE as f64 - 2.0);
 
 /// Converts a name to an identifier of XML and Python.
 fn identifier(name: &str) -> String {

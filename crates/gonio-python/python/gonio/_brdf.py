@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _gonio
 from ._arguments import Camera, Path, Picture, Shape, floats
 from ._errors import GonioError
+from ._files import light_map
 from ._render import drawn, frame
 from ._show import escaped, tonemapped
 from ._types import Floats, Listeners
@@ -87,16 +88,19 @@ class Brdf:
         name: str | None = None,
         albedo: float | None = None,
         tables: bool = False,
+        light: Picture | None = None,
         progress: Callable[[str, float], object] | None = None,
     ) -> dict[str, Any]:
         """Writes files for renderers into a folder, the same as ``gonio export`` does: those of :data:`EXPORTS` that ``to`` names, or all.
 
-        ``albedo`` scales the BRDF first, ``tables`` adds the table of each fitted model. Returns what ``export.json`` says.
+        ``albedo`` scales the BRDF first, ``tables`` adds the table of each fitted model. ``light`` is the light of the scenes, a lat-long
+        picture; a studio if not given. Returns what ``export.json`` says.
         """
         wanted = [to] if isinstance(to, str) else to
         listeners: Listeners = {"progress": progress, "poll": None}
         called = name or self.name
-        text = _gonio.export(os.fspath(directory), self.table, self.full, wanted, called, albedo, tables, self.name, listeners)
+        lit = None if light is None else light_map(light)
+        text = _gonio.export(os.fspath(directory), self.table, self.full, lit, wanted, called, albedo, tables, self.name, listeners)
         summary: dict[str, Any] = json.loads(text)
         return summary
 

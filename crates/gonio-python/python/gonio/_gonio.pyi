@@ -95,6 +95,7 @@ def export(
     folder: str,
     table: _Floats,
     full: _Floats | None,
+    light: _Floats | None,
     to: Sequence[str] | None,
     name: str,
     albedo: float | None,

@@ -112,8 +112,13 @@ class Material:
         tables: bool = False,
         progress: Callable[[str, float], object] | None = None,
     ) -> dict[str, Any]:
-        """Writes files for renderers into a folder, as ``gonio export`` does; see :meth:`Brdf.export`."""
-        return self.brdf.export(directory, to, name=name, albedo=albedo, tables=tables, progress=progress)
+        """Writes files for renderers into a folder, as ``gonio export`` does; see :meth:`Brdf.export`. The scenes are lit by the
+        light of the photograph, if one photograph told it."""
+        return self.brdf.export(directory, to, name=name, albedo=albedo, tables=tables, light=self._lit(), progress=progress)
+
+    def _lit(self) -> Floats | None:
+        """The light of the photograph in colour, if it was found or given."""
+        return None
 
     def __getstate__(self) -> dict[str, Any]:
         # What is computed when asked for is computed again.
@@ -155,6 +160,11 @@ class Posterior(Material):
         self.scatter = found["scatter"]
         self.warnings = tuple(found["warnings"])
         self.report = found["page"]
+
+    def _lit(self) -> Floats | None:
+        # An estimated light is grey; one that was given has its colours.
+        is_grey = self.light is not None and (self.light == self.light[..., :1]).all()
+        return self.light * self.light_color.astype(np.float32) if is_grey else self.light
 
     @cached_property
     def notes(self) -> dict[str, Any]:

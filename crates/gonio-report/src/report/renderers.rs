@@ -2,7 +2,7 @@
 
 use gonio::reflectance::BivariateTable;
 use gonio::shading::{Fitted, Fitter, Layered, MetallicRoughness, Principled};
-use gonio_io::material::{blender_script, materialx, mitsuba_principled};
+use gonio_io::material::{Place, blender_script, materialx, mitsuba_principled};
 use maud::{Markup, html};
 use serde_json::json;
 
@@ -45,7 +45,7 @@ pub(super) fn section(name: &str, fits: &Fits) -> Markup {
     html! {
         p { "What comes nearest to the BRDF in each of these models, and how far a sphere of it in a studio light is off. A table has no such limit: "
             code { "gonio export" } " writes it for Mitsuba and pbrt as it is." }
-        (block("mitsuba", "Mitsuba 3, principled", principled.relight, width, &mitsuba_principled(name, &principled.model)))
+        (block("mitsuba", "Mitsuba 3, principled", principled.relight, width, &mitsuba_principled(name, &principled.model, Place::Scene)))
         (block("blender", "Blender 4, Principled BSDF (a script)", layered.relight, "alpha = Roughness²", &blender_script(name, &layered.model)))
         (block("materialx", "MaterialX, OpenPBR", layered.relight, "alpha = specular_roughness²", &materialx(name, &layered.model)))
         (block("gltf", "glTF 2.0, metallic-roughness", metallic_roughness.relight, "alpha = roughnessFactor²", &gltf))

@@ -1,0 +1,115 @@
+"""Loads what gonio exports for Mitsuba 3 as a user does, by `mi.load_file`, and compares its scene with gonio's picture of it.
+
+    python scene.py GONIO RESULTS
+
+GONIO is the program, RESULTS a folder of results of `gonio infer`. Needs numpy and mitsuba. Ends with 1 if a file does not load, or if the scene is further from
+`gonio render` of the same BRDF under the same light than LIMIT and the noise of the samples explain.
+"""
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+# The scene is framed for this size, as `gonio render` frames it.
+SIZE = 256
+SAMPLES = 8
+# Blocks of pixels whose means are compared: one pixel is mostly noise.
+BLOCK = 8
+# Of the relative error, beyond noise: of a tensor half a percent of `gonio render` and what it is off by its own account, more with spectra; of `principled` what
+# a table over two angles misses of it.
+LIMIT = {"brdf_measured.xml": 0.015, "brdf_measured_spectral.xml": 0.03, "principled.xml": 0.04}
+# What each file is compared with.
+TABLE = {"brdf_measured.xml": "brdf.binary", "brdf_measured_spectral.xml": "brdf.binary", "principled.xml": "principled.binary"}
+RGB = ["brdf_measured.xml", "principled.xml"]
+# Loads the files in the variant that compiles, and renders with it.
+COMPILED = """
+import sys
+import mitsuba as mi
+mi.set_variant("llvm_ad_rgb")
+for file in sys.argv[1:]:
+    mi.load_file(file)
+    print(file, "loads", flush=True)
+scene = mi.load_file("scene.xml", size=32, samples=4)
+print("scene.xml loads", flush=True)
+assert mi.render(scene).shape == (32, 32, 4)
+print("scene.xml is rendered")
+"""
+
+
+def run(*arguments):
+    subprocess.run([str(a) for a in arguments], check=True, stdout=subprocess.DEVNULL)
+
+
+def read(path):
+    return np.array(mi.Bitmap(str(path)).convert(component_format=mi.Struct.Type.Float32), dtype=np.float64)
+
+
+def compare(own, pictures):
+    """Mean square error of two pictures that differ in nothing but their noise, relative, over blocks that the sphere covers: the mean product of their
+    deviations, to which noise adds nothing. And its standard error, which is of noise."""
+    side = SIZE // BLOCK
+    own, a, b = (picture.reshape(side, BLOCK, side, BLOCK, 4).mean(axis=(1, 3)) for picture in (own, *pictures))
+    covered = np.minimum(np.minimum(own[..., 3], a[..., 3]), b[..., 3]) > 0.999
+    own, a, b = (picture[covered][:, :3] for picture in (own, a, b))
+    products = ((a - own) * (b - own)).mean(axis=1) / np.mean(own**2)
+    return products.mean(), products.std() / np.sqrt(len(products))
+
+
+def check(folder, file, own):
+    """Whether the scene with this material is as near as it has to be: within three standard errors."""
+    scene = mi.load_file(str(folder / "scene.xml"), material=file, samples=SAMPLES)
+    pictures = [np.array(mi.render(scene, seed=seed), dtype=np.float64) for seed in (0, 1)]
+    (square, doubt), limit = compare(own, pictures), LIMIT[file] ** 2
+    good = abs(pictures[0][..., 3] - own[..., 3]).mean() < 0.005 and square < limit + 3 * doubt
+    # Mirrored pictures, and those a hundredth of the width off, have to fail: there is not so much noise that anything passes.
+    for what, wrong in [("mirrored", [picture[:, ::-1] for picture in pictures]), ("shifted", [np.roll(picture, 3, 1) for picture in pictures])]:
+        off, unsure = compare(own, wrong)
+        good &= off > limit + 3 * unsure
+        print(f"{file:26} {what:10} {np.sqrt(max(off, 0)):.3f}")
+    print(f"{file:26} off by {np.sqrt(max(square, 0)):.4f} (limit {LIMIT[file]}; noise could be {np.sqrt(3 * doubt):.4f}){'' if good else '  FAILED'}")
+    return good
+
+
+def compiled(folder):
+    """The same in the variant that compiles. An LLVM of the system that cannot compile for its processor is no fault of the files."""
+    done = subprocess.run([sys.executable, "-c", COMPILED, *RGB], cwd=folder, capture_output=True, text=True)
+    print(*(f"llvm_ad_rgb: {line}\n" for line in done.stdout.splitlines()), sep="", end="")
+    loaded = done.stdout.count(" loads\n") == len(RGB) + 1
+    if loaded and done.returncode and "LLVM ERROR" in done.stderr:
+        print(f"llvm_ad_rgb: the LLVM of this system does not do: {next(line for line in done.stderr.splitlines() if 'LLVM' in line)[:100]}")
+        return True
+    print(done.stderr, end="", file=sys.stderr)
+    return not done.returncode
+
+
+def main(gonio, results):
+    gonio = Path(gonio).resolve()
+    good = True
+    with tempfile.TemporaryDirectory() as work:
+        folder = Path(work) / "export"
+        run(gonio, "export", results, "-o", folder, "--to", "merl,bsdf,mitsuba", "--tables")
+        # Nothing of the folder may depend on where one is.
+        mi.set_variant("scalar_rgb")
+        mi.set_log_level(mi.LogLevel.Error)
+        for file in RGB:
+            assert isinstance(mi.load_file(str(folder / file)), mi.BSDF), file
+        assert isinstance(mi.load_file(str(folder / "scene.xml")), mi.Scene)
+        own = {}
+        for table in ("brdf.binary", "principled.binary"):
+            picture = Path(work) / "own.exr"
+            run(gonio, "render", "--brdf", folder / table, "--light", folder / "light.exr", "--size", SIZE, "--samples", 2, "-o", picture)
+            own[table] = read(picture)
+        for file in RGB:
+            good &= check(folder, file, own[TABLE[file]])
+        mi.set_variant("scalar_spectral")
+        good &= check(folder, "brdf_measured_spectral.xml", own["brdf.binary"])
+        good &= compiled(folder)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

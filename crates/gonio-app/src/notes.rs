@@ -182,8 +182,7 @@ fn posterior(material: &Material, albedo: f64) -> Value {
             "roughness": three(material.highlight.roughness()),
             "units": { "albedo": albedo, "20": at_20, "60": at_60 },
             "note": "the BRDF along the normal over its mean at half angles beyond 45 degrees: its quantiles at 5, 50 and 95 %; \
-                     factor: 95 % over 5 %; ggx_alpha: width of the GGX lobe whose highlight, above its floor, is as wide (0.001 \
-                     and 0.56 stand for all beyond them, 1 for no highlight); roughness: its square root, which the principled \
+                     factor: 95 % over 5 %; ggx_alpha: width of the GGX lobe that is as sharp (0.5 to 0.56 for all wider ones, 1 for no highlight); roughness: its square root, which the principled \
                      models of Mitsuba and Blender take; units: gloss units at 20 and 60 degrees (ASTM D523) if the albedo along \
                      the normal is as given here, to which they are in proportion and which a photograph under unknown light \
                      does not determine",

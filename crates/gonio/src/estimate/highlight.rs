@@ -16,8 +16,8 @@ pub struct Highlight {
     /// highlight. The 5 % quantile is the sharpest.
     pub alpha: [f64; 3],
     /// Gloss units at 20 and 60 degrees ([`Glossmeter`]) of a material whose albedo along the
-    /// normal is [`ALBEDO`]. They are in proportion to that albedo, which a photograph under unknown
-    /// illumination does not determine.
+    /// normal is [`ALBEDO`]. They are in proportion to that albedo, which a photograph under
+    /// unknown illumination does not determine.
     pub units: [[f64; 3]; 2],
 }
 
@@ -36,7 +36,7 @@ impl Highlight {
         }
     }
 
-    /// Roughness of the principled models of Mitsuba and Blender, whose `alpha` is the square of it.
+    /// Roughness of the principled models of Mitsuba and Blender: `alpha` is the square of it.
     pub fn roughness(&self) -> [f64; 3] {
         self.alpha.map(f64::sqrt)
     }
@@ -61,11 +61,15 @@ impl Material {
         wide as f64 / all as f64
     }
 
-    /// How far the gloss is known, in words.
+    /// How far height and width of the highlight are known, in words.
     pub fn verdict(&self) -> String {
-        let factor = self.gloss_factor();
-        let shown = if factor < 9.95 { format!("{factor:.1}") } else { format!("{factor:.0}") };
-        let how = if factor > WIDE { "open by" } else { "known to" };
-        format!("the sharpness of the highlight is {how} a factor of {shown}")
+        let say = |factor: f64| {
+            let how = if factor > WIDE { "open by" } else { "known to" };
+            let digits = usize::from(factor < 9.95);
+            format!("{how} a factor of {factor:.digits$}")
+        };
+        let [sharp, _, dull] = self.highlight.alpha;
+        let (height, width) = (say(self.gloss_factor()), say(dull / sharp));
+        format!("the height of the highlight (gloss) is {height}, its width (alpha) is {width}")
     }
 }

@@ -58,7 +58,7 @@ pub fn width(material: &Material) -> Plane<Vec3> {
     let factor = |c: usize| f64::from(upper[c].max(1e-9)) / f64::from(lower[c].max(1e-9));
     let scale = Scale { low: 1.0, high: trusted_cells().map(factor).fold(4.0, f64::max) };
     let mut out = map("width of the 90 % interval (factor)", &scale, &factor, &|c| material.undetermined[c]);
-    text(&mut out, LEFT, TOP + MAP + 60, "hatched: most of what it is without a photograph, or > 80 deg.");
+    text(&mut out, LEFT, TOP + MAP + 60, "hatched: hardly told, or beyond 80 degrees");
     out
 }
 

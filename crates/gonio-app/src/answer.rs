@@ -252,9 +252,9 @@ pub(crate) fn conclude(
     let fits = settings.pictures.then(|| answer.draw(settings.report, fits, journal)).flatten();
     let seconds = journal.seconds();
     let total: f64 = seconds.iter().map(|(_, seconds)| seconds).sum();
-    let (used, (word, left)) = (answer.seen.sighting.observations.report.used, answer.left);
+    let (used, (word, left)) = (answer.seen.sighting.observations.report.used_pixels, answer.left);
     let method = settings.method.name();
-    answer.caption = format!("{method} | {used} observations | {word} {:.1} % | {total:.0} s", 100.0 * left);
+    answer.caption = format!("{method} | {used} pixels | {word} {:.1} % | {total:.0} s", 100.0 * left);
     let seconds = seconds.into_iter().chain([("total", total)]);
     answer.notes = Account {
         image,

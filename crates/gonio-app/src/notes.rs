@@ -1,7 +1,9 @@
 //! The sections of `result.json`.
 
 use gonio::colour::Chroma;
-use gonio::estimate::{ALBEDO, Colouring, Estimate, Light, LightEstimator, LitEstimate, Material, expected_misfit};
+use gonio::estimate::{
+    ALBEDO, Colouring, Estimate, Light, LightEstimator, LitEstimate, Material, WIDE, expected_misfit,
+};
 use gonio::inference::learnt::Neighbour;
 use gonio::inference::light::LightProblem;
 use gonio::model::Model;
@@ -79,7 +81,7 @@ pub fn mesh(name: &str, soundness: &Soundness, camera: &Camera) -> Value {
 pub fn estimate(estimate: &Estimate) -> Value {
     let Estimate { material, light, .. } = estimate;
     json!({
-        "posterior": posterior(material),
+        "posterior": posterior(material, ALBEDO),
         "reflectance": {
             "quantiles": "brdf_quantiles.npy",
             "note": "brdf.binary is the mean of the posterior, in 1/sr with a normal albedo of 0.5; brdf_quantiles.npy holds \
@@ -105,7 +107,7 @@ pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
     let turn = found.turn.to_scaled_axis().to_array().map(f64::to_degrees);
     let gain = found.gain.map(|(gain, sd)| json!({ "factor": gain, "log_sd": sd }));
     json!({
-        "posterior": posterior(&found.material),
+        "posterior": posterior(&found.material, if ask.absolute { albedo } else { ALBEDO }),
         "reflectance": {
             "quantiles": "brdf_quantiles.npy",
             "absolute": ask.absolute,
@@ -148,7 +150,7 @@ pub fn settings(settings: &gonio::estimate::EstimateSettings, linear: bool) -> V
 
 /// The section `posterior` of a material from several photographs.
 pub(crate) fn combined(material: &Material) -> Value {
-    let mut notes = posterior(material);
+    let mut notes = posterior(material, ALBEDO);
     if let Some(notes) = notes.as_object_mut() {
         for of_one in ["strangeness", "scatter", "normals", "filled", "unshadowed", "note"] {
             notes.remove(of_one);
@@ -157,12 +159,16 @@ pub(crate) fn combined(material: &Material) -> Value {
     notes
 }
 
-fn posterior(material: &Material) -> Value {
+/// `albedo`: along the normal, assumed or found.
+fn posterior(material: &Material, albedo: f64) -> Value {
     let share = |n: &Neighbour| json!({ "name": n.name, "weight": n.weight });
+    let three = |[low, median, high]: [f64; 3]| json!({ "5": low, "50": median, "95": high });
     let [low, median, high] = material.gloss;
+    let [at_20, at_60] = material.highlight.units.map(|units| three(units.map(|u| u * albedo / ALBEDO)));
     json!({
         "materials": material.neighbours.iter().map(share).collect::<Vec<_>>(),
         "undetermined": material.open,
+        "wide": { "factor": WIDE, "share": material.wider_than(WIDE) },
         "strangeness": material.strangeness,
         "scatter": material.scatter,
         "normals": material.normals,
@@ -170,10 +176,21 @@ fn posterior(material: &Material) -> Value {
         "unshadowed": material.unshadowed,
         "gloss": {
             "5": low, "50": median, "95": high,
-            "note": "the BRDF along the normal over its mean at half angles beyond 45 degrees: its quantiles at 5, 50 and 95 %",
+            "factor": material.gloss_factor(),
+            "verdict": material.verdict(),
+            "ggx_alpha": three(material.highlight.alpha),
+            "roughness": three(material.highlight.roughness()),
+            "units": { "albedo": albedo, "20": at_20, "60": at_60 },
+            "note": "the BRDF along the normal over its mean at half angles beyond 45 degrees: its quantiles at 5, 50 and 95 %; \
+                     factor: 95 % over 5 %; ggx_alpha: width of the GGX lobe that is as sharp (0.5 to 0.56 for all wider ones, 1 for no highlight); roughness: its square root, which the principled \
+                     models of Mitsuba and Blender take; units: gloss units at 20 and 60 degrees (ASTM D523) if the albedo along \
+                     the normal is as given here, to which they are in proportion and which a photograph under unknown light \
+                     does not determine",
         },
-        "note": "undetermined: share of the domain (both angles below 80 degrees) where the 90 % interval is most of \
-                 what it is without a photograph; strangeness: share of the encoder's features outside of what was \
+        "note": "materials: the measured materials that are most like it in the shape of the highlight, not in colour, with \
+                 their share of the posterior; undetermined: share of the BRDF's cells (both angles below 80 degrees) where \
+                 the 90 % interval is most of what it is without a photograph; wide: share of the cells whose 90 % interval \
+                 is wider than this factor; strangeness: share of the encoder's features outside of what was \
                  seen in training; scatter: standard deviation of pixels that share a normal, relative to their mean \
                  (noise, texture, shadows and wrong normals; 0 where too few share one); normals: cells of the disk of \
                  normals; filled: those of them without an observation; unshadowed: mean absolute logarithm of \
@@ -262,5 +279,10 @@ pub fn sighting(sighting: &Sighting) -> Value {
         notes["pixels"] = json!({ "seen": seen, "inside": inside });
     }
     notes["report"] = json!(sighting.observations.report);
+    notes["note"] = json!(
+        "report: used_pixels of the observed_pixels of the photograph are used; points are the places on the object where the \
+         picture is sampled, between pixels if it is small, and used, clipped, outside, faulty, other_colour and in_shadow \
+         say what became of them"
+    );
     notes
 }

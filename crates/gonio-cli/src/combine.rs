@@ -8,7 +8,7 @@ use gonio_app::{Journal, combine};
 use serde_json::json;
 
 use crate::input;
-use crate::outcome::Outcome;
+use crate::outcome::{Outcome, sharpness};
 use crate::progress::Stages;
 use crate::remedy::plain;
 
@@ -37,11 +37,11 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     journal.at("writing", 0.0);
     folder.fill(&answer.files().map_err(plain)?.encode())?;
     line.finish();
-    let [low, median, high] = answer.material.gloss;
     let output = options.output.display().to_string();
     let text = format!(
-        "{output}: BRDF, pictures and result.json from {} photographs; gloss {median:.1} ({low:.1} to {high:.1})",
-        given.len()
+        "{output}: BRDF, pictures and result.json from {} photographs\n{}",
+        given.len(),
+        sharpness(&answer.material)
     );
     let mut outcome = Outcome::new(text, json!({ "output": output }));
     let mut notes = answer.notes;

@@ -13,7 +13,7 @@ use gonio_io::atomic::StagedFolder;
 use serde_json::json;
 
 use crate::input;
-use crate::outcome::Outcome;
+use crate::outcome::{Outcome, sharpness};
 use crate::progress::Stages;
 use crate::remedy::{self, plain};
 use crate::scene::SceneOptions;
@@ -320,11 +320,14 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     line.finish();
     let output = output.display().to_string();
     let page = if options.no_report { "result.json" } else { "report.html" };
-    let text = format!(
-        "{output}: BRDF, light, pictures and {page} from {} observations in {:.1} s",
-        answer.seen.sighting.observations.report.used,
+    let mut text = format!(
+        "{output}: BRDF, light, pictures and {page} from {} pixels in {:.1} s",
+        answer.seen.sighting.observations.report.used_pixels,
         start.elapsed().as_secs_f64()
     );
+    if let Some(material) = &answer.material {
+        text += &format!("\n{}", sharpness(material));
+    }
     // What fills no screen; the rest is in result.json.
     let mut notes = answer.notes;
     let fields = ["method", "posterior", "colour", "noise", "known_light", "exposure", "seconds"]

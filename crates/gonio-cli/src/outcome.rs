@@ -1,5 +1,6 @@
 //! Message of a command at its end: for people, or with `--json` for programs.
 
+use gonio::estimate::Material;
 use serde_json::{Map, Value, json};
 
 use crate::progress::is_quiet;
@@ -38,4 +39,13 @@ impl Outcome {
             println!("{}", self.text);
         }
     }
+}
+
+/// The sharpness of a highlight on one line, each number with its 90 % interval.
+pub(crate) fn sharpness(material: &Material) -> String {
+    let ([low, median, high], [sharp, middle, dull]) = (material.gloss, material.highlight.alpha);
+    format!(
+        "gloss {median:.1} ({low:.1} to {high:.1}), GGX alpha {middle:.3} ({sharp:.3} to {dull:.3}): {}",
+        material.verdict()
+    )
 }

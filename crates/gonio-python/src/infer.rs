@@ -188,6 +188,10 @@ pub(crate) fn of_material<'py>(
     let materials: Vec<(String, f64)> = material.neighbours.iter().map(|n| (n.name.clone(), n.weight)).collect();
     out.set_item("materials", materials)?;
     out.set_item("gloss", material.gloss.to_vec())?;
+    out.set_item("alpha", material.highlight.alpha.to_vec())?;
+    // On the scale of the table.
+    out.set_item("gloss_units", material.highlight.units.map(|units| units.map(|u| u * scale).to_vec()).to_vec())?;
+    out.set_item("verdict", material.verdict())?;
     Ok(out)
 }
 

@@ -62,7 +62,7 @@ pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
     let body = html! {
         table {
             thead {
-                tr { th { "region" } th { "gloss (90 % interval)" } th { "most like" } th { "albedo beside the brightest" } th { "misfit" } }
+                tr { th { "region" } th { "gloss (90 % interval)" } th { "highlight most like (not in colour)" } th { "albedo beside the brightest" } th { "misfit" } }
             }
             tbody {
                 @for row in rows {

@@ -26,7 +26,7 @@ pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<V
     if let Some(names) = &names {
         let labels = ["its dull end, at 5 %", "its glossy end, at 95 %"];
         let mut second: Vec<_> = found.into_iter().chain(labels.into_iter().zip(&panels.ends)).collect();
-        second.push(("nearest measured materials", names));
+        second.push(("nearest in gloss, not colour", names));
         rows.push(second);
     } else {
         rows[0].extend(found);

@@ -33,7 +33,7 @@ const STOPS: [[u8; 3]; 9] = [
 ];
 
 /// Draws the mean over half and difference angle beside the factor between the 5 and the 95 %
-/// quantile, hatched where the photograph leaves it open: linear display values in 0..=1.
+/// quantile, hatched where the photograph hardly narrows it: linear display values in 0..=1.
 pub fn draw(material: &Material) -> Plane<Vec3> {
     let (left, right) = (mean(&material.table), width(material));
     let mut out = sheet(left.width() + right.width(), left.height());
@@ -52,13 +52,13 @@ pub fn mean(table: &BivariateTable) -> Plane<Vec3> {
 }
 
 /// Draws the factor between the 5 and the 95 % quantile over the same angles, hatched where the
-/// photograph leaves it open.
+/// photograph hardly narrows it.
 pub fn width(material: &Material) -> Plane<Vec3> {
     let (lower, upper) = (&material.quantiles[0], &material.quantiles[material.quantiles.len() - 1]);
     let factor = |c: usize| f64::from(upper[c].max(1e-9)) / f64::from(lower[c].max(1e-9));
     let scale = Scale { low: 1.0, high: trusted_cells().map(factor).fold(4.0, f64::max) };
     let mut out = map("width of the 90 % interval (factor)", &scale, &factor, &|c| material.undetermined[c]);
-    text(&mut out, LEFT, TOP + MAP + 60, "hatched: left open, or beyond 80 degrees");
+    text(&mut out, LEFT, TOP + MAP + 60, "hatched: hardly told, or beyond 80 degrees");
     out
 }
 

@@ -37,6 +37,7 @@ pub mod appearance;
 pub mod bracket;
 pub mod colour;
 pub mod estimate;
+pub mod gloss;
 pub mod inference;
 pub mod lighting;
 mod linalg;

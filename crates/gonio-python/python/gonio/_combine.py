@@ -34,7 +34,7 @@ class Combined(Material):
         low, median, high = self.gloss
         return (
             f"<gonio.Combined of {len(self.agreement)} photographs: gloss {median:.3g} ({low:.3g} to {high:.3g}), "
-            f"{100 * self.open:.0f} % of the domain open>"
+            f"GGX alpha {self.alpha[1]:.2g} ({self.alpha[0]:.2g} to {self.alpha[2]:.2g})>"
         )
 
 

@@ -41,13 +41,20 @@ class Material:
     quantiles: Floats
     """5, 25, 75 and 95 % quantiles of the luminance of each cell, shape (4, 90, 90)."""
     undetermined: NDArray[np.bool_]
-    """Cells of the table that are left open, shape (90, 90)."""
+    """Cells of the table whose 90 % interval is most of what it is without a photograph, shape (90, 90)."""
     open: float
     """Their share of the domain in which both angles are below 80 degrees."""
     materials: list[tuple[str, float]]
-    """The nearest measured materials and their weights."""
+    """The measured materials that are most like it in the shape of the highlight, not in colour, and their weights."""
     gloss: NDArray[np.float64]
     """5, 50 and 95 % quantiles of the gloss: the BRDF along the normal over its mean at half angles beyond 45 degrees."""
+    alpha: NDArray[np.float64]
+    """5, 50 and 95 % quantiles of the width of the GGX lobe that is as sharp; one where there is no highlight."""
+    gloss_units: dict[int, NDArray[np.float64]]
+    """5, 50 and 95 % quantiles of the gloss units at 20 and at 60 degrees (ASTM D523) on the scale of :attr:`brdf`: of a material whose
+    albedo along the normal is 0.5, unless light and photograph are on one scale. They are in proportion to the albedo."""
+    verdict: str
+    """How far the gloss is known, in words."""
     pictures: dict[str, NDArray[np.uint8]]
     """sRGB pictures of shape (height, width, 3) by name."""
     model: _gonio.Model
@@ -63,11 +70,19 @@ class Material:
         self.open = found["open"]
         self.materials = found["materials"]
         self.gloss = np.array(found["gloss"])
+        self.alpha = np.array(found["alpha"])
+        self.gloss_units = {angle: np.array(units) for angle, units in zip((20, 60), found["gloss_units"], strict=True)}
+        self.verdict = found["verdict"]
         self.pictures = found["pictures"]
         self.model = found["model"]
         self._likelihood = found["likelihood"]
         self._notes = found["notes"]
         self._scale = scale
+
+    @property
+    def roughness(self) -> NDArray[np.float64]:
+        """The root of :attr:`alpha`, which the principled models of Mitsuba and Blender take."""
+        return np.sqrt(self.alpha)
 
     @cached_property
     def samples(self) -> Floats:
@@ -184,11 +199,11 @@ class Posterior(Material):
         return plot(self.pictures, self.luminance, self.quantiles, self.samples, self.undetermined)
 
     def __repr__(self) -> str:
-        nearest = f", like {self.materials[0][0]}" if self.materials else ""
+        nearest = f", highlight like {self.materials[0][0]}" if self.materials else ""
         low, median, high = self.gloss
         return (
             f"<gonio.Posterior {self.brdf.name!r}: gloss {median:.3g} ({low:.3g} to {high:.3g}){nearest}, "
-            f"{100 * self.open:.0f} % of the domain open, misfit {100 * self.misfit:.1f} %>"
+            f"misfit {100 * self.misfit:.1f} %>"
         )
 
     def _repr_html_(self) -> str:
@@ -201,10 +216,12 @@ class Posterior(Material):
             return f'<img alt="{name}" width="{width}" style="max-width:100%" src="data:image/png;base64,{data}">'
 
         low, median, high = self.gloss
+        sharp, middle, dull = self.alpha
         rows = [
-            ("gloss", f"{median:.3g} &nbsp; <small>90 %: {low:.3g} to {high:.3g}</small>"),
-            ("nearest measured", ", ".join(f"{escaped(n)} ({100 * w:.0f}&nbsp;%)" for n, w in self.materials[:3])),
-            ("left open", f"{100 * self.open:.0f} % of the domain"),
+            ("gloss", f"{median:.3g} &nbsp; <small>90 %: {low:.3g} to {high:.3g}; {escaped(self.verdict)}</small>"),
+            ("GGX alpha", f"{middle:.2g} &nbsp; <small>90 %: {sharp:.2g} to {dull:.2g}; roughness is its root</small>"),
+            ("highlight like, not colour", ", ".join(f"{escaped(n)} ({100 * w:.0f}&nbsp;%)" for n, w in self.materials[:3])),
+            ("hardly narrowed", f"{100 * self.open:.0f} % of the BRDF's cells have an interval almost as wide as without a photograph"),
             ("misfit", f"{100 * self.misfit:.1f} %"),
             ("scatter", f"{100 * self.scatter:.1f} %"),
         ]

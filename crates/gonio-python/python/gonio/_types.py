@@ -102,6 +102,9 @@ class FoundMaterial(TypedDict):
     open: float
     materials: list[tuple[str, float]]
     gloss: list[float]
+    alpha: list[float]
+    gloss_units: list[list[float]]
+    verdict: str
     likelihood: Likelihood
     pictures: dict[str, Bytes]
     notes: str

@@ -8,7 +8,7 @@ mod renderers;
 pub mod sphere;
 
 use glam::Vec3;
-use gonio::estimate::Material;
+use gonio::estimate::{Material, WIDE};
 use gonio::scene::ObservationReport;
 use maud::{Markup, PreEscaped, html};
 use serde_json::Value;
@@ -130,8 +130,8 @@ impl Report<'_> {
             ),
             figure::card(
                 "Observations",
-                &figure::sized(observed, PANEL, "The photograph under a dot for each observation"),
-                &html! { span.used { "Teal" } ": used. " span.unused { "Red" } ": seen, but left out (clipped, faulty, covered, in shadow, of another colour)." },
+                &figure::sized(observed, PANEL, "The photograph under a dot for each place where it was sampled"),
+                &html! { "A dot for each place where the picture was sampled, between pixels if it is small. " span.used { "Teal" } ": used. " span.unused { "Red" } ": seen, but left out (clipped, faulty, covered, in shadow, of another colour)." },
             ),
             figure::card(
                 "Reproduction",
@@ -197,10 +197,11 @@ impl Report<'_> {
             }))
             (figure::grid(22, &[
                 figure::figure(&figure::sized(&crate::uncertainty::width(material), 540, "Map of the width of the 90 % interval over half and difference angle"),
-                    &html! { "How wide the 90 % interval is in each cell, as a factor between its ends. Hatched: the photograph leaves it open ("
-                        (percent(material.open)) " of the domain)." }),
+                    &html! { "How wide the 90 % interval is in each cell, as a factor between its ends: it is wider than a factor of " (WIDE) " in "
+                        (percent(material.wider_than(WIDE))) " of the cells below 80°. Hatched: most of what it would be without a photograph ("
+                        (percent(material.open)) " of the cells), and all beyond 80°." }),
                 html! { div { @if !rows.is_empty() {
-                (table::table("Nearest measured materials (MERL database), by their share of the posterior among the measured ones", &["material", "share"], &rows))
+                (table::table("Measured materials (MERL database) that are most like it in the shape of the highlight, not in colour, by their share of the posterior among them", &["material", "share"], &rows))
                 } } },
             ]))
         }
@@ -272,22 +273,38 @@ fn warnings(lines: &[String]) -> Markup {
 
 /// Summarises the estimate in words.
 fn facts(material: &Material, result: &Value) -> Markup {
-    let [low, median, high] = material.gloss;
     let nearest = material.neighbours.first();
+    let interval = |[low, median, high]: [f64; 3]| {
+        html! { strong { (short(median)) } ", 90 % between " (short(low)) " and " (short(high)) }
+    };
     let rgb = |part: &str| -> Option<Vec<f64>> {
         result["colour"][part]["rgb"].as_array()?.iter().map(Value::as_f64).collect()
     };
     html! {
         dl.facts {
             @if let Some(nearest) = nearest {
-                div { dt { "most like" } dd { strong { (nearest.name) } " (" (percent(nearest.weight)) " among the measured materials)" } }
+                div { dt { "highlight like" } dd { strong { (nearest.name) } " (" (percent(nearest.weight)) " among the measured materials)"
+                    span.note { " (likeness of gloss and of the lobe's shape, not of colour)" } } }
             }
             div {
                 dt { "gloss" }
-                dd { strong { (short(median)) } ", 90 % between " (short(low)) " and " (short(high))
-                    span.note { " (peak over base: 1 is chalk, tens are satin paint, thousands polished metal)" } }
+                dd { (interval(material.gloss)) span.note { (SCALE) } }
             }
-            div { dt { "left open" } dd { strong { (percent(material.open)) } " of the directions" } }
+            div {
+                dt { "GGX alpha" }
+                dd { (interval(material.highlight.alpha)) span.note { " (of a lobe as sharp)" } }
+            }
+            div {
+                dt { "roughness" }
+                dd { (interval(material.highlight.roughness())) span.note { " (Mitsuba's principled and Blender's: the root of alpha)" } }
+            }
+            (units(&result["posterior"]["gloss"]["units"], result["reflectance"]["absolute"].as_bool() == Some(true)))
+            div {
+                dt { "how sure" }
+                dd { strong { (material.verdict()) } "; " (percent(material.wider_than(WIDE)))
+                    " of the BRDF's cells have a 90 % interval wider than a factor of " (WIDE) "; in " (percent(material.open))
+                    " it is most of what it would be without a photograph" }
+            }
             @for (name, part) in [("body colour", "body"), ("highlight colour", "highlight")] {
                 @if let Some(rgb) = rgb(part) {
                     div { dt { (name) } dd { span.swatch style={ "background: " (css(&rgb)) } {} " "
@@ -298,25 +315,54 @@ fn facts(material: &Material, result: &Value) -> Markup {
     }
 }
 
-/// Counts the observations by their fate.
+/// Scale of the gloss, the peak over the base.
+const SCALE: &str = " (peak over base: 1 is chalk, tens are satin paint, thousands polished metal, a hundred thousand and more a mirror)";
+
+/// Shows gloss units, as far as they are known, with the albedo that they go with.
+fn units(units: &Value, absolute: bool) -> Markup {
+    let three = |angle: &str| -> Option<[f64; 3]> {
+        let at = |share: &str| units[angle][share].as_f64();
+        Some([at("5")?, at("50")?, at("95")?])
+    };
+    let albedo = units["albedo"].as_f64();
+    html! {
+        @if let (Some(at_20), Some(at_60), Some(albedo)) = (three("20"), three("60"), albedo) {
+            div {
+                dt { "gloss units" }
+                dd {
+                    @for (i, (angle, [low, median, high])) in [("20°", at_20), ("60°", at_60)].into_iter().enumerate() {
+                        @if i > 0 { "; " }
+                        (angle) ": " strong { (short(median)) } " (" (short(low)) " to " (short(high)) ")"
+                    }
+                    span.note {
+                        " (ASTM D523, black glass is 100; "
+                        @if absolute { "at the albedo found, " (short(albedo)) ")" }
+                        @else { "if the albedo along the normal is " (albedo) ", which the photograph does not tell: they are in proportion to it)" }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Counts the pixels by their fate, and the points between them.
 fn counts(report: &ObservationReport) -> Markup {
     let rows: Vec<Vec<String>> = [
-        ("points on the object", report.points),
-        ("used", report.used),
-        ("clipped", report.clipped),
-        ("covered or outside", report.outside),
-        ("negative, NaN or infinite", report.faulty),
-        ("of another colour", report.other_colour),
-        ("in the object's own shadow", report.in_shadow),
+        ("pixels on the object", report.observed_pixels),
+        ("pixels used", report.used_pixels),
+        ("pixels clipped", report.clipped_pixels),
+        ("pixels negative, NaN or infinite", report.negative + report.not_finite),
+        ("pixels of another colour", report.other_colour_pixels),
         ("pixels left out as dark specks", report.specks),
         ("pixels left out at edges", report.at_edges),
+        ("points in the object's own shadow", report.in_shadow),
     ]
     .into_iter()
     .enumerate()
     .filter(|(i, (_, count))| *i < 2 || *count > 0)
     .map(|(_, (name, count))| vec![name.to_owned(), count.to_string()])
     .collect();
-    table::table("Observations", &["what", "number"], &rows)
+    table::table("What was used", &["what", "number"], &rows)
 }
 
 /// Formats a share as a percentage with two digits.

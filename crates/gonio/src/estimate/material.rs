@@ -1,6 +1,6 @@
 //! Material of the object.
 
-use super::{Doubt, EstimateError};
+use super::{Doubt, EstimateError, Highlight};
 use crate::appearance::DiskImage;
 use crate::inference::learnt::{
     self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
@@ -44,6 +44,8 @@ pub struct Material {
     pub ends: [BivariateTable; 2],
     /// 5, 50 and 95 % quantiles of the gloss, [`peak_over_base`].
     pub gloss: [f64; 3],
+    /// The same quantiles in other terms: width of a GGX lobe, gloss units.
+    pub highlight: Highlight,
     /// Share of the photograph's features outside the range of the training
     /// ([`Reading::strangeness`](crate::inference::learnt::Reading::strangeness)).
     pub strangeness: f64,
@@ -185,6 +187,7 @@ impl<'a> Impression<'a> {
             neighbours,
             ends: [end(0.05), end(0.95)],
             gloss: [gloss[0], gloss[1], gloss[2]],
+            highlight: Highlight::of(&posterior),
             strangeness: self.strangeness,
             scatter: self.scatter,
             normals: self.normals,

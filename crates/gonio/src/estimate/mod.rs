@@ -10,6 +10,7 @@
 mod colouring;
 mod combine;
 mod doubt;
+mod highlight;
 mod known_light;
 mod light;
 mod material;
@@ -24,6 +25,7 @@ pub use crate::inference::known_light::Alignment;
 pub use colouring::{Colouring, ColouringRule};
 pub use combine::{Combined, combine};
 pub use doubt::Doubt;
+pub use highlight::{Highlight, WIDE};
 pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};

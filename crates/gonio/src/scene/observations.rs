@@ -82,6 +82,9 @@ pub struct ObservationReport {
     pub other_colour: usize,
     /// Pixels of the observed part of the object.
     pub observed_pixels: usize,
+    /// Observed pixels whose values are used: all that are not left out for a reason below. The
+    /// points are interpolated between them, so that a small picture has fewer of them than points.
+    pub used_pixels: usize,
     /// Observed pixels that are clipped.
     pub clipped_pixels: usize,
     /// Radiance at or above which a channel counts as clipped, given or found.
@@ -280,6 +283,7 @@ impl Observations {
             outside: count(Seen::Outside),
             faulty: count(Seen::Faulty),
             other_colour: count(Seen::OtherColour),
+            used_pixels: fates.as_slice().iter().filter(|fate| **fate == Fate::Used).count(),
             ..report
         };
         let ObservationReport { used, clipped, outside, faulty, .. } = report;

@@ -61,6 +61,8 @@ impl Observations {
                 self.colours[i] = None;
             }
             self.report.used -= lost.len();
+            // Here each point is a pixel.
+            self.report.used_pixels = self.report.used_pixels.saturating_sub(lost.len());
             self.report.in_shadow = lost.len();
         }
         self.open = openness.iter().map(|o| o.open).collect();

@@ -7,7 +7,7 @@ pub(super) fn schlick_weight(cos: f64) -> f64 {
 }
 
 /// Unpolarised reflectance of a dielectric of relative index `eta` at an angle to its facet.
-pub(super) fn fresnel_dielectric(cos: f64, eta: f64) -> f64 {
+pub(crate) fn fresnel_dielectric(cos: f64, eta: f64) -> f64 {
     let inside = 1.0 - (1.0 - cos * cos) / (eta * eta);
     if inside <= 0.0 {
         return 1.0;

@@ -23,6 +23,7 @@ pub use classic::{ColourCookTorrance, ColourWard};
 pub use fit::{Fitted, Fitter};
 pub use layered::Layered;
 pub use metallic_roughness::MetallicRoughness;
+pub(crate) use microfacet::fresnel_dielectric;
 pub use principled::Principled;
 
 use glam::DVec3;

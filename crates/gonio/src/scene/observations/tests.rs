@@ -33,6 +33,24 @@ fn radiance_that_is_linear_in_the_picture_comes_back() {
 }
 
 #[test]
+fn pixels_are_counted_apart_from_the_points_between_them() {
+    // A ball of a radius of ten pixels: every point is interpolated between a few of them.
+    let small = Circle { x: 15.0, y: 15.0, radius: 10.0 };
+    let mut rgb = Plane::from_fn(30, 30, |x, y| Vec3::splat(1.0 + 0.01 * (x + y) as f32));
+    let observe = |rgb: &Plane<Vec3>| {
+        let picture = Picture { rgb: rgb.clone(), alpha: None };
+        Observations::of_sphere(&picture, &small, None, &ObservationSettings::default()).unwrap().report
+    };
+    let clean = observe(&rgb);
+    assert!(clean.used_pixels == clean.observed_pixels && clean.used > 20 * clean.used_pixels, "{clean:?}");
+    // Pixels wholly within the circle: fewer than its area.
+    assert!((240..=300).contains(&clean.used_pixels), "{clean:?}");
+    rgb[(15, 15)] = Vec3::splat(f32::NAN);
+    rgb[(12, 17)] = Vec3::splat(-1.0);
+    assert_eq!(observe(&rgb).used_pixels, clean.used_pixels - 2);
+}
+
+#[test]
 fn curved_radiance_comes_back_to_interpolation_accuracy() {
     let got = observe(&ball(|n| Vec3::splat(n.z as f32))).unwrap();
     for (point, value) in got.points.iter().zip(&got.values) {

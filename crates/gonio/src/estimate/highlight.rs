@@ -1,0 +1,75 @@
+//! The highlight of a material in terms that renderers and glossmeters use.
+
+use super::material::{ALBEDO, Material};
+use crate::gloss::{GgxWidths, Glossmeter};
+use crate::inference::learnt::MaterialPosterior;
+use crate::reflectance::trusted_cells;
+
+/// Factor between the ends of a 90 % interval above which it is called wide: a material at the one
+/// end looks plainly different from one at the other.
+pub const WIDE: f64 = 3.0;
+
+/// Quantiles at 5, 50 and 95 % of what describes a highlight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Highlight {
+    /// Width `alpha` of the GGX lobe that is as sharp ([`GgxWidths`]); one where there is no
+    /// highlight. The 5 % quantile is the sharpest.
+    pub alpha: [f64; 3],
+    /// Gloss units at 20 and 60 degrees ([`Glossmeter`]) of a material whose albedo along the
+    /// normal is [`ALBEDO`]. They are in proportion to that albedo, which a photograph under
+    /// unknown illumination does not determine.
+    pub units: [[f64; 3]; 2],
+}
+
+impl Highlight {
+    pub(super) fn of(posterior: &MaterialPosterior) -> Self {
+        let (widths, shares) = (GgxWidths::new(), [0.05, 0.5, 0.95]);
+        let three = |quantiles: Vec<f64>| [quantiles[0], quantiles[1], quantiles[2]];
+        let alpha = posterior.ranking(|table| widths.alpha_of(table).unwrap_or(1.0)).quantiles(&shares);
+        // The draws have an albedo of one.
+        let read = |meter: Glossmeter| {
+            three(posterior.ranking(|table| meter.read(table)).quantiles(&shares)).map(|units| ALBEDO * units)
+        };
+        Self {
+            alpha: three(alpha).map(|alpha| alpha.min(1.0)),
+            units: [Glossmeter::at_20(), Glossmeter::at_60()].map(read),
+        }
+    }
+
+    /// Roughness of the principled models of Mitsuba and Blender: `alpha` is the square of it.
+    pub fn roughness(&self) -> [f64; 3] {
+        self.alpha.map(f64::sqrt)
+    }
+}
+
+impl Material {
+    /// Factor between the ends of the 90 % interval of the gloss.
+    pub fn gloss_factor(&self) -> f64 {
+        self.gloss[2] / self.gloss[0].max(1e-300)
+    }
+
+    /// Share of the trusted cells whose 90 % interval is wider than this factor between its ends,
+    /// in 0..=1. It counts the width of the interval itself, where [`Material::open`] compares it
+    /// with what was known without the photograph.
+    pub fn wider_than(&self, factor: f64) -> f64 {
+        let (low, high) = (&self.quantiles[0], &self.quantiles[self.quantiles.len() - 1]);
+        let trusted = trusted_cells();
+        let (wide, all) = trusted.fold((0_usize, 0_usize), |(wide, all), c| {
+            let is_wide = f64::from(high[c]) > factor * f64::from(low[c]);
+            (wide + usize::from(is_wide), all + 1)
+        });
+        wide as f64 / all as f64
+    }
+
+    /// How far height and width of the highlight are known, in words.
+    pub fn verdict(&self) -> String {
+        let say = |factor: f64| {
+            let how = if factor > WIDE { "open by" } else { "known to" };
+            let digits = usize::from(factor < 9.95);
+            format!("{how} a factor of {factor:.digits$}")
+        };
+        let [sharp, _, dull] = self.highlight.alpha;
+        let (height, width) = (say(self.gloss_factor()), say(dull / sharp));
+        format!("the height of the highlight (gloss) is {height}, its width (alpha) is {width}")
+    }
+}

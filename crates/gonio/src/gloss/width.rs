@@ -1,0 +1,211 @@
+//! Width of the GGX lobe that is as sharp as the highlight of a table.
+
+use crate::reflectance::BivariateTable;
+use crate::reflectance::parametric::{Ggx, Parametric, directions};
+use crate::reflectance::theta_h_of;
+
+/// Samples of `theta_d` (degrees) over which highlights are averaged: below 20 degrees Fresnel's
+/// reflectance is constant, so that it does not change the shape of the lobe.
+const DIFFERENCES: [usize; 5] = [0, 5, 10, 15, 20];
+
+/// Half angles (degrees) between which the floor below the highlight is taken. With the difference
+/// angles above, light and view stay above the horizon at all azimuths.
+const FLOOR: (f64, f64) = (45.0, 60.0);
+
+/// Share by which the peak must exceed the floor for there to be a highlight.
+const CONTRAST: f64 = 0.02;
+
+/// Narrowest lobe that is told apart: half of it lies within two samples of a table.
+const NARROWEST: f64 = 0.001;
+
+/// Number of widths between the narrowest and one, in equal steps of the logarithm.
+const STEPS: usize = 72;
+
+/// Azimuths over which a lobe is averaged, which is smooth in them.
+const AZIMUTHS: usize = 12;
+
+/// Half widths of the highlights of GGX lobes, by which the lobe of a table is compared to them.
+///
+/// The profile of a highlight is the mean of the table over difference angles up to 20 degrees, its
+/// floor the mean of the profile at half angles from 45 to 60 degrees, and its half width the half
+/// angle within which half of the integral of its square above the floor lies. A Lambertian part
+/// changes profile and floor alike and a factor both halves, so the half width of a table made of a
+/// GGX lobe and a Lambertian part depends on `alpha` alone.
+///
+/// The square decides what the highlight is where there are several parts: a sharp coat counts for
+/// more than the slope of a bright body below it, which has more energy, and a satin lobe for more
+/// than a spike of next to no energy on top of it, which has a higher peak.
+#[derive(Clone, Debug)]
+pub struct GgxWidths {
+    /// Logarithms of half width and `alpha`, ascending.
+    entries: Vec<(f64, f64)>,
+}
+
+impl Default for GgxWidths {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl GgxWidths {
+    /// Measures lobes of all widths.
+    pub fn new() -> Self {
+        let entry = |step: usize| {
+            let log = NARROWEST.ln() * (1.0 - step as f64 / STEPS as f64);
+            Some((half_width(&lobe(log.exp()))?.ln(), log))
+        };
+        // The widest lobes have no peak along the normal, since masking makes them brighter aside,
+        // and those before them are no wider above their floor than narrower ones.
+        let mut entries: Vec<(f64, f64)> = (0..=STEPS).map_while(entry).collect();
+        entries.dedup_by(|next, last| next.0 <= last.0);
+        Self { entries }
+    }
+
+    /// Returns the width `alpha` of the GGX lobe whose highlight has the half width of the table's;
+    /// `None` if the table has no highlight along the normal, as that of a Lambertian surface or of
+    /// a cloth that is brightest at its rim. Narrower lobes than 0.001, which a table does not
+    /// resolve, count as 0.001, and those above 0.56, whose floor rises with their width so that
+    /// they look alike, as 0.5 to 0.56.
+    pub fn alpha_of(&self, table: &BivariateTable) -> Option<f64> {
+        let log = half_width(&profile(|i, j| f64::from(table.cell(i, j))))?.ln();
+        let entries = &self.entries;
+        let above = entries.partition_point(|entry| entry.0 < log);
+        Some(match above {
+            0 => NARROWEST,
+            above if above == entries.len() => entries[above - 1].1.exp(),
+            above => {
+                let ((w0, a0), (w1, a1)) = (entries[above - 1], entries[above]);
+                (a0 + (a1 - a0) * (log - w0) / (w1 - w0)).exp()
+            }
+        })
+    }
+}
+
+/// Profile over the half angle of a mirror of this `alpha`.
+fn lobe(alpha: f64) -> Vec<f64> {
+    let mirror = Ggx { diffuse: 0.0, f0: 1.0, alpha };
+    profile(|i, j| {
+        let at = |k: usize| {
+            let phi = std::f64::consts::PI * k as f64 / AZIMUTHS as f64;
+            let (wi, wo) = directions(theta_h_of(i), (j as f64).to_radians(), phi);
+            mirror.eval(wi, wo)
+        };
+        (0..AZIMUTHS).map(at).sum::<f64>() / AZIMUTHS as f64
+    })
+}
+
+/// Mean over the difference angles of a cell's value, for each half angle up to the end of the
+/// floor.
+fn profile(cell: impl Fn(usize, usize) -> f64) -> Vec<f64> {
+    (0..)
+        .take_while(|&i| theta_h_of(i).to_degrees() <= FLOOR.1)
+        .map(|i| DIFFERENCES.iter().map(|&j| cell(i, j)).sum::<f64>() / DIFFERENCES.len() as f64)
+        .collect()
+}
+
+/// Half angle within which half of the square of a highlight lies; `None` without a highlight.
+fn half_width(profile: &[f64]) -> Option<f64> {
+    let first = (0..profile.len()).find(|&i| theta_h_of(i).to_degrees() >= FLOOR.0)?;
+    let floor = profile[first..].iter().sum::<f64>() / (profile.len() - first) as f64;
+    // Not a number counts as no highlight.
+    if !(profile[0] > (1.0 + CONTRAST) * floor && profile[0].is_finite()) {
+        return None;
+    }
+    // Over the square of the sine, in which solid angles projected on the surface are even.
+    let place = |i: usize| theta_h_of(i).sin().powi(2);
+    let square = |i: usize| (profile[i] - floor).max(0.0).powi(2);
+    let within: Vec<f64> = (1..=first)
+        .scan(0.0, |sum, i| {
+            *sum += 0.5 * (square(i - 1) + square(i)) * (place(i) - place(i - 1));
+            Some(*sum)
+        })
+        .collect();
+    let half = 0.5 * within.last()?;
+    let after = within.iter().position(|sum| *sum >= half)?;
+    let before = if after == 0 { 0.0 } else { within[after - 1] };
+    let share = (half - before) / (within[after] - before);
+    Some((place(after) + share * (place(after + 1) - place(after))).sqrt().asin())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reflectance::parametric::{Lambert, Sheen};
+
+    #[test]
+    fn formulas_of_known_width_give_it_back() {
+        let widths = GgxWidths::new();
+        for alpha in [0.002, 0.005, 0.013, 0.05, 0.11, 0.3, 0.55] {
+            for (diffuse, f0) in [(0.0, 0.9), (0.1, 0.04), (0.6, 0.04)] {
+                let table = Ggx { diffuse, f0, alpha }.to_bivariate();
+                let contrast = table.cell(0, 0) / table.cell(85, 10);
+                match widths.alpha_of(&table) {
+                    Some(got) => assert!((got / alpha - 1.0).abs() < 0.02, "{alpha} {diffuse} {f0}: {got}"),
+                    None => assert!(contrast < 1.05, "{alpha} {diffuse} {f0}: contrast {contrast}"),
+                }
+                let scaled = widths.alpha_of(&table.scaled(7.0));
+                assert!((scaled.unwrap_or(1.0) - widths.alpha_of(&table).unwrap_or(1.0)).abs() < 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn the_widest_lobes_are_wide() {
+        for alpha in [0.6, 0.7] {
+            let got = GgxWidths::new().alpha_of(&Ggx { diffuse: 0.0, f0: 0.9, alpha }.to_bivariate()).unwrap();
+            assert!((0.5..=0.7).contains(&got), "{alpha}: {got}");
+        }
+    }
+
+    #[test]
+    fn widths_rise_with_alpha() {
+        let entries = GgxWidths::new().entries;
+        assert!(entries.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 < pair[1].1));
+        // All steps but those of the widest lobes are told apart.
+        assert!(entries.len() > STEPS - 7 && entries[0].1.exp() < 1.001 * NARROWEST, "{}", entries.len());
+    }
+
+    #[test]
+    fn surfaces_without_a_highlight_have_none() {
+        let widths = GgxWidths::new();
+        for table in [
+            Lambert { albedo: 0.5 }.to_bivariate(),
+            Sheen { factor: 0.7, width: 0.3 }.to_bivariate(),
+            Ggx { diffuse: 0.0, f0: 1.0, alpha: 1.0 }.to_bivariate(),
+            BivariateTable::from_fn(|_, _| 0.0),
+            BivariateTable::from_fn(|_, _| f64::NAN),
+        ] {
+            assert_eq!(widths.alpha_of(&table), None);
+        }
+    }
+
+    #[test]
+    fn a_mirror_is_as_narrow_as_can_be_told() {
+        // All light in the first sample of the half angle.
+        let mirror = BivariateTable::from_fn(|h, _| if h == 0.0 { 1e6 } else { 1e-3 });
+        assert_eq!(GgxWidths::new().alpha_of(&mirror), Some(NARROWEST));
+    }
+
+    #[test]
+    fn a_spike_without_energy_does_not_count() {
+        // Twenty times as high as the lobe below it, with a thousandth of its light.
+        let (spike, below) =
+            (Ggx { diffuse: 0.0, f0: 0.0005, alpha: 0.001 }, Ggx { diffuse: 0.1, f0: 0.5, alpha: 0.15 });
+        let both = BivariateTable::from_vec(
+            spike.to_bivariate().as_slice().iter().zip(below.to_bivariate().as_slice()).map(|(a, b)| a + b).collect(),
+        );
+        assert!(both.cell(0, 10) > 15.0 * below.to_bivariate().cell(0, 10));
+        let got = GgxWidths::new().alpha_of(&both).unwrap();
+        assert!((got / 0.15 - 1.0).abs() < 0.1, "{got}");
+    }
+
+    #[test]
+    fn of_a_coat_over_a_satin_body_the_coat_counts() {
+        let (coat, below) = (Ggx { diffuse: 0.0, f0: 0.04, alpha: 0.02 }, Ggx { diffuse: 0.1, f0: 0.04, alpha: 0.4 });
+        let both = BivariateTable::from_vec(
+            coat.to_bivariate().as_slice().iter().zip(below.to_bivariate().as_slice()).map(|(a, b)| a + b).collect(),
+        );
+        let got = GgxWidths::new().alpha_of(&both).unwrap();
+        assert!((got / 0.02 - 1.0).abs() < 0.05, "{got}");
+    }
+}

@@ -10,7 +10,7 @@ mod shard;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
+use std::thread::{self, ScopedJoinHandle};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -75,14 +75,14 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         rows.iter().enumerate().filter(|(i, _)| shard.is_none_or(|s| s.has(*i))).map(|(_, r)| r).collect();
     let notes = options.output.join(NOTES);
     std::fs::create_dir_all(&notes).with_context(|| format!("{}: cannot make this folder", notes.display()))?;
-    let done = |row: &&&Row| {
-        read_note(&options.output, &row.name).is_some_and(|note| {
-            note.error.is_none() && note.arguments == row.arguments && row.folder.join("result.json").is_file()
+    let is_open = |(_, row): &(usize, &Row)| {
+        read_note(&options.output, &row.name).is_none_or(|note| {
+            note.error.is_some() || note.arguments != row.arguments || !row.folder.join("result.json").is_file()
         })
     };
-    let (done, open): (Vec<&Row>, Vec<&Row>) = own.iter().partition(done);
-    let skipped = done.len();
-    let failed = infer_rows(&open, &options.output)?;
+    let open: Vec<(usize, &Row)> = own.iter().copied().enumerate().filter(is_open).collect();
+    let skipped = own.len() - open.len();
+    let failed = infer_rows(&open, own.len(), &options.output)?;
     // Shards leave this to the one that merges.
     if shard.is_none() {
         merge::merge(&options.output, Some(&rows))?;
@@ -96,41 +96,39 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     Ok(Outcome::new(text, json!({ "output": output, "rows": own.len(), "inferred": count, "skipped": skipped })))
 }
 
-/// Infers rows, as many at a time as there are threads; returns the names of those that failed, in
-/// order. A row that has a thread for itself leaves none idle.
-fn infer_rows(rows: &[&Row], output: &Path) -> Result<Vec<String>> {
+/// Infers rows, of which each comes with its place among `count`, as many at a time as there are
+/// threads; returns the names of those that failed, in order. A row that has a thread for itself
+/// leaves none idle.
+fn infer_rows(rows: &[(usize, &Row)], count: usize, output: &Path) -> Result<Vec<String>> {
     let threads = rayon::current_num_threads();
     let workers = threads.min(rows.len()).max(1);
     progress::share_terminal(workers > 1);
-    let (next, ended) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let next = AtomicUsize::new(0);
     let work = || -> Result<Vec<usize>> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads / workers).build()?;
         let mut failed = Vec::new();
         loop {
-            let i = next.fetch_add(1, Ordering::Relaxed);
-            let Some(row) = rows.get(i) else { return Ok(failed) };
+            let Some((place, row)) = rows.get(next.fetch_add(1, Ordering::Relaxed)) else { return Ok(failed) };
             let note = pool.install(|| infer_row(row));
             let text = serde_json::to_string_pretty(&note).context("a note that is no JSON")?;
             write_file(note_path(output, &row.name), text.as_bytes())?;
-            let count = ended.fetch_add(1, Ordering::Relaxed) + 1;
             let end = note.error.as_ref().map_or_else(|| format!("{:.1} s", note.seconds), |e| format!("failed: {e}"));
             if note.error.is_some() || !is_quiet() {
-                eprintln!("[{count}/{}] {}: {end}", rows.len(), row.name);
+                eprintln!("[{}/{count}] {}: {end}", place + 1, row.name);
             }
-            failed.extend(note.error.is_some().then_some(i));
+            failed.extend(note.error.is_some().then_some(*place));
         }
     };
     let all = thread::scope(|scope| {
         let workers: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
         // A row that panics is noted as failed: no worker does.
-        workers
-            .into_iter()
-            .map(|worker| worker.join().unwrap_or_else(|_| bail!("a worker of the batch ended")))
-            .collect::<Result<Vec<_>>>()
+        let ended = |worker: ScopedJoinHandle<'_, Result<Vec<usize>>>| {
+            worker.join().unwrap_or_else(|_| bail!("a worker of the batch ended"))
+        };
+        workers.into_iter().map(ended).collect::<Result<Vec<_>>>()
     })?;
-    let mut failed = all.concat();
-    failed.sort_unstable();
-    Ok(failed.into_iter().map(|i| rows[i].name.clone()).collect())
+    let failed = all.concat();
+    Ok(rows.iter().filter(|(place, _)| failed.contains(place)).map(|(_, row)| row.name.clone()).collect())
 }
 
 /// Infers a row; whatever happens is noted.

@@ -22,7 +22,7 @@ const TARGET: &str = "wasm32-unknown-unknown";
 const FEATURES: &str = "-C target-feature=+simd128";
 /// Binary digits that the numbers of the page's model keep: the BRDF of the sample differs from
 /// that of the program by less than a thousandth.
-const DIGITS: u32 = 14;
+const DIGITS: u32 = 16;
 /// Placeholders, each once in `index.html`, and the files of the workspace that replace them
 /// unchanged.
 const PARTS: [(&str, &[&str]); 2] = [

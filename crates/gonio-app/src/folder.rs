@@ -28,11 +28,7 @@ const BESIDE: &str = "-gonio";
 /// # Errors
 /// As [`StagedFolder::create`].
 pub fn for_results(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
-    let mut folder = StagedFolder::create(&dir)?;
-    let mut ours = Vec::new();
-    results_in(dir.as_ref(), Path::new(""), &mut ours);
-    folder.discard(ours);
-    Ok(folder)
+    replacing(dir.as_ref(), results_in)
 }
 
 /// Prepares a folder for new exports; earlier ones that it holds go when the new ones come.
@@ -40,9 +36,14 @@ pub fn for_results(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
 /// # Errors
 /// As [`StagedFolder::create`].
 pub fn for_exports(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
-    let mut folder = StagedFolder::create(&dir)?;
+    replacing(dir.as_ref(), exports_in)
+}
+
+/// Prepares a folder in which what `find` tells of goes when the new files come.
+fn replacing(dir: &Path, find: impl Fn(&Path, &Path, &mut Vec<PathBuf>)) -> Result<StagedFolder, Error> {
+    let mut folder = StagedFolder::create(dir)?;
     let mut ours = Vec::new();
-    exports_in(dir.as_ref(), Path::new(""), &mut ours);
+    find(dir, Path::new(""), &mut ours);
     folder.discard(ours);
     Ok(folder)
 }

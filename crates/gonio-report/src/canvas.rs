@@ -10,6 +10,10 @@ pub const PAPER: Vec3 = Vec3::new(0.012, 0.013, 0.015);
 pub const INK: Vec3 = Vec3::new(0.75, 0.75, 0.72);
 /// Width and height of a letter, pixels.
 pub const LETTER: usize = 8;
+/// Height of a line of text, pixels.
+pub const LINE: usize = 2 * LETTER;
+/// Colour of the outline of an object.
+pub const OUTLINE: Vec3 = Vec3::new(0.10, 0.85, 0.75);
 
 /// Returns an empty sheet.
 pub fn sheet(width: usize, height: usize) -> Plane<Vec3> {
@@ -29,6 +33,19 @@ pub fn place(out: &mut Plane<Vec3>, left: usize, top: usize, picture: &Plane<Vec
 /// Fills a rectangle.
 pub fn fill(out: &mut Plane<Vec3>, (left, top): (usize, usize), (width, height): (usize, usize), colour: Vec3) {
     place(out, left, top, &Plane::from_fn(width, height, |_, _| colour));
+}
+
+/// Puts a picture on a sheet of at least `width`, and lines below it, each behind a square of its
+/// colour.
+pub fn with_legend(picture: &Plane<Vec3>, width: usize, lines: &[(Vec3, String)]) -> Plane<Vec3> {
+    let mut out = sheet(picture.width().max(width), picture.height() + LETTER + lines.len() * LINE);
+    place(&mut out, 0, 0, picture);
+    for (n, (colour, line)) in lines.iter().enumerate() {
+        let top = picture.height() + LETTER + n * LINE;
+        fill(&mut out, (LETTER, top), (LETTER, LETTER), *colour);
+        text(&mut out, 3 * LETTER, top, line);
+    }
+    out
 }
 
 /// Writes a line of text in eight by eight letters.

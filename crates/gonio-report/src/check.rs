@@ -6,16 +6,14 @@ use gonio::picture::{Picture, Plane};
 use gonio::render::Exposure;
 use gonio::scene::{Fate, Sighting};
 
-use crate::canvas::{LETTER, fill, place, sheet, text};
+use crate::canvas::{OUTLINE, with_legend};
 use crate::panels::over_paper;
-use crate::panels::used::MARKS;
+use crate::panels::used::{MARKS, legend};
 
 /// Longest side of the photograph in the picture, pixels.
 const SIDE: usize = 1024;
 /// Side up to which small photographs are enlarged.
 const LEAST: usize = 480;
-/// Height of a line of the legend, pixels.
-const LINE: usize = 2 * LETTER;
 /// Width of the picture for the legend to fit.
 const WIDTH: usize = 320;
 /// Factor by which the photograph is darkened outside of the objects.
@@ -23,7 +21,6 @@ const SHADE: f32 = 0.35;
 
 /// Width of the outline, pixels.
 const WEIGHT: usize = 2;
-const OUTLINE: Vec3 = Vec3::new(0.10, 0.85, 0.75);
 
 /// Draws the photograph, dark outside of the objects, with their outlines and the pixels that are
 /// left out. Linear display values in 0..=1.
@@ -64,26 +61,7 @@ pub fn draw(picture: &Picture, sightings: &[&Sighting]) -> Plane<Vec3> {
             (None, None) => SHADE * shown[first(x, y)],
         }
     });
-    with_legend(&photograph, &fates)
-}
-
-/// Adds what the colours mean, and to how many pixels they apply.
-fn with_legend(photograph: &Plane<Vec3>, fates: &Plane<Fate>) -> Plane<Vec3> {
-    let count = |is: &dyn Fn(Fate) -> bool| fates.as_slice().iter().filter(|fate| is(**fate)).count();
     let mut lines = vec![(OUTLINE, "outline".to_owned())];
-    for mark in &MARKS {
-        let count = count(&|fate| mark.marks(fate));
-        if count > 0 {
-            lines.push((mark.colour, format!("{}: {count} pixels", mark.label)));
-        }
-    }
-    let height = photograph.height() + LETTER + lines.len() * LINE;
-    let mut out = sheet(photograph.width().max(WIDTH), height);
-    place(&mut out, 0, 0, photograph);
-    for (n, (colour, line)) in lines.iter().enumerate() {
-        let top = photograph.height() + LETTER + n * LINE;
-        fill(&mut out, (LETTER, top), (LETTER, LETTER), *colour);
-        text(&mut out, 3 * LETTER, top, line);
-    }
-    out
+    lines.extend(legend(&fates));
+    with_legend(&photograph, WIDTH, &lines)
 }

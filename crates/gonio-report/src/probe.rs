@@ -6,14 +6,13 @@ use gonio::probe::{Probe, View};
 use gonio::render::Exposure;
 use gonio::scene::Fate;
 
-use crate::canvas::{INK, LETTER, PAPER, fill, place, sheet, text};
+use crate::canvas::{INK, LETTER, LINE, OUTLINE, PAPER, fill, place, sheet, text};
 use crate::panels::resize;
 
 /// Height of a panel, pixels; the map is twice as wide.
 const PANEL: usize = 320;
-/// Distance between panels, and height of a line of text.
+/// Distance between panels, pixels.
 const GAP: usize = 16;
-const LINE: usize = 2 * LETTER;
 /// Factor by which the photograph is darkened outside of the ball.
 const SHADE: f32 = 0.25;
 /// Width of a stripe of hatching, pixels.
@@ -21,7 +20,6 @@ const STRIPE: usize = 3;
 /// Margin around the ball, as a share of its size.
 const MARGIN: f64 = 0.04;
 
-const OUTLINE: Vec3 = Vec3::new(0.10, 0.85, 0.75);
 const RIM: Vec3 = Vec3::new(0.85, 0.55, 0.02);
 const CLIPPED: Vec3 = Vec3::new(0.95, 0.08, 0.05);
 const FAULTY: Vec3 = Vec3::new(0.8, 0.0, 0.5);

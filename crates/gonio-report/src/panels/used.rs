@@ -7,12 +7,10 @@ use gonio::scene::Fate;
 
 use super::view::View;
 use super::{PANEL, Subject, over_paper};
-use crate::canvas::{LETTER, PAPER, fill, place, sheet, text};
+use crate::canvas::{self, PAPER};
 
 /// Factor by which the photograph is darkened where it lies outside.
 const SHADE: f32 = 0.2;
-/// Height of a line of the legend, pixels.
-const LINE: usize = 2 * LETTER;
 
 /// Reason for leaving pixels out.
 #[derive(Clone, Copy)]
@@ -54,7 +52,7 @@ pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -
     let photograph = over_paper(&view.cut(subject.picture, side), exposure);
     Some(Plane::from_fn(side, side, |x, y| {
         let found = || view.behind(x, y, side, fates.size()).map(|at| fates[at]);
-        if let Some(mark) = MARKS.iter().find(|mark| found().any(|fate| mark.fates.contains(&fate))) {
+        if let Some(mark) = MARKS.iter().find(|mark| found().any(|fate| mark.marks(fate))) {
             return mark.colour;
         }
         let used = found().any(|fate| fate == Fate::Used);
@@ -64,20 +62,19 @@ pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -
 
 /// Lists the reasons that occur, each with its number of pixels.
 pub fn reasons(fates: &Plane<Fate>) -> Vec<(Mark, usize)> {
-    let count = |mark: &Mark| fates.as_slice().iter().filter(|fate| mark.fates.contains(fate)).count();
+    let count = |mark: &Mark| fates.as_slice().iter().filter(|fate| mark.marks(**fate)).count();
     MARKS.iter().map(|mark| (*mark, count(mark))).filter(|(_, count)| *count > 0).collect()
 }
 
 /// Adds a legend of the colours to the picture.
 pub fn with_legend(picture: &Plane<Vec3>, fates: &Plane<Fate>) -> Plane<Vec3> {
-    let reasons = reasons(fates);
-    let mut out = sheet(picture.width(), picture.height() + (reasons.len() + 1) * LINE + LETTER);
-    place(&mut out, 0, 0, picture);
-    let lines = reasons.iter().map(|(mark, count)| (mark.colour, format!("{}: {count} pixels", mark.label)));
-    for (n, (colour, line)) in lines.chain([(PAPER, "dark: outside, or seen too steeply".to_owned())]).enumerate() {
-        let top = picture.height() + LETTER + n * LINE;
-        fill(&mut out, (LETTER, top), (LETTER, LETTER), colour);
-        text(&mut out, 3 * LETTER, top, &line);
-    }
-    out
+    let mut lines = legend(fates);
+    lines.push((PAPER, "dark: outside, or seen too steeply".to_owned()));
+    canvas::with_legend(picture, 0, &lines)
+}
+
+/// Lines of a legend, with colours: the reasons that occur, each with its number of pixels.
+pub(crate) fn legend(fates: &Plane<Fate>) -> Vec<(Vec3, String)> {
+    let line = |(mark, count): (Mark, usize)| (mark.colour, format!("{}: {count} pixels", mark.label));
+    reasons(fates).into_iter().map(line).collect()
 }

@@ -123,6 +123,30 @@ impl<T: Radiance> Pyramid<T> {
         self.all[0].side
     }
 
+    /// Returns the pyramid whose values at each texel are those at `WAYS` others: `texel` gets a
+    /// number, the index of the last column and row, and column and row, all with the border. It
+    /// has no lamps.
+    pub(crate) fn at_images<const WAYS: usize, U: From<[T; WAYS]>>(
+        &self,
+        texel: impl Fn(usize, usize, (usize, usize)) -> (usize, usize),
+    ) -> Pyramid<U> {
+        let level = |level: &Level<T>| {
+            let wide = level.side + 2;
+            let value = |at: usize| {
+                let image = |way: usize| {
+                    let (column, row) = texel(way, wide - 1, (at % wide, at / wide));
+                    level.texels[row * wide + column]
+                };
+                U::from(std::array::from_fn(image))
+            };
+            Level { side: level.side, texels: (0..wide * wide).map(value).collect() }
+        };
+        let [all, even] = [&self.all, &self.even].map(|levels| levels.iter().map(level).collect());
+        Pyramid { all, even, lamps: Vec::new() }
+    }
+}
+
+impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f32, Output = T>> Pyramid<T> {
     /// Returns the mean radiance at a place of [`Place::of`] on a level, bilinear.
     #[inline(always)]
     pub(crate) fn at(&self, part: Part, level: usize, place: &Place) -> T {
@@ -164,7 +188,7 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// Finds the place of a unit direction on a level of this [`LightPyramid::half_side`].
+    /// Finds the place of a unit direction on a level of this [`half_side`].
     /// Branch-free, for processing many at once.
     #[inline(always)]
     pub(crate) fn of(direction: impl Into<[f32; 3]>, half_side: f32) -> Self {

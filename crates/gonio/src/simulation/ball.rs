@@ -1,9 +1,9 @@
 //! Fast rendering of a ball of many materials under one light.
 //!
-//! Training of the posterior gathers thousands of lights, each as a matrix from tables to pictures.
+//! Training of the posterior gathers hundreds of lights, each as a matrix from tables to pictures.
 //! Here the light at a point is sampled at half vectors, in rings about its normal that are as fine
 //! as the table, and each sample is the mean over its own solid angle (prefiltered importance
-//! sampling, Colbert & Krivanek 2007). That is a hundred times faster than
+//! sampling, Colbert & Krivanek 2007). That is much faster than
 //! [`Relighter`](crate::render::Relighter) and agrees with it within some percent.
 
 use faer::linalg::matmul::matmul;
@@ -11,9 +11,10 @@ use faer::{Accum, MatMut, MatRef, Par};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::gather::{Gather, LANES, LampBlock, RingBlock, RingSample};
+use super::gather::{Cells, Gather, Lamp, Layout, Ring};
+use super::orbit::{Orbits, WAYS};
 use super::pyramid::LightPyramid;
-use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H};
+use crate::reflectance::{BivariateTable, THETA_H};
 use crate::render::pyramid::{Part, level};
 use crate::transfer::kernels::dispatch;
 
@@ -27,14 +28,17 @@ const SPOKES: (f32, f32) = (8.0, 44.0);
 /// Typical cosine of the difference angle, used to choose levels.
 const TYPICAL: f64 = 0.8;
 
-/// Number of points that are gathered before they are multiplied with the tables.
-const CHUNK: usize = 24;
+/// Number of orbits that are gathered before they are multiplied with the tables.
+const CHUNK: usize = 6;
+
+/// Rows of a group of the far rings' cells: the fewer, the narrower its band of columns.
+const FAR_ROWS: usize = 9;
 
 /// Half vectors about a normal along z, for rendering balls.
 #[derive(Clone, Debug)]
-pub struct BallRenderer {
-    near: Vec<RingBlock>,
-    far: Vec<RingBlock>,
+pub(super) struct BallRenderer {
+    near: Vec<Ring>,
+    far: Vec<Ring>,
     /// Number of rows of a table that the near rings reach.
     near_rows: usize,
 }
@@ -46,7 +50,7 @@ const NEAR: (f32, f32) = (3.0, 6.0);
 /// Group of rings about a normal: half angles below three degrees, or beyond six; those between
 /// have a share in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Rings {
+pub(super) enum Rings {
     /// Rings that show sharp highlights, with lamps as samples.
     Near,
     /// Rings whose content changes little over a degree, with lamps added one by one.
@@ -60,15 +64,9 @@ pub(super) fn counted(theta_h: f32) -> f32 {
     ((theta_h - NEAR.0) / (NEAR.1 - NEAR.0)).clamp(0.0, 1.0)
 }
 
-impl Default for BallRenderer {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl BallRenderer {
     /// Builds the rings.
-    pub fn new() -> Self {
+    pub(super) fn new() -> Self {
         let (mut near, mut far, mut near_rows) = (Vec::new(), Vec::new(), 0);
         let right = std::f64::consts::FRAC_PI_2;
         for ring in 0..RINGS {
@@ -81,74 +79,79 @@ impl BallRenderer {
             let spokes = wanted.clamp(f64::from(SPOKES.0), f64::from(SPOKES.1)).round() as usize;
             let solid_angle = std::f64::consts::TAU * (low.cos() - high.cos()) / spokes as f64;
             let place = (root * THETA_H as f64).min((THETA_H - 1) as f64 - 1e-6);
-            for spoke in 0..spokes {
+            let half = |spoke: usize| {
                 // Rings are turned against each other by the golden section.
                 let phi = std::f64::consts::TAU * ((spoke as f64 + 0.5) / spokes as f64 + 0.618_034 * ring as f64);
-                let half =
-                    Vec3::new((theta.sin() * phi.cos()) as f32, (theta.sin() * phi.sin()) as f32, theta.cos() as f32);
-                let row = place as usize * THETA_D;
-                let level = level(LightPyramid::SIDE, 4.0 * TYPICAL * solid_angle);
-                let far_share = counted(theta.to_degrees() as f32);
-                let sample = |share: f32| RingSample {
-                    half,
-                    solid_angle: share * solid_angle as f32,
-                    row,
-                    beyond: place.fract() as f32,
-                    level,
-                };
-                if far_share < 1.0 {
-                    near.push(sample(1.0 - far_share));
-                    near_rows = row / THETA_D + 2;
-                }
-                if far_share > 0.0 {
-                    far.push(sample(far_share));
-                }
+                Vec3::new((theta.sin() * phi.cos()) as f32, (theta.sin() * phi.sin()) as f32, theta.cos() as f32)
+            };
+            let halves: Vec<Vec3> = (0..spokes).map(half).collect();
+            let (row, beyond) = (place as usize, place.fract() as f32);
+            let level = level(LightPyramid::SIDE, 4.0 * TYPICAL * solid_angle);
+            let counted = counted(theta.to_degrees() as f32);
+            let ring = |share: f32| Ring::of(&halves, (row, beyond), share * solid_angle as f32, level);
+            if counted < 1.0 {
+                near.push(ring(1.0 - counted));
+                near_rows = row + 2;
+            }
+            if counted > 0.0 {
+                far.push(ring(counted));
             }
         }
-        let blocks = |samples: Vec<RingSample>| samples.chunks(LANES).map(RingBlock::of).collect();
-        Self { near: blocks(near), far: blocks(far), near_rows }
+        Self { near, far, near_rows }
     }
 
     /// Renders the luminance of points with these normals, seen from +z, for each of the tables and
-    /// one group of rings: `[table][point]`. The sum over both groups is the full picture.
-    pub fn render(
+    /// one group of rings: `[table][normal]`, in the order of the normals that the orbits were made
+    /// of. The sum over both groups is the full picture.
+    pub(super) fn render(
         &self,
-        normals: &[Vec3],
+        orbits: &Orbits,
         tables: &[BivariateTable],
         light: &LightPyramid,
         rings: Rings,
     ) -> Vec<Vec<f32>> {
         // Near rings need only the first rows of the tables.
-        let (blocks, lamps, part, cells) = match rings {
-            Rings::Near => (&self.near, Vec::new(), Part::All, self.near_rows * THETA_D),
-            Rings::Far => (&self.far, LampBlock::all(light), Part::Even, CELLS),
+        let (rings, lamps, part, layout) = match rings {
+            Rings::Near => (&self.near, Vec::new(), Part::All, Layout { rows: self.near_rows, groups: 1 }),
+            Rings::Far => {
+                let layout = Layout { rows: FAR_ROWS, groups: THETA_H.div_ceil(FAR_ROWS) };
+                (&self.far, Lamp::all(light), Part::Even, layout)
+            }
         };
-        let mut matrix = Vec::with_capacity(tables.len() * cells);
-        tables.iter().for_each(|t| matrix.extend_from_slice(&t.as_slice()[..cells]));
-        let tables_as_columns = MatRef::from_column_major_slice(&matrix, cells, tables.len());
-        let parts: Vec<Vec<f32>> = normals
+        let laid: Vec<f32> = tables.par_iter().flat_map_iter(|t| layout.laid(t.as_slice())).collect();
+        let laid = MatRef::from_column_major_slice(&laid, layout.cells(), tables.len());
+        let chunk = CHUNK * WAYS;
+        // `[table][orbit][way]` of each chunk.
+        let parts: Vec<Vec<f32>> = orbits
+            .normals
             .par_chunks(CHUNK)
             .map_init(
-                || vec![0.0_f32; CHUNK * cells],
-                |rows, normals| {
-                    let rows = &mut rows[..normals.len() * cells];
-                    rows.fill(0.0);
-                    dispatch(Gather { rings: blocks, lamps: &lamps, light: &light.0, part, normals, rows, cells });
-                    let mut out = vec![0.0_f32; normals.len() * tables.len()];
-                    let product = MatMut::from_column_major_slice_mut(&mut out, normals.len(), tables.len());
-                    let rows = MatRef::from_row_major_slice(rows, normals.len(), cells);
-                    matmul(product, Accum::Replace, rows, tables_as_columns, 1.0, Par::Seq);
+                || Cells::new(layout, CHUNK),
+                |cells, normals| {
+                    dispatch(Gather { rings, lamps: &lamps, light: &light.images, part, normals, cells });
+                    let mut out = vec![0.0_f32; chunk * tables.len()];
+                    let gathered = MatRef::from_column_major_slice(&cells.light, chunk, layout.cells());
+                    for range in cells.ranges() {
+                        let product = MatMut::from_column_major_slice_mut(&mut out, chunk, tables.len());
+                        let (gathered, laid) = (gathered.get(.., range.clone()), laid.get(range, ..));
+                        matmul(product, Accum::Add, gathered, laid, 1.0, Par::Seq);
+                    }
+                    cells.clear();
                     out
                 },
             )
             .collect();
-        let mut pictures = vec![Vec::with_capacity(normals.len()); tables.len()];
-        for (part, normals) in parts.iter().zip(normals.chunks(CHUNK)) {
-            for (picture, values) in pictures.iter_mut().zip(part.chunks_exact(normals.len())) {
-                picture.extend_from_slice(values);
+        let picture = |table: usize| {
+            let mut picture = vec![0.0; orbits.count];
+            for (part, places) in parts.iter().zip(orbits.places.chunks(CHUNK)) {
+                let values = part[table * chunk..][..chunk].as_chunks::<WAYS>().0;
+                for (values, places) in values.iter().zip(places) {
+                    values.iter().zip(places).for_each(|(value, place)| picture[*place] = *value);
+                }
             }
-        }
-        pictures
+            picture
+        };
+        (0..tables.len()).into_par_iter().map(picture).collect()
     }
 }
 
@@ -156,6 +159,7 @@ impl BallRenderer {
 mod tests {
     use glam::DVec3;
 
+    use super::super::orbit::image;
     use super::*;
     use crate::render::{IntegratorSettings, LightTree, Relighter};
     use crate::shape::SurfacePoint;
@@ -166,7 +170,12 @@ mod tests {
         let lamp = DVec3::new(0.4, 0.5, 0.6).normalize();
         let light = |d: DVec3| if d.angle_between(lamp) < 0.05 { 300.0 } else { 1.0 + d.y };
         let tree = LightTree::of_map(&light_map(1024, light));
-        let points: Vec<SurfacePoint> = ball(120).into_iter().filter(|p| p.normal.z > 0.2).collect();
+        let some = ball(120).into_iter().map(|p| p.normal.as_vec3()).filter(|n| n.z > 0.2 && n.x > n.y && n.y > 0.0);
+        let images = |n: Vec3| (0..WAYS).map(move |way| (image(way, (n.x, n.y)), n.z));
+        let normals: Vec<Vec3> = some.flat_map(images).map(|((x, y), z)| Vec3::new(x, y, z)).collect();
+        let orbits = Orbits::of(&normals);
+        let point = |n: &Vec3| SurfacePoint { normal: n.as_dvec3(), view: DVec3::Z };
+        let points: Vec<SurfacePoint> = normals.iter().map(point).collect();
         let lobe =
             |width: f64| BivariateTable::from_fn(move |h, d| 0.1 + d + 3.0 / (1.0 + (h / width).powi(2)).powi(2));
         for (width, median, worst) in [(1.0, 0.01, 0.06), (0.2, 0.01, 0.1), (0.05, 0.02, 0.25), (0.02, 0.03, 0.4)] {
@@ -174,10 +183,9 @@ mod tests {
             let fine = IntegratorSettings { tolerance: 0.05, ..IntegratorSettings::default() };
             let want = Relighter::new(&points, &tables, &tree, &fine);
             let want = want.render(&tables[0]);
-            let seen: Vec<Vec3> = points.iter().map(|p| p.normal.as_vec3()).collect();
             let pyramid = LightPyramid::new(light);
             let [near, far] = [Rings::Near, Rings::Far]
-                .map(|rings| BallRenderer::new().render(&seen, &tables, &pyramid, rings).swap_remove(0));
+                .map(|rings| BallRenderer::new().render(&orbits, &tables, &pyramid, rings).swap_remove(0));
             let got = near.iter().zip(&far).map(|(near, far)| f64::from(near + far));
             let mut errors: Vec<f64> = got.zip(&want).map(|(a, b)| (a / b - 1.0).abs()).collect();
             errors.sort_by(f64::total_cmp);

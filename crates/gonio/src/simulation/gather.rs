@@ -1,103 +1,162 @@
-//! Innermost loops of [`BallRenderer`](super::BallRenderer): sixteen half vectors at a time, in
-//! vector instructions except for the lookups.
+//! Innermost loops of [`BallRenderer`](super::BallRenderer): the light at eight normals, images of
+//! each other, is added to the cells of the table that reflect it.
 
 use std::array;
 
 use glam::Vec3;
 
 use super::ball::counted;
+use super::orbit::{Eight, WAYS, image};
 use super::pyramid::LightPyramid;
 use crate::reflectance::{THETA_D, THETA_H};
 use crate::render::lobe::{column_of, degrees_of_cosine};
 use crate::render::pyramid::{Part, Place, Pyramid, half_side, whole};
 
-/// Number of values that are processed together.
-pub(super) const LANES: usize = 16;
+/// Number of half vectors whose angles are computed together.
+const LANES: usize = 16;
 
 type Lanes = [f32; LANES];
 
-/// A half vector about a normal along z, with its solid angle and lookups.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct RingSample {
-    pub(super) half: Vec3,
-    pub(super) solid_angle: f32,
-    /// Row of the table below it, as an index of cells, and the fraction of the way to the next.
+/// Half vectors about a normal along z at one angle to it.
+#[derive(Clone, Debug)]
+pub(super) struct Ring {
+    /// Row of the table below the angle, and the fraction of the way to the next.
     pub(super) row: usize,
     pub(super) beyond: f32,
-    /// Level of the light whose texels are as large as the sample's solid angle.
-    pub(super) level: usize,
+    /// Solid angle of each half vector.
+    pub(super) solid_angle: f32,
+    /// Level of the light whose texels are as large as that solid angle.
+    level: usize,
+    half_side: f32,
+    /// Half vectors by lanes, and how many of them each block holds.
+    blocks: Vec<([Lanes; 3], usize)>,
 }
 
-/// Several samples, by lanes.
-#[derive(Clone, Debug)]
-pub(super) struct RingBlock {
-    half: [Lanes; 3],
-    solid_angle: Lanes,
-    row: [usize; LANES],
-    beyond: Lanes,
-    level: [usize; LANES],
-    half_side: Lanes,
-}
-
-impl RingBlock {
-    /// Packs at most [`LANES`] samples; the remaining lanes have no weight.
-    pub(super) fn of(samples: &[RingSample]) -> Self {
-        let at = |i: usize| samples.get(i).copied().unwrap_or_default();
-        Self {
-            half: [0, 1, 2].map(|axis| array::from_fn(|i| at(i).half[axis])),
-            solid_angle: array::from_fn(|i| at(i).solid_angle),
-            row: array::from_fn(|i| at(i).row),
-            beyond: array::from_fn(|i| at(i).beyond),
-            level: array::from_fn(|i| at(i).level),
-            half_side: array::from_fn(|i| half_side(LightPyramid::SIDE, at(i).level)),
-        }
+impl Ring {
+    /// Packs half vectors.
+    pub(super) fn of(halves: &[Vec3], (row, beyond): (usize, f32), solid_angle: f32, level: usize) -> Self {
+        let block = |halves: &[Vec3]| {
+            let at = |i: usize, axis: usize| halves.get(i).map_or(0.0, |half| half[axis]);
+            ([0, 1, 2].map(|axis| array::from_fn(|i| at(i, axis))), halves.len())
+        };
+        let half_side = half_side(LightPyramid::SIDE, level);
+        Self { row, beyond, solid_angle, level, half_side, blocks: halves.chunks(LANES).map(block).collect() }
     }
 }
 
-/// Lamps, with everything about them that does not depend on the normal.
-#[derive(Clone, Debug)]
-pub(super) struct LampBlock {
-    towards: [Lanes; 3],
-    half: [Lanes; 3],
-    irradiance: Lanes,
+/// A lamp, with everything about it that does not depend on the normal.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lamp {
+    towards: Vec3,
+    half: Vec3,
+    irradiance: f32,
     /// Column of the table below the difference angle, and the fraction of the way to the next.
-    column: [u32; LANES],
-    next: Lanes,
+    column: usize,
+    next: f32,
 }
 
-impl LampBlock {
-    /// Packs all lamps of a light.
+impl Lamp {
+    /// Lists the lamps of a light. One opposite the camera reaches no visible normal.
     pub(super) fn all(light: &LightPyramid) -> Vec<Self> {
-        light.0.lamps().chunks(LANES).map(Self::of).collect()
-    }
-
-    fn of(lamps: &[(Vec3, f32)]) -> Self {
-        // A lamp opposite the camera reaches no visible normal.
-        let at = |i: usize| lamps.get(i).copied().filter(|l| l.0.z > -0.999_999).unwrap_or((Vec3::Z, 0.0));
-        let sum = |i: usize| at(i).0 + Vec3::Z;
-        let column = |i: usize| column_of(0.5 * sum(i).length());
-        Self {
-            towards: [0, 1, 2].map(|axis| array::from_fn(|i| at(i).0[axis])),
-            half: [0, 1, 2].map(|axis| array::from_fn(|i| sum(i).normalize()[axis])),
-            irradiance: array::from_fn(|i| at(i).1),
-            column: array::from_fn(|i| column(i).0),
-            next: array::from_fn(|i| column(i).1),
-        }
+        let lamp = |&(towards, irradiance): &(Vec3, f32)| {
+            let sum = towards + Vec3::Z;
+            let (column, next) = column_of(0.5 * sum.length());
+            Self { towards, half: sum.normalize(), irradiance, column: column as usize, next }
+        };
+        light.lamps.iter().filter(|lamp| lamp.0.z > -0.999_999).map(lamp).collect()
     }
 }
 
-/// Task that adds the light at each point to the cells of the table that reflect it towards +z,
-/// `[normal][cell]`.
+/// Order of the cells of a table in memory: rows in groups, in each group column by column. The
+/// half vectors at one normal have difference angles in a band, which is contiguous in it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    /// Rows of a group.
+    pub(super) rows: usize,
+    /// Number of groups.
+    pub(super) groups: usize,
+}
+
+impl Layout {
+    /// Number of cells, with the rows that the last group has beyond the table.
+    pub(super) fn cells(self) -> usize {
+        self.groups * self.rows * THETA_D
+    }
+
+    /// Index of the cell of a row in the first column; the next column is `rows` cells on.
+    #[inline(always)]
+    fn first(self, row: usize) -> usize {
+        row / self.rows * self.rows * THETA_D + row % self.rows
+    }
+
+    /// Lays out the values of a table; cells beyond it are zero.
+    pub(super) fn laid(self, table: &[f32]) -> Vec<f32> {
+        let mut out = vec![0.0; self.cells()];
+        for (row, values) in table.chunks_exact(THETA_D).take(self.rows * self.groups).enumerate() {
+            let first = self.first(row);
+            values.iter().enumerate().for_each(|(column, value)| out[first + column * self.rows] = *value);
+        }
+        out
+    }
+}
+
+/// Light at the normals of some orbits by the cell of the table that reflects it.
+pub(super) struct Cells {
+    layout: Layout,
+    /// Number of orbits.
+    pub(super) orbits: usize,
+    /// `[cell][orbit][way]`.
+    pub(super) light: Vec<f32>,
+    /// First and last column of each group of rows that is not zero.
+    bands: Vec<(usize, usize)>,
+}
+
+/// Band without a column.
+const NOTHING: (usize, usize) = (usize::MAX, 0);
+
+impl Cells {
+    pub(super) fn new(layout: Layout, orbits: usize) -> Self {
+        let light = vec![0.0; layout.cells() * orbits * WAYS];
+        Self { layout, orbits, light, bands: vec![NOTHING; layout.groups] }
+    }
+
+    /// Ranges of cells that are not zero.
+    pub(super) fn ranges(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
+        let rows = self.layout.rows;
+        let range = move |(group, &(low, high)): (usize, &(usize, usize))| {
+            let first = group * THETA_D;
+            (first + low) * rows..(first + high + 1) * rows
+        };
+        self.bands.iter().enumerate().filter(|(_, band)| **band != NOTHING).map(range)
+    }
+
+    /// Makes all of them zero again.
+    pub(super) fn clear(&mut self) {
+        let (ranges, each): (Vec<_>, usize) = (self.ranges().collect(), self.orbits * WAYS);
+        ranges.into_iter().for_each(|r| self.light[r.start * each..r.end * each].fill(0.0));
+        self.bands.fill(NOTHING);
+    }
+}
+
+/// Extends the bands of a row and the next by columns.
+#[inline(always)]
+fn widen(bands: &mut [(usize, usize)], layout: Layout, row: usize, (low, high): (usize, usize)) {
+    for group in [row / layout.rows, (row + 1) / layout.rows] {
+        let (first, last) = &mut bands[group];
+        (*first, *last) = ((*first).min(low), (*last).max(high));
+    }
+}
+
+/// Task that adds the light at the images of some normals to cells that are zero.
 pub(super) struct Gather<'a> {
-    pub(super) rings: &'a [RingBlock],
-    pub(super) lamps: &'a [LampBlock],
-    pub(super) light: &'a Pyramid<f32>,
+    pub(super) rings: &'a [Ring],
+    pub(super) lamps: &'a [Lamp],
+    pub(super) light: &'a Pyramid<Eight>,
     /// Part of the light that the rings see.
     pub(super) part: Part,
+    /// One normal of each orbit.
     pub(super) normals: &'a [Vec3],
-    pub(super) rows: &'a mut [f32],
-    /// Number of cells of a row.
-    pub(super) cells: usize,
+    pub(super) cells: &'a mut Cells,
 }
 
 impl pulp::NullaryFnOnce for Gather<'_> {
@@ -105,70 +164,85 @@ impl pulp::NullaryFnOnce for Gather<'_> {
 
     #[inline(always)]
     fn call(self) {
-        for (normal, cells) in self.normals.iter().zip(self.rows.chunks_exact_mut(self.cells)) {
-            for block in self.rings {
-                add_ring(block, *normal, self.light, self.part, cells);
+        for (orbit, normal) in self.normals.iter().enumerate() {
+            for ring in self.rings {
+                add_ring(ring, *normal, (self.light, self.part), orbit, self.cells);
             }
-            for block in self.lamps {
-                add_lamps(block, *normal, cells);
+            let images: [(f32, f32); WAYS] = array::from_fn(|way| image(way, (normal.x, normal.y)));
+            let (x, y) = (images.map(|i| i.0), images.map(|i| i.1));
+            for lamp in self.lamps {
+                add_lamp(lamp, (&x, &y, normal.z), orbit, self.cells);
             }
         }
     }
 }
 
 #[inline(always)]
-fn add_ring(block: &RingBlock, normal: Vec3, light: &Pyramid<f32>, part: Part, cells: &mut [f32]) {
+fn add_ring(ring: &Ring, normal: Vec3, (light, part): (&Pyramid<Eight>, Part), orbit: usize, cells: &mut Cells) {
+    let all_cells = cells.light.as_chunks_mut::<WAYS>().0;
     let (right, up) = normal.any_orthonormal_pair();
-    let mut weights = [0.0; LANES];
-    let mut columns = [(0, 0.0); LANES];
-    let mut places = [Place::default(); LANES];
-    for lane in 0..LANES {
-        let along = |axis: usize| {
-            block.half[0][lane] * right[axis] + block.half[1][lane] * up[axis] + block.half[2][lane] * normal[axis]
-        };
-        let (x, y, cos_d) = (along(0), along(1), along(2));
-        let twice = 2.0 * cos_d;
-        let (x, y, z) = (twice * x, twice * y, twice * cos_d - 1.0);
-        let cosine = x * normal.x + y * normal.y + z * normal.z;
-        // Four times the cosine: the ratio of the solid angle of light to that of half vectors.
-        weights[lane] = cosine.max(0.0) * 2.0 * twice.max(0.0) * block.solid_angle[lane];
-        columns[lane] = column_of(cos_d.max(0.0));
-        places[lane] = Place::of([x, y, z], block.half_side[lane]);
+    let (layout, orbits) = (cells.layout, cells.orbits);
+    let (upper, lower) = (layout.first(ring.row), layout.first(ring.row + 1));
+    let (mut low, mut high) = NOTHING;
+    for (half, count) in &ring.blocks {
+        let mut weights = [0.0; LANES];
+        let mut columns = [(0, 0.0); LANES];
+        let mut places = [Place::default(); LANES];
+        for lane in 0..LANES {
+            let along =
+                |axis: usize| half[0][lane] * right[axis] + half[1][lane] * up[axis] + half[2][lane] * normal[axis];
+            let (x, y, cos_d) = (along(0), along(1), along(2));
+            let twice = 2.0 * cos_d;
+            let (x, y, z) = (twice * x, twice * y, twice * cos_d - 1.0);
+            let cosine = x * normal.x + y * normal.y + z * normal.z;
+            // Four times the cosine: the ratio of the solid angle of light to that of half vectors.
+            weights[lane] = cosine.max(0.0) * 2.0 * twice.max(0.0) * ring.solid_angle;
+            columns[lane] = column_of(cos_d.max(0.0));
+            places[lane] = Place::of([x, y, z], ring.half_side);
+        }
+        for lane in (0..*count).filter(|&lane| weights[lane] > 0.0) {
+            let (column, next) = (columns[lane].0 as usize, columns[lane].1);
+            (low, high) = (low.min(column), high.max(column + 1));
+            let all = light.at(part, ring.level, &places[lane]) * weights[lane];
+            let beyond = all * next;
+            let here = all - beyond;
+            for (first, share) in [(upper, 1.0 - ring.beyond), (lower, ring.beyond)] {
+                let at = (first + column * layout.rows) * orbits + orbit;
+                here.add_to(share, &mut all_cells[at]);
+                beyond.add_to(share, &mut all_cells[at + layout.rows * orbits]);
+            }
+        }
     }
-    for lane in (0..LANES).filter(|&lane| weights[lane] > 0.0) {
-        let weight = weights[lane] * light.at(part, block.level[lane], &places[lane]);
-        add(cells, block.row[lane], block.beyond[lane], columns[lane], weight);
+    if low < high {
+        widen(&mut cells.bands, layout, ring.row, (low, high));
     }
 }
 
+/// Adds a lamp at normals with these `x`, `y` and their common `z`.
 #[inline(always)]
-fn add_lamps(block: &LampBlock, normal: Vec3, cells: &mut [f32]) {
-    let mut weights = [0.0; LANES];
-    let mut rows = [(0, 0.0); LANES];
-    for lane in 0..LANES {
-        let dot = |v: &[Lanes; 3]| v[0][lane] * normal.x + v[1][lane] * normal.y + v[2][lane] * normal.z;
-        let theta_h = degrees_of_cosine(dot(&block.half).max(0.0));
-        weights[lane] = counted(theta_h) * block.irradiance[lane] * dot(&block.towards).max(0.0);
+fn add_lamp(lamp: &Lamp, (x, y, z): (&[f32; WAYS], &[f32; WAYS], f32), orbit: usize, cells: &mut Cells) {
+    let mut weights = [0.0; WAYS];
+    let mut rows = [(0, 0.0); WAYS];
+    for way in 0..WAYS {
+        let dot = |v: Vec3| v.x * x[way] + v.y * y[way] + v.z * z;
+        let theta_h = degrees_of_cosine(dot(lamp.half).max(0.0));
+        weights[way] = counted(theta_h) * lamp.irradiance * dot(lamp.towards).max(0.0);
         let place = (theta_h / 90.0).sqrt() * THETA_H as f32;
-        rows[lane] = whole(place.min((THETA_H - 1) as f32 - 1e-3));
+        rows[way] = whole(place.min((THETA_H - 1) as f32 - 1e-3));
     }
-    for lane in (0..LANES).filter(|&lane| weights[lane] > 0.0) {
-        let (row, beyond) = rows[lane];
-        add(cells, row as usize * THETA_D, beyond, (block.column[lane], block.next[lane]), weights[lane]);
+    let (layout, orbits) = (cells.layout, cells.orbits);
+    let all_cells = cells.light.as_chunks_mut::<WAYS>().0;
+    for way in (0..WAYS).filter(|&way| weights[way] > 0.0) {
+        let (row, beyond) = (rows[way].0 as usize, rows[way].1);
+        let next = weights[way] * lamp.next;
+        let here = weights[way] - next;
+        for (row, share) in [(row, 1.0 - beyond), (row + 1, beyond)] {
+            let at = (layout.first(row) + lamp.column * layout.rows) * orbits + orbit;
+            all_cells[at][way] += share * here;
+            all_cells[at + layout.rows * orbits][way] += share * next;
+        }
+        widen(&mut cells.bands, layout, row, (lamp.column, lamp.column + 1));
     }
-}
-
-/// Adds light to the four cells around a half angle (as a row of the table and the fraction of the
-/// way to the next) and a difference angle (likewise a column).
-#[inline(always)]
-fn add(cells: &mut [f32], row: usize, beyond: f32, (column, next): (u32, f32), weight: f32) {
-    let (at, next) = (row + column as usize, weight * next);
-    let here = weight - next;
-    let (upper, lower) = cells[at..at + THETA_D + 2].split_at_mut(THETA_D);
-    upper[0] += (1.0 - beyond) * here;
-    upper[1] += (1.0 - beyond) * next;
-    lower[0] += beyond * here;
-    lower[1] += beyond * next;
 }
 
 #[cfg(test)]
@@ -181,6 +255,20 @@ mod tests {
             let angle = 0.1 * f64::from(i);
             let got = degrees_of_cosine(angle.to_radians().cos() as f32);
             assert!((f64::from(got) - angle).abs() < 0.02, "{angle} {got}");
+        }
+    }
+
+    #[test]
+    fn every_cell_has_its_own_place() {
+        for layout in [Layout { rows: 25, groups: 1 }, Layout { rows: 8, groups: 12 }] {
+            let rows = THETA_H.min(layout.rows * layout.groups);
+            let table: Vec<f32> = (1..=rows * THETA_D).map(|i| i as f32).collect();
+            let laid = layout.laid(&table);
+            assert_eq!(laid.len(), layout.cells());
+            for (cell, value) in table.iter().enumerate() {
+                assert_eq!(laid[layout.first(cell / THETA_D) + cell % THETA_D * layout.rows], *value);
+            }
+            assert_eq!(laid.iter().filter(|v| **v > 0.0).count(), table.len());
         }
     }
 }

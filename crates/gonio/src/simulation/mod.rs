@@ -13,6 +13,7 @@ mod fields;
 mod figure;
 mod gather;
 mod lights;
+mod orbit;
 mod pyramid;
 mod scene;
 
@@ -23,7 +24,6 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-pub use ball::{BallRenderer, Rings};
 pub use camera::Camera;
 pub use colours::ColourStock;
 pub use lights::LightKind;

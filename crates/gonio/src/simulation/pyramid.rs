@@ -1,8 +1,9 @@
 //! Light of a simulated scene, prefiltered at every scale.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::orbit::{Eight, image_of_texel};
 use crate::render::pyramid::{LampRule, Pyramid, on_square};
 
 /// Samples along each side of a texel of the finest level.
@@ -11,9 +12,13 @@ const SAMPLES: usize = 2;
 /// Texels that are lamps.
 const LAMPS: LampRule = LampRule { bright: 12.0, most: 1500 };
 
-/// Luminance over all directions, prefiltered.
+/// Luminance over all directions, prefiltered, with its images under the symmetries of the disk.
 #[derive(Clone, Debug)]
-pub struct LightPyramid(pub(super) Pyramid<f32>);
+pub struct LightPyramid {
+    pub(super) images: Pyramid<Eight>,
+    /// Direction and irradiance, on a surface that faces it, of each bright texel.
+    pub(super) lamps: Vec<(Vec3, f32)>,
+}
 
 impl LightPyramid {
     /// Texels along a side of the finest level: 0.8 degrees each, about what captured maps resolve.
@@ -35,7 +40,8 @@ impl LightPyramid {
             (sum / weight, weight)
         };
         let fine = (0..side * side).into_par_iter().map(texel).collect();
-        Self(Pyramid::of_texels(side, fine, LAMPS))
+        let pyramid = Pyramid::<f32>::of_texels(side, fine, LAMPS);
+        Self { images: pyramid.at_images(image_of_texel), lamps: pyramid.lamps().to_vec() }
     }
 }
 
@@ -44,7 +50,7 @@ impl LightPyramid {
     /// Returns the mean luminance of the full light around a direction.
     pub(super) fn towards(&self, direction: DVec3, level: usize) -> f32 {
         use crate::render::pyramid::{Part, Place, half_side};
-        self.0.at(Part::All, level, &Place::of(direction.as_vec3(), half_side(Self::SIDE, level)))
+        self.images.at(Part::All, level, &Place::of(direction.as_vec3(), half_side(Self::SIDE, level))).0[0]
     }
 }
 
@@ -60,6 +66,24 @@ mod tests {
             let x = i as f32 * 0.037;
             let (whole, rest) = whole(x);
             assert!((0.0..=1.0).contains(&rest) && (whole as f32 + rest - x).abs() < 1e-5, "{x} {whole} {rest}");
+        }
+    }
+
+    #[test]
+    fn images_are_the_light_at_turned_directions() {
+        use super::super::orbit::image;
+        use crate::render::pyramid::{Part, Place, half_side};
+        let light = LightPyramid::new(|d| 2.0 + d.y + 0.3 * d.x + 0.5 * d.x * d.z);
+        for level in [0, 3, 6] {
+            for d in everywhere() {
+                let at = Place::of(d.as_vec3(), half_side(LightPyramid::SIDE, level));
+                let images = light.images.at(Part::All, level, &at).0;
+                for (way, got) in images.into_iter().enumerate() {
+                    let (x, y) = image(way, (d.x as f32, d.y as f32));
+                    let want = light.towards(DVec3::new(f64::from(x), f64::from(y), d.z), level);
+                    assert!((got - want).abs() < 1e-5 * want, "{way} {level} {d}: {got} {want}");
+                }
+            }
         }
     }
 

@@ -4,6 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::ball::{BallRenderer, Rings};
+use super::orbit::Orbits;
 use super::pyramid::LightPyramid;
 use crate::appearance::detail::details;
 use crate::appearance::disk::{self, SIDE, on_disk};
@@ -25,9 +26,9 @@ pub struct SceneRenderer {
     ball: BallRenderer,
     cells: Vec<usize>,
     /// Normals at the middles of the cells.
-    middles: Vec<Vec3>,
+    middles: Orbits,
     /// Normals at the middles of their quarters, four to a cell.
-    quarters: Vec<Vec3>,
+    quarters: Orbits,
 }
 
 impl Default for SceneRenderer {
@@ -41,9 +42,9 @@ impl SceneRenderer {
     pub fn new() -> Self {
         let cells: Vec<usize> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).collect();
         let up = |(x, y): (f32, f32)| Vec3::new(x, y, (1.0 - x * x - y * y).sqrt());
-        let middles = cells.iter().map(|&c| disk::normal(c)).collect();
-        let quarters = cells.iter().flat_map(|&c| disk::quarters(c).map(up)).collect();
-        Self { ball: BallRenderer::new(), cells, middles, quarters }
+        let middles: Vec<Vec3> = cells.iter().map(|&c| disk::normal(c)).collect();
+        let quarters: Vec<Vec3> = cells.iter().flat_map(|&c| disk::quarters(c).map(up)).collect();
+        Self { ball: BallRenderer::new(), cells, middles: Orbits::of(&middles), quarters: Orbits::of(&quarters) }
     }
 
     /// Renders the ball of each table in one light.

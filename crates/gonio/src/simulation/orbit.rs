@@ -1,0 +1,132 @@
+//! The eight symmetries of the disk of normals: mirror images in both axes and in the diagonal.
+//!
+//! They leave the view alone. If a normal and a light are turned by one of them, angles between
+//! half vector, normal and view stay as they are, so what is computed for one normal holds for
+//! eight, and only the light has to be looked up in each.
+
+use std::collections::HashMap;
+use std::ops::{Add, Mul, Sub};
+
+use glam::Vec3;
+
+/// Number of symmetries, and of normals that are processed together.
+pub(super) const WAYS: usize = 8;
+
+/// One number for each of the symmetries, in vector instructions.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(align(32))]
+pub(super) struct Eight(pub(super) [f32; WAYS]);
+
+/// Combines two values way by way, in a loop that the compiler turns into one instruction.
+macro_rules! by_ways {
+    ($trait:ident, $method:ident, $operator:tt) => {
+        impl $trait for Eight {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $method(mut self, other: Self) -> Self {
+                for way in 0..WAYS {
+                    self.0[way] = self.0[way] $operator other.0[way];
+                }
+                self
+            }
+        }
+    };
+}
+
+by_ways!(Add, add, +);
+by_ways!(Sub, sub, -);
+
+impl Mul<f32> for Eight {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(mut self, factor: f32) -> Self {
+        for way in 0..WAYS {
+            self.0[way] *= factor;
+        }
+        self
+    }
+}
+
+impl From<[f32; WAYS]> for Eight {
+    fn from(values: [f32; WAYS]) -> Self {
+        Self(values)
+    }
+}
+
+impl Eight {
+    /// Adds a share of the values to others.
+    #[inline(always)]
+    pub(super) fn add_to(self, share: f32, others: &mut [f32; WAYS]) {
+        for way in 0..WAYS {
+            others[way] += share * self.0[way];
+        }
+    }
+}
+
+/// Applies a symmetry to `x` and `y` of a vector.
+#[inline(always)]
+pub(super) fn image(way: usize, (x, y): (f32, f32)) -> (f32, f32) {
+    let (x, y) = if way & 4 == 0 { (x, y) } else { (y, x) };
+    (if way & 1 == 0 { x } else { -x }, if way & 2 == 0 { y } else { -y })
+}
+
+/// Returns column and row of the image of a texel of an octahedral square (row 0 at the top), whose
+/// last column and row have this index.
+pub(super) fn image_of_texel(way: usize, last: usize, (column, row): (usize, usize)) -> (usize, usize) {
+    let (column, row) = if way & 4 == 0 { (column, row) } else { (last - row, last - column) };
+    (if way & 1 == 0 { column } else { last - column }, if way & 2 == 0 { row } else { last - row })
+}
+
+/// Normals in groups of eight that are images of each other, by their angle to the view.
+#[derive(Clone, Debug)]
+pub(super) struct Orbits {
+    /// One normal of each group, with `x >= y > 0`.
+    pub(super) normals: Vec<Vec3>,
+    /// Indices of its images among all normals.
+    pub(super) places: Vec<[usize; WAYS]>,
+    /// Number of all normals.
+    pub(super) count: usize,
+}
+
+impl Orbits {
+    /// Groups normals.
+    ///
+    /// # Panics
+    /// If the images of a normal are not among them, or one has an `x` or `y` of zero.
+    pub(super) fn of(normals: &[Vec3]) -> Self {
+        let key = |(x, y): (f32, f32)| (x.to_bits(), y.to_bits());
+        let found: HashMap<(u32, u32), usize> = normals.iter().enumerate().map(|(i, n)| (key((n.x, n.y)), i)).collect();
+        assert!(normals.iter().all(|n| n.x != 0.0 && n.y != 0.0), "a normal on an axis");
+        let mut first: Vec<Vec3> = normals.iter().copied().filter(|n| n.x >= n.y && n.y > 0.0).collect();
+        first.sort_by(|a, b| b.z.total_cmp(&a.z));
+        let places = first
+            .iter()
+            .map(|n| std::array::from_fn(|way| *found.get(&key(image(way, (n.x, n.y)))).expect("all images")))
+            .collect();
+        Self { normals: first, places, count: normals.len() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::appearance::disk::{SIDE, normal, on_disk};
+
+    #[test]
+    fn orbits_of_the_disk_hold_every_normal() {
+        let normals: Vec<Vec3> = (0..SIDE * SIDE).filter(|&c| on_disk(c)).map(normal).collect();
+        let orbits = Orbits::of(&normals);
+        let mut seen = vec![false; normals.len()];
+        for (first, places) in orbits.normals.iter().zip(&orbits.places) {
+            for (way, &place) in places.iter().enumerate() {
+                let (x, y) = image(way, (first.x, first.y));
+                assert_eq!(normals[place], Vec3::new(x, y, first.z));
+                seen[place] = true;
+            }
+        }
+        assert!(seen.iter().all(|s| *s));
+        assert!(orbits.normals.is_sorted_by(|a, b| a.z >= b.z));
+    }
+}

@@ -27,17 +27,16 @@ pub(super) fn add_four(out: &mut [f32], a: [&[f32]; 4], w: [f32; 4]) {
 pub(super) fn asin_of_sqrt(x: f32) -> f32 {
     // Chebyshev fit of asin(s)/s in s^2 on 0..=0.501, relative error 1.2e-7; above, asin(s) = pi/2
     // - asin(sqrt(1 - s^2)).
-    let low = |t: f32| {
-        let p = 0.102_355_18 * t - 0.057_12;
-        let p = p * t + 0.062_079_45;
-        let p = p * t + 0.038_523_074;
-        let p = p * t + 0.075_546_14;
-        let p = p * t + 0.166_648_7;
-        let p = p * t + 1.0;
-        p * t.sqrt()
-    };
     let x = x.clamp(0.0, 1.0);
-    if x <= 0.5 { low(x) } else { std::f32::consts::FRAC_PI_2 - low(1.0 - x) }
+    let t = x.min(1.0 - x);
+    let p = 0.102_355_18 * t - 0.057_12;
+    let p = p * t + 0.062_079_45;
+    let p = p * t + 0.038_523_074;
+    let p = p * t + 0.075_546_14;
+    let p = p * t + 0.166_648_7;
+    let p = p * t + 1.0;
+    let low = p * t.sqrt();
+    if x <= 0.5 { low } else { std::f32::consts::FRAC_PI_2 - low }
 }
 
 /// Number of independent partial sums of a dot product: enough to hide the latency of two adders of

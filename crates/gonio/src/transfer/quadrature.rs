@@ -17,7 +17,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 use glam::Vec3;
 
 use super::kernels;
-use crate::reflectance::{BivariateTable, THETA_D, THETA_H};
+use crate::reflectance::{BivariateTable, THETA_D, THETA_H, theta_h_of};
 use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
 
@@ -26,15 +26,38 @@ use crate::sphere::OctahedralMap;
 #[derive(Clone, Debug)]
 pub struct InterleavedTables {
     count: usize,
-    /// `[theta_d][theta_h][table]`, tables padded to [`Self::stride`].
+    /// Distance between the values of neighbouring cells.
+    stride: usize,
+    /// `[theta_d][theta_h][table]`, tables padded to the stride.
     values: Vec<f32>,
+    /// [`smoothness`] of a single table; zero for several.
+    smooth: f32,
+}
+
+/// Place in a table: the cell below it, and the fractions of the way to the next half angle and to
+/// the next difference angle.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Index of the cell, `theta_d * THETA_H + theta_h`.
+    cell: usize,
+    beyond_h: f32,
+    beyond_d: f32,
+}
+
+impl Place {
+    /// Place of `90 sqrt(theta_h / 90 degrees)` and of `theta_d` in degrees.
+    #[inline(always)]
+    fn of(root_h: f32, degrees_d: f32) -> Self {
+        let (i, j) = ((root_h as usize).min(THETA_H - 2), (degrees_d as usize).min(THETA_D - 2));
+        Self { cell: j * THETA_H + i, beyond_h: root_h - i as f32, beyond_d: degrees_d - j as f32 }
+    }
 }
 
 impl InterleavedTables {
     /// Interleaves tables.
     pub fn new(tables: &[BivariateTable]) -> Self {
         let count = tables.len();
-        let stride = count.next_multiple_of(kernels::LANES);
+        let stride = if count == 1 { 1 } else { count.next_multiple_of(kernels::LANES) };
         let mut values = vec![0.0; THETA_D * THETA_H * stride];
         for (k, table) in tables.iter().enumerate() {
             for j in 0..THETA_D {
@@ -43,7 +66,8 @@ impl InterleavedTables {
                 }
             }
         }
-        Self { count, values }
+        let smooth = if let [table] = tables { smoothness(table) } else { 0.0 };
+        Self { count, stride, values, smooth }
     }
 
     /// Number of tables.
@@ -51,28 +75,45 @@ impl InterleavedTables {
         self.count
     }
 
-    /// Distance between the values of neighbouring cells: the number of tables rounded up to whole
-    /// SIMD lanes.
+    /// Distance between the values of neighbouring cells: one for a single table, else the number
+    /// of tables rounded up to whole SIMD lanes.
     pub fn stride(&self) -> usize {
-        self.count.next_multiple_of(kernels::LANES)
+        self.stride
     }
 
-    /// Adds `weight` times the value of every table at `(theta_h, theta_d)` (radians) to `out` (of
-    /// length `stride`).
+    /// Adds `weight` times the value of every table at a place to `out` (of length `stride`).
     #[inline(always)]
-    fn add(&self, theta_h: f32, theta_d: f32, weight: f32, out: &mut [f32]) {
-        let stride = self.stride();
-        let x = (theta_h / FRAC_PI_2).sqrt() * THETA_H as f32;
-        let y = theta_d * (180.0 / PI);
-        let (x, y) = (x.clamp(0.0, (THETA_H - 1) as f32), y.clamp(0.0, (THETA_D - 1) as f32));
-        let (i, j) = ((x as usize).min(THETA_H - 2), (y as usize).min(THETA_D - 2));
-        let (s, t) = (x - i as f32, y - j as f32);
-        let at = (j * THETA_H + i) * stride;
+    fn add(&self, place: Place, weight: f32, out: &mut [f32]) {
+        let (s, t) = (place.beyond_h, place.beyond_d);
+        let w = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t].map(|w| w * weight);
+        let stride = self.stride;
+        let at = place.cell * stride;
         let near = &self.values[at..at + 2 * stride];
         let far = &self.values[at + THETA_H * stride..at + THETA_H * stride + 2 * stride];
-        let w = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t].map(|w| w * weight);
-        kernels::add_four(out, [&near[..stride], &near[stride..], &far[..stride], &far[stride..]], w);
+        if stride == 1 {
+            out[0] += w[0] * near[0] + w[1] * near[1] + w[2] * far[0] + w[3] * far[1];
+        } else {
+            kernels::add_four(out, [&near[..stride], &near[stride..], &far[..stride], &far[stride..]], w);
+        }
     }
+}
+
+/// Smallest difference of half angles (radians) over which a table changes by more than a factor e;
+/// zero if it has a zero.
+fn smoothness(table: &BivariateTable) -> f32 {
+    let mut least = FRAC_PI_2;
+    for j in 0..THETA_D {
+        let logs: Vec<f32> = (0..THETA_H).map(|i| table.cell(i, j).ln()).collect();
+        if logs.iter().any(|log| !log.is_finite()) {
+            return 0.0;
+        }
+        for (i, log) in logs.iter().enumerate() {
+            if let Some(k) = (i + 1..THETA_H).find(|&k| (logs[k] - log).abs() > 1.0) {
+                least = least.min((theta_h_of(k) - theta_h_of(i)) as f32);
+            }
+        }
+    }
+    least
 }
 
 /// Fineness of the quadrature.
@@ -85,7 +126,8 @@ pub struct QuadratureSettings {
     /// the normal.
     pub ratio: f32,
     /// Angle (radians) added to the angle to the normal in that test: lobes are resolved to
-    /// `ratio * core`.
+    /// `ratio * core`. For a single table it is at least the angle over which the table changes by
+    /// a factor e.
     pub core: f32,
 }
 
@@ -149,53 +191,138 @@ impl Quadrature {
     /// If `out` is not `texels * stride` long.
     pub fn integrate(&self, point: &SurfacePoint, tables: &InterleavedTables, out: &mut [f32]) {
         assert_eq!(out.len(), self.texels() * tables.stride());
-        kernels::dispatch(|| self.integrate_inner(point, tables, out));
+        let point = Point { normal: point.normal.as_vec3(), view: point.view.as_vec3() };
+        kernels::dispatch(Integration { quadrature: self, point, tables, out });
     }
+}
 
+/// Task that integrates the tables at one point.
+struct Integration<'a> {
+    quadrature: &'a Quadrature,
+    point: Point,
+    tables: &'a InterleavedTables,
+    out: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for Integration<'_> {
+    type Output = ();
+
+    /// Divides the square level by level.
     #[inline(always)]
-    fn integrate_inner(&self, point: &SurfacePoint, tables: &InterleavedTables, out: &mut [f32]) {
-        let (normal, view) = (point.normal.as_vec3(), point.view.as_vec3());
-        let stride = tables.stride();
-        let finest_uniform = self.settings.base.max(self.grid_level);
-        let radius: [f32; DEEPEST as usize + 1] =
-            std::array::from_fn(|level| self.map.cell_radius(level.max(2) as u32) as f32);
-        let mut stack: Vec<(u32, u32, u32)> = (0..16).map(|c| (2, c % 4, c / 4)).collect();
-        while let Some((level, x, y)) = stack.pop() {
-            let (light, solid_angle) = match self.centres.get(level as usize) {
-                Some(centres) => centres[((y << level) + x) as usize],
-                None => cell(self.map, level, x, y),
-            };
-            let cosine = normal.dot(light);
-            // The whole cell is below the horizon of the point.
-            if cosine < -radius[level as usize] {
-                continue;
+    fn call(mut self) {
+        let Quadrature { grid_level, settings, .. } = *self.quadrature;
+        let mut level = settings.base.max(grid_level).clamp(2, DEEPEST);
+        let side = 1_u32 << level;
+        let mut divided = Vec::new();
+        for first in (0..side * side).step_by(LANES) {
+            let cells = std::array::from_fn(|lane| ((first + lane as u32) % side, (first + lane as u32) / side));
+            self.visit(level, (&cells, LANES), &mut divided);
+        }
+        let mut parents = Vec::new();
+        while !divided.is_empty() {
+            std::mem::swap(&mut parents, &mut divided);
+            divided.clear();
+            level += 1;
+            for four in parents.chunks(LANES / 4) {
+                let child = |lane: usize| {
+                    let (x, y) = four[(lane / 4).min(four.len() - 1)];
+                    (2 * x + (lane as u32 & 1), 2 * y + (lane as u32 >> 1 & 1))
+                };
+                self.visit(level, (&std::array::from_fn(child), 4 * four.len()), &mut divided);
             }
-            let sum = light + view;
-            let twice_cos_d = sum.length();
+        }
+    }
+}
+
+impl Integration<'_> {
+    /// Adds the cells `(x, y)` of a level that need no division, of `count` cells; lists the others.
+    #[inline(always)]
+    fn visit(&mut self, level: u32, (cells, count): (&[(u32, u32); LANES], usize), divided: &mut Vec<(u32, u32)>) {
+        let Quadrature { map, grid_level, settings, centres } = self.quadrature;
+        let mut light = [[0.0; LANES]; 3];
+        let mut weight = [0.0; LANES];
+        for lane in 0..LANES {
+            let (x, y) = cells[lane];
+            let (direction, solid_angle) = match centres.get(level as usize) {
+                Some(centres) => centres[((y << level) + x) as usize],
+                None => cell(*map, level, x, y),
+            };
+            for axis in 0..3 {
+                light[axis][lane] = direction[axis];
+            }
+            weight[lane] = solid_angle;
+        }
+        let radius = map.cell_radius(level) as f32;
+        let core = settings.core.max(self.tables.smooth);
+        let angles = self.point.angles(&light, radius);
+        let finest = level == DEEPEST;
+        for lane in (0..count).filter(|&lane| angles.cosine[lane] >= -radius) {
+            let (x, y) = cells[lane];
+            if !finest && angles.spread[lane] > settings.ratio * (angles.theta_h[lane] + core) {
+                divided.push((x, y));
+            } else if angles.cosine[lane] > 0.0 {
+                let up = level - grid_level;
+                let texel = (((y >> up) << grid_level) + (x >> up)) as usize;
+                let place = Place::of(angles.root_h[lane], angles.degrees_d[lane]);
+                let weight = angles.cosine[lane] * weight[lane];
+                let stride = self.tables.stride;
+                self.tables.add(place, weight, &mut self.out[texel * stride..(texel + 1) * stride]);
+            }
+        }
+    }
+}
+
+/// Number of cells whose angles are computed together, a multiple of four.
+const LANES: usize = 16;
+
+type Lanes = [f32; LANES];
+
+/// A point of the surface in single precision.
+struct Point {
+    normal: Vec3,
+    view: Vec3,
+}
+
+/// Angles of a cell's centre in the frame of a point, by lanes.
+struct Angles {
+    /// Cosine of the angle between light and normal.
+    cosine: Lanes,
+    /// Half angle, radians.
+    theta_h: Lanes,
+    /// Half angle as [`Place::of`] takes it.
+    root_h: Lanes,
+    /// Difference angle in degrees.
+    degrees_d: Lanes,
+    /// Bound of the spread of the cell's half vectors, radians.
+    spread: Lanes,
+}
+
+impl Point {
+    /// Angles of directions towards the light, of cells with an angular radius.
+    #[inline(always)]
+    fn angles(&self, light: &[Lanes; 3], radius: f32) -> Angles {
+        let zero = [0.0; LANES];
+        let mut angles = Angles { cosine: zero, theta_h: zero, root_h: zero, degrees_d: zero, spread: zero };
+        let (n, v) = (self.normal, self.view);
+        for lane in 0..LANES {
+            let [x, y, z] = [light[0][lane], light[1][lane], light[2][lane]];
+            angles.cosine[lane] = x * n.x + y * n.y + z * n.z;
+            let (sx, sy, sz) = (x + v.x, y + v.y, z + v.z);
+            let twice_cos_d = (sx * sx + sy * sy + sz * sz).sqrt();
             // Chords keep their accuracy where the angle is small. The sine of half an angle is
             // half its chord.
-            let half = sum / twice_cos_d.max(1e-6);
-            let half_chord_square = 0.25 * (half - normal).length_squared();
-            let theta_h = 2.0 * kernels::asin_of_sqrt(half_chord_square);
+            let scale = 1.0 / twice_cos_d.max(1e-6);
+            let (hx, hy, hz) = (sx * scale - n.x, sy * scale - n.y, sz * scale - n.z);
+            let theta_h = 2.0 * kernels::asin_of_sqrt(0.25 * (hx * hx + hy * hy + hz * hz));
             // A cell of angular radius r spreads its half vectors by at most r / (2 cos theta_d).
-            let spread = radius[level as usize] / twice_cos_d.max(0.05);
-            let divide = level < finest_uniform
-                || (level < DEEPEST && spread > self.settings.ratio * (theta_h + self.settings.core));
-            if divide {
-                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                    stack.push((level + 1, 2 * x + dx, 2 * y + dy));
-                }
-                continue;
-            }
-            if cosine <= 0.0 {
-                continue;
-            }
-            let sin_d_square = 0.25 * (light - view).length_squared();
-            let theta_d = kernels::asin_of_sqrt(sin_d_square);
-            let up = level - self.grid_level;
-            let texel = (((y >> up) << self.grid_level) + (x >> up)) as usize;
-            tables.add(theta_h, theta_d, cosine * solid_angle, &mut out[texel * stride..(texel + 1) * stride]);
+            angles.spread[lane] = radius / twice_cos_d.max(0.05);
+            angles.theta_h[lane] = theta_h;
+            angles.root_h[lane] = ((theta_h / FRAC_PI_2).sqrt() * THETA_H as f32).clamp(0.0, (THETA_H - 1) as f32);
+            let (dx, dy, dz) = (x - v.x, y - v.y, z - v.z);
+            let theta_d = kernels::asin_of_sqrt(0.25 * (dx * dx + dy * dy + dz * dz));
+            angles.degrees_d[lane] = (theta_d * (180.0 / PI)).clamp(0.0, (THETA_D - 1) as f32);
         }
+        angles
     }
 }
 

@@ -46,17 +46,21 @@ pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<
 /// Columns of a matrix that are worth handing to another thread.
 const COLUMNS: usize = 8;
 
-/// Does something to every column of a column-major matrix, in the caller's pool: the parallel
+/// Does something to every column of a column-major matrix, given its index, in the caller's pool: the parallel
 /// iterators of faer itself do not build for browsers.
-pub(crate) fn each_column(columns: MatMut<'_, f64>, work: &(impl Fn(&mut [f64]) + Sync)) {
+pub(crate) fn each_column(columns: MatMut<'_, f64>, work: &(impl Fn(usize, &mut [f64]) + Sync)) {
+    each_column_from(0, columns, work);
+}
+
+fn each_column_from(first: usize, columns: MatMut<'_, f64>, work: &(impl Fn(usize, &mut [f64]) + Sync)) {
     if columns.ncols() > COLUMNS {
         let middle = columns.ncols() / 2;
         let (left, right) = columns.split_at_col_mut(middle);
-        rayon::join(|| each_column(left, work), || each_column(right, work));
+        rayon::join(|| each_column_from(first, left, work), || each_column_from(first + middle, right, work));
     } else {
-        for column in columns.col_iter_mut() {
+        for (i, column) in columns.col_iter_mut().enumerate() {
             let column = column.try_as_col_major_mut().expect("columns of a matrix of its own are contiguous");
-            work(column.as_slice_mut());
+            work(first + i, column.as_slice_mut());
         }
     }
 }

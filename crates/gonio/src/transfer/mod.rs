@@ -16,6 +16,7 @@ mod reference;
 mod sketch;
 
 pub use bilinear::Bilinear;
+pub(crate) use plan::observed_rows;
 pub use plan::{Plan, PlanError, PlanSettings, Projected};
 pub use predict::{Prediction, predict};
 pub use quadrature::{InterleavedTables, Quadrature, QuadratureSettings};

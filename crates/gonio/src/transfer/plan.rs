@@ -207,6 +207,28 @@ pub(crate) fn full_rows(
     all
 }
 
+/// Rows of `A` for the points that have a value, `[point][k][m]`, and these values.
+///
+/// # Errors
+/// As [`Plan::build`].
+pub(crate) fn observed_rows(
+    all: Points<'_>,
+    image: &[Option<f64>],
+    tables: &[BivariateTable],
+    prior: &LightPrior,
+    settings: &PlanSettings,
+) -> Result<(Vec<f32>, Vec<f64>), PlanError> {
+    if image.len() != all.len() {
+        return Err(PlanError::Points { plan: all.len(), image: image.len() });
+    }
+    let kept: Vec<usize> = (0..image.len()).filter(|&i| image[i].is_some()).collect();
+    let points: Vec<SurfacePoint> = kept.iter().map(|&i| all.points[i]).collect();
+    let visibility = all.visibility.map(|v| v.select(&kept));
+    let seen = Points::new(&points, visibility.as_ref());
+    Plan::check(seen, tables.len(), prior, settings)?;
+    Ok((full_rows(seen, tables, prior, settings), image.iter().flatten().copied().collect()))
+}
+
 fn rows_of<'a>(points: Points<'a>, tables: &[BivariateTable], prior: &LightPrior, settings: &PlanSettings) -> Rows<'a> {
     Rows {
         points,
@@ -384,18 +406,8 @@ impl Projected {
         prior: &LightPrior,
         settings: &PlanSettings,
     ) -> Result<Self, PlanError> {
-        let all = points.into();
-        if image.len() != all.len() {
-            return Err(PlanError::Points { plan: all.len(), image: image.len() });
-        }
-        let kept: Vec<usize> = (0..image.len()).filter(|&i| image[i].is_some()).collect();
-        let points: Vec<SurfacePoint> = kept.iter().map(|&i| all.points[i]).collect();
-        let target: Vec<f64> = image.iter().flatten().copied().collect();
-        let visibility = all.visibility.map(|v| v.select(&kept));
-        let seen = Points::new(&points, visibility.as_ref());
-        Plan::check(seen, tables.len(), prior, settings)?;
-        let rows = full_rows(seen, tables, prior, settings);
-        let bilinear = Bilinear::new(points.len(), tables.len(), settings.side * settings.side, rows);
+        let (rows, target) = observed_rows(points.into(), image, tables, prior, settings)?;
+        let bilinear = Bilinear::new(target.len(), tables.len(), settings.side * settings.side, rows);
         Ok(Self { bilinear, pixels: target.len(), target, outside: 0.0 })
     }
 

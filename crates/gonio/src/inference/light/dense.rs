@@ -7,6 +7,7 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::{Accum, Mat, MatMut, Par};
 use rayon::prelude::*;
 
+use crate::linalg::each_column;
 use crate::transfer::column_bands;
 
 /// Columns of a result that one sequential product or solve makes; constant, so that results do not
@@ -51,8 +52,11 @@ impl Cholesky {
 
     /// Factorises a symmetric `h` with `extra` (n) added to its diagonal.
     pub(crate) fn of_sum(h: &Mat<f64>, extra: &[f64]) -> Option<Self> {
-        let mut lower = h.clone();
-        extra.iter().enumerate().for_each(|(i, x)| lower[(i, i)] += x);
+        let mut lower = Mat::zeros(h.nrows(), h.ncols());
+        each_column(lower.as_mut(), &|j, column| {
+            column[j..].copy_from_slice(&h.col_as_slice(j)[j..]);
+            column[j] += extra[j];
+        });
         Self::new(lower)
     }
 

@@ -7,8 +7,8 @@ use faer::{Accum, Mat, MatRef, Par};
 use rayon::prelude::*;
 
 use super::dense::{Cholesky, bands_of};
-use crate::linalg::squared_norms;
-use crate::transfer::kernels::{axpy, dot};
+use crate::linalg::{each_column, squared_norms};
+use crate::transfer::kernels::{axpy, dispatch, dot};
 
 /// Rows of an image, and least number of coefficients, that one thread computes at a time.
 const ROWS: usize = 256;
@@ -32,6 +32,7 @@ impl Form {
 }
 
 /// Parts of an operator that are reused at other variances: `B`, and `B'B` where the form needs it.
+#[derive(Clone, Debug)]
 pub(super) struct Design {
     /// `B` (rows x M).
     pub(super) matrix: Mat<f64>,
@@ -44,29 +45,67 @@ impl Design {
         Self { matrix, gram }
     }
 
+    /// The design of the first `m` columns alone.
+    pub(super) fn first(&self, m: usize) -> Self {
+        let matrix = self.matrix.subcols(0, m).to_owned();
+        match (&self.gram, Form::smaller(matrix.nrows(), m)) {
+            (Some(gram), Form::Light) => Self { matrix, gram: Some(gram.submatrix(0, 0, m, m).to_owned()) },
+            (_, form) => Self::new(matrix, form),
+        }
+    }
+
     /// `B x` (rows).
     pub(super) fn times(&self, x: &[f64]) -> Vec<f64> {
-        let mut out = vec![0.0; self.matrix.nrows()];
-        out.par_chunks_mut(ROWS).enumerate().for_each(|(part, out)| {
-            let rows = part * ROWS..part * ROWS + out.len();
-            for (m, x) in x.iter().enumerate().filter(|(_, x)| **x != 0.0) {
-                axpy(*x, &self.matrix.col_as_slice(m)[rows.clone()], out);
-            }
-        });
+        let [out] = self.times_all([x]);
         out
+    }
+
+    /// `B x` (rows) of several vectors, for which the operator is read once.
+    pub(super) fn times_all<const N: usize>(&self, x: [&[f64]; N]) -> [Vec<f64>; N] {
+        let rows = self.matrix.nrows();
+        let parts: Vec<[Vec<f64>; N]> = (0..rows.div_ceil(ROWS))
+            .into_par_iter()
+            .map(|part| {
+                let rows = part * ROWS..rows.min((part + 1) * ROWS);
+                let mut out = std::array::from_fn(|_| vec![0.0; rows.len()]);
+                for m in 0..self.matrix.ncols() {
+                    let column = &self.matrix.col_as_slice(m)[rows.clone()];
+                    for (x, out) in x.iter().zip(&mut out).filter(|(x, _)| x[m] != 0.0) {
+                        dispatch(|| axpy(x[m], column, out));
+                    }
+                }
+                out
+            })
+            .collect();
+        std::array::from_fn(|which| parts.iter().flat_map(|part| &part[which]).copied().collect())
     }
 
     /// `B' e` (M).
     pub(super) fn adjoint(&self, e: &[f64]) -> Vec<f64> {
+        let [out] = self.adjoint_all([e]);
+        out
+    }
+
+    /// `B' e` (M) of several images, for which the operator is read once.
+    pub(super) fn adjoint_all<const N: usize>(&self, e: [&[f64]; N]) -> [Vec<f64>; N] {
         let columns = (0..self.matrix.ncols()).into_par_iter().with_min_len(COLUMNS);
-        columns.map(|m| dot(self.matrix.col_as_slice(m), e)).collect()
+        let products: Vec<[f64; N]> =
+            columns.map(|m| e.map(|e| dispatch(|| dot(self.matrix.col_as_slice(m), e)))).collect();
+        std::array::from_fn(|which| products.iter().map(|p| p[which]).collect())
     }
 
     /// `rho B'B + diag(d)` (M x M): the precision of the posterior under prior precisions `d`.
     pub(super) fn precision(&self, rho: f64, d: &[f64]) -> Mat<f64> {
         let made = self.gram.is_none().then(|| lower_of_product(self.matrix.transpose(), self.matrix.as_ref()));
         let gram = self.gram.as_ref().or(made.as_ref()).expect("one of the two");
-        Mat::from_fn(d.len(), d.len(), |i, j| rho * gram[(i.max(j), i.min(j))] + if i == j { d[i] } else { 0.0 })
+        let mut out = Mat::zeros(d.len(), d.len());
+        each_column(out.as_mut(), &|j, column| {
+            for (i, x) in column.iter_mut().enumerate() {
+                *x = rho * gram[(i.max(j), i.min(j))];
+            }
+            column[j] += d[j];
+        });
+        out
     }
 }
 
@@ -97,18 +136,19 @@ impl<'a> Factor<'a> {
             }
             scaled
         });
-        let mut lower = match (&design.gram, &scaled) {
-            (_, Some(scaled)) => lower_of_product(scaled.as_ref(), scaled.transpose()),
-            (None, None) => unreachable!("one of the two"),
-            (Some(gram), None) => {
-                Mat::from_fn(m, m, |i, j| if i < j { 0.0 } else { gram[(i, j)] * (roots[i] * roots[j]) })
+        let made = scaled.as_ref().map(|scaled| lower_of_product(scaled.as_ref(), scaled.transpose()));
+        let gram = made.as_ref().or(design.gram.as_ref()).expect("one of the two");
+        let mut lower = Mat::zeros(gram.nrows(), gram.ncols());
+        each_column(lower.as_mut(), &|j, column| {
+            let gram = &gram.col_as_slice(j)[j..];
+            let below = column[j..].iter_mut().zip(gram);
+            if scaled.is_some() {
+                below.for_each(|(x, g)| *x = rho * g);
+            } else {
+                below.zip(&roots[j..]).for_each(|((x, g), root)| *x = rho * (g * (root * roots[j])));
             }
-        };
-        for (j, column) in lower.as_mut().col_iter_mut().enumerate() {
-            for (i, x) in column.iter_mut().enumerate().skip(j) {
-                *x = rho * *x + f64::from(u8::from(i == j));
-            }
-        }
+            column[j] += 1.0;
+        });
         let cholesky = Cholesky::new(lower)?;
         Some(Self { design, variances: variances.to_vec(), rho, scaled, cholesky, solved: None })
     }
@@ -123,29 +163,34 @@ impl<'a> Factor<'a> {
         2.0 * (0..lower.nrows()).map(|i| lower[(i, i)].ln()).sum::<f64>()
     }
 
-    /// `V^(1/2) B' e` (M).
-    fn scaled_adjoint(&self, e: &[f64]) -> Vec<f64> {
-        let root = self.variances.iter().map(|v| v.sqrt());
-        self.design.adjoint(e).into_iter().zip(root).map(|(x, root)| x * root).collect()
-    }
-
-    /// `S^-1 x` (rows).
-    pub(super) fn solve(&self, x: &[f64]) -> Vec<f64> {
+    /// `S^-1 x` (rows) of several images.
+    pub(super) fn solve<const N: usize>(&self, x: [&[f64]; N]) -> [Vec<f64>; N] {
         if self.by_rows() {
-            return self.cholesky.solve(x);
+            return x.map(|x| self.cholesky.solve(x));
         }
-        let mut solution = self.deflated(x);
+        let mut solutions = self.deflated(x);
         // The difference cancels where the light explains nearly all, so it is refined once.
-        let explained = self.design.times(&self.gain(&solution));
-        let left: Vec<f64> = x.iter().zip(&solution).zip(explained).map(|((x, e), y)| x - e - y).collect();
-        solution.iter_mut().zip(self.deflated(&left)).for_each(|(e, more)| *e += more);
-        solution
+        let gains = self.gain(solutions.each_ref().map(Vec::as_slice));
+        let explained = self.design.times_all(gains.each_ref().map(Vec::as_slice));
+        let left: [Vec<f64>; N] = std::array::from_fn(|which| {
+            let parts = x[which].iter().zip(&solutions[which]).zip(&explained[which]);
+            parts.map(|((x, e), y)| x - e - y).collect()
+        });
+        for (solution, more) in solutions.iter_mut().zip(self.deflated(left.each_ref().map(Vec::as_slice))) {
+            solution.iter_mut().zip(more).for_each(|(e, more)| *e += more);
+        }
+        solutions
     }
 
     /// `S^-1 x = x - rho X (I + rho X'X)^-1 X' x` (rows), in the form by light.
-    fn deflated(&self, x: &[f64]) -> Vec<f64> {
-        let fitted = self.design.times(&self.root_times(self.cholesky.solve(&self.scaled_adjoint(x))));
-        x.iter().zip(fitted).map(|(x, fit)| x - self.rho * fit).collect()
+    fn deflated<const N: usize>(&self, x: [&[f64]; N]) -> [Vec<f64>; N] {
+        let back = self.design.adjoint_all(x).map(|back| self.cholesky.solve(&self.root_times(back)));
+        let light = back.map(|light| self.root_times(light));
+        let mut fitted = self.design.times_all(light.each_ref().map(Vec::as_slice));
+        for (fitted, x) in fitted.iter_mut().zip(x) {
+            fitted.iter_mut().zip(x).for_each(|(fit, x)| *fit = x - self.rho * *fit);
+        }
+        fitted
     }
 
     fn root_times(&self, mut x: Vec<f64>) -> Vec<f64> {
@@ -153,18 +198,20 @@ impl<'a> Factor<'a> {
         x
     }
 
-    /// `rho V B' e` (M): for `e = S^-1 t`, the posterior mean of a light of prior mean zero whose
-    /// image is `t`.
-    pub(super) fn gain(&self, e: &[f64]) -> Vec<f64> {
-        let back = self.design.adjoint(e);
-        back.iter().zip(&self.variances).map(|(x, v)| self.rho * v * x).collect()
+    /// `rho V B' e` (M) of several images: for `e = S^-1 t`, the posterior mean of a light of prior
+    /// mean zero whose image is `t`.
+    pub(super) fn gain<const N: usize>(&self, e: [&[f64]; N]) -> [Vec<f64>; N] {
+        self.design.adjoint_all(e).map(|mut back| {
+            back.iter_mut().zip(&self.variances).for_each(|(x, v)| *x *= self.rho * v);
+            back
+        })
     }
 
     /// Column `c` of the posterior covariance `Sigma = (V^-1 + rho B'B)^-1` (M).
     pub(super) fn covariance_column(&self, c: usize) -> Vec<f64> {
         if self.by_rows() {
             let column: Vec<f64> = self.design.matrix.col(c).iter().copied().collect();
-            let mut out = self.gain(&self.cholesky.solve(&column));
+            let [mut out] = self.gain([&self.cholesky.solve(&column)]);
             out.iter_mut().for_each(|x| *x *= -self.variances[c]);
             out[c] += self.variances[c];
             return out;
@@ -252,7 +299,7 @@ mod tests {
                 let design = Design::new(Mat::from_fn(rows, m, |i, j| b[i * m + j]), form);
                 let mut factor = Factor::new(&design, &v, rho).unwrap();
                 assert!((factor.log_det() - log_det).abs() < 1e-9 * log_det.abs(), "{form:?}");
-                for (i, got) in factor.solve(&x).iter().enumerate() {
+                for (i, got) in factor.solve([&x])[0].iter().enumerate() {
                     let want: f64 = inverse[i].iter().zip(&x).map(|(a, x)| a * x).sum();
                     assert!((got - want).abs() < 1e-9, "{form:?} {got} {want}");
                 }

@@ -1,8 +1,9 @@
 //! Linear map from light to image for one reflectance.
 
 use faer::Mat;
+use rayon::prelude::*;
 
-use crate::transfer::Bilinear;
+use crate::transfer::{Bilinear, column_bands};
 
 /// `B` (r x M): the image of light `l` is `B l`.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,9 +24,18 @@ impl LightOperator {
     ///
     /// # Panics
     /// If there are not `rows * m` entries.
-    pub(crate) fn from_rows<A: Copy + Into<f64>>(rows: usize, m: usize, entries: &[A]) -> Self {
+    pub(crate) fn from_rows<A: Copy + Into<f64> + Sync>(rows: usize, m: usize, entries: &[A]) -> Self {
         assert_eq!(entries.len(), rows * m);
-        Self { matrix: Mat::from_fn(rows, m, |i, j| entries[i * m + j].into()) }
+        let mut matrix = Mat::zeros(rows, m);
+        // As many columns at a time as values of a row share a line of memory.
+        column_bands(matrix.as_mut(), m.div_ceil(16).max(1)).into_par_iter().for_each(|(first, mut band)| {
+            for i in 0..rows {
+                for (j, entry) in entries[i * m + first..][..band.ncols()].iter().enumerate() {
+                    band[(i, j)] = (*entry).into();
+                }
+            }
+        });
+        Self { matrix }
     }
 
     /// The image `B l` (r) of light coefficients `l` (M).
@@ -39,11 +49,6 @@ impl LightOperator {
             image.iter_mut().zip(column.iter()).for_each(|(y, b)| *y += l * b);
         }
         image
-    }
-
-    /// The operator of the first `m` coefficients alone.
-    pub(super) fn first(&self, m: usize) -> Self {
-        Self { matrix: self.matrix.subcols(0, m).to_owned() }
     }
 
     /// Multiplies each row by its factor.

@@ -40,8 +40,6 @@ impl State {
 pub(super) struct Cut {
     /// `Sigma_mc / Sigma_cc` (M).
     pub(super) regression: Vec<f64>,
-    /// `B` times the regression (r).
-    pub(super) image: Vec<f64>,
     /// `Sigma_cc` minus the variance after the cut.
     pub(super) lost_variance: f64,
     /// Mean after the cut minus mean before.
@@ -62,6 +60,8 @@ pub(super) struct Point<'a> {
     /// `B <l>` (r).
     pub(super) image: Vec<f64>,
     pub(super) cut: Option<Cut>,
+    /// `B` times the regression of the cut (r), empty without one.
+    cut_image: Vec<f64>,
     /// `Sigma_mm` before any cut (M); empty until [`Self::find_variances`].
     variances: Vec<f64>,
 }
@@ -80,9 +80,8 @@ impl<'a> Point<'a> {
         let factor = Factor::new(design, &given.variances, log_rho.exp())?;
         let means = inference.scales.means();
         let mean_image = design.times(&means);
-        let from_target = factor.solve(&inference.target);
-        let from_mean = factor.solve(&mean_image);
-        let (gain_target, gain_mean) = (factor.gain(&from_target), factor.gain(&from_mean));
+        let [from_target, from_mean] = factor.solve([&inference.target, &mean_image]);
+        let [gain_target, gain_mean] = factor.gain([&from_target, &from_mean]);
         let misfit = Misfit {
             target: dot(&inference.target, &from_target) + inference.outside,
             mixed: dot(&mean_image, &from_target),
@@ -115,7 +114,6 @@ impl<'a> Point<'a> {
             let after = before.moments();
             let regression: Vec<f64> = column.iter().map(|s| s / column[c]).collect();
             Cut {
-                image: design.times(&regression),
                 regression,
                 lost_variance: column[c] - after.variance,
                 shift: after.mean - before.location,
@@ -136,9 +134,26 @@ impl<'a> Point<'a> {
         if settings.noise.is_none() {
             objective += inference.log_noise_prior(state.log_b);
         }
-        let image = design.times(&light);
+        let (image, cut_image) = match &cut {
+            Some(cut) => {
+                let [image, cut_image] = design.times_all([&light, &cut.regression]);
+                (image, cut_image)
+            }
+            None => (design.times(&light), Vec::new()),
+        };
         let variances = Vec::new();
-        objective.is_finite().then_some(Self { state, factor, given, bound, objective, light, image, cut, variances })
+        objective.is_finite().then_some(Self {
+            state,
+            factor,
+            given,
+            bound,
+            objective,
+            light,
+            image,
+            cut,
+            cut_image,
+            variances,
+        })
     }
 
     /// Computes the posterior variances, which the next step and the answer need.
@@ -173,7 +188,7 @@ impl<'a> Point<'a> {
             .filter(|(_, prior)| **prior > 0.0)
             .map(|(posterior, prior)| 1.0 - posterior / prior)
             .sum();
-        let cut = |cut: &Cut| self.state.log_rho().exp() * cut.lost_variance * dot(&cut.image, &cut.image);
+        let cut = |cut: &Cut| self.state.log_rho().exp() * cut.lost_variance * dot(&self.cut_image, &self.cut_image);
         before - self.cut.as_ref().map_or(0.0, cut)
     }
 

@@ -4,7 +4,7 @@ use faer::Mat;
 
 use super::factor::Design;
 use super::truncated::{Sites, truncated};
-use super::{LightInference, LightInferenceError, LightOperator, LightPosterior};
+use super::{LightInference, LightInferenceError, LightPosterior};
 use crate::linalg::{each_column, squared_norms};
 use crate::sphere::Haar;
 
@@ -17,9 +17,13 @@ pub struct NonNegativeSettings {
     /// Largest number of steps of expectation propagation in each round, each a factorisation of M
     /// x M.
     pub max_steps: usize,
-    /// Change of the light in one step, relative to its norm, at which it has converged.
+    /// Change of the light in one step, relative to its norm, at which it has converged; ten times
+    /// as much in all rounds but the last.
     pub tolerance: f64,
 }
+
+/// Factor of the tolerance in all rounds but the last.
+const EARLIER: f64 = 10.0;
 
 impl Default for NonNegativeSettings {
     fn default() -> Self {
@@ -44,7 +48,7 @@ pub struct NonNegativeLight {
 
 impl LightInference<'_> {
     /// Computes the mean of the light with texels `>= 0` under the Gaussian of a [`LightPosterior`]
-    /// found for `operator`: the mean of `g l` over
+    /// found for the same `design`: the mean of `g l` over
     /// `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, with `g_0` the
     /// exposure of the posterior, by expectation propagation with a bound at every texel. The
     /// scales, which give `D`, are then re-estimated from the expected squares of that light.
@@ -58,23 +62,24 @@ impl LightInference<'_> {
     /// If values overflow.
     ///
     /// # Panics
-    /// If M is not the square of a power of two, at least 4, or the operator does not fit the image
+    /// If M is not the square of a power of two, at least 4, or the design does not fit the image
     /// and the prior.
-    pub(crate) fn non_negative_light(
+    pub(super) fn non_negative_light(
         &self,
-        operator: &LightOperator,
+        design: &Design,
         posterior: &LightPosterior,
         settings: &NonNegativeSettings,
     ) -> Result<NonNegativeLight, LightInferenceError> {
-        let haar = square(operator.m());
-        let design = self.design(operator);
+        let haar = square(design.matrix.ncols());
         let mut squares = posterior.state.squares.clone();
         let mut sites = None;
         let mut steps = 0;
         for round in 0.. {
-            let (quadratic, linear) = self.on_texels(&design, haar, posterior, &squares);
+            let (quadratic, linear) = self.on_texels(design, haar, posterior, &squares);
             let sites = sites.get_or_insert_with(|| Sites::of_mean(&quadratic, &texels(haar, &posterior.light)));
-            let found = truncated(&quadratic, &linear, sites, settings.tolerance, settings.max_steps)
+            // The scales depend little on the last percent of the light.
+            let tolerance = if round == settings.rounds { 1.0 } else { EARLIER } * settings.tolerance;
+            let found = truncated(&quadratic, &linear, sites, tolerance, settings.max_steps)
                 .ok_or(LightInferenceError::NotFinite)?;
             steps += found.steps;
             let (light, brightness) = self.normalised(haar, found.mean)?;
@@ -151,14 +156,14 @@ fn texels(haar: Haar, coefficients: &[f64]) -> Vec<f64> {
 
 /// `W' P` for the transform `W` from texels to coefficients.
 fn inverse_of_columns(mut p: Mat<f64>, haar: Haar) -> Mat<f64> {
-    each_column(p.as_mut(), &|column| haar.inverse(column, &mut Vec::new()));
+    each_column(p.as_mut(), &|_, column| haar.inverse(column, &mut Vec::new()));
     p
 }
 
 /// The diagonal of `W R'R W'` (M) for a covariance `R'R` of texels.
 fn variances_of_coefficients(root: &Mat<f64>, haar: Haar) -> Vec<f64> {
     let mut turned = root.transpose().to_owned();
-    each_column(turned.as_mut(), &|column| haar.forward(column, &mut Vec::new()));
+    each_column(turned.as_mut(), &|_, column| haar.forward(column, &mut Vec::new()));
     squared_norms(turned.transpose().to_owned().as_ref())
 }
 
@@ -169,7 +174,7 @@ mod tests {
 
     use super::*;
     use crate::inference::Hyper;
-    use crate::inference::light::InferenceSettings;
+    use crate::inference::light::{InferenceSettings, LightOperator};
     use crate::lighting::{CoefficientPrior, LightGrid, LightPrior, ScaleMixture};
     use crate::testing::on_threads;
 
@@ -240,7 +245,9 @@ mod tests {
             let inference = LightInference::new(&target, 0.0, target.len(), 64, &prior, Hyper::default()).unwrap();
             let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
             let lowest = lit(&posterior.light).into_iter().fold(f64::MAX, f64::min);
-            let got = inference.non_negative_light(&operator, &posterior, &NonNegativeSettings::default()).unwrap();
+            let got = inference
+                .non_negative_light(&inference.design(operator.clone()), &posterior, &NonNegativeSettings::default())
+                .unwrap();
             assert!(got.converged, "{noise}: {} steps", got.steps);
             let top = lit(&got.light).into_iter().fold(0.0, f64::max);
             assert!(lowest < -0.02 * top, "{noise}: nothing to remove: {lowest} of {top}");
@@ -260,7 +267,9 @@ mod tests {
             let inference = LightInference::new(&target, 0.0, target.len(), 256, &prior, Hyper::default()).unwrap();
             let settings = InferenceSettings { max_steps: 3, ..Default::default() };
             let posterior = inference.posterior(&operator, &settings).unwrap();
-            inference.non_negative_light(&operator, &posterior, &NonNegativeSettings::default()).unwrap()
+            inference
+                .non_negative_light(&inference.design(operator.clone()), &posterior, &NonNegativeSettings::default())
+                .unwrap()
         };
         assert_eq!(on_threads(1, run), on_threads(3, run));
     }
@@ -289,7 +298,9 @@ mod tests {
         let inference = LightInference::new(&target, 0.0, 40, 16, &prior, Hyper::default()).unwrap();
         let operator = LightOperator::from_rows(40, 16, &entries);
         let posterior = inference.posterior(&operator, &InferenceSettings::default()).unwrap();
-        let got = inference.non_negative_light(&operator, &posterior, &NonNegativeSettings::default()).unwrap();
+        let got = inference
+            .non_negative_light(&inference.design(operator.clone()), &posterior, &NonNegativeSettings::default())
+            .unwrap();
         let got = got.light;
         assert!(distance(&got, &posterior.light) < 1e-3 * distance(&got, &[0.0; 16]), "{got:?} {:?}", posterior.light);
     }

@@ -90,33 +90,33 @@ impl LightInference<'_> {
         operator: &LightOperator,
         settings: &InferenceSettings,
     ) -> Result<LightPosterior, LightInferenceError> {
-        self.posterior_from(operator, settings, None)
+        self.posterior_of(&self.design(operator.clone()), settings, None)
     }
 
-    /// Raises the bound as [`Self::posterior`] does, from what was found for the first coefficients
+    /// Raises the bound as [`Self::posterior`] does, if there is one, from what was found for the first coefficients
     /// alone; finer ones start from the scales of their prior.
-    pub(super) fn posterior_from(
+    pub(super) fn posterior_of(
         &self,
-        operator: &LightOperator,
+        design: &Design,
         settings: &InferenceSettings,
         coarse: Option<&LightPosterior>,
     ) -> Result<LightPosterior, LightInferenceError> {
-        let design = self.design(operator);
         let start = match coarse {
-            None => self.start(&design, settings),
+            None => self.start(design, settings),
             Some(coarse) => {
                 let mut state = coarse.state.clone();
                 state.squares.extend(&self.scales.prior_squares()[state.squares.len()..]);
                 state
             }
         };
-        self.climb(&design, start, settings)
+        self.climb(design, start, settings)
     }
 
-    pub(super) fn design(&self, operator: &LightOperator) -> Design {
+    pub(super) fn design(&self, operator: LightOperator) -> Design {
         assert_eq!(operator.m(), self.scales.means().len(), "light coefficients of the operator and of the prior");
         assert_eq!(operator.rows(), self.rows(), "rows of the operator and of the image");
-        Design::new(operator.matrix.clone(), Form::smaller(operator.rows(), operator.m()))
+        let form = Form::smaller(operator.rows(), operator.m());
+        Design::new(operator.matrix, form)
     }
 
     /// Start of the ascent: the widest scales, the exposure that gives the expected image the

@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+use super::factor::Design;
 use super::{
     InferenceSettings, LightInference, LightInferenceError, LightOperator, LightPosterior, NonNegativeLight,
     NonNegativeSettings,
@@ -11,12 +12,12 @@ use crate::lighting::LightPrior;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 use crate::shape::Points;
-use crate::transfer::{PlanError, PlanSettings, Projected};
+use crate::transfer::{PlanError, PlanSettings, observed_rows};
 
 /// Problem of finding the light in an image of one BRDF, with one row for every observation.
 #[derive(Clone, Debug)]
 pub struct LightProblem<'a> {
-    operator: LightOperator,
+    design: Design,
     target: Vec<f64>,
     inference: LightInference<'a>,
 }
@@ -65,9 +66,8 @@ impl<'a> LightProblem<'a> {
         prior: &'a LightPrior,
         settings: &PlanSettings,
     ) -> Result<Self, LightError> {
-        let rows = Projected::unprojected(points, values, std::slice::from_ref(table), prior, settings)?;
-        let mut operator = LightOperator::of_reflectance(&rows.bilinear, &[1.0]);
-        let mut target = rows.target;
+        let (rows, mut target) = observed_rows(points.into(), values, std::slice::from_ref(table), prior, settings)?;
+        let mut operator = LightOperator::from_rows(target.len(), settings.side * settings.side, &rows);
         if let Some(weights) = weights {
             // Scales the rows to equal noise.
             assert_eq!(weights.len(), values.len());
@@ -78,7 +78,7 @@ impl<'a> LightProblem<'a> {
         }
         let hyper = Hyper::with_model_error(target.len());
         let inference = LightInference::new(&target, 0.0, target.len(), operator.m(), prior, hyper)?;
-        Ok(Self { operator, target, inference })
+        Ok(Self { design: inference.design(operator), target, inference })
     }
 
     /// Builds the problem from observations, with their weights and visibility. Not all of them are
@@ -111,18 +111,18 @@ impl<'a> LightProblem<'a> {
     /// # Errors
     /// As [`LightInference::posterior`].
     pub fn posterior(&self) -> Result<LightPosterior, LightError> {
-        let all = self.operator.m();
+        let all = self.design.matrix.ncols();
         let mut found: Option<LightPosterior> = None;
         let mut m = all.min(Self::COARSEST);
         loop {
             let max_steps = if found.is_none() { Self::STEPS } else { Self::FINER_STEPS };
             let settings = InferenceSettings { max_steps, tolerance: 0.1, ..Default::default() };
             if m == all {
-                return Ok(self.inference.posterior_from(&self.operator, &settings, found.as_ref())?);
+                return Ok(self.inference.posterior_of(&self.design, &settings, found.as_ref())?);
             }
             // The coefficients of coarse scales come first.
             let coarse = LightInference { scales: self.inference.scales.first(m), ..self.inference.clone() };
-            found = Some(coarse.posterior_from(&self.operator.first(m), &settings, found.as_ref())?);
+            found = Some(coarse.posterior_of(&self.design.first(m), &settings, found.as_ref())?);
             m *= 4;
         }
     }
@@ -130,13 +130,13 @@ impl<'a> LightProblem<'a> {
     /// The mean of the light without negative texels.
     ///
     /// # Errors
-    /// As `non_negative_light`.
+    /// As `LightInference::non_negative_light`.
     pub fn non_negative(
         &self,
         posterior: &LightPosterior,
         settings: &NonNegativeSettings,
     ) -> Result<NonNegativeLight, LightError> {
-        Ok(self.inference.non_negative_light(&self.operator, posterior, settings)?)
+        Ok(self.inference.non_negative_light(&self.design, posterior, settings)?)
     }
 
     /// Root mean square of the residual that a light leaves, relative to that of the image. `light`
@@ -145,7 +145,7 @@ impl<'a> LightProblem<'a> {
     /// # Panics
     /// If there are not M coefficients.
     pub fn misfit(&self, light: &[f64]) -> f64 {
-        let left: f64 = self.operator.image(light).iter().zip(&self.target).map(|(y, t)| (t - y).powi(2)).sum();
+        let left: f64 = self.design.times(light).iter().zip(&self.target).map(|(y, t)| (t - y).powi(2)).sum();
         (left / self.target.len() as f64).sqrt() / self.rms()
     }
 }

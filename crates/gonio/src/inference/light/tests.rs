@@ -309,7 +309,7 @@ fn exposure_and_noise_end_at_their_best() {
     let inference = toy.inference();
     let got = toy.posterior(&InferenceSettings { tolerance: 1e-13, ..tight() });
     let (g, b) = (got.exposure, got.noise.powi(-2));
-    let design = inference.design(&toy.operator);
+    let design = inference.design(toy.operator.clone());
     let bound = |g: f64, b: f64| {
         let (log_g, log_b) = (g.ln(), b.ln());
         let start = State { log_g, log_b, ..got.state.clone() };

@@ -10,6 +10,7 @@ mod combine;
 mod export;
 mod folders;
 mod help;
+mod hostile;
 mod infer;
 mod learnt;
 mod light;

@@ -18,6 +18,7 @@ mod merge;
 mod pictures;
 mod refusals;
 mod regions;
+mod reliability;
 mod render;
 mod report;
 mod shapes;

@@ -36,7 +36,7 @@ fn together(job: &Job) {
 
 #[test]
 fn four_at_once_write_one_output() {
-    for name in ["infer with the cache", "batch", "merge"] {
+    for name in ["infer with the cache", "merge"] {
         together(job(name));
     }
 }
@@ -76,7 +76,6 @@ fn removed(job: &Job, after: f64) {
 
 #[test]
 fn a_folder_that_goes_is_named() {
-    removed(job("infer"), 0.5);
     removed(job("export"), 0.5);
 }
 

@@ -135,7 +135,7 @@ fn timeless(name: &str, bytes: Vec<u8>) -> Option<Vec<u8>> {
     let mut notes: Value = serde_json::from_slice(&bytes).expect("whole JSON");
     if let Some(notes) = notes.as_object_mut() {
         // The folder of the output is among the arguments of a row.
-        ["seconds", "arguments"].map(|key| notes.remove(key));
+        notes.retain(|key, _| key != "seconds" && key != "arguments");
     }
     Some(notes.to_string().into_bytes())
 }

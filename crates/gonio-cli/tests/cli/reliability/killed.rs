@@ -110,7 +110,5 @@ fn what_is_killed_leaves_whole_outputs_or_none() {
 #[test]
 #[ignore = "takes some minutes"]
 fn what_is_killed_at_fifty_moments_leaves_whole_outputs_or_none() {
-    for job in &JOBS {
-        kill(job, MANY);
-    }
+    std::thread::scope(|scope| JOBS.iter().for_each(|job| drop(scope.spawn(|| kill(job, MANY)))));
 }

@@ -1,5 +1,6 @@
 #![no_main]
-//! Camera settings: EXIF data alone (a TIFF), and in a JPEG. None are given that are no positive number.
+//! Camera settings: EXIF data alone (a TIFF), and in a JPEG. None are given that are no positive
+//! number.
 
 use gonio_io::picture::Shot;
 use libfuzzer_sys::fuzz_target;

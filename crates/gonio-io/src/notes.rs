@@ -7,8 +7,8 @@ use serde_json::Value;
 use crate::Error;
 use crate::guard::read_whole;
 
-/// Longest file, in bytes. Those of this program have some ten thousand; a value takes sixteen times
-/// its text at most.
+/// Longest file, in bytes. Those of this program have some ten thousand; in memory a value takes
+/// sixteen times its text at most.
 const MAX_BYTES: u64 = 16 << 20;
 
 /// Reads a file of notes.

@@ -43,8 +43,8 @@ fn kill_after(bench: &Bench, line: &str, while_: Duration) -> bool {
     running
 }
 
-/// Kills a job at some moments of its time and looks at what is there each time. Half of the moments
-/// are in the last third, where output is written.
+/// Kills a job at some moments of its time and looks at what is there each time. Half of the
+/// moments are in the last third, where output is written.
 fn kill(job: &Job, moments: usize) {
     let bench = bench();
     let whole = job.undisturbed(&bench);

@@ -50,13 +50,18 @@ fn kill(job: &Job, moments: usize) {
     let whole = job.undisturbed(&bench);
     let start = Instant::now();
     bench.run_with(&job.to("timed"), &[("GONIO_CACHE_DIR", "")]).succeeds();
-    let time = start.elapsed().as_secs_f64();
+    let mut time = start.elapsed().as_secs_f64();
     let (mut stream, mut ends) = (Moments(job.line.len() as u64), Ends::default());
     let output = job.output("out");
     for moment in 0..moments {
         let (low, high) = if moment % 2 == 0 { (0.0, 1.0) } else { (0.67, 1.05) };
         let after = Duration::from_secs_f64(time * (low + (high - low) * stream.next()));
-        ends.killed += usize::from(kill_after(&bench, &job.to("out"), after));
+        let killed = kill_after(&bench, &job.to("out"), after);
+        ends.killed += usize::from(killed);
+        if !killed && ends.killed == 0 {
+            // The machine was busier when the time was taken.
+            time *= 0.5;
+        }
         if job.kind == Kind::Batch {
             ends.there += usize::from(rows_are_whole(&bench, &whole) == ROWS.len());
         } else if whole_or_absent(&bench, &output, &whole) {
@@ -102,7 +107,7 @@ fn rows_are_whole(bench: &Bench, whole: &std::collections::BTreeMap<String, Vec<
 
 #[test]
 fn what_is_killed_leaves_whole_outputs_or_none() {
-    for (name, moments) in [("infer with the cache", 3), ("train lighting", 3), ("merge", 3), ("export", 1)] {
+    for (name, moments) in [("infer with the cache", 3), ("train lighting", 3), ("merge", 3), ("export", 3)] {
         kill(job(name), moments);
     }
 }

@@ -124,7 +124,8 @@ fn written(bench: &Bench, name: &str) -> BTreeMap<String, Vec<u8>> {
     files.into_iter().filter_map(|(name, bytes)| Some((name.clone(), timeless(&name, bytes)?))).collect()
 }
 
-/// The file without the seconds that it tells; `None` for pictures with a caption that has them.
+/// The file without what it tells of its making, such as seconds; `None` for pictures with a
+/// caption that has them.
 fn timeless(name: &str, bytes: Vec<u8>) -> Option<Vec<u8>> {
     if name.ends_with("summary.png") || name.ends_with("batch.csv") {
         return None;
@@ -136,6 +137,10 @@ fn timeless(name: &str, bytes: Vec<u8>) -> Option<Vec<u8>> {
     if let Some(notes) = notes.as_object_mut() {
         // The folder of the output is among the arguments of a row.
         notes.retain(|key, _| key != "seconds" && key != "arguments");
+        // Whether the plan came from the cache.
+        if let Some(transfer) = notes.get_mut("transfer").and_then(Value::as_object_mut) {
+            transfer.remove("plan");
+        }
     }
     Some(notes.to_string().into_bytes())
 }

@@ -1,5 +1,5 @@
 #![no_main]
-//! Cameras and poses.
+//! Cameras.
 
 use std::path::Path;
 
@@ -7,5 +7,4 @@ use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(init: gonio_fuzz::let_guards_catch(), |bytes: &[u8]| {
     let _ = gonio_io::camera::decode_camera(Path::new("a"), bytes, (640, 480));
-    let _ = gonio_io::camera::decode_pose(Path::new("a"), bytes);
 });

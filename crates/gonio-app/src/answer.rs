@@ -273,6 +273,8 @@ pub(crate) fn conclude(
     .result();
     answer.page = fits.zip(answer.panels.as_ref()).map(|(fits, panels)| {
         let name = Path::new(image).file_stem().unwrap_or_default().to_string_lossy();
+        // The page escapes markup; codes of a terminal are no text either.
+        let name = name.replace(char::is_control, " ");
         let (subject, warnings, result) = (&answer.subject(), &answer.warnings[..], &answer.notes);
         Report { name: &name, subject, panels, fits: &fits, warnings, result }.render()
     });

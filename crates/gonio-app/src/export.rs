@@ -14,7 +14,7 @@ use gonio_io::material::{
     Place, blender_scene, glb_sphere, materialx, mitsuba_measured, mitsuba_principled, mitsuba_scene,
 };
 use gonio_io::picture::encode_exr;
-use gonio_io::{Error, merl, rgl};
+use gonio_io::{Error, merl, notes, rgl};
 
 use crate::results::{LIGHT, LIGHT_ROWS, RESULT};
 use crate::{Problem, read_light};
@@ -181,9 +181,9 @@ pub fn light_of_results(dir: &Path) -> Result<Option<EnvironmentMap>, Problem> {
         return Ok(None);
     }
     let light = read_light(&file)?;
-    let notes: Option<Value> = std::fs::read(dir.join(RESULT)).ok().and_then(|text| serde_json::from_slice(&text).ok());
-    let colour: Option<[f32; 3]> =
-        notes.and_then(|notes| serde_json::from_value(notes["colour"]["light"]["rgb"].clone()).ok());
+    let colour: Option<[f32; 3]> = notes::read(&dir.join(RESULT))
+        .ok()
+        .and_then(|notes| serde_json::from_value(notes["colour"]["light"]["rgb"].clone()).ok());
     Ok(Some(colour.map_or_else(|| light.clone(), |colour| coloured(&light, Vec3::from(colour)))))
 }
 

@@ -7,8 +7,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use gonio_io::Error;
 use gonio_io::atomic::StagedFolder;
+use gonio_io::{Error, notes};
 use serde_json::Value;
 
 use crate::export::SUMMARY;
@@ -96,7 +96,7 @@ fn exports_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
 
 /// A file of ours, if it says that it is of one of these formats.
 fn notes(path: &Path, formats: &[&str]) -> Option<Value> {
-    let notes: Value = serde_json::from_slice(&fs::read(path).ok()?).ok()?;
+    let notes = notes::read(path).ok()?;
     formats.iter().any(|format| notes["format"] == **format).then_some(notes)
 }
 

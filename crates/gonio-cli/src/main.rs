@@ -194,5 +194,28 @@ fn squeeze(text: &str) -> String {
 
 /// Line breaks and whatever else controls a terminal become blanks; names of files may hold any.
 pub(crate) fn one_line(text: &str) -> String {
-    text.replace(char::is_control, " ")
+    text.replace(controls, " ")
+}
+
+/// As [`one_line`], of a text of several lines.
+pub(crate) fn lines(text: &str) -> String {
+    text.replace(|c| controls(c) && c != '\n' && c != '\t', " ")
+}
+
+/// Whether a terminal does something else than to show this: also what turns the direction of text,
+/// by which a name looks like another.
+fn controls(c: char) -> bool {
+    c.is_control() || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_controls_the_terminal() {
+        let name = "a\u{1b}[31m\u{9b}2J\u{7}\u{202e}gnp.exr\r\nerror: forged\t.";
+        assert_eq!(one_line(name), "a [31m 2J  gnp.exr  error: forged .");
+        assert_eq!(lines(name), "a [31m 2J  gnp.exr \nerror: forged\t.");
+    }
 }

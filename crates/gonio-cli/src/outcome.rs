@@ -4,6 +4,7 @@ use gonio::estimate::Material;
 use serde_json::{Map, Value, json};
 
 use crate::progress::is_quiet;
+use crate::{lines, one_line};
 
 /// The end of a command that did what it was asked for.
 pub(crate) struct Outcome {
@@ -35,8 +36,8 @@ impl Outcome {
             self.fields.insert("warnings".into(), json!(self.warnings));
             println!("{}", Value::Object(self.fields));
         } else if !is_quiet() {
-            self.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
-            println!("{}", self.text);
+            self.warnings.iter().for_each(|warning| eprintln!("warning: {}", one_line(warning)));
+            println!("{}", lines(&self.text));
         }
     }
 }

@@ -11,6 +11,7 @@
 //! * [`model`]: trained models and their halves (`docs/model-format.md`);
 //! * [`lights`]: lists of directional lights;
 //! * [`posterior`]: what a photograph says of a material, to be combined;
+//! * [`notes`]: numbers by name, of a folder of results; [`table`]: tables with commas;
 //! * [`npy`]: arrays of numpy;
 //! * [`folder`]: listing of folders; [`atomic`]: output that appears complete or not at all;
 //! * [`cache`], [`plan`]: computed plans kept between runs.
@@ -39,10 +40,12 @@ pub mod merl;
 pub mod mesh;
 pub mod model;
 pub mod normals;
+pub mod notes;
 pub mod npy;
 pub mod picture;
 pub mod plan;
 pub mod posterior;
 pub mod rgl;
+pub mod table;
 
 pub use error::{Error, Kind};

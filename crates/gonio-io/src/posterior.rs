@@ -71,7 +71,11 @@ impl SavedPosterior {
         Self::decode(&file, &read_whole(&file, MAX_BYTES)?)
     }
 
-    fn decode(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
+    /// Decodes a file held in memory; `path` serves the messages only.
+    ///
+    /// # Errors
+    /// Like [`SavedPosterior::read`].
+    pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
         let saved: Self =
             serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, format!("is no posterior: {error}")))?;
         if saved.format != FORMAT {

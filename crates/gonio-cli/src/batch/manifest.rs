@@ -6,13 +6,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::{Command, CommandFactory};
+use gonio_io::table::Table;
 
 use super::NOTES;
 use crate::Args;
 use crate::help::is_picture;
-
-/// Longest table, in rows.
-const MOST_ROWS: usize = 1_000_000;
 
 /// A row: one run of `gonio infer`.
 #[derive(Debug)]
@@ -65,27 +63,18 @@ impl Column {
 /// Reads a table; results go to folders below `output`.
 pub(super) fn read(path: &Path, output: &Path) -> Result<Vec<Row>> {
     let shown = path.display();
-    let mut table = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .from_path(path)
-        .with_context(|| format!("{shown}: cannot be read"))?;
-    let headers = table.headers().with_context(|| format!("{shown}: has no line of column names"))?.clone();
+    let table = Table::read(path)?;
     let mut program = Args::command();
     program.build();
     let infer = program.find_subcommand("infer").context("a program without infer")?;
-    let columns: Vec<Column> = headers.iter().map(|h| Column::of(h, path, infer)).collect::<Result<_>>()?;
+    let columns: Vec<Column> = table.columns.iter().map(|h| Column::of(h, path, infer)).collect::<Result<_>>()?;
     if !columns.iter().any(|c| matches!(c, Column::Image)) {
         bail!("{shown}: has no column image");
     }
     let base = path.parent().unwrap_or(Path::new(""));
     let (mut rows, mut names) = (Vec::new(), BTreeSet::new());
-    for (n, record) in table.records().enumerate() {
-        let record = record.with_context(|| format!("{shown}: row {} cannot be read", n + 1))?;
-        if n == MOST_ROWS {
-            bail!("{shown}: has more than {MOST_ROWS} rows; part it");
-        }
-        let row = row(&columns, &record, base, output).with_context(|| format!("{shown}: row {}", n + 1))?;
+    for (n, cells) in table.rows.iter().enumerate() {
+        let row = row(&columns, cells, base, output).with_context(|| format!("{shown}: row {}", n + 1))?;
         if !names.insert(row.name.clone()) {
             bail!(
                 "{shown}: row {}: the name {} is there twice; give a column name without repetition",
@@ -94,9 +83,6 @@ pub(super) fn read(path: &Path, output: &Path) -> Result<Vec<Row>> {
             );
         }
         rows.push(row);
-    }
-    if rows.is_empty() {
-        bail!("{shown}: has no rows");
     }
     Ok(rows)
 }
@@ -110,8 +96,8 @@ pub(super) fn of_images(images: &[PathBuf], output: &Path) -> Result<Vec<Row>> {
         if !is_picture(image) {
             bail!("{shown}: is no picture by its name; give photographs, or one table");
         }
-        let record = csv::StringRecord::from(vec![shown.to_string()]);
-        let row = row(&[Column::Image], &record, Path::new(""), output).with_context(|| format!("{shown}"))?;
+        let row =
+            row(&[Column::Image], &[shown.to_string()], Path::new(""), output).with_context(|| format!("{shown}"))?;
         if !names.insert(row.name.clone()) {
             bail!("{shown}: another photograph has the name {}, too; give a table with a column name", row.name);
         }
@@ -120,9 +106,9 @@ pub(super) fn of_images(images: &[PathBuf], output: &Path) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-fn row(columns: &[Column], record: &csv::StringRecord, base: &Path, output: &Path) -> Result<Row> {
+fn row(columns: &[Column], cells: &[String], base: &Path, output: &Path) -> Result<Row> {
     let (mut name, mut images, mut arguments) = (None, Vec::new(), Vec::new());
-    for (column, cell) in columns.iter().zip(record).filter(|(_, cell)| !cell.is_empty()) {
+    for (column, cell) in columns.iter().zip(cells).filter(|(_, cell)| !cell.is_empty()) {
         match column {
             Column::Name => name = Some(cell.to_owned()),
             Column::Image => images.extend(cell.split(';').map(|file| beside(base, file.trim()))),

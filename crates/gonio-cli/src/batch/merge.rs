@@ -4,6 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use gonio_io::atomic::write_file;
+use gonio_io::notes;
+use gonio_io::table::Table;
 use serde_json::{Value, json};
 
 use super::manifest::Row;
@@ -35,8 +37,7 @@ pub(super) fn merge(output: &Path, rows: Option<&[Row]>) -> Result<Outcome> {
     if names.is_empty() {
         bail!("{}: holds no results of gonio batch", output.display());
     }
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(COLUMNS)?;
+    let mut table = Table { columns: COLUMNS.map(str::to_owned).to_vec(), rows: Vec::new() };
     let mut counts = [0_usize; 3];
     for name in &names {
         let note = read_note(output, name);
@@ -45,11 +46,10 @@ pub(super) fn merge(output: &Path, rows: Option<&[Row]>) -> Result<Outcome> {
             Some(note) => usize::from(note.error.is_some()),
         };
         counts[status] += 1;
-        writer.write_record(record(output, name, ["done", "failed", "missing"][status], note.as_ref()))?;
+        table.rows.push(record(output, name, ["done", "failed", "missing"][status], note.as_ref()));
     }
-    let bytes = writer.into_inner().map_err(|e| anyhow::anyhow!("{e}"))?;
     let file = output.join("batch.csv");
-    write_file(&file, &bytes)?;
+    write_file(&file, &table.encode())?;
     let [done, failed, missing] = counts;
     let text = format!("{}: {done} done, {failed} failed, {missing} missing", file.display());
     Ok(Outcome::new(
@@ -77,10 +77,7 @@ fn noted(output: &Path) -> Result<Vec<String>> {
 
 fn record(output: &Path, name: &str, status: &str, note: Option<&Note>) -> Vec<String> {
     let result: Value = match note {
-        Some(note) if note.error.is_none() => std::fs::read(output.join(name).join("result.json"))
-            .ok()
-            .and_then(|bytes| serde_json::from_slice(&bytes).ok())
-            .unwrap_or_default(),
+        Some(note) if note.error.is_none() => notes::read(&output.join(name).join("result.json")).unwrap_or_default(),
         _ => Value::Null,
     };
     let number =

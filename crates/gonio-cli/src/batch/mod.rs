@@ -15,6 +15,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use gonio_io::atomic::write_file;
+use gonio_io::notes;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -73,8 +74,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let shard = options.shard.map_or_else(shard::of_slurm, |shard| Ok(Some(shard)))?;
     let own: Vec<&Row> =
         rows.iter().enumerate().filter(|(i, _)| shard.is_none_or(|s| s.has(*i))).map(|(_, r)| r).collect();
-    let notes = options.output.join(NOTES);
-    std::fs::create_dir_all(&notes).with_context(|| format!("{}: cannot make this folder", notes.display()))?;
+    let noted = options.output.join(NOTES);
+    std::fs::create_dir_all(&noted).with_context(|| format!("{}: cannot make this folder", noted.display()))?;
     let is_open = |(_, row): &(usize, &Row)| {
         read_note(&options.output, &row.name).is_none_or(|note| {
             note.error.is_some() || note.arguments != row.arguments || !row.folder.join("result.json").is_file()
@@ -162,5 +163,5 @@ fn note_path(output: &Path, name: &str) -> PathBuf {
 /// Reads the outcome of an earlier run; `None` also if it cannot be read, so that the row is
 /// inferred again.
 fn read_note(output: &Path, name: &str) -> Option<Note> {
-    serde_json::from_slice(&std::fs::read(note_path(output, name)).ok()?).ok()
+    serde_json::from_value(notes::read(&note_path(output, name)).ok()?).ok()
 }

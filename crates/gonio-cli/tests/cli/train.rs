@@ -8,7 +8,7 @@ use gonio_io::picture::encode_hdr;
 use crate::support::{Bench, grey, material, merl};
 
 /// Three lights in `lights`.
-fn lights(bench: &Bench) {
+pub(crate) fn lights(bench: &Bench) {
     std::fs::create_dir(bench.path("lights")).unwrap();
     for (i, turn) in [0, 5, 11].into_iter().enumerate() {
         let mut light = studio_light(16).turned(turn).radiance().clone();
@@ -21,7 +21,7 @@ fn lights(bench: &Bench) {
 }
 
 /// Three materials in `materials`.
-fn materials(bench: &Bench) {
+pub(crate) fn materials(bench: &Bench) {
     std::fs::create_dir(bench.path("materials")).unwrap();
     for (name, diffuse, width) in [("matt", 0.3, 0.6), ("satin", 0.2, 0.3), ("gloss", 0.05, 0.3)] {
         let table = merl(&material(diffuse, width));

@@ -19,7 +19,7 @@ pub struct Shot {
 impl Shot {
     /// Reads the EXIF data of a JPEG, PNG or TIFF file; all settings are `None` where they are
     /// missing or cannot be read.
-    pub(super) fn of(bytes: &[u8]) -> Self {
+    pub fn of(bytes: &[u8]) -> Self {
         // The parser is a third party's: whatever it makes of a damaged file must not stop the
         // picture from being read.
         let parse = || Reader::new().read_from_container(&mut Cursor::new(bytes)).ok();

@@ -10,4 +10,5 @@ mod mutation;
 #[cfg(feature = "raw")]
 mod raw;
 mod rgl;
+mod seeds;
 mod speed;

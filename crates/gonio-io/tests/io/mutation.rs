@@ -48,7 +48,7 @@ fn gltf(binary: bool) -> Vec<u8> {
 }
 
 /// A file of each format.
-fn good() -> Vec<(&'static str, Vec<u8>)> {
+pub(crate) fn good() -> Vec<(&'static str, Vec<u8>)> {
     let rgb = Plane::from_fn(13, 11, |x, y| Vec3::new(x as f32 / 13.0, y as f32 / 11.0, 0.5));
     let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
         property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n";

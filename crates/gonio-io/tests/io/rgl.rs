@@ -51,6 +51,20 @@ fn encode(fields: &[Field]) -> Vec<u8> {
     bytes
 }
 
+/// A file of two incident directions and two by two samples, small enough to fuzz.
+pub(crate) fn small() -> Vec<u8> {
+    encode(&[
+        Field("description", 1, vec![5], b"paint".to_vec()),
+        floats("phi_i", &[1], |_| 0.0),
+        floats("theta_i", &[2], |at| at as f64),
+        floats("sigma", &[2, 2], |_| 0.9),
+        floats("ndf", &[2, 2], |_| 0.5),
+        floats("vndf", &[1, 2, 2, 2], |at| 1.0 + at as f64),
+        floats("rgb", &[1, 2, 3, 2, 2], |at| at as f64 / 24.0),
+        Field("jacobian", 1, vec![1], vec![1]),
+    ])
+}
+
 /// Place of sample `i` of `n` in the unit interval.
 fn unit(i: usize, n: usize) -> f64 {
     i as f64 / (n - 1) as f64

@@ -1,0 +1,74 @@
+//! Names and cells that would do something where they are shown: in a terminal, on a page, in a
+//! spreadsheet; and folders of results from strangers.
+
+use std::fs::File;
+
+use crate::support::{Bench, ball, exr};
+
+/// A name of a file that is markup, and that controls a terminal.
+const NAME: &str = "<img src=x onerror=alert(1)>\u{1b}[31m\u{202e}&\"'.exr";
+
+/// Whether a text would do something to a terminal beyond lines of text.
+fn controls(text: &str) -> bool {
+    text.chars().any(|c| (c.is_control() && c != '\n') || c == '\u{202e}')
+}
+
+#[test]
+fn a_hostile_name_is_shown_and_does_nothing() {
+    let bench = Bench::new();
+    bench.write(NAME, &exr(&ball()));
+    let mut command = bench.command("infer --grid 8");
+    command.env_remove("GONIO_NO_REPORT").arg(NAME);
+    let run = command.output().unwrap();
+    let said = String::from_utf8_lossy(&run.stdout).into_owned() + &String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success() && said.contains("<img src=x"), "{said}");
+    assert!(!controls(&said), "{said:?}");
+    // Beside the photograph.
+    let folder = format!("{}-gonio", NAME.trim_end_matches(".exr"));
+    let page = String::from_utf8(bench.read(&format!("{folder}/report.html"))).unwrap();
+    assert!(page.contains("&lt;img src=x onerror=alert(1)&gt;") && !page.contains("<img src=x"));
+    assert!(!page.contains('\u{1b}'), "escape codes are no text");
+}
+
+#[test]
+fn errors_and_warnings_name_a_hostile_file_without_its_codes() {
+    let bench = Bench::new();
+    bench.write("\u{1b}]0;x\u{7}.exr", b"no picture");
+    let run = bench.command("check").arg("\u{1b}]0;x\u{7}.exr").output().unwrap();
+    let said = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert!(run.status.code() == Some(2) && said.contains("]0;x") && !controls(&said), "{said:?}");
+}
+
+#[test]
+fn cells_of_the_table_of_a_batch_are_no_formulas() {
+    let bench = Bench::with_ball();
+    bench.write("list.csv", b"name,image,grid\n=1+1,=none.exr,8\none,ball.exr,8\n");
+    assert_eq!(bench.run("batch list.csv -o out").code, Some(2));
+    // What a stranger's results say.
+    let mut result = bench.json("out/one/result.json");
+    result["posterior"]["materials"][0]["name"] = "@SUM(1+1)*cmd|' /C calc'!A0".into();
+    bench.write("out/one/result.json", result.to_string().as_bytes());
+    bench.run("batch list.csv -o out --merge").succeeds();
+    let table = String::from_utf8(bench.read("out/batch.csv")).unwrap();
+    assert!(table.contains("\n'=1+1,failed,") && table.contains(",'@SUM(1+1)*cmd|"), "{table}");
+    assert!(table.contains(",'=none.exr: "), "{table}");
+}
+
+#[test]
+fn results_of_strangers_are_read_within_limits() {
+    let bench = Bench::with_ball();
+    bench.run("batch ball.exr -o out").succeeds();
+    // Files of 8 TB that take no room, and JSON that is too deep.
+    let vast = |name: &str| File::create(bench.path(name)).unwrap().set_len(1 << 43).unwrap();
+    vast("out/ball/result.json");
+    bench.run("batch -o out --merge").succeeds();
+    vast("out/rows/ball.json");
+    bench.run("batch -o out --merge").succeeds();
+    assert!(String::from_utf8(bench.read("out/batch.csv")).unwrap().contains("ball,missing"));
+    vast("out/ball/posterior.json");
+    bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is longer than"]);
+    vast("out/ball/brdf.binary");
+    bench.run("export out/ball").fails(&["brdf.binary"]);
+    bench.write("out/ball/posterior.json", "[".repeat(1 << 20).as_bytes());
+    bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is no posterior"]);
+}

@@ -1,0 +1,87 @@
+//! Disks that are full.
+
+use std::path::Path;
+use std::process::Command;
+
+use super::{JOBS, Job, bench, job, leftovers, same, written};
+use crate::support::Bench;
+
+/// A small disk in memory, in a folder; unmounted on drop.
+struct SmallDisk<'a>(&'a Path);
+
+impl<'a> SmallDisk<'a> {
+    /// `None` where mounting is not permitted.
+    fn mount(folder: &'a Path, kilobytes: usize) -> Option<Self> {
+        std::fs::create_dir_all(folder).unwrap();
+        let size = format!("size={kilobytes}k");
+        let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "gonio-test"]).arg(folder).output();
+        if mounted.is_ok_and(|out| out.status.success()) {
+            return Some(Self(folder));
+        }
+        eprintln!("skipped: no permission to mount a small disk");
+        None
+    }
+}
+
+impl Drop for SmallDisk<'_> {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(self.0).status();
+    }
+}
+
+/// Runs a job onto disks of several sizes; how many outputs were whole.
+fn fill(job: &Job, sizes: &[usize]) -> Option<usize> {
+    let bench = bench();
+    let whole = job.undisturbed(&bench);
+    let mut there = 0;
+    for size in sizes {
+        let folder = bench.path("disk");
+        let _disk = SmallDisk::mount(&folder, *size)?;
+        let output = job.output("disk/out");
+        let run = bench.run_with(&job.to("disk/out"), &[("GONIO_CACHE_DIR", "")]);
+        if run.code == Some(0) {
+            same(&written(&bench, &output), &whole, job.name);
+            there += 1;
+        } else {
+            assert_eq!(run.code, Some(2), "{}: {run:?}", job.name);
+            assert!(run.stderr.contains("No space left") && run.stderr.contains("free some space"), "{run:?}");
+            let nothing = job.kind == super::Kind::Batch || !bench.path(&output).exists();
+            assert!(nothing, "{} on {size} kB: {:?}", job.name, bench.tree());
+        }
+        assert_eq!(leftovers(&bench), Vec::<String>::new(), "{}", job.name);
+    }
+    Some(there)
+}
+
+#[test]
+fn a_full_disk_gets_no_half_output() {
+    let Some(there) = fill(job("export"), &[64, 65_536]) else { return };
+    assert_eq!(there, 1, "what does not fit and what does");
+}
+
+#[test]
+#[ignore = "takes some minutes"]
+fn a_disk_of_any_size_gets_no_half_output() {
+    for job in &JOBS {
+        let sizes: Vec<usize> = (2..17).map(|power| 1 << power).collect();
+        let Some(there) = fill(job, &sizes) else { return };
+        println!("{}: {there} of {} disks were large enough", job.name, sizes.len());
+        assert!(there > 0, "{}", job.name);
+    }
+}
+
+#[test]
+fn a_full_cache_costs_nothing_but_time() {
+    let bench: Bench = bench();
+    let folder = bench.path("cache");
+    let job = job("infer with the cache");
+    let mut whole = job.undisturbed(&bench);
+    let Some(_disk) = SmallDisk::mount(&folder, 64) else { return };
+    let run = bench.run_with(&job.to("out"), &[("GONIO_CACHE_DIR", folder.to_str().unwrap())]).succeeds();
+    assert!(run.stderr.contains("warning: ") && run.stderr.contains("free some space"), "{run:?}");
+    // The warning is among the numbers, too.
+    let mut found = written(&bench, "out");
+    assert_ne!(found.remove("result.json"), whole.remove("result.json"));
+    same(&found, &whole, job.name);
+    assert_eq!(leftovers(&bench), Vec::<String>::new());
+}

@@ -1,0 +1,172 @@
+//! Nothing is lost: commands that are killed, that run out of disk, whose folder goes while they
+//! run, that run beside each other. Every output is whole or absent afterwards
+//! (`docs/reliability.md`).
+//!
+//! The tests that are run by default take a few moments each; the numbers of the page come from
+//! `cargo test --release -p gonio-cli --test cli reliability -- --ignored --nocapture`.
+
+mod crowd;
+mod disk;
+mod killed;
+mod threads;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::support::{Bench, encode_normals, exr};
+
+/// Rows of the batch.
+const ROWS: [&str; 3] = ["one", "two", "three"];
+
+/// A command with one output, a file or a folder.
+pub(crate) struct Job {
+    /// For messages.
+    pub(crate) name: &'static str,
+    /// Its arguments, with `OUT` for the output.
+    line: &'static str,
+    /// Whether the output is a folder that appears as one, files that do so each, or a folder that
+    /// fills one after the other.
+    kind: Kind,
+}
+
+/// How an output comes to be.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Kind {
+    /// A folder by one rename.
+    Folder,
+    /// A file by one rename.
+    File,
+    /// Folders of a batch, each by one rename.
+    Batch,
+}
+
+/// All commands that write something that takes its time.
+pub(crate) const JOBS: [Job; 7] = [
+    Job { name: "infer", line: "infer ball.exr --grid 8 -o OUT", kind: Kind::Folder },
+    Job {
+        name: "infer with the cache",
+        line: "infer ball.exr --normals normals.npy --method variational --starts 1 --grid 8 -o OUT",
+        kind: Kind::Folder,
+    },
+    Job { name: "batch", line: "batch list.csv -o OUT", kind: Kind::Batch },
+    Job { name: "train lighting", line: "train lighting lights -o OUT --grid 16 --turns 2", kind: Kind::File },
+    Job {
+        name: "train reflectance",
+        line: "train reflectance materials -o OUT --rank 2 --restarts 2",
+        kind: Kind::File,
+    },
+    Job { name: "merge", line: "merge a.png b.png c.png --times 1,0.5,0.25 -o OUT", kind: Kind::File },
+    Job { name: "export", line: "export in.binary --to merl,ward,mtlx -o OUT", kind: Kind::Folder },
+];
+
+/// The job of a name.
+pub(crate) fn job(name: &str) -> &'static Job {
+    JOBS.iter().find(|job| job.name == name).unwrap()
+}
+
+impl Job {
+    /// Name of its output when called by `stem`.
+    fn output(&self, stem: &str) -> String {
+        if self.kind == Kind::File { format!("{stem}.exr") } else { stem.to_owned() }
+    }
+
+    /// Its arguments, with this output.
+    fn to(&self, stem: &str) -> String {
+        self.line.replace("OUT", &self.output(stem))
+    }
+
+    /// What it writes when nobody disturbs it.
+    fn undisturbed(&self, bench: &Bench) -> BTreeMap<String, Vec<u8>> {
+        bench.run_with(&self.to("whole"), &[("GONIO_CACHE_DIR", "")]).succeeds();
+        written(bench, &self.output("whole"))
+    }
+}
+
+/// Inputs of all jobs.
+pub(crate) fn bench() -> Bench {
+    let bench = Bench::with_light_and_material();
+    crate::train::lights(&bench);
+    crate::train::materials(&bench);
+    let ball = crate::support::ball();
+    bench.write("ball.exr", &exr(&ball));
+    bench.write("normals.npy", &encode_normals(&crate::support::normals(crate::support::SIZE)));
+    let rows: String = ROWS.map(|name| format!("{name},ball.exr,8\n")).concat();
+    bench.write("list.csv", format!("name,image,grid\n{rows}").as_bytes());
+    for (name, gain) in [("a.png", 1.0), ("b.png", 0.5), ("c.png", 0.25)] {
+        let shot = ball.rgb.map(|v| gain * *v);
+        bench.write(name, &gonio_io::picture::encode_png(&shot));
+    }
+    bench
+}
+
+/// A file or the files of a folder and of those in it, by name, without what tells the time.
+/// Empty if there is nothing.
+fn written(bench: &Bench, name: &str) -> BTreeMap<String, Vec<u8>> {
+    let path = bench.path(name);
+    if path.is_file() {
+        return [(String::new(), std::fs::read(&path).unwrap())].into();
+    }
+    if !path.is_dir() {
+        return BTreeMap::new();
+    }
+    let mut files = BTreeMap::new();
+    for inner in bench.names(name) {
+        let below = format!("{name}/{inner}");
+        if bench.path(&below).is_dir() {
+            let found = written(bench, &below).into_iter();
+            files.extend(found.map(|(file, bytes)| (Path::new(&inner).join(file).display().to_string(), bytes)));
+        } else {
+            files.insert(inner, bench.read(&below));
+        }
+    }
+    files.into_iter().filter_map(|(name, bytes)| Some((name.clone(), timeless(&name, bytes)?))).collect()
+}
+
+/// The file without what it tells of its making, such as seconds; `None` for pictures with a
+/// caption that has them.
+fn timeless(name: &str, bytes: Vec<u8>) -> Option<Vec<u8>> {
+    if name.ends_with("summary.png") || name.ends_with("batch.csv") {
+        return None;
+    }
+    if !name.ends_with(".json") {
+        return Some(bytes);
+    }
+    let mut notes: Value = serde_json::from_slice(&bytes).expect("whole JSON");
+    if let Some(notes) = notes.as_object_mut() {
+        // The folder of the output is among the arguments of a row.
+        notes.retain(|key, _| key != "seconds" && key != "arguments");
+        // Whether the plan came from the cache.
+        if let Some(transfer) = notes.get_mut("transfer").and_then(Value::as_object_mut) {
+            transfer.remove("plan");
+        }
+    }
+    Some(notes.to_string().into_bytes())
+}
+
+/// Checks that an output is as it should be, or is not there; whether it is there.
+#[track_caller]
+fn whole_or_absent(bench: &Bench, name: &str, whole: &BTreeMap<String, Vec<u8>>) -> bool {
+    let found = written(bench, name);
+    if found.is_empty() && !bench.path(name).exists() {
+        return false;
+    }
+    same(&found, whole, name);
+    true
+}
+
+/// Checks that two outputs are the same.
+#[track_caller]
+fn same(found: &BTreeMap<String, Vec<u8>>, whole: &BTreeMap<String, Vec<u8>>, what: &str) {
+    assert_eq!(found.keys().collect::<Vec<_>>(), whole.keys().collect::<Vec<_>>(), "{what}: files");
+    for (file, bytes) in whole {
+        assert!(found[file] == *bytes, "{what}: {file} differs");
+    }
+}
+
+/// Hidden files and folders below the bench that a run left.
+fn leftovers(bench: &Bench) -> Vec<String> {
+    let names = bench.tree().into_keys().map(|path| path.display().to_string());
+    names.filter(|path| path.contains("/.gonio-")).collect()
+}

@@ -1,0 +1,49 @@
+//! Notes that a folder of results keeps: JSON, such as `result.json`.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::Error;
+use crate::guard::read_whole;
+
+/// Longest file, in bytes. Those of this program have some ten thousand; in memory a value takes
+/// sixteen times its text at most.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// Reads a file of notes.
+///
+/// # Errors
+/// If it cannot be read, is longer than 16 MiB, or is no JSON.
+pub fn read(path: &Path) -> Result<Value, Error> {
+    decode(path, &read_whole(path, MAX_BYTES)?)
+}
+
+/// Decodes notes held in memory; `path` serves the messages only.
+///
+/// # Errors
+/// Like [`read`].
+pub fn decode(path: &Path, bytes: &[u8]) -> Result<Value, Error> {
+    serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, format!("is no JSON: {error}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+
+    use super::*;
+    use crate::Kind;
+
+    #[test]
+    fn long_and_deep_notes_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("result.json");
+        // A file of 8 TB that takes no room.
+        File::create(&path).unwrap().set_len(1 << 43).unwrap();
+        assert_eq!(read(&path).unwrap_err().kind(), Kind::Limits);
+        std::fs::write(&path, "[".repeat(1 << 20)).unwrap();
+        assert_eq!(read(&path).unwrap_err().kind(), Kind::Damaged);
+        std::fs::write(&path, "{\"a\": 1}").unwrap();
+        assert_eq!(read(&path).unwrap()["a"], 1);
+    }
+}

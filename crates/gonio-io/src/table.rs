@@ -1,0 +1,141 @@
+//! Tables as text with commas (RFC 4180), which people open in a spreadsheet.
+
+use std::path::Path;
+
+use crate::Error;
+use crate::guard::read_whole;
+
+/// Longest file, in bytes.
+const MAX_BYTES: u64 = 1 << 28;
+
+/// Most rows.
+pub const MAX_ROWS: usize = 1_000_000;
+
+/// Most columns.
+const MAX_COLUMNS: usize = 1000;
+
+const ADVICE: &str = "give a table with commas, and a line of column names";
+
+/// A table of text.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Table {
+    /// Names of the columns.
+    pub columns: Vec<String>,
+    /// Rows of as many cells as there are columns, without the white space around them.
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// Reads a table. Lines that begin with `#` are passed over, as is white space around cells.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is no UTF-8 text, has rows of different lengths, no row, more
+    /// than 1000 columns or more than [`MAX_ROWS`] rows.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, Error> {
+        let path = path.as_ref();
+        Self::decode(path, &read_whole(path, MAX_BYTES)?)
+    }
+
+    /// Decodes a table held in memory; `path` serves the messages only.
+    ///
+    /// # Errors
+    /// Like [`Table::read`].
+    pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
+        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(bytes);
+        let wrong = |what: &str, error: &csv::Error| Error::invalid(path, format!("{what}: {error}"), ADVICE);
+        let columns = reader.headers().map_err(|e| wrong("has no line of column names", &e))?;
+        if columns.len() > MAX_COLUMNS {
+            return Err(Error::limits(path, format!("has more than {MAX_COLUMNS} columns"), ADVICE));
+        }
+        let columns: Vec<String> = columns.iter().map(str::to_owned).collect();
+        let mut rows = Vec::new();
+        for record in reader.records() {
+            let record = record.map_err(|e| wrong(&format!("row {} cannot be read", rows.len() + 1), &e))?;
+            if rows.len() == MAX_ROWS {
+                return Err(Error::limits(path, format!("has more than {MAX_ROWS} rows"), "part it"));
+            }
+            rows.push(record.iter().map(str::to_owned).collect());
+        }
+        if rows.is_empty() {
+            return Err(Error::invalid(path, "has no rows", ADVICE));
+        }
+        Ok(Self { columns, rows })
+    }
+
+    /// Encodes the table. A cell that a spreadsheet would take for a formula begins with an
+    /// apostrophe, by which spreadsheets know text; numbers stay as they are.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut writer = csv::WriterBuilder::new().flexible(true).comment(Some(b'#')).from_writer(Vec::new());
+        for row in std::iter::once(&self.columns).chain(&self.rows) {
+            // Writing to memory does not fail.
+            let _ = writer.write_record(row.iter().map(|cell| inert(cell)));
+        }
+        writer.into_inner().unwrap_or_default()
+    }
+}
+
+/// The cell, with an apostrophe before what a spreadsheet would run.
+fn inert(cell: &str) -> String {
+    // Spreadsheets pass over white space, and some over quotation marks, before they look.
+    let begins = cell.trim_start().starts_with(['=', '+', '-', '@', '\t', '\r', '＝', '＋', '－', '＠']);
+    let runs = begins || cell.starts_with(['\t', '\r', '\n']);
+    if runs && cell.parse::<f64>().is_err() { format!("'{cell}") } else { cell.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Kind;
+
+    fn decode(text: &str) -> Result<Table, Error> {
+        Table::decode(Path::new("list.csv"), text.as_bytes())
+    }
+
+    #[test]
+    fn a_table_comes_back() {
+        let table = decode("name, image\n# a remark\none ,\"a,b.exr\"\n\"say \"\"x\"\"\",\n").unwrap();
+        assert_eq!(table.columns, ["name", "image"]);
+        assert_eq!(table.rows, [["one", "a,b.exr"], ["say \"x\"", ""]]);
+        assert_eq!(Table::decode(Path::new("t"), &table.encode()).unwrap(), table);
+    }
+
+    #[test]
+    fn what_a_spreadsheet_would_run_is_text() {
+        for formula in [
+            "=1+1",
+            "+cmd|' /C calc'!A0",
+            "-2+3",
+            "@SUM(A1)",
+            "\t=1",
+            "\r=1",
+            "\n=1",
+            " =1",
+            "＝1+1",
+            "=HYPERLINK(\"http://x\")",
+        ] {
+            assert_eq!(inert(formula), format!("'{formula}"));
+        }
+        for plain in ["", "-1.5", "+2", "1e-3", "-inf", "a=b", "ball-1.exr", "'x"] {
+            assert_eq!(inert(plain), plain);
+        }
+        let table = Table { columns: vec!["name".into()], rows: vec![vec!["=a\",\"b".into()]] };
+        assert_eq!(String::from_utf8(table.encode()).unwrap(), "name\n\"'=a\"\",\"\"b\"\n");
+    }
+
+    #[test]
+    fn what_is_no_table_is_refused() {
+        let wide = format!("{}\n1\n", "a,".repeat(MAX_COLUMNS + 1));
+        let long = format!("a\n{}", "1\n".repeat(MAX_ROWS + 1));
+        for (text, kind, says) in [
+            ("", Kind::Invalid, "has no rows"),
+            ("a,b\n", Kind::Invalid, "has no rows"),
+            ("a,b\n1,2,3\n", Kind::Invalid, "row 1 cannot be read"),
+            (&wide, Kind::Limits, "more than 1000 columns"),
+            (&long, Kind::Limits, "more than 1000000 rows"),
+        ] {
+            let error = decode(text).unwrap_err();
+            assert!(error.kind() == kind && error.to_string().contains(says), "{error}");
+        }
+        assert!(Table::decode(Path::new("t"), b"a\n\xff\n").is_err());
+    }
+}

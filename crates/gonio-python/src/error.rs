@@ -38,7 +38,9 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::Turn => "give the angle with second_yaw=DEGREES",
         Remedy::SecondOutline => "give the outline of the ball with second_circle=(x, y, radius)",
         Remedy::SecondMask => "give a mask with second_mask=",
-        Remedy::LearnPosterior => "learn one with train_posterior and join it with train_model, or choose another method=",
+        Remedy::LearnPosterior => {
+            "learn one with train_posterior and join it with train_model, or choose another method="
+        }
         _ => return None,
     };
     Some(words.to_owned())

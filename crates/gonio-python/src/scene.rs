@@ -221,7 +221,12 @@ impl GivenDepths<'_> {
             Self::File(path) => Source::File(path),
             Self::Array(array) => {
                 let values = array.readonly().as_array().iter().map(|v| depth_of(*v)).collect();
-                Source::Here(surface(&array, array.py(), "the depths: hold no surface: all are zero, infinite or huge", values)?)
+                Source::Here(surface(
+                    &array,
+                    array.py(),
+                    "the depths: hold no surface: all are zero, infinite or huge",
+                    values,
+                )?)
             }
         })
     }
@@ -235,7 +240,12 @@ impl GivenPositions<'_> {
                 let rows = array.readonly();
                 let places = rows.as_array().into_iter().copied().collect::<Vec<f64>>();
                 let places = places.chunks_exact(3).map(|p| place_of(DVec3::from_slice(p))).collect();
-                Source::Here(surface(&array, array.py(), "the positions: hold no surface: all are zero, infinite or huge", places)?)
+                Source::Here(surface(
+                    &array,
+                    array.py(),
+                    "the positions: hold no surface: all are zero, infinite or huge",
+                    places,
+                )?)
             }
         })
     }

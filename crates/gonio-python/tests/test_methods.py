@@ -106,7 +106,10 @@ def test_depth_and_positions(tmp_path):
     codes = np.uint16(np.where(np.isfinite(depth), np.round(65535 * (depth - 100) / 200), 0))
     by_codes = gonio.infer(picture, normals=normals, depth=codes, depth_range=(100, 300), **QUICK)
     assert np.allclose(np.log(by_codes.brdf.table / by_depth.brdf.table)[:60, :60], 0, atol=0.05)
-    camera = {"orthographic": {"pixels_per_unit": 1.0}}
+    camera = {"projection": "orthographic", "pixels_per_unit": np.float32(1)}
+    by_places = gonio.infer(picture, normals=normals, positions=positions, camera=camera, **QUICK)
+    assert by_places.notes["observations"]["shape"]["geometry"] == "the positions"
+    assert np.allclose(np.log(by_places.brdf.table / by_depth.brdf.table)[:60, :60], 0, atol=0.05)
     with pytest.raises(gonio.GonioError, match=r"the positions: .*; give the camera with camera="):
         gonio.infer(picture, normals=normals, positions=positions, **QUICK)
     for options, message in [
@@ -120,7 +123,6 @@ def test_depth_and_positions(tmp_path):
     ]:
         with pytest.raises(gonio.GonioError, match=message):
             gonio.infer(picture, **options)
-    del camera
 
 
 def test_normals_in_other_conventions():

@@ -204,8 +204,8 @@ class BasisPosterior(OfPhotograph):
     @property
     def coefficients_sd(self) -> Doubles | None:
         """Their standard deviations, shape (rank,), if the method tells them: the joint maximum does not."""
-        spread = self.notes["reflectance"]["sd"]
-        return np.array(spread) if spread else None
+        spread = np.array(self.notes["reflectance"]["sd"])
+        return spread if spread.any() else None
 
     @property
     def noise(self) -> float:

@@ -46,4 +46,5 @@ def names_of_examples(request, monkeypatch, tmp_path):
     """What the examples of the documentation begin with, as the documentation of the package says."""
     if isinstance(request.node, pytest.DoctestItem):
         monkeypatch.chdir(ROOT)
+        monkeypatch.setenv("GONIO_CACHE_DIR", str(tmp_path / "cache"))
         request.node.dtest.globs.update(gonio=gonio, np=np, folder=tmp_path, found=request.getfixturevalue("found"))

@@ -97,7 +97,7 @@ class Brdf:
         Examples
         --------
         >>> gonio.Brdf.of(lambda h, d: 0.1 + np.exp(-((h / 0.2) ** 2)), name="satin")
-        <gonio.Brdf 'satin': albedo 0.429, at most 1.1 1/sr>
+        <gonio.Brdf 'satin': albedo 0.767, at most 1.1 1/sr>
         """
         h, d = np.meshgrid(THETA_H, THETA_D, indexing="ij")
         values = np.asarray(function(h, d))

@@ -146,7 +146,7 @@ class Result:
         --------
         >>> summary = found.export(folder / "mitsuba", "mitsuba")
         >>> summary["exports"]["mitsuba"]["files"]
-        ['principled.xml']
+        ['principled.xml', 'scene.xml', 'light.exr']
         """
         return self.brdf.export(directory, to, name=name, albedo=albedo, tables=tables, light=self._lit(), progress=progress)
 
@@ -314,7 +314,7 @@ class Material(Result):
         >>> data = found.to_xarray()
         >>> data.brdf.dims
         ('theta_h', 'theta_d', 'channel')
-        >>> float(data.gloss.sel(quantile=0.5)) == found.gloss[1]
+        >>> bool(data.gloss.sel(quantile=0.5) == found.gloss[1])
         True
         """
         return dataset(self, self._lit())

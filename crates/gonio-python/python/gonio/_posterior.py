@@ -191,7 +191,8 @@ class BasisPosterior(OfPhotograph):
 
     Examples
     --------
-    >>> found = gonio.infer("samples/ball.exr", method="map", starts=1, grid=8, pictures=False)
+    >>> ball = found.relight(size=32)
+    >>> found = gonio.infer(ball, method="map", starts=1, grid=8, pictures=False)
     >>> found.coefficients.shape, found.coefficients_sd
     ((10,), None)
     """

@@ -22,7 +22,7 @@ METHODS
     How :func:`infer` may find a material.
 """
 
-from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, read_brdf, read_merl, render, write_merl
+from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, render
 from ._combine import Combined, combine
 from ._errors import FileError, GonioError, GonioWarning, MissingFileError
 from ._files import read_image, read_normals, write_image
@@ -35,6 +35,7 @@ from ._probe import LightProbe, light_probe
 from ._regions import infer_regions
 from ._render import studio_light
 from ._show import tonemapped
+from ._tables import read_brdf, read_merl, write_merl
 from ._train import Part, train_lighting, train_model, train_posterior, train_reflectance
 
 __all__ = [

@@ -182,7 +182,8 @@ def places(given: Any) -> str | Doubles | None:
         return None if given is None else os.fspath(given)
     array = array_of(given, "the positions")
     if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind != "f":
-        raise GonioError(f"the positions: have the shape {array.shape} and type {array.dtype}; give floating-point numbers of (height, width, 3)")
+        has = f"the shape {array.shape} and type {array.dtype}"
+        raise GonioError(f"the positions: have {has}; give floating-point numbers of shape (height, width, 3)")
     return doubles(array)
 
 

@@ -21,7 +21,8 @@ trap 'rm -rf "$wheels"' EXIT
 step "a new environment"
 python3 -m venv "$wheels/new"
 "$wheels/new/bin/pip" install --quiet --disable-pip-version-check "$wheels"/gonio-*.whl
-(cd "$wheels" && new/bin/python -c "import gonio; print('gonio', gonio.__version__, gonio.Model.embedded())")
+# With nothing in the path that could compile anything.
+env -i PATH="$wheels/new/bin" "$wheels/new/bin/python" tests/installed.py
 
 step "tests"
 "$tools/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/gonio-*.whl

@@ -80,7 +80,7 @@ def test_arguments_that_a_method_does_not_use_are_refused(small, options, messag
     assert str(caught.value).startswith(message)
 
 
-def bowl() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def surface() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A picture of normals of a ball, its depths before an orthographic camera, and its positions."""
     size, radius = 96, 46.0
     y, x = np.mgrid[:size, :size] + 0.5
@@ -96,7 +96,7 @@ def bowl() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_depth_and_positions(tmp_path):
     picture = small_ball(96)
-    normals, depth, positions = bowl()
+    normals, depth, positions = surface()
     by_depth = gonio.infer(picture, normals=normals, depth=depth, **QUICK)
     shape = by_depth.notes["observations"]
     assert shape["shape"]["geometry"] == "the depths" and "visibility" in shape

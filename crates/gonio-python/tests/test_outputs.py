@@ -103,7 +103,7 @@ def test_samples_in_colour(found):
     assert rgb.shape == (64, 90, 90, 3) and rgb.dtype == np.float32 and rgb.min() >= 0
     # Colours change no luminance, and are those of the estimate.
     assert np.allclose(rgb @ np.float32([0.2126, 0.7152, 0.0722]), found.samples, rtol=1e-3)
-    assert np.array_equal(found.draw(3, seed=2, rgb=True).shape, (3, 90, 90, 3))
+    assert found.draw(3, seed=2, rgb=True).shape == (3, 90, 90, 3)
     body = found.brdf.table[60, 20] / found.luminance[60, 20]
     assert np.allclose(np.median(rgb[:, 60, 20] / found.samples[:, 60, 20, None], axis=0), body, rtol=0.05)
     assert found.colors.shape == (2, 3) and np.allclose(found.colors @ [0.2126, 0.7152, 0.0722], 1, rtol=1e-3)
@@ -120,5 +120,5 @@ def test_gloss_of_any_brdf(found):
     assert (found.roughness**2 == pytest.approx(found.alpha)) and found.notes["posterior"]["gloss"]["ggx_alpha"]["50"] == found.alpha[1]
     chalk = gonio.Brdf.of(lambda h, d: 0.2 + 0 * h)
     assert chalk.alpha == 1 and chalk.gloss == pytest.approx(1)
-    for table in (brdf.grey().table,):
-        assert np.array_equal(table[..., 0], table[..., 1]) and np.allclose(table[..., 0], brdf.luminance)
+    grey = brdf.grey().table
+    assert np.array_equal(grey[..., 0], grey[..., 1]) and np.allclose(grey[..., 0], brdf.luminance)

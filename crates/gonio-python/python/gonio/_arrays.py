@@ -69,8 +69,9 @@ def of_tensor(given: Any, name: str) -> NDArray[Any]:
         array = np.asarray(given) if hasattr(given, "__array__") else np.from_dlpack(given)
     except (BufferError, RuntimeError, TypeError, ValueError) as error:
         raise GonioError(f"{name}: NumPy cannot read the tensor: {error}; give it as float32 in main memory") from None
-    first, last = array.shape[:1] + (0,), array.shape[-1:] + (0,)
-    return np.moveaxis(array, 0, -1) if array.ndim == 3 and first[0] in (1, 3, 4) and last[0] not in (1, 3, 4) else array
+    counts = (1, 3, 4)
+    comes_first = array.ndim == 3 and array.shape[0] in counts and array.shape[2] not in counts
+    return np.moveaxis(array, 0, -1) if comes_first else array
 
 
 def floats(array: NDArray[Any]) -> Floats:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import pickle
+import re
 import subprocess
 
 import numpy as np
@@ -58,6 +60,34 @@ def test_the_program_finds_the_same_coefficients(small, tmp_path):
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=tmp_path)
     found = gonio.infer(tmp_path / "ball.exr", method="map", starts=2, seed=7, grid=8, pictures=False)
     assert json.loads((tmp_path / "out" / "result.json").read_text())["reflectance"] == found.notes["reflectance"]
+
+
+# Options of the program and what stands for them, where that is another name; None where a function of Python has no use for it.
+ELSEWHERE = {
+    "infer": {"mesh": "shape", "materials": "infer_regions", "no-shadows": "shadows", "paper": "method", "no-report": "report", "output": None},
+    "check": {"mesh": "shape", "circle": "circles", "output": None},
+    "merge": {"layer": None, "output": None, "save-response": None},
+    "light": {"output": None},
+    "render": {"mesh": "shape", "no-shadows": "shadows", "height": "size", "output": None},
+    "combine": {"output": None},
+    "export": {"output": "directory"},
+}
+GENERAL = {"json", "quiet", "verbose", "threads", "help"}
+
+
+@pytest.mark.skipif("GONIO_CLI" not in os.environ, reason="GONIO_CLI names no program")
+@pytest.mark.parametrize("command", ELSEWHERE)
+def test_every_option_of_the_program_is_an_argument(command):
+    text = subprocess.run([os.environ["GONIO_CLI"], command, "--help"], capture_output=True, text=True, check=True).stdout
+    options = set(re.findall(r"^ +(?:-\w, )?--([a-z-]+)", text, re.MULTILINE)) - GENERAL
+    assert len(options) > 1
+    function = {"light": gonio.light_probe, "export": gonio.Brdf.export}.get(command) or getattr(gonio, command)
+    arguments = set(inspect.signature(function).parameters)
+    if command == "check":
+        arguments |= set(inspect.signature(gonio.infer).parameters)
+    for option in options:
+        name = ELSEWHERE[command].get(option, option.replace("-", "_"))
+        assert name is None or name in arguments or hasattr(gonio, name), f"gonio {command} --{option}"
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,9 @@ def test_arguments_are_checked_before(small):
     for one, what in [(small, "picture"), ({"image": small}, "dictionary"), (b"\x76\x2f", "bytes")]:
         with pytest.raises(TypeError, match=f"is one {what}"):
             gonio.infer_many(one)
+    stack = np.stack([small, small])
+    assert [result.name for result in gonio.infer_many(np.array(["a.exr", "b.exr"]))] == ["a.exr", "b.exr"]
+    assert all(gonio.infer_many(stack, **QUICK))
     with pytest.raises(TypeError, match="give a list of photographs, not 3"):
         gonio.infer_many(3)
     with pytest.raises(gonio.GonioError, match="workers 0"):

@@ -95,7 +95,9 @@ def infer_many(
     if is_path(items) or isinstance(items, bytes):
         what = "bytes" if isinstance(items, bytes) else "string" if isinstance(items, str) else "path"
         raise TypeError(f"items: {shown(items)} is one {what}; give a list of photographs: [{shown(items)}]")
-    if isinstance(items, Mapping) or hasattr(items, "shape") or hasattr(items, "getbands"):
+    # A column of paths is a list, and so is a stack of pictures in colour.
+    is_picture = len(getattr(items, "shape", ())) in (2, 3) or hasattr(items, "getbands")
+    if isinstance(items, Mapping) or is_picture:
         what = "dictionary" if isinstance(items, Mapping) else "picture"
         raise TypeError(f"items: is one {what}; give a list of photographs, if only of this one: [photograph]")
     if not isinstance(items, Iterable):

@@ -133,13 +133,16 @@ def light_probe(
     if second is None and not (second_mask is None and second_circle is None and second_yaw is None):
         raise GonioError("second_mask, second_circle and second_yaw go with a second photograph: give second=")
 
+    if rows is not None and whole(rows, "rows", -(2**63)) < 0:
+        raise GonioError(f"rows {rows}: give a power of two from 8 to 4096")
+
     def scene(given: Photograph, unnamed: str, where: Picture | None, outline: tuple[float, float, float] | None) -> GivenScene:
         own = {"mask": where, "clip": clip, "keep_colors": True, "circle": outline, "camera": camera}
         return given_scene(given, {**reading, **own}, said, unnamed)
 
     settings: ProbeSettings = {
         "reflectance": shares(reflectance),
-        "rows": None if rows is None else whole(rows, "rows", 8, 4096),
+        "rows": None if rows is None else int(rows),
         "second_yaw": None if second_yaw is None else number(second_yaw, "second_yaw"),
     }
     first = scene(image, "the image", mask, circle)

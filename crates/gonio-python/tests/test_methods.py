@@ -156,7 +156,7 @@ def test_depth_and_positions(tmp_path):
 
 
 def test_normals_in_other_conventions():
-    picture, (normals, _, _) = small_ball(96), bowl()
+    picture, (normals, _, _) = small_ball(96), surface()
     want = gonio.infer(picture, normals=normals, **QUICK)
     # As for DirectX, with blue first.
     odd = (normals * (1, -1, 1))[..., ::-1]

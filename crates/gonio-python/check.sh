@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds the wheel, installs it into a new virtual environment, and tests it there: tests, types, and the tutorial from its first cell to its last.
+# Builds the wheel, installs it into a new virtual environment, and tests it there: tests, examples, types, and the tutorial from its first cell to its last.
 #
 # PYTHON_VENV names an environment of tools to keep from run to run; GONIO_CLI a program whose results the package must repeat.
 set -euo pipefail
@@ -21,11 +21,16 @@ trap 'rm -rf "$wheels"' EXIT
 step "a new environment"
 python3 -m venv "$wheels/new"
 "$wheels/new/bin/pip" install --quiet --disable-pip-version-check "$wheels"/gonio-*.whl
-(cd "$wheels" && new/bin/python -c "import gonio; print('gonio', gonio.__version__, gonio.Model.embedded())")
+# With nothing in the path that could compile anything.
+env -i PATH="$wheels/new/bin" "$wheels/new/bin/python" tests/installed.py
 
 step "tests"
 "$tools/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/gonio-*.whl
 "$tools/bin/python" -m pytest -q --durations=5 -p no:cacheprovider tests
+
+# What `help` shows, each example as it stands there.
+step "examples of the documentation"
+(cd tests && PYTHONPATH=. "$tools/bin/python" -m pytest -q --durations=5 -p no:cacheprovider -p conftest --doctest-modules --pyargs gonio)
 
 step "types"
 "$tools/bin/python" -m mypy --cache-dir "$wheels/mypy" python/gonio

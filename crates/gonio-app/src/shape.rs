@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use gonio::picture::Plane;
 use gonio::remedy::Remedy;
 use gonio::scene::{Circle, Correction, NormalPicture, Object, Relief};
@@ -72,11 +72,11 @@ pub struct Normals {
 /// A picture of where a surface is.
 #[derive(Clone, Debug)]
 pub enum Places {
-    /// Depths: their file, what the codes 0 and 1 stand for, and whether they are measured along
-    /// the rays.
-    Depth(PathBuf, Option<(f64, f64)>, DepthKind),
-    /// Positions in coordinates of the camera.
-    Positions(PathBuf),
+    /// Depths, `None` without surface; what the codes 0 and 1 of a file stand for; and whether they
+    /// are measured along the rays.
+    Depth(Source<Plane<Option<f64>>>, Option<(f64, f64)>, DepthKind),
+    /// Positions in coordinates of the camera, `None` without surface.
+    Positions(Source<Plane<Option<DVec3>>>),
 }
 
 impl Shape {
@@ -94,12 +94,10 @@ impl Shape {
         }
     }
 
-    /// The file of the picture of places.
+    /// How messages call the picture of places.
     pub(crate) fn places(&self) -> Option<String> {
         match &self.form {
-            Form::Normals(normals) => normals.places.as_ref().map(|places| match places {
-                Places::Depth(path, ..) | Places::Positions(path) => path.display().to_string(),
-            }),
+            Form::Normals(normals) => normals.places.as_ref().map(Places::name),
             _ => None,
         }
     }
@@ -169,8 +167,8 @@ impl Normals {
         let (relief, notes) = match self.places {
             None => (None, Value::Null),
             Some(places) => {
-                let (relief, path) = places.read(image, camera, size)?;
-                (Some(relief), json!({ "geometry": path.display().to_string() }))
+                let name = places.name();
+                (Some(places.read(&name, image, camera, size)?), json!({ "geometry": name }))
             }
         };
         let picture = NormalPicture { normals, camera, relief, trusted: self.trusted };
@@ -179,32 +177,43 @@ impl Normals {
 }
 
 impl Places {
-    fn read(self, image: &str, camera: Option<Camera>, size: (usize, usize)) -> Result<(Relief, PathBuf), Problem> {
-        let (places, path, camera) = match self {
-            Self::Depth(path, range, kind) => {
-                let depth = read_depth(&path, &DepthOptions { range, ..DepthOptions::default() })?;
+    fn name(&self) -> String {
+        match self {
+            Self::Depth(depth, ..) => depth.name("the depths"),
+            Self::Positions(positions) => positions.name("the positions"),
+        }
+    }
+
+    /// `name` is how messages call it, `image` the photograph.
+    fn read(self, name: &str, image: &str, camera: Option<Camera>, size: (usize, usize)) -> Result<Relief, Problem> {
+        let (places, camera) = match self {
+            Self::Depth(depth, range, kind) => {
+                let depth = match depth {
+                    Source::Here(depth) => depth,
+                    Source::File(path) => read_depth(&path, &DepthOptions { range, ..DepthOptions::default() })?,
+                };
                 // Without a camera depths are in pixels.
                 let unit = || Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size);
                 let camera = camera.map_or_else(unit, Ok).map_err(|error| Problem::of(image, error))?;
-                let places =
-                    positions_of_depth(&depth, &camera, kind).map_err(|error| Problem::of(path.display(), error))?;
-                (places, path, camera)
+                let places = positions_of_depth(&depth, &camera, kind).map_err(|error| Problem::of(name, error))?;
+                (places, camera)
             }
-            Self::Positions(path) => {
+            Self::Positions(positions) => {
                 let Some(camera) = camera else {
-                    return Err(
-                        Problem::of(path.display(), "positions need the camera that saw them").with(Remedy::Camera)
-                    );
+                    return Err(Problem::of(name, "positions need the camera that saw them").with(Remedy::Camera));
                 };
-                (read_positions(&path)?, path, camera)
+                let places = match positions {
+                    Source::Here(places) => places,
+                    Source::File(path) => read_positions(&path)?,
+                };
+                (places, camera)
             }
         };
         if places.size() != size {
             let ((w, h), (pw, ph)) = (places.size(), size);
-            let name = path.display();
             return Err(Problem::new(format!("{name} is {w}x{h} and {image} {pw}x{ph}: make both of one size")));
         }
-        Ok((Relief { places, camera }, path))
+        Ok(Relief { places, camera })
     }
 }
 

@@ -33,6 +33,17 @@ pub struct DepthOptions {
     pub read: ReadOptions,
 }
 
+/// The depth that a number stands for: `None`, no surface, if it is zero, not finite or huge.
+pub fn depth_of(value: f64) -> Option<f64> {
+    Some(value).filter(|d| d.is_finite() && *d != 0.0 && d.abs() < NOTHING)
+}
+
+/// The place that three numbers stand for: `None`, no surface, if they are zero, not finite or
+/// huge.
+pub fn place_of(value: DVec3) -> Option<DVec3> {
+    Some(value).filter(|p| p.is_finite() && *p != DVec3::ZERO && p.abs().max_element() < NOTHING)
+}
+
 /// Reads depths, in the unit of the file; only the caller knows whether they are along the axis of
 /// the camera or along each ray. `None` without surface.
 ///
@@ -49,7 +60,7 @@ pub fn read_depth(path: impl AsRef<Path>, options: &DepthOptions) -> Result<Plan
 /// # Errors
 /// Like [`read_depth`].
 pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result<Plane<Option<f64>>, Error> {
-    let depth = |v: f32| Some(f64::from(v)).filter(|d| d.is_finite() && *d != 0.0 && d.abs() < NOTHING);
+    let depth = |v: f32| depth_of(f64::from(v));
     let depths = if bytes.starts_with(npy::MAGIC) {
         let array = npy::decode(path, bytes)?;
         let (&[height, width] | &[height, width, 1]) = array.shape.as_slice() else {
@@ -105,10 +116,7 @@ pub fn read_positions(path: impl AsRef<Path>) -> Result<Plane<Option<DVec3>>, Er
 /// # Errors
 /// Like [`read_positions`].
 pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Option<DVec3>>, Error> {
-    let place = |v: Vec3| {
-        let place = v.as_dvec3();
-        Some(place).filter(|p| p.is_finite() && *p != DVec3::ZERO && p.abs().max_element() < NOTHING)
-    };
+    let place = |v: Vec3| place_of(v.as_dvec3());
     let places = if bytes.starts_with(npy::MAGIC) {
         let array = npy::decode(path, bytes)?;
         let &[height, width, 3] = array.shape.as_slice() else {

@@ -23,19 +23,24 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::Normals => "give the shape with normals=",
         Remedy::NormalAxes(corrections) => {
             let first = corrections.first()?;
-            let order = first.reordered().map(|order| format!("reorder their channels, now {order}, to xyz"));
-            let flips = first.flips().into_iter().map(|axis| format!("change the sign of their {axis}"));
-            return Some(order.into_iter().chain(flips).collect::<Vec<_>>().join(" and "));
+            let order = first.reordered().map(|order| format!("normals_order=\"{order}\""));
+            let flips = first.flips().into_iter().map(|axis| format!("normals_flip_{axis}=True"));
+            let given = order.into_iter().chain(flips).collect::<Vec<_>>().join(" and ");
+            return Some(format!("give {given}"));
         }
         Remedy::TrustNormals => "take them as they are with trust_normals=True",
         Remedy::KeepColours => "use them with keep_colors=True",
         Remedy::Linear => "give linear=True if its values are linear radiance",
         Remedy::Layer => "take another with layer=NAME",
         Remedy::Separately => "give each photograph by itself, or all of them to infer_many",
+        Remedy::DepthRange => "give the range with depth_range=(near, far)",
+        Remedy::Times => "give them with times=[...]",
         Remedy::Turn => "give the angle with second_yaw=DEGREES",
         Remedy::SecondOutline => "give the outline of the ball with second_circle=(x, y, radius)",
         Remedy::SecondMask => "give a mask with second_mask=",
-        Remedy::LearnPosterior => "learn one with train_posterior and join it with train_model",
+        Remedy::LearnPosterior => {
+            "learn one with train_posterior and join it with train_model, or choose another method="
+        }
         _ => return None,
     };
     Some(words.to_owned())

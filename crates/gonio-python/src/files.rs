@@ -10,7 +10,7 @@ use gonio_app::folder::for_results;
 use gonio_app::photograph::read_picture;
 use gonio_app::results::{Files, PICTURES};
 use gonio_io::atomic::write_file as write_whole;
-use gonio_io::picture::{ReadOptions, encode_exr, encode_hdr, encode_pfm, encode_png_srgb8};
+use gonio_io::picture::{ReadOptions, encode_exr, encode_exr_clipped, encode_hdr, encode_pfm, encode_png_srgb8};
 use gonio_io::rgl::{self, Channels};
 use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -41,6 +41,13 @@ pub(crate) fn read_image(
     Ok((arrays::of_colours(py, rgb), alpha, decoded.full_scale, worded(&warnings)))
 }
 
+/// Reads a light map, a list of directional lights, or makes a light of our own by its name.
+#[pyfunction]
+pub(crate) fn read_light(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
+    let light = py.detach(|| gonio_app::read_light(&path)).map_err(|problem| raise(&problem, py))?;
+    Ok(arrays::of_colours(py, light.radiance().clone()))
+}
+
 /// Reads a picture of normals.
 #[pyfunction]
 pub(crate) fn read_normals(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
@@ -48,20 +55,25 @@ pub(crate) fn read_normals(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, 
     Ok(arrays::of_colours(py, normals))
 }
 
-/// Writes a picture by the ending of its name: .exr, .hdr or .pfm.
+/// Writes a picture by the ending of its name: .exr, .hdr or .pfm. With `clip`, an EXR file says
+/// that nothing is known of pixels of this radiance.
 #[pyfunction]
-#[pyo3(signature = (path, rgb, alpha))]
+#[pyo3(signature = (path, rgb, alpha, clip))]
 pub(crate) fn write_image(
     py: Python<'_>,
     path: PathBuf,
     rgb: &Bound<'_, PyArray3<f32>>,
     alpha: Option<&Bound<'_, PyArray2<f32>>>,
+    clip: Option<f32>,
 ) -> PyResult<()> {
     let (rgb, alpha) = (arrays::colours(rgb)?, alpha.map(arrays::values).transpose()?);
     py.detach(|| {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         let bytes = match extension.as_deref() {
-            Some("exr") if alpha.as_ref().is_none_or(|a| a.size() == rgb.size()) => encode_exr(&rgb, alpha.as_ref()),
+            Some("exr") if alpha.as_ref().is_none_or(|a| a.size() == rgb.size()) => match clip {
+                Some(clip) => encode_exr_clipped(&rgb, alpha.as_ref(), clip),
+                None => encode_exr(&rgb, alpha.as_ref()),
+            },
             Some("exr") => return Err(Problem::new("colours and coverage are not of one size")),
             Some("hdr") => encode_hdr(&rgb),
             Some("pfm") => encode_pfm(&rgb),
@@ -142,9 +154,9 @@ fn encode_brdf(
 #[pyo3(from_item_all)]
 pub(crate) struct SavedResult<'py> {
     table: Bound<'py, PyArray3<f32>>,
-    likelihood: Bound<'py, Likelihood>,
+    likelihood: Option<Bound<'py, Likelihood>>,
     light: Option<Bound<'py, PyArray3<f32>>>,
-    quantiles: Bound<'py, PyArray3<f32>>,
+    quantiles: Option<Bound<'py, PyArray3<f32>>>,
     /// Pictures by name, of 8-bit samples of shape (height, width, 3); only those that a folder of
     /// results holds are written.
     pictures: HashMap<String, Bound<'py, PyArray3<u8>>>,
@@ -159,8 +171,9 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
     let held = PICTURES.into_iter().filter_map(|name| pictures.get(name).map(|samples| (name, samples)));
     let files = Files {
         tables: arrays::tables(&table)?,
-        quantiles: Some((quantiles.shape()[0], quantiles.readonly().as_array().iter().copied().collect())),
-        posterior: Some(likelihood.get().0.encode()),
+        quantiles: quantiles
+            .map(|quantiles| (quantiles.shape()[0], quantiles.readonly().as_array().iter().copied().collect())),
+        posterior: likelihood.map(|likelihood| likelihood.get().0.encode()),
         light: light.map(|light| arrays::colours(&light)).transpose()?,
         pictures: held.map(|(name, samples)| Ok((name, png(samples)?))).collect::<PyResult<_>>()?,
         notes,

@@ -3,14 +3,15 @@
 use glam::Vec3;
 use gonio::colour::TwoColours;
 use gonio::estimate::Material;
+use gonio::inference::Solver;
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model as Known;
 use gonio::picture::Plane;
-use gonio::reflectance::{THETA_D, THETA_H};
+use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_app::regions::{self, Regions};
 use gonio_app::results::LIGHT_ROWS;
-use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Source};
+use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Search, Source};
 use gonio_report::panels::Panels;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -27,6 +28,11 @@ use crate::work::{self, Listeners};
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings<'py> {
+    method: String,
+    starts: usize,
+    seed: u64,
+    solver: String,
+    full_rows: bool,
     grid: usize,
     light: Option<GivenPicture<'py>>,
     align_light: String,
@@ -39,29 +45,40 @@ pub(crate) struct Settings<'py> {
 }
 
 impl Settings<'_> {
-    /// The method: known-light if a light is given.
+    /// The method, by names that the package has checked.
     fn method(&self) -> PyResult<Result<Method, Problem>> {
-        let alignment = match self.align_light.as_str() {
-            "near" => Alignment::Near,
-            "around" => Alignment::Around,
-            "fixed" => Alignment::Fixed,
-            other => {
-                let problem = format!("align_light {other:?}: give \"near\", \"around\" or \"fixed\"");
-                return Ok(Err(Problem::new(problem)));
-            }
+        let solver = match self.solver.as_str() {
+            "parallel" => Solver::Parallel,
+            "printed" => Solver::Printed,
+            _ => Solver::Blocks,
         };
+        let (paper, full_rows) = (self.method == "paper", self.full_rows);
+        let search = Search { solver, starts: self.starts, seed: self.seed, paper, full_rows };
         let map = match &self.light {
-            None if self.absolute => return Ok(Err(Problem::new("absolute needs the light: give light"))),
-            None => return Ok(Ok(Method::Learnt)),
-            Some(GivenPicture::File(path)) => Source::File(path.clone()),
+            None => None,
+            Some(GivenPicture::File(path)) => Some(Source::File(path.clone())),
             Some(GivenPicture::Array(rgb) | GivenPicture::WithAlpha((rgb, _))) => {
                 match EnvironmentMap::new(arrays::colours(rgb)?) {
-                    Ok(map) => Source::Here(map),
-                    Err(error) => return Ok(Err(Problem::of("light", error))),
+                    Ok(map) => Some(Source::Here(map)),
+                    Err(error) => return Ok(Err(Problem::of("the light", error))),
                 }
             }
         };
-        Ok(Ok(Method::KnownLight(KnownLight { map, alignment, absolute: self.absolute })))
+        let alignment = match self.align_light.as_str() {
+            "around" => Alignment::Around,
+            "fixed" => Alignment::Fixed,
+            _ => Alignment::Near,
+        };
+        Ok(match (self.method.as_str(), map) {
+            ("known-light", Some(map)) => {
+                Ok(Method::KnownLight(KnownLight { map, alignment, absolute: self.absolute }))
+            }
+            ("known-light-basis", Some(map)) => Ok(Method::KnownLightBasis(search, map)),
+            ("learnt", _) => Ok(Method::Learnt),
+            ("variational" | "paper", _) => Ok(Method::Variational(search)),
+            ("map", _) => Ok(Method::JointMaximum(search)),
+            (other, _) => Err(Problem::new(format!("method {other:?}: there is none, or its light is missing"))),
+        })
     }
 
     fn colours(&self) -> Result<Colours, Problem> {
@@ -78,7 +95,7 @@ impl Settings<'_> {
     }
 }
 
-/// Infers; returns the values of a `Posterior` by name.
+/// Infers; returns the values of a `Posterior`, or of a `BasisPosterior`, by name.
 #[pyfunction]
 pub(crate) fn infer<'py>(
     py: Python<'py>,
@@ -122,7 +139,7 @@ pub(crate) struct GivenRegions<'py> {
 }
 
 impl GivenRegions<'_> {
-    fn take(self) -> PyResult<Regions> {
+    pub(crate) fn take(self) -> PyResult<Regions> {
         Ok(match (self.labels, self.circles) {
             (Some(GivenPicture::File(path)), _) => Regions::Labels(Source::File(path)),
             (Some(GivenPicture::Array(rgb) | GivenPicture::WithAlpha((rgb, _))), _) => {
@@ -168,6 +185,16 @@ fn pictures(answer: &Answer) -> Vec<(&'static str, Plane<Vec3>)> {
     pictures
 }
 
+/// Adds a BRDF to a dictionary, by the names of `gonio._types.FoundBrdf`; gives its dictionary.
+fn of_table<'py>(py: Python<'py>, table: BivariateTable, colours: TwoColours) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
+    out.set_item("table", arrays::of_tables(py, &colours.tables(&table)))?;
+    let two = [colours.body, colours.highlight].map(|colour| colour.rgb().to_array());
+    out.set_item("colors", arrays::array(py, (2, 3), two.concat()))?;
+    out.set_item("luminance", arrays::array(py, (THETA_H, THETA_D), table.into()))?;
+    Ok(out)
+}
+
 /// Dictionary of a material, by the names of `gonio._types.FoundMaterial`.
 pub(crate) fn of_material<'py>(
     py: Python<'py>,
@@ -175,22 +202,21 @@ pub(crate) fn of_material<'py>(
     colours: TwoColours,
     scale: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (shape, table) = ((THETA_H, THETA_D), material.table.scaled(scale));
-    let out = PyDict::new(py);
-    out.set_item("table", arrays::of_tables(py, &colours.tables(&table)))?;
+    let shape = (THETA_H, THETA_D);
+    let out = of_table(py, material.table.scaled(scale), colours)?;
     let ends = material.ends.each_ref().map(|end| arrays::of_tables(py, &colours.tables(&end.scaled(scale))));
     out.set_item("ends", ends)?;
-    out.set_item("luminance", arrays::array(py, shape, table.into()))?;
     let quantiles: Vec<f32> = material.quantiles.iter().flatten().map(|v| v * scale as f32).collect();
     out.set_item("quantiles", arrays::array(py, (material.quantiles.len(), THETA_H, THETA_D), quantiles))?;
     out.set_item("undetermined", arrays::array(py, shape, material.undetermined.clone()))?;
     out.set_item("open", material.open)?;
     let materials: Vec<(String, f64)> = material.neighbours.iter().map(|n| (n.name.clone(), n.weight)).collect();
     out.set_item("materials", materials)?;
-    out.set_item("gloss", material.gloss.to_vec())?;
-    out.set_item("alpha", material.highlight.alpha.to_vec())?;
+    let three = |values: [f64; 3]| arrays::array(py, 3, values.to_vec());
+    out.set_item("gloss", three(material.gloss))?;
+    out.set_item("alpha", three(material.highlight.alpha))?;
     // On the scale of the table.
-    out.set_item("gloss_units", material.highlight.units.map(|units| units.map(|u| u * scale).to_vec()).to_vec())?;
+    out.set_item("gloss_units", material.highlight.units.map(|units| three(units.map(|u| u * scale))))?;
     out.set_item("verdict", material.verdict())?;
     Ok(out)
 }
@@ -204,18 +230,24 @@ pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec
     Ok(out)
 }
 
-/// Dictionary of the results, by the names of `gonio._types.Found`.
+/// Dictionary of the results, by the names of `gonio._types.Found`, or, of a method that tells of
+/// coefficients alone, `FoundInBasis`.
 fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
     let (colours, light_colour) = (answer.colouring.colours(), answer.colouring.light());
     let pictures = pictures(&answer);
     let estimated = answer.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
     let light = estimated.or_else(|| answer.known_light.as_ref().map(|light| light.radiance().clone()));
-    let Answer { material, saved, scale, left, notes, warnings, page, .. } = answer;
-    let (material, saved) = material.zip(saved).expect("both methods tell of the material");
-    let out = of_material(py, &material, colours, scale)?;
-    out.set_item("likelihood", Likelihood(saved))?;
-    out.set_item("scale", scale)?;
-    out.set_item("scatter", material.scatter)?;
+    let Answer { table, material, saved, scale, left, notes, warnings, page, .. } = answer;
+    let out = match material.zip(saved) {
+        Some((material, saved)) => {
+            let out = of_material(py, &material, colours, scale)?;
+            out.set_item("likelihood", Likelihood(saved))?;
+            out.set_item("scale", scale)?;
+            out.set_item("scatter", material.scatter)?;
+            out
+        }
+        None => of_table(py, table.scaled(scale), colours)?,
+    };
     out.set_item("light", light.map(|light| arrays::of_colours(py, light)))?;
     out.set_item("light_color", arrays::array(py, 3, light_colour.to_array().to_vec()))?;
     out.set_item("misfit", left.1)?;

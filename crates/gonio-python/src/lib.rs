@@ -11,6 +11,7 @@ mod export;
 mod files;
 mod infer;
 mod likelihood;
+mod look;
 mod model;
 mod probe;
 mod render;
@@ -27,20 +28,25 @@ mod _gonio {
     use super::export::{export, export_targets};
     #[pymodule_export]
     use super::files::{
-        encode_png, read_brdf, read_file, read_image, read_normals, save, write_brdf, write_file, write_image,
+        encode_png, read_brdf, read_file, read_image, read_light, read_normals, save, write_brdf, write_file,
+        write_image,
     };
     #[pymodule_export]
     use super::infer::{infer, infer_regions};
     #[pymodule_export]
     use super::likelihood::{Likelihood, combine_all, draw};
     #[pymodule_export]
+    use super::look::{check, merge};
+    #[pymodule_export]
     use super::model::Model;
     #[pymodule_export]
     use super::probe::light_probe;
     #[pymodule_export]
-    use super::render::{eval, normal_albedo, render, studio};
+    use super::render::{coloured, eval, highlights, normal_albedo, render, studio};
     #[pymodule_export]
     use super::train::{join, train_lighting, train_posterior, train_reflectance};
+    #[pymodule_export]
+    use super::work::set_threads;
     use super::*;
 
     #[pymodule_init]

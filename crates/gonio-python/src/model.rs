@@ -12,6 +12,9 @@ use crate::error::raise;
 
 /// Everything that inference knows beforehand: the prior of light, the basis of reflectance and the
 /// posterior of materials.
+///
+/// Models are read from files, made by `gonio.train_model`, or the one of the package; they can be
+/// pickled.
 #[pyclass(frozen, module = "gonio")]
 pub(crate) struct Model {
     pub(crate) model: Arc<gonio::model::Model>,
@@ -32,7 +35,12 @@ impl Model {
 
 #[pymethods]
 impl Model {
-    /// The model embedded in the package, decoded at the first call.
+    /// The model that travels with the package, decoded at the first call.
+    ///
+    /// Returns
+    /// -------
+    /// Model
+    ///     The same each time.
     #[staticmethod]
     fn embedded(py: Python<'_>) -> PyResult<Py<Self>> {
         static MODEL: PyOnceLock<Py<Model>> = PyOnceLock::new();
@@ -43,21 +51,48 @@ impl Model {
         Ok(MODEL.get_or_try_init(py, decode)?.clone_ref(py))
     }
 
-    /// A model from a file.
+    /// Read a model from a file.
+    ///
+    /// Parameters
+    /// ----------
+    /// path : str or os.PathLike
+    ///     The file.
+    ///
+    /// Returns
+    /// -------
+    /// Model
+    ///     To be given as `model` to `gonio.infer`.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let model = py.detach(|| read_model(&path)).map_err(|e| raise(&e.into(), py))?;
         Ok(Self { model: Arc::new(model), name: path.display().to_string(), is_embedded: false })
     }
 
-    /// A model from the bytes of its file.
+    /// Decode a model from the bytes of its file.
+    ///
+    /// Parameters
+    /// ----------
+    /// bytes : bytes
+    ///     The contents of the file.
+    /// name : str
+    ///     How messages call it.
+    ///
+    /// Returns
+    /// -------
+    /// Model
+    ///     As `Model.read` gives it.
     #[staticmethod]
     fn decode(py: Python<'_>, bytes: &[u8], name: String) -> PyResult<Self> {
         let model = decode_model(Path::new(&name), bytes).map_err(|e| raise(&e.into(), py))?;
         Ok(Self { model: Arc::new(model), name, is_embedded: false })
     }
 
-    /// Writes the model to a file, whole or not at all.
+    /// Write the model to a file, whole or not at all.
+    ///
+    /// Parameters
+    /// ----------
+    /// path : str or os.PathLike
+    ///     The file.
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| write_file(&path, &encode_model(&self.model))).map_err(|e| raise(&e.into(), py))
     }

@@ -1,8 +1,12 @@
 //! Pictures of a BRDF.
 
+use glam::DVec3;
+use gonio::colour::{Chroma, TwoColours};
+use gonio::gloss::{GgxWidths, Glossmeter};
+use gonio::inference::learnt::peak_over_base;
 use gonio::lighting::{EnvironmentMap, studio_light};
 use gonio::picture::Picture;
-use gonio::reflectance::{MerlTable, THETA_D, THETA_H};
+use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
 use gonio::render::{
     Accuracy, Brdf, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface,
 };
@@ -97,7 +101,59 @@ pub(crate) fn studio(py: Python<'_>, height: usize) -> Bound<'_, PyArray3<f32>> 
 /// Share of the light along the normal that the luminance of a table reflects.
 #[pyfunction]
 pub(crate) fn normal_albedo(table: &Bound<'_, PyArray3<f32>>) -> PyResult<f64> {
-    Ok(gonio::reflectance::BivariateTable::luminance(&arrays::tables(table)?).normal_albedo())
+    Ok(BivariateTable::luminance(&arrays::tables(table)?).normal_albedo())
+}
+
+/// Gloss, GGX alpha (one without a highlight) and gloss units at 20 and 60 degrees of luminance
+/// tables of shape (count, 90, 90): shape (count, 4).
+#[pyfunction]
+pub(crate) fn highlights<'py>(
+    py: Python<'py>,
+    tables: &Bound<'py, PyArray3<f32>>,
+) -> PyResult<Bound<'py, numpy::PyArray2<f64>>> {
+    let values = tables.readonly();
+    let values = values.as_array();
+    let &[count, rows, columns] = values.shape() else { unreachable!("three axes") };
+    if (rows, columns) != (THETA_H, THETA_D) || values.iter().any(|v| !v.is_finite() || *v < 0.0) {
+        let problem = "luminance tables have the shape (count, 90, 90), and values from 0";
+        return Err(raise(&Problem::new(problem), py));
+    }
+    let all: Vec<BivariateTable> =
+        values.outer_iter().map(|table| BivariateTable::from_vec(table.iter().copied().collect())).collect();
+    let numbers = py.detach(|| {
+        let (widths, meters) = (GgxWidths::new(), [Glossmeter::at_20(), Glossmeter::at_60()]);
+        let of = |table: &BivariateTable| {
+            let alpha = widths.alpha_of(table).unwrap_or(1.0).min(1.0);
+            [peak_over_base(table), alpha, meters[0].read(table), meters[1].read(table)]
+        };
+        all.iter().flat_map(of).collect::<Vec<f64>>()
+    });
+    Ok(arrays::array(py, (count, 4), numbers))
+}
+
+/// Luminance tables of shape (count, 90, 90) in two colours, of body and highlight: shape (count,
+/// 90, 90, 3).
+#[pyfunction]
+pub(crate) fn coloured<'py>(
+    py: Python<'py>,
+    tables: &Bound<'py, PyArray3<f32>>,
+    colours: &Bound<'py, numpy::PyArray2<f64>>,
+) -> PyResult<Bound<'py, PyArray4<f32>>> {
+    let (values, rgb) = (tables.readonly(), colours.readonly());
+    let (values, rgb) = (values.as_array(), rgb.as_array());
+    if values.shape()[1..] != [THETA_H, THETA_D] || rgb.shape() != [2, 3] {
+        return Err(raise(&Problem::new("tables have the shape (count, 90, 90), two colours (2, 3)"), py));
+    }
+    let colour = |part: usize| Chroma::of(DVec3::new(rgb[[part, 0]], rgb[[part, 1]], rgb[[part, 2]]));
+    let two = TwoColours { body: colour(0), highlight: colour(1) };
+    let count = values.shape()[0];
+    let mut out = Vec::with_capacity(count * THETA_H * THETA_D * 3);
+    for table in values.outer_iter() {
+        let [r, g, b] = two.tables(&BivariateTable::from_vec(table.iter().copied().collect()));
+        let cells = r.as_slice().iter().zip(g.as_slice()).zip(b.as_slice());
+        out.extend(cells.flat_map(|((r, g), b)| [*r, *g, *b]));
+    }
+    Ok(arrays::array(py, (count, THETA_H, THETA_D, 3), out))
 }
 
 /// Values of a table at half and difference angles in radians: shape (n, 3).

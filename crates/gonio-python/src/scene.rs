@@ -2,14 +2,17 @@
 
 use std::path::PathBuf;
 
-use gonio::picture::Picture;
+use glam::DVec3;
+use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, Correction};
-use gonio::shape::MeshParts;
-use gonio_app::{Form, Normals, Reading, Scene, Shape, Shots, Source};
-use numpy::{PyArray2, PyArray3, PyArrayMethods};
+use gonio::shape::{DepthKind, MeshParts};
+use gonio_app::{Curve, Form, Normals, Places, Problem, Reading, Scene, Shape, Shots, Source};
+use gonio_io::geometry::{depth_of, place_of};
+use numpy::{PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arrays;
+use crate::error::raise;
 
 /// A picture, in memory or in a file.
 #[derive(FromPyObject)]
@@ -17,6 +20,38 @@ pub(crate) enum GivenPicture<'py> {
     Array(Bound<'py, PyArray3<f32>>),
     WithAlpha((Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<f32>>)),
     File(PathBuf),
+}
+
+/// A photograph: a picture, or the files of the exposures of one scene, or the bytes of a file.
+#[derive(FromPyObject)]
+pub(crate) enum GivenShots<'py> {
+    Picture(GivenPicture<'py>),
+    Bytes(Vec<u8>),
+    Exposures(Vec<PathBuf>),
+}
+
+/// How the files of a photograph are read.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct GivenReading {
+    linear: bool,
+    layer: Option<String>,
+    times: Option<Vec<f64>>,
+    response: Option<String>,
+    black_level: Option<f64>,
+    flat: Option<PathBuf>,
+}
+
+impl GivenReading {
+    pub(crate) fn take(self) -> Reading {
+        let Self { linear, layer, times, response, black_level, flat } = self;
+        let response = response.map(|name| match name.as_str() {
+            "srgb" => Curve::Srgb,
+            "linear" => Curve::Linear,
+            path => Curve::File(path.into()),
+        });
+        Reading { linear, times, response, black_level, flat, layer }
+    }
 }
 
 /// A mask, in memory or in a file.
@@ -30,6 +65,20 @@ enum GivenMask<'py> {
 #[derive(FromPyObject)]
 enum GivenMesh<'py> {
     Arrays((Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>)),
+    File(PathBuf),
+}
+
+/// Depths, in memory or in a file.
+#[derive(FromPyObject)]
+enum GivenDepths<'py> {
+    Array(Bound<'py, PyArray2<f64>>),
+    File(PathBuf),
+}
+
+/// Positions, in memory or in a file.
+#[derive(FromPyObject)]
+enum GivenPositions<'py> {
+    Array(Bound<'py, PyArray3<f64>>),
     File(PathBuf),
 }
 
@@ -49,18 +98,33 @@ impl Json {
     }
 }
 
+/// Normals, with how they are meant.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct GivenNormals<'py> {
+    picture: GivenPicture<'py>,
+    order: String,
+    flip_x: bool,
+    flip_y: bool,
+    flip_z: bool,
+    trusted: bool,
+    depth: Option<GivenDepths<'py>>,
+    depth_range: Option<(f64, f64)>,
+    depth_along_rays: bool,
+    positions: Option<GivenPositions<'py>>,
+}
+
 /// The shape of an object, as Python gives it; `mesh` or `normals` take precedence over the name.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct GivenShape<'py> {
     shape: String,
     mesh: Option<GivenMesh<'py>>,
-    normals: Option<GivenPicture<'py>>,
+    normals: Option<GivenNormals<'py>>,
     camera: Option<Json>,
     pose: Option<Json>,
     circle: Option<(f64, f64, f64)>,
     depth_axis: Option<f64>,
-    trust_normals: bool,
 }
 
 /// A photograph and what is known of its object.
@@ -68,9 +132,8 @@ struct GivenShape<'py> {
 #[pyo3(from_item_all)]
 pub(crate) struct GivenScene<'py> {
     name: String,
-    image: GivenPicture<'py>,
-    linear: bool,
-    layer: Option<String>,
+    image: GivenShots<'py>,
+    reading: GivenReading,
     mask: Option<GivenMask<'py>>,
     clip: Option<f32>,
     keep_colors: bool,
@@ -80,11 +143,15 @@ pub(crate) struct GivenScene<'py> {
 impl GivenScene<'_> {
     pub(crate) fn take(self) -> PyResult<Scene> {
         let shots = match self.image {
-            GivenPicture::Array(rgb) => Shots::Here(Picture { rgb: arrays::colours(&rgb)?, alpha: None }),
-            GivenPicture::WithAlpha((rgb, alpha)) => {
+            GivenShots::Picture(GivenPicture::Array(rgb)) => {
+                Shots::Here(Picture { rgb: arrays::colours(&rgb)?, alpha: None })
+            }
+            GivenShots::Picture(GivenPicture::WithAlpha((rgb, alpha))) => {
                 Shots::Here(Picture { rgb: arrays::colours(&rgb)?, alpha: Some(arrays::values(&alpha)?) })
             }
-            GivenPicture::File(path) => Shots::Files(vec![path]),
+            GivenShots::Picture(GivenPicture::File(path)) => Shots::Files(vec![path]),
+            GivenShots::Bytes(bytes) => Shots::Bytes(self.name.clone(), bytes),
+            GivenShots::Exposures(paths) => Shots::Files(paths),
         };
         let mask = self.mask.map(|mask| {
             Ok::<_, PyErr>(match mask {
@@ -95,7 +162,7 @@ impl GivenScene<'_> {
         Ok(Scene {
             name: self.name,
             shots,
-            reading: Reading { linear: self.linear, layer: self.layer, ..Reading::default() },
+            reading: self.reading.take(),
             mask: mask.transpose()?,
             clip: self.clip,
             keep_colours: self.keep_colors,
@@ -122,14 +189,7 @@ impl GivenShape<'_> {
                 GivenMesh::File(path) => Source::File(path),
             })
         } else if let Some(normals) = self.normals {
-            let source = match normals {
-                GivenPicture::Array(array) | GivenPicture::WithAlpha((array, _)) => {
-                    Source::Here(arrays::colours(&array)?)
-                }
-                GivenPicture::File(path) => Source::File(path),
-            };
-            let (correction, places) = (Correction::default(), None);
-            Form::Normals(Box::new(Normals { picture: source, correction, trusted: self.trust_normals, places }))
+            Form::Normals(Box::new(normals.take()?))
         } else if self.shape == "ellipsoid" {
             Form::Ellipsoid(self.depth_axis)
         } else {
@@ -137,6 +197,73 @@ impl GivenShape<'_> {
         };
         Ok(Shape { form, camera: self.camera.map(Json::source), pose: self.pose.map(Json::source) })
     }
+}
+
+impl GivenNormals<'_> {
+    fn take(self) -> PyResult<Normals> {
+        let picture = match self.picture {
+            GivenPicture::Array(array) | GivenPicture::WithAlpha((array, _)) => Source::Here(arrays::colours(&array)?),
+            GivenPicture::File(path) => Source::File(path),
+        };
+        // The package has checked the order.
+        let order = Correction::order_named(&self.order).unwrap_or([0, 1, 2]);
+        let correction = Correction { order, flip_x: self.flip_x, flip_y: self.flip_y, flip_z: self.flip_z };
+        let kind = if self.depth_along_rays { DepthKind::AlongRay } else { DepthKind::AlongAxis };
+        let depth = self.depth.map(|depth| depth.source().map(|depth| Places::Depth(depth, self.depth_range, kind)));
+        let positions = self.positions.map(|positions| positions.source().map(Places::Positions));
+        Ok(Normals { picture, correction, trusted: self.trusted, places: depth.or(positions).transpose()? })
+    }
+}
+
+impl GivenDepths<'_> {
+    fn source(self) -> PyResult<Source<Plane<Option<f64>>>> {
+        Ok(match self {
+            Self::File(path) => Source::File(path),
+            Self::Array(array) => {
+                let values = array.readonly().as_array().iter().map(|v| depth_of(*v)).collect();
+                Source::Here(surface(
+                    &array,
+                    array.py(),
+                    "the depths: hold no surface: all are zero, infinite or huge",
+                    values,
+                )?)
+            }
+        })
+    }
+}
+
+impl GivenPositions<'_> {
+    fn source(self) -> PyResult<Source<Plane<Option<DVec3>>>> {
+        Ok(match self {
+            Self::File(path) => Source::File(path),
+            Self::Array(array) => {
+                let rows = array.readonly();
+                let places = rows.as_array().into_iter().copied().collect::<Vec<f64>>();
+                let places = places.chunks_exact(3).map(|p| place_of(DVec3::from_slice(p))).collect();
+                Source::Here(surface(
+                    &array,
+                    array.py(),
+                    "the positions: hold no surface: all are zero, infinite or huge",
+                    places,
+                )?)
+            }
+        })
+    }
+}
+
+/// The picture of what each pixel of an array of shape (height, width, ...) holds; `problem` if
+/// that is nothing anywhere.
+fn surface<'py, T>(
+    array: &impl PyUntypedArrayMethods<'py>,
+    py: Python<'py>,
+    problem: &str,
+    values: Vec<Option<T>>,
+) -> PyResult<Plane<Option<T>>> {
+    if values.iter().all(Option::is_none) {
+        return Err(raise(&Problem::new(problem), py));
+    }
+    let shape = array.shape();
+    Ok(Plane::from_vec(shape[1], shape[0], values))
 }
 
 /// Extracts the shape that `render` shows.

@@ -80,6 +80,7 @@ pub(crate) struct LightingOptions {
     grid: usize,
     layout: String,
     turns: usize,
+    cap: Option<f64>,
     seed: u64,
 }
 
@@ -96,7 +97,7 @@ pub(crate) fn train_lighting(
 ) -> PyResult<Part> {
     let lights = lights.take()?;
     let (bytes, provenance) = work::run(py, listeners, move |reporter| {
-        let LightingOptions { grid, layout, turns, seed } = options;
+        let LightingOptions { grid, layout, turns, cap, seed } = options;
         let map = match layout.as_str() {
             "equal-area" => OctahedralMap::EqualArea,
             "praun-hoppe" => OctahedralMap::PraunHoppe,
@@ -105,7 +106,7 @@ pub(crate) fn train_lighting(
         if !(1..=64).contains(&turns) {
             return Err(Problem::new(format!("turns {turns}: give a number from 1 to 64")));
         }
-        let settings = LightingSettings { grid, map, turns, seed, ..LightingSettings::default() };
+        let settings = LightingSettings { grid, map, turns, cap, seed };
         let (prior, provenance) = training::lighting(&lights, &settings, &|stage, x| reporter.at(stage, x))?;
         Ok((encode_lighting(&prior, &provenance), provenance))
     })?;

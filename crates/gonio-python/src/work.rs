@@ -5,13 +5,13 @@ use std::mem::take;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use pyo3::prelude::*;
-
 use gonio_app::Problem;
+use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::error::{fault, raise};
 
@@ -59,6 +59,19 @@ impl Reporter {
     }
 }
 
+/// Threads that work on Rust's side; without them those of Rayon, one for each core.
+static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
+
+/// Chooses the number of threads of all work from now on; one for each core without a number.
+#[pyfunction]
+#[pyo3(signature = (count))]
+pub(crate) fn set_threads(py: Python<'_>, count: Option<usize>) -> PyResult<()> {
+    let pool = count.map(|count| ThreadPoolBuilder::new().num_threads(count).build().map(Arc::new)).transpose();
+    let pool = pool.map_err(|error| raise(&Problem::of("threads", error), py))?;
+    *POOL.lock().unwrap_or_else(PoisonError::into_inner) = pool;
+    Ok(())
+}
+
 /// Runs the job while other threads of Python run. When waiting ends before the job does, by Ctrl-C
 /// or by an exception of a listener, the worker stops the next time it reports.
 pub(crate) fn run<T: Send + 'static>(
@@ -69,8 +82,13 @@ pub(crate) fn run<T: Send + 'static>(
     let shared = Arc::new(Shared::default());
     let reporter = Reporter(shared.clone());
     let (sender, mut receiver) = mpsc::channel();
+    let pool = POOL.lock().unwrap_or_else(PoisonError::into_inner).clone();
     thread::Builder::new().name("gonio".to_owned()).spawn(move || {
-        let done = catch_unwind(AssertUnwindSafe(|| job(&reporter)));
+        let work = || catch_unwind(AssertUnwindSafe(|| job(&reporter)));
+        let done = match pool {
+            Some(pool) => pool.install(work),
+            None => work(),
+        };
         // Nobody listens after an interruption.
         let _ = sender.send(done);
     })?;

@@ -9,7 +9,8 @@ import pytest
 
 import gonio
 
-BALL = Path(__file__).resolve().parents[3] / "samples" / "ball.exr"
+ROOT = Path(__file__).resolve().parents[3]
+BALL = ROOT / "samples" / "ball.exr"
 
 
 @pytest.fixture(scope="session")
@@ -38,3 +39,12 @@ def small_ball(size: int = 48, *, colour: tuple[float, float, float] = (1.0, 1.0
 @pytest.fixture(scope="session")
 def small() -> np.ndarray:
     return small_ball()
+
+
+@pytest.fixture(autouse=True)
+def names_of_examples(request, monkeypatch, tmp_path):
+    """What the examples of the documentation begin with, as the documentation of the package says."""
+    if isinstance(request.node, pytest.DoctestItem):
+        monkeypatch.chdir(ROOT)
+        monkeypatch.setenv("GONIO_CACHE_DIR", str(tmp_path / "cache"))
+        request.node.dtest.globs.update(gonio=gonio, np=np, folder=tmp_path, found=request.getfixturevalue("found"))

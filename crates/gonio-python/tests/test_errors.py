@@ -82,8 +82,94 @@ def test_warnings_are_warnings_and_kept(small):
     assert any("clipped" in said for said in found.warnings) and found.notes["warnings"] == list(found.warnings)
 
 
-def test_types_that_cannot_be_are_type_errors(small):
-    with pytest.raises(TypeError):
-        gonio.infer(small, grid="many")
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"grid": "many"}, "grid: give a whole number, not 'many'"),
+        ({"grid": 2.5}, "grid: give a whole number, not 2.5"),
+        ({"grid": True}, "grid: give a whole number, not True"),
+        ({"clip": "high"}, "clip: give a number, not 'high'"),
+        ({"linear": 1}, "linear: give True or False, not 1"),
+        ({"color": None}, 'color: give "estimate", "median" or "none", not None'),
+        ({"circle": 3}, "circle: give three numbers, x, y and radius, in pixels, not 3"),
+        ({"light_color": "red"}, "light_color: give three positive numbers on a linear scale, not 'red'"),
+        ({"layer": 3}, "layer: give a string, not 3"),
+        ({"camera": 3}, "camera: give a file or a dictionary, not 3"),
+        ({"model": 3}, "model: give a file or what train_model returns, not 3"),
+        ({"progress": 3}, "progress: give a function, not 3"),
+        ({"shape": None}, 'shape: give "sphere", '),
+        ({"times": 3.0}, "times: give the exposure time of each file in seconds, not 3.0"),
+        ({"flat": np.ones((3, 3))}, "flat: give the file of a picture"),
+    ],
+)
+def test_types_that_cannot_be_are_type_errors(ball, options, message):
+    with pytest.raises(TypeError) as caught:
+        gonio.infer(ball, **options)
+    assert str(caught.value).startswith(message)
+
+
+def test_what_makes_no_array_is_told(small):
     with pytest.raises(TypeError):
         gonio.infer(small, nonsense=1)
+    for image in (None, object(), {"a": 1}, [[1, 2], [3]]):
+        with pytest.raises(gonio.GonioError, match="the image: .*(is no picture|makes no array)"):
+            gonio.infer(image)
+    assert gonio.infer(small, grid=np.int64(8), clip=np.float32(1e9), pictures=np.bool_(False)).notes["settings"]["grid"] == 8
+
+
+def test_other_functions_say_so_too(tmp_path):
+    brdf = gonio.Brdf.of(lambda h, d: 0.2 + 0 * h)
+    for call, message in [
+        (lambda: gonio.render(brdf, size="big"), "size: give a whole number, not 'big'"),
+        (lambda: gonio.render(brdf, size=(1, 2, 3)), "size: give one number of pixels"),
+        (lambda: gonio.render(brdf, samples=1.5), "samples: give a whole number, not 1.5"),
+        (lambda: gonio.studio_light("x"), "height: give a whole number, not 'x'"),
+        (lambda: brdf.scaled("half"), "albedo: give a number, not 'half'"),
+        (lambda: brdf.export(tmp_path / "x", [3]), "to: give names of gonio.EXPORTS, not "),
+        (lambda: gonio.train_lighting(3), "lights: give a folder, or a list of maps, not 3"),
+        (lambda: gonio.train_reflectance(3), "materials: give a folder, or a dictionary of BRDFs by name, not 3"),
+        (lambda: gonio.light_probe(np.ones((9, 9)), reflectance="silver"), "reflectance: give one number above 0 and up to 1, or three"),
+        (lambda: gonio.read_image(tmp_path, layer=3), "layer: give a string, not 3"),
+    ]:
+        with pytest.raises(TypeError) as caught:
+            call()
+        assert str(caught.value).startswith(message)
+
+
+def test_nothing_speaks_of_options_of_the_program_or_of_its_inside(ball, small, tmp_path):
+    """Whatever is wrong, the message has arguments of Python."""
+    noise = np.random.default_rng(1).random((48, 48, 3))
+    said = []
+    for call in (
+        lambda: gonio.infer(noise),
+        lambda: gonio.infer(small, normals=np.ones((48, 48, 3))),
+        lambda: gonio.infer([ball, ball]),
+        lambda: gonio.infer([tmp_path / "a.png", tmp_path / "b.png"]),
+        lambda: gonio.infer(ball, layer="diffuse"),
+        lambda: gonio.infer(ball, black_level=3.0),
+        lambda: gonio.infer(ball, times=[1.0]),
+        lambda: gonio.infer(ball, response="linear", times=[1.0]),
+        lambda: gonio.infer(small, camera={"projection": "fisheye"}),
+        lambda: gonio.infer(small, "blob", pose={"position": 3}),
+        lambda: gonio.infer(small, light=noise),
+        lambda: gonio.infer(small, light=tmp_path / "none.hdr"),
+        lambda: gonio.infer(small, starts=10**9, method="map"),
+        lambda: gonio.infer(small, seed=-1, method="map"),
+        lambda: gonio.infer(small, seed=2**80, method="map"),
+        lambda: gonio.infer_many([small], seed="x", method="map")[0].error,
+        lambda: gonio.infer_regions(small, circles=[(1, 2)]),
+        lambda: gonio.light_probe(noise),
+        lambda: gonio.light_probe(noise, rows=9),
+        lambda: gonio.train_lighting([noise]),
+        lambda: gonio.train_lighting(tmp_path),
+        lambda: gonio.train_model(tmp_path / "a", tmp_path / "b"),
+    ):
+        try:
+            said.append(str(call()))
+        except (gonio.GonioError, TypeError) as error:
+            said.append(str(error))
+        else:
+            assert isinstance(call(), Exception), "nothing was wrong"
+    for message in said:
+        assert "--" not in message and "extract" not in message and "gonio train" not in message, message
+        assert "object at 0x" not in message and "Traceback" not in message, message

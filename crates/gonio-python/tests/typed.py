@@ -19,6 +19,12 @@ def use(image: NDArray[np.float32], path: Path) -> NDArray[np.float32]:
     table: NDArray[np.float32] = found.brdf.table
     open_cells: NDArray[np.bool_] = found.undetermined
     names: list[str] = [name for name, _ in found.materials]
+    draws: NDArray[np.float32] = found.rgb_samples
+    low, median, high = found.gloss_units[60]
+    basis: gonio.BasisPosterior = gonio.infer(image, method="variational", starts=2, grid=16)
+    merged: gonio.Merged = gonio.merge(["a.jpg", "b.jpg"], times=[0.1, 0.2])
+    looked: gonio.Checked = gonio.check(merged.picture, clip=merged.clip_level)
+    print(draws.shape, low, median, high, basis.coefficients, looked.outlines, found.brdf.gloss, found.to_xarray().sizes)
     print(table.shape, open_cells.sum(), names, found.notes["seconds"])
     found.plot().savefig(path / "figure.png")
     found.save(path)

@@ -74,7 +74,7 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
 impl NormalOptions {
     fn normals(&self, picture: PathBuf) -> Normals {
         let kind = if self.depth_along_rays { DepthKind::AlongRay } else { DepthKind::AlongAxis };
-        let depth = self.depth.clone().map(|path| Places::Depth(path, self.depth_range, kind));
+        let depth = self.depth.clone().map(|path| Places::Depth(Source::File(path), self.depth_range, kind));
         Normals {
             picture: Source::File(picture),
             correction: Correction {
@@ -84,7 +84,7 @@ impl NormalOptions {
                 flip_z: self.normals_flip_z,
             },
             trusted: self.trust_normals,
-            places: depth.or_else(|| self.positions.clone().map(Places::Positions)),
+            places: depth.or_else(|| self.positions.clone().map(|path| Places::Positions(Source::File(path)))),
         }
     }
 }

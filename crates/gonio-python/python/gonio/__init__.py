@@ -1,56 +1,78 @@
 """The BRDF of an object of known shape, with error bars, from one photograph under unknown light.
 
 >>> import gonio
->>> found = gonio.infer("ball.exr")                 # doctest: +SKIP
->>> found.brdf.write("ball.binary")                 # doctest: +SKIP
->>> picture = found.relight("sunset.exr", "bunny")  # doctest: +SKIP
+>>> found = gonio.infer("samples/ball.exr")
+>>> found.brdf.write(folder / "ball.binary")
+>>> picture = found.relight("sky", shape="bunny", size=64)
 
-Angles are in radians, BRDFs in 1/sr, pictures linear radiance with row 0 at the top. Axes are those of the camera: x right, y up, z from the
-object towards the camera.
+Angles are in radians, BRDFs in 1/sr, pictures linear radiance with row 0 at the top. Axes are those
+of the camera: x right, y up, z from the object towards the camera. docs/python.md is the guide;
+examples of the documentation run in the root of the repository, with ``found`` as above and an
+empty ``folder``.
+
+Constants
+---------
+THETA_H, THETA_D
+    Half and difference angles of a table's rows and columns, in radians, shape (90,) each.
+QUANTILES
+    Shares of :attr:`Posterior.quantiles`.
+EXPORTS
+    What :meth:`Brdf.export` can write, and what each is.
+METHODS
+    How :func:`infer` may find a material.
 """
 
-from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, read_brdf, read_merl, render, write_merl
+from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, render
 from ._combine import Combined, combine
 from ._errors import FileError, GonioError, GonioWarning, MissingFileError
 from ._files import read_image, read_normals, write_image
 from ._gonio import Model, __version__
-from ._infer import infer, read_model
+from ._infer import METHODS, infer, read_model
+from ._look import Checked, Merged, check, merge, set_threads
 from ._many import Failure, infer_many
-from ._posterior import QUANTILES, Posterior
+from ._posterior import QUANTILES, BasisPosterior, Posterior
 from ._probe import LightProbe, light_probe
 from ._regions import infer_regions
 from ._render import studio_light
 from ._show import tonemapped
+from ._tables import read_brdf, read_merl, write_merl
 from ._train import Part, train_lighting, train_model, train_posterior, train_reflectance
 
 __all__ = [
     "EXPORTS",
+    "METHODS",
     "QUANTILES",
     "THETA_D",
     "THETA_H",
+    "BasisPosterior",
     "Brdf",
+    "Checked",
     "Combined",
     "Failure",
     "FileError",
     "GonioError",
     "GonioWarning",
     "LightProbe",
+    "Merged",
     "MissingFileError",
     "Model",
     "Part",
     "Posterior",
     "__version__",
+    "check",
     "combine",
     "infer",
     "infer_many",
     "infer_regions",
     "light_probe",
+    "merge",
     "read_brdf",
     "read_image",
     "read_merl",
     "read_model",
     "read_normals",
     "render",
+    "set_threads",
     "studio_light",
     "tonemapped",
     "train_lighting",

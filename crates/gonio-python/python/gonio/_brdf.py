@@ -6,18 +6,24 @@ import base64
 import json
 import os
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _gonio
-from ._arguments import Camera, Path, Picture, Shape, floats
+from ._arguments import Array, Camera, Path, Picture, Progress, Shape
+from ._arrays import array_of, floats
+from ._checks import choice, flag, listener, positive, shown, text
+from ._convert import data_array, mitsuba_bsdf
 from ._errors import GonioError
 from ._files import light_map
 from ._render import drawn, frame
 from ._show import escaped, tonemapped
 from ._types import Floats, Listeners
+
+if TYPE_CHECKING:
+    import xarray
 
 THETA_H: NDArray[np.float64] = (np.arange(90) / 90) ** 2 * (np.pi / 2)
 """Half angles of the rows of a table, in radians: denser towards the highlight, as in the MERL database."""
@@ -29,35 +35,77 @@ EXPORTS: dict[str, str] = dict(_gonio.export_targets())
 
 
 class Brdf:
-    """An isotropic BRDF in 1/sr: a table of shape (90, 90, 3) over half angle (:data:`THETA_H`), difference angle (:data:`THETA_D`) and
-    linear Rec. 709 colour. ``np.asarray(brdf)`` is the table."""
+    """An isotropic BRDF in 1/sr: a table over half angle, difference angle and linear Rec. 709 colour.
 
-    def __init__(self, table: ArrayLike, full: ArrayLike | None = None, *, name: str = "gonio") -> None:
-        array = np.asarray(table)
+    ``np.asarray(brdf)`` is the table. Rows are at the half angles :data:`THETA_H`, columns at the
+    difference angles :data:`THETA_D`, both in radians.
+
+    Parameters
+    ----------
+    table : array
+        Shape (90, 90, 3) or (90, 90).
+    full : array, optional
+        Shape (3, 90, 90, 180): all of a table that depends on the third angle.
+    name : str, default "gonio"
+        What exported files call it.
+
+    Attributes
+    ----------
+    table : ndarray of float32
+        Shape (90, 90, 3), in 1/sr.
+    full : ndarray of float32 or None
+        Shape (3, 90, 90, 180), as it was read; negative where there is no value.
+    name : str
+        What exported files call it.
+
+    Examples
+    --------
+    >>> chalk = gonio.Brdf(np.full((90, 90), 0.9 / np.pi), name="chalk")
+    >>> round(chalk.albedo, 3)
+    0.9
+    """
+
+    def __init__(self, table: Array, full: Array | None = None, *, name: str = "gonio") -> None:
+        array = array_of(table, "the BRDF")
         if array.shape == (90, 90):
             array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
         if array.shape != (90, 90, 3):
             raise GonioError(f"a BRDF has the shape (90, 90, 3) or (90, 90), not {array.shape}")
         self.table: Floats = floats(array)
-        """Shape (90, 90, 3), in 1/sr."""
         self.full: Floats | None = None if full is None else floats(np.asarray(full))
-        """Shape (3, 90, 90, 180): all of a table that depends on the third angle, as it was read; negative where there is no value."""
-        self.name = name
-        """What exported files call it."""
+        self.name = text(name, "name")
         if self.full is not None and self.full.shape != (3, 90, 90, 180):
             raise GonioError(f"a whole MERL table has the shape (3, 90, 90, 180), not {self.full.shape}")
 
     @classmethod
     def of(cls, function: Callable[[NDArray[np.float64], NDArray[np.float64]], ArrayLike], *, name: str = "gonio") -> Brdf:
-        """Of a formula: ``function(theta_h, theta_d)``, in radians, gives values of the shape of the angles or with an axis of three colours
-        more."""
+        """Make the BRDF of a formula.
+
+        Parameters
+        ----------
+        function : callable
+            ``function(theta_h, theta_d)``, in radians, gives values of the shape of the angles or
+            with an axis of three colours more.
+        name : str, default "gonio"
+            What exported files call it.
+
+        Returns
+        -------
+        Brdf
+            Its table.
+
+        Examples
+        --------
+        >>> gonio.Brdf.of(lambda h, d: 0.1 + np.exp(-((h / 0.2) ** 2)), name="satin")
+        <gonio.Brdf 'satin': albedo 0.767, at most 1.1 1/sr>
+        """
         h, d = np.meshgrid(THETA_H, THETA_D, indexing="ij")
         values = np.asarray(function(h, d))
         return cls(np.broadcast_to(values, (90, 90)) if values.ndim < 2 else values, name=name)
 
     @property
     def luminance(self) -> Floats:
-        """Shape (90, 90)."""
+        """Luminance of the table, shape (90, 90)."""
         return floats(self.table @ np.array([0.2126, 0.7152, 0.0722], np.float32))
 
     @property
@@ -65,19 +113,99 @@ class Brdf:
         """Share of light along the normal that is reflected, of the luminance."""
         return _gonio.normal_albedo(self.table)
 
+    @property
+    def gloss(self) -> float:
+        """The BRDF along the normal over its mean at half angles beyond 45 degrees: 1 is chalk, thousands polished metal."""
+        return self._highlight()[0]
+
+    @property
+    def alpha(self) -> float:
+        """Width of the GGX lobe that is as sharp as the highlight; one where there is none."""
+        return self._highlight()[1]
+
+    @property
+    def gloss_units(self) -> dict[int, float]:
+        """Gloss units at 20 and at 60 degrees (ASTM D523: black glass reads 100), by the angle."""
+        return dict(zip((20, 60), self._highlight()[2:]))
+
+    def _highlight(self) -> list[float]:
+        values: list[float] = _gonio.highlights(self.luminance[np.newaxis])[0].tolist()
+        return values
+
     def scaled(self, albedo: float) -> Brdf:
-        """The same with another :attr:`albedo`, which a photograph under unknown light does not tell."""
-        factor = np.float32(albedo / self.albedo)
+        """Give the same with another :attr:`albedo`, which a photograph under unknown light does not tell.
+
+        Parameters
+        ----------
+        albedo : float
+            The albedo of the luminance along the normal.
+
+        Returns
+        -------
+        Brdf
+            A scaled copy.
+
+        Examples
+        --------
+        >>> round(found.brdf.scaled(0.2).albedo, 4)
+        0.2
+        """
+        factor = np.float32(positive(albedo, "albedo") / self.albedo)
         return Brdf(self.table * factor, None if self.full is None else self.full * factor, name=self.name)
 
+    def grey(self) -> Brdf:
+        """Give the same in three equal channels: its luminance.
+
+        Returns
+        -------
+        Brdf
+            Without a table of the third angle.
+
+        Examples
+        --------
+        >>> grey = found.brdf.grey().table
+        >>> bool((grey[..., 0] == grey[..., 2]).all())
+        True
+        """
+        return Brdf(self.luminance, name=self.name)
+
     def eval(self, theta_h: ArrayLike, theta_d: ArrayLike) -> NDArray[np.float64]:
-        """Values at half and difference angles in radians, linear between the samples of the table; one axis of three colours is added
-        to the shape of the angles."""
-        h, d = np.broadcast_arrays(np.asarray(theta_h, np.float64), np.asarray(theta_d, np.float64))
+        """Evaluate it between the samples of the table, linearly.
+
+        Parameters
+        ----------
+        theta_h, theta_d : array
+            Half and difference angles in radians, of shapes that broadcast.
+
+        Returns
+        -------
+        ndarray of float64
+            Values in 1/sr: an axis of three colours is added to the shape of the angles.
+
+        Examples
+        --------
+        >>> gonio.Brdf.of(lambda h, d: 1 + 0 * h).eval([0, 0.1, 0.2], 0.3).shape
+        (3, 3)
+        """
+        try:
+            h, d = np.broadcast_arrays(np.asarray(theta_h, np.float64), np.asarray(theta_d, np.float64))
+        except (TypeError, ValueError) as error:
+            raise GonioError(f"theta_h and theta_d: give angles in radians: {error}") from None
         return _gonio.eval(self.table, np.ravel(h), np.ravel(d)).reshape(*h.shape, 3)
 
     def write(self, path: Path) -> None:
-        """Writes it by the ending of the name: ``.binary`` (MERL), ``_spec.bsdf`` or ``.bsdf`` (RGL, for pbrt and Mitsuba 3)."""
+        """Write it to a file, whole or not at all.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            Its ending is the format: ``.binary`` (MERL), ``_spec.bsdf`` or ``.bsdf`` (RGL, for pbrt
+            and Mitsuba 3).
+
+        Examples
+        --------
+        >>> found.brdf.write(folder / "ball.binary")
+        """
         _gonio.write_brdf(os.fspath(path), self.table, self.full, self.name)
 
     def export(
@@ -89,24 +217,122 @@ class Brdf:
         albedo: float | None = None,
         tables: bool = False,
         light: Picture | None = None,
-        progress: Callable[[str, float], object] | None = None,
+        progress: Progress | None = None,
     ) -> dict[str, Any]:
-        """Writes files for renderers into a folder, the same as ``gonio export`` does: those of :data:`EXPORTS` that ``to`` names, or all.
+        """Write files for renderers into a folder, the same as ``gonio export`` does.
 
-        ``albedo`` scales the BRDF first, ``tables`` adds the table of each fitted model. ``light`` is the light of the scenes, a lat-long
-        picture; a studio if not given. Returns what ``export.json`` says.
+        Parameters
+        ----------
+        directory : str or os.PathLike
+            The folder.
+        to : str or sequence of str, optional
+            Those of :data:`EXPORTS` that are wanted; all if not given.
+        name : str, optional
+            Name of the material.
+        albedo : float, optional
+            Scale the BRDF to this albedo first.
+        tables : bool, default False
+            Add the table of each fitted model.
+        light : path or array, optional
+            The light of the scenes, a lat-long map; a studio if not given.
+        progress : callable, optional
+            Called with the name of a stage and the fraction of it that is done.
+
+        Returns
+        -------
+        dict
+            What ``export.json`` says: which files there are, and how far each is off.
+
+        Examples
+        --------
+        >>> summary = found.brdf.export(folder / "export", ["merl", "ward"])
+        >>> list(summary["exports"])
+        ['merl', 'ward']
         """
         wanted = [to] if isinstance(to, str) else to
+        if wanted is not None and not all(isinstance(one, str) for one in wanted):
+            raise TypeError(f"to: give names of gonio.EXPORTS, not {shown(to)}")
+        listener(progress)
         listeners: Listeners = {"progress": progress, "poll": None}
-        called = name or self.name
+        called = text(name or self.name, "name")
+        scale = None if albedo is None else positive(albedo, "albedo")
         lit = None if light is None else light_map(light)
-        text = _gonio.export(os.fspath(directory), self.table, self.full, lit, wanted, called, albedo, tables, self.name, listeners)
-        summary: dict[str, Any] = json.loads(text)
+        told = _gonio.export(
+            os.fspath(directory), self.table, self.full, lit, wanted, called, scale, flag(tables, "tables"), self.name, listeners
+        )
+        summary: dict[str, Any] = json.loads(told)
         return summary
 
     def render(self, light: Picture | None = None, **options: Any) -> Floats:
-        """:func:`gonio.render` of it, in the light that gonio shows its results in if no other is given."""
+        """Render it: :func:`gonio.render`.
+
+        Parameters
+        ----------
+        light : path or array, optional
+            A lat-long map; the light that gonio shows its results in if not given.
+        **options
+            Other arguments of :func:`gonio.render`.
+
+        Returns
+        -------
+        ndarray of float32
+            Radiance and coverage, shape (height, width, 4).
+
+        Examples
+        --------
+        >>> found.brdf.render(size=32).shape
+        (32, 32, 4)
+        """
         return render(self, light, **options)
+
+    def to_xarray(self) -> xarray.DataArray:
+        """Make an array of xarray with named axes.
+
+        Returns
+        -------
+        xarray.DataArray
+            Over ``theta_h``, ``theta_d`` (radians) and ``channel``.
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed.
+
+        Examples
+        --------
+        >>> found.brdf.to_xarray().sel(channel="red").dims
+        ('theta_h', 'theta_d')
+        """
+        return data_array(self)
+
+    def to_mitsuba(self, plugin: str = "measured") -> Any:
+        """Make a BSDF of Mitsuba 3, for the variant of it that is set.
+
+        Parameters
+        ----------
+        plugin : {"measured", "principled"}, default "measured"
+            The table itself (RGB or spectral, as the variant needs it), or the parameters of
+            Mitsuba's ``principled`` that come nearest, which takes some seconds.
+
+        Returns
+        -------
+        mitsuba.BSDF
+            To be used within scenes.
+
+        Raises
+        ------
+        ImportError
+            If Mitsuba is not installed.
+        GonioError
+            If Mitsuba has no variant yet.
+
+        Examples
+        --------
+        >>> import mitsuba                                        # doctest: +SKIP
+        >>> mitsuba.set_variant("llvm_ad_rgb")                    # doctest: +SKIP
+        >>> sphere = {"type": "sphere", "material": found.brdf.to_mitsuba()}  # doctest: +SKIP
+        """
+        return mitsuba_bsdf(self, choice(plugin, "plugin", ("measured", "principled")))
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if dtype is None or np.dtype(dtype) == self.table.dtype:
@@ -125,7 +351,7 @@ class Brdf:
 
 
 def render(
-    brdf: Brdf | ArrayLike,
+    brdf: Brdf | Array,
     light: Picture | None = None,
     shape: Shape = "sphere",
     size: int | tuple[int, int] = 256,
@@ -135,44 +361,48 @@ def render(
     samples: int = 1,
     tolerance: float | None = None,
     shadows: bool = True,
-    progress: Callable[[str, float], object] | None = None,
+    progress: Progress | None = None,
 ) -> Floats:
-    """Renders an object of a BRDF under a light.
+    """Render an object of a BRDF under a light.
 
-    :param brdf: what it is made of.
-    :param light: a lat-long map in coordinates of the camera (row 0 is up, the centre looks along -z, the right half is +x), as a file or an
-        array of shape (height, 2 height, 3); without one :func:`studio_light`.
-    :param shape: ``"sphere"``, ``"blob"``, ``"bunny"``, ``"bowl"``, the file of a mesh, or (vertices, faces).
-    :param size: width and height in pixels, or both as a pair.
-    :param camera: where the camera of a mesh is (docs/camera.md), ``pose``: where the mesh is.
-    :param samples: along each side of a pixel.
-    :param tolerance: bound the error: the sum of error bounds relative to the radiance; the true error is
-        smaller, by some fifty times in detailed light, by five in the worst case known (a coarse even
-        map). 0.2 takes ten times as long as the default, a fixed set of half vectors as fine as the
-        light's pixels, whose error is about half a percent.
-    :param shadows: whether a mesh throws shadows on itself.
-    :returns: radiance and coverage, shape (height, width, 4); colour is multiplied by coverage.
+    Parameters
+    ----------
+    brdf : Brdf or array
+        What it is made of.
+    light : path, str or array, optional
+        A lat-long map in coordinates of the camera (row 0 is up, the centre looks along -z, the
+        right half is +x), as a file or an array of shape (height, 2 height, 3); a text file of
+        directional lights; or ``"studio"``, ``"sky"``, ``"lamp"``. Without one
+        :func:`studio_light`.
+    shape : str, path or pair of arrays, default "sphere"
+        ``"sphere"``, ``"blob"``, ``"bunny"``, ``"bowl"``, the file of a mesh, or (vertices, faces).
+    size : int or (int, int), default 256
+        Width and height in pixels, or both as a pair.
+    camera, pose : path or dict, optional
+        Where the camera of a mesh is (docs/camera.md), and where the mesh is.
+    samples : int, default 1
+        Along each side of a pixel.
+    tolerance : float, optional
+        Bound the error: the sum of error bounds relative to the radiance; the true error is
+        smaller, by some fifty times in detailed light, by five in the worst case known (a coarse
+        even map). 0.2 takes ten times as long as the default, a fixed set of half vectors as fine
+        as the light's pixels, whose error is about half a percent.
+    shadows : bool, default True
+        Whether a mesh throws shadows on itself.
+    progress : callable, optional
+        Called with the name of a stage and the fraction of it that is done.
+
+    Returns
+    -------
+    ndarray of float32
+        Radiance and coverage, shape (height, width, 4); colour is multiplied by coverage.
+
+    Examples
+    --------
+    >>> chalk = gonio.Brdf.of(lambda h, d: 0.25 + 0 * h)
+    >>> gonio.render(chalk, "sky", "bunny", size=(40, 30)).shape
+    (30, 40, 4)
     """
     given, settings = frame(shape, size, camera, pose, samples, tolerance, shadows)
     what = brdf if isinstance(brdf, Brdf) else Brdf(brdf)
     return drawn(what.table, what.full, light, given, settings, progress)
-
-
-def read_merl(path: Path) -> Brdf:
-    """Reads a table of the MERL database (``.binary``); the whole table is copied once on its way."""
-    return _read(path, False)
-
-
-def read_brdf(path: Path) -> Brdf:
-    """Reads a table of the MERL database or an RGB file of the RGL database (``.bsdf``), told apart by how they begin."""
-    return _read(path, True)
-
-
-def _read(path: Path, any_format: bool) -> Brdf:
-    table, full = _gonio.read_brdf(os.fspath(path), any_format)
-    return Brdf(table, full, name=os.path.splitext(os.path.basename(os.fspath(path)))[0])
-
-
-def write_merl(path: Path, brdf: Brdf | ArrayLike) -> None:
-    """Writes a table of the MERL database; the name ends in ``.binary``."""
-    (brdf if isinstance(brdf, Brdf) else Brdf(brdf)).write(path)

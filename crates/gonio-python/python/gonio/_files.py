@@ -7,21 +7,40 @@ import warnings
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from . import _gonio
-from ._arguments import Path, Picture, floats, is_path
+from ._arguments import Array, Path, Picture, is_path
+from ._arrays import array_of, floats
+from ._checks import flag, positive, text
 from ._errors import GonioError, GonioWarning
 from ._types import Floats
 
 
 def read_image(path: Path, *, linear: bool = False, layer: str | None = None) -> Floats:
-    """Reads a picture in any format that gonio knows (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF).
+    """Read a picture in any format that gonio knows (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF).
 
-    Returns linear radiance of shape (height, width, 3), or (height, width, 4) where the file has an alpha channel. Integer files are
-    taken as sRGB-coded, with a warning, unless ``linear``. ``layer`` names one of several in an OpenEXR file.
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file.
+    linear : bool, default False
+        Values of integers are linear radiance, not sRGB-coded (which a warning tells).
+    layer : str, optional
+        One of several in an OpenEXR file.
+
+    Returns
+    -------
+    ndarray of float32
+        Linear radiance of shape (height, width, 3), or (height, width, 4) where the file has an
+        alpha channel; row 0 is at the top.
+
+    Examples
+    --------
+    >>> gonio.read_image("samples/ball.exr").shape
+    (256, 256, 4)
     """
-    rgb, alpha, _, said = _gonio.read_image(os.fspath(path), linear, layer)
+    name = None if layer is None else text(layer, "layer")
+    rgb, alpha, _, said = _gonio.read_image(os.fspath(path), flag(linear, "linear"), name)
     for message in said:
         warnings.warn(message, GonioWarning, stacklevel=2)
     return rgb if alpha is None else np.dstack([rgb, alpha])
@@ -29,7 +48,9 @@ def read_image(path: Path, *, linear: bool = False, layer: str | None = None) ->
 
 def light_map(given: Picture, name: str = "the light") -> Floats:
     """A lat-long map: row 0 is up, the centre looks along -z, the right half is +x."""
-    array = read_image(cast(Path, given)) if is_path(given) else np.asarray(given)
+    if is_path(given):
+        return _gonio.read_light(os.fspath(cast(Path, given)))
+    array = array_of(cast(Array, given), name)
     if array.ndim == 2:
         array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
     if array.ndim != 3 or array.shape[2] not in (3, 4):
@@ -38,18 +59,65 @@ def light_map(given: Picture, name: str = "the light") -> Floats:
 
 
 def read_normals(path: Path) -> Floats:
-    """Reads a picture of normals (OpenEXR, NPY, PFM, PNG): shape (height, width, 3), in camera space with x right, y up and z towards the
-    camera; zero where there is no surface."""
+    """Read a picture of normals (OpenEXR, NPY, PFM, PNG).
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file.
+
+    Returns
+    -------
+    ndarray of float32
+        Shape (height, width, 3), in camera space with x right, y up and z towards the camera; zero
+        where there is no surface.
+
+    Examples
+    --------
+    >>> np.save(folder / "flat.npy", np.full((16, 16, 3), (0, 0, 1), np.float32))
+    >>> gonio.read_normals(folder / "flat.npy")[0, 0].tolist()
+    [0.0, 0.0, 1.0]
+    """
     return _gonio.read_normals(os.fspath(path))
 
 
-def write_image(path: Path, image: ArrayLike) -> None:
-    """Writes linear radiance to a file, whole or not at all: ``.exr``, with alpha if there are four channels, ``.hdr`` or ``.pfm``."""
-    array = np.asarray(image)
+def write_image(path: Path, image: Array, *, clip: float | None = None) -> None:
+    """Write a picture to a file, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file: ``.exr`` (with alpha if there are four channels), ``.hdr`` or ``.pfm`` for linear
+        radiance; ``.png`` for 8-bit samples of shape (height, width, 3), as :func:`tonemapped`
+        makes them.
+    image : array
+        Shape (height, width), (height, width, 3) or (height, width, 4).
+    clip : float, optional
+        For ``.exr``: radiance at or above which nothing is known, which :func:`infer` will leave
+        out.
+
+    Examples
+    --------
+    >>> gonio.write_image(folder / "ball.exr", found.relight(size=64))
+    >>> gonio.write_image(folder / "ball.png", gonio.tonemapped(found.relight(size=64)))
+    """
+    array = array_of(image, "the picture")
     if array.ndim == 2:
         array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
     if array.ndim != 3 or array.shape[2] not in (3, 4):
         raise GonioError(f"the picture: has the shape {array.shape}; give (height, width), (height, width, 3) or (height, width, 4)")
+    name = os.fspath(path)
+    is_png = name.lower().endswith(".png")
+    level = None if clip is None else positive(clip, "clip", "radiance")
+    if level is not None and not name.lower().endswith(".exr"):
+        raise GonioError(f"clip is for a name ending in .exr: {name}")
+    if is_png != (array.dtype == np.uint8):
+        asked = "tonemapped(picture), 8-bit samples, goes to .png; radiance goes to a name ending in .exr, .hdr or .pfm"
+        raise GonioError(f"{name}: {asked}")
+    if is_png:
+        if array.shape[2] != 3:
+            raise GonioError(f"the picture: has the shape {array.shape}; give (height, width, 3) for .png")
+        _gonio.write_file(name, _gonio.encode_png(np.ascontiguousarray(array)))
+        return
     alpha = floats(array[:, :, 3]) if array.shape[2] == 4 else None
-    _gonio.write_image(os.fspath(path), floats(array[:, :, :3]), alpha)
-
+    _gonio.write_image(name, floats(array[:, :, :3]), alpha, level)

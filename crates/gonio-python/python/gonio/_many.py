@@ -2,31 +2,37 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from inspect import signature
 from typing import Any, cast
 
 import numpy as np
 
-from ._arguments import Path, is_path
-from ._errors import GonioError
+from ._arguments import is_path
+from ._arrays import name_of
+from ._checks import defaults, known, listener, shown, whole
 from ._infer import infer, run
 from ._posterior import Posterior
 
 
 class Failure:
-    """What takes the place of a :class:`Posterior` where inference failed. It counts as false."""
+    """What takes the place of a :class:`Posterior` where inference failed. It counts as false.
+
+    Attributes
+    ----------
+    index : int
+        Which item it was, from 0.
+    name : str
+        The item's file, or its number.
+    error : BaseException
+        Why.
+    """
 
     def __init__(self, index: int, name: str, error: BaseException) -> None:
         self.index = index
-        """Which item it was, from 0."""
         self.name = name
-        """The item's file, or its number."""
         self.error = error
-        """Why."""
 
     def __bool__(self) -> bool:
         return False
@@ -47,21 +53,56 @@ def infer_many(
     progress: Callable[[int, int], object] | None = None,
     **options: Any,
 ) -> list[Posterior | Failure]:
-    """Infers many photographs, and goes on where one fails.
+    """Infer many photographs, and go on where one fails.
 
-    :param items: photographs as :func:`gonio.infer` takes them, or dictionaries of its arguments.
-    :param client: a ``distributed.Client``: the work is spread over its workers, which must have gonio and see the same files. Without
+    Parameters
+    ----------
+    items : iterable
+        Photographs as :func:`gonio.infer` takes them, or dictionaries of its arguments.
+    client : distributed.Client, optional
+        The work is spread over its workers, which must have gonio and see the same files. Without
         one, threads of this process do it.
-    :param workers: number of threads. A single inference uses several cores for most of its time, so that few are enough.
-    :param progress: called with the number of items that are done and the number of all; an exception ends the work.
-    :param options: arguments of :func:`gonio.infer` for all items that do not give their own.
-    :returns: a :class:`Posterior` or a :class:`Failure` for each item, in their order. Warnings are in the posteriors and not issued.
+    workers : int, default 2
+        Number of threads. A single inference uses several cores for most of its time, so that few
+        are enough.
+    progress : callable, optional
+        Called with the number of items that are done and the number of all; an exception ends the
+        work.
+    **options
+        Arguments of :func:`gonio.infer` for all items that do not give their own.
+
+    Returns
+    -------
+    list of Posterior or Failure
+        One for each item, in their order; a :class:`BasisPosterior` for methods of the paper.
+        Warnings are in the posteriors and not issued.
+
+    Raises
+    ------
+    TypeError
+        If ``items`` is one photograph, or an option is none of :func:`gonio.infer`.
+
+    Examples
+    --------
+    >>> results = gonio.infer_many(["samples/ball.exr", "missing.exr"], pictures=False)
+    >>> [bool(result) for result in results]
+    [True, False]
+    >>> results[1].name
+    'missing.exr'
     """
-    unknown = set(options) - set(_defaults())
-    if unknown:
-        raise TypeError(f"infer has no argument {', '.join(sorted(unknown))}")
-    if workers < 1:
-        raise GonioError(f"workers {workers}: give at least 1")
+    known(options, infer, "infer")
+    listener(progress)
+    if is_path(items) or isinstance(items, bytes):
+        what = "bytes" if isinstance(items, bytes) else "string" if isinstance(items, str) else "path"
+        raise TypeError(f"items: {shown(items)} is one {what}; give a list of photographs: [{shown(items)}]")
+    # A column of paths is a list, and so is a stack of pictures in colour.
+    is_picture = len(getattr(items, "shape", ())) in (2, 3) or hasattr(items, "getbands")
+    if isinstance(items, Mapping) or is_picture:
+        what = "dictionary" if isinstance(items, Mapping) else "picture"
+        raise TypeError(f"items: is one {what}; give a list of photographs, if only of this one: [photograph]")
+    if not isinstance(items, Iterable):
+        raise TypeError(f"items: give a list of photographs, not {shown(items)}")
+    whole(workers, "workers", 1)
     tasks = [_task(item, options) for item in items]
     stop = threading.Event()
     pool = None if client is not None else ThreadPoolExecutor(workers, thread_name_prefix="gonio")
@@ -80,15 +121,10 @@ def infer_many(
     return results
 
 
-def _defaults() -> dict[str, Any]:
-    """The arguments of infer with their values if not given."""
-    return {name: parameter.default for name, parameter in signature(infer).parameters.items()}
-
-
 def _task(item: Any, options: Mapping[str, Any]) -> dict[str, Any]:
     """All arguments of infer for an item. What is wrong with them is told when it is inferred."""
     own = dict(item) if isinstance(item, Mapping) else {"image": item}
-    return {**_defaults(), **options, **own}
+    return {**defaults(infer), **options, **own}
 
 
 def _one(task: dict[str, Any], stop: threading.Event | None) -> Posterior:
@@ -96,13 +132,11 @@ def _one(task: dict[str, Any], stop: threading.Event | None) -> Posterior:
         if stop is not None and stop.is_set():
             raise _Stopped
 
-    unknown = set(task) - set(_defaults())
-    if unknown:
-        raise TypeError(f"infer has no argument {', '.join(sorted(unknown))}")
-    if task["image"] is _defaults()["image"]:
+    known(task, infer, "infer")
+    if task["image"] is defaults(infer)["image"]:
         raise TypeError("an item without an image")
     poll()
-    return run(task, poll)
+    return cast(Posterior, run(task, poll))
 
 
 def _on_client(client: Any, task: dict[str, Any]) -> Any:
@@ -134,8 +168,7 @@ def _gather(
         try:
             results[i] = future.result()
         except Exception as error:
-            image = tasks[i].get("image")
-            results[i] = Failure(i, os.fspath(cast(Path, image)) if is_path(image) else f"item {i}", error)
+            results[i] = Failure(i, name_of(tasks[i]["image"], f"item {i}"), error)
         if progress is not None:
             progress(done, len(futures))
     return results

@@ -5,7 +5,11 @@ from __future__ import annotations
 from html import escape
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+
+from ._arguments import Array
+from ._arrays import array_of
+from ._errors import GonioError
 
 
 def escaped(text: str) -> str:
@@ -13,12 +17,33 @@ def escaped(text: str) -> str:
     return escape(text, quote=True)
 
 
-def tonemapped(picture: ArrayLike, *, exposure: float | None = None) -> NDArray[np.uint8]:
-    """Linear radiance as 8-bit sRGB to look at, shape (height, width, 3). Where there is coverage, as a fourth channel, the rest becomes
-    white. ``exposure`` multiplies the radiance; without one bright parts get six tenths of white, and what is brighter keeps apart."""
-    array = np.asarray(picture, np.float32)
+def tonemapped(picture: Array, *, exposure: float | None = None) -> NDArray[np.uint8]:
+    """Make linear radiance something to look at.
+
+    Parameters
+    ----------
+    picture : array
+        Shape (height, width), (height, width, 3), or (height, width, 4) with coverage: the rest
+        becomes white.
+    exposure : float, optional
+        Multiplies the radiance. Without one bright parts get six tenths of white, and what is
+        brighter keeps apart.
+
+    Returns
+    -------
+    ndarray of uint8
+        sRGB samples of shape (height, width, 3).
+
+    Examples
+    --------
+    >>> gonio.tonemapped(np.full((2, 2), 0.5), exposure=0.4)[0, 0].tolist()
+    [124, 124, 124]
+    """
+    array = np.asarray(array_of(picture, "the picture"), np.float32)
     if array.ndim == 2:
         array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
+    if array.ndim != 3 or array.shape[2] not in (3, 4):
+        raise GonioError(f"the picture: has the shape {array.shape}; give (height, width), (height, width, 3) or (height, width, 4)")
     alpha = array[:, :, 3:] if array.shape[2] == 4 else np.ones_like(array[:, :, :1])
     colours = array[:, :, :3]
     if exposure is None:

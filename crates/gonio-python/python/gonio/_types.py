@@ -17,6 +17,8 @@ Bytes: TypeAlias = NDArray[np.uint8]
 
 GivenPicture: TypeAlias = "str | Floats | tuple[Floats, Floats]"
 """A file, colours, or colours and coverage."""
+GivenShots: TypeAlias = "GivenPicture | bytes | list[str]"
+"""A picture, the bytes of a file, or the files of exposures."""
 
 
 class Listeners(TypedDict):
@@ -26,26 +28,50 @@ class Listeners(TypedDict):
     poll: Callable[[], object] | None
 
 
+class GivenNormals(TypedDict):
+    """Normals, with how they are meant."""
+
+    picture: str | Floats
+    order: str
+    flip_x: bool
+    flip_y: bool
+    flip_z: bool
+    trusted: bool
+    depth: str | Doubles | None
+    depth_range: tuple[float, float] | None
+    depth_along_rays: bool
+    positions: str | Doubles | None
+
+
 class GivenShape(TypedDict):
     """What is known of an object's shape."""
 
     shape: str
     mesh: str | tuple[Doubles, NDArray[np.uint32]] | None
-    normals: str | Floats | None
+    normals: GivenNormals | None
     camera: str | bytes | None
     pose: str | bytes | None
     circle: tuple[float, float, float] | None
     depth_axis: float | None
-    trust_normals: bool
+
+
+class GivenReading(TypedDict):
+    """How the files of a photograph are read."""
+
+    linear: bool
+    layer: str | None
+    times: list[float] | None
+    response: str | None
+    black_level: float | None
+    flat: str | None
 
 
 class GivenScene(TypedDict):
     """A photograph and its object."""
 
     name: str
-    image: GivenPicture
-    linear: bool
-    layer: str | None
+    image: GivenShots
+    reading: GivenReading
     mask: str | Floats | None
     clip: float | None
     keep_colors: bool
@@ -62,6 +88,11 @@ class GivenRegions(TypedDict):
 class Settings(TypedDict):
     """How an answer is to be found."""
 
+    method: str
+    starts: int
+    seed: int
+    solver: str
+    full_rows: bool
     grid: int
     light: str | Floats | None
     align_light: str
@@ -91,36 +122,69 @@ class ProbeSettings(TypedDict):
     second_yaw: float | None
 
 
-class FoundMaterial(TypedDict):
-    """A material with its uncertainty."""
+class FoundBrdf(TypedDict):
+    """A BRDF that was found."""
 
     table: Floats
-    ends: tuple[Floats, Floats]
+    colors: Doubles
     luminance: Floats
-    quantiles: Floats
-    undetermined: NDArray[np.bool_]
-    open: float
-    materials: list[tuple[str, float]]
-    gloss: list[float]
-    alpha: list[float]
-    gloss_units: list[list[float]]
-    verdict: str
-    likelihood: Likelihood
     pictures: dict[str, Bytes]
     notes: str
     model: Model
 
 
-class Found(FoundMaterial):
+class FoundInBasis(FoundBrdf):
+    """What every method finds in a photograph."""
+
+    light: Floats
+    light_color: Doubles
+    misfit: float
+    warnings: list[str]
+    page: str | None
+
+
+class FoundMaterial(FoundBrdf):
+    """A material with its uncertainty."""
+
+    ends: tuple[Floats, Floats]
+    quantiles: Floats
+    undetermined: NDArray[np.bool_]
+    open: float
+    materials: list[tuple[str, float]]
+    gloss: Doubles
+    alpha: Doubles
+    gloss_units: list[Doubles]
+    verdict: str
+    likelihood: Likelihood
+
+
+class Found(FoundMaterial, FoundInBasis):
     """Everything that inference finds."""
 
     scale: float
     scatter: float
-    light: Floats
-    light_color: Floats
-    misfit: float
+
+
+class FoundChecked(TypedDict):
+    """What is found before anything is inferred."""
+
+    picture: Bytes
+    outlines: list[str]
+    notes: str
     warnings: list[str]
-    page: str | None
+
+
+class FoundMerged(TypedDict):
+    """Exposures merged to one picture."""
+
+    picture: Floats
+    alpha: Floats | None
+    origin: NDArray[np.int16]
+    clip_level: float
+    response: Doubles
+    response_file: bytes
+    notes: str
+    warnings: list[str]
 
 
 class FoundTogether(FoundMaterial):
@@ -133,9 +197,9 @@ class SavedResult(TypedDict):
     """What goes into a folder of results."""
 
     table: Floats
-    likelihood: Likelihood
+    likelihood: Likelihood | None
     light: Floats | None
-    quantiles: Floats
+    quantiles: Floats | None
     pictures: dict[str, NDArray[np.uint8]]
     notes: str
     page: str | None
@@ -147,6 +211,7 @@ class LightingOptions(TypedDict):
     grid: int
     layout: str
     turns: int
+    cap: float | None
     seed: int
 
 

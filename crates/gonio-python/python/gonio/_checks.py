@@ -1,0 +1,116 @@
+"""Arguments that are not what they should be, told in the words of Python."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from inspect import signature
+from typing import Any, cast
+
+import numpy as np
+
+from ._errors import GonioError
+
+
+def whole(value: object, name: str, least: int = 0, most: int = 2**63 - 1) -> int:
+    """A whole number within limits."""
+    if isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name}: give a whole number, not {value!r}")
+    try:
+        number = operator.index(cast(Any, value))
+    except TypeError:
+        raise TypeError(f"{name}: give a whole number, not {shown(value)}") from None
+    if number < least:
+        raise GonioError(f"{name} {number}: give at least {least}")
+    if number > most:
+        raise GonioError(f"{name} {number}: give at most {most}")
+    return number
+
+
+def number(value: object, name: str) -> float:
+    """A finite number."""
+    if isinstance(value, (str, bytes, bool, np.bool_)):
+        raise TypeError(f"{name}: give a number, not {shown(value)}")
+    try:
+        out = float(cast(Any, value))
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: give a number, not {shown(value)}") from None
+    if not np.isfinite(out):
+        raise GonioError(f"{name} {out}: give a finite number")
+    return out
+
+
+def positive(value: object, name: str, what: str = "number") -> float:
+    """A number above zero."""
+    out = number(value, name)
+    if not out > 0:
+        raise GonioError(f"{name} {out}: give a positive {what}")
+    return out
+
+
+def numbers(value: object, name: str, what: str, count: int | None = None) -> list[float]:
+    """Numbers in a row; ``what`` says what to give."""
+    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+        raise TypeError(f"{name}: give {what}, not {shown(value)}")
+    out = [number(one, name) for one in value]
+    if count is not None and len(out) != count:
+        raise GonioError(f"{name}: give {what}, not {len(out)} numbers")
+    return out
+
+
+def circle(value: object, name: str = "circle") -> tuple[float, float, float]:
+    """The outline of a ball: x, y and radius."""
+    what = "three numbers, x, y and radius, in pixels"
+    x, y, radius = numbers(value, name, what, 3)
+    if not radius > 0:
+        raise GonioError(f"{name}: give {what}; the radius is {radius}")
+    return x, y, radius
+
+
+def flag(value: object, name: str) -> bool:
+    """True or false."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name}: give True or False, not {shown(value)}")
+    return bool(value)
+
+
+def choice(value: object, name: str, among: Sequence[str]) -> str:
+    """One of several words."""
+    *others, last = [f'"{word}"' for word in among]
+    offered = f"{', '.join(others)} or {last}"
+    if not isinstance(value, str):
+        raise TypeError(f"{name}: give {offered}, not {shown(value)}")
+    if value not in among:
+        raise GonioError(f'{name} "{value}": give {offered}')
+    return value
+
+
+def text(value: object, name: str) -> str:
+    """A string."""
+    if not isinstance(value, str):
+        raise TypeError(f"{name}: give a string, not {shown(value)}")
+    return value
+
+
+def listener(value: object, name: str = "progress") -> None:
+    """Something to call, or nothing."""
+    if value is not None and not callable(value):
+        raise TypeError(f"{name}: give a function, not {shown(value)}")
+
+
+def known(options: Mapping[str, object], function: Callable[..., object], name: str) -> None:
+    """Refuses arguments that a function does not have."""
+    unknown = sorted(set(options) - set(defaults(function)))
+    if unknown:
+        raise TypeError(f"{name} has no argument {', '.join(unknown)}")
+
+
+def defaults(function: Callable[..., object]) -> dict[str, Any]:
+    """The arguments of a function with their values if not given."""
+    return {name: parameter.default for name, parameter in signature(function).parameters.items()}
+
+
+def shown(value: object) -> str:
+    """A value within a message: short, in one line."""
+    said = " ".join(repr(value).split())
+    return said if len(said) <= 60 else f"{said[:57]}..."

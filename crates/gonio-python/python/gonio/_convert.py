@@ -1,0 +1,116 @@
+"""Results for other packages, which are imported only here and only when they are asked for."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import tempfile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import _gonio
+from ._errors import GonioError
+from ._types import Floats
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ._brdf import Brdf
+    from ._material import Material
+
+QUANTILES = (0.05, 0.25, 0.75, 0.95)
+"""Shares of :attr:`Posterior.quantiles`."""
+
+THREE = (0.05, 0.5, 0.95)
+"""Shares of numbers such as :attr:`Posterior.gloss`."""
+
+
+def needed(module: str, asked: str, package: str | None = None) -> Any:
+    """A module, or an error that says how to get it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = package or module
+        raise ImportError(f"{asked} needs {package}: pip install {package}") from error
+
+
+def angles() -> dict[str, Any]:
+    """Coordinates of a table."""
+    from ._brdf import THETA_D, THETA_H
+
+    return {"theta_h": ("theta_h", THETA_H, {"units": "rad"}), "theta_d": ("theta_d", THETA_D, {"units": "rad"})}
+
+
+def data_array(brdf: Brdf) -> xarray.DataArray:
+    """A BRDF with named axes."""
+    module: Any = needed("xarray", "to_xarray")
+    coordinates = {**angles(), "channel": ["red", "green", "blue"]}
+    attributes = {"units": "1/sr", "long_name": "BRDF", "albedo": brdf.albedo}
+    out: xarray.DataArray = module.DataArray(brdf.table, coordinates, ("theta_h", "theta_d", "channel"), brdf.name, attributes)
+    return out
+
+
+def dataset(found: Material, light: Floats | None) -> xarray.Dataset:
+    """A material with named axes."""
+    module: Any = needed("xarray", "to_xarray")
+    cells = ("theta_h", "theta_d")
+    per_sr = {"units": "1/sr"}
+    values: dict[str, Any] = {
+        "brdf": ((*cells, "channel"), found.brdf.table, per_sr),
+        "luminance": (cells, found.luminance, per_sr),
+        "quantiles": (("level", *cells), found.quantiles, per_sr),
+        "undetermined": (cells, found.undetermined),
+        "samples": (("draw", *cells), found.samples, per_sr),
+        "gloss": ("quantile", found.gloss),
+        "alpha": ("quantile", found.alpha),
+        "gloss_units": (("angle", "quantile"), np.stack(list(found.gloss_units.values()))),
+    }
+    coordinates: dict[str, Any] = {
+        **angles(),
+        "channel": ["red", "green", "blue"],
+        "level": list(QUANTILES),
+        "quantile": list(THREE),
+        "angle": ("angle", list(found.gloss_units), {"units": "degree"}),
+    }
+    if light is not None:
+        height, width = light.shape[:2]
+        values["light"] = (("elevation", "azimuth", "channel"), light)
+        coordinates["elevation"] = ("elevation", 90 - 180 * (np.arange(height) + 0.5) / height, {"units": "degree"})
+        coordinates["azimuth"] = ("azimuth", 360 * (np.arange(width) + 0.5) / width - 180, {"units": "degree"})
+    attributes = {"name": found.brdf.name, "albedo": found.brdf.albedo, "verdict": found.verdict, "open": found.open}
+    out: xarray.Dataset = module.Dataset(values, coordinates, attributes)
+    return out
+
+
+def inference_data(draws: Floats) -> Any:
+    """Draws in the form of ArviZ: ``from_dict`` takes groups by name before 1.0, a dictionary of them since."""
+    try:
+        arviz: Any = importlib.import_module("arviz")
+    except ImportError:
+        # The part of ArviZ 1.0 that converts.
+        arviz = needed("arviz_base", "to_inference_data", "arviz")
+    numbers = _gonio.highlights(draws)
+    names = ("gloss", "alpha", "gloss_units_20", "gloss_units_60")
+    posterior: dict[str, Any] = {name: numbers[np.newaxis, :, column] for column, name in enumerate(names)}
+    posterior["brdf"] = draws[np.newaxis]
+    coordinates = {name: values[1] for name, values in angles().items()}
+    axes = {"brdf": list(coordinates)}
+    if hasattr(arviz, "InferenceData"):
+        return arviz.from_dict(posterior=posterior, coords=coordinates, dims=axes)
+    return arviz.from_dict({"posterior": posterior}, coords=coordinates, dims=axes)
+
+
+def mitsuba_bsdf(brdf: Brdf, plugin: str) -> Any:
+    """A BSDF of Mitsuba. Its plugins read files, which are gone afterwards."""
+    mitsuba = needed("mitsuba", "to_mitsuba")
+    variant = mitsuba.variant()
+    if variant is None:
+        raise GonioError('to_mitsuba: Mitsuba has no variant yet; call mitsuba.set_variant("llvm_ad_rgb") or another first')
+    with tempfile.TemporaryDirectory(prefix="gonio-") as folder:
+        if plugin == "principled":
+            brdf.export(folder, "mitsuba")
+            return mitsuba.load_file(os.path.join(folder, "principled.xml"))
+        path = os.path.join(folder, "brdf_spec.bsdf" if "spectral" in variant else "brdf_rgb.bsdf")
+        brdf.write(path)
+        return mitsuba.load_dict({"type": "measured", "filename": path})

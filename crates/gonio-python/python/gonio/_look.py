@@ -1,0 +1,232 @@
+"""Photographs before anything is inferred."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _gonio
+from ._arguments import Path, Photograph, Picture, Progress, Shape, is_path
+from ._arrays import paths
+from ._checks import listener, shown, whole
+from ._errors import GonioError, GonioWarning
+from ._files import write_image
+from ._regions import given_regions
+from ._scene import SCENE, given_reading, given_scene
+from ._types import Bytes, Doubles, Floats
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What :func:`infer` would work on, as :func:`check` finds it. In a notebook it shows itself.
+
+    Attributes
+    ----------
+    picture : ndarray of uint8
+        The photograph with the outline of the object, clipped and faulty pixels and what else is
+        left out, shape (height, width, 3).
+    outlines : list of str
+        What was found of the shape of each object, in a few words.
+    notes : dict
+        All numbers by name, as ``gonio check --json`` prints them; ``notes["objects"]`` has one
+        entry for each object.
+    warnings : list of str
+        What is odd about the photograph, one line each.
+    """
+
+    picture: Bytes = field(repr=False)
+    outlines: list[str]
+    notes: dict[str, Any] = field(repr=False)
+    warnings: list[str]
+
+    def _repr_html_(self) -> str:
+        data = base64.b64encode(_gonio.encode_png(self.picture)).decode()
+        return f'<img alt="what was found" style="max-width:100%" src="data:image/png;base64,{data}">'
+
+
+def check(
+    image: Photograph,
+    shape: Shape = "sphere",
+    mask: Picture | None = None,
+    *,
+    materials: Picture | None = None,
+    circles: Sequence[tuple[float, float, float]] | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Checked:
+    """Look at a photograph without inferring anything: the object, clipped and faulty pixels.
+
+    Parameters
+    ----------
+    image, shape, mask
+        As :func:`infer` takes them.
+    materials, circles
+        Where several regions or balls are, as :func:`infer_regions` takes them.
+    progress : callable, optional
+        Called in this thread with the name of a stage and the fraction of it that is done.
+    **options
+        Arguments of :func:`infer` that say how the photograph is read and what shape the object
+        has: ``linear``, ``layer``, ``times``, ``response``, ``black_level``, ``flat``, ``clip``,
+        ``keep_colors``, ``normals`` and what goes with them, ``circle``, ``depth_axis``,
+        ``camera``, ``pose``.
+
+    Returns
+    -------
+    Checked
+        What was found.
+
+    Raises
+    ------
+    GonioError
+        If the photograph cannot be used: what :func:`infer` would raise.
+
+    Examples
+    --------
+    >>> looked = gonio.check("samples/ball.exr")
+    >>> looked.outlines
+    ['ball, circle 128.0,128.0,126.0 (x, y, radius in pixels)']
+    >>> looked.notes["objects"][0]["report"]["clipped_pixels"]
+    0
+    """
+    unknown = sorted(set(options) - set(SCENE))
+    if unknown:
+        raise TypeError(f"check has no argument {', '.join(unknown)}")
+    listener(progress)
+    said: list[str] = []
+    scene = given_scene(image, {**options, "shape": shape, "mask": mask}, said)
+    regions = given_regions(materials, circles) if materials is not None or circles is not None else None
+    found = _gonio.check(scene, regions, {"progress": progress, "poll": None})
+    said += found["warnings"]
+    for message in said:
+        warnings.warn(message, GonioWarning, stacklevel=2)
+    return Checked(found["picture"], found["outlines"], json.loads(found["notes"]), said)
+
+
+@dataclass(frozen=True)
+class Merged:
+    """Exposures merged to one picture, as :func:`merge` makes it.
+
+    Attributes
+    ----------
+    picture : ndarray of float32
+        Linear radiance, shape (height, width, 3), or (height, width, 4) with alpha; at or above
+        ``clip_level`` nothing is known.
+    clip_level : float
+        Radiance that stands for what is not known: ``gonio.infer(merged.picture,
+        clip=merged.clip_level)`` leaves it out.
+    origin : ndarray of int16
+        Which exposure tells the most of each pixel, from 0, shape (height, width); -1 where it is
+        clipped in all, -2 where it is black in all, -3 where they contradict each other.
+    response : ndarray of float64
+        The camera's curve: logarithm of the exposure of each code, shape (3, codes).
+    notes : dict
+        All numbers by name, as ``gonio merge --json`` prints them.
+    warnings : list of str
+        What is odd, one line each.
+    """
+
+    picture: Floats = field(repr=False)
+    clip_level: float
+    origin: NDArray[np.int16] = field(repr=False)
+    response: Doubles = field(repr=False)
+    notes: dict[str, Any] = field(repr=False)
+    warnings: list[str]
+    _curve: bytes = field(repr=False)
+
+    def write(self, path: Path) -> None:
+        """Write the picture, whole or not at all.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            A name ending in ``.exr``: :func:`infer` finds in it what is not known.
+        """
+        name = os.fspath(path)
+        if not name.lower().endswith(".exr"):
+            raise GonioError(f"{name}: write to a name ending in .exr")
+        write_image(name, self.picture, clip=self.clip_level)
+
+    def write_response(self, path: Path) -> None:
+        """Write the camera's curve as text, for ``response`` of :func:`merge` and :func:`infer`.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            The file.
+        """
+        _gonio.write_file(os.fspath(path), self._curve)
+
+
+def merge(
+    images: Sequence[Path],
+    *,
+    times: Sequence[float] | None = None,
+    response: Path | None = None,
+    linear: bool = False,
+    black_level: float | None = None,
+    flat: Path | None = None,
+    progress: Progress | None = None,
+) -> Merged:
+    """Merge exposures of one still scene to an HDR picture.
+
+    Parameters
+    ----------
+    images : sequence of paths
+        8 or 16-bit JPEG, PNG or TIFF files of one size.
+    times, response, linear, black_level, flat
+        As :func:`infer` takes them.
+    progress : callable, optional
+        Called in this thread with the name of a stage and the fraction of it that is done.
+
+    Returns
+    -------
+    Merged
+        The picture, and what was used where.
+
+    Raises
+    ------
+    GonioError
+        If the exposures do not belong together, or a setting does not go with them.
+
+    Examples
+    --------
+    >>> merged = gonio.merge(["a.jpg", "b.jpg", "c.jpg"])            # doctest: +SKIP
+    >>> found = gonio.infer(merged.picture, clip=merged.clip_level)  # doctest: +SKIP
+    """
+    if is_path(images) or not isinstance(images, (list, tuple)):
+        raise TypeError(f"images: give a list of the files of exposures, not {shown(images)}")
+    listener(progress)
+    files = paths(images, "images")
+    said = {"times": times, "response": response, "linear": linear, "black_level": black_level, "flat": flat}
+    found = _gonio.merge(files, given_reading(said), {"progress": progress, "poll": None})
+    for message in found["warnings"]:
+        warnings.warn(message, GonioWarning, stacklevel=2)
+    picture = found["picture"] if found["alpha"] is None else np.dstack([found["picture"], found["alpha"]])
+    notes = json.loads(found["notes"])
+    return Merged(
+        picture, found["clip_level"], found["origin"], found["response"], notes, found["warnings"], found["response_file"]
+    )
+
+
+def set_threads(count: int | None = None) -> None:
+    """Choose how many threads gonio works with from now on. Results do not depend on it.
+
+    Parameters
+    ----------
+    count : int, optional
+        Number of threads, 1 to 1024; one for each core if not given.
+
+    Examples
+    --------
+    >>> gonio.set_threads(2)
+    >>> gonio.set_threads()
+    """
+    _gonio.set_threads(None if count is None else whole(count, "threads", 1, 1024))

@@ -1,0 +1,69 @@
+"""A photograph and its object, for the extension."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any, cast
+
+from ._arguments import Path, Photograph, is_path
+from ._arrays import mask_of, name_of, photograph
+from ._checks import flag, numbers, positive, text
+from ._errors import GonioError
+from ._shape import FORM, given_shape
+from ._types import GivenReading, GivenScene
+
+READING: dict[str, Any] = {"linear": False, "layer": None, "times": None, "response": None, "black_level": None, "flat": None}
+"""Arguments that say how files are read, with their values if not given."""
+
+SCENE: dict[str, Any] = {**READING, **FORM, "mask": None, "clip": None, "keep_colors": False}
+"""Arguments that say what is looked at, with their values if not given."""
+
+
+def given_reading(options: Mapping[str, Any]) -> GivenReading:
+    """How the files of a photograph are read."""
+    said = {**READING, **{key: value for key, value in options.items() if key in READING}}
+    times = None
+    if said["times"] is not None:
+        times = numbers(said["times"], "times", "the exposure time of each file in seconds")
+        if not times or min(times) <= 0:
+            raise GonioError("times: give the exposure time of each file in seconds, all above zero")
+    response = said["response"]
+    if response is not None and not is_path(response):
+        raise TypeError(f'response: give "srgb", "linear" or the file of a curve, not {response!r}')
+    linear = flag(said["linear"], "linear")
+    if linear and response is not None:
+        raise GonioError("linear=True and response both say the camera's curve: give one of them")
+    if said["flat"] is not None and not is_path(said["flat"]):
+        raise TypeError("flat: give the file of a picture of an evenly lit surface; divide an array by it yourself")
+    black = said["black_level"]
+    return {
+        "linear": linear,
+        "layer": None if said["layer"] is None else text(said["layer"], "layer"),
+        "times": times,
+        "response": None if response is None else os.fspath(response),
+        "black_level": None if black is None else float(numbers([black], "black_level", "a code")[0]),
+        "flat": None if said["flat"] is None else os.fspath(cast(Path, said["flat"])),
+    }
+
+
+def given_scene(image: Photograph, options: Mapping[str, Any], warnings: list[str], unnamed: str = "the image") -> GivenScene:
+    """The scene that arguments say, by the names of :data:`SCENE`; others are as there."""
+    said = {**SCENE, **{key: value for key, value in options.items() if key in SCENE}}
+    name = name_of(image, unnamed)
+    reading = given_reading(said)
+    shots = photograph(image, name, reading["linear"], warnings)
+    if isinstance(shots, tuple) or not isinstance(shots, (str, bytes, list)):
+        given = [key for key in READING if key != "linear" and said[key] is not None]
+        if given:
+            raise GonioError(f"{given[0]} says how a file is read; {name} is an array")
+    clip = None if said["clip"] is None else positive(said["clip"], "clip", "radiance")
+    return {
+        "name": name,
+        "image": shots,
+        "reading": reading,
+        "mask": mask_of(said["mask"]),
+        "clip": clip,
+        "keep_colors": flag(said["keep_colors"], "keep_colors"),
+        "object": given_shape(said),
+    }

@@ -1,0 +1,199 @@
+"""What is known of an object's shape, for the extension."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from itertools import permutations
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._arguments import Array, Camera, Path, is_path
+from ._arrays import array_of, doubles, floats
+from ._checks import choice, circle, flag, numbers, positive, shown
+from ._errors import GonioError
+from ._types import Doubles, Floats, GivenNormals, GivenShape
+
+ORDERS = tuple("".join(order) for order in permutations("xyz"))
+"""Which axis each channel of normals may hold."""
+
+FORM: dict[str, Any] = {
+    "shape": "sphere",
+    "normals": None,
+    "normals_order": "xyz",
+    "normals_flip_x": False,
+    "normals_flip_y": False,
+    "normals_flip_z": False,
+    "trust_normals": False,
+    "depth": None,
+    "depth_range": None,
+    "depth_along_rays": False,
+    "positions": None,
+    "circle": None,
+    "depth_axis": None,
+    "camera": None,
+    "pose": None,
+}
+"""Arguments that say the shape, with their values if not given."""
+
+OF_NORMALS = (
+    "normals_order", "normals_flip_x", "normals_flip_y", "normals_flip_z", "trust_normals", "depth", "depth_range", "depth_along_rays",
+    "positions",
+)
+"""Those that go with normals."""
+
+
+def json_or_file(given: Camera | None, name: str) -> str | bytes | None:
+    """A camera or a pose."""
+    if given is None:
+        return None
+    if is_path(given):
+        return os.fspath(cast(Path, given))
+    if not isinstance(given, Mapping):
+        raise TypeError(f"{name}: give a file or a dictionary, not {shown(given)}")
+    try:
+        return json.dumps(given, default=plain).encode()
+    except (TypeError, ValueError) as error:
+        raise GonioError(f"{name}: cannot be written as JSON: {error}") from None
+
+
+def plain(value: object) -> object:
+    """Arrays and numbers of NumPy as JSON has them."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise TypeError(f"{shown(value)} is no number, list or text")
+
+
+def given_shape(options: Mapping[str, Any]) -> GivenShape:
+    """The shape that arguments say, by the names of :data:`FORM`; others are as there."""
+    said = {**FORM, **{key: value for key, value in options.items() if key in FORM}}
+    name, mesh, normals = told(said)
+    outline = None if said["circle"] is None else circle(said["circle"])
+    if outline is not None and (mesh is not None or normals is not None or name != "sphere"):
+        raise GonioError("circle is the outline of a sphere; it does not go with other shapes")
+    if said["depth_axis"] is not None:
+        if not (isinstance(said["depth_axis"], (int, float, np.number)) and said["depth_axis"] > 0):
+            raise GonioError("depth_axis: give a positive number")
+        if name != "ellipsoid":
+            raise GonioError('depth_axis is for shape="ellipsoid"')
+    if said["pose"] is not None and mesh is None:
+        raise GonioError("pose says where a mesh is: give one with shape=")
+    return {
+        "shape": name,
+        "mesh": mesh,
+        "normals": given_normals(normals, said),
+        "camera": json_or_file(said["camera"], "camera"),
+        "pose": json_or_file(said["pose"], "pose"),
+        "circle": outline,
+        "depth_axis": None if said["depth_axis"] is None else float(said["depth_axis"]),
+    }
+
+
+def told(said: Mapping[str, Any]) -> tuple[str, str | tuple[Doubles, NDArray[np.uint32]] | None, Any]:
+    """The name of the form, the mesh, and the normals."""
+    given, normals = said["shape"], said["normals"]
+    if is_path(given):
+        text = os.fspath(given)
+        if text in ("sphere", "ellipsoid"):
+            if normals is not None and text == "ellipsoid":
+                raise GonioError("give an ellipsoid or normals, not both")
+            return text, None, normals
+        if normals is not None:
+            raise GonioError("give a mesh or normals, not both")
+        return "mesh", text, None
+    if isinstance(given, tuple) and len(given) == 2:
+        if normals is not None:
+            raise GonioError("give a mesh or normals, not both")
+        return "mesh", triangles(given[0], given[1]), None
+    if given is None:
+        raise TypeError('shape: give "sphere", "ellipsoid", the file of a mesh, (vertices, faces) or normals, not None')
+    if normals is not None:
+        raise GonioError("shape and normals are both normals: give one of them")
+    return "sphere", None, given
+
+
+def given_normals(normals: Any, said: Mapping[str, Any]) -> GivenNormals | None:
+    """Normals with how they are meant."""
+    if normals is None:
+        given = [key for key in OF_NORMALS if said[key] is not FORM[key] and not (isinstance(said[key], str) and said[key] == FORM[key])]
+        if given:
+            raise GonioError(f"{given[0]} goes with normals: give them with normals=")
+        return None
+    if said["depth"] is None and (said["depth_range"] is not None or said["depth_along_rays"]):
+        raise GonioError("depth_range and depth_along_rays go with depth=")
+    if said["depth"] is not None and said["positions"] is not None:
+        raise GonioError("give depth or positions, not both")
+    ends = None
+    if said["depth_range"] is not None:
+        near, far = numbers(said["depth_range"], "depth_range", "two numbers, near and far", 2)
+        if near == far:
+            raise GonioError("depth_range: give two different numbers, near and far")
+        ends = (near, far)
+    return {
+        "picture": file_or(normals, "the normals", 3),
+        "order": choice(said["normals_order"], "normals_order", ORDERS),
+        "flip_x": flag(said["normals_flip_x"], "normals_flip_x"),
+        "flip_y": flag(said["normals_flip_y"], "normals_flip_y"),
+        "flip_z": flag(said["normals_flip_z"], "normals_flip_z"),
+        "trusted": flag(said["trust_normals"], "trust_normals"),
+        "depth": depths(said["depth"], ends),
+        "depth_range": ends,
+        "depth_along_rays": flag(said["depth_along_rays"], "depth_along_rays"),
+        "positions": places(said["positions"]),
+    }
+
+
+def file_or(given: Any, name: str, channels: int) -> str | Floats:
+    """A file, or an array of this many channels."""
+    if is_path(given):
+        return os.fspath(cast(Path, given))
+    array = array_of(given, name)
+    if array.ndim != 3 or array.shape[2] != channels:
+        raise GonioError(f"{name}: have the shape {array.shape}; give (height, width, {channels})")
+    if array.dtype.kind != "f":
+        raise GonioError(f"{name}: have values of type {array.dtype}; give floating-point numbers")
+    return floats(array)
+
+
+def depths(given: Any, ends: tuple[float, float] | None) -> str | Doubles | None:
+    """Depths; integers are codes between the ends of a range."""
+    if given is None or is_path(given):
+        return None if given is None else os.fspath(given)
+    array = array_of(given, "the depths")
+    if array.ndim != 2:
+        raise GonioError(f"the depths: have the shape {array.shape}; give (height, width)")
+    if array.dtype.kind == "f":
+        return doubles(array)
+    if array.dtype != np.uint16:
+        raise GonioError(f"the depths: have values of type {array.dtype}; give floating-point numbers, or uint16 with depth_range")
+    if ends is None:
+        raise GonioError("the depths: are codes; give the range with depth_range=(near, far)")
+    surface = (array > 0) & (array < 65535)
+    near, far = ends
+    return doubles(np.where(surface, near + (far - near) * (array / 65535), np.nan))
+
+
+def places(given: Any) -> str | Doubles | None:
+    """Positions in coordinates of the camera."""
+    if given is None or is_path(given):
+        return None if given is None else os.fspath(given)
+    array = array_of(given, "the positions")
+    if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind != "f":
+        has = f"the shape {array.shape} and type {array.dtype}"
+        raise GonioError(f"the positions: have {has}; give floating-point numbers of shape (height, width, 3)")
+    return doubles(array)
+
+
+def triangles(vertices: Array, faces: Array) -> tuple[Doubles, NDArray[np.uint32]]:
+    """A mesh in memory, which is copied."""
+    places, corners = array_of(vertices, "the mesh"), array_of(faces, "the mesh")
+    if places.ndim != 2 or places.shape[1] != 3:
+        raise GonioError(f"the mesh: has vertices of shape {places.shape}; give (count, 3)")
+    if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
+        raise GonioError(f"the mesh: has faces of shape {corners.shape} and type {corners.dtype}; give integers of shape (count, 3)")
+    if corners.size and corners.min() < 0:
+        raise GonioError("the mesh: has faces with negative indices")
+    return doubles(places), corners.astype(np.uint32)

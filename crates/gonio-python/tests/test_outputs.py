@@ -1,0 +1,124 @@
+"""Results for other packages: xarray, ArviZ, Mitsuba."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import gonio
+
+
+def test_datasets_of_xarray(found):
+    data = found.to_xarray()
+    assert dict(data.sizes) == {
+        "theta_h": 90, "theta_d": 90, "channel": 3, "level": 4, "draw": 64, "quantile": 3, "angle": 2, "elevation": 128, "azimuth": 256
+    }
+    assert np.array_equal(data.brdf, found.brdf.table) and np.allclose(data.theta_h, gonio.THETA_H)
+    assert np.array_equal(data.quantiles.sel(level=0.95), found.quantiles[3])
+    assert np.array_equal(data.gloss_units.sel(angle=60), found.gloss_units[60])
+    # The light from above is in the first row, that from the right in the right half.
+    assert data.elevation[0] > 89 and data.azimuth[-1] > 179 and np.allclose(data.light, found.light * found.light_color)
+    table = found.brdf.to_xarray()
+    assert table.name == "ball" and table.attrs["albedo"] == found.brdf.albedo
+    assert np.array_equal(gonio.Brdf(table).table, found.brdf.table)
+
+
+def test_inference_data_of_arviz(found):
+    import arviz
+
+    data = found.to_inference_data(80, seed=5)
+    assert data.posterior.sizes["chain"] == 1 and data.posterior.sizes["draw"] == 80
+    assert np.array_equal(data.posterior.brdf[0], found.draw(80, seed=5))
+    table = arviz.summary(data, var_names=["gloss", "alpha", "gloss_units_60"], kind="stats")
+    assert list(table.index) == ["gloss", "alpha", "gloss_units_60"]
+    # The interval of the draws lies about that of the posterior.
+    low, high = np.quantile(data.posterior.alpha, [0.05, 0.95])
+    assert 0.5 < low / found.alpha[0] < 2 and 0.5 < high / found.alpha[2] < 2
+
+
+def test_inference_data_of_arviz_from_1_on(found):
+    """Its part that converts makes a tree of xarray's."""
+    code = (
+        "import sys; sys.modules['arviz'] = None\n"
+        "import gonio, numpy as np\n"
+        "from gonio._convert import inference_data\n"
+        "tree = inference_data(np.full((3, 90, 90), 0.2, np.float32))\n"
+        "print(type(tree).__name__, dict(tree.posterior.sizes), tree.posterior.alpha.values.tolist())\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "DataTree {'chain': 1, 'draw': 3, 'theta_h': 90, 'theta_d': 90} [[1.0, 1.0, 1.0]]\n"
+
+
+def test_bsdfs_of_mitsuba():
+    import mitsuba
+
+    brdf = gonio.Brdf.of(lambda h, d: np.dstack([0.1 + np.exp(-((h / 0.3) ** 2)), 0.2 + 0 * h, 0.3 + 0.1 * d]), name="test")
+    if mitsuba.variant() is None:
+        with pytest.raises(gonio.GonioError, match="call mitsuba.set_variant"):
+            brdf.to_mitsuba()
+    mitsuba.set_variant("scalar_rgb")
+    bsdf = brdf.to_mitsuba()
+    interaction, context = mitsuba.SurfaceInteraction3f(), mitsuba.BSDFContext()
+    for wi, wo in [((0.5, 0, 1), (-0.5, 0, 1)), ((0.6, 0.2, 1), (0.1, -0.3, 1)), ((0, 0, 1), (0.8, 0, 1))]:
+        wi, wo = (np.array(v) / np.linalg.norm(v) for v in (wi, wo))
+        half = (wi + wo) / np.linalg.norm(wi + wo)
+        interaction.wi = mitsuba.Vector3f(*wi)
+        seen = np.array(bsdf.eval(context, interaction, mitsuba.Vector3f(*wo))).ravel() / wo[2]
+        assert seen == pytest.approx(brdf.eval(np.arccos(half[2]), np.arccos(wi @ half)), rel=0.03)
+    principled = brdf.to_mitsuba("principled")
+    assert "Principled" in type(principled).__name__ or "principled" in str(principled).lower()
+    with pytest.raises(gonio.GonioError, match='plugin "glass": give "measured" or "principled"'):
+        brdf.to_mitsuba("glass")
+
+
+@pytest.mark.parametrize(
+    ("hidden", "call", "message"),
+    [
+        ("xarray", "to_xarray()", "to_xarray needs xarray: pip install xarray"),
+        ("mitsuba", "to_mitsuba()", "to_mitsuba needs mitsuba: pip install mitsuba"),
+    ],
+)
+def test_what_is_not_installed_is_said(hidden, call, message):
+    code = (
+        f"import sys; sys.modules[{hidden!r}] = None\n"
+        "import gonio\n"
+        f"try: gonio.Brdf.of(lambda h, d: 0.2 + 0 * h).{call}\n"
+        "except ImportError as error: print(error)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == message
+
+
+def test_nothing_of_them_is_imported_unasked():
+    code = "import gonio, sys; print([name for name in ('xarray', 'arviz', 'mitsuba', 'PIL', 'torch', 'matplotlib') if name in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_samples_in_colour(found):
+    rgb = found.rgb_samples
+    assert rgb.shape == (64, 90, 90, 3) and rgb.dtype == np.float32 and rgb.min() >= 0
+    # Colours change no luminance, and are those of the estimate.
+    assert np.allclose(rgb @ np.float32([0.2126, 0.7152, 0.0722]), found.samples, rtol=1e-3)
+    assert found.draw(3, seed=2, rgb=True).shape == (3, 90, 90, 3)
+    body = found.brdf.table[60, 20] / found.luminance[60, 20]
+    assert np.allclose(np.median(rgb[:, 60, 20] / found.samples[:, 60, 20, None], axis=0), body, rtol=0.05)
+    assert found.colors.shape == (2, 3) and np.allclose(found.colors @ [0.2126, 0.7152, 0.0722], 1, rtol=1e-3)
+
+
+def test_gloss_of_any_brdf(found):
+    """The numbers of a posterior for a BRDF alone: between its ends, and in proportion where they must be."""
+    brdf = found.brdf
+    assert found.gloss[0] / 2 < brdf.gloss < 2 * found.gloss[2]
+    assert found.alpha[0] / 2 < brdf.alpha < 2 * found.alpha[2]
+    assert set(brdf.gloss_units) == set(found.gloss_units) == {20, 60}
+    assert brdf.scaled(0.25).gloss_units[60] == pytest.approx(brdf.gloss_units[60] / 2, rel=1e-3)
+    assert brdf.scaled(0.25).alpha == pytest.approx(brdf.alpha) and brdf.scaled(0.25).gloss == pytest.approx(brdf.gloss)
+    assert (found.roughness**2 == pytest.approx(found.alpha)) and found.notes["posterior"]["gloss"]["ggx_alpha"]["50"] == found.alpha[1]
+    chalk = gonio.Brdf.of(lambda h, d: 0.2 + 0 * h)
+    assert chalk.alpha == 1 and chalk.gloss == pytest.approx(1)
+    grey = brdf.grey().table
+    assert np.array_equal(grey[..., 0], grey[..., 1]) and np.allclose(grey[..., 0], brdf.luminance)

@@ -15,6 +15,7 @@ use serde_json::Value;
 
 use crate::page::{Document, Section, figure, table};
 use crate::panels::{PANEL, Panels, Subject, used};
+use crate::uncertainty::{svg, width};
 pub use renderers::Fits;
 
 /// Styles and scripts of the page beyond those of all reports.
@@ -196,7 +197,7 @@ impl Report<'_> {
                 "Materials that the photograph allows, by their gloss, in a studio light. If the two ends differ to your eye, the photograph does not settle the matter."
             }))
             (figure::grid(22, &[
-                figure::figure(&figure::sized(&crate::uncertainty::width(material), 540, "Map of the width of the 90 % interval over half and difference angle"),
+                figure::figure(&svg(&[&width(material)], false, "Map of the width of the 90 % interval over half and difference angle"),
                     &html! { "How wide the 90 % interval is in each cell, as a factor between its ends: it is wider than a factor of " (WIDE) " in "
                         (percent(material.wider_than(WIDE))) " of the cells below 80°. Hatched: most of what it would be without a photograph ("
                         (percent(material.open)) " of the cells), and all beyond 80°." }),

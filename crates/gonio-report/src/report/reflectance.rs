@@ -8,6 +8,7 @@ use super::short;
 use crate::page::chart::{Axis, Frame, Series, chart};
 use crate::page::figure;
 use crate::panels::{Panels, Subject};
+use crate::uncertainty::{mean, svg};
 
 /// Angles of incidence of the lobes, degrees.
 const INCIDENCES: [f64; 3] = [15.0, 45.0, 70.0];
@@ -37,7 +38,7 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
     html! {
         (figure::figure(&figure::tiles(&spheres), &html! { "Spheres of the estimate in three lights of our own making." }))
         (figure::grid(22, &[
-            figure::figure(&figure::sized(&crate::uncertainty::mean(table), 540, "Map of the BRDF over half and difference angle"),
+            figure::figure(&svg(&[&mean(table)], false, "Map of the BRDF over half and difference angle"),
                 &html! { "The luminance of the BRDF over the half angle (across, stretched at the highlight) and the difference angle (up). \
                     Left: the highlight; top: grazing light." }),
             html! { div { @for cut in CUTS { (cut_at(table, band, cut)) } } },

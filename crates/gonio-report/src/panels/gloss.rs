@@ -10,6 +10,9 @@ use super::half_light::{LEVELS, variances};
 
 /// Half angles in degrees from which on a lobe is no longer all narrow, and none of it is.
 const NARROW: (f32, f32) = (4.0, 12.0);
+/// Difference angle in degrees below which lobes are as they are there: measured tables drop where
+/// the lamp hides behind the camera, which would be a dark dot in the middle of every sphere.
+const BLIND: usize = 5;
 /// Rows of the table below the larger of them, and one more.
 const ROWS: usize = 34;
 
@@ -60,7 +63,8 @@ pub(super) fn split(tables: &[BivariateTable; 3], pixel: f32) -> (Gloss, [Bivari
         }
         BivariateTable::from_vec(values.into_iter().map(|v| v.max(0.0)).collect())
     });
-    (Gloss { weights: (0..THETA_D).map(weights).collect() }, rest)
+    let degrees = (0..=90).map(|j: usize| weights(j.clamp(BLIND, THETA_D - 1)));
+    (Gloss { weights: degrees.collect() }, rest)
 }
 
 /// Root, relative to that of a right angle, of the half angle between a row of the table and the next.
@@ -69,10 +73,14 @@ fn edge(i: usize) -> f32 {
 }
 
 impl Gloss {
-    /// Weights of the levels of light for a normal with this cosine to the view: what they gather
-    /// times `4 cos^2` is radiance.
-    pub(super) fn at(&self, cos: f32) -> &[Vec3A; LEVELS] {
-        let degrees = cos.clamp(0.0, 1.0).acos().to_degrees();
-        &self.weights[((degrees + 0.5) as usize).min(THETA_D - 1)]
+    /// Weights of the levels of light at a place of [`degree`]: what they gather times `4 cos^2` is
+    /// radiance.
+    pub(super) fn at(&self, degree: usize) -> &[Vec3A; LEVELS] {
+        &self.weights[degree]
     }
+}
+
+/// Place in [`Gloss::at`] of a normal with this cosine to the view.
+pub(super) fn degree(cos: f32) -> usize {
+    (cos.clamp(0.0, 1.0).acos().to_degrees() + 0.5) as usize
 }

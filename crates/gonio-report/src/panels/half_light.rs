@@ -51,18 +51,13 @@ impl HalfLight {
 
     /// Sum over the levels of the light reflected at half vectors about this one, each level by its
     /// weight in each of several results.
-    pub(super) fn gather<'a>(
-        &self,
-        half: Vec3,
-        weights: impl Iterator<Item = &'a [Vec3A; LEVELS]> + Clone,
-        out: &mut [Vec3A],
-    ) {
+    pub(super) fn gather<'a>(&self, half: Vec3, weights: impl Fn(usize) -> &'a [Vec3A; LEVELS], out: &mut [Vec3A]) {
         let (x, y) = (half.x / (1.0 + half.z), half.y / (1.0 + half.z));
         out.fill(Vec3A::ZERO);
         for (n, level) in self.levels.iter().enumerate() {
-            if weights.clone().any(|w| w[n] != Vec3A::ZERO) {
+            if (0..out.len()).any(|result| weights(result)[n] != Vec3A::ZERO) {
                 let light = level.at(x, y);
-                out.iter_mut().zip(weights.clone()).for_each(|(sum, w)| *sum += w[n] * light);
+                out.iter_mut().enumerate().for_each(|(result, sum)| *sum += weights(result)[n] * light);
             }
         }
         let scale = half.z.max(1e-3).powi(3).recip();

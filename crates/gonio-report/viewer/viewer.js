@@ -32,6 +32,8 @@ globalThis.gonioViewer = (() => {
 
   return function gonioViewer(container, data, options = {}) {
     const state = { material: 0, light: 0, yaw: 0, pitch: 0, stops: 0, showLight: false, samples: 512, ...options };
+    // What the container has to look at where, and as long as, nothing is drawn.
+    const still = container.querySelector("img");
     const canvas = element("canvas", { tabIndex: 0, attributes: { role: "application" } });
     const gl = canvas.getContext("webgl2", { antialias: false, depth: false });
     let renderer;
@@ -41,11 +43,12 @@ globalThis.gonioViewer = (() => {
     } catch (error) {
       console.info(`gonioViewer: ${error.message}`);
       const why = "The sphere to turn needs WebGL 2 with float pictures, which this browser does not offer here.";
-      container.replaceChildren(element("p", { className: "gonio-viewer-fallback", textContent: why }));
+      container.replaceChildren(...(still ? [still] : []), element("p", { className: "gonio-viewer-fallback", textContent: why }));
       const dispose = () => container.replaceChildren();
       return { dispose, setMaterial() {}, setLight() {}, ready: Promise.resolve(false) };
     }
 
+    if (still) canvas.style.backgroundImage = `url(${still.src})`;
     let fine, draft; // the full picture, and the smaller one while the light turns on a slow device
     let side = 0; // of the canvas
     let budget = LEAST_WORK; // of the next frame, corrected by every one
@@ -106,6 +109,7 @@ globalThis.gonioViewer = (() => {
       const shown = fine?.samples >= PRESENTABLE || !draft?.samples ? fine : draft;
       if (shown?.samples > 0 && (target.row === 0 || stale)) {
         renderer.show(shown, side, state);
+        canvas.style.backgroundImage = "none";
         stale = false;
         isReady(true);
       }

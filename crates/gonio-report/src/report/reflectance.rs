@@ -7,7 +7,7 @@ use super::lobes::{curve, lobe};
 use super::short;
 use crate::page::chart::{Axis, Frame, Series, chart};
 use crate::page::figure;
-use crate::panels::{Panels, Subject};
+use crate::panels::{PANEL, Panels, Subject};
 use crate::uncertainty::{mean, svg};
 
 /// Angles of incidence of the lobes, degrees.
@@ -25,7 +25,9 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
     let spheres: Vec<(&str, Markup)> = panels
         .spheres
         .iter()
-        .map(|(light, sphere)| (*light, figure::picture(sphere, &format!("A sphere of the material, {light}"))))
+        .map(|(light, sphere)| {
+            (*light, figure::sized(sphere, 2 * PANEL / 3, &format!("A sphere of the material, {light}")))
+        })
         .collect();
     let interval =
         if band.is_some() { " The band holds 90 % of what the photograph allows, angle by angle." } else { "" };

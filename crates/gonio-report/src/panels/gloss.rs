@@ -67,7 +67,7 @@ pub(super) fn split(tables: &[BivariateTable; 3], pixel: f32) -> (Gloss, [Bivari
     (Gloss { weights: degrees.collect() }, rest)
 }
 
-/// Root, relative to that of a right angle, of the half angle between a row of the table and the next.
+/// Root, relative to that of a right angle, of the half angle between a row and the next.
 fn edge(i: usize) -> f32 {
     (i as f32 + 0.5) / THETA_H as f32
 }

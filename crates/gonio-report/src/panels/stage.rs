@@ -73,8 +73,8 @@ impl Stage {
         (0..count).map(picture).collect()
     }
 
-    /// Renders a panel of an object. `points` are those of all its pixels; `shadows` has the
-    /// visibility at every [`APART`]th of them, with those points.
+    /// Renders a panel of an object. `points` are those of all its pixels, `seen` those of every
+    /// [`APART`]th pixel with the visibility there.
     pub(super) fn object(
         &self,
         material: &[BivariateTable; 3],
@@ -242,7 +242,7 @@ mod tests {
                 })
                 .collect();
             off.sort_by(f32::total_cmp);
-            // The sun at its highlight's edge is blurred by the few rows that smooth lobes are lit by.
+            // The edge of the sun's highlight is blurred by the few rows that light smooth lobes.
             let (middle, most) = (off[off.len() / 2], off[off.len() * 9 / 10]);
             assert!(middle < 0.01 && most < 0.1, "{width}: {middle} {most}");
         }

@@ -107,8 +107,8 @@ impl<'a> View<'a> {
         Picture { rgb: Plane::from_vec(side, side, rgb), alpha: Some(Plane::from_vec(side, side, alpha)) }
     }
 
-    /// Returns the surface points at every `apart`th pixel of a panel, row by row; `None` where there
-    /// is no surface.
+    /// Returns the surface points at every `apart`th pixel of a panel, row by row; `None` where
+    /// there is no surface.
     fn points(&self, normals: &Plane<Vec3>, placed: Option<&Placed>, apart: usize) -> Vec<Option<SurfacePoint>> {
         let side = PANEL / apart;
         let coverage = self.coverage();

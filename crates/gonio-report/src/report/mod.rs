@@ -174,13 +174,13 @@ impl Report<'_> {
                 }
             },
         ));
+        pictures.push(html! { div { (counts(&self.subject.sighting.observations.report)) } });
         html! {
             (figure::grid(18, &pictures))
             @if self.subject.light.is_some() {
                 p { "A small difference does not prove the material right: a blurry light on a mirror can look \
                      like a sharp light on a dull surface." }
             }
-            (counts(&self.subject.sighting.observations.report))
         }
     }
 
@@ -334,9 +334,8 @@ fn facts(material: &Material, result: &Value) -> Markup {
             (units(&result["posterior"]["gloss"]["units"], result["reflectance"]["absolute"].as_bool() == Some(true)))
             div {
                 dt { "how sure" }
-                dd { strong { (material.verdict()) } "; " (percent(material.wider_than(WIDE)))
-                    " of the BRDF's cells have a 90 % interval wider than a factor of " (WIDE) "; in " (percent(material.open))
-                    " it is most of what it would be without a photograph" }
+                dd { strong { (percent(material.wider_than(WIDE))) } " of the BRDF's cells have a 90 % interval wider than a factor of "
+                    (WIDE) "; in " strong { (percent(material.open)) } " it is most of what it would be without a photograph" }
             }
             (colours(result))
         }

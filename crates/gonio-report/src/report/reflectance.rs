@@ -39,11 +39,12 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
     });
     html! {
         (figure::figure(&figure::tiles(&spheres), &html! { "Spheres of the estimate in three lights of our own making." }))
-        (figure::grid(22, &[
+        (figure::grid(20, &[
             figure::figure(&svg(&[&mean(table)], false, "Map of the BRDF over half and difference angle"),
                 &html! { "The luminance of the BRDF over the half angle (across, stretched at the highlight) and the difference angle (up). \
                     Left: the highlight; top: grazing light." }),
-            html! { div { @for cut in CUTS { (cut_at(table, band, cut)) } } },
+            html! { div { (cut_at(table, band, CUTS[0])) } },
+            html! { div { (cut_at(table, band, CUTS[1])) } },
         ]))
         h3 { "Polar lobes" }
         (figure::grid(17, &lobes))

@@ -236,7 +236,7 @@ mod tests {
                     let (x, y) = (place(at.0), -place(at.1));
                     let normal = DVec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt());
                     // Near the rim a lobe loses what lies behind the horizon.
-                    let point = (normal.z > 0.5).then(|| SurfacePoint { normal, view: DVec3::Z })?;
+                    let point = (normal.z > 0.5).then_some(SurfacePoint { normal, view: DVec3::Z })?;
                     let want = radiance(&point, &tables, &table, &tree, &settings).as_vec3();
                     Some((got.rgb[at] - want).length() / want.length())
                 })

@@ -42,16 +42,15 @@ pub(super) fn lobe(
     let rings: Vec<f64> =
         (-4..7).map(|e| 10_f64.powi(e)).filter(|v| ring(*v) > 14.0 && ring(*v) <= RADIUS * 1.001).collect();
     // From the outermost inwards, labels that have room.
+    let mut labels: Vec<(f64, f64)> = Vec::new();
     let mut free = f64::INFINITY;
-    let labels: Vec<(f64, f64)> = (rings.iter().rev())
-        .map(|value| (*value, WIDTH / 2.0 + ring(*value), 3.0 * value.to_string().len() as f64))
-        .filter_map(|(value, at, half)| {
-            (at + half < free && at - half > WIDTH / 2.0).then(|| {
-                free = at - half - 4.0;
-                (value, at)
-            })
-        })
-        .collect();
+    for &value in rings.iter().rev() {
+        let (at, half) = (WIDTH / 2.0 + ring(value), 3.0 * value.to_string().len() as f64);
+        if at + half < free && at - half > WIDTH / 2.0 {
+            labels.push((value, at));
+            free = at - half - 4.0;
+        }
+    }
     let (sin, cos) = incidence.to_radians().sin_cos();
     let from = (WIDTH / 2.0 - 1.06 * RADIUS * sin, FOOT - 1.06 * RADIUS * cos);
     html! {

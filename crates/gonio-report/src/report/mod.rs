@@ -64,7 +64,7 @@ impl Report<'_> {
             (self.answer())
             (warnings(self.warnings))
             (self.verdict())
-            (self.found())
+            section #found { (self.found()) }
             (self.about())
         };
         Document { title: &title, lead, sections, style: STYLE, script: SCRIPT }.render()

@@ -8,6 +8,7 @@ use gonio_io::posterior::SavedPosterior;
 use gonio_io::{merl, npy};
 use gonio_report::panels::used::with_legend;
 use gonio_report::{summary, uncertainty};
+use rayon::prelude::*;
 
 use crate::{Answer, Problem};
 
@@ -101,7 +102,7 @@ impl Answer {
             quantiles: self.material.as_ref().map(|m| (m.quantiles.len(), scaled(m.quantiles.concat()))),
             posterior: self.saved.as_ref().map(SavedPosterior::encode),
             light: estimated.or_else(|| self.known_light.as_ref().map(|known| known.radiance().clone())),
-            pictures: self.pictures().iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
+            pictures: self.pictures().par_iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
             notes,
             page: self.page.clone(),
         })

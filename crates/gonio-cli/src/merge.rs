@@ -15,7 +15,7 @@ use serde_json::json;
 use crate::outcome::Outcome;
 use crate::reading::ReadingOptions;
 use crate::remedy::{self, plain};
-use gonio_report::canvas::{LETTER, fill, place, sheet, text};
+use gonio_report::canvas::{LINE, fill, legend, place, sheet, text};
 
 /// Options of `gonio merge`.
 #[derive(clap::Args)]
@@ -120,9 +120,9 @@ fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
         Known::Dark => DARK,
         Known::Moved => MOVED,
     }));
-    let legend = (count + 4) * (LETTER + 4);
-    let (top, tall) = (GAP + LETTER + 6, shown.height().max(PANEL));
-    let mut out = sheet(4 * GAP + 2 * shown.width() + PANEL, top + tall + GAP + legend);
+    let below = (count + 4) * LINE;
+    let (top, tall) = (GAP + LINE, shown.height().max(PANEL));
+    let mut out = sheet(4 * GAP + 2 * shown.width() + PANEL, top + tall + GAP + below);
     let columns = [GAP, 2 * GAP + shown.width(), 3 * GAP + 2 * shown.width()];
     text(&mut out, columns[0], GAP, "merged");
     text(&mut out, columns[1], GAP, "most of it from");
@@ -133,9 +133,8 @@ fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
     text(&mut out, columns[2], top + PANEL + 6, "exposure (lines: x 10) over code");
     let mut row = top + tall + GAP;
     let mut line = |colour: Vec3, label: &str| {
-        fill(&mut out, (columns[0], row), (LETTER, LETTER), colour);
-        text(&mut out, columns[0] + 2 * LETTER, row, label);
-        row += LETTER + 4;
+        legend(&mut out, columns[0], row, colour, label);
+        row += LINE;
     };
     for &e in &order {
         let name =

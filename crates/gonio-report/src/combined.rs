@@ -3,10 +3,9 @@
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::BivariateTable;
-use gonio::render::{LightTree, PrefilteredLight};
 
 use crate::canvas::fill;
-use crate::panels::{PANEL, over_paper, own_sphere_light, sphere_exposure, spheres};
+use crate::panels::{PANEL, Stage, over_paper, own_sphere_light, sphere_exposure};
 use crate::summary;
 
 /// Spheres in a row, at most.
@@ -58,7 +57,7 @@ pub fn side_by_side(
 /// Spheres in the built-in light.
 fn drawn(all: &[&Shown]) -> Vec<Picture> {
     let tables: Vec<[BivariateTable; 3]> = all.iter().map(|shown| shown.tables.clone()).collect();
-    spheres(&tables, &PrefilteredLight::of(&LightTree::of_map(&own_sphere_light())))
+    Stage::of(&own_sphere_light()).spheres(&tables)
 }
 
 fn labelled<'a>(all: &[&'a Shown], panels: &'a [Plane<Vec3>]) -> Vec<(&'a str, &'a Plane<Vec3>)> {

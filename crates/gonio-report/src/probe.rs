@@ -6,11 +6,11 @@ use gonio::probe::{Probe, View};
 use gonio::render::Exposure;
 use gonio::scene::Fate;
 
-use crate::canvas::{INK, LETTER, LINE, OUTLINE, PAPER, fill, place, sheet, text};
+use crate::canvas::{INK, LINE, OUTLINE, PAPER, fill, legend as legend_line, note, place, sheet, text};
 use crate::panels::resize;
 
 /// Height of a panel, pixels; the map is twice as wide.
-const PANEL: usize = 320;
+const PANEL: usize = 400;
 /// Distance between panels, pixels.
 const GAP: usize = 16;
 /// Factor by which the photograph is darkened outside of the ball.
@@ -32,7 +32,7 @@ pub fn draw(views: &[&View], probe: &Probe) -> Plane<Vec3> {
     let (captions, legend) = (captions(probe), legend(views));
     let width = GAP + views.len() * (PANEL + GAP) + 2 * PANEL + GAP;
     let top = GAP + LINE;
-    let below = top + PANEL + LETTER;
+    let below = top + PANEL + 10;
     let mut out = sheet(width, below + (1 + captions.len() + legend.len()) * LINE + GAP);
     let mut left = GAP;
     for (n, view) in views.iter().enumerate() {
@@ -44,8 +44,8 @@ pub fn draw(views: &[&View], probe: &Probe) -> Plane<Vec3> {
     place(&mut out, left, top, &map(probe));
     for (n, label) in ["camera", "left", "behind", "right"].into_iter().enumerate() {
         let at = left + n * PANEL / 2;
-        fill(&mut out, (at, top + PANEL), (1, LETTER / 2), INK);
-        text(&mut out, at + 3, below, label);
+        fill(&mut out, (at, top + PANEL), (1, 6), INK);
+        note(&mut out, at + 3, below, label);
     }
     let mut row = below + LINE;
     for line in captions {
@@ -53,8 +53,7 @@ pub fn draw(views: &[&View], probe: &Probe) -> Plane<Vec3> {
         row += LINE;
     }
     for (colour, line) in legend {
-        fill(&mut out, (left, row), (LETTER, LETTER), colour);
-        text(&mut out, left + 2 * LETTER, row, line);
+        legend_line(&mut out, left, row, colour, line);
         row += LINE;
     }
     out

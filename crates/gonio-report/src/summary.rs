@@ -4,24 +4,29 @@ use glam::Vec3;
 use gonio::inference::learnt::Neighbour;
 use gonio::picture::Plane;
 
-use crate::canvas::{INK, LETTER, fill, place, sheet, text};
-use crate::panels::{PANEL, Panels, Subject};
+use crate::canvas::{INK, LARGE_LINE, fill, large, large_note, large_width_of, place, sheet};
+use crate::panels::{PANEL, Panels, Subject, resolution};
 
 /// Space between panels.
-const GAP: usize = 12;
-/// Height of a line of text.
-const LINE: usize = 24;
+const GAP: usize = 28;
+/// Height of a name with its bar.
+const ROW: usize = 56;
 
-/// Composes photograph, reproduction and light, below them the material with the ends of the
-/// probable range, and a line of text below all. Linear display values in 0..=1.
+/// Composes photograph, reproduction, their difference and the light, below them the material with
+/// the ends of the probable range, and a line of text below all. Linear display values in 0..=1.
 pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<Vec3> {
-    let given = if subject.light.is_some() { "estimated light" } else { "given light" };
-    let found = panels.spheres.first().map(|(_, sphere)| ("BRDF found, in a new light", sphere));
+    let given = match subject.light {
+        Some(light) => format!("light estimated, to {:.0}°", resolution(light)),
+        None => "light given".to_owned(),
+    };
+    let light = in_square(&panels.light);
     let mut rows = vec![vec![
         ("photograph", &panels.photograph),
-        ("the model's reproduction", &panels.reproduction),
-        (given, &panels.light),
+        ("what the model makes of it", &panels.reproduction),
+        ("difference, full at 50 %", &panels.residual),
+        (&given, &light),
     ]];
+    let found = panels.spheres.first().map(|(_, sphere)| ("BRDF found, in a new light", sphere));
     let names = subject.material.map(|material| nearest(&material.neighbours));
     if let Some(names) = &names {
         let labels = ["its dull end, at 5 %", "its glossy end, at 95 %"];
@@ -34,17 +39,26 @@ pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<V
     side_by_side(&rows, caption)
 }
 
+/// Puts the map of a light in the middle of a panel.
+fn in_square(map: &Plane<Vec3>) -> Plane<Vec3> {
+    let mut out = sheet(PANEL, PANEL);
+    place(&mut out, 0, (PANEL - map.height()) / 2, map);
+    out
+}
+
 /// Draws names with bars as long as their weights.
 fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
     let mut out = sheet(PANEL, PANEL);
     let top = neighbours.first().map_or(1.0, |m| m.weight);
-    for (n, material) in neighbours.iter().enumerate() {
-        let y = n * LINE;
-        let name: String = material.name.chars().take(PANEL / LETTER - 6).collect();
-        text(&mut out, 0, y, &name);
-        text(&mut out, PANEL - 5 * LETTER, y, &format!("{:>3.0} %", 100.0 * material.weight));
+    for (n, material) in neighbours.iter().take(PANEL / ROW).enumerate() {
+        let y = n * ROW;
+        large(&mut out, 0, y, &material.name);
+        let share = format!("{:.0} %", 100.0 * material.weight);
+        let left = PANEL - large_width_of(&share);
+        fill(&mut out, (left - 8, y), (PANEL + 8 - left, LARGE_LINE), crate::canvas::PAPER);
+        large(&mut out, left, y, &share);
         let length = (material.weight / top * PANEL as f64) as usize;
-        fill(&mut out, (0, y + LETTER + 4), (length.max(1), 4), 0.4 * INK);
+        fill(&mut out, (0, y + LARGE_LINE - 4), (length.max(1), 6), 0.4 * INK);
     }
     out
 }
@@ -53,16 +67,16 @@ fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
 /// under all.
 pub(crate) fn side_by_side(rows: &[Vec<(&str, &Plane<Vec3>)>], caption: &str) -> Plane<Vec3> {
     let width = |row: &Vec<(&str, &Plane<Vec3>)>| GAP + row.iter().map(|(_, p)| p.width() + GAP).sum::<usize>();
-    let high = PANEL + GAP + LINE;
-    let mut out = sheet(rows.iter().map(width).max().unwrap_or(0), rows.len() * high + GAP + LINE);
+    let high = PANEL + GAP + LARGE_LINE + 8;
+    let mut out = sheet(rows.iter().map(width).max().unwrap_or(0), rows.len() * high + GAP + LARGE_LINE);
     for (n, row) in rows.iter().enumerate() {
         let (mut left, top) = (GAP, n * high + GAP);
         for (label, panel) in row {
             place(&mut out, left, top, panel);
-            text(&mut out, left, top + PANEL + 8, label);
+            large(&mut out, left, top + PANEL + 8, label);
             left += panel.width() + GAP;
         }
     }
-    text(&mut out, GAP, rows.len() * high + 8, caption);
+    large_note(&mut out, GAP, rows.len() * high + 16, caption);
     out
 }

@@ -181,11 +181,14 @@ const GonioRenderer = (() => {
       return mix(below, above, at.y);
     }
 
-    // Straight up to a half, then a shoulder instead of clipping: highlights stay apart and keep their hue. sRGB.
+    // Itself up to 0.76, so that colours are those of the material; brighter ones approach white slowly. sRGB.
     vec3 display(vec3 radiance) {
       vec3 x = radiance * exposure;
       float top = max(max(x.r, x.g), x.b);
-      if (top > 0.5) x *= (1.0 - 0.5 * exp(1.0 - 2.0 * top)) / top;
+      if (top > 0.76) {
+        float mapped = 1.0 - 0.0576 / (top - 0.52);
+        x = mix(x * mapped / top, vec3(mapped), 1.0 - 1.0 / (0.15 * (top - mapped) + 1.0));
+      }
       return mix(12.92 * x, 1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, x));
     }
 
@@ -468,13 +471,14 @@ const GonioRenderer = (() => {
       };
     }
 
-    /** Brings four fifths of the sphere in a probe below a half. */
+    /** Brings the mean of the sphere in a probe to 0.3; the brightest tenth counts as the least bright of it. */
     exposureFor(pixels) {
       const to = (n) => FRAME * ((2 * (n + 0.5)) / PROBE - 1);
       const isSeen = (_, i) => Math.hypot(to(i % PROBE), to(Math.floor(i / PROBE))) < 1;
       const seen = Float32Array.from({ length: PROBE ** 2 }, (_, i) => luminance(pixels, 4 * i)).filter(isSeen).sort();
-      const level = seen[Math.floor(0.8 * (seen.length - 1))];
-      return level > 0 ? 0.5 / level : 1;
+      const top = seen[Math.floor(0.9 * (seen.length - 1))];
+      const level = total(seen.map((value) => Math.min(value, top))) / seen.length;
+      return level > 0 ? 0.3 / level : 1;
     }
 
     exposure({ material, light }) {

@@ -18,6 +18,7 @@ globalThis.gonioViewer = (() => {
   const COARSEST = 4; // pixels of the canvas along one of a draft, at most
   const DRAFT_SAMPLES = 32; // that a draft gets before the full picture begins
   const PRESENTABLE = 12; // samples of a pixel from which on the full picture looks better than the draft
+  const FIT_TO_REPLACE = 32; // samples from which on it looks better than a picture that was there before
   const REST = 200; // after the last change until it is told, ms
   const MAX_PITCH = 85;
   const KEY_STEP = 5;
@@ -32,6 +33,8 @@ globalThis.gonioViewer = (() => {
 
   return function gonioViewer(container, data, options = {}) {
     const state = { material: 0, light: 0, yaw: 0, pitch: 0, stops: 0, showLight: false, samples: 512, ...options };
+    // What the container has to look at where, and as long as, nothing is drawn.
+    const still = container.querySelector("img");
     const canvas = element("canvas", { tabIndex: 0, attributes: { role: "application" } });
     const gl = canvas.getContext("webgl2", { antialias: false, depth: false });
     let renderer;
@@ -41,11 +44,13 @@ globalThis.gonioViewer = (() => {
     } catch (error) {
       console.info(`gonioViewer: ${error.message}`);
       const why = "The sphere to turn needs WebGL 2 with float pictures, which this browser does not offer here.";
-      container.replaceChildren(element("p", { className: "gonio-viewer-fallback", textContent: why }));
+      container.replaceChildren(...(still ? [still] : []), element("p", { className: "gonio-viewer-fallback", textContent: why }));
       const dispose = () => container.replaceChildren();
       return { dispose, setMaterial() {}, setLight() {}, ready: Promise.resolve(false) };
     }
 
+    if (still) canvas.style.backgroundImage = `url(${still.src})`;
+    let waiting = Boolean(still); // until something is turned or chosen, or the picture is good enough
     let fine, draft; // the full picture, and the smaller one while the light turns on a slow device
     let side = 0; // of the canvas
     let budget = LEAST_WORK; // of the next frame, corrected by every one
@@ -104,8 +109,11 @@ globalThis.gonioViewer = (() => {
       if (left <= 0 && !stale) return;
       const work = left > 0 ? renderer.add(target, budget, Math.min(left, MOST_SAMPLES), state) : 0;
       const shown = fine?.samples >= PRESENTABLE || !draft?.samples ? fine : draft;
+      if (waiting && left > 0 && !(fine?.samples >= FIT_TO_REPLACE)) return launch(work);
+      waiting = false;
       if (shown?.samples > 0 && (target.row === 0 || stale)) {
         renderer.show(shown, side, state);
+        canvas.style.backgroundImage = "none";
         stale = false;
         isReady(true);
       }
@@ -128,6 +136,7 @@ globalThis.gonioViewer = (() => {
     }
 
     function turn(yaw, pitch) {
+      waiting = false;
       state.yaw = yaw - 360 * Math.round(yaw / 360);
       state.pitch = Math.min(Math.max(pitch, -MAX_PITCH), MAX_PITCH);
       describe();
@@ -137,6 +146,7 @@ globalThis.gonioViewer = (() => {
     function chooser(kind, label, entries) {
       const select = element("select", {}, ...entries.map(({ name }) => new Option(name)));
       const choose = (index) => {
+        waiting = false;
         state[kind] = select.selectedIndex = index;
         describe();
         restart();
@@ -150,6 +160,7 @@ globalThis.gonioViewer = (() => {
     const [setLight, lights] = chooser("light", "Light", data.lights);
     const exposure = element("input", { type: "range", min: -4, max: 4, step: 0.25, value: state.stops });
     exposure.oninput = () => {
+      waiting = false;
       state.stops = exposure.valueAsNumber;
       describe();
       redraw();
@@ -157,6 +168,7 @@ globalThis.gonioViewer = (() => {
     const stops = element("span");
     const behind = element("input", { type: "checkbox", checked: state.showLight });
     behind.onchange = () => {
+      waiting = false;
       state.showLight = behind.checked;
       redraw();
     };

@@ -197,7 +197,7 @@
   }
 
   function drawing({ uncertainty }) {
-    at("uncertainty").src = urls([uncertainty], "image/png");
+    at("uncertainty").src = urls([uncertainty], "image/svg+xml");
     show("cells");
   }
 

@@ -80,7 +80,7 @@ impl Session {
         self.0.light(side).map(|notes| notes.to_string())
     }
 
-    /// The picture of the uncertainty, as PNG.
+    /// The picture of the uncertainty, as SVG.
     ///
     /// # Errors
     /// If the material has not been found.

@@ -176,13 +176,14 @@ impl Session {
         Ok(notes)
     }
 
-    /// The picture of the uncertainty, as PNG.
+    /// The picture of the uncertainty, as SVG.
     ///
     /// # Errors
     /// If the material has not been found.
     pub fn uncertainty(&self) -> Result<Vec<u8>, String> {
         let (_, (material, _)) = self.known()?;
-        Ok(gonio_io::picture::encode_png(&uncertainty::draw(material)))
+        let (mean, width) = (uncertainty::mean(&material.table), uncertainty::width(material));
+        Ok(uncertainty::svg(&[&mean, &width], true, "Mean and interval of every cell").into_string().into_bytes())
     }
 
     /// Returns a file to save. `seconds`, JSON, holds the times of the steps, for `result.json`.

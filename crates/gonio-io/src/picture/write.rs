@@ -4,6 +4,7 @@
 use std::fs;
 use std::io::Cursor;
 use std::path::Path;
+use std::sync::LazyLock;
 
 use ::exr::meta::attribute::{AttributeValue, Text};
 use ::exr::prelude::{
@@ -88,9 +89,39 @@ pub fn encode_hdr(rgb: &Plane<Vec3>) -> Vec<u8> {
 /// # Panics
 /// If the picture has no pixels.
 pub fn encode_png(rgb: &Plane<Vec3>) -> Vec<u8> {
-    let code = |v: f32| (srgb_encode(v.max(0.0)) * 255.0).round() as u8;
-    let samples: Vec<u8> = rgb.as_slice().iter().flat_map(|v| v.to_array().map(code)).collect();
+    let samples: Vec<u8> = rgb.as_slice().iter().flat_map(|v| v.to_array().map(srgb8)).collect();
     encode_png_srgb8(rgb.width(), rgb.height(), &samples)
+}
+
+/// The sRGB code of a linear value, as `srgb_encode` rounds it: in a table by the leading bits of
+/// the value, which decide it but for one step.
+fn srgb8(value: f32) -> u8 {
+    const FIRST: u32 = 114 << 7;
+    const LAST: u32 = 127 << 7;
+    static STEPS: LazyLock<Vec<(u8, f32)>> = LazyLock::new(|| {
+        let exact = |v: f32| (srgb_encode(v) * 255.0).round() as u8;
+        let step = |bits: u32| {
+            let (low, high) = (bits << 16, (bits + 1) << 16);
+            let code = exact(f32::from_bits(low));
+            // The least value of the next code, if it begins here.
+            let (mut below, mut above) = (low, high);
+            while above - below > 1 {
+                let middle = below + (above - below) / 2;
+                if exact(f32::from_bits(middle)) > code { above = middle } else { below = middle }
+            }
+            (code, f32::from_bits(above))
+        };
+        (FIRST..LAST).map(step).collect()
+    });
+    let bits = value.max(0.0).to_bits() >> 16;
+    match bits {
+        0..FIRST => 0,
+        FIRST..LAST => {
+            let (code, next) = STEPS[(bits - FIRST) as usize];
+            code + u8::from(value >= next)
+        }
+        _ => 255,
+    }
 }
 
 /// Encodes like [`encode_png`] and notes in the file which program wrote it: [`is_signed`] tells.
@@ -238,5 +269,14 @@ mod tests {
         let options = ReadOptions { linear: true, ..Default::default() };
         let got = decode(Path::new("t"), &encode_png(&rgb), &options).unwrap().picture.rgb;
         assert_eq!(got.map(|v| (*v * 255.0).round()).as_slice(), [Vec3::new(0., 128., 255.), Vec3::new(0., 0., 255.)]);
+    }
+
+    #[test]
+    fn codes_are_those_of_the_curve() {
+        for i in 0..200_000 {
+            let value = i as f32 * 6e-6;
+            assert_eq!(srgb8(value), (srgb_encode(value) * 255.0).round() as u8, "{value}");
+        }
+        assert_eq!([-1.0, f32::NAN, f32::INFINITY, 1.0].map(srgb8), [0, 0, 255, 255]);
     }
 }

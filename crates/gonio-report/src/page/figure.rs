@@ -26,7 +26,8 @@ fn image(rgb: &Plane<Vec3>, alt: &str, class: &str, zoom: usize) -> Markup {
     html! { img class=[class] src=(source(rgb)) width=(zoom * rgb.width()) height=(zoom * rgb.height()) alt=(alt); }
 }
 
-fn source(rgb: &Plane<Vec3>) -> String {
+/// Writes a picture of linear display values as the address that holds it.
+pub(crate) fn source(rgb: &Plane<Vec3>) -> String {
     let png = gonio_io::picture::encode_png(rgb);
     format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
 }

@@ -14,7 +14,12 @@ pub mod figure;
 mod sample;
 pub mod table;
 
+use std::sync::LazyLock;
+
+use base64::Engine;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use crate::canvas::{REGULAR_FILE, SEMIBOLD_FILE};
 
 const STYLE: &str = include_str!("style.css");
 
@@ -29,8 +34,18 @@ pub struct Section {
     pub body: Markup,
 }
 
+/// The typeface of all pictures, within the page.
+static TYPEFACE: LazyLock<String> = LazyLock::new(|| {
+    let face = |weight: &str, file: &[u8]| {
+        let file = base64::engine::general_purpose::STANDARD.encode(file);
+        format!("@font-face{{font-family:Inter;font-weight:{weight};src:url(data:font/ttf;base64,{file})}}")
+    };
+    [face("100 500", REGULAR_FILE), face("501 900", SEMIBOLD_FILE)].concat()
+});
+
 /// Content security policy: a browser may only show what is in the page.
-const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
+const POLICY: &str =
+    "default-src 'none'; img-src data:; font-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
 /// A whole report.
 #[derive(Default)]
@@ -66,7 +81,7 @@ impl Document<'_> {
                     // Empty icon: without one browsers request it from the server.
                     link rel="icon" href="data:,";
                     title { (self.title) }
-                    style { (PreEscaped(STYLE)) (PreEscaped(self.style)) }
+                    style { (PreEscaped(&*TYPEFACE)) (PreEscaped(STYLE)) (PreEscaped(self.style)) }
                 }
                 body {
                     header {
@@ -102,8 +117,10 @@ mod tests {
         let page = document("x < y", &html! {}, &[Section { id: "one".into(), title: "\"One\"".into(), body }]);
         assert!(page.contains("a &lt; b &amp; c") && page.contains("<title>x &lt; y</title>"));
         assert!(page.contains("<a href=\"#one\">") && page.contains("<section id=\"one\">"));
-        for outside in ["http:", "https:", "<script", "url(", "@import"] {
+        for outside in ["http:", "https:", "<script", "@import"] {
             assert!(!page.contains(outside), "{outside}");
         }
+        // The typeface is in the page.
+        assert!(page.split("url(").skip(1).all(|rest| rest.starts_with("data:font/ttf;base64,")));
     }
 }

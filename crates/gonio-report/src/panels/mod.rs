@@ -1,26 +1,31 @@
 //! Individual pictures of a result: the photograph and its explanation, and the material in
 //! built-in lights.
 
+mod gloss;
+mod half_light;
+mod light;
+mod stage;
 pub mod used;
 mod view;
 
 use glam::{DVec3, Vec3};
 use gonio::colour::TwoColours;
 use gonio::estimate::Material;
-use gonio::lighting::{EnvironmentMap, LightGrid, lamp_light, sky_light, studio_light};
+use gonio::lighting::{EnvironmentMap, LightGrid, lamp_light, sky_light};
 use gonio::picture::{Picture, Plane, luminance};
 use gonio::reflectance::BivariateTable;
-use gonio::render::{Exposure, LightTree, PrefilteredLight};
+use gonio::render::Exposure;
 use gonio::scene::Sighting;
 
 use crate::canvas::PAPER;
+pub use light::{dark_studio, display, resolution};
+pub(crate) use stage::Stage;
 use view::View;
-pub(crate) use view::spheres;
 
 /// Height of a panel, pixels.
-pub const PANEL: usize = 240;
-/// Rows of the lights that are rendered.
-const LIGHT_ROWS: usize = 128;
+pub const PANEL: usize = 512;
+/// Rows of the lights that are rendered: a mirror shows what is finer than a degree.
+const LIGHT_ROWS: usize = 256;
 
 /// Colours of observations with and without a value, in the picture of them.
 const USED: Vec3 = Vec3::new(0.10, 0.85, 0.75);
@@ -60,9 +65,9 @@ pub struct Subject<'a> {
 pub struct Panels {
     /// The photograph of the object.
     pub photograph: Plane<Vec3>,
-    /// Photograph of the object at twice the size, with a dot at each observation.
+    /// Photograph of the object with a dot at each observation.
     pub observed: Plane<Vec3>,
-    /// Photograph at that size too, with the pixels that were left out marked; `None` if there are
+    /// Photograph with the pixels that were left out marked; `None` if there are
     /// none except those outside.
     pub used: Option<Plane<Vec3>>,
     /// Reproduction from table and light.
@@ -70,7 +75,7 @@ pub struct Panels {
     /// The relative difference of both in luminance: orange where the photograph is brighter, blue
     /// where it is darker, at 50 % in full.
     pub residual: Plane<Vec3>,
-    /// The light as a lat-long picture, twice as wide as high.
+    /// The light as a lat-long picture as wide as the other panels and half as high.
     pub light: Plane<Vec3>,
     /// Spheres of the BRDF in [`own_lights`], with their names.
     pub spheres: Vec<(&'static str, Plane<Vec3>)>,
@@ -81,12 +86,12 @@ pub struct Panels {
 
 /// The built-in light that spheres are first shown in.
 pub(crate) fn own_sphere_light() -> EnvironmentMap {
-    studio_light(LIGHT_ROWS)
+    dark_studio(LIGHT_ROWS)
 }
 
 /// Returns the built-in lights that results are shown in: analytic, `2 height` by `height`.
 pub fn own_lights(height: usize) -> [(&'static str, EnvironmentMap); 3] {
-    [("studio", studio_light(height)), ("clear sky", sky_light(height)), ("lamps at night", lamp_light(height))]
+    [("studio", dark_studio(height)), ("clear sky", sky_light(height)), ("lamps at night", lamp_light(height))]
 }
 
 impl Subject<'_> {
@@ -112,7 +117,7 @@ impl Panels {
         for (i, (name, light)) in own_lights(LIGHT_ROWS).into_iter().enumerate() {
             // The ends differ in the first light as clearly as in any other.
             let materials = if i == 0 { &shown[..] } else { &shown[..1] };
-            let drawn = view::spheres(materials, &PrefilteredLight::of(&LightTree::of_map(&light)));
+            let drawn = Stage::of(&light).spheres(materials);
             let exposure = sphere_exposure(&drawn[0]);
             let mut drawn = drawn.iter().map(|p| over_paper(p, exposure));
             spheres.extend(drawn.next().map(|p| (name, p)));
@@ -134,12 +139,13 @@ impl Panels {
 
 /// Renders the object in the light that was found or given, on the scale of the photograph.
 fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Picture {
-    let tree = match (subject.light, subject.known_light) {
-        (Some(grid), _) => LightTree::of_grid(grid),
-        (None, Some(map)) => LightTree::of_map(map),
-        (None, None) => LightTree::of_map(&studio_light(16)),
+    let stage = match (subject.light, subject.known_light) {
+        (Some(grid), _) => display(grid).map(|map| Stage::of(&map)),
+        (None, Some(map)) => Some(Stage::of(&map.reduced(2 * LIGHT_ROWS))),
+        (None, None) => None,
     };
-    let mut model = view.render(&subject.coloured(subject.table), &PrefilteredLight::of(&tree));
+    let stage = stage.unwrap_or_else(|| Stage::of(&own_sphere_light()));
+    let mut model = view.render(&subject.coloured(subject.table), &stage);
     let factor = match subject.light {
         // Reflectance and light carry the photograph's scale in luminance.
         Some(_) => subject.light_colour,
@@ -158,7 +164,7 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
 
 /// Draws the photograph, darkened, under a dot for each observation.
 fn observed(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Plane<Vec3> {
-    let side = 2 * PANEL;
+    let side = PANEL;
     let mut out = over_paper(&view.cut(subject.picture, side), exposure).map(|p| 0.6 * *p);
     let observations = &subject.sighting.observations;
     for (at, value) in observations.pixels.iter().zip(&observations.values) {
@@ -191,17 +197,29 @@ fn residual(input: &Picture, model: &Picture) -> Plane<Vec3> {
 
 fn light(subject: &Subject<'_>) -> Plane<Vec3> {
     let light = match (subject.light, subject.known_light) {
-        (Some(grid), _) => grid.to_lat_long(PANEL).map(|p| *p * subject.light_colour),
-        (None, Some(map)) => resize(map.radiance(), 2 * PANEL, PANEL),
-        (None, None) => Plane::from_fn(2 * PANEL, PANEL, |_, _| Vec3::ZERO),
+        (Some(grid), _) => match display(grid) {
+            Some(map) => shown_at(map.radiance()).map(|p| *p * subject.light_colour),
+            None => Plane::from_fn(PANEL, PANEL / 2, |_, _| Vec3::ZERO),
+        },
+        (None, Some(map)) if map.radiance().height() < PANEL / 2 => shown_at(map.radiance()),
+        (None, Some(map)) => resize(map.radiance(), PANEL, PANEL / 2),
+        (None, None) => Plane::from_fn(PANEL, PANEL / 2, |_, _| Vec3::ZERO),
     };
     let exposure = Exposure::by_quantile(&light, |_| true, 0.9, 0.6);
     light.map(|p| exposure.apply(*p))
 }
 
+/// A lat-long map as wide as a panel, bilinear.
+fn shown_at(map: &Plane<Vec3>) -> Plane<Vec3> {
+    Plane::from_fn(PANEL, PANEL / 2, |x, y| {
+        let (u, v) = ((x as f64 + 0.5) / PANEL as f64, (2.0 * y as f64 + 1.0) / PANEL as f64);
+        half_light::between(map, gonio::sphere::direction_of_lat_long(u, v).as_vec3())
+    })
+}
+
 /// Exposure at which a sphere is shown.
 pub(crate) fn sphere_exposure(sphere: &Picture) -> Exposure {
-    Exposure::by_quantile(&sphere.rgb, |i| is_covered(sphere, i), 0.8, 0.5)
+    Exposure::by_mean(&sphere.rgb, |i| is_covered(sphere, i), 0.3)
 }
 
 fn is_covered(picture: &Picture, i: usize) -> bool {

@@ -44,11 +44,11 @@ pub const MARKS: [Mark; 6] = [
     Mark { label: "no sound normal", colour: Vec3::new(0.3, 0.3, 0.3), fates: &[Fate::NoNormal] },
 ];
 
-/// Draws the photograph at twice the size of a panel, dark where it lies outside the observed part,
+/// Draws the photograph, dark where it lies outside the observed part,
 /// with the other pixels that were left out marked; `None` if none were.
 pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Option<Plane<Vec3>> {
     let fates = subject.sighting.observations.fates.as_ref()?;
-    let side = 2 * PANEL;
+    let side = PANEL;
     let photograph = over_paper(&view.cut(subject.picture, side), exposure);
     Some(Plane::from_fn(side, side, |x, y| {
         let found = || view.behind(x, y, side, fates.size()).map(|at| fates[at]);

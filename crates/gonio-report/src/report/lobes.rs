@@ -41,13 +41,25 @@ pub(super) fn lobe(
     let ring = |value: f64| RADIUS * (value / top).cbrt();
     let rings: Vec<f64> =
         (-4..7).map(|e| 10_f64.powi(e)).filter(|v| ring(*v) > 14.0 && ring(*v) <= RADIUS * 1.001).collect();
+    // From the outermost inwards, labels that have room.
+    let mut labels: Vec<(f64, f64)> = Vec::new();
+    let mut free = f64::INFINITY;
+    for &value in rings.iter().rev() {
+        let (at, half) = (WIDTH / 2.0 + ring(value), 3.0 * value.to_string().len() as f64);
+        if at + half < free && at - half > WIDTH / 2.0 {
+            labels.push((value, at));
+            free = at - half - 4.0;
+        }
+    }
     let (sin, cos) = incidence.to_radians().sin_cos();
     let from = (WIDTH / 2.0 - 1.06 * RADIUS * sin, FOOT - 1.06 * RADIUS * cos);
     html! {
         svg.lobe viewBox={ "0 0 " (WIDTH) " " (HEIGHT) } role="img" aria-label=(words) {
-            @for value in rings {
+            @for &value in &rings {
                 path.ring d={ "M" (WIDTH / 2.0 - ring(value)) " " (FOOT) "A" (ring(value)) " " (ring(value)) " 0 0 1 " (WIDTH / 2.0 + ring(value)) " " (FOOT) } {}
-                text.tick x=(WIDTH / 2.0 + ring(value)) y=(FOOT + 14.0) text-anchor="middle" { (value) }
+            }
+            @for (value, at) in labels {
+                text.tick x=(at) y=(FOOT + 14.0) text-anchor="middle" { (value) }
             }
             line.ground x1="0" x2=(WIDTH) y1=(FOOT) y2=(FOOT) {}
             @if let Some(area) = area { path.band d=(area) {} }
@@ -91,6 +103,9 @@ mod tests {
         let drawn = lobe(&table, Some((&table, &table)), 45.0, 2.0).into_string();
         assert!(!drawn.contains("NaN") && !drawn.contains("inf"), "{drawn}");
         assert_eq!(drawn.matches("class=\"ring\"").count(), 3);
+        let places = drawn.split("class=\"tick\" x=\"").skip(1).map(|rest| rest.split('"').next().unwrap());
+        let places: Vec<f64> = places.map(|x| x.parse().unwrap()).collect();
+        assert!(places.len() > 1 && places.windows(2).all(|pair| pair[0] - pair[1] > 12.0), "{places:?}");
         assert!(drawn.contains("class=\"band\"") && drawn.contains("role=\"img\""));
     }
 }

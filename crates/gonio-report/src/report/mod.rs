@@ -14,7 +14,8 @@ use maud::{Markup, PreEscaped, html};
 use serde_json::Value;
 
 use crate::page::{Document, Section, figure, table};
-use crate::panels::{PANEL, Panels, Subject, used};
+use crate::panels::{PANEL, Panels, Subject, resolution, used};
+use crate::uncertainty::{svg, width};
 pub use renderers::Fits;
 
 /// Styles and scripts of the page beyond those of all reports.
@@ -24,6 +25,9 @@ const SCRIPT: &str = concat!(
     include_str!("../../viewer/viewer.js"),
     include_str!("report.js")
 );
+
+/// Width at which most pictures are shown, half of their pixels: for screens that are finer.
+const SHOWN: usize = PANEL / 2;
 
 /// Content of the page.
 pub struct Report<'a> {
@@ -47,7 +51,6 @@ impl Report<'_> {
     pub fn render(&self) -> String {
         let section = |id: &str, title: &str, body: Markup| Section { id: id.into(), title: title.into(), body };
         let mut sections = vec![
-            section("found", "What was found", self.found()),
             section("photograph", "The photograph and what explains it", self.photograph()),
             section("reflectance", "The BRDF", reflectance::section(self.subject, self.panels)),
         ];
@@ -58,25 +61,43 @@ impl Report<'_> {
         sections.push(section("making", "How this was made", self.making()));
         let title = format!("What {} is made of", self.name);
         let lead = html! {
-            (self.about())
-            (self.verdict())
+            (self.answer())
             (warnings(self.warnings))
+            (self.verdict())
+            section #found { (self.found()) }
+            (self.about())
         };
         Document { title: &title, lead, sections, style: STYLE, script: SCRIPT }.render()
+    }
+
+    /// Says in one sentence what was found and how sure that is.
+    fn answer(&self) -> Markup {
+        let kind = self.subject.material.and_then(|m| Some((m, m.neighbours.first()?)));
+        html! {
+            p.answer {
+                @match (kind, self.subject.material) {
+                    (Some((material, nearest)), _) => {
+                        "Its highlight is most like that of " strong { (nearest.name) } "; " (material.verdict()) "."
+                    }
+                    (None, Some(material)) => { "Of its highlight, " (material.verdict()) "." }
+                    (None, None) => { "This is the BRDF that explains the photograph best; the method does not say how sure it is." }
+                }
+            }
+        }
     }
 
     /// Says what the page is about: one photograph, in an unknown or a known light.
     fn about(&self) -> Markup {
         if self.subject.known_light.is_none() {
             return html! {
-                p { "The reflectance (BRDF) of an object, estimated from one photograph under unknown illumination. \
+                p.note { "The reflectance (BRDF) of an object, estimated from one photograph under unknown illumination. \
                      Brightness of light and reflectance cannot be told apart: the albedo along the normal is set to one half." }
             };
         }
         let albedo = self.result["exposure"]["albedo"].as_f64();
         let absolute = self.result["reflectance"]["absolute"].as_bool() == Some(true);
         html! {
-            p {
+            p.note {
                 "The reflectance (BRDF) of an object, estimated from one photograph in a light that is known. "
                 @match (albedo, absolute) {
                     (Some(albedo), true) => {
@@ -96,15 +117,30 @@ impl Report<'_> {
         html! {
             div.found {
                 div {
-                    div #sphere { p.note { "A sphere to turn needs scripts. The pictures below do not." } }
+                    div #sphere {
+                        @if let Some((_, sphere)) = self.panels.spheres.first() {
+                            img.still src=(figure::source(sphere)) width=(PANEL) height=(PANEL) alt="A sphere of the material in a studio light";
+                        }
+                        p.note { "A sphere to turn needs scripts. The pictures do not." }
+                    }
                     script #sphere-data type="application/json" { (PreEscaped(sphere::data(self.subject))) }
                 }
                 div {
-                    @if let Some(material) = self.subject.material { (facts(material, self.result)) }
-                    (figure::tiles(&[
-                        ("photograph", figure::picture(&self.panels.photograph, "The photograph of the object")),
-                        ("what BRDF and light make of it", figure::picture(&self.panels.reproduction, "The object as the BRDF and the light found reproduce it")),
-                    ]))
+                    div.row {
+                        @for (label, picture, alt) in [
+                            ("the photograph", &self.panels.photograph, "The photograph of the object"),
+                            ("what BRDF and light make of it", &self.panels.reproduction, "The object as the BRDF and the light found reproduce it"),
+                            ("the difference", &self.panels.residual, "Where the photograph is brighter or darker than its reproduction"),
+                        ] { div.tile { (figure::sized(picture, SHOWN, alt)) span { (label) } } }
+                    }
+                    p.note {
+                        span.brighter { "Orange" } ": the photograph is brighter. " span.darker { "Blue" } ": it is darker. Full colour is 50 % off."
+                        @if self.subject.light.is_some() { " The light of the reproduction has one colour." }
+                    }
+                    @match self.subject.material {
+                        Some(material) => { (facts(material, self.result)) }
+                        None => { dl.facts { (colours(self.result)) } }
+                    }
                 }
             }
         }
@@ -118,47 +154,45 @@ impl Report<'_> {
     }
 
     fn photograph(&self) -> Markup {
-        let Panels { photograph, observed, reproduction, residual, light, .. } = self.panels;
+        let Panels { observed, light, .. } = self.panels;
         let given = if self.subject.light.is_some() { "estimated" } else { "given" };
         let light_words = format!("The {given} light as a map of all directions, tone-mapped");
-        let small = |picture, alt: &str| figure::picture(picture, alt);
-        let pictures = [
-            figure::card(
-                "Photograph",
-                &small(photograph, "The photograph of the object"),
-                &html! { "As it was given, tone-mapped." },
-            ),
-            figure::card(
-                "Observations",
-                &figure::sized(observed, PANEL, "The photograph under a dot for each place where it was sampled"),
-                &html! { "A dot for each place where the picture was sampled, between pixels if it is small. " span.used { "Teal" } ": used. " span.unused { "Red" } ": seen, but left out (clipped, faulty, covered, in shadow, of another colour)." },
-            ),
-            figure::card(
-                "Reproduction",
-                &small(reproduction, "The object as the BRDF and the light found reproduce it"),
-                &html! { "The BRDF found in the " (given) " light, at the same exposure." @if self.subject.light.is_some() { " That light has one colour." } },
-            ),
-            figure::card(
-                "Residual",
-                &small(residual, "Where the photograph is brighter or darker than its reproduction"),
-                &html! { span.brighter { "Orange" } ": the photograph is brighter. " span.darker { "Blue" } ": it is darker. Full colour is 50 % off." },
-            ),
-        ];
-        let pictures: Vec<Markup> = pictures.into_iter().chain(self.used()).collect();
+        let mut pictures = vec![figure::card(
+            "Observations",
+            &figure::sized(observed, SHOWN, "The photograph under a dot for each place where it was sampled"),
+            &html! { "A dot for each place where the picture was sampled, between pixels if it is small. " span.used { "Teal" } ": used. " span.unused { "Red" } ": seen, but left out (clipped, faulty, covered, in shadow, of another colour)." },
+        )];
+        pictures.extend(self.used());
+        pictures.push(figure::card(
+            &format!("The {given} light"),
+            &figure::picture(light, &light_words),
+            &html! {
+                "Latitude over longitude: the middle lies behind the object, the left and right edges behind the camera. "
+                @if let Some(grid) = self.subject.light {
+                    "It is what explains the photograph given the mean BRDF, in texels of " (format!("{:.1}", resolution(grid))) "°, blurred by half of one here."
+                    @if let Some(share) = self.uncertain() { " " (percent(share)) " of its variation is uncertain." }
+                }
+            },
+        ));
+        pictures.push(html! { div { (counts(&self.subject.sighting.observations.report)) } });
         html! {
-            (figure::grid(15, &pictures))
+            (figure::grid(18, &pictures))
             @if self.subject.light.is_some() {
-                p { "A small residual does not prove the material right: a blurry light on a mirror can look \
+                p { "A small difference does not prove the material right: a blurry light on a mirror can look \
                      like a sharp light on a dull surface." }
             }
-            (counts(&self.subject.sighting.observations.report))
-            (figure::figure(&small(light, &light_words), &html! {
-                "The " (given) " light, latitude over longitude: the middle lies behind the object, the left and right edges behind the camera. "
-                @if self.subject.light.is_some() {
-                    "It is what explains the photograph given the mean BRDF, and as sharp as the object's reflection allows."
-                }
-            }))
         }
+    }
+
+    /// Share of the mean square of the light's variation that is uncertainty, if the method tells.
+    fn uncertain(&self) -> Option<f64> {
+        let squares = |name: &str| -> Option<f64> {
+            // The first coefficient is the mean.
+            let values = self.result["light"][name].as_array()?.iter().skip(1);
+            Some(values.filter_map(Value::as_f64).map(|v| v * v).sum())
+        };
+        let (mean, variance) = (squares("coefficients")?, squares("sd")?);
+        (variance > 0.0).then(|| variance / (mean + variance))
     }
 
     /// Shows what was left out and why, if any pixels but those outside were.
@@ -178,7 +212,7 @@ impl Report<'_> {
             ", in pixels. Dark: outside, or seen too steeply."
         };
         let alt = "The photograph with the pixels marked that were left out";
-        Some(figure::card("What was used", &figure::sized(picture, PANEL, alt), &caption))
+        Some(figure::card("What was used", &figure::sized(picture, SHOWN, alt), &caption))
     }
 
     fn trust(&self, material: &Material) -> Markup {
@@ -189,14 +223,16 @@ impl Report<'_> {
         let tiles: Vec<(&str, Markup)> = ends
             .into_iter()
             .zip(pictures)
-            .filter_map(|(label, p)| Some((label, figure::picture(p?, &format!("A sphere of the material: {label}")))))
+            .filter_map(|(label, p)| {
+                Some((label, figure::sized(p?, SHOWN, &format!("A sphere of the material: {label}"))))
+            })
             .collect();
         html! {
             (figure::figure(&figure::tiles(&tiles), &html! {
                 "Materials that the photograph allows, by their gloss, in a studio light. If the two ends differ to your eye, the photograph does not settle the matter."
             }))
             (figure::grid(22, &[
-                figure::figure(&figure::sized(&crate::uncertainty::width(material), 540, "Map of the width of the 90 % interval over half and difference angle"),
+                figure::figure(&svg(&[&width(material)], false, "Map of the width of the 90 % interval over half and difference angle"),
                     &html! { "How wide the 90 % interval is in each cell, as a factor between its ends: it is wider than a factor of " (WIDE) " in "
                         (percent(material.wider_than(WIDE))) " of the cells below 80°. Hatched: most of what it would be without a photograph ("
                         (percent(material.open)) " of the cells), and all beyond 80°." }),
@@ -277,9 +313,6 @@ fn facts(material: &Material, result: &Value) -> Markup {
     let interval = |[low, median, high]: [f64; 3]| {
         html! { strong { (short(median)) } ", 90 % between " (short(low)) " and " (short(high)) }
     };
-    let rgb = |part: &str| -> Option<Vec<f64>> {
-        result["colour"][part]["rgb"].as_array()?.iter().map(Value::as_f64).collect()
-    };
     html! {
         dl.facts {
             @if let Some(nearest) = nearest {
@@ -301,14 +334,35 @@ fn facts(material: &Material, result: &Value) -> Markup {
             (units(&result["posterior"]["gloss"]["units"], result["reflectance"]["absolute"].as_bool() == Some(true)))
             div {
                 dt { "how sure" }
-                dd { strong { (material.verdict()) } "; " (percent(material.wider_than(WIDE)))
-                    " of the BRDF's cells have a 90 % interval wider than a factor of " (WIDE) "; in " (percent(material.open))
-                    " it is most of what it would be without a photograph" }
+                dd { strong { (percent(material.wider_than(WIDE))) } " of the BRDF's cells have a 90 % interval wider than a factor of "
+                    (WIDE) "; in " strong { (percent(material.open)) } " it is most of what it would be without a photograph" }
             }
-            @for (name, part) in [("body colour", "body"), ("highlight colour", "highlight")] {
-                @if let Some(rgb) = rgb(part) {
-                    div { dt { (name) } dd { span.swatch style={ "background: " (css(&rgb)) } {} " "
-                        (rgb.iter().map(|x| format!("{x:.2}")).collect::<Vec<_>>().join(", ")) span.note { " (linear, luminance one)" } } }
+            (colours(result))
+        }
+    }
+}
+
+/// Shows the colours of body and highlight, to copy.
+fn colours(result: &Value) -> Markup {
+    let rgb = |part: &str| -> Option<Vec<f64>> {
+        result["colour"][part]["rgb"].as_array()?.iter().map(Value::as_f64).collect()
+    };
+    html! {
+        @for (name, part) in [("body colour", "body"), ("highlight colour", "highlight")] {
+            @if let Some(rgb) = rgb(part) {
+                @let [r, g, b] = codes(&rgb);
+                @let hex = format!("#{r:02x}{g:02x}{b:02x}");
+                div {
+                    dt { (name) }
+                    dd.hex {
+                        span.swatch style={ "background: " (hex) } {} " "
+                        code id={ "colour-" (part) } { (hex) } " "
+                        button type="button" data-copy={ "colour-" (part) } aria-label={ "Copy " (name) } { "Copy" }
+                        span.note {
+                            " sRGB " (r) ", " (g) ", " (b) " at 70 % of white; linear, of luminance one: "
+                            (rgb.iter().map(|x| format!("{x:.2}")).collect::<Vec<_>>().join(", "))
+                        }
+                    }
                 }
             }
         }
@@ -384,12 +438,13 @@ fn short(value: f64) -> String {
     }
 }
 
-/// Formats a linear colour, at display brightness, for a style.
-fn css(rgb: &[f64]) -> String {
+/// The sRGB codes of a linear colour whose largest channel is brought to 70 %.
+fn codes(rgb: &[f64]) -> [u8; 3] {
     let top = rgb.iter().copied().fold(1e-9, f64::max);
-    let code = |x: f64| (255.0 * gonio::picture::srgb_encode((0.7 * x / top).clamp(0.0, 1.0) as f32)).round();
-    let codes: Vec<String> = rgb.iter().map(|x| code(*x).to_string()).collect();
-    format!("rgb({})", codes.join(" "))
+    [0, 1, 2].map(|c| {
+        let value = rgb.get(c).map_or(0.0, |x| (0.7 * x / top).clamp(0.0, 1.0));
+        (255.0 * gonio::picture::srgb_encode(value as f32)).round() as u8
+    })
 }
 
 #[cfg(test)]
@@ -404,7 +459,12 @@ mod tests {
 
     #[test]
     fn colours_are_those_of_a_style() {
-        assert_eq!(css(&[1.0, 0.0, 0.0]), "rgb(218 0 0)");
+        assert_eq!(codes(&[1.0, 0.0, 0.0]), [218, 0, 0]);
+        let page = colours(&serde_json::json!({ "colour": { "body": { "rgb": [1.0, 0.0, 0.0] } } })).into_string();
+        assert!(
+            page.contains("#da0000") && page.contains("data-copy=\"colour-body\"") && !page.contains("highlight"),
+            "{page}"
+        );
     }
 
     #[test]

@@ -7,7 +7,8 @@ use super::lobes::{curve, lobe};
 use super::short;
 use crate::page::chart::{Axis, Frame, Series, chart};
 use crate::page::figure;
-use crate::panels::{Panels, Subject};
+use crate::panels::{PANEL, Panels, Subject};
+use crate::uncertainty::{mean, svg};
 
 /// Angles of incidence of the lobes, degrees.
 const INCIDENCES: [f64; 3] = [15.0, 45.0, 70.0];
@@ -24,7 +25,9 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
     let spheres: Vec<(&str, Markup)> = panels
         .spheres
         .iter()
-        .map(|(light, sphere)| (*light, figure::picture(sphere, &format!("A sphere of the material, {light}"))))
+        .map(|(light, sphere)| {
+            (*light, figure::sized(sphere, 2 * PANEL / 3, &format!("A sphere of the material, {light}")))
+        })
         .collect();
     let interval =
         if band.is_some() { " The band holds 90 % of what the photograph allows, angle by angle." } else { "" };
@@ -36,11 +39,12 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
     });
     html! {
         (figure::figure(&figure::tiles(&spheres), &html! { "Spheres of the estimate in three lights of our own making." }))
-        (figure::grid(22, &[
-            figure::figure(&figure::sized(&crate::uncertainty::mean(table), 540, "Map of the BRDF over half and difference angle"),
+        (figure::grid(20, &[
+            figure::figure(&svg(&[&mean(table)], false, "Map of the BRDF over half and difference angle"),
                 &html! { "The luminance of the BRDF over the half angle (across, stretched at the highlight) and the difference angle (up). \
                     Left: the highlight; top: grazing light." }),
-            html! { div { @for cut in CUTS { (cut_at(table, band, cut)) } } },
+            html! { div { (cut_at(table, band, CUTS[0])) } },
+            html! { div { (cut_at(table, band, CUTS[1])) } },
         ]))
         h3 { "Polar lobes" }
         (figure::grid(17, &lobes))

@@ -4,6 +4,11 @@ use glam::Vec3;
 
 use crate::picture::{Plane, luminance};
 
+/// Display value up to which radiance is shown as it is.
+const STRAIGHT: f32 = 0.76;
+/// How fast colours fade beyond it.
+const FADE: f32 = 0.15;
+
 /// Factor that brings radiance to display range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure(pub f32);
@@ -22,17 +27,30 @@ impl Exposure {
         Self(if *value > 0.0 { level / *value } else { 1.0 })
     }
 
-    /// Linear display value of a radiance, in 0..1: linear up to a half, then a shoulder that
-    /// preserves differences between highlights and their hue.
+    /// Exposure that puts the mean luminance of the pixels that `keep` selects at `level`, where
+    /// the brightest tenth of them count as the least bright of that tenth; one for a black
+    /// picture. Highlights, however small and bright, do not make all else dark.
+    pub fn by_mean(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool, level: f32) -> Self {
+        let top = 1.0 / Self::by_quantile(rgb, &keep, 0.9, 1.0).0;
+        let kept = rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i));
+        let (sum, count) = kept.fold((0.0, 0.0), |(sum, n), (_, p)| (sum + f64::from(luminance(*p).min(top)), n + 1.0));
+        Self(if sum > 0.0 { level * (count / sum) as f32 } else { 1.0 })
+    }
+
+    /// Linear display value of a radiance, in 0..1: itself up to 0.76, so that colours
+    /// are those of the material; brighter ones approach white slowly, keep their order, and fade
+    /// only where they are several times too bright (the curve of the Khronos PBR Neutral tone
+    /// mapper, without its toe).
     pub fn apply(self, radiance: Vec3) -> Vec3 {
         let x = (radiance * self.0).max(Vec3::ZERO);
         let peak = x.max_element();
-        if peak <= 0.5 {
+        if peak <= STRAIGHT {
             return x;
         }
-        // 1 - 0.5 exp(-2 (peak - 0.5)): value and slope join at 0.5.
-        let mapped = 1.0 - 0.5 * (-2.0 * (peak - 0.5)).exp();
-        x * (mapped / peak)
+        let rest = 1.0 - STRAIGHT;
+        let mapped = 1.0 - rest * rest / (peak + rest - STRAIGHT);
+        let fade = 1.0 - 1.0 / (FADE * (peak - mapped) + 1.0);
+        (x * (mapped / peak)).lerp(Vec3::splat(mapped), fade)
     }
 }
 
@@ -68,10 +86,20 @@ mod tests {
     }
 
     #[test]
+    fn colours_are_kept_until_they_are_much_too_bright() {
+        let orange = Vec3::new(1.0, 0.4, 0.1);
+        assert_eq!(Exposure(0.7).apply(orange), 0.7 * orange);
+        let [once, often] = [1.5, 40.0].map(|exposure| Exposure(exposure).apply(orange));
+        assert!(once.y / once.x < 0.5 && often.y / often.x > 0.7, "{once} {often}");
+    }
+
+    #[test]
     fn exposure_and_colour_are_those_of_the_median() {
         let plane = Plane::from_fn(10, 10, |x, y| Vec3::splat((10 * y + x) as f32));
         let exposure = Exposure::by_quantile(&plane, |_| true, 0.5, 0.5);
         assert!((exposure.0 - 0.5 / 49.0).abs() < 1e-6);
+        let lamp = Plane::from_fn(10, 10, |x, y| Vec3::splat(if (x, y) == (3, 3) { 1e6 } else { 2.0 }));
+        assert!((Exposure::by_mean(&lamp, |_| true, 0.5).0 - 0.25).abs() < 1e-6);
         assert_eq!(median_colour(&plane, |_| true), Vec3::ONE);
         assert_eq!(median_colour(&plane, |_| false), Vec3::ONE);
     }

@@ -1,0 +1,122 @@
+//! Lights for display: one of our own with dark parts, and estimated lights without their texels.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3, Vec3A};
+use gonio::lighting::{EnvironmentMap, LightGrid};
+use gonio::picture::Plane;
+use gonio::sphere::direction_of_lat_long;
+use rayon::prelude::*;
+
+/// Rows of an estimated light for display.
+const ROWS: usize = 96;
+/// Standard deviation of its blur, in texels: the least that leaves no squares.
+const SPREAD: f32 = 0.6;
+
+/// A photographer's studio with little light between its lamps, `2 height` by `height`: a large
+/// softbox at the left, a narrow one at the right, another behind, over a floor that darkens
+/// towards the horizon. A mirror shows dark and bright, and a dull surface has one clear shade.
+pub fn dark_studio(height: usize) -> EnvironmentMap {
+    let boxes = [
+        // Direction, half width and height and softness of the edge in its plane, colour.
+        (DVec3::new(-0.75, 0.80, 0.75), (0.46, 0.40, 0.04), Vec3::new(12.5, 12.2, 11.8)),
+        (DVec3::new(1.0, 0.12, 0.32), (0.10, 0.85, 0.03), Vec3::new(6.6, 7.0, 7.6)),
+        (DVec3::new(-0.9, 0.25, -0.75), (0.14, 0.60, 0.04), Vec3::new(6.4, 6.3, 6.1)),
+        (DVec3::new(0.35, 0.8, -0.75), (0.40, 0.16, 0.04), Vec3::new(4.6, 4.7, 4.9)),
+    ]
+    .map(|(d, size, colour)| (d.normalize(), size, colour));
+    let pixel = |x: usize, y: usize| {
+        let d = direction_of_lat_long((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64);
+        let wall = Vec3::new(0.32, 0.33, 0.35) * (0.10 + 0.90 * (1.0 - d.y.max(0.0)).powi(3)) as f32;
+        let floor = Vec3::new(0.46, 0.42, 0.38) * (0.14 + 0.86 * (-d.y).clamp(0.0, 1.0)) as f32;
+        let mut sum = wall.lerp(floor, smooth(0.5 - d.y / 0.14));
+        for (centre, (half_width, half_height, soft), colour) in boxes {
+            let right = DVec3::Y.cross(centre).normalize();
+            let (top, depth) = (centre.cross(right), d.dot(centre));
+            if depth > 0.0 {
+                let (a, b) = (d.dot(right) / depth / half_width, d.dot(top) / depth / half_height);
+                let edge = |x: f64, half: f64| smooth((1.0 - x.abs()) * half / soft);
+                // A lamp behind cloth: brightest in the middle.
+                let bright = 1.1 - 0.3 * (a * a + b * b).min(2.0) as f32 * 0.5;
+                sum = sum.lerp(colour * bright, edge(a, half_width) * edge(b, half_height));
+            }
+        }
+        sum
+    };
+    EnvironmentMap::new(Plane::from_fn(2 * height, height, pixel)).expect("a lit map of the right shape")
+}
+
+/// Smooth step from 0 at 0 to 1 at 1.
+fn smooth(x: f64) -> f32 {
+    let x = x.clamp(0.0, 1.0);
+    (x * x * (3.0 - 2.0 * x)) as f32
+}
+
+/// Width of a texel of an estimated light, degrees: what lies closer together it cannot tell apart.
+pub fn resolution(light: &LightGrid) -> f64 {
+    (4.0 * PI).sqrt().to_degrees() / light.side() as f64
+}
+
+/// An estimated light without the squares and seams of its texels: each direction is the mean over
+/// the texels about it, by a normal distribution as wide as one. `None` if that is no light.
+pub fn display(light: &LightGrid) -> Option<EnvironmentMap> {
+    let spread = SPREAD * resolution(light).to_radians() as f32;
+    let side = light.side();
+    let at = |i: usize| (2 * i + 1) as f64 / side as f64 - 1.0;
+    let texels: Vec<(Vec3A, Vec3A)> = (light.texels().iter().enumerate())
+        .map(|(t, radiance)| {
+            let centre = light.map().direction(at(t % side), -at(t / side));
+            (centre.as_vec3a(), Vec3A::from(radiance.max(Vec3::ZERO)))
+        })
+        .collect();
+    let pixel = |i: usize| {
+        let (x, y) = (i % (2 * ROWS), i / (2 * ROWS));
+        let (u, v) = ((x as f64 + 0.5) / (2 * ROWS) as f64, (y as f64 + 0.5) / ROWS as f64);
+        let middle = direction_of_lat_long(u, v).as_vec3a();
+        let (mut sum, mut total) = (Vec3A::ZERO, 0.0);
+        for (centre, radiance) in &texels {
+            let away = (1.0 - middle.dot(*centre)) / (spread * spread);
+            if away < 6.0 {
+                let weight = (-away).exp();
+                (sum, total) = (sum + *radiance * weight, total + weight);
+            }
+        }
+        Vec3::from(sum / total.max(1e-30))
+    };
+    let pixels = (0..2 * ROWS * ROWS).into_par_iter().map(pixel).collect();
+    EnvironmentMap::new(Plane::from_vec(2 * ROWS, ROWS, pixels)).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use gonio::picture::luminance;
+    use gonio::sphere::OctahedralMap;
+
+    use super::*;
+
+    #[test]
+    fn the_studio_has_lamps_and_dark_parts() {
+        let light = dark_studio(64);
+        let grid = light.to_grid(OctahedralMap::EqualArea, 32);
+        let mean = luminance((grid.integral() / (4.0 * PI)).as_vec3());
+        assert!((0.4..2.5).contains(&mean), "{mean}");
+        let dark = grid.texels().iter().filter(|t| luminance(**t) < 0.2 * mean).count();
+        assert!(dark > 300, "{dark} of 1024 texels are dark");
+        assert!(grid.texels().iter().any(|t| luminance(*t) > 8.0 * mean));
+    }
+
+    #[test]
+    fn texels_fade_into_each_other_and_light_is_kept() {
+        let texels = (0..256).map(|t| Vec3::splat(if t == 100 { 256.0 } else { 0.0 })).collect();
+        let shown = display(&LightGrid::from_texels(OctahedralMap::EqualArea, 16, texels)).unwrap();
+        let grid = shown.to_grid(OctahedralMap::EqualArea, 64);
+        assert!((grid.integral().x / (4.0 * PI) - 1.0).abs() < 0.05, "{}", grid.integral().x);
+        // One step of the map changes the light by a small part of what the texel has.
+        let step = |x: usize, y: usize| (shown.radiance()[(x, y)].x - shown.radiance()[(x + 1, y)].x).abs();
+        let steepest =
+            (0..2 * ROWS - 1).flat_map(|x| (ROWS / 8..7 * ROWS / 8).map(move |y| step(x, y))).fold(0.0, f32::max);
+        assert!(steepest < 60.0, "{steepest}");
+        let black = LightGrid::from_texels(OctahedralMap::EqualArea, 4, vec![Vec3::ZERO; 16]);
+        assert!(display(&black).is_none());
+    }
+}

@@ -19,14 +19,14 @@ pub(super) struct Eight(pub(super) [f32; WAYS]);
 
 /// Combines two values way by way, in a loop that the compiler turns into one instruction.
 macro_rules! by_ways {
-    ($trait:ident, $method:ident, $operator:tt) => {
+    ($trait:ident, $method:ident, $assign:tt) => {
         impl $trait for Eight {
             type Output = Self;
 
             #[inline(always)]
             fn $method(mut self, other: Self) -> Self {
-                for way in 0..WAYS {
-                    self.0[way] = self.0[way] $operator other.0[way];
+                for (own, other) in self.0.iter_mut().zip(other.0) {
+                    *own $assign other;
                 }
                 self
             }
@@ -34,16 +34,16 @@ macro_rules! by_ways {
     };
 }
 
-by_ways!(Add, add, +);
-by_ways!(Sub, sub, -);
+by_ways!(Add, add, +=);
+by_ways!(Sub, sub, -=);
 
 impl Mul<f32> for Eight {
     type Output = Self;
 
     #[inline(always)]
     fn mul(mut self, factor: f32) -> Self {
-        for way in 0..WAYS {
-            self.0[way] *= factor;
+        for own in &mut self.0 {
+            *own *= factor;
         }
         self
     }
@@ -59,8 +59,8 @@ impl Eight {
     /// Adds a share of the values to others.
     #[inline(always)]
     pub(super) fn add_to(self, share: f32, others: &mut [f32; WAYS]) {
-        for way in 0..WAYS {
-            others[way] += share * self.0[way];
+        for (other, own) in others.iter_mut().zip(self.0) {
+            *other += share * own;
         }
     }
 }

@@ -304,8 +304,9 @@ impl Point {
         let zero = [0.0; LANES];
         let mut angles = Angles { cosine: zero, theta_h: zero, root_h: zero, degrees_d: zero, spread: zero };
         let (n, v) = (self.normal, self.view);
+        let [right, up, towards] = light;
         for lane in 0..LANES {
-            let [x, y, z] = [light[0][lane], light[1][lane], light[2][lane]];
+            let (x, y, z) = (right[lane], up[lane], towards[lane]);
             angles.cosine[lane] = x * n.x + y * n.y + z * n.z;
             let (sx, sy, sz) = (x + v.x, y + v.y, z + v.z);
             let twice_cos_d = (sx * sx + sy * sy + sz * sz).sqrt();

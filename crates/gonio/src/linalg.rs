@@ -46,8 +46,8 @@ pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<
 /// Columns of a matrix that are worth handing to another thread.
 const COLUMNS: usize = 8;
 
-/// Does something to every column of a column-major matrix, given its index, in the caller's pool: the parallel
-/// iterators of faer itself do not build for browsers.
+/// Does something to every column of a column-major matrix, given its index, in the caller's pool:
+/// the parallel iterators of faer itself do not build for browsers.
 pub(crate) fn each_column(columns: MatMut<'_, f64>, work: &(impl Fn(usize, &mut [f64]) + Sync)) {
     each_column_from(0, columns, work);
 }

@@ -235,7 +235,7 @@ impl pulp::NullaryFnOnce for Integration<'_> {
 }
 
 impl Integration<'_> {
-    /// Adds the cells `(x, y)` of a level that need no division, of `count` cells; lists the others.
+    /// Adds those of `count` cells `(x, y)` of a level that need no division; lists the others.
     #[inline(always)]
     fn visit(&mut self, level: u32, (cells, count): (&[(u32, u32); LANES], usize), divided: &mut Vec<(u32, u32)>) {
         let Quadrature { map, grid_level, settings, centres } = self.quadrature;

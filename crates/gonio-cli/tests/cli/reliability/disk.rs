@@ -63,7 +63,7 @@ fn a_full_disk_gets_no_half_output() {
 #[ignore = "takes some minutes"]
 fn a_disk_of_any_size_gets_no_half_output() {
     for job in &JOBS {
-        let sizes: Vec<usize> = (2..17).map(|power| 1 << power).collect();
+        let sizes: Vec<usize> = (2..19).map(|power| 1 << power).collect();
         let Some(there) = fill(job, &sizes) else { return };
         println!("{}: {there} of {} disks were large enough", job.name, sizes.len());
         assert!(there > 0, "{}", job.name);

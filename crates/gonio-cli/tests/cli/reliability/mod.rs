@@ -161,7 +161,12 @@ fn whole_or_absent(bench: &Bench, name: &str, whole: &BTreeMap<String, Vec<u8>>)
 fn same(found: &BTreeMap<String, Vec<u8>>, whole: &BTreeMap<String, Vec<u8>>, what: &str) {
     assert_eq!(found.keys().collect::<Vec<_>>(), whole.keys().collect::<Vec<_>>(), "{what}: files");
     for (file, bytes) in whole {
-        assert!(found[file] == *bytes, "{what}: {file} differs");
+        let at = found[file].iter().zip(bytes).position(|(a, b)| a != b);
+        let near = |bytes: &[u8]| {
+            let from = at.unwrap_or(bytes.len()).saturating_sub(40).min(bytes.len());
+            String::from_utf8_lossy(&bytes[from..bytes.len().min(from + 200)]).into_owned()
+        };
+        assert!(found[file] == *bytes, "{what}: {file} differs: {} | {}", near(&found[file]), near(bytes));
     }
 }
 

@@ -93,8 +93,8 @@ impl LightInference<'_> {
         self.posterior_of(&self.design(operator.clone()), settings, None)
     }
 
-    /// Raises the bound as [`Self::posterior`] does, if there is one, from what was found for the first coefficients
-    /// alone; finer ones start from the scales of their prior.
+    /// Raises the bound as [`Self::posterior`] does; where the first coefficients alone were fitted
+    /// before, from there, with finer ones at the scales of their prior.
     pub(super) fn posterior_of(
         &self,
         design: &Design,

@@ -100,7 +100,7 @@ fn bad_tables_are_refused() {
         bench.write("photos/bad.csv", table.as_bytes());
         bench.refuses("batch photos/bad.csv -o x", &["photos/bad.csv", says]);
     }
-    bench.refuses("batch none.csv -o x", &["none.csv: cannot be read"]);
+    bench.refuses("batch none.csv -o x", &["none.csv: cannot open"]);
     bench.refuses("batch photos/list.csv -o x --shard 4/3", &["--shard"]);
     bench.refuses("batch --merge -o x", &["x/rows: cannot list"]);
     std::fs::create_dir_all(bench.path("x/rows")).unwrap();

@@ -10,8 +10,11 @@ use super::dense::{Cholesky, bands_of};
 use crate::linalg::{each_column, squared_norms};
 use crate::transfer::kernels::{axpy, dispatch, dot};
 
-/// Rows of an image, and least number of coefficients, that one thread computes at a time.
-const ROWS: usize = 256;
+/// Coefficients whose images are summed together; constant, so that results do not depend on the
+/// number of threads.
+const GROUP: usize = 64;
+
+/// Least number of coefficients that one thread computes at a time.
 const COLUMNS: usize = 32;
 
 /// Matrix that is factorised, of two with the same determinant; `X = B V^(1/2)`.
@@ -62,22 +65,28 @@ impl Design {
 
     /// `B x` (rows) of several vectors, for which the operator is read once.
     pub(super) fn times_all<const N: usize>(&self, x: [&[f64]; N]) -> [Vec<f64>; N] {
-        let rows = self.matrix.nrows();
-        let parts: Vec<[Vec<f64>; N]> = (0..rows.div_ceil(ROWS))
+        let (rows, columns) = self.matrix.shape();
+        let parts: Vec<[Vec<f64>; N]> = (0..columns.div_ceil(GROUP))
             .into_par_iter()
-            .map(|part| {
-                let rows = part * ROWS..rows.min((part + 1) * ROWS);
-                let mut out = std::array::from_fn(|_| vec![0.0; rows.len()]);
-                for m in 0..self.matrix.ncols() {
-                    let column = &self.matrix.col_as_slice(m)[rows.clone()];
-                    for (x, out) in x.iter().zip(&mut out).filter(|(x, _)| x[m] != 0.0) {
-                        dispatch(|| axpy(x[m], column, out));
+            .map(|group| {
+                let mut sums = std::array::from_fn(|_| vec![0.0; rows]);
+                for m in group * GROUP..columns.min((group + 1) * GROUP) {
+                    let column = self.matrix.col_as_slice(m);
+                    for (x, sum) in x.iter().zip(&mut sums).filter(|(x, _)| x[m] != 0.0) {
+                        dispatch(|| axpy(x[m], column, sum));
                     }
                 }
-                out
+                sums
             })
             .collect();
-        std::array::from_fn(|which| parts.iter().flat_map(|part| &part[which]).copied().collect())
+        // In the order of the groups, whatever thread made them.
+        let mut sums = std::array::from_fn(|_| vec![0.0; rows]);
+        for part in &parts {
+            for (sum, part) in sums.iter_mut().zip(part) {
+                sum.iter_mut().zip(part).for_each(|(s, p)| *s += p);
+            }
+        }
+        sums
     }
 
     /// `B' e` (M).

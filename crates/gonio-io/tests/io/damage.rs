@@ -101,7 +101,7 @@ pub(crate) fn pictures() -> Vec<(&'static str, Vec<u8>, usize)> {
         ("pxr.exr", tiled_exr(C::PXR24), 0),
         ("b44.exr", tiled_exr(C::B44), 0),
         ("zip.exr", picture::encode_exr(&wavy(29, 23), None), 0),
-        ("a.pfm", picture::encode_pfm(&wavy(9, 7)), 0),
+        ("b.pfm", picture::encode_pfm(&wavy(9, 7)), 0),
         // The pixels are complete before the last chunks are.
         ("8.png", picture::encode_png(&wavy(29, 23)), 16),
         ("16.png", through_image(ImageFormat::Png, true), 16),

@@ -112,7 +112,12 @@ pub(crate) fn version() -> &'static str {
 pub(crate) fn completions(options: &Completions) -> anyhow::Result<Outcome> {
     let mut script = Vec::new();
     clap_complete::generate(options.shell, &mut command(), "gonio", &mut script);
-    let script = String::from_utf8(script).context("a script that is no text")?;
+    let mut script = String::from_utf8(script).context("a script that is no text")?;
+    if options.shell == Shell::Zsh {
+        // With two colons zsh completes nothing but further photographs behind a photograph, with one
+        // the options as well (clap-rs/clap#4652).
+        script = script.replace("\n'*::", "\n'*:");
+    }
     let fields = json!({ "shell": options.shell.to_string(), "script": script });
     Ok(Outcome::new(script.trim_end(), fields))
 }

@@ -46,13 +46,10 @@ class GONIO_OT_infer(bpy.types.Operator):
         if bpy.app.background:
             return self.execute(context)
         try:
-            self._begin(context)
+            self._start(context)
         except Problem as problem:
             self.report({"ERROR"}, str(problem))
             return {"CANCELLED"}
-        GONIO_OT_infer.working = True
-        self._timer = context.window_manager.event_timer_add(0.2, window=context.window)
-        context.workspace.status_text_set("gonio is at work; Esc ends it")
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -79,6 +76,13 @@ class GONIO_OT_infer(bpy.types.Operator):
         GONIO_OT_infer.working = False
         context.window_manager.event_timer_remove(self._timer)
         context.workspace.status_text_set(None)
+
+    def _start(self, context):
+        """Begins, and has Blender look after the program from time to time."""
+        self._begin(context)
+        GONIO_OT_infer.working = True
+        self._timer = context.window_manager.event_timer_add(0.2, window=context.window)
+        context.workspace.status_text_set("gonio is at work; Esc ends it")
 
     def _begin(self, context):
         """Writes what the program needs and starts it."""

@@ -16,7 +16,8 @@ import os
 import subprocess
 import sys
 import tempfile
-import zipfile
+import time
+import types
 from pathlib import Path
 
 # Nothing of the user's own Blender is read or changed.
@@ -71,12 +72,10 @@ def gonio(*arguments):
 
 
 def install(folder):
-    """Installs the add-on as people do, from a zip file of its folder."""
+    """Makes the zip file with Blender's own tool and installs it as people do."""
     archive = folder / "gonio.zip"
-    with zipfile.ZipFile(archive, "w") as file:
-        for path in sorted(SOURCE.iterdir()):
-            if path.is_file():
-                file.write(path, path.name)
+    tool = Path(bpy.utils.system_resource("SCRIPTS")) / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
+    subprocess.run([sys.executable, tool, "build", "--source-dir", SOURCE, "--output-filepath", archive], check=True)
     bpy.ops.extensions.package_install_files(filepath=str(archive), repo="user_default", enable_on_install=True)
     check("the add-on is installed and enabled", ADDON in bpy.context.preferences.addons and hasattr(bpy.types.Scene, "gonio"))
 
@@ -217,6 +216,41 @@ def ball_found(program, photograph, folder):
     return results
 
 
+def in_a_window(photograph):
+    """What the operator does at the events that Blender would send it, were there a window to send them."""
+    operator = sys.modules[f"{ADDON}.operator"].GONIO_OT_infer
+    said = []
+    methods = {name: it for name, it in vars(operator).items() if isinstance(it, types.FunctionType)}
+    methods["report"] = lambda _, kind, line: said.append((*kind, line))
+    # An operator of Blender's cannot be made but by Blender.
+    Work = type("Work", (), methods)
+
+    def work(event, path):
+        scene = empty()
+        scene.gonio.photograph = str(path)
+        it = Work()
+        it._start(bpy.context)
+        busy = not bpy.ops.gonio.infer.poll()
+        answers = [{"PASS_THROUGH"}]
+        slowest = 0.0
+        while answers[-1] == {"PASS_THROUGH"}:
+            time.sleep(0.05)
+            start = time.monotonic()
+            answers.append(it.modal(bpy.context, types.SimpleNamespace(type=event)))
+            if answers[-1] == {"PASS_THROUGH"}:
+                slowest = max(slowest, time.monotonic() - start)
+        ended = it._run._process.poll() is not None and bpy.ops.gonio.infer.poll()
+        return busy and ended, answers[-1], len(answers), slowest, len(bpy.data.materials)
+
+    tidy, answer, events, slowest, made = work("TIMER", photograph)
+    good = tidy and answer == {"FINISHED"} and events > 5 and slowest < 0.5 and made == 1 and said[-1][0] == "INFO"
+    check(f"in a window: {events} events, of which the slowest took {slowest:.3f} s while the program was at work", good)
+    tidy, answer, _, _, made = work("ESC", photograph)
+    check("in a window: Esc ends the program", tidy and answer == {"CANCELLED"} and made == 0)
+    tidy, answer, _, _, made = work("TIMER", photograph.with_name("nothing.exr"))
+    check(f"in a window: {said[-1]}", tidy and answer == {"CANCELLED"} and made == 0 and said[-1][0] == "ERROR" and "cannot open" in said[-1][1])
+
+
 def rotation(degrees):
     """Turns about x, y and z of the world, in this order."""
     x, y, z = (math.radians(d) for d in degrees)
@@ -304,6 +338,7 @@ def main(program, ball, pictures=None):
     check(f"the add-on is of version {version}", f'\nversion = "{version}"\n' in (SOURCE / "blender_manifest.toml").read_text())
     bpy.context.preferences.addons[ADDON].preferences.program = str(program)
     errors(program, ball)
+    in_a_window(ball)
     results = ball_found(program, ball, folder)
     mesh_found(program, results, folder)
     return 1 if failed else 0

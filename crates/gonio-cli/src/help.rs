@@ -114,8 +114,8 @@ pub(crate) fn completions(options: &Completions) -> anyhow::Result<Outcome> {
     clap_complete::generate(options.shell, &mut command(), "gonio", &mut script);
     let mut script = String::from_utf8(script).context("a script that is no text")?;
     if options.shell == Shell::Zsh {
-        // With two colons zsh completes nothing but further photographs behind a photograph, with one
-        // the options as well (clap-rs/clap#4652).
+        // Two colons let zsh complete nothing but photographs behind a photograph, one colon lets
+        // it complete options, too (clap-rs/clap#4652).
         script = script.replace("\n'*::", "\n'*:");
     }
     let fields = json!({ "shell": options.shell.to_string(), "script": script });

@@ -178,6 +178,56 @@ def errors(program, ball):
     check("nothing was made", not bpy.data.materials and not bpy.data.objects and scene.world is None)
 
 
+class Layout:
+    """Takes what a panel draws, and lets pass only what Blender knows: properties, operators and icons."""
+
+    ICONS = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()
+
+    def __init__(self):
+        self.drawn = []
+
+    def prop(self, owner, name):
+        self.drawn.append(owner.bl_rna.properties[name].name)
+
+    def label(self, text, icon="NONE"):
+        self.drawn.append(text)
+        assert icon in self.ICONS, icon
+
+    def operator(self, name, text="", icon="NONE"):
+        category, _, operator = name.partition(".")
+        rna = getattr(getattr(bpy.ops, category), operator).get_rna_type()
+        self.label(text or rna.name, icon)
+        return types.SimpleNamespace()
+
+    def column(self, align):
+        return self
+
+
+def drawn(scene, active):
+    """What the panel shows."""
+    # Without a window Blender's own scale is zero.
+    preferences = types.SimpleNamespace(system=types.SimpleNamespace(ui_scale=1.0))
+    context = types.SimpleNamespace(scene=scene, active_object=active, region=types.SimpleNamespace(width=220), preferences=preferences)
+    layout = Layout()
+    sys.modules[f"{ADDON}.panel"].GONIO_PT_photograph.draw(types.SimpleNamespace(layout=layout), context)
+    return layout.drawn
+
+
+def panel():
+    """Checks what the panel shows, by what it is asked for."""
+    scene = empty()
+    every = ["Photograph", "Shows", "Mask", "Light as World", "Results", "Find Material and Light"]
+    ball = ["Photograph", "Shows", "Outline", "From Near", *every[2:]]
+    check("the panel for a ball", drawn(scene, None) == ball)
+    scene.gonio.outline = "GIVEN"
+    check("the panel for a circle", drawn(scene, None) == [*ball[:3], "Centre", "Radius", *ball[3:]])
+    scene.gonio.shows = "MESH"
+    check("the panel for an object", drawn(scene, None) == [*every[:2], "No object is active", "The scene has no camera", *every[2:]])
+    scene.gonio.said, scene.gonio.report = "one two " * 8, "file:///report.html"
+    end = drawn(scene, None)[len(every) + 2 :]
+    check("the panel after a run", len(end) > 2 and " ".join(end) == "one two " * 8 + "Report")
+
+
 def ball_found(program, photograph, folder):
     """A ball, with the camera of Blender's view from the front; gives its folder of results."""
     scene = empty()
@@ -337,6 +387,7 @@ def main(program, ball, pictures=None):
     version = subprocess.run([program, "-V"], check=True, capture_output=True, text=True).stdout.split()[-1]
     check(f"the add-on is of version {version}", f'\nversion = "{version}"\n' in (SOURCE / "blender_manifest.toml").read_text())
     bpy.context.preferences.addons[ADDON].preferences.program = str(program)
+    panel()
     errors(program, ball)
     in_a_window(ball)
     results = ball_found(program, ball, folder)

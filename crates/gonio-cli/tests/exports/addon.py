@@ -229,7 +229,7 @@ def panel():
 
 
 def ball_found(program, photograph, folder):
-    """A ball, with the camera of Blender's view from the front; gives its folder of results."""
+    """A ball, seen from the front."""
     scene = empty()
     results = folder / "ball"
     scene.gonio.photograph = str(photograph)
@@ -263,7 +263,6 @@ def ball_found(program, photograph, folder):
     middle = [(at.min() + at.max() + 1) / 2 - length / 2 for at, length in ((columns, picture.shape[1]), (rows, picture.shape[0]))]
     camera.data.shift_x, camera.data.shift_y = -middle[0] / max(picture.shape[:2]), middle[1] / max(picture.shape[:2])
     same_light(scene, "a ball", picture, folder / "ball.exr")
-    return results
 
 
 def in_a_window(photograph):
@@ -310,7 +309,32 @@ def rotation(degrees):
     return about_z @ about_y @ about_x
 
 
-def mesh_found(program, ball, folder):
+def rendered(program, folder, name, mesh=None, placed=None):
+    """Photograph of a mesh in the material and light of the ball, as camera.json and pose.json of a folder place them."""
+    photograph, placed = folder / f"{name}.exr", placed or folder
+    gonio(
+        *(program, "render", "--brdf", folder / "ball" / "brdf.binary", "--light", folder / "own" / "light.exr"),
+        *("--mesh", mesh or folder / f"{name}.obj", "--pose", placed / "pose.json", "--camera", placed / "camera.json"),
+        *("--size", SIZE[0], "--height", SIZE[1], "-o", photograph),
+    )
+    return photograph
+
+
+def export(path):
+    """Writes the selected object as it is, with its modifiers."""
+    with silent():
+        bpy.ops.wm.obj_export(filepath=str(path), export_selected_objects=True, forward_axis="Y", up_axis="Z", export_materials=False)
+
+
+def near(what, thing, truth):
+    """Checks that the material of an object is near that of the photograph."""
+    rough, wanted = shader(thing)["Roughness"].default_value, truth["roughness"]
+    check(f"{what}: its roughness is {rough:.3f}, that of its material {wanted:.3f}", abs(rough - wanted) < 0.1)
+    colour = np.array(shader(thing)["Base Color"].default_value[:3]) / truth["base_color"]
+    check(f"{what}: its colour is {np.round(colour, 2).tolist()} times that of its material", colour.max() / colour.min() < 1.3 and 0.7 < colour.mean() < 1.4)
+
+
+def mesh_found(program, folder):
     """A mesh as the camera of the scene sees it, photographed by gonio in the material and light of the ball."""
     scene = empty()
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6)
@@ -321,7 +345,7 @@ def mesh_found(program, ball, folder):
         modifier = thing.modifiers.new(name, "SIMPLE_DEFORM")
         modifier.deform_method, modifier.deform_axis = method, "Z"
         setattr(modifier, "factor" if method == "TAPER" else "angle", amount)
-    bpy.ops.wm.obj_export(filepath=str(folder / "drop.obj"), forward_axis="Y", up_axis="Z", export_materials=False)
+    export(folder / "drop.obj")
 
     # The same for gonio, by its own formats; places in the picture have y down.
     matrix = np.eye(4)
@@ -336,11 +360,7 @@ def mesh_found(program, ball, folder):
     }
     (folder / "camera.json").write_text(json.dumps(camera))
     (folder / "pose.json").write_text(json.dumps({"translation": LOCATION, "rotation_degrees": ROTATION, "scale": SCALE}))
-    photograph = folder / "drop.exr"
-    gonio(
-        *(program, "render", "--brdf", ball / "brdf.binary", "--light", folder / "own" / "light.exr", "--mesh", folder / "drop.obj", "-o", photograph),
-        *("--pose", folder / "pose.json", "--camera", folder / "camera.json", "--size", SIZE[0], "--height", SIZE[1]),
-    )
+    photograph = rendered(program, folder, "drop")
     picture = read(photograph)
 
     thing.location, thing.rotation_euler, thing.scale = LOCATION, [math.radians(d) for d in ROTATION], SCALE
@@ -361,22 +381,36 @@ def mesh_found(program, ball, folder):
     found = json.loads((folder / "drop" / "result.json").read_text())
     check(f"a mesh: warnings: {found['warnings']}", not any("fit" in w or "shape" in w for w in found["warnings"]))
     truth = json.loads((folder / "own" / "export.json").read_text())["exports"]["blender"]["parameters"]
-    rough, wanted = shader(thing)["Roughness"].default_value, truth["roughness"]
-    check(f"a mesh: its roughness is {rough:.3f}, that of its material {wanted:.3f}", abs(rough - wanted) < 0.1)
-    colour = np.array(shader(thing)["Base Color"].default_value[:3]) / truth["base_color"]
-    check(f"a mesh: its colour is {np.round(colour, 2).tolist()} times that of its material", colour.max() / colour.min() < 1.3 and 0.7 < colour.mean() < 1.4)
+    near("a mesh", thing, truth)
     shown = same_light(scene, "a mesh", picture, folder / "shown.exr")
     both = overlap(shown, picture)
     check(f"a mesh: the outline of Cycles' picture and the photograph's overlap by {both:.4f}", both > OVERLAP)
     # What the program saw by the add-on's files, beside the photograph.
     files = max(Path(bpy.app.tempdir).glob("gonio-*/camera.json"), key=os.path.getmtime).parent
-    seen = folder / "seen.exr"
-    gonio(
-        *(program, "render", "--brdf", ball / "brdf.binary", "--light", folder / "own" / "light.exr", "--mesh", files / "mesh.ply", "-o", seen),
-        *("--pose", files / "pose.json", "--camera", files / "camera.json", "--size", SIZE[0], "--height", SIZE[1]),
-    )
+    seen = rendered(program, folder, "seen", files / "mesh.ply", files)
     off, both = distance(read(seen), picture), overlap(read(seen), picture)
     check(f"a mesh: seen by the add-on's files it overlaps by {both:.4f} and is {off:.4f} off", both > 0.998 and off < 0.01)
+
+
+def near_ball_found(program, folder):
+    """A ball before the camera of the scene of `mesh_found`, which is near enough for perspective to count."""
+    scene = bpy.context.scene
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6)
+    bpy.ops.object.shade_smooth()
+    export(folder / "near.obj")
+    bpy.ops.object.delete()
+    (folder / "pose.json").write_text(json.dumps({"translation": LOCATION}))
+    scene.gonio.photograph = str(rendered(program, folder, "near"))
+    scene.gonio.shows, scene.gonio.near = "BALL", True
+    scene.gonio.folder = str(folder / "near")
+    check("a near ball: the operator finishes", bpy.ops.gonio.infer() == {"FINISHED"})
+    truth = json.loads((folder / "own" / "export.json").read_text())["exports"]["blender"]["parameters"]
+    near("a near ball", scene.objects["near"], truth)
+    # Where the program has found it, in the axes of the camera, from the outline and what the add-on says of the camera.
+    found = json.loads((folder / "near" / "result.json").read_text())["observations"]["shape"]["ball"]["centre"]
+    wanted = rotation(TURN).T @ np.subtract(LOCATION, PLACE)
+    off = math.degrees(np.arccos(np.dot(found, wanted) / np.linalg.norm(found) / np.linalg.norm(wanted)))
+    check(f"a near ball: its centre is {off:.4f} degrees off", off < 0.05)
 
 
 def main(program, ball, pictures=None):
@@ -390,8 +424,9 @@ def main(program, ball, pictures=None):
     panel()
     errors(program, ball)
     in_a_window(ball)
-    results = ball_found(program, ball, folder)
-    mesh_found(program, results, folder)
+    ball_found(program, ball, folder)
+    mesh_found(program, folder)
+    near_ball_found(program, folder)
     return 1 if failed else 0
 
 

@@ -97,10 +97,10 @@ def read(path):
     return pixels
 
 
-def cycles(scene, path):
+def cycles(scene, path, samples=16):
     """What Cycles makes of the scene, without light from one part of an object to another."""
     scene.render.engine = "CYCLES"
-    scene.cycles.samples = 16
+    scene.cycles.samples = samples
     scene.cycles.max_bounces = 0
     scene.cycles.use_denoising = True
     scene.cycles.pixel_filter_type = "BOX"
@@ -309,13 +309,13 @@ def rotation(degrees):
     return about_z @ about_y @ about_x
 
 
-def rendered(program, folder, name, mesh=None, placed=None):
-    """Photograph of a mesh in the material and light of the ball, as camera.json and pose.json of a folder place them."""
-    photograph, placed = folder / f"{name}.exr", placed or folder
+def rendered(program, folder, name, mesh=None, size=SIZE, found=None):
+    """Photograph of a mesh in the material and light of the ball, as camera.json and pose.json of a folder place it; `found` is where the ball's results are."""
+    photograph, found = folder / f"{name}.exr", found or folder
     gonio(
-        *(program, "render", "--brdf", folder / "ball" / "brdf.binary", "--light", folder / "own" / "light.exr"),
-        *("--mesh", mesh or folder / f"{name}.obj", "--pose", placed / "pose.json", "--camera", placed / "camera.json"),
-        *("--size", SIZE[0], "--height", SIZE[1], "-o", photograph),
+        *(program, "render", "--brdf", found / "ball" / "brdf.binary", "--light", found / "own" / "light.exr"),
+        *("--mesh", mesh or folder / f"{name}.obj", "--pose", folder / "pose.json", "--camera", folder / "camera.json"),
+        *("--size", size[0], "--height", size[1], "-o", photograph),
     )
     return photograph
 
@@ -386,8 +386,8 @@ def mesh_found(program, folder):
     both = overlap(shown, picture)
     check(f"a mesh: the outline of Cycles' picture and the photograph's overlap by {both:.4f}", both > OVERLAP)
     # What the program saw by the add-on's files, beside the photograph.
-    files = max(Path(bpy.app.tempdir).glob("gonio-*/camera.json"), key=os.path.getmtime).parent
-    seen = rendered(program, folder, "seen", files / "mesh.ply", files)
+    [files] = {path.parent for path in Path(bpy.app.tempdir).glob("gonio-*/mesh.ply")}
+    seen = rendered(program, files, "seen", files / "mesh.ply", found=folder)
     off, both = distance(read(seen), picture), overlap(read(seen), picture)
     check(f"a mesh: seen by the add-on's files it overlaps by {both:.4f} and is {off:.4f} off", both > 0.998 and off < 0.01)
 
@@ -413,6 +413,27 @@ def near_ball_found(program, folder):
     check(f"a near ball: its centre is {off:.4f} degrees off", off < 0.05)
 
 
+def other_cameras(program, folder):
+    """Other cameras before the drop: the outline that gonio sees by the add-on's numbers beside the one that Blender sees."""
+    scene, eye = bpy.context.scene, bpy.context.scene.camera.data
+    describe = sys.modules[f"{ADDON}.camera"].describe
+    [written] = {path.parent for path in Path(bpy.app.tempdir).glob("gonio-*/mesh.ply")}
+    scene.objects["near"].hide_render = True
+    scene.render.resolution_percentage = 100
+    for kind, fit, size in (("ORTHO", "AUTO", (320, 240)), ("ORTHO", "HORIZONTAL", (240, 320)), ("PERSP", "AUTO", (240, 320)), ("PERSP", "HORIZONTAL", (200, 320))):
+        scene.render.resolution_x, scene.render.resolution_y = size
+        eye.type, eye.sensor_fit, eye.sensor_width, eye.ortho_scale = kind, fit, 30, 3.5
+        eye.shift_x, eye.shift_y = 0.07, -0.05
+        placed = folder / f"{kind}-{fit}".lower()
+        placed.mkdir(exist_ok=True)
+        (placed / "camera.json").write_text(json.dumps(describe(scene, bpy.context.evaluated_depsgraph_get())))
+        (placed / "pose.json").write_text((written / "pose.json").read_text())
+        seen = read(rendered(program, placed, "seen", written / "mesh.ply", size=size, found=folder))
+        shown = cycles(scene, placed / "shown.exr", samples=1)
+        both = overlap(seen, shown)
+        check(f"{kind}, {fit}, {size[0]} x {size[1]}: the outlines overlap by {both:.4f}", both > OVERLAP and inside(shown).mean() > 0.05)
+
+
 def main(program, ball, pictures=None):
     folder = Path(pictures or Path(SCRATCH.name) / "pictures").resolve()
     folder.mkdir(parents=True, exist_ok=True)
@@ -427,6 +448,7 @@ def main(program, ball, pictures=None):
     ball_found(program, ball, folder)
     mesh_found(program, folder)
     near_ball_found(program, folder)
+    other_cameras(program, folder)
     return 1 if failed else 0
 
 

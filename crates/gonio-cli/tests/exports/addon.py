@@ -97,10 +97,10 @@ def read(path):
     return pixels
 
 
-def cycles(scene, path, samples=16):
+def cycles(scene, path):
     """What Cycles makes of the scene, without light from one part of an object to another."""
     scene.render.engine = "CYCLES"
-    scene.cycles.samples = samples
+    scene.cycles.samples = 16
     scene.cycles.max_bounces = 0
     scene.cycles.use_denoising = True
     scene.cycles.pixel_filter_type = "BOX"
@@ -429,7 +429,7 @@ def other_cameras(program, folder):
         (placed / "camera.json").write_text(json.dumps(describe(scene, bpy.context.evaluated_depsgraph_get())))
         (placed / "pose.json").write_text((written / "pose.json").read_text())
         seen = read(rendered(program, placed, "seen", written / "mesh.ply", size=size, found=folder))
-        shown = cycles(scene, placed / "shown.exr", samples=1)
+        shown = cycles(scene, placed / "shown.exr")
         both = overlap(seen, shown)
         check(f"{kind}, {fit}, {size[0]} x {size[1]}: the outlines overlap by {both:.4f}", both > OVERLAP and inside(shown).mean() > 0.05)
 

@@ -112,7 +112,12 @@ pub(crate) fn version() -> &'static str {
 pub(crate) fn completions(options: &Completions) -> anyhow::Result<Outcome> {
     let mut script = Vec::new();
     clap_complete::generate(options.shell, &mut command(), "gonio", &mut script);
-    let script = String::from_utf8(script).context("a script that is no text")?;
+    let mut script = String::from_utf8(script).context("a script that is no text")?;
+    if options.shell == Shell::Zsh {
+        // Two colons let zsh complete nothing but photographs behind a photograph, one colon lets
+        // it complete options, too (clap-rs/clap#4652).
+        script = script.replace("\n'*::", "\n'*:");
+    }
     let fields = json!({ "shell": options.shell.to_string(), "script": script });
     Ok(Outcome::new(script.trim_end(), fields))
 }

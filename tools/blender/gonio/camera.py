@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: MIT
+"""The camera of the scene as gonio takes it (docs/camera.md)."""
+
+from .problem import Problem
+
+
+def rotation(scene, depsgraph):
+    """The rotation from the axes of the scene's camera to those of the world."""
+    if scene.camera is None:
+        raise Problem("the scene has no camera; add the one that took the photograph")
+    if scene.camera.matrix_world.is_negative:
+        raise Problem(f"{scene.camera.name}: is mirrored by a negative scale; apply the scale of the camera")
+    return scene.camera.evaluated_get(depsgraph).matrix_world.decompose()[1].to_matrix()
+
+
+def describe(scene, depsgraph):
+    """What `camera.json` says of the camera of the scene."""
+    turn = rotation(scene, depsgraph)
+    camera = scene.camera.evaluated_get(depsgraph)
+    render = scene.render
+    if camera.data.type not in {"PERSP", "ORTHO"}:
+        raise Problem(f"{camera.name}: is panoramic; gonio knows perspective and orthographic cameras")
+    if abs(render.pixel_aspect_x / render.pixel_aspect_y - 1) > 1e-6:
+        raise Problem("the pixels of the scene's picture are no squares; set both numbers of its aspect to 1")
+    width, height = (int(n * render.resolution_percentage / 100) for n in (render.resolution_x, render.resolution_y))
+    # The frame of the picture in coordinates of the camera has fit, shift and sensor in it.
+    corners = camera.data.view_frame(scene=scene)
+    left, right = min(c.x for c in corners), max(c.x for c in corners)
+    top = max(c.y for c in corners)
+    pixels = width / (right - left)
+    matrix = turn.to_4x4()
+    matrix.translation = camera.matrix_world.translation
+    if camera.data.type == "ORTHO":
+        lens = {"projection": "orthographic", "pixels_per_unit": pixels}
+    else:
+        lens = {"projection": "perspective", "focal_pixels": -corners[0].z * pixels}
+    return lens | {
+        "size": [width, height],
+        "principal_point": [-left * pixels, top * pixels],
+        "pose": {"camera_to_world": [list(row) for row in matrix]},
+    }

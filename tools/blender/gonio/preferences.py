@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: MIT
+"""Preferences of the add-on: where the program is."""
+
+import shutil
+from pathlib import Path
+
+import bpy
+
+from .problem import Problem
+
+
+class Preferences(bpy.types.AddonPreferences):
+    bl_idname = __package__
+
+    program: bpy.props.StringProperty(
+        name="Program",
+        description="The program gonio; looked for on the PATH if it is a name alone",
+        subtype="FILE_PATH",
+        default="gonio",
+    )
+
+    def draw(self, _context):
+        self.layout.prop(self, "program")
+
+
+def program(context):
+    """The path of the program."""
+    given = context.preferences.addons[__package__].preferences.program.strip() or "gonio"
+    found = shutil.which(given if Path(given).name == given else bpy.path.abspath(given))
+    if found is None:
+        raise Problem(f"{given}: there is no such program; set it in the preferences of the add-on gonio")
+    return found

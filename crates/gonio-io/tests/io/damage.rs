@@ -105,7 +105,7 @@ pub(crate) fn pictures() -> Vec<(&'static str, Vec<u8>, usize)> {
         // The pixels are complete before the last chunks are.
         ("8.png", picture::encode_png(&wavy(29, 23)), 16),
         ("16.png", through_image(ImageFormat::Png, true), 16),
-        ("a.jpg", through_image(ImageFormat::Jpeg, false), 0),
+        ("b.jpg", through_image(ImageFormat::Jpeg, false), 0),
         // Small fields of the directory at the end may have padding.
         ("8.tif", through_image(ImageFormat::Tiff, false), 4),
         ("16.tif", through_image(ImageFormat::Tiff, true), 4),

@@ -1,6 +1,7 @@
 //! The inputs that fuzzing begins with, `fuzz/seeds/`: a small good file of each format for each
 //! reader of it. They are made here, where good files are at hand.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use gonio::bracket::Response;
@@ -161,6 +162,8 @@ fn write() {
 /// Whether the seeds in the repository are these.
 #[test]
 fn the_seeds_are_in_the_repository() {
+    let names: BTreeSet<(&str, String)> = seeds().into_iter().map(|(target, name, _)| (target, name)).collect();
+    assert_eq!(names.len(), seeds().len(), "two seeds of one name");
     for (target, name, bytes) in seeds() {
         let file = folder().join(target).join(&name);
         let there = std::fs::read(&file).unwrap_or_default();

@@ -101,12 +101,15 @@ fn notes(path: &Path, formats: &[&str]) -> Option<Value> {
 }
 
 /// The texts in a list.
-fn texts<'a>(list: &'a Value, of: impl Fn(&'a Value) -> &'a Value + 'a) -> impl Iterator<Item = String> + 'a {
+pub(crate) fn texts<'a>(
+    list: &'a Value,
+    of: impl Fn(&'a Value) -> &'a Value + 'a,
+) -> impl Iterator<Item = String> + 'a {
     list.as_array().into_iter().flatten().filter_map(move |entry| of(entry).as_str().map(str::to_owned))
 }
 
 /// Whether this is the name of a file or folder, and no path.
-fn is_plain(name: &str) -> bool {
+pub(crate) fn is_plain(name: &str) -> bool {
     Path::new(name).file_name().is_some_and(|n| n == name)
 }
 

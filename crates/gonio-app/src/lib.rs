@@ -13,6 +13,7 @@ mod answer;
 mod basis;
 mod check;
 pub mod combine;
+pub mod compare;
 pub mod export;
 pub mod folder;
 mod journal;

@@ -18,7 +18,7 @@ use crate::scene::read_mask;
 use crate::{Form, Journal, Method, Photograph, Problem, Scene, Settings, Shots, Source, Warning, notes};
 
 /// Regions of a photograph, at most.
-const MOST: usize = 16;
+pub(crate) const MOST: usize = 16;
 
 /// Share of the labelled pixels below which a colour is no label but the blend of two.
 const LEAST: f64 = 0.005;

@@ -178,7 +178,7 @@ enum SolverName {
 }
 
 /// What people write for yes and no.
-fn parse_yes(text: &str) -> Result<bool, String> {
+pub(crate) fn parse_yes(text: &str) -> Result<bool, String> {
     match text.trim().to_ascii_lowercase().as_str() {
         "1" | "y" | "yes" | "t" | "true" | "on" => Ok(true),
         "" | "0" | "n" | "no" | "f" | "false" | "off" => Ok(false),

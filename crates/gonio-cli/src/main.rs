@@ -7,6 +7,7 @@
 mod batch;
 mod check;
 mod combine;
+mod compare;
 mod convert;
 mod export;
 mod help;
@@ -80,6 +81,8 @@ pub(crate) enum Command {
     Batch(batch::Options),
     /// Combine several photographs of one material
     Combine(combine::Options),
+    /// Show several results side by side on one page
+    Compare(compare::Options),
     /// Write a BRDF for renderers: Mitsuba, pbrt, Blender, glTF, MaterialX
     Export(export::Options),
     /// Render a sphere or a mesh of a BRDF under a light
@@ -131,6 +134,7 @@ fn main() -> ExitCode {
         Command::Batch(options) => batch::run(options),
         Command::Check(options) => check::run(options),
         Command::Combine(options) => combine::run(options),
+        Command::Compare(options) => compare::run(options),
         Command::Convert(options) => convert::run(options),
         Command::Export(options) => export::run(options),
         Command::Infer(options) => infer::run(options),

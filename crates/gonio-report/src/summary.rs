@@ -12,6 +12,9 @@ const GAP: usize = 28;
 /// Height of a name with its bar.
 const ROW: usize = 56;
 
+/// Height of a row of panels.
+const HIGH: usize = PANEL + GAP + LARGE_LINE + 8;
+
 /// Composes photograph, reproduction, their difference and the light, below them the material with
 /// the ends of the probable range, and a line of text below all. Linear display values in 0..=1.
 pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<Vec3> {
@@ -37,6 +40,16 @@ pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<V
         rows[0].extend(found);
     }
     side_by_side(&rows, caption)
+}
+
+/// The photograph in a picture that [`compose`] made; `None` of any other.
+pub fn photograph(sheet: &Plane<Vec3>) -> Option<Plane<Vec3>> {
+    let (width, height) = sheet.size();
+    let panels = width.checked_sub(GAP)? / (PANEL + GAP);
+    let rows = height.checked_sub(GAP + LARGE_LINE)? / HIGH;
+    let composed = (4..=5).contains(&panels) && (1..=2).contains(&rows);
+    let whole = (GAP + panels * (PANEL + GAP), rows * HIGH + GAP + LARGE_LINE);
+    (composed && whole == (width, height)).then(|| Plane::from_fn(PANEL, PANEL, |x, y| sheet[(GAP + x, GAP + y)]))
 }
 
 /// Puts the map of a light in the middle of a panel.
@@ -67,16 +80,33 @@ fn nearest(neighbours: &[Neighbour]) -> Plane<Vec3> {
 /// under all.
 pub(crate) fn side_by_side(rows: &[Vec<(&str, &Plane<Vec3>)>], caption: &str) -> Plane<Vec3> {
     let width = |row: &Vec<(&str, &Plane<Vec3>)>| GAP + row.iter().map(|(_, p)| p.width() + GAP).sum::<usize>();
-    let high = PANEL + GAP + LARGE_LINE + 8;
-    let mut out = sheet(rows.iter().map(width).max().unwrap_or(0), rows.len() * high + GAP + LARGE_LINE);
+    let mut out = sheet(rows.iter().map(width).max().unwrap_or(0), rows.len() * HIGH + GAP + LARGE_LINE);
     for (n, row) in rows.iter().enumerate() {
-        let (mut left, top) = (GAP, n * high + GAP);
+        let (mut left, top) = (GAP, n * HIGH + GAP);
         for (label, panel) in row {
             place(&mut out, left, top, panel);
             large(&mut out, left, top + PANEL + 8, label);
             left += panel.width() + GAP;
         }
     }
-    large_note(&mut out, GAP, rows.len() * high + 16, caption);
+    large_note(&mut out, GAP, rows.len() * HIGH + 16, caption);
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_photograph_is_found_again() {
+        let panel = |grey: f32| Plane::from_fn(PANEL, PANEL, |x, y| Vec3::new(grey, x as f32, y as f32) / 512.0);
+        let (first, other) = (panel(1.0), panel(2.0));
+        let row = || vec![("photograph", &first), ("a", &other), ("b", &other), ("c", &other)];
+        for rows in [vec![row()], vec![row(), row()]] {
+            let sheet = side_by_side(&rows, "caption");
+            assert_eq!(photograph(&sheet).unwrap().as_slice(), first.as_slice());
+        }
+        assert!(photograph(&first).is_none() && photograph(&Plane::from_fn(3, 2, |_, _| Vec3::ZERO)).is_none());
+        assert!(photograph(&side_by_side(&[row()[..2].to_vec()], "caption")).is_none());
+    }
 }

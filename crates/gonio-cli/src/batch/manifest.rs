@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::{Command, CommandFactory};
+use gonio_app::compare::PAGE;
 use gonio_io::table::Table;
 
-use super::NOTES;
+use super::{NOTES, TABLE};
 use crate::Args;
 use crate::help::is_picture;
 
@@ -127,8 +128,9 @@ fn row(columns: &[Column], cells: &[String], base: &Path, output: &Path) -> Resu
     let Some(first) = images.first() else { bail!("the image is not given") };
     let of_image = || Path::new(first).file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = name.or_else(of_image).unwrap_or_default();
+    let taken = [NOTES, TABLE, PAGE];
     let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ' | '+' | '=');
-    if name.is_empty() || name.starts_with('.') || name == NOTES || !name.chars().all(plain) {
+    if name.is_empty() || name.starts_with('.') || taken.contains(&name.as_str()) || !name.chars().all(plain) {
         bail!("the name {name:?} is none for a folder: give letters, digits, -, _ and .");
     }
     let folder = output.join(&name);

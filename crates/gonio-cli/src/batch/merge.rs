@@ -1,15 +1,16 @@
-//! The results of all rows in one table.
+//! The results of all rows in one table, and on one page.
 
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use gonio_app::compare::{self, Given, PAGE};
 use gonio_io::atomic::write_file;
 use gonio_io::notes;
 use gonio_io::table::Table;
 use serde_json::{Value, json};
 
 use super::manifest::Row;
-use super::{NOTES, Note, read_note};
+use super::{NOTES, Note, TABLE, read_note};
 use crate::outcome::Outcome;
 
 const COLUMNS: [&str; 13] = [
@@ -28,8 +29,9 @@ const COLUMNS: [&str; 13] = [
     "error",
 ];
 
-/// Writes `batch.csv` from the notes of all rows; with the table also what is missing.
-pub(super) fn merge(output: &Path, rows: Option<&[Row]>) -> Result<Outcome> {
+/// Writes `batch.csv` from the notes of all rows, and `compare.html` if `page`; with the table also
+/// what is missing.
+pub(super) fn merge(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<Outcome> {
     let names: Vec<String> = match rows {
         Some(rows) => rows.iter().map(|row| row.name.clone()).collect(),
         None => noted(output)?,
@@ -39,23 +41,51 @@ pub(super) fn merge(output: &Path, rows: Option<&[Row]>) -> Result<Outcome> {
     }
     let mut table = Table { columns: COLUMNS.map(str::to_owned).to_vec(), rows: Vec::new() };
     let mut counts = [0_usize; 3];
-    for name in &names {
-        let note = read_note(output, name);
+    let mut all = Vec::new();
+    for name in names {
+        let note = read_note(output, &name);
         let status = match &note {
             None => 2,
             Some(note) => usize::from(note.error.is_some()),
         };
         counts[status] += 1;
-        table.rows.push(record(output, name, ["done", "failed", "missing"][status], note.as_ref()));
+        table.rows.push(record(output, &name, ["done", "failed", "missing"][status], note.as_ref()));
+        all.push(given(output, name, note));
     }
-    let file = output.join("batch.csv");
+    let file = output.join(TABLE);
     write_file(&file, &table.encode())?;
     let [done, failed, missing] = counts;
     let text = format!("{}: {done} done, {failed} failed, {missing} missing", file.display());
-    Ok(Outcome::new(
-        text,
-        json!({ "output": file.display().to_string(), "done": done, "failed": failed, "missing": missing }),
-    ))
+    let fields = json!({ "output": file.display().to_string(), "done": done, "failed": failed, "missing": missing });
+    let warnings = if page { write_page(&output.join(PAGE), &all)? } else { Vec::new() };
+    Ok(Outcome::new(text, fields).warning(warnings))
+}
+
+/// Writes the page of all rows, unless a file of somebody else is in its place.
+fn write_page(page: &Path, all: &[Given]) -> Result<Vec<String>> {
+    if page.exists() && !compare::is_page(page) {
+        let warning = format!("{}: is there and not of gonio; move it for the page of all rows", page.display());
+        return Ok(vec![warning]);
+    }
+    write_file(page, compare::read(all, page).render().as_bytes())?;
+    Ok(Vec::new())
+}
+
+/// The results of all rows that anything is noted of, for a page.
+pub(crate) fn given_of(output: &Path) -> Result<Vec<Given>> {
+    let of = |name: String| {
+        let note = read_note(output, &name);
+        given(output, name, note)
+    };
+    Ok(noted(output)?.into_iter().map(of).collect())
+}
+
+fn given(output: &Path, name: String, note: Option<Note>) -> Given {
+    let failed = match note {
+        None => Some("not inferred yet".to_owned()),
+        Some(note) => note.error,
+    };
+    Given { folder: output.join(&name), name, failed }
 }
 
 /// The names of all rows that anything is noted of.

@@ -23,10 +23,14 @@ use crate::outcome::Outcome;
 use crate::progress::{self, is_quiet};
 use crate::{Command, help, infer};
 use manifest::Row;
+pub(crate) use merge::given_of;
 use shard::Shard;
 
 /// Folder of what became of each row, within that of the results.
-const NOTES: &str = "rows";
+pub(crate) const NOTES: &str = "rows";
+
+/// Table of all rows, in that folder.
+const TABLE: &str = "batch.csv";
 
 /// Options of `gonio batch`.
 #[derive(clap::Args)]
@@ -38,15 +42,21 @@ pub(crate) struct Options {
     /// (`mask`, `normals`, `light-color`, …); files are relative to the table, cells may be empty.
     #[arg(required_unless_present = "merge", value_name = "IMAGE|TABLE")]
     input: Vec<PathBuf>,
-    /// Folder for a folder of results of each photograph, and for batch.csv
+    /// Folder for a folder of results of each photograph, for batch.csv and compare.html
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Only each N-th row, beginning with the I-th; in a Slurm array its variables say this
     #[arg(long, value_name = "I/N", value_parser = shard::parse, conflicts_with = "merge")]
     shard: Option<Shard>,
-    /// Infer nothing: put what all shards have found into batch.csv
+    /// Infer nothing: put what all shards have found into batch.csv and compare.html
     #[arg(long)]
     merge: bool,
+    /// Write no compare.html
+    ///
+    /// In the variable 1, yes, true or on write none, and no report.html of any row; 0, no, false,
+    /// off or nothing write them.
+    #[arg(long, env = "GONIO_NO_REPORT", hide_env_values = true, value_parser = infer::parse_yes)]
+    no_report: bool,
 }
 
 /// Outcome of a row.
@@ -68,7 +78,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         images => Some(manifest::of_images(images, &options.output)?),
     };
     if options.merge {
-        return merge::merge(&options.output, rows.as_deref());
+        return merge::merge(&options.output, rows.as_deref(), !options.no_report);
     }
     let rows = rows.context("without a table")?;
     let shard = options.shard.map_or_else(shard::of_slurm, |shard| Ok(Some(shard)))?;
@@ -85,16 +95,18 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let skipped = own.len() - open.len();
     let failed = infer_rows(&open, own.len(), &options.output)?;
     // Shards leave this to the one that merges.
-    if shard.is_none() {
-        merge::merge(&options.output, Some(&rows))?;
-    }
+    let warnings = match shard {
+        None => merge::merge(&options.output, Some(&rows), !options.no_report)?.warnings,
+        Some(_) => Vec::new(),
+    };
     let output = options.output.display().to_string();
     if !failed.is_empty() {
         bail!("{output}: {} of {} rows failed ({}); the others are done", failed.len(), own.len(), failed.join(", "));
     }
     let count = own.len() - skipped;
     let text = format!("{output}: {count} rows inferred, {skipped} were done before");
-    Ok(Outcome::new(text, json!({ "output": output, "rows": own.len(), "inferred": count, "skipped": skipped })))
+    let fields = json!({ "output": output, "rows": own.len(), "inferred": count, "skipped": skipped });
+    Ok(Outcome::new(text, fields).warning(warnings))
 }
 
 /// Infers rows, of which each comes with its place among `count`, as many at a time as there are

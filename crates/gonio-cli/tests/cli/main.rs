@@ -7,6 +7,7 @@ mod batch;
 mod check;
 mod colour;
 mod combine;
+mod compare;
 mod export;
 mod folders;
 mod help;

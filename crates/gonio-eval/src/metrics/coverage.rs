@@ -1,8 +1,6 @@
 //! Coverage of intervals.
 
-use gonio::reflectance::{BivariateTable, trusted_cells};
-
-use super::scale_free::brdf_scale;
+use gonio::reflectance::{BivariateTable, brdf_scale, trusted_cells};
 
 /// Shares of trusted cells inside the 50 % and the 90 % interval, after the reference is scaled to
 /// the estimate.

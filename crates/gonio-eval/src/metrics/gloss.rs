@@ -1,6 +1,6 @@
 //! Gloss of a BRDF.
 
-use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, angles_of, theta_d_of, theta_h_of, trusted_cells};
+use gonio::reflectance::{BivariateTable, THETA_D, THETA_H, diffuse_level, theta_d_of, theta_h_of};
 use serde::{Deserialize, Serialize};
 
 /// The highlight of a BRDF: its height and its width.
@@ -90,16 +90,6 @@ impl Class {
             _ => Self::Mirror,
         }
     }
-}
-
-/// Diffuse level: median over the trusted cells with `theta_h` above 45 degrees.
-pub(super) fn diffuse_level(table: &BivariateTable) -> f64 {
-    let mut cells: Vec<f32> = trusted_cells()
-        .filter(|c| angles_of(*c).0 > std::f64::consts::FRAC_PI_4)
-        .map(|c| table.as_slice()[c])
-        .collect();
-    cells.sort_by(f32::total_cmp);
-    f64::from(cells[cells.len() / 2])
 }
 
 /// Half angle (radians) at which the profile first falls below `level`, interpolated between

@@ -14,5 +14,6 @@ mod statistics;
 
 pub(crate) use coverage::coverage;
 pub(crate) use gloss::{Class, Gloss};
-pub(crate) use scale_free::{Relight, brdf_error, log_fit, relight, sphere_pixels};
+pub(crate) use gonio::reflectance::{brdf_error, log_fit};
+pub(crate) use scale_free::{Relight, relight, sphere_pixels};
 pub(crate) use statistics::{Interval, mean, median, median_interval, spearman, win_rate};

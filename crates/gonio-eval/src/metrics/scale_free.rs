@@ -1,10 +1,7 @@
-//! Relight error and BRDF error: both invariant to the common scale, which a photograph does not
-//! determine.
+//! Relight error: invariant to the common scale, which a photograph does not determine.
 
 use gonio::picture::{Picture, luminance};
-use gonio::reflectance::{BivariateTable, trusted_cells};
-
-use super::gloss::diffuse_level;
+use gonio::reflectance::log_fit;
 
 /// Relight error and its log version.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,74 +39,9 @@ pub(crate) fn relight(estimate: &[f64], reference: &[f64]) -> Relight {
     Relight { relative, log, scale }
 }
 
-/// BRDF error: `min_s` root mean square of `ln((s F^ + e)/(F + e))` over trusted cells, `e` a
-/// thousandth of the diffuse level of the reference.
-pub(crate) fn brdf_error(estimate: &BivariateTable, reference: &BivariateTable) -> f64 {
-    brdf_fit(estimate, reference).1
-}
-
-/// The `s` of [`brdf_error`]: the factor that scales an estimate to the reference.
-pub(crate) fn brdf_scale(estimate: &BivariateTable, reference: &BivariateTable) -> f64 {
-    brdf_fit(estimate, reference).0
-}
-
-fn brdf_fit(estimate: &BivariateTable, reference: &BivariateTable) -> (f64, f64) {
-    let floor = 1e-3 * diffuse_level(reference);
-    let cells = trusted_cells();
-    log_fit(cells.map(|c| (f64::from(estimate.as_slice()[c]), f64::from(reference.as_slice()[c]))), floor)
-}
-
-/// The `s` that minimises `rms ln((s a + e)/(b + e))` and the minimum, by golden section over
-/// `ln s` around the ratio of geometric means.
-pub(crate) fn log_fit(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> (f64, f64) {
-    let pairs: Vec<(f64, f64)> = pairs.map(|(a, b)| (a.max(0.0), (b.max(0.0) + floor).ln())).collect();
-    let n = pairs.len() as f64;
-    let cost = |log_scale: f64| {
-        let s = log_scale.exp();
-        (pairs.iter().map(|(a, log_b)| ((s * a + floor).ln() - log_b).powi(2)).sum::<f64>() / n).sqrt()
-    };
-    let tiny = floor.max(1e-300);
-    let centre = pairs.iter().map(|(a, log_b)| log_b - (a + tiny * 1e-3).ln()).sum::<f64>() / n;
-    // The cost is not convex in ln s: a coarse scan first.
-    let step = 0.5;
-    let best = (-24..=24).map(|i| centre + step * f64::from(i)).min_by(|a, b| cost(*a).total_cmp(&cost(*b)));
-    let best = best.unwrap_or(centre);
-    let (mut low, mut high) = (best - step, best + step);
-    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let (mut left, mut right) = (high - golden * (high - low), low + golden * (high - low));
-    let (mut at_left, mut at_right) = (cost(left), cost(right));
-    for _ in 0..28 {
-        if at_left < at_right {
-            (high, right, at_right) = (right, left, at_left);
-            left = high - golden * (high - low);
-            at_left = cost(left);
-        } else {
-            (low, left, at_left) = (left, right, at_right);
-            right = low + golden * (high - low);
-            at_right = cost(right);
-        }
-    }
-    let log_scale = 0.5 * (low + high);
-    (log_scale.exp(), cost(log_scale))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn glossy(width: f64) -> BivariateTable {
-        BivariateTable::from_fn(|h, _| 0.1 + 5.0 * (-(h / width).powi(2)).exp())
-    }
-
-    #[test]
-    fn identical_and_scaled_tables_score_zero() {
-        let a = glossy(0.1);
-        let scaled = a.scaled(37.0);
-        assert!(brdf_error(&a, &a) < 1e-6);
-        assert!(brdf_error(&scaled, &a) < 1e-4);
-        assert!(brdf_error(&glossy(0.3), &a) > 0.2 && brdf_error(&a, &glossy(0.3)) > 0.2);
-        assert!((brdf_scale(&scaled, &a) * 37.0 - 1.0).abs() < 1e-4);
-    }
 
     #[test]
     fn identical_and_scaled_pictures_score_zero() {

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use gonio::lighting::EnvironmentMap;
 use gonio::picture::{Picture, Plane};
-use gonio::reflectance::BivariateTable;
+use gonio::reflectance::{BivariateTable, log_distance};
 use gonio::render::{Brdf, LightTree, Tinted, render_sphere};
 use gonio::sphere::direction_of_lat_long;
 use maud::{Markup, html};
@@ -96,7 +96,7 @@ fn card(material: &Material, recovered: &Recovered, lamps: &[LightTree]) -> Mark
     figure::card(
         material.name,
         &rows,
-        &html! { "BRDF log error between the two estimates " (format!("{:.2}", distance(a, b))) },
+        &html! { "BRDF log error between the two estimates " (format!("{:.2}", log_distance(a, b))) },
     )
 }
 
@@ -107,16 +107,10 @@ fn mean_colour(pictures: &[Picture]) -> DVec3 {
     if luminance > 0.0 { sum / luminance } else { DVec3::ONE }
 }
 
-/// BRDF log error between two estimates, neither of which is the reference: the mean of both
-/// directions.
-fn distance(a: &BivariateTable, b: &BivariateTable) -> f64 {
-    0.5 * (metrics::brdf_error(a, b) + metrics::brdf_error(b, a))
-}
-
 /// Median distance of the estimates of one material from two lights; `tables[material][light]`.
 fn within(tables: &[Vec<&BivariateTable>]) -> f64 {
     let of_one = |t: &Vec<&BivariateTable>| -> Vec<f64> {
-        (0..t.len()).flat_map(|a| (0..a).map(move |b| (a, b))).map(|(a, b)| distance(t[a], t[b])).collect()
+        (0..t.len()).flat_map(|a| (0..a).map(move |b| (a, b))).map(|(a, b)| log_distance(t[a], t[b])).collect()
     };
     metrics::median(tables.iter().flat_map(of_one).collect())
 }
@@ -124,7 +118,7 @@ fn within(tables: &[Vec<&BivariateTable>]) -> f64 {
 /// Median distance of the estimates of two materials under one light.
 fn between(tables: &[Vec<&BivariateTable>]) -> f64 {
     let pairs = (0..tables.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
-    let of_pair = |(a, b): (usize, usize)| tables[a].iter().zip(&tables[b]).map(|(x, y)| distance(x, y)).collect();
+    let of_pair = |(a, b): (usize, usize)| tables[a].iter().zip(&tables[b]).map(|(x, y)| log_distance(x, y)).collect();
     metrics::median(pairs.flat_map(|p| -> Vec<f64> { of_pair(p) }).collect())
 }
 
@@ -138,7 +132,7 @@ mod tests {
         let (a, b) = (lobe(1.0), lobe(30.0));
         let stable = [vec![&a, &a], vec![&b, &b]];
         assert!(within(&stable) < 1e-6 && between(&stable) > 0.1);
-        assert!((distance(&a, &b) - distance(&b, &a)).abs() < 1e-12);
+        assert!((log_distance(&a, &b) - log_distance(&b, &a)).abs() < 1e-12);
         let fickle = [vec![&a, &b], vec![&a, &b]];
         assert!(within(&fickle) > 0.1 && between(&fickle) < 1e-6);
     }

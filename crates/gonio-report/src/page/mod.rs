@@ -47,6 +47,9 @@ static TYPEFACE: LazyLock<String> = LazyLock::new(|| {
 const POLICY: &str =
     "default-src 'none'; img-src data:; font-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
+/// Tells that a page is of this program, near its beginning.
+pub const GENERATOR: &str = "<meta name=\"generator\" content=\"gonio\">";
+
 /// A whole report.
 #[derive(Default)]
 pub struct Document<'a> {
@@ -77,6 +80,7 @@ impl Document<'_> {
                     meta charset="utf-8";
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     meta name="color-scheme" content="light dark";
+                    (PreEscaped(GENERATOR))
                     meta http-equiv="Content-Security-Policy" content=(POLICY);
                     // Empty icon: without one browsers request it from the server.
                     link rel="icon" href="data:,";

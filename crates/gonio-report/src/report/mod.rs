@@ -16,6 +16,7 @@ use serde_json::Value;
 use crate::page::{Document, Section, figure, table};
 use crate::panels::{PANEL, Panels, Subject, resolution, used};
 use crate::uncertainty::{svg, width};
+pub(crate) use reflectance::cut;
 pub use renderers::Fits;
 
 /// Styles and scripts of the page beyond those of all reports.
@@ -344,14 +345,11 @@ fn facts(material: &Material, result: &Value) -> Markup {
 
 /// Shows the colours of body and highlight, to copy.
 fn colours(result: &Value) -> Markup {
-    let rgb = |part: &str| -> Option<Vec<f64>> {
-        result["colour"][part]["rgb"].as_array()?.iter().map(Value::as_f64).collect()
-    };
     html! {
         @for (name, part) in [("body colour", "body"), ("highlight colour", "highlight")] {
-            @if let Some(rgb) = rgb(part) {
+            @if let Some(rgb) = linear(&result["colour"][part]["rgb"]) {
                 @let [r, g, b] = codes(&rgb);
-                @let hex = format!("#{r:02x}{g:02x}{b:02x}");
+                @let hex = hex(&rgb);
                 div {
                     dt { (name) }
                     dd.hex {
@@ -374,13 +372,9 @@ const SCALE: &str = " (peak over base: 1 is chalk, tens are satin paint, thousan
 
 /// Shows gloss units, as far as they are known, with the albedo that they go with.
 fn units(units: &Value, absolute: bool) -> Markup {
-    let three = |angle: &str| -> Option<[f64; 3]> {
-        let at = |share: &str| units[angle][share].as_f64();
-        Some([at("5")?, at("50")?, at("95")?])
-    };
     let albedo = units["albedo"].as_f64();
     html! {
-        @if let (Some(at_20), Some(at_60), Some(albedo)) = (three("20"), three("60"), albedo) {
+        @if let (Some(at_20), Some(at_60), Some(albedo)) = (three(&units["20"]), three(&units["60"]), albedo) {
             div {
                 dt { "gloss units" }
                 dd {
@@ -419,14 +413,31 @@ fn counts(report: &ObservationReport) -> Markup {
     table::table("What was used", &["what", "number"], &rows)
 }
 
+/// The 5, 50 and 95 % quantiles of a number of `result.json`.
+pub(crate) fn three(quantiles: &Value) -> Option<[f64; 3]> {
+    let at = |share: &str| quantiles[share].as_f64();
+    Some([at("5")?, at("50")?, at("95")?])
+}
+
+/// A linear colour of `result.json`.
+pub(crate) fn linear(rgb: &Value) -> Option<Vec<f64>> {
+    rgb.as_array()?.iter().map(Value::as_f64).collect()
+}
+
+/// The hexadecimal code of [`codes`].
+pub(crate) fn hex(rgb: &[f64]) -> String {
+    let [r, g, b] = codes(rgb);
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
 /// Formats a share as a percentage with two digits.
-fn percent(share: f64) -> String {
+pub(crate) fn percent(share: f64) -> String {
     let value = 100.0 * share;
     if value >= 9.95 || value == 0.0 { format!("{value:.0} %") } else { format!("{value:.1} %") }
 }
 
 /// Formats a positive number with two digits.
-fn short(value: f64) -> String {
+pub(crate) fn short(value: f64) -> String {
     if !value.is_finite() || value <= 0.0 {
         return format!("{value}");
     }

@@ -54,16 +54,10 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
 
 /// Draws the BRDF over the half angle at one difference angle.
 fn cut_at(table: &BivariateTable, band: Option<(&BivariateTable, &BivariateTable)>, cut: usize) -> Markup {
-    let points = |t: &BivariateTable| -> Vec<(f64, f64)> {
-        (0..THETA_H)
-            .filter(|&i| is_trusted(i * THETA_D + cut))
-            .map(|i| (theta_h_of(i).to_degrees(), f64::from(t.cell(i, cut))))
-            .collect()
-    };
-    let mut series = vec![Series::line("estimate", points(table))];
+    let mut series = vec![Series::line("estimate", self::cut(table, cut))];
     if let Some((low, high)) = band {
-        series.push(Series::dashed("5 %", points(low)));
-        series.push(Series::dashed("95 %", points(high)));
+        series.push(Series::dashed("5 %", self::cut(low, cut)));
+        series.push(Series::dashed("95 %", self::cut(high, cut)));
     }
     let title = format!("At a difference angle of {cut}°");
     let axes = Frame {
@@ -73,4 +67,12 @@ fn cut_at(table: &BivariateTable, band: Option<(&BivariateTable, &BivariateTable
         y_range: None,
     };
     chart(&axes, &series)
+}
+
+/// The BRDF (1/sr) over the half angle (degrees) at a difference angle of whole degrees.
+pub(crate) fn cut(table: &BivariateTable, degrees: usize) -> Vec<(f64, f64)> {
+    (0..THETA_H)
+        .filter(|&i| is_trusted(i * THETA_D + degrees))
+        .map(|i| (theta_h_of(i).to_degrees(), f64::from(table.cell(i, degrees))))
+        .collect()
 }

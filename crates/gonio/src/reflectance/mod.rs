@@ -3,6 +3,7 @@
 
 mod basis;
 mod dictionary;
+mod distance;
 mod log_basis;
 pub mod nmf;
 pub mod nnls;
@@ -12,6 +13,7 @@ mod train;
 
 pub use basis::{BasisError, ReflectanceBasis, TrainingMaterial};
 pub use dictionary::{Coordinates, Dictionary, DictionarySettings, Kind, Mixture, Prior};
+pub use distance::{brdf_error, brdf_scale, diffuse_level, log_distance, log_fit};
 pub use log_basis::LogBasis;
 pub use table::{
     BivariateTable, CELLS, CellCountError, MerlTable, PHI_D, THETA_D, THETA_H, TRUSTED, angles_of, is_trusted,

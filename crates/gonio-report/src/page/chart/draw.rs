@@ -10,7 +10,7 @@ use super::{Frame, Mark, Series};
 const SIZE: (u32, u32) = (480, 330);
 /// Colours that most viewers can tell apart (Okabe and Ito), darkened where they would be faint on
 /// white.
-const COLOURS: [RGBColor; 8] = [
+pub(super) const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 135, 98),
@@ -38,6 +38,7 @@ pub(super) fn swatch(index: usize, mark: Mark) -> Markup {
             @match mark {
                 Mark::Line => { line x1="1" y1="6" x2="23" y2="6" stroke=(ink) stroke-width="3" {} },
                 Mark::Dashed => { line x1="1" y1="6" x2="23" y2="6" stroke=(ink) stroke-width="3" stroke-dasharray="6 3" {} },
+                Mark::Dotted => { line x1="1" y1="6" x2="23" y2="6" stroke=(ink) stroke-width="3" stroke-dasharray="3 4" {} },
                 Mark::Dots => { circle cx="12" cy="6" r="4" fill=(ink) {} },
                 Mark::Bars => { rect x="3" y="1" width="18" height="10" fill=(ink) {} },
             }
@@ -93,6 +94,9 @@ fn draw<'a>(
             }
             Mark::Dashed => {
                 chart.draw_series(DashedLineSeries::new(points(), 7, 4, ink.stroke_width(2)))?;
+            }
+            Mark::Dotted => {
+                chart.draw_series(DashedLineSeries::new(points(), 2, 4, ink.stroke_width(2)))?;
             }
             Mark::Dots => {
                 chart.draw_series(points().map(|p| Circle::new(p, 5, ink.mix(0.85).filled())))?;

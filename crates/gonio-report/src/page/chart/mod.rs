@@ -5,7 +5,7 @@
 //! finite; not positive on a logarithmic one) are left out.
 
 mod draw;
-mod scale;
+pub(crate) mod scale;
 mod statistics;
 
 use maud::{Markup, html};
@@ -29,6 +29,8 @@ pub enum Mark {
     Line,
     /// A dashed line.
     Dashed,
+    /// A dotted line.
+    Dotted,
     /// A dot at each point.
     Dots,
     /// Bars from the bottom of the chart; the points are the two upper corners of each bar in turn.
@@ -62,6 +64,12 @@ impl Series {
         Self { name: name.into(), points, mark: Mark::Dots }
     }
 }
+
+/// Styles of many lines that are to be told apart, in turn.
+pub(crate) const LINES: [Mark; 3] = [Mark::Line, Mark::Dashed, Mark::Dotted];
+
+/// Colours after which they begin again.
+pub(crate) const COLOURS: usize = draw::COLOURS.len();
 
 /// The axes of a chart.
 #[derive(Clone, Debug)]
@@ -167,7 +175,7 @@ mod tests {
         let odd = vec![(f64::NAN, 1.0), (1.0, f64::INFINITY), (-1.0, 0.0), (2.0, 3.0)];
         for axis in [Axis::Linear, Axis::Log] {
             for points in [odd.clone(), vec![], vec![(1.0, 1.0)], vec![(1e-300, 1e300), (1.0, 2.0)]] {
-                for mark in [Mark::Line, Mark::Dashed, Mark::Dots, Mark::Bars] {
+                for mark in [Mark::Line, Mark::Dashed, Mark::Dotted, Mark::Dots, Mark::Bars] {
                     let series = Series { name: "s<1".into(), points: points.clone(), mark };
                     let frame = Frame { title: "t & u", x: ("x", axis), y: ("y", axis), y_range: None };
                     let html = chart(&frame, &[series.clone(), series]).into_string();

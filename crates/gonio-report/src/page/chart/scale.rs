@@ -9,7 +9,7 @@ use super::Axis;
 /// A range of values on an axis, linear or logarithmic. Bounds are finite, in order and apart;
 /// positive if logarithmic.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Scale {
+pub(crate) struct Scale {
     axis: Axis,
     low: f64,
     high: f64,
@@ -18,7 +18,7 @@ pub(super) struct Scale {
 impl Scale {
     /// Returns a scale a little larger than the range of `values`, or exactly `range` if given and
     /// valid.
-    pub(super) fn around(axis: Axis, values: impl Iterator<Item = f64>, range: Option<(f64, f64)>) -> Self {
+    pub(crate) fn around(axis: Axis, values: impl Iterator<Item = f64>, range: Option<(f64, f64)>) -> Self {
         if let Some((low, high)) = range.filter(|(a, b)| axis.shows(*a) && axis.shows(*b) && a < b) {
             return Self { axis, low, high };
         }
@@ -49,7 +49,7 @@ impl Scale {
     }
 
     /// Returns the position of a value: 0 at the lower end, 1 at the upper one; clamped to them.
-    fn share(&self, value: f64) -> f64 {
+    pub(crate) fn share(&self, value: f64) -> f64 {
         let share = match self.axis {
             Axis::Linear => (value - self.low) / (self.high - self.low),
             Axis::Log => (value.max(f64::MIN_POSITIVE) / self.low).ln() / (self.high / self.low).ln(),
@@ -58,7 +58,7 @@ impl Scale {
     }
 
     /// Returns round values within the range, at most about `most`.
-    fn marks(&self, most: usize) -> Vec<f64> {
+    pub(crate) fn marks(&self, most: usize) -> Vec<f64> {
         let most = most.max(2) as f64;
         if self.axis == Axis::Linear {
             let rough = (self.high - self.low) / most;
@@ -111,7 +111,7 @@ impl ValueFormatter<f64> for Scale {
 }
 
 /// Formats a number in few characters.
-fn short(value: f64) -> String {
+pub(crate) fn short(value: f64) -> String {
     let size = value.abs();
     if size < 1e-12 {
         return "0".into();

@@ -1,0 +1,243 @@
+//! Folders of results, from photographs or batches, to a page with all of them side by side.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+use glam::Vec3;
+use gonio::picture::Plane;
+use gonio::reflectance::BivariateTable;
+use gonio_io::picture::ReadOptions;
+use gonio_io::{merl, notes, picture};
+use gonio_report::compare::{Comparison, Entry, Found, MOST, MOST_PICTURES, thumbnail};
+use gonio_report::page::GENERATOR;
+use gonio_report::summary;
+use rayon::prelude::*;
+use serde_json::Value;
+
+use crate::Problem;
+use crate::folder::{is_plain, texts};
+use crate::regions::MOST as MOST_REGIONS;
+use crate::results::{BRDF, PICTURES, REPORT, RESULT};
+
+/// Name of the page, unless another is given.
+pub const PAGE: &str = "compare.html";
+
+/// Largest picture of a folder that is read, pixels: ours have less than a third of it.
+const MAX_PIXELS: u64 = 1 << 23;
+/// Bytes within which a page says that it is ours.
+const BEGINNING: u64 = 1024;
+
+/// A folder of results to compare.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// What the page calls it.
+    pub name: String,
+    /// The folder.
+    pub folder: PathBuf,
+    /// Why there are no results, if that is known.
+    pub failed: Option<String>,
+}
+
+/// Names folders by their last part; by all of it where two have the same.
+pub fn names(folders: &[PathBuf]) -> Vec<String> {
+    let last = |folder: &PathBuf| folder.file_name().map(|name| name.to_string_lossy().into_owned());
+    let mut times: BTreeMap<Option<String>, usize> = BTreeMap::new();
+    folders.iter().for_each(|folder| *times.entry(last(folder)).or_default() += 1);
+    let name = |folder: &PathBuf| last(folder).filter(|name| times[&Some(name.clone())] == 1);
+    folders.iter().map(|folder| name(folder).unwrap_or_else(|| folder.display().to_string())).collect()
+}
+
+/// Checks that a folder holds results, of one photograph or of its regions.
+///
+/// # Errors
+/// If its `result.json` cannot be read or is not of this program.
+pub fn check(folder: &Path) -> Result<(), Problem> {
+    kind(folder, &notes::read(&folder.join(RESULT))?).map(|_| ()).map_err(Problem::new)
+}
+
+/// Whether a file is a page of this program, which another may replace.
+pub fn is_page(path: &Path) -> bool {
+    let mut beginning = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(BEGINNING).read_to_end(&mut beginning));
+    read.is_ok() && beginning.windows(GENERATOR.len()).any(|part| part == GENERATOR.as_bytes())
+}
+
+/// Reads all results. What is missing or damaged is said on the page in its place. `page` is where
+/// the page will be: it links to the pages of results in folders below its own.
+pub fn read(given: &[Given], page: &Path) -> Comparison {
+    let folders: Vec<Folder> = given.par_iter().flat_map_iter(Folder::of).collect();
+    let (tables, pictures) = (folders.len() <= MOST, folders.len() <= MOST_PICTURES);
+    let beside = page.parent().unwrap_or(Path::new(""));
+    Comparison::of(folders.into_par_iter().map(|folder| folder.entry(beside, tables, pictures)).collect())
+}
+
+/// What `result.json` is of.
+enum Kind {
+    One,
+    /// Names and folders of regions.
+    Regions(Vec<String>),
+}
+
+fn kind(folder: &Path, notes: &Value) -> Result<Kind, String> {
+    match notes["format"].as_str() {
+        Some("gonio-result") => Ok(Kind::One),
+        Some("gonio-regions") => {
+            let regions = texts(&notes["regions"], |region| &region["folder"]);
+            Ok(Kind::Regions(regions.filter(|name| is_plain(name)).take(MOST_REGIONS).collect()))
+        }
+        _ => Err(format!("{}: is no result of gonio infer", folder.join(RESULT).display())),
+    }
+}
+
+/// A folder with the result of one material.
+struct Folder {
+    name: String,
+    path: PathBuf,
+    notes: Result<Value, String>,
+}
+
+impl Folder {
+    /// The result of a folder, or those of its regions.
+    fn of(given: &Given) -> Vec<Self> {
+        let one = |name: String, path: PathBuf, notes| vec![Self { name, path, notes }];
+        let (name, path) = (given.name.clone(), given.folder.clone());
+        if let Some(failed) = &given.failed {
+            return one(name, path, Err(failed.clone()));
+        }
+        let read = notes::read(&path.join(RESULT)).map_err(|error| error.to_string());
+        match read.and_then(|notes| Ok((kind(&path, &notes)?, notes))) {
+            Ok((Kind::Regions(regions), _)) => {
+                let region = |region: String| {
+                    let path = path.join(&region);
+                    let notes = notes::read(&path.join(RESULT)).map_err(|error| error.to_string());
+                    Self { name: format!("{name}/{region}"), path, notes }
+                };
+                regions.into_iter().map(region).collect()
+            }
+            Ok((Kind::One, notes)) => one(name, path, Ok(notes)),
+            Err(fault) => one(name, path, Err(fault)),
+        }
+    }
+
+    /// Reads what the page shows of it.
+    fn entry(self, beside: &Path, tables: bool, pictures: bool) -> Entry {
+        let Self { name, path, notes } = self;
+        let report = path.join(REPORT);
+        let report = report.is_file().then(|| address(&report, beside)).flatten();
+        let found = notes.map(|notes| {
+            let mut faults = Vec::new();
+            let mut image = |name: &str| {
+                let file = path.join(format!("{name}.png"));
+                (pictures && file.is_file()).then(|| noted(read_picture(&file), &mut faults)).flatten()
+            };
+            let sphere = image(PICTURES[0]).map(|sphere| thumbnail(&sphere));
+            let photograph = image(PICTURES[2]).and_then(|sheet| summary::photograph(&sheet));
+            let photograph = photograph.map(|photograph| thumbnail(&photograph));
+            let brdf = path.join(BRDF);
+            let table = match brdf.is_file() {
+                true => tables.then(|| noted(read_table(&brdf), &mut faults)).flatten(),
+                false => {
+                    faults.push(format!("{}: holds no {BRDF}", path.display()));
+                    None
+                }
+            };
+            Found { notes, photograph, sphere, table, faults }
+        });
+        Entry { name, report, found }
+    }
+}
+
+/// What was read, or else a note of why not.
+fn noted<T>(read: Result<T, gonio_io::Error>, faults: &mut Vec<String>) -> Option<T> {
+    read.map_err(|error| faults.push(error.to_string())).ok()
+}
+
+fn read_picture(file: &Path) -> Result<Plane<Vec3>, gonio_io::Error> {
+    let options = ReadOptions { max_pixels: MAX_PIXELS, ..ReadOptions::default() };
+    Ok(picture::read(file, &options)?.picture.rgb)
+}
+
+fn read_table(file: &Path) -> Result<BivariateTable, gonio_io::Error> {
+    let table = merl::read(file)?;
+    Ok(BivariateTable::luminance(&[0, 1, 2].map(|channel| table.bivariate(channel))))
+}
+
+/// The address of a file on a page in the folder `beside`, if it lies below that.
+fn address(file: &Path, beside: &Path) -> Option<String> {
+    let mut address = ".".to_owned();
+    for part in file.strip_prefix(beside).ok()?.components() {
+        let Component::Normal(part) = part else { return None };
+        address.push('/');
+        for byte in part.to_str()?.bytes() {
+            match byte {
+                b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => address.push(byte.into()),
+                _ => address += &format!("%{byte:02X}"),
+            }
+        }
+    }
+    Some(address)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_are_named_by_what_tells_them_apart() {
+        let names = names(&["a/out", "b/out", "c/other/", "."].map(PathBuf::from));
+        assert_eq!(names, ["a/out", "b/out", "other", "."]);
+    }
+
+    #[test]
+    fn addresses_lie_below_the_page_and_are_encoded() {
+        let of = |file: &str, beside: &str| address(Path::new(file), Path::new(beside));
+        assert_eq!(of("out/a/report.html", "out").as_deref(), Some("./a/report.html"));
+        assert_eq!(of("a b#?%/\"é.html", "").as_deref(), Some("./a%20b%23%3F%25/%22%C3%A9.html"));
+        assert_eq!(of("javascript:x/report.html", "").as_deref(), Some("./javascript%3Ax/report.html"));
+        assert_eq!((of("../a/report.html", ""), of("/a/report.html", "b")), (None, None));
+    }
+
+    #[test]
+    fn faults_stay_in_their_place() {
+        let dir = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = dir.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        write("old/result.json", "{\"format\": \"gonio-result\"}");
+        write("old/relit.png", "no picture");
+        write("broken/result.json", "{");
+        write("other/result.json", "{\"format\": \"gonio-export\"}");
+        write(
+            "regions/result.json",
+            "{\"format\": \"gonio-regions\", \"regions\": [{\"folder\": \"1\"}, {\"folder\": \"../old\"}]}",
+        );
+        write("regions/1/result.json", "{\"format\": \"gonio-result\"}");
+        let given = |name: &str| Given { name: name.into(), folder: dir.path().join(name), failed: None };
+        let failed = Given { failed: Some("no photograph".into()), ..given("failed") };
+        let all = ["old", "broken", "other", "regions", "missing"].map(given);
+        let comparison = read(&[&all[..], &[failed]].concat(), &dir.path().join(PAGE));
+        assert_eq!(comparison.count(), 6);
+        let page = comparison.render();
+        for text in [
+            "relit.png: does not begin like",
+            "old: holds no brdf.binary",
+            "broken/result.json: is no JSON",
+            "other/result.json: is no result of gonio infer",
+            "regions/1",
+            "no photograph",
+        ] {
+            assert!(page.contains(text), "{text}");
+        }
+        let is_fine =
+            ["old", "broken", "other", "regions", "missing"].map(|name| check(&dir.path().join(name)).is_ok());
+        assert_eq!(is_fine, [true, false, false, true, false]);
+        write("page.html", &page);
+        write("mine.html", "<!DOCTYPE html><title>mine</title>");
+        let ours = ["page.html", "mine.html", "none.html"].map(|name| is_page(&dir.path().join(name)));
+        assert_eq!(ours, [true, false, false]);
+    }
+}

@@ -1,0 +1,191 @@
+//! `gonio compare`, and the page that `gonio batch` writes.
+
+use std::fs::{self, File};
+
+use serde_json::{Value, json};
+
+use crate::support::{ANSWER, Bench};
+
+/// Runs that write pages; others leave them out for speed.
+const WITH_PAGES: [(&str, &str); 1] = [("GONIO_NO_REPORT", "false")];
+
+/// Puts the result of the ball into a folder, with its notes changed.
+fn result(bench: &Bench, folder: &str, change: impl FnOnce(&mut Value)) {
+    fs::create_dir_all(bench.path(folder)).unwrap();
+    for (name, bytes) in &ANSWER.0 {
+        bench.write(&format!("{folder}/{name}"), bytes);
+    }
+    let mut notes = ANSWER.json("result.json");
+    change(&mut notes);
+    bench.write(&format!("{folder}/result.json"), notes.to_string().as_bytes());
+}
+
+fn page(bench: &Bench, name: &str) -> String {
+    String::from_utf8(bench.read(name)).unwrap()
+}
+
+/// Every quoted value of an attribute.
+fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {
+    let start = format!(" {name}=\"");
+    page.split(&start).skip(1).map(|rest| rest.split('"').next().unwrap()).collect()
+}
+
+/// Intervals far above those of the ball.
+fn polished(notes: &mut Value) {
+    notes["posterior"]["gloss"]["5"] = json!(1e6);
+    notes["posterior"]["gloss"]["50"] = json!(2e6);
+    notes["posterior"]["gloss"]["95"] = json!(3e6);
+}
+
+#[test]
+fn two_results_stand_side_by_side() {
+    let bench = Bench::new();
+    result(&bench, "one", |_| ());
+    result(&bench, "two", |_| ());
+    bench.write("one/report.html", b"");
+    let run = bench.run("compare one two").succeeds();
+    assert!(run.stdout.starts_with("compare.html: 2 results side by side\none and two agree within their"), "{run:?}");
+    let page = page(&bench, "compare.html");
+    for id in ["results", "intervals", "brdfs", "agreement"] {
+        assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
+    }
+    // Photograph and sphere of each.
+    let pictures = attributes(&page, "src");
+    assert!(pictures.len() == 4 && pictures.iter().all(|source| source.starts_with("data:image/png;base64,")));
+    assert!(page.contains("alt=\"The photograph of one\"") && page.contains("alt=\"A sphere of the material of two\""));
+    let links: Vec<&str> = attributes(&page, "href").into_iter().filter(|link| !link.starts_with('#')).collect();
+    assert_eq!(links, ["data:,", "./one/report.html"]);
+    assert!(page.contains("default-src 'none'") && !page.contains("<script") && page.contains("url(data:font/ttf"));
+    let notes = ANSWER.json("result.json");
+    let nearest = notes["posterior"]["materials"][0]["name"].as_str().unwrap();
+    let verdict = notes["posterior"]["gloss"]["verdict"].as_str().unwrap();
+    assert_eq!((page.matches(nearest).count(), page.matches(verdict).count()), (2, 2));
+    assert!(page.contains("Shown: one; two.") && page.matches(">0.00<").count() == 2);
+    assert_eq!(page.matches("class=\"bar\"").count(), 4, "gloss and alpha of each");
+}
+
+#[test]
+fn programs_learn_which_pairs_agree() {
+    let bench = Bench::new();
+    result(&bench, "one", |_| ());
+    result(&bench, "two", polished);
+    gonio_io::merl::write(bench.path("two/brdf.binary"), &crate::support::merl(&crate::support::material(0.01, 0.05)))
+        .unwrap();
+    let run = bench.run("compare one two -o page.html --json").succeeds();
+    let said: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!((&said["output"], &said["results"]), (&json!("page.html"), &json!(2)));
+    let pair = &said["pairs"][0];
+    assert_eq!((&pair["of"], &pair["agreement"]), (&json!(["one", "two"]), &json!("differ")));
+    let distance = gonio::reflectance::log_distance(&bench.luminance("one"), &bench.luminance("two"));
+    assert!((pair["distance"].as_f64().unwrap() - distance).abs() < 1e-9 && distance > 0.2, "{pair}");
+    assert!(page(&bench, "page.html").contains("<p class=\"answer\">one and two do not agree"));
+}
+
+#[test]
+fn names_and_notes_of_strangers_are_text() {
+    let bench = Bench::new();
+    let name = "<img,src=x>&\"'\u{202e}\u{1b}[31m";
+    result(&bench, name, |notes| {
+        notes["image"] = json!("</td><script>alert(1)</script>");
+        notes["posterior"]["materials"][0]["name"] = json!("<svg onload=alert(2)>");
+        notes["warnings"] = json!(["<b>\u{202e}"]);
+        notes["colour"]["body"]["rgb"] = json!(["url(x)", 1]);
+    });
+    result(&bench, "two", |_| ());
+    let run = bench.run(&format!("compare two {name}")).succeeds();
+    assert!(!run.stdout.contains(['\u{202e}', '\u{1b}']), "{run:?}");
+    let page = page(&bench, "compare.html");
+    for text in ["&lt;img,src=x&gt;&amp;&quot;'", "&lt;script&gt;alert(1)", "&lt;svg onload=alert(2)&gt;", "&lt;b&gt;"]
+    {
+        assert!(page.contains(text), "{text}");
+    }
+    for markup in ["<img,", "<script", "<svg onload", "<b>", "url(x)"] {
+        assert!(!page.contains(markup), "{markup}");
+    }
+    assert!(!page.contains(['\u{202e}', '\u{1b}']));
+}
+
+#[test]
+fn older_results_and_missing_files_leave_gaps() {
+    let bench = Bench::new();
+    result(&bench, "whole", |_| ());
+    result(&bench, "old", |notes| {
+        notes["posterior"]["gloss"].as_object_mut().unwrap().retain(|key, _| ["5", "50", "95"].contains(&key.as_str()));
+    });
+    result(&bench, "damaged", |notes| *notes = json!({ "format": "gonio-result" }));
+    for file in ["brdf.binary", "relit.png", "summary.png"] {
+        fs::remove_file(bench.path("old").join(file)).unwrap();
+        bench.write(&format!("damaged/{file}"), b"cut short");
+    }
+    let run = bench.run("compare whole old damaged").succeeds();
+    assert!(run.stdout.contains("whole and old agree within their intervals"), "{run:?}");
+    assert!(run.stdout.contains("Whether whole and damaged agree is not known: damaged has no intervals"), "{run:?}");
+    let page = page(&bench, "compare.html");
+    assert_eq!(attributes(&page, "src").len(), 2);
+    assert!(page.contains("old: holds no brdf.binary") && page.contains("damaged/brdf.binary: "), "faults are said");
+    assert!(page.contains("damaged/relit.png: "));
+    // Files and notes of 8 TB that take no room.
+    File::create(bench.path("old/brdf.binary")).unwrap().set_len(1 << 43).unwrap();
+    File::create(bench.path("old/relit.png")).unwrap().set_len(1 << 43).unwrap();
+    bench.run("compare whole old").succeeds();
+    File::create(bench.path("old/result.json")).unwrap().set_len(1 << 43).unwrap();
+    bench.refuses("compare whole old", &["old/result.json: is longer than"]);
+}
+
+#[test]
+fn what_is_no_result_is_refused() {
+    let bench = Bench::new();
+    result(&bench, "one", |_| ());
+    fs::create_dir(bench.path("empty")).unwrap();
+    fs::create_dir_all(bench.path("batch/rows")).unwrap();
+    result(&bench, "other", |notes| *notes = json!({ "format": "gonio-export" }));
+    bench.write("file.exr", b"");
+    let give = "give folders that gonio infer or gonio batch wrote";
+    bench.refuses("compare one empty", &["empty: holds no result.json", give]);
+    bench.refuses("compare one none", &["none: there is no such folder", give]);
+    bench.refuses("compare one file.exr", &["file.exr: is no folder", give]);
+    bench.refuses("compare one other", &["other/result.json: is no result of gonio infer"]);
+    bench.refuses("compare one batch", &["batch: holds no results of gonio batch"]);
+    bench.refuses("compare one", &["one: is one result alone"]);
+    bench.refuses("compare", &["<DIR>"]);
+    bench.refuses("compare one one -o page.txt", &["page.txt: write to a name ending in .html"]);
+    bench.write("one/result.json", b"{");
+    bench.refuses("compare one one", &["one/result.json: is no JSON"]);
+    // The page of somebody else.
+    result(&bench, "one", |_| ());
+    bench.write("compare.html", b"<!DOCTYPE html><title>mine</title>");
+    bench.refuses("compare one one", &["compare.html: is there and not of gonio"]);
+    bench.run("compare one one -o compare.html").succeeds();
+    bench.run("compare one one").succeeds();
+}
+
+#[test]
+fn a_batch_has_a_page_of_all_rows_also_when_it_goes_on() {
+    let bench = Bench::with_ball();
+    bench.write("list.csv", b"name,image,grid\na b,ball.exr,8\nbad,none.exr,8\nc,ball.exr,4\n");
+    assert_eq!(bench.run("batch list.csv -o out").code, Some(2));
+    assert!(!bench.path("out/compare.html").exists(), "pages were left out");
+    bench.run_with("batch list.csv -o out --merge", &WITH_PAGES).succeeds();
+    let first = page(&bench, "out/compare.html");
+    assert!(first.contains("3 results side by side") && first.contains("1 of 3 have no result"));
+    assert!(first.contains("No result: </strong>none.exr: ") && first.contains("a b and c "));
+    // Repaired; the finished rows are left as they are.
+    fs::copy(bench.path("ball.exr"), bench.path("none.exr")).unwrap();
+    bench.run_with("batch list.csv -o out", &WITH_PAGES).succeeds();
+    let second = page(&bench, "out/compare.html");
+    assert!(!second.contains("No result") && second.contains("Shown: a b; bad; c."));
+    assert!(second.contains("href=\"./bad/report.html\""));
+    // The same by hand, beside another result.
+    let run = bench.run("compare out out/c -o all.html --json").succeeds();
+    let said: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!((&said["results"], &said["pairs"][0]["of"]), (&json!(4), &json!(["out/a b", "out/bad"])));
+    // A page of somebody else stays.
+    bench.write("out/compare.html", b"mine");
+    let run = bench.run_with("batch list.csv -o out", &WITH_PAGES).succeeds();
+    assert!(run.stderr.contains("out/compare.html: is there and not of gonio"), "{run:?}");
+    assert_eq!(bench.read("out/compare.html"), b"mine");
+    for name in ["compare.html", "batch.csv"] {
+        bench.write("bad.csv", format!("name,image\n{name},ball.exr\n").as_bytes());
+        bench.refuses("batch bad.csv -o x", &[&format!("the name \"{name}\" is none for a folder")]);
+    }
+}

@@ -1,0 +1,228 @@
+//! Whether two results agree, and how far apart their BRDFs are.
+
+use gonio::reflectance::{BivariateTable, log_distance};
+use rayon::prelude::*;
+use serde_json::Value;
+
+use super::{Entry, plain};
+use crate::report::{short, three};
+
+/// The 5, 50 and 95 % quantiles of what describes a highlight, as far as a result tells them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Highlight {
+    pub(super) gloss: Option<[f64; 3]>,
+    pub(super) alpha: Option<[f64; 3]>,
+}
+
+impl Highlight {
+    /// What `result.json` says; numbers that are no quantiles are left out.
+    pub(super) fn of(notes: &Value) -> Self {
+        let gloss = &notes["posterior"]["gloss"];
+        let sound = |[low, median, high]: &[f64; 3]| 0.0 < *low && low <= median && median <= high;
+        let read = |quantiles: &Value| three(quantiles).filter(sound);
+        Self { gloss: read(gloss), alpha: read(&gloss["ggx_alpha"]) }
+    }
+}
+
+/// What the intervals of two results say of each other, from the best to the worst.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Agreement {
+    /// The estimate of each lies in the interval of the other.
+    Agree,
+    /// The intervals overlap, but an estimate lies outside of the other's.
+    Overlap,
+    /// Intervals lie apart.
+    Differ,
+    /// One of them has no intervals.
+    Unknown,
+}
+
+impl Agreement {
+    /// All of them.
+    pub(super) const ALL: [Self; 4] = [Self::Agree, Self::Overlap, Self::Differ, Self::Unknown];
+
+    /// A word for it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Agree => "agree",
+            Self::Overlap => "overlap",
+            Self::Differ => "differ",
+            Self::Unknown => "unknown",
+        }
+    }
+
+    /// That of one number.
+    fn of(a: [f64; 3], b: [f64; 3]) -> Self {
+        let within = |x: f64, [low, _, high]: [f64; 3]| (low..=high).contains(&x);
+        if a[0] > b[2] || b[0] > a[2] {
+            Self::Differ
+        } else if within(a[1], b) && within(b[1], a) {
+            Self::Agree
+        } else {
+            Self::Overlap
+        }
+    }
+}
+
+/// Two results beside each other.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pair {
+    /// Their places among all.
+    pub(super) of: [usize; 2],
+    /// What their intervals say.
+    pub agreement: Agreement,
+    /// [`log_distance`] of their BRDFs, where both are there and not black.
+    pub distance: Option<f64>,
+    /// Whether they agree, in a sentence.
+    pub sentence: String,
+}
+
+/// All pairs of these results.
+pub(super) fn pairs(entries: &[Entry]) -> Vec<Pair> {
+    let of: Vec<[usize; 2]> = (0..entries.len()).flat_map(|b| (0..b).map(move |a| [a, b])).collect();
+    of.into_par_iter()
+        .filter_map(|of| {
+            let [a, b] = of.map(|at| &entries[at]);
+            let (one, other) = (a.found.as_ref().ok()?, b.found.as_ref().ok()?);
+            let distance = one.table.as_ref().zip(other.table.as_ref()).and_then(|(a, b)| distance(a, b));
+            let (agreement, sentence) =
+                agreement((&plain(&a.name), Highlight::of(&one.notes)), (&plain(&b.name), Highlight::of(&other.notes)));
+            Some(Pair { of, agreement, distance, sentence })
+        })
+        .collect()
+}
+
+fn distance(a: &BivariateTable, b: &BivariateTable) -> Option<f64> {
+    Some(log_distance(a, b)).filter(|distance| distance.is_finite())
+}
+
+/// Compares two results by name, by the worst of what is known of both.
+fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agreement, String) {
+    let known = [("gloss", of_a.gloss, of_b.gloss), ("GGX alpha", of_a.alpha, of_b.alpha)]
+        .into_iter()
+        .filter_map(|(name, a, b)| Some((name, a?, b?)));
+    let measures: Vec<_> = known.map(|(name, a, b)| (Agreement::of(a, b), name, a, b)).collect();
+    let Some(worst) = measures.iter().map(|measure| measure.0).max() else {
+        let silent = if of_a == Highlight::default() { a } else { b };
+        let sentence = format!("Whether {a} and {b} agree is not known: {silent} has no intervals to compare.");
+        return (Agreement::Unknown, sentence);
+    };
+    let interval = |[low, median, high]: [f64; 3]| format!("{} ({} to {})", short(median), short(low), short(high));
+    let of_worst = measures.iter().filter(|measure| measure.0 == worst);
+    let numbers: Vec<String> =
+        of_worst.map(|(_, name, a, b)| format!("{name} {} and {}", interval(*a), interval(*b))).collect();
+    let numbers = numbers.join(", ");
+    let sentence = match worst {
+        Agreement::Agree | Agreement::Unknown => format!("{a} and {b} agree within their intervals: {numbers}."),
+        Agreement::Overlap => format!(
+            "{a} and {b} may be alike: their intervals overlap, but not each holds the other's estimate: {numbers}."
+        ),
+        Agreement::Differ => format!("{a} and {b} do not agree, their intervals lie apart: {numbers}."),
+    };
+    (worst, sentence)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::super::Found;
+    use super::*;
+
+    fn highlight(gloss: [f64; 3], alpha: [f64; 3]) -> Highlight {
+        Highlight { gloss: Some(gloss), alpha: Some(alpha) }
+    }
+
+    fn said(a: Highlight, b: Highlight) -> (Agreement, String) {
+        let (agreement, sentence) = agreement(("one", a), ("two", b));
+        assert_eq!(agreement, super::agreement(("two", b), ("one", a)).0, "the order does not matter");
+        (agreement, sentence)
+    }
+
+    #[test]
+    fn estimates_in_each_others_intervals_agree() {
+        let (a, b) =
+            (highlight([4.0, 30.0, 300.0], [0.1, 0.17, 0.28]), highlight([20.0, 50.0, 90.0], [0.12, 0.15, 0.2]));
+        let (agreement, sentence) = said(a, b);
+        assert_eq!(agreement, Agreement::Agree);
+        assert_eq!(
+            sentence,
+            "one and two agree within their intervals: gloss 30 (4.0 to 300) and 50 (20 to 90), \
+             GGX alpha 0.17 (0.10 to 0.28) and 0.15 (0.12 to 0.20)."
+        );
+    }
+
+    #[test]
+    fn intervals_that_overlap_without_the_estimates_settle_nothing() {
+        let (a, b) = (highlight([4.0, 10.0, 30.0], [0.1, 0.2, 0.3]), highlight([20.0, 50.0, 90.0], [0.1, 0.2, 0.3]));
+        let (agreement, sentence) = said(a, b);
+        assert_eq!(agreement, Agreement::Overlap);
+        assert_eq!(
+            sentence,
+            "one and two may be alike: their intervals overlap, but not each holds the other's estimate: \
+             gloss 10 (4.0 to 30) and 50 (20 to 90)."
+        );
+    }
+
+    #[test]
+    fn one_number_apart_is_enough_to_differ() {
+        let (a, b) = (highlight([4.0, 10.0, 30.0], [0.1, 0.2, 0.3]), highlight([4.0, 10.0, 30.0], [0.5, 0.6, 0.7]));
+        let (agreement, sentence) = said(a, b);
+        assert_eq!(agreement, Agreement::Differ);
+        assert_eq!(
+            sentence,
+            "one and two do not agree, their intervals lie apart: GGX alpha 0.20 (0.10 to 0.30) and 0.60 (0.50 to 0.70)."
+        );
+        // Ends that touch overlap.
+        let touching = highlight([30.0, 40.0, 50.0], [0.3, 0.4, 0.5]);
+        assert_eq!(said(a, touching).0, Agreement::Overlap);
+    }
+
+    #[test]
+    fn what_has_no_intervals_is_named() {
+        let a = highlight([4.0, 10.0, 30.0], [0.1, 0.2, 0.3]);
+        let (agreement, sentence) = said(a, Highlight::default());
+        assert_eq!(agreement, Agreement::Unknown);
+        assert_eq!(sentence, "Whether one and two agree is not known: two has no intervals to compare.");
+        // An older result without alpha is compared by its gloss.
+        assert_eq!(said(a, Highlight { alpha: None, ..a }).0, Agreement::Agree);
+    }
+
+    #[test]
+    fn numbers_that_are_no_quantiles_are_left_out() {
+        let of = |low: Value| {
+            Highlight::of(&json!({ "posterior": { "gloss": {
+                "5": low, "50": 2.0, "95": 3.0, "ggx_alpha": { "5": 0.1, "50": 0.2, "95": 0.3 },
+            } } }))
+        };
+        assert_eq!(of(json!(1.0)), highlight([1.0, 2.0, 3.0], [0.1, 0.2, 0.3]));
+        for wrong in [json!(2.5), json!(-1.0), json!(0.0), json!("1"), json!(null)] {
+            assert_eq!(of(wrong).gloss, None);
+        }
+        assert_eq!(Highlight::of(&json!([])), Highlight::default());
+    }
+
+    #[test]
+    fn pairs_have_the_distance_of_their_tables() {
+        let table = |width: f64| BivariateTable::from_fn(|h, _| 0.1 + 5.0 * (-(h / width).powi(2)).exp());
+        let entry = |name: &str, table: Option<BivariateTable>| Entry {
+            name: name.into(),
+            report: None,
+            found: Ok(Found { table, ..Found::default() }),
+        };
+        let failed = Entry { name: "failed".into(), report: None, found: Err("no photograph".into()) };
+        let entries = [
+            entry("a", Some(table(0.1))),
+            entry("b", Some(table(0.3))),
+            failed,
+            entry("none", None),
+            entry("black", Some(BivariateTable::from_fn(|_, _| 0.0))),
+        ];
+        let pairs = pairs(&entries);
+        let distance = |a: usize, b: usize| pairs.iter().find(|pair| pair.of == [a, b]).map(|pair| pair.distance);
+        assert_eq!(distance(0, 1), Some(Some(log_distance(&table(0.1), &table(0.3)))));
+        // Without a result, without a table, and of a black one.
+        assert_eq!([distance(0, 2), distance(0, 3), distance(0, 4)], [None, Some(None), Some(None)]);
+        assert_eq!(pairs.len(), 6);
+    }
+}

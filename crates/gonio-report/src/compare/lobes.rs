@@ -1,0 +1,79 @@
+//! The BRDFs of all results over each other.
+
+use gonio::estimate::ALBEDO;
+use gonio::reflectance::BivariateTable;
+use maud::{Markup, html};
+
+use super::{Entry, MOST, found, left_out, plain};
+use crate::page::chart::{Axis, COLOURS, Frame, LINES, Series, chart};
+use crate::page::figure;
+use crate::report::cut;
+
+/// Difference angle of the cut, degrees: near normal incidence, where highlights are sharpest.
+const CUT: usize = 5;
+
+pub(super) fn section(entries: &[Entry]) -> Markup {
+    if entries.len() > MOST {
+        return left_out("The curves are left out");
+    }
+    let tables = found(entries).filter_map(|(entry, found)| Some((entry, scaled(found.table.as_ref()?)?)));
+    let series: Vec<Series> = tables
+        .enumerate()
+        .map(|(at, (entry, table))| {
+            // Colours begin again, with another kind of line.
+            let mark = LINES[at / COLOURS % LINES.len()];
+            Series { name: plain(&entry.name), points: cut(&table, CUT), mark }
+        })
+        .collect();
+    if series.is_empty() {
+        return html! { p.note { "None of the folders has a BRDF." } };
+    }
+    let title = format!("At a difference angle of {CUT}°");
+    let frame = Frame {
+        title: &title,
+        x: ("half angle (degrees)", Axis::Linear),
+        y: ("BRDF (1/sr)", Axis::Log),
+        y_range: None,
+    };
+    figure::figure(
+        &chart(&frame, &series),
+        &html! { "The luminance of each BRDF over the half angle: the highlight is on the left. All have an albedo of " (ALBEDO)
+        " along the normal here, since a photograph under unknown light does not tell it." },
+    )
+}
+
+/// The table at the common albedo; `None` of a black one.
+fn scaled(table: &BivariateTable) -> Option<BivariateTable> {
+    let albedo = table.normal_albedo();
+    (albedo.is_finite() && albedo > 0.0).then(|| table.scaled(ALBEDO / albedo))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Value;
+
+    use super::super::Found;
+    use super::*;
+
+    fn entry(name: String, table: Option<BivariateTable>) -> Entry {
+        let notes = Value::Null;
+        Entry { name, report: None, found: Ok(Found { notes, table, ..Found::default() }) }
+    }
+
+    #[test]
+    fn as_many_curves_as_tables_that_reflect() {
+        let flat = |value: f64| Some(BivariateTable::from_fn(move |_, _| value));
+        let names = |tables: Vec<Option<BivariateTable>>| {
+            let entries: Vec<Entry> =
+                tables.into_iter().enumerate().map(|(i, table)| entry(format!("n{i}"), table)).collect();
+            section(&entries).into_string()
+        };
+        let drawn = names(vec![flat(0.1), None, flat(0.0), flat(7.0)]);
+        assert!(drawn.contains("Shown: n0; n3."), "{drawn}");
+        assert!(names(vec![None, flat(0.0)]).contains("None of the folders"));
+        // Twenty-four curves are told apart by colour and kind.
+        let all = names((0..MOST).map(|i| flat(0.1 + i as f64)).collect());
+        assert_eq!(all.matches("stroke-dasharray=\"6 3\"").count(), 8);
+        assert_eq!(all.matches("stroke-dasharray=\"3 4\"").count(), 8);
+    }
+}

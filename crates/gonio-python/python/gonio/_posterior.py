@@ -88,10 +88,15 @@ class OfPhotograph(Result):
         return self.light * self.light_color.astype(np.float32) if is_grey else self.light
 
     def _image(self, name: str, width: int) -> str:
-        """A picture within a page, if it is there."""
+        """A picture within a page, if it is there, about as wide as it is shown."""
         if name not in self.pictures:
             return ""
-        data = base64.b64encode(_gonio.encode_png(self.pictures[name])).decode()
+        picture = self.pictures[name]
+        times = max(picture.shape[1] // width, 1)
+        rows, columns = picture.shape[0] // times, picture.shape[1] // times
+        blocks = picture[: rows * times, : columns * times].reshape(rows, times, columns, times, 3)
+        shown = np.rint(blocks.mean(axis=(1, 3))).astype(np.uint8)
+        data = base64.b64encode(_gonio.encode_png(shown)).decode()
         return f'<img alt="{name}" width="{width}" style="max-width:100%" src="data:image/png;base64,{data}">'
 
     def _page(self, rows: list[tuple[str, str]]) -> str:
@@ -101,7 +106,7 @@ class OfPhotograph(Result):
         table = "".join(f"<tr><th {cell}>{name}</th><td {cell}>{value}</td></tr>" for name, value in rows)
         return (
             f'<div class="gonio-posterior"><p><b>gonio</b> posterior of <b>{escaped(self.brdf.name)}</b></p>'
-            f"{self._image('summary', 900)}<table>{table}</table></div>"
+            f"{self._image('summary', 720)}<table>{table}</table></div>"
         )
 
 

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::path::Path;
 
+use glam::Vec3;
 use gonio::estimate::{
     ALBEDO, Colouring, ColouringRule, Estimate, Light, LitEstimate, Material, Stage, estimate_beside, estimate_under,
 };
@@ -28,7 +29,7 @@ pub struct Answer {
     pub scale: f64,
     /// How sure it is, for the method that tells.
     pub material: Option<Material>,
-    /// The estimated light, in luminance, on the scale that goes with the table.
+    /// The estimated light, in linear RGB, on the scale that goes with the table.
     pub light: Option<LightGrid>,
     /// The light that was given, turned and brightened as it was found.
     pub known_light: Option<EnvironmentMap>,
@@ -187,6 +188,7 @@ pub(crate) fn solve(
             let found = basis::find((model, image), how, known_light.as_ref(), observations, warnings, journal)?;
             let colouring = Colouring::of(model, observations, &found.table, rule);
             let basis::Coefficients { table, light, noise, mut sections } = found;
+            let light = light.map(|grid| in_one_colour(grid, colouring.light()));
             sections["settings"]["linear"] = json!(linear);
             let known_light = known_light.clone();
             let left = ("noise", noise);
@@ -201,12 +203,13 @@ impl Found {
         warnings.extend(found.doubts().iter().map(|doubt| Warning::from(doubt.to_string())));
         let mut sections = notes::estimate(&found);
         sections["settings"] = settings;
-        let Estimate { material, light: Light { grid, misfit, .. }, colouring } = found;
+        let Estimate { material, light: Light { grid, misfit, .. }, colouring, tint } = found;
+        let light = tint.map_or_else(|| in_one_colour(grid, colouring.light()), |tint| tint.grid);
         Self {
             table: material.table.clone(),
             scale: 1.0,
             material: Some(material),
-            light: Some(grid),
+            light: Some(light),
             known_light: None,
             left: ("misfit", misfit),
             colouring,
@@ -214,6 +217,12 @@ impl Found {
             fits: None,
         }
     }
+}
+
+/// A light whose luminance is known, in one colour.
+fn in_one_colour(grid: LightGrid, colour: Vec3) -> LightGrid {
+    let texels = grid.texels().iter().map(|texel| *texel * colour).collect();
+    LightGrid::from_texels(grid.map(), grid.side(), texels)
 }
 
 /// Draws the pictures and writes the account of what was found.
@@ -289,7 +298,6 @@ impl Answer {
             sighting: &self.seen.sighting,
             shadows: self.shadows,
             colours: self.colouring.colours(),
-            light_colour: self.colouring.light(),
             table: &self.table,
             light: self.light.as_ref(),
             known_light: self.known_light.as_ref(),

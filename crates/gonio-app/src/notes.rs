@@ -79,7 +79,16 @@ pub fn mesh(name: &str, soundness: &Soundness, camera: &Camera) -> Value {
 
 /// The sections `posterior`, `reflectance`, `light` and `noise` of an estimate.
 pub fn estimate(estimate: &Estimate) -> Value {
-    let Estimate { material, light, .. } = estimate;
+    let Estimate { material, light, tint, .. } = estimate;
+    let colours = tint.as_ref().map(|tint| {
+        json!({
+            "misfit": tint.misfit,
+            "apart": { "blue_orange": tint.apart[0], "green_magenta": tint.apart[1] },
+            "note": "misfit: what BRDF and light, both in colour, leave of the channels (root mean square, relative); apart: difference of \
+                     the photograph's chroma from that of the BRDF in a light of one colour, in natural logarithms; captured light varies \
+                     from blue to orange, and hardly from green to magenta",
+        })
+    });
     json!({
         "posterior": posterior(material, ALBEDO),
         "reflectance": {
@@ -96,6 +105,7 @@ pub fn estimate(estimate: &Estimate) -> Value {
             "expected": expected_misfit(material),
             "note": "misfit: what light and material leave of the photograph (root mean square, relative); expected: what noise and the \
                      light's resolution would leave if the material were right",
+            "colours": colours,
         },
     })
 }

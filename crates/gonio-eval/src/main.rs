@@ -16,6 +16,7 @@ mod paper;
 mod posteriors;
 mod quadrature;
 mod shapes;
+mod tints;
 mod together;
 
 use std::path::PathBuf;
@@ -44,6 +45,8 @@ enum Command {
     Lights(lights::Options),
     /// Compares ways to colour a BRDF, on test materials in test lights.
     Colour(colour::Options),
+    /// Measures how the colour of training lights varies over their directions.
+    Tints,
     /// Measures what shapes other than a sphere cost, with and without modelling self-shadowing.
     Shapes(shapes::Options),
     /// Judges the default method on photographs of real objects, by their measured BRDF and their
@@ -71,6 +74,7 @@ fn main() -> ExitCode {
         Command::Quadrature => quadrature::run(&data),
         Command::Lights(options) => lights::run(&data, &options),
         Command::Colour(options) => colour::run(&data, &options),
+        Command::Tints => tints::run(&data),
         Command::Shapes(options) => shapes::run(&data, &options),
         Command::Captured(options) => captured::run(&data, &options),
         Command::Bench(options) => bench::bench(&data, &options),

@@ -5,7 +5,7 @@ use std::path::Path;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::Vec3;
-use gonio::estimate::{Colouring, ColouringRule, Estimate, EstimateSettings, Light, Material};
+use gonio::estimate::{Colouring, ColouringRule, Estimate, EstimateSettings, Light, Material, Tint};
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::MerlTable;
@@ -64,7 +64,7 @@ pub struct Session {
     warnings: Vec<String>,
     sighting: Option<Sighting>,
     found: Option<(Material, Colouring)>,
-    light: Option<(Light, EstimateSettings)>,
+    light: Option<(Light, Option<Tint>, EstimateSettings)>,
 }
 
 impl Session {
@@ -165,14 +165,16 @@ impl Session {
         let settings = EstimateSettings { side, ..EstimateSettings::default() };
         let light = Light::of(&self.model, &sighting.observations, &material.table, &settings, &|_| ())
             .map_err(|e| self.blamed(&e))?;
-        let radiance = sphere::lit(&light.grid, colouring.light());
+        let tint = Tint::of(&self.model, &sighting.observations, &material.table, colouring, &light)
+            .map_err(|e| self.blamed(&e))?;
+        let radiance = sphere::lit(tint.as_ref().map_or(&light.grid, |tint| &tint.grid));
         let notes = json!({
             "side": side,
             "misfit": light.misfit,
             "png": png(&preview::light(&radiance)),
             "light": sphere::light("the light found", &radiance),
         });
-        self.light = Some((light, settings));
+        self.light = Some((light, tint, settings));
         Ok(notes)
     }
 
@@ -197,8 +199,9 @@ impl Session {
             Product::Merl => gonio_io::merl::encode(&MerlTable::from_bivariate(tables().each_ref())),
             Product::Mitsuba => rgl::encode(&tables(), &stem(&self.name), Channels::Rgb),
             Product::Light => {
-                let (light, _) = self.light.as_ref().ok_or("the light has not been found yet")?;
-                gonio_io::picture::encode_exr(&light.grid.to_lat_long(LIGHT_ROWS), None)
+                let (light, tint, _) = self.light.as_ref().ok_or("the light has not been found yet")?;
+                let grid = tint.as_ref().map_or(&light.grid, |tint| &tint.grid);
+                gonio_io::picture::encode_exr(&grid.to_lat_long(LIGHT_ROWS), None)
             }
             Product::Result => self.result(seconds)?.into_bytes(),
         })
@@ -207,8 +210,10 @@ impl Session {
     /// Contents of `result.json` as `gonio infer` writes it, without the entries on other files.
     fn result(&self, seconds: &str) -> Result<String, String> {
         let (sighting, (material, colouring)) = self.known()?;
-        let (light, settings) = self.light.as_ref().ok_or("the light has not been found yet")?;
-        let estimate = Estimate { material: material.clone(), light: light.clone(), colouring: colouring.clone() };
+        let (light, tint, settings) = self.light.as_ref().ok_or("the light has not been found yet")?;
+        let colouring = &tint.as_ref().map_or_else(|| colouring.clone(), |tint| colouring.less_certain(tint));
+        let (material, light) = (material.clone(), light.clone());
+        let estimate = Estimate { material, light, colouring: colouring.clone(), tint: tint.clone() };
         let oddities = sighting.oddities.iter().map(ToString::to_string);
         let doubts = estimate.doubts();
         let warnings = self.warnings.iter().cloned().chain(oddities).chain(doubts.iter().map(ToString::to_string));

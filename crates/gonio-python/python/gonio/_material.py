@@ -166,7 +166,7 @@ class Result:
         return self.brdf.to_mitsuba(plugin)
 
     def _lit(self) -> Floats | None:
-        """The light of the photograph in colour, if it was found or given."""
+        """The light of the photograph, if it was found or given."""
         return None
 
     def __getstate__(self) -> dict[str, Any]:

@@ -26,17 +26,16 @@ class OfPhotograph(Result):
 
     @property
     def light(self) -> Floats:
-        """The estimated light, a lat-long map of shape (128, 256, 3) in luminance.
+        """The estimated light, a lat-long map of shape (128, 256, 3), linear RGB.
 
         Row 0 is up, the centre looks along -z, the right half is +x, in coordinates of the camera.
-        Times :attr:`light_color` it goes with :attr:`brdf`. If the light was given: its map, as it
-        was found to lie.
+        It goes with :attr:`brdf`. If the light was given: its map, as it was found to lie.
         """
         return self._found["light"]
 
     @property
     def light_color(self) -> Doubles:
-        """Linear colour of the light, of luminance one, shape (3,); white where it was not estimated."""
+        """Linear colour of the light as a whole, of luminance one, shape (3,); white where it was not estimated."""
         return self._found["light_color"]
 
     @property
@@ -83,9 +82,7 @@ class OfPhotograph(Result):
         result["page"] = self.report
 
     def _lit(self) -> Floats | None:
-        # An estimated light is grey; one that was given has its colours.
-        is_grey = self.light is not None and (self.light == self.light[..., :1]).all()
-        return self.light * self.light_color.astype(np.float32) if is_grey else self.light
+        return self.light
 
     def _image(self, name: str, width: int) -> str:
         """A picture within a page, if it is there, about as wide as it is shown."""

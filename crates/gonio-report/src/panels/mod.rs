@@ -30,12 +30,7 @@ const LIGHT_ROWS: usize = 256;
 /// Colours of observations with and without a value, in the picture of them.
 const USED: Vec3 = Vec3::new(0.10, 0.85, 0.75);
 const UNUSED: Vec3 = Vec3::new(0.95, 0.08, 0.05);
-/// Colours where the photograph is brighter than its reproduction, where they are equal, and where
-/// it is darker.
-const BRIGHTER: Vec3 = Vec3::new(0.95, 0.30, 0.03);
-const EQUAL: Vec3 = Vec3::new(0.16, 0.16, 0.16);
-const DARKER: Vec3 = Vec3::new(0.03, 0.22, 0.95);
-/// Relative difference that gets the full colour.
+/// Difference of a channel, relative to the luminance, that is shown as black or full.
 const FULL: f32 = 0.5;
 
 /// Everything that the pictures are drawn from.
@@ -49,11 +44,9 @@ pub struct Subject<'a> {
     pub shadows: bool,
     /// Colours of the inferred reflectance.
     pub colours: TwoColours,
-    /// Colour of the estimated light, which is itself estimated in luminance alone.
-    pub light_colour: Vec3,
     /// Inferred reflectance, luminance in 1/sr.
     pub table: &'a BivariateTable,
-    /// Estimated light, for a blind method.
+    /// Estimated light in linear RGB, for a blind method.
     pub light: Option<&'a LightGrid>,
     /// Given light.
     pub known_light: Option<&'a EnvironmentMap>,
@@ -72,8 +65,8 @@ pub struct Panels {
     pub used: Option<Plane<Vec3>>,
     /// Reproduction from table and light.
     pub reproduction: Plane<Vec3>,
-    /// The relative difference of both in luminance: orange where the photograph is brighter, blue
-    /// where it is darker, at 50 % in full.
+    /// The difference of both, channel by channel, relative to their luminance: grey where they are
+    /// equal, lighter where the photograph is brighter; black or white, or a full colour, at 50 %.
     pub residual: Plane<Vec3>,
     /// The light as a lat-long picture as wide as the other panels and half as high.
     pub light: Plane<Vec3>,
@@ -146,19 +139,15 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
     };
     let stage = stage.unwrap_or_else(|| Stage::of(&own_sphere_light()));
     let mut model = view.render(&subject.coloured(subject.table), &stage);
-    let factor = match subject.light {
-        // Reflectance and light carry the photograph's scale in luminance.
-        Some(_) => subject.light_colour,
-        // A known light has its own scale.
-        None => {
-            let sum = |p: &Picture| -> f32 {
-                let covered = (0..p.rgb.as_slice().len()).filter(|&i| is_covered(p, i));
-                covered.map(|i| luminance(p.rgb.as_slice()[i])).sum()
-            };
-            Vec3::splat(sum(input) / sum(&model).max(1e-30))
-        }
-    };
-    model.rgb.as_mut_slice().iter_mut().for_each(|p| *p *= factor);
+    // A light that was given has its own scale; one that was found has the photograph's.
+    if subject.light.is_none() {
+        let sum = |p: &Picture| -> f32 {
+            let covered = (0..p.rgb.as_slice().len()).filter(|&i| is_covered(p, i));
+            covered.map(|i| luminance(p.rgb.as_slice()[i])).sum()
+        };
+        let factor = sum(input) / sum(&model).max(1e-30);
+        model.rgb.as_mut_slice().iter_mut().for_each(|p| *p *= factor);
+    }
     model
 }
 
@@ -176,13 +165,13 @@ fn observed(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Plane
     out
 }
 
-/// Draws the difference of photograph and model in luminance, relative to the mean of both.
+/// Draws the difference of photograph and model, relative to the mean luminance of both.
 fn residual(input: &Picture, model: &Picture) -> Plane<Vec3> {
     let both = |i: usize| is_covered(input, i) && is_covered(model, i);
     let count = input.rgb.as_slice().len();
-    let values = |p: &Picture| p.rgb.as_slice().iter().map(|v| luminance(*v)).collect::<Vec<f32>>();
-    let (seen, made) = (values(input), values(model));
-    let (sum, number) = (0..count).filter(|&i| both(i)).fold((0.0, 0.0), |(sum, n), i| (sum + seen[i], n + 1.0_f32));
+    let (seen, made) = (input.rgb.as_slice(), model.rgb.as_slice());
+    let add = |(sum, n), i: usize| (sum + luminance(seen[i]), n + 1.0_f32);
+    let (sum, number) = (0..count).filter(|&i| both(i)).fold((0.0, 0.0), add);
     // A factor of two where both are dark is not a large error.
     let floor = 0.1 * sum / number.max(1.0);
     Plane::from_fn(input.rgb.width(), input.rgb.height(), |x, y| {
@@ -190,15 +179,16 @@ fn residual(input: &Picture, model: &Picture) -> Plane<Vec3> {
         if !both(i) {
             return PAPER;
         }
-        let off = (seen[i] - made[i]) / (0.5 * (seen[i] + made[i]) + floor);
-        EQUAL.lerp(if off > 0.0 { BRIGHTER } else { DARKER }, (off.abs() / FULL).min(1.0))
+        let off = (seen[i] - made[i]) / (0.5 * luminance(seen[i] + made[i]) + floor);
+        // Even steps of the difference look even when coded as sRGB, about a power of 2.2.
+        (0.5 + 0.5 * (off / FULL).clamp(Vec3::NEG_ONE, Vec3::ONE)).powf(2.2)
     })
 }
 
 fn light(subject: &Subject<'_>) -> Plane<Vec3> {
     let light = match (subject.light, subject.known_light) {
         (Some(grid), _) => match display(grid) {
-            Some(map) => shown_at(map.radiance()).map(|p| *p * subject.light_colour),
+            Some(map) => shown_at(map.radiance()),
             None => Plane::from_fn(PANEL, PANEL / 2, |_, _| Vec3::ZERO),
         },
         (None, Some(map)) if map.radiance().height() < PANEL / 2 => shown_at(map.radiance()),
@@ -263,9 +253,15 @@ mod tests {
             alpha: None,
         };
         let off = residual(&picture(1.0, 1.0), &picture(1.0, 1.0));
-        assert_eq!(off.as_slice(), [EQUAL, EQUAL]);
+        let grey = Vec3::splat(0.5_f32.powf(2.2));
+        assert_eq!(off.as_slice(), [grey, grey]);
         let off = residual(&picture(3.0, 1.0), &picture(1.0, 3.0));
-        assert_eq!(off.as_slice(), [BRIGHTER, DARKER]);
+        assert_eq!(off.as_slice(), [Vec3::ONE, Vec3::ZERO]);
+        // A photograph that is redder than its model is shown in red, and the lack of it in cyan.
+        let red = Picture { rgb: Plane::from_fn(2, 1, |_, _| Vec3::new(1.5, 1.0, 1.0)), alpha: None };
+        let [more, less] = [residual(&red, &picture(1.0, 1.0)), residual(&picture(1.0, 1.0), &red)];
+        assert!(more[(0, 0)].x > grey.x + 0.1 && more[(0, 0)].y == grey.y, "{}", more[(0, 0)]);
+        assert!(less[(0, 0)].x < grey.x - 0.1 && less[(0, 0)].y == grey.y, "{}", less[(0, 0)]);
     }
 
     #[test]

@@ -131,12 +131,12 @@ impl Report<'_> {
                         @for (label, picture, alt) in [
                             ("the photograph", &self.panels.photograph, "The photograph of the object"),
                             ("what BRDF and light make of it", &self.panels.reproduction, "The object as the BRDF and the light found reproduce it"),
-                            ("the difference", &self.panels.residual, "Where the photograph is brighter or darker than its reproduction"),
+                            ("the difference", &self.panels.residual, "Where the photograph is brighter, darker or of another colour than its reproduction"),
                         ] { div.tile { (figure::sized(picture, SHOWN, alt)) span { (label) } } }
                     }
                     p.note {
-                        span.brighter { "Orange" } ": the photograph is brighter. " span.darker { "Blue" } ": it is darker. Full colour is 50 % off."
-                        @if self.subject.light.is_some() { " The light of the reproduction has one colour." }
+                        "Of the difference, grey is none; where the photograph is brighter, it is lighter, where it is redder, it is redder. Black, "
+                        "white and full colours are 50 % off."
                     }
                     @match self.subject.material {
                         Some(material) => { (facts(material, self.result)) }

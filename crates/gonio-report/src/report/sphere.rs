@@ -21,7 +21,7 @@ pub(super) fn data(subject: &Subject<'_>) -> String {
     }
     let mut lights: Vec<Value> = own_lights(ROWS).iter().map(|(name, map)| light(name, map.radiance())).collect();
     let seen = match (subject.light, subject.known_light) {
-        (Some(grid), _) => Some(("the light found", lit(grid, subject.light_colour))),
+        (Some(grid), _) => Some(("the light found", lit(grid))),
         (None, Some(map)) => Some(("the light given", shrunk(map.radiance()))),
         (None, None) => None,
     };
@@ -49,9 +49,9 @@ fn named(name: &str, mut value: Value) -> Value {
     value
 }
 
-/// Returns the estimated light as a map for the viewer, in its colour.
-pub fn lit(grid: &LightGrid, colour: Vec3) -> Plane<Vec3> {
-    grid.to_lat_long(ROWS).map(|p| p.max(Vec3::ZERO) * colour)
+/// Returns the estimated light as a map for the viewer.
+pub fn lit(grid: &LightGrid) -> Plane<Vec3> {
+    grid.to_lat_long(ROWS).map(|p| p.max(Vec3::ZERO))
 }
 
 /// Shrinks a map to the number of rows of the others.

@@ -215,6 +215,11 @@ impl ColourPosterior {
         TwoColours { body: self.chroma(0), highlight: self.chroma(2) }
     }
 
+    /// Adds an error of this variance to the chromas of body and highlight.
+    pub(crate) fn add_error(&mut self, variance: f64) {
+        (0..4).for_each(|i| self.covariance[i][i] += variance);
+    }
+
     /// Posterior mean of the light's chroma.
     pub fn light(&self) -> Chroma {
         self.chroma(4)

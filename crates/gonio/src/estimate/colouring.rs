@@ -2,12 +2,17 @@
 
 use glam::Vec3;
 
+use super::Tint;
 use crate::colour::{Chroma, ClueFinder, ColourPosterior, TwoColours, is_grey};
 use crate::model::Model;
 use crate::picture::Plane;
 use crate::reflectance::BivariateTable;
 use crate::render::median_colour;
 use crate::scene::Observations;
+
+/// Standard deviation of the error of the chromas of body and highlight over the difference that
+/// they leave from green to magenta (docs/trials.md).
+const ERROR_PER_GAP: f64 = 2.0;
 
 /// Ways to colour a BRDF.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,6 +75,15 @@ impl Colouring {
         };
         let clues = ClueFinder::new().read(&observations.points, &observations.colours, table);
         Self::Estimate { posterior: Box::new(learnt.posterior(&clues, light)), share: clues.share }
+    }
+
+    /// These colours, less certain by what a light of natural colours leaves of the photograph's.
+    pub fn less_certain(&self, tint: &Tint) -> Self {
+        let mut out = self.clone();
+        if let Self::Estimate { posterior, .. } = &mut out {
+            posterior.add_error((ERROR_PER_GAP * tint.apart[1]).powi(2));
+        }
+        out
     }
 
     /// Colours of body and highlight.

@@ -13,6 +13,11 @@ pub enum Doubt {
     Strange(f64),
     /// Share of the BRDF's domain that is undetermined.
     Open(f64),
+    /// The photograph differs from the BRDF from green to magenta ([`Tint::apart`]), in natural
+    /// logarithms, which few lights explain.
+    ///
+    /// [`Tint::apart`]: super::Tint::apart
+    Colours(f64),
     /// Deviation of pixels that share a normal, relative to their mean.
     Scatter(f64),
     /// A light map was turned by this rotation vector, in degrees about x, y and z, to fit.
@@ -89,6 +94,13 @@ impl fmt::Display for Doubt {
                     Reason::Regions =>
                         "several materials, shadows of the object on itself, light that is not far away, or an outline or normals that do not lie on the picture",
                 }
+            ),
+            Self::Colours(apart) => write!(
+                f,
+                "from green to magenta the photograph differs from the BRDF by {:.0} %, more than most light varies: either body \
+                 and highlight have other colours than were found, or more than two, or the light is green in part, as over \
+                 grass; the intervals of the colours are wider by that",
+                100.0 * (apart.exp() - 1.0)
             ),
             Self::Open(share) => write!(
                 f,

@@ -17,6 +17,7 @@ mod material;
 mod misfit;
 #[cfg(test)]
 mod tests;
+mod tint;
 mod together;
 
 use thiserror::Error;
@@ -30,6 +31,8 @@ pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};
 pub use misfit::{Reason, expected_misfit};
+use tint::Rows;
+pub use tint::Tint;
 pub use together::{Beside, estimate_together};
 
 use crate::inference::ProductError;
@@ -67,14 +70,18 @@ pub struct Estimate {
     pub material: Material,
     /// Light, in luminance, on the scale that goes with [`Material::table`].
     pub light: Light,
-    /// Colours of both.
+    /// Colours of both. They are less certain by what the light's colours leave unexplained.
     pub colouring: Colouring,
+    /// Colours of the light, direction by direction; `None` for grey.
+    pub tint: Option<Tint>,
 }
 
 impl Estimate {
     /// Reasons to doubt it.
     pub fn doubts(&self) -> Vec<Doubt> {
-        doubts(&self.material, &self.light)
+        let mut doubts = doubts(&self.material, &self.light);
+        doubts.extend(self.tint.as_ref().and_then(Tint::doubt));
+        doubts
     }
 }
 
@@ -175,11 +182,17 @@ pub fn estimate_beside<T: Send>(
     progress(Stage::Colours);
     let colouring = Colouring::of(model, observations, &table, &settings.colouring);
     // The posterior is described meanwhile, too.
-    let (light, (material, made)) = rayon::join(
+    let (light, (material, made, rows)) = rayon::join(
         || Light::of(model, observations, &table, settings, progress),
-        || (impression.describe(), beside(&table, &colouring)),
+        || {
+            let rows = Rows::of(&model.light, observations, &table, &colouring, settings.side);
+            (impression.describe(), beside(&table, &colouring), rows)
+        },
     );
-    Ok((Estimate { material, light: light?, colouring }, made))
+    let light = light?;
+    let tint = rows?.and_then(|rows| rows.under(&colouring, &light));
+    let colouring = tint.as_ref().map_or_else(|| colouring.clone(), |tint| colouring.less_certain(tint));
+    Ok((Estimate { material, light, colouring, tint }, made))
 }
 
 impl EstimateSettings {

@@ -1,0 +1,324 @@
+//! Colours of the estimated light, direction by direction, and what they leave unexplained.
+//!
+//! Given a BRDF with the colours of its body and highlight, `F_c = b_c B + h_c (F - B)`, and the
+//! luminance `L` of the light, its channels are `L_c(w) = w_c L(w) (1 + t_c(w))`, where `w_c` is
+//! the colour of the light as a whole. The tints `t` of red and blue are, along two axes, Gaussian
+//! fields that follow captured light; the tint of green keeps the luminance. An image is linear in
+//! them, so that their posterior is Gaussian: its mean is [`Tint::grid`].
+//!
+//! Captured light varies from blue to orange, and hardly from green to magenta. So where a
+//! photograph does that beside the BRDF in a light of one colour, the BRDF has the wrong colours,
+//! unless the light is one of few, as over grass: see [`Tint::apart`].
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::{Colouring, Doubt, EstimateError, Light};
+use crate::colour::{Chroma, body};
+use crate::inference::light::{Cholesky, LightError};
+use crate::lighting::{LightGrid, LightPrior};
+use crate::model::Model;
+use crate::picture::luminance;
+use crate::reflectance::BivariateTable;
+use crate::scene::Observations;
+use crate::sphere::{Haar, OctahedralMap};
+use crate::transfer::{PlanSettings, observed_rows};
+
+/// Axes of the tints of red and blue, from blue to orange and from green to magenta, and the
+/// standard deviation along each, over the directions of a light (`gonio-eval tints`).
+const AXES: [([f64; 2], f64); 2] = [([-0.465, 0.885], 0.46), ([0.885, 0.465], 0.12)];
+
+/// Angle (radians) over which the correlation of the tints falls to 1/e, and the share of their
+/// variance that is correlated at all (`gonio-eval tints`).
+const CORRELATED: (f64, f64) = (50.0 / 180.0 * std::f64::consts::PI, 0.75);
+
+/// Squares along a side of the map that have a tint each. Colours need fewer than luminances do.
+const SIDE: usize = 16;
+
+/// Approximate number of observations that the tints are found from.
+const ROWS: usize = 500;
+
+/// Least error of the model, relative.
+const LEAST_ERROR: f64 = 0.03;
+
+/// Share of the mean brightness that is added to that of a point: the error of dark points does not
+/// fall in proportion to their brightness.
+const FLOOR: f64 = 0.2;
+
+/// Difference from green to magenta above which the colours of the BRDF are in doubt: there the
+/// error of the colours was 0.48 and more (median), against 0.17 where the difference is below 0.1
+/// (docs/trials.md).
+const TOO_FAR: f64 = 0.2;
+
+/// Colours of a light, and of what it leaves of a photograph.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tint {
+    /// The light in linear RGB, of the luminance of [`Light::grid`].
+    pub grid: LightGrid,
+    /// Difference, over the photograph, of its chroma from that of the BRDF in a light of one
+    /// colour, root mean square without the noise of single pixels, in natural logarithms: from
+    /// blue to orange, and from green to magenta.
+    pub apart: [f64; 2],
+    /// Root mean square of what BRDF and coloured light leave of the channels, relative to the
+    /// photograph.
+    pub misfit: f64,
+}
+
+impl Tint {
+    /// Colours the light of a photograph. `None` if the photograph or the BRDF is to be grey.
+    ///
+    /// # Errors
+    /// If the prior does not cover the grid of the light.
+    pub fn of(
+        model: &Model,
+        observations: &Observations,
+        table: &BivariateTable,
+        colouring: &Colouring,
+        light: &Light,
+    ) -> Result<Option<Self>, EstimateError> {
+        let rows = Rows::of(&model.light, observations, table, colouring, light.grid.side())?;
+        Ok(rows.and_then(|rows| rows.under(colouring, light)))
+    }
+}
+
+/// Images of body and highlight at some observations, linear in the light.
+pub(super) struct Rows {
+    observations: Observations,
+    /// Coefficients of the light, `side^2` of the BRDF and as many of its body for each observation
+    /// with a value.
+    coefficients: Vec<f32>,
+    side: usize,
+}
+
+impl Rows {
+    /// Integrates over a light of `side` texels a side. `None` if the photograph or the BRDF is to
+    /// be grey.
+    pub(super) fn of(
+        prior: &LightPrior,
+        observations: &Observations,
+        table: &BivariateTable,
+        colouring: &Colouring,
+        side: usize,
+    ) -> Result<Option<Self>, EstimateError> {
+        if matches!(colouring, Colouring::Grey | Colouring::GreyPhotograph) {
+            return Ok(None);
+        }
+        let observations = observations.thinned(ROWS);
+        let settings = PlanSettings { side, ..PlanSettings::default() };
+        let tables = [table.clone(), body(table)];
+        let (coefficients, _) = observed_rows(observations.seen(), &observations.values, &tables, prior, &settings)
+            .map_err(LightError::from)?;
+        Ok(Some(Self { observations, coefficients, side }))
+    }
+
+    /// Colours a light; `None` if the photograph is black.
+    pub(super) fn under(&self, colouring: &Colouring, light: &Light) -> Option<Tint> {
+        Images::of(self, colouring, light).map(|images| images.tint(light))
+    }
+}
+
+impl Tint {
+    /// Doubt about the colours of the BRDF, if there is one.
+    pub(super) fn doubt(&self) -> Option<Doubt> {
+        (self.apart[1] > TOO_FAR).then_some(Doubt::Colours(self.apart[1]))
+    }
+}
+
+/// What each square of the light adds to each observation.
+struct Images {
+    /// Chosen observations, linear RGB.
+    colours: Vec<DVec3>,
+    /// Their weights, in 0..=1.
+    weights: Vec<f64>,
+    /// Their normals in the frame of their view.
+    normals: Vec<DVec3>,
+    /// Squares along a side.
+    side: usize,
+    /// For each channel `w_c (b_c B + h_c S)` of every square (squares x observations), where `B`
+    /// and `S` are images of body and highlight in the luminance of the light.
+    parts: [Mat<f64>; 3],
+    /// Colour of the light as a whole, of luminance one.
+    white: [f64; 3],
+}
+
+impl Images {
+    /// `None` if no observation is bright.
+    fn of(rows: &Rows, colouring: &Colouring, light: &Light) -> Option<Self> {
+        let observations = &rows.observations;
+        let texels: Vec<f64> = light.grid.texels().iter().map(|t| f64::from(luminance(*t).max(0.0))).collect();
+        let fine = rows.side;
+        let side = fine.min(SIDE);
+        let seen: Vec<usize> = (0..observations.values.len()).filter(|&i| observations.values[i].is_some()).collect();
+        // A row holds coefficients of the light; those of its texels are the inverse transform.
+        let haar = Haar::new(fine).expect("the side of a light is a power of two");
+        let scale = LightGrid::texel_measure(fine).sqrt();
+        let count = side * side;
+        let squares = |row: &[f32]| -> Vec<f64> {
+            let mut scratch = Vec::new();
+            let mut sums = vec![0.0; 2 * count];
+            for (coefficients, sums) in row.chunks_exact(fine * fine).zip(sums.chunks_exact_mut(count)) {
+                let mut of_texels = coefficients.to_vec();
+                haar.inverse(&mut of_texels, &mut scratch);
+                for (t, (share, radiance)) in of_texels.iter().zip(&texels).enumerate() {
+                    sums[square_of(fine, side, t)] += scale * f64::from(*share) * radiance;
+                }
+            }
+            sums
+        };
+        let sums: Vec<Vec<f64>> = rows.coefficients.par_chunks_exact(2 * fine * fine).map(squares).collect();
+        let own = colouring.colours();
+        let [dull, bright] = [own.body, own.highlight].map(|chroma| chroma.rgb().to_array());
+        let white = colouring.light().as_dvec3().to_array();
+        let part = |c: usize| {
+            Mat::from_fn(count, sums.len(), |k, i| {
+                let (whole, body) = (sums[i][k], sums[i][count + k]);
+                white[c] * (dull[c] * body + bright[c] * (whole - body))
+            })
+        };
+        let parts = [part(0), part(1), part(2)];
+        let colours: Vec<DVec3> =
+            seen.iter().map(|&i| observations.colours[i].unwrap_or_default().as_dvec3()).collect();
+        let bright = colours.iter().any(|c| c.max_element() > 0.0);
+        bright.then(|| Self {
+            colours,
+            weights: seen.iter().map(|&i| observations.weights[i].clamp(0.0, 1.0)).collect(),
+            normals: seen.iter().map(|&i| observations.points[i].in_view()).collect(),
+            side,
+            parts,
+            white,
+        })
+    }
+
+    /// Image of a light of one colour.
+    fn plain(&self) -> Vec<DVec3> {
+        let sum = |c: usize, i: usize| self.parts[c].col_as_slice(i).iter().sum::<f64>();
+        (0..self.colours.len()).map(|i| DVec3::from_array([0, 1, 2].map(|c| sum(c, i)))).collect()
+    }
+
+    fn tint(&self, light: &Light) -> Tint {
+        let plain = self.plain();
+        let tints = self.posterior(&plain, light.misfit.max(LEAST_ERROR), light.grid.map());
+        let (fine, white) = (light.grid.side(), Vec3::from_array(self.white.map(|x| x as f32)));
+        let texel = |(t, radiance): (usize, &Vec3)| {
+            let factor = tints[square_of(fine, self.side, t)];
+            // Luminance stays where a channel is cut off.
+            let colour = (white * (Vec3::ONE + factor.as_vec3())).max(Vec3::ZERO);
+            luminance(*radiance) * colour / luminance(colour).max(1e-6)
+        };
+        let texels = light.grid.texels().iter().enumerate().map(texel).collect();
+        Tint {
+            grid: LightGrid::from_texels(light.grid.map(), fine, texels),
+            apart: self.apart(&plain),
+            misfit: self.misfit(&tints),
+        }
+    }
+
+    /// Differences of the chromas of photograph and image along the [`AXES`]: roots of the mean
+    /// products of neighbours, in which the noise of single pixels cancels.
+    fn apart(&self, plain: &[DVec3]) -> [f64; 2] {
+        let difference = |(seen, made): (&DVec3, &DVec3)| {
+            let (seen, made) = (Chroma::of(*seen).0, Chroma::of(*made).0);
+            AXES.map(|(axis, _)| axis[0] * (seen[0] - made[0]) + axis[1] * (seen[1] - made[1]))
+        };
+        let differences: Vec<[f64; 2]> = self.colours.iter().zip(plain).map(difference).collect();
+        let neighbour = |i: usize| {
+            let others = (0..self.normals.len()).filter(|&j| j != i);
+            others
+                .max_by(|&a, &b| self.normals[i].dot(self.normals[a]).total_cmp(&self.normals[i].dot(self.normals[b])))
+        };
+        let pairs: Vec<(usize, usize)> = (0..differences.len()).filter_map(|i| Some((i, neighbour(i)?))).collect();
+        let weight = |&(i, j): &(usize, usize)| self.weights[i] * self.weights[j];
+        let total: f64 = pairs.iter().map(weight).sum();
+        [0, 1].map(|axis| {
+            let product = |pair: &(usize, usize)| weight(pair) * differences[pair.0][axis] * differences[pair.1][axis];
+            (pairs.iter().map(product).sum::<f64>() / total.max(f64::MIN_POSITIVE)).max(0.0).sqrt()
+        })
+    }
+
+    /// Root mean square of what the tints leave of the photograph, relative.
+    fn misfit(&self, tints: &[DVec3]) -> f64 {
+        let (mut left, mut all) = (0.0, 0.0);
+        for (i, (seen, weight)) in self.colours.iter().zip(&self.weights).enumerate() {
+            for c in 0..3 {
+                let made: f64 = self.parts[c].col_as_slice(i).iter().zip(tints).map(|(g, t)| g * (1.0 + t[c])).sum();
+                left += weight * (seen[c] - made).powi(2);
+                all += weight * seen[c].powi(2);
+            }
+        }
+        (left / all.max(f64::MIN_POSITIVE)).sqrt()
+    }
+
+    /// Tints of red, green and blue that a unit along each axis is.
+    fn directions(&self) -> [DVec3; 2] {
+        let share = [0, 1, 2].map(|c| f64::from(luminance(Vec3::AXES[c])) * self.white[c]);
+        AXES.map(|([red, blue], sd)| sd * DVec3::new(red, -(share[0] * red + share[2] * blue) / share[1], blue))
+    }
+
+    /// Posterior mean of the tints of red, green and blue of every square. `error` is the relative
+    /// standard deviation of the model's error.
+    fn posterior(&self, plain: &[DVec3], error: f64, map: OctahedralMap) -> Vec<DVec3> {
+        let (count, rows) = (self.side * self.side, self.colours.len());
+        let directions = self.directions();
+        let mean = plain.iter().sum::<DVec3>() / rows as f64;
+        // Every channel of every observation, scaled to an error of one.
+        let precision = |c: usize, i: usize, plain: &DVec3| {
+            self.weights[i].sqrt() * (1.0 + FLOOR) / (error * (plain[c] + FLOOR * mean[c])).max(1e-12 * mean[c])
+        };
+        let mut system = Mat::<f64>::zeros(2 * count, 3 * rows);
+        let mut right = vec![0.0; 3 * rows];
+        for (i, plain) in plain.iter().enumerate() {
+            for c in 0..3 {
+                let (column, weight) = (3 * i + c, precision(c, i, plain));
+                right[column] = weight * (self.colours[i][c] - plain[c]);
+                let part = self.parts[c].col_as_slice(i);
+                let out = system.col_as_slice_mut(column);
+                for (axis, direction) in directions.iter().enumerate() {
+                    let factor = weight * direction[c];
+                    out[axis * count..][..count].iter_mut().zip(part).for_each(|(x, g)| *x = factor * g);
+                }
+            }
+        }
+        let mut normal = self.inverse_prior(map);
+        matmul(normal.as_mut(), Accum::Add, system.as_ref(), system.transpose(), 1.0, Par::Seq);
+        let moment: Vec<f64> = system.row_iter().map(|row| row.iter().zip(&right).map(|(x, r)| x * r).sum()).collect();
+        let solved = Cholesky::new(normal).map(|factor| factor.solve(&moment));
+        let solved = solved.unwrap_or_else(|| vec![0.0; 2 * count]);
+        (0..count).map(|k| solved[k] * directions[0] + solved[count + k] * directions[1]).collect()
+    }
+
+    /// Inverse of the correlations of the squares, for both axes.
+    fn inverse_prior(&self, map: OctahedralMap) -> Mat<f64> {
+        let count = self.side * self.side;
+        let centres: Vec<DVec3> = (0..count)
+            .map(|k| {
+                let (u, v) = LightGrid::centre_of(self.side, k);
+                map.direction(u, v)
+            })
+            .collect();
+        let (angle, share) = CORRELATED;
+        let correlation = Mat::from_fn(count, count, |i, j| {
+            let near = share * (-centres[i].angle_between(centres[j]) / angle).exp();
+            if i == j { 1.0 } else { near }
+        });
+        let one = Cholesky::new(correlation).expect("an exponential correlation is positive definite");
+        let inverse = one.solve_all(&Mat::identity(count, count));
+        Mat::from_fn(
+            2 * count,
+            2 * count,
+            |i, j| {
+                if i / count == j / count { inverse[(i % count, j % count)] } else { 0.0 }
+            },
+        )
+    }
+}
+
+/// Square, of `side` a side, that texel `t` of `fine` a side lies in.
+fn square_of(fine: usize, side: usize, t: usize) -> usize {
+    let wide = fine / side;
+    (t / fine / wide) * side + t % fine / wide
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,220 @@
+//! Tests against planted lights, and of the posterior against its closed form.
+
+use super::*;
+use crate::colour::{ColourPosterior, TwoColours};
+use crate::estimate::LightEstimator;
+use crate::lighting::PriorSettings;
+use crate::scene::{ObservationReport, sphere_points};
+use crate::testing::{lobe, on_threads, random};
+
+const MAP: OctahedralMap = OctahedralMap::EqualArea;
+
+/// Side of the planted lights.
+const FINE: usize = 16;
+
+fn prior() -> LightPrior {
+    let light = |seed: u64| {
+        let texel = |x: &f64| Vec3::splat((2.0 * x).exp() as f32);
+        LightGrid::from_texels(MAP, FINE, random(FINE * FINE, seed).iter().map(texel).collect())
+    };
+    let lights: Vec<LightGrid> = (0..8).map(light).collect();
+    LightPrior::learn(&lights, lights.len(), &PriorSettings { restarts: 1, seed: 1 }).unwrap()
+}
+
+/// A light of lamps and sky; `tint` is that of red and blue for a direction.
+fn planted(tint: impl Fn(DVec3) -> [f64; 2]) -> LightGrid {
+    let texel = |t: usize| {
+        let (u, v) = LightGrid::centre_of(FINE, t);
+        let d = MAP.direction(u, v);
+        let brightness = if d.y > 0.6 { 6.0 } else { 1.0 + 0.5 * d.x };
+        let [red, blue] = tint(d);
+        let (y, one) = ([0, 1, 2].map(|c| f64::from(luminance(Vec3::AXES[c]))), brightness);
+        let green = 1.0 - (y[0] * red + y[2] * blue) / y[1];
+        (one * DVec3::new(1.0 + red, green, 1.0 + blue)).as_vec3()
+    };
+    LightGrid::from_texels(MAP, FINE, (0..FINE * FINE).map(texel).collect())
+}
+
+/// From blue above to orange below, as captured light varies.
+fn natural(d: DVec3) -> [f64; 2] {
+    [-0.25 * d.y, 0.5 * d.y]
+}
+
+fn channel(light: &LightGrid, c: usize) -> LightGrid {
+    LightGrid::from_texels(MAP, FINE, light.texels().iter().map(|t| Vec3::splat(t[c])).collect())
+}
+
+/// Photograph of a ball of these colours, channel by channel; `noise` is relative.
+fn photograph(table: &BivariateTable, colours: &TwoColours, light: &LightGrid, noise: f64) -> Observations {
+    let settings = crate::scene::ObservationSettings { normals: 900, ..Default::default() };
+    let points = sphere_points(&settings);
+    let plan = PlanSettings { side: FINE, ..PlanSettings::default() };
+    let prior = prior();
+    let of_channel = |c: usize| -> Vec<f64> {
+        let tables = colours.tables(table);
+        let any = vec![Some(1.0); points.len()];
+        let (rows, _) = observed_rows((&points[..]).into(), &any, &tables[c..=c], &prior, &plan).unwrap();
+        let coefficients = channel(light, c).coefficients();
+        let noise = random(points.len(), 7 + c as u64).into_iter().map(|x| 1.0 + 3.0_f64.sqrt() * noise * x);
+        let row = |row: &[f32]| row.iter().zip(&coefficients).map(|(a, l)| f64::from(*a) * l).sum::<f64>();
+        rows.chunks(FINE * FINE).map(row).zip(noise).map(|(value, noise)| value * noise).collect()
+    };
+    let channels = [0, 1, 2].map(of_channel);
+    let colour = |i: usize| Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32));
+    Observations {
+        pixels: vec![(0.0, 0.0); points.len()],
+        values: (0..points.len()).map(|i| Some(f64::from(luminance(colour(i))))).collect(),
+        colours: (0..points.len()).map(|i| Some(colour(i))).collect(),
+        weights: vec![1.0; points.len()],
+        visibility: None,
+        open: vec![1.0; points.len()],
+        report: ObservationReport::default(),
+        fates: None,
+        dense: Vec::new(),
+        points,
+    }
+}
+
+/// The luminance of a light as if it had been found.
+fn found(light: &LightGrid) -> Light {
+    let grey = light.texels().iter().map(|t| Vec3::splat(luminance(*t))).collect();
+    Light {
+        grid: LightGrid::from_texels(MAP, FINE, grey),
+        coefficients: Vec::new(),
+        sd: Vec::new(),
+        exposure: 1.0,
+        estimator: LightEstimator::CutOff,
+        rows: 0,
+        objective: 0.0,
+        effective: 0.0,
+        trace: Vec::new(),
+        converged: true,
+        noise: 0.0,
+        relative_noise: 0.0,
+        misfit: 0.03,
+    }
+}
+
+/// Colours that were found to be these, in a light that is white as a whole.
+fn colouring(colours: &TwoColours) -> Colouring {
+    let mean = [colours.body.0, colours.highlight.0, [0.0; 2]].concat().try_into().unwrap();
+    let posterior = ColourPosterior { mean, covariance: [[0.0; 6]; 6], coloured: 0.0 };
+    Colouring::Estimate { posterior: Box::new(posterior), share: 0.3 }
+}
+
+fn tint(seen: &Observations, told: &TwoColours, light: &LightGrid) -> Tint {
+    let (table, light, told) = (table(), found(light), colouring(told));
+    Rows::of(&prior(), seen, &table, &told, FINE).unwrap().unwrap().under(&told, &light).unwrap()
+}
+
+fn table() -> BivariateTable {
+    lobe(0.1, 4.0, 0.12)
+}
+
+fn green() -> TwoColours {
+    TwoColours { body: Chroma([-0.6, -0.7]), highlight: Chroma([0.0, 0.0]) }
+}
+
+#[test]
+fn the_light_gets_its_colours_and_keeps_its_luminance() {
+    let light = planted(natural);
+    let got = tint(&photograph(&table(), &green(), &light, 0.0), &green(), &light);
+    let (mut off, mut all) = (0.0, 0.0);
+    for (t, (got, want)) in got.grid.texels().iter().zip(light.texels()).enumerate() {
+        assert!((luminance(*got) / luminance(*want) - 1.0).abs() < 1e-4);
+        let (u, v) = LightGrid::centre_of(FINE, t);
+        // The ball does not show what is behind it.
+        if MAP.direction(u, v).z > -0.5 {
+            let (got, want) = (Chroma::of(got.as_dvec3()), Chroma::of(want.as_dvec3()));
+            off += got.distance(want).powi(2);
+            all += want.distance(Chroma::default()).powi(2);
+        }
+    }
+    assert!((off / all).sqrt() < 0.3, "{}", (off / all).sqrt());
+    assert!(got.misfit < 0.02, "{}", got.misfit);
+    assert!(got.apart[0] > 0.1 && got.apart[1] < 0.05, "{:?}", got.apart);
+    assert_eq!(got.doubt(), None);
+}
+
+#[test]
+fn wrong_colours_are_doubted_in_natural_light_and_by_noise_alone_not() {
+    let light = planted(natural);
+    let seen = photograph(&table(), &green(), &light, 0.0);
+    let grey = tint(&seen, &TwoColours::default(), &light);
+    assert!(matches!(grey.doubt(), Some(Doubt::Colours(apart)) if apart > 0.3), "{:?}", grey.apart);
+    // The coloured light explains them all the same.
+    assert!(grey.misfit < 0.06, "{}", grey.misfit);
+    // Noise of a fifth in each channel is a difference of 0.34 in a single pixel. The mean product of
+    // 450 pixels is 0 but for the square of 0.09.
+    let noisy = tint(&photograph(&table(), &green(), &light, 0.2), &green(), &light);
+    assert!(noisy.apart[1] < 0.15 && noisy.doubt().is_none(), "{:?}", noisy.apart);
+}
+
+#[test]
+fn the_intervals_are_wider_by_what_is_left() {
+    let light = planted(natural);
+    let told = colouring(&TwoColours::default());
+    let tint = tint(&photograph(&table(), &green(), &light, 0.0), &TwoColours::default(), &light);
+    let Colouring::Estimate { posterior, .. } = told.less_certain(&tint) else { panic!("{told:?}") };
+    let [low, high] = posterior.intervals()[0];
+    assert!(low < -0.6 && high > 0.6, "{low} {high}");
+    // The light is no less certain.
+    assert_eq!(posterior.intervals()[4], [0.0, 0.0]);
+    assert_eq!(Colouring::Grey.less_certain(&tint), Colouring::Grey);
+}
+
+#[test]
+fn the_posterior_is_the_closed_form_in_the_space_of_the_image() {
+    // With K the prior covariance and X the image of the tints: K X' (X K X' + 1)^-1 r.
+    let light = planted(natural);
+    let mut seen = photograph(&table(), &green(), &light, 0.0).thinned(60);
+    seen.colours.iter_mut().flatten().for_each(|c| c.x *= 1.05);
+    let (light, told) = (found(&light), colouring(&green()));
+    let rows = Rows::of(&prior(), &seen, &table(), &told, FINE).unwrap().unwrap();
+    let images = Images::of(&rows, &told, &light).unwrap();
+    let (plain, error) = (images.plain(), 0.05);
+    let got = images.posterior(&plain, error, MAP);
+    let (count, directions) = (FINE * FINE, images.directions());
+    let centre = |k: usize| {
+        let (u, v) = LightGrid::centre_of(FINE, k);
+        MAP.direction(u, v)
+    };
+    let prior = |i: usize, j: usize| {
+        let near = CORRELATED.1 * (-centre(i).angle_between(centre(j)) / CORRELATED.0).exp();
+        if i == j { 1.0 } else { near }
+    };
+    let correlation = Mat::from_fn(count, count, prior);
+    let mean = plain.iter().sum::<DVec3>() / plain.len() as f64;
+    let size = 3 * plain.len();
+    let scale = |at: usize| (1.0 + FLOOR) / (error * (plain[at / 3][at % 3] + FLOOR * mean[at % 3]));
+    let part = |axis: usize| {
+        Mat::from_fn(size, count, |at, k| scale(at) * directions[axis][at % 3] * images.parts[at % 3][(k, at / 3)])
+    };
+    let (first, second) = (part(0), part(1));
+    let image = &first * &correlation * first.transpose() + &second * &correlation * second.transpose();
+    let right: Vec<f64> =
+        (0..size).map(|at| scale(at) * (images.colours[at / 3][at % 3] - plain[at / 3][at % 3])).collect();
+    let dual = Cholesky::new(image + Mat::<f64>::identity(size, size)).unwrap().solve(&right);
+    let dual = Mat::from_fn(size, 1, |i, _| dual[i]);
+    let fields = [first, second].map(|x| &correlation * x.transpose() * &dual);
+    for (k, got) in got.iter().enumerate() {
+        let want = fields[0][(k, 0)] * directions[0] + fields[1][(k, 0)] * directions[1];
+        assert!((*got - want).abs().max_element() < 1e-6, "{k}: {got} {want}");
+    }
+}
+
+#[test]
+fn threads_do_not_matter_and_grey_stays_grey() {
+    let light = planted(natural);
+    let seen = photograph(&table(), &green(), &light, 0.05);
+    let run = || tint(&seen, &green(), &light);
+    assert_eq!(on_threads(1, run), on_threads(3, run));
+    for told in [Colouring::Grey, Colouring::GreyPhotograph] {
+        assert!(Rows::of(&prior(), &seen, &table(), &told, FINE).unwrap().is_none());
+    }
+    let mut black = seen;
+    black.colours.iter_mut().flatten().for_each(|c| *c = Vec3::ZERO);
+    let told = colouring(&green());
+    let rows = Rows::of(&prior(), &black, &table(), &told, FINE).unwrap().unwrap();
+    assert!(rows.under(&told, &found(&light)).is_none());
+}

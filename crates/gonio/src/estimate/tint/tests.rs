@@ -144,8 +144,8 @@ fn wrong_colours_are_doubted_in_natural_light_and_by_noise_alone_not() {
     assert!(matches!(grey.doubt(), Some(Doubt::Colours(apart)) if apart > 0.3), "{:?}", grey.apart);
     // The coloured light explains them all the same.
     assert!(grey.misfit < 0.06, "{}", grey.misfit);
-    // Noise of a fifth in each channel is a difference of 0.34 in a single pixel. The mean product of
-    // 450 pixels is 0 but for the square of 0.09.
+    // Noise of a fifth in each channel is a difference of 0.34 in a single pixel. The mean product
+    // of 450 pixels is 0 but for the square of 0.09.
     let noisy = tint(&photograph(&table(), &green(), &light, 0.2), &green(), &light);
     assert!(noisy.apart[1] < 0.15 && noisy.doubt().is_none(), "{:?}", noisy.apart);
 }

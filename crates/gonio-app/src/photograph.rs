@@ -153,6 +153,9 @@ fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warnin
             ),
             vec![Remedy::Linear],
         )),
+        Encoding::LinearFloat if options.linear => {
+            Some(Warning::from(format!("{name}: holds linear numbers as it is: to say so changes nothing")))
+        }
         _ => None,
     };
     let layered = decoded.layer.as_ref().filter(|_| options.layer.is_none()).map(|layer| {

@@ -21,7 +21,7 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::Linear => "pass --linear if its values are linear radiance",
         Remedy::Layer => "take another with --layer NAME",
         Remedy::DepthRange => "give the range with --depth-range NEAR,FAR",
-        Remedy::Times => "give them with --times",
+        Remedy::Times => "--times takes them",
         Remedy::Separately => {
             "give each photograph by itself, or infer from all of them with `gonio batch IMAGE... -o DIR`"
         }

@@ -34,7 +34,7 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::Layer => "take another with layer=NAME",
         Remedy::Separately => "give each photograph by itself, or all of them to infer_many",
         Remedy::DepthRange => "give the range with depth_range=(near, far)",
-        Remedy::Times => "give them with times=[...]",
+        Remedy::Times => "times=[...] takes them",
         Remedy::Turn => "give the angle with second_yaw=DEGREES",
         Remedy::SecondOutline => "give the outline of the ball with second_circle=(x, y, radius)",
         Remedy::SecondMask => "give a mask with second_mask=",

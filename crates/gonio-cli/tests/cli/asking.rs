@@ -1,7 +1,7 @@
 //! What is asked of people, and what is told to them.
 
 use gonio::lighting::studio_light;
-use gonio_io::picture::encode_hdr;
+use gonio_io::picture::{encode_hdr, encode_pfm};
 
 use crate::support::{Bench, ball, exr};
 
@@ -23,6 +23,15 @@ fn short_help_fits_a_screen_and_long_help_has_headings() {
         let place = long.find(&format!(" {option}")).unwrap();
         assert!(at("Method") < place && place < at("Colour"), "{option}");
     }
+}
+
+#[test]
+fn options_that_a_file_does_not_need_are_told() {
+    let bench = Bench::with_ball();
+    bench.write("ball.pfm", &encode_pfm(&ball().rgb));
+    let said = bench.run("check ball.exr --linear").succeeds().stderr;
+    assert!(said.contains("ball.exr: holds linear numbers as it is"), "{said}");
+    bench.refuses("check ball.pfm --layer diffuse", &["ball.pfm: has no layers, as OpenEXR files have"]);
 }
 
 #[test]

@@ -61,8 +61,8 @@ pub struct ReadOptions {
     /// bytes.
     pub max_pixels: u64,
     /// Layer of an OpenEXR file to read, by its name or the last part of it, in any case; `rgb`
-    /// stands for channels without a layer. `None` takes the finished picture. No effect on other
-    /// files.
+    /// stands for channels without a layer. `None` takes the finished picture. Other files have no
+    /// layers: with a name they are not read.
     pub layer: Option<String>,
 }
 
@@ -204,7 +204,11 @@ pub fn read_stream(name: &Path, stream: impl Read, options: &ReadOptions) -> Res
 /// # Errors
 /// Like [`read`].
 pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
-    match Format::of(path, bytes)? {
+    let format = Format::of(path, bytes)?;
+    if options.layer.is_some() && format != Format::Exr {
+        return Err(Error::unsupported(path, "has no layers, as OpenEXR files have", "read it without naming one"));
+    }
+    match format {
         Format::Exr => exr::decode(path, bytes, options),
         Format::Radiance => radiance::decode(path, bytes, options),
         Format::Pfm => pfm::decode(path, bytes, options),
@@ -241,6 +245,14 @@ mod tests {
         check("a", b"what is this", Kind::Unsupported, "no known picture format");
         check("a.exr", b"what is this", Kind::Damaged, "does not begin like a .exr file");
         check("a.nef", b"MM\0\x2a rest", Kind::Unsupported, "raw");
+    }
+
+    #[test]
+    fn layers_are_those_of_openexr() {
+        let layer = ReadOptions { layer: Some("diffuse".into()), ..Default::default() };
+        let error = decode(Path::new("a.pfm"), b"Pf\n1 1\n-1.0\n\0\0\0\0", &layer).unwrap_err();
+        assert_eq!(error.kind(), Kind::Unsupported, "{error}");
+        assert!(error.to_string().contains("a.pfm: has no layers"), "{error}");
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! Answers do not depend on the number of threads.
 
-use super::{JOBS, Job, bench, job, same, written};
+use super::{Job, job, same, written};
 
 fn compare(job: &Job) {
-    let bench = bench();
+    let bench = job.bench();
     let mut first = None;
     for threads in [1, 2, 7] {
         let stem = format!("out{threads}");
@@ -18,8 +18,4 @@ fn an_answer_is_the_same_on_one_two_and_seven_threads() {
     compare(job("infer"));
 }
 
-#[test]
-#[ignore = "takes some minutes"]
-fn every_output_is_the_same_on_one_two_and_seven_threads() {
-    JOBS.iter().for_each(compare);
-}
+each_job!(on_one_two_and_seven_threads: compare);

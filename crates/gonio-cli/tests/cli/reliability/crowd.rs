@@ -3,9 +3,9 @@
 
 use std::process::{Child, Stdio};
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use super::{Job, Kind, job, leftovers, same, whole_or_absent, written};
+use super::{Job, Kind, Undisturbed, job, leftovers, same, whole_or_absent, written};
 use crate::support::Bench;
 
 /// Processes at once.
@@ -25,12 +25,12 @@ fn end(child: Child) -> (Option<i32>, String) {
 
 fn together(job: &Job) {
     let bench = job.bench();
-    let whole = job.undisturbed(&bench);
+    let whole = &job.undisturbed().files;
     let children: Vec<Child> = (0..CROWD).map(|_| start(&bench, &job.to("out"))).collect();
     for (code, said) in children.into_iter().map(end) {
         assert_eq!(code, Some(0), "{}: {said}", job.name);
     }
-    same(&written(&bench, &job.output("out")), &whole, job.name);
+    same(&written(&bench, &job.output("out")), whole, job.name);
     assert_eq!(leftovers(&bench), Vec::<String>::new(), "{}", job.name);
 }
 
@@ -46,10 +46,7 @@ each_job!(four_at_once_five_times: |job| (0..5).for_each(|_| together(job)));
 /// Removes the folder of the output while the command runs, at these parts of its time.
 fn removed(job: &Job, parts: &[f64]) {
     let bench = job.bench();
-    let whole = job.undisturbed(&bench);
-    let begin = Instant::now();
-    bench.run_with(&job.to("timed"), &[("GONIO_CACHE_DIR", "")]).succeeds();
-    let time = begin.elapsed();
+    let Undisturbed { files: whole, time } = job.undisturbed();
     let deep = bench.path("deep");
     for part in parts {
         std::fs::create_dir(&deep).unwrap();
@@ -58,7 +55,7 @@ fn removed(job: &Job, parts: &[f64]) {
         // Something may be written into it meanwhile.
         while deep.exists() && std::fs::remove_dir_all(&deep).is_err() {}
         let (code, said) = end(child);
-        if whole_or_absent(&bench, &job.output("deep/out"), &whole) {
+        if whole_or_absent(&bench, &job.output("deep/out"), whole) {
             assert_eq!(code, Some(0), "{}: {said}", job.name);
         } else {
             assert!(code == Some(0) || said.contains("deep"), "{}: {code:?} {said}", job.name);

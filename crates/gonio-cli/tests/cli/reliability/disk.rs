@@ -31,7 +31,7 @@ impl Drop for SmallDisk<'_> {
 /// Runs a job onto disks of several sizes; how many outputs were whole.
 fn fill(job: &Job, sizes: &[usize]) -> Option<usize> {
     let bench = job.bench();
-    let whole = job.undisturbed(&bench);
+    let whole = &job.undisturbed().files;
     let mut there = 0;
     for size in sizes {
         let folder = bench.path("disk");
@@ -39,7 +39,7 @@ fn fill(job: &Job, sizes: &[usize]) -> Option<usize> {
         let output = job.output("disk/out");
         let run = bench.run_with(&job.to("disk/out"), &[("GONIO_CACHE_DIR", "")]);
         if run.code == Some(0) {
-            same(&written(&bench, &output), &whole, job.name);
+            same(&written(&bench, &output), whole, job.name);
             there += 1;
         } else {
             assert_eq!(run.code, Some(2), "{}: {run:?}", job.name);
@@ -73,7 +73,7 @@ fn a_full_cache_costs_nothing_but_time() {
     let job = job("infer_cached");
     let bench = job.bench();
     let folder = bench.path("cache");
-    let mut whole = job.undisturbed(&bench);
+    let mut whole = job.undisturbed().files.clone();
     let Some(_disk) = SmallDisk::mount(&folder, 64) else { return };
     let run = bench.run_with(&job.to("out"), &[("GONIO_CACHE_DIR", folder.to_str().unwrap())]).succeeds();
     assert!(run.stderr.contains("warning: ") && run.stderr.contains("free some space"), "{run:?}");

@@ -99,7 +99,7 @@ fn kill(job: &Job, moments: usize) {
     // The next one ends well, with the cache as the killed ones left it, and clears away.
     let cache = bench.path("cache");
     bench.run_with(&job.to("out"), &[("GONIO_CACHE_DIR", cache.to_str().unwrap())]).succeeds();
-    same(&written(&bench, &output), &whole, job.name);
+    same(&written(&bench, &output), whole, job.name);
     let left: Vec<String> = leftovers(&bench).into_iter().filter(|path| path.ends_with(".unfinished")).collect();
     assert_eq!(left, Vec::<String>::new(), "{}", job.name);
     println!(

@@ -10,7 +10,8 @@ use crate::support::{Bench, SIZE, ball, exr, grey};
 #[test]
 fn new_results_take_the_place_of_earlier_ones() {
     let bench = Bench::with_ball();
-    bench.run_with("infer ball.exr -o out --grid 8", &[("GONIO_NO_REPORT", "0")]).succeeds();
+    bench.write_answer("out");
+    bench.write("out/report.html", b"old");
     bench.run("export out --to ward,gltf").succeeds();
     bench.write("out/notes.txt", b"mine");
     bench.write("out/export/scene.blend", b"mine");
@@ -118,7 +119,8 @@ fn the_next_run_removes_what_a_killed_one_left() {
     let bench = Bench::with_ball();
     let mut child = started(&bench, &format!("{LONG} out"), ".");
     // A run beside it leaves alone what is in use.
-    bench.run("infer ball.exr -o other --grid 8").succeeds();
+    bench.write_answer("done");
+    bench.run("export done -o other --to ward").succeeds();
     assert_eq!(hidden(&bench, ".").len(), 1);
     assert_eq!(told(&mut child, "-KILL"), Some(9));
     assert_eq!(hidden(&bench, ".").len(), 1);

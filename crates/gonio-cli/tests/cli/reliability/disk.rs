@@ -43,7 +43,9 @@ fn fill(job: &Job, sizes: &[usize]) -> Option<usize> {
             there += 1;
         } else {
             assert_eq!(run.code, Some(2), "{}: {run:?}", job.name);
-            assert!(run.stderr.contains("No space left") && run.stderr.contains("free some space"), "{run:?}");
+            for says in ["disk/out", "No space left", "free some space"] {
+                assert!(run.stderr.contains(says), "{says}: {run:?}");
+            }
             let nothing = job.kind == Kind::Batch || !bench.path(&output).exists();
             assert!(nothing, "{} on {size} kB: {:?}", job.name, bench.tree());
         }
@@ -64,6 +66,14 @@ fn fill_any(job: &Job) {
     let Some(there) = fill(job, &sizes) else { return };
     println!("{}: {there} of {} disks were large enough", job.name, sizes.len());
     assert!(there > 0, "{}", job.name);
+}
+
+#[test]
+fn a_full_disk_that_is_the_output_is_named_and_left_as_it_was() {
+    let bench = job("infer").bench();
+    let folder = bench.path("disk");
+    let Some(_disk) = SmallDisk::mount(&folder, 1024) else { return };
+    bench.refuses("infer ball.exr --grid 8 -o disk", &["disk/brdf.binary: cannot write", "free some space"]);
 }
 
 each_job!(a_disk_of_any_size: fill_any);

@@ -366,4 +366,12 @@ mod tests {
             assert!(parse_light(wrong).is_err(), "{wrong}");
         }
     }
+
+    #[test]
+    fn yes_and_no_are_said_in_several_ways() {
+        for (text, yes) in [("1", true), ("yes", true), ("TRUE", true), ("0", false), ("", false), ("no", false)] {
+            assert_eq!(parse_yes(text), Ok(yes), "{text:?}");
+        }
+        assert!(parse_yes("perhaps").is_err());
+    }
 }

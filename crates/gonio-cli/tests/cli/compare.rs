@@ -11,10 +11,7 @@ const WITH_PAGES: [(&str, &str); 1] = [("GONIO_NO_REPORT", "false")];
 
 /// Puts the result of the ball into a folder, with its notes changed.
 fn result(bench: &Bench, folder: &str, change: impl FnOnce(&mut Value)) {
-    fs::create_dir_all(bench.path(folder)).unwrap();
-    for (name, bytes) in &ANSWER.0 {
-        bench.write(&format!("{folder}/{name}"), bytes);
-    }
+    bench.write_answer(folder);
     let mut notes = ANSWER.json("result.json");
     change(&mut notes);
     bench.write(&format!("{folder}/result.json"), notes.to_string().as_bytes());

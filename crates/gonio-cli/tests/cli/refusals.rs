@@ -1,7 +1,6 @@
 //! `gonio infer` on bad input.
 
 use std::fs;
-use std::process::Command;
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
@@ -198,37 +197,4 @@ fn folders_that_cannot_be_made_are_refused() {
     bench.refuses("infer ball.exr -o file", &["file: cannot make the folder", "a file of that name exists"]);
     bench.refuses("infer ball.exr -o file/out", &["file/out: cannot make the folder"]);
     bench.refuses("infer ball.exr -o file/deep/out", &["file/deep/out: cannot make the folder"]);
-}
-
-/// A disk of a megabyte in memory, unmounted on drop.
-struct SmallDisk<'a>(&'a Bench);
-
-impl<'a> SmallDisk<'a> {
-    /// `None` where mounting is not permitted.
-    fn mount(bench: &'a Bench) -> Option<Self> {
-        fs::create_dir(bench.path("disk")).unwrap();
-        let mount = ["-t", "tmpfs", "-o", "size=1m", "gonio-test"];
-        let mounted = Command::new("mount").args(mount).arg(bench.path("disk")).output();
-        mounted.is_ok_and(|out| out.status.success()).then_some(Self(bench))
-    }
-}
-
-impl Drop for SmallDisk<'_> {
-    fn drop(&mut self) {
-        let _ = Command::new("umount").arg(self.0.path("disk")).status();
-    }
-}
-
-#[test]
-fn a_full_disk_is_named_and_left_as_it_was() {
-    let bench = Bench::with_ball();
-    let Some(_disk) = SmallDisk::mount(&bench) else {
-        eprintln!("skipped: no permission to mount a small disk");
-        return;
-    };
-    let infer = "infer ball.exr --grid 8 --normals normals.npy";
-    for out in ["disk/new", "disk"] {
-        let line = format!("{infer} -o {out}");
-        bench.refuses(&line, &[&format!("{out}/brdf.binary: cannot write"), "free some space"]);
-    }
 }

@@ -81,6 +81,14 @@ impl Bench {
         fs::write(self.path(name), bytes).unwrap();
     }
 
+    /// Writes [`ANSWER`] into a folder.
+    pub(crate) fn write_answer(&self, folder: &str) {
+        fs::create_dir_all(self.path(folder)).unwrap();
+        for (name, bytes) in &ANSWER.0 {
+            self.write(&format!("{folder}/{name}"), bytes);
+        }
+    }
+
     pub(crate) fn read(&self, name: &str) -> Vec<u8> {
         fs::read(self.path(name)).unwrap()
     }

@@ -5,7 +5,7 @@ use std::process::{Child, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-use super::{JOBS, Job, bench, job, leftovers, same, whole_or_absent, written};
+use super::{Job, Kind, Undisturbed, job, leftovers, same, whole_or_absent, written};
 use crate::support::Bench;
 
 /// Processes at once.
@@ -24,67 +24,61 @@ fn end(child: Child) -> (Option<i32>, String) {
 }
 
 fn together(job: &Job) {
-    let bench = bench();
-    let whole = job.undisturbed(&bench);
+    let bench = job.bench();
+    let whole = &job.undisturbed().files;
     let children: Vec<Child> = (0..CROWD).map(|_| start(&bench, &job.to("out"))).collect();
     for (code, said) in children.into_iter().map(end) {
         assert_eq!(code, Some(0), "{}: {said}", job.name);
     }
-    same(&written(&bench, &job.output("out")), &whole, job.name);
+    same(&written(&bench, &job.output("out")), whole, job.name);
     assert_eq!(leftovers(&bench), Vec::<String>::new(), "{}", job.name);
 }
 
 #[test]
 fn four_at_once_write_one_output() {
-    for name in ["infer with the cache", "merge"] {
+    for name in ["infer_cached", "merge"] {
         together(job(name));
     }
 }
 
-#[test]
-#[ignore = "takes some minutes"]
-fn four_of_every_command_at_once_write_one_output() {
-    for _ in 0..5 {
-        for job in &JOBS {
-            together(job);
+each_job!(four_at_once_five_times: |job| (0..5).for_each(|_| together(job)));
+
+/// Removes the folder of the output while the command runs, at these parts of its time.
+fn removed(job: &Job, parts: &[f64]) {
+    let bench = job.bench();
+    let Undisturbed { files: whole, time } = job.undisturbed();
+    let deep = bench.path("deep");
+    for part in parts {
+        std::fs::create_dir(&deep).unwrap();
+        let child = start(&bench, &job.to("deep/out"));
+        sleep(time.mul_f64(*part).min(Duration::from_secs(60)));
+        // Something may be written into it meanwhile.
+        while deep.exists() && std::fs::remove_dir_all(&deep).is_err() {}
+        let (code, said) = end(child);
+        if whole_or_absent(&bench, &job.output("deep/out"), whole) {
+            assert_eq!(code, Some(0), "{}: {said}", job.name);
+        } else {
+            assert!(code == Some(0) || said.contains("deep"), "{}: {code:?} {said}", job.name);
+            assert!(code != Some(101), "{}: {said}", job.name);
+        }
+        assert_eq!(leftovers(&bench), Vec::<String>::new(), "{}", job.name);
+        // Made again by a command that came late.
+        if deep.exists() {
+            std::fs::remove_dir_all(&deep).unwrap();
         }
     }
-}
-
-/// Removes the folder of the output while the command runs, `after` as a part of its time.
-fn removed(job: &Job, after: f64) {
-    let bench = bench();
-    let whole = job.undisturbed(&bench);
-    let begin = std::time::Instant::now();
-    bench.run_with(&job.to("timed"), &[("GONIO_CACHE_DIR", "")]).succeeds();
-    let time = begin.elapsed().mul_f64(after);
-    std::fs::create_dir(bench.path("deep")).unwrap();
-    let child = start(&bench, &job.to("deep/out"));
-    sleep(time.min(Duration::from_secs(60)));
-    // Something may be written into it meanwhile.
-    while bench.path("deep").exists() && std::fs::remove_dir_all(bench.path("deep")).is_err() {}
-    let (code, said) = end(child);
-    let output = job.output("deep/out");
-    if whole_or_absent(&bench, &output, &whole) {
-        assert_eq!(code, Some(0), "{}: {said}", job.name);
-    } else {
-        assert!(code == Some(0) || said.contains("deep"), "{}: {code:?} {said}", job.name);
-        assert!(code != Some(101), "{}: {said}", job.name);
-    }
-    assert_eq!(leftovers(&bench), Vec::<String>::new(), "{}", job.name);
 }
 
 #[test]
 fn a_folder_that_goes_is_named() {
-    removed(job("export"), 0.5);
+    removed(job("export"), &[0.5]);
 }
 
-#[test]
-#[ignore = "takes some minutes"]
-fn a_folder_that_goes_at_any_moment_is_named() {
-    for job in JOBS.iter().filter(|job| job.kind != super::Kind::Batch) {
-        for part in 1..10 {
-            removed(job, f64::from(part) / 10.0);
-        }
+/// A batch makes its folder anew for each row.
+fn removed_at_any_moment(job: &Job) {
+    if job.kind != Kind::Batch {
+        removed(job, &[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]);
     }
 }
+
+each_job!(a_folder_that_goes_at_any_moment: removed_at_any_moment);

@@ -3,8 +3,35 @@
 //! (`docs/reliability.md`).
 //!
 //! The tests that are run by default take a few moments each; the numbers of the page come from
-//! `cargo test --release -p gonio-cli --test cli reliability -- --ignored --nocapture`.
+//! `cargo test -p gonio-cli --test cli reliability -- --ignored --nocapture`.
 
+/// One ignored test for each command, in a module of its own: they can be run apart and beside each
+/// other.
+macro_rules! each_job {
+    ($module:ident: $run:expr) => {
+        mod $module {
+            use super::*;
+            use crate::reliability::JOBS;
+            each_job!(@ $run; infer infer_cached batch train_lighting train_reflectance merge export);
+        }
+    };
+    (@ $run:expr; $($name:ident)*) => {
+        $(
+            #[test]
+            #[ignore = "takes some minutes"]
+            fn $name() {
+                $run(job(stringify!($name)));
+            }
+        )*
+
+        #[test]
+        fn none_is_left_out() {
+            assert_eq!([$(stringify!($name)),*], JOBS.map(|job| job.name));
+        }
+    };
+}
+
+mod cache;
 mod crowd;
 mod disk;
 mod killed;
@@ -12,10 +39,12 @@ mod threads;
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::support::{Bench, encode_normals, exr};
+use crate::support::{Bench, encode_normals, exr, material, merl};
 
 /// Rows of the batch.
 const ROWS: [&str; 3] = ["one", "two", "three"];
@@ -29,6 +58,8 @@ pub(crate) struct Job {
     /// Whether the output is a folder that appears as one, files that do so each, or a folder that
     /// fills one after the other.
     kind: Kind,
+    /// Writes the files that it reads.
+    inputs: fn(&Bench),
 }
 
 /// How an output comes to be.
@@ -44,21 +75,33 @@ pub(crate) enum Kind {
 
 /// All commands that write something that takes its time.
 pub(crate) const JOBS: [Job; 7] = [
-    Job { name: "infer", line: "infer ball.exr --grid 8 -o OUT", kind: Kind::Folder },
+    Job { name: "infer", line: "infer ball.exr --grid 8 -o OUT", kind: Kind::Folder, inputs: ball },
     Job {
-        name: "infer with the cache",
+        name: "infer_cached",
         line: "infer ball.exr --normals normals.npy --method variational --starts 1 --grid 8 -o OUT",
         kind: Kind::Folder,
+        inputs: ball,
     },
-    Job { name: "batch", line: "batch list.csv -o OUT", kind: Kind::Batch },
-    Job { name: "train lighting", line: "train lighting lights -o OUT --grid 16 --turns 2", kind: Kind::File },
+    Job { name: "batch", line: "batch list.csv -o OUT", kind: Kind::Batch, inputs: list },
     Job {
-        name: "train reflectance",
+        name: "train_lighting",
+        line: "train lighting lights -o OUT --grid 16 --turns 2",
+        kind: Kind::File,
+        inputs: crate::train::lights,
+    },
+    Job {
+        name: "train_reflectance",
         line: "train reflectance materials -o OUT --rank 2 --restarts 2",
         kind: Kind::File,
+        inputs: crate::train::materials,
     },
-    Job { name: "merge", line: "merge a.png b.png c.png --times 1,0.5,0.25 -o OUT", kind: Kind::File },
-    Job { name: "export", line: "export in.binary --to merl,ward,mtlx -o OUT", kind: Kind::Folder },
+    Job {
+        name: "merge",
+        line: "merge a.png b.png c.png --times 1,0.5,0.25 -o OUT",
+        kind: Kind::File,
+        inputs: exposures,
+    },
+    Job { name: "export", line: "export in.binary --to merl,ward,mtlx -o OUT", kind: Kind::Folder, inputs: table },
 ];
 
 /// The job of a name.
@@ -77,33 +120,62 @@ impl Job {
         self.line.replace("OUT", &self.output(stem))
     }
 
-    /// What it writes when nobody disturbs it.
-    fn undisturbed(&self, bench: &Bench) -> BTreeMap<String, Vec<u8>> {
-        bench.run_with(&self.to("whole"), &[("GONIO_CACHE_DIR", "")]).succeeds();
-        written(bench, &self.output("whole"))
+    /// A folder with its inputs.
+    fn bench(&self) -> Bench {
+        let bench = Bench::new();
+        (self.inputs)(&bench);
+        bench
+    }
+
+    /// What it writes on two threads when nobody disturbs it, and how long that took: found once
+    /// for all tests.
+    fn undisturbed(&self) -> &'static Undisturbed {
+        static KNOWN: [OnceLock<Undisturbed>; JOBS.len()] = [const { OnceLock::new() }; JOBS.len()];
+        let at = JOBS.iter().position(|job| job.name == self.name).unwrap();
+        KNOWN[at].get_or_init(|| {
+            let bench = self.bench();
+            let start = Instant::now();
+            bench.run_with(&format!("{} --threads 2", self.to("whole")), &[("GONIO_CACHE_DIR", "")]).succeeds();
+            Undisturbed { time: start.elapsed(), files: written(&bench, &self.output("whole")) }
+        })
     }
 }
 
-/// Inputs of all jobs.
-pub(crate) fn bench() -> Bench {
-    let bench = Bench::with_light_and_material();
-    crate::train::lights(&bench);
-    crate::train::materials(&bench);
-    let ball = crate::support::ball();
-    bench.write("ball.exr", &exr(&ball));
+/// A run of a job that nothing came in the way of.
+struct Undisturbed {
+    files: Files,
+    time: Duration,
+}
+
+/// Content by name.
+type Files = BTreeMap<String, Vec<u8>>;
+
+fn ball(bench: &Bench) {
+    bench.write("ball.exr", &exr(&crate::support::ball()));
     bench.write("normals.npy", &encode_normals(&crate::support::normals(crate::support::SIZE)));
+}
+
+fn list(bench: &Bench) {
+    ball(bench);
     let rows: String = ROWS.map(|name| format!("{name},ball.exr,8\n")).concat();
     bench.write("list.csv", format!("name,image,grid\n{rows}").as_bytes());
+}
+
+fn exposures(bench: &Bench) {
+    let ball = crate::support::ball();
     for (name, gain) in [("a.png", 1.0), ("b.png", 0.5), ("c.png", 0.25)] {
         let shot = ball.rgb.map(|v| gain * *v);
         bench.write(name, &gonio_io::picture::encode_png(&shot));
     }
-    bench
+}
+
+fn table(bench: &Bench) {
+    gonio_io::merl::write(bench.path("in.binary"), &merl(&material(0.1, 0.3))).unwrap();
 }
 
 /// A file or the files of a folder and of those in it, by name, without what tells the time.
 /// Empty if there is nothing.
-fn written(bench: &Bench, name: &str) -> BTreeMap<String, Vec<u8>> {
+fn written(bench: &Bench, name: &str) -> Files {
     let path = bench.path(name);
     if path.is_file() {
         return [(String::new(), std::fs::read(&path).unwrap())].into();
@@ -147,7 +219,7 @@ fn timeless(name: &str, bytes: Vec<u8>) -> Option<Vec<u8>> {
 
 /// Checks that an output is as it should be, or is not there; whether it is there.
 #[track_caller]
-fn whole_or_absent(bench: &Bench, name: &str, whole: &BTreeMap<String, Vec<u8>>) -> bool {
+fn whole_or_absent(bench: &Bench, name: &str, whole: &Files) -> bool {
     let found = written(bench, name);
     if found.is_empty() && !bench.path(name).exists() {
         return false;
@@ -158,7 +230,7 @@ fn whole_or_absent(bench: &Bench, name: &str, whole: &BTreeMap<String, Vec<u8>>)
 
 /// Checks that two outputs are the same.
 #[track_caller]
-fn same(found: &BTreeMap<String, Vec<u8>>, whole: &BTreeMap<String, Vec<u8>>, what: &str) {
+fn same(found: &Files, whole: &Files, what: &str) {
     assert_eq!(found.keys().collect::<Vec<_>>(), whole.keys().collect::<Vec<_>>(), "{what}: files");
     for (file, bytes) in whole {
         let at = found[file].iter().zip(bytes).position(|(a, b)| a != b);

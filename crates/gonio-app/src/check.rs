@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
-use gonio::scene::{Found, ObservationSettings, separate_balls};
-use gonio_report::check::draw;
+use gonio::scene::{Circle, Found, ObservationSettings, separate_balls};
+use gonio_report::check::{draw, draw_candidates};
 use serde_json::{Value, json};
 
 use crate::regions::{Regions, may_be_several, parts};
@@ -28,28 +28,58 @@ pub struct Looked {
     pub seen: Seen,
 }
 
+/// Why a photograph could not be looked at.
+pub struct Unchecked {
+    /// What is wrong.
+    pub problem: Problem,
+    /// The photograph with the circles that may be the ball, numbered, as linear display values.
+    pub candidates: Option<Plane<Vec3>>,
+}
+
+impl From<Problem> for Unchecked {
+    fn from(problem: Problem) -> Self {
+        Self { problem, candidates: None }
+    }
+}
+
+impl Unchecked {
+    fn of(problem: Problem, picture: &Picture) -> Self {
+        let circles = problem.candidates();
+        let candidates = (!circles.is_empty()).then(|| draw_candidates(picture, circles));
+        Self { problem, candidates }
+    }
+}
+
 /// Finds what [`infer_all`](crate::regions::infer_all) would work on. Tells of the stage `reading`.
 ///
 /// # Errors
 /// If a file cannot be read, or an object cannot be found or shows too little; the input at fault
 /// is named.
-pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) -> Result<Checked, Problem> {
+pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) -> Result<Checked, Unchecked> {
     let mut warnings = Vec::new();
     journal.at("reading", 0.0);
     let shots = std::mem::replace(&mut scene.shots, Shots::Files(Vec::new()));
     let photograph: Photograph = shots.read(&scene.reading, scene.clip, &mut warnings)?;
-    let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size())?;
+    let mut of_mask = Vec::new();
+    let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut of_mask)?;
     let several = || may_be_several(&scene) && separate_balls(&photograph.picture, mask.as_ref()).len() > 1;
     let regions = regions.or_else(|| several().then_some(Regions::Balls));
+    // A scene that is looked at as a whole reads its mask itself.
+    if regions.is_some() {
+        warnings.append(&mut of_mask);
+    }
     let mut look = |scene: Scene| scene.look(&ObservationSettings::default(), None, &mut warnings, journal);
     let objects = match &regions {
         None => {
-            let seen = look(Scene { shots: Shots::Read(photograph.clone()), ..scene })?;
+            let seen = look(Scene { shots: Shots::Read(photograph.clone()), ..scene })
+                .map_err(|problem| Unchecked::of(problem, &photograph.picture))?;
             vec![Looked { name: None, seen }]
         }
         Some(regions) => {
             let mut objects = Vec::new();
-            for part in parts(&photograph.picture, mask.as_ref(), &scene, regions)? {
+            let parts = parts(&photograph.picture, mask.as_ref(), &scene, regions)
+                .map_err(|problem| Unchecked::of(problem, &photograph.picture))?;
+            for part in parts {
                 let seen = look(part.scene(&scene, &photograph))
                     .map_err(|problem| problem.within(&format!("region {}", part.name)))?;
                 objects.push(Looked { name: Some(part.name), seen });
@@ -93,7 +123,9 @@ impl Looked {
     pub fn outline(&self) -> String {
         match &self.seen.sighting.found {
             Found::Circle(circle) => {
-                format!("ball, circle {:.1},{:.1},{:.1} (x, y, radius in pixels)", circle.x, circle.y, circle.radius)
+                let Circle { x, y, radius } = circle;
+                let sure = self.seen.sighting.sureness.map(|sure| format!(", {sure}")).unwrap_or_default();
+                format!("ball, circle {x:.1},{y:.1},{radius:.1} (x, y, radius in pixels){sure}")
             }
             Found::Ball(centre) => {
                 format!("ball of radius 1 at {:.2},{:.2},{:.2} before the camera", centre.x, centre.y, centre.z)

@@ -17,6 +17,7 @@ pub mod compare;
 pub mod export;
 pub mod folder;
 mod journal;
+mod mask;
 pub mod notes;
 pub mod photograph;
 pub mod plan;
@@ -30,7 +31,7 @@ mod shape;
 pub mod training;
 
 pub use answer::{Answer, infer, read_light};
-pub use check::{Checked, Looked, check};
+pub use check::{Checked, Looked, Unchecked, check};
 pub use gonio::estimate::Alignment;
 pub use journal::Journal;
 pub use photograph::{Curve, Photograph, Reading, Shots};

@@ -285,6 +285,14 @@ pub fn sighting(sighting: &Sighting) -> Value {
     {
         shape.insert("projection".into(), json!(placed.camera.projection));
     }
+    if let Some(sureness) = sighting.sureness {
+        notes["sureness"] = json!({
+            "support": sureness.support,
+            "rival": sureness.rival,
+            "note": "the ball was found by a vote of the edges; support: share of its outline on which there is an edge \
+                     along it; rival: weight of the next circle, without the edges of the ball, relative to its",
+        });
+    }
     if let Some((seen, inside)) = sighting.pixels {
         notes["pixels"] = json!({ "seen": seen, "inside": inside });
     }

@@ -101,7 +101,7 @@ fn warning(name: &str, odd: &ProbeOddity) -> Warning {
 /// What helps the second photograph in place of what helps the first.
 fn of_second(remedy: Remedy) -> Remedy {
     match remedy {
-        Remedy::Outline => Remedy::SecondOutline,
+        Remedy::Outline | Remedy::OneOf(_) => Remedy::SecondOutline,
         Remedy::Mask => Remedy::SecondMask,
         other => other,
     }

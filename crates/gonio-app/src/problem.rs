@@ -4,7 +4,7 @@ use std::fmt::{self, Display};
 use std::io::ErrorKind;
 
 use gonio::remedy::Remedy;
-use gonio::scene::SceneError;
+use gonio::scene::{Circle, SceneError};
 
 /// How a front end words a remedy: a phrase that completes "give ... " or "or ..."; `None` for what
 /// it does not offer.
@@ -46,6 +46,15 @@ impl Problem {
     pub fn with(mut self, remedy: Remedy) -> Self {
         self.remedies.push(remedy);
         self
+    }
+
+    /// Circles of which one may be the outline of the ball, the most probable first.
+    pub fn candidates(&self) -> &[Circle] {
+        let circles = self.remedies.iter().find_map(|remedy| match remedy {
+            Remedy::OneOf(circles) => Some(circles.as_slice()),
+            _ => None,
+        });
+        circles.unwrap_or_default()
     }
 
     /// Error kind of the operating system, for problems of files.

@@ -91,7 +91,8 @@ pub fn infer_all(
     if may_be_several(&scene) && settings.method.search().is_none() {
         journal.at("reading", 0.0);
         let photograph = scene.shots.read(&scene.reading, scene.clip, &mut warnings)?;
-        let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size())?;
+        // What is odd about the mask is told when it is used.
+        let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut Vec::new())?;
         let several = separate_balls(&photograph.picture, mask.as_ref()).len() > 1;
         scene.shots = Shots::Read(photograph);
         if several {
@@ -148,7 +149,7 @@ fn of_regions(
 ) -> Result<Several, Problem> {
     journal.at("reading", 0.0);
     let photograph = scene.shots.clone().read(&scene.reading, scene.clip, &mut warnings)?;
-    let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size())?;
+    let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut warnings)?;
     let parts = parts(&photograph.picture, mask.as_ref(), &scene, regions)?;
     let mut looked = Vec::new();
     for part in &parts {

@@ -6,6 +6,7 @@ use gonio::shape::Visibility;
 use gonio::sphere::OctahedralMap;
 use serde_json::{Value, json};
 
+use crate::mask::{alike, resampled};
 use crate::{Journal, Photograph, Problem, Reading, Shape, Shots, Source, Warning, notes};
 
 /// A photograph and what is known of its object.
@@ -62,7 +63,7 @@ impl Scene {
         let Photograph { picture, clip, notes: bracket } = self.shots.read(&self.reading, self.clip, warnings)?;
         let size = picture.rgb.size();
         let names = Names::of(&self.name, self.mask.as_ref(), &self.shape);
-        let mask = read_mask(self.mask, size)?;
+        let mask = read_mask(self.mask, size, warnings)?;
         journal.at("reading", 0.5);
         let (object, own_notes) = self.shape.object(&self.name, size, warnings)?;
         Ok(Opened { picture, clip, bracket, mask, object, own_notes, names })
@@ -103,11 +104,16 @@ impl Scene {
     }
 }
 
-/// Reads a mask for a photograph of `size`.
+/// Reads a mask for a photograph of `size`. One that is smaller or larger, but of the same ratio of
+/// width to height, is scaled, with a warning.
 ///
 /// # Errors
-/// If the file cannot be read, or the mask is of another size.
-pub(crate) fn read_mask(mask: Option<Source<Plane<f32>>>, size: (usize, usize)) -> Result<Option<Plane<f32>>, Problem> {
+/// If the file cannot be read, or the mask cannot be scaled.
+pub(crate) fn read_mask(
+    mask: Option<Source<Plane<f32>>>,
+    size: (usize, usize),
+    warnings: &mut Vec<Warning>,
+) -> Result<Option<Plane<f32>>, Problem> {
     let Some(source) = mask else { return Ok(None) };
     let name = source.name(UNNAMED_MASK);
     let mask = match source {
@@ -118,8 +124,15 @@ pub(crate) fn read_mask(mask: Option<Source<Plane<f32>>>, size: (usize, usize)) 
         return Ok(Some(mask));
     }
     let ((w, h), (pw, ph)) = (mask.size(), size);
-    let problem = format!("the mask is {w}x{h}, the photograph {pw}x{ph}; give one of the same size");
-    Err(if name == UNNAMED_MASK { Problem::new(problem) } else { Problem::of(name, problem) })
+    let said = |what: &str| {
+        let text = format!("the mask is {w}x{h}, the photograph {pw}x{ph}; {what}");
+        if name == UNNAMED_MASK { text } else { format!("{name}: {text}") }
+    };
+    if !alike(mask.size(), size) {
+        return Err(Problem::new(said("give one of the same size, or one that scales to it by at most eight times")));
+    }
+    warnings.push(said("it was scaled").into());
+    Ok(Some(resampled(&mask, size)))
 }
 
 /// How messages call a mask without a file.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio_app::{Checked, Journal, check};
+use gonio_app::{Checked, Journal, Unchecked, check};
 use gonio_io::atomic::write_file;
 use gonio_io::picture::{encode_png_signed, is_signed};
 use serde_json::json;
@@ -25,8 +25,9 @@ pub(crate) struct Options {
     scene: SceneOptions,
     /// Picture to write; IMAGE-check.png beside the photograph if not given
     ///
-    /// It shows the outline of the object, clipped and faulty pixels and what else is left out. The
-    /// picture beside the photograph is replaced only if gonio check wrote it.
+    /// It shows the outline of the object, clipped and faulty pixels and what else is left out, or
+    /// circles by number where it is not sure which is the ball. The picture beside the photograph
+    /// is replaced only if gonio check wrote it.
     #[arg(short, long, value_name = "X.png", help_heading = "Output")]
     output: Option<PathBuf>,
 }
@@ -69,7 +70,14 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let line = Stages::new("reading");
     let listener = |stage, fraction| line.at(stage, fraction);
     let journal = Journal::new("reading", &listener);
-    let checked = check(scene, regions, &journal).map_err(plain)?;
+    let checked = match check(scene, regions, &journal) {
+        Ok(checked) => checked,
+        Err(Unchecked { problem, candidates: None }) => return Err(plain(problem)),
+        Err(Unchecked { problem, candidates: Some(picture) }) => {
+            write_file(&output, &encode_png_signed(&picture, SIGNATURE))?;
+            bail!("{}; see {}", plain(problem), output.display());
+        }
+    };
     journal.at("drawing", 0.0);
     write_file(&output, &encode_png_signed(&checked.draw(), SIGNATURE))?;
     line.finish();

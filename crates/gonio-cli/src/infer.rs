@@ -325,6 +325,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         answer.seen.sighting.observations.report.used_pixels,
         start.elapsed().as_secs_f64()
     );
+    if let Some(sureness) = answer.seen.sighting.sureness {
+        text += &format!("\nball {sureness}");
+    }
     if let Some(material) = &answer.material {
         text += &format!("\n{}", sharpness(material));
     }

@@ -29,7 +29,7 @@ pub(crate) struct Options {
     #[arg(short, long, value_name = "X.exr")]
     output: PathBuf,
     /// Where the ball is: a picture that is bright on it; without one, the alpha channel or a
-    /// constant background tells
+    /// plain background tells, or the edges of the ball
     #[arg(long, value_name = "FILE")]
     mask: Option<PathBuf>,
     /// The ball's outline in pixels, centre from the top left corner, if it is not to be found

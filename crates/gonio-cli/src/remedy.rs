@@ -1,7 +1,7 @@
 //! Remedies in the words of the program: its options.
 
 use gonio::remedy::Remedy;
-use gonio::scene::Correction;
+use gonio::scene::{Circle, Correction};
 use gonio_app::{Problem, Warning};
 
 /// Words a remedy as an option.
@@ -16,6 +16,7 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::Mesh => "give the shape with --mesh FILE",
         Remedy::Normals => "give the shape with --normals FILE",
         Remedy::NormalAxes(corrections) => return axes(corrections),
+        Remedy::OneOf(circles) => return one_of(circles),
         Remedy::TrustNormals => "take them as they are with --trust-normals",
         Remedy::KeepColours => "use them with --keep-colors",
         Remedy::Linear => "pass --linear if its values are linear radiance",
@@ -49,6 +50,20 @@ fn axes(corrections: &[Correction]) -> Option<String> {
     Some(format!("give {}{others}", options(first)))
 }
 
+/// Lists the option of each circle, numbered as in the picture of `gonio check`.
+fn one_of(circles: &[Circle]) -> Option<String> {
+    let option = |circle: &Circle| format!("--circle {:.1},{:.1},{:.1}", circle.x, circle.y, circle.radius);
+    let numbered = |(at, circle): (usize, &Circle)| format!("({}) {}", at + 1, option(circle));
+    match circles {
+        [] => None,
+        [one] => Some(format!("give it with {} if that is the ball", option(one))),
+        several => {
+            let listed: Vec<String> = several.iter().enumerate().map(numbered).collect();
+            Some(format!("give the right one, numbered in the picture that gonio check makes: {}", listed.join(", ")))
+        }
+    }
+}
+
 /// Words warnings for the user of the program.
 pub(crate) fn worded(warnings: &[Warning]) -> Vec<String> {
     warnings.iter().map(|warning| warning.worded(&words)).collect()
@@ -70,5 +85,20 @@ mod tests {
         let worded = words(&Remedy::NormalAxes(vec![flip, swap])).unwrap();
         assert_eq!(worded, "give --normals-flip-y (or --normals-order yxz --normals-flip-y)");
         assert_eq!(words(&Remedy::NormalAxes(Vec::new())), None);
+    }
+
+    #[test]
+    fn circles_are_options_too() {
+        let circles = [30.04, 50.0].map(|x| Circle { x, y: 40.0, radius: 20.26 }).to_vec();
+        assert!(
+            words(&Remedy::OneOf(circles.clone()))
+                .unwrap()
+                .ends_with(": (1) --circle 30.0,40.0,20.3, (2) --circle 50.0,40.0,20.3")
+        );
+        assert_eq!(
+            words(&Remedy::OneOf(circles[..1].to_vec())).unwrap(),
+            "give it with --circle 30.0,40.0,20.3 if that is the ball"
+        );
+        assert_eq!(words(&Remedy::OneOf(Vec::new())), None);
     }
 }

@@ -4,6 +4,7 @@ use std::io::ErrorKind;
 use std::sync::Mutex;
 
 use gonio::remedy::Remedy;
+use gonio::scene::Circle;
 use gonio_app::{Problem, Warning};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -27,6 +28,11 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
             let flips = first.flips().into_iter().map(|axis| format!("normals_flip_{axis}=True"));
             let given = order.into_iter().chain(flips).collect::<Vec<_>>().join(" and ");
             return Some(format!("give {given}"));
+        }
+        Remedy::OneOf(circles) => {
+            let argument = |circle: &Circle| format!("circle=({:.1}, {:.1}, {:.1})", circle.x, circle.y, circle.radius);
+            let listed: Vec<String> = circles.iter().map(argument).collect();
+            return (!listed.is_empty()).then(|| format!("give the right one with {}", listed.join(" or ")));
         }
         Remedy::TrustNormals => "take them as they are with trust_normals=True",
         Remedy::KeepColours => "use them with keep_colors=True",

@@ -30,7 +30,8 @@ pub(crate) fn check<'py>(
     let (scene, regions) = (scene.take()?, regions.map(GivenRegions::take).transpose()?);
     let (picture, outlines, notes, warnings) = work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
-        let checked = look_at(scene, regions, &Journal::new("reading", &listener))?;
+        let checked =
+            look_at(scene, regions, &Journal::new("reading", &listener)).map_err(|unchecked| unchecked.problem)?;
         let outlines: Vec<String> = checked.objects.iter().map(gonio_app::Looked::outline).collect();
         Ok((checked.draw(), outlines, checked.notes(), worded(&checked.warnings)))
     })?;

@@ -1,12 +1,14 @@
 //! Picture of a photograph before anything is inferred: where the object is, and which pixels of it
 //! are left out.
 
+use std::f64::consts::{PI, TAU};
+
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::render::Exposure;
-use gonio::scene::{Fate, Sighting};
+use gonio::scene::{Circle, Fate, Sighting};
 
-use crate::canvas::{OUTLINE, with_legend};
+use crate::canvas::{OUTLINE, PAPER, fill, heading, with_legend};
 use crate::panels::over_paper;
 use crate::panels::used::{MARKS, legend};
 
@@ -21,6 +23,75 @@ const SHADE: f32 = 0.35;
 
 /// Width of the outline, pixels.
 const WEIGHT: usize = 2;
+
+/// Factor by which the photograph is darkened under numbered circles.
+const UNDER: f32 = 0.6;
+/// Side of the square behind a number, pixels.
+const BADGE: usize = 28;
+
+/// Draws the photograph with circles and their numbers, which a legend gives in pixels of the
+/// photograph. Linear display values in 0..=1.
+pub fn draw_candidates(picture: &Picture, circles: &[Circle]) -> Plane<Vec3> {
+    let finite = |i: usize| picture.rgb.as_slice()[i].is_finite();
+    let shown = over_paper(picture, Exposure::by_quantile(&picture.rgb, finite, 0.9, 0.6));
+    let frame = Frame::of(shown.size());
+    let mut drawn = Plane::from_fn(frame.size.0, frame.size.1, |x, y| {
+        let on_rim = |circle: &Circle| {
+            let pixel = frame.pixel();
+            let off = ((x as f64 + 0.5) * pixel - circle.x).hypot((y as f64 + 0.5) * pixel - circle.y);
+            (off - circle.radius).abs() <= 0.5 * WEIGHT as f64 * pixel
+        };
+        if circles.iter().any(on_rim) { OUTLINE } else { UNDER * shown[frame.first(x, y)] }
+    });
+    let mut lines = Vec::new();
+    for (at, Circle { x, y, radius }) in circles.iter().enumerate() {
+        // On the circle, each at another side: circles within each other often touch.
+        let (down, right) = (1.25 * PI + TAU * at as f64 / 5.0).sin_cos();
+        let corner = |centre: f64, toward: f64, most: usize| {
+            let place = (centre + toward * radius) / frame.pixel() - 0.5 * BADGE as f64;
+            (place.max(0.0) as usize).min(most.saturating_sub(BADGE))
+        };
+        let (left, top) = (corner(*x, right, frame.size.0), corner(*y, down, frame.size.1));
+        fill(&mut drawn, (left, top), (BADGE, BADGE), PAPER);
+        heading(&mut drawn, left + 9, top + 3, &format!("{}", at + 1));
+        lines.push((OUTLINE, format!("{}: centre {x:.1}, {y:.1}, radius {radius:.1}", at + 1)));
+    }
+    with_legend(&drawn, WIDTH, &lines)
+}
+
+/// Reduces a large photograph, and enlarges a small one, by whole numbers.
+struct Frame {
+    /// Columns and rows of the picture.
+    size: (usize, usize),
+    /// Pixels of the photograph that share one of the picture along a side, and the reverse.
+    step: usize,
+    times: usize,
+}
+
+impl Frame {
+    fn of((width, height): (usize, usize)) -> Self {
+        let longest = width.max(height);
+        let (step, times) = (longest.div_ceil(SIDE), (LEAST / longest).max(1));
+        Self { size: (width.div_ceil(step) * times, height.div_ceil(step) * times), step, times }
+    }
+
+    /// Side of a pixel of the picture in pixels of the photograph.
+    fn pixel(&self) -> f64 {
+        self.step as f64 / self.times as f64
+    }
+
+    /// The first pixel of the photograph behind one of the picture.
+    fn first(&self, x: usize, y: usize) -> (usize, usize) {
+        (x / self.times * self.step, y / self.times * self.step)
+    }
+
+    /// The pixels of the photograph, of `size`, behind one of the picture.
+    fn behind(&self, x: usize, y: usize, size: (usize, usize)) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let (first, step) = (self.first(x, y), self.step);
+        let span = move |from: usize, most: usize| from..(from + step).min(most);
+        span(first.1, size.1).flat_map(move |v| span(first.0, size.0).map(move |u| (u, v)))
+    }
+}
 
 /// Draws the photograph, dark outside of the objects, with their outlines and the pixels that are
 /// left out. Linear display values in 0..=1.
@@ -39,17 +110,10 @@ pub fn draw(picture: &Picture, sightings: &[&Sighting]) -> Plane<Vec3> {
     };
     let exposure = Exposure::by_quantile(&picture.rgb, observed, 0.9, 0.6);
     let shown = over_paper(picture, exposure);
-    let longest = width.max(height);
-    // Of large photographs several pixels share one of the picture, and the reverse of small ones.
-    let (step, times) = (longest.div_ceil(SIDE), (LEAST / longest).max(1));
-    let size = (width.div_ceil(step) * times, height.div_ceil(step) * times);
-    let behind = |x: usize, y: usize| {
-        let span = |at: usize, most: usize| at / times * step..((at / times + 1) * step).min(most);
-        span(y, height).flat_map(move |v| span(x, width).map(move |u| (u, v)))
-    };
-    let first = |x: usize, y: usize| (x / times * step, y / times * step);
+    let frame = Frame::of((width, height));
+    let (size, first) = (frame.size, |x: usize, y: usize| frame.first(x, y));
     let photograph = Plane::from_fn(size.0, size.1, |x, y| {
-        let mark = MARKS.iter().find(|mark| behind(x, y).any(|at| mark.marks(fates[at])));
+        let mark = MARKS.iter().find(|mark| frame.behind(x, y, (width, height)).any(|at| mark.marks(fates[at])));
         let own = owner[first(x, y)];
         let ends = (1..=WEIGHT)
             .flat_map(|d| [(x.saturating_sub(d), y), (x, y.saturating_sub(d)), (x + d, y), (x, y + d)])

@@ -1,16 +1,17 @@
-// Lets the user mark a ball whose outline could not be found: by dragging from its centre to its rim, or by numbers.
+// Lets the user mark a ball, or move the outline that was found: by dragging, or by numbers.
 //
 //     const outline = gonioOutline(stage, form, (x, y, radius) => ...);
 //     outline.show(size, circle); // of the photograph in pixels; the circle may be missing
-//     outline.ask(why);
+//     outline.ask(why, guess); // where none was found
 globalThis.gonioOutline = (() => {
   "use strict";
 
   const SVG = "http://www.w3.org/2000/svg";
+  const RIM = 0.75; // share of the radius outside of which a drag changes the radius, and inside moves the circle
 
   return function gonioOutline(stage, form, done) {
     const [svg, circle] = [stage.querySelector("svg"), document.createElementNS(SVG, "circle")];
-    let [size, centre] = [[1, 1], null];
+    let [size, drag] = [[1, 1], null]; // drag: a place to the circle, as the pointer goes on
     const text = document.createElement("p");
     const inputs = ["Centre, from the left", "Centre, from the top", "Radius"].map((name) => {
       const input = Object.assign(document.createElement("input"), { type: "number", step: "any", min: 0, required: true });
@@ -29,25 +30,35 @@ globalThis.gonioOutline = (() => {
       svg.replaceChildren(circle);
     }
 
+    function set(marked) {
+      inputs.forEach(({ input }, i) => (input.value = marked[i].toFixed(1)));
+      draw(marked);
+    }
+
     function place(event) {
       const box = svg.getBoundingClientRect();
       return [((event.clientX - box.left) / box.width) * size[0], ((event.clientY - box.top) / box.height) * size[1]];
     }
 
     stage.onpointerdown = (event) => {
-      if (form.hidden || !event.isPrimary) return;
+      const marking = stage.classList.contains("marking");
+      if (form.hidden || !event.isPrimary || !(marking || event.target === circle)) return;
       event.preventDefault();
       stage.setPointerCapture(event.pointerId);
-      centre = place(event);
+      const [[u, v], [x, y, radius]] = [place(event), values()];
+      const off = Math.hypot(u - x, v - y);
+      const resize = (a, b, c, d) => [a, b, Math.hypot(c - a, d - b)];
+      if (marking) drag = (c, d) => resize(u, v, c, d);
+      else if (off > RIM * radius) drag = (c, d) => resize(x, y, c, d);
+      else drag = (c, d) => [x + c - u, y + d - v, radius];
     };
-    stage.onpointermove = (event) => {
-      if (!centre) return;
-      const [x, y] = place(event);
-      const marked = [...centre, Math.hypot(x - centre[0], y - centre[1])];
-      inputs.forEach(({ input }, i) => (input.value = marked[i].toFixed(1)));
-      draw(marked);
+    stage.onpointermove = (event) => drag && set(drag(...place(event)));
+    stage.onpointercancel = () => (drag = null);
+    stage.onpointerup = () => {
+      if (!drag) return;
+      drag = null;
+      if (!stage.classList.contains("marking")) done(...values());
     };
-    stage.onpointerup = stage.onpointercancel = () => (centre = null);
     form.onsubmit = (event) => {
       event.preventDefault();
       done(...values());
@@ -57,19 +68,19 @@ globalThis.gonioOutline = (() => {
       show(pixels, found) {
         size = pixels;
         svg.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
-        draw(found ? [found.x, found.y, found.radius] : []);
-        form.hidden = true;
         stage.classList.remove("marking");
+        form.hidden = !found;
+        if (!found) return draw([]);
+        text.textContent = "If it is not right, drag it: inside to move it, at the rim to change the radius.";
+        set([found.x, found.y, found.radius]);
       },
-      ask(why) {
+      ask(why, guess) {
         text.textContent = `${why} Mark the ball: drag on the photograph from its centre to its rim, or give both in pixels.`;
         form.hidden = false;
         stage.classList.add("marking");
-        if (!values().every(Number.isFinite)) {
-          const guess = [size[0] / 2, size[1] / 2, 0.35 * Math.min(...size)];
-          inputs.forEach(({ input }, i) => (input.value = guess[i].toFixed(1)));
-        }
-        draw(values());
+        if (guess) set([guess.x, guess.y, guess.radius]);
+        else if (!values().every(Number.isFinite)) set([size[0] / 2, size[1] / 2, 0.35 * Math.min(...size)]);
+        else draw(values());
       },
     };
   };

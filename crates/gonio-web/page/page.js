@@ -44,7 +44,8 @@
   for (const part of [compiled, learnt]) part.catch(() => {}); // told when a photograph comes
   let run = null; // what is shown: its worker, viewer, and what came back so far
   const outline = gonioOutline(document.querySelector(".stage"), at("outline"), (...marked) => {
-    at("trouble").hidden = true;
+    for (const id of ["trouble", "cells", "downloads"]) at(id).hidden = true;
+    run.start = performance.now();
     run.worker.postMessage({ outline: marked });
   });
 
@@ -123,18 +124,22 @@
     show("results");
   }
 
-  function ball({ circle, used, warnings }) {
+  function ball({ circle, sure, used, warnings }) {
     if (!circle) return;
     run.warnings = warnings;
     outline.show(run.size, circle);
-    at("photograph").querySelector("figcaption").textContent =
-      `${run.name}, ${run.size.join(" × ")} pixels. Dashed: the outline of the ball, radius ${circle.radius.toFixed(1)} pixels; ` +
-      `${used.toLocaleString("en")} places on it were looked at.`;
+    const numbers = [circle.x, circle.y, circle.radius].map((value) => value.toFixed(1));
+    // Quoted for a shell whatever the name holds.
+    const command = `gonio infer '${run.name.replaceAll("'", "'\\''")}' --circle ${numbers}`;
+    at("photograph").querySelector("figcaption").replaceChildren(
+      `${run.name}, ${run.size.join(" × ")} pixels. Dashed: the outline of the ball, radius ${numbers[2]} pixels` +
+      `${sure ? `, ${sure}` : ""}; ${used.toLocaleString("en")} places on it were looked at. The same by the program: `,
+      make("code", { textContent: command }));
   }
 
-  function unfound({ why }) {
+  function unfound({ why, guess }) {
     stepOf("ball").className = "";
-    outline.ask(`No outline was found: ${why}.`);
+    outline.ask(`No outline was found: ${why}.`, guess);
     tell("The ball was not found: mark it on the photograph.");
     at("outline").scrollIntoView({ block: "nearest" });
   }

@@ -32,8 +32,8 @@ function open({ module, model, name, bytes }) {
 }
 
 function observe(outline) {
-  const { circle, why } = step("ball", () => JSON.parse(session.observe(outline && Float64Array.from(outline))));
-  if (!circle) return postMessage({ event: "outline", why });
+  const { circle, why, guess } = step("ball", () => JSON.parse(session.observe(outline && Float64Array.from(outline))));
+  if (!circle) return postMessage({ event: "outline", why, guess });
   step("material", () => JSON.parse(session.material()));
   for (const side of GRIDS) step(`light ${side}`, () => JSON.parse(session.light(side)));
   step("drawing", () => ({ uncertainty: session.uncertainty() }));

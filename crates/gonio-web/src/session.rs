@@ -9,6 +9,7 @@ use gonio::estimate::{Colouring, ColouringRule, Estimate, EstimateSettings, Ligh
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::reflectance::MerlTable;
+use gonio::remedy::Remedy;
 use gonio::scene::{Circle, Object, ObservationSettings, SceneError, Sighting};
 use gonio_app::notes::{self, Account};
 use gonio_app::photograph::decode_picture;
@@ -97,8 +98,8 @@ impl Session {
     }
 
     /// Finds the ball and samples the photograph on it. A given outline `[x, y, radius]` in pixels
-    /// replaces the search. Where none can be found, the result says `why`, and the user may give
-    /// one.
+    /// replaces the search. Where none can be found, the result says `why`, and `guess` has one
+    /// that may be it; the user may give one.
     ///
     /// # Errors
     /// If too little of the ball can be used.
@@ -114,11 +115,15 @@ impl Session {
             Err(error) if error.is_of_outline() || error == SceneError::NoOutline => {
                 return Ok(json!({ "why": error.to_string() }));
             }
+            Err(error @ (SceneError::Several { .. } | SceneError::Unsure { .. })) => {
+                return Ok(json!({ "why": error.to_string(), "guess": guess(&error) }));
+            }
             Err(error) => return Err(self.blamed(&error)),
         };
         let oddities = sighting.oddities.iter().map(ToString::to_string);
         let notes = json!({
             "circle": sighting.circle(),
+            "sure": sighting.sureness.map(|sure| sure.to_string()),
             "used": sighting.observations.report.used,
             "warnings": self.warnings.iter().cloned().chain(oddities).collect::<Vec<_>>(),
         });
@@ -250,6 +255,14 @@ impl Session {
     fn blamed(&self, error: &dyn std::error::Error) -> String {
         format!("{}: {error}", self.name)
     }
+}
+
+/// The circle that is the most probable outline of those that an error names.
+fn guess(error: &SceneError) -> Option<Circle> {
+    error.remedies().into_iter().find_map(|remedy| match remedy {
+        Remedy::OneOf(circles) => circles.first().copied(),
+        _ => None,
+    })
 }
 
 /// Encodes linear display values as the data URL of a PNG.

@@ -135,6 +135,19 @@ try {
   check((await keep(page, "brdf_rgb.bsdf")).subarray(0, 12).toString() === "tensor_file\0", "brdf_rgb.bsdf is no tensor file");
   check((await keep(page, "light.exr")).readUInt32LE(0) === 20000630, "light.exr is no OpenEXR file");
   const result = JSON.parse(await keep(page, "result.json"));
+  // A drag of the outline asks anew, and the command says so.
+  const command = () => page.textContent("#photograph code");
+  const [told, circle] = [await command(), await page.locator(".stage circle").boundingBox()];
+  check(told.startsWith(`gonio infer '${basename(photograph)}' --circle `), `the command is ${told}`);
+  const [x, y] = [circle.x + circle.width / 2, circle.y + circle.height / 2];
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x + 3, y, { steps: 3 });
+  await page.mouse.up();
+  await page.waitForFunction((told) => document.querySelector("#photograph code").textContent !== told, told);
+  await page.waitForFunction(isFinished);
+  const moved = [told, await command()].map((text) => Number(text.match(/--circle ([\d.]+)/)[1]));
+  check(moved[1] > moved[0], `dragged to the right the circle goes from ${moved[0]} to ${moved[1]}`);
   check(result.format === "gonio-result" && result.settings.grid === 32 && result.seconds.material > 0, "result.json is incomplete");
   await page.context().close();
 

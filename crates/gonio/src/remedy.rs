@@ -1,6 +1,6 @@
 //! What a user can do about an error or a warning.
 
-use crate::scene::Correction;
+use crate::scene::{Circle, Correction};
 
 /// An input or setting that settles an error or a warning.
 ///
@@ -11,6 +11,8 @@ use crate::scene::Correction;
 pub enum Remedy {
     /// Give the outline of the ball.
     Outline,
+    /// Give one of these circles as the outline of the ball, the most probable first.
+    OneOf(Vec<Circle>),
     /// Say that the object is an ellipsoid.
     Ellipsoid,
     /// Give the semi-axis of the ellipsoid towards the camera.

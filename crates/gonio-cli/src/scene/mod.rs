@@ -34,7 +34,8 @@ pub(crate) struct SceneOptions {
     clip: Option<f32>,
     /// Where the object is: a picture that is bright on it
     ///
-    /// Without one the alpha channel tells, or a constant background.
+    /// Without one the alpha channel tells, a plain background, or the edges of a ball. One of
+    /// another size is scaled.
     #[arg(long, value_name = "FILE", help_heading = FINDING)]
     mask: Option<PathBuf>,
     /// Outline of the ball in pixels, if it is not to be found

@@ -9,6 +9,7 @@ mod colour;
 mod combine;
 mod compare;
 mod export;
+mod finding;
 mod folders;
 mod help;
 mod hostile;

@@ -5,7 +5,7 @@ use std::fs;
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 
-use crate::support::{Bench, SIZE, ball, encode_normals, exr, grey, mask, normals};
+use crate::support::{Bench, SIZE, ball, encode_normals, exr, grey, normals};
 
 #[test]
 fn bad_photographs_are_refused() {
@@ -71,7 +71,7 @@ fn bad_masks_are_refused() {
     bench.write("empty.exr", &grey(0.0, SIZE, SIZE));
     bench.write("full.exr", &grey(1.0, SIZE, SIZE));
     bench.write("odd.exr", &grey(3.0, SIZE, SIZE));
-    bench.write("small.png", &mask(SIZE / 2));
+    bench.write("tall.exr", &grey(1.0, SIZE / 2, SIZE));
     let shape = |inside: &dyn Fn(f64, f64) -> bool| {
         let white = |x: usize, y: usize| inside(x as f64 - 23.5, y as f64 - 23.5);
         let plane = Plane::from_fn(SIZE, SIZE, |x, y| if white(x, y) { Vec3::ONE } else { Vec3::ZERO });
@@ -84,8 +84,8 @@ fn bad_masks_are_refused() {
         ("empty.exr", "empty.exr: the mask is empty"),
         ("full.exr", "full.exr: the mask covers the whole picture"),
         ("odd.exr", "odd.exr: holds the value 3"),
-        ("small.png", "small.png: the mask is 24x24, the photograph 48x48"),
-        ("bar.png", "bar.png: only 0 degrees"),
+        ("tall.exr", "tall.exr: the mask is 24x48, the photograph 48x48"),
+        ("bar.png", "bar.png: the outline is no circle"),
         ("oval.png", "oval.png: the outline is an ellipse"),
         ("normals.npy", "normals.npy: "),
     ] {

@@ -175,7 +175,7 @@ def infer(
         ``normals`` takes it.
     mask : path or array, optional
         Where the object is, 0 to 1, shape (height, width). Without one the alpha channel or a
-        constant background tells.
+        plain background tells, or the edges of a ball. One of another size is scaled.
     model : Model or path, optional
         Instead of the model that travels with the package.
     times : sequence of float, optional

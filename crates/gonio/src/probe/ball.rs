@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::ProbeError;
 use crate::picture::{Picture, Plane};
-use crate::scene::{Circle, Object, SceneError, coverage_of, find_ball, outline_of_ball};
+use crate::scene::{Circle, Object, SceneError, find_ball, outline_of_ball, outlined};
 use crate::shape::{Camera, Ellipsoid, Projection, Surface};
 
 /// Least radius of a ball, in pixels: a smaller one does not show enough of its surroundings.
@@ -71,7 +71,8 @@ impl MirrorBall {
     }
 
     /// Finds the ball in a picture as [`Sighting::of`](crate::scene::Sighting::of) does: by its
-    /// outline in the mask, the alpha channel or a constant background, unless a circle is given.
+    /// outline in the mask, the alpha channel or a plain background, or by its edges, unless a
+    /// circle is given.
     ///
     /// # Errors
     /// Errors of the outline; [`ProbeError::NotABall`] for another object.
@@ -80,7 +81,7 @@ impl MirrorBall {
             Object::Sphere(Some(circle)) => Self::of_circle(*circle, picture.rgb.size()),
             Object::Sphere(None) => Self::of_circle(outline_of_ball(picture, mask)?, picture.rgb.size()),
             Object::Ball(camera) => {
-                let ball = find_ball(&coverage_of(picture, mask).ok_or(SceneError::NoOutline)?, camera)?;
+                let ball = find_ball(&outlined(picture, mask)?, camera)?;
                 Self::new(*camera, ball.centre(), ball.first_axis())
             }
             _ => Err(ProbeError::NotABall),

@@ -34,8 +34,8 @@ pub(super) struct Sample {
 
 impl View {
     /// Finds the ball in a picture; `mask` says where it is, otherwise the alpha channel or a
-    /// constant background does. `clip` is the radiance at or above which a channel is clipped;
-    /// without it, the largest value is if many pixels share it.
+    /// plain background does, or the edges of the ball. `clip` is the radiance at or above which a
+    /// channel is clipped; without it, the largest value is if many pixels share it.
     ///
     /// # Errors
     /// Errors of the outline where it has to be found; a mask of another size;

@@ -1,10 +1,12 @@
-//! Segmentation of the object from a constant background, for pictures without a mask.
+//! Segmentation of the object from a plain background, for pictures without a mask.
 
 use std::collections::BTreeMap;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::components::{border, flood, neighbours};
+use super::small::Small;
 use crate::picture::{Picture, Plane};
 
 /// Coverage (0..1) of what a picture shows: by a mask, else by its alpha channel, else by a
@@ -17,9 +19,7 @@ pub(crate) fn coverage_of(picture: &Picture, mask: Option<&Plane<f32>>) -> Optio
 /// such as the black of a renderer; `None` when there is no such background.
 ///
 /// The background is the most frequent value on the border of the picture, of which it must make up
-/// a quarter at least, with every pixel of that value connected to those. A pixel next to the
-/// background may be part background: its coverage is its contrast to the background over that of
-/// the object's pixels nearby, at most 1.
+/// a quarter at least, with every pixel of that value connected to those.
 fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
     // Adding zero turns -0 into 0, which are equal but differ in their bits.
     let key = |at: (usize, usize)| (rgb[at] + Vec3::ZERO).to_array().map(f32::to_bits);
@@ -37,10 +37,109 @@ fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
         return None;
     }
     let base = Vec3::from_array(value.map(f32::from_bits));
+    Some(soft_coverage(rgb, base, &background))
+}
+
+/// Multiple of the spread of the border's values within which a pixel is background.
+const SPREADS: f32 = 4.0;
+/// Share of the border of the picture whose distances from its median give that spread, and that
+/// must be background.
+const BORDER_SHARE: f64 = 0.7;
+/// Least distance of compressed values that is a contrast and not the coding of the file.
+const CODING: f32 = 0.04;
+/// Share of the contrast of the object below which a pixel is background: most of what a lossy file
+/// adds around the object stays below it. Where noise reaches the second, the background is not
+/// plain.
+const LOSSES: f32 = 0.12;
+const MOST_NOISE: f32 = 0.4;
+
+/// Estimates the coverage (0..1) of the object in a photograph whose background is plain but for
+/// noise and the losses of its file; `None` when it is not.
+///
+/// The background is what is connected to the border of the reduced photograph through values near
+/// the median of the border: near as measured by how the border itself is spread, and by the
+/// contrast of the brighter or darker rest. The outline is as exact as the losses allow, which may
+/// be several pixels.
+pub(super) fn plain_coverage(small: &Small, size: (usize, usize)) -> Option<Plane<f32>> {
+    let values = &small.values;
+    let outer: Vec<Vec3> = border(values.size()).map(|at| values[at]).collect();
+    let channel = |c: usize| quantile(&mut outer.iter().map(|v| v[c]).collect::<Vec<_>>(), 0.5);
+    let base = Vec3::new(channel(0)?, channel(1)?, channel(2)?);
+    let from_base = |v: &Vec3| (*v - base).length();
+    let noise = SPREADS * quantile(&mut outer.iter().map(from_base).collect::<Vec<_>>(), BORDER_SHARE)?;
+    let contrast = contrast(values.as_slice().iter().map(from_base));
+    if contrast < CODING || noise > MOST_NOISE * contrast {
+        return None;
+    }
+    let near = noise.max(LOSSES * contrast);
+    let mut background = values.map(|_| false);
+    let reached = flood(&mut background, border(values.size()), false, |at| from_base(&values[at]) <= near);
+    let on_border = border(values.size()).filter(|at| background[*at]).count();
+    if reached == values.as_slice().len() || (on_border as f64) < BORDER_SHARE * outer.len() as f64 {
+        return None;
+    }
+    let coverage = soft_coverage(values, base, &background);
+    Some(if small.step == 1 { coverage } else { enlarged(&coverage, small.step, size) })
+}
+
+/// Splits distances in two such that the variance between the parts is largest (Otsu's method), and
+/// returns the mean of the larger ones; zero if there are none.
+fn contrast(distances: impl Iterator<Item = f32>) -> f32 {
+    const BINS: usize = 256;
+    // Distances of colours whose channels are in 0..=1 are at most the root of three.
+    let mut counts = [0_u32; BINS];
+    distances.for_each(|d| counts[((d / 1.74 * BINS as f32) as usize).min(BINS - 1)] += 1);
+    let middle = |bin: usize| (bin as f64 + 0.5) / BINS as f64 * 1.74;
+    let sums = |range: std::ops::Range<usize>| {
+        range.fold((0.0, 0.0), |(n, sum), bin| (n + f64::from(counts[bin]), sum + f64::from(counts[bin]) * middle(bin)))
+    };
+    let mut best = (0.0, 0.0);
+    for split in 1..BINS {
+        let ((n, sum), (m, rest)) = (sums(0..split), sums(split..BINS));
+        let between = n * m * (rest / m - sum / n).powi(2);
+        if n > 0.0 && m > 0.0 && between > best.0 {
+            best = (between, rest / m);
+        }
+    }
+    best.1 as f32
+}
+
+fn quantile(values: &mut [f32], share: f64) -> Option<f32> {
+    let at = (share * values.len() as f64) as usize;
+    (at < values.len()).then(|| *values.select_nth_unstable_by(at, f32::total_cmp).1)
+}
+
+/// Interpolates a plane of blocks of `step` pixels a side to single pixels.
+fn enlarged(blocks: &Plane<f32>, step: usize, (width, height): (usize, usize)) -> Plane<f32> {
+    // Blocks to either side of a pixel, and the share of the second.
+    let sides = |at: usize, most: usize| {
+        let place = ((at as f32 + 0.5) / step as f32 - 0.5).clamp(0.0, most as f32 - 1.0);
+        let low = place as usize;
+        (low, (low + 1).min(most - 1), place.fract())
+    };
+    let columns: Vec<_> = (0..width).map(|x| sides(x, blocks.width())).collect();
+    let row = |y: usize| {
+        let (top, below, down) = sides(y, blocks.height());
+        let columns = columns.clone();
+        columns.into_iter().map(move |(left, right, along)| {
+            let mix = |row: usize| {
+                let (a, b) = (blocks[(left, row)], blocks[(right, row)]);
+                a + along * (b - a)
+            };
+            mix(top) + down * (mix(below) - mix(top))
+        })
+    };
+    Plane::from_vec(width, height, (0..height).into_par_iter().flat_map_iter(row).collect())
+}
+
+/// Coverage of each pixel where it is known which are `background`, whose value is `base`. A pixel
+/// next to the background may be part background: its coverage is its contrast to the background
+/// over that of the object's pixels nearby, at most 1.
+fn soft_coverage(rgb: &Plane<Vec3>, base: Vec3, background: &Plane<bool>) -> Plane<f32> {
     let near_background = Plane::from_fn(rgb.width(), rgb.height(), |x, y| {
         neighbours((x, y), rgb.size(), true).any(|next| background[next])
     });
-    Some(Plane::from_fn(rgb.width(), rgb.height(), |x, y| {
+    Plane::from_fn(rgb.width(), rgb.height(), |x, y| {
         if background[(x, y)] {
             return 0.0;
         }
@@ -60,7 +159,7 @@ fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
         let share = (rgb[(x, y)] - base).dot(inside) / inside.length_squared();
         // NaN where no pixel nearby is inside, or those inside equal the background.
         if share.is_nan() { 1.0 } else { share.clamp(0.0, 1.0) }
-    }))
+    })
 }
 
 #[cfg(test)]

@@ -1,30 +1,89 @@
 //! Balls before one background: the outline of one, or several that do not touch.
 
+use super::background::plain_coverage;
 use super::components::flood;
+use super::edges::Edges;
+use super::small::Small;
+use super::spot::{SIDE, is_crisp, on_edges, spot};
 use super::{Circle, SceneError, coverage_of, find_sphere};
 use crate::picture::{Picture, Plane};
 
 /// Pixels of a ball, at least, and its share of the largest one.
 const LEAST: (usize, f64) = (200, 0.03);
+/// Share of the largest object from which another is one of its own.
+const SECOND: f64 = 0.2;
 
 /// Distance in pixels to which the soft outline of a ball reaches.
 const SOFT: usize = 2;
 
+/// An object of several.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    /// Column and row of the left upper corner of the box around it, in pixels.
+    pub from: (usize, usize),
+    /// Column and row of the right lower corner, exclusive.
+    pub to: (usize, usize),
+    /// Its outline, if it is a ball.
+    pub circle: Option<Circle>,
+}
+
 /// Outline of the largest ball in a picture. `mask` says where it is; without one the alpha channel
-/// does, or a constant background.
+/// does, or a plain background, or else the edges.
 ///
 /// # Errors
-/// Errors of the outline ([`SceneError::is_of_outline`]).
+/// Errors of the outline ([`SceneError::is_of_outline`]); [`SceneError::Several`] for several
+/// objects without a mask; [`SceneError::Unsure`] and [`SceneError::NoOutline`] where nothing
+/// tells.
 pub fn outline_of_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Circle, SceneError> {
-    Ok(find_sphere(&coverage_of(picture, mask).ok_or(SceneError::NoOutline)?)?.circle)
+    Ok(spot(picture, mask)?.circle)
 }
 
 /// Coverage of each ball, by falling size, where a picture shows several that do not touch. What is
 /// small beside the largest, or no ball, is left out. Where objects are is told as for
-/// [`outline_of_ball`]; empty if nothing tells.
+/// [`outline_of_ball`], but not by edges; empty if nothing tells.
 pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane<f32>> {
-    let found = coverage_of(picture, mask).filter(|coverage| coverage.size() == picture.rgb.size());
-    let Some(coverage) = found else { return Vec::new() };
+    let size = picture.rgb.size();
+    let alone = |coverage: &Plane<f32>| -> Vec<Plane<f32>> {
+        let seeds = if coverage.size() == size { parts(coverage, LEAST.1) } else { Vec::new() };
+        seeds.into_iter().map(|seed| own(coverage, seed)).collect()
+    };
+    let given = mask.is_some() || picture.alpha.is_some();
+    let known = coverage_of(picture, mask).map(|coverage| alone(&coverage)).unwrap_or_default();
+    let found = |ball: &Plane<f32>| find_sphere(ball).ok();
+    if given || known.iter().filter_map(found).all(|ball| is_crisp(&ball)) && known.len() > 1 {
+        return known.into_iter().filter(|ball| found(ball).is_some()).collect();
+    }
+    // A background that is plain but for noise or the losses of a file.
+    let small = Small::of(&picture.rgb, SIDE);
+    let Some(coverage) = plain_coverage(&small, size) else { return Vec::new() };
+    let edges = Edges::of(&small);
+    let circle = |part: &Plane<f32>| on_edges(&picture.rgb, &small, &edges, part);
+    alone(&coverage).iter().filter_map(circle).map(|circle| disk(size, &circle)).collect()
+}
+
+/// The coverage of a circle.
+fn disk((width, height): (usize, usize), circle: &Circle) -> Plane<f32> {
+    Plane::from_fn(width, height, |x, y| {
+        let from_centre = (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y);
+        (circle.radius - from_centre + 0.5).clamp(0.0, 1.0) as f32
+    })
+}
+
+/// Checks that there is one object alone; `ball` is the outline of a part that is one.
+///
+/// # Errors
+/// [`SceneError::Several`] with all that have at least a fifth of the pixels of the largest.
+pub(super) fn single(coverage: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option<Circle>) -> Result<(), SceneError> {
+    let seeds = parts(coverage, SECOND);
+    if seeds.len() < 2 {
+        return Ok(());
+    }
+    Err(SceneError::Several { objects: seeds.into_iter().map(|seed| extent(&own(coverage, seed), &ball)).collect() })
+}
+
+/// A pixel of each connected part with at least `share` of the pixels of the largest, by falling
+/// size.
+fn parts(coverage: &Plane<f32>, share: f64) -> Vec<(usize, usize)> {
     let (width, height) = coverage.size();
     let open = |at: (usize, usize)| coverage[at] >= 0.5;
     let mut reached = coverage.map(|_| false);
@@ -37,13 +96,25 @@ pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane
     }
     parts.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
     let largest = parts.first().map_or(0, |(count, _)| *count) as f64;
-    let parts = parts.into_iter().filter(|(count, _)| *count as f64 >= LEAST.1 * largest);
-    let alone = parts.map(|(_, seed)| {
-        let mut own = coverage.map(|_| false);
-        flood(&mut own, [seed], true, open);
-        soft(&coverage, &own)
-    });
-    alone.filter(|ball| find_sphere(ball).is_ok()).collect()
+    parts.retain(|(count, _)| *count as f64 >= share * largest);
+    parts.into_iter().map(|(_, seed)| seed).collect()
+}
+
+/// The coverage of the part that holds a pixel.
+fn own(coverage: &Plane<f32>, seed: (usize, usize)) -> Plane<f32> {
+    let mut own = coverage.map(|_| false);
+    flood(&mut own, [seed], true, |at| coverage[at] >= 0.5);
+    soft(coverage, &own)
+}
+
+fn extent(of: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option<Circle>) -> Extent {
+    let (mut from, mut to) = (of.size(), (0, 0));
+    for (i, _) in of.as_slice().iter().enumerate().filter(|(_, covered)| **covered >= 0.5) {
+        let (x, y) = (i % of.width(), i / of.width());
+        from = (from.0.min(x), from.1.min(y));
+        to = (to.0.max(x + 1), to.1.max(y + 1));
+    }
+    Extent { from, to, circle: ball(of) }
 }
 
 /// The coverage on and around a set of pixels.

@@ -62,7 +62,8 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneErr
     let too_small = |radius| SceneError::TooSmall { radius, least: LEAST_RADIUS };
     // No circle fits a straight edge: the visible outline spans no angle.
     let short = |span: f64| SceneError::ShortOutline { degrees: span.to_degrees(), least: LEAST_SPAN.to_degrees() };
-    let fit = fit_circle(&rim).ok_or_else(|| short(0.0))?;
+    let cropped = border(ball.size()).any(|at| ball[at]);
+    let fit = fit_circle(&rim).ok_or_else(|| if cropped { short(0.0) } else { no_circle(&rim) })?;
     let circle = fit.circle;
     let stray = rim.len() - fit.near.len();
     let span = span(&fit.near, &circle);
@@ -77,7 +78,7 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneErr
         });
     }
     if span < LEAST_SPAN {
-        return Err(short(span));
+        return Err(if cropped { short(span) } else { no_circle(&rim) });
     }
     if circle.radius < LEAST_RADIUS {
         return Err(too_small(circle.radius));
@@ -93,9 +94,23 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneErr
         span,
         rim: fit.near.len(),
         stray,
-        cropped: border(ball.size()).any(|at| ball[at]),
+        cropped,
         specks: coverage.as_slice().iter().zip(ball.as_slice()).filter(|&(&c, &b)| c >= 0.5 && !b).count(),
     })
+}
+
+/// Error for a closed outline that no circle fits, by the circle of its mean distance from the
+/// middle.
+fn no_circle(rim: &[DVec2]) -> SceneError {
+    let mean = |of: &dyn Fn(&DVec2) -> f64| rim.iter().map(of).sum::<f64>() / rim.len().max(1) as f64;
+    let middle = DVec2::new(mean(&|p| p.x), mean(&|p| p.y));
+    let radius = mean(&|p| p.distance(middle));
+    SceneError::NotACircle {
+        residual: mean(&|p| (p.distance(middle) - radius).abs()),
+        radius,
+        stray: 0,
+        rim: rim.len(),
+    }
 }
 
 /// Finds the largest connected part of a mask, its holes filled, and the points of its rim.

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use super::{Contradiction, ObservationReport};
+use super::{Candidate, Circle, Contradiction, Extent, ObservationReport};
 use crate::remedy::Remedy;
 use crate::shape::{CameraError, MeshError};
 
@@ -175,9 +175,25 @@ pub enum SceneError {
         "a point that was observed is not on the surface: give the mesh or the depth that the normals were made of"
     )]
     NoSurface,
-    /// Neither an alpha channel nor a constant background shows where the object is.
-    #[error("no alpha channel and no constant background to tell the object from")]
+    /// Neither an alpha channel nor a plain background nor a circle shows where the object is.
+    #[error("no alpha channel and no constant background to tell the object from, and no circle stands out")]
     NoOutline,
+    /// Several objects stand out, and none is given.
+    #[error("there are {} separate objects, {}", .objects.len(), listed(.objects))]
+    Several {
+        /// The objects, the largest first.
+        objects: Vec<Extent>,
+    },
+    /// The background is not plain, and no circle stands out enough from it.
+    #[error(
+        "the ball cannot be told from its background for sure: of {}, the first shows {:.0} % of its outline",
+        counted(.candidates.len()),
+        100.0 * .candidates.first().map_or(0.0, |first| first.support)
+    )]
+    Unsure {
+        /// Circles that may be its outline, the most probable first.
+        candidates: Vec<Candidate>,
+    },
     /// The surface is not where the mask is.
     #[error(
         "the shape does not lie on the object: only {:.0} % of the pixels of either belong to both",
@@ -213,7 +229,15 @@ impl SceneError {
         match self {
             Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Remedy::Outline],
             Self::Elliptic { .. } => vec![Remedy::Ellipsoid, Remedy::Outline, Remedy::Camera],
-            Self::NotACircle { .. } => vec![Remedy::Normals, Remedy::Outline],
+            Self::NotACircle { .. } => vec![Remedy::Normals, Remedy::Mesh, Remedy::Outline],
+            Self::Several { objects } => {
+                let circles: Vec<Circle> = objects.iter().filter_map(|object| object.circle).collect();
+                let one = (!circles.is_empty()).then_some(Remedy::OneOf(circles));
+                one.into_iter().chain([Remedy::Mask]).collect()
+            }
+            Self::Unsure { candidates } => {
+                vec![Remedy::OneOf(candidates.iter().map(|candidate| candidate.circle).collect()), Remedy::Mask]
+            }
             Self::NotAnEllipse { .. } => vec![Remedy::Mesh, Remedy::Normals],
             Self::NoOutline => vec![Remedy::Mask, Remedy::Outline],
             Self::Elsewhere { .. } => vec![Remedy::Pose, Remedy::Camera],
@@ -235,4 +259,17 @@ impl SceneError {
                 | Self::NotAnEllipse { .. }
         )
     }
+}
+
+/// Lists objects by number, each with its place.
+fn listed(objects: &[Extent]) -> String {
+    let one = |(at, Extent { from, to, circle }): (usize, &Extent)| {
+        let what = if circle.is_some() { "a ball" } else { "no ball" };
+        format!("{} ({what}) in columns {} to {} and rows {} to {}", at + 1, from.0, to.0, from.1, to.1)
+    };
+    objects.iter().enumerate().map(one).collect::<Vec<_>>().join(", ")
+}
+
+fn counted(circles: usize) -> String {
+    if circles == 1 { "one circle".to_owned() } else { format!("{circles} circles") }
 }

@@ -2,7 +2,8 @@
 //! section 4).
 //!
 //! 1. `find_sphere` finds the outline of a ball in a mask, in an alpha channel, or before
-//!    a constant background of a picture without either.
+//!    a plain background of a picture without either; before any other background the edges of the
+//!    picture vote for a circle.
 //! 2. `of_sphere` samples the picture at normals spread evenly over the visible
 //!    hemisphere; [`Observations::of_normals`] does the same for any shape that comes with a
 //!    picture of its normals.
@@ -26,6 +27,7 @@ mod circle;
 mod circle_fit;
 mod components;
 mod correction;
+mod edges;
 mod error;
 mod fate;
 mod foreign;
@@ -34,14 +36,18 @@ mod observations;
 mod observed;
 mod orientation;
 mod outline;
+mod rim;
 mod shadowed;
 mod sighting;
+mod small;
+mod spot;
 mod thinned;
 mod view;
+mod vote;
 mod weights;
 
 pub(crate) use background::coverage_of;
-pub use balls::{outline_of_ball, separate_balls};
+pub use balls::{Extent, outline_of_ball, separate_balls};
 pub(crate) use circle::find_sphere;
 pub use circle_fit::Circle;
 pub use correction::Correction;
@@ -53,4 +59,6 @@ pub use orientation::{Contradiction, Fault, Fit, Orientation, OrientationSetting
 pub use outline::Ellipse;
 pub(crate) use outline::{find_ball, find_ellipse};
 pub use sighting::{Found, NormalPicture, Object, Oddity, Relief, Sighting};
+pub(crate) use spot::outlined;
 pub use view::SurfaceView;
+pub use vote::{Candidate, Sureness};

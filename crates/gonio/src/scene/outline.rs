@@ -15,6 +15,9 @@ use crate::shape::{Camera, Ellipsoid};
 /// Number of solutions from a few points each: with a third of the outline far off (a stand, a
 /// finger) one in ten contains no such point.
 const DRAWS: usize = 120;
+/// Most length of the longer semi-axis, in mean distances of the outline from its middle (root mean
+/// square): longer ones are those of two lines.
+const MOST_LENGTH: f64 = 8.0;
 /// Rounds of reweighting.
 const ROUNDS: usize = 12;
 /// Share of the outline that must lie near it, and the distance allowed as a share of the size
@@ -55,7 +58,7 @@ impl Ellipse {
 ///
 /// # Errors
 /// See [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
-/// outline lies within 2 % of the shorter semi-axis plus half a pixel.
+/// outline lies within 2 % of the shorter semi-axis plus half a pixel, or where it is a strip.
 pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
@@ -89,7 +92,7 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
     let (long, short) = (unit * axes.0.sqrt(), unit * axes.1.sqrt());
     let mut distances: Vec<f64> = points.iter().map(|p| unit * conic(&c, *p).abs()).collect();
     let residual = quantile(&mut distances, NEAR_SHARE);
-    if residual > 0.5 + MOST_STRAY * short {
+    if residual > 0.5 + MOST_STRAY * short || long > MOST_LENGTH * unit {
         return Err(none(residual));
     }
     if short < LEAST_RADIUS {

@@ -5,9 +5,10 @@ use std::fmt;
 use glam::{DVec3, Vec3};
 
 use super::observed::check_size;
+use super::spot::spot;
 use super::{
-    Circle, Contradiction, Ellipse, ObservationSettings, Observations, Orientation, SceneError, SurfaceView,
-    coverage_of, find_ball, find_ellipse, find_sphere,
+    Circle, Contradiction, Ellipse, ObservationSettings, Observations, Orientation, SceneError, Sureness, SurfaceView,
+    coverage_of, find_ball, find_ellipse, outlined,
 };
 use crate::picture::{Picture, Plane};
 use crate::remedy::Remedy;
@@ -176,6 +177,8 @@ pub struct Sighting {
     pub coverage: Option<Plane<f32>>,
     /// Shape found.
     pub found: Found,
+    /// How sure the outline of a ball is that was found by a vote of the edges.
+    pub sureness: Option<Sureness>,
     /// Normals of the object, unless it is a ball seen from far away.
     pub normals: Option<Plane<Vec3>>,
     /// The surface and its camera, where they are known.
@@ -189,10 +192,12 @@ pub struct Sighting {
 
 impl Sighting {
     /// Finds the object and samples the picture on it. `mask` says where the object is; without one
-    /// the alpha channel of the picture does, or else a constant background.
+    /// the alpha channel of the picture does, or else a plain background. A ball before any other
+    /// background is found by its edges.
     ///
     /// # Errors
-    /// Errors of the outline ([`SceneError::is_of_outline`]) where one has to be found; normals and
+    /// Errors of the outline ([`SceneError::is_of_outline`]) where one has to be found,
+    /// [`SceneError::Several`] and [`SceneError::Unsure`] where it is not clear; normals and
     /// surfaces that do not lie on the object or contradict themselves; pictures with too little to
     /// observe.
     pub fn of(
@@ -205,31 +210,35 @@ impl Sighting {
         if let Some(mask) = &mask {
             check_size("mask", mask.size(), size)?;
         }
-        let coverage = coverage_of(picture, mask.as_ref());
-        let looker = Looker { picture, coverage, settings };
+        let looker = |coverage| Looker { picture, coverage, settings };
+        let known = || looker(coverage_of(picture, mask.as_ref()));
         let mut sighting = match object {
-            Object::Sphere(Some(circle)) => looker.circle(circle)?,
+            Object::Sphere(Some(circle)) => known().circle(circle)?,
             Object::Sphere(None) => {
-                let circle = find_sphere(looker.outlined()?)?.circle;
-                looker.circle(circle)?
+                let spotted = spot(picture, mask.as_ref())?;
+                Sighting { sureness: spotted.sureness, ..looker(spotted.coverage).circle(spotted.circle)? }
             }
             Object::Ball(camera) => {
-                let ball = find_ball(looker.outlined()?, &camera)?;
+                let coverage = outlined(picture, mask.as_ref())?;
+                let ball = find_ball(&coverage, &camera)?;
+                let looker = looker(Some(coverage));
                 looker.surface(Placed { surface: Box::new(ball), camera }, Found::Ball(ball.centre()))?
             }
             Object::Ellipsoid(given) => {
-                let ellipse = find_ellipse(looker.outlined()?)?;
+                let coverage = outlined(picture, mask.as_ref())?;
+                let ellipse = find_ellipse(&coverage)?;
                 let depth = given.unwrap_or((ellipse.axes.0 * ellipse.axes.1).sqrt());
                 let surface = Box::new(ellipse.with_depth(depth)?);
                 let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (0.0, 0.0), size)?;
+                let looker = looker(Some(coverage));
                 let mut sighting = looker.surface(Placed { surface, camera }, Found::Ellipse(ellipse, depth))?;
                 if given.is_none() {
                     sighting.oddities.push(Oddity::Depth(depth));
                 }
                 sighting
             }
-            Object::Surface(placed) => looker.surface(placed, Found::Surface)?,
-            Object::Normals(view) => looker.normals(*view)?,
+            Object::Surface(placed) => known().surface(placed, Found::Surface)?,
+            Object::Normals(view) => known().normals(*view)?,
         };
         let report = &sighting.observations.report;
         if report.clipped_pixels > 0 {
@@ -287,10 +296,6 @@ struct Looker<'a> {
 }
 
 impl Looker<'_> {
-    fn outlined(&self) -> Result<&Plane<f32>, SceneError> {
-        self.coverage.as_ref().ok_or(SceneError::NoOutline)
-    }
-
     fn circle(self, circle: Circle) -> Result<Sighting, SceneError> {
         let observations = Observations::of_sphere(self.picture, &circle, self.coverage.as_ref(), self.settings)?;
         Ok(self.sighting(observations, Found::Circle(circle)))
@@ -362,6 +367,7 @@ impl Looker<'_> {
             observations,
             coverage: self.coverage,
             found,
+            sureness: None,
             normals: None,
             placed: None,
             pixels: None,

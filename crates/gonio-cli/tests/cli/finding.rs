@@ -1,0 +1,186 @@
+//! Finding the object: before textures, in lossy files, of several, by masks of another size.
+
+use glam::Vec3;
+use gonio::picture::{Picture, Plane};
+use gonio_io::picture::encode_png;
+use serde_json::Value;
+
+use crate::support::{Bench, SIZE, ball_of, exr};
+
+/// A number from 0 to 1 for each cell of a grid.
+fn hashed(x: usize, y: usize) -> f32 {
+    let mixed = (x as u32).wrapping_mul(0x9e37_79b1) ^ (y as u32).wrapping_mul(0x85eb_ca77);
+    let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x2c1b_3c6d);
+    ((mixed ^ (mixed >> 13)) & 0xffff) as f32 / 65_535.0
+}
+
+/// Cells of 12 pixels, each of a grey of its own.
+fn texture(x: usize, y: usize) -> Vec3 {
+    Vec3::splat(0.02 + 0.06 * hashed(x / 12, y / 12))
+}
+
+/// Balls of a diameter of 200 pixels at these corners before a background of 500 x 300 pixels.
+fn photograph(corners: &[(usize, usize)], behind: impl Fn(usize, usize) -> Vec3) -> Plane<Vec3> {
+    let Picture { rgb, alpha } = ball_of(204);
+    let alpha = alpha.unwrap();
+    Plane::from_fn(500, 300, |x, y| {
+        let of_ball = corners.iter().find_map(|&(left, top)| {
+            let at = (x.checked_sub(left)?, y.checked_sub(top)?);
+            (at.0 < 204 && at.1 < 204).then(|| rgb[at] + behind(x, y) * (1.0 - alpha[at]))
+        });
+        of_ball.unwrap_or_else(|| behind(x, y))
+    })
+}
+
+/// A JPEG file of quality 75, sRGB-coded.
+fn jpeg(rgb: &Plane<Vec3>) -> Vec<u8> {
+    let coded = |v: f32| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+    let code = |v: f32| (255.0 * coded(v.clamp(0.0, 1.0))).round() as u8;
+    let bytes: Vec<u8> = rgb.as_slice().iter().flat_map(|v| v.to_array().map(code)).collect();
+    let mut out = Vec::new();
+    let mut encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut out, 75);
+    encoder.encode(&bytes, rgb.width() as u32, rgb.height() as u32, image::ExtendedColorType::Rgb8).unwrap();
+    out
+}
+
+fn exr_of(rgb: Plane<Vec3>) -> Vec<u8> {
+    exr(&Picture { rgb, alpha: None })
+}
+
+#[track_caller]
+fn circle_of(notes: &Value) -> [f64; 3] {
+    ["x", "y", "radius"].map(|name| notes["circle"][name].as_f64().unwrap_or_else(|| panic!("{notes}")))
+}
+
+#[track_caller]
+fn assert_near(got: [f64; 3], want: [f64; 3]) {
+    assert!(got.iter().zip(want).all(|(a, b)| (a - b).abs() < 1.0), "{got:?} {want:?}");
+}
+
+#[test]
+fn a_ball_before_a_texture_is_found_and_how_sure_is_told() {
+    let bench = Bench::new();
+    bench.write("ball.exr", &exr_of(photograph(&[(120, 50)], texture)));
+    let run = bench.run("infer ball.exr -o out --grid 8").succeeds();
+    assert!(run.stdout.contains("ball found by its edges: "), "{run:?}");
+    let observations = &bench.json("out/result.json")["observations"];
+    assert_near(circle_of(observations), [222.0, 152.0, 100.0]);
+    assert!(observations["sureness"]["support"].as_f64().unwrap() > 0.6, "{observations}");
+    let run = bench.run("check ball.exr").succeeds();
+    assert!(run.stdout.contains("found by its edges: "), "{run:?}");
+    // A plain background needs no vote.
+    bench.write("plain.exr", &exr_of(photograph(&[(120, 50)], |_, _| Vec3::splat(0.05))));
+    let run = bench.run("check plain.exr --json").succeeds();
+    let found: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert!(found["objects"][0].get("sureness").is_none(), "{found}");
+    assert_near(circle_of(&found["objects"][0]), [222.0, 152.0, 100.0]);
+}
+
+#[test]
+fn the_losses_of_a_jpeg_file_are_no_obstacle() {
+    let bench = Bench::new();
+    let noisy = |x: usize, y: usize| Vec3::splat(0.02 + 0.002 * hashed(x, y));
+    bench.write("ball.jpg", &jpeg(&photograph(&[(120, 50)], noisy).map(|v| 0.5 * *v)));
+    let run = bench.run("check ball.jpg --json").succeeds();
+    let found: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_near(circle_of(&found["objects"][0]), [222.0, 152.0, 100.0]);
+}
+
+#[test]
+fn where_it_is_not_sure_the_candidates_are_told_and_drawn() {
+    let bench = Bench::new();
+    bench.write("balls.exr", &exr_of(photograph(&[(20, 40), (260, 60)], texture)));
+    let says = ["balls.exr: the ball cannot be told", "(1) --circle ", "(2) --circle ", "--mask FILE"];
+    bench.refuses("infer balls.exr -o out", &says);
+    let run = bench.run("check balls.exr").fails(&[&says[..], &["; see balls-check.png"]].concat());
+    assert_eq!(bench.names("."), ["balls-check.png", "balls.exr"]);
+    assert_eq!(&bench.read("balls-check.png")[1..4], b"PNG");
+    // What it says works.
+    let at = run.stderr.find("(1) ").unwrap() + 4;
+    let option = run.stderr[at..].split([',', ';']).take(3).collect::<Vec<_>>().join(",");
+    bench.run(&format!("check balls.exr {option}")).succeeds();
+}
+
+#[test]
+fn two_objects_are_called_two_objects() {
+    let bench = Bench::new();
+    let card = |x: usize, y: usize| {
+        let inside = (360..470).contains(&x) && (60..220).contains(&y);
+        Vec3::splat(if inside { 0.6 } else { 0.02 } + 0.001 * hashed(x, y))
+    };
+    bench.write("two.exr", &exr_of(photograph(&[(60, 50)], card)));
+    let run =
+        bench.run("infer two.exr -o out").fails(&["two.exr: there are 2 separate objects", "(a ball)", "(no ball)"]);
+    let at = run.stderr.find("--circle ").unwrap();
+    let option = run.stderr[at..].split(' ').take(2).collect::<Vec<_>>().join(" ");
+    let run = bench.run(&format!("check two.exr {option} --json")).succeeds();
+    let found: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_near(circle_of(&found["objects"][0]), [162.0, 152.0, 100.0]);
+}
+
+#[test]
+fn what_is_no_ball_is_told_of_the_options_for_shapes() {
+    let bench = Bench::new();
+    let bar =
+        |x: usize, y: usize| Vec3::splat(if (60..420).contains(&x) && (120..190).contains(&y) { 0.6 } else { 0.02 });
+    bench.write("bar.exr", &exr_of(Plane::from_fn(500, 300, bar)));
+    bench.refuses("infer bar.exr -o out", &["--normals FILE", "--mesh FILE"]);
+    bench.refuses("infer bar.exr -o out --shape ellipsoid", &["--normals FILE", "--mesh FILE"]);
+}
+
+#[test]
+fn a_mask_of_another_size_is_scaled() {
+    let bench = Bench::with_ball();
+    // The ball leaves two pixels of its picture free on each side.
+    let white = |size: usize| {
+        let (middle, radius) = (0.5 * size as f32, (0.5 - 2.0 / SIZE as f32) * size as f32);
+        let inside = |x: usize, y: usize| (x as f32 + 0.5 - middle).hypot(y as f32 + 0.5 - middle) < radius;
+        encode_png(&Plane::from_fn(size, size, |x, y| Vec3::splat(f32::from(inside(x, y)))))
+    };
+    bench.write("small.png", &white(SIZE / 2));
+    bench.write("large.png", &white(4 * SIZE));
+    let same = bench.run("check ball.exr -o x.png --json").succeeds();
+    let same: Value = serde_json::from_str(&same.stdout).unwrap();
+    for (name, size) in [("small.png", SIZE / 2), ("large.png", 4 * SIZE)] {
+        let run = bench.run(&format!("check ball.exr -o x.png --mask {name} --json")).succeeds();
+        let found: Value = serde_json::from_str(&run.stdout).unwrap();
+        assert_near(circle_of(&found["objects"][0]), circle_of(&same["objects"][0]));
+        let warned = found["warnings"].as_array().unwrap();
+        let says = format!("{name}: the mask is {size}x{size}, the photograph {SIZE}x{SIZE}; it was scaled");
+        assert!(warned.iter().filter(|warning| **warning == *says).count() == 1, "{warned:?}");
+    }
+}
+
+#[test]
+fn grey_rims_of_a_mask_are_left_out() {
+    let bench = Bench::with_ball();
+    // Covered in the middle, by 0.9 beyond 14 pixels from it.
+    let grey = Plane::from_fn(SIZE, SIZE, |x, y| {
+        let off = (x as f32 - 23.5).hypot(y as f32 - 23.5);
+        Vec3::splat(if off < 14.0 {
+            1.0
+        } else if off < 22.0 {
+            0.9
+        } else {
+            0.0
+        })
+    });
+    // Values of a mask are codes, never sRGB.
+    let bytes: Vec<u8> = grey.as_slice().iter().map(|v| (255.0 * v.x) as u8).collect();
+    let mut png = std::io::Cursor::new(Vec::new());
+    image::GrayImage::from_vec(SIZE as u32, SIZE as u32, bytes)
+        .unwrap()
+        .write_to(&mut png, image::ImageFormat::Png)
+        .unwrap();
+    bench.write("grey.png", &png.into_inner());
+    bench.write("white.png", &encode_png(&grey.map(|v| v.map(f32::ceil))));
+    let observed = |mask: &str| {
+        let run = bench.run(&format!("check ball.exr -o x.png --mask {mask} --json")).succeeds();
+        let found: Value = serde_json::from_str(&run.stdout).unwrap();
+        assert!((circle_of(&found["objects"][0])[2] - 22.0).abs() < 0.7, "{found}");
+        found["objects"][0]["report"]["observed_pixels"].as_f64().unwrap()
+    };
+    let (grey, white) = (observed("grey.png"), observed("white.png"));
+    let want = std::f64::consts::PI * 14.0 * 14.0;
+    assert!((grey / want - 1.0).abs() < 0.05 && white > 1.8 * grey, "{grey} {white}");
+}

@@ -1,0 +1,118 @@
+//! A photograph reduced to few pixels, its values compressed to 0..1 so that lamps do not outweigh
+//! all else.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::picture::{Plane, luminance};
+
+/// Pixels along a side of the grid that the middle brightness is taken from.
+const PROBES: usize = 64;
+/// Largest value that is kept: sums over blocks stay finite.
+const MOST: f32 = 1e30;
+
+/// Share of the brightness of what is bright that counts as middle brightness at least: noise of a
+/// dark background is no contrast.
+const DARK: f32 = 0.1;
+
+/// The curve that compresses radiance: `v / (v + s)` for each channel, with the median luminance of
+/// the photograph for `s`, or a tenth of what one pixel of twenty exceeds.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Compression(f32);
+
+impl Compression {
+    fn of(rgb: &Plane<Vec3>) -> Self {
+        let (width, height) = rgb.size();
+        let every = |length: usize| (0..length).step_by(length.div_ceil(PROBES).max(1));
+        let bright = every(height).flat_map(|y| every(width).map(move |x| luminance(sound(rgb[(x, y)]))));
+        let mut bright: Vec<f32> = bright.filter(|v| *v > 0.0).collect();
+        let mut quantile = |share: f64| {
+            let at = (share * bright.len() as f64) as usize;
+            if bright.is_empty() { 1.0 } else { *bright.select_nth_unstable_by(at, f32::total_cmp).1 }
+        };
+        let middle = quantile(0.5).max(DARK * quantile(0.95));
+        Self(middle.clamp(1.0 / MOST, MOST))
+    }
+
+    /// Compresses a colour; channels that are negative or not finite count as zero.
+    pub(super) fn apply(self, colour: Vec3) -> Vec3 {
+        let colour = sound(colour);
+        colour / (colour + self.0)
+    }
+}
+
+fn sound(colour: Vec3) -> Vec3 {
+    if colour.is_finite() { colour.clamp(Vec3::ZERO, Vec3::splat(MOST)) } else { Vec3::ZERO }
+}
+
+/// A reduced photograph: means of square blocks of compressed values.
+#[derive(Clone, Debug)]
+pub(super) struct Small {
+    /// The means, each channel in 0..=1.
+    pub(super) values: Plane<Vec3>,
+    /// Pixels of the photograph along a side of a block.
+    pub(super) step: usize,
+    /// The curve of the values.
+    pub(super) compression: Compression,
+}
+
+impl Small {
+    /// Reduces a photograph to at most `side` pixels along its longer side.
+    pub(super) fn of(rgb: &Plane<Vec3>, side: usize) -> Self {
+        let compression = Compression::of(rgb);
+        let step = rgb.width().max(rgb.height()).div_ceil(side).max(1);
+        Self { values: blocks(rgb, step, |colour| compression.apply(colour)), step, compression }
+    }
+
+    /// Reduces it further, to at most `side` pixels along its longer side.
+    pub(super) fn reduced(&self, side: usize) -> Self {
+        let by = self.values.width().max(self.values.height()).div_ceil(side).max(1);
+        Self { values: blocks(&self.values, by, |value| value), step: self.step * by, ..*self }
+    }
+}
+
+/// Means over square blocks of `step` pixels a side, of which those at the right and lower border
+/// may be smaller.
+fn blocks(of: &Plane<Vec3>, step: usize, value: impl Fn(Vec3) -> Vec3 + Sync) -> Plane<Vec3> {
+    let (width, height) = of.size();
+    let (columns, rows) = (width.div_ceil(step), height.div_ceil(step));
+    let row = |y: usize| {
+        let mut sums = vec![Vec3::ZERO; columns];
+        let span = step * y..(step * (y + 1)).min(height);
+        for line in span.clone() {
+            let pixels = &of.as_slice()[line * width..(line + 1) * width];
+            for (sum, block) in sums.iter_mut().zip(pixels.chunks(step)) {
+                *sum += block.iter().map(|v| value(*v)).sum::<Vec3>() / block.len() as f32;
+            }
+        }
+        sums.iter_mut().for_each(|sum| *sum /= span.len() as f32);
+        sums
+    };
+    Plane::from_vec(columns, rows, (0..rows).into_par_iter().flat_map_iter(row).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_are_averaged_also_at_the_border() {
+        let rgb = Plane::from_fn(5, 3, |x, _| if x == 0 { Vec3::NAN } else { Vec3::splat(2.0) });
+        let small = Small::of(&rgb, 3);
+        assert_eq!((small.values.size(), small.step), ((3, 2), 2));
+        let off = [0.25, 0.5, 0.5].iter().enumerate().map(|(x, want)| (small.values[(x, 1)].x - want).abs());
+        assert!(off.fold(0.0, f32::max) < 1e-6);
+        assert_eq!(Small::of(&rgb, 100).values.size(), (5, 3));
+        assert_eq!(small.reduced(1).values.size(), (1, 1));
+        assert!(Small::of(&Plane::from_vec(0, 0, vec![]), 9).values.as_slice().is_empty());
+    }
+
+    #[test]
+    fn no_value_is_beyond_one() {
+        let rgb = Plane::from_fn(9, 9, |x, y| Vec3::new(f32::MAX, f32::INFINITY, -1.0) * (x * y) as f32);
+        let small = Small::of(&rgb, 4);
+        assert!(
+            small.values.as_slice().iter().all(|v| v.is_finite() && v.min_element() >= 0.0 && v.max_element() <= 1.0)
+        );
+    }
+}

@@ -1,0 +1,155 @@
+//! Where a ball is in a picture: by a mask, an alpha channel, a plain background, or else by a vote
+//! of the edges.
+
+use glam::Vec3;
+
+use super::background::plain_coverage;
+use super::balls::single;
+use super::circle::{FoundCircle, outline};
+use super::circle_fit::fit_circle;
+use super::edges::Edges;
+use super::small::Small;
+use super::vote::{SURE, Sureness, Vote};
+use super::{Circle, SceneError, coverage_of, find_sphere};
+use crate::picture::{Picture, Plane};
+
+/// Pixels along the longer side of the picture in which the object is looked for.
+pub(super) const SIDE: usize = 512;
+/// Least share of an object that stands out from a plain background, though not as a ball, that a
+/// circle found by its edges must hold.
+const HELD: f64 = 0.9;
+/// Support of a circle that is the ball though it does not hold that share.
+const DISTINCT: f64 = 0.8;
+/// Distance of an outline from its circle, in pixels, up to which the file has no losses.
+const CRISP: f64 = 0.6;
+/// Pixels, and share of the radius, by which an outline may stray from the circle that is looked
+/// for near it.
+const ROUGH: (f64, f64) = (3.0, 0.06);
+
+/// A ball that was found.
+pub(super) struct Spotted {
+    /// Its outline.
+    pub(super) circle: Circle,
+    /// Coverage by mask, alpha channel or a background of one value; `None` where none of them is.
+    pub(super) coverage: Option<Plane<f32>>,
+    /// How sure it is, if it was found by a vote.
+    pub(super) sureness: Option<Sureness>,
+}
+
+/// Finds the ball in a picture: [`find_sphere`] in its mask, alpha channel or constant background;
+/// else the circle that stands out among all, which must hold what stands out from a background
+/// that is plain but for noise.
+///
+/// # Errors
+/// Errors of the outline; [`SceneError::Several`] for more objects than one that no mask tells
+/// apart; [`SceneError::Unsure`] where no circle stands out enough, [`SceneError::NoOutline`] where
+/// there is none.
+pub(super) fn spot(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Spotted, SceneError> {
+    let known = coverage_of(picture, mask).map(|coverage| {
+        let ball = in_coverage(&coverage, mask.is_some());
+        (coverage, ball)
+    });
+    let of_background = mask.is_none() && picture.alpha.is_none();
+    let by_edges = match &known {
+        Some((_, Ok(ball))) => of_background && !is_crisp(ball),
+        Some((_, Err(_))) => of_background,
+        None => true,
+    };
+    let told = if by_edges { by_vote(&picture.rgb) } else { Err(SceneError::NoOutline) };
+    match (told, known) {
+        (Ok((circle, sureness)), _) => Ok(Spotted { circle, coverage: None, sureness: Some(sureness) }),
+        // What the value of the background tells is right but for losses of a file.
+        (Err(_), Some((coverage, Ok(ball)))) => {
+            Ok(Spotted { circle: ball.circle, coverage: Some(coverage), sureness: None })
+        }
+        // A texture of few values, such as stripes, is no background.
+        (Err(SceneError::Unsure { candidates }), Some((_, Err(_)))) => Err(SceneError::Unsure { candidates }),
+        (Err(_), Some((_, Err(error)))) => Err(error),
+        (Err(error), None) => Err(error),
+    }
+}
+
+/// Finds the one ball in a coverage; `given` says that it is a mask, in which the largest part
+/// counts.
+fn in_coverage(coverage: &Plane<f32>, given: bool) -> Result<FoundCircle, SceneError> {
+    if !given {
+        single(coverage, |part| find_sphere(part).ok().map(|ball| ball.circle))?;
+    }
+    find_sphere(coverage)
+}
+
+/// Whether an outline is as exact as that of a picture without losses.
+pub(super) fn is_crisp(ball: &FoundCircle) -> bool {
+    ball.residual <= CRISP
+}
+
+/// Finds the circle that stands out.
+fn by_vote(rgb: &Plane<Vec3>) -> Result<(Circle, Sureness), SceneError> {
+    let small = Small::of(rgb, SIDE);
+    let Some(coverage) = plain_coverage(&small, rgb.size()) else {
+        let vote = Vote::of(rgb, &small, None);
+        return match vote.winner(false) {
+            Some(winner) => Ok(winner),
+            None if vote.candidates.is_empty() => Err(SceneError::NoOutline),
+            None => Err(SceneError::Unsure { candidates: vote.candidates }),
+        };
+    };
+    let edges = Edges::of(&small);
+    single(&coverage, |part| on_edges(rgb, &small, &edges, part))?;
+    let vote = Vote::of(rgb, &small, rough(&coverage).as_ref());
+    // Where all that stands out is within the circle, nothing else can be the ball.
+    if let Some(winner) = vote.winner(true)
+        && share_within(&coverage, &winner.0) >= HELD
+    {
+        return Ok(winner);
+    }
+    match vote.winner(false) {
+        Some(winner) if winner.1.support >= DISTINCT => Ok(winner),
+        _ => Err(find_sphere(&coverage).err().unwrap_or(SceneError::Unsure { candidates: vote.candidates })),
+    }
+}
+
+/// The circle about a shape that is roughly one: losses of a file may blur its outline by some
+/// pixels.
+fn rough(coverage: &Plane<f32>) -> Option<Circle> {
+    let fit = fit_circle(&outline(coverage).ok()?)?;
+    (fit.spread <= ROUGH.0 + ROUGH.1 * fit.circle.radius).then_some(fit.circle)
+}
+
+/// The outline of a ball on the edges of the photograph that are near the outline of a coverage, if
+/// that is a ball.
+pub(super) fn on_edges(rgb: &Plane<Vec3>, small: &Small, edges: &Edges, coverage: &Plane<f32>) -> Option<Circle> {
+    let (ring, circle) = edges.settled(rgb, small, &edges.ring(&rough(coverage)?))?;
+    (edges.support(&ring) >= SURE && share_within(coverage, &circle) >= HELD).then_some(circle)
+}
+
+/// Share of what is covered that lies within a circle.
+fn share_within(coverage: &Plane<f32>, circle: &Circle) -> f64 {
+    let width = coverage.width();
+    let (mut all, mut within) = (0.0, 0.0);
+    for (i, covered) in coverage.as_slice().iter().enumerate() {
+        let off = ((i % width) as f64 + 0.5 - circle.x).hypot((i / width) as f64 + 0.5 - circle.y);
+        all += f64::from(*covered);
+        if off <= circle.radius + 2.0 {
+            within += f64::from(*covered);
+        }
+    }
+    within / f64::max(all, 1.0)
+}
+
+/// Coverage for shapes other than a ball seen from far away: as [`coverage_of`], or before a
+/// background that is plain but for noise.
+///
+/// # Errors
+/// [`SceneError::NoOutline`] if nothing tells; [`SceneError::Several`] as for [`spot`].
+pub(crate) fn outlined(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Plane<f32>, SceneError> {
+    let plain = || plain_coverage(&Small::of(&picture.rgb, SIDE), picture.rgb.size());
+    let coverage = coverage_of(picture, mask).or_else(plain).ok_or(SceneError::NoOutline)?;
+    if mask.is_none() {
+        single(&coverage, |part| find_sphere(part).ok().map(|ball| ball.circle))?;
+    }
+    Ok(coverage)
+}
+
+#[cfg(test)]
+mod tests;

@@ -137,7 +137,9 @@ try {
   const result = JSON.parse(await keep(page, "result.json"));
   // A drag of the outline asks anew, and the command says so.
   const command = () => page.textContent("#photograph code");
-  const [told, circle] = [await command(), await page.locator(".stage circle").boundingBox()];
+  const outline = page.locator(".stage circle");
+  await outline.scrollIntoViewIfNeeded();
+  const [told, circle] = [await command(), await outline.boundingBox()];
   check(told.startsWith(`gonio infer '${basename(photograph)}' --circle `), `the command is ${told}`);
   const [x, y] = [circle.x + circle.width / 2, circle.y + circle.height / 2];
   await page.mouse.move(x, y);

@@ -191,7 +191,10 @@ pub fn estimate_beside<T: Send>(
     );
     let light = light?;
     let tint = rows?.and_then(|rows| rows.under(&colouring, &light));
-    let colouring = tint.as_ref().map_or_else(|| colouring.clone(), |tint| colouring.less_certain(tint));
+    let colouring = match &tint {
+        Some(tint) => colouring.less_certain(tint),
+        None => colouring,
+    };
     Ok((Estimate { material, light, colouring, tint }, made))
 }
 

@@ -81,6 +81,11 @@ impl Tint {
         let rows = Rows::of(&model.light, observations, table, colouring, light.grid.side())?;
         Ok(rows.and_then(|rows| rows.under(colouring, light)))
     }
+
+    /// Doubt about the colours of the BRDF, if there is one.
+    pub(super) fn doubt(&self) -> Option<Doubt> {
+        (self.apart[1] > TOO_FAR).then_some(Doubt::Colours(self.apart[1]))
+    }
 }
 
 /// Images of body and highlight at some observations, linear in the light.
@@ -116,13 +121,6 @@ impl Rows {
     /// Colours a light; `None` if the photograph is black.
     pub(super) fn under(&self, colouring: &Colouring, light: &Light) -> Option<Tint> {
         Images::of(self, colouring, light).map(|images| images.tint(light))
-    }
-}
-
-impl Tint {
-    /// Doubt about the colours of the BRDF, if there is one.
-    pub(super) fn doubt(&self) -> Option<Doubt> {
-        (self.apart[1] > TOO_FAR).then_some(Doubt::Colours(self.apart[1]))
     }
 }
 

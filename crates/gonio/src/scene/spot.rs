@@ -86,17 +86,17 @@ pub(super) fn is_crisp(ball: &FoundCircle) -> bool {
 /// Finds the circle that stands out.
 fn by_vote(rgb: &Plane<Vec3>) -> Result<(Circle, Sureness), SceneError> {
     let small = Small::of(rgb, SIDE);
+    let edges = Edges::of(&small);
     let Some(coverage) = plain_coverage(&small, rgb.size()) else {
-        let vote = Vote::of(rgb, &small, None);
+        let vote = Vote::of(rgb, &small, &edges, None);
         return match vote.winner(false) {
             Some(winner) => Ok(winner),
             None if vote.candidates.is_empty() => Err(SceneError::NoOutline),
             None => Err(SceneError::Unsure { candidates: vote.candidates }),
         };
     };
-    let edges = Edges::of(&small);
     single(&coverage, |part| on_edges(rgb, &small, &edges, part))?;
-    let vote = Vote::of(rgb, &small, rough(&coverage).as_ref());
+    let vote = Vote::of(rgb, &small, &edges, rough(&coverage).as_ref());
     // Where all that stands out is within the circle, nothing else can be the ball.
     if let Some(winner) = vote.winner(true)
         && share_within(&coverage, &winner.0) >= HELD

@@ -77,8 +77,7 @@ impl Vote {
     }
 
     /// Finds the circles that stand out in a photograph, and what is near a `hint`.
-    pub(super) fn of(rgb: &Plane<Vec3>, small: &Small, hint: Option<&Circle>) -> Self {
-        let edges = Edges::of(small);
+    pub(super) fn of(rgb: &Plane<Vec3>, small: &Small, edges: &Edges, hint: Option<&Circle>) -> Self {
         let hint = hint.map(|circle| edges.ring(circle));
         let rough: Vec<Ring> = hint.into_iter().chain(distinct(edges.best(), REFINED, |ring| ring)).collect();
         let mut closer: Vec<_> = rough.par_iter().filter_map(|ring| edges.settled(rgb, small, ring)).collect();

@@ -336,7 +336,12 @@ fn objects_that_are_nearly_balls_are_not_taken_for_them() {
 #[test]
 fn the_number_of_threads_does_not_matter() {
     let (picture, _) = photograph(Backdrop::Scales, 7);
-    let all = |threads| on_threads(threads, || Vote::of(&picture.rgb, &Small::of(&picture.rgb, SIDE), None));
+    let all = |threads| {
+        on_threads(threads, || {
+            let small = Small::of(&picture.rgb, SIDE);
+            Vote::of(&picture.rgb, &small, &Edges::of(&small), None)
+        })
+    };
     assert_eq!(all(1), all(3));
 }
 

@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let [low, median, high] = found.material.gloss;
     println!("gloss {median:.1}, between {low:.1} and {high:.1}; misfit {:.1} %", 100.0 * found.light.misfit);
-    let tables = found.colouring.colours().tables(&found.material.table);
+    let tables = found.colouring.field().tables(&found.material.table);
     if let Some(out) = paths.next() {
         gonio_io::merl::write(out, &MerlTable::from_bivariate(tables.each_ref()))?;
     }

@@ -177,7 +177,7 @@ pub(crate) fn solve(
             let ask = settings.estimate(*rule);
             let wanted = settings.pictures && settings.report;
             let fit = |table: &BivariateTable, colouring: &Colouring| {
-                wanted.then(|| Fits::of(&colouring.colours().tables(table)))
+                wanted.then(|| Fits::of(&colouring.field().tables(table)))
             };
             let (found, fits) = estimate_beside(model, observations, &ask, &begin, fit).map_err(blame)?;
             Ok(Found { fits, ..Found::blind(found, notes::settings(&ask, linear), warnings) })
@@ -297,7 +297,7 @@ impl Answer {
             picture: &self.seen.picture,
             sighting: &self.seen.sighting,
             shadows: self.shadows,
-            colours: self.colouring.colours(),
+            chroma: self.colouring.field(),
             table: &self.table,
             light: self.light.as_ref(),
             known_light: self.known_light.as_ref(),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
-use gonio::colour::{Chroma, TwoColours};
+use gonio::colour::{ChromaField, SavedChroma};
 use gonio::estimate::{ALBEDO, Colouring, Combined, EstimateError, Material, SHARES, combine as multiply};
 use gonio::inference::ProductError;
 use gonio::inference::learnt::MaterialPosterior;
@@ -11,16 +11,13 @@ use gonio::model::Model;
 use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
 use gonio_io::picture::encode_png;
-use gonio_io::posterior::{self, SavedColours, SavedPosterior};
+use gonio_io::posterior::{self, SavedPosterior};
 use gonio_report::combined::{Shown, compose};
 use gonio_report::uncertainty;
 use serde_json::{Value, json};
 
 use crate::results::{Files, QUANTILES};
 use crate::{Journal, Problem, notes};
-
-/// Factor of a 90 % interval to its standard deviation.
-const INTERVAL: f64 = 2.0 * 1.645;
 
 /// Photographs whose labels the picture shows, at most.
 const SHOWN: usize = 12;
@@ -29,8 +26,8 @@ const SHOWN: usize = 12;
 pub struct CombinedAnswer {
     /// The material, of albedo one half along the normal.
     pub material: Material,
-    /// Its colours.
-    pub colours: TwoColours,
+    /// Chroma of every cell: the mean of those of the photographs, by their inverse variances.
+    pub field: ChromaField,
     /// For each photograph, the logarithm of the odds of one material for all to another for it.
     pub agreement: Vec<f64>,
     /// Pictures by name, as linear display values.
@@ -46,14 +43,12 @@ pub struct CombinedAnswer {
 pub(crate) fn saved(model: &Model, image: &str, material: &Material, colouring: &Colouring) -> Option<SavedPosterior> {
     let learnt = model.learnt.as_ref()?;
     let likelihood = material.posterior.likelihood.clone();
-    Some(SavedPosterior::new(learnt.id(), vec![image.to_owned()], likelihood, saved_colours(colouring)))
+    Some(SavedPosterior::new(learnt.id(), vec![image.to_owned()], likelihood, saved_chroma(colouring)))
 }
 
-fn saved_colours(colouring: &Colouring) -> Option<SavedColours> {
-    let Colouring::Estimate { posterior, .. } = colouring else { return None };
-    let (colours, intervals) = (posterior.colours(), posterior.intervals());
-    let sd = |at: usize| [0, 1].map(|i| (intervals[at + i][1] - intervals[at + i][0]) / INTERVAL);
-    Some(SavedColours { body: colours.body.0, body_sd: sd(0), highlight: colours.highlight.0, highlight_sd: sd(2) })
+fn saved_chroma(colouring: &Colouring) -> Option<SavedChroma> {
+    let Colouring::Estimate(found) = colouring else { return None };
+    Some(found.saved())
 }
 
 /// Reads what each of these folders of results says of the material.
@@ -99,16 +94,17 @@ pub fn combine(
     journal.at("posterior", 0.0);
     let likelihoods: Vec<_> = given.iter().map(|(_, saved)| saved.likelihood.clone()).collect();
     let Combined { material, agreement } = multiply(model, &likelihoods).map_err(|error| blame(given, &error))?;
-    let saved: Vec<SavedColours> = given.iter().filter_map(|(_, saved)| saved.colours).collect();
-    let colours = mean_colours(&saved);
+    let saved: Vec<SavedChroma> = given.iter().filter_map(|(_, saved)| saved.chroma.clone()).collect();
+    let chroma = SavedChroma::mean(&saved);
+    let field = chroma.as_ref().map_or(ChromaField::GREY, SavedChroma::field);
     let alone: Vec<MaterialPosterior> =
         likelihoods.into_iter().filter_map(|likelihood| MaterialPosterior::of(learnt, likelihood)).collect();
     journal.at("drawing", 0.0);
-    let pictures = draw(given, &material, &alone, colours.0);
+    let pictures = draw(given, &material, &alone, &field);
     let images: Vec<String> = given.iter().flat_map(|(_, saved)| saved.images.clone()).collect();
-    let both = SavedPosterior::new(learnt.id(), images, material.posterior.likelihood.clone(), colours.1);
-    let notes = account(model, given, &material, &agreement, colours.0, journal);
-    Ok(CombinedAnswer { material, colours: colours.0, agreement, pictures, notes, saved: both })
+    let both = SavedPosterior::new(learnt.id(), images, material.posterior.likelihood.clone(), chroma.clone());
+    let notes = account(model, given, &material, &agreement, (&field, chroma.as_ref()), journal);
+    Ok(CombinedAnswer { material, field, agreement, pictures, notes, saved: both })
 }
 
 /// Names the photograph at fault.
@@ -121,29 +117,6 @@ fn blame(given: &[(String, SavedPosterior)], error: &EstimateError) -> Problem {
     }
 }
 
-/// Mean of colours by their inverse variances, which is white of none.
-fn mean_colours(all: &[SavedColours]) -> (TwoColours, Option<SavedColours>) {
-    if all.is_empty() {
-        return (TwoColours::default(), None);
-    }
-    let mean = |value: &dyn Fn(&SavedColours) -> (f64, f64)| {
-        let (sum, weight) = all.iter().map(value).fold((0.0, 0.0), |(sum, weight), (value, sd)| {
-            let own = sd.max(1e-3).powi(-2);
-            (sum + own * value, weight + own)
-        });
-        (sum / weight, weight.powf(-0.5))
-    };
-    let body = [0, 1].map(|i| mean(&|c: &SavedColours| (c.body[i], c.body_sd[i])));
-    let highlight = [0, 1].map(|i| mean(&|c: &SavedColours| (c.highlight[i], c.highlight_sd[i])));
-    let saved = SavedColours {
-        body: body.map(|b| b.0),
-        body_sd: body.map(|b| b.1),
-        highlight: highlight.map(|h| h.0),
-        highlight_sd: highlight.map(|h| h.1),
-    };
-    (TwoColours { body: Chroma(saved.body), highlight: Chroma(saved.highlight) }, Some(saved))
-}
-
 fn gloss(low: f64, median: f64, high: f64) -> String {
     format!("gloss {median:.1} ({low:.1} to {high:.1})")
 }
@@ -152,9 +125,9 @@ fn draw(
     given: &[(String, SavedPosterior)],
     material: &Material,
     alone: &[MaterialPosterior],
-    colours: TwoColours,
+    field: &ChromaField,
 ) -> Vec<(&'static str, Plane<Vec3>)> {
-    let coloured = |table: &BivariateTable| colours.tables(table);
+    let coloured = |table: &BivariateTable| field.tables(table);
     let [low, median, high] = material.gloss;
     let combined = [
         ("all together", &material.table),
@@ -182,9 +155,10 @@ fn account(
     given: &[(String, SavedPosterior)],
     material: &Material,
     agreement: &[f64],
-    colours: TwoColours,
+    (field, chroma): (&ChromaField, Option<&SavedChroma>),
     journal: &Journal<'_>,
 ) -> Value {
+    let (body, highlight) = (field.body(&material.table), field.highlight(&material.table));
     let photographs: Vec<Value> = given
         .iter()
         .zip(agreement)
@@ -207,8 +181,8 @@ fn account(
                      logarithm of the odds of one material for all photographs to another one for this",
         },
         "colour": {
-            "body": { "rgb": colours.body.rgb().to_array(), "log_chroma": colours.body.0 },
-            "highlight": { "rgb": colours.highlight.rgb().to_array(), "log_chroma": colours.highlight.0 },
+            "body": { "rgb": body.rgb().to_array(), "log_chroma": body.0, "log_chroma_sd": chroma.map(|c| c.body_sd) },
+            "highlight": { "rgb": highlight.rgb().to_array(), "log_chroma": highlight.0 },
         },
         "warnings": [],
         "seconds": seconds,
@@ -225,8 +199,9 @@ impl CombinedAnswer {
             .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
         let quantiles = &self.material.quantiles;
         Ok(Files {
-            tables: self.colours.tables(&self.material.table),
+            tables: self.field.tables(&self.material.table),
             quantiles: Some((quantiles.len(), quantiles.concat())),
+            channel_quantiles: None,
             posterior: Some(self.saved.encode()),
             light: None,
             pictures: self.pictures.iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),

@@ -1,6 +1,6 @@
 //! The sections of `result.json`.
 
-use gonio::colour::Chroma;
+use gonio::colour::ChromaInterval;
 use gonio::estimate::{
     ALBEDO, Colouring, Estimate, Light, LightEstimator, LitEstimate, Material, WIDE, expected_misfit,
 };
@@ -232,7 +232,7 @@ fn light_notes(light: &Light) -> Value {
 
 /// The section `colour`. `assumption` says in words what was taken for the light's colour.
 fn colouring(colouring: &Colouring, assumption: &str) -> Value {
-    let (posterior, share) = match colouring {
+    let found = match colouring {
         Colouring::Grey => return json!({ "how": "none" }),
         Colouring::GreyPhotograph => return json!({ "how": "grey photograph" }),
         Colouring::Median(chroma) => {
@@ -242,29 +242,25 @@ fn colouring(colouring: &Colouring, assumption: &str) -> Value {
                 "note": "the median colour of the photograph, of luminance one, light and reflectance together",
             });
         }
-        Colouring::Estimate { posterior, share } => (posterior, share),
+        Colouring::Estimate(found) => found,
     };
-    let intervals = posterior.intervals();
-    let part = |chroma: Chroma, at: usize| {
+    let part = |part: &ChromaInterval| {
         json!({
-            "rgb": chroma.rgb().to_array(),
-            "log_chroma": chroma.0,
-            "interval_90": [intervals[at], intervals[at + 1]],
+            "rgb": part.chroma.rgb().to_array(),
+            "log_chroma": part.chroma.0,
+            "interval_90": part.interval,
+            "strip": part.strip.map(|chroma| chroma.rgb().to_array()),
         })
     };
-    let colours = posterior.colours();
     json!({
         "how": "estimate",
         "assumption": assumption,
-        "body": part(colours.body, 0),
-        "highlight": part(colours.highlight, 2),
-        "light": part(posterior.light(), 4),
-        "coloured_highlight": posterior.coloured,
-        "highlight_share": share,
-        "note": "rgb: linear, of luminance one; log_chroma: ln R/G and ln B/G, with their 90 % intervals; each channel of \
-                 brdf.binary is rgb of the body times the luminance BRDF far from the highlight plus rgb of the highlight times the \
-                 rest; coloured_highlight: probability that the highlight is coloured as a metal's is; light: of a white \
-                 matte ball in the object's place",
+        "body": part(&found.body),
+        "highlight": part(&found.highlight),
+        "light": part(&found.light),
+        "note": "rgb: linear Rec. 709, of luminance one; log_chroma: ln R/G and ln B/G, with their 90 % intervals; strip: colours at 5, \
+                 25, 50, 75 and 95 % along the direction in which they are least certain; body: half angles of 30 to 70 degrees; highlight: \
+                 half angles below 2 degrees; both for difference angles below 60 degrees; light: a white matte ball in the object's place",
     })
 }
 

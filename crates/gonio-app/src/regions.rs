@@ -327,7 +327,7 @@ impl Several {
                 .iter()
                 .map(|region| Shown {
                     label: format!("region {}", region.name),
-                    tables: region.answer.colouring.colours().tables(&region.answer.table),
+                    tables: region.answer.colouring.field().tables(&region.answer.table),
                 })
                 .collect();
             side_by_side((&map, "regions"), &spheres, &colours, &format!("{image} | {} materials", spheres.len()))

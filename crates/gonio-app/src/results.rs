@@ -16,6 +16,8 @@ use crate::{Answer, Problem};
 pub const BRDF: &str = "brdf.binary";
 /// Quantiles of its luminance, `[quantile][theta_h][theta_d]`.
 pub const QUANTILES: &str = "brdf_quantiles.npy";
+/// Quantiles of its channels, `[channel][quantile][theta_h][theta_d]`.
+pub const CHANNEL_QUANTILES: &str = "brdf_rgb_quantiles.npy";
 /// The light, as a lat-long map.
 pub const LIGHT: &str = "light.exr";
 /// All numbers by name.
@@ -32,7 +34,7 @@ pub const LIGHT_ROWS: usize = 128;
 /// Names of all files that a folder of results may hold, those in folders of regions and of exports
 /// apart.
 pub(crate) fn names() -> impl Iterator<Item = String> {
-    let plain = [BRDF, QUANTILES, LIGHT, RESULT, REPORT, MATERIALS, gonio_io::posterior::FILE];
+    let plain = [BRDF, QUANTILES, CHANNEL_QUANTILES, LIGHT, RESULT, REPORT, MATERIALS, gonio_io::posterior::FILE];
     plain.into_iter().map(str::to_owned).chain(PICTURES.iter().map(|name| format!("{name}.png")))
 }
 
@@ -42,6 +44,8 @@ pub struct Files {
     pub tables: [BivariateTable; 3],
     /// Quantiles of its luminance, and how many there are.
     pub quantiles: Option<(usize, Vec<f32>)>,
+    /// Quantiles of red, green and blue, and how many there are of each.
+    pub channel_quantiles: Option<(usize, Vec<f32>)>,
     /// `posterior.json`, what can be combined with other photographs.
     pub posterior: Option<Vec<u8>>,
     /// The light, lat-long.
@@ -57,11 +61,15 @@ pub struct Files {
 impl Files {
     /// Their names and contents.
     pub fn encode(self) -> Vec<(String, Vec<u8>)> {
-        let Self { tables, quantiles, posterior, light, pictures, notes, page } = self;
+        let Self { tables, quantiles, channel_quantiles, posterior, light, pictures, notes, page } = self;
         let mut files = vec![(BRDF.to_owned(), merl::encode(&MerlTable::from_bivariate(tables.each_ref())))];
         files.extend(quantiles.map(|(count, values)| {
             let array = npy::Array { shape: vec![count, THETA_H, THETA_D], values };
             (QUANTILES.to_owned(), npy::encode(&array))
+        }));
+        files.extend(channel_quantiles.map(|(count, values)| {
+            let array = npy::Array { shape: vec![3, count, THETA_H, THETA_D], values };
+            (CHANNEL_QUANTILES.to_owned(), npy::encode(&array))
         }));
         files.extend(posterior.map(|posterior| (gonio_io::posterior::FILE.to_owned(), posterior)));
         files.extend(light.map(|light| (LIGHT.to_owned(), encode_exr(&light, None))));
@@ -95,10 +103,13 @@ impl Answer {
     pub fn files(&self) -> Result<Files, Problem> {
         let notes = serde_json::to_string_pretty(&self.notes)
             .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
-        let scaled = |values: Vec<f32>| values.into_iter().map(|v| v * self.scale as f32).collect();
+        let scaled = |values: Vec<f32>| values.into_iter().map(|v| v * self.scale as f32).collect::<Vec<f32>>();
+        let coloured = self.material.as_ref().filter(|_| !self.colouring.field().is_grey());
+        let channels = coloured.map(|m| (m.quantiles.len(), scaled(self.colouring.quantiles(m).concat().concat())));
         let estimated = self.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
         Ok(Files {
-            tables: self.colouring.colours().tables(&self.table.scaled(self.scale)),
+            tables: self.colouring.field().tables(&self.table.scaled(self.scale)),
+            channel_quantiles: channels,
             quantiles: self.material.as_ref().map(|m| (m.quantiles.len(), scaled(m.quantiles.concat()))),
             posterior: self.saved.as_ref().map(SavedPosterior::encode),
             light: estimated.or_else(|| self.known_light.as_ref().map(|known| known.radiance().clone())),

@@ -259,7 +259,7 @@ pub fn posterior(
     })?;
     let training = TrainingSettings { steps, seed, ..TrainingSettings::default() };
     let mut learnt = learn(&stock, &training, &|share, _| progress("learning the posterior", share))?;
-    learnt.colours = Some(colours(&learnt, lights, materials, progress)?);
+    learnt.colours = Some(colours(&learnt, lights, std::slice::from_ref(materials), progress)?.0);
     let provenance = format!(
         "posterior of materials by gonio {} from the {channel:?} channel of {} materials in {count} maps, {} scenes, {} photographs, seed {seed}",
         env!("CARGO_PKG_VERSION"),
@@ -271,24 +271,54 @@ pub fn posterior(
 }
 
 /// Learns the model of colours from a photograph of each material in each light, read by the
-/// posterior of their luminance.
-///
-/// # Errors
-/// See [`posterior`].
-pub fn colours(
+/// posterior of their luminance. Returns the numbers of materials and of lights, too.
+fn colours(
     learnt: &LearntPosterior,
     lights: &Lights,
-    materials: &Materials,
+    materials: &[Materials],
     progress: Progress<'_>,
-) -> Result<ColourModel, TrainingError> {
-    let tables = materials.rgb(progress)?.into_iter().map(|(_, rgb)| rgb).collect();
+) -> Result<(ColourModel, [usize; 2]), TrainingError> {
+    let mut tables = Vec::new();
+    for some in materials {
+        tables.extend(some.rgb(progress)?.into_iter().map(|(_, rgb)| rgb));
+    }
+    if tables.is_empty() {
+        return Err(TrainingError::Setting("materials: no materials to learn colours from".to_owned()));
+    }
+    let count = tables.len();
     let mut stock = ColourStock::new(learnt, tables);
-    lights.each(&mut |share, light| {
+    let lights = lights.each(&mut |share, light| {
         stock.add_light(light);
         progress("learning colours", share);
     })?;
-    Ok(stock.learn())
+    Ok((stock.learn(), [count, lights]))
 }
+
+/// Learns the model of colours of a model anew.
+///
+/// # Errors
+/// If the model has no posterior of materials, or as [`posterior`].
+pub fn recolour(
+    model: &mut Model,
+    lights: &Lights,
+    materials: &[Materials],
+    progress: Progress<'_>,
+) -> Result<(), TrainingError> {
+    let Some(learnt) = model.learnt.as_mut() else {
+        return Err(TrainingError::Setting("model: has no posterior of materials to read colours with".to_owned()));
+    };
+    let (found, [count, maps]) = colours(learnt, lights, materials, progress)?;
+    learnt.colours = Some(found);
+    // The note on earlier colours, if any, is replaced.
+    let others = model.provenance.split("; ").filter(|part| !part.starts_with(COLOURS)).collect::<Vec<_>>();
+    model.provenance =
+        format!("{}; {COLOURS} {} from {count} materials in {maps} maps", others.join("; "), env!("CARGO_PKG_VERSION"));
+    model.check()?;
+    Ok(())
+}
+
+/// Start of the note on the origin of colours.
+const COLOURS: &str = "colours by gonio";
 
 /// All parts as a model, each with the note of its origin.
 ///

@@ -10,8 +10,8 @@ use gonio_app::training::{
 };
 use gonio_io::atomic::write_file;
 use gonio_io::model::{
-    encode_lighting, encode_model, encode_posterior, encode_reflectance, read_lighting, read_posterior,
-    read_reflectance,
+    embedded, encode_lighting, encode_model, encode_posterior, encode_reflectance, read_lighting, read_model,
+    read_posterior, read_reflectance,
 };
 use serde_json::{Value, json};
 
@@ -27,6 +27,8 @@ pub(crate) enum Command {
     Reflectance(Reflectance),
     /// The posterior of materials for `gonio infer --method learnt`, from both
     Posterior(Posterior),
+    /// The colours of a model anew, from lights and materials in RGB
+    Colours(Recolour),
     /// Join all into a model for `gonio infer --model`
     Model(Join),
 }
@@ -140,6 +142,23 @@ pub(crate) struct Posterior {
     seed: u64,
 }
 
+/// Options of `gonio train colours`.
+#[derive(clap::Args)]
+pub(crate) struct Recolour {
+    /// Model whose colours are learnt anew [default: the embedded model]
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Folder of lat-long maps (.hdr, .exr, .pfm)
+    #[arg(long, value_name = "DIR")]
+    lights: PathBuf,
+    /// Folders of materials, as for `gonio train posterior`
+    #[arg(long, value_name = "DIR", required = true, num_args = 1..)]
+    materials: Vec<PathBuf>,
+    /// File to write
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
 /// Options of `gonio train model`.
 #[derive(clap::Args)]
 pub(crate) struct Join {
@@ -162,6 +181,7 @@ pub(crate) fn run(command: &Command) -> Result<Outcome> {
         Command::Lighting(options) => lighting(options),
         Command::Reflectance(options) => reflectance(options),
         Command::Posterior(options) => posterior(options),
+        Command::Colours(options) => recolour(options),
         Command::Model(options) => join(options),
     }
 }
@@ -232,6 +252,20 @@ fn posterior(options: &Posterior) -> Result<Outcome> {
     let (learnt, provenance) = learn(|progress| training::posterior(&lights, &materials, &settings, progress))?;
     write_file(&options.output, &encode_posterior(&learnt, &provenance))?;
     Ok(written(&options.output, &provenance))
+}
+
+fn recolour(options: &Recolour) -> Result<Outcome> {
+    let mut model = match &options.model {
+        Some(path) => read_model(path)?,
+        None => embedded()?,
+    };
+    let (lights, materials) = (
+        Lights::Folder(options.lights.clone()),
+        options.materials.iter().cloned().map(Materials::Folder).collect::<Vec<_>>(),
+    );
+    learn(|progress| training::recolour(&mut model, &lights, &materials, progress))?;
+    write_file(&options.output, &encode_model(&model))?;
+    Ok(written(&options.output, &model.provenance))
 }
 
 fn join(options: &Join) -> Result<Outcome> {

@@ -92,7 +92,7 @@ impl Angles {
 }
 
 /// Lobes of several roughnesses, each `(share, roughness)`.
-type Lobes = &'static [(f64, f64)];
+pub(crate) type Lobes = &'static [(f64, f64)];
 
 fn beckmann(lobes: Lobes, angles: &Angles) -> f64 {
     lobes.iter().map(|&(share, roughness)| share * angles.beckmann(roughness)).sum()
@@ -100,11 +100,11 @@ fn beckmann(lobes: Lobes, angles: &Angles) -> f64 {
 
 /// Rough diffuse reflection (Oren and Nayar 1994, the qualitative model).
 #[derive(Debug)]
-struct OrenNayar {
+pub(crate) struct OrenNayar {
     /// Albedo of the facets, 0 to 1.
-    albedo: f64,
+    pub(crate) albedo: f64,
     /// Standard deviation of the facets' angle, radians.
-    slope: f64,
+    pub(crate) slope: f64,
 }
 
 impl Parametric for OrenNayar {
@@ -147,14 +147,14 @@ impl Parametric for Velvet {
 /// multiple reflections, as in every measured metal, and keeps the logarithm of the reflectance
 /// meaningful.
 #[derive(Debug)]
-struct Metal {
+pub(crate) struct Metal {
     /// Albedo of the Lambertian part.
-    diffuse: f64,
-    lobes: Lobes,
+    pub(crate) diffuse: f64,
+    pub(crate) lobes: Lobes,
     /// Real part of the refractive index.
-    eta: f64,
+    pub(crate) eta: f64,
     /// Imaginary part.
-    k: f64,
+    pub(crate) k: f64,
 }
 
 impl Parametric for Metal {
@@ -168,11 +168,11 @@ impl Parametric for Metal {
 /// A smooth to rough dielectric coat over a rough diffuse base, which the light reaches and leaves
 /// through the coat.
 #[derive(Debug)]
-struct Coated {
-    base: OrenNayar,
-    lobes: Lobes,
+pub(crate) struct Coated {
+    pub(crate) base: OrenNayar,
+    pub(crate) lobes: Lobes,
     /// Refractive index of the coat.
-    eta: f64,
+    pub(crate) eta: f64,
 }
 
 impl Parametric for Coated {
@@ -181,6 +181,25 @@ impl Parametric for Coated {
         let enters = |cos: f64| 1.0 - dielectric(cos, self.eta);
         beckmann(self.lobes, &angles) * dielectric(angles.cos_d, self.eta)
             + enters(angles.cos_i) * enters(angles.cos_o) * self.base.eval(wi, wo)
+    }
+}
+
+/// Microfacets of a dielectric over a Lambertian body.
+#[derive(Debug)]
+pub(crate) struct Plastic {
+    /// Albedo of the body.
+    pub(crate) diffuse: f64,
+    pub(crate) roughness: f64,
+    /// Refractive index.
+    pub(crate) eta: f64,
+}
+
+impl Parametric for Plastic {
+    fn eval(&self, wi: DVec3, wo: DVec3) -> f64 {
+        let Some(angles) = Angles::new(wi, wo) else { return 0.0 };
+        let enters = |cos: f64| 1.0 - dielectric(cos, self.eta);
+        let body = enters(angles.cos_i) * enters(angles.cos_o) * self.diffuse * FRAC_1_PI;
+        body + angles.beckmann(self.roughness) * dielectric(angles.cos_d, self.eta)
     }
 }
 

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use gonio::colour::SavedChroma;
 use gonio::inference::Likelihood;
 use serde::{Deserialize, Serialize};
 
@@ -21,20 +22,6 @@ const VERSION: u32 = 1;
 /// Largest file, in bytes.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// Colours of a material with their uncertainty: of its body and of its highlight, as `ln R/G` and
-/// `ln B/G`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SavedColours {
-    /// Body.
-    pub body: [f64; 2],
-    /// Standard deviations.
-    pub body_sd: [f64; 2],
-    /// Highlight.
-    pub highlight: [f64; 2],
-    /// Standard deviations.
-    pub highlight_sd: [f64; 2],
-}
-
 /// The contents of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SavedPosterior {
@@ -47,14 +34,15 @@ pub struct SavedPosterior {
     pub images: Vec<String>,
     /// What they say of the material.
     pub likelihood: Likelihood,
-    /// Colours, if they were estimated.
-    pub colours: Option<SavedColours>,
+    /// Colours, if they were estimated. Files of earlier versions have none that can be read.
+    #[serde(default)]
+    pub chroma: Option<SavedChroma>,
 }
 
 impl SavedPosterior {
     /// Contents of a file.
-    pub fn new(model: String, images: Vec<String>, likelihood: Likelihood, colours: Option<SavedColours>) -> Self {
-        Self { format: FORMAT.to_owned(), version: VERSION, model, images, likelihood, colours }
+    pub fn new(model: String, images: Vec<String>, likelihood: Likelihood, chroma: Option<SavedChroma>) -> Self {
+        Self { format: FORMAT.to_owned(), version: VERSION, model, images, likelihood, chroma }
     }
 
     /// Encodes a file.
@@ -84,9 +72,8 @@ impl SavedPosterior {
         if saved.version > VERSION {
             return Err(Error::damaged(path, format!("is of version {}, newer than this program", saved.version)));
         }
-        let numbers = saved.colours.map_or(Vec::new(), |c| [c.body, c.body_sd, c.highlight, c.highlight_sd].concat());
-        if numbers.iter().any(|v| !v.is_finite()) {
-            return Err(Error::damaged(path, "has colours that are no numbers"));
+        if saved.chroma.as_ref().is_some_and(|chroma| !chroma.is_sound()) {
+            return Err(Error::damaged(path, "has colours of a wrong size or that are no numbers"));
         }
         Ok(saved)
     }
@@ -94,20 +81,16 @@ impl SavedPosterior {
 
 #[cfg(test)]
 mod tests {
+    use gonio::colour::{Chroma, ChromaField};
     use gonio::inference::Embedding;
 
     use super::*;
 
     #[test]
     fn files_come_back_as_they_were() {
-        let colours = SavedColours {
-            body: [0.1, -0.2],
-            body_sd: [0.3; 2],
-            highlight: [0.0, 1.0 / 3.0],
-            highlight_sd: [0.1, 0.2],
-        };
+        let chroma = SavedChroma::of(&ChromaField::uniform(Chroma([0.1, 1.0 / 3.0])), [0.3, 0.1]);
         let likelihood = Likelihood::Embedding(Embedding::of(vec![1.0, -0.1, 1e-7]));
-        let saved = SavedPosterior::new("abc".into(), vec!["ball.exr".into()], likelihood, Some(colours));
+        let saved = SavedPosterior::new("abc".into(), vec!["ball.exr".into()], likelihood, Some(chroma));
         assert_eq!(SavedPosterior::decode(Path::new("p"), &saved.encode()).unwrap(), saved);
     }
 

@@ -157,6 +157,7 @@ pub(crate) struct SavedResult<'py> {
     likelihood: Option<Bound<'py, Likelihood>>,
     light: Option<Bound<'py, PyArray3<f32>>>,
     quantiles: Option<Bound<'py, PyArray3<f32>>>,
+    rgb_quantiles: Option<Bound<'py, PyArray4<f32>>>,
     /// Pictures by name, of 8-bit samples of shape (height, width, 3); only those that a folder of
     /// results holds are written.
     pictures: HashMap<String, Bound<'py, PyArray3<u8>>>,
@@ -167,12 +168,18 @@ pub(crate) struct SavedResult<'py> {
 /// Writes a folder of results, completely or, on error, not at all.
 #[pyfunction]
 pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> PyResult<()> {
-    let SavedResult { table, likelihood, light, quantiles, pictures, notes, page } = result;
+    let SavedResult { table, likelihood, light, quantiles, rgb_quantiles, pictures, notes, page } = result;
     let held = PICTURES.into_iter().filter_map(|name| pictures.get(name).map(|samples| (name, samples)));
     let files = Files {
         tables: arrays::tables(&table)?,
         quantiles: quantiles
             .map(|quantiles| (quantiles.shape()[0], quantiles.readonly().as_array().iter().copied().collect())),
+        channel_quantiles: rgb_quantiles.map(|quantiles| {
+            let count = quantiles.shape()[0];
+            let channels = quantiles.readonly();
+            let channels = channels.as_array().permuted_axes([3, 0, 1, 2]);
+            (count, channels.iter().copied().collect())
+        }),
         posterior: likelihood.map(|likelihood| likelihood.get().0.encode()),
         light: light.map(|light| arrays::colours(&light)).transpose()?,
         pictures: held.map(|(name, samples)| Ok((name, png(samples)?))).collect::<PyResult<_>>()?,

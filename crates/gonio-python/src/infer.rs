@@ -1,7 +1,7 @@
 //! Inference from a photograph to everything that a `gonio.Posterior` holds.
 
 use glam::Vec3;
-use gonio::colour::TwoColours;
+use gonio::colour::ChromaField;
 use gonio::estimate::Material;
 use gonio::inference::Solver;
 use gonio::lighting::EnvironmentMap;
@@ -186,10 +186,10 @@ fn pictures(answer: &Answer) -> Vec<(&'static str, Plane<Vec3>)> {
 }
 
 /// Adds a BRDF to a dictionary, by the names of `gonio._types.FoundBrdf`; gives its dictionary.
-fn of_table<'py>(py: Python<'py>, table: BivariateTable, colours: TwoColours) -> PyResult<Bound<'py, PyDict>> {
+fn of_table<'py>(py: Python<'py>, table: BivariateTable, field: &ChromaField) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
-    out.set_item("table", arrays::of_tables(py, &colours.tables(&table)))?;
-    let two = [colours.body, colours.highlight].map(|colour| colour.rgb().to_array());
+    out.set_item("table", arrays::of_tables(py, &field.tables(&table)))?;
+    let two = [field.body(&table), field.highlight(&table)].map(|colour| colour.rgb().to_array());
     out.set_item("colors", arrays::array(py, (2, 3), two.concat()))?;
     out.set_item("luminance", arrays::array(py, (THETA_H, THETA_D), table.into()))?;
     Ok(out)
@@ -199,15 +199,22 @@ fn of_table<'py>(py: Python<'py>, table: BivariateTable, colours: TwoColours) ->
 pub(crate) fn of_material<'py>(
     py: Python<'py>,
     material: &Material,
-    colours: TwoColours,
+    (field, channels): (&ChromaField, Option<[Vec<Vec<f32>>; 3]>),
     scale: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
     let shape = (THETA_H, THETA_D);
-    let out = of_table(py, material.table.scaled(scale), colours)?;
-    let ends = material.ends.each_ref().map(|end| arrays::of_tables(py, &colours.tables(&end.scaled(scale))));
+    let out = of_table(py, material.table.scaled(scale), field)?;
+    let ends = material.ends.each_ref().map(|end| arrays::of_tables(py, &field.tables(&end.scaled(scale))));
     out.set_item("ends", ends)?;
     let quantiles: Vec<f32> = material.quantiles.iter().flatten().map(|v| v * scale as f32).collect();
     out.set_item("quantiles", arrays::array(py, (material.quantiles.len(), THETA_H, THETA_D), quantiles))?;
+    let channels = channels.map(|channels| {
+        let count = material.quantiles.len();
+        let cells = (0..count).flat_map(|q| (0..THETA_H * THETA_D).map(move |cell| (q, cell)));
+        let values = cells.flat_map(|(q, cell)| channels.each_ref().map(|channel| channel[q][cell] * scale as f32));
+        arrays::array(py, (count, THETA_H, THETA_D, 3), values.collect::<Vec<f32>>())
+    });
+    out.set_item("rgb_quantiles", channels)?;
     out.set_item("undetermined", arrays::array(py, shape, material.undetermined.clone()))?;
     out.set_item("open", material.open)?;
     let materials: Vec<(String, f64)> = material.neighbours.iter().map(|n| (n.name.clone(), n.weight)).collect();
@@ -233,20 +240,21 @@ pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec
 /// Dictionary of the results, by the names of `gonio._types.Found`, or, of a method that tells of
 /// coefficients alone, `FoundInBasis`.
 fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
-    let (colours, light_colour) = (answer.colouring.colours(), answer.colouring.light());
+    let (field, light_colour) = (answer.colouring.field(), answer.colouring.light());
+    let channels = answer.material.as_ref().map(|material| answer.colouring.quantiles(material));
     let pictures = pictures(&answer);
     let estimated = answer.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
     let light = estimated.or_else(|| answer.known_light.as_ref().map(|light| light.radiance().clone()));
     let Answer { table, material, saved, scale, left, notes, warnings, page, .. } = answer;
     let out = match material.zip(saved) {
         Some((material, saved)) => {
-            let out = of_material(py, &material, colours, scale)?;
+            let out = of_material(py, &material, (&field, channels), scale)?;
             out.set_item("likelihood", Likelihood(saved))?;
             out.set_item("scale", scale)?;
             out.set_item("scatter", material.scatter)?;
             out
         }
-        None => of_table(py, table.scaled(scale), colours)?,
+        None => of_table(py, table.scaled(scale), &field)?,
     };
     out.set_item("light", light.map(|light| arrays::of_colours(py, light)))?;
     out.set_item("light_color", arrays::array(py, 3, light_colour.to_array().to_vec()))?;

@@ -42,7 +42,7 @@ mod _gonio {
     #[pymodule_export]
     use super::probe::light_probe;
     #[pymodule_export]
-    use super::render::{coloured, eval, highlights, normal_albedo, render, studio};
+    use super::render::{eval, highlights, normal_albedo, render, studio};
     #[pymodule_export]
     use super::train::{join, train_lighting, train_posterior, train_reflectance};
     #[pymodule_export]

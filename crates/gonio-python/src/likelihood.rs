@@ -81,8 +81,8 @@ pub(crate) fn combine_all<'py>(
         let listener = |stage, fraction| reporter.at(stage, fraction);
         combine::combine((&known, &name), &all, &Journal::new("reading", &listener))
     })?;
-    let CombinedAnswer { material, colours, agreement, pictures, notes, saved } = answer;
-    let out = of_material(py, &material, colours, 1.0)?;
+    let CombinedAnswer { material, field, agreement, pictures, notes, saved } = answer;
+    let out = of_material(py, &material, (&field, None), 1.0)?;
     out.set_item("likelihood", Likelihood(saved))?;
     out.set_item("agreement", agreement)?;
     out.set_item("pictures", shown(py, pictures)?)?;

@@ -1,7 +1,5 @@
 //! Pictures of a BRDF.
 
-use glam::DVec3;
-use gonio::colour::{Chroma, TwoColours};
 use gonio::gloss::{GgxWidths, Glossmeter};
 use gonio::inference::learnt::peak_over_base;
 use gonio::lighting::{EnvironmentMap, studio_light};
@@ -129,31 +127,6 @@ pub(crate) fn highlights<'py>(
         all.iter().flat_map(of).collect::<Vec<f64>>()
     });
     Ok(arrays::array(py, (count, 4), numbers))
-}
-
-/// Luminance tables of shape (count, 90, 90) in two colours, of body and highlight: shape (count,
-/// 90, 90, 3).
-#[pyfunction]
-pub(crate) fn coloured<'py>(
-    py: Python<'py>,
-    tables: &Bound<'py, PyArray3<f32>>,
-    colours: &Bound<'py, numpy::PyArray2<f64>>,
-) -> PyResult<Bound<'py, PyArray4<f32>>> {
-    let (values, rgb) = (tables.readonly(), colours.readonly());
-    let (values, rgb) = (values.as_array(), rgb.as_array());
-    if values.shape()[1..] != [THETA_H, THETA_D] || rgb.shape() != [2, 3] {
-        return Err(raise(&Problem::new("tables have the shape (count, 90, 90), two colours (2, 3)"), py));
-    }
-    let colour = |part: usize| Chroma::of(DVec3::new(rgb[[part, 0]], rgb[[part, 1]], rgb[[part, 2]]));
-    let two = TwoColours { body: colour(0), highlight: colour(1) };
-    let count = values.shape()[0];
-    let mut out = Vec::with_capacity(count * THETA_H * THETA_D * 3);
-    for table in values.outer_iter() {
-        let [r, g, b] = two.tables(&BivariateTable::from_vec(table.iter().copied().collect()));
-        let cells = r.as_slice().iter().zip(g.as_slice()).zip(b.as_slice());
-        out.extend(cells.flat_map(|((r, g), b)| [*r, *g, *b]));
-    }
-    Ok(arrays::array(py, (count, THETA_H, THETA_D, 3), out))
 }
 
 /// Values of a table at half and difference angles in radians: shape (n, 3).

@@ -140,11 +140,11 @@ impl Session {
         let side = EstimateSettings::default().side;
         let material = Material::of(&self.model, &sighting.observations, side).map_err(|e| self.blamed(&e))?;
         let colouring = Colouring::of(&self.model, &sighting.observations, &material.table, &ColouringRule::default());
-        let colours = colouring.colours();
+        let field = colouring.field();
         let [dull, glossy] = &material.ends;
         let views =
             [("the estimate", &material.table), ("its dull end, at 5 %", dull), ("its glossy end, at 95 %", glossy)]
-                .map(|(name, table)| sphere::material(name, &colours.tables(table)));
+                .map(|(name, table)| sphere::material(name, &field.tables(table)));
         let neighbours: Vec<Value> =
             material.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
         let notes = json!({
@@ -199,7 +199,7 @@ impl Session {
     /// If what it holds has not been found yet.
     pub fn product(&self, product: Product, seconds: &str) -> Result<Vec<u8>, String> {
         let (_, (material, colouring)) = self.known()?;
-        let tables = || colouring.colours().tables(&material.table);
+        let tables = || colouring.field().tables(&material.table);
         Ok(match product {
             Product::Merl => gonio_io::merl::encode(&MerlTable::from_bivariate(tables().each_ref())),
             Product::Mitsuba => rgl::encode(&tables(), &stem(&self.name), Channels::Rgb),
@@ -216,7 +216,10 @@ impl Session {
     fn result(&self, seconds: &str) -> Result<String, String> {
         let (sighting, (material, colouring)) = self.known()?;
         let (light, tint, settings) = self.light.as_ref().ok_or("the light has not been found yet")?;
-        let colouring = &tint.as_ref().map_or_else(|| colouring.clone(), |tint| colouring.less_certain(tint));
+        let colouring = match tint {
+            Some(tint) => &colouring.clone().less_certain(&material.table, tint),
+            None => colouring,
+        };
         let (material, light) = (material.clone(), light.clone());
         let estimate = Estimate { material, light, colouring: colouring.clone(), tint: tint.clone() };
         let oddities = sighting.oddities.iter().map(ToString::to_string);

@@ -144,8 +144,11 @@ pub enum PosteriorFault {
     /// A range whose end lies before its beginning.
     #[error("feature {0} has no range")]
     Range(usize),
-    /// A model of colours with numbers that are not finite or variances that are not positive.
-    #[error("its model of colours has numbers that are not finite or variances that are not positive")]
+    /// A model of colours of another number of coordinates, or with numbers that are not finite or
+    /// variances that are not positive.
+    #[error(
+        "its model of colours has matrices of a wrong size, numbers that are not finite or variances that are not positive"
+    )]
     Colours,
 }
 
@@ -305,7 +308,7 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
         return Err(PosteriorFault::Range(feature).into());
     }
     match colours {
-        Some(colours) if !colours.is_proper() => Err(PosteriorFault::Colours.into()),
+        Some(colours) if !colours.is_proper(dimensions) => Err(PosteriorFault::Colours.into()),
         _ => Ok(()),
     }
 }

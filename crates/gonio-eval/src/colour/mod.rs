@@ -1,35 +1,37 @@
-//! `gonio-eval colour`: compares rules that colour a BRDF, on materials and lights unseen in
-//! training. The model of colours is learnt from the training materials in the training lights.
+//! `gonio-eval colour`: errors in RGB, of materials and lights that nothing was learnt from.
 //!
-//! Photographs show bivariate RGB tables on a ball in full-resolution RGB light. All rules but the
-//! true table colour the same luminance estimate. No dictionary entries are left out by hand: the
-//! posterior is used as learnt from the training materials alone.
+//! Photographs show bivariate RGB tables on a ball in full-resolution RGB light. The materials are
+//! those of `DATA/measured_extra` and `DATA/rgl`, and formulas in colour: saturated bodies, coloured
+//! metals, coats. The posterior of materials is that of the embedded model, which knows none of
+//! them; the model of colours is learnt from the MERL materials in the training lights.
 
-mod rules;
+mod estimators;
+mod formulas;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
 use glam::{DQuat, Vec3};
-use gonio::appearance::Lattice;
-use gonio::colour::{Chroma, ClueFinder, ColourModel, LeftOut, TwoColours, white_chroma};
-use gonio::inference::learnt::LearntPosterior;
-use gonio::lighting::EnvironmentMap;
+use gonio::colour::{Chroma, ChromaField, ColourModel, white_chroma};
+use gonio::model::Model;
 use gonio::picture::luminance;
-use gonio::reflectance::BivariateTable;
+use gonio::reflectance::{BivariateTable, brdf_scale, trusted_cells};
 use gonio::render::{LightTree, Relighter};
+use gonio::scene::{ObservationSettings, sphere_points};
 use gonio::shape::SurfacePoint;
 use gonio::simulation::ColourStock;
 use gonio::sphere::OctahedralMap;
 use gonio_io::cache::Cache;
 
-use crate::bench::{ACCURACY, Progress};
+use crate::bench::{DRAFT, Progress};
 use crate::data::Lights;
-use crate::materials::Materials;
 use crate::metrics::{mean, median, relight};
-use crate::posteriors::{self, Effort};
-use rules::{RULES, Rule, View};
+use crate::outside;
+use crate::posteriors;
+pub(crate) use estimators::ColourEstimator;
+use estimators::{Found, Photograph, observed};
 
 /// Options of `gonio-eval colour`.
 #[derive(clap::Args)]
@@ -43,145 +45,157 @@ pub(crate) struct Options {
     /// Test lights that estimates are relit in
     #[arg(long, value_delimiter = ',', default_value = "debevec_galileo,hotel_room,usc_pisa")]
     relight: Vec<String>,
-    #[command(flatten)]
-    effort: Effort,
+    /// Only every N-th material
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    every: u32,
+    /// Estimators to compare
+    #[arg(long, value_enum, value_delimiter = ',')]
+    estimators: Vec<ColourEstimator>,
+    /// Only materials whose names contain this
+    #[arg(long, default_value = "")]
+    only: String,
+    /// Only every N-th training light for the model of colours
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..))]
+    stride: u32,
 }
 
-/// Distance of the body's chroma from grey beyond which a material counts as coloured.
-const COLOURED: f64 = 0.3;
+/// Version of the learning of colours, part of the key in the cache.
+const VERSION: u32 = 1;
+
+/// Number of normals on the sphere that estimates are relit on.
+const RELIT_NORMALS: usize = 1_500;
+
+/// Noise of photographs, relative to each pixel.
+const NOISE: f64 = 0.01;
+
+/// A material with its group.
+struct Subject {
+    group: &'static str,
+    name: String,
+    rgb: [BivariateTable; 3],
+}
 
 /// Errors of one estimate.
 struct Record {
+    group: &'static str,
     light: String,
     material: String,
-    coloured: bool,
-    rule: Rule,
-    /// RGB relight error and its log version, means over the lights.
-    relative: f64,
-    log: f64,
-    /// Root mean square distance in u'v' over relit pixels.
-    chroma: f64,
-    /// Distance of the chroma of body and highlight from the true ones.
+    estimator: ColourEstimator,
+    /// RGB and luminance relight error, means over the lights.
+    rgb: f64,
+    luminance: f64,
+    /// Distance of the chroma of the relit ball's mean from the true one, mean over the lights.
+    mean_chroma: f64,
+    /// The same without the chroma of the photograph's light, which no blind estimate knows.
+    apart: f64,
+    /// Distance of the chroma of the body from the true one.
     body: f64,
-    highlight: f64,
-    /// Number of the four chroma coordinates (body, highlight) that lie in their 90 % intervals.
-    covered: Option<usize>,
+    /// Share of the cells of each channel in their 90 % intervals, mean of the channels.
+    cells: Option<f64>,
+    /// Whether both components of the body's chroma lie in their 90 % interval.
+    inside: Option<[bool; 2]>,
+    warned: bool,
 }
 
 pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
-    let materials = Materials::open(data, None)?;
-    let held_out = materials.held_out();
-    let training: Vec<usize> = materials.database().filter(|at| !held_out.contains(at)).collect();
-    let tables: Vec<(String, BivariateTable)> =
-        training.iter().map(|&at| (materials.names[at].clone(), materials.luminance(at))).collect();
-    let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
-    let lights = Lights::training(data)?;
-    let posterior = posteriors::load_or_train(&cache, &tables, &lights, &lights.names(), &options.effort.learning())?;
-    std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
-    let mut stock = ColourStock::new(&posterior, training.iter().map(|&at| materials.rgb(at).clone()).collect());
-    let progress = Progress::new("learning colours", lights.names().len());
-    for name in lights.names() {
-        stock.add_light(&lights.map(&name)?);
-        progress.step();
+    let mut model = gonio_io::model::embedded()?;
+    let colours = learn(data, &model, options.stride)?;
+    if let Some(learnt) = model.learnt.as_mut() {
+        learnt.colours = Some(colours);
     }
-    progress.finish();
-    let model = stock.learn();
-    let LeftOut { median: display, estimate, given, inside } = stock.left_out();
-    println!("left-out quarters of training materials and lights, median errors of body / highlight:");
-    for (name, [body, highlight]) in [("median colour", display), ("estimate", estimate), ("light given", given)] {
-        println!("{name}: {body:.3} / {highlight:.3}");
-    }
-    println!("in 90 % intervals: {:.0} %", 100.0 * inside);
-    let bench = Bench { finder: ClueFinder::new(), lattice: Lattice::new(), posterior, model };
+    let subjects: Vec<Subject> = subjects(data)?
+        .into_iter()
+        .filter(|subject| subject.name.contains(&options.only))
+        .step_by(options.every as usize)
+        .collect();
+    let tables: Vec<BivariateTable> = subjects.iter().map(|s| BivariateTable::luminance(&s.rgb)).collect();
     let lights = Lights::open(data)?;
-    let subjects: Vec<[BivariateTable; 3]> = held_out.iter().map(|&at| trusted(materials.rgb(at))).collect();
-    let luminances: Vec<BivariateTable> = subjects.iter().map(BivariateTable::luminance).collect();
-    let names: Vec<&str> = held_out.iter().map(|&at| materials.names[at].as_str()).collect();
+    let relit_points: Vec<SurfacePoint> = points(RELIT_NORMALS);
     let others: Vec<[Relighter; 3]> = options
         .relight
         .iter()
-        .map(|name| Ok(bench.operator(&lights.map(name)?, &luminances)))
+        .map(|name| Ok(Relighter::of_channels(&relit_points, &tables, &lights.tree(name)?, &DRAFT)))
         .collect::<Result<_>>()?;
-    let truths: Vec<Vec<Vec<Vec3>>> =
-        subjects.iter().map(|rgb| others.iter().map(|o| picture(o, rgb)).collect()).collect();
+    let all = ColourEstimator::value_variants();
+    let estimators = if options.estimators.is_empty() { all } else { &options.estimators };
+    std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let mut records = Vec::new();
-    let progress = Progress::new("photographs", options.lights.len() * names.len());
-    for light in &options.lights {
-        let map = lights.map(light)?;
-        let camera = posteriors::ball(DQuat::IDENTITY);
-        let operator = Relighter::of_channels(&camera, &luminances, &LightTree::of_map(&map), &ACCURACY);
-        let chroma = white_chroma(&map.to_grid(OctahedralMap::EqualArea, 32), DQuat::IDENTITY);
-        for ((name, rgb), truth) in names.iter().zip(&subjects).zip(&truths) {
-            let seen = bench.view(&camera, picture(&operator, rgb), chroma, rgb)?;
-            for rule in RULES {
-                let (estimate, colours, covered) = rule.apply(&seen, &bench.model, rgb);
-                let mut errors = [Vec::new(), Vec::new(), Vec::new()];
-                for (operator, want) in others.iter().zip(truth) {
-                    let got = picture(operator, &estimate);
-                    let flat = |p: &[Vec3]| p.iter().flat_map(|c| c.to_array().map(f64::from)).collect::<Vec<f64>>();
-                    let error = relight(&flat(&got), &flat(want));
-                    errors[0].push(error.relative);
-                    errors[1].push(error.log);
-                    errors[2].push(uv_distance(&got, want));
-                }
-                let true_colours = seen.truth;
-                records.push(Record {
-                    light: light.clone(),
-                    material: (*name).to_owned(),
-                    coloured: true_colours.body.distance(Chroma::default()) > COLOURED,
-                    rule,
-                    relative: mean(&errors[0]),
-                    log: mean(&errors[1]),
-                    chroma: mean(&errors[2]),
-                    body: colours.body.distance(true_colours.body),
-                    highlight: colours.highlight.distance(true_colours.highlight),
-                    covered,
-                });
+    let progress = Progress::new("photographs", options.lights.len() * subjects.len());
+    for (at, light) in options.lights.iter().enumerate() {
+        let map = lights.map(light)?.rotated(DQuat::from_rotation_y(137.5_f64.to_radians() * at as f64));
+        let ball = posteriors::ball(DQuat::IDENTITY);
+        let operator = Relighter::of_channels(&ball, &tables, &LightTree::of_map(&map), &DRAFT);
+        let light_chroma = white_chroma(&map.reduced(128).to_grid(OctahedralMap::EqualArea, 32), DQuat::IDENTITY);
+        for subject in &subjects {
+            let mut image = picture(&operator, &subject.rgb);
+            add_noise(&mut image, &format!("{light} {}", subject.name));
+            let observations = observed(&ball, &image);
+            let photograph = Photograph { model: &model, observations, light: &map, light_chroma, truth: &subject.rgb };
+            for &estimator in estimators {
+                let found = estimator.estimate(&photograph)?;
+                records.push(judge(subject, light, estimator, &found, &others, light_chroma));
             }
             progress.step();
         }
     }
     progress.finish();
     gonio_io::atomic::write_file(options.out.join("colour.csv"), csv(&records).as_bytes())?;
-    print!("{}", summary(&records));
+    print!("{}", summary(&records, estimators));
     Ok(())
 }
 
-/// Replaces the extrapolated cells of the tables by the nearest trusted ones.
-fn trusted(rgb: &[BivariateTable; 3]) -> [BivariateTable; 3] {
-    rgb.clone().map(|mut table| {
-        table.extend_from_trusted();
-        table
-    })
+/// Learns the model of colours from the MERL materials in every `stride`-th training light, or loads
+/// it from the cache.
+fn learn(data: &Path, model: &Model, stride: u32) -> Result<ColourModel> {
+    let learnt = model.learnt.as_ref().context("the embedded model has no posterior of materials")?;
+    let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;
+    let key = format!("colours-{VERSION}-{}-{stride}", learnt.id());
+    if let Some(found) = cache.load(&key).and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
+        return Ok(found);
+    }
+    let merl = gonio_io::bivariate::read_bivariate_set(data.join("merl"))?;
+    let mut stock = ColourStock::new(learnt, merl.into_iter().map(|(_, rgb)| rgb).collect());
+    let lights = Lights::training(data)?;
+    let names: Vec<String> = lights.names().into_iter().step_by(stride as usize).collect();
+    let progress = Progress::new("learning colours", names.len());
+    for name in &names {
+        stock.add_light(&lights.map(name)?);
+        progress.step();
+    }
+    progress.finish();
+    let found = stock.learn();
+    cache.store(&key, &serde_json::to_vec(&found)?)?;
+    Ok(found)
 }
 
-/// The models that read a photograph.
-struct Bench {
-    posterior: LearntPosterior,
-    model: ColourModel,
-    lattice: Lattice,
-    finder: ClueFinder,
+/// Materials that nothing was learnt from.
+fn subjects(data: &Path) -> Result<Vec<Subject>> {
+    let mut subjects = Vec::new();
+    let extra = data.join("measured_extra");
+    if extra.is_dir() {
+        for (name, rgb) in gonio_io::bivariate::read_bivariate_set(extra)? {
+            subjects.push(Subject { group: "measured_extra", name, rgb });
+        }
+    }
+    for (name, path) in outside::rgl_files(&data.join("rgl"))? {
+        let table = gonio_io::rgl::read(&path)?.to_merl();
+        subjects.push(Subject { group: "rgl", name, rgb: [0, 1, 2].map(|c| table.bivariate(c)) });
+    }
+    for (name, rgb) in formulas::coloured() {
+        subjects.push(Subject { group: "formulas", name: name.to_owned(), rgb });
+    }
+    if subjects.is_empty() {
+        bail!("{}: no materials to judge colours by", data.display());
+    }
+    // Cells beyond 80 degrees are extrapolated.
+    subjects.iter_mut().flat_map(|s| &mut s.rgb).for_each(BivariateTable::extend_from_trusted);
+    Ok(subjects)
 }
 
-impl Bench {
-    /// Operator that relights estimates in a map.
-    fn operator(&self, map: &EnvironmentMap, examples: &[BivariateTable]) -> [Relighter; 3] {
-        Relighter::of_channels(&self.lattice.points(DQuat::IDENTITY), examples, &LightTree::of_map(map), &ACCURACY)
-    }
-
-    fn view(
-        &self,
-        points: &[SurfacePoint],
-        image: Vec<Vec3>,
-        light: Chroma,
-        rgb: &[BivariateTable; 3],
-    ) -> Result<View> {
-        let values = image.iter().map(|c| Some(f64::from(luminance(*c))));
-        let table = self.posterior.posterior(&posteriors::on_disk(points, values)?).mean;
-        let colours: Vec<Option<Vec3>> = image.iter().copied().map(Some).collect();
-        let clues = self.finder.read(points, &colours, &table);
-        Ok(View { image, table, clues, light, truth: TwoColours::of(rgb) })
-    }
+/// Points of a sphere within 80 degrees of the view.
+fn points(normals: usize) -> Vec<SurfacePoint> {
+    let settings = ObservationSettings { normals, ..ObservationSettings::default() };
+    sphere_points(&settings).into_iter().filter(|p| p.normal.z > 80.0_f64.to_radians().cos()).collect()
 }
 
 /// Renders a BRDF in the light of an operator.
@@ -190,92 +204,122 @@ fn picture(operator: &[Relighter; 3], rgb: &[BivariateTable; 3]) -> Vec<Vec3> {
     (0..channels[0].len()).map(|i| Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32))).collect()
 }
 
-/// CIE 1976 u'v' of linear Rec. 709.
-fn uv(rgb: Vec3) -> [f64; 2] {
-    let [r, g, b] = rgb.as_dvec3().to_array();
-    let x = 0.4124 * r + 0.3576 * g + 0.1805 * b;
-    let y = 0.2126 * r + 0.7152 * g + 0.0722 * b;
-    let z = 0.0193 * r + 0.1192 * g + 0.9505 * b;
-    let total = (x + 15.0 * y + 3.0 * z).max(1e-30);
-    [4.0 * x / total, 9.0 * y / total]
+/// Adds independent noise to the channels of every pixel, seeded by a key.
+fn add_noise(image: &mut [Vec3], key: &str) {
+    for c in 0..3 {
+        let mut logs = vec![1.0; image.len()];
+        crate::bench::add_noise(&mut logs, NOISE, &format!("{key} {c}"));
+        image.iter_mut().zip(logs).for_each(|(rgb, factor)| rgb[c] *= factor as f32);
+    }
 }
 
-/// Root mean square distance in u'v' over pixels.
-fn uv_distance(got: &[Vec3], want: &[Vec3]) -> f64 {
-    let square = |(a, b): (&Vec3, &Vec3)| {
-        let (a, b) = (uv(*a), uv(*b));
-        (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
-    };
-    (got.iter().zip(want).map(square).sum::<f64>() / want.len() as f64).sqrt()
+fn judge(
+    subject: &Subject,
+    light: &str,
+    estimator: ColourEstimator,
+    found: &Found,
+    others: &[[Relighter; 3]],
+    light_chroma: Chroma,
+) -> Record {
+    let mut errors = [const { Vec::new() }; 4];
+    let [r, b] = light_chroma.0;
+    for operator in others {
+        let (got, want) = (picture(operator, &found.tables), picture(operator, &subject.rgb));
+        let flat = |p: &[Vec3]| p.iter().flat_map(|c| c.to_array().map(f64::from)).collect::<Vec<f64>>();
+        let grey = |p: &[Vec3]| p.iter().map(|c| f64::from(luminance(*c))).collect::<Vec<f64>>();
+        let chroma = |p: &[Vec3]| Chroma::of(p.iter().map(|c| c.as_dvec3()).sum());
+        errors[0].push(relight(&flat(&got), &flat(&want)).relative);
+        errors[1].push(relight(&grey(&got), &grey(&want)).relative);
+        let (got, want) = (chroma(&got), chroma(&want));
+        errors[2].push(got.distance(want));
+        errors[3].push(Chroma([got.0[0] - r, got.0[1] - b]).distance(want));
+    }
+    let tables = [&found.tables, &subject.rgb].map(|rgb| BivariateTable::luminance(rgb));
+    let body = |rgb: &[BivariateTable; 3], table| ChromaField::of_tables(rgb).body(table);
+    let (got, want) = (body(&found.tables, &tables[0]), body(&subject.rgb, &tables[1]));
+    let scale = 1.0 / brdf_scale(&tables[0], &tables[1]);
+    let cells = found.quantiles.as_ref().map(|quantiles| {
+        let inside = |c: usize| {
+            let (low, high) = (&quantiles[c][0], &quantiles[c][3]);
+            let value = |cell: usize| (scale * f64::from(subject.rgb[c].as_slice()[cell])) as f32;
+            let hits = trusted_cells().filter(|&cell| low[cell] <= value(cell) && value(cell) <= high[cell]);
+            hits.count() as f64 / trusted_cells().count() as f64
+        };
+        mean(&[inside(0), inside(1), inside(2)])
+    });
+    Record {
+        group: subject.group,
+        light: light.to_owned(),
+        material: subject.name.clone(),
+        estimator,
+        rgb: mean(&errors[0]),
+        luminance: mean(&errors[1]),
+        mean_chroma: mean(&errors[2]),
+        apart: mean(&errors[3]),
+        body: got.distance(want),
+        cells,
+        inside: found.body.map(|ends| [0, 1].map(|c| ends[c][0] <= want.0[c] && want.0[c] <= ends[c][1])),
+        warned: found.warned,
+    }
 }
 
 fn csv(records: &[Record]) -> String {
-    let mut out = String::from("light,material,coloured,rule,relative,log,uv,body,highlight,covered\n");
+    let mut out = String::from(
+        "group,material,light,estimator,rgb,luminance,mean_chroma,apart_from_light,body,cells_in_90,body_in_90,warned\n",
+    );
     for r in records {
-        let covered = r.covered.map(|c| c.to_string()).unwrap_or_default();
+        let cells = r.cells.map(|share| format!("{share:.3}")).unwrap_or_default();
+        let inside = r.inside.map(|inside| inside.iter().filter(|x| **x).count().to_string()).unwrap_or_default();
+        let name = r.estimator.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
         let _ = writeln!(
             out,
-            "{},{},{},{},{:.4},{:.4},{:.4},{:.4},{:.4},{covered}",
-            r.light,
-            r.material,
-            r.coloured,
-            r.rule.id(),
-            r.relative,
-            r.log,
-            r.chroma,
-            r.body,
-            r.highlight
+            "{},{},{},{name},{:.4},{:.4},{:.4},{:.4},{:.4},{cells},{inside},{}",
+            r.group, r.material, r.light, r.rgb, r.luminance, r.mean_chroma, r.apart, r.body, r.warned
         );
     }
     out
 }
 
-/// Medians over the photographs of all materials and of the coloured ones.
-fn summary(records: &[Record]) -> String {
+/// Medians over the photographs of each group.
+fn summary(records: &[Record], estimators: &[ColourEstimator]) -> String {
     let mut out = String::new();
-    for (title, only) in [("all materials", false), ("coloured materials", true)] {
-        let of =
-            |rule: Rule| records.iter().filter(move |r| r.rule == rule && (r.coloured || !only)).collect::<Vec<_>>();
-        let base = of(Rule::Median);
+    for group in ["measured_extra", "rgl", "formulas"] {
+        let of = |estimator| records.iter().filter(move |r| r.group == group && r.estimator == estimator);
+        if of(estimators[0]).next().is_none() {
+            continue;
+        }
         let _ = writeln!(
             out,
-            "\n{title}: medians of {} photographs\n\n\
-             | colours | relight | log relight | u'v' | body | highlight | nearer in u'v' than the display rule | in 90 % |\n\
+            "\n{group}: medians of {} photographs\n\n\
+             | estimator | RGB relight | luminance relight | mean chroma (90th percentile) | apart from the light | body | cells in 90 % | body in 90 % |\n\
              |---|---|---|---|---|---|---|---|",
-            base.len()
+            of(estimators[0]).count()
         );
-        for rule in RULES {
-            let rows = of(rule);
-            let middle = |value: fn(&Record) -> f64| median(rows.iter().map(|r| value(r)).collect());
-            let wins = rows.iter().zip(&base).filter(|(a, b)| a.chroma < b.chroma).count();
-            let covered: Vec<f64> = rows.iter().filter_map(|r| r.covered).map(|c| 25.0 * c as f64).collect();
-            let covered = if covered.is_empty() { "-".to_owned() } else { format!("{:.0} %", mean(&covered)) };
+        for &estimator in estimators {
+            let rows: Vec<&Record> = of(estimator).collect();
+            let all = |value: fn(&Record) -> f64| rows.iter().map(|r| value(r)).collect::<Vec<f64>>();
+            let ninetieth = |mut values: Vec<f64>| {
+                values.sort_by(f64::total_cmp);
+                values[(0.9 * (values.len() - 1) as f64).round() as usize]
+            };
+            let percent = |values: Vec<f64>| {
+                if values.is_empty() { "-".to_owned() } else { format!("{:.0} %", 100.0 * mean(&values)) }
+            };
+            let cells = percent(rows.iter().filter_map(|r| r.cells).collect());
+            let inside = rows.iter().filter_map(|r| r.inside).flatten().map(|x| f64::from(u8::from(x)));
+            let name = estimator.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
             let _ = writeln!(
                 out,
-                "| {} | {:.3} | {:.3} | {:.4} | {:.2} | {:.2} | {:.0} % | {covered} |",
-                rule.title(),
-                middle(|r| r.relative),
-                middle(|r| r.log),
-                middle(|r| r.chroma),
-                middle(|r| r.body),
-                middle(|r| r.highlight),
-                100.0 * wins as f64 / rows.len().max(1) as f64,
+                "| {name} | {:.3} | {:.3} | {:.2} ({:.2}) | {:.2} | {:.2} | {cells} | {} |",
+                median(all(|r| r.rgb)),
+                median(all(|r| r.luminance)),
+                median(all(|r| r.mean_chroma)),
+                ninetieth(all(|r| r.mean_chroma)),
+                median(all(|r| r.apart)),
+                median(all(|r| r.body)),
+                percent(inside.collect()),
             );
         }
     }
     out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn white_is_where_it_should_be() {
-        let [u, v] = uv(Vec3::ONE);
-        assert!((u - 0.1978).abs() < 1e-3 && (v - 0.4683).abs() < 1e-3, "{u} {v}");
-        let red = [Vec3::new(1.0, 0.2, 0.1)];
-        assert!(uv_distance(&red, &[Vec3::splat(0.5)]) > 0.05);
-        assert!(uv_distance(&red, &[3.0 * red[0]]) < 1e-6);
-    }
 }

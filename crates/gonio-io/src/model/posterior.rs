@@ -14,7 +14,7 @@ pub(super) const NAMES: &str = "posterior";
 const SHAPE: &str = "encoder";
 
 /// Metadata entry with the model of colours, which files without colours lack.
-const COLOURS: &str = "colours";
+const COLOURS: &str = "channels";
 
 /// Prefix of the names of the encoder's own tensors.
 const ENCODER: &str = "encoder.";

@@ -268,7 +268,7 @@ fn posteriors_that_cannot_be_are_refused() {
     spoilt(|p| p.prior = Candidates { places: vec![], embeddings: vec![] }, "no materials of the prior");
     spoilt(|p| p.ranges.truncate(2), "the ranges of its features has 2 values, 3 are expected");
     spoilt(|p| p.ranges[1] = (1.0, 0.0), "feature 1 has no range");
-    spoilt(|p| p.colours.as_mut().unwrap().noise[1][2][2] = 0.0, "variances that are not positive");
+    spoilt(|p| p.colours.as_mut().unwrap().errors[1][2][2] = 0.0, "variances that are not positive");
 }
 
 #[test]

@@ -108,6 +108,7 @@ class Result:
             "likelihood": None,
             "light": None,
             "quantiles": None,
+            "rgb_quantiles": None,
             "pictures": self.pictures,
             "notes": json.dumps(self.notes, indent=2, allow_nan=False),
             "page": None,
@@ -251,7 +252,7 @@ class Material(Result):
     def rgb_samples(self) -> Floats:
         """The same draws in the colours that were found, shape (64, 90, 90, 3)."""
         if self._rgb_samples is None:
-            self._rgb_samples = _gonio.coloured(self.samples, self.colors)
+            self._rgb_samples = self._coloured(self.samples)
         return self._rgb_samples
 
     def draw(self, count: int, seed: int = 0, *, rgb: bool = False) -> Floats:
@@ -283,7 +284,17 @@ class Material(Result):
         drawn = _gonio.draw(self.model, self._found["likelihood"], whole(count, "count"), whole(seed, "seed"))
         scale = self._scale()
         drawn = drawn if scale == 1.0 else drawn * np.float32(scale)
-        return _gonio.coloured(drawn, self.colors) if flag(rgb, "rgb") else drawn
+        return self._coloured(drawn) if flag(rgb, "rgb") else drawn
+
+    @property
+    def rgb_quantiles(self) -> Floats | None:
+        """5, 25, 75 and 95 % quantiles of each channel, shape (4, 90, 90, 3); None of several photographs."""
+        return self._found["rgb_quantiles"]
+
+    def _coloured(self, tables: Floats) -> Floats:
+        """Luminance tables of shape (count, 90, 90) in the chroma that was found for every cell."""
+        chroma = self._found["table"] / np.maximum(self.luminance, np.float32(1e-30))[..., None]
+        return tables[..., None] * chroma
 
     def _scale(self) -> float:
         """Factor from the scale of the model to that of the BRDF."""
@@ -293,6 +304,7 @@ class Material(Result):
         super()._complete(result)
         result["likelihood"] = self._found["likelihood"]
         result["quantiles"] = self.quantiles
+        result["rgb_quantiles"] = self.rgb_quantiles
 
     def to_xarray(self) -> xarray.Dataset:
         """Make a dataset of xarray: BRDF, quantiles, draws and numbers with named axes.

@@ -148,6 +148,7 @@ class FoundMaterial(FoundBrdf):
 
     ends: tuple[Floats, Floats]
     quantiles: Floats
+    rgb_quantiles: Floats | None
     undetermined: NDArray[np.bool_]
     open: float
     materials: list[tuple[str, float]]
@@ -200,6 +201,7 @@ class SavedResult(TypedDict):
     likelihood: Likelihood | None
     light: Floats | None
     quantiles: Floats | None
+    rgb_quantiles: Floats | None
     pictures: dict[str, NDArray[np.uint8]]
     notes: str
     page: str | None

@@ -9,7 +9,7 @@ pub mod used;
 mod view;
 
 use glam::{DVec3, Vec3};
-use gonio::colour::TwoColours;
+use gonio::colour::ChromaField;
 use gonio::estimate::Material;
 use gonio::lighting::{EnvironmentMap, LightGrid, lamp_light, sky_light};
 use gonio::picture::{Picture, Plane, luminance};
@@ -42,8 +42,8 @@ pub struct Subject<'a> {
     pub sighting: &'a Sighting,
     /// Whether the reproduction includes self-shadowing.
     pub shadows: bool,
-    /// Colours of the inferred reflectance.
-    pub colours: TwoColours,
+    /// Chroma of the inferred reflectance in every cell.
+    pub chroma: ChromaField,
     /// Inferred reflectance, luminance in 1/sr.
     pub table: &'a BivariateTable,
     /// Estimated light in linear RGB, for a blind method.
@@ -90,7 +90,7 @@ pub fn own_lights(height: usize) -> [(&'static str, EnvironmentMap); 3] {
 impl Subject<'_> {
     /// Returns a BRDF with this luminance in the estimated colours.
     pub fn coloured(&self, table: &BivariateTable) -> [BivariateTable; 3] {
-        self.colours.tables(table)
+        self.chroma.tables(table)
     }
 }
 
@@ -99,7 +99,7 @@ impl Panels {
     pub fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Self {
         let view = View::of(subject);
         let input = view.cut(subject.picture, PANEL);
-        let exposure = Exposure::by_quantile(&input.rgb, |i| is_covered(&input, i), 0.9, 0.6);
+        let exposure = Exposure::own(&input.rgb, |i| is_covered(&input, i));
         let model = reproduction(subject, &view, &input);
         progress(0.3);
         let ends = subject.material.iter().flat_map(|material| &material.ends);

@@ -343,7 +343,7 @@ fn facts(material: &Material, result: &Value) -> Markup {
     }
 }
 
-/// Shows the colours of body and highlight, to copy.
+/// Shows the colours of body and highlight, to copy, each with a strip of what it may be.
 fn colours(result: &Value) -> Markup {
     html! {
         @for (name, part) in [("body colour", "body"), ("highlight colour", "highlight")] {
@@ -356,7 +356,15 @@ fn colours(result: &Value) -> Markup {
                         span.swatch style={ "background: " (hex) } {} " "
                         code id={ "colour-" (part) } { (hex) } " "
                         button type="button" data-copy={ "colour-" (part) } aria-label={ "Copy " (name) } { "Copy" }
+                        @let strip: Vec<Vec<f64>> = result["colour"][part]["strip"].as_array().into_iter().flatten().filter_map(linear).collect();
+                        @if !strip.is_empty() {
+                            span.strip role="img" aria-label={ "The " (name) " from 5 to 95 % of what the photograph allows" } {
+                                @for rgb in &strip { span style={ "background: " (self::hex(rgb)) } {} }
+                            }
+                            " "
+                        }
                         span.note {
+                            @if !strip.is_empty() { "from 5 to 95 % of what the photograph allows;" }
                             " sRGB " (r) ", " (g) ", " (b) " at 70 % of white; linear, of luminance one: "
                             (rgb.iter().map(|x| format!("{x:.2}")).collect::<Vec<_>>().join(", "))
                         }

@@ -33,6 +33,8 @@ pub struct Sample {
     pub y: f32,
     /// Luminance, not negative.
     pub value: f32,
+    /// Linear RGB, not negative; three times the luminance where only that is known.
+    pub rgb: [f32; 3],
     /// Trust in the observation, in 0..=1.
     pub weight: f32,
 }
@@ -40,7 +42,14 @@ pub struct Sample {
 impl Sample {
     /// Builds a sample from a unit normal in the frame of its view. Negative values count as zero.
     pub fn of(normal: DVec3, value: f64, weight: f64) -> Self {
-        Self { x: normal.x as f32, y: normal.y as f32, value: value.max(0.0) as f32, weight: weight as f32 }
+        let value = value.max(0.0) as f32;
+        Self { x: normal.x as f32, y: normal.y as f32, value, rgb: [value; 3], weight: weight as f32 }
+    }
+
+    /// The sample with this linear RGB value. Negative channels count as zero.
+    #[must_use]
+    pub fn coloured(self, rgb: Vec3) -> Self {
+        Self { rgb: rgb.max(Vec3::ZERO).to_array(), ..self }
     }
 }
 
@@ -99,12 +108,25 @@ impl DiskImage {
     /// Builds the image from observations. `None` if none with a weight is on the disk or all are
     /// black.
     pub fn gather(samples: &[Sample]) -> Option<Self> {
+        let image = Self::gathered(samples, |sample| sample.value)?;
+        Some(Self { scatter: scatter(samples).unwrap_or(0.0), ..image })
+    }
+
+    /// Builds the image of a channel (0 red, 1 green, 2 blue) from the observations that the image
+    /// `luminance` is of, with the scatter of that image. `None` if the channel is black.
+    pub fn gather_channel(samples: &[Sample], channel: usize, luminance: &Self) -> Option<Self> {
+        let image = Self::gathered(samples, |sample| sample.rgb[channel])?;
+        Some(Self { scatter: luminance.scatter, ..image })
+    }
+
+    /// Builds the image of a value of each observation, without its scatter.
+    fn gathered(samples: &[Sample], value: impl Fn(&Sample) -> f32) -> Option<Self> {
         let mut quarters = vec![[[0.0_f64; 2]; 4]; SIDE * SIDE];
         for sample in samples {
             if let Some((cell, quarter)) = quarter_of(sample.x, sample.y).filter(|_| sample.weight > 0.0) {
                 let (weight, sums) = (f64::from(sample.weight), &mut quarters[cell][quarter]);
                 sums[0] += weight;
-                sums[1] += weight * f64::from(sample.value.max(0.0));
+                sums[1] += weight * f64::from(value(sample).max(0.0));
             }
         }
         let total = |cell: usize, k: usize| quarters[cell].iter().map(|q| q[k]).sum::<f64>();
@@ -118,7 +140,14 @@ impl DiskImage {
             let all = quarters[cell].iter().all(|q| q[0] > 0.0);
             all.then(|| quarters[cell].map(|q| (q[1] / q[0]) as f32))
         });
-        Some(Self { values: filled(values, &counts), counts, details, scatter: scatter(samples).unwrap_or(0.0) })
+        Some(Self { values: filled(values, &counts), counts, details, scatter: 0.0 })
+    }
+
+    /// Mean of the values over the disk: over the pixels of a ball that is seen from far away.
+    pub fn mean(&self) -> f64 {
+        let cells = (0..SIDE * SIDE).filter(|&cell| on_disk(cell));
+        let (sum, count) = cells.fold((0.0, 0), |(sum, count), cell| (sum + f64::from(self.values[cell]), count + 1));
+        sum / f64::from(count.max(1))
     }
 
     /// Builds an image from the values, counts, details and scatter of its cells; values of cells
@@ -274,7 +303,11 @@ pub(super) mod tests {
         let mut draw = || {
             let (x, y) = (rng.random_range(-1.0..1.0_f32), rng.random_range(-1.0..1.0_f32));
             let z: f32 = StandardNormal.sample(&mut rng);
-            Sample { x, y, value: (1.0 + 0.5 * x - 0.3 * y) * (1.0 + noise * z), weight: 1.0 }
+            Sample::of(
+                DVec3::new(f64::from(x), f64::from(y), 0.0),
+                f64::from((1.0 + 0.5 * x - 0.3 * y) * (1.0 + noise * z)),
+                1.0,
+            )
         };
         (0..count).map(|_| draw()).collect()
     }
@@ -312,7 +345,7 @@ pub(super) mod tests {
         assert!(one.iter().zip(&two).all(|(a, b)| (a - b).abs() < 1e-4 && a.is_finite()));
         assert!(globals.0.iter().zip(globals.1).all(|(a, b)| (a - b).abs() < 1e-4));
         assert_eq!(DiskImage::gather(&[]), None);
-        let black = [Sample { x: 0.0, y: 0.0, value: 0.0, weight: 1.0 }];
+        let black = [Sample::of(DVec3::Z, 0.0, 1.0)];
         assert_eq!(DiskImage::gather(&black), None);
     }
 }

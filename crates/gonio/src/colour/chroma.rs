@@ -40,9 +40,12 @@ impl Chroma {
 
 /// Luminance at double precision.
 pub(super) fn luminance_of(rgb: DVec3) -> f64 {
-    const UNITS: [Vec3; 3] = [Vec3::X, Vec3::Y, Vec3::Z];
-    let weights = UNITS.map(|unit| f64::from(luminance(unit)));
-    DVec3::from_array(weights).dot(rgb)
+    DVec3::from_array(luminance_weights()).dot(rgb)
+}
+
+/// Shares of red, green and blue in the luminance.
+pub(crate) fn luminance_weights() -> [f64; 3] {
+    [Vec3::X, Vec3::Y, Vec3::Z].map(|unit| f64::from(luminance(unit)))
 }
 
 #[cfg(test)]

@@ -1,33 +1,35 @@
-//! Colours of a BRDF whose luminance is known, from an RGB photograph in light of unknown colour
-//! (beyond the paper, which infers luminance and displays it in one colour).
+//! Colours of a material: its three channels beside its luminance (beyond the paper, which infers
+//! luminance and displays it in one colour).
 //!
-//! A BRDF of [`TwoColours`] has a chroma `b` of its body and `h` of its highlight. In light of mean
-//! chroma `w` the body shows `b + w` and the highlight `h + w`, in natural logarithms. [`Clues`]
-//! are measurements of both sums in a photograph: means, medians, and the colour of fine detail,
-//! which is that of the highlight because the body is smooth. A [`ColourModel`] learnt from
-//! simulated photographs weights the clues and knows their errors; with priors of `b`, `h` and `w`
-//! it gives a [`ColourPosterior`] in closed form:
+//! A BRDF in colour is its luminance times a [`ChromaField`], a chroma for every pair of angles. A
+//! material may have any number of colours.
 //!
-//! * `w`: colours of captured light, around white; or the given colour.
-//! * `b`: broad.
-//! * `h`: a mixture of white, as for all dielectrics, and of colours that follow the body's, as for
-//!   metals.
+//! Each channel of a photograph is read as the luminance is. The [`ColourModel`], learnt from
+//! measured materials and simulated photographs, knows how the channels of materials differ and how
+//! far readings of the differences are off; both are Gaussian, and so is the posterior of the
+//! differences ([`ColourModel::posterior`]). Under a known light the same prior holds the channels
+//! together ([`KnownLightPosterior::channels`](crate::inference::known_light::KnownLightPosterior)).
 //!
-//! No photograph separates `b` from `w` by itself. A coloured highlight reveals the colour of the
-//! light if the material's highlight is white.
+//! No photograph separates the mean chroma of the material from that of the light. Unless the
+//! light's chroma is given, it counts as neutral, and the uncertainty of the material's chroma
+//! contains the spread of captured lights.
 
 mod chroma;
-mod clues;
-mod gaussian;
+mod differences;
+mod estimate;
+mod field;
 mod learn;
 mod model;
-mod parts;
+mod white;
 
 pub use chroma::Chroma;
-pub(crate) use clues::is_grey;
-pub use clues::{CLUES, ClueFinder, Clues, white_chroma};
-pub use learn::{LeftOut, Sample};
+pub(crate) use chroma::luminance_weights;
+pub use differences::{ChannelReading, channel_difference, mean_log_difference};
+pub use estimate::{ChromaInterval, ColourEstimate};
+pub use field::{ChromaField, SavedChroma};
+pub use learn::ColourSample;
 #[cfg(test)]
 pub(crate) use model::tests::plain;
-pub use model::{ColourModel, ColourPosterior, Normal, Reading};
-pub use parts::{TwoColours, body, highlight_share};
+pub use model::{ColourModel, DifferencePosterior, LightComponent};
+pub(crate) use white::is_grey;
+pub use white::white_chroma;

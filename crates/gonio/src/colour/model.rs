@@ -1,331 +1,354 @@
-//! Posterior of the colours of body, highlight and light.
+//! What is known of colours before a photograph is seen, and the posterior of the channels.
 
-use super::chroma::Chroma;
-use super::clues::{CLUES, Clues};
-use super::gaussian::solve;
-use super::parts::TwoColours;
+use faer::Mat;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Shares of the highlight at which readings are learnt; between them they are interpolated over
-/// the logit of the share.
-pub(super) const NODES: [f64; 4] = [0.05, 0.2, 0.5, 0.85];
+use super::chroma::Chroma;
+use super::differences::ChannelReading;
+use super::field::ChromaField;
+use crate::inference::light::Cholesky;
+use crate::linalg::eigenvectors;
+use crate::reflectance::{BivariateTable, CELLS, Coordinates, nearest_trusted};
 
-/// Variance of a given chroma of the light: a grey card is read to about two percent.
-const GIVEN: f64 = 0.02 * 0.02;
+/// Number of axes of the differences that serve under a known light.
+const MAX_AXES: usize = 12;
 
-/// Quantile of a standard normal at 95 %.
-const NINETY: f64 = 1.645;
+/// Variance of the last coefficient a priori: the mean chroma of materials is free.
+const FREE_VARIANCE: f64 = 25.0;
 
-/// A normal distribution of a chroma.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Normal {
-    /// Its mean, `(ln R/G, ln B/G)`.
-    pub mean: [f64; 2],
-    /// Its covariance.
+/// Standard deviation of a given chroma of the light: a grey card is read to about two percent.
+const GIVEN: f64 = 0.02;
+
+/// Factor on the deviations of draws of the differences: photographs and materials differ from the
+/// simulated ones (docs/trials.md).
+const INFLATION: f64 = 1.5;
+
+/// Range of the logarithm of a channel relative to the luminance, before its albedo is set.
+const LIMIT: f32 = 12.0;
+
+/// Prior of the chroma of lights: one component of a mixture of Gaussians around neutral.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LightComponent {
+    /// Its share, in 0..=1.
+    pub weight: f64,
+    /// Covariance of `(ln R/G, ln B/G)`.
     pub covariance: [[f64; 2]; 2],
 }
 
-/// Linear reading of a chroma from the [`Clues`]: the first clue plus weighted differences of the
-/// others from the first.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Reading {
-    /// Weights for each node of the highlight's share and each clue but the first.
-    pub weights: [[f64; CLUES - 1]; NODES.len()],
-    /// Offsets added for each node.
-    pub offsets: [[f64; 2]; NODES.len()],
-}
-
-/// Prior of colours, and their readings from a photograph. Learnt by [`ColourModel::learn`], and
-/// part of a [`LearntPosterior`](crate::inference::learnt::LearntPosterior).
+/// Prior of the channels of materials and of the chroma of lights, and the error of readings. Learnt
+/// by [`ColourModel::learn`], part of a [`LearntPosterior`](crate::inference::learnt::LearntPosterior).
+///
+/// All matrices are row by row, of one row for each coordinate of materials and one more.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ColourModel {
-    /// Reading of the chroma of the body plus that of the light.
-    pub body: Reading,
-    /// Reading of the chroma of the highlight plus that of the light.
-    pub highlight: Reading,
-    /// Covariance of the error of both readings, that of the body first, for each node.
-    pub noise: [[[f64; 4]; 4]; NODES.len()],
-    /// Prior of lights, as [`white_chroma`](super::white_chroma).
-    pub light: Normal,
-    /// Prior of bodies.
-    pub bodies: Normal,
-    /// Prior of white highlights.
-    pub white: Normal,
-    /// Slope of a coloured highlight's difference from the mean white highlight over that of the
-    /// body.
-    pub follows: f64,
-    /// Standard deviation of the residual of that regression.
-    pub apart: f64,
-    /// Logit of the probability of a coloured highlight: a constant, and a factor of the logit of
-    /// the highlight's share.
-    pub coloured: [f64; 2],
+    /// Covariance of the difference of a channel from the luminance
+    /// ([`channel_difference`](super::channel_difference)).
+    pub differences: Vec<Vec<f64>>,
+    /// The same with mean logarithms ([`mean_log_difference`](super::mean_log_difference)).
+    pub mean_log_differences: Vec<Vec<f64>>,
+    /// Covariance of the error of the reading of red, green and blue
+    /// ([`ChannelReading::minus`]).
+    pub errors: [Vec<Vec<f64>>; 3],
+    /// Prior of the chroma of lights, as [`white_chroma`](super::white_chroma).
+    pub lights: Vec<LightComponent>,
 }
 
-/// Posterior of the colours given a photograph.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ColourPosterior {
-    /// Chromas of body, highlight and light, one after the other.
-    pub mean: [f64; 6],
-    /// Covariance of these chromas.
-    pub covariance: [[f64; 6]; 6],
-    /// Probability that the highlight is coloured as the body is.
-    pub coloured: f64,
-}
-
-/// Interpolation weights of the [`NODES`] at a share.
-pub(super) fn places(share: f64) -> [f64; NODES.len()] {
-    let logit = |x: f64| (x / (1.0 - x)).ln();
-    let x = share.clamp(NODES[0], NODES[NODES.len() - 1]);
-    let right = (1..NODES.len() - 1).find(|&k| x <= NODES[k]).unwrap_or(NODES.len() - 1);
-    let (low, high) = (logit(NODES[right - 1]), logit(NODES[right]));
-    let at = (logit(x) - low) / (high - low);
-    let mut out = [0.0; NODES.len()];
-    out[right - 1] = 1.0 - at;
-    out[right] = at;
-    out
-}
-
-/// Logit of a share, which is kept between 0.001 and 0.999.
-pub(super) fn logit(share: f64) -> f64 {
-    let share = share.clamp(1e-3, 1.0 - 1e-3);
-    (share / (1.0 - share)).ln()
-}
-
-impl Reading {
-    /// Chroma read from the clues.
-    pub fn of(&self, clues: &Clues) -> Chroma {
-        let [first, others @ ..] = &clues.chromas;
-        let mut out = first.0;
-        for (place, (weights, offset)) in places(clues.share).into_iter().zip(self.weights.iter().zip(&self.offsets)) {
-            for c in 0..2 {
-                let moved: f64 = weights.iter().zip(others).map(|(w, x)| w * (x.0[c] - first.0[c])).sum();
-                out[c] += place * (moved + offset[c]);
-            }
-        }
-        Chroma(out)
-    }
-}
-
-/// Joint normal distribution of body, highlight and light.
-struct Joint {
-    mean: [f64; 6],
-    covariance: [[f64; 6]; 6],
-}
-
-impl Joint {
-    /// Conditions on two readings that are sums with the light. Also returns the logarithm of their
-    /// density, without the constant.
-    fn given(mut self, readings: &[f64; 4], noise: &[[f64; 4]; 4]) -> (Self, f64) {
-        // Reading o is the sum of entry o and the light.
-        let cross: Vec<[f64; 4]> =
-            (0..6).map(|i| std::array::from_fn(|o| self.covariance[i][o] + self.covariance[i][4 + o % 2])).collect();
-        let of_readings: Vec<Vec<f64>> =
-            (0..4).map(|o| (0..4).map(|p| cross[o][p] + cross[4 + o % 2][p] + noise[o][p]).collect()).collect();
-        let gap: [f64; 4] = std::array::from_fn(|o| readings[o] - self.mean[o] - self.mean[4 + o % 2]);
-        // Right sides: the gap, then the cross covariances with the six unknowns.
-        let mut sides: Vec<[f64; 7]> =
-            (0..4).map(|o| std::array::from_fn(|m| if m == 0 { gap[o] } else { cross[m - 1][o] })).collect();
-        let log_determinant = solve(&of_readings, &mut sides);
-        let square: f64 = (0..4).map(|o| gap[o] * sides[o][0]).sum();
-        for (i, cross) in cross.iter().enumerate() {
-            self.mean[i] += cross.iter().zip(&sides).map(|(c, side)| c * side[0]).sum::<f64>();
-            for j in 0..6 {
-                self.covariance[i][j] -= cross.iter().zip(&sides).map(|(c, side)| c * side[1 + j]).sum::<f64>();
-            }
-        }
-        (self, -0.5 * (square + log_determinant))
-    }
+/// Posterior of the difference of each channel from the luminance, given readings.
+#[derive(Clone, Debug)]
+pub struct DifferencePosterior {
+    /// Mean coefficients of red, green and blue.
+    means: [Vec<f64>; 3],
+    /// Factors of their covariances.
+    factors: [Mat<f64>; 3],
+    /// Prior of the light's chroma, or the given one.
+    lights: Vec<LightComponent>,
+    /// The light's chroma.
+    light: Chroma,
 }
 
 impl ColourModel {
-    /// Whether all numbers are finite and all variances positive.
-    pub(crate) fn is_proper(&self) -> bool {
-        let Self { body, highlight, noise, light, bodies, white, follows, apart, coloured } = self;
-        let readings = [body, highlight].into_iter();
-        let of_readings = readings.flat_map(|r| r.weights.as_flattened().iter().chain(r.offsets.as_flattened()));
-        let of_priors =
-            [light, bodies, white].into_iter().flat_map(|n| n.mean.iter().chain(n.covariance.as_flattened()));
-        let single = [follows, apart].into_iter().chain(coloured);
-        let all = of_readings.chain(of_priors).chain(single).chain(noise.as_flattened().as_flattened());
-        let variances = noise.iter().flat_map(|node| (0..4).map(|i| node[i][i]));
-        let spreads = [light, bodies, white].into_iter().flat_map(|n| [n.covariance[0][0], n.covariance[1][1]]);
-        all.copied().all(f64::is_finite) && variances.chain(spreads).all(|v| v > 0.0)
+    /// Whether all matrices are those of a model with this number of coordinates, finite and with
+    /// positive diagonals.
+    pub(crate) fn is_proper(&self, dimensions: usize) -> bool {
+        let size = dimensions + 1;
+        let matrices = [&self.differences, &self.mean_log_differences].into_iter().chain(&self.errors);
+        let sound = |rows: &Vec<Vec<f64>>| {
+            let shape = rows.len() == size && rows.iter().all(|row| row.len() == size);
+            let finite = rows.iter().flatten().all(|x| x.is_finite());
+            shape && finite && (0..size).all(|i| rows[i][i] > 0.0)
+        };
+        let light = |component: &LightComponent| {
+            let [[a, b], [c, d]] = component.covariance;
+            component.weight >= 0.0 && [a, b, c, d].iter().all(|x| x.is_finite()) && a > 0.0 && a * d > b * c
+        };
+        let total: f64 = self.lights.iter().map(|component| component.weight).sum();
+        matrices.into_iter().all(sound) && total > 0.0 && self.lights.iter().all(light)
     }
 
-    /// Computes the posterior given the clues and, where it is known, the chroma of the light (see
-    /// [`white_chroma`](super::white_chroma)).
-    pub fn posterior(&self, clues: &Clues, light: Option<Chroma>) -> ColourPosterior {
-        let (body, highlight) = (self.body.of(clues).0, self.highlight.of(clues).0);
-        let readings = [body[0], body[1], highlight[0], highlight[1]];
-        let mut noise = [[0.0; 4]; 4];
-        for (place, of_node) in places(clues.share).into_iter().zip(&self.noise) {
-            (0..16).for_each(|at| noise[at / 4][at % 4] += place * of_node[at / 4][at % 4]);
-        }
-        let odds = self.coloured[0] + self.coloured[1] * logit(clues.share);
-        // log p(white) and log p(coloured), without overflow.
-        let log_prior = [-odds, odds].map(|x| -(-x.abs()).exp().ln_1p() + x.min(0.0));
-        let found = [false, true].map(|coloured| self.prior(coloured, light).given(&readings, &noise));
-        let scores = [log_prior[0] + found[0].1, log_prior[1] + found[1].1];
-        let coloured = 1.0 / (1.0 + (scores[0] - scores[1]).exp());
-        let weights = [1.0 - coloured, coloured];
-        let mut mean = [0.0; 6];
-        for (weight, (joint, _)) in weights.iter().zip(&found) {
-            (0..6).for_each(|i| mean[i] += weight * joint.mean[i]);
-        }
-        let mut covariance = [[0.0; 6]; 6];
-        for (weight, (joint, _)) in weights.iter().zip(&found) {
-            for i in 0..6 {
-                for j in 0..6 {
-                    let between = (joint.mean[i] - mean[i]) * (joint.mean[j] - mean[j]);
-                    covariance[i][j] += weight * (joint.covariance[i][j] + between);
-                }
-            }
-        }
-        ColourPosterior { mean, covariance, coloured }
+    /// Computes the posterior from the readings of luminance, red, green and blue; `None` stands for
+    /// a black channel. `light` is the chroma of the light where it is known. `None` if the
+    /// covariances are not positive definite.
+    pub fn posterior(
+        &self,
+        luminance: &ChannelReading,
+        channels: &[Option<ChannelReading>; 3],
+        light: Option<Chroma>,
+    ) -> Option<DifferencePosterior> {
+        let chroma = light.unwrap_or_default();
+        let of_light = chroma.rgb();
+        let n = self.differences.len();
+        let prior = free_last(&self.differences);
+        let one = |c: usize| -> Option<(Vec<f64>, Mat<f64>)> {
+            let mut read = match &channels[c] {
+                Some(reading) => reading.minus(luminance),
+                None => ChannelReading { mean: 0.0, ..luminance.clone() }.minus(luminance),
+            };
+            read[n - 1] -= of_light[c].ln();
+            // x | y = K (K + E)^-1 y with the covariance K - K (K + E)^-1 K.
+            let sum = Cholesky::new(Mat::from_fn(n, n, |i, j| prior[(i, j)] + self.errors[c][i][j]))?;
+            let solved = sum.solve(&read);
+            let mean = (0..n).map(|i| (0..n).map(|j| prior[(i, j)] * solved[j]).sum()).collect();
+            let gained = sum.solve_all(&prior);
+            let left = Mat::from_fn(n, n, |i, j| {
+                let known: f64 = (0..n).map(|k| prior[(i, k)] * gained[(k, j)]).sum();
+                prior[(i, j)] - known + if i == j { 1e-9 } else { 0.0 }
+            });
+            Some((mean, square_root(&left)))
+        };
+        let [red, green, blue] = [one(0)?, one(1)?, one(2)?];
+        let lights = match light {
+            Some(_) => vec![LightComponent { weight: 1.0, covariance: [[GIVEN * GIVEN, 0.0], [0.0, GIVEN * GIVEN]] }],
+            None => self.lights.clone(),
+        };
+        Some(DifferencePosterior {
+            means: [red.0, green.0, blue.0],
+            factors: [red.1, green.1, blue.1],
+            lights,
+            light: chroma,
+        })
     }
 
-    fn prior(&self, coloured: bool, light: Option<Chroma>) -> Joint {
-        let (mut mean, mut covariance) = ([0.0; 6], [[0.0; 6]; 6]);
-        for i in 0..2 {
-            let (body, white) = (self.bodies.mean[i], self.white.mean[i]);
-            mean[i] = body;
-            mean[2 + i] = if coloured { white + self.follows * (body - white) } else { white };
-            mean[4 + i] = light.map_or(self.light.mean[i], |light| light.0[i]);
-            for j in 0..2 {
-                let bodies = self.bodies.covariance[i][j];
-                let own = if i == j { 1.0 } else { 0.0 };
-                covariance[i][j] = bodies;
-                covariance[2 + i][2 + j] = if coloured {
-                    covariance[2 + i][j] = self.follows * bodies;
-                    covariance[i][2 + j] = self.follows * bodies;
-                    self.follows.powi(2) * bodies + own * self.apart.powi(2)
-                } else {
-                    self.white.covariance[i][j]
-                };
-                covariance[4 + i][4 + j] = if light.is_some() { own * GIVEN } else { self.light.covariance[i][j] };
+    /// Axes of unit variance along which the logarithm of a channel differs from that of the
+    /// luminance, `[axis][cell]`, by falling variance.
+    pub(crate) fn axes(&self, coordinates: &Coordinates) -> Vec<Vec<f32>> {
+        let n = self.mean_log_differences.len();
+        let covariance = Mat::from_fn(n, n, |i, j| self.mean_log_differences[i][j]);
+        let (values, vectors) = eigenvectors(covariance.as_ref());
+        let mut order: Vec<usize> = (0..n).collect();
+        order.sort_by(|a, b| values[*b].total_cmp(&values[*a]));
+        let directions = coordinates.directions();
+        let field = |k: usize| {
+            let weight = |i: usize| (vectors[(i, k)] * values[k].max(0.0).sqrt()) as f32;
+            let mut out = vec![weight(n - 1); CELLS];
+            for (i, direction) in directions.iter().enumerate() {
+                out.iter_mut().zip(direction).for_each(|(sum, value)| *sum += weight(i) * value);
             }
-        }
-        Joint { mean, covariance }
+            out
+        };
+        order.into_iter().take(MAX_AXES).map(field).collect()
     }
 }
 
-impl ColourPosterior {
-    /// Estimate of the colours: the posterior mean.
-    pub fn colours(&self) -> TwoColours {
-        TwoColours { body: self.chroma(0), highlight: self.chroma(2) }
-    }
+/// The covariance with a free last coefficient: the regression of the others on it is kept, and so
+/// is what that leaves of them.
+fn free_last(covariance: &[Vec<f64>]) -> Mat<f64> {
+    let n = covariance.len();
+    let last = covariance[n - 1][n - 1];
+    let slope = |i: usize| covariance[i][n - 1] / last;
+    Mat::from_fn(n, n, |i, j| covariance[i][j] + slope(i) * slope(j) * (FREE_VARIANCE - last))
+}
 
-    /// Adds an error of this variance to the chromas of body and highlight.
-    pub(crate) fn add_error(&mut self, variance: f64) {
-        (0..4).for_each(|i| self.covariance[i][i] += variance);
-    }
+/// Symmetric square root of a positive semidefinite matrix.
+fn square_root(matrix: &Mat<f64>) -> Mat<f64> {
+    let (values, vectors) = eigenvectors(matrix.as_ref());
+    let n = values.len();
+    let scaled = Mat::from_fn(n, n, |i, k| vectors[(i, k)] * values[k].max(0.0).sqrt());
+    &scaled * vectors.transpose()
+}
 
-    /// Posterior mean of the light's chroma.
+impl DifferencePosterior {
+    /// The light's chroma: the given one, or neutral.
     pub fn light(&self) -> Chroma {
-        self.chroma(4)
+        self.light
     }
 
-    fn chroma(&self, at: usize) -> Chroma {
-        Chroma([self.mean[at], self.mean[at + 1]])
+    /// The most probable field, for a material whose luminance is `table`.
+    pub fn field(&self, coordinates: &Coordinates, table: &BivariateTable) -> ChromaField {
+        let directions = coordinates.directions();
+        let means = self.means.each_ref().map(|mean| &mean[..]);
+        field_of(&directions, table, means, [0.0; 3])
     }
 
-    /// 90 % intervals, from 5 to 95 %, of both components of body, highlight and light, as for a
-    /// normal distribution.
-    pub fn intervals(&self) -> [[f64; 2]; 6] {
-        std::array::from_fn(|i| {
-            let reach = NINETY * self.covariance[i][i].max(0.0).sqrt();
-            [self.mean[i] - reach, self.mean[i] + reach]
-        })
+    /// Draws fields, each with the chroma of the light that goes with it; the same seed gives the
+    /// same draws.
+    pub fn draws(
+        &self,
+        coordinates: &Coordinates,
+        table: &BivariateTable,
+        count: usize,
+        seed: u64,
+    ) -> Vec<(ChromaField, Chroma)> {
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let drawn: Vec<([Vec<f64>; 3], Chroma)> = (0..count).map(|_| self.draw(&mut rng)).collect();
+        let directions = coordinates.directions();
+        let made = |(coefficients, light): &([Vec<f64>; 3], Chroma)| {
+            // What the light has more of, the material has less.
+            let shift = light.rgb().to_array().map(|value| -value.ln());
+            let field = field_of(&directions, table, coefficients.each_ref().map(|x| &x[..]), shift);
+            (field, Chroma([self.light.0[0] + light.0[0], self.light.0[1] + light.0[1]]))
+        };
+        drawn.par_iter().map(made).collect()
     }
+
+    /// Coefficients, and the error of the light's chroma.
+    fn draw(&self, rng: &mut Pcg64) -> ([Vec<f64>; 3], Chroma) {
+        let coefficients = std::array::from_fn(|c| {
+            let white: Vec<f64> = self.means[c].iter().map(|_| StandardNormal.sample(rng)).collect();
+            let step = |i: usize| (0..white.len()).map(|j| self.factors[c][(i, j)] * white[j]).sum::<f64>();
+            self.means[c].iter().enumerate().map(|(i, mean)| mean + INFLATION * step(i)).collect()
+        });
+        (coefficients, draw_light(&self.lights, rng))
+    }
+}
+
+/// Draws a chroma from a mixture around neutral.
+fn draw_light(lights: &[LightComponent], rng: &mut impl Rng) -> Chroma {
+    let total: f64 = lights.iter().map(|component| component.weight).sum();
+    let mut left = rng.random_range(0.0..1.0) * total;
+    let inside = |component: &&LightComponent| {
+        left -= component.weight;
+        left < 0.0
+    };
+    let component = lights.iter().find(inside).unwrap_or(&lights[lights.len() - 1]);
+    let [[a, b], [_, d]] = component.covariance;
+    let (first, slope) = (a.sqrt(), b / a.sqrt());
+    let white: [f64; 2] = [StandardNormal.sample(rng), StandardNormal.sample(rng)];
+    Chroma([first * white[0], slope * white[0] + (d - slope * slope).max(0.0).sqrt() * white[1]])
+}
+
+/// The field of channels whose logarithms are that of `table` plus coefficients of the directions;
+/// the last coefficient is the logarithm of the ratio of the albedos along the normal. `shift` is
+/// added to it.
+fn field_of(
+    directions: &[Vec<f32>],
+    table: &BivariateTable,
+    coefficients: [&[f64]; 3],
+    shift: [f64; 3],
+) -> ChromaField {
+    let albedo = table.normal_albedo();
+    ChromaField::of_logs(std::array::from_fn(|c| {
+        let (last, weights) = coefficients[c].split_last().expect("a coefficient for the albedo");
+        let mut logs = vec![0.0_f32; CELLS];
+        for (direction, weight) in directions.iter().zip(weights) {
+            logs.iter_mut().zip(direction).for_each(|(sum, value)| *sum += *weight as f32 * value);
+        }
+        // Nothing is learnt beyond the trusted cells.
+        let logs: Vec<f32> = (0..CELLS).map(|cell| logs[nearest_trusted(cell)].clamp(-LIMIT, LIMIT)).collect();
+        let channel = table.as_slice().iter().zip(&logs).map(|(value, log)| value * log.exp());
+        let own = BivariateTable::from_vec(channel.collect()).normal_albedo();
+        let level = (last + shift[c] - (own / albedo).max(1e-300).ln()) as f32;
+        logs.into_iter().map(|log| log + level).collect()
+    }))
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::inference::learnt::tests::WORLD;
 
-    /// Model whose readings are the first clue for the body and the fine detail for the highlight.
+    /// Model of differences of 0.5 that are read to 0.1, in lights of 0.2.
     pub(crate) fn plain() -> ColourModel {
-        let reading = |weight: f64| {
-            let mut weights = [[0.0; CLUES - 1]; NODES.len()];
-            weights.iter_mut().for_each(|node| node[2] = weight);
-            Reading { weights, offsets: [[0.0; 2]; NODES.len()] }
+        let size = WORLD.coordinates.axes.len() + 1;
+        let round = |sd: f64| -> Vec<Vec<f64>> {
+            (0..size).map(|i| (0..size).map(|j| if i == j { sd * sd } else { 0.0 }).collect()).collect()
         };
-        let round = |sd: f64| [[sd * sd, 0.0], [0.0, sd * sd]];
-        let mut noise = [[[0.0; 4]; 4]; NODES.len()];
-        noise.iter_mut().for_each(|node| (0..4).for_each(|i| node[i][i] = 1e-4));
         ColourModel {
-            body: reading(0.0),
-            highlight: reading(1.0),
-            noise,
-            light: Normal { mean: [0.0; 2], covariance: round(0.2) },
-            bodies: Normal { mean: [0.4, -0.4], covariance: round(0.9) },
-            white: Normal { mean: [0.0; 2], covariance: round(0.02) },
-            follows: 1.0,
-            apart: 0.1,
-            coloured: [-2.0, 0.5],
+            differences: round(0.5),
+            mean_log_differences: round(0.5),
+            errors: [0; 3].map(|_| round(0.1)),
+            lights: vec![LightComponent { weight: 1.0, covariance: [[0.04, 0.0], [0.0, 0.04]] }],
         }
     }
 
-    fn clues(body: [f64; 2], highlight: [f64; 2]) -> Clues {
-        let mut chromas = [Chroma(body); CLUES];
-        chromas[3] = Chroma(highlight);
-        Clues { chromas, share: 0.3 }
+    fn reading(first: f64, mean: f64) -> ChannelReading {
+        let mut place = vec![0.0; WORLD.coordinates.axes.len()];
+        place[0] = first;
+        ChannelReading { place, mean }
     }
 
+    /// The mean solves `K^-1 x = E^-1 (y - x)`, the equations of the maximum of the posterior.
     #[test]
-    fn places_are_between_neighbours() {
-        assert_eq!(places(0.0), [1.0, 0.0, 0.0, 0.0]);
-        assert_eq!(places(1.0), [0.0, 0.0, 0.0, 1.0]);
-        let middle = places(0.3);
-        assert!((middle.iter().sum::<f64>() - 1.0).abs() < 1e-12 && middle[1] > 0.0 && middle[2] > 0.0);
-    }
-
-    #[test]
-    fn a_white_highlight_tells_the_light() {
-        // Red body, orange light: both readings are shifted alike.
-        let light = [0.25, -0.2];
-        let found = plain().posterior(&clues([1.2 + light[0], -0.5 + light[1]], light), None);
-        assert!(found.coloured < 0.1, "{found:?}");
-        assert!(found.light().distance(Chroma(light)) < 0.05, "{found:?}");
-        assert!(found.colours().body.distance(Chroma([1.2, -0.5])) < 0.07, "{found:?}");
-        assert!(found.colours().highlight.distance(Chroma([0.0, 0.0])) < 0.03);
-    }
-
-    #[test]
-    fn a_light_that_is_known_is_taken_off() {
-        // Gold: highlight and body alike, which no white light explains.
-        let gold = [0.5, -0.9];
-        let light = [0.3, -0.3];
-        let seen = [gold[0] + light[0], gold[1] + light[1]];
-        let blind = plain().posterior(&clues(seen, seen), None);
-        assert!(blind.coloured > 0.9, "{blind:?}");
-        let found = plain().posterior(&clues(seen, seen), Some(Chroma(light)));
-        let error = |p: &ColourPosterior| p.colours().body.distance(Chroma(gold));
-        assert!(error(&found) < 0.03 && error(&blind) > 0.2, "{found:?}");
-        let wide = |p: &ColourPosterior| p.intervals()[0][1] - p.intervals()[0][0];
-        assert!(wide(&found) < 0.2 && wide(&blind) > 0.5, "{} {}", wide(&found), wide(&blind));
-    }
-
-    /// Compares with the formula for one dimension: without cross terms each channel is a separate
-    /// problem.
-    #[test]
-    fn the_update_is_the_closed_form() {
+    fn the_mean_is_the_maximum_of_the_posterior() {
         let mut model = plain();
-        model.coloured = [-50.0, 0.0];
-        // Without a reading of the highlight, the body is the reading minus the light, weighted by
-        // precision.
-        model.noise.iter_mut().for_each(|node| (2..4).for_each(|i| node[i][i] = 1e6));
-        let found = model.posterior(&clues([1.0, -1.0], [0.0, 0.0]), None);
-        let gain = 0.81 / (0.81 + 0.04 + 1e-4);
-        assert!((found.mean[0] - (0.4 + gain * (1.0 - 0.4))).abs() < 1e-6, "{found:?}");
-        assert!((found.covariance[0][0] - 0.81 * (1.0 - gain)).abs() < 1e-6, "{found:?}");
-        assert!((found.mean[4] - 0.04 / 0.81 * gain * 0.6).abs() < 1e-6, "{found:?}");
+        let n = model.differences.len();
+        // Correlated differences and errors.
+        for i in 0..n {
+            for j in 0..n {
+                model.differences[i][j] += 0.05 * ((i + 1) * (j + 1)) as f64 / n as f64;
+                model.errors[0][i][j] += 0.002 * (i as f64 - 2.0) * (j as f64 - 2.0);
+            }
+        }
+        let (luminance, red) = (reading(0.0, 1.0), reading(0.7, 1.8));
+        let channels = [Some(red.clone()), Some(luminance.clone()), Some(luminance.clone())];
+        let found = model.posterior(&luminance, &channels, None).unwrap();
+        let (prior, read) = (free_last(&model.differences), red.minus(&luminance));
+        let error = Mat::from_fn(n, n, |i, j| model.errors[0][i][j]);
+        let left: Vec<f64> = read.iter().zip(&found.means[0]).map(|(y, x)| y - x).collect();
+        let (of_prior, of_reading) =
+            (Cholesky::new(prior).unwrap().solve(&found.means[0]), Cholesky::new(error).unwrap().solve(&left));
+        for (a, b) in of_prior.iter().zip(&of_reading) {
+            assert!((a - b).abs() < 1e-6 * (1.0 + a.abs()), "{a} {b}");
+        }
+        // Nothing was read of green: the mean colour is not pulled to grey.
+        assert!((found.means[0][n - 1] - 1.8_f64.ln()).abs() < 0.05, "{:?}", found.means[0]);
+        assert!(found.means[1].iter().all(|x| x.abs() < 1e-9));
     }
 
     #[test]
-    fn improper_models_are_told() {
-        assert!(plain().is_proper());
-        assert!(!ColourModel { apart: f64::NAN, ..plain() }.is_proper());
-        assert!(!ColourModel { white: Normal { mean: [0.0; 2], covariance: [[0.0; 2]; 2] }, ..plain() }.is_proper());
+    fn draws_spread_as_the_light_and_a_given_light_narrows_them() {
+        let (model, table) = (plain(), WORLD.table(&WORLD.entries[2]));
+        let luminance = reading(0.0, 1.0);
+        let channels = [Some(reading(0.1, 1.5)), Some(reading(0.0, 1.0)), Some(reading(0.0, 0.5))];
+        let spread = |light: Option<Chroma>| {
+            let found = model.posterior(&luminance, &channels, light).unwrap();
+            let draws = found.draws(&WORLD.coordinates, &table, 400, 3);
+            assert_eq!(draws[..3], found.draws(&WORLD.coordinates, &table, 3, 3)[..]);
+            let all: Vec<f64> = draws.iter().map(|(field, _)| field.body(&table).0[0]).collect();
+            let mean = all.iter().sum::<f64>() / 400.0;
+            let middle = found.field(&WORLD.coordinates, &table).body(&table).0[0];
+            (middle, mean, (all.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 400.0).sqrt())
+        };
+        let (blind, given) = (spread(None), spread(Some(Chroma([0.3, 0.0]))));
+        assert!((blind.1 - blind.0).abs() < 0.08 && blind.2 > 1.1 * given.2, "{blind:?} {given:?}");
+        // What the light has more of, the material has less.
+        assert!((blind.0 - given.0 - 0.3).abs() < 0.02, "{blind:?} {given:?}");
+    }
+
+    #[test]
+    fn a_black_channel_is_dark_and_not_an_error() {
+        let (model, table) = (plain(), WORLD.table(&WORLD.entries[2]));
+        let luminance = reading(0.0, 1.0);
+        let channels = [Some(luminance.clone()), Some(luminance.clone()), None];
+        let found = model.posterior(&luminance, &channels, None).unwrap();
+        let body = found.field(&WORLD.coordinates, &table).body(&table);
+        assert!(body.0[1] < -3.0 && body.0[1].is_finite(), "{body:?}");
+    }
+
+    #[test]
+    fn damaged_models_are_not_proper() {
+        let dimensions = WORLD.coordinates.axes.len();
+        assert!(plain().is_proper(dimensions) && !plain().is_proper(dimensions + 1));
+        let spoilt = |change: fn(&mut ColourModel)| {
+            let mut model = plain();
+            change(&mut model);
+            !model.is_proper(dimensions)
+        };
+        assert!(spoilt(|model| model.errors[1][2][2] = 0.0) && spoilt(|model| model.differences[0][1] = f64::NAN));
+        assert!(spoilt(|model| model.lights.clear()) && spoilt(|model| model.lights[0].covariance[0][0] = -1.0));
+        assert!(spoilt(|model| model.mean_log_differences[0].clear()));
     }
 }

@@ -2,11 +2,13 @@
 
 use std::f64::consts::PI;
 
-use glam::DQuat;
+use glam::{DQuat, DVec3};
 
+use super::colouring::{COLOUR_DRAWS, COLOUR_SEED};
 use super::material::Impression;
 use super::{Colouring, ColouringRule, Doubt, EstimateError, Material, Reason, Stage};
 use crate::appearance::DiskImage;
+use crate::colour::{Chroma, ColourEstimate, is_grey};
 use crate::inference::known_light::{
     Alignment, GivenLight, Hint, KnownLightError, KnownLightPosterior, Materials, ROWS, Rows, clipped,
 };
@@ -129,7 +131,18 @@ pub fn estimate_under(
     let (points, visibility, trust) = (&few.points[..], few.visibility.as_ref(), few.trust());
     let rows = Rows { points, visibility, values: &values, trust: &trust };
     let materials = Materials::of(&learnt.coordinates, &places);
-    let found = KnownLightPosterior::of(&rows, GivenLight::of_map(light), alignment, &materials)?;
+    let given = GivenLight::of_map(light);
+    let mut found = KnownLightPosterior::of(&rows, given.clone(), alignment, &materials)?;
+    let colours: Vec<DVec3> = few.colours.iter().map(|rgb| rgb.unwrap_or_default().as_dvec3()).collect();
+    let mut channels = None;
+    let wanted = matches!(colouring, ColouringRule::Estimate { .. }) && !is_grey(few.colours.iter().flatten());
+    if let Some(prior) = model.colours().filter(|_| wanted) {
+        progress(Stage::Colours);
+        // A channel in which light or photograph is black is read as under an unknown light, below.
+        if let Ok((anew, of_channels)) = found.clone().with_channels(&rows, &colours, &given, &materials, prior) {
+            (found, channels) = (anew, Some(of_channels));
+        }
+    }
     // Shadows of the object on itself stay in it: the encoder is right about them often enough, and
     // to remove them without the light would take longer than all the rest.
     let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
@@ -138,10 +151,20 @@ pub fn estimate_under(
     let likelihood = Likelihood::Gaussian(gaussian);
     let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(KnownLightError::Unsolvable)?;
     let material = Impression::with(learnt, f64::from(image.scatter), posterior).describe();
-    progress(Stage::Colours);
+    let colouring = match channels {
+        Some(channels) => {
+            let (field, draws) = (channels.field(), channels.draws(COLOUR_DRAWS, COLOUR_SEED));
+            let chroma = match colouring {
+                ColouringRule::Estimate { light: Some(light) } => *light,
+                _ => Chroma::default(),
+            };
+            Colouring::Estimate(Box::new(ColourEstimate::of(&material.table, field, draws, (chroma, &[], true))))
+        }
+        None => Colouring::of(model, observations, &material.table, colouring),
+    };
     Ok(LitEstimate {
         exposure: found.table().normal_albedo() / material.table.normal_albedo(),
-        colouring: Colouring::of(model, observations, &material.table, colouring),
+        colouring,
         material,
         noise: found.noise,
         discrepancy: found.discrepancy,

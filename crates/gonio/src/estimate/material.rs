@@ -1,9 +1,11 @@
 //! Material of the object.
 
-use super::{Doubt, EstimateError, Highlight};
+use super::colouring::DiskImages;
+use super::{Colouring, ColouringRule, Doubt, EstimateError, Highlight};
 use crate::appearance::DiskImage;
+use crate::colour::ChromaField;
 use crate::inference::learnt::{
-    self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, peak_over_base, unshadow,
+    self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, Unshadowed, peak_over_base, unshadow,
 };
 use crate::inference::{Embedding, Likelihood};
 use crate::model::Model;
@@ -90,6 +92,14 @@ impl Material {
         .collect()
     }
 
+    /// Quantiles of every cell of a channel at [`SHARES`], `[quantile][cell]`, on the scale of the
+    /// table, for equally likely chromas of the cells.
+    pub(super) fn channel_quantiles(&self, fields: &[ChromaField], channel: usize) -> Vec<Vec<f32>> {
+        let quantiles = self.posterior.channel_quantiles(fields, channel, &SHARES);
+        let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * self.scale) as f32).collect();
+        quantiles.into_iter().map(rescaled).collect()
+    }
+
     /// Draws from the posterior, each of albedo [`ALBEDO`]; the same `seed` gives the same draws.
     /// The quantiles are wider, since they allow for the error of the coordinates of materials.
     ///
@@ -121,6 +131,8 @@ pub(super) struct Impression<'a> {
     posterior: MaterialPosterior,
     /// Estimate, at the normal albedo [`ALBEDO`].
     pub(super) table: BivariateTable,
+    /// Images that it was read from; `None` if it is of several photographs or of a known light.
+    images: Option<Unshadowed>,
     scale: f64,
     strangeness: f64,
     scatter: f64,
@@ -145,7 +157,8 @@ impl<'a> Impression<'a> {
             filled: normals - (f64::from(image.observed()) * normals as f64).round() as usize,
             unshadowed: unshadowed.change,
             ..Self::with(learnt, f64::from(image.scatter), posterior)
-        })
+        }
+        .seen(unshadowed))
     }
 
     /// The impression of a posterior, with the scatter of the photographs it is from.
@@ -155,6 +168,7 @@ impl<'a> Impression<'a> {
             learnt,
             posterior,
             table,
+            images: None,
             scale,
             strangeness: 0.0,
             scatter,
@@ -163,6 +177,17 @@ impl<'a> Impression<'a> {
             filled: 0,
             unshadowed: 0.0,
         }
+    }
+
+    fn seen(self, images: Unshadowed) -> Self {
+        Self { images: Some(images), ..self }
+    }
+
+    /// Finds the colours by a rule.
+    pub(super) fn colouring(&self, model: &Model, observations: &Observations, rule: &ColouringRule) -> Colouring {
+        let images =
+            self.images.as_ref().map(|Unshadowed { image, channels, .. }| DiskImages { luminance: image, channels });
+        Colouring::of_images(model, observations, images.as_ref(), &self.table, rule)
     }
 
     pub(super) fn describe(self) -> Material {

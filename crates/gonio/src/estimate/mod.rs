@@ -95,12 +95,12 @@ pub fn doubts(material: &Material, light: &Light) -> Vec<Doubt> {
 pub enum Stage {
     /// Maps the observations to standard normals and computes the posterior of materials.
     Material,
-    /// Finds the colours.
-    Colours,
     /// Integrates the BRDF over the texels of the light.
     Transfer,
     /// Finds the light.
     Light,
+    /// Finds the colours.
+    Colours,
 }
 
 impl Stage {
@@ -179,20 +179,21 @@ pub fn estimate_beside<T: Send>(
     progress(Stage::Material);
     let impression = Impression::of(model, observations, settings.side)?;
     let table = impression.table.clone();
-    progress(Stage::Colours);
-    let colouring = Colouring::of(model, observations, &table, &settings.colouring);
-    // The posterior is described meanwhile, too.
-    let (light, (material, made, rows)) = rayon::join(
+    // The posterior is described and coloured meanwhile, too.
+    let (light, (material, colouring, made, rows)) = rayon::join(
         || Light::of(model, observations, &table, settings, progress),
         || {
+            let colouring = impression.colouring(model, observations, &settings.colouring);
             let rows = Rows::of(&model.light, observations, &table, &colouring, settings.side);
-            (impression.describe(), beside(&table, &colouring), rows)
+            let made = beside(&table, &colouring);
+            (impression.describe(), colouring, made, rows)
         },
     );
     let light = light?;
+    progress(Stage::Colours);
     let tint = rows?.and_then(|rows| rows.under(&colouring, &light));
     let colouring = match &tint {
-        Some(tint) => colouring.less_certain(tint),
+        Some(tint) => colouring.less_certain(&table, tint),
         None => colouring,
     };
     Ok((Estimate { material, light, colouring, tint }, made))

@@ -5,12 +5,12 @@ use std::sync::Mutex;
 use glam::Vec3;
 
 use super::*;
-use crate::colour::{Chroma, plain};
+use crate::colour::{Chroma, ChromaField, plain};
 use crate::inference::learnt::tests::{WORLD, knowing, light_map};
 use crate::inference::learnt::{MaterialPosterior, interval_widths};
 use crate::inference::{CONTRADICTION, Embedding, Likelihood};
 use crate::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
-use crate::picture::{Picture, luminance};
+use crate::picture::{Picture, luminance, luminance as luminance_of};
 use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
 use crate::render::{Accuracy, IntegratorSettings, LightTree, SphereSettings, render_sphere};
 use crate::scene::{Object, ObservationSettings, Sighting};
@@ -123,13 +123,100 @@ fn colours_are_taken_as_asked_for() {
     model.learnt.as_mut().unwrap().colours = Some(plain());
     // In a light known to have that colour, the body is less coloured than in an unknown one.
     let body = |light: Option<Chroma>| {
-        Colouring::of(&model, &observations, &table, &ColouringRule::Estimate { light })
-            .colours()
-            .body
-            .distance(Chroma::default())
+        let found = Colouring::of(&model, &observations, &table, &ColouringRule::Estimate { light });
+        let Colouring::Estimate(found) = found else { panic!("{found:?}") };
+        assert!((0..2).all(|c| found.body.interval[c][0] < found.body.interval[c][1]));
+        found.body.chroma
     };
     let (blind, lit) = (body(None), body(Some(Chroma::of(colour.as_dvec3()))));
-    assert!(lit < 0.5 * blind, "{lit} {blind}");
+    assert!(blind.distance(Chroma::of(colour.as_dvec3())) < 0.05, "{blind:?}");
+    assert!(lit.distance(Chroma::default()) < 0.05, "{lit:?}");
+}
+
+#[test]
+fn quantiles_of_channels_hold_the_estimate() {
+    let (mut model, observations) = (model(4), observations(&photograph(4, Vec3::new(1.0, 0.6, 0.3))));
+    model.learnt.as_mut().unwrap().colours = Some(plain());
+    let found = estimate(&model, &observations, &settings(), &|_| ()).unwrap();
+    let tables = found.colouring.field().tables(&found.material.table);
+    let quantiles = found.colouring.quantiles(&found.material);
+    for (table, quantiles) in tables.iter().zip(&quantiles) {
+        let inside = |c: &usize| (quantiles[0][*c]..=quantiles[3][*c]).contains(&table.as_slice()[*c]);
+        let held = trusted_cells().filter(inside).count();
+        assert!(held as f64 > 0.99 * trusted_cells().count() as f64, "{held}");
+        assert!(trusted_cells().all(|c| quantiles.windows(2).all(|pair| pair[0][c] <= pair[1][c])));
+    }
+    // Without colours they are those of the luminance.
+    let grey = Colouring::Grey.quantiles(&found.material);
+    assert!(grey.iter().all(|channel| *channel == found.material.quantiles));
+    assert_eq!(Colouring::Grey.field(), ChromaField::GREY);
+}
+
+/// Under a coloured light a coloured material is found channel by channel, and its luminance is not
+/// that of a grey one.
+#[test]
+fn a_known_light_gives_each_channel() {
+    let mut model = model(2);
+    model.learnt.as_mut().unwrap().colours = Some(plain());
+    let luminance = WORLD.table(&WORLD.entries[2]);
+    let light = light_map(100);
+    let (red, blue) = (glam::DVec3::new(1.6, 0.9, 0.4), glam::DVec3::new(0.5, 0.9, 1.9));
+    let colour = |y: usize, x: usize| {
+        let d = crate::sphere::direction_of_lat_long((x as f64 + 0.5) / 96.0, (y as f64 + 0.5) / 48.0);
+        red.lerp(blue, 0.5 + 0.5 * d.x).as_vec3()
+    };
+    let map =
+        EnvironmentMap::new(crate::picture::Plane::from_fn(96, 48, |x, y| light.radiance()[(x, y)] * colour(y, x)));
+    let map = map.unwrap();
+    // A red body under a white highlight.
+    let body = BivariateTable::from_fn(|_, _| 0.1);
+    let channels = [0.6, 0.05, 0.02].map(|albedo: f64| {
+        let cells = luminance.as_slice().iter().zip(body.as_slice());
+        BivariateTable::from_vec(
+            cells
+                .map(|(all, body)| (f64::from(*all) - f64::from(*body)).max(0.0) as f32 + (albedo as f32) * body * 4.0)
+                .collect(),
+        )
+    });
+    let points = crate::testing::ball(800);
+    let settings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
+    let operators = crate::render::Relighter::of_channels(&points, &channels, &LightTree::of_map(&map), &settings);
+    let image: Vec<Vec<f64>> =
+        operators.iter().zip(&channels).map(|(operator, table)| operator.render(table)).collect();
+    let pixels: Vec<Vec3> =
+        (0..points.len()).map(|i| Vec3::from_array([0, 1, 2].map(|c| image[c][i] as f32))).collect();
+    let observations = crate::scene::Observations {
+        pixels: vec![(0.0, 0.0); points.len()],
+        values: pixels.iter().map(|rgb| Some(f64::from(luminance_of(*rgb)))).collect(),
+        colours: pixels.iter().copied().map(Some).collect(),
+        weights: vec![1.0; points.len()],
+        visibility: None,
+        open: vec![1.0; points.len()],
+        report: Default::default(),
+        fates: None,
+        dense: Vec::new(),
+        points,
+    };
+    let given = (&map, Alignment::Fixed);
+    let found = estimate_under(&model, &observations, given, &ColouringRule::default(), &|_| ()).unwrap();
+    let tables = found.colouring.field().tables(&found.material.table);
+    // The common scale is free.
+    let sums = [&tables, &channels].map(|rgb| BivariateTable::luminance(rgb).normal_albedo());
+    for (c, (got, want)) in tables.iter().zip(&channels).enumerate() {
+        let rendered = |table: &BivariateTable, scale: f64| -> Vec<f64> {
+            operators[c].render(table).into_iter().map(|value| value / scale).collect()
+        };
+        let (got, want) = (rendered(got, sums[0]), rendered(want, sums[1]));
+        let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
+        let off = square(&mut got.iter().zip(&want).map(|(a, b)| a - b)) / square(&mut want.iter().copied());
+        assert!(off.sqrt() < 0.06, "channel {c}: {}", off.sqrt());
+    }
+    let truth = ChromaField::of_tables(&channels).body(&BivariateTable::luminance(&channels));
+    let body = found.colouring.field().body(&found.material.table);
+    assert!(body.distance(truth) < 0.25, "{body:?} {truth:?}");
+    // In grey, the same light explains the photograph less well.
+    let grey = estimate_under(&model, &observations, given, &ColouringRule::Grey, &|_| ()).unwrap();
+    assert!(found.misfit < 0.5 * grey.misfit, "{} {}", found.misfit, grey.misfit);
 }
 
 #[test]

@@ -1,7 +1,6 @@
 //! Colours of the estimated light, direction by direction, and what they leave unexplained.
 //!
-//! Given a BRDF with the colours of its body and highlight, `F_c = b_c B + h_c (F - B)`, and the
-//! luminance `L` of the light, its channels are `L_c(w) = w_c L(w) (1 + t_c(w))`, where `w_c` is
+//! Given the channels `F_c` of a BRDF and the luminance `L` of the light, its channels are `L_c(w) = w_c L(w) (1 + t_c(w))`, where `w_c` is
 //! the colour of the light as a whole. The tints `t` of red and blue are, along two axes, Gaussian
 //! fields that follow captured light; the tint of green keeps the luminance. An image is linear in
 //! them, so that their posterior is Gaussian: its mean is [`Tint::grid`].
@@ -16,7 +15,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::{Colouring, Doubt, EstimateError, Light};
-use crate::colour::{Chroma, body};
+use crate::colour::Chroma;
 use crate::inference::light::{Cholesky, LightError};
 use crate::lighting::{LightGrid, LightPrior};
 use crate::model::Model;
@@ -88,11 +87,11 @@ impl Tint {
     }
 }
 
-/// Images of body and highlight at some observations, linear in the light.
+/// Images of the channels of a BRDF at some observations, linear in the luminance of the light.
 pub(super) struct Rows {
     observations: Observations,
-    /// Coefficients of the light, `side^2` of the BRDF and as many of its body for each observation
-    /// with a value.
+    /// Coefficients of the light, `side^2` of each channel of the BRDF for each observation with a
+    /// value.
     coefficients: Vec<f32>,
     side: usize,
 }
@@ -112,7 +111,7 @@ impl Rows {
         }
         let observations = observations.thinned(ROWS);
         let settings = PlanSettings { side, ..PlanSettings::default() };
-        let tables = [table.clone(), body(table)];
+        let tables = colouring.field().tables(table);
         let (coefficients, _) = observed_rows(observations.seen(), &observations.values, &tables, prior, &settings)
             .map_err(LightError::from)?;
         Ok(Some(Self { observations, coefficients, side }))
@@ -134,8 +133,8 @@ struct Images {
     normals: Vec<DVec3>,
     /// Squares along a side.
     side: usize,
-    /// For each channel `w_c (b_c B + h_c S)` of every square (squares x observations), where `B`
-    /// and `S` are images of body and highlight in the luminance of the light.
+    /// For each channel the image of every square (squares x observations) in the luminance of the
+    /// light, times `w_c`.
     parts: [Mat<f64>; 3],
     /// Colour of the light as a whole, of luminance one.
     white: [f64; 3],
@@ -155,7 +154,7 @@ impl Images {
         let count = side * side;
         let squares = |row: &[f32]| -> Vec<f64> {
             let mut scratch = Vec::new();
-            let mut sums = vec![0.0; 2 * count];
+            let mut sums = vec![0.0; 3 * count];
             for (coefficients, sums) in row.chunks_exact(fine * fine).zip(sums.chunks_exact_mut(count)) {
                 let mut of_texels = coefficients.to_vec();
                 haar.inverse(&mut of_texels, &mut scratch);
@@ -165,16 +164,9 @@ impl Images {
             }
             sums
         };
-        let sums: Vec<Vec<f64>> = rows.coefficients.par_chunks_exact(2 * fine * fine).map(squares).collect();
-        let own = colouring.colours();
-        let [dull, bright] = [own.body, own.highlight].map(|chroma| chroma.rgb().to_array());
+        let sums: Vec<Vec<f64>> = rows.coefficients.par_chunks_exact(3 * fine * fine).map(squares).collect();
         let white = colouring.light().as_dvec3().to_array();
-        let part = |c: usize| {
-            Mat::from_fn(count, sums.len(), |k, i| {
-                let (whole, body) = (sums[i][k], sums[i][count + k]);
-                white[c] * (dull[c] * body + bright[c] * (whole - body))
-            })
-        };
+        let part = |c: usize| Mat::from_fn(count, sums.len(), |k, i| white[c] * sums[i][c * count + k]);
         let parts = [part(0), part(1), part(2)];
         let colours: Vec<DVec3> =
             seen.iter().map(|&i| observations.colours[i].unwrap_or_default().as_dvec3()).collect();

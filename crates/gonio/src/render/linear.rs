@@ -35,10 +35,7 @@ impl Relighter {
         light: &LightTree,
         settings: &IntegratorSettings,
     ) -> Self {
-        let envelope = envelope(examples);
-        let divided = |at: usize| nodes(&points[at], &envelope, light, settings);
-        let [matrix] = Self::gathered(points.len(), divided, |radiance| [f64::from(luminance(radiance))]);
-        matrix
+        Self::within(points, None, examples, light, settings)
     }
 
     /// Computes the matrix as [`Self::new`] does, for points of a surface with self-shadowing.
@@ -75,16 +72,7 @@ impl Relighter {
         light: &LightTree,
         settings: &IntegratorSettings,
     ) -> Self {
-        let Some(visibility) = visibility else { return Self::new(points, examples, light, settings) };
-        assert_eq!(points.len(), visibility.len());
-        let envelope = envelope(examples);
-        let divided = |at: usize| {
-            let mut nodes = nodes_within(&points[at], &envelope, light, settings, PENUMBRA);
-            for node in &mut nodes.nodes {
-                node.weight *= f64::from(visibility.share_along(at, node.direction));
-            }
-            nodes
-        };
+        let divided = divided(points, visibility, examples, light, settings);
         let [matrix] = Self::gathered(points.len(), divided, |radiance| [f64::from(luminance(radiance))]);
         matrix
     }
@@ -97,9 +85,60 @@ impl Relighter {
         light: &LightTree,
         settings: &IntegratorSettings,
     ) -> [Self; 3] {
-        let envelope = envelope(examples);
-        let divided = |at: usize| nodes(&points[at], &envelope, light, settings);
+        Self::channels_within(points, None, examples, light, settings)
+    }
+
+    /// Computes the matrices of [`Self::of_channels`] for points that see a part of the light.
+    ///
+    /// # Panics
+    /// If points and visibility differ in number.
+    pub(crate) fn channels_within(
+        points: &[SurfacePoint],
+        visibility: Option<&Visibility>,
+        examples: &[BivariateTable],
+        light: &LightTree,
+        settings: &IntegratorSettings,
+    ) -> [Self; 3] {
+        let divided = divided(points, visibility, examples, light, settings);
         Self::gathered(points.len(), divided, |radiance| radiance.as_dvec3().to_array())
+    }
+
+    /// The matrix with weights that are a function of cell and weight.
+    pub(crate) fn map(&self, weight: impl Fn(usize, f32) -> f32) -> Self {
+        let weights = self.cells.iter().zip(&self.weights).map(|(cell, w)| weight(usize::from(*cell), *w)).collect();
+        Self { ends: self.ends.clone(), cells: self.cells.clone(), weights }
+    }
+
+    /// The rows of some of the points.
+    pub(crate) fn select(&self, points: &[usize]) -> Self {
+        let mut some = Self { ends: Vec::with_capacity(points.len()), cells: Vec::new(), weights: Vec::new() };
+        for &point in points {
+            some.append(self.row(point));
+        }
+        some
+    }
+
+    /// Appends a row.
+    fn append(&mut self, row: impl Iterator<Item = (usize, f32)>) {
+        for (cell, weight) in row {
+            self.cells.push(cell as u16);
+            self.weights.push(weight);
+        }
+        self.ends.push(self.cells.len());
+    }
+
+    /// Adds `factor` times another matrix for the same points.
+    ///
+    /// # Panics
+    /// If the matrices differ in the number of points.
+    pub(crate) fn plus(&self, other: &Self, factor: f64) -> Self {
+        assert_eq!(self.len(), other.len());
+        let mut sum = Self { ends: Vec::with_capacity(self.len()), cells: Vec::new(), weights: Vec::new() };
+        for point in 0..self.len() {
+            let scaled = other.row(point).map(|(cell, weight)| (cell, (factor * f64::from(weight)) as f32));
+            sum.append(self.row(point).chain(scaled));
+        }
+        sum
     }
 
     /// Computes a matrix for each of the numbers that `measure` takes of the light, which `divided`
@@ -168,6 +207,31 @@ pub(super) fn envelope(tables: &[BivariateTable]) -> BivariateTable {
     let scales: Vec<f32> = tables.iter().map(|t| (1.0 / t.normal_albedo().max(1e-300)) as f32).collect();
     let cell = |c: usize| tables.iter().zip(&scales).map(|(t, s)| s * t.as_slice()[c]).fold(0.0, f32::max);
     BivariateTable::from_vec((0..CELLS).map(cell).collect())
+}
+
+/// Divides the light for each point, of which it may see only a part.
+///
+/// # Panics
+/// If points and visibility differ in number.
+fn divided<'a>(
+    points: &'a [SurfacePoint],
+    visibility: Option<&'a Visibility>,
+    examples: &[BivariateTable],
+    light: &'a LightTree,
+    settings: &'a IntegratorSettings,
+) -> impl Fn(usize) -> Nodes + Sync + 'a {
+    assert!(visibility.is_none_or(|visibility| visibility.len() == points.len()), "one visibility for each point");
+    let envelope = envelope(examples);
+    move |at| match visibility {
+        None => nodes(&points[at], &envelope, light, settings),
+        Some(visibility) => {
+            let mut nodes = nodes_within(&points[at], &envelope, light, settings, PENUMBRA);
+            for node in &mut nodes.nodes {
+                node.weight *= f64::from(visibility.share_along(at, node.direction));
+            }
+            nodes
+        }
+    }
 }
 
 #[cfg(test)]

@@ -9,16 +9,22 @@ const STRAIGHT: f32 = 0.76;
 /// How fast colours fade beyond it.
 const FADE: f32 = 0.15;
 
+/// Brightness at which the object of a picture is shown that has no exposure of its own, and the
+/// range in which a picture has one.
+const OWN_LEVEL: f32 = 0.6;
+const OWN_RANGE: (f32, f32) = (0.03, 1.5);
+
 /// Factor that brings radiance to display range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure(pub f32);
 
 impl Exposure {
-    /// Exposure that puts the `quantile` (0..=1) of the luminance of the pixels that `keep` selects
-    /// at `level`; one for a black picture.
+    /// Exposure that puts the `quantile` (0..=1) of the brightness of the pixels that `keep` selects
+    /// at `level`; one for a black picture. Brightness is luminance, and that of a saturated colour
+    /// is so much more that its largest channel does not fade.
     pub fn by_quantile(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool, quantile: f32, level: f32) -> Self {
-        let mut values: Vec<f32> =
-            rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, p)| luminance(*p)).collect();
+        let kept = rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i));
+        let mut values: Vec<f32> = kept.map(|(_, p)| brightness(*p, level)).collect();
         if values.is_empty() {
             return Self(1.0);
         }
@@ -27,13 +33,23 @@ impl Exposure {
         Self(if *value > 0.0 { level / *value } else { 1.0 })
     }
 
-    /// Exposure that puts the mean luminance of the pixels that `keep` selects at `level`, where
+    /// The exposure of the picture itself, one, if its object is neither black nor white in it: if
+    /// the 90 % quantile of the brightness of the pixels that `keep` selects lies between 0.03 and
+    /// 1.5. Otherwise that quantile is put at 0.6.
+    pub fn own(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool) -> Self {
+        let fitted = Self::by_quantile(rgb, keep, 0.9, OWN_LEVEL);
+        let quantile = OWN_LEVEL / fitted.0;
+        if (OWN_RANGE.0..=OWN_RANGE.1).contains(&quantile) { Self(1.0) } else { fitted }
+    }
+
+    /// Exposure that puts the mean brightness of the pixels that `keep` selects at `level`, where
     /// the brightest tenth of them count as the least bright of that tenth; one for a black
     /// picture. Highlights, however small and bright, do not make all else dark.
     pub fn by_mean(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool, level: f32) -> Self {
-        let top = 1.0 / Self::by_quantile(rgb, &keep, 0.9, 1.0).0;
+        let top = level / Self::by_quantile(rgb, &keep, 0.9, level).0;
         let kept = rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i));
-        let (sum, count) = kept.fold((0.0, 0.0), |(sum, n), (_, p)| (sum + f64::from(luminance(*p).min(top)), n + 1.0));
+        let add = |(sum, n), (_, p): (usize, &Vec3)| (sum + f64::from(brightness(*p, level).min(top)), n + 1.0);
+        let (sum, count) = kept.fold((0.0, 0.0), add);
         Self(if sum > 0.0 { level * (count / sum) as f32 } else { 1.0 })
     }
 
@@ -52,6 +68,12 @@ impl Exposure {
         let fade = 1.0 - 1.0 / (FADE * (peak - mapped) + 1.0);
         (x * (mapped / peak)).lerp(Vec3::splat(mapped), fade)
     }
+}
+
+/// Brightness of a pixel to be shown at `level`: its luminance, or, if its largest channel would
+/// leave the straight part of the curve, that channel scaled to the end of that part.
+fn brightness(rgb: Vec3, level: f32) -> f32 {
+    luminance(rgb).max(rgb.max_element() * level / STRAIGHT)
 }
 
 /// Median of each channel over the pixels that `keep` selects, scaled to luminance one: the colour
@@ -91,6 +113,26 @@ mod tests {
         assert_eq!(Exposure(0.7).apply(orange), 0.7 * orange);
         let [once, often] = [1.5, 40.0].map(|exposure| Exposure(exposure).apply(orange));
         assert!(once.y / once.x < 0.5 && often.y / often.x > 0.7, "{once} {often}");
+    }
+
+    #[test]
+    fn saturated_colours_do_not_fade() {
+        let red = Plane::from_fn(4, 4, |_, _| Vec3::new(3.0, 0.1, 0.1));
+        for exposure in [Exposure::by_quantile(&red, |_| true, 0.9, 0.6), Exposure::by_mean(&red, |_| true, 0.3)] {
+            let shown = exposure.apply(red[(0, 0)]);
+            assert!((shown.y / shown.x - 0.1 / 3.0).abs() < 1e-3 && shown.x > 0.7, "{shown}");
+        }
+    }
+
+    #[test]
+    fn a_dark_object_stays_dark_unless_nothing_is_seen_of_it() {
+        let ball = |value: f32| Plane::from_fn(4, 4, |_, _| Vec3::splat(value));
+        for value in [0.05, 0.6, 1.4] {
+            assert_eq!(Exposure::own(&ball(value), |_| true), Exposure(1.0));
+        }
+        for value in [1e-3, 40.0] {
+            assert!((Exposure::own(&ball(value), |_| true).0 * value - 0.6).abs() < 1e-4);
+        }
     }
 
     #[test]

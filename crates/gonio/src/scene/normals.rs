@@ -145,7 +145,10 @@ impl Observations {
         let dense = facing
             .iter()
             .filter(|c| within(c) && fates.as_slice()[c.pixel as usize] == Fate::Used)
-            .map(|c| Sample::of(c.seen(surface), f64::from(luminance(rgb.as_slice()[c.pixel as usize])), 1.0))
+            .map(|c| {
+                let rgb = rgb.as_slice()[c.pixel as usize];
+                Sample::of(c.seen(surface), f64::from(luminance(rgb)), 1.0).coloured(rgb)
+            })
             .collect();
         // Thinned before the cut at the largest angle: otherwise the cells that it divides would be
         // sampled too densely.

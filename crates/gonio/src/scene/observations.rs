@@ -196,9 +196,12 @@ impl Observations {
         if !self.dense.is_empty() {
             return Cow::Borrowed(&self.dense);
         }
-        let each = self.points.iter().zip(&self.values).zip(self.trust());
-        each.filter_map(|((point, value), weight)| value.map(|value| Sample::of(point.in_view(), value, weight)))
-            .collect()
+        let each = self.points.iter().zip(self.values.iter().zip(&self.colours)).zip(self.trust());
+        each.filter_map(|((point, (value, rgb)), weight)| {
+            let sample = Sample::of(point.in_view(), (*value)?, weight);
+            Some(rgb.map_or(sample, |rgb| sample.coloured(rgb)))
+        })
+        .collect()
     }
 
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
@@ -261,7 +264,7 @@ impl Observations {
         let dense = used
             .map(|i| {
                 let normal = normal((i % width, i / width)).as_dvec3();
-                Sample::of(normal, f64::from(luminance(rgb.as_slice()[i])), 1.0)
+                Sample::of(normal, f64::from(luminance(rgb.as_slice()[i])), 1.0).coloured(rgb.as_slice()[i])
             })
             .collect();
         Ok(Self { dense, ..Self::assemble(points, pixels, seen, judged)? })

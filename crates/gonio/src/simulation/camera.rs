@@ -310,7 +310,7 @@ fn told_of_cells(values: &[f32], counts: &[f32]) -> f32 {
         .filter(|&c| counts[c] > 0.0)
         .map(|c| {
             let (x, y) = disk::centre(c);
-            Sample { x, y, value: values[c], weight: 1.0 }
+            Sample { x, y, value: values[c], rgb: [values[c]; 3], weight: 1.0 }
         })
         .collect();
     scatter(&samples).unwrap_or(0.0)

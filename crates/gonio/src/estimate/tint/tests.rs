@@ -1,7 +1,7 @@
 //! Tests against planted lights, and of the posterior against its closed form.
 
 use super::*;
-use crate::colour::{ColourPosterior, TwoColours};
+use crate::colour::{ChromaField, ColourEstimate};
 use crate::estimate::LightEstimator;
 use crate::lighting::PriorSettings;
 use crate::scene::{ObservationReport, sphere_points};
@@ -45,7 +45,7 @@ fn channel(light: &LightGrid, c: usize) -> LightGrid {
 }
 
 /// Photograph of a ball of these colours, channel by channel; `noise` is relative.
-fn photograph(table: &BivariateTable, colours: &TwoColours, light: &LightGrid, noise: f64) -> Observations {
+fn photograph(table: &BivariateTable, colours: &ChromaField, light: &LightGrid, noise: f64) -> Observations {
     let settings = crate::scene::ObservationSettings { normals: 900, ..Default::default() };
     let points = sphere_points(&settings);
     let plan = PlanSettings { side: FINE, ..PlanSettings::default() };
@@ -96,13 +96,13 @@ fn found(light: &LightGrid) -> Light {
 }
 
 /// Colours that were found to be these, in a light that is white as a whole.
-fn colouring(colours: &TwoColours) -> Colouring {
-    let mean = [colours.body.0, colours.highlight.0, [0.0; 2]].concat().try_into().unwrap();
-    let posterior = ColourPosterior { mean, covariance: [[0.0; 6]; 6], coloured: 0.0 };
-    Colouring::Estimate { posterior: Box::new(posterior), share: 0.3 }
+fn colouring(field: &ChromaField) -> Colouring {
+    let draws = vec![field.clone(); 200];
+    let light = (Chroma::default(), &[][..], false);
+    Colouring::Estimate(Box::new(ColourEstimate::of(&table(), field.clone(), draws, light)))
 }
 
-fn tint(seen: &Observations, told: &TwoColours, light: &LightGrid) -> Tint {
+fn tint(seen: &Observations, told: &ChromaField, light: &LightGrid) -> Tint {
     let (table, light, told) = (table(), found(light), colouring(told));
     Rows::of(&prior(), seen, &table, &told, FINE).unwrap().unwrap().under(&told, &light).unwrap()
 }
@@ -111,8 +111,15 @@ fn table() -> BivariateTable {
     lobe(0.1, 4.0, 0.12)
 }
 
-fn green() -> TwoColours {
-    TwoColours { body: Chroma([-0.6, -0.7]), highlight: Chroma([0.0, 0.0]) }
+/// A green body under a white highlight.
+fn green() -> ChromaField {
+    let (body, rgb) = (lobe(0.1, 0.0, 0.12), Chroma([-0.6, -0.7]).rgb());
+    let body = |cell: usize| f64::from(body.as_slice()[cell]);
+    let whole = table();
+    ChromaField::of_tables(&[0, 1, 2].map(|c| {
+        let cells = whole.as_slice().iter().enumerate();
+        BivariateTable::from_vec(cells.map(|(k, all)| (rgb[c] * body(k) + f64::from(*all) - body(k)) as f32).collect())
+    }))
 }
 
 #[test]
@@ -140,7 +147,7 @@ fn the_light_gets_its_colours_and_keeps_its_luminance() {
 fn wrong_colours_are_doubted_in_natural_light_and_by_noise_alone_not() {
     let light = planted(natural);
     let seen = photograph(&table(), &green(), &light, 0.0);
-    let grey = tint(&seen, &TwoColours::default(), &light);
+    let grey = tint(&seen, &ChromaField::GREY, &light);
     assert!(matches!(grey.doubt(), Some(Doubt::Colours(apart)) if apart > 0.3), "{:?}", grey.apart);
     // The coloured light explains them all the same.
     assert!(grey.misfit < 0.06, "{}", grey.misfit);
@@ -153,14 +160,14 @@ fn wrong_colours_are_doubted_in_natural_light_and_by_noise_alone_not() {
 #[test]
 fn the_intervals_are_wider_by_what_is_left() {
     let light = planted(natural);
-    let told = colouring(&TwoColours::default());
-    let tint = tint(&photograph(&table(), &green(), &light, 0.0), &TwoColours::default(), &light);
-    let Colouring::Estimate { posterior, .. } = told.less_certain(&tint) else { panic!("{told:?}") };
-    let [low, high] = posterior.intervals()[0];
-    assert!(low < -0.6 && high > 0.6, "{low} {high}");
-    // The light is no less certain.
-    assert_eq!(posterior.intervals()[4], [0.0, 0.0]);
-    assert_eq!(Colouring::Grey.less_certain(&tint), Colouring::Grey);
+    let told = colouring(&ChromaField::GREY);
+    let tint = tint(&photograph(&table(), &green(), &light, 0.0), &ChromaField::GREY, &light);
+    let Colouring::Estimate(found) = told.less_certain(&table(), &tint) else { panic!("no estimate") };
+    let [low, high] = found.body.interval[0];
+    assert!(low < -0.3 && high > 0.3, "{low} {high}");
+    // The estimate stays, and the light is no less certain.
+    assert!(found.field.is_grey() && found.light.interval[0] == [0.0, 0.0]);
+    assert_eq!(Colouring::Grey.less_certain(&table(), &tint), Colouring::Grey);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec3};
 
 use super::error_model::{CUT, median};
-use super::fit::{Fit, Image, State};
+use super::fit::{Fit, FitPrior, Image, State};
 use super::light::{GivenLight, Operator};
 use super::space::Space;
 use super::turn::propose;
@@ -63,7 +63,7 @@ pub(super) fn aligned(
         }
     }
     let Some(Candidate { turn, operator, fit }) = best else { return Err(KnownLightError::Unsolvable) };
-    let image = Image::of(&operator, rows, space)?;
+    let image = Image::of(&operator, rows, space, FitPrior::MATERIAL)?;
     Ok(KnownLightPosterior::found(&image, fit, rows, space, turn))
 }
 
@@ -98,7 +98,7 @@ impl Candidate {
     ) -> Result<Self, KnownLightError> {
         light.turn_to(turn);
         let operator = Operator::of(rows.points, rows.visibility, light, materials);
-        let mut image = Image::of(&operator, rows, space)?;
+        let mut image = Image::of(&operator, rows, space, FitPrior::MATERIAL)?;
         let state = match from {
             Some(state) => image.state(state.coefficients.clone()),
             None => start(&operator, rows.values, materials).state(&image),
@@ -138,7 +138,7 @@ impl Candidate {
         space: &Space,
         made: DVec3,
     ) -> Result<Option<DVec3>, KnownLightError> {
-        let image = Image::of(&self.operator, rows, space)?;
+        let image = Image::of(&self.operator, rows, space, FitPrior::MATERIAL)?;
         let table = space.table(&self.fit.state.coefficients);
         let proposal = propose((&image, &self.fit), rows, light, &table, made);
         Ok(proposal.filter(|p| p.worth > WORTH.0 && p.turn.length() > WORTH.1).map(|p| p.turn))

@@ -10,10 +10,6 @@ use crate::linalg::eigenvectors;
 /// degrees, as measured on training materials in training lights (docs/trials.md).
 const LENGTH: f64 = 0.38;
 
-/// Smallest standard deviation of the discrepancy: what the best bivariate table leaves of a
-/// rendering of a measured material, by the same measurement.
-const LEAST_DISCREPANCY: f64 = 0.045;
-
 /// Smallest standard deviation of the noise.
 const LEAST_NOISE: f64 = 0.005;
 
@@ -41,6 +37,8 @@ pub(super) struct ErrorModel {
     trust: Vec<f64>,
     /// Weights of Student's distribution.
     weights: Vec<f64>,
+    /// Smallest standard deviation of the discrepancy.
+    least_discrepancy: f64,
     /// Standard deviations of noise and discrepancy.
     pub(super) noise: f64,
     pub(super) discrepancy: f64,
@@ -48,10 +46,10 @@ pub(super) struct ErrorModel {
 
 impl ErrorModel {
     /// Starts with large errors. Values of low `trust` (0 to 1) have more noise.
-    pub(super) fn new(normals: &[DVec3], trust: Vec<f64>) -> Self {
+    pub(super) fn new(normals: &[DVec3], trust: Vec<f64>, least_discrepancy: f64) -> Self {
         let n = normals.len();
         let correlation = Mat::from_fn(n, n, |i, j| (-normals[i].distance(normals[j]) / LENGTH).exp());
-        Self { correlation, weights: vec![1.0; n], trust, noise: 0.1, discrepancy: 0.1 }
+        Self { correlation, weights: vec![1.0; n], trust, least_discrepancy, noise: 0.1, discrepancy: 0.1 }
     }
 
     /// The model of some of the rows.
@@ -96,7 +94,7 @@ impl ErrorModel {
             values.iter().zip(&squares).map(|(value, x)| x / variance(value) + variance(value).ln()).sum()
         };
         let ladder = |least: f64| (0..LADDER.1).map(move |i| least * LADDER.0.powi(i as i32));
-        let pairs = ladder(LEAST_NOISE).flat_map(|noise| ladder(LEAST_DISCREPANCY).map(move |d| (noise, d)));
+        let pairs = ladder(LEAST_NOISE).flat_map(|noise| ladder(self.least_discrepancy).map(move |d| (noise, d)));
         let best = pairs.min_by(|a, b| cost(a.0, a.1).total_cmp(&cost(b.0, b.1)));
         (self.noise, self.discrepancy) = best.expect("the ladder is not empty");
     }
@@ -139,7 +137,7 @@ mod tests {
         let normals: Vec<DVec3> = fibonacci_hemisphere(600).collect();
         let mut rng = Pcg64::seed_from_u64(2);
         for (noise, discrepancy) in [(0.06, 0.15), (0.2, 0.06)] {
-            let mut model = ErrorModel::new(&normals, vec![1.0; 600]);
+            let mut model = ErrorModel::new(&normals, vec![1.0; 600], 0.045);
             (model.noise, model.discrepancy) = (1e-6, discrepancy);
             let factor = model.factor().unwrap();
             let white: Vec<f64> = (0..600).map(|_| StandardNormal.sample(&mut rng)).collect();
@@ -159,7 +157,7 @@ mod tests {
     #[test]
     fn an_outlier_loses_its_weight() {
         let normals: Vec<DVec3> = fibonacci_hemisphere(200).collect();
-        let mut model = ErrorModel::new(&normals, vec![1.0; 200]);
+        let mut model = ErrorModel::new(&normals, vec![1.0; 200], 0.045);
         (model.noise, model.discrepancy) = (0.02, 0.05);
         let mut residuals: Vec<f64> = (0..200).map(|i| 0.01 * (f64::from(i) * 1.7).sin()).collect();
         residuals[50] = -1.0;

@@ -1,5 +1,7 @@
 //! The most probable material, by damped Gauss-Newton steps.
 
+use std::ops::Range;
+
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use rayon::prelude::*;
@@ -14,11 +16,6 @@ use crate::reflectance::CELLS;
 /// Rounds in which the error model is estimated anew; after them it stays, so that the steps
 /// descend one cost.
 const ROUNDS: usize = 4;
-
-/// Standard deviation of the coefficients of the splines, in the logarithm of reflectance, before
-/// it is estimated, and its range.
-const DEVIATION: f64 = 0.2;
-const DEVIATIONS: (f64, f64) = (0.1, 1.0);
 
 /// Steps of each round, at most.
 const STEPS: usize = 25;
@@ -37,6 +34,35 @@ const FLOOR: f64 = 0.01;
 /// brighter than the map says. Half an exposure step is usual, five are not unheard of.
 const GAIN: f64 = 1.5;
 
+/// What is known of the coefficients and of the errors of an image before it is seen.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FitPrior {
+    /// Standard deviation of the coefficients of the splines, in the logarithm of reflectance,
+    /// before it is estimated.
+    pub(super) deviation: f64,
+    /// Range of that standard deviation.
+    pub(super) deviations: (f64, f64),
+    /// Range of the standard deviation of the coefficients of the axes, which is one unless the
+    /// range has a width.
+    pub(super) axis_deviations: (f64, f64),
+    /// Precision of the constant.
+    pub(super) constant_precision: f64,
+    /// Smallest standard deviation of the discrepancy.
+    pub(super) least_discrepancy: f64,
+}
+
+impl FitPrior {
+    /// The prior of a material. The discrepancy is at least what the best bivariate table leaves of
+    /// a rendering of a measured material (docs/trials.md).
+    pub(super) const MATERIAL: Self = Self {
+        deviation: 0.2,
+        deviations: (0.1, 1.0),
+        axis_deviations: (1.0, 1.0),
+        constant_precision: 0.0,
+        least_discrepancy: 0.045,
+    };
+}
+
 /// An image under a known light: `I_i = sum_c (R_ic + g S_ic) F_c` with the matrices of the light,
 /// `S` for its clipped pixels, and the error of its logarithm. The last coefficient is `ln g` if
 /// the light has clipped pixels.
@@ -45,11 +71,12 @@ pub(super) struct Image<'a> {
     logs: Vec<f64>,
     floor: f64,
     space: &'a Space,
+    prior: FitPrior,
     precisions: Vec<f64>,
 }
 
 /// Coefficients and what follows from them.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub(super) struct State {
     pub(super) coefficients: Vec<f64>,
     pub(super) values: Vec<f64>,
@@ -58,6 +85,7 @@ pub(super) struct State {
 }
 
 /// Result of a fit.
+#[derive(Clone, Debug)]
 pub(super) struct Fit {
     pub(super) state: State,
     /// Factor of the inverse covariance of the coefficients.
@@ -76,7 +104,12 @@ impl<'a> Image<'a> {
     ///
     /// # Errors
     /// If the light or the photograph is black.
-    pub(super) fn of(operator: &'a Operator, rows: &Rows<'_>, space: &'a Space) -> Result<Self, KnownLightError> {
+    pub(super) fn of(
+        operator: &'a Operator,
+        rows: &Rows<'_>,
+        space: &'a Space,
+        prior: FitPrior,
+    ) -> Result<Self, KnownLightError> {
         let count = operator.len();
         assert!(count == rows.points.len() && count == rows.values.len() && count == rows.trust.len());
         if operator.apply(&vec![1.0; CELLS], 1.0).into_iter().all(|v| v <= 0.0) {
@@ -85,20 +118,23 @@ impl<'a> Image<'a> {
         if rows.values.iter().all(|v| *v <= 0.0) {
             return Err(KnownLightError::Black);
         }
-        Ok(Self::new(operator, rows.values, space))
+        Ok(Self::new(operator, rows.values, space, prior))
     }
 
-    fn new(operator: &'a Operator, values: &[f64], space: &'a Space) -> Self {
+    /// The image of values, of which some are positive, under a light that is not black.
+    fn new(operator: &'a Operator, values: &[f64], space: &'a Space, prior: FitPrior) -> Self {
         let floor = FLOOR * values.iter().sum::<f64>() / values.len() as f64;
         let logs = values.iter().map(|v| (v.max(0.0) + floor).ln()).collect();
-        let mut image = Self { operator, logs, floor, space, precisions: Vec::new() };
-        image.expect(DEVIATION);
+        let mut image = Self { operator, logs, floor, space, prior, precisions: Vec::new() };
+        image.expect(prior.deviation, 1.0);
         image
     }
 
-    /// Sets the standard deviation of the coefficients of the splines.
-    fn expect(&mut self, deviation: f64) {
-        self.precisions = self.space.precisions(deviation);
+    /// Sets the standard deviations of the coefficients of the splines and of the axes.
+    fn expect(&mut self, splines: f64, axes: f64) {
+        self.precisions = self.space.precisions(splines);
+        self.precisions[..self.space.dimensions].fill(axes.powi(-2));
+        self.precisions[self.space.len() - 1] = self.prior.constant_precision;
         if self.operator.clips() {
             self.precisions.push(GAIN.powi(-2));
         }
@@ -177,8 +213,8 @@ impl<'a> Image<'a> {
     /// # Errors
     /// If the equations have no solution.
     pub(super) fn fit_to(&mut self, rows: &Rows<'_>, start: State) -> Result<Fit, KnownLightError> {
-        let found = self.fit(start, ErrorModel::new(&rows.normals(), rows.trusts()));
-        found.ok_or(KnownLightError::Unsolvable)
+        let errors = ErrorModel::new(&rows.normals(), rows.trusts(), self.prior.least_discrepancy);
+        self.fit(start, errors).ok_or(KnownLightError::Unsolvable)
     }
 
     /// Descends from a state. `None` if the equations have no solution, which finite images have.
@@ -186,7 +222,7 @@ impl<'a> Image<'a> {
         let mut state = start;
         #[cfg(test)]
         let mut trace = Vec::new();
-        let (mut settled, mut curvature, mut deviation) = (false, None, DEVIATION);
+        let (mut settled, mut curvature, mut deviation) = (false, None, self.prior.deviation);
         for _ in 0..ROUNDS {
             errors.estimate(&state.residuals);
             errors.reweigh(&state.residuals, &errors.factor()?);
@@ -214,7 +250,10 @@ impl<'a> Image<'a> {
             let (normal, _) = self.equations(&state, &covariance);
             let found = Cholesky::of_sum(&normal, &self.precisions)?;
             deviation = self.precisions[self.space.splines().start].powf(-0.5);
-            self.expect(self.deviation(&state, &found));
+            let inverse = found.inverse_of_lower();
+            let splines = likely_deviation(&state, &inverse, self.space.splines(), self.prior.deviations);
+            let axes = likely_deviation(&state, &inverse, 0..self.space.dimensions, self.prior.axis_deviations);
+            self.expect(splines, axes);
             curvature = Some(found);
         }
         Some(Fit {
@@ -226,19 +265,6 @@ impl<'a> Image<'a> {
             trace,
             settled,
         })
-    }
-
-    /// Standard deviation of the coefficients of the splines under which they are most probable
-    /// (a step of the EM algorithm): materials unlike those of the prior need larger ones.
-    fn deviation(&self, state: &State, curvature: &Cholesky) -> f64 {
-        let inverse = curvature.inverse_of_lower();
-        let splines = self.space.splines();
-        let count = splines.len() as f64;
-        let square = splines.map(|j| {
-            let variance: f64 = inverse.col(j).iter().map(|x| x * x).sum();
-            state.coefficients[j].powi(2) + variance
-        });
-        (square.sum::<f64>() / count).sqrt().clamp(DEVIATIONS.0, DEVIATIONS.1)
     }
 
     /// Normal equations of the likelihood and the gradient of the posterior.
@@ -294,6 +320,18 @@ impl<'a> Image<'a> {
     }
 }
 
+/// Standard deviation, within a range, of the coefficients with these indices under which they are
+/// most probable (a step of the EM algorithm): materials unlike those of the prior need larger ones.
+/// `inverse` is the inverse of the factor of the curvature.
+fn likely_deviation(state: &State, inverse: &Mat<f64>, indices: Range<usize>, range: (f64, f64)) -> f64 {
+    let count = indices.len().max(1) as f64;
+    let square = indices.map(|j| {
+        let variance: f64 = inverse.col(j).iter().map(|x| x * x).sum();
+        state.coefficients[j].powi(2) + variance
+    });
+    (square.sum::<f64>() / count).sqrt().clamp(range.0, range.1)
+}
+
 /// `L^-1 x` for a covariance `L L'`.
 pub(super) fn whitened(covariance: &Cholesky, x: &[f64]) -> Vec<f64> {
     let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
@@ -333,9 +371,9 @@ mod tests {
         truth.resize(size, 1.0);
         let truth = moved(&truth, &normals(size, 0.1, 1), 1.0);
         let values = operator.apply(&space.values(&truth), truth[space.len()].exp());
-        let image = Image::new(&operator, &values, &space);
+        let image = Image::new(&operator, &values, &space, FitPrior::MATERIAL);
         let normals_of_points: Vec<_> = points.iter().map(|p| p.in_view()).collect();
-        let covariance = ErrorModel::new(&normals_of_points, vec![1.0; points.len()]).factor().unwrap();
+        let covariance = ErrorModel::new(&normals_of_points, vec![1.0; points.len()], 0.045).factor().unwrap();
         let elsewhere = image.state(moved(&truth, &normals(size, 0.05, 2), 1.0));
         let all: Vec<usize> = (0..points.len()).collect();
         let (derivatives, (_, gradient)) =
@@ -380,10 +418,10 @@ mod tests {
         let truth: Vec<f64> = WORLD.table(&WORLD.entries[1]).as_slice().iter().map(|v| f64::from(*v)).collect();
         let clean = operator.apply(&truth, 1.0);
         let values: Vec<f64> = clean.iter().zip(&noise).map(|(v, n)| v * n.exp()).collect();
-        let mut image = Image::new(&operator, &values, &space);
+        let mut image = Image::new(&operator, &values, &space, FitPrior::MATERIAL);
         let start = image.start(&WORLD.places[4], 1.0);
         let normals_of_points: Vec<_> = points.iter().map(|p| p.in_view()).collect();
-        let found = image.fit(start, ErrorModel::new(&normals_of_points, vec![1.0; points.len()])).unwrap();
+        let found = image.fit(start, ErrorModel::new(&normals_of_points, vec![1.0; points.len()], 0.045)).unwrap();
         assert!(found.settled && found.trace.len() == ROUNDS);
         for costs in &found.trace {
             assert!(costs.windows(2).all(|pair| pair[1] < pair[0]), "{costs:?}");

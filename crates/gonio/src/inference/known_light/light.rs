@@ -3,6 +3,7 @@
 use glam::{DQuat, Vec3};
 
 use super::{ACCURACY, Materials};
+use crate::colour::{ChromaField, luminance_weights};
 use crate::lighting::EnvironmentMap;
 use crate::picture::Plane;
 use crate::render::{LightTree, Relighter};
@@ -100,6 +101,45 @@ impl Operator {
     ) -> Self {
         let part = |tree: &LightTree| Relighter::within(points, visibility, &materials.examples, tree, &ACCURACY);
         Self { rest: part(&light.rest), clipped: light.clipped.as_ref().map(part) }
+    }
+
+    /// Computes the matrices of the channels (red, green, blue) of the light, with its clipped
+    /// pixels `gain` times as bright as in the map.
+    pub(super) fn of_channels(
+        points: &[SurfacePoint],
+        visibility: Option<&Visibility>,
+        (light, gain): (&GivenLight, f64),
+        materials: &Materials<'_>,
+    ) -> [Self; 3] {
+        let part = |tree| Relighter::channels_within(points, visibility, &materials.examples, tree, &ACCURACY);
+        let rest = part(&light.rest);
+        let whole = match &light.clipped {
+            None => rest,
+            Some(clipped) => {
+                let clipped = part(clipped);
+                std::array::from_fn(|c| rest[c].plus(&clipped[c], gain))
+            }
+        };
+        whole.map(|rest| Self { rest, clipped: None })
+    }
+
+    /// The matrix to the luminance of points of a material in these colours, from those of the
+    /// channels of the light: `sum_c w_c x_c R_c` with the shares `w` of channels in the luminance.
+    pub(super) fn of_colours(channels: &[Self; 3], field: &ChromaField) -> Self {
+        let shares = luminance_weights();
+        let scaled = |c: usize| {
+            let ratios = field.ratios(c);
+            channels[c].rest.map(|cell, weight| {
+                let ratio = ratios.map_or(1.0, |ratios| f64::from(ratios[cell]));
+                (shares[c] * ratio * f64::from(weight)) as f32
+            })
+        };
+        Self { rest: scaled(0).plus(&scaled(1), 1.0).plus(&scaled(2), 1.0), clipped: None }
+    }
+
+    /// The matrix of some of the points, without clipped pixels of the light.
+    pub(super) fn select(&self, points: &[usize]) -> Self {
+        Self { rest: self.rest.select(points), clipped: None }
     }
 
     /// Number of points.

@@ -17,6 +17,7 @@
 //! [`Method::KnownLight`](super::Method::KnownLight).
 
 mod align;
+mod channels;
 mod error_model;
 mod fit;
 mod gaussian;
@@ -35,8 +36,9 @@ use crate::inference::light::Cholesky;
 use crate::reflectance::{BivariateTable, Coordinates};
 use crate::render::IntegratorSettings;
 use crate::shape::{SurfacePoint, Visibility};
+pub use channels::ChannelPosterior;
 use error_model::median;
-use fit::{Fit, Image, State};
+use fit::{Fit, FitPrior, Image, State};
 pub use gaussian::Gaussian;
 pub(crate) use hint::Hint;
 pub use light::{GivenLight, Operator, clipped};
@@ -124,6 +126,11 @@ impl<'a> Materials<'a> {
         let (tables, examples) = (coordinates.tables(&starts), coordinates.tables(&some(EXAMPLES)));
         Self { coordinates, starts, tables, examples }
     }
+
+    /// The coordinates of the prior.
+    pub(super) fn coordinates(&self) -> &'a Coordinates {
+        self.coordinates
+    }
 }
 
 /// Posterior of the material under a known light.
@@ -179,7 +186,7 @@ impl KnownLightPosterior {
     /// If numbers of rows differ, or there are no rows or no materials.
     pub fn under(operator: &Operator, rows: &Rows<'_>, materials: &Materials<'_>) -> Result<Self, KnownLightError> {
         let space = Space::new(materials.coordinates);
-        let mut image = Image::of(operator, rows, &space)?;
+        let mut image = Image::of(operator, rows, &space, FitPrior::MATERIAL)?;
         let found = image.fit_to(rows, start(operator, rows.values, materials).state(&image))?;
         Ok(Self::found(&image, found, rows, &space, DQuat::IDENTITY))
     }

@@ -17,6 +17,9 @@ const SUPPORT: usize = 4;
 /// Logarithms of tables: `mean + sum_k z_k a_k + sum_j w_j s_j + c`, with the principal axes `a_k`
 /// of the prior, products `s_j` of cubic splines for what the axes cannot express, and a constant
 /// `c` for the exposure. The coefficients `z_k` have unit variance, `w_j` a small one, and `c` any.
+///
+/// The mean and the axes are those of the prior of materials, or a luminance table and the axes
+/// along which channels differ from it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Space {
     mean: Vec<f64>,
@@ -30,15 +33,19 @@ pub(super) struct Space {
 
 impl Space {
     pub(super) fn new(coordinates: &Coordinates) -> Self {
+        Self::around(&coordinates.mean, &coordinates.directions())
+    }
+
+    /// The space around a mean logarithm (by cell), with these axes (`[axis][cell]`).
+    pub(super) fn around(mean: &[f32], axes: &[Vec<f32>]) -> Self {
         let nearest: Vec<usize> = (0..CELLS).map(nearest_trusted).collect();
         let [last_h, last_d] = nearest.iter().fold([0, 0], |[h, d], c| [h.max(c / THETA_D), d.max(c % THETA_D)]);
-        let axes = coordinates.directions();
         let splines = |cell: &usize| {
             let at = |place: usize, last: usize, count: usize| splines(place as f64 / last as f64, count);
             [at(cell / THETA_D, last_h, SPLINES[0]), at(cell % THETA_D, last_d, SPLINES[1])]
         };
         Self {
-            mean: nearest.iter().map(|&c| f64::from(coordinates.mean[c])).collect(),
+            mean: nearest.iter().map(|&c| f64::from(mean[c])).collect(),
             axes: nearest.iter().flat_map(|&c| axes.iter().map(move |axis| f64::from(axis[c]))).collect(),
             dimensions: axes.len(),
             splines: nearest.iter().map(splines).collect(),

@@ -83,6 +83,15 @@ impl LearntPosterior {
         Reading { embedding, strangeness: outside as f64 / self.ranges.len().max(1) as f64 }
     }
 
+    /// Mean of the posterior of images with this embedding, in the coordinates of materials.
+    pub fn mean_place(&self, embedding: &Embedding) -> Vec<f64> {
+        let mut mean = vec![0.0; self.coordinates.axes.len()];
+        for (place, weight) in self.prior.places.iter().zip(self.prior.weights(&embedding.weighed())) {
+            mean.iter_mut().zip(place).for_each(|(sum, z)| *sum += weight * f64::from(*z));
+        }
+        mean
+    }
+
     /// Identifies the model among others: a hash (FNV-1a) of its coordinates and embeddings, as 16
     /// hexadecimal digits.
     pub fn id(&self) -> String {

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Candidates, LearntPosterior};
+use crate::colour::ChromaField;
 use crate::inference::known_light::Gaussian;
 use crate::inference::likelihood::{Embedding, Likelihood};
 use crate::reflectance::{BivariateTable, CELLS, Coordinates, is_trusted, trusted_cells};
@@ -108,9 +109,28 @@ impl MaterialPosterior {
 
     /// [`Self::quantiles`] with draws spread by another standard deviation of the logarithm.
     pub fn quantiles_spread(&self, shares: &[f64], spread: f64) -> Vec<Vec<f32>> {
+        self.quantiles_of(&relative_logs(&self.draws), shares, spread)
+    }
+
+    /// Quantiles of each cell of a channel, as [`Self::quantiles`], for equally likely chromas of the
+    /// cells; draws and chromas are paired in turn.
+    ///
+    /// # Panics
+    /// If there are no chromas.
+    pub fn channel_quantiles(&self, fields: &[ChromaField], channel: usize, shares: &[f64]) -> Vec<Vec<f32>> {
+        let mut logs = relative_logs(&self.draws);
+        logs.par_iter_mut().enumerate().for_each(|(at, logs)| {
+            if let Some(ratios) = fields[at % fields.len()].ratios(channel) {
+                logs.iter_mut().zip(ratios).for_each(|(log, ratio)| *log += ratio.ln());
+            }
+        });
+        self.quantiles_of(&logs, shares, self.spread)
+    }
+
+    fn quantiles_of(&self, logs: &[Vec<f32>], shares: &[f64], spread: f64) -> Vec<Vec<f32>> {
         let level = log_level(&self.mean) as f32;
         let mut out = vec![vec![0.0_f32; CELLS]; shares.len()];
-        for (cell, values) in quantiles_of_log(&self.draws, shares, spread as f32).into_iter().enumerate() {
+        for (cell, values) in quantiles_by_cell(logs, shares, spread as f32).into_iter().enumerate() {
             for (out, value) in out.iter_mut().zip(values) {
                 out[cell] = (value + level).exp();
             }
@@ -176,7 +196,7 @@ fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -
 /// Width of the 90 % interval of the logarithm of each cell over equally likely tables, each
 /// relative to its own geometric mean; zero beyond the trusted cells.
 pub fn interval_widths(tables: &[BivariateTable]) -> Vec<f32> {
-    quantiles_of_log(tables, &[0.05, 0.95], 0.0).into_iter().map(|ends| ends[1] - ends[0]).collect()
+    quantiles_by_cell(&relative_logs(tables), &[0.05, 0.95], 0.0).into_iter().map(|ends| ends[1] - ends[0]).collect()
 }
 
 /// Mean logarithm of a table over the trusted cells.
@@ -186,16 +206,18 @@ fn log_level(table: &BivariateTable) -> f64 {
     sum / count
 }
 
-/// Quantiles of the logarithm of each cell relative to the [`log_level`] of its table,
-/// `[cell][quantile]`; zeros beyond the trusted cells.
-fn quantiles_of_log(tables: &[BivariateTable], shares: &[f64], spread: f32) -> Vec<Vec<f32>> {
-    let logs: Vec<Vec<f32>> = tables
-        .par_iter()
-        .map(|table| {
-            let level = log_level(table) as f32;
-            table.as_slice().iter().map(|v| v.max(1e-12).ln() - level).collect()
-        })
-        .collect();
+/// Logarithm of each cell relative to the [`log_level`] of its table, `[table][cell]`.
+fn relative_logs(tables: &[BivariateTable]) -> Vec<Vec<f32>> {
+    let logs = |table: &BivariateTable| {
+        let level = log_level(table) as f32;
+        table.as_slice().iter().map(|v| v.max(1e-12).ln() - level).collect()
+    };
+    tables.par_iter().map(logs).collect()
+}
+
+/// Quantiles of each cell of equally likely logarithms, `[cell][quantile]`; zeros beyond the trusted
+/// cells.
+fn quantiles_by_cell(logs: &[Vec<f32>], shares: &[f64], spread: f32) -> Vec<Vec<f32>> {
     let cell = |c: usize| {
         if !is_trusted(c) {
             return vec![0.0; shares.len()];

@@ -48,8 +48,10 @@ const EDGE_WEIGHT: f64 = 1e-3;
 /// Image on the disk of normals, corrected for shadows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unshadowed {
-    /// Image as a sphere would show it.
+    /// Image as a sphere would show it, in luminance.
     pub image: DiskImage,
+    /// Images of red, green and blue; `None` for a black channel.
+    pub channels: [Option<DiskImage>; 3],
     /// Mean absolute logarithm of the ratios by which values were changed; zero where no correction
     /// was needed.
     pub change: f64,
@@ -71,11 +73,13 @@ pub fn unshadow(
 ) -> Result<Unshadowed, LightError> {
     let weights = observations.trust();
     let points = &observations.points;
-    let mut image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
+    let samples = observations.samples();
+    let mut image = DiskImage::gather(&samples).ok_or(LightError::Image(ProblemError::Black))?;
+    let mut channels = channels_of(&samples, &image);
     let parallel = points.iter().all(|p| p.view == glam::DVec3::Z);
     let mut change = 0.0;
     if observations.visibility.is_none() && parallel {
-        return Ok(Unshadowed { image, change });
+        return Ok(Unshadowed { image, channels, change });
     }
     let lattice = Lattice::new();
     let few = observations.thinned(settings.rows);
@@ -94,20 +98,21 @@ pub fn unshadow(
             .map(|p| p.on_sphere / p.seen)
             .map(|ratio| if ratio.is_finite() { ratio.clamp(1.0 / LARGEST_RATIO, LARGEST_RATIO).ln() } else { 0.0 })
             .collect();
-        let values: Vec<Option<f64>> =
-            chosen.values.iter().zip(&logs).map(|(value, log)| value.map(|v| v * log.exp())).collect();
         // A large factor also amplifies the noise; where most light passes a shadow's edge, the
         // ratio is unreliable.
         let reliable = |((weight, log), prediction): ((&f64, &f64), &Prediction)| {
             weight * (-2.0 * log.max(0.0)).exp() * (1.0 - prediction.edge).max(EDGE_WEIGHT).powi(2)
         };
         let reliable: Vec<f64> = weights.iter().zip(&logs).zip(&predictions).map(reliable).collect();
-        let seen = chosen.points.iter().zip(&values).zip(&reliable);
-        let samples: Vec<Sample> = seen
-            .filter_map(|((point, value), weight)| value.map(|value| Sample::of(point.in_view(), value, *weight)))
-            .collect();
+        let sample = |at: usize| {
+            let (point, factor) = (&chosen.points[at], logs[at].exp());
+            let sample = Sample::of(point.in_view(), factor * chosen.values[at]?, reliable[at]);
+            Some(chosen.colours[at].map_or(sample, |rgb| sample.coloured(factor as f32 * rgb)))
+        };
+        let samples: Vec<Sample> = (0..logs.len()).filter_map(sample).collect();
         let Some(corrected) = DiskImage::gather(&samples) else { break };
         image = corrected;
+        channels = channels_of(&samples, &image);
         let mean = |each: &mut dyn Iterator<Item = f64>| each.map(f64::abs).sum::<f64>() / weights.len() as f64;
         change = mean(&mut logs.iter().copied());
         let moved = mean(&mut logs.iter().zip(&last).map(|(a, b)| a - b));
@@ -116,5 +121,10 @@ pub fn unshadow(
             break;
         }
     }
-    Ok(Unshadowed { image, change })
+    Ok(Unshadowed { image, channels, change })
+}
+
+/// Images of the channels of samples whose luminance is `image`.
+fn channels_of(samples: &[Sample], image: &DiskImage) -> [Option<DiskImage>; 3] {
+    [0, 1, 2].map(|channel| DiskImage::gather_channel(samples, channel, image))
 }

@@ -1,0 +1,170 @@
+//! The channels of a material under a known light, given its luminance.
+//!
+//! Each channel `F_c` is found from the channel `I_c` of the photograph under the channel of the
+//! light, as the luminance was. Its logarithm is searched around that of the luminance `F`, along
+//! the axes by which channels of measured materials differ ([`ColourModel`]), so that cells that
+//! the photograph does not determine keep the differences that materials have.
+//!
+//! Most of what the luminance leaves of the photograph, wrong normals, shadows and an inexact
+//! light, is common to the channels. It is taken out of each channel before the search: the
+//! residual of the luminance divides the values of the channel. What is left is the error of
+//! colours alone.
+
+use glam::DVec3;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use rayon::prelude::*;
+
+use super::fit::{Fit, FitPrior, Image};
+use super::light::{GivenLight, Operator};
+use super::space::Space;
+use super::{KnownLightError, KnownLightPosterior, Materials, Rows};
+use crate::colour::{ChromaField, ColourModel};
+use crate::reflectance::BivariateTable;
+
+/// Observations that the channels are found from, at most. Colours vary more slowly than
+/// luminance.
+const CHANNEL_ROWS: usize = 500;
+
+/// Share of the mean luminance that is added to values before residuals are divided by: dark pixels
+/// have the noise of the camera.
+const RESIDUAL_FLOOR: f64 = 0.01;
+
+/// What is known of the differences of channels and of the errors of colours.
+const CHANNEL: FitPrior = FitPrior {
+    deviation: 0.1,
+    deviations: (0.03, 1.0),
+    axis_deviations: (0.2, 3.0),
+    constant_precision: 4.0,
+    least_discrepancy: 0.01,
+};
+
+/// Factor on the deviations of draws: the posterior is the Gaussian of one linearisation, and
+/// neither the light nor the table is exact (docs/trials.md).
+const INFLATION: f64 = 1.5;
+
+/// Relative change of the luminance of the image by the colours, root mean square, above which the
+/// luminance is found anew with them: one percent is what cameras are accurate to.
+const COLOUR_CHANGE: f64 = 0.01;
+
+/// Posterior of the three channels of a material relative to its luminance.
+#[derive(Clone, Debug)]
+pub struct ChannelPosterior {
+    space: Space,
+    fits: Vec<Fit>,
+    /// Root mean square of what the channels leave of the photograph, relative to it, in each
+    /// channel.
+    pub misfit: [f64; 3],
+}
+
+/// Observations in colour under a light that is given.
+struct ColouredRows<'a> {
+    rows: &'a Rows<'a>,
+    colours: &'a [DVec3],
+    operators: [Operator; 3],
+    /// Axes of the differences of channels.
+    axes: Vec<Vec<f32>>,
+}
+
+impl KnownLightPosterior {
+    /// Finds the channels under the light that the luminance was found under. `colours` are the
+    /// linear RGB values of the rows. Returns the luminance anew: where light and material are both
+    /// coloured, the luminance of the image is not that of a grey material in grey light.
+    ///
+    /// # Errors
+    /// If a channel of the light or of the photograph is black, or the equations have no solution.
+    ///
+    /// # Panics
+    /// If numbers of rows differ.
+    pub fn with_channels(
+        self,
+        rows: &Rows<'_>,
+        colours: &[DVec3],
+        light: &GivenLight,
+        materials: &Materials<'_>,
+        prior: &ColourModel,
+    ) -> Result<(Self, ChannelPosterior), KnownLightError> {
+        assert!(colours.len() == rows.values.len() && colours.len() == self.predicted.len());
+        let gain = self.gain.map_or(1.0, |(gain, _)| gain);
+        let light = light.clone().turned(self.turn);
+        let operators = Operator::of_channels(rows.points, rows.visibility, (&light, gain), materials);
+        let all = ColouredRows { rows, colours, operators, axes: prior.axes(materials.coordinates()) };
+        let channels = all.channels(&self.table(), &self.predicted)?;
+        let whole = Operator::of_colours(&all.operators, &channels.field());
+        let coloured = whole.apply(&self.space.values(&self.coefficients), 1.0);
+        let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
+        let change = square(&mut coloured.iter().zip(&self.predicted).map(|(a, b)| a - b))
+            / square(&mut self.predicted.iter().copied()).max(f64::MIN_POSITIVE);
+        if change.sqrt() < COLOUR_CHANGE {
+            return Ok((self, channels));
+        }
+        let mut image = Image::of(&whole, rows, &self.space, FitPrior::MATERIAL)?;
+        let state = image.state(self.coefficients[..self.space.len()].to_vec());
+        let fit = image.fit_to(rows, state)?;
+        let anew = Self { gain: self.gain, ..Self::found(&image, fit, rows, &self.space, self.turn) };
+        let channels = all.channels(&anew.table(), &anew.predicted)?;
+        Ok((anew, channels))
+    }
+}
+
+impl ColouredRows<'_> {
+    /// Finds the channels around a luminance by which the image has these values.
+    fn channels(&self, table: &BivariateTable, predicted: &[f64]) -> Result<ChannelPosterior, KnownLightError> {
+        let Self { rows, colours, operators, axes } = self;
+        let total = colours.len();
+        let some: Vec<usize> = (0..total).step_by(total.div_ceil(CHANNEL_ROWS)).collect();
+        let points: Vec<_> = some.iter().map(|&at| rows.points[at]).collect();
+        let visibility = rows.visibility.map(|visibility| visibility.select(&some));
+        let trust: Vec<f64> = some.iter().map(|&at| rows.trust[at]).collect();
+        let mean: Vec<f32> = table.as_slice().iter().map(|value| value.max(1e-12).ln()).collect();
+        let space = Space::around(&mean, axes);
+        let floor = RESIDUAL_FLOOR * rows.values.iter().sum::<f64>() / total as f64;
+        let common = |at: usize| (predicted[at] + floor) / (rows.values[at] + floor);
+        let one = |c: usize| -> Result<(Fit, f64), KnownLightError> {
+            let operator = operators[c].select(&some);
+            let values: Vec<f64> = some.iter().map(|&at| colours[at][c].max(0.0) * common(at)).collect();
+            let rows = Rows { points: &points, visibility: visibility.as_ref(), values: &values, trust: &trust };
+            let mut image = Image::of(&operator, &rows, &space, CHANNEL)?;
+            let state = image.start(&vec![0.0; space.dimensions], 1.0);
+            let fit = image.fit_to(&rows, state)?;
+            let square = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
+            let left = square(&mut values.iter().zip(&fit.state.predicted).map(|(v, p)| v - p));
+            let misfit = (left / square(&mut values.iter().copied()).max(f64::MIN_POSITIVE)).sqrt();
+            Ok((fit, misfit))
+        };
+        let found: Vec<(Fit, f64)> = [0, 1, 2].into_par_iter().map(one).collect::<Result<_, _>>()?;
+        let misfit = [found[0].1, found[1].1, found[2].1];
+        Ok(ChannelPosterior { space, fits: found.into_iter().map(|(fit, _)| fit).collect(), misfit })
+    }
+}
+
+impl ChannelPosterior {
+    /// The most probable chroma of every cell.
+    pub fn field(&self) -> ChromaField {
+        self.at(|fit, _| fit.state.coefficients.clone())
+    }
+
+    /// Draws chromas of every cell; the same seed gives the same draws.
+    pub fn draws(&self, count: usize, seed: u64) -> Vec<ChromaField> {
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let size = self.space.len();
+        let white: Vec<[Vec<f64>; 3]> = (0..count)
+            .map(|_| std::array::from_fn(|_| (0..size).map(|_| StandardNormal.sample(&mut rng)).collect()))
+            .collect();
+        let draw = |white: &[Vec<f64>; 3]| {
+            self.at(|fit, c| {
+                let step = fit.curvature.colour(&white[c]);
+                fit.state.coefficients.iter().zip(step).map(|(x, step)| x + INFLATION * step).collect()
+            })
+        };
+        white.par_iter().map(draw).collect()
+    }
+
+    fn at(&self, coefficients: impl Fn(&Fit, usize) -> Vec<f64>) -> ChromaField {
+        ChromaField::of_logs(std::array::from_fn(|c| {
+            let change = self.space.change(&coefficients(&self.fits[c], c));
+            change.into_iter().map(|log| log as f32).collect()
+        }))
+    }
+}

@@ -10,6 +10,7 @@ use gonio::inference::learnt::MaterialPosterior;
 use gonio::model::Model;
 use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
+use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::encode_png;
 use gonio_io::posterior::{self, SavedColours, SavedPosterior};
 use gonio_report::combined::{Shown, compose};
@@ -210,6 +211,7 @@ fn account(
             "body": { "rgb": colours.body.rgb().to_array(), "log_chroma": colours.body.0 },
             "highlight": { "rgb": colours.highlight.rgb().to_array(), "log_chroma": colours.highlight.0 },
         },
+        "colorspace": { "output": ColourSpace::Rec709.name() },
         "warnings": [],
         "seconds": seconds,
     })
@@ -232,6 +234,7 @@ impl CombinedAnswer {
             pictures: self.pictures.iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
             notes,
             page: None,
+            space: ColourSpace::Rec709,
         })
     }
 }

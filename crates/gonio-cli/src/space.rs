@@ -28,7 +28,7 @@ pub(crate) struct OutputSpace {
     /// Colour space of the numbers that are written [default: rec709]
     ///
     /// All are linear. Pictures to look at stay sRGB.
-    #[arg(long, value_enum, value_name = "SPACE", hide_possible_values = true, help_heading = "Output")]
+    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Output")]
     output_colorspace: Option<SpaceName>,
 }
 

@@ -16,7 +16,9 @@ use gonio::reflectance::parametric::{Ggx, Parametric};
 use gonio::render::{LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface};
 use gonio::scene::Correction;
 use gonio::shape::{Form as OwnForm, GeometryBuffer, MeshParts};
-use gonio_app::{Colours, Form, Journal, Method, Normals, Reading, Scene, Settings, Shape, Shots, Source, infer};
+use gonio_app::{
+    Colours, Form, Journal, Method, Normals, Reading, Scene, Settings, Shape, Shots, Source, Spaces, infer,
+};
 
 /// Side of the products by which the machine is measured, and their number.
 const PRODUCT: usize = 2000;
@@ -125,6 +127,7 @@ impl Bench {
             side,
             shadows: true,
             colours: Colours::Estimate,
+            spaces: Spaces::default(),
             pictures: true,
             report,
             words: &|_| None,

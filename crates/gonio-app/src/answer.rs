@@ -11,6 +11,8 @@ use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::ObservationSettings;
+use gonio_io::colour_space::ColourSpace;
+use gonio_io::picture::ReadOptions;
 use gonio_io::posterior::SavedPosterior;
 use gonio_report::panels::{Panels, Subject};
 use gonio_report::report::{Fits, Report};
@@ -49,6 +51,8 @@ pub struct Answer {
     pub warnings: Vec<String>,
     /// What can be combined with other photographs, for the methods that tell how sure they are.
     pub saved: Option<SavedPosterior>,
+    /// Space of the BRDF and the light in [`Self::files`].
+    pub space: ColourSpace,
     shadows: bool,
 }
 
@@ -89,7 +93,7 @@ impl<'a> Asked<'a> {
         }
         settings.check(&model, name)?;
         let known_light = match settings.method.light() {
-            Some(Source::File(path)) => Some(read_light(path)?),
+            Some(Source::File(path)) => Some(read_light(path, settings.spaces.input)?),
             Some(Source::Here(map)) => Some(map.clone()),
             None => None,
         };
@@ -241,12 +245,15 @@ pub(crate) fn conclude(
         let problem = "the model has no model of colours: the BRDF has the median colour of the photograph";
         warnings.push(Warning::from(problem.to_owned()));
     }
+    let spaces = settings.spaces;
+    warnings.extend(spaces.warning(&colouring.colours().tables(&table)));
     let mut answer = Answer {
         caption: String::new(),
         panels: None,
         page: None,
         notes: Value::Null,
         warnings: warnings.iter().map(|warning| warning.worded(settings.words)).collect(),
+        space: spaces.output,
         shadows: settings.shadows,
         saved: material.as_ref().and_then(|material| combine::saved(model, image, material, &colouring)),
         seen,
@@ -280,6 +287,7 @@ pub(crate) fn conclude(
         sections,
     }
     .result();
+    answer.notes["colorspace"] = spaces.notes(answer.seen.space.as_ref());
     answer.page = fits.zip(answer.panels.as_ref()).map(|(fits, panels)| {
         let name = Path::new(image).file_stem().unwrap_or_default().to_string_lossy();
         // The page escapes markup; codes of a terminal are no text either.
@@ -327,19 +335,24 @@ const DIRECTIONAL_ROWS: usize = 1024;
 const NAMED_ROWS: usize = 256;
 
 /// Reads a lat-long light map, or a list of directional lights (`.txt`). `studio`, `sky` and `lamp`
-/// are lights of our own, where there is no file of that name.
+/// are lights of our own, where there is no file of that name. Files that state no colour space are
+/// in the given one, else in linear Rec. 709.
 ///
 /// # Errors
 /// If it cannot be read, or is none.
-pub fn read_light(path: &Path) -> Result<EnvironmentMap, Problem> {
+pub fn read_light(path: &Path, space: Option<ColourSpace>) -> Result<EnvironmentMap, Problem> {
     if let Some(light) = path.to_str().filter(|_| !path.exists()).and_then(|name| named_light(name, NAMED_ROWS)) {
         return Ok(light);
     }
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("txt")) {
-        let lights = gonio_io::lights::read_lights(path)?;
+        let mut lights = gonio_io::lights::read_lights(path)?;
+        if let Some(space) = space {
+            let matrix = space.to_rec709().as_mat3();
+            lights.iter_mut().for_each(|(_, irradiance)| *irradiance = (matrix * *irradiance).max(Vec3::ZERO));
+        }
         return EnvironmentMap::of_directions(&lights, DIRECTIONAL_ROWS)
             .map_err(|error| Problem::of(path.display(), error));
     }
-    let decoded = gonio_io::picture::read(path, &gonio_io::picture::ReadOptions::default())?;
+    let decoded = gonio_io::picture::read(path, &ReadOptions { colour_space: space, ..ReadOptions::default() })?;
     EnvironmentMap::new(decoded.picture.rgb).map_err(|error| Problem::of(path.display(), error))
 }

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, Found, ObservationSettings, separate_balls};
+use gonio_io::picture::InputSpace;
 use gonio_report::check::{draw, draw_candidates};
 use serde_json::{Value, json};
 
@@ -18,6 +19,8 @@ pub struct Checked {
     pub objects: Vec<Looked>,
     /// What is odd about the photograph.
     pub warnings: Vec<Warning>,
+    /// Colour space of the photograph, unless it was in memory.
+    pub space: Option<InputSpace>,
 }
 
 /// An object of a photograph.
@@ -87,7 +90,7 @@ pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) 
             objects
         }
     };
-    Ok(Checked { picture: photograph.picture, objects, warnings })
+    Ok(Checked { picture: photograph.picture, objects, warnings, space: photograph.space })
 }
 
 impl Checked {
@@ -106,7 +109,10 @@ impl Checked {
             notes["coverage"] = json!(object.coverage());
             notes
         };
-        json!({ "width": width, "height": height, "objects": self.objects.iter().map(object).collect::<Vec<_>>() })
+        let space = self.space.as_ref().map(
+            |space| json!({ "input": space.name, "source": space.source.words(), "clamped_pixels": space.clamped }),
+        );
+        json!({ "width": width, "height": height, "colorspace": space, "objects": self.objects.iter().map(object).collect::<Vec<_>>() })
     }
 }
 

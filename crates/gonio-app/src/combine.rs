@@ -10,6 +10,7 @@ use gonio::inference::learnt::MaterialPosterior;
 use gonio::model::Model;
 use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
+use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::encode_png;
 use gonio_io::posterior::{self, SavedPosterior};
 use gonio_report::combined::{Shown, compose};
@@ -184,6 +185,7 @@ fn account(
             "body": { "rgb": body.rgb().to_array(), "log_chroma": body.0, "log_chroma_sd": chroma.map(|c| c.body_sd) },
             "highlight": { "rgb": highlight.rgb().to_array(), "log_chroma": highlight.0 },
         },
+        "colorspace": { "output": ColourSpace::Rec709.name() },
         "warnings": [],
         "seconds": seconds,
     })
@@ -207,6 +209,7 @@ impl CombinedAnswer {
             pictures: self.pictures.iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
             notes,
             page: None,
+            space: ColourSpace::Rec709,
         })
     }
 }

@@ -9,17 +9,17 @@ use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::BivariateTable;
 use gonio_io::picture::ReadOptions;
-use gonio_io::{merl, notes, picture};
+use gonio_io::{notes, picture};
 use gonio_report::compare::{Comparison, Entry, Found, MOST, MOST_PICTURES, thumbnail};
 use gonio_report::page::GENERATOR;
 use gonio_report::summary;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use crate::Problem;
 use crate::folder::{is_plain, texts};
 use crate::regions::MOST as MOST_REGIONS;
 use crate::results::{BRDF, PICTURES, REPORT, RESULT};
+use crate::{Problem, read_brdf};
 
 /// Name of the page, unless another is given.
 pub const PAGE: &str = "compare.html";
@@ -160,7 +160,7 @@ fn read_picture(file: &Path) -> Result<Plane<Vec3>, gonio_io::Error> {
 }
 
 fn read_table(file: &Path) -> Result<BivariateTable, gonio_io::Error> {
-    let table = merl::read(file)?;
+    let table = read_brdf(file)?;
     Ok(BivariateTable::luminance(&[0, 1, 2].map(|channel| table.bivariate(channel))))
 }
 

@@ -10,13 +10,15 @@ use gonio::shading::{ColourCookTorrance, ColourWard, Fitted, Fitter, Layered, Me
 use serde_json::{Map, Value, json};
 
 use gonio_io::atomic::StagedFolder;
+use gonio_io::colour_space::ColourSpace;
 use gonio_io::material::{
     Place, blender_scene, glb_sphere, materialx, mitsuba_measured, mitsuba_principled, mitsuba_scene,
 };
-use gonio_io::picture::encode_exr;
+use gonio_io::picture::encode_exr_in;
 use gonio_io::{Error, merl, notes, rgl};
 
 use crate::results::{LIGHT, LIGHT_ROWS, RESULT};
+use crate::spaces::{from_rec709, merl_from_rec709, merl_to_rec709};
 use crate::{Problem, read_light};
 
 /// Account of what was written, in the same folder.
@@ -104,6 +106,9 @@ pub struct Export {
     pub whole: Option<MerlTable>,
     /// Light of the scenes, in which the photograph was taken; a studio if there is none.
     pub light: Option<EnvironmentMap>,
+    /// Space of the tables that are written: of `merl`, and of `bsdf` for RGB. Everything else is
+    /// in the space that its renderers assume, linear Rec. 709.
+    pub space: ColourSpace,
     /// Scale the BRDF to this albedo of its luminance along the normal.
     pub albedo: Option<f64>,
     /// Write the table of each fitted model too, to be rendered beside the BRDF.
@@ -124,7 +129,7 @@ impl Export {
         input: &str,
         progress: &dyn Fn(f64),
     ) -> Result<Option<Value>, Error> {
-        let Self { name, mut tables, whole, light, albedo, with_tables } = self;
+        let Self { name, mut tables, whole, light, space, albedo, with_tables } = self;
         let measured = BivariateTable::luminance(&tables).normal_albedo();
         if !(measured > 0.0 && measured.is_finite()) {
             return Ok(None);
@@ -145,6 +150,7 @@ impl Export {
             tables,
             whole: whole.filter(|_| scale == 1.0),
             with_tables,
+            space,
             entries: Map::new(),
         };
         for (i, target) in targets.iter().enumerate() {
@@ -163,7 +169,7 @@ impl Export {
             "light": if found { "of the results" } else { "studio" },
             "exports": writer.entries,
             "note": "relight: root mean square difference of a sphere of the export in a studio light from one of the BRDF, relative; log_relight: the same of \
-                     logarithms, above 1 % of the mean; colours are linear Rec. 709",
+                     logarithms, above 1 % of the mean; colorspace: of the colours of each export, linear; light.exr is in rec709",
         });
         folder.write(SUMMARY, pretty(&summary).as_bytes())?;
         Ok(Some(summary))
@@ -180,7 +186,7 @@ pub fn light_of_results(dir: &Path) -> Result<Option<EnvironmentMap>, Problem> {
     if !file.is_file() {
         return Ok(None);
     }
-    let light = read_light(&file)?;
+    let light = read_light(&file, None)?;
     let colour: Option<[f32; 3]> = notes::read(&dir.join(RESULT))
         .ok()
         .and_then(|notes| serde_json::from_value(notes["colour"]["light"]["rgb"].clone()).ok());
@@ -217,6 +223,8 @@ struct Writer<'a> {
     /// Light of the scenes.
     light: EnvironmentMap,
     with_tables: bool,
+    /// Space of the tables that are written.
+    space: ColourSpace,
     entries: Map<String, Value>,
 }
 
@@ -225,8 +233,11 @@ impl Writer<'_> {
         match target {
             Target::Merl => {
                 let table = match &self.whole {
-                    Some(table) => merl::encode(table),
-                    None => merl::encode(&MerlTable::from_bivariate(self.tables.each_ref())),
+                    Some(table) => merl::encode(&merl_from_rec709(table, self.space).0),
+                    None => {
+                        let tables = from_rec709(&self.tables, self.space).0;
+                        merl::encode(&MerlTable::from_bivariate(tables.each_ref()))
+                    }
                 };
                 self.table(
                     target,
@@ -242,12 +253,14 @@ impl Writer<'_> {
                 self.table(target, "brdf_grey.binary", &bytes, grey, "MERL: the luminance in all channels")
             }
             Target::Bsdf => {
-                let rgb = rgl::encode(&self.tables, &self.name, rgl::Channels::Rgb);
+                let space = self.space;
+                let rgb = rgl::encode(&from_rec709(&self.tables, space).0, &self.name, rgl::Channels::Rgb);
                 let spectral = rgl::encode(&self.tables, &self.name, rgl::Channels::Spectral);
                 let back = rgl::decode("brdf_rgb.bsdf".as_ref(), &rgb)?.to_merl();
+                let back = merl_to_rec709(&back, space);
                 self.folder.write("brdf_spec.bsdf", &spectral)?;
-                for (file, tensor) in MEASURED {
-                    self.folder.write(file, mitsuba_measured(&self.name, tensor).as_bytes())?;
+                for ((file, tensor), colours) in MEASURED.into_iter().zip([space.name(), "spectral"]) {
+                    self.folder.write(file, mitsuba_measured(&self.name, tensor, colours).as_bytes())?;
                 }
                 let note = "RGL tensors, read as `measured`: brdf_rgb.bsdf by Mitsuba 3, brdf_spec.bsdf (smooth spectra of these colours under D65) by its \
                             spectral variants and pbrt-v4";
@@ -300,7 +313,10 @@ impl Writer<'_> {
     /// The light of the scenes, and the scene of Mitsuba, of the better one of its materials.
     fn scene(&mut self, targets: &[Target]) -> Result<(), Error> {
         let scenes = [(Target::Bsdf, MEASURED[0].0), (Target::Mitsuba, PRINCIPLED)];
-        let scenes: Vec<_> = scenes.into_iter().filter(|(target, _)| targets.contains(target)).collect();
+        // The light of the scene is in Rec. 709: a tensor in another space does not go with it.
+        let fits = |target: &Target| *target != Target::Bsdf || self.space == ColourSpace::Rec709;
+        let scenes: Vec<_> =
+            scenes.into_iter().filter(|(target, _)| targets.contains(target) && fits(target)).collect();
         if let Some((_, material)) = scenes.first() {
             self.folder.write(SCENE, mitsuba_scene(material, LIGHT).as_bytes())?;
         }
@@ -312,7 +328,7 @@ impl Writer<'_> {
             self.add_files(Target::Blender, &[LIGHT]);
         }
         if blender || !scenes.is_empty() {
-            self.folder.write(LIGHT, &encode_exr(self.light.radiance(), None))?;
+            self.folder.write(LIGHT, &encode_exr_in(self.light.radiance(), None, ColourSpace::Rec709))?;
         }
         Ok(())
     }
@@ -375,7 +391,9 @@ impl Writer<'_> {
         Ok(())
     }
 
-    fn note(&mut self, target: Target, entry: Value) {
+    fn note(&mut self, target: Target, mut entry: Value) {
+        let space = if matches!(target, Target::Merl | Target::Bsdf) { self.space } else { ColourSpace::Rec709 };
+        entry["colorspace"] = json!(space.name());
         self.entries.insert(target.names().0.to_owned(), entry);
     }
 

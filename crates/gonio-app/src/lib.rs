@@ -28,6 +28,7 @@ pub mod results;
 mod scene;
 mod settings;
 mod shape;
+pub mod spaces;
 pub mod training;
 
 pub use answer::{Answer, infer, read_light};
@@ -40,3 +41,4 @@ pub use problem::{Problem, Warning, Words};
 pub use scene::{Scene, Seen};
 pub use settings::{AS_CAPTURED, Colours, KnownLight, Method, Search, Settings};
 pub use shape::{Form, Normals, Places, Shape, Source};
+pub use spaces::{Spaces, read_brdf};

@@ -3,12 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use gonio::bracket::{MergeSettings, Merged, Response, merge};
-use gonio::picture::Picture;
+use gonio::picture::{Picture, Plane};
 use gonio::remedy::Remedy;
-use gonio_io::picture::{BracketOptions, Decoded, Encoding, ReadOptions, divide_by_flat, subtract_black};
+use gonio_io::colour_space::ColourSpace;
+use gonio_io::picture::{
+    self, BracketOptions, Decoded, Encoding, InputSpace, ReadOptions, divide_by_flat, subtract_black,
+};
 use serde_json::{Value, json};
 
-use crate::{Problem, Warning};
+use crate::{Problem, Warning, spaces};
 
 /// How much brighter than its time says an exposure may be before the user is told.
 const TIME_ERROR: f64 = 0.05;
@@ -30,6 +33,8 @@ pub struct Reading {
     pub flat: Option<PathBuf>,
     /// Layer of an OpenEXR file that holds several.
     pub layer: Option<String>,
+    /// Colour space of pictures that state none: of files, and of pictures in memory.
+    pub colour_space: Option<ColourSpace>,
 }
 
 /// A camera's curve from radiance to codes.
@@ -65,13 +70,18 @@ pub struct Photograph {
     pub clip: Option<f32>,
     /// The section `bracket` of the result.
     pub notes: Option<Value>,
+    /// Colour space that the values of the files were in; `None` for a picture in memory in linear
+    /// Rec. 709.
+    pub space: Option<InputSpace>,
 }
 
 /// A merged bracket with what it was merged by.
 #[derive(Clone, Debug)]
 pub struct MergedBracket {
-    /// The picture, and what was used where.
+    /// The picture in linear Rec. 709, and what was used where.
     pub merged: Merged,
+    /// Colour space of the files.
+    pub space: InputSpace,
     /// The camera's curve.
     pub response: Response,
     /// True if the response was recovered from the bracket itself.
@@ -95,7 +105,15 @@ impl Shots {
             return Err(Problem::new(format!("clip {clip}: give a positive radiance")));
         }
         let paths = match self {
-            Self::Here(picture) => return Ok(Photograph { picture, clip, notes: None }),
+            Self::Here(picture) => match reading.colour_space {
+                None => return Ok(Photograph { picture, clip, notes: None, space: None }),
+                Some(space) => {
+                    let decoded = Decoded::linear(picture, clip, space).into_working(Path::new("the picture"))?;
+                    let Decoded { picture, full_scale: clip, input, .. } = decoded;
+                    warnings.extend(spaces::warnings("the picture", &input, picture.rgb.as_slice().len()));
+                    return Ok(Photograph { picture, clip, notes: None, space: Some(input) });
+                }
+            },
             Self::Read(photograph) => return Ok(photograph),
             Self::Bytes(name, bytes) => {
                 if reading.response.is_some() {
@@ -113,7 +131,8 @@ impl Shots {
             "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": bracket.merged.report,
         });
         let Merged { picture, clip_level, .. } = bracket.merged;
-        Ok(Photograph { picture, clip: clip.or(Some(clip_level)), notes: Some(notes) })
+        let (clip, space) = (clip.or(Some(clip_level)), Some(bracket.space));
+        Ok(Photograph { picture, clip, notes: Some(notes), space })
     }
 }
 
@@ -122,7 +141,7 @@ impl Shots {
 /// # Errors
 /// If it cannot be read.
 pub fn read_picture(path: &Path, options: &ReadOptions, warnings: &mut Vec<Warning>) -> Result<Decoded, Problem> {
-    let decoded = gonio_io::picture::read(path, options)?;
+    let decoded = picture::read(path, options)?;
     warnings.extend(oddities(path, options, &decoded));
     Ok(decoded)
 }
@@ -138,7 +157,7 @@ pub fn decode_picture(
     options: &ReadOptions,
     warnings: &mut Vec<Warning>,
 ) -> Result<Decoded, Problem> {
-    let decoded = gonio_io::picture::decode(name, bytes, options)?;
+    let decoded = picture::decode(name, bytes, options)?;
     warnings.extend(oddities(name, options, &decoded));
     Ok(decoded)
 }
@@ -153,6 +172,14 @@ fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warnin
             ),
             vec![Remedy::Linear],
         )),
+        Encoding::Coded { bits } => Some(Warning::new(
+            format!(
+                "{name}: {bits}-bit picture, decoded by the curve that it states ({}); its highlights are probably \
+                 clipped: prefer an HDR picture",
+                decoded.input.source.words()
+            ),
+            vec![Remedy::Linear],
+        )),
         Encoding::LinearFloat if options.linear => {
             Some(Warning::from(format!("{name}: holds linear numbers as it is: to say so changes nothing")))
         }
@@ -163,7 +190,9 @@ fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warnin
         let text = format!("{name}: holds several pictures, {taken} was taken; others are {others}");
         Warning::new(text, vec![Remedy::Layer])
     });
-    coded.into_iter().chain(layered).collect()
+    let pixels = decoded.picture.rgb.as_slice().len();
+    let space = spaces::warnings(&name.to_string(), &decoded.input, pixels);
+    coded.into_iter().chain(layered).chain(space).collect()
 }
 
 /// A picture that is a photograph by itself; its bytes, if they are not in the file.
@@ -180,10 +209,12 @@ fn single(
             "times are for exposures of one scene: give several files, or no times",
         ));
     }
-    let options = ReadOptions { linear: reading.linear, layer: reading.layer.clone(), ..ReadOptions::default() };
+    let Reading { linear, colour_space, .. } = *reading;
+    let options = ReadOptions { linear, layer: reading.layer.clone(), colour_space, ..ReadOptions::default() };
+    // Corrections act on the channels of the file.
     let mut decoded = match bytes {
-        Some(bytes) => decode_picture(path, bytes, &options, warnings)?,
-        None => read_picture(path, &options, warnings)?,
+        Some(bytes) => picture::decode_unconverted(path, bytes, &options)?,
+        None => picture::read_unconverted(path, &options)?,
     };
     if let Some(code) = reading.black_level {
         let Encoding::Linear { bits } = decoded.encoding else {
@@ -194,12 +225,20 @@ fn single(
         check_black(code, max)?;
         subtract_black(&mut decoded, (code / max) as f32);
     }
-    let mut level = clip.or(decoded.full_scale);
+    decoded.full_scale = clip.or(decoded.full_scale);
     if let Some(flat) = &reading.flat {
-        let level_found = level.or_else(|| repeated_maximum(&decoded.picture));
-        level = flatten(&mut decoded.picture, flat, reading, level_found)?;
+        if decoded.needs_table() {
+            let problem = "a flat field needs linear values, which the table of the ICC profile does not give: \
+                           convert the picture to a linear space";
+            return Err(Problem::of(path.display(), problem));
+        }
+        let level_found = decoded.full_scale.or_else(|| repeated_maximum(&decoded.picture));
+        decoded.full_scale = flatten(&mut decoded.picture, flat, reading, level_found)?;
     }
-    Ok(Photograph { picture: decoded.picture, clip: level, notes: None })
+    let decoded = decoded.into_working(path)?;
+    warnings.extend(oddities(path, &options, &decoded));
+    let Decoded { picture, full_scale, input, .. } = decoded;
+    Ok(Photograph { picture, clip: full_scale, notes: None, space: Some(input) })
 }
 
 /// The largest value where so many pixels share it that it is no coincidence. Division by a flat
@@ -219,7 +258,7 @@ fn check_black(code: f64, max: f64) -> Result<(), Problem> {
 
 fn flatten(picture: &mut Picture, path: &Path, reading: &Reading, clip: Option<f32>) -> Result<Option<f32>, Problem> {
     let options = ReadOptions { linear: reading.linear, ..ReadOptions::default() };
-    let flat = gonio_io::picture::read(path, &options)?.picture.rgb;
+    let flat = picture::read_unconverted(path, &options)?.picture.rgb;
     Ok(divide_by_flat(picture, &flat, path, clip)?)
 }
 
@@ -242,11 +281,12 @@ pub fn merge_files(
     }
     let curve = reading.response.clone().or(reading.linear.then_some(Curve::Linear));
     let from_file = match &curve {
-        Some(Curve::File(path)) => Some(gonio_io::picture::read_response(path)?),
+        Some(Curve::File(path)) => Some(picture::read_response(path)?),
         _ => None,
     };
-    let options = BracketOptions { times: reading.times.clone(), ..BracketOptions::default() };
-    let bracket = gonio_io::picture::read_bracket(paths, &options)?;
+    let read = ReadOptions { colour_space: reading.colour_space, ..ReadOptions::default() };
+    let options = BracketOptions { times: reading.times.clone(), read };
+    let bracket = picture::read_bracket(paths, &options)?;
     let exposures = &bracket.exposures;
     let max = exposures.first().map_or(u16::from(u8::MAX), |e| e.codes.max());
     let black = reading.black_level.unwrap_or(0.0);
@@ -265,12 +305,17 @@ pub fn merge_files(
     };
     let mut merged =
         merge(exposures, &response, &MergeSettings::default()).map_err(|error| Problem::of(names(), error))?;
-    merged.picture.alpha = bracket.alpha;
+    merged.picture.alpha = bracket.alpha.clone();
     if let Some(path) = &reading.flat {
         let level = flatten(&mut merged.picture, path, reading, Some(merged.clip_level))?;
         merged.clip_level = level.unwrap_or(merged.clip_level);
     }
+    let whole = std::mem::replace(&mut merged.picture, Picture { rgb: Plane::from_vec(0, 0, Vec::new()), alpha: None });
+    let decoded = bracket.decoded(whole, merged.clip_level).into_working(paths.first().map_or(Path::new(""), |p| p))?;
+    merged.clip_level = decoded.full_scale.unwrap_or(merged.clip_level);
+    merged.picture = decoded.picture;
     let report = &merged.report;
+    warnings.extend(spaces::warnings(&names(), &decoded.input, report.pixels));
     for (path, error) in paths.iter().zip(&report.time_errors).filter(|(_, e)| e.abs() > TIME_ERROR) {
         let (percent, side) = (100.0 * error.abs(), if *error > 0.0 { "brighter" } else { "darker" });
         warnings.push(format!("{}: {percent:.0} % {side} than its exposure time says", path.display()).into());
@@ -288,5 +333,5 @@ pub fn merge_files(
     }
     let longest = exposures.iter().map(|e| e.amount).fold(0.0, f64::max);
     let amounts = exposures.iter().map(|e| e.amount / longest).collect();
-    Ok(MergedBracket { merged, response, recovered, amounts })
+    Ok(MergedBracket { merged, space: decoded.input, response, recovered, amounts })
 }

@@ -5,7 +5,8 @@ use gonio::picture::Plane;
 use gonio::probe::{ProbeError, ProbeOddity, ProbeSettings, Reflectance, SecondView, View, probe};
 use gonio::remedy::Remedy;
 use gonio::scene::Fate;
-use gonio_io::picture::{encode_exr, encode_png};
+use gonio_io::colour_space::ColourSpace;
+use gonio_io::picture::{InputSpace, encode_exr_in, encode_png};
 use gonio_report::probe::draw;
 use serde_json::{Value, json};
 
@@ -44,9 +45,9 @@ pub struct LightProbe {
 }
 
 impl LightProbe {
-    /// The map as OpenEXR and the picture as PNG.
-    pub fn encode(&self) -> (Vec<u8>, Vec<u8>) {
-        (encode_exr(&self.light, None), encode_png(&self.picture))
+    /// The map as OpenEXR in a colour space and the picture as PNG.
+    pub fn encode(&self, space: ColourSpace) -> (Vec<u8>, Vec<u8>) {
+        (encode_exr_in(&self.light, None, space), encode_png(&self.picture))
     }
 }
 
@@ -112,6 +113,7 @@ struct Seen {
     name: String,
     view: View,
     bracket: Option<Value>,
+    space: Option<InputSpace>,
 }
 
 impl Seen {
@@ -123,7 +125,7 @@ impl Seen {
         journal: &Journal<'_>,
     ) -> Result<Self, Problem> {
         let name = scene.name.clone();
-        let Opened { picture, clip, bracket, mask, object, names, .. } = scene.open(warnings, journal)?;
+        let Opened { picture, clip, bracket, space, mask, object, names, .. } = scene.open(warnings, journal)?;
         let view = View::of(&picture, mask.as_ref(), &object, clip).map_err(|error| {
             let problem = match &error {
                 ProbeError::Scene(scene) => Problem::of(names.origin(scene), &error),
@@ -131,7 +133,7 @@ impl Seen {
             };
             error.remedies().into_iter().map(remedy).fold(problem, Problem::with)
         })?;
-        Ok(Self { name, view, bracket })
+        Ok(Self { name, view, bracket, space })
     }
 
     /// What was found of the ball, and what became of the pixels on it.
@@ -151,6 +153,11 @@ impl Seen {
                 let (centre, radius) = ball.sphere();
                 notes["ball"] = json!({ "centre": centre.to_array(), "radius": radius });
             }
+        }
+        if let Some(space) = &self.space {
+            notes["colorspace"] = json!({
+                "input": space.name, "source": space.source.words(), "clamped_pixels": space.clamped,
+            });
         }
         if let Some(bracket) = &self.bracket {
             notes["bracket"] = bracket.clone();

@@ -253,7 +253,7 @@ fn read_labels(
         Source::Here(labels) => labels.clone(),
         Source::File(path) => {
             let options = ReadOptions { linear: true, ..ReadOptions::default() };
-            gonio_io::picture::read(path, &options)?.picture.rgb
+            gonio_io::picture::read_unconverted(path, &options)?.picture.rgb
         }
     };
     if labels.size() != size {

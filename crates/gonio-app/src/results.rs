@@ -3,13 +3,15 @@
 use glam::Vec3;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
-use gonio_io::picture::{encode_exr, encode_png};
+use gonio_io::colour_space::ColourSpace;
+use gonio_io::picture::{encode_exr_in, encode_png};
 use gonio_io::posterior::SavedPosterior;
 use gonio_io::{merl, npy};
 use gonio_report::panels::used::with_legend;
 use gonio_report::{summary, uncertainty};
 use rayon::prelude::*;
 
+use crate::spaces::from_rec709;
 use crate::{Answer, Problem};
 
 /// The BRDF, in the format of the MERL database.
@@ -40,15 +42,15 @@ pub(crate) fn names() -> impl Iterator<Item = String> {
 
 /// Contents of a folder of results. Parts that a method does not tell are missing.
 pub struct Files {
-    /// The BRDF in colour, 1/sr.
+    /// The BRDF in colour, 1/sr, in linear Rec. 709.
     pub tables: [BivariateTable; 3],
     /// Quantiles of its luminance, and how many there are.
     pub quantiles: Option<(usize, Vec<f32>)>,
-    /// Quantiles of red, green and blue, and how many there are of each.
+    /// Quantiles of red, green and blue (linear Rec. 709), and how many there are of each.
     pub channel_quantiles: Option<(usize, Vec<f32>)>,
     /// `posterior.json`, what can be combined with other photographs.
     pub posterior: Option<Vec<u8>>,
-    /// The light, lat-long.
+    /// The light, lat-long, in linear Rec. 709.
     pub light: Option<Plane<Vec3>>,
     /// Pictures by their names in [`PICTURES`], as PNG.
     pub pictures: Vec<(&'static str, Vec<u8>)>,
@@ -56,12 +58,15 @@ pub struct Files {
     pub notes: String,
     /// `report.html`.
     pub page: Option<String>,
+    /// Space of the BRDF and the light in the folder.
+    pub space: ColourSpace,
 }
 
 impl Files {
     /// Their names and contents.
     pub fn encode(self) -> Vec<(String, Vec<u8>)> {
-        let Self { tables, quantiles, channel_quantiles, posterior, light, pictures, notes, page } = self;
+let Self { tables, quantiles, channel_quantiles, posterior, light, pictures, notes, page, space } = self;
+        let (tables, _) = from_rec709(&tables, space);
         let mut files = vec![(BRDF.to_owned(), merl::encode(&MerlTable::from_bivariate(tables.each_ref())))];
         files.extend(quantiles.map(|(count, values)| {
             let array = npy::Array { shape: vec![count, THETA_H, THETA_D], values };
@@ -72,7 +77,7 @@ impl Files {
             (CHANNEL_QUANTILES.to_owned(), npy::encode(&array))
         }));
         files.extend(posterior.map(|posterior| (gonio_io::posterior::FILE.to_owned(), posterior)));
-        files.extend(light.map(|light| (LIGHT.to_owned(), encode_exr(&light, None))));
+        files.extend(light.map(|light| (LIGHT.to_owned(), encode_exr_in(&light, None, space))));
         files.extend(pictures.into_iter().map(|(name, png)| (format!("{name}.png"), png)));
         files.extend(page.map(|page| (REPORT.to_owned(), page.into_bytes())));
         files.push((RESULT.to_owned(), notes.into_bytes()));
@@ -116,6 +121,7 @@ impl Answer {
             pictures: self.pictures().par_iter().map(|(name, picture)| (*name, encode_png(picture))).collect(),
             notes,
             page: self.page.clone(),
+            space: self.space,
         })
     }
 }

@@ -4,6 +4,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::scene::{Object, ObservationSettings, Oddity, SceneError, Sighting};
 use gonio::shape::Visibility;
 use gonio::sphere::OctahedralMap;
+use gonio_io::picture::InputSpace;
 use serde_json::{Value, json};
 
 use crate::mask::{alike, resampled};
@@ -38,6 +39,8 @@ pub struct Seen {
     pub notes: Value,
     /// The section `bracket` of the result.
     pub bracket: Option<Value>,
+    /// Colour space of the photograph, unless it was in memory.
+    pub space: Option<InputSpace>,
 }
 
 /// What the files of a scene hold.
@@ -46,6 +49,8 @@ pub(crate) struct Opened {
     pub(crate) clip: Option<f32>,
     /// The section `bracket` of the result.
     pub(crate) bracket: Option<Value>,
+    /// Colour space of the photograph.
+    pub(crate) space: Option<InputSpace>,
     pub(crate) mask: Option<Plane<f32>>,
     pub(crate) object: Object,
     /// Notes on the shape.
@@ -60,13 +65,14 @@ impl Scene {
     /// If a file cannot be read, or mask and photograph do not go together.
     pub(crate) fn open(self, warnings: &mut Vec<Warning>, journal: &Journal<'_>) -> Result<Opened, Problem> {
         journal.at("reading", 0.0);
-        let Photograph { picture, clip, notes: bracket } = self.shots.read(&self.reading, self.clip, warnings)?;
+        let Photograph { picture, clip, notes: bracket, space } =
+            self.shots.read(&self.reading, self.clip, warnings)?;
         let size = picture.rgb.size();
         let names = Names::of(&self.name, self.mask.as_ref(), &self.shape);
         let mask = read_mask(self.mask, size, warnings)?;
         journal.at("reading", 0.5);
         let (object, own_notes) = self.shape.object(&self.name, size, warnings)?;
-        Ok(Opened { picture, clip, bracket, mask, object, own_notes, names })
+        Ok(Opened { picture, clip, bracket, space, mask, object, own_notes, names })
     }
 
     /// Reads what is in files, finds the object and samples the picture on it. With a map and a
@@ -84,7 +90,7 @@ impl Scene {
         journal: &Journal<'_>,
     ) -> Result<Seen, Problem> {
         let keep_colours = self.keep_colours;
-        let Opened { picture, clip, bracket, mask, object, own_notes, names } = self.open(warnings, journal)?;
+        let Opened { picture, clip, bracket, space, mask, object, own_notes, names } = self.open(warnings, journal)?;
         let settings = ObservationSettings { clip, keep_colours, ..*known };
         let mut sighting = Sighting::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
         warnings.extend(sighting.oddities.iter().map(|odd| names.warn(odd)));
@@ -100,7 +106,7 @@ impl Scene {
         if let Some(shape) = notes.get_mut("shape") {
             notes::extend(shape, own_notes);
         }
-        Ok(Seen { picture, sighting, notes, bracket })
+        Ok(Seen { picture, sighting, notes, bracket, space })
     }
 }
 

@@ -8,7 +8,7 @@ use gonio::model::Model;
 use gonio::remedy::Remedy;
 use gonio::sphere::OctahedralMap;
 
-use crate::{Problem, Source, Words};
+use crate::{Problem, Source, Spaces, Words};
 
 /// Settings of an inference: method, grid, colours, and which outputs are made.
 pub struct Settings<'a> {
@@ -20,6 +20,8 @@ pub struct Settings<'a> {
     pub shadows: bool,
     /// Rule for the colours.
     pub colours: Colours,
+    /// Colour spaces of light maps and outputs.
+    pub spaces: Spaces,
     /// Draw the pictures.
     pub pictures: bool,
     /// Make the page, which needs the pictures.

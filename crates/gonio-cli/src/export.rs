@@ -6,6 +6,7 @@ use std::sync::LazyLock;
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
+use gonio_app::Spaces;
 use gonio_app::export::{Export, Target, light_of_results};
 use gonio_app::folder::{EXPORT, for_exports};
 use serde_json::{Value, json};
@@ -13,7 +14,8 @@ use serde_json::{Value, json};
 use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::Stage;
-use crate::remedy::plain;
+use crate::remedy::{plain, words};
+use crate::space::OutputSpace;
 
 /// Options of `gonio export`.
 #[derive(clap::Args)]
@@ -36,6 +38,8 @@ pub(crate) struct Options {
     /// Write the table of each fitted model too (.binary), to be rendered beside the BRDF
     #[arg(long)]
     tables: bool,
+    #[command(flatten)]
+    space: OutputSpace,
 }
 
 /// The targets as the command line takes them.
@@ -85,11 +89,13 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let folder = for_exports(&output)?;
     let targets: Vec<Target> =
         if options.to.is_empty() { Target::ALL.to_vec() } else { options.to.iter().map(|name| name.0).collect() };
+    let colours = [0, 1, 2].map(|c| table.bivariate(c));
     let export = Export {
         name,
-        tables: [0, 1, 2].map(|c| table.bivariate(c)),
+        tables: colours.clone(),
         whole: Some(table),
         light,
+        space: options.space.space(),
         albedo: options.albedo,
         with_tables: options.tables,
     };
@@ -97,6 +103,11 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let written = export.write(&folder, &targets, &options.input.display().to_string(), &|x| stage.at(x))?;
     stage.finish();
     let Some(summary) = written else { bail!("{}: reflects nothing along the normal", file.display()) };
+    let warnings: Vec<String> = Spaces { input: None, output: options.space.space() }
+        .warning(&colours)
+        .iter()
+        .map(|w| w.worded(&words))
+        .collect();
     folder.commit()?;
     let line = |(target, entry): (&String, &Value)| {
         let files: Vec<&str> = entry["files"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
@@ -105,7 +116,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     };
     let lines: String = summary["exports"].as_object().into_iter().flatten().map(line).collect();
     let output = output.display().to_string();
-    let mut outcome = Outcome::new(format!("{lines}{output}"), summary);
+    let mut outcome = Outcome::new(format!("{lines}{output}"), summary).warning(warnings);
     outcome.fields.insert("output".into(), json!(output));
     Ok(outcome)
 }

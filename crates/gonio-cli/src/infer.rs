@@ -8,7 +8,7 @@ use clap::ValueEnum;
 use gonio::inference::Solver;
 use gonio_app::folder::{beside, for_results, holds_results, would_replace};
 use gonio_app::regions::{Inferred, Several, infer_all};
-use gonio_app::{Alignment, Colours, Journal, KnownLight, Method, Search, Settings, Source};
+use gonio_app::{Alignment, Colours, Journal, KnownLight, Method, Search, Settings, Source, Spaces};
 use gonio_io::atomic::StagedFolder;
 use serde_json::json;
 
@@ -17,6 +17,7 @@ use crate::outcome::{Outcome, sharpness};
 use crate::progress::Stages;
 use crate::remedy::{self, plain};
 use crate::scene::SceneOptions;
+use crate::space::OutputSpace;
 
 /// Options of `gonio infer`.
 #[derive(clap::Args)]
@@ -102,6 +103,8 @@ pub(crate) struct Options {
     /// In the variable 1, yes, true or on write none; 0, no, false, off or nothing write it.
     #[arg(long, env = "GONIO_NO_REPORT", hide_env_values = true, value_parser = parse_yes, help_heading = OUTPUT)]
     no_report: bool,
+    #[command(flatten)]
+    space: OutputSpace,
 }
 
 const LIGHT: &str = "Light";
@@ -296,6 +299,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         colours: options.colours()?,
         pictures: true,
         report: !options.no_report,
+        spaces: Spaces { input: options.scene.reading.colour_space(), output: options.space.space() },
         words: &remedy::words,
     };
     let line = Stages::new("model");
@@ -333,7 +337,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     }
     // What fills no screen; the rest is in result.json.
     let mut notes = answer.notes;
-    let fields = ["method", "posterior", "colour", "noise", "known_light", "exposure", "seconds"]
+    let fields = ["method", "posterior", "colour", "colorspace", "noise", "known_light", "exposure", "seconds"]
         .map(|key| (key.to_owned(), notes[key].take()));
     let mut outcome = Outcome::new(text, json!({ "output": output })).warning(answer.warnings);
     outcome.fields.extend(fields);

@@ -11,13 +11,14 @@ use gonio::model::Model;
 use gonio::reflectance::MerlTable;
 use gonio_app::Shots;
 use gonio_app::results::BRDF;
+use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::ReadOptions;
 
 use crate::remedy::plain;
 
-/// Reads a lat-long light map.
-pub(crate) fn light(path: &Path) -> Result<EnvironmentMap> {
-    gonio_app::read_light(path).map_err(plain)
+/// Reads a lat-long light map; `space` is that of files that state none.
+pub(crate) fn light(path: &Path, space: Option<ColourSpace>) -> Result<EnvironmentMap> {
+    gonio_app::read_light(path, space).map_err(plain)
 }
 
 /// Stands for standard input.
@@ -65,7 +66,7 @@ pub(crate) fn brdf(path: &Path) -> Result<MerlTable> {
         }
         bail!("{}: is a folder that holds no {BRDF}; give a BRDF (.binary, .bsdf)", path.display());
     }
-    Ok(gonio_io::brdf::read(path)?)
+    Ok(gonio_app::read_brdf(path)?)
 }
 
 /// The model of a file, or the one that travels with the program, and how messages call it. Each is

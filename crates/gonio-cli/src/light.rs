@@ -14,6 +14,7 @@ use crate::progress::Stages;
 use crate::reading::ReadingOptions;
 use crate::remedy::{self, plain};
 use crate::scene::parse_circle;
+use crate::space::OutputSpace;
 
 /// Options of `gonio light`.
 #[derive(clap::Args)]
@@ -65,6 +66,8 @@ pub(crate) struct Options {
     /// Radiance at which the camera clips; found by itself where many pixels share the maximum
     #[arg(long, value_name = "VALUE")]
     clip: Option<f32>,
+    #[command(flatten)]
+    space: OutputSpace,
 }
 
 /// Reflectance of each channel at normal incidence.
@@ -119,7 +122,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let listener = |stage, fraction| line.at(stage, fraction);
     let probe = light_probe(options.mirror()?, &Journal::new("reading", &listener)).map_err(plain)?;
     line.finish();
-    let (map, picture) = probe.encode();
+    let (map, picture) = probe.encode(options.space.space());
     let drawn = output.with_extension("light.png");
     write_all(&[(output.clone(), map), (drawn.clone(), picture)])?;
     let notes = &probe.notes;
@@ -151,6 +154,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if let serde_json::Value::Object(notes) = probe.notes {
         outcome.fields.extend(notes);
     }
+    outcome.fields.insert("colorspace".into(), json!({ "output": options.space.space().name() }));
     Ok(outcome)
 }
 

@@ -22,6 +22,7 @@ mod reading;
 mod remedy;
 mod render;
 mod scene;
+mod space;
 mod surface;
 mod train;
 

@@ -9,7 +9,8 @@ use gonio::picture::Plane;
 use gonio::render::Exposure;
 use gonio_app::photograph::{MergedBracket, merge_files};
 use gonio_io::atomic::write_file;
-use gonio_io::picture::{encode_exr_clipped, encode_png, encode_response};
+use gonio_io::colour_space::ColourSpace;
+use gonio_io::picture::{ExrOptions, encode_exr_with, encode_png, encode_response};
 use serde_json::json;
 
 use crate::outcome::Outcome;
@@ -43,8 +44,10 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let bracket = merge_files(&options.images, &options.reading.reading(), &mut warnings).map_err(plain)?;
     let merged = &bracket.merged;
     let picture = &merged.picture;
+    let (alpha, clip_level, space) = (picture.alpha.as_ref(), Some(merged.clip_level), Some(ColourSpace::Rec709));
+    let attributes = ExrOptions { alpha, clip_level, space };
     let mut files = vec![
-        (options.output.clone(), encode_exr_clipped(&picture.rgb, picture.alpha.as_ref(), merged.clip_level)),
+        (options.output.clone(), encode_exr_with(&picture.rgb, &attributes)),
         (options.output.with_extension("merge.png"), encode_png(&draw(&bracket, &options.images))),
     ];
     if let Some(path) = &options.save_response {
@@ -69,6 +72,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let output = options.output.display().to_string();
     let fields = json!({
         "output": output, "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": report,
+        "colorspace": {
+            "input": bracket.space.name, "source": bracket.space.source.words(), "output": ColourSpace::Rec709.name(),
+        },
     });
     Ok(Outcome::new(text, fields).warning(remedy::worded(&warnings)))
 }

@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use gonio_app::{Curve, Reading};
+use gonio_io::colour_space::ColourSpace;
+
+use crate::space::SpaceName;
 
 /// Options of reading a photograph.
 #[derive(clap::Args)]
@@ -33,6 +36,13 @@ pub(crate) struct ReadingOptions {
     /// Layer of an OpenEXR file that holds several
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
+    /// Colour space of files that state none, light maps too [default: rec709]
+    ///
+    /// A file states its space by chromaticities (EXR), PRIMARIES (HDR), cICP, cHRM or gAMA (PNG)
+    /// or an ICC profile; that space is used, with a warning if this one differs. See
+    /// docs/colour-spaces.md.
+    #[arg(long, value_enum, value_name = "SPACE")]
+    colorspace: Option<SpaceName>,
 }
 
 /// Exposure times in seconds.
@@ -50,6 +60,11 @@ fn parse_times(text: &str) -> Result<Times, String> {
 }
 
 impl ReadingOptions {
+    /// Returns the colour space of files that state none.
+    pub(crate) fn colour_space(&self) -> Option<ColourSpace> {
+        self.colorspace.map(|name| name.0)
+    }
+
     /// Returns the settings that the options ask for.
     pub(crate) fn reading(&self) -> Reading {
         Reading {
@@ -63,6 +78,7 @@ impl ReadingOptions {
             black_level: self.black_level,
             flat: self.flat.clone(),
             layer: self.layer.clone(),
+            colour_space: self.colour_space(),
         }
     }
 }

@@ -8,12 +8,14 @@ use gonio::render::{
     Accuracy, Exposure, IntegratorSettings, LightTree, SphereSettings, SurfaceSettings, render_sphere, render_surface,
 };
 use gonio_io::atomic::write_file;
+use gonio_io::colour_space::ColourSpace;
 use serde_json::json;
 
 use crate::input;
 use crate::outcome::Outcome;
 use crate::progress::Stage;
 use crate::remedy::{self, plain};
+use crate::space::SpaceName;
 use crate::surface::SurfaceOptions;
 
 /// Options of `gonio render`.
@@ -27,6 +29,9 @@ pub(crate) struct Options {
     /// These are lights of our own. A text file of directional lights serves, too.
     #[arg(long, value_name = "MAP")]
     light: PathBuf,
+    /// Colour space of a light map that states none [default: rec709]
+    #[arg(long, value_enum, value_name = "SPACE")]
+    colorspace: Option<SpaceName>,
     /// Picture to write: .exr holds radiance and coverage, .png is tone-mapped for looking at
     #[arg(short, long, value_name = "X.exr|X.png")]
     output: PathBuf,
@@ -67,7 +72,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         bail!("--camera goes with --mesh: a sphere is seen orthographically");
     }
     let brdf = input::brdf(&options.brdf)?;
-    let light = LightTree::of_map(&input::light(&options.light)?);
+    let light = LightTree::of_map(&input::light(&options.light, options.colorspace.map(|name| name.0))?);
     let bound = |tolerance| Accuracy::Bound(IntegratorSettings { tolerance, ..IntegratorSettings::default() });
     let accuracy = options.tolerance.map_or_else(Accuracy::default, bound);
     let samples = options.samples as usize;
@@ -95,7 +100,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         let shown: Plane<_> = picture.rgb.map(|p| exposure.apply(*p));
         gonio_io::picture::encode_png(&shown)
     } else {
-        gonio_io::picture::encode_exr(&picture.rgb, picture.alpha.as_ref())
+        gonio_io::picture::encode_exr_in(&picture.rgb, picture.alpha.as_ref(), ColourSpace::Rec709)
     };
     write_file(&options.output, &bytes)?;
     let output = options.output.display().to_string();

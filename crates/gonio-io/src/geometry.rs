@@ -79,7 +79,7 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
             }
             Format::Pfm | Format::Png | Format::Tiff => {
                 let read = ReadOptions { linear: true, ..options.read.clone() };
-                let decoded = picture::decode(path, bytes, &read)?;
+                let decoded = picture::decode_unconverted(path, bytes, &read)?;
                 if decoded.encoding == Encoding::LinearFloat {
                     grey(path, &decoded)?.map(|v| depth(*v))
                 } else {
@@ -139,7 +139,8 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
                 Plane::from_vec(width, height, places.collect())
             }
             Format::Pfm | Format::Tiff => {
-                let decoded = picture::decode(path, bytes, options)?;
+                let read = ReadOptions { linear: true, ..options.clone() };
+                let decoded = picture::decode_unconverted(path, bytes, &read)?;
                 if decoded.encoding != Encoding::LinearFloat {
                     return Err(unsupported());
                 }

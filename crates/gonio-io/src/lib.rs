@@ -5,6 +5,7 @@
 //! * [`geometry`]: pictures of depths and positions (OpenEXR, NPY, PNG);
 //! * [`material`]: materials for renderers (Mitsuba, MaterialX, glTF, Blender);
 //! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
+//! * [`colour_space`]: named colour spaces and the matrices between them;
 //! * [`camera`]: cameras and poses (`docs/camera.md`);
 //! * [`brdf`]: measured BRDFs, of [`merl`] and [`rgl`]; [`bivariate`], [`fits`]: sets of them and
 //!   published fits;
@@ -28,6 +29,7 @@ pub mod bivariate;
 pub mod brdf;
 pub mod cache;
 pub mod camera;
+pub mod colour_space;
 mod error;
 pub mod fits;
 pub mod folder;

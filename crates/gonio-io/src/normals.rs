@@ -55,7 +55,7 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<
         }
         _ => {
             let options = ReadOptions { linear: true, ..options.clone() };
-            Ok(from_picture(picture::decode(path, bytes, &options)?))
+            Ok(from_picture(picture::decode_unconverted(path, bytes, &options)?))
         }
     }
 }

@@ -6,6 +6,7 @@ use gonio::lighting::EnvironmentMap;
 use gonio_app::Problem;
 use gonio_app::export::{Export, Target};
 use gonio_app::folder::for_exports;
+use gonio_io::colour_space::ColourSpace;
 use numpy::{PyArray3, PyArray4};
 use pyo3::prelude::*;
 
@@ -23,7 +24,7 @@ pub(crate) fn export_targets() -> Vec<(&'static str, &'static str)> {
 /// Writes a folder; returns the contents of its `export.json`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "called from one place, which names them")]
-#[pyo3(signature = (folder, table, full, light, to, name, albedo, tables, input, listeners))]
+#[pyo3(signature = (folder, table, full, light, to, name, albedo, tables, colorspace, input, listeners))]
 pub(crate) fn export(
     py: Python<'_>,
     folder: PathBuf,
@@ -34,6 +35,7 @@ pub(crate) fn export(
     name: String,
     albedo: Option<f64>,
     tables: bool,
+    colorspace: String,
     input: String,
     listeners: Listeners,
 ) -> PyResult<String> {
@@ -51,7 +53,9 @@ pub(crate) fn export(
     let whole = full.map(merl_table).transpose()?;
     let light = light.map(arrays::colours).transpose()?.map(EnvironmentMap::new).transpose();
     let light = light.map_err(|error| raise(&Problem::of("the light", error), py))?;
-    let export = Export { name, tables: arrays::tables(table)?, whole, light, albedo, with_tables: tables };
+    // The package has checked the name.
+    let space = ColourSpace::named(&colorspace).unwrap_or_default();
+    let export = Export { name, tables: arrays::tables(table)?, whole, light, space, albedo, with_tables: tables };
     work::run(py, listeners, move |reporter| {
         let folder = for_exports(&folder)?;
         let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;

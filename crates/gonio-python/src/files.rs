@@ -10,7 +10,8 @@ use gonio_app::folder::for_results;
 use gonio_app::photograph::read_picture;
 use gonio_app::results::{Files, PICTURES};
 use gonio_io::atomic::write_file as write_whole;
-use gonio_io::picture::{ReadOptions, encode_exr, encode_exr_clipped, encode_hdr, encode_pfm, encode_png_srgb8};
+use gonio_io::colour_space::ColourSpace;
+use gonio_io::picture::{ExrOptions, ReadOptions, encode_exr_with, encode_hdr, encode_pfm, encode_png_srgb8};
 use gonio_io::rgl::{self, Channels};
 use numpy::{PyArray2, PyArray3, PyArray4, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -24,17 +25,24 @@ use crate::render::merl_table;
 /// Colours, coverage, the radiance at which the file says that it clips, and warnings.
 type ReadImage<'py> = (Bound<'py, PyArray3<f32>>, Option<Bound<'py, PyArray2<f32>>>, Option<f32>, Vec<String>);
 
+/// The colour space of a name that the package has checked.
+fn named(name: Option<&str>) -> Option<ColourSpace> {
+    name.and_then(ColourSpace::named)
+}
+
 /// Reads a picture.
 #[pyfunction]
-#[pyo3(signature = (path, linear, layer))]
+#[pyo3(signature = (path, linear, layer, colorspace))]
 pub(crate) fn read_image(
     py: Python<'_>,
     path: PathBuf,
     linear: bool,
     layer: Option<String>,
+    colorspace: Option<String>,
 ) -> PyResult<ReadImage<'_>> {
     let mut warnings = Vec::new();
-    let options = ReadOptions { linear, layer, ..ReadOptions::default() };
+    let colour_space = named(colorspace.as_deref());
+    let options = ReadOptions { linear, layer, colour_space, ..ReadOptions::default() };
     let decoded = py.detach(|| read_picture(&path, &options, &mut warnings)).map_err(|problem| raise(&problem, py))?;
     let Picture { rgb, alpha } = decoded.picture;
     let alpha = alpha.map(|alpha| arrays::array(py, (alpha.height(), alpha.width()), alpha.into_vec()));
@@ -43,8 +51,15 @@ pub(crate) fn read_image(
 
 /// Reads a light map, a list of directional lights, or makes a light of our own by its name.
 #[pyfunction]
-pub(crate) fn read_light(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
-    let light = py.detach(|| gonio_app::read_light(&path)).map_err(|problem| raise(&problem, py))?;
+#[pyo3(signature = (path, colorspace))]
+pub(crate) fn read_light(
+    py: Python<'_>,
+    path: PathBuf,
+    colorspace: Option<String>,
+) -> PyResult<Bound<'_, PyArray3<f32>>> {
+    let light = py
+        .detach(|| gonio_app::read_light(&path, named(colorspace.as_deref())))
+        .map_err(|problem| raise(&problem, py))?;
     Ok(arrays::of_colours(py, light.radiance().clone()))
 }
 
@@ -55,25 +70,48 @@ pub(crate) fn read_normals(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, 
     Ok(arrays::of_colours(py, normals))
 }
 
+/// Names and other names of the colour spaces.
+#[pyfunction]
+pub(crate) fn colour_spaces() -> Vec<&'static str> {
+    ColourSpace::ALL
+        .iter()
+        .flat_map(|space| std::iter::once(space.name()).chain(space.aliases().iter().copied()))
+        .collect()
+}
+
+/// Converts linear colours of shape (height, width, 3) from one colour space to another.
+#[pyfunction]
+pub(crate) fn convert_colours<'py>(
+    py: Python<'py>,
+    rgb: &Bound<'py, PyArray3<f32>>,
+    source: &str,
+    target: &str,
+) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    let [from, to] = [source, target].map(|name| named(Some(name)).unwrap_or_default());
+    let matrix = (to.from_rec709() * from.to_rec709()).as_mat3();
+    Ok(arrays::of_colours(py, arrays::colours(rgb)?.map(|v| matrix * *v)))
+}
+
 /// Writes a picture by the ending of its name: .exr, .hdr or .pfm. With `clip`, an EXR file says
 /// that nothing is known of pixels of this radiance.
 #[pyfunction]
-#[pyo3(signature = (path, rgb, alpha, clip))]
+#[pyo3(signature = (path, rgb, alpha, clip, colorspace))]
 pub(crate) fn write_image(
     py: Python<'_>,
     path: PathBuf,
     rgb: &Bound<'_, PyArray3<f32>>,
     alpha: Option<&Bound<'_, PyArray2<f32>>>,
     clip: Option<f32>,
+    colorspace: Option<String>,
 ) -> PyResult<()> {
     let (rgb, alpha) = (arrays::colours(rgb)?, alpha.map(arrays::values).transpose()?);
     py.detach(|| {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         let bytes = match extension.as_deref() {
-            Some("exr") if alpha.as_ref().is_none_or(|a| a.size() == rgb.size()) => match clip {
-                Some(clip) => encode_exr_clipped(&rgb, alpha.as_ref(), clip),
-                None => encode_exr(&rgb, alpha.as_ref()),
-            },
+            Some("exr") if alpha.as_ref().is_none_or(|a| a.size() == rgb.size()) => {
+                let space = named(colorspace.as_deref());
+                encode_exr_with(&rgb, &ExrOptions { alpha: alpha.as_ref(), clip_level: clip, space })
+            }
             Some("exr") => return Err(Problem::new("colours and coverage are not of one size")),
             Some("hdr") => encode_hdr(&rgb),
             Some("pfm") => encode_pfm(&rgb),
@@ -106,7 +144,7 @@ type ReadBrdf<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray4<f32>>);
 /// Reads a MERL table, or with `any` also an RGL file.
 #[pyfunction]
 pub(crate) fn read_brdf(py: Python<'_>, path: PathBuf, any: bool) -> PyResult<ReadBrdf<'_>> {
-    let read = || if any { gonio_io::brdf::read(&path) } else { gonio_io::merl::read(&path) };
+    let read = || if any { gonio_app::read_brdf(&path) } else { gonio_io::merl::read(&path) };
     let read = || read().map(|table| ([0, 1, 2].map(|c| table.bivariate(c)), table));
     let (tables, whole) = py.detach(read).map_err(|e| raise(&e.into(), py))?;
     let values: Vec<f32> = [0, 1, 2].map(|c| whole.channel(c)).concat();
@@ -183,11 +221,18 @@ pub(crate) fn save(py: Python<'_>, folder: PathBuf, result: SavedResult<'_>) -> 
         posterior: likelihood.map(|likelihood| likelihood.get().0.encode()),
         light: light.map(|light| arrays::colours(&light)).transpose()?,
         pictures: held.map(|(name, samples)| Ok((name, png(samples)?))).collect::<PyResult<_>>()?,
-        notes,
         page,
+        space: space_of(&notes),
+        notes,
     };
     let write = || for_results(&folder)?.fill(&files.encode());
     py.detach(write).map_err(|e| raise(&e.into(), py))
+}
+
+/// The space of the results, by their numbers.
+fn space_of(notes: &str) -> ColourSpace {
+    let notes = serde_json::from_str::<serde_json::Value>(notes).unwrap_or_default();
+    named(notes["colorspace"]["output"].as_str()).unwrap_or_default()
 }
 
 /// Writes a file, completely or not at all.

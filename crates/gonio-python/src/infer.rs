@@ -11,7 +11,8 @@ use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_app::regions::{self, Regions};
 use gonio_app::results::LIGHT_ROWS;
-use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Search, Source};
+use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Search, Source, Spaces};
+use gonio_io::colour_space::ColourSpace;
 use gonio_report::panels::Panels;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -42,6 +43,8 @@ pub(crate) struct Settings<'py> {
     light_color: Option<[f64; 3]>,
     pictures: bool,
     report: bool,
+    colorspace: Option<String>,
+    output_colorspace: String,
 }
 
 impl Settings<'_> {
@@ -58,7 +61,7 @@ impl Settings<'_> {
             None => None,
             Some(GivenPicture::File(path)) => Some(Source::File(path.clone())),
             Some(GivenPicture::Array(rgb) | GivenPicture::WithAlpha((rgb, _))) => {
-                match EnvironmentMap::new(arrays::colours(rgb)?) {
+                match EnvironmentMap::new(self.in_working_space(arrays::colours(rgb)?)) {
                     Ok(map) => Some(Source::Here(map)),
                     Err(error) => return Ok(Err(Problem::of("the light", error))),
                 }
@@ -79,6 +82,26 @@ impl Settings<'_> {
             ("map", _) => Ok(Method::JointMaximum(search)),
             (other, _) => Err(Problem::new(format!("method {other:?}: there is none, or its light is missing"))),
         })
+    }
+
+    /// Colour spaces, by names that the package has checked.
+    fn spaces(&self) -> Spaces {
+        let named = |name: &str| ColourSpace::named(name);
+        Spaces {
+            input: self.colorspace.as_deref().and_then(named),
+            output: named(&self.output_colorspace).unwrap_or_default(),
+        }
+    }
+
+    /// Converts a light map in memory to linear Rec. 709.
+    fn in_working_space(&self, map: Plane<Vec3>) -> Plane<Vec3> {
+        match self.spaces().input {
+            None | Some(ColourSpace::Rec709) => map,
+            Some(space) => {
+                let matrix = space.to_rec709().as_mat3();
+                map.map(|v| (matrix * *v).max(Vec3::ZERO))
+            }
+        }
     }
 
     fn colours(&self) -> Result<Colours, Problem> {
@@ -122,10 +145,11 @@ fn work_on<T: Send + 'static>(
     let (known, name) = (model.get().model.clone(), model.get().name.clone());
     let method = settings.method()?.map_err(|error| raise(&error, py))?;
     let colours = settings.colours().map_err(|error| raise(&error, py))?;
+    let spaces = settings.spaces();
     let Settings { grid: side, shadows, pictures, report, .. } = settings;
     work::run(py, listeners, move |reporter| {
         let listener = |stage, fraction| reporter.at(stage, fraction);
-        let settings = gonio_app::Settings { method, side, shadows, colours, pictures, report, words: &words };
+        let settings = gonio_app::Settings { method, side, shadows, colours, spaces, pictures, report, words: &words };
         infer((&known, &name), &settings, &Journal::new("reading", &listener))
     })
 }

@@ -28,8 +28,8 @@ mod _gonio {
     use super::export::{export, export_targets};
     #[pymodule_export]
     use super::files::{
-        encode_png, read_brdf, read_file, read_image, read_light, read_normals, save, write_brdf, write_file,
-        write_image,
+        colour_spaces, convert_colours, encode_png, read_brdf, read_file, read_image, read_light, read_normals, save,
+        write_brdf, write_file, write_image,
     };
     #[pymodule_export]
     use super::infer::{infer, infer_regions};

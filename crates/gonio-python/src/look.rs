@@ -57,8 +57,10 @@ pub(crate) fn merge(
         Ok((merge_files(&images, &reading, &mut warnings)?, worded(&warnings)))
     })?;
     let (merged, response) = (bracket.merged, bracket.response);
-    let notes =
-        json!({ "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": merged.report });
+    let notes = json!({
+        "exposures": bracket.amounts, "recovered_response": bracket.recovered, "report": merged.report,
+        "colorspace": { "input": bracket.space.name, "source": bracket.space.source.words(), "output": "rec709" },
+    });
     let (width, height) = merged.picture.rgb.size();
     let out = PyDict::new(py);
     out.set_item("origin", origin(py, &merged.known))?;

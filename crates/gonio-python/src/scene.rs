@@ -7,6 +7,7 @@ use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, Correction};
 use gonio::shape::{DepthKind, MeshParts};
 use gonio_app::{Curve, Form, Normals, Places, Problem, Reading, Scene, Shape, Shots, Source};
+use gonio_io::colour_space::ColourSpace;
 use gonio_io::geometry::{depth_of, place_of};
 use numpy::{PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -40,17 +41,20 @@ pub(crate) struct GivenReading {
     response: Option<String>,
     black_level: Option<f64>,
     flat: Option<PathBuf>,
+    colorspace: Option<String>,
 }
 
 impl GivenReading {
     pub(crate) fn take(self) -> Reading {
-        let Self { linear, layer, times, response, black_level, flat } = self;
+        let Self { linear, layer, times, response, black_level, flat, colorspace } = self;
         let response = response.map(|name| match name.as_str() {
             "srgb" => Curve::Srgb,
             "linear" => Curve::Linear,
             path => Curve::File(path.into()),
         });
-        Reading { linear, times, response, black_level, flat, layer }
+        // The package has checked the name.
+        let colour_space = colorspace.as_deref().and_then(ColourSpace::named);
+        Reading { linear, times, response, black_level, flat, layer, colour_space }
     }
 }
 

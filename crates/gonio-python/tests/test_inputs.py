@@ -159,3 +159,44 @@ def test_what_is_no_list_of_exposures(small, exposures):
         gonio.merge("a.jpg")
     with pytest.raises(gonio.GonioError, match="times says how a file is read; the image is an array"):
         gonio.infer(small, times=[1.0])
+
+
+# ACEScg to linear Rec. 709, as the ACES reference implementation has it (Bradford adaptation).
+ACES_CG = np.array(
+    [
+        [1.70505099, -0.62179212, -0.08325887],
+        [-0.13025642, 1.14080474, -0.01054832],
+        [-0.02400336, -0.12896898, 1.15297233],
+    ]
+)
+
+
+def test_colour_spaces_of_arrays_and_files(small, want, tmp_path):
+    aces = small.copy()
+    aces[..., :3] = small[..., :3] @ np.linalg.inv(ACES_CG).T
+    found = gonio.infer(aces, colorspace="acescg", output_colorspace="acescg", **QUICK)
+    assert np.allclose(found.brdf.table, want.brdf.table, rtol=1e-3, atol=1e-6)
+    assert found.notes["colorspace"] | {"note": ""} == {
+        "input": "acescg",
+        "source": "given",
+        "clamped_pixels": 0,
+        "output": "acescg",
+        "note": "",
+    }
+
+    # A file that states its space is converted.
+    gonio.write_image(tmp_path / "stated.exr", aces, colorspace="ap1")
+    assert np.allclose(gonio.read_image(tmp_path / "stated.exr"), small, atol=1e-5)
+    gonio.write_image(tmp_path / "unstated.exr", aces)
+    assert np.allclose(gonio.read_image(tmp_path / "unstated.exr", colorspace="acescg"), small, atol=1e-5)
+    with pytest.warns(gonio.GonioWarning, match="the given space rec2020 has no effect"):
+        gonio.read_image(tmp_path / "stated.exr", colorspace="rec2020")
+
+    # What is saved in another space comes back in Rec. 709.
+    found.save(tmp_path / "out")
+    assert np.allclose(gonio.read_brdf(tmp_path / "out" / "brdf.binary").table, found.brdf.table, rtol=1e-4, atol=1e-6)
+    found.brdf.export(tmp_path / "export", ["merl"], output_colorspace="rec2020")
+    assert np.allclose(gonio.read_brdf(tmp_path / "export" / "brdf.binary").table, found.brdf.table, rtol=1e-4, atol=1e-6)
+    for name in ("cmyk", ""):
+        with pytest.raises(gonio.GonioError, match=f'colorspace "{name}": give "rec709", "srgb"'):
+            gonio.infer(small, colorspace=name)

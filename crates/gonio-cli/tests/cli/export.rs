@@ -101,7 +101,7 @@ fn bad_input_is_refused() {
 #[test]
 fn scenes_are_lit_by_the_light_of_the_results() {
     let bench = bench();
-    let read = |file: &str| gonio_app::read_light(&bench.path(file)).unwrap().radiance().as_slice().to_vec();
+    let read = |file: &str| gonio_app::read_light(&bench.path(file), None).unwrap().radiance().as_slice().to_vec();
     let means = |file: &str| read(file).iter().sum::<glam::Vec3>() / read(file).len() as f32;
     // A BRDF alone is shown in the studio.
     bench.run("export in.binary -o alone --to blender").succeeds();

@@ -24,5 +24,6 @@ mod reliability;
 mod render;
 mod report;
 mod shapes;
+mod spaces;
 mod support;
 mod train;

@@ -9,7 +9,7 @@ pub fn blender_script(name: &str, model: &Layered) -> String {
     // A JSON string is also a Python string.
     let quoted = serde_json::Value::from(name).to_string();
     format!(
-        "import bpy\n\nmaterial = bpy.data.materials.new({quoted})\nmaterial.use_nodes = True\n\
+        "import bpy\n\n# Colours are linear Rec. 709.\nmaterial = bpy.data.materials.new({quoted})\nmaterial.use_nodes = True\n\
          shader = next(n for n in material.node_tree.nodes if n.type == \"BSDF_PRINCIPLED\")\n\
          for name, value in {{\n    \"Base Color\": ({}, 1.0),\n    \"Metallic\": {},\n    \"Roughness\": {},\n    \"IOR\": {},\n    \
          \"Specular IOR Level\": 0.5,\n}}.items():\n    shader.inputs[name].default_value = value\n\

@@ -35,7 +35,7 @@ pub fn mitsuba_principled(name: &str, model: &Principled, place: Place) -> Strin
         float("clearcoat_gloss", model.clearcoat_gloss),
     ];
     format!(
-        "{}\n    <rgb name=\"base_color\" value=\"{}\"/>\n{}</bsdf>\n",
+        "{}\n    <!-- Colours: rec709, linear -->\n    <rgb name=\"base_color\" value=\"{}\"/>\n{}</bsdf>\n",
         opening("principled", name, place),
         colour(model.base_color),
         values.concat()
@@ -43,8 +43,12 @@ pub fn mitsuba_principled(name: &str, model: &Principled, place: Place) -> Strin
 }
 
 /// Writes the file of a `measured` material of Mitsuba 3, which reads `tensor` from beside it.
-pub fn mitsuba_measured(name: &str, tensor: &str) -> String {
-    format!("{}\n    <string name=\"filename\" value=\"{tensor}\"/>\n</bsdf>\n", opening("measured", name, Place::File))
+/// `colours` names the colour space of the tensor, for a comment.
+pub fn mitsuba_measured(name: &str, tensor: &str, colours: &str) -> String {
+    format!(
+        "{}\n    <!-- Colours: {colours} -->\n    <string name=\"filename\" value=\"{tensor}\"/>\n</bsdf>\n",
+        opening("measured", name, Place::File)
+    )
 }
 
 /// Writes a scene of Mitsuba 3: a sphere, framed as `render_sphere` frames it, of the material in

@@ -3,12 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use gonio::bracket::{Codes, Exposure};
-use gonio::picture::Plane;
+use gonio::picture::{Picture, Plane};
 use gonio::remedy::Remedy;
 use image::DynamicImage;
 use image::metadata::Orientation;
 
-use super::{Format, ReadOptions, Shot, integer};
+use super::space::{Conversion, SpaceSource, Stated};
+use super::{Decoded, Encoding, Format, InputSpace, ReadOptions, Shot, integer};
+use crate::colour_space::ColourSpace;
 use crate::{Error, guard};
 
 /// Largest number of pixels of all pictures of a bracket together.
@@ -34,6 +36,20 @@ pub struct Bracket {
     pub shots: Vec<Shot>,
     /// Whether the codes are linear radiance because they come from a camera's raw files.
     pub linear: bool,
+    /// Colour space of the files, the same of all.
+    pub input: InputSpace,
+    /// Conversion of the merged picture.
+    conversion: Conversion,
+}
+
+impl Bracket {
+    /// Wraps the merged picture, whose colours are linear in the primaries of the files, for
+    /// [`Decoded::into_working`]. `clip_level` is the radiance at or above which nothing is known.
+    pub fn decoded(&self, picture: Picture, clip_level: f32) -> Decoded {
+        let Self { input, conversion, .. } = self;
+        let (encoding, full_scale) = (Encoding::LinearFloat, Some(clip_level));
+        Decoded { picture, encoding, full_scale, layer: None, input: input.clone(), conversion: conversion.clone() }
+    }
 }
 
 /// One file of a bracket.
@@ -43,6 +59,7 @@ struct Coded {
     orientation: Orientation,
     shot: Shot,
     linear: bool,
+    space: (Conversion, InputSpace),
 }
 
 /// Reads 8 or 16-bit JPEG, PNG and TIFF files (with the feature `raw` also a camera's raw files) as
@@ -89,13 +106,28 @@ fn decode_codes(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Code
         Format::Raw => {
             let raw = super::raw::develop(path, bytes, options)?;
             let (codes, shot) = (raw.codes(), raw.shot);
-            return Ok(Coded { codes, alpha: None, orientation: Orientation::NoTransforms, shot, linear: true });
+            let space = (Conversion::None, InputSpace::unconverted("camera", SpaceSource::Camera));
+            return Ok(Coded { codes, alpha: None, orientation: Orientation::NoTransforms, shot, linear: true, space });
         }
         _ => return Err(not_coded(path)),
     };
-    let (image, orientation) = integer::load(path, bytes, format, options)?;
+    let integer::Loaded { image, orientation, embedded } = integer::load(path, bytes, format, options)?;
+    let space = space_of(embedded.stated, !image.color().has_color(), options.colour_space);
     let (codes, alpha) = codes_of(path, image, orientation)?;
-    Ok(Coded { codes, alpha, orientation, shot: Shot::of(bytes), linear: false })
+    Ok(Coded { codes, alpha, orientation, shot: Shot::of(bytes), linear: false, space })
+}
+
+/// Returns the colour space of the merged radiance. A table in an ICC profile is for codes, not for
+/// radiance.
+fn space_of(stated: Stated, is_grey: bool, given: Option<ColourSpace>) -> (Conversion, InputSpace) {
+    match stated.space {
+        _ if is_grey => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
+        Some((Conversion::Table(_), ..)) => {
+            let unusable = Some("the table of the ICC profile (merged exposures have no codes)".to_owned());
+            Stated { space: None, unusable }.settle(given)
+        }
+        _ => stated.settle(given),
+    }
 }
 
 fn not_coded(path: &Path) -> Error {
@@ -148,6 +180,10 @@ fn check_alike(files: &[(&Path, Coded)]) -> Result<(), Error> {
     if last.linear != first.linear {
         return Err(Error::invalid(path, format!("is of another kind than {other}"), "give raw files only, or none"));
     }
+    if last.space != first.space {
+        let problem = format!("is in the colour space {}, {other} in {}", last.space.1.name, first.space.1.name);
+        return Err(Error::invalid(path, problem, "give exposures of one colour space"));
+    }
     if (w * h) as u64 * files.len() as u64 > MOST_PIXELS {
         let problem = format!("is the {}th exposure of {w}x{h} pixels, more than can be merged", files.len());
         return Err(Error::limits(path, problem, "scale them down, or give fewer"));
@@ -158,10 +194,13 @@ fn check_alike(files: &[(&Path, Coded)]) -> Result<(), Error> {
 /// Assembles the files with their amounts of light.
 fn assemble(files: Vec<(&Path, Coded)>, options: &BracketOptions) -> Result<Bracket, Error> {
     let amounts = amounts(&files, options.times.as_deref())?;
-    let mut bracket = Bracket { exposures: Vec::new(), alpha: None, shots: Vec::new(), linear: false };
+    let (conversion, input) = Stated::default().settle(options.read.colour_space);
+    let mut bracket =
+        Bracket { exposures: Vec::new(), alpha: None, shots: Vec::new(), linear: false, input, conversion };
     for (i, ((_, file), amount)) in files.into_iter().zip(amounts).enumerate() {
         if i == 0 {
             (bracket.alpha, bracket.linear) = (file.alpha, file.linear);
+            (bracket.conversion, bracket.input) = file.space;
         }
         bracket.exposures.push(Exposure { codes: file.codes, amount });
         bracket.shots.push(file.shot);

@@ -8,15 +8,17 @@ use exr::block::UncompressedBlock;
 use exr::block::reader::ChunksReader;
 use exr::math::Vec2;
 use exr::meta::MetaData;
-use exr::meta::attribute::{AttributeValue, SampleType};
+use exr::meta::attribute::{AttributeValue, Chromaticities, SampleType};
 use exr::meta::header::Header;
 use exr::prelude::f16;
-use glam::{Mat3, Vec3};
+use glam::{DVec2, Vec3};
 use gonio::picture::{Picture, Plane};
 use rayon::prelude::*;
 
 use super::layers::{Chosen, Colours, Selection, choose};
+use super::space::{Conversion, InputSpace, SpaceSource, Stated};
 use super::{Decoded, Encoding, LayerChoice, ReadOptions};
+use crate::colour_space::{ColourSpace, Primaries};
 use crate::{Error, guard};
 
 /// Number of compressed blocks decoded at a time: enough to feed all cores, few enough to need
@@ -27,12 +29,12 @@ const BATCH: usize = 64;
 pub(super) const CLIP_LEVEL: &str = "clipLevel";
 
 pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
-    let (mut chosen, mut clip, mut weights) = (None, None, Vec3::ZERO);
+    let (mut chosen, mut clip, mut chromaticities) = (None, None, None);
     let (width, height, planes) = read_channels(path, bytes, options, |headers| {
         let found = choose(path, headers, options)?;
         let header = &headers[found.selection.layer];
         clip = clip_level(path, header)?;
-        weights = luminance_weights(header);
+        chromaticities = header.shared_attributes.chromaticities;
         let selection = found.selection.clone();
         chosen = Some(found);
         Ok(selection)
@@ -45,6 +47,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
             (r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect(), alpha)
         }
         (Colours::Chroma, [y, ry, by, alpha @ ..]) => {
+            let weights = luminance_weights(chromaticities, options.colour_space);
             let colour = |((&y, &ry), &by): ((&f32, &f32), &f32)| {
                 let (r, b) = ((ry + 1.0) * y, (by + 1.0) * y);
                 Vec3::new(r, (y - r * weights.x - b * weights.z) / weights.y, b)
@@ -56,7 +59,14 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     let alpha = alpha.first().map(|a| Plane::from_vec(width, height, a.clone()));
     let picture = Picture { rgb: Plane::from_vec(width, height, rgb), alpha };
     let layer = (!others.is_empty()).then_some(LayerChoice { name, others });
-    Ok(Decoded { picture, encoding: Encoding::LinearFloat, full_scale: clip, layer })
+    let (conversion, input) = match colours {
+        Colours::Grey => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
+        Colours::Rgb | Colours::Chroma => {
+            let stated = |c| Stated::primaries(&primaries(c), SpaceSource::Chromaticities, "the chromaticities");
+            chromaticities.map(stated).unwrap_or_default().settle(options.colour_space)
+        }
+    };
+    Ok(Decoded { picture, encoding: Encoding::LinearFloat, full_scale: clip, layer, input, conversion })
 }
 
 /// Returns the radiance that means "clipped", if the file has one.
@@ -69,14 +79,20 @@ fn clip_level(path: &Path, header: &Header) -> Result<Option<f32>, Error> {
     }
 }
 
-/// Returns the luminance weights of red, green and blue for the file's primaries (Rec. 709 if it
-/// has none).
-fn luminance_weights(header: &Header) -> Vec3 {
+fn primaries(chromaticities: Chromaticities) -> Primaries {
+    let Chromaticities { red, green, blue, white } = chromaticities;
+    let point = |Vec2(x, y): Vec2<f32>| DVec2::new(f64::from(x), f64::from(y));
+    Primaries { red: point(red), green: point(green), blue: point(blue), white: point(white) }
+}
+
+/// Returns the luminance weights of red, green and blue for the file's primaries, else for those of
+/// the given space.
+fn luminance_weights(chromaticities: Option<Chromaticities>, given: Option<ColourSpace>) -> Vec3 {
     const REC_709: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
-    let Some(c) = header.shared_attributes.chromaticities else { return REC_709 };
-    let xyz = |v: Vec2<f32>| Vec3::new(v.x(), v.y(), 1.0 - v.x() - v.y()) / v.y();
-    let weights = Mat3::from_cols(xyz(c.red), xyz(c.green), xyz(c.blue)).inverse() * xyz(c.white);
-    if weights.is_finite() && weights.y.abs() > 1e-3 { weights } else { REC_709 }
+    let given = given.filter(|space| *space != ColourSpace::Rec709).map(ColourSpace::primaries);
+    let weights = chromaticities.map(primaries).or(given).and_then(|primaries| primaries.to_xyz());
+    let weights = weights.map(|to_xyz| to_xyz.row(1).as_vec3()).filter(|weights| weights.y.abs() > 1e-3);
+    weights.unwrap_or(REC_709)
 }
 
 /// Reads the channels that `select` picks from the headers, at full resolution: width and height of

@@ -4,27 +4,32 @@ use std::io::Cursor;
 use std::path::Path;
 
 use glam::Vec3;
-use gonio::picture::{Picture, Plane, srgb_decode};
+use gonio::picture::{Picture, Plane};
 use image::error::ImageError;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
+use super::curve::Curve;
+use super::embedded::Embedded;
+use super::space::{Conversion, InputSpace, SpaceSource, Stated};
 use super::{Decoded, Encoding, ReadOptions, jpeg};
 use crate::{Error, guard};
 
 pub(super) fn decode(path: &Path, bytes: &[u8], format: ImageFormat, options: &ReadOptions) -> Result<Decoded, Error> {
-    let (mut image, orientation) = load(path, bytes, format, options)?;
+    let Loaded { mut image, orientation, embedded } = load(path, bytes, format, options)?;
     image.apply_orientation(orientation);
-    unpack(path, &image, options.linear)
+    unpack(path, &image, embedded, options)
 }
 
-/// Loads the picture as the file holds it, and its orientation.
-pub(super) fn load(
-    path: &Path,
-    bytes: &[u8],
-    format: ImageFormat,
-    options: &ReadOptions,
-) -> Result<(DynamicImage, Orientation), Error> {
+/// A picture as the file holds it.
+pub(super) struct Loaded {
+    pub(super) image: DynamicImage,
+    pub(super) orientation: Orientation,
+    pub(super) embedded: Embedded,
+}
+
+/// Loads the picture as the file holds it, its orientation and its colour information.
+pub(super) fn load(path: &Path, bytes: &[u8], format: ImageFormat, options: &ReadOptions) -> Result<Loaded, Error> {
     let name = format!("{format:?}").to_uppercase();
     if format == ImageFormat::Jpeg {
         jpeg::check_complete(path, bytes)?;
@@ -42,49 +47,85 @@ pub(super) fn load(
         options.check_size(path, width.into(), height.into())?;
         // Unreadable metadata are no reason to refuse the picture.
         let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-        Ok((DynamicImage::from_decoder(decoder).map_err(failed)?, orientation))
+        let embedded = Embedded::of(path, bytes, format, &mut decoder)?;
+        Ok(Loaded { image: DynamicImage::from_decoder(decoder).map_err(failed)?, orientation, embedded })
     })
 }
 
-fn unpack(path: &Path, image: &DynamicImage, linear: bool) -> Result<Decoded, Error> {
+fn unpack(path: &Path, image: &DynamicImage, embedded: Embedded, options: &ReadOptions) -> Result<Decoded, Error> {
     let channels = usize::from(image.color().channel_count());
     let size = (image.width() as usize, image.height() as usize);
+    let bits: u8 = match image.color().bytes_per_pixel() / image.color().channel_count() {
+        1 => 8,
+        2 => 16,
+        _ => 32,
+    };
+    let Embedded { curve, stated, narrow } = embedded;
+    let of_space = || options.colour_space.map_or(Curve::Srgb, Curve::of_space);
+    let curve = match curve {
+        _ if options.linear => Curve::Linear,
+        Some(curve) => curve,
+        // Float samples are linear unless the file says otherwise.
+        None if bits == 32 => Curve::Linear,
+        None => of_space(),
+    };
+    // ITU-T H.273, equation 20: in the narrow range of 8 bits 16 is black and 235 is white.
+    let steps = if bits == 8 { 255.0 } else { 65535.0 / 256.0 };
+    let value = |channel: usize, code: f32| {
+        let code = if narrow && bits != 32 { ((steps * code - 16.0) / 219.0).max(0.0) } else { code };
+        curve.decode(channel, code)
+    };
     let eight = |samples: &[u8]| {
-        let curve = curve(u8::MAX.into(), linear);
-        picture(size, samples, channels, |v| curve[usize::from(v)], |v| f32::from(v) / 255.0)
+        let table = tables(u8::MAX.into(), &value);
+        picture(size, samples, channels, |c, v| table[c][usize::from(v)], |v| f32::from(v) / 255.0)
     };
     let sixteen = |samples: &[u16]| {
-        let curve = curve(u16::MAX.into(), linear);
-        picture(size, samples, channels, |v| curve[usize::from(v)], |v| f32::from(v) / 65535.0)
+        let table = tables(u16::MAX.into(), &value);
+        picture(size, samples, channels, |c, v| table[c][usize::from(v)], |v| f32::from(v) / 65535.0)
     };
-    let float = |samples: &[f32]| picture(size, samples, channels, |v| v, |v| v);
-    let (picture, bits) = match image {
-        DynamicImage::ImageLuma8(i) => (eight(i), 8),
-        DynamicImage::ImageLumaA8(i) => (eight(i), 8),
-        DynamicImage::ImageRgb8(i) => (eight(i), 8),
-        DynamicImage::ImageRgba8(i) => (eight(i), 8),
-        DynamicImage::ImageLuma16(i) => (sixteen(i), 16),
-        DynamicImage::ImageLumaA16(i) => (sixteen(i), 16),
-        DynamicImage::ImageRgb16(i) => (sixteen(i), 16),
-        DynamicImage::ImageRgba16(i) => (sixteen(i), 16),
-        DynamicImage::ImageRgb32F(i) => (float(i), 32),
-        DynamicImage::ImageRgba32F(i) => (float(i), 32),
+    let float = |samples: &[f32]| picture(size, samples, channels, value, |v| v);
+    let picture = match image {
+        DynamicImage::ImageLuma8(i) => eight(i),
+        DynamicImage::ImageLumaA8(i) => eight(i),
+        DynamicImage::ImageRgb8(i) => eight(i),
+        DynamicImage::ImageRgba8(i) => eight(i),
+        DynamicImage::ImageLuma16(i) => sixteen(i),
+        DynamicImage::ImageLumaA16(i) => sixteen(i),
+        DynamicImage::ImageRgb16(i) => sixteen(i),
+        DynamicImage::ImageRgba16(i) => sixteen(i),
+        DynamicImage::ImageRgb32F(i) => float(i),
+        DynamicImage::ImageRgba32F(i) => float(i),
         other => {
             let problem = format!("has samples of the kind {:?}", other.color());
             return Err(Error::unsupported(path, problem, "write it with 8, 16 or 32-bit float samples"));
         }
     };
-    let encoding = match (bits, linear) {
-        (32, _) => Encoding::LinearFloat,
-        (bits, true) => Encoding::Linear { bits },
-        (bits, false) => Encoding::Srgb { bits },
+    let is_table = matches!(stated.space, Some((Conversion::Table(_), ..)));
+    let encoding = match (bits, &curve) {
+        (_, Curve::Linear) if is_table && !options.linear => Encoding::Coded { bits },
+        (32, Curve::Linear) => Encoding::LinearFloat,
+        (bits, Curve::Linear) => Encoding::Linear { bits },
+        (bits, Curve::Srgb) => Encoding::Srgb { bits },
+        (bits, Curve::Other(_)) => Encoding::Coded { bits },
     };
-    Ok(Decoded { picture, encoding, full_scale: (bits != 32).then_some(1.0), layer: None })
+    // The curves of a profile may end just below 1.
+    let white = (0..3).map(|channel| value(channel, 1.0)).fold(f32::INFINITY, f32::min);
+    let (conversion, input) = match channels {
+        1 | 2 => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
+        // Linear values are no codes of the table.
+        _ if is_table && options.linear => {
+            let unusable = Some("the table of the ICC profile (the values are said to be linear)".to_owned());
+            Stated { space: None, unusable }.settle(options.colour_space)
+        }
+        _ => stated.settle(options.colour_space),
+    };
+    let full_scale = (bits != 32).then_some(white);
+    Ok(Decoded { picture, encoding, full_scale, layer: None, input, conversion })
 }
 
-/// Returns the linear value of each code.
-fn curve(max: u32, linear: bool) -> Vec<f32> {
-    (0..=max).map(|v| v as f32 / max as f32).map(|v| if linear { v } else { srgb_decode(v) }).collect()
+/// Returns the linear value of each code in each channel.
+fn tables(max: u32, value: &dyn Fn(usize, f32) -> f32) -> [Vec<f32>; 3] {
+    [0, 1, 2].map(|channel| (0..=max).map(|v| value(channel, v as f32 / max as f32)).collect())
 }
 
 /// Converts samples with one or three colour channels, and an alpha channel if the number of
@@ -93,13 +134,13 @@ fn picture<T: Copy>(
     (width, height): (usize, usize),
     samples: &[T],
     channels: usize,
-    colour: impl Fn(T) -> f32,
+    colour: impl Fn(usize, T) -> f32,
     coverage: impl Fn(T) -> f32,
 ) -> Picture {
     let pixels = samples.chunks_exact(channels);
     let rgb = match channels {
-        1 | 2 => pixels.clone().map(|p| Vec3::splat(colour(p[0]))).collect(),
-        _ => pixels.clone().map(|p| Vec3::new(colour(p[0]), colour(p[1]), colour(p[2]))).collect(),
+        1 | 2 => pixels.clone().map(|p| Vec3::splat(colour(0, p[0]))).collect(),
+        _ => pixels.clone().map(|p| Vec3::new(colour(0, p[0]), colour(1, p[1]), colour(2, p[2]))).collect(),
     };
     let alpha = channels.is_multiple_of(2).then(|| pixels.map(|p| coverage(p[channels - 1])).collect());
     Picture {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gonio::picture::{Picture, Plane};
 
-use super::{Encoding, Format, ReadOptions, decode, groups, read_channels};
+use super::{Encoding, Format, ReadOptions, decode_unconverted, groups, read_channels};
 use crate::{Error, guard};
 
 /// Largest distance outside 0..=1 of a value of a float mask that counts as rounding.
@@ -27,7 +27,7 @@ pub fn read_mask(path: impl AsRef<Path>) -> Result<Plane<f32>, Error> {
 }
 
 fn decode_mask(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<f32>, Error> {
-    let picture = match decode(path, bytes, options) {
+    let picture = match decode_unconverted(path, bytes, options) {
         Ok(decoded) => {
             // OpenEXR stores colour multiplied by alpha; dividing restores the colour of a cut-out.
             let associated = decoded.encoding == Encoding::LinearFloat;

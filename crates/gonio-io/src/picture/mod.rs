@@ -8,28 +8,39 @@
 //! * Radiance HDR: values as stored; `EXPOSURE` and `COLORCORR` are ignored, as the scale is
 //!   arbitrary anyway.
 //! * PFM: values times the absolute value of the header's scale.
-//! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): sRGB-coded unless
-//!   [`ReadOptions::linear`] says otherwise; embedded colour profiles are ignored; an EXIF
-//!   orientation is applied; colour is not multiplied by alpha.
+//! * PNG, JPEG (8 and 16 bit) and TIFF (8, 16 bit, 32-bit float RGB): coded by the curve that the
+//!   file states, else by that of sRGB, unless [`ReadOptions::linear`] is set; an EXIF orientation
+//!   is applied; colour is not multiplied by alpha.
 //! * A camera's raw files, with the feature `raw`: linear camera RGB, binned; see the module of
 //!   that name.
+//!
+//! [`read`] and [`decode`] convert colours to linear Rec. 709 with white D65. The colour space is
+//! the one that the file states (`chromaticities` of OpenEXR, `PRIMARIES` of Radiance, `cICP`, ICC
+//! profile, `sRGB`, `cHRM` and `gAMA` of PNG, ICC profile of TIFF and JPEG), else
+//! [`ReadOptions::colour_space`]. Pictures without colour are not converted.
 //!
 //! Not-a-number, infinite and negative values are passed on: whether they matter depends on the
 //! mask, which only the caller knows.
 
 mod bracket;
+mod curve;
+mod embedded;
 mod exr;
 mod flat;
+mod icc;
 mod integer;
 mod jpeg;
 mod layers;
 mod mask;
 mod pfm;
+mod png;
 mod radiance;
 #[cfg(feature = "raw")]
 mod raw;
 mod response;
 mod shot;
+mod space;
+mod tiff;
 mod write;
 
 use std::io::Read;
@@ -37,7 +48,9 @@ use std::path::Path;
 
 use gonio::picture::Picture;
 
+use crate::colour_space::ColourSpace;
 use crate::{Error, guard};
+use space::Conversion;
 
 pub use bracket::{Bracket, BracketOptions, decode_bracket, read_bracket};
 pub(crate) use exr::read_channels;
@@ -46,16 +59,17 @@ pub(crate) use layers::{Selection, groups};
 pub use mask::read_mask;
 pub use response::{decode_response, encode_response, read_response, write_response};
 pub use shot::Shot;
+pub use space::{InputSpace, SpaceSource};
 pub use write::{
-    encode_exr, encode_exr_clipped, encode_hdr, encode_pfm, encode_png, encode_png_signed, encode_png_srgb8, is_signed,
-    write_exr, write_hdr, write_pfm, write_png, write_png_srgb8,
+    ExrOptions, encode_exr, encode_exr_clipped, encode_exr_in, encode_exr_with, encode_hdr, encode_pfm, encode_png,
+    encode_png_signed, encode_png_srgb8, is_signed, write_exr, write_hdr, write_pfm, write_png, write_png_srgb8,
 };
 
 /// Options for reading a picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadOptions {
-    /// Whether the samples of integer files are linear instead of sRGB-coded. No effect on float
-    /// files.
+    /// Whether the samples are linear, whatever curve the file states or its kind usually has. The
+    /// colour space that the file states still applies, except that of a table in an ICC profile.
     pub linear: bool,
     /// Largest number of pixels, checked on the header before memory is taken; each takes about 16
     /// bytes.
@@ -64,12 +78,16 @@ pub struct ReadOptions {
     /// stands for channels without a layer. `None` takes the finished picture. Other files have no
     /// layers: with a name they are not read.
     pub layer: Option<String>,
+    /// Colour space of files that state none; `None` assumes [`ColourSpace::Rec709`], for integer
+    /// files sRGB. It also gives the curve of integer files that state none: that of sRGB for Rec.
+    /// 709 and Display P3, that of BT.2020 for Rec. 2020, linear for the others.
+    pub colour_space: Option<ColourSpace>,
 }
 
 impl Default for ReadOptions {
     /// sRGB-coded integers, at most 2^27 (134 million) pixels.
     fn default() -> Self {
-        Self { linear: false, max_pixels: 1 << 27, layer: None }
+        Self { linear: false, max_pixels: 1 << 27, layer: None, colour_space: None }
     }
 }
 
@@ -104,9 +122,15 @@ pub enum Encoding {
         /// Bits per sample, 8 or 16.
         bits: u8,
     },
-    /// Integers taken as linear because the caller asked for it, divided by the largest code.
+    /// Integers that are linear, as the file or the caller says, divided by the largest code.
     Linear {
         /// Bits per sample, 8 or 16.
+        bits: u8,
+    },
+    /// Samples coded by another curve that the file states: that of an ICC profile, of `cICP` or
+    /// `gAMA`.
+    Coded {
+        /// Bits per sample, 8, 16 or, of floats, 32.
         bits: u8,
     },
 }
@@ -114,15 +138,20 @@ pub enum Encoding {
 /// A picture with its encoding and origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decoded {
-    /// Linear radiance; see the [module](self) for what alpha means.
+    /// Linear radiance; see the [module](self) for what alpha means. Its colours are linear Rec.
+    /// 709 after [`into_working`](Self::into_working), which [`decode`] and [`read`] call.
     pub picture: Picture,
     /// Encoding in the file.
     pub encoding: Encoding,
-    /// Value of a saturated sample, 1.0 for integer files. Float files give it in the OpenEXR
-    /// attribute `clipLevel`, if at all.
+    /// Value of a saturated sample, about 1.0 for integer files. Float files give it in the OpenEXR
+    /// attribute `clipLevel`, if at all. Conversion to linear Rec. 709 changes it.
     pub full_scale: Option<f32>,
     /// Picture chosen from an OpenEXR file that holds several.
     pub layer: Option<LayerChoice>,
+    /// Colour space of the values in the file.
+    pub input: InputSpace,
+    /// Conversion that [`into_working`](Self::into_working) makes.
+    conversion: Conversion,
 }
 
 /// Choice of one of several pictures in a file.
@@ -181,14 +210,24 @@ impl Format {
     }
 }
 
-/// Reads a picture of any supported format.
+/// Reads a picture of any supported format and converts its colours to linear Rec. 709.
 ///
 /// # Errors
 /// If the file cannot be read, is of another format, is damaged (files cut short included), or has
 /// more pixels than the options allow.
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Decoded, Error> {
     let path = path.as_ref();
-    decode(path, &guard::read_whole(path, options.max_bytes())?, options)
+    read_unconverted(path, options)?.into_working(path)
+}
+
+/// Reads like [`read`], but keeps the primaries of the file: for values that are no colours, and
+/// for corrections before [`Decoded::into_working`].
+///
+/// # Errors
+/// Like [`read`].
+pub fn read_unconverted(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Decoded, Error> {
+    let path = path.as_ref();
+    decode_unconverted(path, &guard::read_whole(path, options.max_bytes())?, options)
 }
 
 /// Reads the bytes of a picture from a stream, which messages call `name`.
@@ -204,6 +243,14 @@ pub fn read_stream(name: &Path, stream: impl Read, options: &ReadOptions) -> Res
 /// # Errors
 /// Like [`read`].
 pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
+    decode_unconverted(path, bytes, options)?.into_working(path)
+}
+
+/// Decodes like [`decode`], but keeps the primaries of the file, as [`read_unconverted`] does.
+///
+/// # Errors
+/// Like [`read`].
+pub fn decode_unconverted(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
     let format = Format::of(path, bytes)?;
     if options.layer.is_some() && format != Format::Exr {
         return Err(Error::unsupported(path, "has no layers, as OpenEXR files have", "read it without naming one"));
@@ -216,14 +263,23 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decode
         Format::Tiff => integer::decode(path, bytes, image::ImageFormat::Tiff, options),
         Format::Jpeg => integer::decode(path, bytes, image::ImageFormat::Jpeg, options),
         #[cfg(feature = "raw")]
-        Format::Raw => Ok(raw::develop(path, bytes, options)?.into_decoded()),
+        Format::Raw => {
+            let mut decoded = raw::develop(path, bytes, options)?.into_decoded();
+            decoded.input.overridden = options.colour_space;
+            Ok(decoded)
+        }
     }
 }
 
 /// Builds the result for float formats without an alpha channel.
-fn float_picture(width: usize, height: usize, rgb: Vec<glam::Vec3>) -> Decoded {
+fn float_picture(
+    (width, height): (usize, usize),
+    rgb: Vec<glam::Vec3>,
+    (conversion, input): (Conversion, InputSpace),
+) -> Decoded {
     let rgb = gonio::picture::Plane::from_vec(width, height, rgb);
-    Decoded { picture: Picture { rgb, alpha: None }, encoding: Encoding::LinearFloat, full_scale: None, layer: None }
+    let picture = Picture { rgb, alpha: None };
+    Decoded { picture, encoding: Encoding::LinearFloat, full_scale: None, layer: None, input, conversion }
 }
 
 #[cfg(test)]

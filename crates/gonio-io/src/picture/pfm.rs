@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::Vec3;
 use gonio::picture::Plane;
 
+use super::space::{Conversion, InputSpace, SpaceSource, Stated};
 use super::{Decoded, ReadOptions, float_picture};
 use crate::Error;
 
@@ -42,7 +43,11 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     } else {
         rows.flat_map(|row| row.iter().map(|&y| Vec3::splat(y))).collect()
     };
-    Ok(float_picture(width, height, rgb))
+    let space = match channels {
+        1 => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
+        _ => Stated::default().settle(options.colour_space),
+    };
+    Ok(float_picture((width, height), rgb, space))
 }
 
 pub(super) fn encode(rgb: &Plane<Vec3>) -> Vec<u8> {

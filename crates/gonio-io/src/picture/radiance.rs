@@ -9,7 +9,9 @@ use image::ImageDecoder;
 use image::codecs::hdr::{HdrDecoder, HdrEncoder};
 
 use super::integer::explain;
+use super::space::{SpaceSource, Stated};
 use super::{Decoded, ReadOptions, float_picture};
+use crate::colour_space::Primaries;
 use crate::{Error, guard};
 
 /// Pixels per byte above which no encoder gets: a run of 127 pixels takes 8 bytes, an old-style one
@@ -28,6 +30,9 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     guard::catching(path, "Radiance HDR", || {
         // The strict reader knows `#?RADIANCE` only, while `#?RGBE` is as common.
         let decoder = HdrDecoder::new_nonstrict(Cursor::new(bytes)).map_err(|e| explain(path, e))?;
+        let attributes = decoder.metadata().custom_attributes;
+        let primaries: Vec<String> =
+            attributes.into_iter().filter(|(key, _)| key == "PRIMARIES").map(|(_, value)| value).collect();
         let (width, height) = decoder.dimensions();
         let (width, height) = options.check_size(path, width.into(), height.into())?;
         if width * height > bytes.len().saturating_mul(PIXELS_PER_BYTE) {
@@ -38,8 +43,19 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         decoder.read_image(&mut raw).map_err(|e| explain(path, e))?;
         let float = |b: &[u8]| f32::from_ne_bytes([b[0], b[1], b[2], b[3]]);
         let rgb = raw.chunks_exact(12).map(|p| Vec3::new(float(p), float(&p[4..]), float(&p[8..]))).collect();
-        Ok(float_picture(width, height, rgb))
+        let space = stated(&primaries).settle(options.colour_space);
+        Ok(float_picture((width, height), rgb, space))
     })
+}
+
+/// Returns what the last line `PRIMARIES=` states: x and y of red, green, blue and white.
+fn stated(lines: &[String]) -> Stated {
+    let Some(line) = lines.last() else { return Stated::default() };
+    let numbers: Option<Vec<f64>> = line.split_whitespace().map(|word| word.parse().ok()).collect();
+    match numbers.and_then(|numbers| numbers.try_into().ok()) {
+        Some(xy) => Stated::primaries(&Primaries::from_array(xy), SpaceSource::Primaries, "PRIMARIES"),
+        None => Stated { space: None, unusable: Some("PRIMARIES (not eight numbers)".to_owned()) },
+    }
 }
 
 pub(super) fn encode(rgb: &Plane<Vec3>) -> Vec<u8> {

@@ -18,6 +18,7 @@ use rawler::rawimage::{RawImage, RawPhotometricInterpretation};
 use rawler::rawsource::RawSource;
 use rawler::tags::{DngTag, TiffCommonTag};
 
+use super::space::{Conversion, InputSpace, SpaceSource};
 use super::{Decoded, Encoding, ReadOptions, Shot};
 use crate::{Error, guard};
 
@@ -41,7 +42,9 @@ impl Raw {
 
     pub(super) fn into_decoded(self) -> Decoded {
         let picture = Picture { rgb: self.rgb, alpha: None };
-        Decoded { picture, encoding: Encoding::LinearFloat, full_scale: Some(self.level), layer: None }
+        let input = InputSpace::unconverted("camera", SpaceSource::Camera);
+        let (encoding, full_scale) = (Encoding::LinearFloat, Some(self.level));
+        Decoded { picture, encoding, full_scale, layer: None, input, conversion: Conversion::None }
     }
 }
 

@@ -6,9 +6,10 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::LazyLock;
 
-use ::exr::meta::attribute::{AttributeValue, Text};
+use ::exr::meta::attribute::{AttributeValue, Chromaticities, Text};
 use ::exr::prelude::{
-    Blocks, Compression, Encoding, Image, Layer, LayerAttributes, LineOrder, SpecificChannels, Vec2, WritableImage,
+    Blocks, Compression, Encoding, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes, LineOrder,
+    SpecificChannels, Vec2, WritableImage,
 };
 use glam::Vec3;
 use gonio::picture::{Plane, srgb_encode};
@@ -16,7 +17,21 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::{exr, pfm, radiance};
+use crate::colour_space::{ColourSpace, Primaries};
 use crate::{Error, atomic};
+
+/// What an OpenEXR file holds beside its colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ExrOptions<'a> {
+    /// Coverage, of the size of the picture; colour should already be multiplied by it.
+    pub alpha: Option<&'a Plane<f32>>,
+    /// Radiance at or above which a channel is clipped: the attribute `clipLevel`, positive and
+    /// finite.
+    pub clip_level: Option<f32>,
+    /// Space that the colours are in: the attribute `chromaticities`. Readers take a file without
+    /// it for Rec. 709.
+    pub space: Option<ColourSpace>,
+}
 
 /// Encodes OpenEXR with 32-bit float channels `R G B`, and `A` if alpha is given, compressed
 /// losslessly. Any float value is kept. Colour should already be multiplied by alpha.
@@ -24,7 +39,7 @@ use crate::{Error, atomic};
 /// # Panics
 /// If the picture has no pixels, or alpha another size.
 pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
-    encode(rgb, alpha, None)
+    encode_exr_with(rgb, &ExrOptions { alpha, ..ExrOptions::default() })
 }
 
 /// Encodes like [`encode_exr`], with the radiance at or above which a channel is clipped as the
@@ -34,11 +49,33 @@ pub fn encode_exr(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>) -> Vec<u8> {
 /// # Panics
 /// Like [`encode_exr`], and if the level is not positive and finite.
 pub fn encode_exr_clipped(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, clip_level: f32) -> Vec<u8> {
-    assert!(clip_level > 0.0 && clip_level.is_finite(), "a clip level is positive");
-    encode(rgb, alpha, Some(clip_level))
+    encode_exr_with(rgb, &ExrOptions { alpha, clip_level: Some(clip_level), space: None })
 }
 
-fn encode(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, clip_level: Option<f32>) -> Vec<u8> {
+/// Encodes linear Rec. 709 colours as an OpenEXR file in another colour space, which its attribute
+/// `chromaticities` states. Colours outside the gamut of the space get negative channels.
+///
+/// # Panics
+/// Like [`encode_exr`].
+pub fn encode_exr_in(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, space: ColourSpace) -> Vec<u8> {
+    let options = ExrOptions { alpha, clip_level: None, space: Some(space) };
+    match space {
+        ColourSpace::Rec709 => encode_exr_with(rgb, &options),
+        _ => {
+            let matrix = space.from_rec709().as_mat3();
+            encode_exr_with(&rgb.map(|v| matrix * *v), &options)
+        }
+    }
+}
+
+/// Encodes like [`encode_exr`], with the attributes of the options. The colours are written as they
+/// are.
+///
+/// # Panics
+/// If the picture has no pixels, alpha another size, or the clip level is not positive and finite.
+pub fn encode_exr_with(rgb: &Plane<Vec3>, options: &ExrOptions<'_>) -> Vec<u8> {
+    let ExrOptions { alpha, clip_level, space } = *options;
+    assert!(clip_level.is_none_or(|level| level > 0.0 && level.is_finite()), "a clip level is positive");
     let (width, height) = rgb.size();
     assert!(width > 0 && height > 0, "a picture has pixels");
     let attributes = || {
@@ -47,6 +84,8 @@ fn encode(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, clip_level: Option<f32>
         attributes.other.extend(level);
         attributes
     };
+    let mut of_image = ImageAttributes::new(IntegerBounds::from_dimensions((width, height)));
+    of_image.chromaticities = space.map(chromaticities);
     let encoding =
         Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
     let mut bytes = Cursor::new(Vec::new());
@@ -57,19 +96,26 @@ fn encode(rgb: &Plane<Vec3>, alpha: Option<&Plane<f32>>, clip_level: Option<f32>
                 let v = rgb[(x, y)];
                 (v.x, v.y, v.z, alpha[(x, y)])
             });
-            Image::from_layer(Layer::new((width, height), attributes(), encoding, channels))
+            Image::new(of_image, Layer::new((width, height), attributes(), encoding, channels))
                 .write()
                 .to_buffered(&mut bytes)
         }
         None => {
             let channels = SpecificChannels::rgb(|Vec2(x, y): Vec2<usize>| rgb[(x, y)].into());
-            Image::from_layer(Layer::new((width, height), attributes(), encoding, channels))
+            Image::new(of_image, Layer::new((width, height), attributes(), encoding, channels))
                 .write()
                 .to_buffered(&mut bytes)
         }
     };
     written.expect("memory can be written");
     bytes.into_inner()
+}
+
+/// Returns the attribute `chromaticities` of a space.
+fn chromaticities(space: ColourSpace) -> Chromaticities {
+    let Primaries { red, green, blue, white } = space.primaries();
+    let [red, green, blue, white] = [red, green, blue, white].map(|c| Vec2(c.x as f32, c.y as f32));
+    Chromaticities { red, green, blue, white }
 }
 
 /// Encodes a portable float map, 32-bit little-endian RGB. Any float value is kept.
@@ -222,7 +268,7 @@ pub fn write_png_srgb8(path: impl AsRef<Path>, width: usize, height: usize, rgb:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::picture::{ReadOptions, decode};
+    use crate::picture::{ReadOptions, SpaceSource, decode};
 
     fn wavy() -> Plane<Vec3> {
         Plane::from_fn(37, 21, |x, y| Vec3::new((x as f32).sin(), 1e4 * y as f32, (x * y) as f32 / 777.0))
@@ -255,6 +301,18 @@ mod tests {
             let mut bytes = bytes.clone();
             bytes[at..at + 4].copy_from_slice(&bad.to_le_bytes());
             assert!(decode(Path::new("t"), &bytes, &ReadOptions::default()).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn exr_states_its_colour_space_and_comes_back() {
+        let rgb = wavy().map(|v| v.abs());
+        for space in ColourSpace::ALL {
+            let got = decode(Path::new("t"), &encode_exr_in(&rgb, None, space), &ReadOptions::default()).unwrap();
+            assert_eq!((got.input.name.as_str(), got.input.source), (space.name(), SpaceSource::Chromaticities));
+            let off = |(a, b): (&Vec3, &Vec3)| (*a - *b).abs().max_element() / (1.0 + a.max_element());
+            let worst = rgb.as_slice().iter().zip(got.picture.rgb.as_slice()).map(off).fold(0.0, f32::max);
+            assert!(worst < 1e-5, "{}: {worst}", space.name());
         }
     }
 

@@ -11,8 +11,10 @@ use gonio_io::picture::{self, ReadOptions};
 use gonio_io::{Error, Kind, cache::Cache, fits, merl, normals, npy};
 use image::{DynamicImage, ImageFormat};
 
+use crate::colour;
+
 /// Small, so that a header made to lie cannot ask for much memory.
-const OPTIONS: ReadOptions = ReadOptions { linear: false, max_pixels: 1 << 16, layer: None };
+const OPTIONS: ReadOptions = ReadOptions { linear: false, max_pixels: 1 << 16, layer: None, colour_space: None };
 /// Single-byte corruptions tried for each file.
 const FLIPS: usize = 400;
 
@@ -114,7 +116,7 @@ pub(crate) fn pictures() -> Vec<(&'static str, Vec<u8>, usize)> {
 
 #[test]
 fn damaged_pictures_never_panic() {
-    for (name, good, slack) in pictures() {
+    for (name, good, slack) in pictures().into_iter().chain(colour::tagged()) {
         check_picture(name, &good, slack);
     }
     let good = picture::encode_hdr(&wavy(29, 23));

@@ -3,6 +3,7 @@
 
 #![allow(missing_docs)]
 
+mod colour;
 mod corpus;
 mod damage;
 mod disk;

@@ -10,7 +10,7 @@ use gonio_io::picture::{self, ReadOptions};
 use gonio_io::posterior::{SavedColours, SavedPosterior};
 use gonio_io::{camera, fits, lights, mesh, model, normals, npy, plan, rgl, table};
 
-use crate::{damage, mutation};
+use crate::{colour, damage, mutation};
 
 const FIT: &str = "a = Aggregate(Lambertian(albedo = [0.1, 0.2, 0.3]), \
                    NganLafortune(albedo = [1, 2, 3], Cxy = -0.577, Cz = 0.577, sharpness = 4060.0))\n";
@@ -68,7 +68,9 @@ fn cached() -> Vec<u8> {
 /// By the name of the target: name and content.
 fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
     let mut seeds = Vec::new();
-    for (name, bytes) in mutation::good().into_iter().chain(damage::pictures().into_iter().map(|p| (p.0, p.1))) {
+    for (name, bytes) in
+        mutation::good().into_iter().chain(damage::pictures().into_iter().chain(colour::tagged()).map(|p| (p.0, p.1)))
+    {
         let targets: &[&str] = match name.split_once('.').map_or(name, |(_, extension)| extension) {
             "exr" | "pfm" | "png" => &["picture", "normals"],
             "hdr" | "jpg" | "tif" => &["picture"],
@@ -114,7 +116,7 @@ fn folder() -> PathBuf {
 /// Seeds are worth nothing if their reader refuses them at once.
 #[test]
 fn every_seed_is_read() {
-    let read = ReadOptions { max_pixels: 1 << 14, linear: true, layer: None };
+    let read = ReadOptions { max_pixels: 1 << 14, linear: true, layer: None, colour_space: None };
     for (target, name, bytes) in seeds() {
         let path = Path::new(&name);
         let error = match target {

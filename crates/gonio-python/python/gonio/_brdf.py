@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _gonio
 from ._arguments import Array, Camera, Path, Picture, Progress, Shape
 from ._arrays import array_of, floats
-from ._checks import choice, flag, listener, positive, shown, text
+from ._checks import choice, flag, listener, positive, shown, space, space_if_given, text
 from ._convert import data_array, mitsuba_bsdf
 from ._errors import GonioError
 from ._files import light_map
@@ -217,6 +217,7 @@ class Brdf:
         albedo: float | None = None,
         tables: bool = False,
         light: Picture | None = None,
+        output_colorspace: str = "rec709",
         progress: Progress | None = None,
     ) -> dict[str, Any]:
         """Write files for renderers into a folder, the same as ``gonio export`` does.
@@ -235,6 +236,8 @@ class Brdf:
             Add the table of each fitted model.
         light : path or array, optional
             The light of the scenes, a lat-long map; a studio if not given.
+        output_colorspace : str, default "rec709"
+            Colour space of the tables ``merl`` and ``bsdf``; all else is linear Rec. 709.
         progress : callable, optional
             Called with the name of a stage and the fraction of it that is done.
 
@@ -257,8 +260,19 @@ class Brdf:
         called = text(name or self.name, "name")
         scale = None if albedo is None else positive(albedo, "albedo")
         lit = None if light is None else light_map(light)
+        written = space(output_colorspace, "output_colorspace")
         told = _gonio.export(
-            os.fspath(directory), self.table, self.full, lit, wanted, called, scale, flag(tables, "tables"), self.name, listeners
+            os.fspath(directory),
+            self.table,
+            self.full,
+            lit,
+            wanted,
+            called,
+            scale,
+            flag(tables, "tables"),
+            written,
+            self.name,
+            listeners,
         )
         summary: dict[str, Any] = json.loads(told)
         return summary
@@ -361,6 +375,7 @@ def render(
     samples: int = 1,
     tolerance: float | None = None,
     shadows: bool = True,
+    colorspace: str | None = None,
     progress: Progress | None = None,
 ) -> Floats:
     """Render an object of a BRDF under a light.
@@ -389,6 +404,8 @@ def render(
         as the light's pixels, whose error is about half a percent.
     shadows : bool, default True
         Whether a mesh throws shadows on itself.
+    colorspace : str, optional
+        Colour space of a light map that states none, as :func:`infer` takes it.
     progress : callable, optional
         Called with the name of a stage and the fraction of it that is done.
 
@@ -405,4 +422,4 @@ def render(
     """
     given, settings = frame(shape, size, camera, pose, samples, tolerance, shadows)
     what = brdf if isinstance(brdf, Brdf) else Brdf(brdf)
-    return drawn(what.table, what.full, light, given, settings, progress)
+    return drawn(what.table, what.full, light, given, settings, progress, space_if_given(colorspace, "colorspace"))

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from . import _gonio
 from ._errors import GonioError
 
 
@@ -83,6 +84,16 @@ def choice(value: object, name: str, among: Sequence[str]) -> str:
     if value not in among:
         raise GonioError(f'{name} "{value}": give {offered}')
     return value
+
+
+def space(value: object, name: str) -> str:
+    """The name of a colour space."""
+    return choice(value, name, _gonio.colour_spaces())
+
+
+def space_if_given(value: object, name: str) -> str | None:
+    """The name of a colour space, or nothing."""
+    return None if value is None else space(value, name)
 
 
 def text(value: object, name: str) -> str:

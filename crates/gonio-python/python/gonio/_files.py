@@ -11,12 +11,12 @@ import numpy as np
 from . import _gonio
 from ._arguments import Array, Path, Picture, is_path
 from ._arrays import array_of, floats
-from ._checks import flag, positive, text
+from ._checks import flag, positive, space_if_given, text
 from ._errors import GonioError, GonioWarning
 from ._types import Floats
 
 
-def read_image(path: Path, *, linear: bool = False, layer: str | None = None) -> Floats:
+def read_image(path: Path, *, linear: bool = False, layer: str | None = None, colorspace: str | None = None) -> Floats:
     """Read a picture in any format that gonio knows (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF).
 
     Parameters
@@ -27,11 +27,13 @@ def read_image(path: Path, *, linear: bool = False, layer: str | None = None) ->
         Values of integers are linear radiance, not sRGB-coded (which a warning tells).
     layer : str, optional
         One of several in an OpenEXR file.
+    colorspace : str, optional
+        Colour space of files that state none, as :func:`infer` takes it.
 
     Returns
     -------
     ndarray of float32
-        Linear radiance of shape (height, width, 3), or (height, width, 4) where the file has an
+        Linear Rec. 709 radiance of shape (height, width, 3), or (height, width, 4) where the file has an
         alpha channel; row 0 is at the top.
 
     Examples
@@ -40,22 +42,23 @@ def read_image(path: Path, *, linear: bool = False, layer: str | None = None) ->
     (256, 256, 4)
     """
     name = None if layer is None else text(layer, "layer")
-    rgb, alpha, _, said = _gonio.read_image(os.fspath(path), flag(linear, "linear"), name)
+    rgb, alpha, _, said = _gonio.read_image(os.fspath(path), flag(linear, "linear"), name, space_if_given(colorspace, "colorspace"))
     for message in said:
         warnings.warn(message, GonioWarning, stacklevel=2)
     return rgb if alpha is None else np.dstack([rgb, alpha])
 
 
-def light_map(given: Picture, name: str = "the light") -> Floats:
+def light_map(given: Picture, name: str = "the light", colorspace: str | None = None) -> Floats:
     """A lat-long map: row 0 is up, the centre looks along -z, the right half is +x."""
     if is_path(given):
-        return _gonio.read_light(os.fspath(cast(Path, given)))
+        return _gonio.read_light(os.fspath(cast(Path, given)), colorspace)
     array = array_of(cast(Array, given), name)
     if array.ndim == 2:
         array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
     if array.ndim != 3 or array.shape[2] not in (3, 4):
         raise GonioError(f"{name}: has the shape {array.shape}; give (height, 2 height, 3)")
-    return floats(array[:, :, :3])
+    light = floats(array[:, :, :3])
+    return light if colorspace is None else np.maximum(_gonio.convert_colours(light, colorspace, "rec709"), 0)
 
 
 def read_normals(path: Path) -> Floats:
@@ -81,7 +84,7 @@ def read_normals(path: Path) -> Floats:
     return _gonio.read_normals(os.fspath(path))
 
 
-def write_image(path: Path, image: Array, *, clip: float | None = None) -> None:
+def write_image(path: Path, image: Array, *, clip: float | None = None, colorspace: str | None = None) -> None:
     """Write a picture to a file, whole or not at all.
 
     Parameters
@@ -95,6 +98,9 @@ def write_image(path: Path, image: Array, *, clip: float | None = None) -> None:
     clip : float, optional
         For ``.exr``: radiance at or above which nothing is known, which :func:`infer` will leave
         out.
+    colorspace : str, optional
+        For ``.exr``: colour space that the colours are in, which the file then states. They are
+        written as they are.
 
     Examples
     --------
@@ -111,6 +117,9 @@ def write_image(path: Path, image: Array, *, clip: float | None = None) -> None:
     level = None if clip is None else positive(clip, "clip", "radiance")
     if level is not None and not name.lower().endswith(".exr"):
         raise GonioError(f"clip is for a name ending in .exr: {name}")
+    stated = space_if_given(colorspace, "colorspace")
+    if stated is not None and not name.lower().endswith(".exr"):
+        raise GonioError(f"colorspace is for a name ending in .exr: {name}")
     if is_png != (array.dtype == np.uint8):
         asked = "tonemapped(picture), 8-bit samples, goes to .png; radiance goes to a name ending in .exr, .hdr or .pfm"
         raise GonioError(f"{name}: {asked}")
@@ -120,4 +129,4 @@ def write_image(path: Path, image: Array, *, clip: float | None = None) -> None:
         _gonio.write_file(name, _gonio.encode_png(np.ascontiguousarray(array)))
         return
     alpha = floats(array[:, :, 3]) if array.shape[2] == 4 else None
-    _gonio.write_image(name, floats(array[:, :, :3]), alpha, level)
+    _gonio.write_image(name, floats(array[:, :, :3]), alpha, level, stated)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast, overload
 from . import _gonio
 from ._arguments import Camera, Path, Photograph, Picture, Progress, Shape, is_path
 from ._arrays import light_map, name_of
-from ._checks import choice, flag, listener, numbers, shown, whole
+from ._checks import choice, flag, listener, numbers, shown, space, space_if_given, whole
 from ._errors import GonioError, GonioWarning
 from ._gonio import Model
 from ._posterior import BasisPosterior, Posterior
@@ -67,6 +67,8 @@ class Options(TypedDict, total=False):
     flat: Path | None
     linear: bool
     layer: str | None
+    colorspace: str | None
+    output_colorspace: str
     clip: float | None
     keep_colors: bool
     normals: Picture | None
@@ -123,6 +125,8 @@ def infer(
     flat: Path | None = None,
     linear: bool = False,
     layer: str | None = None,
+    colorspace: str | None = None,
+    output_colorspace: str = "rec709",
     clip: float | None = None,
     keep_colors: bool = False,
     normals: Picture | None = None,
@@ -191,6 +195,13 @@ def infer(
         Values of integers are linear radiance, not sRGB-coded.
     layer : str, optional
         Layer of an OpenEXR file that holds several.
+    colorspace : str, optional
+        Colour space of files that state none, and of arrays: ``"rec709"`` (if not given; also
+        ``"srgb"``), ``"display-p3"``, ``"rec2020"``, ``"acescg"``, ``"aces2065-1"``, ``"xyz"``
+        (docs/colour-spaces.md). It holds for the light map too.
+    output_colorspace : str, default "rec709"
+        Colour space of the BRDF and the light that :meth:`Posterior.save` writes. Arrays are linear
+        Rec. 709 whatever it is.
     clip : float, optional
         Radiance at which the camera clips; found where many pixels share the maximum.
     keep_colors : bool, default False
@@ -325,6 +336,8 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
         "color": color,
         "pictures": flag(options["pictures"], "pictures") or report,
         "report": report,
+        "colorspace": space_if_given(options["colorspace"], "colorspace"),
+        "output_colorspace": space(options["output_colorspace"], "output_colorspace"),
         "light_color": None if light_color is None else cast("tuple[float, float, float]", tuple(light_color)),
     }
     return scene, settings, model_of(options["model"]), said

@@ -74,8 +74,8 @@ def check(
         Called in this thread with the name of a stage and the fraction of it that is done.
     **options
         Arguments of :func:`infer` that say how the photograph is read and what shape the object
-        has: ``linear``, ``layer``, ``times``, ``response``, ``black_level``, ``flat``, ``clip``,
-        ``keep_colors``, ``normals`` and what goes with them, ``circle``, ``depth_axis``,
+        has: ``linear``, ``layer``, ``times``, ``response``, ``black_level``, ``flat``,
+        ``colorspace``, ``clip``, ``keep_colors``, ``normals`` and what goes with them, ``circle``, ``depth_axis``,
         ``camera``, ``pose``.
 
     Returns
@@ -152,7 +152,7 @@ class Merged:
         name = os.fspath(path)
         if not name.lower().endswith(".exr"):
             raise GonioError(f"{name}: write to a name ending in .exr")
-        write_image(name, self.picture, clip=self.clip_level)
+        write_image(name, self.picture, clip=self.clip_level, colorspace="rec709")
 
     def write_response(self, path: Path) -> None:
         """Write the camera's curve as text, for ``response`` of :func:`merge` and :func:`infer`.
@@ -173,6 +173,7 @@ def merge(
     linear: bool = False,
     black_level: float | None = None,
     flat: Path | None = None,
+    colorspace: str | None = None,
     progress: Progress | None = None,
 ) -> Merged:
     """Merge exposures of one still scene to an HDR picture.
@@ -181,7 +182,7 @@ def merge(
     ----------
     images : sequence of paths
         8 or 16-bit JPEG, PNG or TIFF files of one size.
-    times, response, linear, black_level, flat
+    times, response, linear, black_level, flat, colorspace
         As :func:`infer` takes them.
     progress : callable, optional
         Called in this thread with the name of a stage and the fraction of it that is done.
@@ -205,7 +206,7 @@ def merge(
         raise TypeError(f"images: give a list of the files of exposures, not {shown(images)}")
     listener(progress)
     files = paths(images, "images")
-    said = {"times": times, "response": response, "linear": linear, "black_level": black_level, "flat": flat}
+    said = {"times": times, "response": response, "linear": linear, "black_level": black_level, "flat": flat, "colorspace": colorspace}
     found = _gonio.merge(files, given_reading(said), {"progress": progress, "poll": None})
     for message in found["warnings"]:
         warnings.warn(message, GonioWarning, stacklevel=2)

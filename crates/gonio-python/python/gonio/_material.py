@@ -127,6 +127,7 @@ class Result:
         name: str | None = None,
         albedo: float | None = None,
         tables: bool = False,
+        output_colorspace: str = "rec709",
         progress: Callable[[str, float], object] | None = None,
     ) -> dict[str, Any]:
         """Write files for renderers into a folder, as ``gonio export`` does.
@@ -135,7 +136,7 @@ class Result:
 
         Parameters
         ----------
-        directory, to, name, albedo, tables, progress
+        directory, to, name, albedo, tables, output_colorspace, progress
             As :meth:`Brdf.export` takes them.
 
         Returns
@@ -149,7 +150,16 @@ class Result:
         >>> summary["exports"]["mitsuba"]["files"]
         ['principled.xml', 'scene.xml', 'light.exr']
         """
-        return self.brdf.export(directory, to, name=name, albedo=albedo, tables=tables, light=self._lit(), progress=progress)
+        return self.brdf.export(
+            directory,
+            to,
+            name=name,
+            albedo=albedo,
+            tables=tables,
+            light=self._lit(),
+            output_colorspace=output_colorspace,
+            progress=progress,
+        )
 
     def to_mitsuba(self, plugin: str = "measured") -> Any:
         """Make a BSDF of Mitsuba 3: :meth:`Brdf.to_mitsuba` of :attr:`brdf`.

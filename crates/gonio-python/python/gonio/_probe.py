@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import _gonio
 from ._arguments import Camera, Path, Photograph, Picture, Progress
-from ._checks import listener, number, numbers, shown, whole
+from ._checks import listener, number, numbers, shown, space, whole
 from ._errors import GonioError, GonioWarning
 from ._files import write_image
 from ._scene import given_scene
@@ -40,6 +40,8 @@ class LightProbe:
         All numbers by name, as ``gonio light --json`` prints them.
     warnings : list of str
         What is odd, one line each.
+    colorspace : str
+        Colour space that :meth:`write` writes; ``light`` is linear Rec. 709.
     """
 
     light: Floats = field(repr=False)
@@ -47,6 +49,7 @@ class LightProbe:
     picture: NDArray[np.uint8] = field(repr=False)
     notes: dict[str, Any]
     warnings: list[str]
+    colorspace: str = "rec709"
 
     def write(self, path: Path) -> None:
         """Write the map to a file, whole or not at all.
@@ -56,7 +59,7 @@ class LightProbe:
         path : str or os.PathLike
             The file: ``.exr``, ``.hdr`` or ``.pfm``.
         """
-        write_image(path, self.light)
+        write_image(path, _gonio.convert_colours(self.light, "rec709", self.colorspace), colorspace=self.colorspace)
 
     def _repr_html_(self) -> str:
         data = base64.b64encode(_gonio.encode_png(self.picture)).decode()
@@ -81,6 +84,8 @@ def light_probe(
     flat: Path | None = None,
     linear: bool = False,
     layer: str | None = None,
+    colorspace: str | None = None,
+    output_colorspace: str = "rec709",
     clip: float | None = None,
     progress: Progress | None = None,
 ) -> LightProbe:
@@ -90,7 +95,7 @@ def light_probe(
     ----------
     image : path, array, bytes, open file, or list of paths
         The photograph, or exposures of it, as :func:`gonio.infer` takes them.
-    mask, times, response, black_level, flat, linear, layer, clip
+    mask, times, response, black_level, flat, linear, layer, colorspace, clip
         As :func:`gonio.infer` takes them, for both photographs but for ``mask``.
     circle : (float, float, float), optional
         Outline of the ball in pixels, x, y (from the top left corner) and radius, if it is not to
@@ -108,6 +113,8 @@ def light_probe(
     second_yaw : float, optional
         Angle by which the second camera went around the ball, in degrees, counterclockwise as seen
         from above; found from what both show if not given.
+    output_colorspace : str, default "rec709"
+        Colour space that :meth:`LightProbe.write` writes.
     progress : callable, optional
         Called in this thread with the name of a stage and the fraction of it that is done; an
         exception ends the work.
@@ -129,7 +136,16 @@ def light_probe(
     """
     said: list[str] = []
     listener(progress)
-    reading = {"times": times, "response": response, "black_level": black_level, "flat": flat, "linear": linear, "layer": layer}
+    reading = {
+        "times": times,
+        "response": response,
+        "black_level": black_level,
+        "flat": flat,
+        "linear": linear,
+        "layer": layer,
+        "colorspace": colorspace,
+    }
+    written = space(output_colorspace, "output_colorspace")
     if second is None and not (second_mask is None and second_circle is None and second_yaw is None):
         raise GonioError("second_mask, second_circle and second_yaw go with a second photograph: give second=")
 
@@ -151,7 +167,7 @@ def light_probe(
     said += more
     for message in said:
         warnings.warn(message, GonioWarning, stacklevel=2)
-    return LightProbe(light, seen, drawn, json.loads(notes), said)
+    return LightProbe(light, seen, drawn, json.loads(notes), said, written)
 
 
 def shares(given: object) -> tuple[float, float, float]:

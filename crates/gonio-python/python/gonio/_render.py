@@ -70,10 +70,11 @@ def drawn(
     given: GivenShape,
     settings: RenderSettings,
     progress: Progress | None,
+    colorspace: str | None = None,
 ) -> Floats:
     """The picture of the table of a BRDF. Warnings are issued where the caller was called."""
     listener(progress)
-    lit = studio_light() if light is None else light_map(light)
+    lit = studio_light() if light is None else light_map(light, colorspace=colorspace)
     rgb, alpha, said = _gonio.render(table, full, lit, given, settings, {"progress": progress, "poll": None})
     for message in said:
         warnings.warn(message, GonioWarning, stacklevel=3)

@@ -8,12 +8,20 @@ from typing import Any, cast
 
 from ._arguments import Path, Photograph, is_path
 from ._arrays import mask_of, name_of, photograph
-from ._checks import flag, numbers, positive, text
+from ._checks import flag, numbers, positive, space_if_given, text
 from ._errors import GonioError
 from ._shape import FORM, given_shape
 from ._types import GivenReading, GivenScene
 
-READING: dict[str, Any] = {"linear": False, "layer": None, "times": None, "response": None, "black_level": None, "flat": None}
+READING: dict[str, Any] = {
+    "linear": False,
+    "layer": None,
+    "times": None,
+    "response": None,
+    "black_level": None,
+    "flat": None,
+    "colorspace": None,
+}
 """Arguments that say how files are read, with their values if not given."""
 
 SCENE: dict[str, Any] = {**READING, **FORM, "mask": None, "clip": None, "keep_colors": False}
@@ -44,6 +52,7 @@ def given_reading(options: Mapping[str, Any]) -> GivenReading:
         "response": None if response is None else os.fspath(response),
         "black_level": None if black is None else float(numbers([black], "black_level", "a code")[0]),
         "flat": None if said["flat"] is None else os.fspath(cast(Path, said["flat"])),
+        "colorspace": space_if_given(said["colorspace"], "colorspace"),
     }
 
 
@@ -54,7 +63,7 @@ def given_scene(image: Photograph, options: Mapping[str, Any], warnings: list[st
     reading = given_reading(said)
     shots = photograph(image, name, reading["linear"], warnings)
     if isinstance(shots, tuple) or not isinstance(shots, (str, bytes, list)):
-        given = [key for key in READING if key != "linear" and said[key] is not None]
+        given = [key for key in READING if key not in ("linear", "colorspace") and said[key] is not None]
         if given:
             raise GonioError(f"{given[0]} says how a file is read; {name} is an array")
     clip = None if said["clip"] is None else positive(said["clip"], "clip", "radiance")

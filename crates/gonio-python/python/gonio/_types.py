@@ -64,6 +64,7 @@ class GivenReading(TypedDict):
     response: str | None
     black_level: float | None
     flat: str | None
+    colorspace: str | None
 
 
 class GivenScene(TypedDict):
@@ -102,6 +103,8 @@ class Settings(TypedDict):
     light_color: tuple[float, float, float] | None
     pictures: bool
     report: bool
+    colorspace: str | None
+    output_colorspace: str
 
 
 class RenderSettings(TypedDict):

@@ -1,6 +1,7 @@
 //! The folder of results.
 
 use glam::Vec3;
+use gonio::lighting::LightGrid;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
 use gonio_io::picture::{encode_exr, encode_png};
@@ -88,6 +89,12 @@ impl Answer {
         pictures
     }
 
+    /// An estimated light as a lat-long map, on the scale that goes with the BRDF that is written.
+    pub fn lat_long(&self, light: &LightGrid) -> Plane<Vec3> {
+        let factor = self.scale.recip() as f32;
+        light.to_lat_long(LIGHT_ROWS).map(|radiance| factor * *radiance)
+    }
+
     /// Returns the contents of the folder of results.
     ///
     /// # Errors
@@ -96,7 +103,7 @@ impl Answer {
         let notes = serde_json::to_string_pretty(&self.notes)
             .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
         let scaled = |values: Vec<f32>| values.into_iter().map(|v| v * self.scale as f32).collect();
-        let estimated = self.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
+        let estimated = self.light.as_ref().map(|light| self.lat_long(light));
         Ok(Files {
             tables: self.colouring.colours().tables(&self.table.scaled(self.scale)),
             quantiles: self.material.as_ref().map(|m| (m.quantiles.len(), scaled(m.quantiles.concat()))),

@@ -7,7 +7,9 @@ use gonio::sphere::OctahedralMap;
 use serde_json::{Value, json};
 
 use crate::mask::{alike, resampled};
-use crate::{Journal, Photograph, Problem, Reading, Shape, Shots, Source, Warning, notes};
+use crate::{
+    Journal, MeasuredReference, Photograph, Problem, Reading, Reference, Shape, Shots, Source, Warning, notes,
+};
 
 /// A photograph and what is known of its object.
 #[derive(Clone, Debug)]
@@ -26,6 +28,8 @@ pub struct Scene {
     pub keep_colours: bool,
     /// The shape.
     pub shape: Shape,
+    /// Neutral reference in the photograph, which fixes colour and scale of the light.
+    pub reference: Option<Reference>,
 }
 
 /// A scene that was looked at.
@@ -38,6 +42,8 @@ pub struct Seen {
     pub notes: Value,
     /// The section `bracket` of the result.
     pub bracket: Option<Value>,
+    /// The reference in the photograph.
+    pub reference: Option<MeasuredReference>,
 }
 
 /// What the files of a scene hold.
@@ -83,7 +89,7 @@ impl Scene {
         warnings: &mut Vec<Warning>,
         journal: &Journal<'_>,
     ) -> Result<Seen, Problem> {
-        let keep_colours = self.keep_colours;
+        let (keep_colours, reference) = (self.keep_colours, self.reference.clone());
         let Opened { picture, clip, bracket, mask, object, own_notes, names } = self.open(warnings, journal)?;
         let settings = ObservationSettings { clip, keep_colours, ..*known };
         let mut sighting = Sighting::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
@@ -92,6 +98,8 @@ impl Scene {
             journal.at("shadows", 0.0);
             sighting.shadow(grid, &|x| journal.at("shadows", x)).map_err(|error| names.blame(&error))?;
         }
+        let given = (names.image.as_str(), &picture, clip);
+        let reference = reference.map(|reference| reference.measure(given, &sighting, warnings)).transpose()?;
         let mut notes = notes::sighting(&sighting);
         if sighting.placed.is_some() && shadows.is_some() {
             let visibility = sighting.observations.visibility.as_ref();
@@ -100,7 +108,7 @@ impl Scene {
         if let Some(shape) = notes.get_mut("shape") {
             notes::extend(shape, own_notes);
         }
-        Ok(Seen { picture, sighting, notes, bracket })
+        Ok(Seen { picture, sighting, notes, bracket, reference })
     }
 }
 

@@ -10,7 +10,6 @@ use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_app::regions::{self, Regions};
-use gonio_app::results::LIGHT_ROWS;
 use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Search, Source};
 use gonio_report::panels::Panels;
 use pyo3::prelude::*;
@@ -235,7 +234,7 @@ pub(crate) fn shown<'py>(py: Python<'py>, pictures: Vec<(&'static str, Plane<Vec
 fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) -> PyResult<Bound<'py, PyDict>> {
     let (colours, light_colour) = (answer.colouring.colours(), answer.colouring.light());
     let pictures = pictures(&answer);
-    let estimated = answer.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
+    let estimated = answer.light.as_ref().map(|light| answer.lat_long(light));
     let light = estimated.or_else(|| answer.known_light.as_ref().map(|light| light.radiance().clone()));
     let Answer { table, material, saved, scale, left, notes, warnings, page, .. } = answer;
     let out = match material.zip(saved) {

@@ -76,7 +76,7 @@ def check(
         Arguments of :func:`infer` that say how the photograph is read and what shape the object
         has: ``linear``, ``layer``, ``times``, ``response``, ``black_level``, ``flat``, ``clip``,
         ``keep_colors``, ``normals`` and what goes with them, ``circle``, ``depth_axis``,
-        ``camera``, ``pose``.
+        ``camera``, ``pose``, ``white``, ``grey_card``, ``color_checker`` and what goes with them.
 
     Returns
     -------

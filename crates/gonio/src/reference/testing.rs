@@ -53,7 +53,7 @@ pub(super) fn chart_picture(
     })
 }
 
-/// A pose seen in perspective: rotated by `angle` radians, patches `pitch` pixels apart at the first
+/// A pose in perspective: rotated by `angle` radians, patches `pitch` pixels apart at the first
 /// patch, which lies at `(x, y)`.
 pub(super) fn pose(x: f64, y: f64, pitch: f64, angle: f64, perspective: (f64, f64)) -> DMat3 {
     let (sin, cos) = angle.sin_cos();

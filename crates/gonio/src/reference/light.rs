@@ -13,8 +13,9 @@ use crate::picture::luminance;
 pub(super) const REFLECTANCE_LOG_SD: f64 = 0.05;
 
 /// Standard deviation of the logarithm of the irradiance of an estimated light, given the
-/// photograph and a true albedo: measured on renderings (docs/references.md).
-const ESTIMATE_LOG_SD: f64 = 0.1;
+/// photograph and a true albedo: nine of ten of 84 renderings are off by less than 20.5 %
+/// (docs/references.md).
+const ESTIMATE_LOG_SD: f64 = 0.12;
 
 /// Light on a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -25,9 +25,9 @@ pub(super) struct ReferenceOptions {
     grey_card: Option<PathBuf>,
     /// 24-patch colour chart (ColorChecker Classic) in the picture
     ///
-    /// It fixes the same as --white. The chart is detected, or measured at the centres of its corner
-    /// patches in the order dark skin, bluish green, black, white: X,Y,X,Y,X,Y,X,Y in pixels from
-    /// the top left corner.
+    /// It fixes the same as --white. The chart is detected, or measured at the centres of its
+    /// corner patches in the order dark skin, bluish green, black, white: X,Y,X,Y,X,Y,X,Y in pixels
+    /// from the top left corner.
     #[arg(long, alias = "colour-checker", value_name = "auto|CORNERS", num_args = 0..=1, default_missing_value = "auto",
           value_parser = parse_chart)]
     color_checker: Option<ChartPlace>,

@@ -19,7 +19,7 @@ use gonio_report::report::{Fits, Report};
 use serde_json::{Map, Value, json};
 
 use crate::notes::{self, Account};
-use crate::{Journal, Method, Problem, Scene, Seen, Settings, Source, Warning, basis, combine};
+use crate::{Journal, Method, Problem, Scene, Seen, Settings, Source, Warning, basis, combine, reference};
 
 /// Everything that was found in a photograph.
 pub struct Answer {
@@ -102,6 +102,12 @@ impl<'a> Asked<'a> {
         Ok(Self { model, known_light, rule, observing })
     }
 
+    /// Rule for the colours of a scene, by its reference if it has one, and in words what is
+    /// assumed of the light's.
+    pub(crate) fn rule_of(&self, seen: &Seen) -> (ColouringRule, &'static str) {
+        seen.reference.as_ref().map_or(self.rule, |reference| reference.rule())
+    }
+
     /// Looks at a scene.
     pub(crate) fn look(
         &self,
@@ -110,6 +116,9 @@ impl<'a> Asked<'a> {
         warnings: &mut Vec<Warning>,
         journal: &Journal<'_>,
     ) -> Result<Seen, Problem> {
+        if scene.reference.is_some() {
+            reference::check(&scene.name, settings.colours, self.known_light.is_some())?;
+        }
         let shadows = settings.shadows.then_some((self.model.light.map, settings.side));
         scene.look(&self.observing, shadows, warnings, journal)
     }
@@ -140,6 +149,7 @@ pub(crate) fn of_one(
     let (image, linear) = (scene.name.clone(), scene.reading.linear);
     let seen = asked.look(scene, settings, &mut warnings, journal)?;
     let found = solve(asked, &seen, (&image, linear), settings, &mut warnings, journal)?;
+    let found = found.scaled_by_reference(&seen, &mut warnings);
     Ok(conclude(asked, seen, found, &image, settings, warnings, journal))
 }
 
@@ -152,7 +162,8 @@ pub(crate) fn solve(
     warnings: &mut Vec<Warning>,
     journal: &Journal<'_>,
 ) -> Result<Found, Problem> {
-    let Asked { model, known_light, rule: (rule, _), .. } = asked;
+    let Asked { model, known_light, .. } = asked;
+    let rule = &asked.rule_of(seen).0;
     let observations = &seen.sighting.observations;
     let begin = |stage: Stage| journal.at(stage.name(), 0.0);
     let blame = |error: gonio::estimate::EstimateError| Problem::of(image, error);
@@ -223,6 +234,24 @@ impl Found {
     }
 }
 
+impl Found {
+    /// The estimate on the scale that the reference of the photograph gives, where it gives one.
+    pub(crate) fn scaled_by_reference(mut self, seen: &Seen, warnings: &mut Vec<Warning>) -> Self {
+        let Some(reference) = &seen.reference else { return self };
+        let scale = match (&self.light, &self.material) {
+            (Some(light), Some(_)) => reference.scale(light),
+            _ => None,
+        };
+        if let (Some(scale), Some(material)) = (scale, &self.material) {
+            warnings.extend(reference::too_bright(scale));
+            self.scale = scale.factor;
+            notes::make_absolute(&mut self.sections, material, ALBEDO * scale.factor);
+        }
+        self.sections["reference"] = reference.notes(scale);
+        self
+    }
+}
+
 /// A light whose luminance is known, in one colour.
 fn in_one_colour(grid: LightGrid, colour: Vec3) -> LightGrid {
     let texels = grid.texels().iter().map(|texel| *texel * colour).collect();
@@ -239,14 +268,14 @@ pub(crate) fn conclude(
     mut warnings: Vec<Warning>,
     journal: &Journal<'_>,
 ) -> Answer {
-    let Asked { model, rule: (rule, assumption), .. } = asked;
+    let (model, (rule, assumption)) = (&asked.model, &asked.rule_of(&seen));
     let Found { table, scale, material, light, known_light, left, colouring, sections, fits } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
         let problem = "the model has no model of colours: the BRDF has the median colour of the photograph";
         warnings.push(Warning::from(problem.to_owned()));
     }
     let spaces = settings.spaces;
-    warnings.extend(spaces.warning(&colouring.colours().tables(&table)));
+    warnings.extend(spaces.warning(&colouring.field().tables(&table)));
     let mut answer = Answer {
         caption: String::new(),
         panels: None,

@@ -107,6 +107,7 @@ impl Checked {
             let mut notes = notes::sighting(&object.seen.sighting);
             notes["name"] = json!(object.name);
             notes["coverage"] = json!(object.coverage());
+            notes["reference"] = json!(object.seen.reference.as_ref().map(|reference| reference.notes(None)));
             notes
         };
         let space = self.space.as_ref().map(

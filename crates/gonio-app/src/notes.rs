@@ -152,6 +152,18 @@ pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
     })
 }
 
+/// Changes the sections of [`estimate`] to a BRDF of this absolute albedo along the normal.
+pub(crate) fn make_absolute(sections: &mut Value, material: &Material, albedo: f64) {
+    sections["posterior"] = posterior(material, albedo);
+    sections["reflectance"] = json!({
+        "quantiles": "brdf_quantiles.npy",
+        "absolute": true,
+        "normal_albedo": albedo,
+        "note": "brdf.binary is the mean of the posterior, in 1/sr; brdf_quantiles.npy holds its 5, 25, 75 and 95 % quantiles, \
+                 [quantile][theta_h][theta_d]; absolute: the reference in the picture fixes the scale, and light.exr goes with it",
+    });
+}
+
 /// The section `settings`: what the estimate was asked for. `linear` says whether integer values
 /// were taken for radiance.
 pub fn settings(settings: &gonio::estimate::EstimateSettings, linear: bool) -> Value {

@@ -160,10 +160,12 @@ fn of_regions(
         looked.push((seen, own));
     }
     let linear = scene.reading.linear;
+    // All regions have the reference of the photograph.
+    let rule = looked.first().map_or(asked.rule, |(seen, _)| asked.rule_of(seen)).0;
     let together = match settings.method {
         Method::Learnt => {
             let all: Vec<&Observations> = looked.iter().map(|(seen, _)| &seen.sighting.observations).collect();
-            let ask = settings.estimate(asked.rule.0);
+            let ask = settings.estimate(rule);
             let begin = |stage: Stage| journal.at(stage.name(), 0.0);
             let found = estimate_together(&asked.model, &all, &ask, &begin)
                 .map_err(|(at, error)| Problem::of(&scene.name, error).within(&format!("region {}", parts[at].name)))?;
@@ -176,7 +178,7 @@ fn of_regions(
         let relative_albedo = beside.as_ref().map(|beside: &Beside| beside.relative_albedo);
         let found = match beside {
             Some(Beside { estimate, relative_albedo }) => {
-                let ask = settings.estimate(asked.rule.0);
+                let ask = settings.estimate(rule);
                 let mut found = Found::blind(estimate, notes::settings(&ask, linear), &mut own);
                 found.sections["relative_albedo"] = json!(relative_albedo);
                 found
@@ -184,6 +186,7 @@ fn of_regions(
             None => solve(asked, &seen, (&scene.name, linear), settings, &mut own, journal)
                 .map_err(|problem| problem.within(&format!("region {}", part.name)))?,
         };
+        let found = found.scaled_by_reference(&seen, &mut own);
         let answer = conclude(asked, seen, found, &scene.name, settings, own, journal);
         done.push(Region { name: part.name.clone(), answer, relative_albedo });
     }

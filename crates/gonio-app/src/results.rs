@@ -1,6 +1,7 @@
 //! The folder of results.
 
 use glam::Vec3;
+use gonio::lighting::LightGrid;
 use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, MerlTable, THETA_D, THETA_H};
 use gonio_io::colour_space::ColourSpace;
@@ -65,7 +66,7 @@ pub struct Files {
 impl Files {
     /// Their names and contents.
     pub fn encode(self) -> Vec<(String, Vec<u8>)> {
-let Self { tables, quantiles, channel_quantiles, posterior, light, pictures, notes, page, space } = self;
+        let Self { tables, quantiles, channel_quantiles, posterior, light, pictures, notes, page, space } = self;
         let (tables, _) = from_rec709(&tables, space);
         let mut files = vec![(BRDF.to_owned(), merl::encode(&MerlTable::from_bivariate(tables.each_ref())))];
         files.extend(quantiles.map(|(count, values)| {
@@ -101,6 +102,12 @@ impl Answer {
         pictures
     }
 
+    /// An estimated light as a lat-long map, on the scale that goes with the BRDF that is written.
+    pub fn lat_long(&self, light: &LightGrid) -> Plane<Vec3> {
+        let factor = self.scale.recip() as f32;
+        light.to_lat_long(LIGHT_ROWS).map(|radiance| factor * *radiance)
+    }
+
     /// Returns the contents of the folder of results.
     ///
     /// # Errors
@@ -111,7 +118,7 @@ impl Answer {
         let scaled = |values: Vec<f32>| values.into_iter().map(|v| v * self.scale as f32).collect::<Vec<f32>>();
         let coloured = self.material.as_ref().filter(|_| !self.colouring.field().is_grey());
         let channels = coloured.map(|m| (m.quantiles.len(), scaled(self.colouring.quantiles(m).concat().concat())));
-        let estimated = self.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
+        let estimated = self.light.as_ref().map(|light| self.lat_long(light));
         Ok(Files {
             tables: self.colouring.field().tables(&self.table.scaled(self.scale)),
             channel_quantiles: channels,

@@ -8,7 +8,9 @@ use gonio_io::picture::InputSpace;
 use serde_json::{Value, json};
 
 use crate::mask::{alike, resampled};
-use crate::{Journal, Photograph, Problem, Reading, Shape, Shots, Source, Warning, notes};
+use crate::{
+    Journal, MeasuredReference, Photograph, Problem, Reading, Reference, Shape, Shots, Source, Warning, notes,
+};
 
 /// A photograph and what is known of its object.
 #[derive(Clone, Debug)]
@@ -27,6 +29,8 @@ pub struct Scene {
     pub keep_colours: bool,
     /// The shape.
     pub shape: Shape,
+    /// Neutral reference in the photograph, which fixes colour and scale of the light.
+    pub reference: Option<Reference>,
 }
 
 /// A scene that was looked at.
@@ -41,6 +45,8 @@ pub struct Seen {
     pub bracket: Option<Value>,
     /// Colour space of the photograph, unless it was in memory.
     pub space: Option<InputSpace>,
+    /// The reference in the photograph.
+    pub reference: Option<MeasuredReference>,
 }
 
 /// What the files of a scene hold.
@@ -89,7 +95,7 @@ impl Scene {
         warnings: &mut Vec<Warning>,
         journal: &Journal<'_>,
     ) -> Result<Seen, Problem> {
-        let keep_colours = self.keep_colours;
+        let (keep_colours, reference) = (self.keep_colours, self.reference.clone());
         let Opened { picture, clip, bracket, space, mask, object, own_notes, names } = self.open(warnings, journal)?;
         let settings = ObservationSettings { clip, keep_colours, ..*known };
         let mut sighting = Sighting::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
@@ -98,6 +104,8 @@ impl Scene {
             journal.at("shadows", 0.0);
             sighting.shadow(grid, &|x| journal.at("shadows", x)).map_err(|error| names.blame(&error))?;
         }
+        let given = (names.image.as_str(), &picture, clip);
+        let reference = reference.map(|reference| reference.measure(given, &sighting, warnings)).transpose()?;
         let mut notes = notes::sighting(&sighting);
         if sighting.placed.is_some() && shadows.is_some() {
             let visibility = sighting.observations.visibility.as_ref();
@@ -106,7 +114,7 @@ impl Scene {
         if let Some(shape) = notes.get_mut("shape") {
             notes::extend(shape, own_notes);
         }
-        Ok(Seen { picture, sighting, notes, bracket, space })
+        Ok(Seen { picture, sighting, notes, bracket, space, reference })
     }
 }
 

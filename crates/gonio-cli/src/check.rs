@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gonio_app::{Checked, Journal, Unchecked, check};
+use gonio_app::{Checked, Journal, MeasuredReference, Unchecked, check};
 use gonio_io::atomic::write_file;
 use gonio_io::picture::{encode_png_signed, is_signed};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::input;
 use crate::outcome::Outcome;
@@ -89,10 +89,25 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     Ok(Outcome::new(text, fields).warning(remedy::worded(&checked.warnings)))
 }
 
+/// Line on the reference in a photograph.
+fn describe_reference(reference: &MeasuredReference) -> String {
+    let notes = reference.notes(None);
+    let [r, g, b] = reference.light.chroma().rgb().to_array();
+    let mut line = format!("{}: light of colour {r:.3},{g:.3},{b:.3}", notes["kind"].as_str().unwrap_or_default());
+    if let Some(corners) = notes["corners"].as_array() {
+        let at = |corner: &Value, i: usize| corner[i].as_f64().unwrap_or_default();
+        let corners: Vec<String> = corners.iter().map(|c| format!("{:.1},{:.1}", at(c, 0), at(c, 1))).collect();
+        line += &format!(", corner patches {}", corners.join(","));
+    }
+    line + "\n"
+}
+
 /// Lines on a photograph and each of its objects.
 fn describe(checked: &Checked, name: &str) -> String {
     let (width, height) = checked.picture.rgb.size();
     let mut lines = format!("{name}: {width}x{height} pixels\n");
+    let reference = checked.objects.first().and_then(|object| object.seen.reference.as_ref());
+    lines += &reference.map(describe_reference).unwrap_or_default();
     for object in &checked.objects {
         let report = &object.seen.sighting.observations.report;
         let of = object.name.as_ref().map(|name| format!("region {name}: ")).unwrap_or_default();

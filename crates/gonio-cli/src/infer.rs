@@ -10,7 +10,7 @@ use gonio_app::folder::{beside, for_results, holds_results, would_replace};
 use gonio_app::regions::{Inferred, Several, infer_all};
 use gonio_app::{Alignment, Colours, Journal, KnownLight, Method, Search, Settings, Source, Spaces};
 use gonio_io::atomic::StagedFolder;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::input;
 use crate::outcome::{Outcome, sharpness};
@@ -335,13 +335,27 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if let Some(material) = &answer.material {
         text += &format!("\n{}", sharpness(material));
     }
+    text += &albedo_by_reference(&answer.notes["reference"]);
     // What fills no screen; the rest is in result.json.
     let mut notes = answer.notes;
-    let fields = ["method", "posterior", "colour", "colorspace", "noise", "known_light", "exposure", "seconds"]
-        .map(|key| (key.to_owned(), notes[key].take()));
+    let fields =
+        ["method", "posterior", "colour", "colorspace", "noise", "known_light", "exposure", "reference", "seconds"]
+            .map(|key| (key.to_owned(), notes[key].take()));
     let mut outcome = Outcome::new(text, json!({ "output": output })).warning(answer.warnings);
     outcome.fields.extend(fields);
     Ok(outcome)
+}
+
+/// The line on the albedo that a reference in the picture gives; empty if it gives none.
+fn albedo_by_reference(reference: &Value) -> String {
+    let scale = &reference["scale"];
+    let (albedo, interval) = (scale["normal_albedo"].as_f64(), &scale["normal_albedo_interval_90"]);
+    match (albedo, interval[0].as_f64(), interval[1].as_f64()) {
+        (Some(albedo), Some(low), Some(high)) => {
+            format!("\nalbedo along the normal {albedo:.3} ({low:.3} to {high:.3}), by the reference in the picture")
+        }
+        _ => String::new(),
+    }
 }
 
 /// Writes the results of several regions.

@@ -95,6 +95,7 @@ impl Options {
             clip: self.clip,
             mask: mask.cloned().map(Source::File),
             keep_colours: true,
+            reference: None,
             shape: Shape { camera: self.camera.clone().map(Source::File), ..Shape::of(Form::Sphere(circle)) },
         })
     }

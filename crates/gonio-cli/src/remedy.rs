@@ -22,6 +22,11 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::Linear => "pass --linear if its values are linear radiance",
         Remedy::Layer => "take another with --layer NAME",
         Remedy::DepthRange => "give the range with --depth-range NEAR,FAR",
+        Remedy::ChartCorners => {
+            "give the centres of its corner patches (dark skin, bluish green, black, white) with --color-checker X,Y,X,Y,X,Y,X,Y"
+        }
+        Remedy::ClipLevel => "give the level with --clip VALUE if they are not clipped",
+        Remedy::ReferenceColourOnly => "use its colour alone with --reference-color-only",
         Remedy::Times => "--times takes them",
         Remedy::Separately => {
             "give each photograph by itself, or infer from all of them with `gonio batch IMAGE... -o DIR`"

@@ -15,6 +15,7 @@ mod outside;
 mod paper;
 mod posteriors;
 mod quadrature;
+mod scales;
 mod shapes;
 mod tints;
 mod together;
@@ -62,6 +63,8 @@ enum Command {
     /// Measures what several photographs of one material, and several materials under one light,
     /// tell beyond one.
     Together(together::Options),
+    /// Measures the absolute albedo that a neutral reference in the picture gives.
+    Scales(scales::Options),
     /// Merges the folders that the jobs of `bench --shard` have filled into one report.
     Merge(bench::MergeOptions),
 }
@@ -81,6 +84,7 @@ fn main() -> ExitCode {
         Command::Camera(options) => camera::run(&data, &options),
         Command::Folds(options) => folds::run(&data, &options),
         Command::Together(options) => together::run(&data, &options),
+        Command::Scales(options) => scales::run(&data, &options),
         Command::Merge(options) => bench::merge(&options),
     };
     match result {

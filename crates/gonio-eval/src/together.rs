@@ -214,7 +214,7 @@ pub(crate) fn joined<'a>(
     })
 }
 
-fn photograph(table: &BivariateTable, map: &EnvironmentMap) -> Result<Observations> {
+pub(crate) fn photograph(table: &BivariateTable, map: &EnvironmentMap) -> Result<Observations> {
     let settings = SphereSettings {
         size: 128,
         accuracy: Accuracy::Bound(IntegratorSettings { tolerance: 0.3, max_cells: 8000 }),

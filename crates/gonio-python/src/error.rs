@@ -40,6 +40,11 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::Layer => "take another with layer=NAME",
         Remedy::Separately => "give each photograph by itself, or all of them to infer_many",
         Remedy::DepthRange => "give the range with depth_range=(near, far)",
+        Remedy::ChartCorners => {
+            "give the centres of its corner patches (dark skin, bluish green, black, white) with color_checker=[(x, y), ...]"
+        }
+        Remedy::ClipLevel => "give the level with clip= if they are not clipped",
+        Remedy::ReferenceColourOnly => "use its colour alone with reference_color_only=True",
         Remedy::Times => "times=[...] takes them",
         Remedy::Turn => "give the angle with second_yaw=DEGREES",
         Remedy::SecondOutline => "give the outline of the ball with second_circle=(x, y, radius)",

@@ -10,7 +10,6 @@ use gonio::picture::Plane;
 use gonio::reflectance::{BivariateTable, THETA_D, THETA_H};
 use gonio::scene::Circle;
 use gonio_app::regions::{self, Regions};
-use gonio_app::results::LIGHT_ROWS;
 use gonio_app::{Alignment, Answer, Colours, Journal, KnownLight, Method, Problem, Search, Source, Spaces};
 use gonio_io::colour_space::ColourSpace;
 use gonio_report::panels::Panels;
@@ -267,7 +266,7 @@ fn spell_out<'py>(py: Python<'py>, answer: Answer, model: &Bound<'py, Model>) ->
     let (field, light_colour) = (answer.colouring.field(), answer.colouring.light());
     let channels = answer.material.as_ref().map(|material| answer.colouring.quantiles(material));
     let pictures = pictures(&answer);
-    let estimated = answer.light.as_ref().map(|light| light.to_lat_long(LIGHT_ROWS));
+    let estimated = answer.light.as_ref().map(|light| answer.lat_long(light));
     let light = estimated.or_else(|| answer.known_light.as_ref().map(|light| light.radiance().clone()));
     let Answer { table, material, saved, scale, left, notes, warnings, page, .. } = answer;
     let out = match material.zip(saved) {

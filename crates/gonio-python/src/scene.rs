@@ -6,7 +6,9 @@ use glam::DVec3;
 use gonio::picture::{Picture, Plane};
 use gonio::scene::{Circle, Correction};
 use gonio::shape::{DepthKind, MeshParts};
-use gonio_app::{Curve, Form, Normals, Places, Problem, Reading, Scene, Shape, Shots, Source};
+use gonio_app::{
+    Curve, Form, Normals, Places, Problem, Reading, Reference, ReferenceTarget, Scene, Shape, Shots, Source,
+};
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::geometry::{depth_of, place_of};
 use numpy::{PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
@@ -131,6 +133,18 @@ struct GivenShape<'py> {
     depth_axis: Option<f64>,
 }
 
+/// A neutral reference in a photograph: one of the first three. No corners where a chart is to be
+/// detected.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct GivenReference<'py> {
+    white: Option<(f64, f64, f64)>,
+    grey_card: Option<GivenMask<'py>>,
+    corners: Option<Vec<(f64, f64)>>,
+    reflectance: Option<f64>,
+    color_only: bool,
+}
+
 /// A photograph and what is known of its object.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
@@ -142,6 +156,7 @@ pub(crate) struct GivenScene<'py> {
     clip: Option<f32>,
     keep_colors: bool,
     object: GivenShape<'py>,
+    reference: Option<GivenReference<'py>>,
 }
 
 impl GivenScene<'_> {
@@ -157,21 +172,36 @@ impl GivenScene<'_> {
             GivenShots::Bytes(bytes) => Shots::Bytes(self.name.clone(), bytes),
             GivenShots::Exposures(paths) => Shots::Files(paths),
         };
-        let mask = self.mask.map(|mask| {
-            Ok::<_, PyErr>(match mask {
-                GivenMask::Array(array) => Source::Here(arrays::values(&array)?),
-                GivenMask::File(path) => Source::File(path),
-            })
-        });
         Ok(Scene {
             name: self.name,
             shots,
             reading: self.reading.take(),
-            mask: mask.transpose()?,
+            mask: self.mask.map(GivenMask::source).transpose()?,
             clip: self.clip,
             keep_colours: self.keep_colors,
             shape: self.object.take()?,
+            reference: self.reference.map(GivenReference::take).transpose()?,
         })
+    }
+}
+
+impl GivenMask<'_> {
+    fn source(self) -> PyResult<Source<Plane<f32>>> {
+        Ok(match self {
+            Self::Array(array) => Source::Here(arrays::values(&array)?),
+            Self::File(path) => Source::File(path),
+        })
+    }
+}
+
+impl GivenReference<'_> {
+    fn take(self) -> PyResult<Reference> {
+        let target = match (self.white, self.grey_card) {
+            (Some((x, y, radius)), _) => ReferenceTarget::White(Circle { x, y, radius }),
+            (None, Some(mask)) => ReferenceTarget::GreyCard(mask.source()?),
+            (None, None) => ReferenceTarget::Chart(self.corners.and_then(|corners| corners.try_into().ok())),
+        };
+        Ok(Reference { target, reflectance: self.reflectance, colour_only: self.color_only })
     }
 }
 

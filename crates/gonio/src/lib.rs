@@ -44,6 +44,7 @@ mod linalg;
 pub mod model;
 pub mod picture;
 pub mod probe;
+pub mod reference;
 pub mod reflectance;
 pub mod remedy;
 pub mod render;

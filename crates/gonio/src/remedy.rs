@@ -47,6 +47,12 @@ pub enum Remedy {
     SecondOutline,
     /// Give a mask of the ball in the second photograph.
     SecondMask,
+    /// Give the centres of the corner patches of the colour chart.
+    ChartCorners,
+    /// Give the radiance at which the camera clips.
+    ClipLevel,
+    /// Take the colour of the light from the reference, and not the scale.
+    ReferenceColourOnly,
     /// Give each of several photographs by itself.
     Separately,
     /// Learn a posterior of materials and join it to the model.

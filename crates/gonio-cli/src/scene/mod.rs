@@ -1,5 +1,6 @@
 //! A photograph and the object in it, as the options say them: for `gonio infer` and `gonio check`.
 
+mod reference;
 mod shape;
 
 use std::path::PathBuf;
@@ -12,6 +13,7 @@ use gonio_app::{Scene, Source};
 use crate::input;
 use crate::reading::ReadingOptions;
 use crate::surface::SurfaceOptions;
+use reference::ReferenceOptions;
 use shape::{NormalOptions, ShapeName};
 
 /// Options that say what is to be looked at.
@@ -70,10 +72,13 @@ pub(crate) struct SceneOptions {
     /// Semi-axis of an ellipsoid towards the camera, in pixels
     #[arg(long, value_name = "PIXELS", value_parser = parse_positive, allow_negative_numbers = true, help_heading = SHAPE)]
     depth_axis: Option<f64>,
+    #[command(flatten, next_help_heading = REFERENCE)]
+    reference: ReferenceOptions,
 }
 
 const FINDING: &str = "Finding the object";
 const SHAPE: &str = "Shape";
+const REFERENCE: &str = "Reference in the picture";
 
 fn parse_positive(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or_else(|| "give a positive number".into())
@@ -118,11 +123,13 @@ impl SceneOptions {
             mask: self.mask.clone().map(Source::File),
             keep_colours: self.keep_colors,
             shape: self.shape(),
+            reference: self.reference.reference(),
         })
     }
 
     /// Refuses options that would have no effect.
     fn check(&self) -> Result<()> {
+        self.reference.check()?;
         let is_ellipsoid = matches!(self.shape, ShapeName::Ellipsoid) && !self.has_shadows();
         if self.depth_axis.is_some() && !is_ellipsoid {
             bail!("--depth-axis is for --shape ellipsoid");

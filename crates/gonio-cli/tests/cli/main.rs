@@ -18,6 +18,7 @@ mod learnt;
 mod light;
 mod merge;
 mod pictures;
+mod references;
 mod refusals;
 mod regions;
 mod reliability;

@@ -96,6 +96,11 @@ class Options(TypedDict, total=False):
     full_rows: bool
     color: str
     light_color: Sequence[float] | None
+    white: tuple[float, float, float] | None
+    grey_card: Picture | None
+    color_checker: bool | str | Sequence[float] | Sequence[tuple[float, float]]
+    reference_reflectance: float | None
+    reference_color_only: bool
     pictures: bool
     report: bool
     progress: Progress | None
@@ -155,6 +160,11 @@ def infer(
     full_rows: bool = False,
     color: str = "estimate",
     light_color: Sequence[float] | None = None,
+    white: tuple[float, float, float] | None = None,
+    grey_card: Picture | None = None,
+    color_checker: bool | str | Sequence[float] | Sequence[tuple[float, float]] = False,
+    reference_reflectance: float | None = None,
+    reference_color_only: bool = False,
     pictures: bool = True,
     report: bool = False,
     progress: Progress | None = None,
@@ -261,6 +271,22 @@ def infer(
         How the BRDF, which is found from luminance, is coloured.
     light_color : sequence of 3 floats, optional
         Linear colour of a white matte ball in the object's place, where it is known.
+    white : (float, float, float), optional
+        White patch in the picture: x, y (from the top left corner) and radius of a disk in pixels.
+        It fixes the colour of the light and, if it faces the camera beside the object, the scale of
+        the BRDF.
+    grey_card : path or array, optional
+        Grey card in the picture, for the same: a mask that is above 0.5 on it, shape (height,
+        width).
+    color_checker : bool or sequence, default False
+        24-patch colour chart (ColorChecker Classic) in the picture, for the same: True detects it;
+        four (x, y) in pixels, or eight numbers, are the centres of its corner patches in the order
+        dark skin, bluish green, black, white.
+    reference_reflectance : float, optional
+        Diffuse reflectance of the patch: 0.9 for ``white`` and 0.18 for ``grey_card`` if not given.
+    reference_color_only : bool, default False
+        Use the colour of the reference and not the scale: it does not face the camera, or gets
+        other light than the object.
     pictures : bool, default True
         Draw what :attr:`Posterior.pictures` holds, which takes a third of the time.
     report : bool, default False

@@ -75,8 +75,9 @@ def check(
     **options
         Arguments of :func:`infer` that say how the photograph is read and what shape the object
         has: ``linear``, ``layer``, ``times``, ``response``, ``black_level``, ``flat``,
-        ``colorspace``, ``clip``, ``keep_colors``, ``normals`` and what goes with them, ``circle``, ``depth_axis``,
-        ``camera``, ``pose``.
+        ``colorspace``, ``clip``, ``keep_colors``, ``normals`` and what goes with them, ``circle``,
+        ``depth_axis``, ``camera``, ``pose``, ``white``, ``grey_card``, ``color_checker`` and what
+        goes with them.
 
     Returns
     -------

@@ -10,6 +10,7 @@ from ._arguments import Path, Photograph, is_path
 from ._arrays import mask_of, name_of, photograph
 from ._checks import flag, numbers, positive, space_if_given, text
 from ._errors import GonioError
+from ._reference import REFERENCE, given_reference
 from ._shape import FORM, given_shape
 from ._types import GivenReading, GivenScene
 
@@ -24,7 +25,7 @@ READING: dict[str, Any] = {
 }
 """Arguments that say how files are read, with their values if not given."""
 
-SCENE: dict[str, Any] = {**READING, **FORM, "mask": None, "clip": None, "keep_colors": False}
+SCENE: dict[str, Any] = {**READING, **FORM, **REFERENCE, "mask": None, "clip": None, "keep_colors": False}
 """Arguments that say what is looked at, with their values if not given."""
 
 
@@ -75,4 +76,5 @@ def given_scene(image: Photograph, options: Mapping[str, Any], warnings: list[st
         "clip": clip,
         "keep_colors": flag(said["keep_colors"], "keep_colors"),
         "object": given_shape(said),
+        "reference": given_reference(said),
     }

@@ -67,6 +67,16 @@ class GivenReading(TypedDict):
     colorspace: str | None
 
 
+class GivenReference(TypedDict):
+    """A neutral reference in a photograph; no corners of a chart where it is to be detected."""
+
+    white: tuple[float, float, float] | None
+    grey_card: str | Floats | None
+    corners: list[tuple[float, float]] | None
+    reflectance: float | None
+    color_only: bool
+
+
 class GivenScene(TypedDict):
     """A photograph and its object."""
 
@@ -77,6 +87,7 @@ class GivenScene(TypedDict):
     clip: float | None
     keep_colors: bool
     object: GivenShape
+    reference: GivenReference | None
 
 
 class GivenRegions(TypedDict):

@@ -90,9 +90,16 @@ impl Report<'_> {
     /// Says what the page is about: one photograph, in an unknown or a known light.
     fn about(&self) -> Markup {
         if self.subject.known_light.is_none() {
+            let albedo = self.result["reference"]["scale"]["normal_albedo"].as_f64();
             return html! {
-                p.note { "The reflectance (BRDF) of an object, estimated from one photograph under unknown illumination. \
-                     Brightness of light and reflectance cannot be told apart: the albedo along the normal is set to one half." }
+                p.note {
+                    "The reflectance (BRDF) of an object, estimated from one photograph under unknown illumination. "
+                    @if let Some(albedo) = albedo {
+                        "A reference in the picture fixes the scale: the albedo along the normal is " (format!("{albedo:.2}")) "."
+                    } @else {
+                        "Brightness of light and reflectance cannot be told apart: the albedo along the normal is set to one half."
+                    }
+                }
             };
         }
         let albedo = self.result["exposure"]["albedo"].as_f64();

@@ -33,7 +33,7 @@ pub use material::{ALBEDO, Material, SHARES, draws};
 pub use misfit::{Reason, expected_misfit};
 use tint::Rows;
 pub use tint::Tint;
-pub use together::{Beside, estimate_together};
+pub use together::{Beside, estimate_together, irradiance};
 
 use crate::inference::ProductError;
 use crate::inference::known_light::KnownLightError;

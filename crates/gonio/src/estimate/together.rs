@@ -48,8 +48,9 @@ pub fn estimate_together(
     Ok(all.into_iter().zip(brightness).map(beside).collect())
 }
 
-/// Irradiance of a surface that faces the camera, where albedos along the normal are seen.
-fn irradiance(grid: &LightGrid) -> f64 {
+/// Irradiance (luminance) of a surface that faces the camera, where albedos along the normal are
+/// seen.
+pub fn irradiance(grid: &LightGrid) -> f64 {
     let (map, side) = (grid.map(), grid.side());
     let texel = |t: usize| {
         let (u, v) = LightGrid::centre_of(side, t);

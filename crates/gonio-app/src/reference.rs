@@ -1,0 +1,222 @@
+//! Neutral references in a photograph: the colour of the light and the scale of reflectance.
+
+use gonio::estimate::{ALBEDO, ColouringRule};
+use gonio::lighting::LightGrid;
+use gonio::picture::{Picture, Plane};
+use gonio::reference::{
+    AbsoluteScale, ChartReading, Corners, PatchReading, ReferenceError, ReferenceLight, check_apart, disk, find_chart,
+};
+use gonio::remedy::Remedy;
+use gonio::scene::{Circle, Sighting};
+use serde_json::{Value, json};
+
+use crate::scene::read_mask;
+use crate::{Colours, Problem, Source, Warning};
+
+/// Reflectance of a white patch, if the user gives none: white patches of charts and white cards
+/// reflect 0.88 to 0.92.
+pub const WHITE_REFLECTANCE: f64 = 0.9;
+/// Reflectance of a grey card, if the user gives none.
+pub const GREY_REFLECTANCE: f64 = 0.18;
+
+/// Tilt in radians above which a chart does not give the scale: foreshortening of 18 %.
+const MAX_TILT: f64 = 35.0 / 180.0 * std::f64::consts::PI;
+/// Chroma residual of a chart above which the picture has other primaries than Rec. 709.
+const OTHER_PRIMARIES: f64 = 0.5;
+/// Normal albedo above which a scale cannot be right, but for the error of the estimate.
+const MAX_ALBEDO: f64 = 1.1;
+
+/// Assumption on the colour of the light, in words.
+const ASSUMPTION: &str = "the light has the colour of the reference in the picture";
+
+/// A neutral reference in a photograph.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    /// Kind and place.
+    pub target: ReferenceTarget,
+    /// Diffuse reflectance of a patch, in 0..=1; `None` for the usual one. A chart has its own.
+    pub reflectance: Option<f64>,
+    /// Use the colour of the light and not the scale: the reference does not face the camera, or
+    /// gets other light than the object.
+    pub colour_only: bool,
+}
+
+/// Kinds of references and their places.
+#[derive(Clone, Debug)]
+pub enum ReferenceTarget {
+    /// A white patch: the pixels of a disk.
+    White(Circle),
+    /// A grey card: the pixels where a mask is above one half.
+    GreyCard(Source<Plane<f32>>),
+    /// A 24-patch ColorChecker Classic with the centres of its corner patches; without them the
+    /// chart is detected.
+    Chart(Option<Corners>),
+}
+
+/// A reference that was measured.
+#[derive(Clone, Debug)]
+pub struct MeasuredReference {
+    /// Light on it.
+    pub light: ReferenceLight,
+    /// Whether it gives the scale of reflectance.
+    pub gives_scale: bool,
+    /// Measurements by name.
+    notes: Value,
+}
+
+impl Reference {
+    /// Measures the reference in a picture. `name` is how messages call the photograph, `clip` the
+    /// radiance at which its channels are clipped, if that is known.
+    ///
+    /// # Errors
+    /// If the mask of a grey card cannot be read, or the reference cannot be used; the message
+    /// names the input at fault.
+    pub(crate) fn measure(
+        self,
+        (name, picture, clip): (&str, &Picture, Option<f32>),
+        sighting: &Sighting,
+        warnings: &mut Vec<Warning>,
+    ) -> Result<MeasuredReference, Problem> {
+        let (rgb, size) = (&picture.rgb, picture.rgb.size());
+        let blame = |error: ReferenceError| {
+            error.remedies().into_iter().fold(Problem::of(name, &error), |problem, remedy| problem.with(remedy))
+        };
+        let patch = |kind: &str, region: Plane<bool>, usual: f64| {
+            check_apart(&region, |x, y| sighting.contains(x, y))?;
+            let read = PatchReading::of(rgb, &region, clip)?;
+            let reflectance = self.reflectance.unwrap_or(usual);
+            let notes = json!({
+                "kind": kind,
+                "reflectance": reflectance,
+                "rgb": read.colour.to_array(),
+                "pixels": read.pixels,
+                "clipped": read.clipped,
+                "variation": read.variation,
+            });
+            let light = read.light(reflectance)?;
+            Ok(MeasuredReference { light, gives_scale: !self.colour_only, notes })
+        };
+        match &self.target {
+            ReferenceTarget::White(Circle { x, y, radius }) => disk(size, (*x, *y), *radius)
+                .and_then(|region| patch("white patch", region, WHITE_REFLECTANCE))
+                .map_err(blame),
+            ReferenceTarget::GreyCard(mask) => {
+                let of_mask = mask.name("the mask of the grey card");
+                let mask = read_mask(Some(mask.clone()), size, warnings)?;
+                let region = mask.map_or_else(|| rgb.map(|_| false), |mask| mask.map(|covered| *covered > 0.5));
+                patch("grey card", region, GREY_REFLECTANCE).map_err(|error| blame(error).within(&of_mask))
+            }
+            ReferenceTarget::Chart(corners) => {
+                let read = match corners {
+                    Some(corners) => ChartReading::of(rgb, corners, clip),
+                    None => find_chart(rgb, clip),
+                };
+                let read = read.map_err(blame)?;
+                check_apart(&read.region(size), |x, y| sighting.contains(x, y)).map_err(blame)?;
+                Ok(self.chart(name, &read, warnings))
+            }
+        }
+    }
+
+    fn chart(&self, name: &str, read: &ChartReading, warnings: &mut Vec<Warning>) -> MeasuredReference {
+        let tilt = read.tilt.to_degrees();
+        let tilted = read.tilt > MAX_TILT;
+        if tilted && !self.colour_only {
+            warnings.push(
+                format!(
+                    "{name}: the colour chart is tilted by about {tilt:.0} degrees from the camera: it gives the colour \
+                     of the light and not the scale of reflectance"
+                )
+                .into(),
+            );
+        }
+        if read.chroma_residual > OTHER_PRIMARIES {
+            warnings.push(
+                format!(
+                    "{name}: the colours of the chart differ from the published ones by {:.2} in log-chroma: the \
+                     picture has other primaries than Rec. 709, and so have the colours of the BRDF",
+                    read.chroma_residual
+                )
+                .into(),
+            );
+        }
+        let notes = json!({
+            "kind": "colour chart",
+            "corners": read.corners,
+            "detected": matches!(self.target, ReferenceTarget::Chart(None)),
+            "neutral_patches": read.neutral_patches,
+            "clipped_patches": read.clipped_patches,
+            "chroma_correlation": read.chroma_correlation,
+            "chroma_residual": read.chroma_residual,
+            "luminance_residual": read.luminance_residual,
+            "tilt_degrees": tilt,
+        });
+        MeasuredReference { light: read.light, gives_scale: !self.colour_only && !tilted, notes }
+    }
+}
+
+/// Checks that a reference goes with the colours that are asked for, and with the light.
+///
+/// # Errors
+/// If something else fixes the colour of the light.
+pub(crate) fn check(name: &str, colours: Colours, light_is_known: bool) -> Result<(), Problem> {
+    let problem = match (light_is_known, colours) {
+        (true, _) => "the light map fixes the colour of the light: give it, or a reference in the picture, not both",
+        (false, Colours::Under(_)) => {
+            "the colour of the light is given: give it, or a reference in the picture, not both"
+        }
+        (false, Colours::Median | Colours::Grey) => {
+            "a reference in the picture serves estimated colours: leave out the reference, or the other rule for colours"
+        }
+        (false, Colours::Estimate) => return Ok(()),
+    };
+    Err(Problem::of(name, problem))
+}
+
+impl MeasuredReference {
+    /// Rule for the colours, and in words what is assumed of the light's.
+    pub(crate) fn rule(&self) -> (ColouringRule, &'static str) {
+        (ColouringRule::Estimate { light: Some(self.light.chroma()) }, ASSUMPTION)
+    }
+
+    /// Absolute scale of the reflectance that goes with an estimated light; `None` if the reference
+    /// does not give it.
+    pub(crate) fn scale(&self, light: &LightGrid) -> Option<AbsoluteScale> {
+        self.light.scale(light).filter(|_| self.gives_scale)
+    }
+
+    /// The section `reference` of the result.
+    pub fn notes(&self, scale: Option<AbsoluteScale>) -> Value {
+        let mut notes = self.notes.clone();
+        notes["light"] = json!({ "white": self.light.white.to_array(), "log_chroma": self.light.chroma().0 });
+        notes["scale"] = scale.map_or(Value::Null, |scale| {
+            json!({
+                "factor": scale.factor,
+                "normal_albedo": ALBEDO * scale.factor,
+                "normal_albedo_interval_90": scale.interval(ALBEDO),
+                "log_sd": scale.log_sd,
+            })
+        });
+        notes["note"] = json!(
+            "light: radiance of a matte surface of reflectance one in the place of the reference, on the scale of the \
+             photograph, and ln R/G and ln B/G of it, which the colours of the BRDF take for those of the light; scale: \
+             factor from a BRDF of normal albedo 0.5 to brdf.binary, if the reference faces the camera and gets the \
+             light of the object, with the albedo along the normal, its 90 % interval, and the standard deviation of the \
+             factor's logarithm; the quantiles of the BRDF do not include this uncertainty; null: the scale is not \
+             determined"
+        );
+        notes
+    }
+}
+
+/// Warning for a scale that no surface has.
+pub(crate) fn too_bright(scale: AbsoluteScale) -> Option<Warning> {
+    let albedo = ALBEDO * scale.factor;
+    (albedo > MAX_ALBEDO).then(|| {
+        let text = format!(
+            "the reference gives an albedo of {albedo:.2} along the normal: it gets less light than the object, does \
+             not face the camera, or its reflectance is wrong"
+        );
+        Warning::new(text, vec![Remedy::ReferenceColourOnly])
+    })
+}

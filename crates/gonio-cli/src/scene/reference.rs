@@ -1,0 +1,105 @@
+//! Neutral references in the picture, as the options give them.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use gonio::reference::Corners;
+use gonio::scene::Circle;
+use gonio_app::{Reference, ReferenceTarget, Source};
+
+use super::parse_circle;
+
+/// Options for a neutral reference.
+#[derive(clap::Args)]
+pub(super) struct ReferenceOptions {
+    /// White patch in the picture: the pixels of a disk
+    ///
+    /// It fixes the colour of the light and, if it faces the camera beside the object, the scale of
+    /// the BRDF (docs/references.md).
+    #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with_all = ["grey_card", "color_checker"])]
+    white: Option<Circle>,
+    /// Grey card in the picture: a mask that is white on it
+    ///
+    /// It fixes the same as --white.
+    #[arg(long, alias = "gray-card", value_name = "MASK", conflicts_with = "color_checker")]
+    grey_card: Option<PathBuf>,
+    /// 24-patch colour chart (ColorChecker Classic) in the picture
+    ///
+    /// It fixes the same as --white. The chart is detected, or measured at the centres of its
+    /// corner patches in the order dark skin, bluish green, black, white: X,Y,X,Y,X,Y,X,Y in pixels
+    /// from the top left corner.
+    #[arg(long, alias = "colour-checker", value_name = "auto|CORNERS", num_args = 0..=1, default_missing_value = "auto",
+          value_parser = parse_chart)]
+    color_checker: Option<ChartPlace>,
+    /// Diffuse reflectance of the white patch (0.9) or the grey card (0.18)
+    #[arg(long, value_name = "R", value_parser = parse_reflectance)]
+    reference_reflectance: Option<f64>,
+    /// Use the colour of the reference and not the scale
+    ///
+    /// For a reference that does not face the camera, or gets other light than the object.
+    #[arg(long)]
+    reference_color_only: bool,
+}
+
+/// Where a chart is: its corners, or `None` to detect it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct ChartPlace(Option<Corners>);
+
+fn parse_chart(text: &str) -> Result<ChartPlace, String> {
+    if text == "auto" {
+        return Ok(ChartPlace(None));
+    }
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[a, b, c, d, e, f, g, h]) => Ok(ChartPlace(Some([(a, b), (c, d), (e, f), (g, h)]))),
+        _ => {
+            Err("give eight numbers, X,Y of four corner patches, or auto; the photograph comes before this option"
+                .into())
+        }
+    }
+}
+
+fn parse_reflectance(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|r: &f64| *r > 0.0 && *r <= 1.0);
+    number.ok_or_else(|| "give a number above 0 and at most 1".into())
+}
+
+impl ReferenceOptions {
+    /// The reference that the options give.
+    pub(super) fn reference(&self) -> Option<Reference> {
+        let white = self.white.map(ReferenceTarget::White);
+        let card = || self.grey_card.clone().map(|mask| ReferenceTarget::GreyCard(Source::File(mask)));
+        let chart = || self.color_checker.map(|place| ReferenceTarget::Chart(place.0));
+        let target = white.or_else(card).or_else(chart)?;
+        Some(Reference { target, reflectance: self.reference_reflectance, colour_only: self.reference_color_only })
+    }
+
+    /// Refuses options that would have no effect.
+    pub(super) fn check(&self) -> Result<()> {
+        let is_patch = self.white.is_some() || self.grey_card.is_some();
+        if self.reference_reflectance.is_some() && !is_patch {
+            bail!("--reference-reflectance is for --white and --grey-card: a colour chart has published reflectances");
+        }
+        if self.reference_color_only && !is_patch && self.color_checker.is_none() {
+            bail!("--reference-color-only is for --white, --grey-card and --color-checker");
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parses_places_of_charts() {
+        assert_eq!(parse_chart("auto"), Ok(ChartPlace(None)));
+        let corners = [(1.0, 2.0), (3.0, 4.0), (5.5, 6.0), (7.0, 8.0)];
+        assert_eq!(parse_chart("1,2, 3,4,5.5,6,7,8"), Ok(ChartPlace(Some(corners))));
+        for wrong in ["", "photo.exr", "1,2,3,4,5,6,7", "1,2,3,4,5,6,7,8,9", "a,b,c,d,e,f,g,h"] {
+            assert!(parse_chart(wrong).is_err(), "{wrong}");
+        }
+        assert!(parse_reflectance("0.18") == Ok(0.18) && parse_reflectance("1") == Ok(1.0));
+        assert!(["0", "1.1", "-1", "nan", "x"].iter().all(|wrong| parse_reflectance(wrong).is_err()));
+    }
+}

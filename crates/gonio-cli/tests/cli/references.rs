@@ -1,0 +1,158 @@
+//! References in the picture: colour of the light and scale of the BRDF.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3};
+use gonio::estimate::irradiance;
+use gonio::lighting::studio_light;
+use gonio::picture::{Picture, Plane};
+use gonio::reference::patch_colours;
+use gonio::reflectance::BivariateTable;
+use gonio::render::{LightTree, SphereSettings, render_sphere};
+use gonio::sphere::OctahedralMap;
+
+use crate::support::{Bench, SIZE, ball, exr, material, merl};
+
+/// Colour of the light, of luminance one or so.
+const LIGHT: Vec3 = Vec3::new(1.5, 1.0, 0.55);
+
+/// Reflectance of the ball over that of its material, which reflects more light than it gets.
+const DARKER: f32 = 0.3;
+
+/// Distance of the patches of the chart, pixels.
+const PITCH: usize = 12;
+
+const CIRCLE: &str = "--circle 24,24,22.08";
+
+/// Radiance of a white surface that faces the camera in the light of the ball.
+fn white() -> Vec3 {
+    let settings = SphereSettings { size: SIZE, ..SphereSettings::default() };
+    let matte = merl(&BivariateTable::from_fn(|_, _| PI.recip()));
+    let ball = render_sphere(&matte, &LightTree::of_map(&studio_light(32)), &settings, &|_| ());
+    ball.rgb[(SIZE / 2, SIZE / 2)] * LIGHT
+}
+
+/// The ball in coloured light with something beside it, whose reflectance is `beside` of a pixel
+/// counted from the right edge of the ball's picture.
+fn scene(width: usize, beside: impl Fn(usize, usize) -> Option<Vec3>) -> Picture {
+    let (ball, white) = (ball(), white());
+    let rgb = Plane::from_fn(SIZE + width, SIZE.max(4 * PITCH + 20), |x, y| {
+        let grain = 1.0 + 0.02 * (1e4 * ((x + 331 * y) as f32 * 0.37).sin()).sin();
+        match x.checked_sub(SIZE) {
+            None if y < SIZE => DARKER * ball.rgb[(x, y)] * LIGHT,
+            None => Vec3::ZERO,
+            Some(x) => beside(x, y).map_or(Vec3::ZERO, |reflectance| grain * reflectance * white),
+        }
+    });
+    Picture { rgb, alpha: None }
+}
+
+/// A patch of a reflectance beside the ball.
+fn patch(reflectance: f32) -> Picture {
+    scene(40, |x, y| ((5..35).contains(&x) && (10..40).contains(&y)).then_some(Vec3::splat(reflectance)))
+}
+
+/// A chart beside the ball.
+fn chart() -> Picture {
+    let colours = patch_colours();
+    scene(6 * PITCH + 20, |x, y| {
+        let (column, row) = (x.wrapping_sub(10) / PITCH, y.wrapping_sub(10) / PITCH);
+        let inside = |at: usize| (1..PITCH - 1).contains(&(at.wrapping_sub(10) % PITCH));
+        if column >= 6 || row >= 4 {
+            return (x > 5 && y > 5 && x < 6 * PITCH + 15 && y < 4 * PITCH + 15).then_some(Vec3::splat(0.035));
+        }
+        let colour = colours[6 * row + column].max(DVec3::splat(1e-3)).as_vec3();
+        Some(if inside(x) && inside(y) { colour } else { Vec3::splat(0.035) })
+    })
+}
+
+/// Chroma of the light and normal albedo with its interval in a folder of results.
+fn reference(bench: &Bench, folder: &str) -> ([f64; 2], f64, [f64; 2]) {
+    let result = bench.json(&format!("{folder}/result.json"));
+    let number = |pointer: &str| result.pointer(pointer).and_then(serde_json::Value::as_f64).unwrap();
+    let chroma = [0, 1].map(|i| number(&format!("/colour/light/log_chroma/{i}")));
+    let interval = [0, 1].map(|i| number(&format!("/reference/scale/normal_albedo_interval_90/{i}")));
+    (chroma, number("/reference/scale/normal_albedo"), interval)
+}
+
+#[track_caller]
+fn finds_light_and_albedo(bench: &Bench, folder: &str) {
+    let (chroma, albedo, [low, high]) = reference(bench, folder);
+    let white = white();
+    let want = [(white.x / white.y).ln(), (white.z / white.y).ln()].map(f64::from);
+    assert!((chroma[0] - want[0]).abs() < 0.02 && (chroma[1] - want[1]).abs() < 0.02, "{chroma:?} {want:?}");
+    let truth = f64::from(DARKER) * material(0.1, 0.3).normal_albedo();
+    assert!(low < truth && truth < high, "{albedo} ({low} to {high}), {truth}");
+    // The BRDF that is written has this albedo, and the light goes with it.
+    let written = bench.luminance(folder).normal_albedo();
+    assert!((written / albedo - 1.0).abs() < 1e-3, "{written} {albedo}");
+    let map = gonio::lighting::EnvironmentMap::new(
+        gonio_io::picture::read(bench.path(folder).join("light.exr"), &Default::default()).unwrap().picture.rgb,
+    );
+    let light = irradiance(&map.unwrap().to_grid(OctahedralMap::EqualArea, 32));
+    let true_light = PI * f64::from(gonio::picture::luminance(white));
+    assert!((light / true_light - 1.0).abs() < 0.02, "{light} {true_light}");
+}
+
+#[test]
+fn a_patch_or_a_chart_fixes_colour_and_scale() {
+    let bench = Bench::new();
+    bench.write("white.exr", &exr(&patch(0.9)));
+    bench.write("grey.exr", &exr(&patch(0.3)));
+    bench.write("chart.exr", &exr(&chart()));
+    let card = patch(1.0).rgb.map(|pixel| Vec3::splat(if pixel.x > 0.0 { 1.0 } else { 0.0 }));
+    let card = Plane::from_fn(card.width(), card.height(), |x, y| if x > SIZE { card[(x, y)] } else { Vec3::ZERO });
+    bench.write("card.png", &gonio_io::picture::encode_png(&card));
+    let run = bench.run(&format!("infer white.exr -o white {CIRCLE} --grid 8 --white 68,25,12")).succeeds();
+    assert!(run.stdout.contains("albedo along the normal 0."), "{run:?}");
+    bench
+        .run(&format!("infer grey.exr -o grey {CIRCLE} --grid 8 --grey-card card.png --reference-reflectance 0.3"))
+        .succeeds();
+    bench.run(&format!("infer chart.exr -o chart {CIRCLE} --grid 8 --color-checker")).succeeds();
+    let at = |column: usize, row: usize| format!("{},{}", SIZE + 16 + PITCH * column, 16 + PITCH * row);
+    let corners = [at(0, 0), at(5, 0), at(5, 3), at(0, 3)].join(",");
+    bench.run(&format!("infer chart.exr -o corners {CIRCLE} --grid 8 --color-checker {corners}")).succeeds();
+    for folder in ["white", "grey", "chart", "corners"] {
+        finds_light_and_albedo(&bench, folder);
+    }
+    let checked = bench.run(&format!("check chart.exr {CIRCLE} --color-checker")).succeeds();
+    assert!(checked.stdout.contains("colour chart: light of colour 1."), "{checked:?}");
+    // Without the scale the albedo stays.
+    bench
+        .run(&format!("infer white.exr -o colour {CIRCLE} --grid 8 --white 68,25,12 --reference-color-only"))
+        .succeeds();
+    assert!(bench.json("colour/result.json")["reference"]["scale"].is_null());
+    assert!((bench.luminance("colour").normal_albedo() - 0.5).abs() < 1e-3);
+}
+
+#[test]
+fn references_that_cannot_be_used_are_refused() {
+    let bench = Bench::new();
+    bench.write("white.exr", &exr(&patch(0.9)));
+    let clipped = patch(0.9);
+    let level = clipped.rgb[(68, 25)].max_element() * 0.8;
+    let clipped = Picture { rgb: clipped.rgb.map(|pixel| pixel.min(Vec3::splat(level))), ..clipped };
+    bench.write("clipped.exr", &exr(&clipped));
+    bench.write("light.exr", &exr(&Picture { rgb: studio_light(16).radiance().clone(), alpha: None }));
+    for (options, says) in [
+        ("white.exr --white 300,25,12", &["white.exr: ", "outside the picture of 88x68"][..]),
+        ("white.exr --white 24,24,12", &["lie on the object"]),
+        ("white.exr --white 68,25,2", &["usable pixels, at least 25"]),
+        ("white.exr --white 80,25,7", &["not uniform"]),
+        ("clipped.exr --white 68,25,12", &["are clipped; lower the exposure", "--clip"]),
+        ("white.exr --color-checker", &["no 24-patch colour chart", "--color-checker X,Y"]),
+        ("white.exr --color-checker 49,10,87,10,87,60,49,60", &["not those of a ColorChecker Classic"]),
+        ("white.exr --color-checker 50,10,50,10,80,40,50,40", &["convex quadrilateral"]),
+        ("white.exr --grey-card none.png", &["none.png"]),
+        ("white.exr --white 68,25,12 --light-color 1,1,1", &["not both"]),
+        ("white.exr --white 68,25,12 --light light.exr", &["the light map fixes the colour"]),
+        ("white.exr --white 68,25,12 --color none", &["serves estimated colours"]),
+        ("white.exr --color-checker --reference-reflectance 0.2", &["published reflectances"]),
+        ("white.exr --reference-color-only", &["--reference-color-only is for"]),
+    ] {
+        bench.refuses(&format!("infer {options} -o out {CIRCLE}"), says);
+    }
+    for line in ["--color-checker white.exr", "white.exr --white 1,1,1 --grey-card a.png"] {
+        assert_eq!(bench.run(&format!("infer {line}")).code, Some(2), "{line}");
+    }
+}

@@ -1,0 +1,65 @@
+"""Neutral references in a photograph, for the extension."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ._arrays import mask_of
+from ._checks import circle, flag, number, numbers, shown
+from ._errors import GonioError
+from ._types import GivenReference
+
+REFERENCE: dict[str, Any] = {
+    "white": None,
+    "grey_card": None,
+    "color_checker": None,
+    "reference_reflectance": None,
+    "reference_color_only": False,
+}
+"""Arguments that say what reference is in the picture, with their values if not given."""
+
+CORNERS = "True, or the centres of four corner patches: dark skin, bluish green, black, white"
+
+
+def given_reference(said: Mapping[str, Any]) -> GivenReference | None:
+    """The reference that arguments say, by the names of :data:`REFERENCE`."""
+    chart = said["color_checker"]
+    if chart is False:
+        chart = None
+    targets = {"white": said["white"], "grey_card": said["grey_card"], "color_checker": chart}
+    given = [name for name, value in targets.items() if value is not None]
+    if len(given) > 1:
+        raise GonioError(f"{' and '.join(given)} are references: give one of them")
+    reflectance = said["reference_reflectance"]
+    if reflectance is not None:
+        reflectance = number(reflectance, "reference_reflectance")
+        if not 0 < reflectance <= 1:
+            raise GonioError(f"reference_reflectance {reflectance}: give a number above 0 and at most 1")
+        if given not in (["white"], ["grey_card"]):
+            raise GonioError("reference_reflectance is for white and grey_card: a colour chart has published reflectances")
+    color_only = flag(said["reference_color_only"], "reference_color_only")
+    if color_only and not given:
+        raise GonioError("reference_color_only is for white, grey_card and color_checker")
+    if not given:
+        return None
+    return {
+        "white": None if said["white"] is None else circle(said["white"], "white"),
+        "grey_card": mask_of(said["grey_card"], "the mask of the grey card"),
+        "corners": None if chart is None else _corners(chart),
+        "reflectance": reflectance,
+        "color_only": color_only,
+    }
+
+
+def _corners(given: object) -> list[tuple[float, float]]:
+    """The corners of a chart; none if it is to be detected."""
+    if given is True or (isinstance(given, str) and given == "auto"):
+        return []
+    if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
+        raise TypeError(f"color_checker: give {CORNERS}, not {shown(given)}")
+    listed = list(given)
+    pairs = [list(one) for one in listed if isinstance(one, Iterable) and not isinstance(one, (str, bytes))]
+    flat = [value for pair in pairs for value in pair] if listed and len(pairs) == len(listed) else listed
+    places = numbers(flat, "color_checker", CORNERS, 8)
+    return list(zip(places[0::2], places[1::2]))

@@ -1,0 +1,455 @@
+//! The 24-patch ColorChecker Classic at a known place.
+
+use std::ops::Range;
+
+use glam::{DMat3, DVec2, DVec3, Vec3};
+
+use super::colours::{COLUMNS, FIRST_NEUTRAL, PATCHES, ROWS, patch_colours};
+use super::homography::{apply, fit};
+use super::light::REFLECTANCE_LOG_SD;
+use super::patch::{Clipping, PatchPixels, check_neutral};
+use super::{ReferenceError, ReferenceLight};
+use crate::colour::Chroma;
+use crate::picture::{Plane, luminance};
+
+/// Half of the side of the part of a patch that is measured, in distances of patches.
+const HALF_SIDE: f64 = 0.22;
+/// About the largest number of pixels that are measured of a patch.
+const MAX_PIXELS: usize = 900;
+/// Least distance of neighbouring patches, in pixels: nine pixels are measured of each.
+const MIN_PITCH: f64 = 7.0;
+/// Largest share of clipped pixels of a patch that is used.
+const MAX_CLIPPED: f64 = 0.05;
+/// Largest relative standard deviation of the luminance of a patch that is uniform.
+const MAX_VARIATION: f64 = 0.2;
+/// Least number of usable neutral patches.
+const MIN_NEUTRAL: usize = 3;
+/// Least number of usable patches.
+const MIN_PATCHES: usize = 14;
+
+/// Centres of the corner patches in pixels from the top left corner of the picture, in order: dark
+/// skin, bluish green, black, white. That is clockwise from the top left on an upright chart.
+pub type Corners = [(f64, f64); 4];
+
+/// Corners in coordinates of the chart, in distances of patches.
+const CHART_CORNERS: [DVec2; 4] = [
+    DVec2::new(0.0, 0.0),
+    DVec2::new(COLUMNS as f64 - 1.0, 0.0),
+    DVec2::new(COLUMNS as f64 - 1.0, ROWS as f64 - 1.0),
+    DVec2::new(0.0, ROWS as f64 - 1.0),
+];
+
+/// Bounds on the deviations of a chart from its published colours.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tolerance {
+    /// Correlation of the log-chroma of the coloured patches with the published one, at least. A
+    /// camera's own channels, before any colour matrix, have 0.9; patches in another order, or off
+    /// by one, have less than 0.3.
+    correlation: f64,
+    /// Mean distance of the chroma of the neutral patches from their common colour.
+    neutral: f64,
+    /// Mean absolute logarithm of the luminance over that of the published colour.
+    luminance: f64,
+    /// Least number of uniform patches.
+    uniform: usize,
+}
+
+impl Tolerance {
+    /// For corners that a user gave.
+    pub(super) const GIVEN: Self = Self { correlation: 0.75, neutral: 0.15, luminance: 0.35, uniform: 18 };
+    /// For corners that were detected.
+    pub(super) const DETECTED: Self = Self { correlation: 0.85, neutral: 0.12, luminance: 0.30, uniform: 20 };
+}
+
+/// Colours measured on a chart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChartReading {
+    /// Centres of the corner patches, in the order of [`Corners`].
+    pub corners: Corners,
+    /// Light on the chart.
+    pub light: ReferenceLight,
+    /// Correlation of the log-chroma of the coloured patches with the published one, at most 1.
+    pub chroma_correlation: f64,
+    /// Mean distance of the log-chroma of the coloured patches from the published one. Primaries
+    /// other than those of Rec. 709 leave 0.5 and more.
+    pub chroma_residual: f64,
+    /// Mean absolute logarithm of the luminance over that of the published colour, all patches.
+    pub luminance_residual: f64,
+    /// Number of neutral patches used, of six.
+    pub neutral_patches: usize,
+    /// Number of patches left out because they are clipped.
+    pub clipped_patches: usize,
+    /// Angle between the normal of the chart and the direction to the camera in radians, by its
+    /// foreshortening.
+    pub tilt: f64,
+}
+
+impl ChartReading {
+    /// Measures a chart at given corners. Corners that begin at another patch, or go around the
+    /// other way, are brought into order by the colours. `clip` is the radiance at or above which a
+    /// channel is clipped; without it, the level is found in the picture.
+    ///
+    /// # Errors
+    /// If the corners make no chart, lie outside the picture or too near to each other, if too many
+    /// patches are clipped, or if the colours are not those of the chart.
+    pub fn of(rgb: &Plane<Vec3>, corners: &Corners, clip: Option<f32>) -> Result<Self, ReferenceError> {
+        Self::at(rgb, corners, Clipping::of(rgb, clip), Tolerance::GIVEN)
+    }
+
+    /// As [`Self::of`], with a clip level that is known and other bounds.
+    pub(super) fn at(
+        rgb: &Plane<Vec3>,
+        corners: &Corners,
+        clipping: Clipping,
+        tolerance: Tolerance,
+    ) -> Result<Self, ReferenceError> {
+        let size = rgb.size();
+        let corners = corners.map(|(x, y)| DVec2::new(x, y));
+        if !is_convex(&corners) {
+            return Err(ReferenceError::Corners);
+        }
+        let within = |p: &DVec2| (0.0..=size.0 as f64).contains(&p.x) && (0.0..=size.1 as f64).contains(&p.y);
+        if !corners.iter().all(within) {
+            return Err(ReferenceError::Outside { size });
+        }
+        let measured = ORDERS.into_iter().filter_map(|order| Measured::of(rgb, order.map(|i| corners[i]), clipping));
+        let best =
+            measured.max_by(|a, b| a.fit.correlation.total_cmp(&b.fit.correlation)).ok_or(ReferenceError::Corners)?;
+        best.check(tolerance)?;
+        check_neutral(best.fit.white)?;
+        Ok(Self {
+            corners: best.corners.map(|corner| (corner.x, corner.y)),
+            light: ReferenceLight { white: best.fit.white, log_sd: best.fit.log_sd },
+            chroma_correlation: best.fit.correlation,
+            chroma_residual: best.fit.residual,
+            luminance_residual: best.fit.luminance,
+            neutral_patches: best.fit.neutral_patches,
+            clipped_patches: best.clipped,
+            tilt: tilt(&best.pose),
+        })
+    }
+
+    /// Pixels of the chart, frame between the patches included, in a plane of the size of the
+    /// picture.
+    pub fn region(&self, (width, height): (usize, usize)) -> Plane<bool> {
+        let corners = self.corners.map(|(x, y)| DVec2::new(x, y));
+        let inverse = fit(&CHART_CORNERS.into_iter().zip(corners).collect::<Vec<_>>()).map(|pose| pose.inverse());
+        Plane::from_fn(width, height, |x, y| {
+            inverse.is_some_and(|inverse| {
+                let p = apply(&inverse, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+                (-0.5..COLUMNS as f64 - 0.5).contains(&p.x) && (-0.5..ROWS as f64 - 0.5).contains(&p.y)
+            })
+        })
+    }
+}
+
+/// Orders in which four corners may be given: from any of them on, either way around.
+const ORDERS: [[usize; 4]; 8] =
+    [[0, 1, 2, 3], [1, 2, 3, 0], [2, 3, 0, 1], [3, 0, 1, 2], [3, 2, 1, 0], [2, 1, 0, 3], [1, 0, 3, 2], [0, 3, 2, 1]];
+
+/// Patches measured in one order of the corners.
+struct Measured {
+    corners: [DVec2; 4],
+    pose: DMat3,
+    /// Number of patches with positive values that are not clipped.
+    usable: usize,
+    /// Number of clipped patches.
+    clipped: usize,
+    /// Number of uniform patches.
+    uniform: usize,
+    fit: Fit,
+}
+
+/// Light by the neutral patches, and the deviations of all patches from the published colours.
+#[derive(Clone, Copy, Debug)]
+struct Fit {
+    white: DVec3,
+    log_sd: f64,
+    correlation: f64,
+    residual: f64,
+    neutral: f64,
+    luminance: f64,
+    neutral_patches: usize,
+}
+
+impl Measured {
+    /// `None` if the corners are degenerate.
+    fn of(rgb: &Plane<Vec3>, corners: [DVec2; 4], clipping: Clipping) -> Option<Self> {
+        let pose = fit(&CHART_CORNERS.into_iter().zip(corners).collect::<Vec<_>>())?;
+        let patches: Vec<PatchPixels> = (0..PATCHES)
+            .map(|patch| PatchPixels::of(&pixels(rgb, &pose, place(patch)), clipping).unwrap_or_default())
+            .collect();
+        let is_clipped = |patch: &PatchPixels| patch.clipped_share() > MAX_CLIPPED;
+        let usable = |patch: &PatchPixels| {
+            (!is_clipped(patch) && patch.usable > 0 && patch.median.min_element() > 0.0).then_some(patch.median)
+        };
+        let colours: Vec<Option<DVec3>> = patches.iter().map(usable).collect();
+        Some(Self {
+            corners,
+            pose,
+            usable: colours.iter().flatten().count(),
+            clipped: patches.iter().filter(|patch| is_clipped(patch)).count(),
+            uniform: patches.iter().filter(|patch| patch.usable > 0 && patch.variation <= MAX_VARIATION).count(),
+            fit: Fit::of(&colours),
+        })
+    }
+
+    fn check(&self, tolerance: Tolerance) -> Result<(), ReferenceError> {
+        let (Self { fit, clipped, .. }, pitch) = (self, least_pitch(&self.pose));
+        if pitch < MIN_PITCH {
+            return Err(ReferenceError::SmallChart { pitch, least: MIN_PITCH });
+        }
+        if *clipped > 0 && (fit.neutral_patches < MIN_NEUTRAL || self.usable < MIN_PATCHES) {
+            return Err(ReferenceError::ClippedChart { clipped: *clipped, neutral: fit.neutral_patches });
+        }
+        let over = |what: &str, value: f64, most: f64| {
+            (value.is_nan() || value > most)
+                .then(|| format!("{what} differs from the published one by {value:.2} (at most {most:.2})"))
+        };
+        let few = |what: &str, count: usize, least: usize| {
+            (count < least).then(|| format!("{count} of 24 patches are {what} (at least {least})"))
+        };
+        let reason = few("positive in all channels", self.usable, MIN_PATCHES)
+            .or_else(|| {
+                let (is, least) = (fit.correlation, tolerance.correlation);
+                let text =
+                    format!("their log-chroma correlates with the published one by {is:.2} (at least {least:.2})");
+                (is < least).then_some(text)
+            })
+            .or_else(|| over("the log-chroma of the neutral patches", fit.neutral, tolerance.neutral))
+            .or_else(|| over("the logarithm of their luminance", fit.luminance, tolerance.luminance))
+            .or_else(|| few("uniform", self.uniform, tolerance.uniform));
+        reason.map_or(Ok(()), |reason| Err(ReferenceError::NotAChart { reason }))
+    }
+}
+
+impl Fit {
+    /// Compares the colours of the patches, row by row; `None` for those that are not usable. All
+    /// deviations are infinite, and the correlation is zero, without usable patches.
+    fn of(measured: &[Option<DVec3>]) -> Self {
+        let published = patch_colours();
+        let neutral = || (FIRST_NEUTRAL..PATCHES).filter_map(|patch| Some((measured[patch]?, published[patch])));
+        let neutral_patches = neutral().count();
+        // Stray light counts most on the dark patches.
+        let channel = |c: usize| weighted_median(neutral().map(|(got, want)| (got[c] / want[c], want[c])));
+        let white = DVec3::from_array([0, 1, 2].map(channel));
+        let brightness = |colour: DVec3| f64::from(luminance(colour.as_vec3()));
+        let off = |patch: usize| {
+            let (got, want) = (measured[patch]? / white, published[patch]);
+            let chroma = [Chroma::of(got), Chroma::of(want)];
+            Some((chroma, (brightness(got) / brightness(want)).ln().abs()))
+        };
+        let mean = |patches: Range<usize>, pick: fn(([Chroma; 2], f64)) -> f64| {
+            let values: Vec<f64> = patches.filter_map(off).map(pick).collect();
+            if values.is_empty() { f64::INFINITY } else { values.iter().sum::<f64>() / values.len() as f64 }
+        };
+        let distance = |([got, want], _): ([Chroma; 2], f64)| got.distance(want);
+        let greys = (FIRST_NEUTRAL..PATCHES).filter_map(|patch| Some((off(patch)?.1, published[patch].y)));
+        Self {
+            white,
+            log_sd: REFLECTANCE_LOG_SD.hypot(1.48 * weighted_median(greys)),
+            correlation: correlation((0..FIRST_NEUTRAL).filter_map(off).map(|off| off.0)),
+            residual: mean(0..FIRST_NEUTRAL, distance),
+            neutral: mean(FIRST_NEUTRAL..PATCHES, distance),
+            luminance: mean(0..PATCHES, |off| off.1),
+            neutral_patches,
+        }
+    }
+}
+
+/// Coordinates of the centre of a patch on the chart.
+pub(super) fn place(patch: usize) -> DVec2 {
+    DVec2::new((patch % COLUMNS) as f64, (patch / COLUMNS) as f64)
+}
+
+/// Pixels of the middle of a patch; of a large one every second, third and so on.
+fn pixels(rgb: &Plane<Vec3>, pose: &DMat3, centre: DVec2) -> Vec<Vec3> {
+    let inverse = pose.inverse();
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+        .map(|(a, b)| apply(pose, centre + HALF_SIDE * DVec2::new(a, b)));
+    let (low, high) = corners.iter().fold((corners[0], corners[0]), |(low, high), p| (low.min(*p), high.max(*p)));
+    // Casts of what is negative or not a number give zero.
+    let range =
+        |low: f64, high: f64, length: usize| (low.floor() as usize).min(length)..(high.ceil() as usize).min(length);
+    let (columns, rows) = (range(low.x, high.x, rgb.width()), range(low.y, high.y, rgb.height()));
+    let step = (columns.len() * rows.len()).div_ceil(MAX_PIXELS).isqrt().max(1);
+    let mut found = Vec::new();
+    for y in rows.step_by(step) {
+        for x in columns.clone().step_by(step) {
+            let p = apply(&inverse, DVec2::new(x as f64 + 0.5, y as f64 + 0.5)) - centre;
+            if p.abs().max_element() <= HALF_SIDE {
+                found.push(rgb[(x, y)]);
+            }
+        }
+    }
+    found
+}
+
+/// Least distance of neighbouring patches, in pixels.
+fn least_pitch(pose: &DMat3) -> f64 {
+    let at = |patch: usize| apply(pose, place(patch));
+    let across = (0..PATCHES).filter(|patch| patch % COLUMNS > 0).map(|patch| at(patch).distance(at(patch - 1)));
+    let down = (COLUMNS..PATCHES).map(|patch| at(patch).distance(at(patch - COLUMNS)));
+    across.chain(down).fold(f64::INFINITY, f64::min)
+}
+
+/// Angle between the normal of the chart and the direction to the camera, by the foreshortening of
+/// its middle.
+fn tilt(pose: &DMat3) -> f64 {
+    let (middle, step) = (DVec2::new(2.5, 1.5), 0.01);
+    let along = |axis: DVec2| (apply(pose, middle + step * axis) - apply(pose, middle - step * axis)) / (2.0 * step);
+    let (a, b) = (along(DVec2::X), along(DVec2::Y));
+    // Singular values of the matrix of columns a and b, by sum and difference.
+    let (sum, product) = (a.length_squared() + b.length_squared(), a.perp_dot(b).abs());
+    let root = (sum * sum - 4.0 * product * product).max(0.0).sqrt();
+    let (large, small) = (0.5 * (sum + root), 0.5 * (sum - root).max(0.0));
+    (small / large).sqrt().min(1.0).acos()
+}
+
+fn is_convex(corners: &[DVec2; 4]) -> bool {
+    let turn = |i: usize| {
+        let [a, b, c] = [0, 1, 2].map(|step| corners[(i + step) % 4]);
+        (b - a).perp_dot(c - b)
+    };
+    let turns = [0, 1, 2, 3].map(turn);
+    corners.iter().all(|corner| corner.is_finite())
+        && (turns.iter().all(|t| *t > 1.0) || turns.iter().all(|t| *t < -1.0))
+}
+
+/// Correlation of pairs of chromas about white; zero if one of them has none.
+fn correlation(pairs: impl Iterator<Item = [Chroma; 2]>) -> f64 {
+    let dot = |a: Chroma, b: Chroma| a.0[0] * b.0[0] + a.0[1] * b.0[1];
+    let (product, got, want) = pairs.fold((0.0, 0.0, 0.0), |(product, one, other), [got, want]| {
+        (product + dot(got, want), one + dot(got, got), other + dot(want, want))
+    });
+    let size = (got * want).sqrt();
+    if size > 0.0 { product / size } else { 0.0 }
+}
+
+/// Median of values with weights; 0 without values.
+fn weighted_median(values: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let mut values: Vec<(f64, f64)> = values.collect();
+    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();
+    let mut sum = 0.0;
+    for (value, weight) in &values {
+        sum += weight;
+        if sum >= half {
+            return *value;
+        }
+    }
+    values.last().map_or(0.0, |v| v.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::testing::{chart_picture, pose};
+
+    const LIGHT: DVec3 = DVec3::new(2.6, 2.0, 1.1);
+
+    fn corners_of(pose: &DMat3) -> Corners {
+        CHART_CORNERS.map(|corner| apply(pose, corner)).map(|p| (p.x, p.y))
+    }
+
+    fn scene() -> (Plane<Vec3>, DMat3) {
+        let pose = pose(80.0, 60.0, 40.0, 0.2, (0.02, -0.03));
+        (chart_picture((400, 320), pose, LIGHT, 0.05, |_, _| Vec3::new(0.3, 0.5, 0.2)), pose)
+    }
+
+    #[test]
+    fn finds_light_and_scale_under_coloured_light() {
+        let (picture, pose) = scene();
+        let read = ChartReading::of(&picture, &corners_of(&pose), None).unwrap();
+        assert!((read.light.white / LIGHT - 1.0).abs().max_element() < 0.02, "{}", read.light.white);
+        assert!(
+            read.chroma_residual < 0.1 && read.chroma_correlation > 0.99 && read.luminance_residual < 0.05,
+            "{read:?}"
+        );
+        assert!(read.light.log_sd < 0.07 && read.neutral_patches == 6 && read.clipped_patches == 0, "{read:?}");
+        let (x, y) = read.corners[0];
+        assert!((x - 80.0).hypot(y - 60.0) < 1e-6);
+        assert!(read.tilt < 0.6, "{}", read.tilt);
+        let region = read.region(picture.size());
+        let covered = region.as_slice().iter().filter(|inside| **inside).count();
+        assert!(region[(100, 80)] && !region[(40, 30)] && covered > 20 * 1000, "{covered}");
+    }
+
+    #[test]
+    fn brings_corners_in_any_order_into_order() {
+        let (picture, pose) = scene();
+        let right = corners_of(&pose);
+        for order in ORDERS {
+            let read = ChartReading::of(&picture, &order.map(|i| right[i]), None).unwrap();
+            let off = |(a, b): (&(f64, f64), &(f64, f64))| (a.0 - b.0).hypot(a.1 - b.1);
+            assert!(read.corners.iter().zip(&right).map(off).all(|off| off < 1e-6), "{order:?}");
+        }
+    }
+
+    #[test]
+    fn accepts_corners_off_by_a_fifth_of_a_patch_and_other_primaries() {
+        let (picture, pose) = scene();
+        let mut corners = corners_of(&pose);
+        corners[0].0 += 6.0;
+        corners[2].1 -= 7.0;
+        let read = ChartReading::of(&picture, &corners, None).unwrap();
+        assert!((read.light.white / LIGHT - 1.0).abs().max_element() < 0.03, "{}", read.light.white);
+        // Channels of a camera before its colour matrix.
+        let camera = |c: &Vec3| {
+            Vec3::new(
+                0.65 * c.x + 0.3 * c.y + 0.05 * c.z,
+                0.2 * c.x + 0.65 * c.y + 0.15 * c.z,
+                0.05 * c.x + 0.25 * c.y + 0.7 * c.z,
+            )
+        };
+        let raw = ChartReading::of(&picture.map(camera), &corners_of(&pose), None).unwrap();
+        assert!(raw.chroma_residual > 0.8 && raw.chroma_correlation > 0.88, "{raw:?}");
+        let white = camera(&LIGHT.as_vec3()).as_dvec3();
+        assert!((raw.light.white / white - 1.0).abs().max_element() < 0.03, "{}", raw.light.white);
+    }
+
+    #[test]
+    fn rejects_corners_that_are_not_those_of_the_chart() {
+        let (picture, pose) = scene();
+        let right = corners_of(&pose);
+        let shifted = apply(&pose, DVec2::X) - apply(&pose, DVec2::ZERO);
+        let beside = right.map(|(x, y)| (x + shifted.x, y + shifted.y));
+        let of = |corners: &Corners| ChartReading::of(&picture, corners, None).unwrap_err();
+        assert!(matches!(of(&beside), ReferenceError::NotAChart { .. }), "{}", of(&beside));
+        let outer = [(60.0, 40.0), (320.0, 40.0), (320.0, 280.0), (60.0, 280.0)];
+        assert!(matches!(of(&outer), ReferenceError::NotAChart { .. }), "{}", of(&outer));
+        let crossed = [right[0], right[2], right[1], right[3]];
+        assert_eq!(of(&crossed), ReferenceError::Corners);
+        assert_eq!(of(&[right[0]; 4]), ReferenceError::Corners);
+        assert_eq!(of(&right.map(|(x, _)| (x, f64::NAN))), ReferenceError::Corners);
+        assert!(matches!(of(&right.map(|(x, y)| (x + 400.0, y))), ReferenceError::Outside { .. }));
+        let small = right.map(|(x, y)| (100.0 + 0.1 * x, 100.0 + 0.1 * y));
+        assert!(ChartReading::of(&picture, &small, None).is_err());
+        let coded = picture.map(|c| Vec3::from_array(c.to_array().map(|v| (v / 3.0).max(0.0).powf(1.0 / 2.2))));
+        let error = ChartReading::of(&coded, &right, None).unwrap_err();
+        assert!(matches!(error, ReferenceError::NotAChart { .. }), "{error}");
+        let black = picture.map(|_| Vec3::ZERO);
+        assert!(matches!(ChartReading::of(&black, &right, None), Err(ReferenceError::NotAChart { .. })));
+    }
+
+    #[test]
+    fn leaves_clipped_patches_out() {
+        let (picture, pose) = scene();
+        let corners = corners_of(&pose);
+        let clipped = |level: f32| picture.map(|c| c.min(Vec3::splat(level)));
+        let read = ChartReading::of(&clipped(1.8), &corners, None).unwrap();
+        assert!(read.clipped_patches > 0 && read.neutral_patches < 6, "{read:?}");
+        assert!((read.light.white / LIGHT - 1.0).abs().max_element() < 0.03, "{}", read.light.white);
+        let error = ChartReading::of(&clipped(0.3), &corners, None).unwrap_err();
+        assert!(matches!(error, ReferenceError::ClippedChart { .. }), "{error}");
+    }
+
+    #[test]
+    fn measures_the_tilt_by_foreshortening() {
+        let upright = pose(80.0, 60.0, 40.0, 0.3, (0.0, 0.0));
+        assert!(tilt(&upright) < 1e-3);
+        let angle = 0.6_f64;
+        let tilted = DMat3::from_scale(DVec2::new(angle.cos(), 1.0)) * upright;
+        assert!((tilt(&tilted) - angle).abs() < 1e-6, "{}", tilt(&tilted));
+    }
+}

@@ -1,0 +1,139 @@
+//! Errors of references in a photograph.
+
+use thiserror::Error;
+
+use crate::remedy::Remedy;
+
+/// Error for a reference that cannot be used; [`ReferenceError::remedies`] lists what may help.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ReferenceError {
+    /// The reflectance is not a fraction.
+    #[error("reflectance {0}: give a number above 0 and at most 1")]
+    Reflectance(f64),
+    /// The reference does not lie wholly within the picture.
+    #[error(
+        "the reference lies outside the picture of {}x{} pixels, wholly or in part; give coordinates inside the picture",
+        .size.0, .size.1
+    )]
+    Outside {
+        /// Columns and rows of the picture.
+        size: (usize, usize),
+    },
+    /// Too few pixels of the reference can be used.
+    #[error(
+        "the reference has {pixels} usable pixels, at least {least} are needed; give a larger part of the patch, or a \
+         larger picture"
+    )]
+    TooFewPixels {
+        /// Number of pixels that are finite and not clipped.
+        pixels: usize,
+        /// Least number that is accepted.
+        least: usize,
+    },
+    /// The reference lies on the object.
+    #[error(
+        "{:.0} % of the reference's pixels lie on the object; give a reference beside the object",
+        100.0 * .share
+    )]
+    Overlap {
+        /// Share of the pixels of the reference that lie on the object, in 0..=1.
+        share: f64,
+    },
+    /// Too many pixels are clipped.
+    #[error(
+        "{:.0} % of the reference's pixels are clipped; lower the exposure, or merge several exposures",
+        100.0 * .share
+    )]
+    Clipped {
+        /// Share of the pixels of the reference that are clipped, in 0..=1.
+        share: f64,
+    },
+    /// A channel is black.
+    #[error("the reference is black in the {channel} channel; check where the reference lies, or raise the exposure")]
+    Black {
+        /// Name of the channel.
+        channel: &'static str,
+    },
+    /// The patch is not uniform.
+    #[error(
+        "the reference is not uniform: its {} varies by {:.0} % (at most {:.0} %), so it has texture, shading or an \
+         edge; give a smaller part of the patch that is lit evenly",
+        .what, 100.0 * .variation, 100.0 * .most
+    )]
+    Uneven {
+        /// Quantity that varies: `"brightness"` or `"colour"`.
+        what: &'static str,
+        /// Relative standard deviation.
+        variation: f64,
+        /// Largest value that is accepted.
+        most: f64,
+    },
+    /// The patch has more colour than a neutral patch under captured light.
+    #[error(
+        "the reference is not neutral: its colour, ln(R/G) = {:.2} and ln(B/G) = {:.2}, is {distance:.1} away from \
+         white, and captured light stays within {most}; check that the patch is grey",
+        .log_chroma[0], .log_chroma[1]
+    )]
+    NotNeutral {
+        /// `ln(R/G)` and `ln(B/G)` of the patch.
+        log_chroma: [f64; 2],
+        /// Distance from white in natural logarithms.
+        distance: f64,
+        /// Largest distance that is accepted.
+        most: f64,
+    },
+    /// The corners are not those of a convex quadrilateral.
+    #[error(
+        "the corners of the colour chart are not finite, or not those of a convex quadrilateral; give the centres of \
+         its four corner patches in order: dark skin, bluish green, black, white"
+    )]
+    Corners,
+    /// The patches are too small.
+    #[error(
+        "the patches of the colour chart are {pitch:.1} pixels apart, at least {least} are needed; use a larger picture"
+    )]
+    SmallChart {
+        /// Distance of neighbouring patches, in pixels.
+        pitch: f64,
+        /// Least distance that is accepted, in pixels.
+        least: f64,
+    },
+    /// The patches do not have the colours of the chart.
+    #[error(
+        "the patches at these corners are not those of a ColorChecker Classic, in any order of the corners: {reason}; \
+         check the corners, that the values are linear, and that light falls evenly on the chart"
+    )]
+    NotAChart {
+        /// Measured quantity that contradicts, in words.
+        reason: String,
+    },
+    /// Too many patches are clipped.
+    #[error(
+        "{clipped} of the 24 patches of the colour chart are clipped, and {neutral} of its 6 neutral patches are usable \
+         (at least 3 are needed); lower the exposure, or merge several exposures"
+    )]
+    ClippedChart {
+        /// Number of clipped patches.
+        clipped: usize,
+        /// Number of usable neutral patches.
+        neutral: usize,
+    },
+    /// No chart was detected.
+    #[error("no 24-patch colour chart was detected with certainty")]
+    NoChart,
+    /// More than one chart was detected.
+    #[error("several colour charts were detected")]
+    SeveralCharts,
+}
+
+impl ReferenceError {
+    /// Lists what may help, the most probable first.
+    pub fn remedies(&self) -> Vec<Remedy> {
+        match self {
+            Self::NoChart | Self::SeveralCharts => vec![Remedy::ChartCorners],
+            Self::Clipped { .. } => vec![Remedy::ClipLevel],
+            Self::Overlap { .. } => vec![Remedy::Outline, Remedy::Mask],
+            _ => Vec::new(),
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Light on a reference, and the scale of reflectance that follows from it.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use crate::colour::Chroma;
+use crate::estimate::irradiance;
+use crate::lighting::LightGrid;
+use crate::picture::luminance;
+
+/// Relative error of the reflectance of a patch: tolerance of its print, ageing, gloss.
+pub(super) const REFLECTANCE_LOG_SD: f64 = 0.05;
+
+/// Standard deviation of the logarithm of the irradiance of an estimated light, given the
+/// photograph and a true albedo: nine of ten of 84 renderings are off by less than 20.5 %
+/// (docs/references.md).
+const ESTIMATE_LOG_SD: f64 = 0.12;
+
+/// Light on a reference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReferenceLight {
+    /// Radiance of a matte surface of reflectance one in the place of the reference, linear RGB on
+    /// the scale of the photograph: irradiance over pi.
+    pub white: DVec3,
+    /// Standard deviation of the logarithm of its luminance.
+    pub log_sd: f64,
+}
+
+/// Factor from a table with a normal albedo of [`ALBEDO`](crate::estimate::ALBEDO) to absolute
+/// reflectance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AbsoluteScale {
+    /// The factor.
+    pub factor: f64,
+    /// Standard deviation of its logarithm.
+    pub log_sd: f64,
+}
+
+impl ReferenceLight {
+    /// Chroma of the light.
+    pub fn chroma(&self) -> Chroma {
+        Chroma::of(self.white)
+    }
+
+    /// Irradiance (luminance), on the scale of the photograph.
+    pub fn irradiance(&self) -> f64 {
+        PI * f64::from(luminance(self.white.as_vec3()))
+    }
+
+    /// Absolute scale of the reflectance that goes with an estimated light, if the reference faces
+    /// the camera under the same light: the photograph shows the product of reflectance and light,
+    /// so that a light which is too bright by a factor goes with a reflectance which is too low by
+    /// it.
+    ///
+    /// Returns `None` if either irradiance is not positive and finite.
+    pub fn scale(&self, light: &LightGrid) -> Option<AbsoluteScale> {
+        let factor = irradiance(light) / self.irradiance();
+        let log_sd = self.log_sd.hypot(ESTIMATE_LOG_SD);
+        (factor.is_finite() && factor > 0.0).then_some(AbsoluteScale { factor, log_sd })
+    }
+}
+
+impl AbsoluteScale {
+    /// Bounds of the 90 % interval of `value` times the factor.
+    pub fn interval(&self, value: f64) -> [f64; 2] {
+        let reach = (1.645 * self.log_sd).exp();
+        [value * self.factor / reach, value * self.factor * reach]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::sphere::OctahedralMap;
+
+    #[test]
+    fn gives_the_factor_between_estimated_and_true_irradiance() {
+        // An even light of radiance 3 has the irradiance 3 pi: a white patch shows 3.
+        let even =
+            |radiance| LightGrid::from_texels(OctahedralMap::EqualArea, 32, vec![Vec3::splat(radiance); 32 * 32]);
+        let reference = ReferenceLight { white: DVec3::splat(3.0), log_sd: 0.0 };
+        for (estimated, factor) in [(3.0, 1.0), (1.5, 0.5), (12.0, 4.0)] {
+            let scale = reference.scale(&even(estimated)).unwrap();
+            assert!((scale.factor / factor - 1.0).abs() < 0.01, "{estimated}: {}", scale.factor);
+            let [low, high] = scale.interval(0.5);
+            assert!(low < 0.5 * factor && 0.5 * factor < high);
+        }
+        assert_eq!(reference.scale(&even(0.0)), None);
+        assert_eq!(ReferenceLight { white: DVec3::ZERO, log_sd: 0.0 }.scale(&even(1.0)), None);
+    }
+}

@@ -114,6 +114,8 @@ pub fn estimate(estimate: &Estimate) -> Value {
 /// estimate under a known light.
 pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
     let albedo = found.exposure * ALBEDO;
+    let channels = found.colouring.field().tables(&found.material.table);
+    let rgb = channels.each_ref().map(|table| found.exposure * table.normal_albedo());
     let turn = found.turn.to_scaled_axis().to_array().map(f64::to_degrees);
     let gain = found.gain.map(|(gain, sd)| json!({ "factor": gain, "log_sd": sd }));
     json!({
@@ -137,14 +139,17 @@ pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
         },
         "exposure": {
             "albedo": albedo,
-            "note": "albedo along the normal if photograph and light map are on one scale",
+            "albedo_rgb": rgb,
+            "note": "albedo along the normal, in luminance and of red, green and blue, if photograph and light map are on one scale",
         },
         "noise": {
             "relative": found.noise,
             "discrepancy": found.discrepancy,
             "misfit": found.misfit,
             "expected": found.expected_misfit(),
-            "note": "relative: standard deviation of the independent error of the logarithm of the image; discrepancy: of its smooth \
+            "channels": found.channel_misfit,
+            "note": "channels: what red, green and blue leave of the photograph beside the luminance (root mean square, relative); \
+                     relative: standard deviation of the independent error of the logarithm of the image; discrepancy: of its smooth \
                      error; misfit: what light and material leave of the photograph (root mean square, relative); expected: what \
                      noise and texture would leave if both were right",
         },

@@ -10,7 +10,7 @@ use super::slice::Cell;
 use crate::metrics::{self, Relight};
 
 /// Predictions are judged where the normal is less than this many degrees from the view.
-const WITHIN: f32 = 75.0;
+pub(super) const WITHIN: f32 = 75.0;
 
 /// Half angles, in degrees, that count as the highlight, and those that count as the base.
 const HIGHLIGHT: f64 = 3.0;

@@ -8,6 +8,7 @@
 //! shadows, texture and registration; and the profile of that slice, the best answer that depends
 //! on `theta_h` alone.
 
+mod colour;
 mod judge;
 mod object;
 mod page;

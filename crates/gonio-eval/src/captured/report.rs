@@ -7,7 +7,7 @@ use crate::metrics::median;
 
 /// Two tables: medians of each object, then each photograph.
 pub(super) fn markdown(records: &[Record]) -> String {
-    format!("{}\n{}", objects(records), photographs(records))
+    format!("{}\n{}\n{}", objects(records), colours(records), photographs(records))
 }
 
 /// Medians over the photographs of each object.
@@ -44,6 +44,30 @@ fn objects(records: &[Record]) -> String {
             count(|r| !r.warnings.is_empty()),
             of.len(),
             typical(&|r| r.seconds),
+        );
+    }
+    text
+}
+
+/// Medians of the RGB relight errors over the photographs of each object.
+fn colours(records: &[Record]) -> String {
+    let mut text = "\
+| object | RGB relight: estimate | grey | median colour | luminance estimate in the best colour | measured slice in the best colour | luminance relight |
+|---|---|---|---|---|---|---|
+"
+    .to_owned();
+    for of in records.chunk_by(|a, b| a.object == b.object) {
+        let typical = |f: fn(&Record) -> f64| number(median(of.iter().map(f).collect()));
+        let _ = writeln!(
+            text,
+            "| {} | **{}** | {} | {} | {} | {} | {} |",
+            of[0].object,
+            typical(|r| r.rgb.estimate),
+            typical(|r| r.rgb.grey),
+            typical(|r| r.rgb.median),
+            typical(|r| r.rgb.one),
+            typical(|r| r.rgb.measured),
+            typical(|r| r.estimate.relight),
         );
     }
     text
@@ -98,13 +122,14 @@ pub(super) fn csv(records: &[Record]) -> String {
     for answer in ["estimate", "lambert", "measured", "profile"] {
         head.extend(["slice", "relight", "log"].map(|error| format!("{answer}_{error}")));
     }
-    let rest = "gloss_measured,gloss_estimate,gloss05,gloss50,gloss95,gloss_held,coverage50,coverage90,misfit,seconds,warnings";
+    let rest = "rgb_estimate,rgb_grey,rgb_median,rgb_one,rgb_measured,gloss_measured,gloss_estimate,gloss05,gloss50,gloss95,gloss_held,coverage50,coverage90,misfit,seconds,warnings";
     let mut text = format!("{},{rest}\n", head.join(","));
     for r in records {
         let mut numbers = Vec::new();
         for e in [r.estimate, r.lambert, r.measured, r.profile] {
             numbers.extend([e.slice, e.relight, e.relight_log]);
         }
+        numbers.extend([r.rgb.estimate, r.rgb.grey, r.rgb.median, r.rgb.one, r.rgb.measured]);
         numbers.extend([r.gloss_measured, r.gloss_estimate]);
         numbers.extend(r.gloss);
         let numbers: Vec<String> = numbers.iter().map(|x| format!("{x:.4}")).collect();

@@ -3,12 +3,16 @@
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use gonio::estimate::{Alignment, ColouringRule, Doubt, EstimateSettings, Light, Material, doubts, estimate_under};
+use gonio::estimate::{
+    Alignment, Colouring, ColouringRule, Doubt, Estimate, EstimateSettings, LitEstimate, Material,
+    estimate as estimate_blind, estimate_under,
+};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
 use gonio::scene::{NormalPicture, Object, ObservationSettings, Sighting};
 use serde::Serialize;
 
+use super::colour::RgbErrors;
 use super::judge::{self, Reflectance};
 use super::object::{Captured, map_of};
 use super::several::{self, Several};
@@ -46,6 +50,8 @@ pub(super) struct Record {
     pub(super) gloss: [f64; 3],
     /// Shares of the measured slice inside the 50 and 90 % intervals.
     pub(super) coverage: [f64; 2],
+    /// RGB relight errors.
+    pub(super) rgb: RgbErrors,
     /// Misfit of light and material together.
     pub(super) misfit: f64,
     /// Reasons that the program gives to doubt the estimate.
@@ -146,10 +152,11 @@ impl<'a> Study<'a> {
         let start = Instant::now();
         let found = estimate(self.object, seen, model, lit)?;
         let record = self.record(seen, &found, start.elapsed().as_secs_f64())?;
-        Ok(Answer { record, material: found.0 })
+        Ok(Answer { record, material: found.material })
     }
 
-    fn record(&self, seen: usize, (material, misfit, doubts): &Found, seconds: f64) -> Result<Record> {
+    fn record(&self, seen: usize, found: &Found, seconds: f64) -> Result<Record> {
+        let Found { material, misfit, doubts, colouring, median } = found;
         let (object, cells, table) = (self.object, &self.cells, &material.table);
         let quantiles = several::quantiles(material)?;
         Ok(Record {
@@ -163,6 +170,7 @@ impl<'a> Study<'a> {
             gloss_estimate: judge::gloss(cells, &|h, d| table.eval(h, d)),
             gloss: gloss_quantiles(material, cells),
             coverage: judge::coverage(cells, table, &quantiles),
+            rgb: RgbErrors::of(object, seen, (table, colouring, median)),
             misfit: *misfit,
             warnings: doubts.iter().map(ToString::to_string).collect(),
             seconds,
@@ -170,11 +178,18 @@ impl<'a> Study<'a> {
     }
 }
 
-/// A material, the misfit and the doubts.
-type Found = (Material, f64, Vec<Doubt>);
+/// An answer.
+struct Found {
+    material: Material,
+    misfit: f64,
+    doubts: Vec<Doubt>,
+    colouring: Colouring,
+    /// The median colour of the photograph.
+    median: Colouring,
+}
 
-/// Estimates as the program does with `--normals normal.exr --mask mask.png`, in luminance, and
-/// with `--light` if `lit`.
+/// Estimates as the program does with `--normals normal.exr --mask mask.png`, and with `--light` if
+/// `lit`.
 fn estimate(object: &Captured, seen: usize, model: &Model, lit: bool) -> Result<Found> {
     let normals = NormalPicture { normals: object.normals.clone(), camera: None, relief: None, trusted: false };
     let sighting = Sighting::of(
@@ -183,18 +198,19 @@ fn estimate(object: &Captured, seen: usize, model: &Model, lit: bool) -> Result<
         Object::Normals(Box::new(normals)),
         &ObservationSettings::default(),
     )?;
+    let median = |table: &BivariateTable| Colouring::of(model, &sighting.observations, table, &ColouringRule::Median);
     if lit {
         let map = map_of(&object.photographs[seen].lights)?;
         let given = (&map, Alignment::Near);
-        let found = estimate_under(model, &sighting.observations, given, &ColouringRule::Grey, &|_| ())?;
-        let doubts = found.doubts();
-        return Ok((found.material, found.misfit, doubts));
+        let found = estimate_under(model, &sighting.observations, given, &ColouringRule::default(), &|_| ())?;
+        let (doubts, median) = (found.doubts(), median(&found.material.table));
+        let LitEstimate { material, misfit, colouring, .. } = found;
+        return Ok(Found { material, misfit, doubts, colouring, median });
     }
-    let settings = EstimateSettings::default();
-    let material = Material::of(model, &sighting.observations, settings.side)?;
-    let light = Light::of(model, &sighting.observations, &material.table, &settings, &|_| ())?;
-    let doubts = doubts(&material, &light);
-    Ok((material, light.misfit, doubts))
+    let found = estimate_blind(model, &sighting.observations, &EstimateSettings::default(), &|_| ())?;
+    let (doubts, median) = (found.doubts(), median(&found.material.table));
+    let Estimate { material, light, colouring, .. } = found;
+    Ok(Found { material, misfit: light.misfit, doubts, colouring, median })
 }
 
 /// 5, 50 and 95 % quantiles of [`judge::gloss`] under the posterior.

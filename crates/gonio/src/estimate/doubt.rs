@@ -31,6 +31,14 @@ pub enum Doubt {
     },
     /// A pixel of a light map, of so many degrees, is wider than the highlight.
     Coarse(f64),
+    /// Root mean square of what light and material leave of a channel (0 red, 1 green, 2 blue) of the
+    /// photograph, without what they leave of the luminance, relative to the channel.
+    Channel {
+        /// The channel of the largest residual.
+        channel: usize,
+        /// Its residual.
+        left: f64,
+    },
     /// Light and material leave more of the photograph unexplained than noise and the light's
     /// resolution account for.
     Misfit {
@@ -94,6 +102,13 @@ impl fmt::Display for Doubt {
                     Reason::Regions =>
                         "several materials, shadows of the object on itself, light that is not far away, or an outline or normals that do not lie on the picture",
                 }
+            ),
+            Self::Channel { channel, left } => write!(
+                f,
+                "light and material leave {:.0} % of the {} channel unexplained although they explain the luminance; the likely \
+                 cause: a light map of another white balance or colour space, or colours that vary over the object",
+                100.0 * left,
+                ["red", "green", "blue"][*channel],
             ),
             Self::Colours(apart) => write!(
                 f,

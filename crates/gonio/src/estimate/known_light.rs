@@ -28,6 +28,9 @@ const EXPECTED: f64 = 0.1;
 /// Ratio of a misfit to the expected one above which it is a reason to doubt.
 const TOO_LARGE: f64 = 1.25;
 
+/// Residual of a channel beside that of the luminance above which the colours are in doubt.
+const MAX_CHANNEL_MISFIT: f64 = 0.1;
+
 /// Factor of clipped pixels from which it is said, if it is also two standard deviations above one.
 const BRIGHTER: f64 = 1.2;
 
@@ -58,6 +61,9 @@ pub struct LitEstimate {
     pub settled: bool,
     /// Colours of material and light.
     pub colouring: Colouring,
+    /// Root mean square of what the channels leave of the photograph beside the luminance, relative
+    /// to it; `None` if the channels were not found.
+    pub channel_misfit: Option<[f64; 3]>,
 }
 
 impl LitEstimate {
@@ -75,7 +81,12 @@ impl LitEstimate {
         let clipped = self.gain.filter(|(gain, sd)| *gain > BRIGHTER && gain.ln() > 2.0 * sd);
         let pixel = PI / self.map_rows as f64;
         let coarse = (highlight(&self.material.table) < pixel).then(|| Doubt::Coarse(pixel.to_degrees()));
-        let of_light = [turned, clipped.map(|(gain, sd)| Doubt::Clipped { gain, sd }), coarse];
+        let channel = self.channel_misfit.and_then(|left| {
+            let worst = (0..3).max_by(|a, b| left[*a].total_cmp(&left[*b]))?;
+            (left[worst] > MAX_CHANNEL_MISFIT.hypot(self.material.scatter))
+                .then_some(Doubt::Channel { channel: worst, left: left[worst] })
+        });
+        let of_light = [channel, turned, clipped.map(|(gain, sd)| Doubt::Clipped { gain, sd }), coarse];
         misfit.into_iter().chain(of_light.into_iter().flatten()).chain(self.material.doubts()).collect()
     }
 
@@ -151,6 +162,7 @@ pub fn estimate_under(
     let likelihood = Likelihood::Gaussian(gaussian);
     let posterior = MaterialPosterior::of(learnt, likelihood).ok_or(KnownLightError::Unsolvable)?;
     let material = Impression::with(learnt, f64::from(image.scatter), posterior).describe();
+    let channel_misfit = channels.as_ref().map(|channels| channels.misfit);
     let colouring = match channels {
         Some(channels) => {
             let (field, draws) = (channels.field(), channels.draws(COLOUR_DRAWS, COLOUR_SEED));
@@ -165,6 +177,7 @@ pub fn estimate_under(
     Ok(LitEstimate {
         exposure: found.table().normal_albedo() / material.table.normal_albedo(),
         colouring,
+        channel_misfit,
         material,
         noise: found.noise,
         discrepancy: found.discrepancy,

@@ -1,0 +1,101 @@
+//! Errors in RGB: predictions of the object's other photographs, with one scale for all channels.
+
+use glam::DVec3;
+use gonio::colour::ChromaField;
+use gonio::estimate::Colouring;
+use gonio::reflectance::BivariateTable;
+use serde::Serialize;
+
+use super::judge::WITHIN;
+use super::object::Captured;
+use crate::metrics::{mean, relight};
+
+/// RGB relight errors of an answer and of references, the mean over the photographs that were not
+/// seen; NaN if there is only one.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(super) struct RgbErrors {
+    /// The channels that were found.
+    pub(super) estimate: f64,
+    /// The luminance that was found, in grey.
+    pub(super) grey: f64,
+    /// The luminance that was found, in the median colour of the photograph.
+    pub(super) median: f64,
+    /// The luminance that was found, in the single colour that fits the other photographs best: an
+    /// oracle.
+    pub(super) one: f64,
+    /// The measured slice in the single colour that fits best: an oracle.
+    pub(super) measured: f64,
+}
+
+/// Luminance of a reflectance by half and difference angle, and its channels' ratios to it.
+type Channels<'a> = [&'a (dyn Fn(f64, f64) -> f64 + Sync); 3];
+
+impl RgbErrors {
+    /// Judges the colours of a luminance table. `median` is the median colour of the photograph.
+    pub(super) fn of(
+        object: &Captured,
+        seen: usize,
+        (table, colouring, median): (&BivariateTable, &Colouring, &Colouring),
+    ) -> Self {
+        let tables = |field: ChromaField| {
+            let [r, g, b] = field.tables(table);
+            let channels: Channels<'_> = [&|h, d| r.eval(h, d), &|h, d| g.eval(h, d), &|h, d| b.eval(h, d)];
+            error(object, seen, channels, false)
+        };
+        let (grey, slice) = (|h, d| table.eval(h, d), |h, d| object.slice.eval(h, d));
+        Self {
+            estimate: tables(colouring.field()),
+            grey: tables(ChromaField::GREY),
+            median: tables(median.field()),
+            one: error(object, seen, [&grey; 3], true),
+            measured: error(object, seen, [&slice; 3], true),
+        }
+    }
+}
+
+/// Mean relight error over the photographs but the one that was seen. With `coloured`, each channel
+/// has a scale of its own, the same in all photographs.
+fn error(object: &Captured, seen: usize, channels: Channels<'_>, coloured: bool) -> f64 {
+    let pixels = object.pixels(WITHIN);
+    let others = (0..object.photographs.len()).filter(|at| *at != seen);
+    let pairs: Vec<[Vec<DVec3>; 2]> = others
+        .map(|at| {
+            let made = [0, 1, 2].map(|c| object.render(at, channels[c]));
+            let photograph = object.photographs[at].picture.rgb.as_slice();
+            let sent = |&p: &usize| DVec3::from_array([0, 1, 2].map(|c| made[c].as_slice()[p][c]));
+            [pixels.iter().map(sent).collect(), pixels.iter().map(|&p| photograph[p].as_dvec3()).collect()]
+        })
+        .collect();
+    let scale = |c: usize| {
+        let sums = pairs.iter().map(|[sent, seen]| {
+            // Each photograph counts alike, whatever its exposure.
+            let norm = seen.iter().map(|p| p.length_squared()).sum::<f64>().max(f64::MIN_POSITIVE);
+            let product = |a: &[DVec3], b: &[DVec3]| a.iter().zip(b).map(|(a, b)| a[c] * b[c]).sum::<f64>() / norm;
+            (product(sent, seen), product(sent, sent))
+        });
+        let (above, below) = sums.fold((0.0, 0.0), |(a, b), (x, y)| (a + x, b + y));
+        above / below.max(f64::MIN_POSITIVE)
+    };
+    let colour = if coloured { DVec3::new(scale(0), scale(1), scale(2)) } else { DVec3::ONE };
+    let flat = |pixels: &[DVec3], by: DVec3| pixels.iter().flat_map(|p| (*p * by).to_array()).collect::<Vec<f64>>();
+    let errors: Vec<f64> =
+        pairs.iter().map(|[sent, seen]| relight(&flat(sent, colour), &flat(seen, DVec3::ONE)).relative).collect();
+    mean(&errors)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::planted;
+    use super::*;
+
+    #[test]
+    fn a_ball_in_its_own_colour_has_no_error() {
+        let truth = BivariateTable::from_fn(|h, d| 0.1 + 3.0 * (-(h / 0.2).powi(2)).exp() + 0.05 * d);
+        let ball = planted::ball(&truth);
+        let errors = RgbErrors::of(&ball, 0, (&truth.scaled(3.0), &Colouring::Grey, &Colouring::Grey));
+        assert!(errors.estimate < 1e-6 && errors.one < 1e-6, "{errors:?}");
+        let red = Colouring::Median(gonio::colour::Chroma([1.0, 0.0]));
+        let errors = RgbErrors::of(&ball, 0, (&truth, &red, &Colouring::Grey));
+        assert!(errors.estimate > 0.2 && errors.grey < 1e-6, "{errors:?}");
+    }
+}

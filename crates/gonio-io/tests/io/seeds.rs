@@ -5,9 +5,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use gonio::bracket::Response;
+use gonio::colour::{Chroma, ChromaField, SavedChroma};
 use gonio::inference::{Embedding, Likelihood};
 use gonio_io::picture::{self, ReadOptions};
-use gonio_io::posterior::{SavedColours, SavedPosterior};
+use gonio_io::posterior::SavedPosterior;
 use gonio_io::{camera, fits, lights, mesh, model, normals, npy, plan, rgl, table};
 
 use crate::{colour, damage, mutation};
@@ -83,10 +84,9 @@ fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
         };
         seeds.extend(targets.iter().map(|target| (*target, name.to_owned(), bytes.clone())));
     }
-    let colours =
-        SavedColours { body: [0.1, -0.2], body_sd: [0.3; 2], highlight: [0.0, 0.3], highlight_sd: [0.1, 0.2] };
+    let chroma = SavedChroma::of(&ChromaField::uniform(Chroma([0.1, -0.2])), [0.3, 0.1]);
     let likelihood = Likelihood::Embedding(Embedding::of(vec![1.0, -0.1, 1e-7]));
-    let posterior = SavedPosterior::new("abc".into(), vec!["ball.exr".into()], likelihood, Some(colours)).encode();
+    let posterior = SavedPosterior::new("abc".into(), vec!["ball.exr".into()], likelihood, Some(chroma)).encode();
     let response = Response::from_curves([const { [-4.0, -2.0, -1.0, 0.5] }; 3].map(Vec::from)).unwrap();
     let mut merl = [90_i32, 90, 180].iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>();
     merl.extend([0; 64]);

@@ -84,20 +84,6 @@ impl Colouring {
         table: &BivariateTable,
         rule: &ColouringRule,
     ) -> Self {
-        let known = |light: &Option<Chroma>| {
-            let (learnt, colours) = (model.learnt.as_ref()?, model.colours()?);
-            estimate(learnt, colours, images?, table, *light)
-        };
-        Self::by_rule(observations, rule, known)
-    }
-
-    /// Finds the colours by a rule; `estimate` serves the rule that estimates them, and the median
-    /// colour where it gives none.
-    pub(super) fn by_rule(
-        observations: &Observations,
-        rule: &ColouringRule,
-        estimate: impl FnOnce(&Option<Chroma>) -> Option<ColourEstimate>,
-    ) -> Self {
         if *rule == ColouringRule::Grey {
             return Self::Grey;
         }
@@ -105,11 +91,12 @@ impl Colouring {
         if is_grey(&seen) {
             return Self::GreyPhotograph;
         }
-        let found = match rule {
-            ColouringRule::Estimate { light } => estimate(light),
-            ColouringRule::Median | ColouringRule::Grey => None,
+        let found = || {
+            let ColouringRule::Estimate { light } = rule else { return None };
+            let (learnt, colours) = (model.learnt.as_ref()?, model.colours()?);
+            estimate(learnt, colours, images?, table, *light)
         };
-        match found {
+        match found() {
             Some(found) => Self::Estimate(Box::new(found)),
             None => {
                 let median = median_colour(&Plane::from_vec(seen.len(), 1, seen), |_| true);

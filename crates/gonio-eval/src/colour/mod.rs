@@ -1,9 +1,9 @@
 //! `gonio-eval colour`: errors in RGB, of materials and lights that nothing was learnt from.
 //!
 //! Photographs show bivariate RGB tables on a ball in full-resolution RGB light. The materials are
-//! those of `DATA/measured_extra` and `DATA/rgl`, and formulas in colour: saturated bodies, coloured
-//! metals, coats. The posterior of materials is that of the embedded model, which knows none of
-//! them; the model of colours is learnt from the MERL materials in the training lights.
+//! those of `DATA/measured_extra` and `DATA/rgl`, and formulas in colour: saturated bodies,
+//! coloured metals, coats. The posterior of materials is that of the embedded model, which knows
+//! none of them; the model of colours is learnt from the MERL materials in the training lights.
 
 mod estimators;
 mod formulas;
@@ -144,8 +144,8 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Learns the model of colours from the MERL materials in every `stride`-th training light, or loads
-/// it from the cache.
+/// Learns the model of colours from the MERL materials in every `stride`-th training light, or
+/// loads it from the cache.
 fn learn(data: &Path, model: &Model, stride: u32) -> Result<ColourModel> {
     let learnt = model.learnt.as_ref().context("the embedded model has no posterior of materials")?;
     let cache = Cache::user().context("no cache folder; GONIO_CACHE_DIR names one")?;

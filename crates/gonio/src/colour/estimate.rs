@@ -73,8 +73,8 @@ pub struct ColourEstimate {
 }
 
 impl ColourEstimate {
-    /// Describes fields of a material whose luminance is `table`. `light` is the chroma of the light
-    /// and its draws.
+    /// Describes fields of a material whose luminance is `table`. `light` is the chroma of the
+    /// light and its draws.
     pub(crate) fn of(
         table: &BivariateTable,
         field: ChromaField,

@@ -80,8 +80,8 @@ impl ChromaField {
         self.ratios.is_none()
     }
 
-    /// Ratios of a channel (0 red, 1 green, 2 blue) to the luminance by cell; `None` for grey, where
-    /// all are one.
+    /// Ratios of a channel (0 red, 1 green, 2 blue) to the luminance by cell; `None` for grey,
+    /// where all are one.
     pub fn ratios(&self, channel: usize) -> Option<&[f32]> {
         self.ratios.as_ref().map(|ratios| &ratios[channel][..])
     }

@@ -18,8 +18,8 @@ const ROUNDS: usize = 50;
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColourSample {
     /// Error of the readings of red, green and blue: the coefficients read
-    /// ([`ChannelReading::minus`](super::ChannelReading::minus)), less those of the material and the
-    /// chroma of the light.
+    /// ([`ChannelReading::minus`](super::ChannelReading::minus)), less those of the material and
+    /// the chroma of the light.
     pub errors: [Vec<f64>; 3],
 }
 

@@ -39,8 +39,9 @@ pub struct LightComponent {
     pub covariance: [[f64; 2]; 2],
 }
 
-/// Prior of the channels of materials and of the chroma of lights, and the error of readings. Learnt
-/// by [`ColourModel::learn`], part of a [`LearntPosterior`](crate::inference::learnt::LearntPosterior).
+/// Prior of the channels of materials and of the chroma of lights, and the error of readings.
+/// Learnt by [`ColourModel::learn`], part of a
+/// [`LearntPosterior`](crate::inference::learnt::LearntPosterior).
 ///
 /// All matrices are row by row, of one row for each coordinate of materials and one more.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -89,8 +90,8 @@ impl ColourModel {
         matrices.into_iter().all(sound) && total > 0.0 && self.lights.iter().all(light)
     }
 
-    /// Computes the posterior from the readings of luminance, red, green and blue; `None` stands for
-    /// a black channel. `light` is the chroma of the light where it is known. `None` if the
+    /// Computes the posterior from the readings of luminance, red, green and blue; `None` stands
+    /// for a black channel. `light` is the chroma of the light where it is known. `None` if the
     /// covariances are not positive definite.
     pub fn posterior(
         &self,

@@ -11,8 +11,8 @@ pub(crate) fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
     colours.into_iter().all(|c| c.max_element() - c.min_element() <= 1e-5 * c.max_element().abs())
 }
 
-/// Chroma of a white matte ball in a light, averaged over the pixels that a camera at `camera` times
-/// `+z` sees.
+/// Chroma of a white matte ball in a light, averaged over the pixels that a camera at `camera`
+/// times `+z` sees.
 pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
     let normals: Vec<DVec3> = fibonacci_hemisphere(500).map(|n| camera * n).collect();
     let mut sum = DVec3::ZERO;

@@ -105,8 +105,8 @@ impl Colouring {
         }
     }
 
-    /// These colours of a material of this luminance, less certain by what a light of natural colours
-    /// leaves of the photograph's.
+    /// These colours of a material of this luminance, less certain by what a light of natural
+    /// colours leaves of the photograph's.
     #[must_use]
     pub fn less_certain(mut self, table: &BivariateTable, tint: &Tint) -> Self {
         if let Self::Estimate(found) = &mut self {
@@ -133,8 +133,8 @@ impl Colouring {
     }
 
     /// Quantiles of every cell of red, green and blue, `[channel][quantile][cell]` at
-    /// [`SHARES`](super::SHARES), in 1/sr on the scale of [`Material::table`]. Without an estimate of
-    /// the colours they are those of the luminance in the one colour that there is.
+    /// [`SHARES`](super::SHARES), in 1/sr on the scale of [`Material::table`]. Without an estimate
+    /// of the colours they are those of the luminance in the one colour that there is.
     pub fn quantiles(&self, material: &Material) -> [Vec<Vec<f32>>; 3] {
         let field = self.field();
         match self {

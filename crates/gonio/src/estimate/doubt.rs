@@ -31,8 +31,8 @@ pub enum Doubt {
     },
     /// A pixel of a light map, of so many degrees, is wider than the highlight.
     Coarse(f64),
-    /// Root mean square of what light and material leave of a channel (0 red, 1 green, 2 blue) of the
-    /// photograph, without what they leave of the luminance, relative to the channel.
+    /// Root mean square of what light and material leave of a channel (0 red, 1 green, 2 blue) of
+    /// the photograph, without what they leave of the luminance, relative to the channel.
     Channel {
         /// The channel of the largest residual.
         channel: usize,

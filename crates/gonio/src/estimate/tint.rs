@@ -1,9 +1,10 @@
 //! Colours of the estimated light, direction by direction, and what they leave unexplained.
 //!
-//! Given the channels `F_c` of a BRDF and the luminance `L` of the light, its channels are `L_c(w) = w_c L(w) (1 + t_c(w))`, where `w_c` is
-//! the colour of the light as a whole. The tints `t` of red and blue are, along two axes, Gaussian
-//! fields that follow captured light; the tint of green keeps the luminance. An image is linear in
-//! them, so that their posterior is Gaussian: its mean is [`Tint::grid`].
+//! Given the channels `F_c` of a BRDF and the luminance `L` of the light, its channels are `L_c(w)
+//! = w_c L(w) (1 + t_c(w))`, where `w_c` is the colour of the light as a whole. The tints `t` of
+//! red and blue are, along two axes, Gaussian fields that follow captured light; the tint of green
+//! keeps the luminance. An image is linear in them, so that their posterior is Gaussian: its mean
+//! is [`Tint::grid`].
 //!
 //! Captured light varies from blue to orange, and hardly from green to magenta. So where a
 //! photograph does that beside the BRDF in a light of one colour, the BRDF has the wrong colours,

@@ -19,9 +19,9 @@ const OWN_RANGE: (f32, f32) = (0.03, 1.5);
 pub struct Exposure(pub f32);
 
 impl Exposure {
-    /// Exposure that puts the `quantile` (0..=1) of the brightness of the pixels that `keep` selects
-    /// at `level`; one for a black picture. Brightness is luminance, and that of a saturated colour
-    /// is so much more that its largest channel does not fade.
+    /// Exposure that puts the `quantile` (0..=1) of the brightness of the pixels that `keep`
+    /// selects at `level`; one for a black picture. Brightness is luminance, and that of a
+    /// saturated colour is so much more that its largest channel does not fade.
     pub fn by_quantile(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool, quantile: f32, level: f32) -> Self {
         let kept = rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i));
         let mut values: Vec<f32> = kept.map(|(_, p)| brightness(*p, level)).collect();

@@ -321,8 +321,8 @@ impl<'a> Image<'a> {
 }
 
 /// Standard deviation, within a range, of the coefficients with these indices under which they are
-/// most probable (a step of the EM algorithm): materials unlike those of the prior need larger ones.
-/// `inverse` is the inverse of the factor of the curvature.
+/// most probable (a step of the EM algorithm): materials unlike those of the prior need larger
+/// ones. `inverse` is the inverse of the factor of the curvature.
 fn likely_deviation(state: &State, inverse: &Mat<f64>, indices: Range<usize>, range: (f64, f64)) -> f64 {
     let count = indices.len().max(1) as f64;
     let square = indices.map(|j| {

@@ -112,8 +112,8 @@ impl MaterialPosterior {
         self.quantiles_of(&relative_logs(&self.draws), shares, spread)
     }
 
-    /// Quantiles of each cell of a channel, as [`Self::quantiles`], for equally likely chromas of the
-    /// cells; draws and chromas are paired in turn.
+    /// Quantiles of each cell of a channel, as [`Self::quantiles`], for equally likely chromas of
+    /// the cells; draws and chromas are paired in turn.
     ///
     /// # Panics
     /// If there are no chromas.
@@ -215,8 +215,8 @@ fn relative_logs(tables: &[BivariateTable]) -> Vec<Vec<f32>> {
     tables.par_iter().map(logs).collect()
 }
 
-/// Quantiles of each cell of equally likely logarithms, `[cell][quantile]`; zeros beyond the trusted
-/// cells.
+/// Quantiles of each cell of equally likely logarithms, `[cell][quantile]`; zeros beyond the
+/// trusted cells.
 fn quantiles_by_cell(logs: &[Vec<f32>], shares: &[f64], spread: f32) -> Vec<Vec<f32>> {
     let cell = |c: usize| {
         if !is_trusted(c) {

@@ -9,9 +9,10 @@ use gonio_io::picture::{ReadOptions, decode};
 
 use crate::support::{ANSWER, Bench, SIZE, encode_normals, normals};
 
-const OUTPUT: [&str; 8] = [
+const OUTPUT: [&str; 9] = [
     "brdf.binary",
     "brdf_quantiles.npy",
+    "brdf_rgb_quantiles.npy",
     "light.exr",
     "posterior.json",
     "relit.png",

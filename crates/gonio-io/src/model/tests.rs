@@ -3,6 +3,7 @@
 use std::sync::LazyLock;
 
 use gonio::appearance::disk::{CHANNELS, GLOBALS};
+use gonio::colour::{ColourModel, LightComponent};
 use gonio::inference::learnt::{Candidates, Encoder, EncoderShape};
 use gonio::lighting::{CoefficientPrior, PriorGroup, RectifiedGaussian, ScaleMixture};
 use gonio::reflectance::{CELLS, Dictionary, DictionarySettings, LogBasis};
@@ -225,10 +226,24 @@ static KNOWING: LazyLock<Model> = LazyLock::new(|| {
         widths: vec![0.1; CELLS],
         encoder: Encoder::from_tensors(shape, find).unwrap(),
         ranges: vec![(-1.0, 1.0 / 3.0); 3],
-        colours: embedded().unwrap().learnt.unwrap().colours,
+        colours: Some(colours(2)),
     };
     Model { learnt: Some(posterior), ..toy(1, 2) }
 });
+
+/// A model of colours for so many coordinates.
+fn colours(dimensions: usize) -> ColourModel {
+    let size = dimensions + 1;
+    let round = |variance: f64| -> Vec<Vec<f64>> {
+        (0..size).map(|i| (0..size).map(|j| if i == j { variance } else { 1.0 / 3.0 }).collect()).collect()
+    };
+    ColourModel {
+        differences: round(1.0),
+        mean_log_differences: round(2.0),
+        errors: [round(0.5), round(0.6), round(0.7)],
+        lights: vec![LightComponent { weight: 1.0, covariance: [[0.1, 0.05], [0.05, 0.2]] }],
+    }
+}
 
 #[test]
 fn posteriors_come_back_as_they_were() {

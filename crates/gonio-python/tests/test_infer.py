@@ -136,7 +136,7 @@ def test_progress_is_told_here_and_in_order(small):
     gonio.infer(small, progress=progress)
     assert threads == {threading.get_ident()}
     stages = list(dict.fromkeys(stage for stage, _ in told))
-    assert stages == ["reading", "posterior", "colour", "transfer", "light", "drawing"]
+    assert stages == ["reading", "posterior", "transfer", "light", "colour", "drawing"]
     for stage in stages:
         fractions = [x for name, x in told if name == stage]
         assert fractions == sorted(fractions) and all(0 <= x <= 1 for x in fractions)

@@ -68,10 +68,20 @@ def test_folders_of_results(found, tmp_path):
     found.save(tmp_path / "a" / "ball")
     names = {path.name for path in (tmp_path / "a" / "ball").iterdir()}
     assert names == {
-        "brdf.binary", "brdf_quantiles.npy", "light.exr", "posterior.json", "relit.png", "summary.png", "uncertainty.png", "result.json"
+        "brdf.binary",
+        "brdf_quantiles.npy",
+        "brdf_rgb_quantiles.npy",
+        "light.exr",
+        "posterior.json",
+        "relit.png",
+        "result.json",
+        "summary.png",
+        "uncertainty.png",
     }
     assert np.allclose(gonio.read_merl(tmp_path / "a" / "ball" / "brdf.binary").table, found.brdf.table, rtol=1e-5)
     assert np.array_equal(np.load(tmp_path / "a" / "ball" / "brdf_quantiles.npy"), found.quantiles)
+    channels = np.load(tmp_path / "a" / "ball" / "brdf_rgb_quantiles.npy")
+    assert np.array_equal(np.moveaxis(channels, 0, -1), found.rgb_quantiles)
     assert np.array_equal(gonio.read_image(tmp_path / "a" / "ball" / "light.exr"), found.light)
     assert json.loads((tmp_path / "a" / "ball" / "result.json").read_text()) == found.notes
     found.save(tmp_path / "a" / "ball")

@@ -16,7 +16,8 @@ const { chromium } = createRequire(REPORT)("playwright-core");
 const axe = readFileSync(createRequire(REPORT).resolve("axe-core/axe.min.js"), "utf8");
 const { FLAGS } = await import(new URL("flags.mjs", REPORT));
 
-const MOST_BYTES = 7e6;
+// 7.15 MB with the colour management of tagged pictures, which takes 0.15 MB.
+const MOST_BYTES = 7.2e6;
 const MOST_SECONDS = 20;
 const TOLERANCE = 1e-3; // relative, of a trusted cell, to the program
 const LATEST = 180e3; // for the whole run on a slow machine, ms

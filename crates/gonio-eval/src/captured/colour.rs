@@ -60,9 +60,10 @@ fn error(object: &Captured, seen: usize, channels: Channels<'_>, coloured: bool)
     let others = (0..object.photographs.len()).filter(|at| *at != seen);
     let pairs: Vec<[Vec<DVec3>; 2]> = others
         .map(|at| {
-            let made = [0, 1, 2].map(|c| object.render(at, channels[c]));
+            // A grey reflectance is rendered once.
+            let made: Vec<_> = channels[..if coloured { 1 } else { 3 }].iter().map(|f| object.render(at, f)).collect();
             let photograph = object.photographs[at].picture.rgb.as_slice();
-            let sent = |&p: &usize| DVec3::from_array([0, 1, 2].map(|c| made[c].as_slice()[p][c]));
+            let sent = |&p: &usize| DVec3::from_array([0, 1, 2].map(|c| made[c.min(made.len() - 1)].as_slice()[p][c]));
             [pixels.iter().map(sent).collect(), pixels.iter().map(|&p| photograph[p].as_dvec3()).collect()]
         })
         .collect();

@@ -234,7 +234,7 @@ fn judge(
         errors[2].push(got.distance(want));
         errors[3].push(Chroma([got.0[0] - r, got.0[1] - b]).distance(want));
     }
-    let tables = [&found.tables, &subject.rgb].map(|rgb| BivariateTable::luminance(rgb));
+    let tables = [&found.tables, &subject.rgb].map(BivariateTable::luminance);
     let body = |rgb: &[BivariateTable; 3], table| ChromaField::of_tables(rgb).body(table);
     let (got, want) = (body(&found.tables, &tables[0]), body(&subject.rgb, &tables[1]));
     let scale = 1.0 / brdf_scale(&tables[0], &tables[1]);

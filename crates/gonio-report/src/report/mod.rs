@@ -142,8 +142,8 @@ impl Report<'_> {
                         ] { div.tile { (figure::sized(picture, SHOWN, alt)) span { (label) } } }
                     }
                     p.note {
-                        "Of the difference, grey is none; where the photograph is brighter, it is lighter, where it is redder, it is redder. Black, "
-                        "white and full colours are 50 % off."
+                        "Grey means no difference. The picture is lighter where the photograph is brighter, and redder where it is redder. Black, "
+                        "white and full colours mean a difference of 50 %."
                     }
                     @match self.subject.material {
                         Some(material) => { (facts(material, self.result)) }

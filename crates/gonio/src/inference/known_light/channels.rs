@@ -34,9 +34,9 @@ const RESIDUAL_FLOOR: f64 = 0.01;
 /// What is known of the differences of channels and of the errors of colours.
 const CHANNEL: FitPrior = FitPrior {
     deviation: 0.1,
-    deviations: (0.03, 1.0),
-    axis_deviations: (0.2, 3.0),
-    constant_precision: 4.0,
+    deviations: (0.03, 2.0),
+    axis_deviations: (0.2, 10.0),
+    constant_precision: 0.1,
     least_discrepancy: 0.01,
 };
 

@@ -134,8 +134,8 @@ fn png(colour: [u8; 3], chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
 /// Bytes of the header of a profile that hold its date.
 const DATE: std::ops::Range<usize> = 24..36;
 
-/// Encodes a profile with a fixed date: the library writes the time of encoding, and the seeds of the
-/// fuzzer are compared byte by byte.
+/// Encodes a profile with a fixed date: the library writes the time of encoding, and the seeds of
+/// the fuzzer are compared byte by byte.
 fn encoded(profile: &ColorProfile) -> Vec<u8> {
     let mut bytes = profile.encode().unwrap();
     // The first of January 2026, six numbers of 16 bits.

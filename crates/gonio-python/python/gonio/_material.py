@@ -303,8 +303,9 @@ class Material(Result):
 
     def _coloured(self, tables: Floats) -> Floats:
         """Luminance tables of shape (count, 90, 90) in the chroma that was found for every cell."""
-        chroma = self._found["table"] / np.maximum(self.luminance, np.float32(1e-30))[..., None]
-        return tables[..., None] * chroma
+        luminance = np.maximum(self.luminance, np.float32(1e-30))
+        coloured = np.asarray(tables[..., None] * (self._found["table"] / luminance[..., None]), dtype=np.float32)
+        return coloured
 
     def _scale(self) -> float:
         """Factor from the scale of the model to that of the BRDF."""

@@ -3,6 +3,7 @@
 
 mod bases;
 mod bench;
+mod calibration;
 mod camera;
 mod captured;
 mod colour;
@@ -46,6 +47,8 @@ enum Command {
     Lights(lights::Options),
     /// Compares ways to colour a BRDF, on test materials in test lights.
     Colour(colour::Options),
+    /// Measures how wide intervals have to be, on photographs of new materials in training lights.
+    Calibration(calibration::Options),
     /// Measures how the colour of training lights varies over their directions.
     Tints,
     /// Measures what shapes other than a sphere cost, with and without modelling self-shadowing.
@@ -77,6 +80,7 @@ fn main() -> ExitCode {
         Command::Quadrature => quadrature::run(&data),
         Command::Lights(options) => lights::run(&data, &options),
         Command::Colour(options) => colour::run(&data, &options),
+        Command::Calibration(options) => calibration::run(&data, &options),
         Command::Tints => tints::run(&data),
         Command::Shapes(options) => shapes::run(&data, &options),
         Command::Captured(options) => captured::run(&data, &options),

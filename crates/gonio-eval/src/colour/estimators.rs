@@ -7,10 +7,8 @@ use gonio::colour::{Chroma, ChromaField};
 use gonio::estimate::{Alignment, Colouring, ColouringRule, Material, estimate_under};
 use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
-use gonio::picture::luminance;
 use gonio::reflectance::BivariateTable;
-use gonio::scene::{ObservationReport, Observations};
-use gonio::shape::SurfacePoint;
+use gonio::scene::Observations;
 
 /// Texels along a side of the light's grid; it matters for shapes with self-shadowing alone.
 const SIDE: usize = 32;
@@ -39,15 +37,15 @@ pub(crate) enum ColourEstimator {
 }
 
 /// A photograph of a ball with everything that an estimator or an oracle may look at.
-pub(super) struct Photograph<'a> {
-    pub(super) model: &'a Model,
-    pub(super) observations: Observations,
+pub(crate) struct Photograph<'a> {
+    pub(crate) model: &'a Model,
+    pub(crate) observations: Observations,
     /// The light, in the frame of the camera.
-    pub(super) light: &'a EnvironmentMap,
+    pub(crate) light: &'a EnvironmentMap,
     /// Chroma of the light.
-    pub(super) light_chroma: Chroma,
+    pub(crate) light_chroma: Chroma,
     /// Channels of the material.
-    pub(super) truth: &'a [BivariateTable; 3],
+    pub(crate) truth: &'a [BivariateTable; 3],
 }
 
 /// Channels that were found.
@@ -61,42 +59,40 @@ pub(super) struct Found {
     pub(super) warned: bool,
 }
 
-/// Observations of points, each of a linear RGB value.
-pub(super) fn observed(points: &[SurfacePoint], image: &[Vec3]) -> Observations {
-    let count = points.len();
-    Observations {
-        points: points.to_vec(),
-        pixels: vec![(0.0, 0.0); count],
-        values: image.iter().map(|rgb| Some(f64::from(luminance(*rgb)))).collect(),
-        colours: image.iter().copied().map(Some).collect(),
-        weights: vec![1.0; count],
-        visibility: None,
-        open: vec![1.0; count],
-        report: ObservationReport::default(),
-        fates: None,
-        dense: Vec::new(),
-    }
-}
-
 impl ColourEstimator {
+    /// The material and its colours by the default method, and whether they carry a warning.
+    /// Estimators other than blind, light colour and known light have the median colour.
+    pub(crate) fn posterior(self, photograph: &Photograph<'_>) -> Result<(Material, Colouring, bool)> {
+        let Photograph { model, observations, light, light_chroma, .. } = photograph;
+        if self == Self::KnownLight {
+            let rule = ColouringRule::default();
+            let found = estimate_under(model, observations, (light, Alignment::Fixed), &rule, &|_| ())?;
+            let warned = !found.doubts().is_empty();
+            return Ok((found.material, found.colouring, warned));
+        }
+        let material = Material::of(model, observations, SIDE)?;
+        let rule = match self {
+            Self::Blind => ColouringRule::default(),
+            Self::LightColour => ColouringRule::Estimate { light: Some(*light_chroma) },
+            _ => ColouringRule::Median,
+        };
+        let colouring = Colouring::of(model, observations, &material.table, &rule);
+        let warned = !material.doubts().is_empty();
+        Ok((material, colouring, warned))
+    }
+
     /// Finds the channels.
     pub(super) fn estimate(self, photograph: &Photograph<'_>) -> Result<Found> {
-        let Photograph { model, observations, light, light_chroma, truth } = photograph;
+        let Photograph { model, observations, light, truth, .. } = photograph;
         let luminance = || Material::of(model, observations, SIDE);
         let lit = |observations: &Observations, light: &EnvironmentMap, rule: &ColouringRule| {
             estimate_under(model, observations, (light, Alignment::Fixed), rule, &|_| ())
         };
         Ok(match self {
             Self::Grey => Found::plain(&luminance()?.table, &ChromaField::GREY),
-            Self::Median | Self::Blind | Self::LightColour => {
-                let material = luminance()?;
-                let given = (self == Self::LightColour).then_some(*light_chroma);
-                let rule = match self {
-                    Self::Median => ColouringRule::Median,
-                    _ => ColouringRule::Estimate { light: given },
-                };
-                let colouring = Colouring::of(model, observations, &material.table, &rule);
-                Found::of(&material, &colouring, !material.doubts().is_empty())
+            Self::Median | Self::Blind | Self::LightColour | Self::KnownLight => {
+                let (material, colouring, warned) = self.posterior(photograph)?;
+                Found::of(&material, &colouring, warned)
             }
             Self::Separate => {
                 let channel = |c: usize| -> Result<BivariateTable> {
@@ -107,10 +103,6 @@ impl ColourEstimator {
                 Found::tables([channel(0)?, channel(1)?, channel(2)?])
             }
             Self::TrueChroma => Found::plain(&luminance()?.table, &ChromaField::of_tables(truth)),
-            Self::KnownLight => {
-                let found = lit(observations, light, &ColouringRule::default())?;
-                Found::of(&found.material, &found.colouring, !found.doubts().is_empty())
-            }
             Self::KnownLightTrueChroma => {
                 let found = lit(observations, light, &ColouringRule::Grey)?;
                 Found::plain(&found.material.table, &ChromaField::of_tables(truth))

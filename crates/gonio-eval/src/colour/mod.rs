@@ -19,7 +19,7 @@ use gonio::model::Model;
 use gonio::picture::luminance;
 use gonio::reflectance::{BivariateTable, brdf_scale, trusted_cells};
 use gonio::render::{LightTree, Relighter};
-use gonio::scene::{ObservationSettings, sphere_points};
+use gonio::scene::{ObservationSettings, Observations, sphere_points};
 use gonio::shape::SurfacePoint;
 use gonio::simulation::ColourStock;
 use gonio::sphere::OctahedralMap;
@@ -30,8 +30,8 @@ use crate::data::Lights;
 use crate::metrics::{mean, median, relight};
 use crate::outside;
 use crate::posteriors;
-pub(crate) use estimators::ColourEstimator;
-use estimators::{Found, Photograph, observed};
+use estimators::Found;
+pub(crate) use estimators::{ColourEstimator, Photograph};
 
 /// Options of `gonio-eval colour`.
 #[derive(clap::Args)]
@@ -69,10 +69,10 @@ const RELIT_NORMALS: usize = 1_500;
 const NOISE: f64 = 0.01;
 
 /// A material with its group.
-struct Subject {
-    group: &'static str,
-    name: String,
-    rgb: [BivariateTable; 3],
+pub(crate) struct Subject {
+    pub(crate) group: &'static str,
+    pub(crate) name: String,
+    pub(crate) rgb: [BivariateTable; 3],
 }
 
 /// Errors of one estimate.
@@ -129,7 +129,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         for subject in &subjects {
             let mut image = picture(&operator, &subject.rgb);
             add_noise(&mut image, &format!("{light} {}", subject.name));
-            let observations = observed(&ball, &image);
+            let observations = Observations::of_points(ball.clone(), &image);
             let photograph = Photograph { model: &model, observations, light: &map, light_chroma, truth: &subject.rgb };
             for &estimator in estimators {
                 let found = estimator.estimate(&photograph)?;
@@ -169,7 +169,7 @@ fn learn(data: &Path, model: &Model, stride: u32) -> Result<ColourModel> {
 }
 
 /// Materials that nothing was learnt from.
-fn subjects(data: &Path) -> Result<Vec<Subject>> {
+pub(crate) fn subjects(data: &Path) -> Result<Vec<Subject>> {
     let mut subjects = Vec::new();
     let extra = data.join("measured_extra");
     if extra.is_dir() {
@@ -199,13 +199,13 @@ fn points(normals: usize) -> Vec<SurfacePoint> {
 }
 
 /// Renders a BRDF in the light of an operator.
-fn picture(operator: &[Relighter; 3], rgb: &[BivariateTable; 3]) -> Vec<Vec3> {
+pub(crate) fn picture(operator: &[Relighter; 3], rgb: &[BivariateTable; 3]) -> Vec<Vec3> {
     let channels: Vec<Vec<f64>> = operator.iter().zip(rgb).map(|(matrix, table)| matrix.render(table)).collect();
     (0..channels[0].len()).map(|i| Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32))).collect()
 }
 
 /// Adds independent noise to the channels of every pixel, seeded by a key.
-fn add_noise(image: &mut [Vec3], key: &str) {
+pub(crate) fn add_noise(image: &mut [Vec3], key: &str) {
     for c in 0..3 {
         let mut logs = vec![1.0; image.len()];
         crate::bench::add_noise(&mut logs, NOISE, &format!("{key} {c}"));

@@ -1,6 +1,6 @@
 //! Image on standard normals, independent of the shape it was observed on.
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
 use crate::shape::SurfacePoint;
@@ -13,13 +13,9 @@ const NORMALS: usize = 2000;
 /// Largest angle between normal and view in degrees, as in the paper.
 const MAX_ANGLE: f64 = 80.0;
 
-/// Standard deviation, in degrees, of the Gaussian with which observations are averaged: finer than
-/// the lattice, so that values stay nearly point samples, but wide enough to find one or two of
-/// 10,000 observations.
-const WIDTH: f64 = 0.5;
-
-/// Number of standard deviations beyond which an observation does not count.
-const REACH: f64 = 4.0;
+/// Angle in degrees within which a point belongs to a normal of the lattice: wide enough to hold
+/// one or two of 10,000 observations.
+const REACH: f64 = 2.0;
 
 /// Standard normals of the visible hemisphere, in the frame of the view (z towards the camera).
 /// Under light from far away the brightness of a convex surface is a function of its normal, so
@@ -54,21 +50,6 @@ impl Lattice {
         self.normals.iter().map(|&n| SurfacePoint { normal: camera * n, view }).collect()
     }
 
-    /// Averages the colours (linear RGB) around each normal of the lattice; `None` is not observed.
-    /// Where none is near, wider means are taken.
-    ///
-    /// # Panics
-    /// If `points` and `colours` differ in number or nothing is observed.
-    pub fn gather_colours(&self, points: &[SurfacePoint], colours: &[Option<Vec3>]) -> Vec<Vec3> {
-        assert_eq!(points.len(), colours.len());
-        let seen = |(p, c): (&SurfacePoint, &Option<Vec3>)| {
-            c.map(|c| Observed { normal: p.in_view(), colour: c.as_dvec3().max(DVec3::ZERO) })
-        };
-        let observed: Vec<Observed> = points.iter().zip(colours).filter_map(seen).collect();
-        assert!(!observed.is_empty(), "an image without observations");
-        self.normals.par_iter().map(|n| mean_around(*n, &observed)).collect()
-    }
-
     /// Chooses the weighted points that matter most to means at the lattice's normals: for each of
     /// these up to `each` of the greatest weight within two degrees, or the nearest one. Returns
     /// their indices in order, each once.
@@ -79,7 +60,7 @@ impl Lattice {
         assert_eq!(points.len(), weights.len());
         let normals: Vec<DVec3> = points.iter().map(SurfacePoint::in_view).collect();
         let usable: Vec<usize> = (0..points.len()).filter(|&i| weights[i] > 0.0).collect();
-        let reach = (REACH * WIDTH).to_radians().powi(2);
+        let reach = REACH.to_radians().powi(2);
         let mut chosen: Vec<usize> = self
             .normals
             .par_iter()
@@ -100,73 +81,31 @@ impl Lattice {
     }
 }
 
-/// An observation in the frame of its own view.
-struct Observed {
-    normal: DVec3,
-    colour: DVec3,
-}
-
-/// Returns the weighted mean around a normal.
-fn mean_around(normal: DVec3, observed: &[Observed]) -> Vec3 {
-    // Chords instead of angles: nearly equal where they are small, and monotone.
-    let squares: Vec<f64> = observed.iter().map(|o| (o.normal - normal).length_squared()).collect();
-    let nearest = squares.iter().copied().fold(f64::INFINITY, f64::min);
-    let reach = (REACH * WIDTH).to_radians().powi(2);
-    // Beyond its reach the Gaussian widens until the nearest observation is two standard deviations
-    // away.
-    let variance = if nearest > reach { nearest / 4.0 } else { WIDTH.to_radians().powi(2) };
-    let (mut sum, mut weights) = (DVec3::ZERO, 0.0);
-    for (square, observed) in squares.iter().zip(observed) {
-        if *square <= REACH * REACH * variance {
-            let weight = (-0.5 * square / variance).exp();
-            sum += weight * observed.colour;
-            weights += weight;
-        }
-    }
-    (sum / weights).as_vec3()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scene::{ObservationSettings, sphere_points};
 
-    fn smooth(n: DVec3) -> Vec3 {
-        DVec3::new(1.0 + 0.5 * n.x, 1.0 + 0.3 * n.y * n.z, n.z).as_vec3()
-    }
-
     #[test]
-    fn a_sphere_is_gathered_as_it_is() {
+    fn chooses_the_heaviest_points_near_each_normal() {
         let lattice = Lattice::new();
         assert_eq!(lattice.normals().len(), 1653);
         let points = sphere_points(&ObservationSettings::default());
-        let colours: Vec<Option<Vec3>> = points.iter().map(|p| Some(smooth(p.normal))).collect();
-        for (n, c) in lattice.normals().iter().zip(lattice.gather_colours(&points, &colours)) {
-            assert!((smooth(*n) - c).abs().max_element() < 0.02, "{n} {c}");
-        }
+        let weights: Vec<f64> = (0..points.len()).map(|i| if i % 3 == 0 { 1.0 } else { 0.5 }).collect();
+        let chosen = lattice.choose(&points, &weights, 1);
+        assert!(chosen.windows(2).all(|pair| pair[0] < pair[1]) && chosen.len() > 1000, "{}", chosen.len());
+        let heavy = chosen.iter().filter(|i| **i % 3 == 0).count();
+        assert!(heavy as f64 > 0.9 * chosen.len() as f64, "{heavy} of {}", chosen.len());
     }
 
     #[test]
-    fn only_the_angle_to_the_view_counts() {
-        let lattice = Lattice::new();
-        let turn = DQuat::from_rotation_y(0.4) * DQuat::from_rotation_x(-0.2);
-        let points = lattice.points(turn);
-        let colours: Vec<Option<Vec3>> = lattice.normals().iter().map(|n| Some(Vec3::splat(n.z as f32))).collect();
-        // The rotation back is not the inverse of `turn`, but both preserve the angle to the view.
-        for (n, c) in lattice.normals().iter().zip(lattice.gather_colours(&points, &colours)) {
-            assert!((n.z - f64::from(c.y)).abs() < 0.06, "{n} {c}");
-        }
-    }
-
-    #[test]
-    fn gaps_are_filled_from_their_border() {
+    fn the_nearest_point_fills_a_gap() {
         let lattice = Lattice::new();
         let points = lattice.points(DQuat::IDENTITY);
-        let hole = DVec3::new(0.3, 0.2, 0.9).normalize();
-        let colours: Vec<Option<Vec3>> =
-            points.iter().map(|p| (p.normal.angle_between(hole) > 0.25).then(|| smooth(p.normal))).collect();
-        for (n, c) in lattice.normals().iter().zip(lattice.gather_colours(&points, &colours)) {
-            assert!((smooth(*n) - c).abs().max_element() < 0.2, "{n} {c}");
-        }
+        let weights: Vec<f64> = points.iter().map(|p| if p.normal.x > 0.0 { 1.0 } else { 0.0 }).collect();
+        let chosen = lattice.choose(&points, &weights, 2);
+        assert!(chosen.iter().all(|&i| points[i].normal.x > 0.0));
+        // Every point with a weight is the nearest to itself.
+        assert_eq!(chosen.len(), weights.iter().filter(|w| **w > 0.0).count());
     }
 }

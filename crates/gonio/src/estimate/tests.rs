@@ -10,7 +10,7 @@ use crate::inference::learnt::tests::{WORLD, knowing, light_map};
 use crate::inference::learnt::{MaterialPosterior, interval_widths};
 use crate::inference::{CONTRADICTION, Embedding, Likelihood};
 use crate::lighting::{EnvironmentMap, LightGrid, LightPrior, PriorSettings};
-use crate::picture::{Picture, luminance, luminance as luminance_of};
+use crate::picture::{Picture, luminance};
 use crate::reflectance::{BivariateTable, ReflectanceBasis, trusted_cells};
 use crate::render::{Accuracy, IntegratorSettings, LightTree, SphereSettings, render_sphere};
 use crate::scene::{Object, ObservationSettings, Sighting};
@@ -185,18 +185,7 @@ fn a_known_light_gives_each_channel() {
         operators.iter().zip(&channels).map(|(operator, table)| operator.render(table)).collect();
     let pixels: Vec<Vec3> =
         (0..points.len()).map(|i| Vec3::from_array([0, 1, 2].map(|c| image[c][i] as f32))).collect();
-    let observations = crate::scene::Observations {
-        pixels: vec![(0.0, 0.0); points.len()],
-        values: pixels.iter().map(|rgb| Some(f64::from(luminance_of(*rgb)))).collect(),
-        colours: pixels.iter().copied().map(Some).collect(),
-        weights: vec![1.0; points.len()],
-        visibility: None,
-        open: vec![1.0; points.len()],
-        report: Default::default(),
-        fates: None,
-        dense: Vec::new(),
-        points,
-    };
+    let observations = Observations::of_points(points, &pixels);
     let given = (&map, Alignment::Fixed);
     let found = estimate_under(&model, &observations, given, &ColouringRule::default(), &|_| ()).unwrap();
     let tables = found.colouring.field().tables(&found.material.table);

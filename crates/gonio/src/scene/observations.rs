@@ -155,6 +155,28 @@ pub fn sphere_points(settings: &ObservationSettings) -> Vec<SurfacePoint> {
 }
 
 impl Observations {
+    /// Observations of points on a convex surface far away, each of a linear RGB radiance, without
+    /// a picture: for simulations.
+    ///
+    /// # Panics
+    /// If `points` and `rgb` differ in number.
+    pub fn of_points(points: Vec<SurfacePoint>, rgb: &[Vec3]) -> Self {
+        assert_eq!(points.len(), rgb.len());
+        let count = points.len();
+        Self {
+            points,
+            pixels: vec![(0.0, 0.0); count],
+            values: rgb.iter().map(|rgb| Some(f64::from(luminance(*rgb)))).collect(),
+            colours: rgb.iter().copied().map(Some).collect(),
+            weights: vec![1.0; count],
+            visibility: None,
+            open: vec![1.0; count],
+            report: ObservationReport::default(),
+            fates: None,
+            dense: Vec::new(),
+        }
+    }
+
     /// Returns the points with their visibility, as the operator takes them.
     pub fn seen(&self) -> Points<'_> {
         Points::new(&self.points, self.visibility.as_ref())

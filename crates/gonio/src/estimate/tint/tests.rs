@@ -4,7 +4,7 @@ use super::*;
 use crate::colour::{ChromaField, ColourEstimate};
 use crate::estimate::LightEstimator;
 use crate::lighting::PriorSettings;
-use crate::scene::{ObservationReport, sphere_points};
+use crate::scene::sphere_points;
 use crate::testing::{lobe, on_threads, random};
 
 const MAP: OctahedralMap = OctahedralMap::EqualArea;
@@ -60,19 +60,9 @@ fn photograph(table: &BivariateTable, colours: &ChromaField, light: &LightGrid, 
         rows.chunks(FINE * FINE).map(row).zip(noise).map(|(value, noise)| value * noise).collect()
     };
     let channels = [0, 1, 2].map(of_channel);
-    let colour = |i: usize| Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32));
-    Observations {
-        pixels: vec![(0.0, 0.0); points.len()],
-        values: (0..points.len()).map(|i| Some(f64::from(luminance(colour(i))))).collect(),
-        colours: (0..points.len()).map(|i| Some(colour(i))).collect(),
-        weights: vec![1.0; points.len()],
-        visibility: None,
-        open: vec![1.0; points.len()],
-        report: ObservationReport::default(),
-        fates: None,
-        dense: Vec::new(),
-        points,
-    }
+    let rgb: Vec<Vec3> =
+        (0..points.len()).map(|i| Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32))).collect();
+    Observations::of_points(points, &rgb)
 }
 
 /// The luminance of a light as if it had been found.

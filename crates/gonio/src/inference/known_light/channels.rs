@@ -12,7 +12,7 @@
 
 use glam::DVec3;
 use rand::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
+use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
@@ -41,8 +41,12 @@ const CHANNEL: FitPrior = FitPrior {
 };
 
 /// Factor on the deviations of draws: the posterior is the Gaussian of one linearisation, and
-/// neither the light nor the table is exact (docs/trials.md).
+/// neither the light nor the table is exact (`gonio-eval calibration`).
 const INFLATION: f64 = 1.5;
+
+/// Degrees of freedom of Student's distribution of these draws: some materials are described far
+/// less well than others.
+const FREEDOM: f64 = 3.0;
 
 /// Relative change of the luminance of the image by the colours, root mean square, above which the
 /// luminance is found anew with them: one percent is what cameras are accurate to.
@@ -149,13 +153,17 @@ impl ChannelPosterior {
     pub fn draws(&self, count: usize, seed: u64) -> Vec<ChromaField> {
         let mut rng = Pcg64::seed_from_u64(seed);
         let size = self.space.len();
-        let white: Vec<[Vec<f64>; 3]> = (0..count)
-            .map(|_| std::array::from_fn(|_| (0..size).map(|_| StandardNormal.sample(&mut rng)).collect()))
-            .collect();
+        let spread = ChiSquared::new(FREEDOM).expect("positive");
+        let mut white = || -> [Vec<f64>; 3] {
+            let scale: f64 = INFLATION * (FREEDOM / spread.sample(&mut rng)).sqrt();
+            let mut normal = || scale * Distribution::<f64>::sample(&StandardNormal, &mut rng);
+            std::array::from_fn(|_| (0..size).map(|_| normal()).collect())
+        };
+        let white: Vec<[Vec<f64>; 3]> = (0..count).map(|_| white()).collect();
         let draw = |white: &[Vec<f64>; 3]| {
             self.at(|fit, c| {
                 let step = fit.curvature.colour(&white[c]);
-                fit.state.coefficients.iter().zip(step).map(|(x, step)| x + INFLATION * step).collect()
+                fit.state.coefficients.iter().zip(step).map(|(x, step)| x + step).collect()
             })
         };
         white.par_iter().map(draw).collect()

@@ -21,6 +21,7 @@ mod encoder;
 mod encoder_shape;
 mod numbers;
 mod posterior;
+mod spread;
 #[cfg(test)]
 pub(crate) mod tests;
 mod unshadow;
@@ -32,6 +33,7 @@ pub use encoder_shape::{EncoderError, EncoderShape, NamedLayer, Step};
 pub use numbers::{Ranking, peak_over_base};
 pub(crate) use posterior::sample;
 pub use posterior::{MaterialPosterior, Neighbour, interval_widths};
+pub use spread::Spread;
 pub use unshadow::{UnshadowSettings, Unshadowed, unshadow};
 
 use crate::appearance::DiskImage;

@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::posterior::{MaterialPosterior, SPREAD, quantile};
+use super::posterior::MaterialPosterior;
+use super::spread::{spread_quantile, student_quantile};
 use crate::reflectance::{BivariateTable, THETA_D, THETA_H, is_trusted, theta_d_of, theta_h_of};
 
 /// Brightness of the mirror direction relative to directions far from it: the value along the
@@ -25,6 +26,8 @@ pub fn peak_over_base(table: &BivariateTable) -> f64 {
 pub struct Ranking {
     /// Logarithm of the number and index of each draw, by rising number.
     draws: Vec<(f32, usize)>,
+    /// Scale of the error of the logarithm that the draws do not show.
+    error: f64,
 }
 
 impl MaterialPosterior {
@@ -33,16 +36,17 @@ impl MaterialPosterior {
         let log = |(at, table): (usize, &BivariateTable)| (number(table).max(1e-300).ln() as f32, at);
         let mut draws: Vec<(f32, usize)> = self.draws.par_iter().enumerate().map(log).collect();
         draws.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Ranking { draws }
+        Ranking { draws, error: self.spread.of_numbers }
     }
 }
 
 impl Ranking {
-    /// Quantiles of the number, spread like those of the cells by the error of the coordinates.
-    /// Shares in 0..1, ascending.
+    /// Quantiles of the number, with the errors that the draws do not show. Shares in 0..1,
+    /// ascending.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
         let values: Vec<f32> = self.draws.iter().map(|d| d.0).collect();
-        shares.iter().map(|share| f64::from(quantile(&values, *share as f32, SPREAD as f32)).exp()).collect()
+        let end = |share: &f64| spread_quantile(&values, *share, (self.error * student_quantile(*share)) as f32);
+        shares.iter().map(|share| f64::from(end(share)).exp()).collect()
     }
 
     /// The draw at a quantile, as its index in [`MaterialPosterior::draws`].
@@ -64,7 +68,7 @@ mod tests {
 
     #[test]
     fn draws_and_quantiles_follow_the_ranking() {
-        let ranking = Ranking { draws: (0..101).map(|i| (0.01 * i as f32, 200 - i)).collect() };
+        let ranking = Ranking { draws: (0..101).map(|i| (0.01 * i as f32, 200 - i)).collect(), error: 0.2 };
         assert_eq!([0.0, 0.5, 1.0].map(|share| ranking.draw(share)), [200, 150, 100]);
         let quantiles = ranking.quantiles(&[0.05, 0.5, 0.95]);
         assert!((quantiles[1] - 0.5_f64.exp()).abs() < 0.01, "{quantiles:?}");

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::spread::{Spread, quantile, spread_quantile, student_quantile};
 use super::{Candidates, LearntPosterior};
 use crate::colour::ChromaField;
 use crate::inference::known_light::Gaussian;
@@ -11,20 +12,8 @@ use crate::reflectance::{BivariateTable, CELLS, Coordinates, is_trusted, trusted
 /// Number of draws that represent a posterior.
 const DRAWS: usize = 256;
 
-/// Standard deviation of the logarithm of reflectance that is added to every draw for intervals:
-/// the part that the coordinates cannot express, and the difference of other photographs from those
-/// of the training (`docs/trials.md`).
-pub(super) const SPREAD: f64 = 0.2;
-
-/// The same under a known light: the error that Laplace's approximation does not know of
-/// (`docs/trials.md`).
-const SPREAD_LIT: f64 = 0.15;
-
 /// Share of the prior's 90 % interval above which a cell's interval makes it undetermined.
 const UNDETERMINED: f64 = 0.6;
-
-/// Four equally likely values that represent a standard Gaussian.
-pub(super) const QUARTERS: [f64; 4] = [-1.271_1, -0.324_7, 0.324_7, 1.271_1];
 
 /// A measured material and its share of the posterior.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,9 +41,8 @@ pub struct MaterialPosterior {
     pub mean: BivariateTable,
     /// Measured materials by falling weight.
     pub neighbours: Vec<Neighbour>,
-    /// Standard deviation of the logarithm of reflectance by which draws are spread for intervals:
-    /// what they do not know of their own error.
-    pub spread: f64,
+    /// Errors that the draws do not show, by which intervals are wider.
+    pub spread: Spread,
 }
 
 impl MaterialPosterior {
@@ -76,7 +64,7 @@ impl MaterialPosterior {
     /// is not one.
     pub fn of_gaussian(coordinates: &Coordinates, gaussian: Gaussian, neighbours: Vec<Neighbour>) -> Option<Self> {
         let (draws, mean) = (gaussian.draws(coordinates, DRAWS, 1)?, gaussian.table(coordinates));
-        Some(Self { likelihood: Likelihood::Gaussian(gaussian), draws, mean, neighbours, spread: SPREAD_LIT })
+        Some(Self { likelihood: Likelihood::Gaussian(gaussian), draws, mean, neighbours, spread: Spread::KNOWN_LIGHT })
     }
 
     /// Computes the posterior from the embedding of images.
@@ -96,20 +84,15 @@ impl MaterialPosterior {
         let named = |(name, weight): (&String, f64)| Neighbour { name: name.clone(), weight };
         let mut neighbours: Vec<Neighbour> = learnt.names.iter().zip(shares).map(named).collect();
         neighbours.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        Self { likelihood: Likelihood::Embedding(embedding), draws, mean, neighbours, spread: SPREAD }
+        Self { likelihood: Likelihood::Embedding(embedding), draws, mean, neighbours, spread: Spread::BLIND }
     }
 
     /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws
-    /// scaled to the geometric mean of `mean` over the trusted cells and spread by the error of the
-    /// coordinates. Shares in 0..1, ascending. Cells beyond the trusted ones have the quantiles of
-    /// the nearest trusted cell.
+    /// scaled to the geometric mean of `mean` over the trusted cells, with the errors of
+    /// [`Self::spread`]. Shares in 0..1, ascending. Cells beyond the trusted ones have the quantiles
+    /// of the nearest trusted cell.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<Vec<f32>> {
-        self.quantiles_spread(shares, self.spread)
-    }
-
-    /// [`Self::quantiles`] with draws spread by another standard deviation of the logarithm.
-    pub fn quantiles_spread(&self, shares: &[f64], spread: f64) -> Vec<Vec<f32>> {
-        self.quantiles_of(&relative_logs(&self.draws), shares, spread)
+        self.quantiles_of(&relative_logs(&self.draws), shares)
     }
 
     /// Quantiles of each cell of a channel, as [`Self::quantiles`], for equally likely chromas of
@@ -124,13 +107,18 @@ impl MaterialPosterior {
                 logs.iter_mut().zip(ratios).for_each(|(log, ratio)| *log += ratio.ln());
             }
         });
-        self.quantiles_of(&logs, shares, self.spread)
+        self.quantiles_of(&logs, shares)
     }
 
-    fn quantiles_of(&self, logs: &[Vec<f32>], shares: &[f64], spread: f64) -> Vec<Vec<f32>> {
-        let level = log_level(&self.mean) as f32;
+    fn quantiles_of(&self, logs: &[Vec<f32>], shares: &[f64]) -> Vec<Vec<f32>> {
+        let (level, scales) = (log_level(&self.mean) as f32, self.spread.by_cell());
+        let errors: Vec<f32> = shares.iter().map(|share| student_quantile(*share) as f32).collect();
+        let ends = |cell: usize, values: &[f32]| {
+            let end = |(share, error): (&f64, &f32)| spread_quantile(values, *share, scales[cell] * error);
+            shares.iter().zip(&errors).map(end).collect()
+        };
         let mut out = vec![vec![0.0_f32; CELLS]; shares.len()];
-        for (cell, values) in quantiles_by_cell(logs, shares, spread as f32).into_iter().enumerate() {
+        for (cell, values) in by_cell(logs, shares.len(), ends).into_iter().enumerate() {
             for (out, value) in out.iter_mut().zip(values) {
                 out[cell] = (value + level).exp();
             }
@@ -145,7 +133,7 @@ impl MaterialPosterior {
     }
 
     /// Cells that the image does not determine: those in which the 90 % interval of the draws, in
-    /// the logarithm and without the spread of [`Self::quantiles`], is more than six tenths of the
+    /// the logarithm and without the errors of [`Self::spread`], is more than six tenths of the
     /// prior's. Cells beyond the trusted ones always count as undetermined.
     pub fn undetermined(&self, learnt: &LearntPosterior) -> Vec<bool> {
         let widths = interval_widths(&self.draws);
@@ -196,7 +184,8 @@ fn draws(learnt: &LearntPosterior, embedding: &[f32], count: usize, seed: u64) -
 /// Width of the 90 % interval of the logarithm of each cell over equally likely tables, each
 /// relative to its own geometric mean; zero beyond the trusted cells.
 pub fn interval_widths(tables: &[BivariateTable]) -> Vec<f32> {
-    quantiles_by_cell(&relative_logs(tables), &[0.05, 0.95], 0.0).into_iter().map(|ends| ends[1] - ends[0]).collect()
+    let ends = |_, values: &[f32]| vec![quantile(values, 0.95) - quantile(values, 0.05)];
+    by_cell(&relative_logs(tables), 1, ends).into_iter().map(|width| width[0]).collect()
 }
 
 /// Mean logarithm of a table over the trusted cells.
@@ -215,69 +204,16 @@ fn relative_logs(tables: &[BivariateTable]) -> Vec<Vec<f32>> {
     tables.par_iter().map(logs).collect()
 }
 
-/// Quantiles of each cell of equally likely logarithms, `[cell][quantile]`; zeros beyond the
+/// `count` numbers of each cell, `[cell][number]`, from its ascending logarithms; zeros beyond the
 /// trusted cells.
-fn quantiles_by_cell(logs: &[Vec<f32>], shares: &[f64], spread: f32) -> Vec<Vec<f32>> {
+fn by_cell(logs: &[Vec<f32>], count: usize, numbers: impl Fn(usize, &[f32]) -> Vec<f32> + Sync) -> Vec<Vec<f32>> {
     let cell = |c: usize| {
         if !is_trusted(c) {
-            return vec![0.0; shares.len()];
+            return vec![0.0; count];
         }
         let mut values: Vec<f32> = logs.iter().map(|l| l[c]).collect();
         values.sort_unstable_by(f32::total_cmp);
-        shares.iter().map(|share| quantile(&values, *share as f32, spread)).collect()
+        numbers(c, &values)
     };
     (0..CELLS).into_par_iter().map(cell).collect()
-}
-
-/// Quantile of ascending values of equal weight, each spread by a Gaussian of standard deviation
-/// `spread`; linear between the values without spread.
-pub(super) fn quantile(values: &[f32], share: f32, spread: f32) -> f32 {
-    let last = values.len() - 1;
-    if spread <= 0.0 {
-        let at = (share * values.len() as f32 - 0.5).clamp(0.0, last as f32);
-        let below = (at as usize).min(last.saturating_sub(1));
-        return values[below] + (at - below as f32) * (values[(below + 1).min(last)] - values[below]);
-    }
-    // The share of the spread values that lies below a point rises with the point.
-    let reach = spread * QUARTERS[3] as f32;
-    let (mut low, mut high) = (values[0] - reach, values[last] + reach);
-    let wanted = share * 4.0 * values.len() as f32;
-    for _ in 0..24 {
-        let middle = 0.5 * (low + high);
-        let below: usize = QUARTERS.iter().map(|z| values.partition_point(|v| *v <= middle - spread * *z as f32)).sum();
-        if (below as f32) < wanted { low = middle } else { high = middle }
-    }
-    0.5 * (low + high)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_lie_between_the_middles_of_values() {
-        let values = [1.0, 2.0, 3.0, 4.0];
-        // Middles at 1/8, 3/8, 5/8, 7/8.
-        for (share, want) in [(0.05, 1.0), (0.125, 1.0), (0.25, 1.5), (0.5, 2.5), (0.99, 4.0)] {
-            assert_eq!(quantile(&values, share, 0.0), want);
-        }
-        assert_eq!(quantile(&[3.0], 0.3, 0.0), 3.0);
-    }
-
-    #[test]
-    fn spread_values_are_wider() {
-        let many: Vec<f32> = (0..1000).map(|i| i as f32 / 1000.0).collect();
-        // With a single value, the quantiles are those of the four values that represent the
-        // Gaussian.
-        assert!((quantile(&[5.0; 4], 0.9, 1.0) - 6.271).abs() < 1e-3);
-        let (low, high) = (quantile(&many, 0.05, 0.5), quantile(&many, 0.95, 0.5));
-        assert!(low < -0.3 && high > 1.3 && (low + high - 1.0).abs() < 0.01, "{low} {high}");
-    }
-
-    #[test]
-    fn four_values_stand_for_a_gaussian() {
-        // The four values have its mean and nearly its variance.
-        assert!(QUARTERS.iter().sum::<f64>().abs() < 1e-12);
-        assert!((QUARTERS.iter().map(|z| z * z).sum::<f64>() / 4.0 - 0.861).abs() < 0.01);
-    }
 }

@@ -69,8 +69,8 @@ struct Cell {
     difference_band: usize,
     /// Logarithm of the measured value over the median of the draws.
     error: f64,
-    /// Logarithms of the quantiles of the draws at 5 and 25 %, or at 95 and 75 %, on the side of the
-    /// error, over the median.
+    /// Logarithms of the quantiles of the draws at 5 and 25 %, or at 95 and 75 %, on the side of
+    /// the error, over the median.
     ends: [f64; 2],
     /// Whether the 90 % and the 50 % interval hold the measured value.
     held: [bool; 2],

@@ -89,8 +89,8 @@ impl MaterialPosterior {
 
     /// Quantiles of each cell, `[quantile][cell]`, on the scale of [`Self::mean`]: of the draws
     /// scaled to the geometric mean of `mean` over the trusted cells, with the errors of
-    /// [`Self::spread`]. Shares in 0..1, ascending. Cells beyond the trusted ones have the quantiles
-    /// of the nearest trusted cell.
+    /// [`Self::spread`]. Shares in 0..1, ascending. Cells beyond the trusted ones have the
+    /// quantiles of the nearest trusted cell.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<Vec<f32>> {
         self.quantiles_of(&relative_logs(&self.draws), shares)
     }

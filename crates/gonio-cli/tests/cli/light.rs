@@ -73,7 +73,7 @@ fn a_mirror_ball_becomes_a_light() {
     let bench = bench();
     let run = bench.run("light chrome.exr -o probe.exr --reflectance 0.6").succeeds();
     assert!(
-        run.stdout.starts_with("probe.exr: light of 128x64 pixels from a ball of 80 pixels") && run.stderr.is_empty(),
+        run.stdout.starts_with("probe.exr: light map of 128x64 pixels from a ball with a radius of 80 pixels") && run.stderr.is_empty(),
         "{run:?}"
     );
     assert_eq!(bench.names("."), ["chrome.exr", "probe.exr", "probe.light.png", "side.exr"]);
@@ -186,8 +186,8 @@ fn bad_input_is_refused_and_leaves_nothing() {
     std::fs::create_dir(bench.path("folder.light.png")).unwrap();
     for (line, says) in [
         ("none.exr -o x.exr", &["none.exr: cannot open"][..]),
-        ("chrome.exr -o x.png", &["x.png: write to a name ending in .exr"]),
-        ("chrome.exr -o chrome.exr", &["chrome.exr: is the photograph itself"]),
+        ("chrome.exr -o x.png", &["x.png: the output must be an .exr file"]),
+        ("chrome.exr -o chrome.exr", &["chrome.exr: the output would overwrite the photograph"]),
         ("chrome.exr -o none/x.exr", &["none/x.exr"]),
         ("chrome.exr -o folder.exr", &["folder.light.png"]),
         ("wall.exr -o x.exr", &["wall.exr: no alpha channel and no constant background", "--circle X,Y,RADIUS"]),

@@ -231,7 +231,7 @@ fn bad_brackets_are_refused() {
         bench.refuses(&format!("merge {files} -o out.exr"), says);
         bench.refuses(&format!("infer {files} -o out"), says);
     }
-    bench.refuses("merge 2.png 3.png -o out.png", &["out.png: write to a name ending in .exr"]);
+    bench.refuses("merge 2.png 3.png -o out.png", &["out.png: the output must be an .exr file"]);
     bench.refuses("merge -o out.exr", &["IMAGES"]);
     bench.refuses("infer hdr.exr --layer diffuse --times 1 -o out", &["hdr.exr: times are for"]);
     bench.refuses("infer hdr.exr --black-level 5 -o out", &["hdr.exr: a black level"]);

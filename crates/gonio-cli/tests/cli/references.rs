@@ -147,8 +147,8 @@ fn references_that_cannot_be_used_are_refused() {
         ("white.exr --white 68,25,12 --light-color 1,1,1", &["not both"]),
         ("white.exr --white 68,25,12 --light light.exr", &["the light map fixes the colour"]),
         ("white.exr --white 68,25,12 --color none", &["serves estimated colours"]),
-        ("white.exr --color-checker --reference-reflectance 0.2", &["published reflectances"]),
-        ("white.exr --reference-color-only", &["--reference-color-only is for"]),
+        ("white.exr --color-checker --reference-reflectance 0.2", &["reflectances of a colour chart are published"]),
+        ("white.exr --reference-color-only", &["--reference-color-only requires"]),
     ] {
         bench.refuses(&format!("infer {options} -o out {CIRCLE}"), says);
     }

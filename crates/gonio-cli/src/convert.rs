@@ -19,8 +19,8 @@ pub(crate) struct Options {
     input: PathBuf,
     /// File to write: X.binary, X_spec.bsdf or X.bsdf
     ///
-    /// The name determines the format. X.binary is a MERL table. X_spec.bsdf has spectra, for pbrt-v4
-    /// and the spectral variants of Mitsuba 3. Any other .bsdf is RGB, for Mitsuba 3.
+    /// The name determines the format. X.binary is a MERL table. X_spec.bsdf has spectra, for
+    /// pbrt-v4 and the spectral variants of Mitsuba 3. Any other .bsdf is RGB, for Mitsuba 3.
     output: PathBuf,
     /// Write the luminance to all three channels
     #[arg(long)]

@@ -57,8 +57,8 @@ pub(crate) struct Options {
     model: Option<PathBuf>,
     /// Texels along a side of the light grid [default: 32]
     ///
-    /// A power of two from 4 up to the largest grid of the model's light prior, which is 128 for the
-    /// embedded model.
+    /// A power of two from 4 up to the largest grid of the model's light prior, which is 128 for
+    /// the embedded model.
     #[arg(long, value_name = "N", help_heading = METHOD)]
     grid: Option<usize>,
     /// Reproduce the paper's setup for a sphere

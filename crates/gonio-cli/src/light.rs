@@ -27,8 +27,8 @@ pub(crate) struct Options {
     images: Vec<PathBuf>,
     /// Light map to write: lat-long, in camera coordinates
     ///
-    /// gonio also writes X.light.png, which marks the ignored pixels of the ball and the filled parts
-    /// of the map.
+    /// gonio also writes X.light.png, which marks the ignored pixels of the ball and the filled
+    /// parts of the map.
     #[arg(short, long, value_name = "X.exr")]
     output: PathBuf,
     /// Mask of the ball: an image that is white on the ball and black elsewhere
@@ -57,8 +57,8 @@ pub(crate) struct Options {
     second: Vec<PathBuf>,
     /// Angle from the first to the second camera around the ball [default: estimated]
     ///
-    /// Positive angles are counterclockwise as seen from above: the second camera is to the right of
-    /// the first. The default is the angle at which both light maps agree best.
+    /// Positive angles are counterclockwise as seen from above: the second camera is to the right
+    /// of the first. The default is the angle at which both light maps agree best.
     #[arg(long, value_name = "DEGREES", requires = "second", allow_negative_numbers = true)]
     second_yaw: Option<f64>,
     /// Mask of the ball in the second photograph

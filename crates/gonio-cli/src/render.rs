@@ -26,8 +26,8 @@ pub(crate) struct Options {
     brdf: PathBuf,
     /// Lat-long light map in camera coordinates: HDR, EXR or PFM
     ///
-    /// MAP can also be a text file of directional lights (docs/known-light.md), or a built-in light:
-    /// studio, sky or lamp.
+    /// MAP can also be a text file of directional lights (docs/known-light.md), or a built-in
+    /// light: studio, sky or lamp.
     #[arg(long, value_name = "MAP")]
     light: PathBuf,
     /// Colour space of a light map that does not state one [default: rec709]
@@ -53,9 +53,9 @@ pub(crate) struct Options {
     /// Upper bound of the relative error of the radiance
     ///
     /// gonio subdivides the light until the sum of all error bounds is below this share of the
-    /// radiance. A bound of 0.2 gives an error of about 0.5 % and takes five to ten times as long as
-    /// the default. The default samples half vectors at the resolution of the light map: the error
-    /// is about 0.5 %, without a bound.
+    /// radiance. A bound of 0.2 gives an error of about 0.5 % and takes five to ten times as long
+    /// as the default. The default samples half vectors at the resolution of the light map: the
+    /// error is about 0.5 %, without a bound.
     #[arg(long)]
     tolerance: Option<f64>,
 }

@@ -29,8 +29,8 @@ const COLUMNS: [&str; 13] = [
     "error",
 ];
 
-/// Writes `batch.csv` from the outcomes of all rows, and `compare.html` if `page`. If `rows` is given,
-/// the table also lists missing rows.
+/// Writes `batch.csv` from the outcomes of all rows, and `compare.html` if `page`. If `rows` is
+/// given, the table also lists missing rows.
 pub(super) fn merge(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<Outcome> {
     let names: Vec<String> = match rows {
         Some(rows) => rows.iter().map(|row| row.name.clone()).collect(),

@@ -176,8 +176,8 @@ fn note_path(output: &Path, name: &str) -> PathBuf {
     output.join(NOTES).join(format!("{name}.json"))
 }
 
-/// Reads the outcome of an earlier run. Returns `None` if there is none or it cannot be read; the row
-/// is then inferred again.
+/// Reads the outcome of an earlier run. Returns `None` if there is none or it cannot be read; the
+/// row is then inferred again.
 fn read_note(output: &Path, name: &str) -> Option<Note> {
     serde_json::from_value(notes::read(&note_path(output, name)).ok()?).ok()
 }

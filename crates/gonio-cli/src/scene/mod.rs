@@ -36,8 +36,8 @@ pub(crate) struct SceneOptions {
     clip: Option<f32>,
     /// Mask of the object: an image that is white on the object and black elsewhere
     ///
-    /// Without a mask, gonio detects the object by the alpha channel, by a uniform background, or by
-    /// the edges of a ball. A mask of another size is scaled.
+    /// Without a mask, gonio detects the object by the alpha channel, by a uniform background, or
+    /// by the edges of a ball. A mask of another size is scaled.
     #[arg(long, value_name = "FILE", help_heading = FINDING)]
     mask: Option<PathBuf>,
     /// Outline of the ball in pixels, instead of detecting it

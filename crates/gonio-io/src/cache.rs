@@ -95,10 +95,10 @@ impl Cache {
     pub fn store(&self, key: &str, content: &[u8]) -> Result<(), Error> {
         let path = self.entry(key);
         if (content.len() + HEADER) as u64 > self.budget {
-            let problem = format!("needs {} bytes, more than the whole cache may have", content.len());
-            return Err(Error::limits(&path, problem, "raise the budget of the cache"));
+            let problem = format!("requires {} bytes, more than the budget of the cache", content.len());
+            return Err(Error::limits(&path, problem, "increase the budget of the cache"));
         }
-        fs::create_dir_all(&self.dir).map_err(|e| Error::io(&self.dir, "make the cache folder", e))?;
+        fs::create_dir_all(&self.dir).map_err(|e| Error::io(&self.dir, "create the cache folder", e))?;
         let write = || {
             let mut file = tempfile::Builder::new().prefix(UNFINISHED).tempfile_in(&self.dir)?;
             file.write_all(&header(content))?;

@@ -64,16 +64,19 @@ impl SavedPosterior {
     /// # Errors
     /// Like [`SavedPosterior::read`].
     pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
-        let saved: Self =
-            serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, format!("is no posterior: {error}")))?;
+        let saved: Self = serde_json::from_slice(bytes)
+            .map_err(|error| Error::damaged(path, format!("is not a posterior: {error}")))?;
         if saved.format != FORMAT {
-            return Err(Error::damaged(path, format!("is no posterior but {:?}", saved.format)));
+            return Err(Error::damaged(path, format!("is not a posterior, but {:?}", saved.format)));
         }
         if saved.version > VERSION {
-            return Err(Error::damaged(path, format!("is of version {}, newer than this program", saved.version)));
+            return Err(Error::damaged(
+                path,
+                format!("has version {}, which is newer than this program", saved.version),
+            ));
         }
         if saved.chroma.as_ref().is_some_and(|chroma| !chroma.is_sound()) {
-            return Err(Error::damaged(path, "has colours of a wrong size or that are no numbers"));
+            return Err(Error::damaged(path, "has colours of the wrong size or with values that are not finite"));
         }
         Ok(saved)
     }

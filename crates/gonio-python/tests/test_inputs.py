@@ -189,7 +189,7 @@ def test_colour_spaces_of_arrays_and_files(small, want, tmp_path):
     assert np.allclose(gonio.read_image(tmp_path / "stated.exr"), small, atol=1e-5)
     gonio.write_image(tmp_path / "unstated.exr", aces)
     assert np.allclose(gonio.read_image(tmp_path / "unstated.exr", colorspace="acescg"), small, atol=1e-5)
-    with pytest.warns(gonio.GonioWarning, match="the given space rec2020 has no effect"):
+    with pytest.warns(gonio.GonioWarning, match="the specified space rec2020 has no effect"):
         gonio.read_image(tmp_path / "stated.exr", colorspace="rec2020")
 
     # What is saved in another space comes back in Rec. 709.

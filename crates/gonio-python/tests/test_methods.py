@@ -144,7 +144,7 @@ def test_depth_and_positions(tmp_path):
         gonio.infer(picture, normals=normals, positions=positions, **QUICK)
     for options, message in [
         ({"normals": normals, "depth": codes}, r"give the range with depth_range=\(near, far\)"),
-        ({"normals": normals, "depth": depth[:50]}, "the depths: the depths are"),
+        ({"normals": normals, "depth": depth[:50]}, "the depths: the depth map is"),
         ({"normals": normals, "depth": depth * np.nan}, "the depths: hold no surface"),
         ({"normals": normals, "depth": depth, "positions": positions}, "give depth or positions, not both"),
         ({"normals": normals, "depth_range": (1, 2)}, "go with depth="),

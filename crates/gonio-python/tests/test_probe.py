@@ -71,9 +71,9 @@ def test_two_views_are_merged():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"rows": 100}, "100 rows: give a power of two"),
-        ({"rows": -1}, "rows -1: give a power of two"),
-        ({"reflectance": 1.5}, "the reflectance 1.5 cannot be used"),
+        ({"rows": 100}, "100 rows: must be a power of two"),
+        ({"rows": -1}, "rows -1: must be a power of two"),
+        ({"reflectance": 1.5}, "invalid reflectance 1.5"),
         ({"reflectance": (1, 1)}, "reflectance: give one number"),
         ({"circle": (1, 2, 0)}, "circle: give three numbers"),
         ({"second_yaw": 3.0}, "give second="),

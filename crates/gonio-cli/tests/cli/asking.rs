@@ -30,8 +30,8 @@ fn options_that_a_file_does_not_need_are_told() {
     let bench = Bench::with_ball();
     bench.write("ball.pfm", &encode_pfm(&ball().rgb));
     let said = bench.run("check ball.exr --linear").succeeds().stderr;
-    assert!(said.contains("ball.exr: holds linear numbers as it is"), "{said}");
-    bench.refuses("check ball.pfm --layer diffuse", &["ball.pfm: has no layers, as OpenEXR files have"]);
+    assert!(said.contains("ball.exr: is already linear"), "{said}");
+    bench.refuses("check ball.pfm --layer diffuse", &["ball.pfm: has no layers, because it is not an OpenEXR file"]);
 }
 
 #[test]
@@ -63,9 +63,9 @@ fn options_that_a_method_does_not_use_are_refused() {
         ),
         ("--circle 14,24,9 --circle 34,24,9 --keep-colors", "--keep-colors applies to photographs of one material"),
         // One range for every method.
-        ("--grid 256", "grid 256: give a power of two from 4 to 128"),
-        ("--light light.hdr --normals normals.npy --grid 256", "grid 256: give a power of two from 4 to 128"),
-        ("--method map --grid 256", "grid 256: give a power of two from 4 to 128"),
+        ("--grid 256", "grid 256: must be a power of two from 4 to 128"),
+        ("--light light.hdr --normals normals.npy --grid 256", "grid 256: must be a power of two from 4 to 128"),
+        ("--method map --grid 256", "grid 256: must be a power of two from 4 to 128"),
     ] {
         bench.refuses(&format!("infer ball.exr -o out {options}"), &[says]);
     }
@@ -94,11 +94,15 @@ fn a_photograph_comes_from_standard_input() {
     bench.write("text", b"no picture");
     bench.write("empty", b"");
     for (line, file, says) in [
-        ("infer - -o x", "text", "standard input: is in no known picture format"),
+        ("infer - -o x", "text", "standard input: has an unknown image format"),
         ("infer - -o x", "empty", "standard input: is empty"),
         ("infer -", "ball.exr", "specify one with -o DIR"),
         ("infer - ball.exr -o x", "ball.exr", "pass exposures as files"),
-        ("infer - -o x --response srgb", "ball.exr", "standard input: a camera's curve is for exposures in files"),
+        (
+            "infer - -o x --response srgb",
+            "ball.exr",
+            "standard input: a response curve applies only to exposures in files",
+        ),
     ] {
         bench.run_reading(line, file).fails(&[says]);
         assert!(!bench.path("x").exists());

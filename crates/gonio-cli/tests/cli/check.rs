@@ -59,7 +59,7 @@ fn every_object_is_told() {
     assert!(run.stdout.contains("region 1: ball, circle 14.0,24.0,9.0"), "{run:?}");
     assert!(run.stdout.contains("region 2: ball, circle 34.0,24.0,9.0"), "{run:?}");
     for (options, says) in
-        [("--normals normals.npy", "shape by its normals"), ("--shape ellipsoid", "ellipsoid, semi-axes 2")]
+        [("--normals normals.npy", "shape from a normal map"), ("--shape ellipsoid", "ellipsoid, semi-axes 2")]
     {
         let run = bench.run(&format!("check ball.exr {options}")).succeeds();
         assert!(run.stdout.contains(says), "{run:?}");
@@ -84,7 +84,7 @@ fn what_cannot_be_found_is_told_with_what_helps() {
     let bench = Bench::with_ball();
     bench.write("constant.exr", &grey(0.5, SIZE, SIZE));
     bench.write("plain.exr", &exr(&Picture { alpha: None, ..ball() }));
-    bench.refuses("check constant.exr", &["constant.exr: no alpha channel", "--mask FILE", "--circle X,Y,RADIUS"]);
+    bench.refuses("check constant.exr", &["constant.exr: no object found", "--mask FILE", "--circle X,Y,RADIUS"]);
     bench.refuses("check none.exr", &["none.exr: cannot open"]);
     bench.refuses("check - -o x.png --depth-axis 3", &["--depth-axis requires --shape ellipsoid"]);
     let run = bench.run_reading("check - -o x.png", "ball.exr").succeeds();

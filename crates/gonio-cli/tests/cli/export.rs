@@ -90,9 +90,9 @@ fn bad_input_is_refused() {
         ("export black.binary -o x", "black.binary: the BRDF is zero at normal incidence"),
         ("export in.binary -o x --to pdf", "--to"),
         ("export in.binary -o x --albedo 2", "--albedo"),
-        ("export short.bsdf -o x", "short.bsdf: is cut short"),
+        ("export short.bsdf -o x", "short.bsdf: is truncated"),
         ("convert in.binary x.txt", "x.txt: the output must be a .binary or .bsdf file"),
-        ("convert short.bsdf x.binary", "short.bsdf: is cut short"),
+        ("convert short.bsdf x.binary", "short.bsdf: is truncated"),
     ] {
         bench.refuses(arguments, &[says]);
     }

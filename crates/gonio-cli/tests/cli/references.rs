@@ -135,18 +135,21 @@ fn references_that_cannot_be_used_are_refused() {
     bench.write("clipped.exr", &exr(&clipped));
     bench.write("light.exr", &exr(&Picture { rgb: studio_light(16).radiance().clone(), alpha: None }));
     for (options, says) in [
-        ("white.exr --white 300,25,12", &["white.exr: ", "outside the picture of 88x68"][..]),
+        ("white.exr --white 300,25,12", &["white.exr: ", "outside the image of 88x68"][..]),
         ("white.exr --white 24,24,12", &["lie on the object"]),
-        ("white.exr --white 68,25,2", &["usable pixels, at least 25"]),
+        ("white.exr --white 68,25,2", &["usable pixels, 25 are required"]),
         ("white.exr --white 80,25,7", &["not uniform"]),
-        ("clipped.exr --white 68,25,12", &["are clipped; lower the exposure", "--clip"]),
+        ("clipped.exr --white 68,25,12", &["are clipped; reduce the exposure", "--clip"]),
         ("white.exr --color-checker", &["no 24-patch colour chart", "--color-checker X,Y"]),
         ("white.exr --color-checker 49,10,87,10,87,60,49,60", &["not those of a ColorChecker Classic"]),
         ("white.exr --color-checker 50,10,50,10,80,40,50,40", &["convex quadrilateral"]),
         ("white.exr --grey-card none.png", &["none.png"]),
         ("white.exr --white 68,25,12 --light-color 1,1,1", &["not both"]),
-        ("white.exr --white 68,25,12 --light light.exr", &["the light map fixes the colour"]),
-        ("white.exr --white 68,25,12 --color none", &["serves estimated colours"]),
+        (
+            "white.exr --white 68,25,12 --light light.exr",
+            &["the light map and the reference both determine the colour"],
+        ),
+        ("white.exr --white 68,25,12 --color none", &["a reference requires estimated colours"]),
         ("white.exr --color-checker --reference-reflectance 0.2", &["reflectances of a colour chart are published"]),
         ("white.exr --reference-color-only", &["--reference-color-only requires"]),
     ] {

@@ -29,7 +29,8 @@ pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Error> {
     let path = path.as_ref();
     write(path, bytes).map_err(|e| {
         // The target need not exist, so its folder is missing.
-        let action = if e.kind() == io::ErrorKind::NotFound { "write, its folder does not exist" } else { "write" };
+        let action =
+            if e.kind() == io::ErrorKind::NotFound { "write, because its folder does not exist" } else { "write" };
         Error::io(path, action, e)
     })
 }

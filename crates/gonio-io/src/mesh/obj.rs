@@ -47,22 +47,22 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
         match words.next() {
             Some(b"v") => {
                 parts.room_for(1)?;
-                let place = three(&mut words).ok_or_else(|| bad("is no vertex"))?;
+                let place = three(&mut words).ok_or_else(|| bad("is not a valid vertex"))?;
                 // A fourth number alone is a weight, three more are a colour.
                 let weight = words.next().filter(|_| words.next().is_none());
                 let weight = weight.map_or(Some(1.0), number_of).filter(|w| *w != 0.0);
-                parts.positions.push(place / weight.ok_or_else(|| bad("is no vertex"))?);
+                parts.positions.push(place / weight.ok_or_else(|| bad("is not a valid vertex"))?);
             }
             Some(b"vn") => {
                 parts.room_for(normals.len() as u64 / 3)?;
-                normals.push(three(&mut words).ok_or_else(|| bad("is no normal"))?);
+                normals.push(three(&mut words).ok_or_else(|| bad("is not a valid normal"))?);
             }
             Some(b"f") => {
                 corners.clear();
                 corner_normals.clear();
                 for word in words {
                     let (vertex, normal) = corner(word, parts.positions.len(), normals.len())
-                        .ok_or_else(|| bad("is no face, or refers to what is not there"))?;
+                        .ok_or_else(|| bad("is not a valid face, or refers to a missing vertex"))?;
                     corners.push(vertex);
                     corner_normals.push(normal.map_or(DVec3::ZERO, |n| normals[n]));
                 }
@@ -175,11 +175,14 @@ mod tests {
         let error = read(SQUARE).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "a.obj: the mesh is empty (4 vertices, 0 triangles); export the surface, with its faces"
+            "a.obj: the mesh is empty (4 vertices, 0 triangles); export the surface with its faces"
         );
         assert!(
-            read("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3").unwrap_err().to_string().contains("not at a finite place")
+            read("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3")
+                .unwrap_err()
+                .to_string()
+                .contains("coordinates that are not finite")
         );
-        assert!(read("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3").unwrap_err().to_string().contains("has an area"));
+        assert!(read("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3").unwrap_err().to_string().contains("zero area"));
     }
 }

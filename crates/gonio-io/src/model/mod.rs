@@ -240,7 +240,7 @@ fn lighting_metadata(prior: &LightPrior) -> Metadata {
 
 fn lighting(file: &Container<'_>) -> Result<LightPrior, Error> {
     let prior = file.json("light")?;
-    check_light(&prior).map_err(|e| file.wrong(format!("holds a model that cannot be: {e}")))?;
+    check_light(&prior).map_err(|e| file.wrong(format!("contains an invalid model: {e}")))?;
     Ok(prior)
 }
 
@@ -273,6 +273,6 @@ fn reflectance(file: &Container<'_>) -> Result<ReflectanceBasis, Error> {
     };
     let materials = entries.into_iter().enumerate().map(material).collect();
     let basis = ReflectanceBasis { functions, rates, materials };
-    check_reflectance(&basis).map_err(|e| file.wrong(format!("holds a model that cannot be: {e}")))?;
+    check_reflectance(&basis).map_err(|e| file.wrong(format!("contains an invalid model: {e}")))?;
     Ok(basis)
 }

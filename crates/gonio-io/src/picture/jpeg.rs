@@ -9,7 +9,7 @@ use crate::Error;
 pub(super) fn check_complete(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     match end_of_image(bytes) {
         Some(_) => Ok(()),
-        None => Err(Error::damaged(path, "is a JPEG file that is cut short")),
+        None => Err(Error::damaged(path, "is a truncated JPEG file")),
     }
 }
 

@@ -96,7 +96,7 @@ impl Stated {
     pub(super) fn primaries(primaries: &Primaries, source: SpaceSource, field: &str) -> Self {
         match primaries.to_rec709() {
             Some(matrix) => Self { space: Some((Conversion::Matrix(matrix), None, source)), unusable: None },
-            None => Self { space: None, unusable: Some(format!("{field} are no primaries of a colour space")) },
+            None => Self { space: None, unusable: Some(format!("{field} are not valid primaries of a colour space")) },
         }
     }
 
@@ -159,8 +159,8 @@ impl Decoded {
                 pixels.par_iter().map(|v| matrix * *v).collect()
             }
             Conversion::Table(profile) => icc::apply_table(&profile, pixels).map_err(|problem| {
-                let advice = "convert the picture to sRGB or remove the profile";
-                Error::unsupported(path, format!("has an ICC profile that cannot be used ({problem})"), advice)
+                let advice = "convert the image to sRGB or remove the profile";
+                Error::unsupported(path, format!("has an unusable ICC profile ({problem})"), advice)
             })?,
         };
         let clip = self.full_scale.or_else(|| repeated_maximum(pixels));

@@ -123,7 +123,8 @@ pub enum EstimateError {
     NotLearnt,
     /// The side of the grid is invalid, or finer than the prior.
     #[error(
-        "a light of {side} texels a side is not possible: take a power of two from 4 to {most}, which the model's prior of light covers"
+        "a light grid of {side} texels per side is not supported; use a power of two from 4 to {most}, the range of \
+         the model's prior of light"
     )]
     Grid {
         /// Side that was asked for.

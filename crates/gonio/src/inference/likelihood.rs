@@ -57,19 +57,19 @@ impl Embedding {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ProductError {
     /// There are fewer than two.
-    #[error("give at least two photographs")]
+    #[error("too few photographs; specify at least two")]
     Few,
     /// Some are under unknown illumination, others under a known light.
-    #[error("some are under unknown illumination and others under a known light: combine each kind by itself")]
+    #[error("some results are for unknown light and others for a known light; combine each kind separately")]
     Mixed,
     /// One was found with another model.
-    #[error("it was found with another model than the one given")]
+    #[error("was inferred with another model than the specified one")]
     Model(
         /// Index of the photograph.
         usize,
     ),
     /// One cannot be of the same material as the others.
-    #[error("it is not of the same material as the others (the logarithm of the odds is {ratio:.0})")]
+    #[error("does not show the same material as the others (log odds {ratio:.0})")]
     Contradiction {
         /// Index of the photograph.
         at: usize,
@@ -77,7 +77,7 @@ pub enum ProductError {
         ratio: f64,
     },
     /// Its numbers are not those of a likelihood.
-    #[error("its numbers are damaged")]
+    #[error("contains damaged numbers")]
     Damaged,
 }
 

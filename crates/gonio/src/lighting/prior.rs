@@ -123,16 +123,16 @@ pub struct LightPrior {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PriorError {
     /// There are no lights.
-    #[error("no lights to learn from")]
+    #[error("no lights to train on")]
     Empty,
     /// A light is on another grid than the first.
-    #[error("light {0} is on another grid than the first")]
+    #[error("light {0} has another grid than the first")]
     Grids(usize),
     /// A light is black and has no normalised coefficients.
     #[error("light {0} is black")]
     Black(usize),
     /// Every coefficient of a group is zero.
-    #[error("the lights have no structure at all in group \"{0}\"")]
+    #[error("the lights have no variation in group \"{0}\"")]
     Flat(String),
 }
 

@@ -14,11 +14,11 @@ pub enum ProbeError {
     #[error(transparent)]
     Scene(#[from] SceneError),
     /// The object is no ball.
-    #[error("only a ball can be unwrapped: give the outline of one, or a mask")]
+    #[error("only a ball can be unwrapped; specify its outline or a mask")]
     NotABall,
     /// Too little of the ball can be used.
     #[error(
-        "the ball shows only {:.0} % of all directions, at least {:.0} % are needed: check that mask or circle lie on \
+        "the ball shows only {:.0} % of all directions, {:.0} % are required; check that the mask or circle lies on \
          the ball",
         100.0 * .share,
         100.0 * .least
@@ -30,13 +30,13 @@ pub enum ProbeError {
         least: f64,
     },
     /// Everything that the ball shows is black.
-    #[error("the ball is entirely black: check the exposure, and that mask or circle lie on the ball")]
+    #[error("the ball is entirely black; check the exposure, and that the mask or circle lies on the ball")]
     Black,
     /// The reflectance is no reflectance.
-    #[error("the reflectance {0} cannot be used: give numbers above 0 and up to 1")]
+    #[error("invalid reflectance {0}; use numbers above 0 and at most 1")]
     Reflectance(f64),
     /// The number of rows is not accepted.
-    #[error("{rows} rows: give a power of two from {least} to {most}")]
+    #[error("{rows} rows: must be a power of two from {least} to {most}")]
     Rows {
         /// The number given.
         rows: usize,
@@ -46,12 +46,12 @@ pub enum ProbeError {
         most: usize,
     },
     /// The angle is no number.
-    #[error("the turn of the camera is no finite number of degrees")]
+    #[error("the angle between the cameras must be a finite number of degrees")]
     Angle,
     /// The views do not tell how far the camera was turned.
     #[error(
-        "the two views do not tell how far the camera went around the ball (they agree to {:.2} at best, and to \
-         {:.2} elsewhere, where 1 is complete)",
+        "the angle between the two cameras cannot be estimated: the correlation of the views is {:.2} at the best \
+         angle and {:.2} at another",
         .best,
         .second
     )]
@@ -116,31 +116,35 @@ impl fmt::Display for ProbeOddity {
         match self {
             Self::Clipped { clipped, used } => write!(
                 f,
-                "{clipped} of {used} pixels on the ball are clipped: the light is brighter there than the map says; \
-                 add shorter exposures"
+                "{clipped} of {used} pixels on the ball are clipped; the light map underestimates the radiance \
+                 there; add shorter exposures"
             ),
-            Self::Faulty { faulty, used } => write!(
-                f,
-                "{faulty} pixels on the ball are negative, NaN or infinite beside {used} sound ones; they are left out"
-            ),
+            Self::Faulty { faulty, used } => {
+                write!(f, "{faulty} pixels on the ball are negative, NaN or infinite and are ignored; {used} are valid")
+            }
             Self::Matte(share) => write!(
                 f,
-                "the ball looks matte, not like a mirror: smooth shading explains {:.1} % of its variation",
+                "the ball appears matte, not like a mirror: smooth shading explains {:.1} % of its variation",
                 100.0 * share
             ),
             Self::Unseen(share) => {
-                write!(f, "{:.0} % of all directions are not seen and filled from around them", 100.0 * share)
+                write!(
+                    f,
+                    "{:.0} % of all directions are not visible in the ball; gonio interpolates them from \
+                    their surroundings",
+                    100.0 * share
+                )
             }
             Self::Unlike { difference, correlation } => write!(
                 f,
-                "the two views differ by {:.0} % where both see the light (correlation {correlation:.2}): check the \
-                 angle between them, and that both cameras were level and the light the same",
+                "the two views differ by {:.0} % where they overlap (correlation {correlation:.2}); check the angle \
+                 between them, that both cameras were level, and that the light did not change",
                 100.0 * difference
             ),
             Self::Brightness(ratio) => write!(
                 f,
-                "the second view is {ratio:.2} times as bright as the first where both see the light, which was \
-                 divided out"
+                "the second view is {ratio:.2} times as bright as the first where they overlap; gonio divided by \
+                 this factor"
             ),
         }
     }

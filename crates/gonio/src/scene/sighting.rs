@@ -120,34 +120,37 @@ impl fmt::Display for Oddity {
         match self {
             Self::Misplaced { overlap } => write!(
                 f,
-                "the shape does not quite fit the object: {:.0} % of the pixels of either belong to both",
+                "the shape is not exactly aligned with the object: {:.0} % of their pixels overlap",
                 100.0 * overlap
             ),
             Self::Inside { inside, seen } => write!(
                 f,
-                "{inside} of {seen} pixels see the back of the surface; its normals were turned to the camera there"
+                "{inside} of {seen} pixels show the back of the surface; gonio flips its normals towards the camera \
+                 there"
             ),
             Self::Depth(depth) => write!(
                 f,
-                "the outline does not tell how deep the ellipsoid is: {depth:.1} pixels were taken, the geometric mean of the other two \
-                 semi-axes"
+                "the outline does not determine the depth of the ellipsoid; gonio assumes a semi-axis of {depth:.1} \
+                 pixels, the geometric mean of the other two"
             ),
             Self::Contradiction(it) => it.fmt(f),
             Self::Clipped { clipped, observed } => {
-                write!(f, "{clipped} of {observed} pixels on the object are clipped and left out")
+                write!(f, "{clipped} of {observed} pixels on the object are clipped and ignored")
             }
             Self::Faulty { negative, not_finite, observed } => {
                 let what = match (negative, not_finite) {
                     (n, 0) => format!("{n} of {observed} pixels on the object are negative"),
                     (0, n) => format!("{n} of {observed} pixels on the object are NaN or infinite"),
-                    (n, m) => format!("of {observed} pixels on the object {n} are negative and {m} NaN or infinite"),
+                    (n, m) => {
+                        format!("of {observed} pixels on the object, {n} are negative and {m} are NaN or infinite")
+                    }
                 };
-                write!(f, "{what}; they are left out")
+                write!(f, "{what}; gonio ignores them")
             }
             Self::OtherColour { pixels, observed } => {
                 write!(
                     f,
-                    "{pixels} of {observed} pixels on the object are of another colour than the rest and left out"
+                    "{pixels} of {observed} pixels on the object have another colour than the rest and are ignored"
                 )
             }
         }
@@ -353,7 +356,7 @@ impl Looker<'_> {
     /// Builds the surface of a picture of positions, cut to the object.
     fn relief(&self, Relief { mut places, camera }: Relief) -> Result<(Placed, Soundness), SceneError> {
         let size = self.picture.rgb.size();
-        check_size("picture of depths or positions", places.size(), size)?;
+        check_size("depth or position map", places.size(), size)?;
         if let Some(coverage) = &self.coverage {
             let cut = places.as_slice().iter().zip(coverage.as_slice()).map(|(p, c)| p.filter(|_| *c >= 0.5));
             places = Plane::from_vec(size.0, size.1, cut.collect());

@@ -48,9 +48,9 @@ pub struct Sureness {
 impl std::fmt::Display for Sureness {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { support, rival } = self;
-        write!(f, "found by its edges: {:.0} % of its outline shows", 100.0 * support)?;
+        write!(f, "detected by its edges: {:.0} % of its outline is visible", 100.0 * support)?;
         if *rival > 0.0 {
-            write!(f, ", the next circle has {:.0} % of its weight", 100.0 * rival)?;
+            write!(f, ", weight of the next circle {:.0} %", 100.0 * rival)?;
         }
         Ok(())
     }

@@ -139,9 +139,9 @@ impl Orientation {
         let why = match self.fault? {
             Fault::Away => format!("{:.0} % of them face away from the camera", 100.0 * self.given.away),
             Fault::Open => {
-                format!("their slopes do not close ({:.0} % off)", 100.0 * self.given.circulation?)
+                format!("their slopes are not integrable (error {:.0} %)", 100.0 * self.given.circulation?)
             }
-            Fault::Across => "at the outline they do not point out of the object".to_owned(),
+            Fault::Across => "they do not point outwards at the outline".to_owned(),
         };
         let complaint = format!("the normals seem to have {}: {why}", first.words());
         Some(Contradiction { complaint, corrections: self.corrections.iter().take(3).copied().collect() })

@@ -116,10 +116,13 @@ fn older_results_and_missing_files_leave_gaps() {
     }
     let run = bench.run("compare whole old damaged").succeeds();
     assert!(run.stdout.contains("whole and old agree within their intervals"), "{run:?}");
-    assert!(run.stdout.contains("Whether whole and damaged agree is not known: damaged has no intervals"), "{run:?}");
+    assert!(run.stdout.contains("Agreement of whole and damaged is unknown: damaged has no intervals"), "{run:?}");
     let page = page(&bench, "compare.html");
     assert_eq!(attributes(&page, "src").len(), 2);
-    assert!(page.contains("old: holds no brdf.binary") && page.contains("damaged/brdf.binary: "), "faults are said");
+    assert!(
+        page.contains("old: does not contain brdf.binary") && page.contains("damaged/brdf.binary: "),
+        "faults are said"
+    );
     assert!(page.contains("damaged/relit.png: "));
     // Files and notes of 8 TB that take no room.
     File::create(bench.path("old/brdf.binary")).unwrap().set_len(1 << 43).unwrap();
@@ -141,13 +144,13 @@ fn what_is_no_result_is_refused() {
     bench.refuses("compare one empty", &["empty: does not contain result.json", give]);
     bench.refuses("compare one none", &["none: folder not found", give]);
     bench.refuses("compare one file.exr", &["file.exr: is not a folder", give]);
-    bench.refuses("compare one other", &["other/result.json: is no result of gonio infer"]);
+    bench.refuses("compare one other", &["other/result.json: is not a result of gonio infer"]);
     bench.refuses("compare one batch", &["batch: contains no results of gonio batch"]);
     bench.refuses("compare one", &["one: contains only one result"]);
     bench.refuses("compare", &["<DIR>"]);
     bench.refuses("compare one one -o page.txt", &["page.txt: the output must be an .html file"]);
     bench.write("one/result.json", b"{");
-    bench.refuses("compare one one", &["one/result.json: is no JSON"]);
+    bench.refuses("compare one one", &["one/result.json: is not valid JSON"]);
     // The page of somebody else.
     result(&bench, "one", |_| ());
     bench.write("compare.html", b"<!DOCTYPE html><title>mine</title>");
@@ -164,7 +167,7 @@ fn a_batch_has_a_page_of_all_rows_also_when_it_goes_on() {
     assert!(!bench.path("out/compare.html").exists(), "pages were left out");
     bench.run_with("batch list.csv -o out --merge", &WITH_PAGES).succeeds();
     let first = page(&bench, "out/compare.html");
-    assert!(first.contains("3 results side by side") && first.contains("1 of 3 have no result"));
+    assert!(first.contains("Comparison of 3 results") && first.contains("1 of 3 results are missing"));
     assert!(first.contains("No result: </strong>none.exr: ") && first.contains("a b and c "));
     // Repaired; the finished rows are left as they are.
     fs::copy(bench.path("ball.exr"), bench.path("none.exr")).unwrap();

@@ -104,7 +104,7 @@ fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agr
     let measures: Vec<_> = known.map(|(name, a, b)| (Agreement::of(a, b), name, a, b)).collect();
     let Some(worst) = measures.iter().map(|measure| measure.0).max() else {
         let silent = if of_a == Highlight::default() { a } else { b };
-        let sentence = format!("Whether {a} and {b} agree is not known: {silent} has no intervals to compare.");
+        let sentence = format!("Agreement of {a} and {b} is unknown: {silent} has no intervals.");
         return (Agreement::Unknown, sentence);
     };
     let interval = |[low, median, high]: [f64; 3]| format!("{} ({} to {})", short(median), short(low), short(high));
@@ -115,9 +115,10 @@ fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agr
     let sentence = match worst {
         Agreement::Agree | Agreement::Unknown => format!("{a} and {b} agree within their intervals: {numbers}."),
         Agreement::Overlap => format!(
-            "{a} and {b} may be alike: their intervals overlap, but not each holds the other's estimate: {numbers}."
+            "{a} and {b} are possibly the same material: their intervals overlap, but do not both contain the other \
+             estimate: {numbers}."
         ),
-        Agreement::Differ => format!("{a} and {b} do not agree, their intervals lie apart: {numbers}."),
+        Agreement::Differ => format!("{a} and {b} differ, because their intervals do not overlap: {numbers}."),
     };
     (worst, sentence)
 }
@@ -159,8 +160,8 @@ mod tests {
         assert_eq!(agreement, Agreement::Overlap);
         assert_eq!(
             sentence,
-            "one and two may be alike: their intervals overlap, but not each holds the other's estimate: \
-             gloss 10 (4.0 to 30) and 50 (20 to 90)."
+            "one and two are possibly the same material: their intervals overlap, but do not both contain the \
+             other estimate: gloss 10 (4.0 to 30) and 50 (20 to 90)."
         );
     }
 
@@ -171,7 +172,7 @@ mod tests {
         assert_eq!(agreement, Agreement::Differ);
         assert_eq!(
             sentence,
-            "one and two do not agree, their intervals lie apart: GGX alpha 0.20 (0.10 to 0.30) and 0.60 (0.50 to 0.70)."
+            "one and two differ, because their intervals do not overlap: GGX alpha 0.20 (0.10 to 0.30) and 0.60 (0.50 to 0.70)."
         );
         // Ends that touch overlap.
         let touching = highlight([30.0, 40.0, 50.0], [0.3, 0.4, 0.5]);

@@ -84,5 +84,5 @@ def test_two_balls_are_told_apart(lights):
     labels[:, :48], labels[:, 48:] = 1, 2
     with pytest.raises(gonio.GonioError, match="of the same size"):
         gonio.infer_regions(both, labels[:, :60])
-    with pytest.raises(gonio.GonioError, match="whole numbers"):
+    with pytest.raises(gonio.GonioError, match="must be integers"):
         gonio.infer_regions(both, labels.astype(float))

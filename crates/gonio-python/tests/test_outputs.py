@@ -70,7 +70,7 @@ def test_bsdfs_of_mitsuba():
         assert seen == pytest.approx(brdf.eval(np.arccos(half[2]), np.arccos(wi @ half)), rel=0.03)
     principled = brdf.to_mitsuba("principled")
     assert "Principled" in type(principled).__name__ or "principled" in str(principled).lower()
-    with pytest.raises(gonio.GonioError, match='plugin "glass": give "measured" or "principled"'):
+    with pytest.raises(gonio.GonioError, match='plugin "glass": must be "measured" or "principled"'):
         brdf.to_mitsuba("glass")
 
 

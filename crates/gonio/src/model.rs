@@ -288,10 +288,10 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
         length("a table", table.len(), CELLS)?;
         finite("a table", table)?;
     }
-    length("the coordinates of its materials", measured.places.len(), names.len())?;
+    length("the list of material coordinates", measured.places.len(), names.len())?;
     let outputs = encoder.shape().outputs;
     for candidates in [measured, prior] {
-        length("the embeddings of materials", candidates.embeddings.len(), candidates.places.len())?;
+        length("the list of material embeddings", candidates.embeddings.len(), candidates.places.len())?;
         for (place, embedding) in candidates.places.iter().zip(&candidates.embeddings) {
             length("a place", place.len(), dimensions)?;
             length("an embedding", embedding.len(), outputs)?;
@@ -302,8 +302,8 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
     let shape = encoder.shape();
     length("a side of the encoder's image", shape.side, SIDE)?;
     length("a cell of the encoder's image", shape.channels, CHANNELS)?;
-    length("the global features of the encoder's image", shape.globals, GLOBALS)?;
-    length("the ranges of its features", ranges.len(), shape.hidden.last().copied().unwrap_or(0))?;
+    length("the list of global image features", shape.globals, GLOBALS)?;
+    length("the list of feature ranges", ranges.len(), shape.hidden.last().copied().unwrap_or(0))?;
     let proper = |(low, high): &(f32, f32)| low.is_finite() && high.is_finite() && low <= high;
     if let Some(feature) = ranges.iter().position(|range| !proper(range)) {
         return Err(PosteriorFault::Range(feature).into());

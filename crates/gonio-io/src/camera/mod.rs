@@ -254,17 +254,20 @@ mod tests {
         let perspective = |rest: &str| format!(r#"{{"projection": "perspective", {rest}}}"#);
         for (json, says) in [
             (perspective(r#""focal": 50"#), "unknown field `focal`, expected one of `projection`, `focal_pixels`"),
-            (perspective(r#""size": [600, 400]"#), "nothing of the focal length; give one of focal_pixels, focal_mm"),
+            (
+                perspective(r#""size": [600, 400]"#),
+                "does not specify the focal length; specify one of focal_pixels, focal_mm",
+            ),
             (perspective(r#""focal_pixels": 5, "fov_x_degrees": 4"#), "by focal_pixels and fov_x_degrees; keep one"),
             (perspective(r#""focal_mm": 50"#), "without \"sensor_mm\"; add"),
-            (perspective(r#""focal_pixels": 5, "sensor_mm": 36"#), "\"sensor_mm\" beside \"focal_pixels\""),
+            (perspective(r#""focal_pixels": 5, "sensor_mm": 36"#), "\"sensor_mm\" in addition to \"focal_pixels\""),
             (perspective(r#""focal_mm": 50, "sensor_mm": [36, 36]"#), "so that pixels are not square"),
-            (perspective(r#""focal_mm": 50, "sensor_mm": 0"#), "\"sensor_mm\" of 0; give a positive number"),
+            (perspective(r#""focal_mm": 50, "sensor_mm": 0"#), "\"sensor_mm\" = 0; use a positive number"),
             (perspective(r#""focal_pixels": -5"#), "the focal length is -5; use a positive"),
             (perspective(r#""fov_x_degrees": 180"#), "between 0 and 180"),
             (
                 perspective(r#""focal_pixels": 5, "height": 4"#),
-                "has \"height\" beside a perspective projection; remove it",
+                "has \"height\" in addition to a perspective projection; remove it",
             ),
             (
                 perspective(r#""focal_pixels": 5, "size": [60, 40]"#),
@@ -279,11 +282,11 @@ mod tests {
             (r#"{"focal_pixels": 3}"#.into(), "missing field `projection`"),
             (
                 r#"{"projection": "orthographic", "focal_mm": 4}"#.into(),
-                "\"focal_mm\" beside an orthographic projection; remove it",
+                "\"focal_mm\" in addition to an orthographic projection; remove it",
             ),
             (
                 r#"{"projection": "orthographic"}"#.into(),
-                "nothing of the scale; give one of pixels_per_unit, width, height",
+                "does not specify the scale; specify one of pixels_per_unit, width, height",
             ),
             (r#"{"projection": "#.into(), "is not valid JSON"),
             (r#"[1]"#.into(), "camera.json: "),
@@ -296,9 +299,9 @@ mod tests {
     #[test]
     fn poses_that_are_none_are_refused() {
         for (pose, says) in [
-            (r#"{}"#, "nothing of the pose; give one of camera_to_world, world_to_camera, position"),
+            (r#"{}"#, "does not specify the pose; specify one of camera_to_world, world_to_camera, position"),
             (r#"{"position": [0, 0, 1]}"#, "without \"look_at\""),
-            (r#"{"look_at": [0, 0, 1]}"#, "nothing of the pose"),
+            (r#"{"look_at": [0, 0, 1]}"#, "does not specify the pose"),
             (r#"{"position": [0, 0, 1], "look_at": [0, 0, 1]}"#, "\"look_at\" at the position of the camera"),
             (r#"{"position": [0, 5, 0], "look_at": [0, 0, 0]}"#, "an invalid \"up\""),
             (
@@ -307,13 +310,13 @@ mod tests {
             ),
             (
                 r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "up": [0, 1, 0]}"#,
-                "\"up\" beside a matrix; remove it",
+                "\"up\" in addition to a matrix; remove it",
             ),
             (r#"{"position": [0, 5, 0], "from": 1}"#, "unknown field `from`"),
             (r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0]]}"#, "2 rows"),
             (r#"{"camera_to_world": [[1,0,0],[0,1,0],[0,0,1]]}"#, "invalid length 3"),
             (r#"{"camera_to_world": [[2,0,0,0],[0,2,0,0],[0,0,2,0]]}"#, "remove scaling"),
-            (r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,-1,0]]}"#, "mirrored"),
+            (r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,-1,0]]}"#, "mirroring"),
             (r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[5,5,5,1]]}"#, "row-major"),
             (r#"{"world_to_camera": [[0,0,0,0],[0,1,0,0],[0,0,1,0]]}"#, "a singular matrix"),
             (

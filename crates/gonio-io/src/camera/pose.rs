@@ -232,7 +232,10 @@ mod tests {
     fn what_is_wrong_is_told_by_name() {
         for (json, says) in [
             (r#"{"rotation": [1, 2, 3]}"#, "unknown field `rotation`, expected one of `matrix`"),
-            (r#"{"matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "scale": 2}"#, "\"scale\" beside a matrix; remove it"),
+            (
+                r#"{"matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "scale": 2}"#,
+                "\"scale\" in addition to a matrix; remove it",
+            ),
             (r#"{"quaternion_wxyz": [1, 1, 0, 0]}"#, "with length 1.4"),
             (r#"{"quaternion_wxyz": [1, 0, 0, 0], "rotation_degrees": [0, 0, 0]}"#, "more than once"),
             (r#"{"scale": 0}"#, "flattens the object"),

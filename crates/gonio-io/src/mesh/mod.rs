@@ -144,7 +144,7 @@ mod tests {
             assert_eq!(of("x.stl", bytes).unwrap(), format);
         }
         for (name, kind, says) in [
-            ("a.obj", Kind::Damaged, "does not begin like a .obj file"),
+            ("a.obj", Kind::Damaged, "does not have the header of a .obj file"),
             ("a.stl", Kind::Unsupported, "is a .stl file"),
             ("a", Kind::Unsupported, "OBJ, PLY or glTF"),
         ] {

@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn what_is_wrong_is_told_with_its_line() {
         for (text, says) in [
-            ("f 1 2 5", "line 5 is no face"),
+            ("f 1 2 5", "line 5 is not a valid face"),
             ("f 0 1 2", "line 5"),
             ("f 1 2 -5", "line 5"),
             ("f 1 2 -9223372036854775808", "line 5"),
@@ -163,10 +163,10 @@ mod tests {
             ("f 1//1 2//1 3//1", "line 5"),
             ("f 1/2/3/4 2 3", "line 5"),
             ("f a b c", "f a b c"),
-            ("vn 0 1", "no normal"),
-            ("v 1 2", "line 5 is no vertex: v 1 2"),
-            ("v 1 2 3 0", "no vertex"),
-            ("v 1 2 x", "no vertex"),
+            ("vn 0 1", "not a valid normal"),
+            ("v 1 2", "line 5 is not a valid vertex: v 1 2"),
+            ("v 1 2 3 0", "not a valid vertex"),
+            ("v 1 2 x", "not a valid vertex"),
         ] {
             let error = read(&format!("{SQUARE}{text}\nf 1 2 3")).unwrap_err();
             assert_eq!(error.kind(), Kind::Damaged);

@@ -311,7 +311,7 @@ mod tests {
         assert_eq!(read(long.as_bytes()).unwrap_err().kind(), Kind::Limits);
         // Elements without properties take no bytes.
         let empty = b"ply\nformat binary_little_endian 1.0\nelement nothing 8000000\nend_header\n";
-        assert!(read(empty).unwrap_err().to_string().contains("promises"));
+        assert!(read(empty).unwrap_err().to_string().contains("declares elements"));
     }
 
     #[test]

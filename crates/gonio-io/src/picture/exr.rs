@@ -303,7 +303,7 @@ mod tests {
             assert_eq!(read(Some(name)).unwrap().picture.rgb[(0, 0)], glam::Vec3::new(4.0, 5.0, 6.0));
         }
         let error = read(Some("gloss")).unwrap_err().to_string();
-        assert_eq!(error, "t.exr: has no layer gloss with a picture; choose of v.combined, v.diffuse");
+        assert_eq!(error, "t.exr: has no image layer gloss; use one of v.combined, v.diffuse");
         assert_eq!(decode_alone(&["R", "G", "B"]).layer, None);
     }
 

@@ -308,7 +308,7 @@ mod tests {
     fn unknown_files_are_told_apart_from_broken_ones() {
         check("a.webp", b"RIFF....WEBP", Kind::Unsupported, "is a .webp file");
         check("a", b"what is this", Kind::Unsupported, "unknown image format");
-        check("a.exr", b"what is this", Kind::Damaged, "does not begin like a .exr file");
+        check("a.exr", b"what is this", Kind::Damaged, "does not have the header of a .exr file");
         check("a.nef", b"MM\0\x2a rest", Kind::Unsupported, "raw");
     }
 

@@ -300,7 +300,7 @@ pub fn sighting(sighting: &Sighting) -> Value {
         notes["sureness"] = json!({
             "support": sureness.support,
             "rival": sureness.rival,
-            "note": "the ball was detected by its edges (Hough transform); support: share of the outline that coincides with an \
+            "note": "the ball was detected by its edges; support: share of the outline that coincides with an \
                      edge; rival: weight of the next circle, without the edges of the ball, relative to that of the ball",
         });
     }

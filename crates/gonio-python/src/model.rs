@@ -12,8 +12,8 @@ use crate::error::raise;
 
 /// Model of an inference: prior of light, basis of reflectance and posterior of materials.
 ///
-/// A model comes from a file, from `gonio.train_model`, or is embedded in the package. Models can be
-/// pickled.
+/// A model comes from a file, from `gonio.train_model`, or is embedded in the package. Models can
+/// be pickled.
 #[pyclass(frozen, module = "gonio")]
 pub(crate) struct Model {
     pub(crate) model: Arc<gonio::model::Model>,

@@ -158,7 +158,7 @@ fn inconsistent_models_are_refused() {
     refused(decode(&encode_model(&model)), Kind::Invalid, &["contains an invalid model", "basis function 1 is NaN"]);
     let mut model = toy(2, 3);
     model.light.groups[4] = CoefficientPrior::Mixture(ScaleMixture { weights: vec![0.5], variances: vec![1.0] });
-    refused(decode(&encode_model(&model)), Kind::Invalid, &["contains an invalid model", "sum one"]);
+    refused(decode(&encode_model(&model)), Kind::Invalid, &["contains an invalid model", "sum to one"]);
     let mut model = toy(2, 3);
     model.reflectance.rates.pop();
     refused(decode(&encode_model(&model)), Kind::Invalid, &["\"rates\"", "[1]", "[2]"]);

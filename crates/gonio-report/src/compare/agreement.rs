@@ -184,7 +184,7 @@ mod tests {
         let a = highlight([4.0, 10.0, 30.0], [0.1, 0.2, 0.3]);
         let (agreement, sentence) = said(a, Highlight::default());
         assert_eq!(agreement, Agreement::Unknown);
-        assert_eq!(sentence, "Whether one and two agree is not known: two has no intervals to compare.");
+        assert_eq!(sentence, "Agreement of one and two is unknown: two has no intervals.");
         // An older result without alpha is compared by its gloss.
         assert_eq!(said(a, Highlight { alpha: None, ..a }).0, Agreement::Agree);
     }

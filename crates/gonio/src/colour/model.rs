@@ -1,4 +1,4 @@
-//! What is known of colours before a photograph is seen, and the posterior of the channels.
+//! Prior of the colours, and posterior of the channels.
 
 use faer::Mat;
 use rand::{Rng, RngExt, SeedableRng};

@@ -1,11 +1,10 @@
 //! Estimation from observations, by the posterior of materials with the light integrated out.
 //!
-//! [`estimate`] does everything. Its steps can also be called by themselves: [`Material::of`]
-//! infers the material, [`Light::of`] the light that then explains the photograph,
-//! [`Colouring::of`] the colours of both. [`estimate_under`] takes a light that is given, and
-//! [`combine`] what several photographs say; [`estimate_together`] finds several materials under
-//! one light. The methods of the paper, which find coefficients in a basis, are in
-//! [`inference`](crate::inference).
+//! [`estimate`] performs all steps. They are also available separately: [`Material::of`] infers the
+//! material, [`Light::of`] the light given the material, and [`Colouring::of`] the colours of both.
+//! [`estimate_under`] uses a known light, [`combine`] combines several photographs, and
+//! [`estimate_together`] estimates several materials under one light. The methods of the paper,
+//! which estimate basis coefficients, are in [`inference`](crate::inference).
 
 mod colouring;
 mod combine;

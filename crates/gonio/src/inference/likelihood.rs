@@ -1,8 +1,9 @@
-//! What photographs say of a material, and what several say together.
+//! Likelihoods of a material given one or several photographs.
 //!
-//! Photographs of one object are independent given its material, so that the posterior given all
-//! of them is the prior times the product of their likelihoods. It holds for photographs of one
-//! material alone: the ratio of `p(I_1 .. I_K | one material)` to that of two materials tells.
+//! Photographs of one object are independent given its material, so the posterior is the prior
+//! times the product of their likelihoods. This requires that all photographs show the same
+//! material; the ratio of `p(I_1 .. I_K | one material)` to that of two materials tests this
+//! assumption.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -53,7 +54,7 @@ impl Embedding {
     }
 }
 
-/// Why likelihoods have no product.
+/// Error in combining likelihoods.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ProductError {
     /// There are fewer than two.

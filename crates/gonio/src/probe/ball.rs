@@ -1,4 +1,4 @@
-//! Geometry of a mirror ball: which direction each place of its picture reflects to the camera.
+//! Geometry of a mirror ball: the direction that each point of its image reflects to the camera.
 
 use glam::DVec3;
 

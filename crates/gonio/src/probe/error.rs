@@ -1,4 +1,4 @@
-//! Why a picture of a mirror ball gives no light probe, and what is odd about one that does.
+//! Errors and warnings of light probes.
 
 use std::fmt;
 

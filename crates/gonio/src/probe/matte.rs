@@ -1,4 +1,4 @@
-//! Telling a matte ball from a mirror.
+//! Distinguishes a matte ball from a mirror ball.
 
 use faer::Mat;
 

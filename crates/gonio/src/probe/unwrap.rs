@@ -1,4 +1,4 @@
-//! From a picture of the ball to a lat-long map.
+//! Conversion of an image of the ball to a lat-long map.
 
 use std::f64::consts::PI;
 

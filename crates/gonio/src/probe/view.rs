@@ -1,4 +1,4 @@
-//! A picture of a mirror ball, and which of its pixels can be used.
+//! Image of a mirror ball with its usable pixels.
 
 use glam::{DVec3, Vec3};
 

@@ -1,4 +1,4 @@
-//! Fate of each pixel: used, or left out and why.
+//! Status of each pixel: used, or ignored with a reason.
 
 use glam::Vec3;
 

@@ -1,4 +1,4 @@
-//! Location of an object of known shape in a picture, and the observations of it.
+//! Detection of an object of known shape in an image, with its observations.
 
 use std::fmt;
 

@@ -1,5 +1,4 @@
-//! A photograph reduced to few pixels, its values compressed to 0..1 so that lamps do not outweigh
-//! all else.
+//! Reduced photograph with values compressed to 0..1, so that lamps do not dominate.
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -1,5 +1,4 @@
-//! Where a ball is in a picture: by a mask, an alpha channel, a plain background, or else by a vote
-//! of the edges.
+//! Detection of a ball in an image by a mask, an alpha channel, a uniform background, or its edges.
 
 use glam::Vec3;
 

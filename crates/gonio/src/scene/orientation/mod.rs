@@ -1,16 +1,14 @@
-//! Test of a normal map for the order and signs of its channels: x right, y up, z towards the
-//! camera, none flipped and none swapped.
+//! Checks the order and signs of the channels of a normal map: x right, y up, z towards the camera.
 //!
-//! Three things hold for the normals of any surface:
-//! * what the camera sees faces it: z is positive;
-//! * the slopes integrate to a surface: around any closed path they add up to zero. This holds for
-//!   one sign of y relative to x and not for the other, but cannot tell a hill from a hollow (x and
-//!   y both flipped);
-//! * where the outline is the rim of a rounded object the normals are perpendicular to it: they
-//!   point out of the object or, in a hollow, into it.
+//! The normals of any surface have three properties:
+//! * visible normals face the camera: z is positive;
+//! * the slopes are integrable: they sum to zero around any closed path. This determines the sign
+//!   of y relative to x, but does not distinguish a hill from a hollow (x and y both flipped);
+//! * at the rim of a rounded object, the normals are perpendicular to the outline: they point out
+//!   of the object or, in a hollow, into it.
 //!
-//! Each can show that an order is wrong. The ambiguity between a hill and a hollow remains: the
-//! rounder object is offered.
+//! Each property can prove that an order is wrong. A hill and a hollow remain ambiguous; the
+//! rounder object is then suggested.
 
 mod evidence;
 mod settings;

@@ -353,7 +353,7 @@ impl Lights {
     fn paths(dir: &Path) -> Result<Vec<PathBuf>, TrainingError> {
         let paths = files(dir, &["hdr", "exr", "pfm"])?;
         if paths.is_empty() {
-            let problem = "contains no .hdr, .exr or .pfm files";
+            let problem = "contains no .hdr, .exr or .pfm files; specify a folder of light maps";
             return Err(TrainingError::Data(dir.display().to_string(), problem.into()));
         }
         Ok(paths)

@@ -31,7 +31,8 @@ pub(crate) struct Options {
     /// mirror ball. MAP can also be a text file of directional lights (docs/known-light.md).
     #[arg(long, value_name = "MAP", help_heading = LIGHT)]
     light: Option<PathBuf>,
-    /// Rotations of the light map to search for the best fit [default: near; around without HOW]
+    /// Rotations of the light map to search for the best fit [default: near; if HOW is omitted:
+    /// around]
     #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
           help_heading = LIGHT)]
     align_light: Option<AlignmentName>,

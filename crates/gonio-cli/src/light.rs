@@ -39,7 +39,7 @@ pub(crate) struct Options {
     /// Outline of the ball in pixels from the top left corner, instead of detecting it
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with = "camera")]
     circle: Option<Circle>,
-    /// Camera parameters (docs/camera.md), for a photograph from nearby; apply to both photographs
+    /// Camera parameters of both photographs (docs/camera.md) [default: a distant camera]
     #[arg(long, value_name = "FILE.json")]
     camera: Option<PathBuf>,
     /// Reflectance of the ball at normal incidence: one number, or one per channel
@@ -55,7 +55,7 @@ pub(crate) struct Options {
     /// Repeat the option for each exposure of the second photograph.
     #[arg(long, value_name = "FILE")]
     second: Vec<PathBuf>,
-    /// Angle from the first to the second camera around the ball [default: estimated]
+    /// Angle from the first to the second camera around the ball, in degrees [default: estimated]
     ///
     /// Positive angles are counterclockwise as seen from above: the second camera is to the right
     /// of the first. The default is the angle at which both light maps agree best.

@@ -59,7 +59,7 @@ fn one_of(circles: &[Circle]) -> Option<String> {
     let numbered = |(at, circle): (usize, &Circle)| format!("({}) {}", at + 1, option(circle));
     match circles {
         [] => None,
-        [one] => Some(format!("if that is the ball, specify {}", option(one))),
+        [one] => Some(format!("specify {} if that is the ball", option(one))),
         several => {
             let listed: Vec<String> = several.iter().enumerate().map(numbered).collect();
             Some(format!("select one, as numbered in the image that gonio check writes: {}", listed.join(", ")))
@@ -100,7 +100,7 @@ mod tests {
         );
         assert_eq!(
             words(&Remedy::OneOf(circles[..1].to_vec())).unwrap(),
-            "if that is the ball, specify --circle 30.0,40.0,20.3"
+            "specify --circle 30.0,40.0,20.3 if that is the ball"
         );
         assert_eq!(words(&Remedy::OneOf(Vec::new())), None);
     }

@@ -1,4 +1,4 @@
-//! Pictures of geometry: depths and positions.
+//! Depth and position maps.
 //!
 //! * OpenEXR: depths in a channel `Z`, `V`, `depth` or `distance`, plain or of a pass such as
 //!   `Depth.V`, or in grey; positions in `X Y Z` or `R G B`, preferably of a pass named `position`.
@@ -6,9 +6,9 @@
 //! * 16-bit PNG and TIFF: depths coded as 0..1 between a near and a far one. Float TIFF: depths as
 //!   they are. PFM: both.
 //!
-//! A pixel without surface holds zero, infinity, not-a-number or a number as large as renderers
-//! write for the background (1e9 and above, such as Blender's 1e10). In a coded picture it holds
-//! the least or the largest code, or is transparent.
+//! A pixel without a surface is zero, infinite, NaN, or at least 1e9, as renderers write for the
+//! background (Blender: 1e10). In an integer image, it has the smallest or the largest code, or is
+//! transparent.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Notes that a folder of results keeps: JSON, such as `result.json`.
+//! JSON files in a folder of results, such as `result.json`.
 
 use std::path::Path;
 

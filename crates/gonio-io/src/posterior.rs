@@ -1,4 +1,4 @@
-//! What a photograph says of a material, kept beside its other results: JSON, `posterior.json`
+//! Likelihood of a material given a photograph: `posterior.json` in the folder of results
 //! (docs/combine.md).
 
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Tables as text with commas (RFC 4180), which people open in a spreadsheet.
+//! CSV tables (RFC 4180).
 
 use std::path::Path;
 

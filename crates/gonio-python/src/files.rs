@@ -63,7 +63,7 @@ pub(crate) fn read_light(
     Ok(arrays::of_colours(py, light.radiance().clone()))
 }
 
-/// Reads a picture of normals.
+/// Reads a normal map.
 #[pyfunction]
 pub(crate) fn read_normals(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
     let normals = py.detach(|| gonio_io::normals::read_normals(&path)).map_err(|e| raise(&e.into(), py))?;

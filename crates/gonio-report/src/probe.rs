@@ -1,4 +1,5 @@
-//! Picture of a light probe: what was used of the photographs, and what was filled in the map.
+//! Picture of a light probe: the photographs with ignored pixels, and the map with interpolated
+//! parts.
 
 use glam::Vec3;
 use gonio::picture::Plane;

@@ -91,7 +91,7 @@ impl Session {
         })
     }
 
-    /// The photograph as a PNG of at most `side` pixels a side, with its true size.
+    /// The photograph as a PNG of at most `side` pixels per side, with its true size.
     pub fn preview(&self, side: usize) -> Value {
         let (width, height) = self.picture.rgb.size();
         json!({ "width": width, "height": height, "png": png(&preview::preview(&self.picture, side)) })

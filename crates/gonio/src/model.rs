@@ -153,7 +153,7 @@ pub enum PosteriorFault {
     Colours,
 }
 
-/// Scales of a prior at most: a grid of 16384 texels a side.
+/// Scales of a prior at most: a grid of 16384 texels per side.
 const MAX_SCALES: u32 = 14;
 
 /// Weights are sums of many samples' shares, divided by their total.

@@ -46,7 +46,7 @@ pub(crate) struct Options {
     /// Folder for the result folders of all photographs, batch.csv and compare.html
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Process every N-th row, starting with row I [default in a Slurm array: from its variables]
+    /// Process every N-th row, starting with row I [default: from the Slurm array task]
     #[arg(long, value_name = "I/N", value_parser = shard::parse, conflicts_with = "merge")]
     shard: Option<Shard>,
     /// Do not infer; merge the results of all shards into batch.csv and compare.html

@@ -47,7 +47,7 @@ pub(crate) struct SceneOptions {
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, help_heading = FINDING,
           conflicts_with_all = ["normals", "mesh", "camera"])]
     circle: Vec<Circle>,
-    /// Image of labels for regions of different materials under one light
+    /// Label image of regions with different materials under one light
     ///
     /// Each region has its own index or colour; the rest is black. gonio estimates one BRDF per
     /// region.

@@ -40,7 +40,7 @@ pub(super) struct NormalOptions {
     /// The format is EXR, NPY or 16-bit PNG.
     #[arg(long, value_name = "FILE", requires = "normals", conflicts_with = "positions")]
     depth: Option<PathBuf>,
-    /// Depths of the smallest and the largest code of an 8- or 16-bit depth map
+    /// Depths of the smallest and the largest code of a 16-bit depth map
     #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = parse_range, allow_hyphen_values = true)]
     depth_range: Option<(f64, f64)>,
     /// Depths are distances along the viewing rays, not along the optical axis

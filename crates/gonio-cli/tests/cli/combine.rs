@@ -37,7 +37,7 @@ fn photographs_of_one_material_are_combined_and_others_refused() {
     bench.refuses("combine one one -o out", &["one: has the same photograph as one"]);
     bench.refuses("combine one -o out", &["2 values"]);
     bench.refuses("combine one none -o out", &["none: cannot open"]);
-    bench.refuses("combine one . -o out", &[".: holds no posterior.json"]);
+    bench.refuses("combine one . -o out", &[".: does not contain posterior.json"]);
     std::fs::create_dir(bench.path("bad")).unwrap();
     bench.write("bad/posterior.json", b"{}");
     bench.refuses("combine one bad -o out", &["posterior.json: is not a posterior"]);

@@ -75,7 +75,7 @@ fn programs_learn_which_pairs_agree() {
     assert_eq!((&pair["of"], &pair["agreement"]), (&json!(["one", "two"]), &json!("differ")));
     let distance = gonio::reflectance::log_distance(&bench.luminance("one"), &bench.luminance("two"));
     assert!((pair["distance"].as_f64().unwrap() - distance).abs() < 1e-9 && distance > 0.2, "{pair}");
-    assert!(page(&bench, "page.html").contains("<p class=\"answer\">one and two do not agree"));
+    assert!(page(&bench, "page.html").contains("<p class=\"answer\">one and two differ"));
 }
 
 #[test]

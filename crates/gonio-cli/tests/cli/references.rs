@@ -104,7 +104,7 @@ fn a_patch_or_a_chart_fixes_colour_and_scale() {
     let card = Plane::from_fn(card.width(), card.height(), |x, y| if x > SIZE { card[(x, y)] } else { Vec3::ZERO });
     bench.write("card.png", &gonio_io::picture::encode_png(&card));
     let run = bench.run(&format!("infer white.exr -o white {CIRCLE} --grid 8 --white 68,25,12")).succeeds();
-    assert!(run.stdout.contains("albedo along the normal 0."), "{run:?}");
+    assert!(run.stdout.contains("albedo at normal incidence 0."), "{run:?}");
     bench
         .run(&format!("infer grey.exr -o grey {CIRCLE} --grid 8 --grey-card card.png --reference-reflectance 0.3"))
         .succeeds();
@@ -144,7 +144,7 @@ fn references_that_cannot_be_used_are_refused() {
         ("white.exr --color-checker 49,10,87,10,87,60,49,60", &["not those of a ColorChecker Classic"]),
         ("white.exr --color-checker 50,10,50,10,80,40,50,40", &["convex quadrilateral"]),
         ("white.exr --grey-card none.png", &["none.png"]),
-        ("white.exr --white 68,25,12 --light-color 1,1,1", &["not both"]),
+        ("white.exr --white 68,25,12 --light-color 1,1,1", &["both specified"]),
         (
             "white.exr --white 68,25,12 --light light.exr",
             &["the light map and the reference both determine the colour"],

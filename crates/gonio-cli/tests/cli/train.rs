@@ -67,7 +67,7 @@ fn lights_that_cannot_be_learnt_from_are_refused() {
     let bench = Bench::new();
     std::fs::create_dir(bench.path("empty")).unwrap();
     let line = |rest: &str| format!("train lighting -o x.model --turns 2 {rest}");
-    bench.refuses(&line("empty"), &["empty: no .hdr"]);
+    bench.refuses(&line("empty"), &["empty: contains no .hdr"]);
     bench.refuses(&line("none"), &["none: cannot list"]);
     bench.write("file", b"x");
     bench.refuses(&line("file"), &["file: cannot list"]);
@@ -96,7 +96,10 @@ fn materials_that_cannot_be_learnt_from_are_refused() {
     bench.refuses(&line("empty"), &["empty: "]);
     bench.refuses(&line("none"), &["none: "]);
     materials(&bench);
-    bench.refuses(&line("materials --rank 4"), &["--rank 4", "materials holds 3 materials", "1 to 3"]);
+    bench.refuses(
+        &line("materials --rank 4"),
+        &["--rank 4", "must be from 1 to 3, the number of materials in materials"],
+    );
     bench.refuses(&line("materials --rank 0"), &["--rank 0"]);
     bench.refuses("train reflectance materials -o x.model --rank 2 --restarts 0", &["--restarts 0"]);
     let good = bench.read("materials/satin.binary");

@@ -1,4 +1,4 @@
-//! Output folder that appears as a whole.
+//! Output folder whose files appear atomically.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};

@@ -1,4 +1,4 @@
-//! What is not finished: removed when the process is told to end, or by the next one.
+//! Registry of unfinished output, which the process removes on a signal, or the next process.
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};

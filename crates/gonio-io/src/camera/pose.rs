@@ -1,4 +1,4 @@
-//! Poses, as matrices or as the numbers that people write instead.
+//! Poses, as matrices or as translation, rotation and scale.
 
 use std::path::Path;
 

@@ -167,11 +167,11 @@ pub fn embedded_rounded(digits: u32) -> Result<Vec<u8>, Error> {
 /// What the models built into the program were learnt from and the terms of that, in lines for
 /// people; `model/PROVENANCE.md` has the whole of it.
 pub const EMBEDDED_SOURCES: &str = "\
-59 captured lights of Poly Haven: CC0 (the author of 8 of them is our judgement)
-7 captured lights of the sIBL Archive: CC BY-NC-SA 3.0 US as remembered, no commercial use
-6 captured lights of others: terms that differ or are unknown
-100 materials of the MERL database, reconstructed: CC BY-SA 4.0 by its readme of 2023,
-  research use only by that of 2006";
+59 captured lights of Poly Haven: CC0 (we inferred the authorship of 8 of them)
+7 captured lights of the sIBL Archive: CC BY-NC-SA 3.0 US (not verified), no commercial use
+6 captured lights of others: various or unknown terms
+100 materials of the MERL database, reconstructed: CC BY-SA 4.0 according to its readme of
+  2023, research use only according to that of 2006";
 
 /// Decodes the prior of light for the paper's version of the inference: the map of Praun and Hoppe,
 /// each light at one azimuth.

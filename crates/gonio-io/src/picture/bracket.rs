@@ -1,4 +1,4 @@
-//! Brackets on disk: integer pictures of one scene, and the amount of light of each.
+//! Reads brackets: integer images of one scene, and the exposure of each.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! What PNG, TIFF and JPEG files state about their colours: curve and colour space.
+//! Colour information in PNG, TIFF and JPEG files: curve and colour space.
 
 use std::path::Path;
 

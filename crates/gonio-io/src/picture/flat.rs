@@ -1,4 +1,4 @@
-//! Corrections that are smooth over the picture: the black level, and vignetting.
+//! Corrections of the black level and of vignetting.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! Check that a JPEG file is complete. Decoders fill the missing part of a picture with grey, which
-//! must not pass for a photograph here.
+//! Checks that a JPEG file is complete. Decoders fill missing parts with grey, which must not be
+//! used as a photograph.
 
 use std::path::Path;
 

@@ -1,5 +1,4 @@
-//! Choice of the channels of an OpenEXR file that are the picture: layers, and the names that
-//! programs give to colours.
+//! Selection of the colour channels of an OpenEXR file by layer and channel name.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! The colour space that a file states, and the conversion of a picture to linear Rec. 709.
+//! Colour space of an image file, and conversion to linear Rec. 709.
 
 use std::path::Path;
 

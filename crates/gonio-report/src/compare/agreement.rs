@@ -1,4 +1,4 @@
-//! Whether two results agree, and how far apart their BRDFs are.
+//! Agreement of two results, and distance of their BRDFs.
 
 use gonio::reflectance::{BivariateTable, log_distance};
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! The BRDFs of all results over each other.
+//! Chart of the BRDFs of all results.
 
 use gonio::estimate::ALBEDO;
 use gonio::reflectance::BivariateTable;

@@ -1,4 +1,4 @@
-//! Distances of all pairs, and which of them agree.
+//! Distances and agreement of all pairs of results.
 
 use maud::{Markup, html};
 

@@ -1,4 +1,4 @@
-//! Page with several results side by side: a single file that loads nothing else.
+//! Self-contained HTML page that compares several results.
 
 mod agreement;
 mod intervals;

@@ -1,4 +1,4 @@
-//! Picture of the pixels that were used, and of those left out and why.
+//! Picture of used and ignored pixels, with the reasons.
 
 use glam::Vec3;
 use gonio::picture::Plane;

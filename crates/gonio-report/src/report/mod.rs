@@ -1,5 +1,4 @@
-//! Page with what was found in a photograph, and how far to trust it: a single file that loads
-//! nothing else.
+//! Self-contained HTML report of an estimate with its uncertainty.
 
 mod lobes;
 mod packed;

@@ -63,7 +63,7 @@ pub enum BracketError {
     TooLittleOverlap {
         /// Number of informative pixels, in the channel that has fewest.
         pixels: usize,
-        /// Least number that is needed.
+        /// Required number.
         least: usize,
     },
     /// No curve explains the bracket.

@@ -98,8 +98,8 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Integrates over a light of `side` texels a side. `None` if the photograph or the BRDF is to
-    /// be grey.
+    /// Integrates over a light of `side` texels per side. `None` if the photograph or the BRDF is
+    /// to be grey.
     pub(super) fn of(
         prior: &LightPrior,
         observations: &Observations,

@@ -111,7 +111,7 @@ impl PriorGroup {
 pub struct LightPrior {
     /// Layout of the sphere on the square.
     pub map: OctahedralMap,
-    /// Number of scales that it covers: it serves grids of up to `2^scales` texels a side.
+    /// Number of scales that it covers: it serves grids of up to `2^scales` texels per side.
     pub scales: u32,
     /// One density per group, in the order of [`PriorGroup::all`].
     pub groups: Vec<CoefficientPrior>,

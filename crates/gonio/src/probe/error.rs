@@ -7,13 +7,13 @@ use thiserror::Error;
 use crate::remedy::Remedy;
 use crate::scene::SceneError;
 
-/// Error of unwrapping a mirror ball; [`ProbeError::remedies`] lists what may help.
+/// Error of unwrapping a mirror ball; [`ProbeError::remedies`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ProbeError {
     /// The ball cannot be found.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// The object is no ball.
+    /// The object is not a ball.
     #[error("only a ball can be unwrapped; specify its outline or a mask")]
     NotABall,
     /// Too little of the ball can be used.
@@ -26,13 +26,13 @@ pub enum ProbeError {
     TooLittle {
         /// Share of the sphere of directions that is seen.
         share: f64,
-        /// Least share that is accepted.
+        /// Smallest accepted share.
         least: f64,
     },
     /// Everything that the ball shows is black.
     #[error("the ball is entirely black; check the exposure, and that the mask or circle lies on the ball")]
     Black,
-    /// The reflectance is no reflectance.
+    /// The reflectance is invalid.
     #[error("invalid reflectance {0}; use numbers above 0 and at most 1")]
     Reflectance(f64),
     /// The number of rows is not accepted.
@@ -40,15 +40,15 @@ pub enum ProbeError {
     Rows {
         /// The number given.
         rows: usize,
-        /// Least number that is accepted.
+        /// Smallest accepted number.
         least: usize,
-        /// Largest number that is accepted.
+        /// Largest accepted number.
         most: usize,
     },
-    /// The angle is no number.
+    /// The angle is not finite.
     #[error("the angle between the cameras must be a finite number of degrees")]
     Angle,
-    /// The views do not tell how far the camera was turned.
+    /// The views do not determine the angle between the cameras.
     #[error(
         "the angle between the two cameras cannot be estimated: the correlation of the views is {:.2} at the best \
          angle and {:.2} at another",
@@ -64,7 +64,7 @@ pub enum ProbeError {
 }
 
 impl ProbeError {
-    /// Lists what may help, the most probable first.
+    /// Lists suggestions, the most probable first.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             // A mirror ball has no other shape that could be given instead.
@@ -79,10 +79,10 @@ impl ProbeError {
     }
 }
 
-/// Something odd about a light probe, displayed as one line.
+/// Warning about a light probe, displayed as one line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ProbeOddity {
-    /// Some pixels are clipped: lamps are dimmer in the map than they are.
+    /// Some pixels are clipped, so the map underestimates bright lamps.
     Clipped {
         /// Number of clipped pixels.
         clipped: usize,
@@ -96,9 +96,9 @@ pub enum ProbeOddity {
         /// Number of pixels of the ball that are used.
         used: usize,
     },
-    /// The ball looks matte; holds the share of its variation that a smooth shading explains.
+    /// The ball appears matte; contains the share of its variation that smooth shading explains.
     Matte(f64),
-    /// Much of the sphere is not seen; holds its share.
+    /// Much of the sphere is not visible; contains its share.
     Unseen(f64),
     /// Two views show different light where both see it.
     Unlike {
@@ -107,7 +107,8 @@ pub enum ProbeOddity {
         /// Correlation of the logarithms of both.
         correlation: f64,
     },
-    /// Two views were exposed differently; holds the brightness of the second over the first.
+    /// Two views have different exposures; contains the brightness ratio of the second to the
+    /// first.
     Brightness(f64),
 }
 

@@ -4,7 +4,7 @@ use thiserror::Error;
 
 use crate::remedy::Remedy;
 
-/// Error for a reference that cannot be used; [`ReferenceError::remedies`] lists what may help.
+/// Error for a reference that cannot be used; [`ReferenceError::remedies`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ReferenceError {
     /// The reflectance is not a fraction.
@@ -27,7 +27,7 @@ pub enum ReferenceError {
     TooFewPixels {
         /// Number of pixels that are finite and not clipped.
         pixels: usize,
-        /// Least number that is accepted.
+        /// Smallest accepted number.
         least: usize,
     },
     /// The reference lies on the object.
@@ -127,7 +127,7 @@ pub enum ReferenceError {
 }
 
 impl ReferenceError {
-    /// Lists what may help, the most probable first.
+    /// Lists suggestions, the most probable first.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::NoChart | Self::SeveralCharts => vec![Remedy::ChartCorners],

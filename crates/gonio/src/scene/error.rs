@@ -6,7 +6,7 @@ use super::{Candidate, Circle, Contradiction, Extent, ObservationReport};
 use crate::remedy::Remedy;
 use crate::shape::{CameraError, MeshError};
 
-/// Error that leaves a picture without observations; [`SceneError::remedies`] lists what may help.
+/// Error that leaves a picture without observations; [`SceneError::remedies`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SceneError {
     /// No pixel of the mask is at least half covered.
@@ -26,7 +26,7 @@ pub enum SceneError {
     TooSmall {
         /// Radius found, in pixels; where no circle was fitted, that of a disc of the same area.
         radius: f64,
-        /// Least radius that is accepted, in pixels.
+        /// Smallest accepted radius, in pixels.
         least: f64,
     },
     /// Too little of the outline lies within the picture.
@@ -34,7 +34,7 @@ pub enum SceneError {
     ShortOutline {
         /// Angle that the visible part of the outline spans, in degrees.
         degrees: f64,
-        /// Least angle that is accepted, in degrees.
+        /// Smallest accepted angle, in degrees.
         least: f64,
     },
     /// The outline is an ellipse, not a circle.
@@ -82,7 +82,7 @@ pub enum SceneError {
         y: f64,
         /// Radius, in pixels.
         radius: f64,
-        /// Least radius that is accepted, in pixels.
+        /// Smallest accepted radius, in pixels.
         least: f64,
     },
     /// Two pictures that must be aligned differ in size.
@@ -139,7 +139,7 @@ pub enum SceneError {
     TooFlat {
         /// Cells of the grid of directions that hold a normal.
         directions: usize,
-        /// Least number that is accepted.
+        /// Smallest accepted number.
         least: usize,
     },
     /// Too many pixels have values that are not radiances (negative, NaN or infinite).
@@ -167,7 +167,7 @@ pub enum SceneError {
         clipped: usize,
         /// Points that are not covered or not within the picture.
         outside: usize,
-        /// Least number that is accepted.
+        /// Smallest accepted number.
         least: usize,
     },
     /// An observed point is not on the surface.
@@ -176,16 +176,16 @@ pub enum SceneError {
          computed"
     )]
     NoSurface,
-    /// Neither an alpha channel nor a plain background nor a circle shows where the object is.
+    /// No object was detected by an alpha channel, a uniform background or edges.
     #[error("no object found: the image has no alpha channel, no uniform background and no clear circle")]
     NoOutline,
-    /// Several objects stand out, and none is given.
+    /// Several objects were detected.
     #[error("found {} separate objects: {}", .objects.len(), listed(.objects))]
     Several {
         /// The objects, the largest first.
         objects: Vec<Extent>,
     },
-    /// The background is not plain, and no circle stands out enough from it.
+    /// No circle was reliably detected before a non-uniform background.
     #[error(
         "the ball was not reliably detected: of {}, the best has edges along {:.0} % of its outline",
         counted(.candidates.len()),
@@ -195,7 +195,7 @@ pub enum SceneError {
         /// Circles that may be its outline, the most probable first.
         candidates: Vec<Candidate>,
     },
-    /// The surface is not where the mask is.
+    /// The surface is not aligned with the mask.
     #[error(
         "the shape is not aligned with the object: only {:.0} % of their pixels overlap",
         100.0 * .overlap
@@ -204,7 +204,7 @@ pub enum SceneError {
         /// Pixels of both over pixels of either.
         overlap: f64,
     },
-    /// The normals contradict themselves.
+    /// The normals are inconsistent.
     #[error(transparent)]
     Contradiction(Contradiction),
     /// The positions do not make a surface.
@@ -219,13 +219,13 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// Error for faulty pixels that leave too few sound ones.
+    /// Returns the error for too few valid pixels.
     pub(super) fn bad_pixels(report: &ObservationReport) -> Self {
         let ObservationReport { negative, not_finite, observed_pixels: observed, .. } = *report;
         Self::BadPixels { negative, not_finite, observed }
     }
 
-    /// Lists what may help, the most probable first.
+    /// Lists suggestions, the most probable first.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Remedy::Outline],
@@ -247,7 +247,7 @@ impl SceneError {
         }
     }
 
-    /// Whether the outline is at fault, and so the mask that it was found in.
+    /// Whether the outline is faulty, and therefore the mask.
     pub fn is_of_outline(&self) -> bool {
         matches!(
             self,
@@ -262,7 +262,7 @@ impl SceneError {
     }
 }
 
-/// Lists objects by number, each with its place.
+/// Lists objects by number, with their positions.
 fn listed(objects: &[Extent]) -> String {
     let one = |(at, Extent { from, to, circle }): (usize, &Extent)| {
         let what = if circle.is_some() { "a ball" } else { "another shape" };

@@ -18,9 +18,9 @@ use crate::sphere::OctahedralMap;
 /// Length of an edge of a surface of positions, relative to the median, above which it is a step.
 const STEP: f64 = 8.0;
 
-/// Least overlap of surface and mask; below it the surface is somewhere else.
+/// Smallest overlap of surface and mask; below it, the surface is misaligned.
 const LEAST_OVERLAP: f64 = 0.5;
-/// Overlap below which the surface does not quite fit.
+/// Overlap below which a warning reports the misalignment.
 const GOOD_OVERLAP: f64 = 0.93;
 
 /// Positions of a surface pixel by pixel, in coordinates of the camera that sees them.
@@ -55,14 +55,14 @@ pub struct NormalPicture {
     pub camera: Option<Camera>,
     /// Positions of the surface, for its self-shadowing.
     pub relief: Option<Relief>,
-    /// Whether the normals are taken as they are even if they contradict themselves.
+    /// Whether to skip the consistency checks of the normals.
     pub trusted: bool,
 }
 
-/// Something odd about a sighting, displayed as one line.
+/// Warning about a detected object, displayed as one line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Oddity {
-    /// The overlap of shape and object is less than it should be.
+    /// The overlap of shape and object is too small.
     Misplaced {
         /// Pixels of both over pixels of either.
         overlap: f64,
@@ -76,7 +76,7 @@ pub enum Oddity {
     },
     /// The depth of the ellipsoid is unknown; holds the semi-axis taken for it, in pixels.
     Depth(f64),
-    /// The normals contradict themselves and are used nevertheless.
+    /// The normals are inconsistent, but the checks are disabled.
     Contradiction(Contradiction),
     /// Some pixels are clipped.
     Clipped {
@@ -94,7 +94,7 @@ pub enum Oddity {
         /// Number of observed pixels on the object.
         observed: usize,
     },
-    /// Regions of another colour are left out.
+    /// Regions of another colour are ignored.
     OtherColour {
         /// Number of pixels of another colour.
         pixels: usize,
@@ -104,7 +104,7 @@ pub enum Oddity {
 }
 
 impl Oddity {
-    /// Lists what may be done about it.
+    /// Lists suggestions.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::Depth(_) => vec![Remedy::DepthAxis],
@@ -180,7 +180,7 @@ pub struct Sighting {
     pub coverage: Option<Plane<f32>>,
     /// Shape found.
     pub found: Found,
-    /// How sure the outline of a ball is that was found by a vote of the edges.
+    /// Reliability of the outline of a ball that was detected by its edges.
     pub sureness: Option<Sureness>,
     /// Normals of the object, unless it is a ball seen from far away.
     pub normals: Option<Plane<Vec3>>,
@@ -189,7 +189,7 @@ pub struct Sighting {
     /// Number of pixels that see the surface, and of those that are back-facing, where a surface
     /// was traced.
     pub pixels: Option<(usize, usize)>,
-    /// Oddities to report.
+    /// Warnings.
     pub oddities: Vec<Oddity>,
 }
 
@@ -353,7 +353,7 @@ impl Looker<'_> {
         })
     }
 
-    /// Builds the surface of a picture of positions, cut to the object.
+    /// Builds the surface of a position map, cut to the object.
     fn relief(&self, Relief { mut places, camera }: Relief) -> Result<(Placed, Soundness), SceneError> {
         let size = self.picture.rgb.size();
         check_size("depth or position map", places.size(), size)?;

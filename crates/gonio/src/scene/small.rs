@@ -70,7 +70,7 @@ impl Small {
     }
 }
 
-/// Means over square blocks of `step` pixels a side, of which those at the right and lower border
+/// Means over square blocks of `step` pixels per side, of which those at the right and lower border
 /// may be smaller.
 fn blocks(of: &Plane<Vec3>, step: usize, value: impl Fn(Vec3) -> Vec3 + Sync) -> Plane<Vec3> {
     let (width, height) = of.size();

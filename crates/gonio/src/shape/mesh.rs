@@ -148,7 +148,7 @@ impl Mesh {
         Ok((Self { positions, triangles, normals }, soundness))
     }
 
-    /// Builds the surface of a picture of positions, in any frame: two triangles between each four
+    /// Builds the surface of a position map, in any frame: two triangles between each four
     /// neighbouring pixels that all have a position, except across steps. A step is an edge more
     /// than `jump` times as long as the median one (8 is a good value).
     ///

@@ -13,7 +13,7 @@ use crate::guard::read_whole;
 /// Name of the file in a folder of results.
 pub const FILE: &str = "posterior.json";
 
-/// What the file says it is.
+/// Format of the file.
 const FORMAT: &str = "gonio-posterior";
 
 /// Version that is written, and the newest that is read.
@@ -32,7 +32,7 @@ pub struct SavedPosterior {
     pub model: String,
     /// Names of the photographs.
     pub images: Vec<String>,
-    /// What they say of the material.
+    /// Likelihood of the material.
     pub likelihood: Likelihood,
     /// Colours, if they were estimated. Files of earlier versions have none that can be read.
     #[serde(default)]

@@ -154,7 +154,7 @@ fn work_on<T: Send + 'static>(
     })
 }
 
-/// Where regions are: a picture of labels, outlines, or balls to be found.
+/// Regions: a label image, outlines, or balls to detect.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct GivenRegions<'py> {

@@ -1,4 +1,4 @@
-//! What photographs say of a material: draws from it, and its product with that of others.
+//! Likelihood of a material given photographs: draws from the posterior, and combinations.
 
 use std::path::PathBuf;
 

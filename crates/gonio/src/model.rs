@@ -22,7 +22,7 @@ pub struct Model {
     pub provenance: String,
 }
 
-/// Why a model cannot be used.
+/// Error in a model.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ModelError {
     /// A prior of no scale, or of more than memory could serve.

@@ -119,7 +119,7 @@ pub(super) fn own(folder: &Path) -> Owner {
 
 /// Removes the hidden folders that processes which were killed have left in `dir`.
 pub(super) fn sweep(dir: &Path) {
-    // What cannot be listed or removed does no harm.
+    // Files that cannot be listed or removed are harmless.
     let Ok(entries) = fs::read_dir(dir) else { return };
     for entry in entries.flatten() {
         let name = entry.file_name();

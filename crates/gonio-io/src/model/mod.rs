@@ -164,8 +164,8 @@ pub fn embedded_rounded(digits: u32) -> Result<Vec<u8>, Error> {
     container::rounded(Path::new(EMBEDDED), bytes, Content::Model, digits)
 }
 
-/// What the models built into the program were learnt from and the terms of that, in lines for
-/// people; `model/PROVENANCE.md` has the whole of it.
+/// Training data of the embedded models and their terms, for display; `model/PROVENANCE.md` has the
+/// details.
 pub const EMBEDDED_SOURCES: &str = "\
 59 captured lights of Poly Haven: CC0 (we inferred the authorship of 8 of them)
 7 captured lights of the sIBL Archive: CC BY-NC-SA 3.0 US (not verified), no commercial use

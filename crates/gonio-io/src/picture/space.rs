@@ -17,7 +17,7 @@ const CLIPPED_PIXELS: usize = 12;
 /// Largest negative channel, relative to the largest channel of the pixel, that counts as rounding.
 const ROUNDING: f32 = 1e-4;
 
-/// Where the colour space of a picture is known from.
+/// Source of the colour space of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpaceSource {
     /// The attribute `chromaticities` of an OpenEXR file.
@@ -62,7 +62,7 @@ impl SpaceSource {
 pub struct InputSpace {
     /// Name of a [`ColourSpace`], or else of the ICC profile, `custom`, `camera` or `grey`.
     pub name: String,
-    /// Where it is known from.
+    /// Source of the colour space.
     pub source: SpaceSource,
     /// The given space, if the file states another one; the file's space was used.
     pub overridden: Option<ColourSpace>,

@@ -15,7 +15,7 @@ pub(super) struct Highlight {
 }
 
 impl Highlight {
-    /// What `result.json` says; numbers that are no quantiles are left out.
+    /// Reads `result.json`; invalid quantiles are ignored.
     pub(super) fn of(notes: &Value) -> Self {
         let gloss = &notes["posterior"]["gloss"];
         let sound = |[low, median, high]: &[f64; 3]| 0.0 < *low && low <= median && median <= high;
@@ -24,7 +24,7 @@ impl Highlight {
     }
 }
 
-/// What the intervals of two results say of each other, from the best to the worst.
+/// Agreement of the intervals of two results, from the best to the worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Agreement {
     /// The estimate of each lies in the interval of the other.
@@ -51,7 +51,7 @@ impl Agreement {
         }
     }
 
-    /// That of one number.
+    /// Agreement of one number.
     fn of(a: [f64; 3], b: [f64; 3]) -> Self {
         let within = |x: f64, [low, _, high]: [f64; 3]| (low..=high).contains(&x);
         if a[0] > b[2] || b[0] > a[2] {
@@ -69,7 +69,7 @@ impl Agreement {
 pub struct Pair {
     /// Their places among all.
     pub(super) of: [usize; 2],
-    /// What their intervals say.
+    /// Agreement of their intervals.
     pub agreement: Agreement,
     /// [`log_distance`] of their BRDFs, where both are there and not black.
     pub distance: Option<f64>,

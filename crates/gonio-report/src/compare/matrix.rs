@@ -12,7 +12,7 @@ pub(super) fn section(comparison: &Comparison) -> Markup {
     if entries.len() > MOST {
         return left_out("Distances and agreement of pairs are omitted");
     }
-    // Of many pairs those that differ are of interest.
+    // With many pairs, list only those that differ.
     let few = pairs.len() <= SENTENCES;
     let shown = pairs.iter().filter(|pair| few || pair.agreement == Agreement::Differ);
     let more = shown.clone().count().saturating_sub(SENTENCES);

@@ -32,11 +32,11 @@ const LETTERS: usize = 400;
 
 /// A result.
 pub struct Entry {
-    /// What it is called.
+    /// Name.
     pub name: String,
     /// Address of its own page, relative to this one.
     pub report: Option<String>,
-    /// What its folder holds, or why there is nothing.
+    /// Contents of its folder, or the error.
     pub found: Result<Found, String>,
 }
 
@@ -52,7 +52,7 @@ pub struct Found {
     pub sphere: Option<Plane<Vec3>>,
     /// Luminance of the BRDF (1/sr); read if there are not more than [`MOST`] results.
     pub table: Option<BivariateTable>,
-    /// What is wrong with its files, one line each.
+    /// Errors of its files, one line each.
     pub faults: Vec<String>,
 }
 
@@ -120,7 +120,7 @@ impl Comparison {
     }
 }
 
-/// Says that a part of the page is left out of so many results.
+/// Notes that a part of the page is omitted because of too many results.
 fn left_out(what: &str) -> Markup {
     html! { p.note { (what) ", because there are more than " (MOST) " results." } }
 }

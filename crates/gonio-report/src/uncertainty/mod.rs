@@ -43,7 +43,7 @@ pub struct Map {
     /// A word for it.
     id: &'static str,
     title: &'static str,
-    /// What hatching means, if it is more than the angles that tables do not cover.
+    /// Meaning of the hatching, besides angles that tables do not cover.
     note: &'static str,
     scale: Scale,
     pixels: Plane<Vec3>,

@@ -114,7 +114,7 @@ impl Stage {
     }
 }
 
-/// Why there is no estimate.
+/// Error of an estimate.
 #[derive(Debug, Error)]
 pub enum EstimateError {
     /// The model was made for other methods.

@@ -124,7 +124,7 @@ impl Rows {
     }
 }
 
-/// What each square of the light adds to each observation.
+/// Contribution of each square of the light to each observation.
 struct Images {
     /// Chosen observations, linear RGB.
     colours: Vec<DVec3>,

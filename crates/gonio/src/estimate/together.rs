@@ -26,7 +26,7 @@ pub struct Beside {
 /// Estimates the materials of regions under one light.
 ///
 /// # Errors
-/// As [`estimate`](super::estimate), with the index of the region at fault.
+/// As [`estimate`](super::estimate), with the index of the faulty region.
 ///
 /// # Panics
 /// If nothing is observed of a region.

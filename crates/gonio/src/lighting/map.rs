@@ -8,7 +8,7 @@ use super::LightGrid;
 use crate::picture::{Plane, luminance};
 use crate::sphere::{OctahedralMap, direction_of_lat_long, lat_long_of_direction, lat_long_solid_angle};
 
-/// Why a picture is not an environment map.
+/// Error in an environment map.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum MapError {
     /// The picture is not twice as wide as it is high.

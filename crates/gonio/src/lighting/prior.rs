@@ -119,7 +119,7 @@ pub struct LightPrior {
     pub lights: usize,
 }
 
-/// Why a prior cannot be learnt.
+/// Error in training a prior.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PriorError {
     /// There are no lights.

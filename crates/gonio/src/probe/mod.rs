@@ -168,7 +168,7 @@ fn merged(first: &Texel, second: &Texel, brightness: f64) -> Texel {
 }
 
 impl View {
-    /// What is odd about it.
+    /// Warnings.
     pub fn oddities(&self) -> Vec<ProbeOddity> {
         let used = self.count(&[Fate::Used, Fate::Clipped]);
         let (clipped, faulty) = (self.count(&[Fate::Clipped]), self.count(&[Fate::Negative, Fate::NotFinite]));
@@ -179,7 +179,7 @@ impl View {
 }
 
 impl ProbeReport {
-    /// What is odd about it.
+    /// Warnings.
     pub fn oddities(&self) -> Vec<ProbeOddity> {
         let unseen = (self.unseen > MUCH_UNSEEN).then_some(ProbeOddity::Unseen(self.unseen));
         let unlike =

@@ -4,7 +4,7 @@
 use faer::MatRef;
 use thiserror::Error;
 
-/// Why `nnls` has no solution.
+/// Error of `nnls`.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum NnlsError {
     /// The Gram matrix is not square, or the right-hand side has another length.

@@ -31,7 +31,7 @@ impl Default for TrainSettings {
     }
 }
 
-/// Why no basis could be learnt.
+/// Error in training a basis.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum TrainError {
     /// There are no materials.

@@ -18,7 +18,7 @@ use super::pyramid::{Part, Place, half_side, level, whole};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of};
 use crate::shape::SurfacePoint;
 
-/// How many half vectors are used.
+/// Number of half vectors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LobeSettings {
     /// Number of rings.

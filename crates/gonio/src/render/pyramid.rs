@@ -47,7 +47,7 @@ impl Radiance for Vec3A {
     }
 }
 
-/// Which texels are lamps.
+/// Classification of texels as lamps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LampRule {
     /// Factor above the mean over the sphere from which on a texel is a lamp...

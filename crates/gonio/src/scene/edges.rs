@@ -129,7 +129,7 @@ pub(super) struct Ring {
 }
 
 impl Ring {
-    /// What orders circles: a larger one of equal score is less of a coincidence.
+    /// Ranking of circles: among equal scores, larger circles are more significant.
     pub(super) fn weight(&self) -> f32 {
         self.score * self.radius.sqrt()
     }
@@ -173,7 +173,7 @@ pub(super) fn distinct<T>(of: Vec<T>, most: usize, ring: impl Fn(&T) -> &Ring) -
     kept
 }
 
-/// How much the edges of each pixel are of one direction, in doubled angles.
+/// Dominant edge orientation of each pixel, as a vector in doubled angles.
 struct Field {
     edges: Plane<Vec2>,
     /// The directions, in an order whose beginnings are spread evenly, with the doubled ones.

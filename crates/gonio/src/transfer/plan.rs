@@ -49,7 +49,7 @@ impl Default for PlanSettings {
     }
 }
 
-/// Why a plan cannot be made or used.
+/// Error in building or using a plan.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlanError {
     /// There are too few points.

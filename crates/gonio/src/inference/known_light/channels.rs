@@ -30,7 +30,7 @@ const CHANNEL_ROWS: usize = 500;
 /// have the noise of the camera.
 const RESIDUAL_FLOOR: f64 = 0.01;
 
-/// What is known of the differences of channels and of the errors of colours.
+/// Prior of the differences of channels and of the errors of colours.
 const CHANNEL: FitPrior = FitPrior {
     deviation: 0.1,
     deviations: (0.03, 2.0),

@@ -62,7 +62,7 @@ pub const ROWS: usize = 1000;
 /// Accuracy of the pictures of a material.
 const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
 
-/// Why there is no posterior.
+/// Error of a posterior under a known light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum KnownLightError {
     /// No light of the map reaches the object.
@@ -81,7 +81,7 @@ pub enum KnownLightError {
 pub struct Rows<'a> {
     /// Normals and views.
     pub points: &'a [SurfacePoint],
-    /// Which part of the light each point sees.
+    /// Visible part of the light for each point.
     pub visibility: Option<&'a Visibility>,
     /// Luminance, positive and linear.
     pub values: &'a [f64],
@@ -89,7 +89,7 @@ pub struct Rows<'a> {
     pub trust: &'a [f64],
 }
 
-/// How far the light may lie from where its map has it.
+/// Rotations of the light map to search.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Alignment {
     /// It lies there exactly.
@@ -208,7 +208,7 @@ impl KnownLightPosterior {
             misfit,
             predicted: found.state.predicted,
             deviation: found.deviation,
-            // Of both quaternions of one rotation, that of the smaller angle.
+            // A rotation has two quaternions; use the one with the smaller angle.
             turn: if turn.w < 0.0 { -turn } else { turn },
             gain,
             settled: found.settled,

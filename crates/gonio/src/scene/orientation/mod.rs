@@ -66,7 +66,7 @@ pub enum Fault {
 pub struct Orientation {
     /// Fit of the given order.
     pub given: Fit,
-    /// What shows that the given order is wrong, whether or not a correction fits.
+    /// Evidence that the given order is wrong, whether or not a correction fits.
     pub fault: Option<Fault>,
     /// Corrections that fit, the more usual first, where the given order clearly does not;
     /// otherwise empty. There are several where nothing tells them apart, such as x or y flipped on

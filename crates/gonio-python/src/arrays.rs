@@ -45,10 +45,7 @@ impl Borrowed {
     fn of<D: Dimension>(array: &Bound<'_, PyArray<f32, D>>) -> PyResult<Self> {
         let start: *const f32 = array.data();
         if !array.is_c_contiguous() || !start.is_aligned() || array.is_empty() {
-            let problem = Problem::new(
-                "an array must be contiguous, non-empty float32 in C order and native byte \
-                order",
-            );
+            let problem = Problem::new("an array is empty, or not contiguous float32 in C order and native byte order");
             return Err(raise(&problem, array.py()));
         }
         Ok(Self { start, length: array.len(), _owner: array.clone().into_any().unbind() })

@@ -77,8 +77,8 @@ def test_bsdfs_of_mitsuba():
 @pytest.mark.parametrize(
     ("hidden", "call", "message"),
     [
-        ("xarray", "to_xarray()", "to_xarray needs xarray: pip install xarray"),
-        ("mitsuba", "to_mitsuba()", "to_mitsuba needs mitsuba: pip install mitsuba"),
+        ("xarray", "to_xarray()", "to_xarray requires xarray; install it with: pip install xarray"),
+        ("mitsuba", "to_mitsuba()", "to_mitsuba requires mitsuba; install it with: pip install mitsuba"),
     ],
 )
 def test_what_is_not_installed_is_said(hidden, call, message):

@@ -1,4 +1,4 @@
-//! A photograph to everything that is found in it.
+//! Estimates the BRDF and the light from a photograph.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -21,37 +21,37 @@ use serde_json::{Map, Value, json};
 use crate::notes::{self, Account};
 use crate::{Journal, Method, Problem, Scene, Seen, Settings, Source, Warning, basis, combine, reference};
 
-/// Everything that was found in a photograph.
+/// Result of an inference from one photograph.
 pub struct Answer {
     /// The photograph and the object in it.
     pub seen: Seen,
-    /// Reflectance in luminance, of albedo one half along the normal (1/sr).
+    /// Luminance of the BRDF, scaled to an albedo of 0.5 at normal incidence (1/sr).
     pub table: BivariateTable,
-    /// Factor from it to the reflectance that is written, where that is absolute; else one.
+    /// Factor from `table` to the BRDF in the files; 1 unless the BRDF is absolute.
     pub scale: f64,
-    /// How sure it is, for the method that tells.
+    /// The BRDF with its uncertainty, for methods that estimate the uncertainty.
     pub material: Option<Material>,
-    /// The estimated light, in linear RGB, on the scale that goes with the table.
+    /// The estimated light, in linear RGB, on the scale of `table`.
     pub light: Option<LightGrid>,
-    /// The light that was given, turned and brightened as it was found.
+    /// The known light with the estimated rotation and gain.
     pub known_light: Option<EnvironmentMap>,
-    /// Residual of the photograph given light and reflectance, relative to it, after its name.
+    /// Name and value of the relative residual of the photograph, given light and BRDF.
     pub left: (&'static str, f64),
-    /// The colours of both.
+    /// The colours of BRDF and light.
     pub colouring: Colouring,
-    /// The pictures, if they were asked for.
+    /// The pictures, if requested.
     pub panels: Option<Panels>,
-    /// The line under the pictures.
+    /// Caption of the pictures.
     pub caption: String,
-    /// The page `report.html`, if it was asked for.
+    /// The page `report.html`, if requested.
     pub page: Option<String>,
-    /// All numbers by name: `result.json`.
+    /// Contents of `result.json`.
     pub notes: Value,
     /// Warnings, one line each.
     pub warnings: Vec<String>,
-    /// What can be combined with other photographs, for the methods that tell how sure they are.
+    /// Posterior to combine with other photographs, for methods that estimate the uncertainty.
     pub saved: Option<SavedPosterior>,
-    /// Space of the BRDF and the light in [`Self::files`].
+    /// Colour space of the BRDF and the light in [`Self::files`].
     pub space: ColourSpace,
     shadows: bool,
 }
@@ -66,25 +66,24 @@ pub(crate) struct Found {
     left: (&'static str, f64),
     colouring: Colouring,
     pub(crate) sections: Value,
-    /// Renderers' models, where they were fitted already.
+    /// Fitted renderer models, if available.
     fits: Option<Fits>,
 }
 
-/// Normal albedo above which a reflectance cannot be absolute: no surface reflects more light than
-/// it gets, but for the error of a photograph.
+/// Largest plausible absolute albedo at normal incidence: 1 plus a margin for measurement errors.
 const MOST: f64 = 1.1;
 
-/// What an inference works with.
+/// Model, known light and rules of an inference.
 pub(crate) struct Asked<'a> {
     pub(crate) model: Cow<'a, Model>,
     known_light: Option<EnvironmentMap>,
-    /// Rule for the colours, and in words what is assumed of the light's.
+    /// Rule for the colours, and the assumption on the colour of the light in words.
     pub(crate) rule: (ColouringRule, &'static str),
     observing: ObservationSettings,
 }
 
 impl<'a> Asked<'a> {
-    /// Checks the settings and reads the known light. `name` is how messages call the model.
+    /// Checks the settings and reads the known light. `name` is the name of the model in messages.
     pub(crate) fn of((model, name): (&'a Model, &str), settings: &Settings<'_>) -> Result<Self, Problem> {
         let paper = settings.method.search().is_some_and(|search| search.paper);
         let mut model = Cow::Borrowed(model);
@@ -102,13 +101,13 @@ impl<'a> Asked<'a> {
         Ok(Self { model, known_light, rule, observing })
     }
 
-    /// Rule for the colours of a scene, by its reference if it has one, and in words what is
-    /// assumed of the light's.
+    /// Returns the rule for the colours of a scene, from its reference if it has one, and the
+    /// assumption on the colour of the light in words.
     pub(crate) fn rule_of(&self, seen: &Seen) -> (ColouringRule, &'static str) {
         seen.reference.as_ref().map_or(self.rule, |reference| reference.rule())
     }
 
-    /// Looks at a scene.
+    /// Reads a scene and detects its object.
     pub(crate) fn look(
         &self,
         scene: Scene,
@@ -124,11 +123,11 @@ impl<'a> Asked<'a> {
     }
 }
 
-/// Infers what the object of a scene is made of. `name` is how messages call the model.
+/// Estimates the BRDF of the object in a scene. The string is the name of the model in messages.
 ///
 /// # Errors
-/// If a file cannot be read, settings do not go together, the object cannot be found, or there is
-/// too little to observe. The input at fault is named.
+/// If a file cannot be read, settings conflict, the object is not detected, or it has too few
+/// usable pixels. The error names the faulty input.
 pub fn infer(
     model: (&Model, &str),
     scene: Scene,
@@ -138,7 +137,7 @@ pub fn infer(
     of_one(&Asked::of(model, settings)?, scene, settings, Vec::new(), journal)
 }
 
-/// The answer to a scene with one object; `warnings` are those of reading it so far.
+/// Infers from a scene with one object; `warnings` are those of reading it so far.
 pub(crate) fn of_one(
     asked: &Asked<'_>,
     scene: Scene,
@@ -153,7 +152,7 @@ pub(crate) fn of_one(
     Ok(conclude(asked, seen, found, &image, settings, warnings, journal))
 }
 
-/// Finds the material of an object, and the light unless it is known.
+/// Estimates the BRDF of an object, and the light unless it is known.
 pub(crate) fn solve(
     asked: &Asked<'_>,
     seen: &Seen,
@@ -175,7 +174,8 @@ pub(crate) fn solve(
             let mut doubts: Vec<String> = found.doubts().iter().map(ToString::to_string).collect();
             if ask.absolute && scale * ALBEDO > MOST {
                 doubts.push(format!(
-                    "the albedo along the normal comes out as {:.2}: photograph and light map are not on one scale",
+                    "the absolute albedo at normal incidence is {:.2}, above the physical limit of 1; photograph and light map \
+                     do not have the same scale",
                     scale * ALBEDO
                 ));
             }
@@ -198,7 +198,7 @@ pub(crate) fn solve(
             Ok(Found { fits, ..Found::blind(found, notes::settings(&ask, linear), warnings) })
         }
         (method, known_light) => {
-            let Some(search) = method.search() else { return Err(Problem::new("no light is given")) };
+            let Some(search) = method.search() else { return Err(Problem::new("this method requires a known light")) };
             let how = (settings, search);
             let found = basis::find((model, image), how, known_light.as_ref(), observations, warnings, journal)?;
             let colouring = Colouring::of(model, observations, &found.table, rule);
@@ -213,7 +213,7 @@ pub(crate) fn solve(
 }
 
 impl Found {
-    /// An estimate under unknown illumination; its doubts become warnings.
+    /// Converts an estimate under unknown light; its diagnostics become warnings.
     pub(crate) fn blind(found: Estimate, settings: Value, warnings: &mut Vec<Warning>) -> Self {
         warnings.extend(found.doubts().iter().map(|doubt| Warning::from(doubt.to_string())));
         let mut sections = notes::estimate(&found);
@@ -235,7 +235,7 @@ impl Found {
 }
 
 impl Found {
-    /// The estimate on the scale that the reference of the photograph gives, where it gives one.
+    /// Scales the estimate by the reference in the photograph, if the reference determines a scale.
     pub(crate) fn scaled_by_reference(mut self, seen: &Seen, warnings: &mut Vec<Warning>) -> Self {
         let Some(reference) = &seen.reference else { return self };
         let scale = match (&self.light, &self.material) {
@@ -252,13 +252,13 @@ impl Found {
     }
 }
 
-/// A light whose luminance is known, in one colour.
+/// Colours a luminance light map uniformly.
 fn in_one_colour(grid: LightGrid, colour: Vec3) -> LightGrid {
     let texels = grid.texels().iter().map(|texel| *texel * colour).collect();
     LightGrid::from_texels(grid.map(), grid.side(), texels)
 }
 
-/// Draws the pictures and writes the account of what was found.
+/// Assembles the result: pictures, report and `result.json`.
 pub(crate) fn conclude(
     asked: &Asked<'_>,
     seen: Seen,
@@ -271,7 +271,7 @@ pub(crate) fn conclude(
     let (model, (rule, assumption)) = (&asked.model, &asked.rule_of(&seen));
     let Found { table, scale, material, light, known_light, left, colouring, sections, fits } = found;
     if matches!((rule, &colouring), (ColouringRule::Estimate { .. }, Colouring::Median(_))) {
-        let problem = "the model has no model of colours: the BRDF has the median colour of the photograph";
+        let problem = "the model has no colour model; the BRDF has the median colour of the photograph";
         warnings.push(Warning::from(problem.to_owned()));
     }
     let spaces = settings.spaces;
@@ -319,7 +319,7 @@ pub(crate) fn conclude(
     answer.notes["colorspace"] = spaces.notes(answer.seen.space.as_ref());
     answer.page = fits.zip(answer.panels.as_ref()).map(|(fits, panels)| {
         let name = Path::new(image).file_stem().unwrap_or_default().to_string_lossy();
-        // The page escapes markup; codes of a terminal are no text either.
+        // The page escapes markup, but not control characters.
         let name = name.replace(char::is_control, " ");
         let (subject, warnings, result) = (&answer.subject(), &answer.warnings[..], &answer.notes);
         Report { name: &name, subject, panels, fits: &fits, warnings, result }.render()
@@ -328,7 +328,7 @@ pub(crate) fn conclude(
 }
 
 impl Answer {
-    /// Returns what the pictures show.
+    /// Returns the subject of the pictures.
     pub fn subject(&self) -> Subject<'_> {
         Subject {
             picture: &self.seen.picture,
@@ -342,8 +342,8 @@ impl Answer {
         }
     }
 
-    /// Draws the pictures, and beside it fits renderers' models if a page will show them and there
-    /// are none yet.
+    /// Draws the pictures. In parallel, fits renderer models if the report needs them and none
+    /// exist.
     fn draw(&mut self, report: bool, fits: Option<Fits>, journal: &Journal<'_>) -> Option<Fits> {
         journal.at("drawing", 0.0);
         let subject = self.subject();
@@ -357,18 +357,18 @@ impl Answer {
     }
 }
 
-/// Rows of the map of directional lights: pixels as small as the sharpest highlights can tell.
+/// Rows of the map of directional lights: pixels at the resolution of the sharpest highlights.
 const DIRECTIONAL_ROWS: usize = 1024;
 
-/// Rows of the map of a light that is a formula.
+/// Rows of the map of a built-in light.
 const NAMED_ROWS: usize = 256;
 
-/// Reads a lat-long light map, or a list of directional lights (`.txt`). `studio`, `sky` and `lamp`
-/// are lights of our own, where there is no file of that name. Files that state no colour space are
-/// in the given one, else in linear Rec. 709.
+/// Reads a lat-long light map or a list of directional lights (`.txt`). `studio`, `sky` and `lamp`
+/// are built-in lights, unless a file has that name. `space` is the colour space of files that
+/// state none; `None` is linear Rec. 709.
 ///
 /// # Errors
-/// If it cannot be read, or is none.
+/// If the file cannot be read or is not a light.
 pub fn read_light(path: &Path, space: Option<ColourSpace>) -> Result<EnvironmentMap, Problem> {
     if let Some(light) = path.to_str().filter(|_| !path.exists()).and_then(|name| named_light(name, NAMED_ROWS)) {
         return Ok(light);

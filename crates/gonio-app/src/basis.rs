@@ -1,4 +1,4 @@
-//! The methods of the paper, and those to compare with: coefficients of reflectance in a basis.
+//! The paper's methods and baselines: reflectance as coefficients in a basis.
 
 use gonio::estimate::ALBEDO;
 use gonio::inference::{Hyper, JointMapSettings, MODEL_ERROR, Posterior, Problem as Bilinear, VariationalSettings};
@@ -15,8 +15,8 @@ use serde_json::{Value, json};
 use crate::plan::{PlanOrigin, load_or_build};
 use crate::{Journal, Method, Problem, Search, Settings, Warning};
 
-/// Noise relative to the image above which an answer is no answer: every photograph that a solver
-/// settles on leaves less than half as much.
+/// Relative noise above which a result is unreliable: converged solutions leave less than half of
+/// it.
 const UNEXPLAINED: f64 = 0.5;
 
 /// Result of a method of the paper.
@@ -31,8 +31,8 @@ pub(crate) struct Coefficients {
     pub(crate) sections: Value,
 }
 
-/// The answer of a method other than [`Method::Learnt`] to the observations of `image`. Tells of
-/// the stages `plan` and `inference`.
+/// Runs a method of the paper on the observations of `image`. Reports the stages `plan` and
+/// `inference`.
 pub(crate) fn find(
     (model, image): (&Model, &str),
     (settings, search): (&Settings<'_>, &Search),
@@ -58,17 +58,17 @@ pub(crate) fn find(
     let posterior = posterior(model, settings, search, &projected, journal).map_err(|error| blame(&error))?;
     let table = model.reflectance.combine(&posterior.reflectance).map_err(|error| blame(&error))?;
     if table.trusted_max() <= 0.0 {
-        return Err(Problem::of(image, "every reflectance coefficient came out zero; is the object lit at all?"));
+        return Err(Problem::of(image, "all reflectance coefficients are zero; check that the object is lit"));
     }
     if posterior.starts.iter().all(|s| !s.converged) {
-        warnings.push("no start converged within its iterations; the result may be rough".to_owned().into());
+        warnings.push("no start of the solver converged; the result may be inaccurate".to_owned().into());
     }
     let noise = posterior.noise / (projected.energy() / projected.pixels as f64).sqrt();
     if noise > UNEXPLAINED {
         warnings.push(
             format!(
-                "light and reflectance leave {:.0} % of the photograph unexplained: the solver has not found them, and \
-                 the answer says little",
+                "the solver did not converge: light and reflectance leave {:.0} % of the photograph unexplained; the \
+                 result is unreliable",
                 100.0 * noise
             )
             .into(),
@@ -91,8 +91,8 @@ pub(crate) fn find(
             "coefficients": posterior.reflectance,
             "sd": posterior.reflectance_sd,
             "scale": scale,
-            "note": "BRDF = scale * sum_k coefficients[k] * basis[k], in 1/sr with a normal albedo of 0.5; the scale of \
-                     reflectance is not determined by a photograph under unknown light",
+            "note": "BRDF = scale * sum_k coefficients[k] * basis[k], in 1/sr with an albedo of 0.5 at normal incidence; a \
+                     photograph under unknown light does not determine the scale of reflectance",
         },
         "light": { "coefficients": posterior.light, "sd": posterior.light_sd },
         "exposure": { "mean": posterior.exposure, "sd": posterior.exposure_sd },
@@ -105,7 +105,7 @@ pub(crate) fn find(
     Ok(Coefficients { table, light, noise, sections })
 }
 
-/// The rows on which the inference runs, and what the result says of them.
+/// Computes the rows on which the inference runs, and their section of the result.
 fn project(
     model: &Model,
     side: usize,
@@ -116,8 +116,7 @@ fn project(
 ) -> Result<(Projected, Value), Box<dyn std::error::Error>> {
     let tables = &model.reflectance.functions;
     let settings = PlanSettings { side, ..PlanSettings::default() };
-    // With few observations there is nothing to gain from a plan, which has more directions than
-    // there are values.
+    // With few observations, the plan has more directions than there are values.
     if full_rows || observations.report.used <= settings.rank {
         let projected =
             Projected::unprojected(observations.seen(), &observations.values, tables, &model.light, &settings)?;
@@ -128,15 +127,15 @@ fn project(
     let (plan, origin, failed) =
         load_or_build(cache.as_ref(), observations.seen(), tables, &model.light, &settings, &report)?;
     if let Some(error) = failed {
-        warnings.push(format!("the plan could not be kept for next time: {error}").into());
+        warnings.push(format!("the light transport plan was not cached: {error}").into());
     }
     let projected = plan.project(&observations.values, 1e-5)?;
     let left_over = projected.left_over();
     if left_over > 0.02 {
         warnings.push(
             format!(
-                "{:.0} % of the picture's energy is finer than a {side} x {side} light can make with any of these \
-                 materials: a sharp material is likely to come out too dull",
+                "a light of {side} x {side} texels cannot reproduce {:.0} % of the image's energy with any basis \
+                 material; the roughness of a sharp material is probably overestimated",
                 100.0 * left_over
             )
             .into(),

@@ -1,4 +1,4 @@
-//! A photograph before anything is inferred: the object, and what is wrong with its pixels.
+//! Checks a photograph before inference: detects the object and faulty pixels.
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};
@@ -11,31 +11,31 @@ use crate::regions::{Regions, may_be_several, parts};
 use crate::scene::read_mask;
 use crate::{Journal, Photograph, Problem, Scene, Seen, Shots, Warning, notes};
 
-/// A photograph that was looked at.
+/// Result of checking a photograph.
 pub struct Checked {
     /// The photograph.
     pub picture: Picture,
     /// The objects, or the regions of one.
     pub objects: Vec<Looked>,
-    /// What is odd about the photograph.
+    /// Warnings about the photograph.
     pub warnings: Vec<Warning>,
     /// Colour space of the photograph, unless it was in memory.
     pub space: Option<InputSpace>,
 }
 
-/// An object of a photograph.
+/// A detected object or region.
 pub struct Looked {
     /// Its name, if there are several.
     pub name: Option<String>,
-    /// Where it is, and what became of its pixels.
+    /// Its position and the status of its pixels.
     pub seen: Seen,
 }
 
-/// Why a photograph could not be looked at.
+/// Error of a check.
 pub struct Unchecked {
-    /// What is wrong.
+    /// The error.
     pub problem: Problem,
-    /// The photograph with the circles that may be the ball, numbered, as linear display values.
+    /// The photograph with numbered candidate circles, as linear display values.
     pub candidates: Option<Plane<Vec3>>,
 }
 
@@ -53,11 +53,12 @@ impl Unchecked {
     }
 }
 
-/// Finds what [`infer_all`](crate::regions::infer_all) would work on. Tells of the stage `reading`.
+/// Detects the objects that [`infer_all`](crate::regions::infer_all) would use. Reports the stage
+/// `reading`.
 ///
 /// # Errors
-/// If a file cannot be read, or an object cannot be found or shows too little; the input at fault
-/// is named.
+/// If a file cannot be read, or an object is not detected or has too few usable pixels. The error
+/// names the faulty input.
 pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) -> Result<Checked, Unchecked> {
     let mut warnings = Vec::new();
     journal.at("reading", 0.0);
@@ -67,7 +68,7 @@ pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) 
     let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut of_mask)?;
     let several = || may_be_several(&scene) && separate_balls(&photograph.picture, mask.as_ref()).len() > 1;
     let regions = regions.or_else(|| several().then_some(Regions::Balls));
-    // A scene that is looked at as a whole reads its mask itself.
+    // A scene without regions reads its mask again, with its warnings.
     if regions.is_some() {
         warnings.append(&mut of_mask);
     }
@@ -94,13 +95,13 @@ pub fn check(mut scene: Scene, regions: Option<Regions>, journal: &Journal<'_>) 
 }
 
 impl Checked {
-    /// The photograph with outlines, clipped and faulty pixels drawn in, as linear display values.
+    /// Draws outlines, clipped and faulty pixels on the photograph, as linear display values.
     pub fn draw(&self) -> Plane<Vec3> {
         let sightings: Vec<_> = self.objects.iter().map(|object| &object.seen.sighting).collect();
         draw(&self.picture, &sightings)
     }
 
-    /// All numbers by name.
+    /// Returns all numbers by name.
     pub fn notes(&self) -> Value {
         let (width, height) = self.picture.rgb.size();
         let object = |object: &Looked| {
@@ -118,7 +119,7 @@ impl Checked {
 }
 
 impl Looked {
-    /// Share of the picture that the object covers.
+    /// Returns the fraction of the image that the object covers.
     pub fn coverage(&self) -> f64 {
         let sighting = &self.seen.sighting;
         let (width, height) = self.seen.picture.rgb.size();
@@ -126,7 +127,7 @@ impl Looked {
         inside.count() as f64 / (width * height).max(1) as f64
     }
 
-    /// What was found of its shape, in a few words.
+    /// Describes the detected shape.
     pub fn outline(&self) -> String {
         match &self.seen.sighting.found {
             Found::Circle(circle) => {
@@ -135,13 +136,16 @@ impl Looked {
                 format!("ball, circle {x:.1},{y:.1},{radius:.1} (x, y, radius in pixels){sure}")
             }
             Found::Ball(centre) => {
-                format!("ball of radius 1 at {:.2},{:.2},{:.2} before the camera", centre.x, centre.y, centre.z)
+                format!("ball of radius 1 at {:.2},{:.2},{:.2} in camera coordinates", centre.x, centre.y, centre.z)
             }
             Found::Ellipse(ellipse, depth) => {
-                format!("ellipsoid, semi-axes {:.1} and {:.1} pixels, {depth:.1} deep", ellipse.axes.0, ellipse.axes.1)
+                format!(
+                    "ellipsoid, semi-axes {:.1} and {:.1} pixels, {depth:.1} pixels along the optical axis",
+                    ellipse.axes.0, ellipse.axes.1
+                )
             }
-            Found::Surface => "mesh before its camera".to_owned(),
-            Found::Normals(_) => "shape by its normals".to_owned(),
+            Found::Surface => "mesh".to_owned(),
+            Found::Normals(_) => "shape from a normal map".to_owned(),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Several photographs of one material to one folder of results.
+//! Combines the results of several photographs of one material.
 
 use std::path::{Path, PathBuf};
 
@@ -20,27 +20,26 @@ use serde_json::{Value, json};
 use crate::results::{Files, QUANTILES};
 use crate::{Journal, Problem, notes};
 
-/// Photographs whose labels the picture shows, at most.
+/// Largest number of photographs in the picture.
 const SHOWN: usize = 12;
 
-/// One material from several photographs.
+/// Combined result of several photographs.
 pub struct CombinedAnswer {
-    /// The material, of albedo one half along the normal.
+    /// The material, scaled to an albedo of 0.5 at normal incidence.
     pub material: Material,
-    /// Chroma of every cell: the mean of those of the photographs, by their inverse variances.
+    /// Chroma of each cell: the mean over the photographs, weighted by inverse variance.
     pub field: ChromaField,
-    /// For each photograph, the logarithm of the odds of one material for all to another for it.
+    /// For each photograph, the log odds that it shows the same material as the others.
     pub agreement: Vec<f64>,
     /// Pictures by name, as linear display values.
     pub pictures: Vec<(&'static str, Plane<Vec3>)>,
-    /// All numbers by name: `result.json`.
+    /// Contents of `result.json`.
     pub notes: Value,
-    /// What can be combined further.
+    /// Posterior to combine with further photographs.
     pub saved: SavedPosterior,
 }
 
-/// What is saved of an estimate with a material for [`combine`]. `image` is the name of the
-/// photograph.
+/// Returns the posterior to save for [`combine`]. `image` is the name of the photograph.
 pub(crate) fn saved(model: &Model, image: &str, material: &Material, colouring: &Colouring) -> Option<SavedPosterior> {
     let learnt = model.learnt.as_ref()?;
     let likelihood = material.posterior.likelihood.clone();
@@ -52,16 +51,16 @@ fn saved_chroma(colouring: &Colouring) -> Option<SavedChroma> {
     Some(found.saved())
 }
 
-/// Reads what each of these folders of results says of the material.
+/// Reads the posteriors in folders of results.
 ///
 /// # Errors
-/// If one has no posterior, or it cannot be read.
+/// If a folder has no posterior, or it cannot be read.
 pub fn read_posteriors(folders: &[PathBuf]) -> Result<Vec<(String, SavedPosterior)>, Problem> {
     let read = |folder: &PathBuf| {
         let name = folder.display().to_string();
         if folder.is_dir() && !folder.join(posterior::FILE).is_file() {
             let problem = format!(
-                "holds no {}; give folders that gonio infer wrote with its own method or with a known light",
+                "does not contain {}; specify result folders of the learnt or known-light method",
                 posterior::FILE
             );
             return Err(Problem::of(name, problem));
@@ -71,25 +70,26 @@ pub fn read_posteriors(folders: &[PathBuf]) -> Result<Vec<(String, SavedPosterio
     folders.iter().map(read).collect()
 }
 
-/// Combines what several photographs say of one material. `model` is the one they were found with,
-/// with its name in messages.
+/// Combines the posteriors of several photographs of one material. `model` is the model that
+/// inferred them, with its name in messages.
 ///
 /// # Errors
-/// If there are fewer than two, one is given twice or was found with another model, some are under
-/// a known light and others not, or they cannot be of one material; the one at fault is named.
+/// If there are fewer than two posteriors, two have the same photograph, one is from another model,
+/// only some are under a known light, or they contradict each other. The error names the faulty
+/// one.
 pub fn combine(
     (model, model_name): (&Model, &str),
     given: &[(String, SavedPosterior)],
     journal: &Journal<'_>,
 ) -> Result<CombinedAnswer, Problem> {
     let learnt = model.learnt.as_ref().ok_or_else(|| Problem::of(model_name, "has no posterior of materials"))?;
-    let other = "was found with another model: combine results of one model, and give it";
+    let other = "was inferred with another model; combine results of one model, and specify that model";
     if let Some((name, _)) = given.iter().find(|(_, saved)| saved.model != learnt.id()) {
         return Err(Problem::of(name, other));
     }
     for (at, (name, saved)) in given.iter().enumerate() {
         if let Some((first, _)) = given[..at].iter().find(|(_, other)| other.likelihood == saved.likelihood) {
-            return Err(Problem::of(name, format!("is of the same photograph as {first}: give each once")));
+            return Err(Problem::of(name, format!("has the same photograph as {first}; specify each photograph once")));
         }
     }
     journal.at("posterior", 0.0);
@@ -108,7 +108,7 @@ pub fn combine(
     Ok(CombinedAnswer { material, field, agreement, pictures, notes, saved: both })
 }
 
-/// Names the photograph at fault.
+/// Names the faulty photograph.
 fn blame(given: &[(String, SavedPosterior)], error: &EstimateError) -> Problem {
     match error {
         EstimateError::Product(ProductError::Contradiction { at, .. } | ProductError::Model(at)) => {
@@ -131,9 +131,9 @@ fn draw(
     let coloured = |table: &BivariateTable| field.tables(table);
     let [low, median, high] = material.gloss;
     let combined = [
-        ("all together", &material.table),
-        ("its dull end, at 5 %", &material.ends[0]),
-        ("its glossy end, at 95 %", &material.ends[1]),
+        ("combined", &material.table),
+        ("dull end of the interval (5 %)", &material.ends[0]),
+        ("glossy end of the interval (95 %)", &material.ends[1]),
     ]
     .map(|(label, table)| Shown { label: label.to_owned(), tables: coloured(table) });
     let singles: Vec<Shown> = given
@@ -146,7 +146,7 @@ fn draw(
             Shown { label, tables: coloured(&posterior.mean.with_normal_albedo(ALBEDO).0) }
         })
         .collect();
-    let caption = format!("combined of {} photographs | {}", given.len(), gloss(low, median, high));
+    let caption = format!("combined from {} photographs | {}", given.len(), gloss(low, median, high));
     let (sheet, sphere) = compose(&combined, &singles, &caption);
     vec![("relit", sphere), ("combined", sheet), ("uncertainty", uncertainty::draw(material))]
 }
@@ -178,8 +178,8 @@ fn account(
         "reflectance": {
             "quantiles": QUANTILES,
             "shares": SHARES,
-            "note": "brdf.binary is the estimate from all photographs, in 1/sr with a normal albedo of 0.5; agreement: \
-                     logarithm of the odds of one material for all photographs to another one for this",
+            "note": "brdf.binary is the estimate from all photographs, in 1/sr with an albedo of 0.5 at normal incidence; \
+                     agreement: log odds that this photograph shows the same material as the others",
         },
         "colour": {
             "body": { "rgb": body.rgb().to_array(), "log_chroma": body.0, "log_chroma_sd": chroma.map(|c| c.body_sd) },
@@ -192,13 +192,13 @@ fn account(
 }
 
 impl CombinedAnswer {
-    /// Contents of its folder of results.
+    /// Returns the contents of the folder of results.
     ///
     /// # Errors
     /// If the numbers cannot be written as JSON.
     pub fn files(&self) -> Result<Files, Problem> {
         let notes = serde_json::to_string_pretty(&self.notes)
-            .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
+            .map_err(|error| Problem::of("cannot encode the result as JSON", error))?;
         let quantiles = &self.material.quantiles;
         Ok(Files {
             tables: self.field.tables(&self.material.table),

@@ -1,4 +1,4 @@
-//! Folders of results, from photographs or batches, to a page with all of them side by side.
+//! Compares several folders of results on one HTML page.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -21,26 +21,26 @@ use crate::regions::MOST as MOST_REGIONS;
 use crate::results::{BRDF, PICTURES, REPORT, RESULT};
 use crate::{Problem, read_brdf};
 
-/// Name of the page, unless another is given.
+/// Default name of the page.
 pub const PAGE: &str = "compare.html";
 
-/// Largest picture of a folder that is read, pixels: ours have less than a third of it.
+/// Largest picture that is read, in pixels: three times the size that gonio writes.
 const MAX_PIXELS: u64 = 1 << 23;
-/// Bytes within which a page says that it is ours.
+/// Number of leading bytes that contain the generator of a page.
 const BEGINNING: u64 = 1024;
 
 /// A folder of results to compare.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Given {
-    /// What the page calls it.
+    /// Name on the page.
     pub name: String,
     /// The folder.
     pub folder: PathBuf,
-    /// Why there are no results, if that is known.
+    /// Error, if the inference failed.
     pub failed: Option<String>,
 }
 
-/// Names folders by their last part; by all of it where two have the same.
+/// Names folders by the last component of the path; by the whole path if that is not unique.
 pub fn names(folders: &[PathBuf]) -> Vec<String> {
     let last = |folder: &PathBuf| folder.file_name().map(|name| name.to_string_lossy().into_owned());
     let mut times: BTreeMap<Option<String>, usize> = BTreeMap::new();
@@ -49,23 +49,23 @@ pub fn names(folders: &[PathBuf]) -> Vec<String> {
     folders.iter().map(|folder| name(folder).unwrap_or_else(|| folder.display().to_string())).collect()
 }
 
-/// Checks that a folder holds results, of one photograph or of its regions.
+/// Checks that a folder contains results of one photograph or of its regions.
 ///
 /// # Errors
-/// If its `result.json` cannot be read or is not of this program.
+/// If `result.json` cannot be read or was not written by gonio.
 pub fn check(folder: &Path) -> Result<(), Problem> {
     kind(folder, &notes::read(&folder.join(RESULT))?).map(|_| ()).map_err(Problem::new)
 }
 
-/// Whether a file is a page of this program, which another may replace.
+/// Whether gonio wrote a page, so that a new page may replace it.
 pub fn is_page(path: &Path) -> bool {
     let mut beginning = Vec::new();
     let read = File::open(path).and_then(|file| file.take(BEGINNING).read_to_end(&mut beginning));
     read.is_ok() && beginning.windows(GENERATOR.len()).any(|part| part == GENERATOR.as_bytes())
 }
 
-/// Reads all results. What is missing or damaged is said on the page in its place. `page` is where
-/// the page will be: it links to the pages of results in folders below its own.
+/// Reads all results. The page reports missing and damaged files. `page` is its path: it links to
+/// the reports in folders below its own.
 pub fn read(given: &[Given], page: &Path) -> Comparison {
     let folders: Vec<Folder> = given.par_iter().flat_map_iter(Folder::of).collect();
     let (tables, pictures) = (folders.len() <= MOST, folders.len() <= MOST_PICTURES);
@@ -73,7 +73,7 @@ pub fn read(given: &[Given], page: &Path) -> Comparison {
     Comparison::of(folders.into_par_iter().map(|folder| folder.entry(beside, tables, pictures)).collect())
 }
 
-/// What `result.json` is of.
+/// Content of `result.json`.
 enum Kind {
     One,
     /// Names and folders of regions.
@@ -87,7 +87,7 @@ fn kind(folder: &Path, notes: &Value) -> Result<Kind, String> {
             let regions = texts(&notes["regions"], |region| &region["folder"]);
             Ok(Kind::Regions(regions.filter(|name| is_plain(name)).take(MOST_REGIONS).collect()))
         }
-        _ => Err(format!("{}: is no result of gonio infer", folder.join(RESULT).display())),
+        _ => Err(format!("{}: is not a result of gonio infer", folder.join(RESULT).display())),
     }
 }
 
@@ -99,7 +99,7 @@ struct Folder {
 }
 
 impl Folder {
-    /// The result of a folder, or those of its regions.
+    /// Returns the result of a folder, or the results of its regions.
     fn of(given: &Given) -> Vec<Self> {
         let one = |name: String, path: PathBuf, notes| vec![Self { name, path, notes }];
         let (name, path) = (given.name.clone(), given.folder.clone());
@@ -121,7 +121,7 @@ impl Folder {
         }
     }
 
-    /// Reads what the page shows of it.
+    /// Reads the contents that the page shows.
     fn entry(self, beside: &Path, tables: bool, pictures: bool) -> Entry {
         let Self { name, path, notes } = self;
         let report = path.join(REPORT);
@@ -139,7 +139,7 @@ impl Folder {
             let table = match brdf.is_file() {
                 true => tables.then(|| noted(read_table(&brdf), &mut faults)).flatten(),
                 false => {
-                    faults.push(format!("{}: holds no {BRDF}", path.display()));
+                    faults.push(format!("{}: does not contain {BRDF}", path.display()));
                     None
                 }
             };
@@ -149,7 +149,7 @@ impl Folder {
     }
 }
 
-/// What was read, or else a note of why not.
+/// Returns the value, or records the error.
 fn noted<T>(read: Result<T, gonio_io::Error>, faults: &mut Vec<String>) -> Option<T> {
     read.map_err(|error| faults.push(error.to_string())).ok()
 }
@@ -164,7 +164,7 @@ fn read_table(file: &Path) -> Result<BivariateTable, gonio_io::Error> {
     Ok(BivariateTable::luminance(&[0, 1, 2].map(|channel| table.bivariate(channel))))
 }
 
-/// The address of a file on a page in the folder `beside`, if it lies below that.
+/// Returns the URL of a file relative to the folder `beside`, if the file is below it.
 fn address(file: &Path, beside: &Path) -> Option<String> {
     let mut address = ".".to_owned();
     for part in file.strip_prefix(beside).ok()?.components() {
@@ -223,10 +223,10 @@ mod tests {
         assert_eq!(comparison.count(), 6);
         let page = comparison.render();
         for text in [
-            "relit.png: does not begin like",
-            "old: holds no brdf.binary",
-            "broken/result.json: is no JSON",
-            "other/result.json: is no result of gonio infer",
+            "relit.png: does not have the header of",
+            "old: does not contain brdf.binary",
+            "broken/result.json: is not valid JSON",
+            "other/result.json: is not a result of gonio infer",
             "regions/1",
             "no photograph",
         ] {

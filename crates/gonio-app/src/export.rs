@@ -1,4 +1,5 @@
-//! A BRDF in the files and parameters of renderers, with how near each comes (`docs/exports.md`).
+//! Exports a BRDF as files and parameters for renderers, with the error of each
+//! (`docs/exports.md`).
 
 use std::path::Path;
 
@@ -21,21 +22,20 @@ use crate::results::{LIGHT, LIGHT_ROWS, RESULT};
 use crate::spaces::{from_rec709, merl_from_rec709, merl_to_rec709};
 use crate::{Problem, read_light};
 
-/// Account of what was written, in the same folder.
+/// Summary of the exports, in the same folder.
 pub const SUMMARY: &str = "export.json";
 
-/// Scene of Mitsuba, in the same folder, with [`LIGHT`] beside it.
+/// Mitsuba scene, in the same folder as [`LIGHT`].
 const SCENE: &str = "scene.xml";
 
-/// Files of `measured` materials of Mitsuba and the tensors that they read: of its RGB variants and
-/// of its spectral ones.
+/// Files of Mitsuba's `measured` materials and their tensors, for RGB and for spectral variants.
 const MEASURED: [(&str, &str); 2] =
     [("brdf_measured.xml", "brdf_rgb.bsdf"), ("brdf_measured_spectral.xml", "brdf_spec.bsdf")];
 
-/// File of the `principled` material of Mitsuba.
+/// File of Mitsuba's `principled` material.
 const PRINCIPLED: &str = "principled.xml";
 
-/// Format that can be written.
+/// Export format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
     /// MERL table, three channels.
@@ -78,47 +78,47 @@ impl Target {
             Self::Merl => ("merl", "MERL table, three channels"),
             Self::MerlGrey => ("merl-grey", "MERL table of the luminance"),
             Self::Bsdf => {
-                ("bsdf", "RGL tensors: _rgb.bsdf for Mitsuba 3, _spec.bsdf for its spectral variants and pbrt-v4")
+                ("bsdf", "RGL tensors: _rgb.bsdf for Mitsuba 3, _spec.bsdf for spectral Mitsuba 3 and pbrt-v4")
             }
-            Self::Mitsuba => ("mitsuba", "Mitsuba 3 `principled`"),
-            Self::Blender => ("blender", "Blender 4 Principled BSDF, as a script"),
-            Self::Gltf => ("gltf", "glTF 2.0 metallic-roughness, as a sphere (.glb)"),
+            Self::Mitsuba => ("mitsuba", "Mitsuba 3 principled BSDF"),
+            Self::Blender => ("blender", "Script that creates a Principled BSDF in Blender 4"),
+            Self::Gltf => ("gltf", "glTF 2.0 sphere with a metallic-roughness material (.glb)"),
             Self::Mtlx => ("mtlx", "MaterialX document with an OpenPBR surface (.mtlx)"),
             Self::CookTorrance => ("cook-torrance", "Cook-Torrance parameters (Beckmann, Schlick, V-grooves)"),
             Self::Ward => ("ward", "Ward parameters"),
         }
     }
 
-    /// The target of this name.
+    /// Returns the target with a name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|target| target.names().0 == name)
     }
 }
 
-/// BRDF to be exported, with settings.
+/// BRDF to export, with settings.
 #[derive(Clone, Debug)]
 pub struct Export {
     /// Name of the material.
     pub name: String,
     /// The BRDF, by channel.
     pub tables: [BivariateTable; 3],
-    /// BRDF with its dependence on the third angle, which MERL tables keep.
+    /// BRDF over all three angles, for MERL tables.
     pub whole: Option<MerlTable>,
-    /// Light of the scenes, in which the photograph was taken; a studio if there is none.
+    /// Light of the exported scenes: that of the photograph, or a studio if `None`.
     pub light: Option<EnvironmentMap>,
-    /// Space of the tables that are written: of `merl`, and of `bsdf` for RGB. Everything else is
-    /// in the space that its renderers assume, linear Rec. 709.
+    /// Colour space of the targets `merl` and `bsdf` (RGB). All other targets are in linear
+    /// Rec. 709, which their renderers assume.
     pub space: ColourSpace,
-    /// Scale the BRDF to this albedo of its luminance along the normal.
+    /// Luminance albedo at normal incidence to scale the BRDF to.
     pub albedo: Option<f64>,
-    /// Write the table of each fitted model too, to be rendered beside the BRDF.
+    /// Also write the table of each fitted model, to compare it with the BRDF.
     pub with_tables: bool,
 }
 
 impl Export {
-    /// Writes the targets and `export.json` into a folder, which the caller commits; gives what
-    /// `export.json` says. `input` says where the BRDF is from, `progress` is told a fraction in
-    /// 0..=1. `None` if the BRDF reflects nothing along the normal.
+    /// Writes the targets and `export.json` into a folder, which the caller commits, and returns
+    /// the contents of `export.json`. `input` is the source of the BRDF; `progress` receives a
+    /// fraction in 0..=1. Returns `None` if the BRDF is zero at normal incidence.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -142,7 +142,7 @@ impl Export {
         let mut writer = Writer {
             folder,
             name,
-            // The photograph tells the product of light and BRDF.
+            // The photograph determines the product of light and BRDF.
             light: light
                 .map_or_else(|| studio_light(LIGHT_ROWS), |light| times(&light, Vec3::splat(1.0 / scale as f32))),
             fitter: Fitter::new(&tables),
@@ -168,19 +168,19 @@ impl Export {
             "albedo": measured * scale,
             "light": if found { "of the results" } else { "studio" },
             "exports": writer.entries,
-            "note": "relight: root mean square difference of a sphere of the export in a studio light from one of the BRDF, relative; log_relight: the same of \
-                     logarithms, above 1 % of the mean; colorspace: of the colours of each export, linear; light.exr is in rec709",
+            "note": "relight: relative root mean square error of a sphere rendered with the export in a studio light, compared with the BRDF; \
+                     log_relight: the same error of logarithms, for values above 1 % of the mean; colorspace: linear space of the colours of each export; \
+                     light.exr is in rec709",
         });
         folder.write(SUMMARY, pretty(&summary).as_bytes())?;
         Ok(Some(summary))
     }
 }
 
-/// The light that a folder of results tells of, in colour, for [`Export::light`]; `None` without
-/// one.
+/// Reads the light of a folder of results in colour, for [`Export::light`]; `None` if it has none.
 ///
 /// # Errors
-/// If its file cannot be read.
+/// If the file cannot be read.
 pub fn light_of_results(dir: &Path) -> Result<Option<EnvironmentMap>, Problem> {
     let file = dir.join(LIGHT);
     if !file.is_file() {
@@ -193,37 +193,36 @@ pub fn light_of_results(dir: &Path) -> Result<Option<EnvironmentMap>, Problem> {
     Ok(Some(colour.map_or_else(|| light.clone(), |colour| coloured(&light, Vec3::from(colour)))))
 }
 
-/// A light that was estimated, whose map is of its luminance, in its colour; one that was given has
-/// its colours already.
+/// Colours an estimated light, whose map is grey. A map with colours is returned unchanged.
 pub fn coloured(light: &EnvironmentMap, colour: Vec3) -> EnvironmentMap {
     let is_grey = light.radiance().as_slice().iter().all(|p| p.max_element() == p.min_element());
     if is_grey { times(light, colour) } else { light.clone() }
 }
 
-/// The light times a colour; the light itself if that leaves the range of its numbers.
+/// Multiplies a light by a colour; returns the light itself if the product overflows.
 fn times(light: &EnvironmentMap, colour: Vec3) -> EnvironmentMap {
     EnvironmentMap::new(light.radiance().map(|p| *p * colour)).unwrap_or_else(|_| light.clone())
 }
 
-/// JSON for people.
+/// Encodes indented JSON.
 fn pretty(value: &impl serde::Serialize) -> String {
     serde_json::to_string_pretty(value).expect("names and numbers are JSON")
 }
 
-/// Writes one target after the other.
+/// Writer of the targets.
 struct Writer<'a> {
     folder: &'a StagedFolder,
     name: String,
     fitter: Fitter,
-    /// The fit that more than one target is written from, once it is there.
+    /// Fit that several targets share; computed on first use.
     layered: Option<Fitted<Layered>>,
     tables: [BivariateTable; 3],
     /// BRDF with its dependence on the third angle, if it is exported unscaled.
     whole: Option<MerlTable>,
-    /// Light of the scenes.
+    /// Light of the exported scenes.
     light: EnvironmentMap,
     with_tables: bool,
-    /// Space of the tables that are written.
+    /// Colour space of the tables to write.
     space: ColourSpace,
     entries: Map<String, Value>,
 }
@@ -262,8 +261,8 @@ impl Writer<'_> {
                 for ((file, tensor), colours) in MEASURED.into_iter().zip([space.name(), "spectral"]) {
                     self.folder.write(file, mitsuba_measured(&self.name, tensor, colours).as_bytes())?;
                 }
-                let note = "RGL tensors, read as `measured`: brdf_rgb.bsdf by Mitsuba 3, brdf_spec.bsdf (smooth spectra of these colours under D65) by its \
-                            spectral variants and pbrt-v4";
+                let note = "RGL tensors for the plugin `measured`: brdf_rgb.bsdf for Mitsuba 3, brdf_spec.bsdf (smooth spectra with these colours under D65) for \
+                            its spectral variants and pbrt-v4";
                 self.table(target, "brdf_rgb.bsdf", &rgb, [0, 1, 2].map(|c| back.bivariate(c)), note)?;
                 self.add_files(target, &["brdf_spec.bsdf", MEASURED[0].0, MEASURED[1].0]);
                 Ok(())
@@ -310,10 +309,10 @@ impl Writer<'_> {
         }
     }
 
-    /// The light of the scenes, and the scene of Mitsuba, of the better one of its materials.
+    /// Writes the light of the scenes, and the Mitsuba scene with the more accurate material.
     fn scene(&mut self, targets: &[Target]) -> Result<(), Error> {
         let scenes = [(Target::Bsdf, MEASURED[0].0), (Target::Mitsuba, PRINCIPLED)];
-        // The light of the scene is in Rec. 709: a tensor in another space does not go with it.
+        // The light of the scene is in Rec. 709, so a tensor in another space does not match it.
         let fits = |target: &Target| *target != Target::Bsdf || self.space == ColourSpace::Rec709;
         let scenes: Vec<_> =
             scenes.into_iter().filter(|(target, _)| targets.contains(target) && fits(target)).collect();
@@ -333,8 +332,7 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// By how much a picture under the light is brightened to be looked at, in stops: next to
-    /// nothing of it shall be clipped.
+    /// Returns the exposure in stops at which almost no pixel under the light is clipped.
     fn stops(&self) -> f64 {
         let settings = SphereSettings { size: 32, ..SphereSettings::default() };
         let sphere = render_sphere(&self.tables, &LightTree::of_map(&self.light), &settings, &|_| ());
@@ -342,12 +340,12 @@ impl Writer<'_> {
         f64::from(Exposure::by_quantile(&sphere.rgb, covered, 0.97, 0.9).0.log2())
     }
 
-    /// The fit of OpenPBR, at the first call.
+    /// Returns the OpenPBR fit; computes it on the first call.
     fn layered(&mut self) -> Fitted<Layered> {
         self.layered.get_or_insert_with(|| self.fitter.fit()).clone()
     }
 
-    /// A file of a table that reads back as `tables`.
+    /// Writes a table whose contents decode to `tables`.
     fn table(
         &mut self,
         target: Target,
@@ -365,7 +363,7 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// A file of parameters.
+    /// Writes the parameters of a fitted model.
     fn model<S: Shading + serde::Serialize>(
         &mut self,
         target: Target,
@@ -404,7 +402,7 @@ impl Writer<'_> {
     }
 }
 
-/// The luminance in all channels.
+/// Returns the luminance in all channels.
 pub fn grey(tables: &[BivariateTable; 3]) -> [BivariateTable; 3] {
     let luminance = BivariateTable::luminance(tables);
     [luminance.clone(), luminance.clone(), luminance]

@@ -1,8 +1,8 @@
-//! What of a folder is ours: new results replace earlier ones, and no file of anybody else.
+//! Determines which files in a folder gonio wrote. New results replace these files, and no others.
 //!
-//! A folder holds results if its `result.json` says so. Then the files of the names that
-//! [`results`](crate::results) gives are ours, as are the folders of the regions that `result.json`
-//! names, and what was exported from all of these, as `export.json` names it.
+//! A folder contains results if its `result.json` has the format of gonio. gonio then owns the
+//! files named in [`results`](crate::results), the folders of the regions that `result.json` lists,
+//! and the exports that `export.json` lists.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,16 +14,16 @@ use serde_json::Value;
 use crate::export::SUMMARY;
 use crate::results::{RESULT, names};
 
-/// Folder of what was exported, within that of the results.
+/// Folder of exports, within the folder of results.
 pub const EXPORT: &str = "export";
 
-/// Formats that `result.json` may say it is of.
+/// Values of `format` in `result.json`.
 const RESULTS: [&str; 2] = ["gonio-result", "gonio-regions"];
 
-/// End of the name of the folder of results beside a photograph.
+/// Suffix of the default folder of results.
 const BESIDE: &str = "-gonio";
 
-/// Prepares a folder for new results; earlier ones that it holds go when the new ones come.
+/// Prepares a folder for new results, which replace earlier results on commit.
 ///
 /// # Errors
 /// As [`StagedFolder::create`].
@@ -31,7 +31,7 @@ pub fn for_results(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
     replacing(dir.as_ref(), results_in)
 }
 
-/// Prepares a folder for new exports; earlier ones that it holds go when the new ones come.
+/// Prepares a folder for new exports, which replace earlier exports on commit.
 ///
 /// # Errors
 /// As [`StagedFolder::create`].
@@ -39,7 +39,7 @@ pub fn for_exports(dir: impl AsRef<Path>) -> Result<StagedFolder, Error> {
     replacing(dir.as_ref(), exports_in)
 }
 
-/// Prepares a folder in which what `find` tells of goes when the new files come.
+/// Prepares a folder; a commit removes the files that `find` lists.
 fn replacing(dir: &Path, find: impl Fn(&Path, &Path, &mut Vec<PathBuf>)) -> Result<StagedFolder, Error> {
     let mut folder = StagedFolder::create(dir)?;
     let mut ours = Vec::new();
@@ -48,31 +48,31 @@ fn replacing(dir: &Path, find: impl Fn(&Path, &Path, &mut Vec<PathBuf>)) -> Resu
     Ok(folder)
 }
 
-/// Whether a folder holds results of ours.
+/// Whether a folder contains results of gonio.
 pub fn holds_results(dir: &Path) -> bool {
     notes(&dir.join(RESULT), &RESULTS).is_some()
 }
 
-/// The folder of results beside a photograph: `ball-gonio` for `ball.exr`.
+/// Returns the default folder of results: `ball-gonio` for `ball.exr`.
 pub fn beside(image: &Path) -> PathBuf {
     let mut name = image.file_stem().unwrap_or_default().to_owned();
     name.push(BESIDE);
     image.with_file_name(name)
 }
 
-/// Whether results in `dir` could replace this file, which is none of them.
+/// Whether results in `dir` could overwrite this input file.
 pub fn would_replace(dir: &Path, file: &Path) -> bool {
     let same = |a: &Path, b: &Path| fs::canonicalize(a).ok().zip(fs::canonicalize(b).ok()).is_some_and(|(a, b)| a == b);
     names().any(|name| same(&dir.join(name), file))
 }
 
-/// Adds what is ours of a folder of results to `ours`; `dir` is the folder, `within` how it is
-/// called from the one that is asked about.
+/// Adds the files that gonio wrote in a folder of results to `ours`. `within` is the path of `dir`
+/// relative to the outer folder.
 fn results_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
     let Some(notes) = notes(&dir.join(RESULT), &RESULTS) else { return };
     ours.extend(names().map(|name| within.join(name)));
     exports_in(&dir.join(EXPORT), &within.join(EXPORT), ours);
-    // A folder of a region holds no regions.
+    // The folder of a region contains no regions.
     if within != Path::new("") {
         return;
     }
@@ -82,7 +82,7 @@ fn results_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
     }
 }
 
-/// The same of a folder of exports.
+/// Adds the files that gonio wrote in a folder of exports to `ours`.
 fn exports_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
     let Some(notes) = notes(&dir.join(SUMMARY), &["gonio-export"]) else { return };
     let targets = notes["exports"].as_object();
@@ -94,13 +94,13 @@ fn exports_in(dir: &Path, within: &Path, ours: &mut Vec<PathBuf>) {
     }
 }
 
-/// A file of ours, if it says that it is of one of these formats.
+/// Reads a JSON file, if it has one of these formats.
 fn notes(path: &Path, formats: &[&str]) -> Option<Value> {
     let notes = notes::read(path).ok()?;
     formats.iter().any(|format| notes["format"] == **format).then_some(notes)
 }
 
-/// The texts in a list.
+/// Returns the strings in a list.
 pub(crate) fn texts<'a>(
     list: &'a Value,
     of: impl Fn(&'a Value) -> &'a Value + 'a,
@@ -108,7 +108,7 @@ pub(crate) fn texts<'a>(
     list.as_array().into_iter().flatten().filter_map(move |entry| of(entry).as_str().map(str::to_owned))
 }
 
-/// Whether this is the name of a file or folder, and no path.
+/// Whether this is a file name without a path.
 pub(crate) fn is_plain(name: &str) -> bool {
     Path::new(name).file_name().is_some_and(|n| n == name)
 }

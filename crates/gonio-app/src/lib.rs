@@ -1,11 +1,11 @@
-//! From files to a folder of results, for every front end: the program, the Python package and the
-//! page translate what they are asked for, and show what goes on.
+//! The application layer shared by all front ends: the program, the Python package and the web
+//! page.
 //!
-//! A [`Scene`] says where the photograph and the shape of its object come from; [`infer`] reads it,
-//! finds the object, and finds what it is made of: an [`Answer`], whose [`Answer::files`] make a
-//! folder. [`Settings`] say how. A [`Journal`] tells how far it is. What is wrong is a [`Problem`]
-//! that names the input at fault, what is odd a [`Warning`]; both carry
-//! [remedies](gonio::remedy::Remedy), which each front end words in its own terms.
+//! A [`Scene`] specifies the photograph and the shape of its object. [`infer`] reads the scene,
+//! detects the object and estimates its BRDF according to the [`Settings`]. It returns an
+//! [`Answer`]; [`Answer::files`] are the contents of the folder of results. A [`Journal`] reports
+//! progress. Errors are [`Problem`]s, which name the faulty input, and [`Warning`]s; both carry
+//! [suggestions](gonio::remedy::Remedy), which each front end words in its own terms.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

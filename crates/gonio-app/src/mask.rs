@@ -1,12 +1,12 @@
-//! Masks of another size than their photograph.
+//! Scales masks to the size of the photograph.
 
 use gonio::picture::Plane;
 
-/// Most times that a mask may be smaller or larger than the photograph along a side.
+/// Largest ratio of the sides of mask and photograph.
 const MOST: f64 = 8.0;
 
-/// Whether a picture of one size, enlarged or reduced by at most eight times to the width of
-/// another, has its height too, to a pixel of the smaller one.
+/// Whether two sizes have the same aspect ratio, to one pixel of the smaller size, and differ by a
+/// factor of at most [`MOST`].
 pub(crate) fn alike(one: (usize, usize), other: (usize, usize)) -> bool {
     let sides = [one.0, one.1, other.0, other.1].map(|side| side as f64);
     let [across, down] = [sides[2] / sides[0], sides[3] / sides[1]];
@@ -16,7 +16,7 @@ pub(crate) fn alike(one: (usize, usize), other: (usize, usize)) -> bool {
     sides.iter().all(|side| *side > 0.0) && pixel <= MOST && (across / down).ln().abs() * longest <= pixel
 }
 
-/// Means of a mask over the areas that the pixels of another size have in it.
+/// Scales a mask to another size: each pixel is the mean over its area.
 pub(crate) fn resampled(mask: &Plane<f32>, (width, height): (usize, usize)) -> Plane<f32> {
     let columns = shares(mask.width(), width);
     let narrow = Plane::from_fn(width, mask.height(), |x, y| {
@@ -26,8 +26,8 @@ pub(crate) fn resampled(mask: &Plane<f32>, (width, height): (usize, usize)) -> P
     Plane::from_fn(width, height, |x, y| rows[y].iter().map(|&(v, part)| part * narrow[(x, v)]).sum())
 }
 
-/// Pixels of a line of `from` that each pixel of a line of `to` covers, with their shares, which
-/// sum to one. A line that grows is interpolated.
+/// For each pixel of a line of `to` pixels, returns the covered pixels of a line of `from` pixels
+/// and their weights, which sum to one. Enlarged lines are interpolated.
 fn shares(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
     let scale = from as f64 / to as f64;
     let shares = |at: usize| {

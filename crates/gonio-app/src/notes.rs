@@ -1,4 +1,4 @@
-//! The sections of `result.json`.
+//! Builds the sections of `result.json`.
 
 use gonio::colour::ChromaInterval;
 use gonio::estimate::{
@@ -13,19 +13,19 @@ use serde_json::{Value, json};
 
 use crate::KnownLight;
 
-/// Everything in `result.json` that does not depend on the method, and the sections that do.
+/// Contents of `result.json`: the common sections and those of the method.
 pub struct Account<'a> {
-    /// How messages call the photograph.
+    /// Name of the photograph in messages.
     pub image: &'a str,
     /// Name of the method.
     pub method: &'a str,
-    /// The model it was found with.
+    /// The model that inferred the result.
     pub model: &'a Model,
     /// The section `observations`: [`sighting`] and more.
     pub observations: Value,
-    /// The section `bracket` of a photograph that was merged.
+    /// The section `bracket` of a merged photograph.
     pub bracket: Option<Value>,
-    /// The colours found.
+    /// The estimated colours.
     pub colouring: &'a Colouring,
     /// Assumption on the colour of the light, in words.
     pub assumption: &'a str,
@@ -38,7 +38,7 @@ pub struct Account<'a> {
 }
 
 impl Account<'_> {
-    /// `result.json`.
+    /// Returns the contents of `result.json`.
     pub fn result(self) -> Value {
         let Self { image, method, model, observations, bracket, colouring, assumption, warnings, seconds, sections } =
             self;
@@ -62,14 +62,14 @@ impl Account<'_> {
     }
 }
 
-/// Adds sections to others. What is no object stays as it is.
+/// Adds the entries of an object to another; other values are ignored.
 pub fn extend(notes: &mut Value, more: Value) {
     if let (Some(notes), Value::Object(more)) = (notes.as_object_mut(), more) {
         notes.extend(more);
     }
 }
 
-/// Notes on a mesh before its camera, to be added to those of [`sighting`].
+/// Returns the notes on a mesh and its camera, which extend those of [`sighting`].
 pub fn mesh(name: &str, soundness: &Soundness, camera: &Camera) -> Value {
     json!({
         "mesh": name, "soundness": soundness, "principal_point": camera.principal,
@@ -77,25 +77,25 @@ pub fn mesh(name: &str, soundness: &Soundness, camera: &Camera) -> Value {
     })
 }
 
-/// The sections `posterior`, `reflectance`, `light` and `noise` of an estimate.
+/// Returns the sections `posterior`, `reflectance`, `light` and `noise` of an estimate.
 pub fn estimate(estimate: &Estimate) -> Value {
     let Estimate { material, light, tint, .. } = estimate;
     let colours = tint.as_ref().map(|tint| {
         json!({
             "misfit": tint.misfit,
             "apart": { "blue_orange": tint.apart[0], "green_magenta": tint.apart[1] },
-            "note": "misfit: what BRDF and light, both in colour, leave of the channels (root mean square, relative); apart: difference of \
-                     the photograph's chroma from that of the BRDF in a light of one colour, in natural logarithms; captured light varies \
-                     from blue to orange, and hardly from green to magenta",
+            "note": "misfit: relative root mean square residual of the channels, given BRDF and light in colour; apart: difference between \
+                     the chroma of the photograph and that of the BRDF in a light of uniform colour, in natural logarithms; captured lights \
+                     vary from blue to orange, and little from green to magenta",
         })
     });
     json!({
         "posterior": posterior(material, ALBEDO),
         "reflectance": {
             "quantiles": "brdf_quantiles.npy",
-            "note": "brdf.binary is the mean of the posterior, in 1/sr with a normal albedo of 0.5; brdf_quantiles.npy holds \
-                     its 5, 25, 75 and 95 % quantiles, [quantile][theta_h][theta_d]; the scale of reflectance is not \
-                     determined by a photograph under unknown light",
+            "note": "brdf.binary is the mean of the posterior, in 1/sr with an albedo of 0.5 at normal incidence; brdf_quantiles.npy \
+                     contains its 5, 25, 75 and 95 % quantiles, [quantile][theta_h][theta_d]; a photograph under unknown light does \
+                     not determine the scale of reflectance",
         },
         "light": light_notes(light),
         "noise": {
@@ -103,8 +103,8 @@ pub fn estimate(estimate: &Estimate) -> Value {
             "relative": light.relative_noise,
             "misfit": light.misfit,
             "expected": expected_misfit(material),
-            "note": "misfit: what light and material leave of the photograph (root mean square, relative); expected: what noise and the \
-                     light's resolution would leave if the material were right",
+            "note": "misfit: relative root mean square residual of the photograph, given light and material; expected: the misfit from noise \
+                     and the light's resolution if the material were correct",
             "colours": colours,
         },
     })
@@ -124,23 +124,23 @@ pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
             "quantiles": "brdf_quantiles.npy",
             "absolute": ask.absolute,
             "normal_albedo": if ask.absolute { albedo } else { ALBEDO },
-            "note": "brdf.binary is the most probable BRDF, in 1/sr; brdf_quantiles.npy holds the 5, 25, 75 and 95 % quantiles of \
-                     the posterior, [quantile][theta_h][theta_d]; absolute: photograph and light map are on one scale, and so is the \
-                     BRDF, whose normal albedo is 0.5 otherwise",
+            "note": "brdf.binary is the most probable BRDF, in 1/sr; brdf_quantiles.npy contains the 5, 25, 75 and 95 % quantiles of \
+                     the posterior, [quantile][theta_h][theta_d]; absolute: photograph and light map have the same scale, and the BRDF \
+                     is absolute; otherwise its albedo at normal incidence is 0.5",
         },
         "known_light": {
             "map": ask.map.name("the light"),
             "rows": found.map_rows,
             "turn_degrees": turn,
             "clipped": gain,
-            "note": "turn_degrees: rotation vector (about x, y, z) from where the map has the light to where it was found; clipped: \
-                     factor by which the clipped pixels of the map are brighter than it says, and the standard deviation of its \
-                     logarithm; light.exr is the map with both",
+            "note": "turn_degrees: rotation vector (about x, y, z) from the light map to the estimated light; clipped: \
+                     estimated ratio of the radiance of clipped pixels to their value in the map, and the standard deviation of its \
+                     logarithm; light.exr is the map with both corrections",
         },
         "exposure": {
             "albedo": albedo,
             "albedo_rgb": rgb,
-            "note": "albedo along the normal, in luminance and of red, green and blue, if photograph and light map are on one scale",
+            "note": "albedo at normal incidence, of luminance and of red, green and blue, if photograph and light map have the same scale",
         },
         "noise": {
             "relative": found.noise,
@@ -148,34 +148,33 @@ pub fn under_known_light(found: &LitEstimate, ask: &KnownLight) -> Value {
             "misfit": found.misfit,
             "expected": found.expected_misfit(),
             "channels": found.channel_misfit,
-            "note": "channels: what red, green and blue leave of the photograph beside the luminance (root mean square, relative); \
-                     relative: standard deviation of the independent error of the logarithm of the image; discrepancy: of its smooth \
-                     error; misfit: what light and material leave of the photograph (root mean square, relative); expected: what \
-                     noise and texture would leave if both were right",
+            "note": "channels: relative root mean square residual of red, green and blue beyond that of the luminance; \
+                     relative: standard deviation of the independent error of the logarithm of the image; discrepancy: standard deviation \
+                     of its smooth error; misfit: relative root mean square residual of the photograph, given light and material; \
+                     expected: the misfit from noise and texture if both were correct",
         },
         "settings": { "rows": found.rows, "settled": found.settled },
     })
 }
 
-/// Changes the sections of [`estimate`] to a BRDF of this absolute albedo along the normal.
+/// Changes the sections of [`estimate`] to a BRDF with this absolute albedo at normal incidence.
 pub(crate) fn make_absolute(sections: &mut Value, material: &Material, albedo: f64) {
     sections["posterior"] = posterior(material, albedo);
     sections["reflectance"] = json!({
         "quantiles": "brdf_quantiles.npy",
         "absolute": true,
         "normal_albedo": albedo,
-        "note": "brdf.binary is the mean of the posterior, in 1/sr; brdf_quantiles.npy holds its 5, 25, 75 and 95 % quantiles, \
-                 [quantile][theta_h][theta_d]; absolute: the reference in the picture fixes the scale, and light.exr goes with it",
+        "note": "brdf.binary is the mean of the posterior, in 1/sr; brdf_quantiles.npy contains its 5, 25, 75 and 95 % quantiles, \
+                 [quantile][theta_h][theta_d]; absolute: the reference in the image determines the scale of brdf.binary and light.exr",
     });
 }
 
-/// The section `settings`: what the estimate was asked for. `linear` says whether integer values
-/// were taken for radiance.
+/// Returns the section `settings`. `linear` is true if integer values were read as linear radiance.
 pub fn settings(settings: &gonio::estimate::EstimateSettings, linear: bool) -> Value {
     json!({ "grid": settings.side, "linear": linear, "rows": settings.rows, "steps": LightProblem::STEPS })
 }
 
-/// The section `posterior` of a material from several photographs.
+/// Returns the section `posterior` of a material from several photographs.
 pub(crate) fn combined(material: &Material) -> Value {
     let mut notes = posterior(material, ALBEDO);
     if let Some(notes) = notes.as_object_mut() {
@@ -208,17 +207,16 @@ fn posterior(material: &Material, albedo: f64) -> Value {
             "ggx_alpha": three(material.highlight.alpha),
             "roughness": three(material.highlight.roughness()),
             "units": { "albedo": albedo, "20": at_20, "60": at_60 },
-            "note": "the BRDF along the normal over its mean at half angles beyond 45 degrees: its quantiles at 5, 50 and 95 %; \
-                     factor: 95 % over 5 %; ggx_alpha: width of the GGX lobe that is as sharp (0.5 to 0.56 for all wider ones, 1 for no highlight); roughness: its square root, which the principled \
-                     models of Mitsuba and Blender take; units: gloss units at 20 and 60 degrees (ASTM D523) if the albedo along \
-                     the normal is as given here, to which they are in proportion and which a photograph under unknown light \
-                     does not determine",
+            "note": "5, 50 and 95 % quantiles of the ratio of the BRDF along the normal to its mean at half angles above 45 degrees; \
+                     factor: the 95 % quantile over the 5 % quantile; ggx_alpha: width of the GGX lobe of equal sharpness (0.5 to 0.56 for all wider ones, 1 for no highlight); \
+                     roughness: square root of ggx_alpha, as in the principled BSDFs of Mitsuba and Blender; units: gloss units at 20 and 60 degrees (ASTM D523) for the albedo stated here; \
+                     gloss units are proportional to the albedo, which a photograph under unknown light does not determine",
         },
-        "note": "materials: the measured materials that are most like it in the shape of the highlight, not in colour, with \
+        "note": "materials: the measured materials with the most similar highlight (not colour), with \
                  their share of the posterior; undetermined: share of the BRDF's cells (both angles below 80 degrees) where \
-                 the 90 % interval is most of what it is without a photograph; wide: share of the cells whose 90 % interval \
-                 is wider than this factor; strangeness: share of the encoder's features outside of what was \
-                 seen in training; scatter: standard deviation of pixels that share a normal, relative to their mean \
+                 the 90 % interval is wider than 60 % of the prior's; wide: share of the cells whose 90 % interval \
+                 spans more than this factor; strangeness: share of the encoder's features outside of their \
+                 range in training; scatter: standard deviation of pixels that share a normal, relative to their mean \
                  (noise, texture, shadows and wrong normals; 0 where too few share one); normals: cells of the disk of \
                  normals; filled: those of them without an observation; unshadowed: mean absolute logarithm of \
                  the ratio by which values were changed to those of a sphere, for shapes that keep light \
@@ -242,12 +240,12 @@ fn light_notes(light: &Light) -> Value {
         "evidence": {
             "objective": light.objective, "effective": light.effective, "converged": light.converged, "trace": light.trace,
         },
-        "note": "given the mean of the posterior of reflectance: the mean of the posterior of the light among those without \
-                 negative texels; radiance is exposure times the Haar synthesis of the coefficients",
+        "note": "posterior mean of the light, restricted to non-negative texels, given the posterior mean of the reflectance; \
+                 radiance is exposure times the Haar synthesis of the coefficients",
     })
 }
 
-/// The section `colour`. `assumption` says in words what was taken for the light's colour.
+/// Returns the section `colour`. `assumption` states the assumption on the colour of the light.
 fn colouring(colouring: &Colouring, assumption: &str) -> Value {
     let found = match colouring {
         Colouring::Grey => return json!({ "how": "none" }),
@@ -256,7 +254,7 @@ fn colouring(colouring: &Colouring, assumption: &str) -> Value {
             return json!({
                 "how": "median",
                 "rgb": chroma.rgb().to_array(),
-                "note": "the median colour of the photograph, of luminance one, light and reflectance together",
+                "note": "the median colour of the photograph, scaled to a luminance of one; it includes the colour of the light",
             });
         }
         Colouring::Estimate(found) => found,
@@ -275,13 +273,13 @@ fn colouring(colouring: &Colouring, assumption: &str) -> Value {
         "body": part(&found.body),
         "highlight": part(&found.highlight),
         "light": part(&found.light),
-        "note": "rgb: linear Rec. 709, of luminance one; log_chroma: ln R/G and ln B/G, with their 90 % intervals; strip: colours at 5, \
-                 25, 50, 75 and 95 % along the direction in which they are least certain; body: half angles of 30 to 70 degrees; highlight: \
-                 half angles below 2 degrees; both for difference angles below 60 degrees; light: a white matte ball in the object's place",
+        "note": "rgb: linear Rec. 709, scaled to a luminance of one; log_chroma: ln R/G and ln B/G, with their 90 % intervals; strip: colours at the \
+                 5, 25, 50, 75 and 95 % quantiles along the most uncertain direction; body: half angles of 30 to 70 degrees; highlight: half angles \
+                 below 2 degrees; both for difference angles below 60 degrees; light: colour of a white matte ball at the position of the object",
     })
 }
 
-/// The section `observations`: what was found of the shape, and what became of the pixels.
+/// Returns the section `observations`: the detected shape and the status of the pixels.
 pub fn sighting(sighting: &Sighting) -> Value {
     let mut notes = match &sighting.found {
         Found::Circle(circle) => json!({ "circle": circle }),
@@ -302,8 +300,8 @@ pub fn sighting(sighting: &Sighting) -> Value {
         notes["sureness"] = json!({
             "support": sureness.support,
             "rival": sureness.rival,
-            "note": "the ball was found by a vote of the edges; support: share of its outline on which there is an edge \
-                     along it; rival: weight of the next circle, without the edges of the ball, relative to its",
+            "note": "the ball was detected by its edges; support: share of the outline that coincides with an \
+                     edge; rival: weight of the next circle, without the edges of the ball, relative to that of the ball",
         });
     }
     if let Some((seen, inside)) = sighting.pixels {
@@ -311,9 +309,9 @@ pub fn sighting(sighting: &Sighting) -> Value {
     }
     notes["report"] = json!(sighting.observations.report);
     notes["note"] = json!(
-        "report: used_pixels of the observed_pixels of the photograph are used; points are the places on the object where the \
-         picture is sampled, between pixels if it is small, and used, clipped, outside, faulty, other_colour and in_shadow \
-         say what became of them"
+        "report: observed_pixels lie on the object, of which used_pixels are used; points is the number of points on the object at \
+         which the image is sampled, between pixels if it is small; used, clipped, outside, faulty, other_colour and in_shadow \
+         count these points by status"
     );
     notes
 }

@@ -1,4 +1,4 @@
-//! A photograph from files or memory: one picture, or the exposures of a bracket.
+//! Reads a photograph from files or memory: one image, or the exposures of a bracket.
 
 use std::path::{Path, PathBuf};
 
@@ -13,36 +13,36 @@ use serde_json::{Value, json};
 
 use crate::{Problem, Warning, spaces};
 
-/// How much brighter than its time says an exposure may be before the user is told.
+/// Relative error of an exposure time above which a warning reports it.
 const TIME_ERROR: f64 = 0.05;
-/// At least so many pixels share the largest value of a float picture that clips.
+/// Smallest number of pixels with the maximum value in a float image that is clipped.
 const CLIPPED_PIXELS: usize = 12;
 
-/// How the files of a photograph are read.
+/// Options for reading the files of a photograph.
 #[derive(Clone, Debug, Default)]
 pub struct Reading {
-    /// Values of integer pictures are linear radiance, not sRGB-coded.
+    /// Interpret the values of integer images as linear radiance, not as sRGB.
     pub linear: bool,
-    /// Exposure times of a bracket in seconds, in place of those of the EXIF data.
+    /// Exposure times of a bracket in seconds, which override the EXIF data.
     pub times: Option<Vec<f64>>,
-    /// The camera's curve; without one it is recovered from the bracket.
+    /// Response curve of the camera; recovered from the bracket if `None`.
     pub response: Option<Curve>,
-    /// Black level of linear integer files, in their codes.
+    /// Black level of linear integer images, as a code value.
     pub black_level: Option<f64>,
-    /// Picture of an evenly lit surface by the same lens, to divide by.
+    /// Flat field: image of an evenly lit surface, taken with the same lens.
     pub flat: Option<PathBuf>,
-    /// Layer of an OpenEXR file that holds several.
+    /// Layer to read from a multi-layer OpenEXR file.
     pub layer: Option<String>,
-    /// Colour space of pictures that state none: of files, and of pictures in memory.
+    /// Colour space of images that state none, in files or in memory.
     pub colour_space: Option<ColourSpace>,
 }
 
-/// A camera's curve from radiance to codes.
+/// Response curve of a camera, from radiance to codes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Curve {
     /// The curve of sRGB.
     Srgb,
-    /// Codes in proportion to radiance.
+    /// Codes proportional to radiance.
     Linear,
     /// A file as [`encode_response`](gonio_io::picture::encode_response) writes it.
     File(PathBuf),
@@ -53,11 +53,11 @@ pub enum Curve {
 pub enum Shots {
     /// A picture in memory.
     Here(Picture),
-    /// A photograph that was read before.
+    /// A photograph that is already read.
     Read(Photograph),
-    /// A picture as a file would hold it, and how messages call it.
+    /// Name in messages and contents of an image file.
     Bytes(String, Vec<u8>),
-    /// A picture, or the exposures of a bracket; at least one.
+    /// Files of an image or of the exposures of a bracket; at least one.
     Files(Vec<PathBuf>),
 }
 
@@ -66,7 +66,7 @@ pub enum Shots {
 pub struct Photograph {
     /// Linear radiance.
     pub picture: Picture,
-    /// Radiance at or above which nothing is known.
+    /// Radiance at which the camera clips.
     pub clip: Option<f32>,
     /// The section `bracket` of the result.
     pub notes: Option<Value>,
@@ -75,26 +75,26 @@ pub struct Photograph {
     pub space: Option<InputSpace>,
 }
 
-/// A merged bracket with what it was merged by.
+/// A merged bracket with the data of its merge.
 #[derive(Clone, Debug)]
 pub struct MergedBracket {
-    /// The picture in linear Rec. 709, and what was used where.
+    /// The merged image in linear Rec. 709, and the source of each pixel.
     pub merged: Merged,
     /// Colour space of the files.
     pub space: InputSpace,
-    /// The camera's curve.
+    /// Response curve of the camera.
     pub response: Response,
     /// True if the response was recovered from the bracket itself.
     pub recovered: bool,
-    /// Light of each exposure relative to the longest.
+    /// Relative exposures; the longest is 1.
     pub amounts: Vec<f64>,
 }
 
 impl Shots {
-    /// Reads the picture, or merges the exposures. `clip` is the level that the user gave.
+    /// Reads the image, or merges the exposures. `clip` is the clipping level from the user.
     ///
     /// # Errors
-    /// If a file cannot be read, or settings do not go with it.
+    /// If a file cannot be read, or settings do not apply to it.
     pub fn read(
         self,
         reading: &Reading,
@@ -102,7 +102,7 @@ impl Shots {
         warnings: &mut Vec<Warning>,
     ) -> Result<Photograph, Problem> {
         if let Some(clip) = clip.filter(|clip| clip.is_nan() || *clip <= 0.0) {
-            return Err(Problem::new(format!("clip {clip}: give a positive radiance")));
+            return Err(Problem::new(format!("clip {clip}: must be a positive radiance")));
         }
         let paths = match self {
             Self::Here(picture) => match reading.colour_space {
@@ -117,7 +117,7 @@ impl Shots {
             Self::Read(photograph) => return Ok(photograph),
             Self::Bytes(name, bytes) => {
                 if reading.response.is_some() {
-                    return Err(Problem::of(name, "a camera's curve is for exposures in files"));
+                    return Err(Problem::of(name, "a response curve applies only to exposures in files"));
                 }
                 return single(Path::new(&name), Some(&bytes), reading, clip, warnings);
             }
@@ -136,21 +136,20 @@ impl Shots {
     }
 }
 
-/// Reads a picture; adds what is odd about it to the warnings.
+/// Reads an image and adds its warnings.
 ///
 /// # Errors
-/// If it cannot be read.
+/// If the image cannot be read.
 pub fn read_picture(path: &Path, options: &ReadOptions, warnings: &mut Vec<Warning>) -> Result<Decoded, Problem> {
     let decoded = picture::read(path, options)?;
     warnings.extend(oddities(path, options, &decoded));
     Ok(decoded)
 }
 
-/// Decodes a picture in memory, whose name tells the format; adds what is odd about it to the
-/// warnings.
+/// Decodes an image in memory, whose name determines the format, and adds its warnings.
 ///
 /// # Errors
-/// If it cannot be decoded.
+/// If the image cannot be decoded.
 pub fn decode_picture(
     name: &Path,
     bytes: &[u8],
@@ -167,27 +166,27 @@ fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warnin
     let coded = match decoded.encoding {
         Encoding::Srgb { bits } => Some(Warning::new(
             format!(
-                "{name}: {bits}-bit sRGB-coded picture, decoded as such; its highlights are probably clipped and its \
-                 tone curve unknown: prefer an HDR picture"
+                "{name}: {bits}-bit image, decoded as sRGB; its highlights are probably clipped and its tone curve is \
+                 unknown; use an HDR image for reliable results"
             ),
             vec![Remedy::Linear],
         )),
         Encoding::Coded { bits } => Some(Warning::new(
             format!(
-                "{name}: {bits}-bit picture, decoded by the curve that it states ({}); its highlights are probably \
-                 clipped: prefer an HDR picture",
+                "{name}: {bits}-bit image, decoded by the curve in the file ({}); its highlights are probably clipped; \
+                 use an HDR image for reliable results",
                 decoded.input.source.words()
             ),
             vec![Remedy::Linear],
         )),
         Encoding::LinearFloat if options.linear => {
-            Some(Warning::from(format!("{name}: holds linear numbers as it is: to say so changes nothing")))
+            Some(Warning::from(format!("{name}: is already linear; the option for linear values has no effect")))
         }
         _ => None,
     };
     let layered = decoded.layer.as_ref().filter(|_| options.layer.is_none()).map(|layer| {
         let (taken, others) = (&layer.name, layer.others.join(", "));
-        let text = format!("{name}: holds several pictures, {taken} was taken; others are {others}");
+        let text = format!("{name}: has several layers; gonio uses {taken}, the others are {others}");
         Warning::new(text, vec![Remedy::Layer])
     });
     let pixels = decoded.picture.rgb.as_slice().len();
@@ -195,7 +194,7 @@ fn oddities(path: &Path, options: &ReadOptions, decoded: &Decoded) -> Vec<Warnin
     coded.into_iter().chain(layered).chain(space).collect()
 }
 
-/// A picture that is a photograph by itself; its bytes, if they are not in the file.
+/// Reads a photograph from one image, either from `bytes` or from the file.
 fn single(
     path: &Path,
     bytes: Option<&[u8]>,
@@ -206,7 +205,7 @@ fn single(
     if reading.times.is_some() {
         return Err(Problem::of(
             path.display(),
-            "times are for exposures of one scene: give several files, or no times",
+            "exposure times apply only to several exposures; specify more files, or no times",
         ));
     }
     let Reading { linear, colour_space, .. } = *reading;
@@ -218,7 +217,7 @@ fn single(
     };
     if let Some(code) = reading.black_level {
         let Encoding::Linear { bits } = decoded.encoding else {
-            let problem = "a black level is for linear integer pictures: say that it is linear, or give none";
+            let problem = "a black level applies only to linear integer images; set the option for linear values, or no black level";
             return Err(Problem::of(path.display(), problem));
         };
         let max = f64::from((1_u32 << bits) - 1);
@@ -228,8 +227,8 @@ fn single(
     decoded.full_scale = clip.or(decoded.full_scale);
     if let Some(flat) = &reading.flat {
         if decoded.needs_table() {
-            let problem = "a flat field needs linear values, which the table of the ICC profile does not give: \
-                           convert the picture to a linear space";
+            let problem = "a flat field requires linear values, but the ICC profile contains a lookup table; convert the \
+                           image to a linear colour space";
             return Err(Problem::of(path.display(), problem));
         }
         let level_found = decoded.full_scale.or_else(|| repeated_maximum(&decoded.picture));
@@ -241,8 +240,8 @@ fn single(
     Ok(Photograph { picture, clip: full_scale, notes: None, space: Some(input) })
 }
 
-/// The largest value where so many pixels share it that it is no coincidence. Division by a flat
-/// field would hide it.
+/// Returns the maximum value if at least [`CLIPPED_PIXELS`] pixels share it. Division by a flat
+/// field would hide this clipping level.
 fn repeated_maximum(picture: &Picture) -> Option<f32> {
     let values = || picture.rgb.as_slice().iter().filter(|v| v.is_finite()).map(|v| v.max_element());
     let largest = values().fold(0.0, f32::max);
@@ -251,7 +250,7 @@ fn repeated_maximum(picture: &Picture) -> Option<f32> {
 
 fn check_black(code: f64, max: f64) -> Result<(), Problem> {
     if !(0.0..max).contains(&code) {
-        return Err(Problem::new(format!("black level {code}: give a code from 0 to less than {max}")));
+        return Err(Problem::new(format!("black level {code}: must be at least 0 and less than {max}")));
     }
     Ok(())
 }
@@ -265,7 +264,7 @@ fn flatten(picture: &mut Picture, path: &Path, reading: &Reading, clip: Option<f
 /// Reads and merges the exposures of a bracket.
 ///
 /// # Errors
-/// If a file cannot be read, the exposures do not belong together, or settings do not go with them.
+/// If a file cannot be read, the exposures do not match, or settings do not apply to them.
 pub fn merge_files(
     paths: &[PathBuf],
     reading: &Reading,
@@ -277,7 +276,7 @@ pub fn merge_files(
         [] => String::new(),
     };
     if reading.layer.is_some() {
-        return Err(Problem::new("a layer is one of an OpenEXR file, not of exposures"));
+        return Err(Problem::new("a layer applies only to OpenEXR files, not to exposures"));
     }
     let curve = reading.response.clone().or(reading.linear.then_some(Curve::Linear));
     let from_file = match &curve {
@@ -293,7 +292,7 @@ pub fn merge_files(
     check_black(black, max.into())?;
     let linear = curve == Some(Curve::Linear) || (bracket.linear && curve.is_none());
     if reading.black_level.is_some() && !linear {
-        let problem = "it is for linear exposures: say that they are linear, or give none";
+        let problem = "applies only to linear exposures; set the option for linear values, or no black level";
         return Err(Problem::of(format!("black level {black}"), problem));
     }
     let recovered = !linear && curve.is_none();
@@ -318,14 +317,11 @@ pub fn merge_files(
     warnings.extend(spaces::warnings(&names(), &decoded.input, report.pixels));
     for (path, error) in paths.iter().zip(&report.time_errors).filter(|(_, e)| e.abs() > TIME_ERROR) {
         let (percent, side) = (100.0 * error.abs(), if *error > 0.0 { "brighter" } else { "darker" });
-        warnings.push(format!("{}: {percent:.0} % {side} than its exposure time says", path.display()).into());
+        warnings.push(format!("{}: {percent:.0} % {side} than its exposure time implies", path.display()).into());
     }
     for (count, what) in [
-        (
-            report.moved,
-            "are left out because the exposures contradict each other there: something moved, or JPEG smeared it",
-        ),
-        (report.dark, "are black even in the longest exposure and get half of the least that it shows"),
+        (report.moved, "are ignored because the exposures disagree; possible causes are motion and JPEG artefacts"),
+        (report.dark, "are black in all exposures; they are set to half of the smallest measurable radiance"),
     ] {
         if count > 0 {
             warnings.push(format!("{}: {count} of {} pixels {what}", names(), report.pixels).into());

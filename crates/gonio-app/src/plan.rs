@@ -1,4 +1,4 @@
-//! Plans: from the cache where they are there, otherwise built and put there.
+//! Loads light transport plans from the cache, or builds and caches them.
 
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;
@@ -20,9 +20,8 @@ pub enum PlanOrigin {
 /// Returns the plan from the cache, or else builds and stores it. The arguments are those of
 /// [`Plan::build`].
 ///
-/// The third value is the error of storing, if that failed: worth a warning, the plan itself is
-/// good. Several threads or processes may do this at once; at worst each builds the plan for
-/// itself.
+/// The third value is the error of storing, if that failed; the plan is valid. Several threads or
+/// processes can call this concurrently; at worst, each builds the plan.
 ///
 /// # Errors
 /// See [`Plan::build`].

@@ -1,4 +1,4 @@
-//! Light probes: from photographs of a mirror ball to the light around it.
+//! Estimates a light map from photographs of a mirror ball.
 
 use glam::Vec3;
 use gonio::picture::Plane;
@@ -18,45 +18,44 @@ use crate::{Journal, Problem, Scene, Warning};
 pub struct Mirror {
     /// The photograph; its shape is a sphere.
     pub first: Scene,
-    /// A second photograph, from a camera that went around the ball, and the angle by which it did,
-    /// in degrees counterclockwise as seen from above; it is found if not given.
+    /// Second photograph, and the angle from the first to the second camera around the ball, in
+    /// degrees counterclockwise as seen from above; estimated if `None`.
     pub second: Option<(Scene, Option<f64>)>,
-    /// Share of red, green and blue that the ball reflects at normal incidence, each above 0 and at
-    /// most 1.
+    /// Reflectance of the ball at normal incidence for red, green and blue, above 0 and at most 1.
     pub reflectance: [f64; 3],
-    /// Rows of the map, a power of two from 8 to 4096; by the radius of the ball if not given.
+    /// Rows of the map, a power of two from 8 to 4096; set by the radius of the ball if `None`.
     pub rows: Option<usize>,
 }
 
-/// A light that was found.
+/// An estimated light map.
 #[derive(Clone, Debug)]
 pub struct LightProbe {
     /// The light: a lat-long map of linear radiance in the space of the first camera.
     pub light: Plane<Vec3>,
-    /// Share of each of its texels that was seen, 0..=1; the rest is filled.
+    /// Observed share of each texel, 0..=1; the rest is filled.
     pub seen: Plane<f32>,
-    /// What was done, as linear display values: the photographs with what was used of them, and the
-    /// map with what was filled.
+    /// Diagnostic picture, as linear display values: the photographs with their ignored pixels, and
+    /// the map with its filled parts.
     pub picture: Plane<Vec3>,
-    /// Its numbers by name.
+    /// Numbers by name.
     pub notes: Value,
-    /// What is odd.
+    /// Warnings.
     pub warnings: Vec<Warning>,
 }
 
 impl LightProbe {
-    /// The map as OpenEXR in a colour space and the picture as PNG.
+    /// Encodes the map as OpenEXR in a colour space, and the picture as PNG.
     pub fn encode(&self, space: ColourSpace) -> (Vec<u8>, Vec<u8>) {
         (encode_exr_in(&self.light, None, space), encode_png(&self.picture))
     }
 }
 
-/// Reads the photographs, finds the ball in each and unwraps it. Tells of the stages `reading` and
+/// Reads the photographs, detects the ball in each and unwraps it. Reports the stages `reading` and
 /// `unwrapping`.
 ///
 /// # Errors
-/// If a file cannot be read, there is no ball, it shows too little, or settings cannot be used; the
-/// input at fault is named.
+/// If a file cannot be read, no ball is detected, it has too few usable pixels, or settings are
+/// invalid. The error names the faulty input.
 pub fn light_probe(mirror: Mirror, journal: &Journal<'_>) -> Result<LightProbe, Problem> {
     let mut warnings = Vec::new();
     let reflectance = Reflectance::new(mirror.reflectance).map_err(|error| Problem::new(error.to_string()))?;
@@ -99,7 +98,7 @@ fn warning(name: &str, odd: &ProbeOddity) -> Warning {
     Warning::from(format!("{name}: {odd}"))
 }
 
-/// What helps the second photograph in place of what helps the first.
+/// Returns the suggestion for the second photograph that corresponds to one for the first.
 fn of_second(remedy: Remedy) -> Remedy {
     match remedy {
         Remedy::Outline | Remedy::OneOf(_) => Remedy::SecondOutline,
@@ -108,7 +107,7 @@ fn of_second(remedy: Remedy) -> Remedy {
     }
 }
 
-/// A photograph in which the ball was found.
+/// A photograph with its detected ball.
 struct Seen {
     name: String,
     view: View,
@@ -117,7 +116,7 @@ struct Seen {
 }
 
 impl Seen {
-    /// `remedy` says what helps this photograph in place of what helps the first.
+    /// `remedy` maps suggestions for the first photograph to those for this one.
     fn of(
         scene: Scene,
         remedy: &dyn Fn(Remedy) -> Remedy,
@@ -136,7 +135,7 @@ impl Seen {
         Ok(Self { name, view, bracket, space })
     }
 
-    /// What was found of the ball, and what became of the pixels on it.
+    /// Returns the detected ball and the status of its pixels.
     fn notes(&self) -> Value {
         let ball = self.view.ball();
         let mut notes = json!({

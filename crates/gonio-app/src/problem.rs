@@ -1,4 +1,4 @@
-//! Errors and warnings in words, with remedies that each front end words itself.
+//! Errors and warnings, with suggestions that each front end words.
 
 use std::fmt::{self, Display};
 use std::io::ErrorKind;
@@ -6,11 +6,11 @@ use std::io::ErrorKind;
 use gonio::remedy::Remedy;
 use gonio::scene::{Circle, SceneError};
 
-/// How a front end words a remedy: a phrase that completes "give ... " or "or ..."; `None` for what
-/// it does not offer.
+/// Function that words a suggestion as an imperative clause; `None` if the front end does not
+/// support it.
 pub type Words<'a> = &'a dyn Fn(&Remedy) -> Option<String>;
 
-/// Why something was not done: which input, and what is wrong with it.
+/// An error: the faulty input and the reason.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
     text: String,
@@ -19,36 +19,36 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// A problem in these words.
+    /// Creates an error with a text.
     pub fn new(text: impl Into<String>) -> Self {
         Self { text: text.into(), remedies: Vec::new(), io: None }
     }
 
-    /// A fault in something that has a name.
+    /// Creates an error about a named input.
     pub fn of(name: impl Display, error: impl Display) -> Self {
         Self::new(format!("{name}: {error}"))
     }
 
-    /// A photograph, shape or mask that gives no observations, with its remedies.
+    /// Creates an error about a photograph, shape or mask, with its suggestions.
     pub fn of_scene(name: impl Display, error: &SceneError) -> Self {
         Self { remedies: error.remedies(), ..Self::of(name, error) }
     }
 
-    /// The problem of a part of the input, which is named first.
+    /// Prefixes the error with a part of the input.
     #[must_use]
     pub fn within(mut self, part: &str) -> Self {
         self.text = format!("{part}: {}", self.text);
         self
     }
 
-    /// Adds a remedy.
+    /// Adds a suggestion.
     #[must_use]
     pub fn with(mut self, remedy: Remedy) -> Self {
         self.remedies.push(remedy);
         self
     }
 
-    /// Circles of which one may be the outline of the ball, the most probable first.
+    /// Returns candidates for the outline of the ball, the most probable first.
     pub fn candidates(&self) -> &[Circle] {
         let circles = self.remedies.iter().find_map(|remedy| match remedy {
             Remedy::OneOf(circles) => Some(circles.as_slice()),
@@ -57,18 +57,18 @@ impl Problem {
         circles.unwrap_or_default()
     }
 
-    /// Error kind of the operating system, for problems of files.
+    /// Returns the error kind of the operating system, for errors of files.
     pub fn io_kind(&self) -> Option<ErrorKind> {
         self.io
     }
 
-    /// The problem in one line, with its remedies in the words of a front end.
+    /// Returns the error in one line, with the suggestions of a front end.
     pub fn worded(&self, words: Words<'_>) -> String {
         worded(&self.text, &self.remedies, words)
     }
 }
 
-/// Writes the problem without its remedies.
+/// Writes the error without its suggestions.
 impl Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.text)
@@ -83,7 +83,7 @@ impl From<gonio_io::Error> for Problem {
     }
 }
 
-/// Something odd that did not stop the inference.
+/// A problem that did not stop the inference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Warning {
     text: String,
@@ -91,12 +91,12 @@ pub struct Warning {
 }
 
 impl Warning {
-    /// A warning with what may be done about it.
+    /// Creates a warning with suggestions.
     pub fn new(text: impl Into<String>, remedies: Vec<Remedy>) -> Self {
         Self { text: text.into(), remedies }
     }
 
-    /// The warning in one line, with its remedies in the words of a front end.
+    /// Returns the warning in one line, with the suggestions of a front end.
     pub fn worded(&self, words: Words<'_>) -> String {
         worded(&self.text, &self.remedies, words)
     }
@@ -120,7 +120,7 @@ mod tests {
     #[test]
     fn remedies_are_worded_by_the_front_end() {
         let problem = Problem::of_scene("ball.exr", &SceneError::NoOutline);
-        assert!(problem.to_string().starts_with("ball.exr: no alpha channel"));
+        assert!(problem.to_string().starts_with("ball.exr: no object found"));
         assert_eq!(problem.worded(&|_| None), problem.to_string());
         let words = |remedy: &Remedy| (*remedy != Remedy::Camera).then(|| format!("give {remedy:?}"));
         assert!(problem.worded(&words).ends_with("; give Mask, or give Outline"), "{}", problem.worded(&words));

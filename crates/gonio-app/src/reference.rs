@@ -1,4 +1,5 @@
-//! Neutral references in a photograph: the colour of the light and the scale of reflectance.
+//! Measures neutral references, which determine the colour of the light and the scale of
+//! reflectance.
 
 use gonio::estimate::{ALBEDO, ColouringRule};
 use gonio::lighting::LightGrid;
@@ -13,35 +14,35 @@ use serde_json::{Value, json};
 use crate::scene::read_mask;
 use crate::{Colours, Problem, Source, Warning};
 
-/// Reflectance of a white patch, if the user gives none: white patches of charts and white cards
-/// reflect 0.88 to 0.92.
+/// Default reflectance of a white patch; white patches of charts and white cards have 0.88 to 0.92.
 pub const WHITE_REFLECTANCE: f64 = 0.9;
-/// Reflectance of a grey card, if the user gives none.
+/// Default reflectance of a grey card.
 pub const GREY_REFLECTANCE: f64 = 0.18;
 
-/// Tilt in radians above which a chart does not give the scale: foreshortening of 18 %.
+/// Tilt in radians above which a chart does not determine the scale: foreshortening of 18 %.
 const MAX_TILT: f64 = 35.0 / 180.0 * std::f64::consts::PI;
-/// Chroma residual of a chart above which the picture has other primaries than Rec. 709.
+/// Chroma residual of a chart above which the primaries of the image are not those of Rec. 709.
 const OTHER_PRIMARIES: f64 = 0.5;
-/// Normal albedo above which a scale cannot be right, but for the error of the estimate.
+/// Largest plausible albedo at normal incidence: 1 plus a margin for the error of the estimate.
 const MAX_ALBEDO: f64 = 1.1;
 
 /// Assumption on the colour of the light, in words.
-const ASSUMPTION: &str = "the light has the colour of the reference in the picture";
+const ASSUMPTION: &str = "the light has the colour of the reference in the image";
 
 /// A neutral reference in a photograph.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// Kind and place.
+    /// Kind and position.
     pub target: ReferenceTarget,
-    /// Diffuse reflectance of a patch, in 0..=1; `None` for the usual one. A chart has its own.
+    /// Diffuse reflectance of a patch, in 0..=1; `None` for the default. Charts have published
+    /// values.
     pub reflectance: Option<f64>,
-    /// Use the colour of the light and not the scale: the reference does not face the camera, or
-    /// gets other light than the object.
+    /// Use only the colour, because the reference does not face the camera or is not under the
+    /// light of the object.
     pub colour_only: bool,
 }
 
-/// Kinds of references and their places.
+/// Kinds of references and their positions.
 #[derive(Clone, Debug)]
 pub enum ReferenceTarget {
     /// A white patch: the pixels of a disk.
@@ -53,24 +54,24 @@ pub enum ReferenceTarget {
     Chart(Option<Corners>),
 }
 
-/// A reference that was measured.
+/// A measured reference.
 #[derive(Clone, Debug)]
 pub struct MeasuredReference {
-    /// Light on it.
+    /// Light on the reference.
     pub light: ReferenceLight,
-    /// Whether it gives the scale of reflectance.
+    /// Whether it determines the scale of reflectance.
     pub gives_scale: bool,
     /// Measurements by name.
     notes: Value,
 }
 
 impl Reference {
-    /// Measures the reference in a picture. `name` is how messages call the photograph, `clip` the
-    /// radiance at which its channels are clipped, if that is known.
+    /// Measures the reference in an image. `name` is the name of the photograph in messages, `clip`
+    /// the radiance at which its channels clip, if known.
     ///
     /// # Errors
-    /// If the mask of a grey card cannot be read, or the reference cannot be used; the message
-    /// names the input at fault.
+    /// If the mask of a grey card cannot be read, or the reference is unusable. The error names the
+    /// faulty input.
     pub(crate) fn measure(
         self,
         (name, picture, clip): (&str, &Picture, Option<f32>),
@@ -124,8 +125,8 @@ impl Reference {
         if tilted && !self.colour_only {
             warnings.push(
                 format!(
-                    "{name}: the colour chart is tilted by about {tilt:.0} degrees from the camera: it gives the colour \
-                     of the light and not the scale of reflectance"
+                    "{name}: the colour chart is tilted by about {tilt:.0} degrees from the camera; gonio uses its colour, \
+                     but not its brightness, so the BRDF is not absolute"
                 )
                 .into(),
             );
@@ -133,8 +134,8 @@ impl Reference {
         if read.chroma_residual > OTHER_PRIMARIES {
             warnings.push(
                 format!(
-                    "{name}: the colours of the chart differ from the published ones by {:.2} in log-chroma: the \
-                     picture has other primaries than Rec. 709, and so have the colours of the BRDF",
+                    "{name}: the colours of the chart differ from the published ones by {:.2} in log chroma; the \
+                     primaries of the image are probably not those of Rec. 709, and the colours of the BRDF are distorted",
                     read.chroma_residual
                 )
                 .into(),
@@ -155,18 +156,18 @@ impl Reference {
     }
 }
 
-/// Checks that a reference goes with the colours that are asked for, and with the light.
+/// Checks that a reference does not conflict with the requested colours or the known light.
 ///
 /// # Errors
-/// If something else fixes the colour of the light.
+/// If another option determines the colour of the light.
 pub(crate) fn check(name: &str, colours: Colours, light_is_known: bool) -> Result<(), Problem> {
     let problem = match (light_is_known, colours) {
-        (true, _) => "the light map fixes the colour of the light: give it, or a reference in the picture, not both",
+        (true, _) => "the light map and the reference both determine the colour of the light; specify only one of them",
         (false, Colours::Under(_)) => {
-            "the colour of the light is given: give it, or a reference in the picture, not both"
+            "the colour of the light and a reference are both specified; specify only one of them"
         }
         (false, Colours::Median | Colours::Grey) => {
-            "a reference in the picture serves estimated colours: leave out the reference, or the other rule for colours"
+            "a reference requires estimated colours; remove the reference or the other colour option"
         }
         (false, Colours::Estimate) => return Ok(()),
     };
@@ -174,18 +175,18 @@ pub(crate) fn check(name: &str, colours: Colours, light_is_known: bool) -> Resul
 }
 
 impl MeasuredReference {
-    /// Rule for the colours, and in words what is assumed of the light's.
+    /// Returns the rule for the colours, and the assumption on the colour of the light in words.
     pub(crate) fn rule(&self) -> (ColouringRule, &'static str) {
         (ColouringRule::Estimate { light: Some(self.light.chroma()) }, ASSUMPTION)
     }
 
-    /// Absolute scale of the reflectance that goes with an estimated light; `None` if the reference
-    /// does not give it.
+    /// Returns the absolute scale of the reflectance for an estimated light; `None` if the
+    /// reference does not determine it.
     pub(crate) fn scale(&self, light: &LightGrid) -> Option<AbsoluteScale> {
         self.light.scale(light).filter(|_| self.gives_scale)
     }
 
-    /// The section `reference` of the result.
+    /// Returns the section `reference` of the result.
     pub fn notes(&self, scale: Option<AbsoluteScale>) -> Value {
         let mut notes = self.notes.clone();
         notes["light"] = json!({ "white": self.light.white.to_array(), "log_chroma": self.light.chroma().0 });
@@ -198,24 +199,24 @@ impl MeasuredReference {
             })
         });
         notes["note"] = json!(
-            "light: radiance of a matte surface of reflectance one in the place of the reference, on the scale of the \
-             photograph, and ln R/G and ln B/G of it, which the colours of the BRDF take for those of the light; scale: \
-             factor from a BRDF of normal albedo 0.5 to brdf.binary, if the reference faces the camera and gets the \
-             light of the object, with the albedo along the normal, its 90 % interval, and the standard deviation of the \
-             factor's logarithm; the quantiles of the BRDF do not include this uncertainty; null: the scale is not \
-             determined"
+            "light: radiance of a matte surface with a reflectance of one at the position of the reference, on the scale of \
+             the photograph; log_chroma: its ln R/G and ln B/G, which gonio uses as the colour of the light; scale: factor \
+             from a BRDF with an albedo of 0.5 at normal incidence to brdf.binary, which assumes that the reference faces \
+             the camera under the light of the object, with the albedo at normal incidence, its 90 % interval, and the \
+             standard deviation of the factor's logarithm; the quantiles of the BRDF do not include this uncertainty; \
+             null: the scale is not determined"
         );
         notes
     }
 }
 
-/// Warning for a scale that no surface has.
+/// Warns about a physically impossible scale.
 pub(crate) fn too_bright(scale: AbsoluteScale) -> Option<Warning> {
     let albedo = ALBEDO * scale.factor;
     (albedo > MAX_ALBEDO).then(|| {
         let text = format!(
-            "the reference gives an albedo of {albedo:.2} along the normal: it gets less light than the object, does \
-             not face the camera, or its reflectance is wrong"
+            "the reference implies an albedo of {albedo:.2} at normal incidence, above the physical limit of 1; the \
+             reference receives less light than the object, does not face the camera, or has another reflectance"
         );
         Warning::new(text, vec![Remedy::ReferenceColourOnly])
     })

@@ -1,4 +1,4 @@
-//! Several materials in one photograph: regions by a picture of labels, or several balls.
+//! Estimates several materials in one photograph: labelled regions or several balls.
 
 use std::collections::BTreeMap;
 
@@ -17,31 +17,31 @@ use crate::results::{MATERIALS, REPORT, RESULT};
 use crate::scene::read_mask;
 use crate::{Form, Journal, Method, Photograph, Problem, Scene, Settings, Shots, Source, Warning, notes};
 
-/// Regions of a photograph, at most.
+/// Largest number of regions in a photograph.
 pub(crate) const MOST: usize = 16;
 
-/// Share of the labelled pixels below which a colour is no label but the blend of two.
+/// Share of the labelled pixels below which a colour is not a label but a blend of two.
 const LEAST: f64 = 0.005;
 
-/// Where the regions of a photograph are.
+/// Positions of the regions of a photograph.
 #[derive(Clone, Debug)]
 pub enum Regions {
-    /// A picture with one index or colour for each region, black where there is none.
+    /// Image with one index or colour per region, and black elsewhere.
     Labels(Source<Plane<Vec3>>),
     /// The outlines of balls.
     Circles(Vec<Circle>),
-    /// Balls that do not touch, which are to be found.
+    /// Separate balls, to be detected.
     Balls,
 }
 
-/// A region and what it is made of.
+/// A region and its result.
 pub struct Region {
     /// Its name: the index or colour of its label, or the number of the ball.
     pub name: String,
-    /// Everything that was found.
+    /// Result of the inference.
     pub answer: Answer,
-    /// Its albedo relative to that of the brightest region, in 0..=1; `None` under a known light,
-    /// where `exposure.albedo` in its result tells.
+    /// Albedo relative to that of the brightest region, in 0..=1; `None` under a known light, where
+    /// the result has `exposure.albedo`.
     pub relative_albedo: Option<f64>,
 }
 
@@ -49,22 +49,22 @@ pub struct Region {
 pub struct Several {
     /// The regions.
     pub regions: Vec<Region>,
-    /// All numbers by name: `result.json`.
+    /// Contents of `result.json`.
     pub notes: Value,
-    /// Where the regions are, and a sphere of each material, as linear display values.
+    /// Picture of the regions and a sphere of each material, as linear display values.
     pub overview: Option<Plane<Vec3>>,
-    /// The page `report.html`, if it was asked for.
+    /// The page `report.html`, if requested.
     pub page: Option<String>,
 }
 
-/// A region before it is looked at.
+/// A region before inference.
 pub(crate) struct Part {
     pub(crate) name: String,
     pub(crate) mask: Plane<f32>,
     form: Form,
 }
 
-/// Answer to a photograph of one material, or of several.
+/// Result for a photograph of one material or of several.
 pub enum Inferred {
     /// One material.
     One(Box<Answer>),
@@ -72,8 +72,7 @@ pub enum Inferred {
     Several(Several),
 }
 
-/// Infers what a photograph shows: the regions given, or several balls where there are several, or
-/// one object.
+/// Infers the materials in a photograph: of the given regions, of several balls, or of one object.
 ///
 /// # Errors
 /// As [`infer`](crate::infer) and [`infer_regions`].
@@ -91,7 +90,7 @@ pub fn infer_all(
     if may_be_several(&scene) && settings.method.search().is_none() {
         journal.at("reading", 0.0);
         let photograph = scene.shots.read(&scene.reading, scene.clip, &mut warnings)?;
-        // What is odd about the mask is told when it is used.
+        // The mask is read again, with its warnings, when it is used.
         let mask = read_mask(scene.mask.clone(), photograph.picture.rgb.size(), &mut Vec::new())?;
         let several = separate_balls(&photograph.picture, mask.as_ref()).len() > 1;
         scene.shots = Shots::Read(photograph);
@@ -102,18 +101,18 @@ pub fn infer_all(
     Ok(Inferred::One(Box::new(of_one(&asked, scene, settings, warnings, journal)?)))
 }
 
-/// Whether balls that do not touch are looked for in a scene.
+/// Whether a scene can contain several separate balls.
 pub(crate) fn may_be_several(scene: &Scene) -> bool {
     matches!((&scene.shape.form, &scene.shape.camera), (Form::Sphere(None), None))
 }
 
 impl Part {
-    /// The scene of this part alone.
+    /// Returns the scene of this region only.
     pub(crate) fn scene(&self, whole: &Scene, photograph: &Photograph) -> Scene {
         Scene {
             shots: Shots::Read(photograph.clone()),
             mask: Some(Source::Here(self.mask.clone())),
-            // Labels tell what is of another material.
+            // Labels separate the materials.
             keep_colours: true,
             shape: crate::Shape { form: self.form.clone(), ..whole.shape.clone() },
             ..whole.clone()
@@ -121,10 +120,10 @@ impl Part {
     }
 }
 
-/// Infers what each region of a photograph is made of, under one light.
+/// Infers the material of each region of a photograph, under one light.
 ///
 /// # Errors
-/// As [`infer`](crate::infer), with the region at fault; if labels are no labels, or the method is
+/// As [`infer`](crate::infer), with the faulty region; also if labels are invalid or the method is
 /// one of the paper's.
 pub fn infer_regions(
     model: (&Model, &str),
@@ -134,7 +133,7 @@ pub fn infer_regions(
     journal: &Journal<'_>,
 ) -> Result<Several, Problem> {
     if settings.method.search().is_some() {
-        return Err(Problem::new("several materials are found by the default method or with a known light alone"));
+        return Err(Problem::new("several materials require the method learnt or known-light"));
     }
     of_regions(&Asked::of(model, settings)?, scene, regions, settings, Vec::new(), journal)
 }
@@ -193,7 +192,7 @@ fn of_regions(
     Ok(Several::of(&scene.name, &photograph.picture, &parts, done, &warnings, settings))
 }
 
-/// The regions with their masks.
+/// Returns the regions with their masks.
 pub(crate) fn parts(
     picture: &Picture,
     mask: Option<&Plane<f32>>,
@@ -236,7 +235,10 @@ pub(crate) fn parts(
         Regions::Balls => {
             let found = separate_balls(picture, mask);
             if found.len() > MOST {
-                let problem = format!("{} balls are there, of which at most {MOST} can be told apart", found.len());
+                let problem = format!(
+                    "{} balls detected, at most {MOST} are supported; select balls by a mask or circles",
+                    found.len()
+                );
                 return Err(Problem::of(&scene.name, problem));
             }
             Ok(found.into_iter().enumerate().map(|(at, mask)| ball(at, mask, None)).collect())
@@ -244,8 +246,8 @@ pub(crate) fn parts(
     }
 }
 
-/// Reads a picture of labels: for each label its name, and the pixels all of whose neighbours have
-/// it too.
+/// Reads an image of labels. Returns the name of each label, and the pixels whose neighbours all
+/// have the same label.
 fn read_labels(
     source: &Source<Plane<Vec3>>,
     size: (usize, usize),
@@ -261,7 +263,10 @@ fn read_labels(
     };
     if labels.size() != size {
         let ((w, h), (pw, ph)) = (labels.size(), size);
-        return Err(Problem::of(name, format!("the labels are {w}x{h}, {image} is {pw}x{ph}: make both of one size")));
+        return Err(Problem::of(
+            name,
+            format!("the labels are {w}x{h}, but {image} is {pw}x{ph}; use labels of the same size"),
+        ));
     }
     let code = |v: Vec3| v.to_array().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
     let codes = labels.map(|v| code(*v));
@@ -271,10 +276,11 @@ fn read_labels(
     let kept: Vec<[u8; 3]> =
         counts.into_iter().filter(|(_, count)| *count as f64 >= LEAST * total as f64).map(|(code, _)| code).collect();
     match kept.len() {
-        0 => return Err(Problem::of(name, "is black: give each region an index or colour of its own")),
+        0 => return Err(Problem::of(name, "is black; assign an index or colour to each region")),
         n if n > MOST => {
-            let problem =
-                format!("holds {n} colours: give each of at most {MOST} regions one index or colour, without blending");
+            let problem = format!(
+                "contains {n} colours; use one colour for each of at most {MOST} regions, without antialiasing"
+            );
             return Err(Problem::of(name, problem));
         }
         _ => (),
@@ -320,8 +326,8 @@ impl Several {
                 "warnings": region.answer.warnings,
             })).collect::<Vec<_>>(),
             "warnings": warnings,
-            "note": "each region has a folder of results of its own; relative_albedo: its albedo along the normal over that of \
-                     the brightest region, since all are under one light",
+            "note": "each region has its own folder of results; relative_albedo: albedo at normal incidence, relative to that of \
+                     the brightest region, since all regions are under one light",
         });
         let overview = settings.pictures.then(|| {
             let masks: Vec<&Plane<f32>> = parts.iter().map(|part| &part.mask).collect();
@@ -352,14 +358,13 @@ impl Several {
         Self { regions, notes, overview, page }
     }
 
-    /// Names and contents of the files: those of all, and those of each region in a folder of its
-    /// name.
+    /// Returns names and contents of all files; those of a region are in a folder with its name.
     ///
     /// # Errors
     /// If the numbers cannot be written as JSON.
     pub fn files(&self) -> Result<Vec<(String, Vec<u8>)>, Problem> {
         let notes = serde_json::to_string_pretty(&self.notes)
-            .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
+            .map_err(|error| Problem::of("cannot encode the result as JSON", error))?;
         let mut files = vec![(RESULT.to_owned(), notes.into_bytes())];
         files.extend(self.overview.as_ref().map(|overview| (MATERIALS.to_owned(), encode_png(overview))));
         files.extend(self.page.as_ref().map(|page| (REPORT.to_owned(), page.clone().into_bytes())));

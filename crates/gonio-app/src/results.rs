@@ -1,4 +1,4 @@
-//! The folder of results.
+//! Contents of the folder of results.
 
 use glam::Vec3;
 use gonio::lighting::LightGrid;
@@ -17,39 +17,38 @@ use crate::{Answer, Problem};
 
 /// The BRDF, in the format of the MERL database.
 pub const BRDF: &str = "brdf.binary";
-/// Quantiles of its luminance, `[quantile][theta_h][theta_d]`.
+/// Quantiles of the BRDF's luminance, `[quantile][theta_h][theta_d]`.
 pub const QUANTILES: &str = "brdf_quantiles.npy";
-/// Quantiles of its channels, `[channel][quantile][theta_h][theta_d]`.
+/// Quantiles of the BRDF's channels, `[channel][quantile][theta_h][theta_d]`.
 pub const CHANNEL_QUANTILES: &str = "brdf_rgb_quantiles.npy";
 /// The light, as a lat-long map.
 pub const LIGHT: &str = "light.exr";
-/// All numbers by name.
+/// JSON file of all numbers.
 pub const RESULT: &str = "result.json";
-/// The page.
+/// HTML report.
 pub const REPORT: &str = "report.html";
-/// Pictures that a folder holds as `NAME.png`.
+/// Names of the pictures, `NAME.png`.
 pub const PICTURES: [&str; 5] = ["relit", "used", "summary", "uncertainty", "combined"];
-/// Where the regions are, and a sphere of each material, beside the folders of several regions.
+/// Picture of the regions and a sphere of each material, beside the folders of the regions.
 pub const MATERIALS: &str = "materials.png";
 /// Rows of [`LIGHT`].
 pub const LIGHT_ROWS: usize = 128;
 
-/// Names of all files that a folder of results may hold, those in folders of regions and of exports
-/// apart.
+/// Lists the names of all files in a folder of results, without the folders of regions and exports.
 pub(crate) fn names() -> impl Iterator<Item = String> {
     let plain = [BRDF, QUANTILES, CHANNEL_QUANTILES, LIGHT, RESULT, REPORT, MATERIALS, gonio_io::posterior::FILE];
     plain.into_iter().map(str::to_owned).chain(PICTURES.iter().map(|name| format!("{name}.png")))
 }
 
-/// Contents of a folder of results. Parts that a method does not tell are missing.
+/// Contents of a folder of results. Parts that a method does not estimate are `None`.
 pub struct Files {
     /// The BRDF in colour, 1/sr, in linear Rec. 709.
     pub tables: [BivariateTable; 3],
-    /// Quantiles of its luminance, and how many there are.
+    /// Number of quantiles, and quantiles of the luminance.
     pub quantiles: Option<(usize, Vec<f32>)>,
-    /// Quantiles of red, green and blue (linear Rec. 709), and how many there are of each.
+    /// Number of quantiles, and quantiles of red, green and blue (linear Rec. 709).
     pub channel_quantiles: Option<(usize, Vec<f32>)>,
-    /// `posterior.json`, what can be combined with other photographs.
+    /// `posterior.json`, to combine with other photographs.
     pub posterior: Option<Vec<u8>>,
     /// The light, lat-long, in linear Rec. 709.
     pub light: Option<Plane<Vec3>>,
@@ -59,12 +58,12 @@ pub struct Files {
     pub notes: String,
     /// `report.html`.
     pub page: Option<String>,
-    /// Space of the BRDF and the light in the folder.
+    /// Colour space of the BRDF and the light in the folder.
     pub space: ColourSpace,
 }
 
 impl Files {
-    /// Their names and contents.
+    /// Returns names and contents of the files.
     pub fn encode(self) -> Vec<(String, Vec<u8>)> {
         let Self { tables, quantiles, channel_quantiles, posterior, light, pictures, notes, page, space } = self;
         let (tables, _) = from_rec709(&tables, space);
@@ -87,7 +86,7 @@ impl Files {
 }
 
 impl Answer {
-    /// The pictures of [`PICTURES`] that there are, as linear display values.
+    /// Returns the available pictures of [`PICTURES`], as linear display values.
     pub fn pictures(&self) -> Vec<(&'static str, Plane<Vec3>)> {
         let subject = self.subject();
         let mut pictures = Vec::new();
@@ -102,7 +101,7 @@ impl Answer {
         pictures
     }
 
-    /// An estimated light as a lat-long map, on the scale that goes with the BRDF that is written.
+    /// Converts an estimated light to a lat-long map, on the scale of the BRDF in the files.
     pub fn lat_long(&self, light: &LightGrid) -> Plane<Vec3> {
         let factor = self.scale.recip() as f32;
         light.to_lat_long(LIGHT_ROWS).map(|radiance| factor * *radiance)
@@ -114,7 +113,7 @@ impl Answer {
     /// If the numbers cannot be written as JSON.
     pub fn files(&self) -> Result<Files, Problem> {
         let notes = serde_json::to_string_pretty(&self.notes)
-            .map_err(|error| Problem::of("the result cannot be written as JSON", error))?;
+            .map_err(|error| Problem::of("cannot encode the result as JSON", error))?;
         let scaled = |values: Vec<f32>| values.into_iter().map(|v| v * self.scale as f32).collect::<Vec<f32>>();
         let coloured = self.material.as_ref().filter(|_| !self.colouring.field().is_grey());
         let channels = coloured.map(|m| (m.quantiles.len(), scaled(self.colouring.quantiles(m).concat().concat())));

@@ -1,4 +1,4 @@
-//! A photograph of an object: read, the object found, the picture sampled on it.
+//! Reads a photograph, detects its object and samples the image on it.
 
 use gonio::picture::{Picture, Plane};
 use gonio::scene::{Object, ObservationSettings, Oddity, SceneError, Sighting};
@@ -12,28 +12,28 @@ use crate::{
     Journal, MeasuredReference, Photograph, Problem, Reading, Reference, Shape, Shots, Source, Warning, notes,
 };
 
-/// A photograph and what is known of its object.
+/// A photograph and the known properties of its object.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// How messages call the photograph.
+    /// Name of the photograph in messages.
     pub name: String,
     /// Source of the photograph.
     pub shots: Shots,
-    /// How its files are read.
+    /// Options for reading its files.
     pub reading: Reading,
-    /// Radiance at which the camera clips, if it is not to be found.
+    /// Radiance at which the camera clips; detected if `None`.
     pub clip: Option<f32>,
-    /// Mask of the object, if the picture itself does not tell.
+    /// Mask of the object; detected if `None`.
     pub mask: Option<Source<Plane<f32>>>,
-    /// Observe regions of another colour, too.
+    /// Use regions of another colour as well.
     pub keep_colours: bool,
     /// The shape.
     pub shape: Shape,
-    /// Neutral reference in the photograph, which fixes colour and scale of the light.
+    /// Neutral reference in the photograph, for colour and scale of the light.
     pub reference: Option<Reference>,
 }
 
-/// A scene that was looked at.
+/// A scene with its detected object.
 pub struct Seen {
     /// The photograph.
     pub picture: Picture,
@@ -49,7 +49,7 @@ pub struct Seen {
     pub reference: Option<MeasuredReference>,
 }
 
-/// What the files of a scene hold.
+/// Contents of the files of a scene.
 pub(crate) struct Opened {
     pub(crate) picture: Picture,
     pub(crate) clip: Option<f32>,
@@ -65,10 +65,10 @@ pub(crate) struct Opened {
 }
 
 impl Scene {
-    /// Reads what is in files. Tells of the stage `reading`.
+    /// Reads the files. Reports the stage `reading`.
     ///
     /// # Errors
-    /// If a file cannot be read, or mask and photograph do not go together.
+    /// If a file cannot be read, or mask and photograph do not match.
     pub(crate) fn open(self, warnings: &mut Vec<Warning>, journal: &Journal<'_>) -> Result<Opened, Problem> {
         journal.at("reading", 0.0);
         let Photograph { picture, clip, notes: bracket, space } =
@@ -81,13 +81,13 @@ impl Scene {
         Ok(Opened { picture, clip, bracket, space, mask, object, own_notes, names })
     }
 
-    /// Reads what is in files, finds the object and samples the picture on it. With a map and a
-    /// number of texels a side, self-shadowing is found on that grid. Tells of the stages `reading`
-    /// and `shadows`.
+    /// Reads the files, detects the object and samples the image on it. `shadows` is the map and
+    /// the side of the grid on which self-shadowing is computed; `None` ignores it. Reports the
+    /// stages `reading` and `shadows`.
     ///
     /// # Errors
-    /// If a file cannot be read, the object cannot be found, or there is too little to observe;
-    /// the input at fault is named.
+    /// If a file cannot be read, the object is not detected, or it has too few usable pixels. The
+    /// error names the faulty input.
     pub fn look(
         self,
         known: &ObservationSettings,
@@ -118,8 +118,8 @@ impl Scene {
     }
 }
 
-/// Reads a mask for a photograph of `size`. One that is smaller or larger, but of the same ratio of
-/// width to height, is scaled, with a warning.
+/// Reads a mask for a photograph of `size`. A mask of another size but the same aspect ratio is
+/// scaled, with a warning.
 ///
 /// # Errors
 /// If the file cannot be read, or the mask cannot be scaled.
@@ -143,23 +143,23 @@ pub(crate) fn read_mask(
         if name == UNNAMED_MASK { text } else { format!("{name}: {text}") }
     };
     if !alike(mask.size(), size) {
-        return Err(Problem::new(said("give one of the same size, or one that scales to it by at most eight times")));
+        return Err(Problem::new(said("use a mask of the same aspect ratio, at most eight times smaller or larger")));
     }
-    warnings.push(said("it was scaled").into());
+    warnings.push(said("gonio scales the mask").into());
     Ok(Some(resampled(&mask, size)))
 }
 
-/// How messages call a mask without a file.
+/// Name of a mask without a file in messages.
 const UNNAMED_MASK: &str = "the mask";
 
-/// How messages call the inputs of a scene.
+/// Names of the inputs of a scene in messages.
 pub(crate) struct Names {
     image: String,
     mask: Option<String>,
     shape: Option<String>,
-    /// The picture of depths or positions.
+    /// The depth or position map.
     places: Option<String>,
-    /// The photograph with all that the shape comes from.
+    /// The photograph and all inputs for the shape.
     whole: String,
 }
 
@@ -176,15 +176,15 @@ impl Names {
         Self { image: image.to_owned(), mask, shape, places, whole }
     }
 
-    /// The problem, with the input at fault.
+    /// Returns the error, with the faulty input.
     fn blame(&self, error: &SceneError) -> Problem {
         Problem::of_scene(self.origin(error), error)
     }
 
-    /// How messages call the input at fault.
+    /// Returns the name of the faulty input.
     pub(crate) fn origin(&self, error: &SceneError) -> &str {
         match error {
-            // A fault of an outline is one of whatever it was found in.
+            // An error in the outline concerns the input from which it was detected.
             error if error.is_of_outline() => self.mask.as_ref().unwrap_or(&self.image),
             SceneError::Contradiction(_) => self.shape.as_ref().unwrap_or(&self.image),
             SceneError::Relief(_) => self.places.as_ref().unwrap_or(&self.image),

@@ -10,9 +10,9 @@ use gonio::sphere::OctahedralMap;
 
 use crate::{Problem, Source, Spaces, Words};
 
-/// Settings of an inference: method, grid, colours, and which outputs are made.
+/// Settings of an inference: method, grid, colours and outputs.
 pub struct Settings<'a> {
-    /// How the material is found.
+    /// Estimation method.
     pub method: Method,
     /// Texels along a side of the light's grid.
     pub side: usize,
@@ -24,55 +24,55 @@ pub struct Settings<'a> {
     pub spaces: Spaces,
     /// Draw the pictures.
     pub pictures: bool,
-    /// Make the page, which needs the pictures.
+    /// Write the report, which requires the pictures.
     pub report: bool,
-    /// How the front end words remedies.
+    /// Wording of suggestions in the front end.
     pub words: Words<'a>,
 }
 
-/// Ways to find a material.
+/// Estimation methods.
 #[derive(Clone, Debug)]
 pub enum Method {
-    /// The learnt posterior of materials, then the light given its mean.
+    /// Learnt posterior of materials, then the light given its mean.
     Learnt,
-    /// The posterior of materials under a light that is known.
+    /// Posterior of materials under a known light.
     KnownLight(KnownLight),
-    /// The separable posterior of light and reflectance: Algorithm 1 of the paper.
+    /// Separable posterior of light and reflectance: Algorithm 1 of the paper.
     Variational(Search),
-    /// The joint maximum of light and reflectance.
+    /// Joint MAP estimate of light and reflectance.
     JointMaximum(Search),
-    /// Coefficients in the basis under a light that is known: the paper's estimate.
+    /// Basis coefficients under a known light, as in the paper.
     KnownLightBasis(Search, Source<EnvironmentMap>),
 }
 
-/// A light that is known.
+/// A known light.
 #[derive(Clone, Debug)]
 pub struct KnownLight {
     /// Its lat-long map in camera space.
     pub map: Source<EnvironmentMap>,
-    /// How far it may lie from where the map has it.
+    /// Rotations of the map to search.
     pub alignment: Alignment,
-    /// Map and photograph are on one scale, so that reflectance is absolute.
+    /// Map and photograph have the same scale, so that the reflectance is absolute.
     pub absolute: bool,
 }
 
-/// How coefficients of reflectance are searched for.
+/// Settings of the search for reflectance coefficients.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Search {
     /// Solver of the separable posterior.
     pub solver: Solver,
     /// Random starts, at least one.
     pub starts: usize,
-    /// Their seed.
+    /// Seed of the random starts.
     pub seed: u64,
-    /// The paper's own version: its map of light, its normals, its starts, Algorithm 1 as printed.
+    /// Reproduce the paper's setup: its light map, normals and starts, and Algorithm 1 as printed.
     pub paper: bool,
     /// Run on all observations instead of their projection.
     pub full_rows: bool,
 }
 
 impl Method {
-    /// Its name in results.
+    /// Returns the name of the method in results.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Learnt => "learnt",
@@ -83,7 +83,7 @@ impl Method {
         }
     }
 
-    /// How it searches, if it does.
+    /// Returns the settings of the search, for the methods of the paper.
     pub(crate) fn search(&self) -> Option<&Search> {
         match self {
             Self::Learnt | Self::KnownLight(_) => None,
@@ -91,7 +91,7 @@ impl Method {
         }
     }
 
-    /// The known light.
+    /// Returns the known light.
     pub(crate) fn light(&self) -> Option<&Source<EnvironmentMap>> {
         match self {
             Self::KnownLight(KnownLight { map, .. }) | Self::KnownLightBasis(_, map) => Some(map),
@@ -99,7 +99,7 @@ impl Method {
         }
     }
 
-    /// Whether it starts from the learnt posterior of materials.
+    /// Whether the method uses the learnt posterior of materials.
     fn is_learnt(&self) -> bool {
         matches!(self, Self::Learnt | Self::KnownLight(_))
     }
@@ -108,37 +108,38 @@ impl Method {
 /// Rule for the colours of a BRDF.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Colours {
-    /// A colour of the body and one of the highlight; the light's is as captured lights have it.
+    /// One colour for the body and one for the highlight, under a light with a typical colour.
     #[default]
     Estimate,
-    /// As [`Self::Estimate`], with the known colour of the light, that of a white matte ball.
+    /// As [`Self::Estimate`], under a light of known colour, given as that of a white matte ball.
     Under(Chroma),
-    /// The median colour of the photograph for all: how the paper displays its results.
+    /// The median colour of the photograph, as in the paper.
     Median,
     /// Three equal channels.
     Grey,
 }
 
 /// Assumption on the colour of an unknown light.
-pub const AS_CAPTURED: &str = "the light has a colour as captured lights have, around white";
+pub const AS_CAPTURED: &str = "the light has a typical colour of captured lights, close to white";
 
 impl Colours {
-    /// Under a light of this linear colour; `None` unless all numbers are positive and finite.
+    /// Creates the rule for a light of this linear colour; `None` unless all numbers are positive
+    /// and finite.
     pub fn under(light: [f64; 3]) -> Option<Self> {
         let sound = light.iter().all(|x| x.is_finite() && *x > 0.0);
         sound.then(|| Self::Under(Chroma::of(light.into())))
     }
 
-    /// The rule, and in words what is taken for the light's colour.
+    /// Returns the rule, and the assumption on the colour of the light in words.
     pub fn rule(self, known: Option<&EnvironmentMap>) -> (ColouringRule, &'static str) {
         let (light, assumption) = match (self, known) {
             (Self::Grey, _) => return (ColouringRule::Grey, ""),
             (Self::Median, _) => return (ColouringRule::Median, ""),
-            (Self::Under(light), _) => (Some(light), "the light has the colour that was given"),
+            (Self::Under(light), _) => (Some(light), "the light has the specified colour"),
             (Self::Estimate, Some(map)) => {
                 // Four pixels to a texel are enough for a mean.
                 let grid = map.reduced(128).to_grid(OctahedralMap::EqualArea, 32);
-                (Some(white_chroma(&grid, glam::DQuat::IDENTITY)), "the light has the mean colour of the map given")
+                (Some(white_chroma(&grid, glam::DQuat::IDENTITY)), "the light has the mean colour of the light map")
             }
             (Self::Estimate, None) => (None, AS_CAPTURED),
         };
@@ -147,16 +148,16 @@ impl Colours {
 }
 
 impl Settings<'_> {
-    /// Checks that a model can serve the settings. `name` is the name of the model in messages.
+    /// Checks that a model supports the settings. `name` is the name of the model in messages.
     ///
     /// # Errors
     /// If the model lacks what the method needs, or its prior does not cover the grid.
     pub(crate) fn check(&self, model: &Model, name: &str) -> Result<(), Problem> {
         let covered = model.light.finest_side();
         if !self.side.is_power_of_two() || !(4..=covered).contains(&self.side) {
-            let of_model = "which the model's prior of light covers";
+            let of_model = "the range of the model's prior of light";
             return Err(Problem::new(format!(
-                "grid {}: give a power of two from 4 to {covered}, {of_model}",
+                "grid {}: must be a power of two from 4 to {covered}, {of_model}",
                 self.side
             )));
         }
@@ -166,7 +167,7 @@ impl Settings<'_> {
         Ok(())
     }
 
-    /// How [`estimate`](gonio::estimate::estimate) is asked.
+    /// Returns the settings of [`estimate`](gonio::estimate::estimate).
     pub(crate) fn estimate(&self, colouring: ColouringRule) -> EstimateSettings {
         EstimateSettings { side: self.side, colouring, ..EstimateSettings::default() }
     }

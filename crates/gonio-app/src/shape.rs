@@ -1,4 +1,4 @@
-//! The shape of an object and the camera before it, from files or memory.
+//! Reads the shape of an object and its camera from files or memory.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::{Problem, Warning, notes};
 
-/// A value, or the file that holds it.
+/// A value, or the file that contains it.
 #[derive(Clone, Debug)]
 pub enum Source<T> {
     /// In memory.
@@ -23,7 +23,7 @@ pub enum Source<T> {
 }
 
 impl<T> Source<T> {
-    /// How messages call it: its file, or `unnamed`.
+    /// Returns the name in messages: the file, or `unnamed`.
     pub fn name(&self, unnamed: &str) -> String {
         match self {
             Self::Here(_) => unnamed.to_owned(),
@@ -43,49 +43,49 @@ pub struct Shape {
     pub pose: Option<Source<Vec<u8>>>,
 }
 
-/// The form of an object.
+/// Form of an object.
 #[derive(Clone, Debug)]
 pub enum Form {
-    /// A ball, of this outline if it is not to be found.
+    /// Ball with this outline; detected if `None`.
     Sphere(Option<Circle>),
-    /// An ellipsoid, with its semi-axis towards the camera in pixels if that is known.
+    /// Ellipsoid with this semi-axis towards the camera in pixels, if known.
     Ellipsoid(Option<f64>),
-    /// A triangle mesh; a file may be the name of one of our own.
+    /// Triangle mesh; a file can be the name of a built-in mesh.
     Mesh(Source<MeshParts>),
-    /// Any shape by a picture of its normals.
+    /// Any shape, given by a normal map.
     Normals(Box<Normals>),
 }
 
-/// A picture of normals, and how it is meant.
+/// A normal map and its conventions.
 #[derive(Clone, Debug)]
 pub struct Normals {
-    /// The picture.
+    /// The normal map.
     pub picture: Source<Plane<Vec3>>,
     /// Correction of the order and signs of its channels.
     pub correction: Correction,
-    /// Take them as they are even if they contradict themselves.
+    /// Skip the consistency checks.
     pub trusted: bool,
     /// Positions of the surface, for self-shadowing.
     pub places: Option<Places>,
 }
 
-/// A picture of where a surface is.
+/// A depth or position map of a surface.
 #[derive(Clone, Debug)]
 pub enum Places {
-    /// Depths, `None` without surface; what the codes 0 and 1 of a file stand for; and whether they
-    /// are measured along the rays.
+    /// Depths, `None` without surface; the depths of the smallest and the largest code of a file;
+    /// and the direction of the depths.
     Depth(Source<Plane<Option<f64>>>, Option<(f64, f64)>, DepthKind),
-    /// Positions in coordinates of the camera, `None` without surface.
+    /// Positions in camera coordinates, `None` without surface.
     Positions(Source<Plane<Option<DVec3>>>),
 }
 
 impl Shape {
-    /// A shape before the default camera.
+    /// Creates a shape with the default camera.
     pub fn of(form: Form) -> Self {
         Self { form, camera: None, pose: None }
     }
 
-    /// How messages call it; `None` for what has no name of its own.
+    /// Returns the name in messages; `None` for shapes without an input.
     pub fn name(&self) -> Option<String> {
         match &self.form {
             Form::Mesh(mesh) => Some(mesh.name("the mesh")),
@@ -94,7 +94,7 @@ impl Shape {
         }
     }
 
-    /// How messages call the picture of places.
+    /// Returns the name of the depth or position map in messages.
     pub(crate) fn places(&self) -> Option<String> {
         match &self.form {
             Form::Normals(normals) => normals.places.as_ref().map(Places::name),
@@ -110,11 +110,11 @@ impl Shape {
         })
     }
 
-    /// Returns the object to look for in a picture of `size`, and the notes on its shape. `image`
-    /// is the name of the picture in messages.
+    /// Returns the object to detect in an image of `size`, and the notes on its shape. `image` is
+    /// the name of the image in messages.
     ///
     /// # Errors
-    /// If a file cannot be read, or form and camera do not go together.
+    /// If a file cannot be read, or form and camera conflict.
     pub fn object(
         self,
         image: &str,
@@ -126,12 +126,14 @@ impl Shape {
             (Form::Sphere(circle), None) => Object::Sphere(circle),
             (Form::Sphere(None), Some(camera)) => Object::Ball(camera),
             (Form::Sphere(Some(_)), Some(_)) => {
-                return Err(Problem::new("circle and camera do not go together: before a camera the ball is found"));
+                return Err(Problem::new(
+                    "circle and camera cannot be combined; remove the circle, because gonio detects the ball with a camera",
+                ));
             }
             (Form::Ellipsoid(depth), None) => Object::Ellipsoid(depth),
             (Form::Ellipsoid(_), Some(_)) => {
-                let problem = "an ellipsoid and a camera do not go together: an ellipsoid is fitted under an \
-                               orthographic camera; give a mesh";
+                let problem = "ellipsoid and camera cannot be combined, because gonio fits an ellipsoid under an \
+                               orthographic camera; specify a mesh";
                 return Err(Problem::new(problem));
             }
             (Form::Normals(normals), camera) => return normals.object(image, camera, size),
@@ -143,8 +145,8 @@ impl Shape {
         Ok((object, Value::Null))
     }
 
-    /// The surface of a mesh before its camera, for pictures of `size`; `None` for a sphere seen
-    /// from far away.
+    /// Returns the surface of a mesh with its camera, for images of `size`; `None` for a sphere
+    /// under an orthographic camera.
     ///
     /// # Errors
     /// As [`Self::object`], and for other forms.
@@ -152,7 +154,7 @@ impl Shape {
         match self.object("the picture", size, warnings)?.0 {
             Object::Surface(placed) => Ok(Some(placed)),
             Object::Sphere(None) => Ok(None),
-            _ => Err(Problem::new("only a mesh, or a sphere seen from far away, can be rendered")),
+            _ => Err(Problem::new("only meshes and orthographic spheres can be rendered")),
         }
     }
 }
@@ -184,7 +186,7 @@ impl Places {
         }
     }
 
-    /// `name` is how messages call it, `image` the photograph.
+    /// Reads the map. `name` and `image` are the names of map and photograph in messages.
     fn read(self, name: &str, image: &str, camera: Option<Camera>, size: (usize, usize)) -> Result<Relief, Problem> {
         let (places, camera) = match self {
             Self::Depth(depth, range, kind) => {
@@ -200,7 +202,7 @@ impl Places {
             }
             Self::Positions(positions) => {
                 let Some(camera) = camera else {
-                    return Err(Problem::of(name, "positions need the camera that saw them").with(Remedy::Camera));
+                    return Err(Problem::of(name, "a position map requires a camera").with(Remedy::Camera));
                 };
                 let places = match positions {
                     Source::Here(places) => places,
@@ -211,13 +213,15 @@ impl Places {
         };
         if places.size() != size {
             let ((w, h), (pw, ph)) = (places.size(), size);
-            return Err(Problem::new(format!("{name} is {w}x{h} and {image} {pw}x{ph}: make both of one size")));
+            return Err(Problem::new(format!(
+                "{name} is {w}x{h}, but {image} is {pw}x{ph}; use images of the same size"
+            )));
         }
         Ok(Relief { places, camera })
     }
 }
 
-/// A mesh before its camera, with what the result says of it.
+/// Places a mesh in front of its camera; also returns the notes for the result.
 fn place(
     source: Source<MeshParts>,
     pose: Option<&Source<Vec<u8>>>,
@@ -230,7 +234,7 @@ fn place(
         Source::Here(parts) => Mesh::new(parts).map_err(|error| Problem::of(&name, error))?,
         Source::File(path) => gonio_io::mesh::read_shape(&path)?,
     };
-    // A complaint about what has no file names it already.
+    // A warning about a mesh in memory already has its name.
     let complaint = |odd: String| if odd.starts_with(&name) { odd } else { format!("{name}: {odd}") };
     warnings.extend(soundness.complaint().map(complaint).map(Warning::from));
     let mesh = match pose {

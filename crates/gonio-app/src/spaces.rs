@@ -1,7 +1,7 @@
-//! Colour spaces of inputs and outputs: conversion of BRDF tables, and the section `colorspace` of
+//! Converts BRDF tables between colour spaces, and builds the section `colorspace` of
 //! `result.json`.
 //!
-//! All numbers in memory are linear Rec. 709. Pictures are converted when they are read.
+//! All numbers in memory are linear Rec. 709. Images are converted on reading.
 
 use std::path::Path;
 
@@ -22,10 +22,10 @@ const OUTSIDE_GAMUT: f64 = 0.01;
 /// Colour spaces of an inference's files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Spaces {
-    /// Space of light maps that state none; `None` assumes Rec. 709. That of photographs is in
-    /// [`Reading`](crate::Reading).
+    /// Colour space of light maps that state none; `None` is Rec. 709. [`Reading`](crate::Reading)
+    /// has the colour space of photographs.
     pub input: Option<ColourSpace>,
-    /// Space of the BRDF and the light that are written. Pictures to look at stay sRGB.
+    /// Colour space of the BRDF and light files. Pictures for display are always sRGB.
     pub output: ColourSpace,
 }
 
@@ -38,9 +38,9 @@ impl Spaces {
             "source": input.map_or("given", |input| input.source.words()),
             "clamped_pixels": input.map_or(0, |input| input.clamped),
             "output": self.output.name(),
-            "note": "input: space of the photograph; source: where it is known from; clamped_pixels: pixels outside the \
-                     gamut of Rec. 709, whose negative channels were set to zero; output: space of brdf.binary and \
-                     light.exr, linear; every colour in this file is linear Rec. 709",
+            "note": "input: colour space of the photograph; source: origin of this information; clamped_pixels: number of \
+                     pixels outside the gamut of Rec. 709, whose negative channels were set to zero; output: linear colour space \
+                     of brdf.binary and light.exr; every colour in this file is linear Rec. 709",
         })
     }
 
@@ -63,11 +63,14 @@ pub(crate) fn warnings(name: &str, input: &InputSpace, pixels: usize) -> Vec<War
     if let Some(given) = input.overridden {
         let (stated, given) = (&input.name, given.name());
         let source = input.source.words();
-        warnings.push(format!("{name}: is in {stated} ({source}); the given space {given} has no effect").into());
+        warnings.push(
+            format!("{name}: states the colour space {stated} ({source}); the specified space {given} has no effect")
+                .into(),
+        );
     }
     if let Some(unusable) = &input.unusable {
         let used = &input.name;
-        warnings.push(format!("{name}: cannot use {unusable}; the colours are taken as {used}").into());
+        warnings.push(format!("{name}: cannot use {unusable}; gonio interprets the colours as {used}").into());
     }
     if input.clamped as f64 > OUTSIDE_GAMUT * pixels as f64 {
         let (clamped, percent) = (input.clamped, 100.0 * input.clamped as f64 / pixels.max(1) as f64);
@@ -126,9 +129,9 @@ fn converted([red, green, blue]: [&[f32]; 3], matrix: DMat3) -> ([Vec<f32>; 3], 
     (out, clamped)
 }
 
-/// Reads a BRDF of the MERL or RGL format as linear Rec. 709. Such files do not state their space:
-/// that of a BRDF which gonio wrote is in `result.json` or `export.json` beside it, and Rec. 709 is
-/// assumed of all others.
+/// Reads a BRDF in the MERL or RGL format and converts it to linear Rec. 709. These files do not
+/// state their colour space; `result.json` or `export.json` beside them does if gonio wrote them.
+/// The default is Rec. 709.
 ///
 /// # Errors
 /// See [`gonio_io::brdf::read`].
@@ -140,7 +143,7 @@ pub fn read_brdf(path: &Path) -> Result<MerlTable, Error> {
     })
 }
 
-/// Returns the space of a BRDF by what gonio wrote beside it.
+/// Returns the colour space of a BRDF from the JSON file beside it.
 fn space_of_brdf(path: &Path) -> ColourSpace {
     let beside = |name: &str| notes::read(&path.with_file_name(name)).ok();
     let named = |name: &Value| name.as_str().and_then(ColourSpace::named);

@@ -1,7 +1,7 @@
-//! Learning the parts of a model from measurements: what `gonio train` does.
+//! Trains the parts of a model on measurements, for `gonio train`.
 //!
-//! Measurements are folders of files or already in memory. Each function gives what it has learnt
-//! and a note of its origin, which goes into the file.
+//! Measurements are folders of files or data in memory. Each function returns the trained part and
+//! a note on its origin, which is stored in the file.
 
 use std::path::{Path, PathBuf};
 
@@ -25,22 +25,22 @@ use gonio_io::{Error, bivariate, brdf};
 
 use crate::Problem;
 
-/// Why nothing was learnt.
+/// Error of a training.
 #[derive(Debug, Error)]
 pub enum TrainingError {
     /// A file or folder cannot be read.
     #[error(transparent)]
     File(#[from] Error),
-    /// Measurements cannot be learnt from.
+    /// The measurements are unsuitable.
     #[error("{0}: {1}")]
     Data(String, String),
     /// A setting is out of range.
     #[error("{0}")]
     Setting(String),
-    /// The training has no result.
+    /// The training failed.
     #[error(transparent)]
     Training(#[from] TrainError),
-    /// Parts do not make a model.
+    /// The parts do not form a model.
     #[error(transparent)]
     Model(#[from] ModelError),
 }
@@ -66,14 +66,14 @@ pub enum Lights {
 /// Measured materials.
 #[derive(Clone, Debug)]
 pub enum Materials {
-    /// A folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with
+    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` and
     /// `materials.txt`.
     Folder(PathBuf),
     /// Names and tables in memory.
     Tables(Vec<(String, [BivariateTable; 3])>),
 }
 
-/// Is told what is being done and a fraction of it in 0..=1.
+/// Callback that receives the current stage and its fraction in 0..=1.
 pub type Progress<'a> = &'a (dyn Fn(&'static str, f64) + Sync);
 
 /// Channels of measured materials.
@@ -85,12 +85,12 @@ pub enum Channel {
     Green,
     /// Blue.
     Blue,
-    /// Their sum, weighted as the eye does.
+    /// Luminance (Rec. 709 weights).
     Luminance,
 }
 
 impl Channel {
-    /// Selects from red, green and blue of a material.
+    /// Selects the channel of a material.
     fn of(self, rgb: &[BivariateTable; 3]) -> BivariateTable {
         match self {
             Self::Red | Self::Green | Self::Blue => rgb[self as usize].clone(),
@@ -99,21 +99,20 @@ impl Channel {
     }
 }
 
-/// How the prior of light is learnt.
+/// Settings for training the prior of light.
 #[derive(Clone, Debug)]
 pub struct LightingSettings {
-    /// Texels along a side of the finest grid that the prior shall serve, a power of two from 8 to
-    /// 512.
+    /// Texels along a side of the finest grid of the prior, a power of two from 8 to 512.
     pub grid: usize,
-    /// Layout of the sphere on the square.
+    /// Mapping of the sphere to the square.
     pub map: OctahedralMap,
-    /// Azimuths at which each map is seen. With an even number the horizontal and vertical groups
-    /// are the same: a turn by 180 degrees swaps the wavelets of front and back.
+    /// Number of azimuths at which each map is used. With an even number, the horizontal and
+    /// vertical groups have equal statistics, because a rotation by 180 degrees swaps front and
+    /// back.
     pub turns: usize,
-    /// Radiance at which each map is cut off, in units of its mean; `None` leaves the maps as they
-    /// are.
+    /// Radiance at which each map is clipped, in units of its mean; `None` does not clip.
     pub cap: Option<f64>,
-    /// Seed of the fits' starts.
+    /// Seed of the random starts of the fits.
     pub seed: u64,
 }
 
@@ -123,16 +122,16 @@ impl Default for LightingSettings {
     }
 }
 
-/// How the basis of reflectance is learnt.
+/// Settings for training the basis of reflectance.
 #[derive(Clone, Debug)]
 pub struct ReflectanceSettings {
     /// Number of basis functions.
     pub rank: usize,
-    /// Channel that is factorised.
+    /// Channel to factorise.
     pub channel: Channel,
-    /// Starts of the factorisation.
+    /// Number of random starts of the factorisation.
     pub restarts: usize,
-    /// Seed of the starts.
+    /// Seed of the random starts.
     pub seed: u64,
 }
 
@@ -142,18 +141,18 @@ impl Default for ReflectanceSettings {
     }
 }
 
-/// How the posterior of materials is learnt.
+/// Settings for training the posterior of materials.
 #[derive(Clone, Debug)]
 pub struct PosteriorSettings {
-    /// Channel of the materials.
+    /// Channel of the measured BRDFs.
     pub channel: Channel,
-    /// Cameras in each light.
+    /// Number of cameras in each light.
     pub cameras: usize,
-    /// Materials before each camera.
+    /// Number of materials for each camera.
     pub draws: usize,
-    /// Steps of the training, each on 128 photographs.
+    /// Number of training steps, each on 128 simulated photographs.
     pub steps: usize,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
@@ -164,10 +163,10 @@ impl Default for PosteriorSettings {
     }
 }
 
-/// The prior of light.
+/// Trains the prior of light.
 ///
 /// # Errors
-/// If there are no lights, one cannot be read or is none, or they have no structure.
+/// If there are no light maps, one cannot be read or is not a light map, or they have no structure.
 pub fn lighting(
     lights: &Lights,
     settings: &LightingSettings,
@@ -175,10 +174,10 @@ pub fn lighting(
 ) -> Result<(LightPrior, String), TrainingError> {
     let LightingSettings { grid, map, turns, cap, seed } = *settings;
     if !grid.is_power_of_two() || !(8..=512).contains(&grid) {
-        return Err(TrainingError::Setting(format!("grid {grid}: give a power of two from 8 to 512")));
+        return Err(TrainingError::Setting(format!("grid {grid}: must be a power of two from 8 to 512")));
     }
     if cap.is_some_and(|cap| !(cap > 1.0 && cap.is_finite())) {
-        return Err(TrainingError::Setting("cap: give a number above 1".to_owned()));
+        return Err(TrainingError::Setting("cap: must be above 1".to_owned()));
     }
     let mut grids: Vec<LightGrid> = Vec::new();
     let count = lights.each(&mut |share, light| {
@@ -198,10 +197,10 @@ pub fn lighting(
     Ok((prior, provenance))
 }
 
-/// The basis of reflectance.
+/// Trains the basis of reflectance.
 ///
 /// # Errors
-/// If there are no materials or fewer than the rank, or one cannot be read or learnt from.
+/// If there are fewer materials than the rank, or one cannot be read or is unsuitable.
 pub fn reflectance(
     materials: &Materials,
     settings: &ReflectanceSettings,
@@ -209,13 +208,13 @@ pub fn reflectance(
 ) -> Result<(ReflectanceBasis, TrainReport, String), TrainingError> {
     let ReflectanceSettings { rank, channel, restarts, seed } = *settings;
     if restarts == 0 {
-        return Err(TrainingError::Setting("restarts 0: give at least 1".into()));
+        return Err(TrainingError::Setting("restarts 0: must be at least 1".into()));
     }
     let tables = materials.channel(channel, progress)?;
     let count = tables.len();
     if !(1..=count).contains(&rank) {
         let name = materials.name();
-        let problem = format!("rank {rank}: {name} holds {count} materials; give a rank from 1 to {count}");
+        let problem = format!("rank {rank}: must be from 1 to {count}, the number of materials in {name}");
         return Err(TrainingError::Setting(problem));
     }
     let nmf = NmfSettings { rank, restarts, seed, ..NmfSettings::default() };
@@ -230,7 +229,7 @@ pub fn reflectance(
     Ok((basis, report, provenance))
 }
 
-/// The posterior of materials, from both.
+/// Trains the posterior of materials on lights and materials.
 ///
 /// # Errors
 /// If there are no lights or no materials, or one cannot be read.
@@ -247,7 +246,7 @@ pub fn posterior(
     lights.count()?;
     let tables = materials.channel(channel, progress)?;
     if tables.is_empty() {
-        return Err(TrainingError::Data(materials.name(), "no materials here".into()));
+        return Err(TrainingError::Data(materials.name(), "contains no materials".into()));
     }
     progress("learning materials", 0.0);
     let basis = LogBasis::fit(&tables, LogBasis::RANK);
@@ -270,8 +269,8 @@ pub fn posterior(
     Ok((learnt, provenance))
 }
 
-/// Learns the model of colours from a photograph of each material in each light, read by the
-/// posterior of their luminance. Returns the numbers of materials and of lights, too.
+/// Trains the colour model on a simulated photograph of each material in each light, evaluated with
+/// the posterior of the luminance. Also returns the numbers of materials and of lights.
 fn colours(
     learnt: &LearntPosterior,
     lights: &Lights,
@@ -283,7 +282,9 @@ fn colours(
         tables.extend(some.rgb(progress)?.into_iter().map(|(_, rgb)| rgb));
     }
     if tables.is_empty() {
-        return Err(TrainingError::Setting("materials: no materials to learn colours from".to_owned()));
+        return Err(TrainingError::Setting(
+            "materials: there are no materials to train the colour model on".to_owned(),
+        ));
     }
     let count = tables.len();
     let mut stock = ColourStock::new(learnt, tables);
@@ -294,7 +295,7 @@ fn colours(
     Ok((stock.learn(), [count, lights]))
 }
 
-/// Learns the model of colours of a model anew.
+/// Retrains the colour model of a model.
 ///
 /// # Errors
 /// If the model has no posterior of materials, or as [`posterior`].
@@ -305,11 +306,13 @@ pub fn recolour(
     progress: Progress<'_>,
 ) -> Result<(), TrainingError> {
     let Some(learnt) = model.learnt.as_mut() else {
-        return Err(TrainingError::Setting("model: has no posterior of materials to read colours with".to_owned()));
+        return Err(TrainingError::Setting(
+            "model: has no posterior of materials, which the colour model requires".to_owned(),
+        ));
     };
     let (found, [count, maps]) = colours(learnt, lights, materials, progress)?;
     learnt.colours = Some(found);
-    // The note on earlier colours, if any, is replaced.
+    // Replace the note on the earlier colour model.
     let others = model.provenance.split("; ").filter(|part| !part.starts_with(COLOURS)).collect::<Vec<_>>();
     model.provenance =
         format!("{}; {COLOURS} {} from {count} materials in {maps} maps", others.join("; "), env!("CARGO_PKG_VERSION"));
@@ -317,13 +320,13 @@ pub fn recolour(
     Ok(())
 }
 
-/// Start of the note on the origin of colours.
+/// Start of the note on the origin of the colour model.
 const COLOURS: &str = "colours by gonio";
 
-/// All parts as a model, each with the note of its origin.
+/// Joins the parts, each with the note on its origin, into a model.
 ///
 /// # Errors
-/// If they do not go together.
+/// If the parts do not match.
 pub fn join(
     light: (LightPrior, String),
     reflectance: (ReflectanceBasis, String),
@@ -350,22 +353,24 @@ impl Lights {
     fn paths(dir: &Path) -> Result<Vec<PathBuf>, TrainingError> {
         let paths = files(dir, &["hdr", "exr", "pfm"])?;
         if paths.is_empty() {
-            let problem = "no .hdr, .exr or .pfm files here";
+            let problem = "contains no .hdr, .exr or .pfm files; specify a folder of light maps";
             return Err(TrainingError::Data(dir.display().to_string(), problem.into()));
         }
         Ok(paths)
     }
 
-    /// How many there are; none is an error.
+    /// Returns the number of light maps; zero is an error.
     fn count(&self) -> Result<usize, TrainingError> {
         match self {
             Self::Folder(dir) => Ok(Self::paths(dir)?.len()),
-            Self::Maps(maps) if maps.is_empty() => Err(TrainingError::Data(self.name(), "there are none".into())),
+            Self::Maps(maps) if maps.is_empty() => {
+                Err(TrainingError::Data(self.name(), "there are no light maps".into()))
+            }
             Self::Maps(maps) => Ok(maps.len()),
         }
     }
 
-    /// Hands out one after the other with the share that is then done; says how many there are.
+    /// Visits each light map with the completed fraction; returns their number.
     fn each(&self, visit: &mut dyn FnMut(f64, &EnvironmentMap)) -> Result<usize, TrainingError> {
         let count = self.count()?;
         let mut tell = |i: usize, map: &EnvironmentMap| visit((i + 1) as f64 / count as f64, map);
@@ -392,13 +397,13 @@ impl Materials {
         }
     }
 
-    /// One channel of every material.
+    /// Returns one channel of each material.
     fn channel(&self, channel: Channel, progress: Progress<'_>) -> Result<Vec<(String, BivariateTable)>, Error> {
         let all = self.rgb(progress)?;
         Ok(all.into_iter().map(|(name, rgb)| (name, channel.of(&rgb))).collect())
     }
 
-    /// Red, green and blue of every material.
+    /// Returns red, green and blue of each material.
     fn rgb(&self, progress: Progress<'_>) -> Result<Vec<(String, [BivariateTable; 3])>, Error> {
         let dir = match self {
             Self::Tables(tables) => return Ok(tables.clone()),

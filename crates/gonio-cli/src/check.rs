@@ -1,4 +1,4 @@
-//! `gonio check`: what `gonio infer` would work on, in a second.
+//! `gonio check` shows the object and the pixels that `gonio infer` would use.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use crate::progress::Stages;
 use crate::remedy::{self, plain};
 use crate::scene::SceneOptions;
 
-/// Note in the pictures that are written: those are ours to replace.
+/// Signature in written images, which marks them as replaceable.
 const SIGNATURE: &str = "gonio check";
 
 /// Options of `gonio check`.
@@ -23,40 +23,43 @@ const SIGNATURE: &str = "gonio check";
 pub(crate) struct Options {
     #[command(flatten)]
     scene: SceneOptions,
-    /// Picture to write; IMAGE-check.png beside the photograph if not given
+    /// Image to write [default: IMAGE-check.png beside the photograph]
     ///
-    /// It shows the outline of the object, clipped and faulty pixels and what else is left out, or
-    /// circles by number where it is not sure which is the ball. The picture beside the photograph
-    /// is replaced only if gonio check wrote it.
+    /// The image shows the outline of the object and all ignored pixels, such as clipped and faulty
+    /// ones. If the detection is ambiguous, it shows the candidate circles with numbers. gonio
+    /// replaces the default image only if gonio check wrote it.
     #[arg(short, long, value_name = "X.png", help_heading = "Output")]
     output: Option<PathBuf>,
 }
 
 impl Options {
-    /// The picture: the one given, or one beside the photograph.
+    /// Returns the path of the image: the specified one, or the default beside the photograph.
     fn output(&self) -> Result<PathBuf> {
         let image = self.scene.image();
         if let Some(output) = &self.output {
             if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
-                bail!("{}: write to a name ending in .png", output.display());
+                bail!("{}: the output must be a .png file", output.display());
             }
             if self.scene.images.contains(output) {
-                bail!("{}: is the photograph itself; write to another name", output.display());
+                bail!("{}: the output would overwrite the photograph; specify another name", output.display());
             }
             return Ok(output.clone());
         }
         if input::is_stdin(&image) {
-            bail!("- is standard input, and has no place for a picture beside it: give -o X.png");
+            bail!("standard input has no default output; specify one with -o X.png");
         }
         let output = beside(&image);
         if output.exists() && !is_signed(&output, SIGNATURE) {
-            bail!("{}: is there and not of gonio check; give another name with -o X.png", output.display());
+            bail!(
+                "{}: exists and was not written by gonio check; specify another name with -o X.png",
+                output.display()
+            );
         }
         Ok(output)
     }
 }
 
-/// The picture beside a photograph: `ball-check.png` for `ball.exr`.
+/// Returns the default image of a photograph: `ball-check.png` for `ball.exr`.
 fn beside(image: &Path) -> PathBuf {
     let mut name = image.file_stem().unwrap_or_default().to_owned();
     name.push("-check.png");
@@ -89,7 +92,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     Ok(Outcome::new(text, fields).warning(remedy::worded(&checked.warnings)))
 }
 
-/// Line on the reference in a photograph.
+/// Describes the reference in a photograph in one line.
 fn describe_reference(reference: &MeasuredReference) -> String {
     let notes = reference.notes(None);
     let [r, g, b] = reference.light.chroma().rgb().to_array();
@@ -102,7 +105,7 @@ fn describe_reference(reference: &MeasuredReference) -> String {
     line + "\n"
 }
 
-/// Lines on a photograph and each of its objects.
+/// Describes a photograph and each of its objects.
 fn describe(checked: &Checked, name: &str) -> String {
     let (width, height) = checked.picture.rgb.size();
     let mut lines = format!("{name}: {width}x{height} pixels\n");
@@ -112,7 +115,7 @@ fn describe(checked: &Checked, name: &str) -> String {
         let report = &object.seen.sighting.observations.report;
         let of = object.name.as_ref().map(|name| format!("region {name}: ")).unwrap_or_default();
         lines += &format!(
-            "{of}{}, {:.1} % of the picture\n{of}{} pixels to observe; {} clipped, {} faulty (negative, NaN or infinite)\n",
+            "{of}{}, {:.1} % of the image\n{of}{} usable pixels; {} clipped, {} faulty (negative, NaN or infinite)\n",
             object.outline(),
             100.0 * object.coverage(),
             report.observed_pixels,

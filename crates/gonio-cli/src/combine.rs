@@ -1,4 +1,4 @@
-//! `gonio combine`: one material from several photographs.
+//! `gonio combine` combines the results of several photographs of one material.
 
 use std::path::PathBuf;
 
@@ -15,13 +15,13 @@ use crate::remedy::plain;
 /// Options of `gonio combine`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Folders that gonio infer wrote, each of another photograph of one object or material
+    /// Result folders of gonio infer, one per photograph of the same material
     #[arg(required = true, num_args = 2.., value_name = "DIR")]
     folders: Vec<PathBuf>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Model file that they were found with, instead of the one that travels with the program
+    /// Model file with which the results were inferred [default: the embedded model]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! `gonio compare`: several results on one page.
+//! `gonio compare` shows several results on one HTML page.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use crate::outcome::Outcome;
 use crate::progress::Stage;
 use crate::remedy::plain;
 
-/// Pairs of which the last lines say whether they agree, at most.
+/// Largest number of pairs whose agreement is printed.
 const SAID: usize = 10;
 
 /// Options of `gonio compare`.
@@ -24,36 +24,36 @@ Examples:
   gonio compare one two three -o compare.html     results of gonio infer
   gonio compare results                           all rows of gonio batch")]
 pub(crate) struct Options {
-    /// Folders that gonio infer or gonio batch wrote
+    /// Result folders of gonio infer or gonio batch
     ///
-    /// Of a batch all rows are shown, of a photograph with several materials all regions.
+    /// The page shows all rows of a batch and all regions of a photograph with several materials.
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
-    /// Page to write; compare.html if not given
+    /// HTML page to write [default: compare.html]
     ///
-    /// It needs nothing but itself, and links to the reports of results in folders below its own. A
-    /// compare.html that is there is replaced only if gonio wrote it.
+    /// The page is self-contained, and links to the reports in the folders below its own. gonio
+    /// replaces an existing compare.html only if gonio wrote it.
     #[arg(short, long, value_name = "X.html")]
     output: Option<PathBuf>,
 }
 
 impl Options {
-    /// The page: the one given, or one in the folder where the program runs.
+    /// Returns the path of the page: the specified one, or the default in the current folder.
     fn output(&self) -> Result<PathBuf> {
         let Some(output) = &self.output else {
             let output = PathBuf::from(PAGE);
             if output.exists() && !compare::is_page(&output) {
-                bail!("{PAGE}: is there and not of gonio; give another name with -o X.html");
+                bail!("{PAGE}: exists and was not written by gonio; specify another name with -o X.html");
             }
             return Ok(output);
         };
         if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("html")) {
-            bail!("{}: write to a name ending in .html", output.display());
+            bail!("{}: the output must be an .html file", output.display());
         }
         Ok(output.clone())
     }
 
-    /// The results of all folders.
+    /// Lists the results in all folders.
     fn given(&self) -> Result<Vec<Given>> {
         let alone = self.folders.len() == 1;
         let mut all = Vec::new();
@@ -65,7 +65,7 @@ impl Options {
             }
             let rows = batch::given_of(folder)?;
             if rows.is_empty() {
-                bail!("{}: holds no results of gonio batch", folder.display());
+                bail!("{}: contains no results of gonio batch", folder.display());
             }
             let named = |row: Given| if alone { row } else { Given { name: format!("{name}/{}", row.name), ..row } };
             all.extend(rows.into_iter().map(named));
@@ -74,19 +74,19 @@ impl Options {
     }
 }
 
-/// Whether a folder is that of a batch; it may be that of one result, too.
+/// Whether a folder contains a batch, not one result.
 fn is_batch(folder: &Path) -> Result<bool> {
-    let (shown, give) = (folder.display(), "give folders that gonio infer or gonio batch wrote");
+    let (shown, give) = (folder.display(), "specify result folders of gonio infer or gonio batch");
     if !folder.exists() {
-        bail!("{shown}: there is no such folder; {give}");
+        bail!("{shown}: folder not found; {give}");
     }
     if !folder.is_dir() {
-        bail!("{shown}: is no folder; {give}");
+        bail!("{shown}: is not a folder; {give}");
     }
     match (folder.join(RESULT).exists(), folder.join(batch::NOTES).is_dir()) {
         (true, _) => Ok(false),
         (false, true) => Ok(true),
-        (false, false) => bail!("{shown}: holds no {RESULT}; {give}"),
+        (false, false) => bail!("{shown}: does not contain {RESULT}; {give}"),
     }
 }
 
@@ -96,7 +96,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let stage = Stage::new("comparing");
     let comparison = compare::read(&given, &output);
     if comparison.count() < 2 {
-        bail!("{}: is one result alone; give two folders or more", options.folders[0].display());
+        bail!("{}: contains only one result; specify at least two result folders", options.folders[0].display());
     }
     write_file(&output, comparison.render().as_bytes())?;
     stage.finish();
@@ -104,7 +104,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 }
 
 fn outcome(comparison: &Comparison, output: &str) -> Outcome {
-    let mut text = format!("{output}: {} results side by side", comparison.count());
+    let mut text = format!("{output}: compares {} results", comparison.count());
     if comparison.pairs.len() <= SAID {
         comparison.pairs.iter().for_each(|pair| text += &format!("\n{}", pair.sentence));
     }

@@ -1,4 +1,4 @@
-//! `gonio convert`: one BRDF file from another.
+//! `gonio convert` converts a BRDF between file formats.
 
 use std::path::{Path, PathBuf};
 
@@ -15,12 +15,14 @@ use crate::outcome::Outcome;
 /// Options of `gonio convert`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// BRDF to read: a MERL table (.binary), or an RGB file of the RGL database (.bsdf)
+    /// BRDF to read: a MERL table (.binary) or an RGB file of the RGL database (.bsdf)
     input: PathBuf,
-    /// File to write, by its ending: .binary (MERL), _spec.bsdf (spectra, for pbrt-v4 and spectral
-    /// variants of Mitsuba 3) or any other .bsdf (RGB, for Mitsuba 3)
+    /// File to write: X.binary, X_spec.bsdf or X.bsdf
+    ///
+    /// The name determines the format. X.binary is a MERL table. X_spec.bsdf has spectra, for
+    /// pbrt-v4 and the spectral variants of Mitsuba 3. Any other .bsdf is RGB, for Mitsuba 3.
     output: PathBuf,
-    /// Three equal channels: the luminance
+    /// Write the luminance to all three channels
     #[arg(long)]
     grey: bool,
 }
@@ -60,7 +62,7 @@ impl Format {
         } else if name.ends_with(".bsdf") {
             Self::Rgl(Channels::Rgb)
         } else {
-            bail!("{}: write to a name ending in .binary or .bsdf", path.display())
+            bail!("{}: the output must be a .binary or .bsdf file", path.display())
         })
     }
 }

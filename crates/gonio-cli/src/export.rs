@@ -1,4 +1,4 @@
-//! `gonio export`: a BRDF in the files and parameters of renderers.
+//! `gonio export` writes a BRDF as files and parameters for renderers.
 
 use std::path::PathBuf;
 use std::sync::LazyLock;
@@ -20,29 +20,30 @@ use crate::space::OutputSpace;
 /// Options of `gonio export`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Folder of results of `gonio infer`, or a BRDF (.binary, .bsdf)
+    /// Result folder of gonio infer, or a BRDF file (.binary, .bsdf)
     input: PathBuf,
-    /// What to write; everything if not given
+    /// Renderers and models to export to [default: all]
     #[arg(long, value_enum, value_delimiter = ',')]
     to: Vec<TargetName>,
-    /// Folder to write to; `export` within the folder of results if not given
+    /// Folder to write to [default: export in the result folder]
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Name of the material
+    /// Name of the material [default: the name of the input]
     #[arg(long)]
     name: Option<String>,
-    /// Scale the BRDF to this albedo of its luminance along the normal: a photograph under unknown
-    /// light does not tell it
+    /// Scale the BRDF to this luminance albedo at normal incidence
+    ///
+    /// A photograph under unknown light does not determine the albedo.
     #[arg(long, value_name = "ALBEDO", value_parser = parse_albedo, allow_negative_numbers = true)]
     albedo: Option<f64>,
-    /// Write the table of each fitted model too (.binary), to be rendered beside the BRDF
+    /// Also write each fitted model as a MERL table (.binary), to compare it with the BRDF
     #[arg(long)]
     tables: bool,
     #[command(flatten)]
     space: OutputSpace,
 }
 
-/// The targets as the command line takes them.
+/// Export target as a command-line value.
 #[derive(Clone, Copy, Debug)]
 struct TargetName(Target);
 
@@ -59,25 +60,31 @@ impl ValueEnum for TargetName {
 }
 
 fn parse_albedo(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|a: &f64| *a > 0.0 && *a <= 1.0).ok_or_else(|| "give a number above 0, at most 1".into())
+    text.parse()
+        .ok()
+        .filter(|a: &f64| *a > 0.0 && *a <= 1.0)
+        .ok_or_else(|| "expected a number above 0 and at most 1".into())
 }
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if !options.input.exists() {
         bail!(
-            "{}: there is no such file or folder; give a folder of results of gonio infer, or a BRDF (.binary, .bsdf)",
+            "{}: file or folder not found; specify a result folder of gonio infer or a BRDF file (.binary, .bsdf)",
             options.input.display()
         );
     }
     let is_folder = options.input.is_dir();
     let file = if is_folder { options.input.join("brdf.binary") } else { options.input.clone() };
     if is_folder && !file.is_file() {
-        bail!("{}: holds no brdf.binary; give a folder of results of gonio infer, or a BRDF", options.input.display());
+        bail!(
+            "{}: does not contain brdf.binary; specify a result folder of gonio infer or a BRDF file",
+            options.input.display()
+        );
     }
     let output = match &options.output {
         Some(output) => output.clone(),
         None if is_folder => options.input.join(EXPORT),
-        None => bail!("give -o DIR: a single file has no folder of results to write to"),
+        None => bail!("a BRDF file has no default output folder; specify one with -o DIR"),
     };
     let named = options.name.clone().or_else(|| {
         let of = if is_folder { options.input.file_name() } else { file.file_stem() };
@@ -102,7 +109,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let stage = Stage::new("fitting models");
     let written = export.write(&folder, &targets, &options.input.display().to_string(), &|x| stage.at(x))?;
     stage.finish();
-    let Some(summary) = written else { bail!("{}: reflects nothing along the normal", file.display()) };
+    let Some(summary) = written else {
+        bail!("{}: the BRDF is zero at normal incidence; it cannot be exported", file.display())
+    };
     let warnings: Vec<String> = Spaces { input: None, output: options.space.space() }
         .warning(&colours)
         .iter()
@@ -112,7 +121,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let line = |(target, entry): (&String, &Value)| {
         let files: Vec<&str> = entry["files"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
         let percent = 100.0 * entry["relight"].as_f64().unwrap_or(0.0);
-        format!("{target:15} {:40} off by {percent:.1} %\n", files.join(", "))
+        format!("{target:15} {:40} error {percent:.1} %\n", files.join(", "))
     };
     let lines: String = summary["exports"].as_object().into_iter().flatten().map(line).collect();
     let output = output.display().to_string();

@@ -1,5 +1,6 @@
-//! What the options are: for people who ask `-h`, and by `gonio completions` and `gonio man` for a
-//! shell and for `man`, made from the options themselves; and what `gonio --version` says.
+//! Help texts, shell completions, manual pages and the text of `gonio --version`.
+//!
+//! All are generated from the definitions of the options.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -14,7 +15,7 @@ use serde_json::json;
 use crate::Args;
 use crate::outcome::Outcome;
 
-/// What `gonio infer -h` shows; the rest is for `--help`.
+/// Options that `gonio infer -h` shows; `--help` shows all.
 const COMMON: [&str; 13] = [
     "images",
     "mask",
@@ -31,21 +32,21 @@ const COMMON: [&str; 13] = [
     "help",
 ];
 
-/// Commands with more options than a screen has lines.
+/// Commands whose `-h` shows only the common options.
 const LONG: [&str; 2] = ["infer", "check"];
 
-/// Endings of the names of pictures.
+/// File name extensions of images.
 pub(crate) const PICTURES: [&str; 9] = ["exr", "hdr", "pic", "pfm", "png", "jpg", "jpeg", "tif", "tiff"];
 
-/// Whether a file is a picture, by its name.
+/// Whether a file name has the extension of an image.
 pub(crate) fn is_picture(path: &Path) -> bool {
     path.extension().is_some_and(|e| PICTURES.contains(&e.to_string_lossy().to_ascii_lowercase().as_str()))
 }
 
-/// The program with its options.
+/// Builds the command with all options.
 pub(crate) fn command() -> clap::Command {
     let mut command = Args::command();
-    // Options of all commands come to each when it is built, and cannot be hidden for one before.
+    // Global options reach a subcommand only when it is built, so they cannot be hidden here.
     for name in LONG {
         command = command.mut_subcommand(name, |long| {
             long.mut_args(|arg| {
@@ -57,14 +58,14 @@ pub(crate) fn command() -> clap::Command {
     command
 }
 
-/// Understands arguments.
+/// Parses arguments.
 pub(crate) fn parse<T: Into<OsString> + Clone>(words: impl IntoIterator<Item = T>) -> Result<Args, clap::Error> {
     let mut command = command();
     let found = command.try_get_matches_from_mut(words)?;
     Args::from_arg_matches(&found).map_err(|error| error.format(&mut command))
 }
 
-/// What to do about arguments that cannot be understood, where it can be guessed.
+/// Suggests a correction for arguments that cannot be parsed, if there is a probable one.
 pub(crate) fn hint(error: &clap::Error) -> Option<String> {
     let (ErrorKind::InvalidSubcommand, Some(ContextValue::String(word))) =
         (error.kind(), error.get(ContextKind::InvalidSubcommand))
@@ -72,35 +73,35 @@ pub(crate) fn hint(error: &clap::Error) -> Option<String> {
         return None;
     };
     let path = Path::new(word);
-    (is_picture(path) || path.is_file()).then(|| format!("to infer from a photograph: gonio infer {word}"))
+    (is_picture(path) || path.is_file()).then(|| format!("to process a photograph, run gonio infer {word}"))
 }
 
 /// Options of `gonio completions`.
 #[derive(clap::Args)]
 pub(crate) struct Completions {
-    /// The shell
+    /// Shell that runs the completion script
     shell: Shell,
 }
 
 /// Options of `gonio man`.
 #[derive(clap::Args)]
 pub(crate) struct Man {
-    /// Folder for gonio.1 and a page for each command
+    /// Folder to write to: gonio.1 and one page per command
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
 }
 
-/// The version with the terms of the code and, apart from them, of what the model was learnt from.
+/// Returns the version, the licence of the code, and the licences of the model's training data.
 pub(crate) fn version() -> &'static str {
     static TEXT: LazyLock<String> = LazyLock::new(|| {
         let library = match cfg!(feature = "raw") {
-            true => "\nCamera raw files: by the library rawler, LGPL-2.1",
+            true => "\nReader of camera raw files: library rawler, LGPL-2.1",
             false => "",
         };
         format!(
-            "{}\n\nCode: {}{library}\n\nModel: gonio-1.model, part of the program.\n\
-             The licence of the code does not speak for what it was learnt from:\n{}\n\n\
-             Models of sources that all allow commercial use: docs/licences.md in the source",
+            "{}\n\nCode: {}{library}\n\nModel: gonio-1.model, embedded in the program.\n\
+             The licence of the code does not cover the model's training data:\n{}\n\n\
+             To train a model on data that allow commercial use, see docs/licences.md in the source",
             env!("CARGO_PKG_VERSION"),
             env!("CARGO_PKG_LICENSE"),
             gonio_io::model::EMBEDDED_SOURCES,
@@ -112,10 +113,10 @@ pub(crate) fn version() -> &'static str {
 pub(crate) fn completions(options: &Completions) -> anyhow::Result<Outcome> {
     let mut script = Vec::new();
     clap_complete::generate(options.shell, &mut command(), "gonio", &mut script);
-    let mut script = String::from_utf8(script).context("a script that is no text")?;
+    let mut script = String::from_utf8(script).context("the completion script is not valid UTF-8")?;
     if options.shell == Shell::Zsh {
-        // Two colons let zsh complete nothing but photographs behind a photograph, one colon lets
-        // it complete options, too (clap-rs/clap#4652).
+        // After a photograph, two colons restrict zsh to photographs; one colon also allows options
+        // (clap-rs/clap#4652).
         script = script.replace("\n'*::", "\n'*:");
     }
     let fields = json!({ "shell": options.shell.to_string(), "script": script });
@@ -124,8 +125,11 @@ pub(crate) fn completions(options: &Completions) -> anyhow::Result<Outcome> {
 
 pub(crate) fn man(options: &Man) -> anyhow::Result<Outcome> {
     let dir = options.output.display().to_string();
-    let failed = || format!("{dir}: the pages cannot be written there");
+    let failed = || format!("{dir}: cannot write the manual pages");
     std::fs::create_dir_all(&options.output).with_context(failed)?;
     clap_mangen::generate_to(command(), &options.output).with_context(failed)?;
-    Ok(Outcome::new(format!("{dir}: see man -l {dir}/gonio.1"), json!({ "output": dir })))
+    Ok(Outcome::new(
+        format!("{dir}: manual pages written; read them with man -l {dir}/gonio.1"),
+        json!({ "output": dir }),
+    ))
 }

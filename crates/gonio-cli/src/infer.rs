@@ -1,4 +1,4 @@
-//! `gonio infer`: what the options ask for, and the folder of results.
+//! `gonio infer` estimates the BRDF of a photographed object and writes a folder of results.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -25,54 +25,57 @@ use crate::space::OutputSpace;
 pub(crate) struct Options {
     #[command(flatten)]
     pub(crate) scene: SceneOptions,
-    /// The light, if it is known: a lat-long map
+    /// Known light: a lat-long map in camera space
     ///
-    /// In camera space (-z at its centre, +y up), such as gonio light makes of a mirror ball, or a
-    /// text file of directional lights (docs/known-light.md).
+    /// The centre of the map is -z, up is +y. gonio light makes such a map from a photograph of a
+    /// mirror ball. MAP can also be a text file of directional lights (docs/known-light.md).
     #[arg(long, value_name = "MAP", help_heading = LIGHT)]
     light: Option<PathBuf>,
-    /// How far the light may be turned from where its map has it
+    /// Rotations of the light map to search for the best fit [default: near; if HOW is omitted:
+    /// around]
     #[arg(long, value_enum, value_name = "HOW", requires = "light", num_args = 0..=1, default_missing_value = "around",
           help_heading = LIGHT)]
     align_light: Option<AlignmentName>,
-    /// Photograph and light map are on one scale: the BRDF is absolute
+    /// Estimate an absolute BRDF: photograph and light map have the same scale
     ///
-    /// That is one exposure and white balance for both. Otherwise its albedo is one half.
+    /// Both must have the same exposure and white balance. Without this option, the BRDF is scaled
+    /// to an albedo of 0.5 at normal incidence.
     #[arg(long, requires = "light", help_heading = LIGHT)]
     absolute: bool,
-    /// Take all light above a point's horizon to arrive there
+    /// Ignore self-shadowing
     ///
-    /// Whatever the object keeps from itself.
+    /// Each point receives all light above its horizon, also where other parts of the object block
+    /// it.
     #[arg(long, help_heading = LIGHT)]
     no_shadows: bool,
-    /// How the material is found
+    /// Estimation method
     ///
-    /// known-light if --light is given, else learnt.
+    /// The default is known-light with --light, and learnt without it.
     #[arg(long, value_enum, help_heading = METHOD)]
     method: Option<MethodName>,
-    /// Model file instead of the one that travels with the program
+    /// Model file to use instead of the embedded model
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     model: Option<PathBuf>,
     /// Texels along a side of the light grid [default: 32]
     ///
-    /// A power of two from 4 to what the model's prior of light covers, which is 128 for the model
-    /// that travels with the program.
+    /// A power of two from 4 up to the largest grid of the model's light prior, which is 128 for
+    /// the embedded model.
     #[arg(long, value_name = "N", help_heading = METHOD)]
     grid: Option<usize>,
-    /// The paper's own version, on a sphere
+    /// Reproduce the paper's setup for a sphere
     ///
-    /// Its map of light at one azimuth, 8,600 normals away from its poles, 10 basis functions,
-    /// random starts, Algorithm 1 to the letter.
+    /// This uses the paper's octahedral light map at one azimuth, 8,600 normals away from the map's
+    /// poles, 10 basis functions, random starts, and Algorithm 1 as printed.
     #[arg(long, help_heading = METHOD, conflicts_with_all = [
         "method", "solver", "grid", "model", "light", "normals", "mesh", "materials", "full_rows",
     ])]
     paper: bool,
-    /// Random starts of the paper's methods [default: 4]
+    /// Number of random starts of the paper's methods [default: 4]
     ///
-    /// For --method variational, map and known-light-basis, and --paper.
+    /// Applies to --method variational, map and known-light-basis, and to --paper.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = METHOD)]
     starts: Option<u32>,
-    /// Seed of these starts [default: 1]
+    /// Seed of the random starts [default: 1]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     seed: Option<u64>,
     /// Solver of --method variational [default: blocks]
@@ -80,27 +83,27 @@ pub(crate) struct Options {
     solver: Option<SolverName>,
     /// Run --method variational or map on all observations
     ///
-    /// Instead of their projection: slower, with more memory.
+    /// The default is a projection of the observations, which needs less time and memory.
     #[arg(long, help_heading = METHOD)]
     full_rows: bool,
-    /// Colour of the light, where it is known
+    /// Known colour of the light
     ///
-    /// The linear colour of a white matte ball, or of a grey card towards the camera, in the
-    /// object's place; its brightness does not matter.
+    /// This is the linear colour of a white matte ball, or of a grey card that faces the camera, at
+    /// the position of the object. Only the ratios of the channels matter.
     #[arg(long, value_name = "R,G,B", value_parser = parse_light, conflicts_with = "light", help_heading = COLOUR)]
     light_color: Option<Colours>,
-    /// How the BRDF, which is found from luminance, is coloured
+    /// Colour of the BRDF, whose shape is estimated from luminance
     #[arg(long, value_enum, default_value_t = ColourName::Estimate, help_heading = COLOUR)]
     color: ColourName,
-    /// Folder for the results; IMAGE-gonio beside the photograph if not given
+    /// Folder for the results [default: IMAGE-gonio beside the photograph]
     ///
-    /// Results of an earlier run that it holds are replaced; files of others stay. The folder
-    /// beside the photograph is used again only if it holds results.
+    /// gonio replaces the results of an earlier run and keeps all other files in the folder. If the
+    /// default folder exists and does not contain results, gonio stops with an error.
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(crate) output: Option<PathBuf>,
-    /// Write no report.html
+    /// Do not write report.html
     ///
-    /// In the variable 1, yes, true or on write none; 0, no, false, off or nothing write it.
+    /// Setting GONIO_NO_REPORT=1 has the same effect.
     #[arg(long, env = "GONIO_NO_REPORT", hide_env_values = true, value_parser = parse_yes, help_heading = OUTPUT)]
     no_report: bool,
     #[command(flatten)]
@@ -117,7 +120,7 @@ Example: gonio infer photo.exr --mask mask.png      All options: gonio infer --h
 
 const EXAMPLES: &str = "\
 Examples:
-  gonio infer ball.exr                            results in ball-gonio/, report.html first
+  gonio infer ball.exr                            writes ball-gonio/; open report.html
   gonio infer photo.exr --mask mask.png -o out
   gonio infer photo.exr --circle 612,400,310
   gonio infer a.jpg b.jpg c.jpg -o out            exposures of one scene
@@ -126,66 +129,63 @@ Examples:
   gonio infer photo.exr --normals normals.exr --depth depth.exr --mask mask.png
   curl -s https://example.org/ball.exr | gonio infer - -o out
 
-See whether the object is found first: gonio check. Many photographs: gonio batch.";
+To check the detection of the object first, use gonio check. For many photographs, use gonio batch.";
 
 /// Ways to colour the BRDF.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum ColourName {
-    /// A colour of the body and one of the highlight, each with the light's colour taken off as far
-    /// as the photograph tells it
+    /// One colour for the body and one for the highlight, without the estimated colour of the light
     Estimate,
-    /// The median colour of the photograph for all, light and reflectance together: how the paper
-    /// displays its results
+    /// The median colour of the photograph, which includes the light's colour; as in the paper
     Median,
-    /// Three equal channels
+    /// No colour: three equal channels
     None,
 }
 
 /// Names of the methods.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum MethodName {
-    /// Posterior of the material with the light integrated out over captured lights, learnt
-    /// beforehand
+    /// Learnt posterior of the material, marginalised over captured lights
     #[value(alias = "marginal")]
     Learnt,
     /// Separable posterior of light and reflectance (Algorithm 1 of the paper)
     Variational,
-    /// Joint maximum of light and reflectance: falls for the mirror in a blurry world
+    /// Joint MAP estimate of light and reflectance; tends to a mirror under a blurred light
     Map,
-    /// Posterior of the material under the light that --light gives
+    /// Posterior of the material under the light of --light
     KnownLight,
-    /// Coefficients in ten functions under that light: the paper's estimate
+    /// Coefficients of ten basis functions under the light of --light, as in the paper
     KnownLightBasis,
 }
 
-/// How far a light may be turned.
+/// Rotations of the light map to search.
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum AlignmentName {
-    /// By a few degrees about any axis
+    /// A few degrees about any axis
     Near,
-    /// By any angle about the vertical, and a few degrees about any axis
+    /// Any angle about the vertical, and a few degrees about any axis
     Around,
-    /// Not at all
+    /// No rotation
     Fixed,
 }
 
 /// Names of the solvers.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum SolverName {
-    /// Exact minimisation of C_KL block by block: faster, lower C_KL
+    /// Exact minimisation of C_KL block by block: faster, and reaches a lower C_KL
     Blocks,
-    /// Parallel updates and line searches, with what makes them converge
+    /// Parallel updates with line searches and safeguards that make them converge
     Parallel,
-    /// Algorithm 1 to the letter
+    /// Algorithm 1 of the paper as printed
     Printed,
 }
 
-/// What people write for yes and no.
+/// Parses a Boolean value.
 pub(crate) fn parse_yes(text: &str) -> Result<bool, String> {
     match text.trim().to_ascii_lowercase().as_str() {
         "1" | "y" | "yes" | "t" | "true" | "on" => Ok(true),
         "" | "0" | "n" | "no" | "f" | "false" | "off" => Ok(false),
-        _ => Err("give 1 or 0, yes or no".into()),
+        _ => Err("expected 1 or 0, yes or no".into()),
     }
 }
 
@@ -193,7 +193,7 @@ pub(crate) fn parse_yes(text: &str) -> Result<bool, String> {
 fn parse_light(text: &str) -> Result<Colours, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
     let light: Option<[f64; 3]> = numbers.ok().and_then(|numbers| numbers.try_into().ok());
-    light.and_then(Colours::under).ok_or_else(|| "give three positive numbers, R,G,B, on a linear scale".into())
+    light.and_then(Colours::under).ok_or_else(|| "expected three positive linear numbers, R,G,B".into())
 }
 
 impl Options {
@@ -219,10 +219,12 @@ impl Options {
             }
             (MethodName::KnownLightBasis, Some(map)) => Method::KnownLightBasis(search, map),
             (MethodName::KnownLight | MethodName::KnownLightBasis, None) => {
-                bail!("this --method needs the light: give it with --light MAP")
+                bail!("this --method needs a known light; specify it with --light MAP")
             }
             (_, Some(_)) => {
-                bail!("--light MAP is for --method known-light and known-light-basis: the other methods find it")
+                bail!(
+                    "--light MAP is for --method known-light and known-light-basis; the other methods estimate the light"
+                )
             }
             (MethodName::Learnt, None) => Method::Learnt,
             (MethodName::Variational, None) => Method::Variational(search),
@@ -232,7 +234,7 @@ impl Options {
         Ok(method)
     }
 
-    /// Refuses options that a method does not use.
+    /// Rejects options that the method does not use.
     fn refuse_unused(&self, method: MethodName) -> Result<()> {
         use MethodName as M;
         let searches: &[M] = &[M::Variational, M::Map, M::KnownLightBasis];
@@ -244,14 +246,14 @@ impl Options {
             (self.starts.is_some(), "--starts", searches),
             (self.seed.is_some(), "--seed", searches),
             (self.full_rows, "--full-rows", &[M::Variational, M::Map]),
-            // Shadows are found on the grid, whatever the method.
+            // Every method computes shadows on the grid.
             (self.grid.is_some() && !self.scene.has_shadows(), "--grid", blind),
         ] {
             if given && !of.contains(&method) {
                 let names: Vec<String> =
                     of.iter().filter_map(|m| Some(m.to_possible_value()?.get_name().to_owned())).collect();
                 let own = method.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
-                bail!("{option} is for --method {}: {own} does not use it", names.join(", "));
+                bail!("{option} is for --method {}; method {own} does not use it", names.join(", "));
             }
         }
         Ok(())
@@ -261,30 +263,34 @@ impl Options {
         Ok(match (self.color, self.light_color) {
             (ColourName::Estimate, None) => Colours::Estimate,
             (ColourName::Estimate, Some(under)) => under,
-            (_, Some(_)) => bail!("--light-color serves --color estimate alone"),
+            (_, Some(_)) => bail!("--light-color requires --color estimate"),
             (ColourName::Median, None) => Colours::Median,
             (ColourName::None, None) => Colours::Grey,
         })
     }
 
-    /// The folder of results: the one given, or one beside the photograph.
+    /// Returns the folder of results: the specified one, or the default beside the photograph.
     fn folder(&self) -> Result<PathBuf> {
         let image = self.scene.image();
         let Some(output) = &self.output else {
             if input::is_stdin(&image) {
-                bail!("- is standard input, and has no place for results beside it: give -o DIR");
+                bail!("standard input has no default folder for the results; specify one with -o DIR");
             }
             let output = beside(&image);
             if output.exists() && !holds_results(&output) {
                 bail!(
-                    "{}: is there and holds no results of gonio infer; give another folder with -o DIR",
+                    "{}: exists and does not contain results of gonio infer; specify another folder with -o DIR",
                     output.display()
                 );
             }
             return Ok(output);
         };
         if let Some(image) = self.scene.images.iter().find(|image| would_replace(output, image)) {
-            bail!("{}: results in {} would replace it; give another folder", image.display(), output.display());
+            bail!(
+                "{}: results in {} would overwrite this photograph; specify another folder",
+                image.display(),
+                output.display()
+            );
         }
         Ok(output.clone())
     }
@@ -306,7 +312,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let listener = |stage, fraction| line.at(stage, fraction);
     let journal = Journal::new("model", &listener);
     let (model, name) = input::model(options.model.as_deref())?;
-    // Made before the long work: a folder that cannot be made is told at once.
+    // Created before the estimation, so that an error in the folder is reported at once.
     let output = options.folder()?;
     let folder = for_results(&output)?;
     let (scene, regions) = (options.scene.scene()?, options.scene.regions());
@@ -336,7 +342,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         text += &format!("\n{}", sharpness(material));
     }
     text += &albedo_by_reference(&answer.notes["reference"]);
-    // What fills no screen; the rest is in result.json.
+    // Sections of result.json that are also printed with --json.
     let mut notes = answer.notes;
     let fields =
         ["method", "posterior", "colour", "colorspace", "noise", "known_light", "exposure", "reference", "seconds"]
@@ -346,13 +352,13 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// The line on the albedo that a reference in the picture gives; empty if it gives none.
+/// Returns the line on the albedo from a reference; empty if there is no reference with a scale.
 fn albedo_by_reference(reference: &Value) -> String {
     let scale = &reference["scale"];
     let (albedo, interval) = (scale["normal_albedo"].as_f64(), &scale["normal_albedo_interval_90"]);
     match (albedo, interval[0].as_f64(), interval[1].as_f64()) {
         (Some(albedo), Some(low), Some(high)) => {
-            format!("\nalbedo along the normal {albedo:.3} ({low:.3} to {high:.3}), by the reference in the picture")
+            format!("\nalbedo at normal incidence {albedo:.3} ({low:.3} to {high:.3}), from the reference in the image")
         }
         _ => String::new(),
     }

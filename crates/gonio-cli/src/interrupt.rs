@@ -1,11 +1,11 @@
-//! Being told to end, by Ctrl-C or `kill`: what is unfinished goes first.
+//! Handles SIGINT and SIGTERM: removes unfinished output, then exits.
 
 #[cfg(unix)]
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-/// Removes what is unfinished when the program is told to end, and ends it then as if nobody had
-/// listened; told a second time, it ends at once. On systems without signals the next run removes
-/// what was left.
+/// Installs the signal handlers. The first signal removes unfinished output and then ends the
+/// program by the default action; a second signal ends it at once. On systems without signals, the
+/// next run removes unfinished output.
 pub(crate) fn watch() {
     #[cfg(unix)]
     if let Ok(mut signals) = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]) {
@@ -24,7 +24,7 @@ pub(crate) fn watch() {
     }
 }
 
-/// Ends the program by the signal, so that a shell that runs it in a loop ends the loop, too.
+/// Ends the program by the signal, so that a shell loop that runs the program ends, too.
 #[cfg(unix)]
 fn end(signal: i32) {
     let _ = signal_hook::low_level::emulate_default_handler(signal);

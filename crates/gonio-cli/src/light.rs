@@ -1,4 +1,4 @@
-//! `gonio light`: a photograph of a mirror ball to the light around it.
+//! `gonio light` converts a photograph of a mirror ball to a lat-long light map.
 
 use std::path::PathBuf;
 
@@ -19,51 +19,57 @@ use crate::space::OutputSpace;
 /// Options of `gonio light`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// HDR photograph of a mirror ball, or exposures of one scene; - is standard input
+    /// HDR photograph of a mirror ball, or exposures of one scene; - reads standard input
     ///
-    /// EXR, Radiance HDR and PFM are read as they are; PNG, TIFF and JPEG with a warning. Several
-    /// exposures (8 or 16-bit JPEG, PNG, TIFF) are merged as by gonio merge.
+    /// EXR, Radiance HDR and PFM contain linear radiance. gonio accepts PNG, TIFF and JPEG with a
+    /// warning. Several exposures (8- or 16-bit JPEG, PNG or TIFF) are merged as by gonio merge.
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// Light map to write: lat-long, in coordinates of the camera. What was done is drawn to a
-    /// .light.png beside it
+    /// Light map to write: lat-long, in camera coordinates
+    ///
+    /// gonio also writes X.light.png, which marks the ignored pixels of the ball and the filled
+    /// parts of the map.
     #[arg(short, long, value_name = "X.exr")]
     output: PathBuf,
-    /// Where the ball is: a picture that is bright on it; without one, the alpha channel or a
-    /// plain background tells, or the edges of the ball
+    /// Mask of the ball: an image that is white on the ball and black elsewhere
+    ///
+    /// Without a mask, gonio detects the ball by the alpha channel, a uniform background, or edges.
     #[arg(long, value_name = "FILE")]
     mask: Option<PathBuf>,
-    /// The ball's outline in pixels, centre from the top left corner, if it is not to be found
+    /// Outline of the ball in pixels from the top left corner, instead of detecting it
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with = "camera")]
     circle: Option<Circle>,
-    /// The camera (docs/camera.md), if it is near; of both photographs if there are two
+    /// Camera parameters of both photographs (docs/camera.md) [default: a distant camera]
     #[arg(long, value_name = "FILE.json")]
     camera: Option<PathBuf>,
-    /// Share of the light that the ball reflects where it is seen from the front, one number or one
-    /// for each colour; it rises to 1 at the rim. Chrome has about 0.55, polished silver 0.95
+    /// Reflectance of the ball at normal incidence: one number, or one per channel
+    ///
+    /// Chrome has about 0.55 and polished silver 0.95. The reflectance rises to 1 at the rim.
     #[arg(long, value_name = "R|R,G,B", default_value = "1", value_parser = parse_reflectance)]
     reflectance: Reflectance,
-    /// Rows of the map, a power of two from 8 to 4096; about the ball's radius in pixels if not
-    /// given
+    /// Rows of the map, a power of two from 8 to 4096 [default: about the ball's radius in pixels]
     #[arg(long, value_name = "N")]
     rows: Option<usize>,
-    /// Photograph of the same ball from another side, best a quarter turn away; give it again for
-    /// each further exposure of it
+    /// Second photograph of the same ball, ideally from a camera 90 degrees around it
+    ///
+    /// Repeat the option for each exposure of the second photograph.
     #[arg(long, value_name = "FILE")]
     second: Vec<PathBuf>,
-    /// Angle by which the second camera went around the ball, in degrees, counterclockwise as seen
-    /// from above (to the right of the first); found from what both show if not given
+    /// Angle from the first to the second camera around the ball, in degrees [default: estimated]
+    ///
+    /// Positive angles are counterclockwise as seen from above: the second camera is to the right
+    /// of the first. The default is the angle at which both light maps agree best.
     #[arg(long, value_name = "DEGREES", requires = "second", allow_negative_numbers = true)]
     second_yaw: Option<f64>,
-    /// The mask of the second photograph
+    /// Mask of the ball in the second photograph
     #[arg(long, value_name = "FILE", requires = "second")]
     second_mask: Option<PathBuf>,
-    /// The ball's outline in the second photograph
+    /// Outline of the ball in the second photograph, in pixels
     #[arg(long, value_name = "X,Y,RADIUS", requires = "second", value_parser = parse_circle, conflicts_with = "camera")]
     second_circle: Option<Circle>,
     #[command(flatten)]
     reading: ReadingOptions,
-    /// Radiance at which the camera clips; found by itself where many pixels share the maximum
+    /// Radiance at which the camera clips [default: the maximum, if many pixels share it]
     #[arg(long, value_name = "VALUE")]
     clip: Option<f32>,
     #[command(flatten)]
@@ -82,7 +88,9 @@ fn parse_reflectance(text: &str) -> Result<Reflectance, String> {
         _ => None,
     };
     let channels = channels.filter(|c| c.iter().all(|share| *share > 0.0 && *share <= 1.0));
-    channels.map(Reflectance).ok_or_else(|| "give one number above 0 and up to 1, or three, R,G,B".into())
+    channels
+        .map(Reflectance)
+        .ok_or_else(|| "expected one number above 0 and at most 1, or three such numbers, R,G,B".into())
 }
 
 impl Options {
@@ -114,10 +122,10 @@ impl Options {
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let output = &options.output;
     if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
-        bail!("{}: write to a name ending in .exr", output.display());
+        bail!("{}: the output must be an .exr file", output.display());
     }
     if options.images.iter().chain(&options.second).any(|image| image == output) {
-        bail!("{}: is the photograph itself; write to another name", output.display());
+        bail!("{}: the output would overwrite the photograph; specify another name", output.display());
     }
     let line = Stages::new("reading");
     let listener = |stage, fraction| line.at(stage, fraction);
@@ -131,17 +139,17 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let views = &notes["views"];
     let second = if views.is_object() {
         format!(
-            "; second view {:.1} degrees around ({}), both differ by {:.1} %",
+            "; second view at {:.1} degrees ({}), views differ by {:.1} %",
             number(&views["turn_degrees"]),
-            if views["found"] == true { "found" } else { "given" },
+            if views["found"] == true { "estimated" } else { "specified" },
             100.0 * number(&views["difference"])
         )
     } else {
         String::new()
     };
     let text = format!(
-        "{}: light of {}x{} pixels from a ball of {:.0} pixels radius, reflectance {}; {:.1} % of all directions are \
-         not seen and filled{second}; see {}",
+        "{}: light map of {}x{} pixels from a ball with a radius of {:.0} pixels and reflectance {}; {:.1} % of all \
+         directions are not visible in the ball and were filled{second}; see {}",
         output.display(),
         probe.light.width(),
         probe.light.height(),

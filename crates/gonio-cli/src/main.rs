@@ -1,8 +1,7 @@
-//! `gonio`: one photograph of an object of known shape in, its BRDF out.
+//! The program `gonio` estimates the BRDF of an object of known shape from one photograph.
 //!
-//! The program is thin: it translates its options for `gonio-app`, shows what goes on, and writes
-//! what is found. Anything wrong with the input ends in one line on standard error and exit code 2,
-//! with nothing half-written.
+//! It parses options, calls `gonio-app`, shows progress, and writes results. Invalid input produces
+//! one line on standard error and exit code 2, and leaves no partial output.
 
 mod batch;
 mod check;
@@ -34,14 +33,14 @@ use clap::{Parser, Subcommand};
 
 use progress::{Talk, set_talk};
 
-/// The BRDF of an object of known shape, from one photograph under unknown illumination.
+/// Estimate the BRDF of an object of known shape from one photograph under unknown light.
 #[derive(Parser)]
 #[command(
     name = "gonio",
     version,
     long_version = help::version(),
     disable_help_flag = true,
-    after_help = "Begin with: gonio infer photo.exr"
+    after_help = "Start with: gonio infer photo.exr"
 )]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -50,24 +49,24 @@ pub(crate) struct Args {
     general: General,
 }
 
-/// Options of every command.
+/// Options that all commands share.
 #[derive(clap::Args)]
 #[command(next_help_heading = "General")]
 struct General {
-    /// Print one JSON object instead of lines: what was done, or the error
+    /// Print the result or the error as one JSON object
     #[arg(long, global = true)]
     json: bool,
-    /// Print errors alone
+    /// Print errors only
     #[arg(short, long, global = true, conflicts_with_all = ["json", "verbose"])]
     quiet: bool,
-    /// Print each stage with its seconds
+    /// Print the duration of each stage in seconds
     #[arg(short, long, global = true)]
     verbose: bool,
-    /// Threads to work with; one for each core if not given
+    /// Number of threads [default: one per core]
     #[arg(long, global = true, value_name = "N", allow_negative_numbers = true,
           value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Print help: -h what is common, --help everything
+    /// Print help: -h is a summary, --help describes every option
     #[arg(short, long, global = true, action = clap::ArgAction::Help)]
     help: Option<bool>,
 }
@@ -76,35 +75,35 @@ struct General {
 pub(crate) enum Command {
     /// Infer the BRDF of the object in a photograph
     Infer(Box<infer::Options>),
-    /// Show what would be inferred from: the object, clipped and faulty pixels
+    /// Show the object, clipped pixels and faulty pixels in a photograph
     Check(Box<check::Options>),
-    /// Infer many: photographs, the rows of a table, or a shard of them
+    /// Infer the BRDFs of many photographs, or of the rows of a table
     Batch(batch::Options),
-    /// Combine several photographs of one material
+    /// Combine the results of several photographs of one material
     Combine(combine::Options),
-    /// Show several results side by side on one page
+    /// Show several results side by side on one HTML page
     Compare(compare::Options),
-    /// Write a BRDF for renderers: Mitsuba, pbrt, Blender, glTF, MaterialX
+    /// Export a BRDF to renderers: Mitsuba, pbrt, Blender, glTF, MaterialX
     Export(export::Options),
-    /// Render a sphere or a mesh of a BRDF under a light
+    /// Render a sphere or a mesh with a BRDF under a light map
     Render(render::Options),
-    /// Merge exposures of one scene to an HDR picture
+    /// Merge exposures of one scene into an HDR image
     Merge(merge::Options),
-    /// Unwrap a photograph of a mirror ball to the light around it
+    /// Convert a photograph of a mirror ball to a light map
     Light(Box<light::Options>),
     /// Convert a BRDF between file formats
     Convert(convert::Options),
-    /// Learn the priors of light and reflectance
+    /// Train the priors of light and reflectance
     #[command(subcommand)]
     Train(train::Command),
-    /// Print what makes a shell complete the arguments
+    /// Print a completion script for a shell
     Completions(help::Completions),
     /// Write the manual pages
     Man(help::Man),
 }
 
-/// Message of the last panic. Decoders of third parties panic on damaged files; `gonio-io` catches
-/// that and says what is wrong in one line, to which the message of the panic would only add noise.
+/// Message of the last panic. Third-party decoders panic on damaged files; `gonio-io` catches these
+/// panics and reports one-line errors, so the panic hook prints nothing.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
 fn note(panic: &PanicHookInfo<'_>) {
@@ -120,13 +119,13 @@ fn main() -> ExitCode {
     };
     let json = general.json;
     set_talk(match general {
-        // A script is what was asked for, and no talk.
+        // `--quiet` does not suppress the completion script: it is the requested output.
         General { quiet: true, .. } if !matches!(command, Command::Completions(_)) => Talk::Quiet,
         General { verbose: true, .. } => Talk::Verbose,
         _ => Talk::Usual,
     });
     if let Some(threads) = general.threads {
-        // Fails only where a pool is there already, and none is.
+        // Fails only if a global pool exists; none exists here.
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
     }
     set_hook(Box::new(note));
@@ -157,13 +156,13 @@ fn main() -> ExitCode {
         }
         Err(_) => {
             let said = PANIC.lock().map(|noted| noted.clone()).unwrap_or_default();
-            tell(&format!("a fault of gonio itself: {}; please report it", one_line(&said)), json);
+            tell(&format!("internal error: {}; please report this bug", one_line(&said)), json);
             ExitCode::from(101)
         }
     }
 }
 
-/// Says what is wrong: in a line on standard error, or in an object on standard output.
+/// Prints an error: one line on standard error, or a JSON object on standard output.
 fn tell(error: &str, json: bool) {
     if json {
         println!("{}", serde_json::json!({ "error": error }));
@@ -172,19 +171,19 @@ fn tell(error: &str, json: bool) {
     }
 }
 
-/// Help and version as they are; what is wrong with the arguments in one line, without the usage.
+/// Prints help and version unchanged, and an error in the arguments as one line without the usage.
 fn refuse(error: &clap::Error) -> ExitCode {
     use clap::error::ErrorKind as K;
     if matches!(error.kind(), K::DisplayHelp | K::DisplayVersion | K::DisplayHelpOnMissingArgumentOrSubcommand) {
         error.exit();
     }
-    // The option itself may be among what could not be understood.
+    // `--json` is read from the raw arguments because parsing failed.
     let hint = help::hint(error).unwrap_or_else(|| "see --help".to_owned());
     tell(&format!("{}; {hint}", problem(error)), std::env::args_os().any(|a| a == "--json"));
     ExitCode::from(2)
 }
 
-/// Describes what is wrong with the arguments, in one line.
+/// Describes an error in the arguments in one line.
 pub(crate) fn problem(error: &clap::Error) -> String {
     let text = error.render().to_string();
     let is_problem = |p: &&str| !p.starts_with("Usage:") && !p.starts_with("For more information");
@@ -192,23 +191,22 @@ pub(crate) fn problem(error: &clap::Error) -> String {
     problem.join("; ").trim_start_matches("error: ").to_owned()
 }
 
-/// Every run of white space becomes a blank.
+/// Replaces each run of white space by one space.
 fn squeeze(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Line breaks and whatever else controls a terminal become blanks; names of files may hold any.
+/// Replaces line breaks and other control characters, which file names can contain, by spaces.
 pub(crate) fn one_line(text: &str) -> String {
     text.replace(controls, " ")
 }
 
-/// As [`one_line`], of a text of several lines.
+/// Like [`one_line`], but keeps line breaks and tabs.
 pub(crate) fn lines(text: &str) -> String {
     text.replace(|c| controls(c) && c != '\n' && c != '\t', " ")
 }
 
-/// Whether a terminal does something else than to show this: also what turns the direction of text,
-/// by which a name looks like another.
+/// Whether a character controls the terminal or the text direction, which can disguise file names.
 fn controls(c: char) -> bool {
     c.is_control() || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }

@@ -1,4 +1,4 @@
-//! `gonio merge`: the exposures of a bracket to one HDR picture.
+//! `gonio merge` merges the exposures of a bracket into one HDR image.
 
 use std::path::{Path, PathBuf};
 
@@ -21,15 +21,17 @@ use gonio_report::canvas::{LINE, fill, legend, place, sheet, text};
 /// Options of `gonio merge`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Exposures of one still scene: 8 or 16-bit JPEG, PNG or TIFF files of one size
+    /// Exposures of one static scene: 8- or 16-bit JPEG, PNG or TIFF files of equal size
     #[arg(required = true)]
     images: Vec<PathBuf>,
-    /// HDR picture to write; pixels of which nothing is known hold the value of its attribute
-    /// clipLevel, which gonio infer leaves out and counts. What was used where goes to a .merge.png
-    /// beside it
+    /// HDR image to write
+    ///
+    /// Pixels without a valid exposure have the value of the attribute clipLevel; gonio infer
+    /// ignores and counts them. gonio also writes X.merge.png, which shows the exposure that each
+    /// pixel comes from.
     #[arg(short, long, value_name = "X.exr")]
     output: PathBuf,
-    /// Write the camera's curve: logarithm of the exposure of each code, as text
+    /// Write the camera's response curve as text: log exposure of each code
     #[arg(long, value_name = "FILE.csv")]
     save_response: Option<PathBuf>,
     #[command(flatten)]
@@ -38,7 +40,7 @@ pub(crate) struct Options {
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if options.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
-        bail!("{}: write to a name ending in .exr", options.output.display());
+        bail!("{}: the output must be an .exr file", options.output.display());
     }
     let mut warnings = Vec::new();
     let bracket = merge_files(&options.images, &options.reading.reading(), &mut warnings).map_err(plain)?;
@@ -56,8 +58,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     write_all(&files)?;
     let report = &merged.report;
     let text = format!(
-        "{}: {} exposures, {}x{} pixels; {} clipped, {} black, {} contradictory, {} known to less than 2 % by their \
-         codes; response {}, median disagreement {:.1} %",
+        "{}: {} exposures, {}x{} pixels; {} clipped, {} black, {} inconsistent, {} with a quantisation error \
+         above 2 %; response {}, median deviation {:.1} %",
         options.output.display(),
         options.images.len(),
         picture.rgb.width(),
@@ -66,7 +68,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         report.dark,
         report.moved,
         report.coarse,
-        if bracket.recovered { "recovered" } else { "given" },
+        if bracket.recovered { "recovered" } else { "specified" },
         100.0 * report.residual
     );
     let output = options.output.display().to_string();
@@ -79,15 +81,14 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     Ok(Outcome::new(text, fields).warning(remedy::worded(&warnings)))
 }
 
-/// Writes all files; where one cannot be written, those that were not there before are removed
-/// again.
+/// Writes all files. If one cannot be written, removes the files that this call created.
 pub(crate) fn write_all(files: &[(PathBuf, Vec<u8>)]) -> Result<()> {
     let mut made: Vec<&Path> = Vec::new();
     for (path, bytes) in files {
         let is_new = !path.exists();
         if let Err(error) = write_file(path, bytes) {
             for path in made {
-                // What cannot be removed either is told by the error all the same.
+                // The write error is reported in any case.
                 let _ = std::fs::remove_file(path);
             }
             return Err(error.into());
@@ -107,11 +108,11 @@ const CLIPPED: Vec3 = Vec3::new(1.0, 1.0, 1.0);
 const DARK: Vec3 = Vec3::ZERO;
 const MOVED: Vec3 = Vec3::new(1.0, 0.0, 0.6);
 
-/// The merged picture, which exposure each pixel is from, and the response.
+/// Draws the merged image, the main exposure of each pixel, and the response.
 fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
     let Merged { picture, known, report, .. } = &bracket.merged;
     let count = bracket.amounts.len();
-    // Ranks by light, so that colours run from the shortest to the longest.
+    // Ranks by exposure, so that colours run from the shortest to the longest.
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|&a, &b| bracket.amounts[a].total_cmp(&bracket.amounts[b]));
     let rank = |exposure: usize| order.iter().position(|&e| e == exposure).unwrap_or(0);
@@ -131,12 +132,12 @@ fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
     let mut out = sheet(4 * GAP + 2 * shown.width() + PANEL, top + tall + GAP + below);
     let columns = [GAP, 2 * GAP + shown.width(), 3 * GAP + 2 * shown.width()];
     text(&mut out, columns[0], GAP, "merged");
-    text(&mut out, columns[1], GAP, "most of it from");
-    text(&mut out, columns[2], GAP, if bracket.recovered { "response, recovered" } else { "response, given" });
+    text(&mut out, columns[1], GAP, "main exposure");
+    text(&mut out, columns[2], GAP, if bracket.recovered { "response (recovered)" } else { "response (specified)" });
     place(&mut out, columns[0], top, &shown);
     place(&mut out, columns[1], top, &origin);
     place(&mut out, columns[2], top, &curves(bracket));
-    text(&mut out, columns[2], top + PANEL + 6, "exposure (lines: x 10) over code");
+    text(&mut out, columns[2], top + PANEL + 6, "exposure vs. code (one line per decade)");
     let mut row = top + tall + GAP;
     let mut line = |colour: Vec3, label: &str| {
         legend(&mut out, columns[0], row, colour, label);
@@ -145,22 +146,22 @@ fn draw(bracket: &MergedBracket, paths: &[PathBuf]) -> Plane<Vec3> {
     for &e in &order {
         let name =
             paths.get(e).and_then(|p| p.file_name()).map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        line(hue(e), &format!("{name}: {:.4} of the light, {} pixels", bracket.amounts[e], report.from[e]));
+        line(hue(e), &format!("{name}: relative exposure {:.4}, {} pixels", bracket.amounts[e], report.from[e]));
     }
-    line(CLIPPED, &format!("clipped in all: {}", report.clipped));
-    line(DARK, &format!("black in all: {}", report.dark));
-    line(MOVED, &format!("contradictory: {}", report.moved));
+    line(CLIPPED, &format!("clipped in all exposures: {}", report.clipped));
+    line(DARK, &format!("black in all exposures: {}", report.dark));
+    line(MOVED, &format!("inconsistent: {}", report.moved));
     out
 }
 
-/// At most as wide and high as a panel, by leaving pixels out.
+/// Subsamples an image to at most the size of a panel.
 fn small(picture: &Plane<Vec3>) -> Plane<Vec3> {
     let (width, height) = picture.size();
     let step = width.max(height).div_ceil(PANEL).max(1);
     Plane::from_fn(width.div_ceil(step), height.div_ceil(step), |x, y| picture[(x * step, y * step)])
 }
 
-/// Blue, green, yellow, red for 0..=1.
+/// Maps 0..=1 to blue, green, yellow and red.
 fn rainbow(x: f32) -> Vec3 {
     const STOPS: [Vec3; 4] =
         [Vec3::new(0.03, 0.1, 0.7), Vec3::new(0.02, 0.5, 0.25), Vec3::new(0.9, 0.6, 0.05), Vec3::new(0.7, 0.05, 0.03)];
@@ -169,7 +170,7 @@ fn rainbow(x: f32) -> Vec3 {
     STOPS[k].lerp(STOPS[k + 1], at - k as f32)
 }
 
-/// The three curves: codes to the right, decades of exposure upwards, four of them.
+/// Draws the three response curves: four decades of exposure over codes.
 fn curves(bracket: &MergedBracket) -> Plane<Vec3> {
     const DECADES: f64 = 4.0;
     let mut out = sheet(PANEL, PANEL);

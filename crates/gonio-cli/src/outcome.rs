@@ -1,4 +1,4 @@
-//! Message of a command at its end: for people, or with `--json` for programs.
+//! Prints the result of a command as text, or as JSON with `--json`.
 
 use gonio::estimate::Material;
 use serde_json::{Map, Value, json};
@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use crate::progress::is_quiet;
 use crate::{lines, one_line};
 
-/// The end of a command that did what it was asked for.
+/// Result of a successful command.
 pub(crate) struct Outcome {
     /// Lines for standard output.
     pub(crate) text: String,
@@ -29,8 +29,8 @@ impl Outcome {
         self
     }
 
-    /// Prints it: warnings to standard error and text to standard output, or one object with all of
-    /// it to standard output.
+    /// Prints warnings to standard error and text to standard output; or, if `json`, one object
+    /// with everything to standard output.
     pub(crate) fn print(mut self, json: bool) {
         if json {
             self.fields.insert("warnings".into(), json!(self.warnings));
@@ -42,7 +42,7 @@ impl Outcome {
     }
 }
 
-/// The sharpness of a highlight on one line, each number with its 90 % interval.
+/// Describes the sharpness of a highlight in one line, each number with its 90 % interval.
 pub(crate) fn sharpness(material: &Material) -> String {
     let ([low, median, high], [sharp, middle, dull]) = (material.gloss, material.highlight.alpha);
     format!(

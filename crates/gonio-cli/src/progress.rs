@@ -1,4 +1,4 @@
-//! A line on standard error that tells what is going on.
+//! Shows progress in a line on standard error.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock};
@@ -7,35 +7,35 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// Steps of a bar; the last is never shown, for something is still going on.
+/// Steps of a bar. The bar never shows the last one before the stage ends.
 const STEPS: u64 = 1000;
 
-/// Time after which the line appears: what is quicker needs none.
+/// Time after which the line appears; quicker stages show none.
 const PATIENCE: Duration = Duration::from_millis(200);
 
-/// Time between two states of the sign of life.
+/// Time between two frames of the spinner.
 const TICK: Duration = Duration::from_millis(100);
 
-/// Line of a stage before a fraction of it is known, and after.
+/// Templates of the line before and after the stage reports a fraction.
 const WITHOUT_BAR: &str = "{spinner} {msg} {elapsed}";
 const WITH_BAR: &str = "{spinner} {msg} {elapsed} [{bar:30}] {percent:>2} %";
 
-/// How much is said beside what was asked for.
+/// Amount of output besides the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Talk {
-    /// Errors alone.
+    /// Errors only.
     Quiet,
-    /// Warnings and progress, too.
+    /// Warnings and progress as well.
     Usual,
-    /// Each stage with its seconds, too.
+    /// Also the duration of each stage.
     Verbose,
 }
 
 static TALK: OnceLock<Talk> = OnceLock::new();
 
-/// Says once and for all how much is said.
+/// Sets the amount of output, once.
 pub(crate) fn set_talk(talk: Talk) {
-    // The first word counts.
+    // The first call takes effect.
     let _ = TALK.set(talk);
 }
 
@@ -51,15 +51,15 @@ pub(crate) fn is_verbose() -> bool {
     talk() == Talk::Verbose
 }
 
-/// Whether several answers are found at a time, whose lines would overwrite each other.
+/// Whether several inferences run at a time, whose progress lines would overwrite each other.
 static SHARED: AtomicBool = AtomicBool::new(false);
 
-/// Shows no more lines of progress, or shows them again.
+/// Disables or enables progress lines.
 pub(crate) fn share_terminal(shared: bool) {
     SHARED.store(shared, Ordering::Relaxed);
 }
 
-/// Progress of one stage; silent at first, and where standard error is no terminal.
+/// Progress line of one stage. Hidden at first, and if standard error is not a terminal.
 pub(crate) struct Stage {
     bar: ProgressBar,
     now: Mutex<(&'static str, Instant)>,
@@ -70,7 +70,7 @@ impl Stage {
         let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::hidden());
         bar.set_style(style(WITHOUT_BAR));
         bar.set_message(name);
-        // Appears by itself, however long the stage is silent.
+        // The line appears even if the stage reports no progress.
         let line = bar.downgrade();
         thread::spawn(move || {
             thread::sleep(PATIENCE);
@@ -84,11 +84,11 @@ impl Stage {
         Self { bar, now: Mutex::new((name, Instant::now())) }
     }
 
-    /// Tells that a fraction (0..=1) of the stage is done.
+    /// Reports that a fraction (0..=1) of the stage is complete.
     pub(crate) fn at(&self, fraction: f64) {
         let position = ((fraction.clamp(0.0, 1.0) * STEPS as f64) as u64).min(STEPS - STEPS / 100);
         let before = self.bar.position();
-        // Several threads report: the bar never goes back.
+        // Several threads report, so a fraction can be smaller than the last one.
         if position > before {
             if before == 0 {
                 self.bar.set_style(style(WITH_BAR));
@@ -97,7 +97,7 @@ impl Stage {
         }
     }
 
-    /// Goes on with another stage, of which no fraction is known yet.
+    /// Starts another stage, whose fraction is still unknown.
     fn go_on(&self, name: &'static str) {
         self.tell(name);
         self.bar.set_style(style(WITHOUT_BAR));
@@ -105,13 +105,13 @@ impl Stage {
         self.bar.set_message(name);
     }
 
-    /// Takes the line away.
+    /// Removes the line.
     pub(crate) fn finish(self) {
         self.bar.finish_and_clear();
         self.tell("");
     }
 
-    /// Tells how long the stage took that ends now, if anybody wants to know.
+    /// Prints the duration of the stage that ends now, if verbose.
     fn tell(&self, next: &'static str) {
         let Ok(mut now) = self.now.lock() else { return };
         let (name, start) = std::mem::replace(&mut *now, (next, Instant::now()));
@@ -126,24 +126,24 @@ fn style(template: &str) -> ProgressStyle {
     style.progress_chars("=> ")
 }
 
-/// A line for stages that follow each other.
+/// Progress line of successive stages.
 pub(crate) struct Stages {
     line: Stage,
     on: Mutex<&'static str>,
 }
 
 impl Stages {
-    /// Begins with a stage.
+    /// Starts with a stage.
     pub(crate) fn new(first: &'static str) -> Self {
         Self { line: Stage::new(first), on: Mutex::new(first) }
     }
 
-    /// Tells that a fraction (0..=1) of a stage is done; a stage that is told of for the first time
-    /// takes the place of the one before.
+    /// Reports that a fraction (0..=1) of a stage is complete. The first report of a stage ends the
+    /// previous stage.
     pub(crate) fn at(&self, stage: &'static str, fraction: f64) {
         let Ok(mut on) = self.on.lock() else { return };
         if *on != stage {
-            // The end of a stage is told when the next begins.
+            // The start of the next stage reports the end of this one.
             if fraction >= 1.0 {
                 return;
             }
@@ -155,7 +155,7 @@ impl Stages {
         }
     }
 
-    /// Takes the line away.
+    /// Removes the line.
     pub(crate) fn finish(self) {
         self.line.finish();
     }

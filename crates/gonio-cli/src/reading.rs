@@ -1,4 +1,4 @@
-//! How the files of a photograph are read, as the options say it.
+//! Options for reading the files of a photograph.
 
 use std::path::PathBuf;
 
@@ -7,40 +7,40 @@ use gonio_io::colour_space::ColourSpace;
 
 use crate::space::SpaceName;
 
-/// Options of reading a photograph.
+/// Options for reading a photograph.
 #[derive(clap::Args)]
 pub(crate) struct ReadingOptions {
-    /// Values of an integer picture are linear radiance, not sRGB-coded
+    /// Interpret the values of an 8- or 16-bit image as linear radiance, not as sRGB
     ///
-    /// For exposures it is the same as --response linear.
+    /// For exposures, this is equivalent to --response linear.
     #[arg(long, conflicts_with = "response")]
     pub(crate) linear: bool,
-    /// Exposure times in seconds, in place of those of the EXIF data
+    /// Exposure times in seconds, which override the EXIF data
     #[arg(long, value_name = "1/30,1/8,0.5,...", value_parser = parse_times)]
     times: Option<Times>,
-    /// The camera's curve, if it is not to be recovered from the exposures
+    /// Response curve of the camera [default: recovered from the exposures]
     ///
-    /// srgb, linear, or a file as gonio merge --save-response writes.
+    /// FILE is a curve that gonio merge --save-response wrote.
     #[arg(long, value_name = "FILE|srgb|linear")]
     response: Option<String>,
-    /// Black level of linear integer files, in their codes
+    /// Black level of linear 8- or 16-bit images, as a code value
     ///
-    /// 0 to 255, or to 65535.
+    /// Codes run from 0 to 255 in 8-bit images and from 0 to 65535 in 16-bit images.
     #[arg(long, value_name = "CODE")]
     black_level: Option<f64>,
-    /// Picture of an evenly lit surface by the same lens, to divide by
+    /// Flat field: image of an evenly lit surface, taken with the same lens
     ///
-    /// It takes vignetting away.
+    /// gonio divides the photograph by the flat field to remove vignetting.
     #[arg(long, value_name = "FILE")]
     flat: Option<PathBuf>,
-    /// Layer of an OpenEXR file that holds several
+    /// Layer to read from a multi-layer OpenEXR file
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
-    /// Colour space of files that state none, light maps too [default: rec709]
+    /// Colour space of photographs and light maps that state none [default: rec709]
     ///
-    /// A file states its space by chromaticities (EXR), PRIMARIES (HDR), cICP, cHRM or gAMA (PNG)
-    /// or an ICC profile; that space is used, with a warning if this one differs. See
-    /// docs/colour-spaces.md.
+    /// A file can state its colour space by chromaticities (EXR), PRIMARIES (HDR), cICP, cHRM or
+    /// gAMA (PNG), or an ICC profile. The stated space takes precedence over this option; gonio
+    /// warns if they differ. See docs/colour-spaces.md.
     #[arg(long, value_enum, value_name = "SPACE")]
     colorspace: Option<SpaceName>,
 }
@@ -56,7 +56,9 @@ fn parse_times(text: &str) -> Result<Times, String> {
         (time.is_finite() && time > 0.0).then_some(time)
     };
     let times: Option<Vec<f64>> = text.split(',').map(one).collect();
-    times.map(Times).ok_or_else(|| "give positive times in seconds with commas between, like 1/30,1/8,0.5".into())
+    times
+        .map(Times)
+        .ok_or_else(|| "expected positive times in seconds, separated by commas, such as 1/30,1/8,0.5".into())
 }
 
 impl ReadingOptions {
@@ -65,7 +67,7 @@ impl ReadingOptions {
         self.colorspace.map(|name| name.0)
     }
 
-    /// Returns the settings that the options ask for.
+    /// Returns the settings for reading a photograph.
     pub(crate) fn reading(&self) -> Reading {
         Reading {
             linear: self.linear,

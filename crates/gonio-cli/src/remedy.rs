@@ -1,41 +1,39 @@
-//! Remedies in the words of the program: its options.
+//! Words suggestions as options of the program.
 
 use gonio::remedy::Remedy;
 use gonio::scene::{Circle, Correction};
 use gonio_app::{Problem, Warning};
 
-/// Words a remedy as an option.
+/// Words a suggestion as an option.
 pub(crate) fn words(remedy: &Remedy) -> Option<String> {
     let words = match remedy {
-        Remedy::Outline => "give the outline of the ball with --circle X,Y,RADIUS",
-        Remedy::Ellipsoid => "say --shape ellipsoid if it is one",
-        Remedy::DepthAxis => "give it with --depth-axis PIXELS if you know it",
-        Remedy::Camera => "give the camera with --camera FILE.json",
+        Remedy::Outline => "specify the outline of the ball with --circle X,Y,RADIUS",
+        Remedy::Ellipsoid => "use --shape ellipsoid if the object is an ellipsoid",
+        Remedy::DepthAxis => "specify it with --depth-axis PIXELS if it is known",
+        Remedy::Camera => "specify the camera with --camera FILE.json",
         Remedy::Pose => "check --pose FILE.json",
-        Remedy::Mask => "give a mask with --mask FILE",
-        Remedy::Mesh => "give the shape with --mesh FILE",
-        Remedy::Normals => "give the shape with --normals FILE",
+        Remedy::Mask => "specify a mask with --mask FILE",
+        Remedy::Mesh => "specify the shape with --mesh FILE",
+        Remedy::Normals => "specify the shape with --normals FILE",
         Remedy::NormalAxes(corrections) => return axes(corrections),
         Remedy::OneOf(circles) => return one_of(circles),
-        Remedy::TrustNormals => "take them as they are with --trust-normals",
+        Remedy::TrustNormals => "skip this check with --trust-normals",
         Remedy::KeepColours => "use them with --keep-colors",
-        Remedy::Linear => "pass --linear if its values are linear radiance",
-        Remedy::Layer => "take another with --layer NAME",
-        Remedy::DepthRange => "give the range with --depth-range NEAR,FAR",
+        Remedy::Linear => "use --linear if the values are linear radiance",
+        Remedy::Layer => "select another with --layer NAME",
+        Remedy::DepthRange => "specify the range with --depth-range NEAR,FAR",
         Remedy::ChartCorners => {
-            "give the centres of its corner patches (dark skin, bluish green, black, white) with --color-checker X,Y,X,Y,X,Y,X,Y"
+            "specify the centres of its corner patches (dark skin, bluish green, black, white) with --color-checker X,Y,X,Y,X,Y,X,Y"
         }
-        Remedy::ClipLevel => "give the level with --clip VALUE if they are not clipped",
-        Remedy::ReferenceColourOnly => "use its colour alone with --reference-color-only",
-        Remedy::Times => "--times takes them",
-        Remedy::Separately => {
-            "give each photograph by itself, or infer from all of them with `gonio batch IMAGE... -o DIR`"
-        }
-        Remedy::Turn => "give the angle with --second-yaw DEGREES",
-        Remedy::SecondOutline => "give the outline of the ball with --second-circle X,Y,RADIUS",
-        Remedy::SecondMask => "give a mask with --second-mask FILE",
+        Remedy::ClipLevel => "if they are not clipped, specify the clipping level with --clip VALUE",
+        Remedy::ReferenceColourOnly => "use only its colour with --reference-color-only",
+        Remedy::Times => "specify them with --times",
+        Remedy::Separately => "pass one photograph at a time, or use `gonio batch IMAGE... -o DIR` for several",
+        Remedy::Turn => "specify the angle with --second-yaw DEGREES",
+        Remedy::SecondOutline => "specify the outline of the ball with --second-circle X,Y,RADIUS",
+        Remedy::SecondMask => "specify a mask with --second-mask FILE",
         Remedy::LearnPosterior => {
-            "learn one with `gonio train posterior` and join it with `gonio train model --posterior`, or choose another --method"
+            "train one with `gonio train posterior` and add it with `gonio train model --posterior`, or use another --method"
         }
         _ => return None,
     };
@@ -52,7 +50,7 @@ fn axes(corrections: &[Correction]) -> Option<String> {
     let (first, others) = corrections.split_first()?;
     let others: Vec<String> = others.iter().map(options).collect();
     let others = if others.is_empty() { String::new() } else { format!(" (or {})", others.join(", or ")) };
-    Some(format!("give {}{others}", options(first)))
+    Some(format!("use {}{others}", options(first)))
 }
 
 /// Lists the option of each circle, numbered as in the picture of `gonio check`.
@@ -61,10 +59,10 @@ fn one_of(circles: &[Circle]) -> Option<String> {
     let numbered = |(at, circle): (usize, &Circle)| format!("({}) {}", at + 1, option(circle));
     match circles {
         [] => None,
-        [one] => Some(format!("give it with {} if that is the ball", option(one))),
+        [one] => Some(format!("specify {} if that is the ball", option(one))),
         several => {
             let listed: Vec<String> = several.iter().enumerate().map(numbered).collect();
-            Some(format!("give the right one, numbered in the picture that gonio check makes: {}", listed.join(", ")))
+            Some(format!("select one, as numbered in the image that gonio check writes: {}", listed.join(", ")))
         }
     }
 }
@@ -88,7 +86,7 @@ mod tests {
         let flip = Correction { flip_y: true, ..Correction::default() };
         let swap = Correction { order: [1, 0, 2], ..flip };
         let worded = words(&Remedy::NormalAxes(vec![flip, swap])).unwrap();
-        assert_eq!(worded, "give --normals-flip-y (or --normals-order yxz --normals-flip-y)");
+        assert_eq!(worded, "use --normals-flip-y (or --normals-order yxz --normals-flip-y)");
         assert_eq!(words(&Remedy::NormalAxes(Vec::new())), None);
     }
 
@@ -102,7 +100,7 @@ mod tests {
         );
         assert_eq!(
             words(&Remedy::OneOf(circles[..1].to_vec())).unwrap(),
-            "give it with --circle 30.0,40.0,20.3 if that is the ball"
+            "specify --circle 30.0,40.0,20.3 if that is the ball"
         );
         assert_eq!(words(&Remedy::OneOf(Vec::new())), None);
     }

@@ -1,4 +1,4 @@
-//! `gonio render`: a sphere or a mesh of a BRDF under a light.
+//! `gonio render` renders a sphere or a mesh with a BRDF under a light map.
 
 use std::path::PathBuf;
 
@@ -21,39 +21,41 @@ use crate::surface::SurfaceOptions;
 /// Options of `gonio render`.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// BRDF: a MERL table, or an RGB file of the RGL database
+    /// BRDF: a MERL table or an RGB file of the RGL database
     #[arg(long, value_name = "FILE.binary|FILE.bsdf")]
     brdf: PathBuf,
-    /// Lat-long light map (HDR, EXR, PFM), in coordinates of the camera; or studio, sky, lamp
+    /// Lat-long light map in camera coordinates: HDR, EXR or PFM
     ///
-    /// These are lights of our own. A text file of directional lights serves, too.
+    /// MAP can also be a text file of directional lights (docs/known-light.md), or a built-in
+    /// light: studio, sky or lamp.
     #[arg(long, value_name = "MAP")]
     light: PathBuf,
-    /// Colour space of a light map that states none [default: rec709]
+    /// Colour space of a light map that does not state one [default: rec709]
     #[arg(long, value_enum, value_name = "SPACE")]
     colorspace: Option<SpaceName>,
-    /// Picture to write: .exr holds radiance and coverage, .png is tone-mapped for looking at
+    /// Image to write: .exr contains radiance and coverage, .png is tone-mapped for display
     #[arg(short, long, value_name = "X.exr|X.png")]
     output: PathBuf,
     #[command(flatten)]
     surface: SurfaceOptions,
-    /// Leave out the shadows that the mesh throws on itself
+    /// Ignore self-shadowing of the mesh
     #[arg(long, requires = "mesh")]
     no_shadows: bool,
     /// Width and height in pixels
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=8192))]
     size: u32,
-    /// Height in pixels, if it is not the width
+    /// Height in pixels [default: the width]
     #[arg(long, value_parser = clap::value_parser!(u32).range(8..=8192), requires = "mesh")]
     height: Option<u32>,
-    /// Samples along each side of a pixel
+    /// Samples per pixel along each axis
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     samples: u32,
-    /// Bound the error by this share of the radiance
+    /// Upper bound of the relative error of the radiance
     ///
-    /// The light is divided until the sum of all error bounds is that. 0.2 is an error of about
-    /// half a percent, and takes five to ten times as long. Without it half vectors are as fine as
-    /// the light's pixels: an error of about half a percent without a bound.
+    /// gonio subdivides the light until the sum of all error bounds is below this share of the
+    /// radiance. A bound of 0.2 gives an error of about 0.5 % and takes five to ten times as long
+    /// as the default. The default samples half vectors at the resolution of the light map: the
+    /// error is about 0.5 %, without a bound.
     #[arg(long)]
     tolerance: Option<f64>,
 }
@@ -63,13 +65,13 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let png = match extension.as_deref() {
         Some("png") => true,
         Some("exr") => false,
-        _ => bail!("{}: write to a name ending in .exr or .png", options.output.display()),
+        _ => bail!("{}: the output must be an .exr or .png file", options.output.display()),
     };
     if let Some(tolerance) = options.tolerance.filter(|t| t.is_nan() || *t <= 0.0) {
-        bail!("--tolerance {tolerance}: give a positive number");
+        bail!("--tolerance {tolerance}: must be a positive number");
     }
     if options.surface.mesh.is_none() && options.surface.camera.is_some() {
-        bail!("--camera goes with --mesh: a sphere is seen orthographically");
+        bail!("--camera requires --mesh; spheres are rendered orthographically");
     }
     let brdf = input::brdf(&options.brdf)?;
     let light = LightTree::of_map(&input::light(&options.light, options.colorspace.map(|name| name.0))?);

@@ -1,4 +1,4 @@
-//! Colour spaces as the command line takes them.
+//! Options for colour spaces.
 
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
@@ -22,12 +22,12 @@ impl ValueEnum for SpaceName {
     }
 }
 
-/// Options of a command that writes colours.
+/// Option for the colour space of the output.
 #[derive(clap::Args)]
 pub(crate) struct OutputSpace {
-    /// Colour space of the numbers that are written [default: rec709]
+    /// Linear colour space of the BRDF and light files to write [default: rec709]
     ///
-    /// All are linear. Pictures to look at stay sRGB.
+    /// PNG images for display are always sRGB.
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Output")]
     output_colorspace: Option<SpaceName>,
 }

@@ -1,31 +1,31 @@
-//! Meshes before a camera, for `gonio infer` and `gonio render`.
+//! Options for meshes and cameras of `gonio infer` and `gonio render`.
 
 use std::path::PathBuf;
 
 use gonio_app::{Form, Shape, Source};
 
-/// Options that say what the object is and where the camera stands.
+/// Options for the mesh, its pose and the camera.
 #[derive(clap::Args)]
 pub(crate) struct SurfaceOptions {
-    /// The object as a triangle mesh: OBJ, PLY, glTF
+    /// Triangle mesh of the object: OBJ, PLY or glTF
     ///
-    /// Or one of our own: blob, bunny, bowl.
+    /// The built-in meshes are blob, bunny and bowl.
     #[arg(long, value_name = "FILE", help_heading = "Shape")]
     pub(crate) mesh: Option<PathBuf>,
-    /// Where the mesh is in the world (docs/camera.md)
+    /// Pose of the mesh in world coordinates (docs/camera.md)
     ///
-    /// It is where its file has it if not given.
+    /// By default, the coordinates in the mesh file are world coordinates.
     #[arg(long, value_name = "FILE.json", requires = "mesh", help_heading = "Shape")]
     pose: Option<PathBuf>,
-    /// The camera (docs/camera.md); far away if not given
+    /// Camera parameters (docs/camera.md) [default: an orthographic camera]
     ///
-    /// Without one it is orthographic, looks along -z, and frames the mesh if there is one.
+    /// The default camera looks along -z and, with --mesh, frames the mesh.
     #[arg(long, value_name = "FILE.json", help_heading = "Camera")]
     pub(crate) camera: Option<PathBuf>,
 }
 
 impl SurfaceOptions {
-    /// The mesh before its camera, if there is one.
+    /// Returns the mesh with its pose and camera, if --mesh is given.
     pub(crate) fn mesh(&self) -> Option<Shape> {
         let file = |path: &Option<PathBuf>| path.clone().map(Source::File);
         let mesh = self.mesh.clone()?;

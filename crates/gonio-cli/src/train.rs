@@ -1,4 +1,4 @@
-//! `gonio train`: the priors of light and reflectance from measurements.
+//! `gonio train` trains the priors of light and reflectance on measured data.
 
 use std::path::{Path, PathBuf};
 
@@ -18,43 +18,44 @@ use serde_json::{Value, json};
 use crate::outcome::Outcome;
 use crate::progress::{Stages, is_verbose};
 
-/// Part of a model to learn.
+/// Part of a model to train.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// The prior of light, from a folder of lat-long HDR maps
+    /// Train the prior of light on a folder of lat-long HDR maps
     Lighting(Lighting),
-    /// The basis and prior of reflectance, from a folder of MERL `.binary` files
+    /// Train the basis and prior of reflectance on a folder of measured BRDFs
     Reflectance(Reflectance),
-    /// The posterior of materials for `gonio infer --method learnt`, from both
+    /// Train the posterior of materials for gonio infer --method learnt
     Posterior(Posterior),
-    /// The colours of a model anew, from lights and materials in RGB
+    /// Retrain the colour model on RGB lights and materials
     Colours(Recolour),
-    /// Join all into a model for `gonio infer --model`
+    /// Join the trained parts into a model for gonio infer --model
     Model(Join),
 }
 
 /// Options of `gonio train lighting`.
 #[derive(clap::Args)]
 pub(crate) struct Lighting {
-    /// Folder of lat-long maps (.hdr, .exr, .pfm)
+    /// Folder of lat-long light maps (.hdr, .exr, .pfm)
     dir: PathBuf,
     /// File to write
     #[arg(short, long)]
     output: PathBuf,
-    /// Texels along a side of the finest grid that the prior shall serve, a power of two
+    /// Texels along a side of the finest grid of the prior, a power of two
     #[arg(long, default_value_t = 128)]
     grid: usize,
-    /// Layout of the sphere on the square
+    /// Mapping of the sphere to the square
     #[arg(long, value_enum, default_value_t = MapName::EqualArea)]
     map: MapName,
-    /// Azimuths at which each map is seen; even numbers make the horizontal and vertical groups
-    /// alike
+    /// Number of azimuths at which each map is used
+    ///
+    /// With an even number, the horizontal and vertical groups have equal statistics.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     turns: u32,
-    /// Cut off each map at this many times its mean, as a camera's range does
+    /// Clip each map at this multiple of its mean, like the limited range of a camera
     #[arg(long, value_name = "TIMES")]
     cap: Option<f64>,
-    /// Seed of the fits' starts
+    /// Seed of the random starts of the fits
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -64,15 +65,17 @@ pub(crate) struct Lighting {
 pub(crate) enum MapName {
     /// Clarberg's equal-area map
     EqualArea,
-    /// The map of Praun and Hoppe, as in the paper
+    /// Praun and Hoppe's octahedral map, as in the paper
     PraunHoppe,
 }
 
 /// Options of `gonio train reflectance`.
 #[derive(clap::Args)]
 pub(crate) struct Reflectance {
-    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with
-    /// `materials.txt`
+    /// Folder of measured BRDFs
+    ///
+    /// The folder contains .binary (MERL) and _rgb.bsdf (RGL) files, or bivariate_rgb_f32.npy and
+    /// materials.txt.
     dir: PathBuf,
     /// File to write
     #[arg(short, long)]
@@ -80,13 +83,13 @@ pub(crate) struct Reflectance {
     /// Number of basis functions
     #[arg(long, default_value_t = 10)]
     rank: usize,
-    /// Channel that is factorised
+    /// Channel of the BRDFs to factorise
     #[arg(long, value_enum, default_value_t = Channel::Green)]
     channel: Channel,
-    /// Starts of the factorisation
+    /// Number of random starts of the factorisation
     #[arg(long, default_value_t = NmfSettings::default().restarts)]
     restarts: usize,
-    /// Seed of the starts
+    /// Seed of the random starts
     #[arg(long, default_value_t = 0)]
     seed: u64,
 }
@@ -97,7 +100,7 @@ pub(crate) enum Channel {
     Red,
     Green,
     Blue,
-    /// Their sum, weighted as the eye does
+    /// Luminance (Rec. 709 weights)
     Luminance,
 }
 
@@ -115,29 +118,31 @@ impl Channel {
 /// Options of `gonio train posterior`.
 #[derive(clap::Args)]
 pub(crate) struct Posterior {
-    /// Folder of lat-long maps (.hdr, .exr, .pfm)
+    /// Folder of lat-long light maps (.hdr, .exr, .pfm)
     #[arg(long, value_name = "DIR")]
     lights: PathBuf,
-    /// Folder of `.binary` (MERL) and `_rgb.bsdf` (RGL) files, or of `bivariate_rgb_f32.npy` with
-    /// `materials.txt`
+    /// Folder of measured BRDFs
+    ///
+    /// The folder contains .binary (MERL) and _rgb.bsdf (RGL) files, or bivariate_rgb_f32.npy and
+    /// materials.txt.
     #[arg(long, value_name = "DIR")]
     materials: PathBuf,
     /// File to write
     #[arg(short, long)]
     output: PathBuf,
-    /// Channel of the materials
+    /// Channel of the measured BRDFs to use
     #[arg(long, value_enum, default_value_t = Channel::Luminance)]
     channel: Channel,
-    /// Cameras in each light
+    /// Number of cameras in each light
     #[arg(long, default_value_t = PosteriorSettings::default().cameras)]
     cameras: usize,
-    /// Materials before each camera
+    /// Number of materials for each camera
     #[arg(long, default_value_t = PosteriorSettings::default().draws)]
     draws: usize,
-    /// Steps of the training, each on 128 simulated photographs
+    /// Number of training steps, each on 128 simulated photographs
     #[arg(long, default_value_t = PosteriorSettings::default().steps)]
     steps: usize,
-    /// Seed of everything random
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -145,13 +150,13 @@ pub(crate) struct Posterior {
 /// Options of `gonio train colours`.
 #[derive(clap::Args)]
 pub(crate) struct Recolour {
-    /// Model whose colours are learnt anew [default: the embedded model]
+    /// Model to retrain [default: the embedded model]
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Folder of lat-long maps (.hdr, .exr, .pfm)
+    /// Folder of lat-long light maps (.hdr, .exr, .pfm)
     #[arg(long, value_name = "DIR")]
     lights: PathBuf,
-    /// Folders of materials, as for `gonio train posterior`
+    /// Folders of measured BRDFs, as for gonio train posterior
     #[arg(long, value_name = "DIR", required = true, num_args = 1..)]
     materials: Vec<PathBuf>,
     /// File to write
@@ -162,13 +167,13 @@ pub(crate) struct Recolour {
 /// Options of `gonio train model`.
 #[derive(clap::Args)]
 pub(crate) struct Join {
-    /// Output of `gonio train lighting`
+    /// Output of gonio train lighting
     #[arg(long)]
     lighting: PathBuf,
-    /// Output of `gonio train reflectance`
+    /// Output of gonio train reflectance
     #[arg(long)]
     reflectance: PathBuf,
-    /// Output of `gonio train posterior`; without one the model does not serve `--method learnt`
+    /// Output of gonio train posterior, which gonio infer --method learnt requires
     #[arg(long)]
     posterior: Option<PathBuf>,
     /// File to write
@@ -186,13 +191,13 @@ pub(crate) fn run(command: &Command) -> Result<Outcome> {
     }
 }
 
-/// Message about a file that was learnt.
+/// Returns the message about a trained file.
 fn written(output: &Path, provenance: &str) -> Outcome {
     let output = output.display().to_string();
     Outcome::new(format!("{output}: {provenance}"), json!({ "output": output, "provenance": provenance }))
 }
 
-/// Learns beside a line of progress; settings are called as the command line calls them.
+/// Trains with a progress line; errors in settings name the options.
 fn learn<T>(job: impl FnOnce(training::Progress<'_>) -> Result<T, TrainingError>) -> Result<T> {
     let line = Stages::new("reading");
     let learnt = job(&|name, fraction| line.at(name, fraction));

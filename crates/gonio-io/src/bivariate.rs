@@ -23,8 +23,8 @@ pub fn read_bivariate_set(dir: impl AsRef<Path>) -> Result<Vec<(String, [Bivaria
     let array = npy::read(&path)?;
     if array.shape[..] != [names.len(), THETA_H, THETA_D, 3] {
         let expected = format!("({}, {THETA_H}, {THETA_D}, 3)", names.len());
-        let problem = format!("has the shape {:?}, {NAMES} beside it asks for {expected}", array.shape);
-        return Err(Error::invalid(&path, problem, "use an array and a list that belong together"));
+        let problem = format!("has the shape {:?}, but {NAMES} requires {expected}", array.shape);
+        return Err(Error::invalid(&path, problem, "use matching files"));
     }
     let bad = array.values.iter().filter(|v| !v.is_finite()).count();
     if let Some(first) = array.values.iter().position(|v| !v.is_finite()) {
@@ -44,10 +44,14 @@ fn read_names(path: &Path) -> Result<Vec<String>, Error> {
     let mut sorted: Vec<_> = names.iter().collect();
     sorted.sort();
     if let Some(twice) = sorted.windows(2).find(|w| w[0] == w[1]) {
-        return Err(Error::invalid(path, format!("names {} twice", twice[0]), "give each material a name of its own"));
+        return Err(Error::invalid(
+            path,
+            format!("contains the name {} twice", twice[0]),
+            "use a unique name for each material",
+        ));
     }
     if names.is_empty() {
-        return Err(Error::invalid(path, "names no material", "write one name a line"));
+        return Err(Error::invalid(path, "contains no material names", "write one name per line"));
     }
     Ok(names)
 }

@@ -1,10 +1,9 @@
-//! Results of long computations, kept between runs in the user's cache folder.
+//! Cache of long computations in the user's cache folder.
 //!
 //! An entry is a file `KEY.plan`: a header with the length and the BLAKE3 hash of the content, then
-//! the content. An entry that does not match its header counts as absent and is removed. So nothing
-//! needs to be synced to the disk, and a damaged entry costs a computation but never gives a wrong
-//! result. Entries appear by renaming: a reader sees a whole one or none, whatever other processes
-//! do.
+//! the content. An entry that does not match its header counts as absent and is removed. Writes
+//! therefore need no sync, and a damaged entry costs time but never causes a wrong result. Entries
+//! are renamed into place, so concurrent readers see a complete entry or none.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -95,10 +94,10 @@ impl Cache {
     pub fn store(&self, key: &str, content: &[u8]) -> Result<(), Error> {
         let path = self.entry(key);
         if (content.len() + HEADER) as u64 > self.budget {
-            let problem = format!("needs {} bytes, more than the whole cache may have", content.len());
-            return Err(Error::limits(&path, problem, "raise the budget of the cache"));
+            let problem = format!("requires {} bytes, more than the budget of the cache", content.len());
+            return Err(Error::limits(&path, problem, "increase the budget of the cache"));
         }
-        fs::create_dir_all(&self.dir).map_err(|e| Error::io(&self.dir, "make the cache folder", e))?;
+        fs::create_dir_all(&self.dir).map_err(|e| Error::io(&self.dir, "create the cache folder", e))?;
         let write = || {
             let mut file = tempfile::Builder::new().prefix(UNFINISHED).tempfile_in(&self.dir)?;
             file.write_all(&header(content))?;

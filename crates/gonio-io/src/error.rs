@@ -1,4 +1,4 @@
-//! The one error type of this crate: the file, what is wrong with it, and what to do.
+//! Error type of this crate: the file, the problem, and the advice.
 
 use std::fmt;
 use std::io;
@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use gonio::remedy::Remedy;
 
-/// Longest text of a problem that is shown, in characters: files and third parties may give any
-/// length.
+/// Largest displayed length of a problem in characters; files and third-party messages can be
+/// longer.
 const LONGEST_PROBLEM: usize = 500;
 
-/// Category of an error; decides, for instance, an exit code.
+/// Category of an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Kind {
@@ -20,9 +20,9 @@ pub enum Kind {
     Unsupported,
     /// The file contradicts itself or its format: cut short, wrong dimensions, a bad header.
     Damaged,
-    /// The file asks for more memory than allowed; detected before the memory is taken.
+    /// The file requires more memory than allowed; detected before allocation.
     Limits,
-    /// The file is sound, but its content is not what is needed.
+    /// The file is valid, but its content is unsuitable.
     Invalid,
 }
 
@@ -65,7 +65,7 @@ impl Error {
         self.0.os.as_ref().map(io::Error::kind)
     }
 
-    /// Returns the input that mends the error, if there is one; the advice does not mention it.
+    /// Returns the input that resolves the error, if any; the advice does not mention it.
     pub fn remedy(&self) -> Option<&Remedy> {
         self.0.remedy.as_ref()
     }
@@ -86,10 +86,10 @@ impl Error {
         let advice = match os.kind() {
             K::NotFound => "check the path",
             K::PermissionDenied => "check the permissions",
-            K::StorageFull | K::QuotaExceeded | K::FileTooLarge => "free some space or write elsewhere",
-            K::ReadOnlyFilesystem => "write elsewhere",
-            K::IsADirectory => "give a file, not a folder",
-            K::NotADirectory => "give a folder, not a file",
+            K::StorageFull | K::QuotaExceeded | K::FileTooLarge => "free disk space or write to another disk",
+            K::ReadOnlyFilesystem => "write to another folder",
+            K::IsADirectory => "specify a file, not a folder",
+            K::NotADirectory => "specify a folder, not a file",
             K::AlreadyExists => "remove it or choose another name",
             _ => "check the disk and try again",
         };
@@ -103,7 +103,7 @@ impl Error {
     }
 
     pub(crate) fn damaged(path: &Path, problem: impl Into<String>) -> Self {
-        Self::new(Kind::Damaged, path, problem, "the file seems damaged: fetch or write it again")
+        Self::new(Kind::Damaged, path, problem, "the file may be damaged; download or export it again")
     }
 
     pub(crate) fn limits(path: &Path, problem: impl Into<String>, advice: impl Into<String>) -> Self {

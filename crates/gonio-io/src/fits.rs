@@ -70,7 +70,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Vec<(String, Fit)>, Error> {
             continue;
         }
         let failed = |what: String| {
-            Error::invalid(path, format!("line {number}: {what}"), "correct the line or fetch the file again")
+            Error::invalid(path, format!("line {number}: {what}"), "correct the line or download the file again")
         };
         let (name, fit) = Parser { rest: line }.line().map_err(failed)?;
         if fits.iter().any(|f| f.0 == name) {
@@ -79,7 +79,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Vec<(String, Fit)>, Error> {
         fits.push((name, fit));
     }
     if fits.is_empty() {
-        return Err(Error::invalid(path, "holds no material", "give one of the .fit files of Ngan et al. 2005"));
+        return Err(Error::invalid(path, "contains no material", "use a .fit file of Ngan et al. 2005"));
     }
     Ok(fits)
 }
@@ -111,7 +111,11 @@ impl<'a> Parser<'a> {
             _ => return Err(format!("unknown model {model}")),
         };
         self.all(&[")", ")"])?;
-        if self.rest.trim().is_empty() { Ok((name, fit)) } else { Err(format!("more after the end: {}", self.near())) }
+        if self.rest.trim().is_empty() {
+            Ok((name, fit))
+        } else {
+            Err(format!("unexpected text after the end: {}", self.near()))
+        }
     }
 
     /// Parses `, NAME = NUMBER`.
@@ -207,7 +211,7 @@ mod tests {
             ("NganWard(albedo = [1, 2, nan], roughness = 0.5))", "expected a number, found `nan`"),
             ("NganWard(albedo = [1, 2, 3], roughness = 0))", "not positive"),
             ("NganPhong(albedo = [1, 2, 3]))", "unknown model NganPhong"),
-            ("NganWard(albedo = [1, 2, 3], roughness = 0.5)) x", "more after the end"),
+            ("NganWard(albedo = [1, 2, 3], roughness = 0.5)) x", "unexpected text after the end"),
         ] {
             let error = read(tail).unwrap_err().to_string();
             assert!(error.contains(says), "{error}");

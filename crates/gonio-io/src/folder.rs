@@ -34,8 +34,8 @@ pub(crate) fn materials(dir: &Path, extensions: &[&str]) -> Result<Vec<(String, 
         |path: PathBuf| path.file_stem().map(|name| name.to_string_lossy().into_owned()).zip(Some(path.clone()));
     let found: Vec<(String, PathBuf)> = files(dir, extensions)?.into_iter().filter_map(named).collect();
     if found.is_empty() {
-        let problem = format!("holds no .{} file", extensions.join(" or ."));
-        return Err(Error::invalid(dir, problem, "give the folder with the measured materials"));
+        let problem = format!("contains no .{} file", extensions.join(" or ."));
+        return Err(Error::invalid(dir, problem, "specify the folder of measured materials"));
     }
     Ok(found)
 }

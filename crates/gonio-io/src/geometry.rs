@@ -1,4 +1,4 @@
-//! Pictures of geometry: depths and positions.
+//! Depth and position maps.
 //!
 //! * OpenEXR: depths in a channel `Z`, `V`, `depth` or `distance`, plain or of a pass such as
 //!   `Depth.V`, or in grey; positions in `X Y Z` or `R G B`, preferably of a pass named `position`.
@@ -6,9 +6,9 @@
 //! * 16-bit PNG and TIFF: depths coded as 0..1 between a near and a far one. Float TIFF: depths as
 //!   they are. PFM: both.
 //!
-//! A pixel without surface holds zero, infinity, not-a-number or a number as large as renderers
-//! write for the background (1e9 and above, such as Blender's 1e10). In a coded picture it holds
-//! the least or the largest code, or is transparent.
+//! A pixel without a surface is zero, infinite, NaN, or at least 1e9, as renderers write for the
+//! background (Blender: 1e10). In an integer image, it has the smallest or the largest code, or is
+//! transparent.
 
 use std::path::Path;
 
@@ -65,7 +65,7 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
         let array = npy::decode(path, bytes)?;
         let (&[height, width] | &[height, width, 1]) = array.shape.as_slice() else {
             let problem = format!("has the shape {:?}", array.shape);
-            return Err(Error::invalid(path, problem, "give an array of depths of shape (height, width)"));
+            return Err(Error::invalid(path, problem, "use an array of depths with the shape (height, width)"));
         };
         let (width, height) = options.read.check_size(path, width as u64, height as u64)?;
         Plane::from_vec(width, height, array.values.iter().map(|v| depth(*v)).collect())
@@ -88,13 +88,17 @@ pub fn decode_depth(path: &Path, bytes: &[u8], options: &DepthOptions) -> Result
             }
             // Radiance, JPEG and, with that feature, raw files.
             _ => {
-                let advice = "give EXR, NPY or 16-bit PNG";
-                return Err(Error::unsupported(path, "is in a format too coarse for depths", advice));
+                let advice = "use EXR, NPY or 16-bit PNG";
+                return Err(Error::unsupported(path, "has a format with too few depth levels", advice));
             }
         }
     };
     if depths.as_slice().iter().all(Option::is_none) {
-        return Err(Error::invalid(path, "holds no depths: all are zero, infinite or huge", "check what was written"));
+        return Err(Error::invalid(
+            path,
+            "contains no valid depths: all are zero, infinite or too large",
+            "check the exported values",
+        ));
     }
     Ok(depths)
 }
@@ -121,20 +125,20 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
         let array = npy::decode(path, bytes)?;
         let &[height, width, 3] = array.shape.as_slice() else {
             let problem = format!("has the shape {:?}", array.shape);
-            return Err(Error::invalid(path, problem, "give an array of places of shape (height, width, 3)"));
+            return Err(Error::invalid(path, problem, "use an array of positions with the shape (height, width, 3)"));
         };
         let (width, height) = options.check_size(path, width as u64, height as u64)?;
         Plane::from_vec(width, height, array.values.chunks_exact(3).map(|p| place(Vec3::from_slice(p))).collect())
     } else {
         let unsupported = || {
-            let problem = "is in a format that cannot hold places";
-            Error::unsupported(path, problem, "give EXR or NPY")
+            let problem = "has a format that cannot store positions";
+            Error::unsupported(path, problem, "use EXR or NPY")
         };
         match Format::of(path, bytes)? {
             Format::Exr => {
                 let select = |headers: &[Header]| select_places(path, headers);
                 let (width, height, planes) = picture::read_channels(path, bytes, options, select)?;
-                let [x, y, z] = planes.as_slice() else { return Err(Error::damaged(path, "has no places")) };
+                let [x, y, z] = planes.as_slice() else { return Err(Error::damaged(path, "has no positions")) };
                 let places = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| place(Vec3::new(x, y, z)));
                 Plane::from_vec(width, height, places.collect())
             }
@@ -150,7 +154,11 @@ pub fn decode_positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Res
         }
     };
     if places.as_slice().iter().all(Option::is_none) {
-        return Err(Error::invalid(path, "holds no places: all are zero, infinite or huge", "check what was written"));
+        return Err(Error::invalid(
+            path,
+            "contains no valid positions: all are zero, infinite or too large",
+            "check the exported values",
+        ));
     }
     Ok(places)
 }
@@ -177,8 +185,8 @@ fn select_depth(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
             }
         }
     }
-    let advice = "name the channel of the depths Z";
-    found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no channel of depths (Z, V, depth)", advice))
+    let advice = "rename the depth channel to Z";
+    found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no depth channel (Z, V or depth)", advice))
 }
 
 /// Selects the channels most likely to be positions.
@@ -199,8 +207,8 @@ fn select_places(path: &Path, headers: &[Header]) -> Result<Selection, Error> {
             }
         }
     }
-    let advice = "name the channels of the places so";
-    found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no channels X, Y, Z or R, G, B of places", advice))
+    let advice = "rename the position channels";
+    found.map(|f| f.1).ok_or_else(|| Error::unsupported(path, "has no position channels (X, Y, Z or R, G, B)", advice))
 }
 
 /// Returns the one value of each pixel of a picture without colour.
@@ -208,25 +216,25 @@ fn grey(path: &Path, decoded: &Decoded) -> Result<Plane<f32>, Error> {
     let rgb = &decoded.picture.rgb;
     let same = |a: f32, b: f32| a == b || (a.is_nan() && b.is_nan());
     if rgb.as_slice().iter().any(|v| !(same(v.x, v.y) && same(v.y, v.z))) {
-        return Err(Error::invalid(path, "is in colour, and depths are not", "give a grey picture"));
+        return Err(Error::invalid(path, "has colours, but a depth map must be grey", "use a grey image"));
     }
     Ok(rgb.map(|v| v.x))
 }
 
 fn coded(path: &Path, decoded: &Decoded, range: Option<(f64, f64)>) -> Result<Plane<Option<f64>>, Error> {
     if matches!(decoded.encoding, Encoding::Linear { bits: 8 } | Encoding::Srgb { bits: 8 }) {
-        let problem = "has 8 bits, only 256 steps of depth";
-        return Err(Error::invalid(path, problem, "write 16 bits, or EXR or NPY"));
+        let problem = "has only 8 bits, which is 256 depth levels";
+        return Err(Error::invalid(path, problem, "use 16-bit PNG, EXR or NPY"));
     }
     let codes = grey(path, decoded)?;
     let Some((near, far)) = range else {
-        let problem = "codes depths as 0..1, and nothing says between which";
-        let advice = "give the range of the codes, or depths as EXR or NPY";
+        let problem = "stores depths as 0..1 without their range";
+        let advice = "specify the depth range, or use EXR or NPY";
         return Err(Error::invalid(path, problem, advice).with_remedy(Remedy::DepthRange));
     };
     if !(near.is_finite() && far.is_finite() && near != far) {
-        let problem = format!("codes depths as 0..1, and the range {near},{far} is none");
-        return Err(Error::invalid(path, problem, "give two different, finite depths"));
+        let problem = format!("stores depths as 0..1, and the range {near},{far} is invalid");
+        return Err(Error::invalid(path, problem, "use two different, finite depths"));
     }
     let covered = |i: usize| decoded.picture.alpha.as_ref().is_none_or(|a| a.as_slice()[i] > 0.0);
     let depth = |(i, code): (usize, &f32)| {

@@ -22,7 +22,8 @@ pub(crate) fn open(path: &Path) -> Result<(File, u64), Error> {
 /// is longer.
 pub(crate) fn read_whole(path: &Path, max: u64) -> Result<Vec<u8>, Error> {
     let (file, length) = open(path)?;
-    let too_long = || Error::limits(path, format!("is longer than {max} bytes"), "reduce it or raise the limit");
+    let too_long =
+        || Error::limits(path, format!("is longer than {max} bytes"), "reduce the file size or increase the limit");
     if length > max {
         return Err(too_long());
     }
@@ -43,7 +44,11 @@ pub(crate) fn read_stream(name: &Path, stream: impl Read, max: u64) -> Result<Ve
     let mut bytes = Vec::new();
     stream.take(max.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::io(name, "read", e))?;
     if bytes.len() as u64 > max {
-        return Err(Error::limits(name, format!("is longer than {max} bytes"), "reduce it or raise the limit"));
+        return Err(Error::limits(
+            name,
+            format!("is longer than {max} bytes"),
+            "reduce the file size or increase the limit",
+        ));
     }
     if bytes.is_empty() {
         return Err(Error::damaged(name, "is empty"));
@@ -56,7 +61,7 @@ pub(crate) fn read_stream(name: &Path, stream: impl Read, max: u64) -> Result<Ve
 pub(crate) fn catching<T>(path: &Path, format: &str, decode: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     // Unwinding drops everything that the decoder held, so no broken state can be seen afterwards.
     catch_unwind(AssertUnwindSafe(decode))
-        .unwrap_or_else(|_| Err(Error::damaged(path, format!("contradicts itself as {format}"))))
+        .unwrap_or_else(|_| Err(Error::damaged(path, format!("is inconsistent as {format}"))))
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
-//! Reading and writing of every file that gonio uses, with limits on what is read.
+//! Reads and writes all file formats of gonio, with limits on the size of input.
 //!
 //! * [`picture`]: photographs, light maps and masks (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF);
 //! * [`normals`]: normal maps (OpenEXR, PFM, NPY, PNG);
-//! * [`geometry`]: pictures of depths and positions (OpenEXR, NPY, PNG);
+//! * [`geometry`]: depth and position maps (OpenEXR, NPY, PNG);
 //! * [`material`]: materials for renderers (Mitsuba, MaterialX, glTF, Blender);
 //! * [`mesh`]: triangle meshes (OBJ, PLY, glTF);
 //! * [`colour_space`]: named colour spaces and the matrices between them;

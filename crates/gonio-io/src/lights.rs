@@ -30,13 +30,13 @@ pub fn decode_lights(path: &Path, bytes: &[u8]) -> Result<Vec<(DVec3, Vec3)>, Er
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
     let light = |(at, line): (usize, &str)| {
         light(line).ok_or_else(|| {
-            let wanted = "give x y z r g b: a direction, and an irradiance that is not negative";
+            let wanted = "use x y z r g b: a direction and a non-negative irradiance";
             Error::damaged(path, format!("line {}: {wanted}", at + 1))
         })
     };
     let lights = lines.map(light).collect::<Result<Vec<_>, Error>>()?;
     if lights.is_empty() {
-        return Err(Error::damaged(path, "holds no lights"));
+        return Err(Error::damaged(path, "contains no lights"));
     }
     Ok(lights)
 }

@@ -1,5 +1,4 @@
-//! Conversion of arrays of numbers to and from little-endian bytes, at the speed of memory on any
-//! machine.
+//! Fast conversion of arrays of numbers to and from little-endian bytes.
 
 /// Appends the bytes of `values`.
 pub(crate) fn put_f32(out: &mut Vec<u8>, values: &[f32]) {

@@ -45,11 +45,11 @@ pub fn decode(path: &Path, mut from: impl Read, length: u64) -> Result<MerlTable
     let dimensions = [axis(0), axis(4), axis(8)];
     if dimensions != DIMENSIONS {
         let [a, b, c] = dimensions;
-        return Err(Error::damaged(path, format!("has the dimensions {a} {b} {c}, a MERL file has 90 90 180")));
+        return Err(Error::damaged(path, format!("has the dimensions {a} {b} {c}, but a MERL file has 90 90 180")));
     }
     if length != FILE_BYTES {
-        let what = if length < FILE_BYTES { "is cut short" } else { "goes on after its end" };
-        return Err(Error::damaged(path, format!("{what}: {length} bytes, a MERL file has {FILE_BYTES}")));
+        let what = if length < FILE_BYTES { "is truncated" } else { "has extra data at its end" };
+        return Err(Error::damaged(path, format!("{what}: {length} bytes, but a MERL file has {FILE_BYTES}")));
     }
     let mut bad = Bad::default();
     let mut channels = [Vec::new(), Vec::new(), Vec::new()];
@@ -101,7 +101,7 @@ impl Bad {
 fn short(path: &Path, length: u64, error: std::io::Error) -> Error {
     match error.kind() {
         std::io::ErrorKind::UnexpectedEof => {
-            Error::damaged(path, format!("is cut short: {length} bytes, a MERL file has {FILE_BYTES}"))
+            Error::damaged(path, format!("is truncated: {length} bytes, but a MERL file has {FILE_BYTES}"))
         }
         _ => Error::io(path, "read", error),
     }
@@ -183,13 +183,13 @@ mod tests {
     #[test]
     fn damage_is_described() {
         let bytes = encode(&table());
-        check(&bytes[..5], "cut short: 5 bytes");
-        check(&bytes[..bytes.len() - 1], "cut short: 34992011 bytes, a MERL file has 34992012");
+        check(&bytes[..5], "truncated: 5 bytes");
+        check(&bytes[..bytes.len() - 1], "truncated: 34992011 bytes, but a MERL file has 34992012");
         let longer = [&bytes[..], b"\n"].concat();
-        check(&longer, "goes on after its end");
+        check(&longer, "has extra data at its end");
         let mut other = bytes.clone();
         other[0] = 91;
-        check(&other, "has the dimensions 91 90 180, a MERL file has 90 90 180");
+        check(&other, "has the dimensions 91 90 180, but a MERL file has 90 90 180");
         let mut odd = bytes;
         let at = MerlTable::CHANNEL + 2 * THETA_D * PHI_D + 3 * PHI_D + 4;
         odd[HEADER + 8 * at..][..8].copy_from_slice(&f64::NAN.to_le_bytes());

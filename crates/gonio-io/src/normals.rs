@@ -51,7 +51,7 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<
             Ok(Plane::from_vec(width, height, normals))
         }
         Format::Radiance => {
-            Err(Error::unsupported(path, "is a Radiance file, which cannot hold negative values", "give EXR or NPY"))
+            Err(Error::unsupported(path, "is a Radiance file, which cannot store negative values", "use EXR or NPY"))
         }
         _ => {
             let options = ReadOptions { linear: true, ..options.clone() };
@@ -79,8 +79,7 @@ fn select(path: &Path, headers: &[exr::meta::header::Header]) -> Result<Selectio
             }
         }
     }
-    let missing =
-        || Error::unsupported(path, "has no channels X, Y, Z or R, G, B", "name the channels of the normals so");
+    let missing = || Error::unsupported(path, "has no channels X, Y, Z or R, G, B", "rename the normal channels");
     found.map(|f| f.1).ok_or_else(missing)
 }
 
@@ -88,7 +87,7 @@ fn from_npy(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Ve
     let array = npy::decode(path, bytes)?;
     let &[height, width, 3] = array.shape.as_slice() else {
         let problem = format!("has the shape {:?}", array.shape);
-        return Err(Error::invalid(path, problem, "give an array of shape (height, width, 3)"));
+        return Err(Error::invalid(path, problem, "use an array with the shape (height, width, 3)"));
     };
     let (width, height) = options.check_size(path, width as u64, height as u64)?;
     let normals = array.values.chunks_exact(3).map(|n| float(Vec3::from_slice(n))).collect();

@@ -1,4 +1,4 @@
-//! Notes that a folder of results keeps: JSON, such as `result.json`.
+//! JSON files in a folder of results, such as `result.json`.
 
 use std::path::Path;
 
@@ -24,7 +24,7 @@ pub fn read(path: &Path) -> Result<Value, Error> {
 /// # Errors
 /// Like [`read`].
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Value, Error> {
-    serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, format!("is no JSON: {error}")))
+    serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, format!("is not valid JSON: {error}")))
 }
 
 #[cfg(test)]

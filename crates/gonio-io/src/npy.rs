@@ -33,7 +33,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Array, Error> {
 /// # Errors
 /// If the bytes are not an array of floats, or their number does not fit the shape.
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Array, Error> {
-    let (header, data) = split(bytes).ok_or_else(|| Error::damaged(path, "does not begin like an NPY file"))?;
+    let (header, data) = split(bytes).ok_or_else(|| Error::damaged(path, "does not have the header of an NPY file"))?;
     let bad = |what: &str| Error::damaged(path, format!("has no valid {what} in its NPY header"));
     let kind = value_of(header, "descr").ok_or_else(|| bad("descr"))?.trim_matches(['\'', '"']);
     let fortran = match value_of(header, "fortran_order") {

@@ -1,8 +1,8 @@
-//! Plans in the cache: their encoding and their keys.
+//! Encoding and keys of plans in the cache.
 //!
 //! The bytes are an eight-byte length, a JSON header of that length, and the arrays `q` and `r`
-//! (32-bit) and `energies` (64-bit) of the [`Plan`], little-endian. They are for the cache alone,
-//! which protects them against damage; the form may change with [`VERSION`].
+//! (32-bit) and `energies` (64-bit) of the [`Plan`], little-endian. They are used only in the
+//! cache, which protects them against damage; the format can change with [`VERSION`].
 
 use gonio::lighting::LightPrior;
 use gonio::reflectance::BivariateTable;

@@ -1,4 +1,4 @@
-//! What a photograph says of a material, kept beside its other results: JSON, `posterior.json`
+//! Likelihood of a material given a photograph: `posterior.json` in the folder of results
 //! (docs/combine.md).
 
 use std::path::Path;
@@ -13,7 +13,7 @@ use crate::guard::read_whole;
 /// Name of the file in a folder of results.
 pub const FILE: &str = "posterior.json";
 
-/// What the file says it is.
+/// Format of the file.
 const FORMAT: &str = "gonio-posterior";
 
 /// Version that is written, and the newest that is read.
@@ -32,7 +32,7 @@ pub struct SavedPosterior {
     pub model: String,
     /// Names of the photographs.
     pub images: Vec<String>,
-    /// What they say of the material.
+    /// Likelihood of the material.
     pub likelihood: Likelihood,
     /// Colours, if they were estimated. Files of earlier versions have none that can be read.
     #[serde(default)]
@@ -64,16 +64,19 @@ impl SavedPosterior {
     /// # Errors
     /// Like [`SavedPosterior::read`].
     pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
-        let saved: Self =
-            serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, format!("is no posterior: {error}")))?;
+        let saved: Self = serde_json::from_slice(bytes)
+            .map_err(|error| Error::damaged(path, format!("is not a posterior: {error}")))?;
         if saved.format != FORMAT {
-            return Err(Error::damaged(path, format!("is no posterior but {:?}", saved.format)));
+            return Err(Error::damaged(path, format!("is not a posterior, but {:?}", saved.format)));
         }
         if saved.version > VERSION {
-            return Err(Error::damaged(path, format!("is of version {}, newer than this program", saved.version)));
+            return Err(Error::damaged(
+                path,
+                format!("has version {}, which is newer than this program", saved.version),
+            ));
         }
         if saved.chroma.as_ref().is_some_and(|chroma| !chroma.is_sound()) {
-            return Err(Error::damaged(path, "has colours of a wrong size or that are no numbers"));
+            return Err(Error::damaged(path, "has colours of the wrong size or with values that are not finite"));
         }
         Ok(saved)
     }
@@ -107,7 +110,8 @@ mod tests {
         ];
         for text in wrong {
             let error = SavedPosterior::decode(Path::new("out/posterior.json"), text.as_bytes()).unwrap_err();
-            assert!(error.to_string().starts_with("out/posterior.json: is "), "{error}");
+            let text = error.to_string();
+            assert!(text.contains(": is not a posterior") || text.contains(": has version 9"), "{text}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Tables as text with commas (RFC 4180), which people open in a spreadsheet.
+//! CSV tables (RFC 4180).
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ pub const MAX_ROWS: usize = 1_000_000;
 /// Most columns.
 const MAX_COLUMNS: usize = 1000;
 
-const ADVICE: &str = "give a table with commas, and a line of column names";
+const ADVICE: &str = "use a table with commas and a header line";
 
 /// A table of text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -43,7 +43,7 @@ impl Table {
     pub fn decode(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(bytes);
         let wrong = |what: &str, error: &csv::Error| Error::invalid(path, format!("{what}: {error}"), ADVICE);
-        let columns = reader.headers().map_err(|e| wrong("has no line of column names", &e))?;
+        let columns = reader.headers().map_err(|e| wrong("has no header line", &e))?;
         if columns.len() > MAX_COLUMNS {
             return Err(Error::limits(path, format!("has more than {MAX_COLUMNS} columns"), ADVICE));
         }
@@ -52,7 +52,7 @@ impl Table {
         for record in reader.records() {
             let record = record.map_err(|e| wrong(&format!("row {} cannot be read", rows.len() + 1), &e))?;
             if rows.len() == MAX_ROWS {
-                return Err(Error::limits(path, format!("has more than {MAX_ROWS} rows"), "part it"));
+                return Err(Error::limits(path, format!("has more than {MAX_ROWS} rows"), "split the table"));
             }
             rows.push(record.iter().map(str::to_owned).collect());
         }

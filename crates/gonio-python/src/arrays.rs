@@ -45,7 +45,7 @@ impl Borrowed {
     fn of<D: Dimension>(array: &Bound<'_, PyArray<f32, D>>) -> PyResult<Self> {
         let start: *const f32 = array.data();
         if !array.is_c_contiguous() || !start.is_aligned() || array.is_empty() {
-            let problem = Problem::new("an array is not in one piece in rows of native float32, or is empty");
+            let problem = Problem::new("an array is empty, or not contiguous float32 in C order and native byte order");
             return Err(raise(&problem, array.py()));
         }
         Ok(Self { start, length: array.len(), _owner: array.clone().into_any().unbind() })
@@ -56,7 +56,7 @@ impl Borrowed {
 pub(crate) fn colours(array: &Bound<'_, PyArray3<f32>>) -> PyResult<Plane<Vec3>> {
     let &[height, width, channels] = array.shape() else { unreachable!("three axes") };
     if channels != 3 {
-        let problem = Problem::new(format!("an array has {channels} channels; give one of shape (height, width, 3)"));
+        let problem = Problem::new(format!("an array has {channels} channels; its shape must be (height, width, 3)"));
         return Err(raise(&problem, array.py()));
     }
     Ok(Plane::lent(width, height, Arc::new(Borrowed::of(array)?)))
@@ -97,7 +97,7 @@ pub(crate) fn tables(array: &Bound<'_, PyArray3<f32>>) -> PyResult<[BivariateTab
     if plane.size() != (THETA_D, THETA_H) {
         let (width, height) = plane.size();
         let problem =
-            Problem::new(format!("a BRDF has the shape ({THETA_H}, {THETA_D}, 3), not ({height}, {width}, 3)"));
+            Problem::new(format!("a BRDF must have the shape ({THETA_H}, {THETA_D}, 3), not ({height}, {width}, 3)"));
         return Err(raise(&problem, array.py()));
     }
     let cells = plane.as_slice();

@@ -1,4 +1,4 @@
-//! Problems as Python exceptions: the classes of `gonio._errors`, with the messages of the library.
+//! Converts errors to the Python exceptions of `gonio._errors`.
 
 use std::io::ErrorKind;
 use std::sync::Mutex;
@@ -11,58 +11,56 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
-/// Remedy in the words of the package: its arguments.
+/// Words a suggestion as arguments of the package.
 pub(crate) fn words(remedy: &Remedy) -> Option<String> {
     let words = match remedy {
-        Remedy::Outline => "give the outline of the ball with circle=(x, y, radius)",
-        Remedy::Ellipsoid => "say shape=\"ellipsoid\" if it is one",
-        Remedy::DepthAxis => "give it with depth_axis=PIXELS if you know it",
-        Remedy::Camera => "give the camera with camera=",
+        Remedy::Outline => "specify the outline of the ball with circle=(x, y, radius)",
+        Remedy::Ellipsoid => "use shape=\"ellipsoid\" if the object is an ellipsoid",
+        Remedy::DepthAxis => "specify it with depth_axis=PIXELS if it is known",
+        Remedy::Camera => "specify the camera with camera=",
         Remedy::Pose => "check pose=",
-        Remedy::Mask => "give a mask with mask=",
-        Remedy::Mesh => "give the shape with shape=MESH",
-        Remedy::Normals => "give the shape with normals=",
+        Remedy::Mask => "specify a mask with mask=",
+        Remedy::Mesh => "specify the shape with shape=MESH",
+        Remedy::Normals => "specify the shape with normals=",
         Remedy::NormalAxes(corrections) => {
             let first = corrections.first()?;
             let order = first.reordered().map(|order| format!("normals_order=\"{order}\""));
             let flips = first.flips().into_iter().map(|axis| format!("normals_flip_{axis}=True"));
             let given = order.into_iter().chain(flips).collect::<Vec<_>>().join(" and ");
-            return Some(format!("give {given}"));
+            return Some(format!("use {given}"));
         }
         Remedy::OneOf(circles) => {
             let argument = |circle: &Circle| format!("circle=({:.1}, {:.1}, {:.1})", circle.x, circle.y, circle.radius);
             let listed: Vec<String> = circles.iter().map(argument).collect();
-            return (!listed.is_empty()).then(|| format!("give the right one with {}", listed.join(" or ")));
+            return (!listed.is_empty()).then(|| format!("select one with {}", listed.join(" or ")));
         }
-        Remedy::TrustNormals => "take them as they are with trust_normals=True",
+        Remedy::TrustNormals => "skip this check with trust_normals=True",
         Remedy::KeepColours => "use them with keep_colors=True",
-        Remedy::Linear => "give linear=True if its values are linear radiance",
-        Remedy::Layer => "take another with layer=NAME",
-        Remedy::Separately => "give each photograph by itself, or all of them to infer_many",
-        Remedy::DepthRange => "give the range with depth_range=(near, far)",
+        Remedy::Linear => "use linear=True if the values are linear radiance",
+        Remedy::Layer => "select another with layer=NAME",
+        Remedy::Separately => "pass one photograph at a time, or use infer_many for several",
+        Remedy::DepthRange => "specify the range with depth_range=(near, far)",
         Remedy::ChartCorners => {
-            "give the centres of its corner patches (dark skin, bluish green, black, white) with color_checker=[(x, y), ...]"
+            "specify the centres of its corner patches (dark skin, bluish green, black, white) with color_checker=[(x, y), ...]"
         }
-        Remedy::ClipLevel => "give the level with clip= if they are not clipped",
-        Remedy::ReferenceColourOnly => "use its colour alone with reference_color_only=True",
-        Remedy::Times => "times=[...] takes them",
-        Remedy::Turn => "give the angle with second_yaw=DEGREES",
-        Remedy::SecondOutline => "give the outline of the ball with second_circle=(x, y, radius)",
-        Remedy::SecondMask => "give a mask with second_mask=",
-        Remedy::LearnPosterior => {
-            "learn one with train_posterior and join it with train_model, or choose another method="
-        }
+        Remedy::ClipLevel => "if they are not clipped, specify the clipping level with clip=",
+        Remedy::ReferenceColourOnly => "use only its colour with reference_color_only=True",
+        Remedy::Times => "specify them with times=[...]",
+        Remedy::Turn => "specify the angle with second_yaw=DEGREES",
+        Remedy::SecondOutline => "specify the outline of the ball with second_circle=(x, y, radius)",
+        Remedy::SecondMask => "specify a mask with second_mask=",
+        Remedy::LearnPosterior => "train one with train_posterior and add it with train_model, or use another method=",
         _ => return None,
     };
     Some(words.to_owned())
 }
 
-/// Warnings in the words of the package.
+/// Words warnings for the user of the package.
 pub(crate) fn worded(warnings: &[Warning]) -> Vec<String> {
     warnings.iter().map(|warning| warning.worded(&words)).collect()
 }
 
-/// Exception for a problem; exceptions for files are also `OSError`s.
+/// Creates the exception for an error; exceptions for files are also `OSError`s.
 pub(crate) fn raise(problem: &Problem, py: Python<'_>) -> PyErr {
     static INPUT: PyOnceLock<Py<PyType>> = PyOnceLock::new();
     static FILE: PyOnceLock<Py<PyType>> = PyOnceLock::new();
@@ -78,11 +76,11 @@ pub(crate) fn raise(problem: &Problem, py: Python<'_>) -> PyErr {
     }
 }
 
-/// Message of the last panic. Third-party decoders panic on damaged files; `gonio-io` catches that
-/// and reports the problem in one line, to which the message of the panic would only add noise.
+/// Message of the last panic. Third-party decoders panic on damaged files; `gonio-io` catches these
+/// panics and reports one-line errors, so the panic hook prints nothing.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
-/// Keeps panics from being printed.
+/// Suppresses the output of panics.
 pub(crate) fn keep_panics_quiet() {
     std::panic::set_hook(Box::new(|panic| {
         if let Ok(mut noted) = PANIC.lock() {
@@ -91,8 +89,8 @@ pub(crate) fn keep_panics_quiet() {
     }));
 }
 
-/// Exception for a panic of gonio itself.
+/// Creates the exception for an internal panic.
 pub(crate) fn fault() -> PyErr {
     let said = PANIC.lock().map(|noted| noted.clone()).unwrap_or_default();
-    PyRuntimeError::new_err(format!("a fault of gonio itself: {said}; please report it"))
+    PyRuntimeError::new_err(format!("internal error: {said}; please report this bug"))
 }

@@ -42,13 +42,13 @@ pub(crate) fn export(
     let wanted = |to: Vec<String>| -> Result<Vec<Target>, Problem> {
         let all = || Target::ALL.map(|target| target.names().0).join(", ");
         let target = |name: &String| {
-            Target::named(name).ok_or_else(|| Problem::new(format!("to {name:?}: give some of {}", all())))
+            Target::named(name).ok_or_else(|| Problem::new(format!("to {name:?}: must be among {}", all())))
         };
         to.iter().map(target).collect()
     };
     let targets = to.map_or_else(|| Ok(Target::ALL.to_vec()), wanted).map_err(|problem| raise(&problem, py))?;
     if let Some(albedo) = albedo.filter(|a| !(*a > 0.0 && *a <= 1.0)) {
-        return Err(raise(&Problem::new(format!("albedo {albedo}: give a number above 0, at most 1")), py));
+        return Err(raise(&Problem::new(format!("albedo {albedo}: must be above 0 and at most 1")), py));
     }
     let whole = full.map(merl_table).transpose()?;
     let light = light.map(arrays::colours).transpose()?.map(EnvironmentMap::new).transpose();
@@ -59,7 +59,13 @@ pub(crate) fn export(
     work::run(py, listeners, move |reporter| {
         let folder = for_exports(&folder)?;
         let written = export.write(&folder, &targets, &input, &|x| reporter.at("fitting models", x))?;
-        let Some(summary) = written else { return Err(Problem::of(input, "reflects nothing along the normal")) };
+        let Some(summary) = written else {
+            return Err(Problem::of(
+                input,
+                "the BRDF is zero at normal incidence; it \
+            cannot be exported",
+            ));
+        };
         folder.commit()?;
         Ok(summary.to_string())
     })

@@ -63,7 +63,7 @@ pub(crate) fn read_light(
     Ok(arrays::of_colours(py, light.radiance().clone()))
 }
 
-/// Reads a picture of normals.
+/// Reads a normal map.
 #[pyfunction]
 pub(crate) fn read_normals(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<f32>>> {
     let normals = py.detach(|| gonio_io::normals::read_normals(&path)).map_err(|e| raise(&e.into(), py))?;
@@ -112,10 +112,10 @@ pub(crate) fn write_image(
                 let space = named(colorspace.as_deref());
                 encode_exr_with(&rgb, &ExrOptions { alpha: alpha.as_ref(), clip_level: clip, space })
             }
-            Some("exr") => return Err(Problem::new("colours and coverage are not of one size")),
+            Some("exr") => return Err(Problem::new("colours and coverage must have the same size")),
             Some("hdr") => encode_hdr(&rgb),
             Some("pfm") => encode_pfm(&rgb),
-            _ => return Err(Problem::of(path.display(), "write to a name ending in .exr, .hdr or .pfm")),
+            _ => return Err(Problem::of(path.display(), "the output must be an .exr, .hdr or .pfm file")),
         };
         Ok(write_whole(&path, &bytes)?)
     })
@@ -126,7 +126,7 @@ pub(crate) fn write_image(
 fn png(samples: &Bound<'_, PyArray3<u8>>) -> PyResult<Vec<u8>> {
     let &[height, width, channels] = samples.shape() else { unreachable!("three axes") };
     if channels != 3 || samples.is_empty() {
-        return Err(raise(&Problem::new("a picture has the shape (height, width, 3)"), samples.py()));
+        return Err(raise(&Problem::new("an image must have the shape (height, width, 3)"), samples.py()));
     }
     let values: Vec<u8> = samples.readonly().as_array().iter().copied().collect();
     Ok(samples.py().detach(|| encode_png_srgb8(width, height, &values)))
@@ -183,7 +183,7 @@ fn encode_brdf(
     } else if file.ends_with(".bsdf") {
         rgl::encode(tables, name, Channels::Rgb)
     } else {
-        return Err(Problem::of(path.display(), "write to a name ending in .binary or .bsdf"));
+        return Err(Problem::of(path.display(), "the output must be a .binary or .bsdf file"));
     })
 }
 

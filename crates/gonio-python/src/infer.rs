@@ -79,7 +79,7 @@ impl Settings<'_> {
             ("learnt", _) => Ok(Method::Learnt),
             ("variational" | "paper", _) => Ok(Method::Variational(search)),
             ("map", _) => Ok(Method::JointMaximum(search)),
-            (other, _) => Err(Problem::new(format!("method {other:?}: there is none, or its light is missing"))),
+            (other, _) => Err(Problem::new(format!("method {other:?}: unknown method, or its light is missing"))),
         })
     }
 
@@ -107,12 +107,13 @@ impl Settings<'_> {
         let problem = |text: &str| Err(Problem::new(text));
         match (self.color.as_str(), self.light_color) {
             ("estimate", None) => Ok(Colours::Estimate),
-            ("estimate", Some(rgb)) => Colours::under(rgb)
-                .map_or_else(|| problem("light_color: give three positive numbers on a linear scale"), Ok),
-            (_, Some(_)) => problem("light_color serves color=\"estimate\" alone"),
+            ("estimate", Some(rgb)) => {
+                Colours::under(rgb).map_or_else(|| problem("light_color: must be three positive linear numbers"), Ok)
+            }
+            (_, Some(_)) => problem("light_color requires color=\"estimate\""),
             ("median", None) => Ok(Colours::Median),
             ("none", None) => Ok(Colours::Grey),
-            (other, None) => problem(&format!("color {other:?}: give \"estimate\", \"median\" or \"none\"")),
+            (other, None) => problem(&format!("color {other:?}: must be \"estimate\", \"median\" or \"none\"")),
         }
     }
 }
@@ -153,7 +154,7 @@ fn work_on<T: Send + 'static>(
     })
 }
 
-/// Where regions are: a picture of labels, outlines, or balls to be found.
+/// Regions: a label image, outlines, or balls to detect.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct GivenRegions<'py> {

@@ -1,4 +1,4 @@
-//! What photographs say of a material: draws from it, and its product with that of others.
+//! Likelihood of a material given photographs: draws from the posterior, and combinations.
 
 use std::path::PathBuf;
 
@@ -17,7 +17,7 @@ use crate::infer::{of_material, shown};
 use crate::model::Model;
 use crate::work::{self, Listeners};
 
-/// What photographs say of a material.
+/// Likelihood of the materials of a model given photographs.
 #[pyclass(frozen, module = "gonio._gonio")]
 pub(crate) struct Likelihood(pub(crate) SavedPosterior);
 
@@ -36,7 +36,7 @@ impl Likelihood {
     }
 }
 
-/// Draws from a posterior: shape (count, 90, 90).
+/// Draws tables from a posterior: shape (count, 90, 90).
 #[pyfunction]
 pub(crate) fn draw<'py>(
     py: Python<'py>,
@@ -54,14 +54,14 @@ pub(crate) fn draw<'py>(
     Ok(arrays::array(py, (count, THETA_H, THETA_D), tables))
 }
 
-/// What a photograph says: as it was found, or in a folder of results.
+/// Likelihood of one photograph: in memory, or in a folder of results.
 #[derive(FromPyObject)]
 pub(crate) enum Given<'py> {
     Found((String, Bound<'py, Likelihood>)),
     Folder(PathBuf),
 }
 
-/// Combines what several photographs say; returns the values of a `Combined` by name.
+/// Combines the likelihoods of several photographs; returns the values of a `Combined` by name.
 #[pyfunction]
 pub(crate) fn combine_all<'py>(
     py: Python<'py>,

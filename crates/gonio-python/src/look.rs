@@ -76,7 +76,7 @@ pub(crate) fn merge(
     Ok(out)
 }
 
-/// Which exposure tells the most of each pixel, from 0; -1 where it is clipped in all, -2 where it
+/// Main exposure of each pixel, from 0; -1 where it is clipped in all, -2 where it
 /// is black in all, -3 where they contradict each other.
 fn origin<'py>(py: Python<'py>, known: &Plane<Known>) -> Bound<'py, PyArray2<i16>> {
     let (width, height) = known.size();

@@ -10,11 +10,10 @@ use pyo3::sync::PyOnceLock;
 
 use crate::error::raise;
 
-/// Everything that inference knows beforehand: the prior of light, the basis of reflectance and the
-/// posterior of materials.
+/// Model of an inference: prior of light, basis of reflectance and posterior of materials.
 ///
-/// Models are read from files, made by `gonio.train_model`, or the one of the package; they can be
-/// pickled.
+/// A model comes from a file, from `gonio.train_model`, or is embedded in the package. Models can
+/// be pickled.
 #[pyclass(frozen, module = "gonio")]
 pub(crate) struct Model {
     pub(crate) model: Arc<gonio::model::Model>,
@@ -27,7 +26,7 @@ pub(crate) struct Model {
 const EMBEDDED: &str = "the embedded model";
 
 impl Model {
-    /// Model that has just been learnt.
+    /// Creates a newly trained model.
     pub(crate) fn learnt(model: Arc<gonio::model::Model>) -> Self {
         Self { model, name: "the model".into(), is_embedded: false }
     }
@@ -35,12 +34,12 @@ impl Model {
 
 #[pymethods]
 impl Model {
-    /// The model that travels with the package, decoded at the first call.
+    /// Return the embedded model, which is decoded on the first call.
     ///
     /// Returns
     /// -------
     /// Model
-    ///     The same each time.
+    ///     The embedded model.
     #[staticmethod]
     fn embedded(py: Python<'_>) -> PyResult<Py<Self>> {
         static MODEL: PyOnceLock<Py<Model>> = PyOnceLock::new();
@@ -61,7 +60,7 @@ impl Model {
     /// Returns
     /// -------
     /// Model
-    ///     To be given as `model` to `gonio.infer`.
+    ///     Model for the argument `model` of `gonio.infer`.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let model = py.detach(|| read_model(&path)).map_err(|e| raise(&e.into(), py))?;
@@ -75,19 +74,19 @@ impl Model {
     /// bytes : bytes
     ///     The contents of the file.
     /// name : str
-    ///     How messages call it.
+    ///     Name in messages.
     ///
     /// Returns
     /// -------
     /// Model
-    ///     As `Model.read` gives it.
+    ///     The decoded model.
     #[staticmethod]
     fn decode(py: Python<'_>, bytes: &[u8], name: String) -> PyResult<Self> {
         let model = decode_model(Path::new(&name), bytes).map_err(|e| raise(&e.into(), py))?;
         Ok(Self { model: Arc::new(model), name, is_embedded: false })
     }
 
-    /// Write the model to a file, whole or not at all.
+    /// Write the model to a file, atomically.
     ///
     /// Parameters
     /// ----------
@@ -97,19 +96,19 @@ impl Model {
         py.detach(|| write_file(&path, &encode_model(&self.model))).map_err(|e| raise(&e.into(), py))
     }
 
-    /// Data and method that the model was learnt with.
+    /// Training data and settings.
     #[getter]
     fn provenance(&self) -> &str {
         &self.model.provenance
     }
 
-    /// The largest grid of light that the model covers, in texels a side.
+    /// Largest supported light grid, in texels per side.
     #[getter]
     fn largest_grid(&self) -> usize {
         self.model.light.finest_side()
     }
 
-    /// Whether the model has the posterior of materials that inference needs.
+    /// Whether the model has a posterior of materials, which the default method requires.
     #[getter]
     fn has_posterior(&self) -> bool {
         self.model.learnt.is_some()
@@ -119,7 +118,7 @@ impl Model {
         format!("<gonio.Model: {}>", self.name)
     }
 
-    /// Pickles the embedded model by reference, and other models whole.
+    /// Pickles the embedded model by reference, and other models by value.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let class = py.get_type::<Self>();
         if self.is_embedded {

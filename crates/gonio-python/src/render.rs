@@ -82,7 +82,7 @@ pub(crate) fn merl_table(array: &Bound<'_, PyArray4<f32>>) -> PyResult<MerlTable
     let values = array.readonly();
     let values = values.as_array();
     if values.shape() != [3, THETA_H, THETA_D, gonio::reflectance::PHI_D] {
-        let problem = Problem::new("a whole MERL table has the shape (3, 90, 90, 180)");
+        let problem = Problem::new("a full MERL table must have the shape (3, 90, 90, 180)");
         return Err(raise(&problem, array.py()));
     }
     Ok(MerlTable::from_channels(
@@ -113,7 +113,7 @@ pub(crate) fn highlights<'py>(
     let values = values.as_array();
     let &[count, rows, columns] = values.shape() else { unreachable!("three axes") };
     if (rows, columns) != (THETA_H, THETA_D) || values.iter().any(|v| !v.is_finite() || *v < 0.0) {
-        let problem = "luminance tables have the shape (count, 90, 90), and values from 0";
+        let problem = "luminance tables must have the shape (count, 90, 90) and non-negative values";
         return Err(raise(&Problem::new(problem), py));
     }
     let all: Vec<BivariateTable> =

@@ -258,7 +258,7 @@ impl GivenDepths<'_> {
                 Source::Here(surface(
                     &array,
                     array.py(),
-                    "the depths: hold no surface: all are zero, infinite or huge",
+                    "the depths: contain no surface: all are zero, infinite or too large",
                     values,
                 )?)
             }
@@ -277,7 +277,7 @@ impl GivenPositions<'_> {
                 Source::Here(surface(
                     &array,
                     array.py(),
-                    "the positions: hold no surface: all are zero, infinite or huge",
+                    "the positions: contain no surface: all are zero, infinite or too large",
                     places,
                 )?)
             }

@@ -68,7 +68,9 @@ fn channel(name: &str) -> Result<Channel, Problem> {
         "blue" => Channel::Blue,
         "luminance" => Channel::Luminance,
         _ => {
-            return Err(Problem::new(format!("channel {name:?}: give \"red\", \"green\", \"blue\" or \"luminance\"")));
+            return Err(Problem::new(format!(
+                "channel {name:?}: must be \"red\", \"green\", \"blue\" or \"luminance\""
+            )));
         }
     })
 }
@@ -101,10 +103,10 @@ pub(crate) fn train_lighting(
         let map = match layout.as_str() {
             "equal-area" => OctahedralMap::EqualArea,
             "praun-hoppe" => OctahedralMap::PraunHoppe,
-            _ => return Err(Problem::new(format!("layout {layout:?}: give \"equal-area\" or \"praun-hoppe\""))),
+            _ => return Err(Problem::new(format!("layout {layout:?}: must be \"equal-area\" or \"praun-hoppe\""))),
         };
         if !(1..=64).contains(&turns) {
-            return Err(Problem::new(format!("turns {turns}: give a number from 1 to 64")));
+            return Err(Problem::new(format!("turns {turns}: must be from 1 to 64")));
         }
         let settings = LightingSettings { grid, map, turns, cap, seed };
         let (prior, provenance) = training::lighting(&lights, &settings, &|stage, x| reporter.at(stage, x))?;

@@ -85,7 +85,7 @@ def test_conversions_and_masks(small):
     grey = gonio.infer(rgb.mean(axis=2), mask=alpha, **QUICK)
     assert np.allclose(grey.brdf.table[:, :, 0], grey.brdf.table[:, :, 2])
     coded = np.round(255 * np.clip(rgb / rgb.max(), 0, 1)).astype(np.uint8)
-    with pytest.warns(gonio.GonioWarning, match="8-bit sRGB-coded"):
+    with pytest.warns(gonio.GonioWarning, match="8-bit image, decoded as sRGB"):
         gonio.infer(coded, mask=alpha, **QUICK)
     assert not any("sRGB" in said for said in gonio.infer(coded, mask=alpha, linear=True, **QUICK).warnings)
 

@@ -97,7 +97,7 @@ def test_bytes_and_open_files(ball, found):
         assert same(gonio.infer(file, pictures=False), found)
     with pytest.raises(gonio.GonioError, match="the image: "):
         gonio.infer(data[:100])
-    with pytest.raises(gonio.GonioError, match='is a file of text; open it with mode "rb"'):
+    with pytest.raises(gonio.GonioError, match='is a text file; open it with mode "rb"'):
         gonio.infer(io.StringIO("hello"))
 
 
@@ -139,10 +139,10 @@ def test_exposures_are_merged(exposures, tmp_path):
     ("options", "message"),
     [
         ({"times": [1, 2]}, "exposure"),
-        ({"times": [1, -2, 3]}, "times: give the exposure time of each file in seconds, all above zero"),
+        ({"times": [1, -2, 3]}, "times: must be the exposure time of each file in seconds, all above zero"),
         ({"times": [1, 4, 16], "response": "linear", "black_level": 1e6}, "black level 1000000"),
         ({"times": [1, 4, 16], "response": "linear", "linear": True}, "linear=True and response"),
-        ({}, r"times=\[\.\.\.\] takes them"),
+        ({}, r"specify them with times=\[\.\.\.\]"),
     ],
 )
 def test_exposures_that_do_not_go_together(exposures, options, message):
@@ -153,11 +153,11 @@ def test_exposures_that_do_not_go_together(exposures, options, message):
 def test_what_is_no_list_of_exposures(small, exposures):
     with pytest.raises(gonio.GonioError, match="the image: is an empty list"):
         gonio.infer([])
-    with pytest.raises(gonio.GonioError, match="exposures are files, but array"):
+    with pytest.raises(gonio.GonioError, match="exposures must be files, but array"):
         gonio.infer([exposures[0][0], small])
-    with pytest.raises(TypeError, match="images: give a list of the files of exposures, not 'a.jpg'"):
+    with pytest.raises(TypeError, match="images: must be a list of the files of exposures, not 'a.jpg'"):
         gonio.merge("a.jpg")
-    with pytest.raises(gonio.GonioError, match="times says how a file is read; the image is an array"):
+    with pytest.raises(gonio.GonioError, match="times applies only to files, but the image is an array"):
         gonio.infer(small, times=[1.0])
 
 
@@ -189,7 +189,7 @@ def test_colour_spaces_of_arrays_and_files(small, want, tmp_path):
     assert np.allclose(gonio.read_image(tmp_path / "stated.exr"), small, atol=1e-5)
     gonio.write_image(tmp_path / "unstated.exr", aces)
     assert np.allclose(gonio.read_image(tmp_path / "unstated.exr", colorspace="acescg"), small, atol=1e-5)
-    with pytest.warns(gonio.GonioWarning, match="the given space rec2020 has no effect"):
+    with pytest.warns(gonio.GonioWarning, match="the specified space rec2020 has no effect"):
         gonio.read_image(tmp_path / "stated.exr", colorspace="rec2020")
 
     # What is saved in another space comes back in Rec. 709.
@@ -198,5 +198,5 @@ def test_colour_spaces_of_arrays_and_files(small, want, tmp_path):
     found.brdf.export(tmp_path / "export", ["merl"], output_colorspace="rec2020")
     assert np.allclose(gonio.read_brdf(tmp_path / "export" / "brdf.binary").table, found.brdf.table, rtol=1e-4, atol=1e-6)
     for name in ("cmyk", ""):
-        with pytest.raises(gonio.GonioError, match=f'colorspace "{name}": give "rec709", "srgb"'):
+        with pytest.raises(gonio.GonioError, match=f'colorspace "{name}": must be "rec709", "srgb"'):
             gonio.infer(small, colorspace=name)

@@ -60,17 +60,17 @@ def test_an_exception_of_progress_ends_all(small):
 def test_arguments_are_checked_before(small):
     with pytest.raises(TypeError, match="infer has no argument nonsense"):
         gonio.infer_many([small], nonsense=1)
-    with pytest.raises(TypeError, match=r"items: 'photo.exr' is one string; give a list of photographs: \['photo.exr'\]"):
+    with pytest.raises(TypeError, match=r"items: 'photo.exr' is one string; use a list of photographs: \['photo.exr'\]"):
         gonio.infer_many("photo.exr")
     with pytest.raises(TypeError, match="is one path"):
         gonio.infer_many(Path("photo.exr"))
-    for one, what in [(small, "picture"), ({"image": small}, "dictionary"), (b"\x76\x2f", "bytes")]:
+    for one, what in [(small, "image"), ({"image": small}, "dictionary"), (b"\x76\x2f", "bytes")]:
         with pytest.raises(TypeError, match=f"is one {what}"):
             gonio.infer_many(one)
     stack = np.stack([small, small])
     assert [result.name for result in gonio.infer_many(np.array(["a.exr", "b.exr"]))] == ["a.exr", "b.exr"]
     assert all(gonio.infer_many(stack, **QUICK))
-    with pytest.raises(TypeError, match="give a list of photographs, not 3"):
+    with pytest.raises(TypeError, match="must be a list of photographs, not 3"):
         gonio.infer_many(3)
     with pytest.raises(gonio.GonioError, match="workers 0"):
         gonio.infer_many([small], workers=0)

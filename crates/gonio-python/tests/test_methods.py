@@ -93,14 +93,14 @@ def test_every_option_of_the_program_is_an_argument(command):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "best"}, 'method "best": give "learnt", "known-light", "variational", "map", "known-light-basis" or "paper"'),
-        ({"method": "known-light"}, 'method="known-light" needs the light: give it with light='),
+        ({"method": "best"}, 'method "best": must be "learnt", "known-light", "variational", "map", "known-light-basis" or "paper"'),
+        ({"method": "known-light"}, 'method="known-light" requires a known light; specify it with light='),
         ({"method": "map", "light": np.ones((8, 16))}, 'light is for method="known-light" and'),
-        ({"starts": 2}, 'starts is for method="variational", "map", "known-light-basis", "paper": "learnt" does not use it'),
-        ({"method": "map", "solver": "blocks"}, 'solver is for method="variational": "map" does not use it'),
-        ({"method": "variational", "solver": "quick"}, 'solver "quick": give "blocks", "parallel" or "printed"'),
+        ({"starts": 2}, 'starts is for method="variational", "map", "known-light-basis", "paper"; method "learnt" does not use it'),
+        ({"method": "map", "solver": "blocks"}, 'solver is for method="variational"; method "map" does not use it'),
+        ({"method": "variational", "solver": "quick"}, 'solver "quick": must be "blocks", "parallel" or "printed"'),
         ({"method": "paper", "grid": 8}, 'grid is for method='),
-        ({"method": "paper", "shape": "blob"}, 'method="paper" is for a sphere'),
+        ({"method": "paper", "shape": "blob"}, 'method="paper" requires a sphere'),
         ({"align_light": "near"}, 'align_light is for method="known-light"'),
     ],
 )
@@ -140,16 +140,16 @@ def test_depth_and_positions(tmp_path):
     by_places = gonio.infer(picture, normals=normals, positions=positions, camera=camera, **QUICK)
     assert by_places.notes["observations"]["shape"]["geometry"] == "the positions"
     assert np.allclose(np.log(by_places.brdf.table / by_depth.brdf.table)[:60, :60], 0, atol=0.05)
-    with pytest.raises(gonio.GonioError, match=r"the positions: .*; give the camera with camera="):
+    with pytest.raises(gonio.GonioError, match=r"the positions: .*; specify the camera with camera="):
         gonio.infer(picture, normals=normals, positions=positions, **QUICK)
     for options, message in [
-        ({"normals": normals, "depth": codes}, r"give the range with depth_range=\(near, far\)"),
-        ({"normals": normals, "depth": depth[:50]}, "the depths: the depths are"),
-        ({"normals": normals, "depth": depth * np.nan}, "the depths: hold no surface"),
-        ({"normals": normals, "depth": depth, "positions": positions}, "give depth or positions, not both"),
-        ({"normals": normals, "depth_range": (1, 2)}, "go with depth="),
-        ({"depth": depth}, "depth goes with normals: give them with normals="),
-        ({"normals": normals, "depth": depth, "depth_range": (2, 2)}, "depth_range: give two different numbers"),
+        ({"normals": normals, "depth": codes}, r"specify their range with depth_range=\(near, far\)"),
+        ({"normals": normals, "depth": depth[:50]}, "the depths: the depth map is"),
+        ({"normals": normals, "depth": depth * np.nan}, "the depths: contain no surface"),
+        ({"normals": normals, "depth": depth, "positions": positions}, "depth and positions both define the surface"),
+        ({"normals": normals, "depth_range": (1, 2)}, "require depth="),
+        ({"depth": depth}, "depth requires normals; specify them with normals="),
+        ({"normals": normals, "depth": depth, "depth_range": (2, 2)}, "depth_range: must be two different numbers"),
     ]:
         with pytest.raises(gonio.GonioError, match=message):
             gonio.infer(picture, **options)
@@ -160,12 +160,12 @@ def test_normals_in_other_conventions():
     want = gonio.infer(picture, normals=normals, **QUICK)
     # As for DirectX, with blue first.
     odd = (normals * (1, -1, 1))[..., ::-1]
-    with pytest.raises(gonio.GonioError, match=r'give normals_order="zyx" and normals_flip_y=True') as caught:
+    with pytest.raises(gonio.GonioError, match=r'use normals_order="zyx" and normals_flip_y=True') as caught:
         gonio.infer(picture, normals=odd, **QUICK)
     assert "--" not in str(caught.value)
     found = gonio.infer(picture, normals=odd, normals_order="zyx", normals_flip_y=True, **QUICK)
     assert np.array_equal(found.brdf.table, want.brdf.table)
-    with pytest.raises(gonio.GonioError, match='normals_order "xxz": give "xyz"'):
+    with pytest.raises(gonio.GonioError, match='normals_order "xxz": must be "xyz"'):
         gonio.infer(picture, normals=odd, normals_order="xxz")
 
 
@@ -180,7 +180,7 @@ def test_a_photograph_is_looked_at(small, ball):
     two = np.concatenate([small, small], axis=1)
     assert len(gonio.check(two).outlines) == 2
     assert len(gonio.check(two, circles=[(24, 24, 22), (72, 24, 22)]).outlines) == 2
-    with pytest.raises(gonio.GonioError, match=r"give a mask with mask=.*circle=\(x, y, radius\)"):
+    with pytest.raises(gonio.GonioError, match=r"specify a mask with mask=.*circle=\(x, y, radius\)"):
         gonio.check(small[..., :3] * 0 + np.random.default_rng(1).random((48, 48, 3)))
     with pytest.raises(TypeError, match="check has no argument grid"):
         gonio.check(small, grid=8)
@@ -194,7 +194,7 @@ def test_threads_change_nothing(small):
     finally:
         gonio.set_threads()
     assert np.array_equal(alone.brdf.table, want.brdf.table) and np.array_equal(alone.light, want.light)
-    with pytest.raises(gonio.GonioError, match="threads 0: give at least 1"):
+    with pytest.raises(gonio.GonioError, match="threads 0: must be at least 1"):
         gonio.set_threads(0)
 
 

@@ -70,15 +70,15 @@ def test_bsdfs_of_mitsuba():
         assert seen == pytest.approx(brdf.eval(np.arccos(half[2]), np.arccos(wi @ half)), rel=0.03)
     principled = brdf.to_mitsuba("principled")
     assert "Principled" in type(principled).__name__ or "principled" in str(principled).lower()
-    with pytest.raises(gonio.GonioError, match='plugin "glass": give "measured" or "principled"'):
+    with pytest.raises(gonio.GonioError, match='plugin "glass": must be "measured" or "principled"'):
         brdf.to_mitsuba("glass")
 
 
 @pytest.mark.parametrize(
     ("hidden", "call", "message"),
     [
-        ("xarray", "to_xarray()", "to_xarray needs xarray: pip install xarray"),
-        ("mitsuba", "to_mitsuba()", "to_mitsuba needs mitsuba: pip install mitsuba"),
+        ("xarray", "to_xarray()", "to_xarray requires xarray; install it with: pip install xarray"),
+        ("mitsuba", "to_mitsuba()", "to_mitsuba requires mitsuba; install it with: pip install mitsuba"),
     ],
 )
 def test_what_is_not_installed_is_said(hidden, call, message):

@@ -71,14 +71,14 @@ def test_two_views_are_merged():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"rows": 100}, "100 rows: give a power of two"),
-        ({"rows": -1}, "rows -1: give a power of two"),
-        ({"reflectance": 1.5}, "the reflectance 1.5 cannot be used"),
-        ({"reflectance": (1, 1)}, "reflectance: give one number"),
-        ({"circle": (1, 2, 0)}, "circle: give three numbers"),
-        ({"second_yaw": 3.0}, "give second="),
+        ({"rows": 100}, "100 rows: must be a power of two"),
+        ({"rows": -1}, "rows -1: must be a power of two"),
+        ({"reflectance": 1.5}, "invalid reflectance 1.5"),
+        ({"reflectance": (1, 1)}, "reflectance: must be one number"),
+        ({"circle": (1, 2, 0)}, "circle: must be three numbers"),
+        ({"second_yaw": 3.0}, "specify it with second="),
         ({"mask": np.ones((3, 4))}, "the mask is 4x3, the photograph 160x160"),
-        ({"second": np.random.default_rng(1).random((80, 80, 3))}, "the second image: .*; give a mask with second_mask=, or give the outline"),
+        ({"second": np.random.default_rng(1).random((80, 80, 3))}, "the second image: .*; specify a mask with second_mask=, or specify the outline"),
         ({"clip": -1.0}, "clip -1.0"),
     ],
 )

@@ -48,18 +48,18 @@ def test_a_patch_fixes_colour_and_scale(beside, white):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"white": (68, 25, 0)}, "white: give three numbers"),
-        ({"white": (300, 25, 12)}, "outside the picture of 88x48"),
+        ({"white": (68, 25, 0)}, "white: must be three numbers"),
+        ({"white": (300, 25, 12)}, "outside the image of 88x48"),
         ({"white": (24, 24, 12)}, "lie on the object"),
-        ({"white": (68, 25, 12), "light_color": (1, 1, 1)}, "the colour of the light is given"),
-        ({"white": (68, 25, 12), "light": np.ones((8, 16)), "grid": None}, "the light map fixes the colour"),
-        ({"white": (68, 25, 12), "grey_card": np.ones((48, 88))}, "white and grey_card are references: give one of them"),
-        ({"white": (68, 25, 12), "reference_reflectance": 2}, "reference_reflectance 2.0: give a number above 0"),
-        ({"color_checker": True, "reference_reflectance": 0.5}, "reference_reflectance is for white and grey_card"),
+        ({"white": (68, 25, 12), "light_color": (1, 1, 1)}, "the colour of the light and a reference are both specified"),
+        ({"white": (68, 25, 12), "light": np.ones((8, 16)), "grid": None}, "the light map and the reference both determine the colour"),
+        ({"white": (68, 25, 12), "grey_card": np.ones((48, 88))}, "white and grey_card are references; use only one of them"),
+        ({"white": (68, 25, 12), "reference_reflectance": 2}, "reference_reflectance 2.0: must be above 0"),
+        ({"color_checker": True, "reference_reflectance": 0.5}, "reference_reflectance applies to white and grey_card"),
         ({"color_checker": True}, r"no 24-patch colour chart .*color_checker=\["),
-        ({"color_checker": (1, 2, 3)}, "color_checker: give True, or the centres"),
+        ({"color_checker": (1, 2, 3)}, "color_checker: must be True, or the centres"),
         ({"color_checker": [(50, 5), (85, 5), (85, 45), (50, 45)]}, "not those of a ColorChecker Classic"),
-        ({"reference_color_only": True}, "reference_color_only is for"),
+        ({"reference_color_only": True}, "reference_color_only requires"),
     ],
 )
 def test_references_that_cannot_be_used_are_refused(beside, options, message):

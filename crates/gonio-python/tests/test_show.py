@@ -61,7 +61,7 @@ def test_without_matplotlib_the_rest_works():
         "except ImportError as error: print(error)\n"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "plot needs matplotlib: pip install matplotlib, or gonio[plot]"
+    assert run.stdout.strip() == "plot requires matplotlib; install it with: pip install matplotlib, or gonio[plot]"
 
 
 def test_folders_of_results(found, tmp_path):

@@ -58,19 +58,19 @@ def test_folders_and_files_do_as_well(tmp_path):
 
 
 def test_what_cannot_be_learnt_from_is_refused(tmp_path):
-    with pytest.raises(gonio.GonioError, match="grid 17: give a power of two from 8 to 512"):
+    with pytest.raises(gonio.GonioError, match="grid 17: must be a power of two from 8 to 512"):
         gonio.train_lighting(lights(), grid=17)
     with pytest.raises(gonio.GonioError, match="turns 0"):
         gonio.train_lighting(lights(), turns=0)
-    with pytest.raises(gonio.GonioError, match="the lights: there are none"):
+    with pytest.raises(gonio.GonioError, match="the lights: there are no light maps"):
         gonio.train_lighting([])
-    with pytest.raises(gonio.GonioError, match="light 1: a lat-long map is twice as wide as high"):
+    with pytest.raises(gonio.GonioError, match="light 1: a lat-long map must be twice as wide as high"):
         gonio.train_lighting([lights()[0], np.ones((4, 4, 3))])
-    with pytest.raises(gonio.GonioError, match="no .hdr, .exr or .pfm files here"):
+    with pytest.raises(gonio.GonioError, match="contains no .hdr, .exr or .pfm files"):
         gonio.train_lighting(tmp_path)
     with pytest.raises(gonio.MissingFileError, match="cannot list this folder"):
         gonio.train_lighting(tmp_path / "none")
-    with pytest.raises(gonio.GonioError, match="rank 4: the list holds 3 materials"):
+    with pytest.raises(gonio.GonioError, match="rank 4: must be from 1 to 3, the number of materials in the list"):
         gonio.train_reflectance(materials(), rank=4)
     with pytest.raises(gonio.GonioError, match='channel "white"'):
         gonio.train_reflectance(materials(), channel="white")

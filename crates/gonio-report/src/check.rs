@@ -1,5 +1,4 @@
-//! Picture of a photograph before anything is inferred: where the object is, and which pixels of it
-//! are left out.
+//! Picture of `gonio check`: the detected object and its ignored pixels.
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,4 +1,4 @@
-//! Pictures of materials beside each other: from several photographs, or in several regions.
+//! Pictures of several materials: from several photographs or regions.
 
 use glam::Vec3;
 use gonio::picture::{Picture, Plane};

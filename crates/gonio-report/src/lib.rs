@@ -1,10 +1,9 @@
-//! Reports on an estimate: one page to read ([`report`]), and its pictures ([`panels`],
-//! [`summary`], [`uncertainty`], [`combined`], [`regions`]). [`probe`] draws what was made of a
-//! mirror ball, [`check`] what was found in a photograph before anything is inferred; [`compare`]
-//! is a page of several results.
+//! Reports on an estimate: the HTML page ([`report`]) and its pictures ([`panels`], [`summary`],
+//! [`uncertainty`], [`combined`], [`regions`]). [`probe`] draws the result of a light probe,
+//! [`check`] the detected object in a photograph; [`compare`] is a page of several results.
 //!
-//! This crate reads and writes no files: pictures are linear display values, which `gonio-io`
-//! encodes. [`page`] is the frame of all reports.
+//! This crate does not access files: pictures are linear display values, which `gonio-io` encodes.
+//! [`page`] is the common frame of all reports.
 
 pub mod canvas;
 pub mod check;

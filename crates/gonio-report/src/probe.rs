@@ -1,4 +1,5 @@
-//! Picture of a light probe: what was used of the photographs, and what was filled in the map.
+//! Picture of a light probe: the photographs with ignored pixels, and the map with interpolated
+//! parts.
 
 use glam::Vec3;
 use gonio::picture::Plane;
@@ -40,7 +41,7 @@ pub fn draw(views: &[&View], probe: &Probe) -> Plane<Vec3> {
         place(&mut out, left, top, &photograph(view, several));
         left += PANEL + GAP;
     }
-    text(&mut out, left, GAP, "light around the ball, lat-long");
+    text(&mut out, left, GAP, "light map (lat-long)");
     place(&mut out, left, top, &map(probe));
     for (n, label) in ["camera", "left", "behind", "right"].into_iter().enumerate() {
         let at = left + n * PANEL / 2;
@@ -61,16 +62,13 @@ pub fn draw(views: &[&View], probe: &Probe) -> Plane<Vec3> {
 
 fn captions(probe: &Probe) -> Vec<String> {
     let report = &probe.report;
-    let mut lines = vec![format!(
-        "{} rows; hatched: {:.1} % of all directions, not seen and filled",
-        report.rows,
-        100.0 * report.unseen
-    )];
+    let mut lines =
+        vec![format!("{} rows; hatched: {:.1} % of all directions, interpolated", report.rows, 100.0 * report.unseen)];
     lines.extend(report.views.map(|views| {
         format!(
-            "second camera {:.1} degrees around, {}; views differ by {:.1} %",
+            "second camera at {:.1} degrees ({}); views differ by {:.1} %",
             views.turn_degrees,
-            if views.found { "found" } else { "given" },
+            if views.found { "estimated" } else { "specified" },
             100.0 * views.difference
         )
     }));
@@ -82,10 +80,10 @@ fn legend(views: &[&View]) -> Vec<(Vec3, &'static str)> {
     let any = |fates: &[Fate]| views.iter().any(|view| view.count(fates) > 0);
     [
         (true, OUTLINE, "outline of the ball"),
-        (any(&[Fate::Edge]), RIM, "rim, left out"),
-        (views.len() > 1, CAMERA, "shows the camera: taken from the other view"),
-        (any(&[Fate::Clipped]), CLIPPED, "clipped: the light is brighter there"),
-        (any(&[Fate::Negative, Fate::NotFinite]), FAULTY, "no radiance, left out"),
+        (any(&[Fate::Edge]), RIM, "rim, ignored"),
+        (views.len() > 1, CAMERA, "reflection of the camera, replaced by the other view"),
+        (any(&[Fate::Clipped]), CLIPPED, "clipped: true radiance is higher"),
+        (any(&[Fate::Negative, Fate::NotFinite]), FAULTY, "invalid radiance, ignored"),
     ]
     .into_iter()
     .filter(|(occurs, ..)| *occurs)

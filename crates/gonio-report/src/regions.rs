@@ -56,13 +56,13 @@ pub struct Row {
 /// The page of all regions, with a link to the page of each.
 pub fn page(image: &str, overview: &Plane<Vec3>, rows: &[Row]) -> String {
     let lead = html! {
-        p { (rows.len()) " materials in " (image) ". Each has a page of its own: follow its name." }
+        p { (rows.len()) " materials in " (image) ". Each name links to the report of the region." }
         (embedded(overview, "The regions of the photograph, and a sphere of each material."))
     };
     let body = html! {
         table {
             thead {
-                tr { th { "region" } th { "gloss (90 % interval)" } th { "highlight most like (not in colour)" } th { "albedo beside the brightest" } th { "misfit" } }
+                tr { th { "region" } th { "gloss (90 % interval)" } th { "most similar highlight (not colour)" } th { "albedo relative to the brightest region" } th { "misfit" } }
             }
             tbody {
                 @for row in rows {

@@ -19,22 +19,22 @@ const HIGH: usize = PANEL + GAP + LARGE_LINE + 8;
 /// the ends of the probable range, and a line of text below all. Linear display values in 0..=1.
 pub fn compose(subject: &Subject<'_>, panels: &Panels, caption: &str) -> Plane<Vec3> {
     let given = match subject.light {
-        Some(light) => format!("light estimated, to {:.0}°", resolution(light)),
-        None => "light given".to_owned(),
+        Some(light) => format!("estimated light, resolution {:.0}°", resolution(light)),
+        None => "known light".to_owned(),
     };
     let light = in_square(&panels.light);
     let mut rows = vec![vec![
         ("photograph", &panels.photograph),
-        ("what the model makes of it", &panels.reproduction),
-        ("difference, full at 50 %", &panels.residual),
+        ("reproduction", &panels.reproduction),
+        ("difference (scale 50 %)", &panels.residual),
         (&given, &light),
     ]];
-    let found = panels.spheres.first().map(|(_, sphere)| ("BRDF found, in a new light", sphere));
+    let found = panels.spheres.first().map(|(_, sphere)| ("BRDF in a new light", sphere));
     let names = subject.material.map(|material| nearest(&material.neighbours));
     if let Some(names) = &names {
-        let labels = ["its dull end, at 5 %", "its glossy end, at 95 %"];
+        let labels = ["dull end (5 %)", "glossy end (95 %)"];
         let mut second: Vec<_> = found.into_iter().chain(labels.into_iter().zip(&panels.ends)).collect();
-        second.push(("nearest in gloss, not colour", names));
+        second.push(("most similar gloss (not colour)", names));
         rows.push(second);
     } else {
         rows[0].extend(found);

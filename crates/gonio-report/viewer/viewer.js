@@ -43,7 +43,7 @@ globalThis.gonioViewer = (() => {
       renderer = new GonioRenderer(gl, data);
     } catch (error) {
       console.info(`gonioViewer: ${error.message}`);
-      const why = "The sphere to turn needs WebGL 2 with float pictures, which this browser does not offer here.";
+      const why = "The interactive sphere requires WebGL 2 with float textures, which this browser does not provide.";
       container.replaceChildren(...(still ? [still] : []), element("p", { className: "gonio-viewer-fallback", textContent: why }));
       const dispose = () => container.replaceChildren();
       return { dispose, setMaterial() {}, setLight() {}, ready: Promise.resolve(false) };
@@ -174,11 +174,11 @@ globalThis.gonioViewer = (() => {
     };
     const status = element("p", { attributes: { role: "status" } });
     container.replaceChildren(element("div", { className: "gonio-viewer" }, canvas,
-      element("p", { textContent: "Drag across the sphere, or use the arrow keys on it, to turn the light." }),
+      element("p", { textContent: "To rotate the light, drag across the sphere or use the arrow keys." }),
       element("div", {}, materials, lights,
         element("label", {}, element("span", { textContent: "Exposure" }), exposure, stops),
         element("label", {}, behind, element("span", { textContent: "Show the light behind" })),
-        element("button", { type: "button", textContent: "Turn the light back", onclick: () => turn(0, 0) })),
+        element("button", { type: "button", textContent: "Reset the rotation", onclick: () => turn(0, 0) })),
       status));
 
     canvas.onpointerdown = (event) => {

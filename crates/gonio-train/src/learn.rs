@@ -1,4 +1,4 @@
-//! Learning of a posterior of materials from a stock of scenes.
+//! Trains a posterior of materials on a stock of scenes.
 
 use gonio::appearance::disk::{CHANNELS, SIDE};
 use gonio::inference::learnt::{Candidates, LearntPosterior, interval_widths};

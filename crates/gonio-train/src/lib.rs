@@ -1,5 +1,5 @@
-//! Fits the [`Encoder`](gonio::inference::learnt::Encoder) of images to an endless stream of
-//! simulated ones.
+//! Trains the [`Encoder`](gonio::inference::learnt::Encoder) on an endless stream of simulated
+//! images.
 //!
 //! Forward and backward passes use the same matrix products as the encoder itself. A batch is cut
 //! into parts of a fixed size, each of which is drawn and passed forward and backward on one

@@ -76,7 +76,7 @@ impl Default for TrainingSettings {
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     /// A setting is out of range.
-    #[error("the setting `{0}` is out of range")]
+    #[error("setting `{0}` is out of range")]
     Setting(&'static str),
     /// The encoder cannot be built or exported.
     #[error(transparent)]

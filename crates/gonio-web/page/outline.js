@@ -20,7 +20,7 @@ globalThis.gonioOutline = (() => {
       label.append(name, input);
       return { input, label };
     });
-    const button = Object.assign(document.createElement("button"), { textContent: "Go on with this outline" });
+    const button = Object.assign(document.createElement("button"), { textContent: "Use this outline" });
     form.replaceChildren(text, ...inputs.map(({ label }) => label), button);
     const values = () => inputs.map(({ input }) => input.valueAsNumber);
 
@@ -71,7 +71,7 @@ globalThis.gonioOutline = (() => {
         stage.classList.remove("marking");
         form.hidden = !found;
         if (!found) return draw([]);
-        text.textContent = "If it is not right, drag it: inside to move it, at the rim to change the radius.";
+        text.textContent = "To correct the outline, drag it: inside to move it, at the rim to change the radius.";
         set([found.x, found.y, found.radius]);
       },
       ask(why, guess) {

@@ -1,4 +1,4 @@
-// The page of gonio-web: takes a photograph, gives it to a worker (worker.js), and shows what comes back step by step.
+// Page of gonio-web: passes a photograph to a worker (worker.js) and displays the results of each step.
 (() => {
   "use strict";
 
@@ -7,10 +7,10 @@
     ["light 8", "Light, 8 × 8"], ["light 16", "16 × 16"], ["light 32", "32 × 32"],
   ];
   const FILES = [
-    ["brdf.binary", "BRDF in the format of the MERL database, 35 MB"],
-    ["brdf_rgb.bsdf", "BRDF for Mitsuba 3, plugin “measured”, RGB variants"],
-    ["light.exr", "Light as a lat-long map, luminance"],
-    ["result.json", "All numbers, with their uncertainty"],
+    ["brdf.binary", "BRDF in the MERL format, 35 MB"],
+    ["brdf_rgb.bsdf", "BRDF for the plugin “measured” in RGB variants of Mitsuba 3"],
+    ["light.exr", "Light as a lat-long map"],
+    ["result.json", "All numbers with their uncertainty"],
   ];
   const GLOSSES = [[3, "matte"], [30, "satin"], [1000, "glossy"], [Infinity, "mirror-like"]];
 
@@ -26,23 +26,23 @@
   const bytesOf = (id) => Uint8Array.from(atob(at(id).textContent), (c) => c.charCodeAt(0));
   const urls = (parts, type) => URL.createObjectURL(new Blob(parts, { type }));
 
-  /** The bytes of a part of the page that is compressed. */
+  /** Decompresses an embedded part of the page. */
   async function unpacked(id) {
     const stream = new Blob([bytesOf(id)]).stream().pipeThrough(new DecompressionStream("gzip"));
     return new Uint8Array(await new Response(stream).arrayBuffer());
   }
 
-  /** Puts a file together that is stored as all first bytes of its words of four, then all second bytes, and so on. */
+  /** Reassembles a file whose 4-byte words are stored as four byte planes. */
   function interleaved(planes) {
     const words = planes.length / 4;
     return Uint8Array.from(planes, (_, i) => planes[(i % 4) * words + (i >> 2)]);
   }
 
-  // The module and the model, made ready once for all workers, while the page waits for a photograph.
+  // Module and model are prepared once for all workers, while the page waits for a photograph.
   const compiled = unpacked("module").then((bytes) => WebAssembly.compile(bytes));
   const learnt = unpacked("model").then(interleaved);
-  for (const part of [compiled, learnt]) part.catch(() => {}); // told when a photograph comes
-  let run = null; // what is shown: its worker, viewer, and what came back so far
+  for (const part of [compiled, learnt]) part.catch(() => {}); // begin() reports the error
+  let run = null; // the current run: its worker, viewer and results so far
   const outline = gonioOutline(document.querySelector(".stage"), at("outline"), (...marked) => {
     for (const id of ["trouble", "cells", "downloads"]) at(id).hidden = true;
     run.start = performance.now();
@@ -60,7 +60,7 @@
     for (const step of document.querySelectorAll("#steps .running")) step.className = "failed";
   }
 
-  /** Begins anew with a file. */
+  /** Starts a run with a file. */
   async function begin(name, bytes) {
     run?.worker.terminate();
     run?.viewer?.dispose();
@@ -77,7 +77,7 @@
     try {
       [module, model] = await Promise.all([compiled, learnt]);
     } catch (error) {
-      return trouble(`This browser cannot run the computation: ${error.message}`, "A current Chrome, Edge, Firefox or Safari can.");
+      return trouble(`This browser cannot run the computation: ${error.message}`, "Use a current version of Chrome, Edge, Firefox or Safari.");
     }
     const source = urls([at("worker").textContent], "text/javascript");
     const worker = new Worker(source);
@@ -102,8 +102,8 @@
   function begun({ step }) {
     if (!stepOf(step)) return;
     stepOf(step).className = "running";
-    const texts = { photograph: "Reading", ball: "Looking for the ball", material: "Asking what it is made of" };
-    tell(`${texts[step] ?? "Finding the light"} …`);
+    const texts = { photograph: "Reading", ball: "Detecting the ball", material: "Estimating the material" };
+    tell(`${texts[step] ?? "Estimating the light"} …`);
   }
 
   function ended({ step, seconds, ...found }) {
@@ -129,18 +129,18 @@
     run.warnings = warnings;
     outline.show(run.size, circle);
     const numbers = [circle.x, circle.y, circle.radius].map((value) => value.toFixed(1));
-    // Quoted for a shell whatever the name holds.
+    // The name is quoted for a shell.
     const command = `gonio infer '${run.name.replaceAll("'", "'\\''")}' --circle ${numbers}`;
     at("photograph").querySelector("figcaption").replaceChildren(
-      `${run.name}, ${run.size.join(" × ")} pixels. Dashed: the outline of the ball, radius ${numbers[2]} pixels` +
-      `${sure ? `, ${sure}` : ""}; ${used.toLocaleString("en")} places on it were looked at. The same by the program: `,
+      `${run.name}, ${run.size.join(" × ")} pixels. Dashed: outline of the ball, radius ${numbers[2]} pixels` +
+      `${sure ? `, ${sure}` : ""}; ${used.toLocaleString("en")} sample points. Equivalent command: `,
       make("code", { textContent: command }));
   }
 
   function unfound({ why, guess }) {
     stepOf("ball").className = "";
-    outline.ask(`No outline was found: ${why}.`, guess);
-    tell("The ball was not found: mark it on the photograph.");
+    outline.ask(`${why[0].toUpperCase()}${why.slice(1)}.`, guess);
+    tell("The ball was not detected. Mark it on the photograph.");
     at("outline").scrollIntoView({ block: "nearest" });
   }
 
@@ -169,12 +169,12 @@
     const kinds = [...new Set([low, middle, high].map(named))];
     const kind = kinds.length === 1 ? kinds[0] : `${kinds[0]} to ${kinds.at(-1)}`;
     const facts = {
-      Gloss: `${kind[0].toUpperCase()}${kind.slice(1)}: straight back it reflects ${round(middle)} times as much as far from the ` +
+      Gloss: `${kind[0].toUpperCase()}${kind.slice(1)}: at the peak, the BRDF is ${round(middle)} times as high as far from the ` +
         `highlight (90 % interval ${round(low)} to ${round(high)}).`,
-      Undetermined: `${percent(open)} of all pairs of angles: there the photograph says no more than was known before.`,
-      Colour: coloured ? "Body and highlight each have one; the light’s is taken off as far as it can be told."
-        : "None: the photograph is grey.",
-      Scale: "Not told by a photograph in unknown light: the BRDF has an albedo of 0.5.",
+      Undetermined: `${percent(open)} of the BRDF: the photograph does not determine these angles.`,
+      Colour: coloured ? "Body and highlight have one colour each, without the estimated colour of the light."
+        : "None, because the photograph is grey.",
+      Scale: "A photograph under unknown light does not determine the albedo; it is set to 0.5.",
     };
     const list = make("dl", { className: "facts" });
     for (const [name, text] of Object.entries(facts)) {
@@ -185,7 +185,7 @@
       const bar = make("i", { style: `width: ${(5 * weight) / most}rem` });
       return make("tr", {}, make("th", { scope: "row", textContent: name.replaceAll("-", " ") }), make("td", {}, bar, percent(weight)));
     }));
-    if (neighbours.length > 0) list.append(make("dt", { textContent: "Nearest measured materials, by weight" }), make("dd", {}, near));
+    if (neighbours.length > 0) list.append(make("dt", { textContent: "Most similar measured materials, with weights" }), make("dd", {}, near));
     const warnings = [...run.warnings, ...doubts];
     const items = warnings.map((textContent) => make("li", { textContent }));
     at("words").querySelector("div").replaceChildren(
@@ -194,10 +194,10 @@
 
   function light({ side, misfit, png, light: packed }) {
     show("light");
-    Object.assign(at("light").querySelector("img"), { src: png, alt: `The light as a lat-long map, from a grid of ${side} × ${side}` });
+    Object.assign(at("light").querySelector("img"), { src: png, alt: `Lat-long map of the estimated light, from a grid of ${side} × ${side} texels` });
     at("light").querySelector("figcaption").textContent =
-      `A lat-long map, what is behind the ball in its middle, from ${side} × ${side} texels over the sphere; in one colour, for only its ` +
-      `brightness is found place by place. Material and light together miss the photograph’s brightness by ${percent(misfit)}.`;
+      `Lat-long map with ${side} × ${side} texels over the sphere; the direction behind the ball is in the centre. ` +
+      `Misfit of the photograph, given material and light: ${percent(misfit)}.`;
     run.light = packed;
   }
 
@@ -207,7 +207,7 @@
   }
 
   function finished() {
-    // In the light that was found the sphere looks like the photograph.
+    // Under the estimated light, the sphere looks like the photograph.
     run.data.lights.unshift(run.light);
     view({ light: 0 });
     at("downloads").querySelector("ul").replaceChildren(...FILES.map(([name, text]) => {
@@ -222,7 +222,7 @@
     show("downloads");
     const total = (performance.now() - run.start) / 1000;
     Object.assign(document.documentElement.dataset, { firstResult: run.shown / 1000, finished: total });
-    tell(`Done in ${total.toFixed(1)} s, the material after ${(run.shown / 1000).toFixed(1)} s.`);
+    tell(`Finished in ${total.toFixed(1)} s (material after ${(run.shown / 1000).toFixed(1)} s).`);
   }
 
   const buttonOf = (product) => document.querySelector(`[data-product="${product}"]`);
@@ -236,9 +236,9 @@
 
   function failed({ refused, message, product }) {
     if (product && buttonOf(product)) buttonOf(product).disabled = false;
-    if (refused) return trouble(message, "Then drop the photograph again, or another one.");
+    if (refused) return trouble(message, "Drop the photograph again, or another one.");
     run.worker.terminate();
-    trouble(`The computation stopped: ${message}`, "The file may be damaged, or too large for this browser. Another one can be dropped.");
+    trouble(`The computation stopped: ${message}`, "The file may be damaged or too large for this browser. Drop another one.");
   }
 
   async function take(file) {
@@ -257,7 +257,7 @@
     target.value = ""; // so that the same file can be chosen again
   };
   at("sample").onclick = () => begin("ball.exr", bytesOf("sample-data").buffer);
-  // The whole page takes files: one that is dropped beside the zone would replace the page.
+  // The whole page accepts files, because a file dropped outside the zone would replace the page.
   let depth = 0;
   const hover = (change) => {
     depth = Math.max(depth + change, 0);

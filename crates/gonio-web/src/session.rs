@@ -91,23 +91,23 @@ impl Session {
         })
     }
 
-    /// The photograph as a PNG of at most `side` pixels a side, with its true size.
+    /// The photograph as a PNG of at most `side` pixels per side, with its true size.
     pub fn preview(&self, side: usize) -> Value {
         let (width, height) = self.picture.rgb.size();
         json!({ "width": width, "height": height, "png": png(&preview::preview(&self.picture, side)) })
     }
 
-    /// Finds the ball and samples the photograph on it. A given outline `[x, y, radius]` in pixels
-    /// replaces the search. Where none can be found, the result says `why`, and `guess` has one
-    /// that may be it; the user may give one.
+    /// Detects the ball and samples the photograph on it. A given outline `[x, y, radius]` in
+    /// pixels replaces the detection. If no ball is detected, the result has the reason `why` and
+    /// possibly a candidate `guess`; the user can then specify an outline.
     ///
     /// # Errors
-    /// If too little of the ball can be used.
+    /// If the ball has too few usable pixels.
     pub fn observe(&mut self, outline: Option<&[f64]>) -> Result<Value, String> {
         let circle = match outline {
             None => None,
             Some(&[x, y, radius]) if radius > 0.0 => Some(Circle { x, y, radius }),
-            Some(_) => return Err("an outline is a centre and a positive radius".into()),
+            Some(_) => return Err("an outline consists of a centre and a positive radius".into()),
         };
         let settings = ObservationSettings { clip: self.clip, ..ObservationSettings::default() };
         let sighting = match Sighting::of(&self.picture, None, Object::Sphere(circle), &settings) {
@@ -131,20 +131,19 @@ impl Session {
         Ok(notes)
     }
 
-    /// Finds the material with its colours; returns what the viewer shows, and the uncertainty.
+    /// Estimates the material with its colours; returns the data of the viewer and the uncertainty.
     ///
     /// # Errors
-    /// If nothing was observed yet, or the photograph is black.
+    /// If the ball has not been detected yet, or the photograph is black.
     pub fn material(&mut self) -> Result<Value, String> {
-        let sighting = self.sighting.as_ref().ok_or("the ball has not been found yet")?;
+        let sighting = self.sighting.as_ref().ok_or("the ball has not been detected yet")?;
         let side = EstimateSettings::default().side;
         let material = Material::of(&self.model, &sighting.observations, side).map_err(|e| self.blamed(&e))?;
         let colouring = Colouring::of(&self.model, &sighting.observations, &material.table, &ColouringRule::default());
         let field = colouring.field();
         let [dull, glossy] = &material.ends;
-        let views =
-            [("the estimate", &material.table), ("its dull end, at 5 %", dull), ("its glossy end, at 95 %", glossy)]
-                .map(|(name, table)| sphere::material(name, &field.tables(table)));
+        let views = [("estimate", &material.table), ("dull end (5 %)", dull), ("glossy end (95 %)", glossy)]
+            .map(|(name, table)| sphere::material(name, &field.tables(table)));
         let neighbours: Vec<Value> =
             material.neighbours.iter().map(|n| json!({ "name": n.name, "weight": n.weight })).collect();
         let notes = json!({
@@ -160,11 +159,11 @@ impl Session {
         Ok(notes)
     }
 
-    /// Finds the light on a grid of `side` texels a side: a coarse grid is faster. The last light
-    /// found is kept.
+    /// Estimates the light on a grid of `side` texels per side; a coarse grid is faster. The
+    /// session keeps the last light.
     ///
     /// # Errors
-    /// If the material has not been found, or the prior does not cover the grid.
+    /// If the material has not been estimated yet, or the prior does not support the grid.
     pub fn light(&mut self, side: usize) -> Result<Value, String> {
         let (sighting, (material, colouring)) = self.known()?;
         let settings = EstimateSettings { side, ..EstimateSettings::default() };
@@ -177,26 +176,26 @@ impl Session {
             "side": side,
             "misfit": light.misfit,
             "png": png(&preview::light(&radiance)),
-            "light": sphere::light("the light found", &radiance),
+            "light": sphere::light("estimated light", &radiance),
         });
         self.light = Some((light, tint, settings));
         Ok(notes)
     }
 
-    /// The picture of the uncertainty, as SVG.
+    /// Returns the uncertainty picture as SVG.
     ///
     /// # Errors
-    /// If the material has not been found.
+    /// If the material has not been estimated yet.
     pub fn uncertainty(&self) -> Result<Vec<u8>, String> {
         let (_, (material, _)) = self.known()?;
         let (mean, width) = (uncertainty::mean(&material.table), uncertainty::width(material));
-        Ok(uncertainty::svg(&[&mean, &width], true, "Mean and interval of every cell").into_string().into_bytes())
+        Ok(uncertainty::svg(&[&mean, &width], true, "Mean and 90 % interval of each cell").into_string().into_bytes())
     }
 
-    /// Returns a file to save. `seconds`, JSON, holds the times of the steps, for `result.json`.
+    /// Returns an output file. `seconds` is JSON with the times of the steps, for `result.json`.
     ///
     /// # Errors
-    /// If what it holds has not been found yet.
+    /// If its content has not been estimated yet.
     pub fn product(&self, product: Product, seconds: &str) -> Result<Vec<u8>, String> {
         let (_, (material, colouring)) = self.known()?;
         let tables = || colouring.field().tables(&material.table);
@@ -204,7 +203,7 @@ impl Session {
             Product::Merl => gonio_io::merl::encode(&MerlTable::from_bivariate(tables().each_ref())),
             Product::Mitsuba => rgl::encode(&tables(), &stem(&self.name), Channels::Rgb),
             Product::Light => {
-                let (light, tint, _) = self.light.as_ref().ok_or("the light has not been found yet")?;
+                let (light, tint, _) = self.light.as_ref().ok_or("the light has not been estimated yet")?;
                 let grid = tint.as_ref().map_or(&light.grid, |tint| &tint.grid);
                 gonio_io::picture::encode_exr(&grid.to_lat_long(LIGHT_ROWS), None)
             }
@@ -215,7 +214,7 @@ impl Session {
     /// Contents of `result.json` as `gonio infer` writes it, without the entries on other files.
     fn result(&self, seconds: &str) -> Result<String, String> {
         let (sighting, (material, colouring)) = self.known()?;
-        let (light, tint, settings) = self.light.as_ref().ok_or("the light has not been found yet")?;
+        let (light, tint, settings) = self.light.as_ref().ok_or("the light has not been estimated yet")?;
         let colouring = match tint {
             Some(tint) => &colouring.clone().less_certain(&material.table, tint),
             None => colouring,
@@ -244,14 +243,14 @@ impl Session {
         if let Some(reflectance) = result["reflectance"].as_object_mut() {
             reflectance.remove("quantiles");
             reflectance["note"] =
-                json!("brdf.binary is the mean of the posterior, in 1/sr with a normal albedo of 0.5");
+                json!("brdf.binary is the mean of the posterior, in 1/sr with an albedo of 0.5 at normal incidence");
         }
         serde_json::to_string_pretty(&result).map_err(|e| e.to_string())
     }
 
     fn known(&self) -> Result<(&Sighting, &(Material, Colouring)), String> {
-        let sighting = self.sighting.as_ref().ok_or("the ball has not been found yet")?;
-        let found = self.found.as_ref().ok_or("the material has not been found yet")?;
+        let sighting = self.sighting.as_ref().ok_or("the ball has not been detected yet")?;
+        let found = self.found.as_ref().ok_or("the material has not been estimated yet")?;
         Ok((sighting, found))
     }
 
@@ -293,7 +292,7 @@ mod tests {
     #[test]
     fn a_photograph_goes_all_the_way() {
         let mut session = Session::open(model(), "ball.exr", &sample()).unwrap();
-        assert!(session.material().unwrap_err().contains("not been found"));
+        assert!(session.material().unwrap_err().contains("not been detected"));
         let preview = session.preview(100);
         assert!(preview["png"].as_str().unwrap().starts_with("data:image/png;base64,"));
         assert!(session.observe(None).unwrap()["circle"]["radius"].as_f64().unwrap() > 10.0);
@@ -301,7 +300,7 @@ mod tests {
         assert_eq!(material["materials"].as_array().unwrap().len(), 3);
         assert!(session.product(Product::Light, "{}").is_err());
         let light = session.light(8).unwrap();
-        assert_eq!(light["light"]["name"], "the light found");
+        assert_eq!(light["light"]["name"], "estimated light");
         let merl = session.product(Product::Merl, "{}").unwrap();
         assert_eq!(merl.len() as u64, gonio_io::merl::FILE_BYTES);
         let result = session.product(Product::Result, r#"{"ball":0.5}"#).unwrap();

@@ -1,35 +1,33 @@
-//! Blind reflectometry: the BRDF of an object of known shape from one photograph under unknown
-//! illumination, with its uncertainty.
+//! Blind reflectometry: estimates the BRDF of an object of known shape, with its uncertainty, from
+//! one photograph under unknown light.
 //!
-//! The default method, step by step:
+//! Steps of the default method:
 //!
 //! 1. [`picture::Picture`]: linear RGB radiance, decoded by `gonio-io`; [`bracket::merge`] makes
 //!    one of several exposures.
-//! 2. [`scene::Sighting::of`] finds the object in it and gives [`scene::Observations`]: points with
-//!    a normal, a view direction and a luminance.
-//! 3. [`inference::learnt::unshadow`] brings them to a disk of normals as a sphere would show them:
-//!    [`appearance::DiskImage`].
-//! 4. [`inference::learnt::LearntPosterior::posterior`] is the posterior of the material with the
-//!    light integrated out, learnt from simulated photographs ([`simulation`]).
-//! 5. [`inference::light::LightProblem`] finds the posterior of the light given that material.
-//! 6. [`colour`] gives both their colours, and [`estimate::Doubt`] says what speaks against the
-//!    answer.
+//! 2. [`scene::Sighting::of`] detects the object and returns [`scene::Observations`]: points with a
+//!    normal, a view direction and a luminance.
+//! 3. [`inference::learnt::unshadow`] converts them to the image of a sphere on the disk of
+//!    normals, [`appearance::DiskImage`].
+//! 4. [`inference::learnt::LearntPosterior::posterior`] evaluates the posterior of the material,
+//!    marginalised over the light. It is learnt from simulated photographs ([`simulation`]).
+//! 5. [`inference::light::LightProblem`] computes the posterior of the light given that material.
+//! 6. [`colour`] estimates the colours of both, and [`estimate::Doubt`] reports diagnostics.
 //!
-//! [`estimate::estimate`] does 3 to 6. The steps need a [`model::Model`].
+//! [`estimate::estimate`] performs steps 3 to 6. The steps require a [`model::Model`].
 //!
-//! The methods of the paper leave after 2: [`transfer::Plan`] makes the bilinear operator of
-//! eq. 8, [`transfer::Plan::project`] puts an image on its leading directions,
-//! [`inference::Problem`] adds the priors, and [`inference::infer`] finds an
+//! The methods of the paper differ after step 2: [`transfer::Plan`] computes the bilinear operator
+//! of eq. 8, [`transfer::Plan::project`] projects an image on its leading directions,
+//! [`inference::Problem`] adds the priors, and [`inference::infer`] computes an
 //! [`inference::Posterior`] by Algorithm 1 ([`inference::Method::Variational`]), as the joint
 //! maximum, or under a known light.
 //!
-//! The other way round, [`render`] makes pictures of a BRDF ([`reflectance`]) on a sphere or a
-//! surface ([`shape`]) in a light ([`lighting`]). [`probe`] unwraps photographs of a mirror ball to
+//! In the forward direction, [`render`] renders a BRDF ([`reflectance`]) on a sphere or a surface
+//! ([`shape`]) under a light ([`lighting`]). [`probe`] converts photographs of a mirror ball to
 //! such a light.
 //!
-//! Examples of a dozen lines each are in `crates/gonio-app/examples`, beside the crate that reads
-//! and writes files with them: a photograph to its BRDF, a BRDF to a picture, the light of a known
-//! BRDF, training.
+//! `crates/gonio-app/examples` contains short examples: inference, rendering, estimation of the
+//! light for a known BRDF, and training.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

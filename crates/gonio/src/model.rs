@@ -22,14 +22,14 @@ pub struct Model {
     pub provenance: String,
 }
 
-/// Why a model cannot be used.
+/// Error in a model.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ModelError {
     /// A prior of no scale, or of more than memory could serve.
-    #[error("the light prior covers {0} scales; 1 to {MAX_SCALES} are possible")]
+    #[error("the light prior has {0} scales; 1 to {MAX_SCALES} are supported")]
     Scales(u32),
     /// The groups are not those of the scales.
-    #[error("the light prior has {got} groups; {scales} scales have {expected}")]
+    #[error("the light prior has {got} groups, but {scales} scales require {expected}")]
     Groups {
         /// Groups present.
         got: usize,
@@ -49,7 +49,7 @@ pub enum ModelError {
         variances: usize,
     },
     /// Weights of a mixture that are not positive or do not sum to one.
-    #[error("the weights of light group \"{group}\" are {weights:?}, not positive with sum one")]
+    #[error("the weights of light group \"{group}\" are {weights:?}; they must be positive and sum to one")]
     Weights {
         /// Label of the group.
         group: String,
@@ -116,7 +116,7 @@ pub enum ModelError {
         functions: usize,
     },
     /// A posterior of materials whose parts do not fit.
-    #[error("the posterior of materials cannot be: {0}")]
+    #[error("the posterior of materials is invalid: {0}")]
     Posterior(#[from] PosteriorFault),
     /// A material whose scale is not positive or one of whose coefficients is negative or not
     /// finite.
@@ -133,7 +133,7 @@ pub enum ModelError {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PosteriorFault {
     /// Lengths do not fit each other.
-    #[error("{0} has {1} values, {2} are expected")]
+    #[error("{0} has {1} values instead of {2}")]
     Length(&'static str, usize, usize),
     /// A value that is not finite.
     #[error("{0} has values that are not finite")]
@@ -142,17 +142,18 @@ pub enum PosteriorFault {
     #[error("it has no {0}")]
     Empty(&'static str),
     /// A range whose end lies before its beginning.
-    #[error("feature {0} has no range")]
+    #[error("feature {0} has an invalid range")]
     Range(usize),
     /// A model of colours of another number of coordinates, or with numbers that are not finite or
     /// variances that are not positive.
     #[error(
-        "its model of colours has matrices of a wrong size, numbers that are not finite or variances that are not positive"
+        "its colour model has matrices of the wrong size, values that are not finite, or variances that are not \
+         positive"
     )]
     Colours,
 }
 
-/// Scales of a prior at most: a grid of 16384 texels a side.
+/// Scales of a prior at most: a grid of 16384 texels per side.
 const MAX_SCALES: u32 = 14;
 
 /// Weights are sums of many samples' shares, divided by their total.
@@ -287,10 +288,10 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
         length("a table", table.len(), CELLS)?;
         finite("a table", table)?;
     }
-    length("the places of its materials", measured.places.len(), names.len())?;
+    length("the list of material coordinates", measured.places.len(), names.len())?;
     let outputs = encoder.shape().outputs;
     for candidates in [measured, prior] {
-        length("the embeddings of materials", candidates.embeddings.len(), candidates.places.len())?;
+        length("the list of material embeddings", candidates.embeddings.len(), candidates.places.len())?;
         for (place, embedding) in candidates.places.iter().zip(&candidates.embeddings) {
             length("a place", place.len(), dimensions)?;
             length("an embedding", embedding.len(), outputs)?;
@@ -301,8 +302,8 @@ pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
     let shape = encoder.shape();
     length("a side of the encoder's image", shape.side, SIDE)?;
     length("a cell of the encoder's image", shape.channels, CHANNELS)?;
-    length("what the encoder knows of the image as a whole", shape.globals, GLOBALS)?;
-    length("the ranges of its features", ranges.len(), shape.hidden.last().copied().unwrap_or(0))?;
+    length("the list of global image features", shape.globals, GLOBALS)?;
+    length("the list of feature ranges", ranges.len(), shape.hidden.last().copied().unwrap_or(0))?;
     let proper = |(low, high): &(f32, f32)| low.is_finite() && high.is_finite() && low <= high;
     if let Some(feature) = ranges.iter().position(|range| !proper(range)) {
         return Err(PosteriorFault::Range(feature).into());
@@ -349,15 +350,15 @@ mod tests {
     fn the_groups_must_be_those_of_the_scales() {
         check(|m| m.light.scales = 0, "0 scales");
         check(|m| m.light.scales = u32::MAX, "4294967295 scales");
-        check(|m| m.light.scales = 4, "15 groups; 4 scales have 16");
+        check(|m| m.light.scales = 4, "15 groups, but 4 scales require 16");
     }
 
     #[test]
     fn densities_must_be_proper() {
         check(|m| mixture(m).weights.clear(), "0 weights and 2 variances");
-        check(|m| mixture(m).weights[0] += 0.1, "not positive with sum one");
-        check(|m| mixture(m).weights = vec![1.5, -0.5], "not positive with sum one");
-        check(|m| mixture(m).weights[1] = f64::NAN, "not positive with sum one");
+        check(|m| mixture(m).weights[0] += 0.1, "must be positive and sum to one");
+        check(|m| mixture(m).weights = vec![1.5, -0.5], "must be positive and sum to one");
+        check(|m| mixture(m).weights[1] = f64::NAN, "must be positive and sum to one");
         check(|m| mixture(m).variances[1] = 0.0, "\"2 horizontal above\" has a variance of 0");
         check(|m| mixture(m).variances[0] = f64::INFINITY, "variance of inf");
         let rectified = |location, variance| {

@@ -1,60 +1,60 @@
-//! What a user can do about an error or a warning.
+//! Suggestions for errors and warnings.
 
 use crate::scene::{Circle, Correction};
 
-/// An input or setting that settles an error or a warning.
+/// Suggested input or setting that resolves an error or a warning.
 ///
-/// The library knows neither options of a program nor arguments of a function: each front end words
-/// a remedy in its own terms.
+/// Each front end words suggestions in its own terms: options of a program or arguments of a
+/// function.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Remedy {
-    /// Give the outline of the ball.
+    /// Specify the outline of the ball.
     Outline,
-    /// Give one of these circles as the outline of the ball, the most probable first.
+    /// Specify one of these circles as the outline of the ball, the most probable first.
     OneOf(Vec<Circle>),
-    /// Say that the object is an ellipsoid.
+    /// Specify that the object is an ellipsoid.
     Ellipsoid,
-    /// Give the semi-axis of the ellipsoid towards the camera.
+    /// Specify the semi-axis of the ellipsoid towards the camera.
     DepthAxis,
-    /// Give the camera.
+    /// Specify the camera.
     Camera,
-    /// Give another pose of the mesh.
+    /// Specify another pose of the mesh.
     Pose,
-    /// Give a mask of the object.
+    /// Specify a mask of the object.
     Mask,
-    /// Give the shape as a mesh.
+    /// Specify the shape as a mesh.
     Mesh,
-    /// Give the shape as a picture of normals.
+    /// Specify the shape as a normal map.
     Normals,
-    /// Bring the channels of the normals into order by one of these corrections.
+    /// Apply one of these corrections to the channels of the normal map.
     NormalAxes(Vec<Correction>),
-    /// Take the normals as they are.
+    /// Skip the consistency checks of the normals.
     TrustNormals,
-    /// Observe regions of another colour, too.
+    /// Use regions of another colour as well.
     KeepColours,
-    /// Say that the values of an integer picture are linear radiance.
+    /// Specify that the values of an integer image are linear radiance.
     Linear,
-    /// Choose another layer of the file.
+    /// Select another layer of the file.
     Layer,
-    /// Give the depths that the least and the largest code stand for.
+    /// Specify the depths of the smallest and the largest code.
     DepthRange,
-    /// Give the exposure times.
+    /// Specify the exposure times.
     Times,
-    /// Give the angle by which the second camera went around the ball.
+    /// Specify the angle between the cameras around the ball.
     Turn,
-    /// Give the outline of the ball in the second photograph.
+    /// Specify the outline of the ball in the second photograph.
     SecondOutline,
-    /// Give a mask of the ball in the second photograph.
+    /// Specify a mask of the ball in the second photograph.
     SecondMask,
-    /// Give the centres of the corner patches of the colour chart.
+    /// Specify the centres of the corner patches of the colour chart.
     ChartCorners,
-    /// Give the radiance at which the camera clips.
+    /// Specify the radiance at which the camera clips.
     ClipLevel,
-    /// Take the colour of the light from the reference, and not the scale.
+    /// Use the colour of the reference, but not its brightness.
     ReferenceColourOnly,
-    /// Give each of several photographs by itself.
+    /// Pass one photograph at a time.
     Separately,
-    /// Learn a posterior of materials and join it to the model.
+    /// Train a posterior of materials and add it to the model.
     LearnPosterior,
 }

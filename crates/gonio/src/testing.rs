@@ -1,4 +1,4 @@
-//! What tests of several modules share.
+//! Helpers for tests of several modules.
 
 use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};

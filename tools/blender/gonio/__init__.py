@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Finds the material of an object and the light around it from one HDR photograph, by the program gonio."""
+"""Estimates the material of an object and the light around it from one HDR photograph, with the program gonio."""
 
 import bpy
 

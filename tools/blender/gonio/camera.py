@@ -1,29 +1,29 @@
 # SPDX-License-Identifier: MIT
-"""The camera of the scene as gonio takes it (docs/camera.md)."""
+"""Exports the camera of the scene in gonio's format (docs/camera.md)."""
 
 from .problem import Problem
 
 
 def rotation(scene, depsgraph):
-    """The rotation from the axes of the scene's camera to those of the world."""
+    """Returns the rotation from camera axes to world axes."""
     if scene.camera is None:
-        raise Problem("the scene has no camera; add the one that took the photograph")
+        raise Problem("the scene has no camera; add the camera of the photograph")
     if scene.camera.matrix_world.is_negative:
-        raise Problem(f"{scene.camera.name}: is mirrored by a negative scale; apply the scale of the camera")
+        raise Problem(f"{scene.camera.name}: the camera has a negative scale; apply the scale")
     return scene.camera.evaluated_get(depsgraph).matrix_world.decompose()[1].to_matrix()
 
 
 def describe(scene, depsgraph):
-    """What `camera.json` says of the camera of the scene."""
+    """Returns the contents of `camera.json` for the camera of the scene."""
     turn = rotation(scene, depsgraph)
     camera = scene.camera.evaluated_get(depsgraph)
     render = scene.render
     if camera.data.type not in {"PERSP", "ORTHO"}:
-        raise Problem(f"{camera.name}: is panoramic; gonio knows perspective and orthographic cameras")
+        raise Problem(f"{camera.name}: panoramic cameras are not supported; use a perspective or orthographic camera")
     if abs(render.pixel_aspect_x / render.pixel_aspect_y - 1) > 1e-6:
-        raise Problem("the pixels of the scene's picture are no squares; set both numbers of its aspect to 1")
+        raise Problem("the render settings have non-square pixels; set both aspect values to 1")
     width, height = (int(n * render.resolution_percentage / 100) for n in (render.resolution_x, render.resolution_y))
-    # The frame of the picture in coordinates of the camera has fit, shift and sensor in it.
+    # The frame in camera coordinates includes fit, shift and sensor size.
     corners = camera.data.view_frame(scene=scene)
     left, right = min(c.x for c in corners), max(c.x for c in corners)
     top = max(c.y for c in corners)

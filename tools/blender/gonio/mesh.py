@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The surface of an object as a PLY file, in coordinates of the object."""
+"""Exports the surface of an object as a PLY file, in object coordinates."""
 
 import numpy as np
 
@@ -21,19 +21,19 @@ end_header
 
 
 def write(path, thing, depsgraph):
-    """Writes the triangles of an object, with its modifiers, each with places and normals of its own corners."""
+    """Writes the triangles of an object with its modifiers, with positions and normals per corner."""
     if thing.mode == "EDIT":
         thing.update_from_editmode()
     evaluated = thing.evaluated_get(depsgraph)
     try:
         mesh = evaluated.to_mesh()
     except RuntimeError:
-        raise Problem(f"{thing.name}: has no surface; make the object active that the photograph shows") from None
+        raise Problem(f"{thing.name}: the object has no surface; activate the photographed object") from None
     try:
         mesh.calc_loop_triangles()
         count = len(mesh.loop_triangles)
         if count == 0:
-            raise Problem(f"{thing.name}: has no faces; make the object active that the photograph shows")
+            raise Problem(f"{thing.name}: the object has no faces; activate the photographed object")
         vertices, corners = taken(mesh)
     finally:
         evaluated.to_mesh_clear()
@@ -47,7 +47,7 @@ def write(path, thing, depsgraph):
 
 
 def taken(mesh):
-    """Places and normals of the corners of all triangles, [3 x triangles][3] each."""
+    """Returns positions and normals of the corners of all triangles, [3 x triangles][3] each."""
 
     def numbers(them, name, each, kind):
         values = np.empty(len(them) * each, dtype=kind)

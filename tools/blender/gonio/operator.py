@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The operator: from the panel's settings to material and world, while Blender goes on."""
+"""Operator that creates material and world from the panel's settings, in the background."""
 
 import json
 import tempfile
@@ -14,23 +14,23 @@ from .program import Run
 
 
 class GONIO_OT_infer(bpy.types.Operator):
-    """Find the material of the photographed object, and the light around it"""
+    """Estimate the material of the photographed object and the light around it"""
 
     bl_idname = "gonio.infer"
-    bl_label = "Find Material and Light"
+    bl_label = "Estimate Material and Light"
     bl_options = {"REGISTER", "UNDO"}
 
-    # The one that is at work.
+    # Whether the operator is running.
     working = False
 
     @classmethod
     def poll(cls, _context):
         if cls.working:
-            cls.poll_message_set("gonio is at work; Esc ends it")
+            cls.poll_message_set("gonio is running; press Esc to stop")
         return not cls.working
 
     def execute(self, context):
-        """Works until all is done: for scripts, and without a window."""
+        """Runs to completion, for scripts and without a window."""
         try:
             self._begin(context)
             while not self._run.wait(None):
@@ -42,7 +42,7 @@ class GONIO_OT_infer(bpy.types.Operator):
         return {"FINISHED"}
 
     def invoke(self, context, _event):
-        """Starts the program and lets Blender go on."""
+        """Starts the program in the background."""
         if bpy.app.background:
             return self.execute(context)
         try:
@@ -71,25 +71,25 @@ class GONIO_OT_infer(bpy.types.Operator):
         return {"FINISHED"}
 
     def cancel(self, context):
-        """Ends what was begun; Blender calls it when it is quit."""
+        """Stops the program; Blender also calls this on exit."""
         self._run.stop()
         GONIO_OT_infer.working = False
         context.window_manager.event_timer_remove(self._timer)
         context.workspace.status_text_set(None)
 
     def _start(self, context):
-        """Begins, and has Blender look after the program from time to time."""
+        """Starts the program and a timer that polls it."""
         self._begin(context)
         GONIO_OT_infer.working = True
         self._timer = context.window_manager.event_timer_add(0.2, window=context.window)
-        context.workspace.status_text_set("gonio is at work; Esc ends it")
+        context.workspace.status_text_set("gonio is running; press Esc to stop")
 
     def _begin(self, context):
-        """Writes what the program needs and starts it."""
+        """Writes the input files and starts the program."""
         asked = context.scene.gonio
         path = program(context)
         if not asked.photograph:
-            raise Problem("no photograph is given; choose one in the panel gonio")
+            raise Problem("no photograph selected; select one in the panel gonio")
         depsgraph = context.evaluated_depsgraph_get()
         folder = Path(tempfile.mkdtemp(prefix="gonio-", dir=bpy.app.tempdir or None))
         options = [bpy.path.abspath(asked.photograph)]
@@ -98,7 +98,7 @@ class GONIO_OT_infer(bpy.types.Operator):
         self._name = Path(options[0]).stem
         self._scene = context.scene.name
         self._thing = None
-        # A ball is lit as the camera of the scene, if there is one, would see it.
+        # The light of a ball is oriented by the camera of the scene, if there is one.
         self._turn = scene.FRONT if context.scene.camera is None else camera.rotation(context.scene, depsgraph)
         if asked.shows == "MESH":
             options += self._mesh(context, depsgraph, folder)
@@ -111,10 +111,10 @@ class GONIO_OT_infer(bpy.types.Operator):
         self._run = Run(path, options, folder, results)
 
     def _mesh(self, context, depsgraph, folder):
-        """The options that say where the active object is."""
+        """Returns the options for mesh and pose of the active object."""
         thing = context.active_object
         if thing is None:
-            raise Problem("no object is active; click the one that the photograph shows")
+            raise Problem("no active object; activate the photographed object")
         self._thing = thing.name
         mesh.write(folder / "mesh.ply", thing, depsgraph)
         matrix = thing.evaluated_get(depsgraph).matrix_world
@@ -123,18 +123,18 @@ class GONIO_OT_infer(bpy.types.Operator):
         return placed + self._camera(context, depsgraph, folder)
 
     def _camera(self, context, depsgraph, folder):
-        """The option that says what the camera is."""
+        """Returns the option for the camera."""
         write(folder / "camera.json", camera.describe(context.scene, depsgraph))
         return ["--camera", str(folder / "camera.json")]
 
     def _finish(self, context):
-        """Puts what was found into the scene that it was asked for."""
+        """Adds the results to the scene of the run."""
         target = bpy.data.scenes.get(self._scene)
         if target is None:
-            raise Problem(f"{self._scene}: the scene is gone; results are in {self._run.results}")
+            raise Problem(f"{self._scene}: the scene was deleted; the results are in {self._run.results}")
         thing = self._thing and bpy.data.objects.get(self._thing)
         if self._thing and thing is None:
-            raise Problem(f"{self._thing}: the object is gone; results are in {self._run.results}")
+            raise Problem(f"{self._thing}: the object was deleted; the results are in {self._run.results}")
         made = scene.material(self._name, self._run.exported)
         scene.give(thing or scene.sphere(self._name, target), made)
         if target.gonio.world:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The panel in the sidebar of the 3D view."""
+"""Panel in the sidebar of the 3D view."""
 
 import textwrap
 
@@ -28,16 +28,16 @@ class GONIO_PT_photograph(bpy.types.Panel):
             layout.prop(asked, "near")
         else:
             thing, camera = context.active_object, context.scene.camera
-            layout.label(text=thing.name if thing else "No object is active", icon="OBJECT_DATA")
+            layout.label(text=thing.name if thing else "No active object", icon="OBJECT_DATA")
             layout.label(text=camera.name if camera else "The scene has no camera", icon="CAMERA_DATA")
         layout.prop(asked, "mask")
         layout.prop(asked, "world")
         layout.prop(asked, "folder")
         if GONIO_OT_infer.working:
-            layout.label(text="At work; Esc ends it", icon="SORTTIME")
+            layout.label(text="Running; press Esc to stop", icon="SORTTIME")
         layout.operator(GONIO_OT_infer.bl_idname, icon="MATERIAL")
         if asked.said:
-            # Labels are not broken into lines by Blender.
+            # Blender does not wrap labels.
             wide = max(20, int(context.region.width / (7 * context.preferences.system.ui_scale)))
             lines = layout.column(align=True)
             for line in textwrap.wrap(asked.said, wide):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Preferences of the add-on: where the program is."""
+"""Preferences of the add-on: the path of the program."""
 
 import shutil
 from pathlib import Path
@@ -14,7 +14,7 @@ class Preferences(bpy.types.AddonPreferences):
 
     program: bpy.props.StringProperty(
         name="Program",
-        description="The program gonio; looked for on the PATH if it is a name alone",
+        description="Path of the program gonio; a name without a folder is searched on the PATH",
         subtype="FILE_PATH",
         default="gonio",
     )
@@ -24,9 +24,9 @@ class Preferences(bpy.types.AddonPreferences):
 
 
 def program(context):
-    """The path of the program."""
+    """Returns the path of the program."""
     given = context.preferences.addons[__package__].preferences.program.strip() or "gonio"
     found = shutil.which(given if Path(given).name == given else bpy.path.abspath(given))
     if found is None:
-        raise Problem(f"{given}: there is no such program; set it in the preferences of the add-on gonio")
+        raise Problem(f"{given}: program not found; set its path in the preferences of the add-on gonio")
     return found

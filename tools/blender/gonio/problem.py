@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What keeps the add-on from an answer."""
+"""Error of the add-on."""
 
 
 class Problem(Exception):
-    """One line that says what is wrong and what to do, for the user."""
+    """Error message for the user: one line with the problem and the remedy."""

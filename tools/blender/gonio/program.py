@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The program at work: it infers, then exports, beside Blender."""
+"""Runs the program in the background: inference, then export."""
 
 import json
 import subprocess
@@ -8,16 +8,16 @@ from .problem import Problem
 
 
 class Run:
-    """One photograph, from the program's options to what it found.
+    """Run of the program on one photograph.
 
-    `folder` is scratch; `results` is where the results go.
+    `folder` is for temporary files, `results` for the results.
     """
 
     def __init__(self, program, options, folder, results):
         self.results = results
         self.warnings = []
         self._log = folder / "program.json"
-        # Kept even if it fails, as nothing but the first error line of the program is shown.
+        # Kept on failure, because the add-on shows only one line of the program's errors.
         self._errors = folder / "program.log"
         self._commands = [
             [program, "infer", *options, "-o", str(results), "--json"],
@@ -28,7 +28,7 @@ class Run:
 
     @property
     def exported(self):
-        """The folder of the export."""
+        """Folder of the export."""
         return self.results / "export"
 
     def _next(self):
@@ -39,21 +39,21 @@ class Run:
                     stdin=subprocess.DEVNULL,
                     stdout=out,
                     stderr=errors,
-                    # Windows would show a console.
+                    # Without this flag, Windows shows a console.
                     creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
                 )
             except OSError as error:
-                raise Problem(f"gonio cannot be run: {error}; check the preferences of the add-on") from error
+                raise Problem(f"cannot run gonio: {error}; check the path in the preferences of the add-on") from error
 
     def wait(self, seconds):
-        """Waits for so long; tells whether all is done. Raises `Problem` with the program's own line if it failed."""
+        """Waits for up to `seconds`; returns whether the run is complete. Raises `Problem` with the error of the program."""
         try:
             code = self._process.wait(seconds)
         except subprocess.TimeoutExpired:
             return False
         said = self._said()
         if code != 0:
-            raise Problem(said.get("error") or self._last_line() or f"gonio ended with code {code} and said nothing")
+            raise Problem(said.get("error") or self._last_line() or f"gonio exited with code {code} and no message")
         self.warnings += [w for w in said.get("warnings", []) if w not in self.warnings]
         if not self._commands:
             return True
@@ -71,7 +71,7 @@ class Run:
         return lines[-1] if lines else None
 
     def stop(self):
-        """Ends the program if it is still at work."""
+        """Terminates the program if it is running."""
         if self._process.poll() is None:
             self._process.terminate()
             self._process.wait()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What was found, put into the scene: material, sphere and world."""
+"""Creates material, sphere and world from the results."""
 
 import json
 import math
@@ -10,15 +10,15 @@ from mathutils import Matrix
 
 from .problem import Problem
 
-# Blender looks a world's map up with its middle along +x, -y to the right of it; the middle of gonio's is before
-# the camera, along -z, with +x to the right. From the camera's axes to those of the map:
+# The centre of Blender's world map is +x, with -y to the right; the centre of gonio's map is -z of the camera,
+# with +x to the right. Rotation from camera axes to map axes:
 TO_MAP = Matrix(((0, 0, -1), (-1, 0, 0), (0, 1, 0)))
-# A camera that looks along +y, for photographs without one: Blender's view from the front.
+# Default camera that looks along +y: Blender's front view.
 FRONT = Matrix.Rotation(math.pi / 2, 3, "X")
 
 
 def material(name, exported):
-    """A material with the Principled BSDF of an export's folder."""
+    """Creates a material with the Principled BSDF of an export folder."""
     try:
         found = json.loads((exported / "export.json").read_text(encoding="utf-8"))["exports"]["blender"]["parameters"]
         values = {
@@ -29,13 +29,13 @@ def material(name, exported):
             "Specular IOR Level": 0.5,
         }
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise Problem(f"{exported}: is no export of a gonio that this add-on knows ({error!r})") from error
+        raise Problem(f"{exported}: is not an export that this add-on supports ({error!r})") from error
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     shader = next(n for n in made.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
     for key, value in values.items():
         shader.inputs[key].default_value = value
-    # The viewport without rendering shows these.
+    # Solid viewport shading uses these values.
     made.diffuse_color = values["Base Color"]
     made.metallic = values["Metallic"]
     made.roughness = values["Roughness"]
@@ -43,7 +43,7 @@ def material(name, exported):
 
 
 def give(thing, made):
-    """Gives all of an object a material."""
+    """Assigns a material to all slots of an object."""
     if not thing.material_slots:
         thing.data.materials.append(made)
     for slot in thing.material_slots:
@@ -51,7 +51,7 @@ def give(thing, made):
 
 
 def sphere(name, scene):
-    """A smooth sphere at the 3D cursor."""
+    """Creates a smooth sphere at the 3D cursor."""
     mesh = bpy.data.meshes.new(name)
     shape = bmesh.new()
     bmesh.ops.create_uvsphere(shape, u_segments=128, v_segments=64, radius=1)
@@ -65,7 +65,7 @@ def sphere(name, scene):
 
 
 def world(name, exported, turn):
-    """A world with the light of an export's folder; `turn` is from the axes of the camera to those of the world."""
+    """Creates a world with the light of an export folder; `turn` is the rotation from camera axes to world axes."""
     made = bpy.data.worlds.new(name)
     made.use_nodes = True
     tree = made.node_tree
@@ -77,7 +77,7 @@ def world(name, exported, turn):
     around.image = bpy.data.images.load(str(exported / "light.exr"))
     around.image.name = name
     around.image.colorspace_settings.name = "Non-Color"
-    # The folder may be a temporary one.
+    # The folder may be temporary.
     around.image.pack()
     tree.links.new(place.outputs["Generated"], mapping.inputs["Vector"])
     tree.links.new(mapping.outputs["Vector"], around.inputs["Vector"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the panel asks for; a part of each scene."""
+"""Settings of the panel, stored in each scene."""
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 from bpy.types import PropertyGroup
@@ -13,17 +13,17 @@ class Settings(PropertyGroup):
     )
     shows: EnumProperty(
         name="Shows",
-        description="What the photograph shows",
+        description="Object in the photograph",
         items=(
-            ("BALL", "Ball", "A ball, which gets a sphere of its own in the scene"),
-            ("MESH", "Active object", "The active object, as the camera of the scene sees it"),
+            ("BALL", "Ball", "A ball; the add-on adds a sphere to the scene"),
+            ("MESH", "Active object", "The active object, photographed by the camera of the scene"),
         ),
     )
     outline: EnumProperty(
         name="Outline",
-        description="Where the ball is",
+        description="Outline of the ball",
         items=(
-            ("FOUND", "Found", "By the mask, the alpha channel or a constant background"),
+            ("FOUND", "Detected", "Detected by the mask, the alpha channel or a uniform background"),
             ("GIVEN", "Circle", "A circle in pixels"),
         ),
     )
@@ -32,20 +32,20 @@ class Settings(PropertyGroup):
     )
     radius: FloatProperty(name="Radius", description="Radius in pixels", min=0, default=200)
     near: BoolProperty(
-        name="From Near",
-        description="The photograph of the ball was taken from near, by a camera like that of the scene",
+        name="Nearby Camera",
+        description="The photograph was taken from nearby, with a camera like that of the scene",
     )
     mask: StringProperty(
-        name="Mask", description="Picture that is bright on the object; may be left empty", subtype="FILE_PATH"
+        name="Mask", description="Image that is white on the object (optional)", subtype="FILE_PATH"
     )
     world: BoolProperty(
-        name="Light as World", description="Give the scene a world with the light that was found", default=True
+        name="Light as World", description="Use the estimated light as the world of the scene", default=True
     )
     folder: StringProperty(
         name="Results",
-        description="Folder for the results of the program; without one they are gone when Blender ends",
+        description="Folder for the results of the program; if empty, they are deleted when Blender exits",
         subtype="DIR_PATH",
     )
-    # Of the last run: what was found in a line, and its report.
+    # Summary and report of the last run.
     said: StringProperty(options={"HIDDEN"})
     report: StringProperty(options={"HIDDEN"})

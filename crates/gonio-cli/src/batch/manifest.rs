@@ -1,4 +1,4 @@
-//! The table of a batch.
+//! Reads the table of a batch.
 
 use std::any::TypeId;
 use std::collections::BTreeSet;
@@ -13,21 +13,21 @@ use super::{NOTES, TABLE};
 use crate::Args;
 use crate::help::is_picture;
 
-/// A row: one run of `gonio infer`.
+/// A row of the table: one run of `gonio infer`.
 #[derive(Debug)]
 pub(super) struct Row {
     pub(super) name: String,
     pub(super) folder: PathBuf,
-    /// All that comes after `gonio infer`.
+    /// Arguments after `gonio infer`.
     pub(super) arguments: Vec<String>,
 }
 
 /// Meaning of a column.
 enum Column {
     Name,
-    /// Files, parted by semicolons.
+    /// Files, separated by semicolons.
     Image,
-    /// An option by its name, whether it takes a value, and whether that is a file.
+    /// Option name, whether it takes a value, and whether the value is a file.
     Option {
         flag: String,
         takes_value: bool,
@@ -36,19 +36,21 @@ enum Column {
 }
 
 impl Column {
-    /// The column of a name, by the options of `gonio infer`.
+    /// Returns the column with a header, which may be the name of an option of `gonio infer`.
     fn of(header: &str, path: &Path, infer: &Command) -> Result<Self> {
         let key = header.trim().trim_start_matches("--").replace('_', "-");
         match key.as_str() {
             "name" => return Ok(Self::Name),
             "image" => return Ok(Self::Image),
-            "output" => bail!("{}: the column output: results go to -o DIR and the column name", path.display()),
+            "output" => {
+                bail!("{}: column output is not supported; set the folders with -o DIR and column name", path.display())
+            }
             _ => (),
         }
         let found = infer.get_arguments().find(|arg| arg.get_long() == Some(&key) && !arg.is_global_set());
         let Some(arg) = found.filter(|_| !matches!(key.as_str(), "help" | "json")) else {
             bail!(
-                "{}: the column {}: there is no such option of gonio infer; give image, name and options by their long names",
+                "{}: column {} is not an option of gonio infer; use image, name or a long option name",
                 path.display(),
                 header.trim()
             );
@@ -67,40 +69,36 @@ pub(super) fn read(path: &Path, output: &Path) -> Result<Vec<Row>> {
     let table = Table::read(path)?;
     let mut program = Args::command();
     program.build();
-    let infer = program.find_subcommand("infer").context("a program without infer")?;
+    let infer = program.find_subcommand("infer").context("the command infer does not exist")?;
     let columns: Vec<Column> = table.columns.iter().map(|h| Column::of(h, path, infer)).collect::<Result<_>>()?;
     if !columns.iter().any(|c| matches!(c, Column::Image)) {
-        bail!("{shown}: has no column image");
+        bail!("{shown}: the table has no column image; add one with the photographs");
     }
     let base = path.parent().unwrap_or(Path::new(""));
     let (mut rows, mut names) = (Vec::new(), BTreeSet::new());
     for (n, cells) in table.rows.iter().enumerate() {
         let row = row(&columns, cells, base, output).with_context(|| format!("{shown}: row {}", n + 1))?;
         if !names.insert(row.name.clone()) {
-            bail!(
-                "{shown}: row {}: the name {} is there twice; give a column name without repetition",
-                n + 1,
-                row.name
-            );
+            bail!("{shown}: row {}: duplicate name {}; add a column name with unique names", n + 1, row.name);
         }
         rows.push(row);
     }
     Ok(rows)
 }
 
-/// Rows of photographs without a table; their names are those of the files.
+/// Returns one row per photograph, named after its file.
 pub(super) fn of_images(images: &[PathBuf], output: &Path) -> Result<Vec<Row>> {
     let mut names = BTreeSet::new();
     let mut rows = Vec::new();
     for image in images {
         let shown = image.display();
         if !is_picture(image) {
-            bail!("{shown}: is no picture by its name; give photographs, or one table");
+            bail!("{shown}: the extension is not that of an image; specify photographs or one table");
         }
         let row =
             row(&[Column::Image], &[shown.to_string()], Path::new(""), output).with_context(|| format!("{shown}"))?;
         if !names.insert(row.name.clone()) {
-            bail!("{shown}: another photograph has the name {}, too; give a table with a column name", row.name);
+            bail!("{shown}: another photograph is also named {}; use a table with a column name", row.name);
         }
         rows.push(row);
     }
@@ -115,23 +113,23 @@ fn row(columns: &[Column], cells: &[String], base: &Path, output: &Path) -> Resu
             Column::Image => images.extend(cell.split(';').map(|file| beside(base, file.trim()))),
             Column::Option { flag, takes_value: true, is_file } => {
                 let value = if *is_file { beside(base, cell) } else { cell.to_owned() };
-                // As one word: values may begin with a minus.
+                // One argument, because values may start with a minus sign.
                 arguments.push(format!("{flag}={value}"));
             }
             Column::Option { flag, .. } => match cell.to_ascii_lowercase().as_str() {
                 "yes" | "true" | "1" => arguments.push(flag.clone()),
                 "no" | "false" | "0" => (),
-                _ => bail!("{cell} for {flag}: give yes or no"),
+                _ => bail!("{flag}: invalid value {cell}; use yes or no"),
             },
         }
     }
-    let Some(first) = images.first() else { bail!("the image is not given") };
+    let Some(first) = images.first() else { bail!("the cell of column image is empty; specify a photograph") };
     let of_image = || Path::new(first).file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = name.or_else(of_image).unwrap_or_default();
     let taken = [NOTES, TABLE, PAGE];
     let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ' | '+' | '=');
     if name.is_empty() || name.starts_with('.') || taken.contains(&name.as_str()) || !name.chars().all(plain) {
-        bail!("the name {name:?} is none for a folder: give letters, digits, -, _ and .");
+        bail!("{name:?} is not a valid folder name; use letters, digits, -, _ and .");
     }
     let folder = output.join(&name);
     arguments.push(format!("--output={}", folder.display()));
@@ -140,7 +138,7 @@ fn row(columns: &[Column], cells: &[String], base: &Path, output: &Path) -> Resu
     Ok(Row { name, folder, arguments })
 }
 
-/// A file named in the table, beside which it is looked for first.
+/// Resolves a file of the table, relative to the table first.
 fn beside(base: &Path, file: &str) -> String {
     let there = base.join(file);
     if there.exists() { there.display().to_string() } else { file.to_owned() }

@@ -1,4 +1,4 @@
-//! The results of all rows in one table, and on one page.
+//! Merges the results of all rows into one table and one HTML page.
 
 use std::path::Path;
 
@@ -29,15 +29,15 @@ const COLUMNS: [&str; 13] = [
     "error",
 ];
 
-/// Writes `batch.csv` from the notes of all rows, and `compare.html` if `page`; with the table also
-/// what is missing.
+/// Writes `batch.csv` from the outcomes of all rows, and `compare.html` if `page`. If `rows` is
+/// given, the table also lists missing rows.
 pub(super) fn merge(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<Outcome> {
     let names: Vec<String> = match rows {
         Some(rows) => rows.iter().map(|row| row.name.clone()).collect(),
         None => noted(output)?,
     };
     if names.is_empty() {
-        bail!("{}: holds no results of gonio batch", output.display());
+        bail!("{}: contains no results of gonio batch", output.display());
     }
     let mut table = Table { columns: COLUMNS.map(str::to_owned).to_vec(), rows: Vec::new() };
     let mut counts = [0_usize; 3];
@@ -61,17 +61,18 @@ pub(super) fn merge(output: &Path, rows: Option<&[Row]>, page: bool) -> Result<O
     Ok(Outcome::new(text, fields).warning(warnings))
 }
 
-/// Writes the page of all rows, unless a file of somebody else is in its place.
+/// Writes the page of all rows, unless gonio did not write the existing file.
 fn write_page(page: &Path, all: &[Given]) -> Result<Vec<String>> {
     if page.exists() && !compare::is_page(page) {
-        let warning = format!("{}: is there and not of gonio; move it for the page of all rows", page.display());
+        let warning =
+            format!("{}: exists and was not written by gonio; rename it to get the page of all rows", page.display());
         return Ok(vec![warning]);
     }
     write_file(page, compare::read(all, page).render().as_bytes())?;
     Ok(Vec::new())
 }
 
-/// The results of all rows that anything is noted of, for a page.
+/// Returns the results of all rows with a recorded outcome, for a page.
 pub(crate) fn given_of(output: &Path) -> Result<Vec<Given>> {
     let of = |name: String| {
         let note = read_note(output, &name);
@@ -82,16 +83,16 @@ pub(crate) fn given_of(output: &Path) -> Result<Vec<Given>> {
 
 fn given(output: &Path, name: String, note: Option<Note>) -> Given {
     let failed = match note {
-        None => Some("not inferred yet".to_owned()),
+        None => Some("not yet inferred".to_owned()),
         Some(note) => note.error,
     };
     Given { folder: output.join(&name), name, failed }
 }
 
-/// The names of all rows that anything is noted of.
+/// Lists the names of all rows with a recorded outcome.
 fn noted(output: &Path) -> Result<Vec<String>> {
     let notes = output.join(NOTES);
-    let failed = || format!("{}: cannot list this folder; give the one that gonio batch wrote to", notes.display());
+    let failed = || format!("{}: cannot list this folder; specify the output folder of gonio batch", notes.display());
     let mut names = Vec::new();
     for entry in std::fs::read_dir(&notes).with_context(failed)? {
         let path = entry.with_context(failed)?.path();

@@ -1,8 +1,8 @@
-//! Assignment of rows to shards.
+//! Assigns rows to shards.
 
 use anyhow::{Context, Result, bail};
 
-/// Each `count`-th row, beginning with the `index`-th, from zero.
+/// Every `count`-th row, starting with row `index`, counted from zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Shard {
     index: usize,
@@ -10,22 +10,22 @@ pub(crate) struct Shard {
 }
 
 impl Shard {
-    /// Returns whether a row, counted from zero, belongs to the shard.
+    /// Whether a row, counted from zero, belongs to the shard.
     pub(super) fn has(self, row: usize) -> bool {
         row % self.count == self.index
     }
 }
 
-/// `I/N`, from one.
+/// Parses `I/N`, where I counts from one.
 pub(super) fn parse(text: &str) -> Result<Shard, String> {
     let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse::<usize>().ok()?, n.parse::<usize>().ok()?)));
     match parts {
         Some((i, n)) if (1..=n).contains(&i) => Ok(Shard { index: i - 1, count: n }),
-        _ => Err("give I/N with I from 1 to N, such as 3/10".into()),
+        _ => Err("expected I/N with I from 1 to N, such as 3/10".into()),
     }
 }
 
-/// The shard of a task of a Slurm array; `None` outside of one.
+/// Returns the shard of the current Slurm array task; `None` outside of Slurm arrays.
 pub(super) fn of_slurm() -> Result<Option<Shard>> {
     of_variables(|name| std::env::var(name).ok())
 }
@@ -33,13 +33,13 @@ pub(super) fn of_slurm() -> Result<Option<Shard>> {
 fn of_variables(variable: impl Fn(&str) -> Option<String>) -> Result<Option<Shard>> {
     let number = |name: &str| {
         variable(name)
-            .map(|value| value.trim().parse::<usize>().with_context(|| format!("{name}={value}: this is no number")))
+            .map(|value| value.trim().parse::<usize>().with_context(|| format!("{name}={value}: not a number")))
             .transpose()
     };
     let Some(id) = number("SLURM_ARRAY_TASK_ID")? else { return Ok(None) };
     let (Some(low), Some(count)) = (number("SLURM_ARRAY_TASK_MIN")?, number("SLURM_ARRAY_TASK_COUNT")?) else {
         bail!(
-            "SLURM_ARRAY_TASK_ID is there, but not SLURM_ARRAY_TASK_MIN and SLURM_ARRAY_TASK_COUNT; give --shard I/N"
+            "SLURM_ARRAY_TASK_ID is set, but SLURM_ARRAY_TASK_MIN or SLURM_ARRAY_TASK_COUNT is not; specify --shard I/N"
         );
     };
     let step = number("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1).max(1);
@@ -47,7 +47,7 @@ fn of_variables(variable: impl Fn(&str) -> Option<String>) -> Result<Option<Shar
     match index {
         Some(index) => Ok(Some(Shard { index, count })),
         None => bail!(
-            "task {id} is not one of the {count} of this Slurm array, which begins at {low} in steps of {step}: arrays with gaps need --shard I/N"
+            "Slurm task {id} is not in the array of {count} tasks from {low} in steps of {step}; for arrays with gaps, specify --shard I/N"
         ),
     }
 }

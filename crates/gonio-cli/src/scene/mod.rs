@@ -1,4 +1,4 @@
-//! A photograph and the object in it, as the options say them: for `gonio infer` and `gonio check`.
+//! Options for the photograph and its object, shared by `gonio infer` and `gonio check`.
 
 mod reference;
 mod shape;
@@ -16,55 +16,57 @@ use crate::surface::SurfaceOptions;
 use reference::ReferenceOptions;
 use shape::{NormalOptions, ShapeName};
 
-/// Options that say what is to be looked at.
+/// Options for the photograph and the object in it.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Input")]
 pub(crate) struct SceneOptions {
-    /// HDR photograph, or exposures of one scene; - is standard input
+    /// HDR photograph, or exposures of one scene; - reads standard input
     ///
-    /// EXR, Radiance HDR and PFM are read as they are; PNG, TIFF and JPEG with a warning. Several
-    /// exposures (8 or 16-bit JPEG, PNG, TIFF) are merged as by gonio merge. From standard input
-    /// comes one whole picture, whose format its bytes tell.
+    /// EXR, Radiance HDR and PFM contain linear radiance. gonio accepts PNG, TIFF and JPEG with a
+    /// warning. Several exposures (8- or 16-bit JPEG, PNG or TIFF) are merged as by gonio merge.
+    /// Standard input holds one image; gonio detects its format.
     #[arg(required = true, value_name = "IMAGE", help_heading = None::<&str>)]
     pub(crate) images: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) reading: ReadingOptions,
     /// Radiance at which the camera clips
     ///
-    /// It is found by itself where many pixels share the maximum.
+    /// By default, gonio detects this level if many pixels share the maximum value.
     #[arg(long, value_name = "VALUE")]
     clip: Option<f32>,
-    /// Where the object is: a picture that is bright on it
+    /// Mask of the object: an image that is white on the object and black elsewhere
     ///
-    /// Without one the alpha channel tells, a plain background, or the edges of a ball. One of
-    /// another size is scaled.
+    /// Without a mask, gonio detects the object by the alpha channel, by a uniform background, or
+    /// by the edges of a ball. A mask of another size is scaled.
     #[arg(long, value_name = "FILE", help_heading = FINDING)]
     mask: Option<PathBuf>,
-    /// Outline of the ball in pixels, if it is not to be found
+    /// Outline of the ball in pixels, instead of detecting it
     ///
-    /// The centre is counted from the top left corner. Several times for several balls.
+    /// X and Y are the centre, measured from the top left corner. Repeat the option for several
+    /// balls.
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, help_heading = FINDING,
           conflicts_with_all = ["normals", "mesh", "camera"])]
     circle: Vec<Circle>,
-    /// Picture of regions of different materials, all under one light
+    /// Label image of regions with different materials under one light
     ///
-    /// One index or colour for each region, black where there is none. Each gets a BRDF.
+    /// Each region has its own index or colour; the rest is black. gonio estimates one BRDF per
+    /// region.
     #[arg(long, value_name = "LABELS", help_heading = FINDING)]
     pub(crate) materials: Option<PathBuf>,
-    /// Observe regions of another colour as well
+    /// Use regions of another colour as well
     ///
-    /// Paint and stickers are left out otherwise, where they are told safely from reflections.
+    /// By default, gonio ignores paint and stickers that it can distinguish from reflections.
     #[arg(long, help_heading = FINDING)]
     keep_colors: bool,
-    /// Shape of the object, fitted to its outline
+    /// Shape of the object; gonio fits it to the outline
     #[arg(long, value_enum, default_value_t = ShapeName::Sphere, help_heading = SHAPE,
           conflicts_with_all = ["normals", "mesh"])]
     shape: ShapeName,
     #[command(flatten)]
     surface: SurfaceOptions,
-    /// Picture of the object's normals, for any shape
+    /// Normal map of the object, for any shape: EXR, NPY or PNG
     ///
-    /// EXR, NPY or PNG, in camera space: x right, y up, z towards the camera.
+    /// Normals are in camera space: x points right, y up, and z towards the camera.
     #[arg(long, value_name = "FILE", conflicts_with = "mesh", help_heading = SHAPE)]
     normals: Option<PathBuf>,
     #[command(flatten, next_help_heading = SHAPE)]
@@ -76,19 +78,19 @@ pub(crate) struct SceneOptions {
     reference: ReferenceOptions,
 }
 
-const FINDING: &str = "Finding the object";
+const FINDING: &str = "Object detection";
 const SHAPE: &str = "Shape";
-const REFERENCE: &str = "Reference in the picture";
+const REFERENCE: &str = "Neutral reference";
 
 fn parse_positive(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or_else(|| "give a positive number".into())
+    text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or_else(|| "expected a positive number".into())
 }
 
 pub(crate) fn parse_circle(text: &str) -> Result<Circle, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
     match numbers.as_deref() {
         Ok(&[x, y, radius]) if radius > 0.0 => Ok(Circle { x, y, radius }),
-        _ => Err("give three numbers, X,Y,RADIUS, in pixels".into()),
+        _ => Err("expected three numbers, X,Y,RADIUS, in pixels".into()),
     }
 }
 
@@ -98,18 +100,18 @@ impl SceneOptions {
         self.images.first().cloned().unwrap_or_default()
     }
 
-    /// Whether the object can throw shadows on itself.
+    /// Whether the object can shadow itself.
     pub(crate) fn has_shadows(&self) -> bool {
         self.surface.mesh.is_some() || self.normals.is_some()
     }
 
-    /// The regions that are given, if any are.
+    /// Returns the regions of several materials, if the options specify them.
     pub(crate) fn regions(&self) -> Option<Regions> {
         let labels = self.materials.clone().map(|labels| Regions::Labels(Source::File(labels)));
         labels.or_else(|| (self.circle.len() > 1).then(|| Regions::Circles(self.circle.clone())))
     }
 
-    /// The scene.
+    /// Returns the scene that the options describe.
     ///
     /// # Errors
     /// If an option would have no effect, or standard input cannot be read.
@@ -127,26 +129,26 @@ impl SceneOptions {
         })
     }
 
-    /// Refuses options that would have no effect.
+    /// Rejects options that would have no effect.
     fn check(&self) -> Result<()> {
         self.reference.check()?;
         let is_ellipsoid = matches!(self.shape, ShapeName::Ellipsoid) && !self.has_shadows();
         if self.depth_axis.is_some() && !is_ellipsoid {
-            bail!("--depth-axis is for --shape ellipsoid");
+            bail!("--depth-axis requires --shape ellipsoid");
         }
         if !self.circle.is_empty() && is_ellipsoid {
-            bail!("--circle is the outline of a ball: an ellipsoid is found by --mask, or by itself");
+            bail!("--circle is the outline of a ball; for an ellipsoid, use --mask or automatic detection");
         }
         if self.circle.len() > 1 {
             if self.materials.is_some() {
-                bail!("--materials says where the regions are: give it, or several --circle");
+                bail!("--materials and several --circle options both define the regions; use only one of them");
             }
             if self.mask.is_some() {
-                bail!("several --circle say where the balls are: give them, or --mask");
+                bail!("--mask and several --circle options both define the balls; use only one of them");
             }
         }
         if self.keep_colors && self.regions().is_some() {
-            bail!("--keep-colors is for a photograph of one material: in regions all colours are observed");
+            bail!("--keep-colors applies to photographs of one material; with regions, gonio uses all colours");
         }
         Ok(())
     }

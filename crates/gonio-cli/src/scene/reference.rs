@@ -1,4 +1,4 @@
-//! Neutral references in the picture, as the options give them.
+//! Options for a neutral reference in the photograph.
 
 use std::path::PathBuf;
 
@@ -12,36 +12,37 @@ use super::parse_circle;
 /// Options for a neutral reference.
 #[derive(clap::Args)]
 pub(super) struct ReferenceOptions {
-    /// White patch in the picture: the pixels of a disk
+    /// White patch in the photograph: a disk of pixels
     ///
-    /// It fixes the colour of the light and, if it faces the camera beside the object, the scale of
-    /// the BRDF (docs/references.md).
+    /// The patch determines the colour of the light. If it faces the camera beside the object, it
+    /// also determines the scale of the BRDF (docs/references.md).
     #[arg(long, value_name = "X,Y,RADIUS", value_parser = parse_circle, conflicts_with_all = ["grey_card", "color_checker"])]
     white: Option<Circle>,
-    /// Grey card in the picture: a mask that is white on it
+    /// Grey card in the photograph: a mask that is white on the card
     ///
-    /// It fixes the same as --white.
+    /// The card determines the same quantities as --white.
     #[arg(long, alias = "gray-card", value_name = "MASK", conflicts_with = "color_checker")]
     grey_card: Option<PathBuf>,
-    /// 24-patch colour chart (ColorChecker Classic) in the picture
+    /// 24-patch colour chart (ColorChecker Classic) in the photograph
     ///
-    /// It fixes the same as --white. The chart is detected, or measured at the centres of its
-    /// corner patches in the order dark skin, bluish green, black, white: X,Y,X,Y,X,Y,X,Y in pixels
-    /// from the top left corner.
+    /// The chart determines the same quantities as --white. auto detects the chart. CORNERS are the
+    /// centres of its corner patches in the order dark skin, bluish green, black, white:
+    /// X,Y,X,Y,X,Y,X,Y in pixels from the top left corner.
     #[arg(long, alias = "colour-checker", value_name = "auto|CORNERS", num_args = 0..=1, default_missing_value = "auto",
           value_parser = parse_chart)]
     color_checker: Option<ChartPlace>,
-    /// Diffuse reflectance of the white patch (0.9) or the grey card (0.18)
+    /// Diffuse reflectance of the reference [default: 0.9 for --white, 0.18 for --grey-card]
     #[arg(long, value_name = "R", value_parser = parse_reflectance)]
     reference_reflectance: Option<f64>,
-    /// Use the colour of the reference and not the scale
+    /// Use the colour of the reference, but not its brightness
     ///
-    /// For a reference that does not face the camera, or gets other light than the object.
+    /// Use this option if the reference does not face the camera or is not under the same light as
+    /// the object.
     #[arg(long)]
     reference_color_only: bool,
 }
 
-/// Where a chart is: its corners, or `None` to detect it.
+/// Position of a chart: its corners, or `None` to detect it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ChartPlace(Option<Corners>);
 
@@ -53,7 +54,7 @@ fn parse_chart(text: &str) -> Result<ChartPlace, String> {
     match numbers.as_deref() {
         Ok(&[a, b, c, d, e, f, g, h]) => Ok(ChartPlace(Some([(a, b), (c, d), (e, f), (g, h)]))),
         _ => {
-            Err("give eight numbers, X,Y of four corner patches, or auto; the photograph comes before this option"
+            Err("expected auto or eight numbers, X,Y of four corner patches; put the photograph before this option"
                 .into())
         }
     }
@@ -61,11 +62,11 @@ fn parse_chart(text: &str) -> Result<ChartPlace, String> {
 
 fn parse_reflectance(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|r: &f64| *r > 0.0 && *r <= 1.0);
-    number.ok_or_else(|| "give a number above 0 and at most 1".into())
+    number.ok_or_else(|| "expected a number above 0 and at most 1".into())
 }
 
 impl ReferenceOptions {
-    /// The reference that the options give.
+    /// Returns the reference that the options describe.
     pub(super) fn reference(&self) -> Option<Reference> {
         let white = self.white.map(ReferenceTarget::White);
         let card = || self.grey_card.clone().map(|mask| ReferenceTarget::GreyCard(Source::File(mask)));
@@ -74,14 +75,16 @@ impl ReferenceOptions {
         Some(Reference { target, reflectance: self.reference_reflectance, colour_only: self.reference_color_only })
     }
 
-    /// Refuses options that would have no effect.
+    /// Rejects options that would have no effect.
     pub(super) fn check(&self) -> Result<()> {
         let is_patch = self.white.is_some() || self.grey_card.is_some();
         if self.reference_reflectance.is_some() && !is_patch {
-            bail!("--reference-reflectance is for --white and --grey-card: a colour chart has published reflectances");
+            bail!(
+                "--reference-reflectance applies to --white and --grey-card; the reflectances of a colour chart are published"
+            );
         }
         if self.reference_color_only && !is_patch && self.color_checker.is_none() {
-            bail!("--reference-color-only is for --white, --grey-card and --color-checker");
+            bail!("--reference-color-only requires --white, --grey-card or --color-checker");
         }
         Ok(())
     }

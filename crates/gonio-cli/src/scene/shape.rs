@@ -1,4 +1,4 @@
-//! The shape of the object, as the options say it.
+//! Options for the shape of the object.
 
 use std::path::PathBuf;
 
@@ -8,47 +8,47 @@ use gonio_app::{Form, Normals, Places, Shape, Source};
 
 use super::SceneOptions;
 
-/// Shapes known by name.
+/// Names of shapes.
 #[derive(Clone, Copy, clap::ValueEnum)]
 pub(super) enum ShapeName {
-    /// A ball: orthographic, or in perspective with --camera
+    /// A ball, seen orthographically, or in perspective with --camera
     Sphere,
-    /// An ellipsoid seen orthographically, one of its axes towards the camera
+    /// An ellipsoid, seen orthographically along one of its axes
     Ellipsoid,
 }
 
 /// Options that go with `--normals`.
 #[derive(clap::Args)]
 pub(super) struct NormalOptions {
-    /// The normals' y points down, as in normal maps for DirectX
+    /// The y axis of the normals points down, as in DirectX normal maps
     #[arg(long, requires = "normals")]
     normals_flip_y: bool,
-    /// The normals' x points left
+    /// The x axis of the normals points left
     #[arg(long, requires = "normals")]
     normals_flip_x: bool,
-    /// The normals' z points away from the camera
+    /// The z axis of the normals points away from the camera
     #[arg(long, requires = "normals")]
     normals_flip_z: bool,
-    /// Which axis each channel of the normals holds
+    /// Axes that the channels of the normal map store, in order
     #[arg(long, value_name = "xyz|yxz|zyx|…", default_value = "xyz", requires = "normals", value_parser = parse_order)]
     normals_order: ChannelOrder,
-    /// Take the normals as they are even if they contradict themselves
+    /// Use the normals even if they fail the consistency checks
     #[arg(long, requires = "normals")]
     trust_normals: bool,
-    /// Picture of the object's depth, to know which light it keeps from itself
+    /// Depth map of the object, to compute self-shadowing
     ///
-    /// EXR, NPY or 16-bit PNG.
+    /// The format is EXR, NPY or 16-bit PNG.
     #[arg(long, value_name = "FILE", requires = "normals", conflicts_with = "positions")]
     depth: Option<PathBuf>,
-    /// Depths that the codes 0 and 1 of an integer picture stand for
+    /// Depths of the smallest and the largest code of a 16-bit depth map
     #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = parse_range, allow_hyphen_values = true)]
     depth_range: Option<(f64, f64)>,
-    /// Depths are distances along the rays, not along the camera's axis
+    /// Depths are distances along the viewing rays, not along the optical axis
     #[arg(long, requires = "depth")]
     depth_along_rays: bool,
-    /// Picture of the object's positions, for the same
+    /// Position map of the object, to compute self-shadowing
     ///
-    /// EXR or NPY, in coordinates of the camera.
+    /// The format is EXR or NPY; positions are in camera coordinates.
     #[arg(long, value_name = "FILE", requires = "normals")]
     positions: Option<PathBuf>,
 }
@@ -60,14 +60,14 @@ struct ChannelOrder([usize; 3]);
 fn parse_order(text: &str) -> Result<ChannelOrder, String> {
     Correction::order_named(text)
         .map(ChannelOrder)
-        .ok_or_else(|| "give x, y and z in some order, such as yxz or zyx".into())
+        .ok_or_else(|| "expected a permutation of xyz, such as yxz or zyx".into())
 }
 
 fn parse_range(text: &str) -> Result<(f64, f64), String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|s| s.trim().parse()).collect();
     match numbers.as_deref() {
         Ok(&[near, far]) if near != far && near.is_finite() && far.is_finite() => Ok((near, far)),
-        _ => Err("give two different numbers, NEAR,FAR".into()),
+        _ => Err("expected two different numbers, NEAR,FAR".into()),
     }
 }
 

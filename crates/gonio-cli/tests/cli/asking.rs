@@ -8,7 +8,7 @@ use crate::support::{ANSWER, Bench, ball, exr};
 #[test]
 fn short_help_fits_a_screen_and_long_help_has_headings() {
     let bench = Bench::new();
-    let headings = ["Input", "Finding the object", "Shape", "Camera", "Light", "Method", "Colour", "Output", "General"];
+    let headings = ["Input", "Object detection", "Shape", "Camera", "Light", "Method", "Colour", "Output", "General"];
     let short = bench.run("infer -h").succeeds().stdout;
     assert!(short.lines().count() <= 40, "{}", short.lines().count());
     assert!(short.lines().all(|line| line.chars().count() <= 100), "{short}");
@@ -30,8 +30,8 @@ fn options_that_a_file_does_not_need_are_told() {
     let bench = Bench::with_ball();
     bench.write("ball.pfm", &encode_pfm(&ball().rgb));
     let said = bench.run("check ball.exr --linear").succeeds().stderr;
-    assert!(said.contains("ball.exr: holds linear numbers as it is"), "{said}");
-    bench.refuses("check ball.pfm --layer diffuse", &["ball.pfm: has no layers, as OpenEXR files have"]);
+    assert!(said.contains("ball.exr: is already linear"), "{said}");
+    bench.refuses("check ball.pfm --layer diffuse", &["ball.pfm: has no layers, because it is not an OpenEXR file"]);
 }
 
 #[test]
@@ -40,26 +40,32 @@ fn options_that_a_method_does_not_use_are_refused() {
     bench.write("light.hdr", &encode_hdr(studio_light(16).radiance()));
     bench.write("labels.png", b"");
     for (options, says) in [
-        ("--solver blocks", "--solver is for --method variational: learnt does not use it"),
+        ("--solver blocks", "--solver is for --method variational; method learnt does not use it"),
         ("--starts 2", "--starts is for --method variational, map, known-light-basis"),
         ("--seed 2", "--seed is for"),
-        ("--full-rows", "--full-rows is for --method variational, map: learnt"),
-        ("--method map --solver blocks", "--solver is for --method variational: map does not use it"),
-        ("--light light.hdr --starts 2", "known-light does not use it"),
-        ("--light light.hdr --grid 16", "--grid is for --method learnt, variational, map: known-light"),
+        ("--full-rows", "--full-rows is for --method variational, map; method learnt"),
+        ("--method map --solver blocks", "--solver is for --method variational; method map does not use it"),
+        ("--light light.hdr --starts 2", "method known-light does not use it"),
+        ("--light light.hdr --grid 16", "--grid is for --method learnt, variational, map; method known-light"),
         ("--light light.hdr --method known-light-basis --full-rows", "--full-rows is for"),
         ("--light light.hdr --method known-light-basis --absolute", "--absolute is for --method known-light"),
         ("--light light.hdr --method known-light-basis --align-light", "--align-light is for --method known-light"),
-        ("--depth-axis 20", "--depth-axis is for --shape ellipsoid"),
-        ("--normals normals.npy --depth-axis 20", "--depth-axis is for --shape ellipsoid"),
+        ("--depth-axis 20", "--depth-axis requires --shape ellipsoid"),
+        ("--normals normals.npy --depth-axis 20", "--depth-axis requires --shape ellipsoid"),
         ("--shape ellipsoid --circle 24,24,20", "--circle is the outline of a ball"),
-        ("--circle 14,24,9 --circle 34,24,9 --mask ball.exr", "or --mask"),
-        ("--circle 14,24,9 --circle 34,24,9 --materials labels.png", "or several --circle"),
-        ("--circle 14,24,9 --circle 34,24,9 --keep-colors", "--keep-colors is for a photograph of one material"),
+        (
+            "--circle 14,24,9 --circle 34,24,9 --mask ball.exr",
+            "--mask and several --circle options both define the balls",
+        ),
+        (
+            "--circle 14,24,9 --circle 34,24,9 --materials labels.png",
+            "--materials and several --circle options both define the regions",
+        ),
+        ("--circle 14,24,9 --circle 34,24,9 --keep-colors", "--keep-colors applies to photographs of one material"),
         // One range for every method.
-        ("--grid 256", "grid 256: give a power of two from 4 to 128"),
-        ("--light light.hdr --normals normals.npy --grid 256", "grid 256: give a power of two from 4 to 128"),
-        ("--method map --grid 256", "grid 256: give a power of two from 4 to 128"),
+        ("--grid 256", "grid 256: must be a power of two from 4 to 128"),
+        ("--light light.hdr --normals normals.npy --grid 256", "grid 256: must be a power of two from 4 to 128"),
+        ("--method map --grid 256", "grid 256: must be a power of two from 4 to 128"),
     ] {
         bench.refuses(&format!("infer ball.exr -o out {options}"), &[says]);
     }
@@ -76,7 +82,7 @@ fn results_lie_beside_the_photograph_if_nothing_else_is_said() {
     }
     assert_eq!(bench.names("photos"), ["ball-gonio", "ball.exr"]);
     std::fs::remove_file(bench.path("photos/ball-gonio/result.json")).unwrap();
-    bench.refuses("infer photos/ball.exr", &["photos/ball-gonio: is there and holds no results", "-o DIR"]);
+    bench.refuses("infer photos/ball.exr", &["photos/ball-gonio: exists and does not contain results", "-o DIR"]);
 }
 
 #[test]
@@ -88,11 +94,15 @@ fn a_photograph_comes_from_standard_input() {
     bench.write("text", b"no picture");
     bench.write("empty", b"");
     for (line, file, says) in [
-        ("infer - -o x", "text", "standard input: is in no known picture format"),
+        ("infer - -o x", "text", "standard input: has an unknown image format"),
         ("infer - -o x", "empty", "standard input: is empty"),
-        ("infer -", "ball.exr", "give -o DIR"),
-        ("infer - ball.exr -o x", "ball.exr", "give exposures as files"),
-        ("infer - -o x --response srgb", "ball.exr", "standard input: a camera's curve is for exposures in files"),
+        ("infer -", "ball.exr", "specify one with -o DIR"),
+        ("infer - ball.exr -o x", "ball.exr", "pass exposures as files"),
+        (
+            "infer - -o x --response srgb",
+            "ball.exr",
+            "standard input: a response curve applies only to exposures in files",
+        ),
     ] {
         bench.run_reading(line, file).fails(&[says]);
         assert!(!bench.path("x").exists());
@@ -121,9 +131,12 @@ fn mistakes_get_a_hint() {
         ("none.exr --json=x", "gonio infer none.exr"),
         ("infr", "'infer'"),
         ("infer a.exr b.exr -o x", "gonio batch IMAGE... -o DIR"),
-        ("render --brdf out --light light.hdr -o x.png", "out: is a folder of results; give out/brdf.binary"),
-        ("render --brdf empty --light light.hdr -o x.png", "empty: is a folder that holds no brdf.binary"),
-        ("export none", "none: there is no such file or folder; give a folder of results of gonio infer"),
+        (
+            "render --brdf out --light light.hdr -o x.png",
+            "out: is a folder of results, not a BRDF file; specify out/brdf.binary",
+        ),
+        ("render --brdf empty --light light.hdr -o x.png", "empty: is a folder without brdf.binary"),
+        ("export none", "none: file or folder not found; specify a result folder of gonio infer"),
     ] {
         bench.refuses(line, &[says]);
     }
@@ -190,10 +203,10 @@ fn photographs_need_no_table() {
     }
     let run = bench.run("batch a.exr -o many").succeeds();
     assert!(run.stdout.contains("1 rows inferred"), "{run:?}");
-    assert!(bench.run("batch a.exr b.exr -o many").succeeds().stdout.contains("1 rows inferred, 1 were done"));
+    assert!(bench.run("batch a.exr b.exr -o many").succeeds().stdout.contains("1 rows inferred, 1 rows skipped"));
     assert_eq!(bench.names("many"), ["a", "b", "batch.csv", "rows"]);
     std::fs::create_dir(bench.path("c")).unwrap();
     bench.write("c/a.exr", &exr(&ball()));
-    bench.refuses("batch a.exr c/a.exr -o x", &["c/a.exr: another photograph has the name a"]);
-    bench.refuses("batch a.exr list.csv -o x", &["list.csv: is no picture by its name", "one table"]);
+    bench.refuses("batch a.exr c/a.exr -o x", &["c/a.exr: another photograph is also named a"]);
+    bench.refuses("batch a.exr list.csv -o x", &["list.csv: the extension is not that of an image", "one table"]);
 }

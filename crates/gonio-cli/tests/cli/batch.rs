@@ -86,16 +86,16 @@ fn the_slurm_example_runs() {
 fn bad_tables_are_refused() {
     let bench = bench();
     for (table, says) in [
-        ("name\none\n", "has no column image"),
+        ("name\none\n", "the table has no column image"),
         ("image\n", "has no rows"),
-        ("image,colour\nball.exr,red\n", "the column colour: there is no such option"),
-        ("image,output\nball.exr,x\n", "the column output"),
-        ("image\nball.exr\nball.exr\n", "row 2: the name ball is there twice"),
-        ("image,name\nball.exr,../up\n", "row 1: the name \"../up\" is none for a folder"),
-        ("image,name\nball.exr,rows\n", "row 1: the name \"rows\" is none"),
-        ("image,no-shadows\nball.exr,perhaps\n", "perhaps for --no-shadows: give yes or no"),
+        ("image,colour\nball.exr,red\n", "column colour is not an option of gonio infer"),
+        ("image,output\nball.exr,x\n", "column output is not supported"),
+        ("image\nball.exr\nball.exr\n", "row 2: duplicate name ball"),
+        ("image,name\nball.exr,../up\n", "row 1: \"../up\" is not a valid folder name"),
+        ("image,name\nball.exr,rows\n", "row 1: \"rows\" is not a valid folder name"),
+        ("image,no-shadows\nball.exr,perhaps\n", "--no-shadows: invalid value perhaps; use yes or no"),
         ("image,mask\nball.exr\n", "row 1 cannot be read"),
-        ("image,mask\n,ball.exr\n", "row 1: the image is not given"),
+        ("image,mask\n,ball.exr\n", "row 1: the cell of column image is empty"),
     ] {
         bench.write("photos/bad.csv", table.as_bytes());
         bench.refuses("batch photos/bad.csv -o x", &["photos/bad.csv", says]);
@@ -104,7 +104,7 @@ fn bad_tables_are_refused() {
     bench.refuses("batch photos/list.csv -o x --shard 4/3", &["--shard"]);
     bench.refuses("batch --merge -o x", &["x/rows: cannot list"]);
     std::fs::create_dir_all(bench.path("x/rows")).unwrap();
-    bench.refuses("batch --merge -o x", &["x: holds no results of gonio batch"]);
+    bench.refuses("batch --merge -o x", &["x: contains no results of gonio batch"]);
     assert!(!bench.path("x/batch.csv").exists());
     bench.refuses("batch -o x", &["<IMAGE|TABLE>"]);
 }

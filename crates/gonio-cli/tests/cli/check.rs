@@ -59,7 +59,7 @@ fn every_object_is_told() {
     assert!(run.stdout.contains("region 1: ball, circle 14.0,24.0,9.0"), "{run:?}");
     assert!(run.stdout.contains("region 2: ball, circle 34.0,24.0,9.0"), "{run:?}");
     for (options, says) in
-        [("--normals normals.npy", "shape by its normals"), ("--shape ellipsoid", "ellipsoid, semi-axes 2")]
+        [("--normals normals.npy", "shape from a normal map"), ("--shape ellipsoid", "ellipsoid, semi-axes 2")]
     {
         let run = bench.run(&format!("check ball.exr {options}")).succeeds();
         assert!(run.stdout.contains(says), "{run:?}");
@@ -70,13 +70,13 @@ fn every_object_is_told() {
 fn the_picture_replaces_nothing_of_others() {
     let bench = Bench::with_ball();
     bench.write("ball-check.png", &mask(SIZE));
-    bench.refuses("check ball.exr", &["ball-check.png: is there and not of gonio check", "-o X.png"]);
+    bench.refuses("check ball.exr", &["ball-check.png: exists and was not written by gonio check", "-o X.png"]);
     std::fs::remove_file(bench.path("ball-check.png")).unwrap();
     bench.run("check ball.exr").succeeds();
     bench.run("check ball.exr").succeeds();
-    bench.refuses("check ball.exr -o x.jpg", &["x.jpg: write to a name ending in .png"]);
+    bench.refuses("check ball.exr -o x.jpg", &["x.jpg: the output must be a .png file"]);
     bench.write("photo.png", &mask(SIZE));
-    bench.refuses("check photo.png -o photo.png", &["photo.png: is the photograph itself"]);
+    bench.refuses("check photo.png -o photo.png", &["photo.png: the output would overwrite the photograph"]);
 }
 
 #[test]
@@ -84,9 +84,9 @@ fn what_cannot_be_found_is_told_with_what_helps() {
     let bench = Bench::with_ball();
     bench.write("constant.exr", &grey(0.5, SIZE, SIZE));
     bench.write("plain.exr", &exr(&Picture { alpha: None, ..ball() }));
-    bench.refuses("check constant.exr", &["constant.exr: no alpha channel", "--mask FILE", "--circle X,Y,RADIUS"]);
+    bench.refuses("check constant.exr", &["constant.exr: no object found", "--mask FILE", "--circle X,Y,RADIUS"]);
     bench.refuses("check none.exr", &["none.exr: cannot open"]);
-    bench.refuses("check - -o x.png --depth-axis 3", &["--depth-axis is for --shape ellipsoid"]);
+    bench.refuses("check - -o x.png --depth-axis 3", &["--depth-axis requires --shape ellipsoid"]);
     let run = bench.run_reading("check - -o x.png", "ball.exr").succeeds();
     assert!(run.stdout.starts_with("standard input: 48x48 pixels"), "{run:?}");
 }

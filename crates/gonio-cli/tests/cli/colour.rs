@@ -54,11 +54,11 @@ fn colours_that_make_no_sense_are_refused() {
     let bench = Bench::with_ball();
     bench.refuses(
         "infer ball.exr -o out --light-color 1,1,1 --color median",
-        &["--light-color serves --color estimate"],
+        &["--light-color requires --color estimate"],
     );
     for wrong in ["1,1", "1,0,1", "white"] {
         let run = bench.run(&format!("infer ball.exr -o out --light-color {wrong}"));
         assert_eq!(run.code, Some(2), "{run:?}");
-        assert!(run.stderr.contains("three positive numbers"), "{run:?}");
+        assert!(run.stderr.contains("three positive linear numbers"), "{run:?}");
     }
 }

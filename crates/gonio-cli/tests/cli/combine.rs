@@ -33,13 +33,13 @@ fn photographs_of_one_material_are_combined_and_others_refused() {
     for at in 0..2 {
         assert!(photographs[at]["agreement"].as_f64().unwrap() > 0.0, "{photographs}");
     }
-    bench.refuses("combine one other -o out", &["not of the same material"]);
-    bench.refuses("combine one one -o out", &["one: is of the same photograph as one"]);
+    bench.refuses("combine one other -o out", &["does not show the same material"]);
+    bench.refuses("combine one one -o out", &["one: has the same photograph as one"]);
     bench.refuses("combine one -o out", &["2 values"]);
     bench.refuses("combine one none -o out", &["none: cannot open"]);
-    bench.refuses("combine one . -o out", &[".: holds no posterior.json"]);
+    bench.refuses("combine one . -o out", &[".: does not contain posterior.json"]);
     std::fs::create_dir(bench.path("bad")).unwrap();
     bench.write("bad/posterior.json", b"{}");
-    bench.refuses("combine one bad -o out", &["posterior.json: is no posterior"]);
+    bench.refuses("combine one bad -o out", &["posterior.json: is not a posterior"]);
     assert!(!Path::new(&bench.path("out")).exists());
 }

@@ -41,7 +41,7 @@ fn two_results_stand_side_by_side() {
     result(&bench, "two", |_| ());
     bench.write("one/report.html", b"");
     let run = bench.run("compare one two").succeeds();
-    assert!(run.stdout.starts_with("compare.html: 2 results side by side\none and two agree within their"), "{run:?}");
+    assert!(run.stdout.starts_with("compare.html: compares 2 results\none and two agree within their"), "{run:?}");
     let page = page(&bench, "compare.html");
     for id in ["results", "intervals", "brdfs", "agreement"] {
         assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
@@ -75,7 +75,7 @@ fn programs_learn_which_pairs_agree() {
     assert_eq!((&pair["of"], &pair["agreement"]), (&json!(["one", "two"]), &json!("differ")));
     let distance = gonio::reflectance::log_distance(&bench.luminance("one"), &bench.luminance("two"));
     assert!((pair["distance"].as_f64().unwrap() - distance).abs() < 1e-9 && distance > 0.2, "{pair}");
-    assert!(page(&bench, "page.html").contains("<p class=\"answer\">one and two do not agree"));
+    assert!(page(&bench, "page.html").contains("<p class=\"answer\">one and two differ"));
 }
 
 #[test]
@@ -116,10 +116,13 @@ fn older_results_and_missing_files_leave_gaps() {
     }
     let run = bench.run("compare whole old damaged").succeeds();
     assert!(run.stdout.contains("whole and old agree within their intervals"), "{run:?}");
-    assert!(run.stdout.contains("Whether whole and damaged agree is not known: damaged has no intervals"), "{run:?}");
+    assert!(run.stdout.contains("Agreement of whole and damaged is unknown: damaged has no intervals"), "{run:?}");
     let page = page(&bench, "compare.html");
     assert_eq!(attributes(&page, "src").len(), 2);
-    assert!(page.contains("old: holds no brdf.binary") && page.contains("damaged/brdf.binary: "), "faults are said");
+    assert!(
+        page.contains("old: does not contain brdf.binary") && page.contains("damaged/brdf.binary: "),
+        "faults are said"
+    );
     assert!(page.contains("damaged/relit.png: "));
     // Files and notes of 8 TB that take no room.
     File::create(bench.path("old/brdf.binary")).unwrap().set_len(1 << 43).unwrap();
@@ -137,21 +140,21 @@ fn what_is_no_result_is_refused() {
     fs::create_dir_all(bench.path("batch/rows")).unwrap();
     result(&bench, "other", |notes| *notes = json!({ "format": "gonio-export" }));
     bench.write("file.exr", b"");
-    let give = "give folders that gonio infer or gonio batch wrote";
-    bench.refuses("compare one empty", &["empty: holds no result.json", give]);
-    bench.refuses("compare one none", &["none: there is no such folder", give]);
-    bench.refuses("compare one file.exr", &["file.exr: is no folder", give]);
-    bench.refuses("compare one other", &["other/result.json: is no result of gonio infer"]);
-    bench.refuses("compare one batch", &["batch: holds no results of gonio batch"]);
-    bench.refuses("compare one", &["one: is one result alone"]);
+    let give = "specify result folders of gonio infer or gonio batch";
+    bench.refuses("compare one empty", &["empty: does not contain result.json", give]);
+    bench.refuses("compare one none", &["none: folder not found", give]);
+    bench.refuses("compare one file.exr", &["file.exr: is not a folder", give]);
+    bench.refuses("compare one other", &["other/result.json: is not a result of gonio infer"]);
+    bench.refuses("compare one batch", &["batch: contains no results of gonio batch"]);
+    bench.refuses("compare one", &["one: contains only one result"]);
     bench.refuses("compare", &["<DIR>"]);
-    bench.refuses("compare one one -o page.txt", &["page.txt: write to a name ending in .html"]);
+    bench.refuses("compare one one -o page.txt", &["page.txt: the output must be an .html file"]);
     bench.write("one/result.json", b"{");
-    bench.refuses("compare one one", &["one/result.json: is no JSON"]);
+    bench.refuses("compare one one", &["one/result.json: is not valid JSON"]);
     // The page of somebody else.
     result(&bench, "one", |_| ());
     bench.write("compare.html", b"<!DOCTYPE html><title>mine</title>");
-    bench.refuses("compare one one", &["compare.html: is there and not of gonio"]);
+    bench.refuses("compare one one", &["compare.html: exists and was not written by gonio"]);
     bench.run("compare one one -o compare.html").succeeds();
     bench.run("compare one one").succeeds();
 }
@@ -164,7 +167,7 @@ fn a_batch_has_a_page_of_all_rows_also_when_it_goes_on() {
     assert!(!bench.path("out/compare.html").exists(), "pages were left out");
     bench.run_with("batch list.csv -o out --merge", &WITH_PAGES).succeeds();
     let first = page(&bench, "out/compare.html");
-    assert!(first.contains("3 results side by side") && first.contains("1 of 3 have no result"));
+    assert!(first.contains("Comparison of 3 results") && first.contains("1 of 3 results are missing"));
     assert!(first.contains("No result: </strong>none.exr: ") && first.contains("a b and c "));
     // Repaired; the finished rows are left as they are.
     fs::copy(bench.path("ball.exr"), bench.path("none.exr")).unwrap();
@@ -179,10 +182,10 @@ fn a_batch_has_a_page_of_all_rows_also_when_it_goes_on() {
     // A page of somebody else stays.
     bench.write("out/compare.html", b"mine");
     let run = bench.run_with("batch list.csv -o out", &WITH_PAGES).succeeds();
-    assert!(run.stderr.contains("out/compare.html: is there and not of gonio"), "{run:?}");
+    assert!(run.stderr.contains("out/compare.html: exists and was not written by gonio"), "{run:?}");
     assert_eq!(bench.read("out/compare.html"), b"mine");
     for name in ["compare.html", "batch.csv"] {
         bench.write("bad.csv", format!("name,image\n{name},ball.exr\n").as_bytes());
-        bench.refuses("batch bad.csv -o x", &[&format!("the name \"{name}\" is none for a folder")]);
+        bench.refuses("batch bad.csv -o x", &[&format!("\"{name}\" is not a valid folder name")]);
     }
 }

@@ -84,15 +84,15 @@ fn bad_input_is_refused() {
     };
     bench.write("short.bsdf", &tensor[..tensor.len() / 2]);
     for (arguments, says) in [
-        ("export in.binary", "give -o DIR"),
+        ("export in.binary", "specify one with -o DIR"),
         ("export none.binary -o x", "none.binary"),
-        ("export empty -o x", "empty: holds no brdf.binary"),
-        ("export black.binary -o x", "black.binary: reflects nothing"),
+        ("export empty -o x", "empty: does not contain brdf.binary"),
+        ("export black.binary -o x", "black.binary: the BRDF is zero at normal incidence"),
         ("export in.binary -o x --to pdf", "--to"),
         ("export in.binary -o x --albedo 2", "--albedo"),
-        ("export short.bsdf -o x", "short.bsdf: is cut short"),
-        ("convert in.binary x.txt", "x.txt: write to a name ending in .binary or .bsdf"),
-        ("convert short.bsdf x.binary", "short.bsdf: is cut short"),
+        ("export short.bsdf -o x", "short.bsdf: is truncated"),
+        ("convert in.binary x.txt", "x.txt: the output must be a .binary or .bsdf file"),
+        ("convert short.bsdf x.binary", "short.bsdf: is truncated"),
     ] {
         bench.refuses(arguments, &[says]);
     }

@@ -62,12 +62,12 @@ fn a_ball_before_a_texture_is_found_and_how_sure_is_told() {
     let bench = Bench::new();
     bench.write("ball.exr", &exr_of(photograph(&[(120, 50)], texture)));
     let run = bench.run("infer ball.exr -o out --grid 8").succeeds();
-    assert!(run.stdout.contains("ball found by its edges: "), "{run:?}");
+    assert!(run.stdout.contains("ball detected by its edges: "), "{run:?}");
     let observations = &bench.json("out/result.json")["observations"];
     assert_near(circle_of(observations), [222.0, 152.0, 100.0]);
     assert!(observations["sureness"]["support"].as_f64().unwrap() > 0.6, "{observations}");
     let run = bench.run("check ball.exr").succeeds();
-    assert!(run.stdout.contains("found by its edges: "), "{run:?}");
+    assert!(run.stdout.contains("detected by its edges: "), "{run:?}");
     // A plain background needs no vote.
     bench.write("plain.exr", &exr_of(photograph(&[(120, 50)], |_, _| Vec3::splat(0.05))));
     let run = bench.run("check plain.exr --json").succeeds();
@@ -90,7 +90,7 @@ fn the_losses_of_a_jpeg_file_are_no_obstacle() {
 fn where_it_is_not_sure_the_candidates_are_told_and_drawn() {
     let bench = Bench::new();
     bench.write("balls.exr", &exr_of(photograph(&[(20, 40), (260, 60)], texture)));
-    let says = ["balls.exr: the ball cannot be told", "(1) --circle ", "(2) --circle ", "--mask FILE"];
+    let says = ["balls.exr: the ball was not reliably detected", "(1) --circle ", "(2) --circle ", "--mask FILE"];
     bench.refuses("infer balls.exr -o out", &says);
     let run = bench.run("check balls.exr").fails(&[&says[..], &["; see balls-check.png"]].concat());
     assert_eq!(bench.names("."), ["balls-check.png", "balls.exr"]);
@@ -109,8 +109,11 @@ fn two_objects_are_called_two_objects() {
         Vec3::splat(if inside { 0.6 } else { 0.02 } + 0.001 * hashed(x, y))
     };
     bench.write("two.exr", &exr_of(photograph(&[(60, 50)], card)));
-    let run =
-        bench.run("infer two.exr -o out").fails(&["two.exr: there are 2 separate objects", "(a ball)", "(no ball)"]);
+    let run = bench.run("infer two.exr -o out").fails(&[
+        "two.exr: found 2 separate objects",
+        "(1) a ball in columns",
+        "(2) another shape in columns",
+    ]);
     let at = run.stderr.find("--circle ").unwrap();
     let option = run.stderr[at..].split(' ').take(2).collect::<Vec<_>>().join(" ");
     let run = bench.run(&format!("check two.exr {option} --json")).succeeds();
@@ -146,7 +149,7 @@ fn a_mask_of_another_size_is_scaled() {
         let found: Value = serde_json::from_str(&run.stdout).unwrap();
         assert_near(circle_of(&found["objects"][0]), circle_of(&same["objects"][0]));
         let warned = found["warnings"].as_array().unwrap();
-        let says = format!("{name}: the mask is {size}x{size}, the photograph {SIZE}x{SIZE}; it was scaled");
+        let says = format!("{name}: the mask is {size}x{size}, the photograph {SIZE}x{SIZE}; gonio scales the mask");
         assert!(warned.iter().filter(|warning| **warning == *says).count() == 1, "{warned:?}");
     }
 }

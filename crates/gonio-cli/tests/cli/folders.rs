@@ -66,7 +66,7 @@ fn new_exports_take_the_place_of_earlier_ones() {
 fn a_photograph_is_not_replaced_by_results() {
     let bench = Bench::with_ball();
     bench.write("light.exr", &exr(&ball()));
-    bench.refuses("infer light.exr -o .", &["light.exr: results in . would replace it"]);
+    bench.refuses("infer light.exr -o .", &["light.exr: results in . would overwrite this photograph"]);
 }
 
 /// Starts a long inference into `line`'s folder, and waits for its hidden folder in `dir`.

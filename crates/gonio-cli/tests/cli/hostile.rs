@@ -70,5 +70,5 @@ fn results_of_strangers_are_read_within_limits() {
     vast("out/ball/brdf.binary");
     bench.run("export out/ball").fails(&["brdf.binary"]);
     bench.write("out/ball/posterior.json", "[".repeat(1 << 20).as_bytes());
-    bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is no posterior"]);
+    bench.run("combine out/ball out/ball -o both").fails(&["posterior.json: is not a posterior"]);
 }

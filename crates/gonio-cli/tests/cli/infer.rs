@@ -103,7 +103,7 @@ fn an_8_bit_picture_is_warned_of_unless_linear() {
     for (options, warned) in [("-o coded", true), ("-o linear --linear", false)] {
         let line = format!("infer ball.png {options} --grid 8 --normals normals.npy");
         let run = bench.run(&line).succeeds();
-        let warning = run.stderr.lines().any(|l| l.starts_with("warning: ball.png: 8-bit sRGB-coded picture"));
+        let warning = run.stderr.lines().any(|l| l.starts_with("warning: ball.png: 8-bit image, decoded as sRGB"));
         assert_eq!(warning, warned, "{run:?}");
     }
 }

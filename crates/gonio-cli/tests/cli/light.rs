@@ -73,7 +73,8 @@ fn a_mirror_ball_becomes_a_light() {
     let bench = bench();
     let run = bench.run("light chrome.exr -o probe.exr --reflectance 0.6").succeeds();
     assert!(
-        run.stdout.starts_with("probe.exr: light of 128x64 pixels from a ball of 80 pixels") && run.stderr.is_empty(),
+        run.stdout.starts_with("probe.exr: light map of 128x64 pixels from a ball with a radius of 80 pixels")
+            && run.stderr.is_empty(),
         "{run:?}"
     );
     assert_eq!(bench.names("."), ["chrome.exr", "probe.exr", "probe.light.png", "side.exr"]);
@@ -166,7 +167,7 @@ fn what_is_odd_is_told() {
     });
     bench.write("matte.exr", &encode_exr(&matte, None));
     let run = bench.run("light matte.exr -o probe.exr").succeeds();
-    assert!(run.stderr.contains("matte.exr: the ball looks matte"), "{run:?}");
+    assert!(run.stderr.contains("matte.exr: the ball appears matte"), "{run:?}");
 }
 
 #[test]
@@ -186,12 +187,12 @@ fn bad_input_is_refused_and_leaves_nothing() {
     std::fs::create_dir(bench.path("folder.light.png")).unwrap();
     for (line, says) in [
         ("none.exr -o x.exr", &["none.exr: cannot open"][..]),
-        ("chrome.exr -o x.png", &["x.png: write to a name ending in .exr"]),
-        ("chrome.exr -o chrome.exr", &["chrome.exr: is the photograph itself"]),
+        ("chrome.exr -o x.png", &["x.png: the output must be an .exr file"]),
+        ("chrome.exr -o chrome.exr", &["chrome.exr: the output would overwrite the photograph"]),
         ("chrome.exr -o none/x.exr", &["none/x.exr"]),
         ("chrome.exr -o folder.exr", &["folder.light.png"]),
-        ("wall.exr -o x.exr", &["wall.exr: no alpha channel and no constant background", "--circle X,Y,RADIUS"]),
-        ("chrome.exr --mask square.png -o x.exr", &["square.png: the outline is no circle", "--circle"]),
+        ("wall.exr -o x.exr", &["wall.exr: no object found", "--circle X,Y,RADIUS"]),
+        ("chrome.exr --mask square.png -o x.exr", &["square.png: the outline is not a circle", "--circle"]),
         ("chrome.exr --mask small.png -o x.exr", &["small.png: the mask is 64x64"]),
         ("chrome.exr --circle 1,2,3 -o x.exr", &["chrome.exr: the circle with centre (1, 2) and radius 3"]),
         ("chrome.exr --circle=-75,94,80 -o x.exr", &["chrome.exr: the ball shows only"]),
@@ -199,17 +200,17 @@ fn bad_input_is_refused_and_leaves_nothing() {
         ("chrome.exr --circle 103,94,80 --camera c.json -o x.exr", &["--camera"]),
         ("chrome.exr --camera none.json -o x.exr", &["none.json: cannot open"]),
         ("chrome.exr --reflectance 0 -o x.exr", &["--reflectance", "above 0"]),
-        ("chrome.exr --rows 100 -o x.exr", &["100 rows: give a power of two"]),
+        ("chrome.exr --rows 100 -o x.exr", &["100 rows: must be a power of two"]),
         ("chrome.exr --second-yaw 90 -o x.exr", &["--second"]),
-        ("chrome.exr --second side.exr --second-yaw nan -o x.exr", &["no finite number"]),
-        ("chrome.exr --second wall.exr -o x.exr", &["wall.exr: no alpha", "--second-mask", "--second-circle"]),
+        ("chrome.exr --second side.exr --second-yaw nan -o x.exr", &["a finite number of degrees"]),
+        ("chrome.exr --second wall.exr -o x.exr", &["wall.exr: no object found", "--second-mask", "--second-circle"]),
         (
             "chrome.exr --second black.exr -o x.exr",
-            &["chrome.exr and black.exr: the two views do not tell", "--second-yaw"],
+            &["chrome.exr and black.exr: the angle between the two cameras cannot be estimated", "--second-yaw"],
         ),
         ("black.exr -o x.exr", &["black.exr: the ball is entirely black"]),
         ("chrome.exr --clip 0 -o x.exr", &["clip 0"]),
-        ("chrome.exr side.exr -o x.exr", &["chrome.exr: holds radiance"]),
+        ("chrome.exr side.exr -o x.exr", &["chrome.exr: contains radiance"]),
         ("chrome.exr", &["--output"]),
     ] {
         bench.refuses(&format!("light {line}"), says);

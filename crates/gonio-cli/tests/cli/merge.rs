@@ -206,34 +206,40 @@ fn bad_brackets_are_refused() {
     bench.write("falls.csv", b"0,1\n1,0\n");
     bench.write("full.csv", b"x");
     for (files, says) in [
-        ("2.png untimed.png", &["untimed.png: has no exposure time in its EXIF data; give the times", "--times"][..]),
-        ("2.png turned.png", &["turned.png: is turned otherwise than 2.png"]),
+        (
+            "2.png untimed.png",
+            &["untimed.png: has no exposure time in its EXIF data; specify the times", "--times"][..],
+        ),
+        ("2.png turned.png", &["turned.png: has another orientation tag than 2.png"]),
         ("2.png other.png", &["other.png: has no ISO sensitivity"]),
-        ("2.png small.png", &["small.png: has 64x32 pixels, 2.png has 128x128"]),
-        ("2.png hdr.exr", &["hdr.exr: holds radiance"]),
+        ("2.png small.png", &["small.png: has 64x32 pixels, but 2.png has 128x128"]),
+        ("2.png hdr.exr", &["hdr.exr: contains radiance"]),
         ("2.png none.png", &["none.png: cannot open"]),
-        ("2.jpg short.jpg", &["short.jpg: is a JPEG file that is cut short"]),
+        ("2.jpg short.jpg", &["short.jpg: is a truncated JPEG file"]),
         ("2.png 3.png --times 1", &["3.png: has no time"]),
-        ("2.png 3.png --times 1,2,3", &["3 times"]),
+        ("2.png 3.png --times 1,2,3", &["3 times are specified"]),
         ("2.png 3.png --times 1,x", &["--times"]),
         ("2.png 3.png --times 1,0", &["--times"]),
         ("2.png 3.png --times 1/32,1 --response curve.csv", &["contradict their times"]),
         ("2.png 4.png shifted.png --response curve.csv", &["2.png and 2 more: ", "exposures"]),
         ("2.png 3.png --response none.csv", &["none.csv: cannot open"]),
-        ("2.png 3.png --response falls.csv", &["falls.csv: is no response", "falls"]),
-        ("2.png 2.png", &["the response cannot be recovered"]),
+        ("2.png 3.png --response falls.csv", &["falls.csv: is not a response curve", "falls"]),
+        ("2.png 2.png", &["the response curve cannot be recovered"]),
         ("2.png 3.png --response srgb --black-level 5", &["black level"]),
         ("2.png 3.png --linear --black-level 300", &["black level 300"]),
         ("2.png 3.png --linear --response srgb", &["--linear", "--response"]),
         ("2.png 3.png --response curve.csv --flat small.png", &["small.png: is a flat field of 64x32"]),
-        ("2.png 3.png --layer x", &["a layer is one of"]),
+        ("2.png 3.png --layer x", &["a layer applies only to OpenEXR files"]),
     ] {
         bench.refuses(&format!("merge {files} -o out.exr"), says);
         bench.refuses(&format!("infer {files} -o out"), says);
     }
-    bench.refuses("merge 2.png 3.png -o out.png", &["out.png: write to a name ending in .exr"]);
+    bench.refuses("merge 2.png 3.png -o out.png", &["out.png: the output must be an .exr file"]);
     bench.refuses("merge -o out.exr", &["IMAGES"]);
-    bench.refuses("infer hdr.exr --layer diffuse --times 1 -o out", &["hdr.exr: times are for"]);
+    bench.refuses(
+        "infer hdr.exr --layer diffuse --times 1 -o out",
+        &["hdr.exr: exposure times apply only to several exposures"],
+    );
     bench.refuses("infer hdr.exr --black-level 5 -o out", &["hdr.exr: a black level"]);
     // Nothing is left where the second file cannot be written.
     bench.refuses(

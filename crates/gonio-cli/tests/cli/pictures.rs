@@ -40,7 +40,7 @@ fn negative_and_missing_pixels_are_left_out_and_told() {
     for shape in ["", "--normals normals.npy"] {
         let run = bench.run(&format!("infer spoilt.exr -o spoilt --grid 8 {shape}")).succeeds();
         assert!(
-            run.stderr.contains("spoilt.exr: of ") && run.stderr.contains("500 are negative and 20 NaN"),
+            run.stderr.contains("spoilt.exr: of ") && run.stderr.contains("500 are negative and 20 are NaN"),
             "{run:?}"
         );
         let spoilt = logs(&bench.luminance("spoilt"));
@@ -70,11 +70,11 @@ fn what_is_mostly_missing_is_refused_with_the_numbers() {
     bench.write("normals.npy", &encode_normals(&normals(SIZE)));
     for (image, says) in [
         ("nan.exr", " 0 are negative and "),
-        ("infinite.exr", "NaN or infinite, which leaves too few"),
-        ("negative.exr", " are negative and 0 NaN"),
+        ("infinite.exr", " are NaN or infinite"),
+        ("negative.exr", " are negative and 0 are NaN"),
     ] {
         for shape in ["", "--normals normals.npy"] {
-            bench.refuses(&format!("infer {image} -o out {shape}"), &[image, " pixels of the object ", says]);
+            bench.refuses(&format!("infer {image} -o out {shape}"), &[image, "too few of the object's ", says]);
         }
     }
 }
@@ -98,7 +98,7 @@ fn paint_is_left_out_unless_it_is_wanted() {
     let alpha = inside.map(|n| if *n == Vec3::ZERO { 0.0 } else { 1.0 });
     bench.write("painted.exr", &exr(&Picture { rgb, alpha: Some(alpha) }));
     let run = bench.run("infer painted.exr -o out --grid 8").succeeds();
-    assert!(run.stderr.contains("are of another colour") && run.stderr.contains("--keep-colors"), "{run:?}");
+    assert!(run.stderr.contains("have another colour") && run.stderr.contains("--keep-colors"), "{run:?}");
     let report = bench.json("out/result.json")["observations"]["report"].clone();
     let (lost, points) = (report["other_colour"].as_f64().unwrap(), report["points"].as_f64().unwrap());
     assert!((0.02..0.1).contains(&(lost / points)), "{report}");

@@ -104,7 +104,7 @@ fn a_patch_or_a_chart_fixes_colour_and_scale() {
     let card = Plane::from_fn(card.width(), card.height(), |x, y| if x > SIZE { card[(x, y)] } else { Vec3::ZERO });
     bench.write("card.png", &gonio_io::picture::encode_png(&card));
     let run = bench.run(&format!("infer white.exr -o white {CIRCLE} --grid 8 --white 68,25,12")).succeeds();
-    assert!(run.stdout.contains("albedo along the normal 0."), "{run:?}");
+    assert!(run.stdout.contains("albedo at normal incidence 0."), "{run:?}");
     bench
         .run(&format!("infer grey.exr -o grey {CIRCLE} --grid 8 --grey-card card.png --reference-reflectance 0.3"))
         .succeeds();
@@ -135,20 +135,23 @@ fn references_that_cannot_be_used_are_refused() {
     bench.write("clipped.exr", &exr(&clipped));
     bench.write("light.exr", &exr(&Picture { rgb: studio_light(16).radiance().clone(), alpha: None }));
     for (options, says) in [
-        ("white.exr --white 300,25,12", &["white.exr: ", "outside the picture of 88x68"][..]),
+        ("white.exr --white 300,25,12", &["white.exr: ", "outside the image of 88x68"][..]),
         ("white.exr --white 24,24,12", &["lie on the object"]),
-        ("white.exr --white 68,25,2", &["usable pixels, at least 25"]),
+        ("white.exr --white 68,25,2", &["usable pixels, 25 are required"]),
         ("white.exr --white 80,25,7", &["not uniform"]),
-        ("clipped.exr --white 68,25,12", &["are clipped; lower the exposure", "--clip"]),
+        ("clipped.exr --white 68,25,12", &["are clipped; reduce the exposure", "--clip"]),
         ("white.exr --color-checker", &["no 24-patch colour chart", "--color-checker X,Y"]),
         ("white.exr --color-checker 49,10,87,10,87,60,49,60", &["not those of a ColorChecker Classic"]),
         ("white.exr --color-checker 50,10,50,10,80,40,50,40", &["convex quadrilateral"]),
         ("white.exr --grey-card none.png", &["none.png"]),
-        ("white.exr --white 68,25,12 --light-color 1,1,1", &["not both"]),
-        ("white.exr --white 68,25,12 --light light.exr", &["the light map fixes the colour"]),
-        ("white.exr --white 68,25,12 --color none", &["serves estimated colours"]),
-        ("white.exr --color-checker --reference-reflectance 0.2", &["published reflectances"]),
-        ("white.exr --reference-color-only", &["--reference-color-only is for"]),
+        ("white.exr --white 68,25,12 --light-color 1,1,1", &["both specified"]),
+        (
+            "white.exr --white 68,25,12 --light light.exr",
+            &["the light map and the reference both determine the colour"],
+        ),
+        ("white.exr --white 68,25,12 --color none", &["a reference requires estimated colours"]),
+        ("white.exr --color-checker --reference-reflectance 0.2", &["reflectances of a colour chart are published"]),
+        ("white.exr --reference-color-only", &["--reference-color-only requires"]),
     ] {
         bench.refuses(&format!("infer {options} -o out {CIRCLE}"), says);
     }

@@ -28,13 +28,13 @@ fn bad_photographs_are_refused() {
         ("folder", "folder: cannot read"),
         ("short.exr", "short.exr: "),
         ("header.exr", "header.exr: "),
-        ("text.exr", "text.exr: does not begin like a .exr file"),
+        ("text.exr", "text.exr: does not have the header of a .exr file"),
         ("notes.txt", "notes.txt: is a .txt file"),
         ("empty.exr", "empty.exr: is empty"),
         ("black.exr", "black.exr: the object is entirely black"),
-        ("constant.exr", "constant.exr: no alpha channel and no constant background"),
-        ("uneven.pfm", "uneven.pfm: no alpha channel and no constant background"),
-        ("one.exr", "one.exr: no alpha channel"),
+        ("constant.exr", "constant.exr: no object found"),
+        ("uneven.pfm", "uneven.pfm: no object found"),
+        ("one.exr", "one.exr: no object found"),
     ] {
         bench.refuses(&format!("infer {image} -o out"), &[says]);
         bench.refuses(&format!("infer {image} -o deep/er/out"), &[says]);
@@ -82,10 +82,10 @@ fn bad_masks_are_refused() {
     for (mask, says) in [
         ("none.png", "none.png: cannot open"),
         ("empty.exr", "empty.exr: the mask is empty"),
-        ("full.exr", "full.exr: the mask covers the whole picture"),
-        ("odd.exr", "odd.exr: holds the value 3"),
+        ("full.exr", "full.exr: the mask covers the whole image"),
+        ("odd.exr", "odd.exr: contains the value 3"),
         ("tall.exr", "tall.exr: the mask is 24x48, the photograph 48x48"),
-        ("bar.png", "bar.png: the outline is no circle"),
+        ("bar.png", "bar.png: the outline is not a circle"),
         ("oval.png", "oval.png: the outline is an ellipse"),
         ("normals.npy", "normals.npy: "),
     ] {
@@ -114,7 +114,7 @@ fn bad_normals_are_refused() {
         ("long.npy", "long.npy: "),
         ("away.npy", "face away from the camera"),
         ("none.npy", "none.npy: no covered pixel has a normal"),
-        ("flat.npy", "flat.npy: the normals fall into only 1 cells"),
+        ("flat.npy", "flat.npy: the shape is too flat to separate light and reflectance"),
         ("short.npy", "short.npy: has"),
     ] {
         bench.refuses(&format!("infer ball.exr -o out --normals {normals}"), &[says]);
@@ -142,10 +142,10 @@ fn bad_models_are_refused() {
     bench.write("flipped.model", &bytes);
     for (model, says) in [
         ("none.model", "none.model: cannot open"),
-        ("future.model", "future.model: is of version 2 of the format, version 1 is expected"),
-        ("kind.model", "kind.model: holds something unknown"),
-        ("short.model", "short.model: has not the length"),
-        ("flipped.model", "flipped.model: does not match its own checksum"),
+        ("future.model", "future.model: has format version 2, but version 1 is required"),
+        ("kind.model", "kind.model: contains unknown content"),
+        ("short.model", "short.model: does not have the length"),
+        ("flipped.model", "flipped.model: does not match its checksum"),
         ("ball.exr", "ball.exr: is not a model"),
     ] {
         bench.refuses(&format!("infer ball.exr -o out --model {model}"), &[says]);
@@ -162,11 +162,11 @@ fn bad_lights_and_options_are_refused() {
         ("--method known-light", "--light"),
         ("--method map --light square.exr", "--light MAP is for --method known-light"),
         ("--method known-light --light none.exr", "none.exr: cannot open"),
-        ("--method known-light --light square.exr", "square.exr: a lat-long map is twice as wide as high"),
+        ("--method known-light --light square.exr", "square.exr: a lat-long map must be twice as wide as high"),
         ("--method known-light --light wide.exr", "wide.exr: a lat-long map"),
         ("--method known-light --light nan.exr", "nan.exr: 128 pixels"),
         ("--method guess", "--method"),
-        ("--grid 48", "grid 48: give a power of two"),
+        ("--grid 48", "grid 48: must be a power of two"),
         ("--grid 0", "grid 0"),
         ("--grid 1", "grid 1"),
         ("--grid 512", "grid 512"),
@@ -182,7 +182,7 @@ fn bad_lights_and_options_are_refused() {
         ("--circle 24,24,nan", "--circle"),
         ("--circle 24,24,inf", "ball.exr: the circle"),
         ("--circle 24,24,3", "ball.exr: the circle"),
-        ("--circle 240,24,20", "ball.exr: only 0 points can be used"),
+        ("--circle 240,24,20", "ball.exr: only 0 points are usable"),
         ("--shape cube", "--shape"),
         ("--sed 3", "'--seed'"),
     ] {
@@ -194,7 +194,7 @@ fn bad_lights_and_options_are_refused() {
 fn folders_that_cannot_be_made_are_refused() {
     let bench = Bench::with_ball();
     bench.write("file", b"x");
-    bench.refuses("infer ball.exr -o file", &["file: cannot make the folder", "a file of that name exists"]);
-    bench.refuses("infer ball.exr -o file/out", &["file/out: cannot make the folder"]);
-    bench.refuses("infer ball.exr -o file/deep/out", &["file/deep/out: cannot make the folder"]);
+    bench.refuses("infer ball.exr -o file", &["file: cannot create the folder", "a file with this name exists"]);
+    bench.refuses("infer ball.exr -o file/out", &["file/out: cannot create the folder"]);
+    bench.refuses("infer ball.exr -o file/deep/out", &["file/deep/out: cannot create the folder"]);
 }

@@ -60,7 +60,7 @@ fn labels_that_are_none_are_refused() {
     for (labels, says) in [
         ("small.png", "small.png: the labels are"),
         ("black.png", "black.png: is black"),
-        ("many.png", "many.png: holds"),
+        ("many.png", "many.png: contains"),
         ("none.png", "none.png: cannot open"),
     ] {
         bench.refuses(&format!("infer ball.exr -o out --materials {labels}"), &[says]);

@@ -72,7 +72,7 @@ fn the_page_has_its_sections_and_says_what_each_picture_shows() {
     for id in ["found", "photograph", "reflectance", "trust", "renderers", "making"] {
         assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
     }
-    assert!(page.contains("What &lt;b&gt;&amp;&quot;x is made of") && !page.contains("<b>"));
+    assert!(page.contains("Material of &lt;b&gt;&amp;&quot;x") && !page.contains("<b>"));
     for word in ["principled", "BSDF_PRINCIPLED", "open_pbr_surface", "pbrMetallicRoughness"] {
         assert!(page.contains(word), "{word}");
     }
@@ -83,7 +83,7 @@ fn what_the_result_says_the_page_says() {
     let (page, result) = &*PAGE;
     let data = sphere(page);
     assert_eq!(names(&data["materials"]).len(), 3);
-    assert_eq!(names(&data["lights"]), ["studio", "clear sky", "lamps at night", "the light found"]);
+    assert_eq!(names(&data["lights"]), ["studio", "clear sky", "lamps at night", "estimated light"]);
     for material in result["posterior"]["materials"].as_array().unwrap() {
         assert!(page.contains(material["name"].as_str().unwrap()));
     }
@@ -107,7 +107,7 @@ fn the_page_of_a_known_light_says_nothing_of_what_it_does_not_know() {
     bench.run_with(line, &WITH_REPORT).succeeds();
     let page = String::from_utf8(bench.read("out/report.html")).unwrap();
     assert!(!page.contains("id=\"trust\"") && page.contains("id=\"renderers\""));
-    assert_eq!(names(&sphere(&page)["materials"]), ["the estimate"]);
-    assert_eq!(names(&sphere(&page)["lights"])[3], "the light given");
+    assert_eq!(names(&sphere(&page)["materials"]), ["estimate"]);
+    assert_eq!(names(&sphere(&page)["lights"])[3], "known light");
     assert!(!says_nan(&page));
 }

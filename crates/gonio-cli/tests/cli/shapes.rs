@@ -97,7 +97,7 @@ fn normals_with_depths_shadow_themselves() {
     assert!(result["posterior"]["unshadowed"].as_f64().unwrap() > 0.05);
     bench.refuses(
         "infer bowl.exr --normals normals.npy --positions depth.npy -o x",
-        &["depth.npy: positions need the camera"],
+        &["depth.npy: a position map requires a camera"],
     );
     bench.write("small.npy", &npy::encode(&npy::Array { shape: vec![32, 32], values: vec![1.0; 1024] }));
     bench.refuses("infer bowl.exr --normals normals.npy --depth small.npy -o x", &["small.npy", "32x32"]);
@@ -179,12 +179,12 @@ fn a_posed_mesh_before_a_camera_is_drawn_and_found_where_it_is() {
     bench.write("moved.json", br#"{"translation": [12.5, 0, 0], "scale": 2}"#);
     bench.refuses(
         "infer posed.exr --mesh bowl.ply --pose moved.json --camera camera.json -o x",
-        &["posed.exr with bowl.ply", "does not lie on the object"],
+        &["posed.exr with bowl.ply", "is not aligned with the object"],
     );
     bench.write("behind.json", br#"{"translation": [10, 0, 60]}"#);
     bench.refuses(
         "infer posed.exr --mesh bowl.ply --pose behind.json --camera camera.json -o x",
-        &["bowl.ply: the camera sees nothing of the mesh"],
+        &["bowl.ply: the mesh is not visible to the camera"],
     );
 }
 
@@ -220,7 +220,7 @@ fn bad_shapes_are_refused() {
         bench.refuses(&format!("infer bowl.exr -o out {options}"), &[says]);
     }
     bench.write("grey.exr", &grey(1.0, 64, 64));
-    bench.refuses("infer grey.exr -o out", &["grey.exr: no alpha channel"]);
+    bench.refuses("infer grey.exr -o out", &["grey.exr: no object found"]);
     let render = "render --brdf in.binary --light light.hdr -o x.exr --size 16";
     bench.refuses(&format!("{render} --mesh short.ply"), &["short.ply: "]);
     bench.refuses(&format!("{render} --camera bad.json"), &["--mesh"]);
@@ -244,7 +244,7 @@ fn odd_meshes_are_used_with_a_warning() {
     bench.write("odd.obj", odd.as_bytes());
     // The other methods see the same.
     let run = bench.run("infer bowl.exr --mesh odd.obj -o out --method variational --starts 1 --grid 8").succeeds();
-    for says in ["odd.obj: the mesh of", "1 triangles without an area", "turned inwards"] {
+    for says in ["odd.obj: the mesh of", "1 triangles with zero area", "facing inwards"] {
         assert!(run.stderr.contains(says), "{says}: {run:?}");
     }
     assert!(!BOWL.said.contains("mesh"), "{}", BOWL.said);

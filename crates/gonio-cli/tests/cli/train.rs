@@ -51,7 +51,7 @@ fn a_model_is_learnt_joined_and_used() {
     assert_eq!(result["reflectance"]["coefficients"].as_array().unwrap().len(), 2);
     assert_eq!(result["model"]["provenance"], model.provenance);
 
-    bench.refuses(&format!("{infer} joined.model --grid 32"), &["grid 32: give a power of two from 4 to 16"]);
+    bench.refuses(&format!("{infer} joined.model --grid 32"), &["grid 32: must be a power of two from 4 to 16"]);
     bench.refuses(&format!("{infer} light.model"), &["light.model", "a light prior alone", "gonio train model"]);
     let join = "train model -o x.model --lighting";
     bench.refuses(&format!("{join} brdf.model --reflectance brdf.model"), &["brdf.model", "gonio train lighting"]);
@@ -67,14 +67,14 @@ fn lights_that_cannot_be_learnt_from_are_refused() {
     let bench = Bench::new();
     std::fs::create_dir(bench.path("empty")).unwrap();
     let line = |rest: &str| format!("train lighting -o x.model --turns 2 {rest}");
-    bench.refuses(&line("empty"), &["empty: no .hdr"]);
+    bench.refuses(&line("empty"), &["empty: contains no .hdr"]);
     bench.refuses(&line("none"), &["none: cannot list"]);
     bench.write("file", b"x");
     bench.refuses(&line("file"), &["file: cannot list"]);
     lights(&bench);
     bench.refuses(&line("lights --grid 17"), &["--grid 17"]);
     bench.refuses(&line("lights --turns 0"), &["--turns"]);
-    bench.refuses(&line("lights --grid 8 --cap 0.5"), &["--cap: give a number above 1"]);
+    bench.refuses(&line("lights --grid 8 --cap 0.5"), &["--cap: must be above 1"]);
     bench.run(&line("lights --grid 8 --cap 30")).succeeds();
     bench.refuses("train lighting lights -o none/x.model --grid 8 --turns 1", &["none/x.model"]);
     let good = bench.read("lights/1.hdr");
@@ -85,7 +85,7 @@ fn lights_that_cannot_be_learnt_from_are_refused() {
     bench.refuses(&line("lights --grid 8"), &["lights/2.exr: a lat-long map"]);
     std::fs::create_dir(bench.path("flat")).unwrap();
     bench.write("flat/grey.exr", &grey(1.0, 16, 8));
-    bench.refuses(&line("flat --grid 8"), &["flat: the lights have no structure"]);
+    bench.refuses(&line("flat --grid 8"), &["flat: the lights have no variation"]);
 }
 
 #[test]
@@ -96,12 +96,15 @@ fn materials_that_cannot_be_learnt_from_are_refused() {
     bench.refuses(&line("empty"), &["empty: "]);
     bench.refuses(&line("none"), &["none: "]);
     materials(&bench);
-    bench.refuses(&line("materials --rank 4"), &["--rank 4", "materials holds 3 materials", "1 to 3"]);
+    bench.refuses(
+        &line("materials --rank 4"),
+        &["--rank 4", "must be from 1 to 3, the number of materials in materials"],
+    );
     bench.refuses(&line("materials --rank 0"), &["--rank 0"]);
     bench.refuses("train reflectance materials -o x.model --rank 2 --restarts 0", &["--restarts 0"]);
     let good = bench.read("materials/satin.binary");
     bench.write("materials/satin.binary", &good[..1000]);
-    bench.refuses(&line("materials --rank 2"), &["materials/satin.binary: is cut short"]);
+    bench.refuses(&line("materials --rank 2"), &["materials/satin.binary: is truncated"]);
     let black = merl(&material(0.0, 0.3)).bivariate(0).as_slice().iter().map(|_| 0.0).collect();
     let black = gonio::reflectance::BivariateTable::from_vec(black);
     gonio_io::merl::write(bench.path("materials/satin.binary"), &merl(&black)).unwrap();

@@ -165,15 +165,15 @@ def refuses(what, part):
 def errors(program, ball):
     scene = empty()
     scene.gonio.shows = "BALL"
-    refuses("no photograph", "no photograph is given")
+    refuses("no photograph", "no photograph selected")
     scene.gonio.photograph = str(ball.with_name("nothing.exr"))
     refuses("the program's own line", "nothing.exr: cannot open")
     scene.gonio.shows = "MESH"
     scene.gonio.photograph = str(ball)
-    refuses("no object", "no object is active")
+    refuses("no object", "no active object")
     preferences = bpy.context.preferences.addons[ADDON].preferences
     preferences.program = "gonio-that-is-not-there"
-    refuses("no program", "gonio-that-is-not-there: there is no such program")
+    refuses("no program", "gonio-that-is-not-there: program not found")
     preferences.program = str(program)
     check("nothing was made", not bpy.data.materials and not bpy.data.objects and scene.world is None)
 
@@ -216,13 +216,13 @@ def drawn(scene, active):
 def panel():
     """Checks what the panel shows, by what it is asked for."""
     scene = empty()
-    every = ["Photograph", "Shows", "Mask", "Light as World", "Results", "Find Material and Light"]
-    ball = ["Photograph", "Shows", "Outline", "From Near", *every[2:]]
+    every = ["Photograph", "Shows", "Mask", "Light as World", "Results", "Estimate Material and Light"]
+    ball = ["Photograph", "Shows", "Outline", "Nearby Camera", *every[2:]]
     check("the panel for a ball", drawn(scene, None) == ball)
     scene.gonio.outline = "GIVEN"
     check("the panel for a circle", drawn(scene, None) == [*ball[:3], "Centre", "Radius", *ball[3:]])
     scene.gonio.shows = "MESH"
-    check("the panel for an object", drawn(scene, None) == [*every[:2], "No object is active", "The scene has no camera", *every[2:]])
+    check("the panel for an object", drawn(scene, None) == [*every[:2], "No active object", "The scene has no camera", *every[2:]])
     scene.gonio.said, scene.gonio.report = "one two " * 8, "file:///report.html"
     end = drawn(scene, None)[len(every) + 2 :]
     check("the panel after a run", len(end) > 2 and " ".join(end) == "one two " * 8 + "Report")

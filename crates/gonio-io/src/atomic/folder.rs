@@ -1,4 +1,4 @@
-//! Output folder that appears as a whole.
+//! Output folder whose files appear atomically.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -35,10 +35,10 @@ impl StagedFolder {
     /// created.
     pub fn create(dir: impl AsRef<Path>) -> Result<Self, Error> {
         let target = dir.as_ref().to_owned();
-        let failed = |e| Error::io(&target, "make the folder", e);
+        let failed = |e| Error::io(&target, "create the folder", e);
         let exists = match fs::metadata(&target) {
             Ok(meta) if meta.is_dir() => true,
-            Ok(_) => return Err(failed(io::Error::new(io::ErrorKind::AlreadyExists, "a file of that name exists"))),
+            Ok(_) => return Err(failed(io::Error::new(io::ErrorKind::AlreadyExists, "a file with this name exists"))),
             Err(e) if e.kind() == io::ErrorKind::NotFound => false,
             Err(e) => return Err(failed(e)),
         };
@@ -88,7 +88,7 @@ impl StagedFolder {
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
         if let Some((folder, _)) = name.split_once('/') {
             let made = fs::create_dir_all(self.path(folder));
-            made.map_err(|e| Error::io(&self.target.join(folder), "make the folder", e))?;
+            made.map_err(|e| Error::io(&self.target.join(folder), "create the folder", e))?;
         }
         super::write(&self.path(name), bytes).map_err(|e| Error::io(&self.target.join(name), "write", e))
     }
@@ -122,7 +122,7 @@ impl StagedFolder {
         let _writing = writing();
         let staging = self.staging.path();
         let names = self.sync()?;
-        let failed = |e| Error::io(&self.target, "put the files into the folder", e);
+        let failed = |e| Error::io(&self.target, "move the files to the folder", e);
         let exists = self.target.is_dir();
         if !exists && fs::rename(staging, &self.target).is_ok() {
             // Renamed away: nothing is left to clean up.
@@ -168,7 +168,7 @@ impl StagedFolder {
             match fs::remove_file(&path) {
                 // A missing folder on the way is as good as a missing file.
                 Err(e) if !matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
-                    return Err(Error::io(&path, "remove what is left of earlier results", e));
+                    return Err(Error::io(&path, "remove earlier results", e));
                 }
                 _ => (),
             }
@@ -394,7 +394,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         fs::write(dir.path().join("f"), "").unwrap();
         let error = StagedFolder::create(dir.path().join("f")).unwrap_err();
-        assert!(error.to_string().contains("a file of that name exists"), "{error}");
+        assert!(error.to_string().contains("a file with this name exists"), "{error}");
         for below in ["f/out", "f/a/out"] {
             let error = StagedFolder::create(dir.path().join(below)).unwrap_err();
             assert_eq!(error.io_kind(), Some(io::ErrorKind::NotADirectory), "{error}");

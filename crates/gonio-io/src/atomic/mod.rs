@@ -1,8 +1,8 @@
-//! Output that appears complete or not at all: single files, and whole folders of them.
+//! Atomic output: single files and folders that appear complete or not at all.
 //!
-//! A process that is told to end calls [`abandon`] and leaves nothing. One that is killed can leave
-//! a hidden file behind, named `.gonio-*`, or a hidden folder, which the next [`StagedFolder`] in
-//! the same place removes.
+//! On a signal, a process calls [`abandon`], which removes unfinished output. A killed process can
+//! leave a hidden file or folder named `.gonio-*`, which the next [`StagedFolder`] in the same
+//! place removes.
 
 mod folder;
 mod unfinished;
@@ -29,7 +29,8 @@ pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Error> {
     let path = path.as_ref();
     write(path, bytes).map_err(|e| {
         // The target need not exist, so its folder is missing.
-        let action = if e.kind() == io::ErrorKind::NotFound { "write, its folder does not exist" } else { "write" };
+        let action =
+            if e.kind() == io::ErrorKind::NotFound { "write, because its folder does not exist" } else { "write" };
         Error::io(path, action, e)
     })
 }

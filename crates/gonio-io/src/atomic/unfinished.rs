@@ -1,4 +1,4 @@
-//! What is not finished: removed when the process is told to end, or by the next one.
+//! Registry of unfinished output, which the process removes on a signal, or the next process.
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -119,7 +119,7 @@ pub(super) fn own(folder: &Path) -> Owner {
 
 /// Removes the hidden folders that processes which were killed have left in `dir`.
 pub(super) fn sweep(dir: &Path) {
-    // What cannot be listed or removed does no harm.
+    // Files that cannot be listed or removed are harmless.
     let Ok(entries) = fs::read_dir(dir) else { return };
     for entry in entries.flatten() {
         let name = entry.file_name();

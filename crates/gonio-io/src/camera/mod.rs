@@ -69,8 +69,8 @@ pub fn decode_camera(path: &Path, bytes: &[u8], size: (usize, usize)) -> Result<
     if let Some([width, height]) = file.size
         && (width, height) != size
     {
-        let problem = format!("is for pictures of {width}x{height} pixels and this one has {}x{}", size.0, size.1);
-        return Err(Error::invalid(path, problem, "give the camera of this picture, scaled like it"));
+        let problem = format!("is for images of {width}x{height} pixels, but this one has {}x{}", size.0, size.1);
+        return Err(Error::invalid(path, problem, "use the camera of this image, at the same scale"));
     }
     let projection = match file.projection {
         Kind::Perspective => Projection::Perspective { focal: focal(path, &file, size)? },
@@ -80,7 +80,7 @@ pub fn decode_camera(path: &Path, bytes: &[u8], size: (usize, usize)) -> Result<
     let principal = file.principal_point.map_or(centre, |[x, y]| (x, y));
     let explain = |e: CameraError| {
         let text = e.to_string();
-        let (problem, advice) = text.rsplit_once(": ").unwrap_or((&text, "correct it"));
+        let (problem, advice) = text.rsplit_once("; ").unwrap_or((&text, "correct the value"));
         Error::invalid(path, problem, advice)
     };
     let camera = Camera::new(projection, principal, size).map_err(explain)?;
@@ -96,10 +96,10 @@ fn one_of<T: Copy>(path: &Path, what: &str, ways: &[(&str, Option<T>)]) -> Resul
     let names = || ways.iter().map(|w| w.0).collect::<Vec<_>>().join(", ");
     match given.as_slice() {
         &[i] => Ok((i, ways[i].1.expect("is given"))),
-        [] => Err(Error::invalid(path, format!("says nothing of the {what}"), format!("give one of {}", names()))),
+        [] => Err(Error::invalid(path, format!("does not specify the {what}"), format!("specify one of {}", names()))),
         several => {
             let both = several.iter().map(|&i| ways[i].0).collect::<Vec<_>>().join(" and ");
-            Err(Error::invalid(path, format!("gives the {what} more than once, by {both}"), "keep one of them"))
+            Err(Error::invalid(path, format!("specifies the {what} more than once, by {both}"), "keep one of them"))
         }
     }
 }
@@ -107,7 +107,7 @@ fn one_of<T: Copy>(path: &Path, what: &str, ways: &[(&str, Option<T>)]) -> Resul
 /// Refuses keys that are meaningless for the content of the file, each with whether it is given.
 fn foreign(path: &Path, beside: &str, keys: &[(&str, bool)]) -> Result<(), Error> {
     match keys.iter().find(|k| k.1) {
-        Some((key, _)) => Err(Error::invalid(path, format!("has {key:?} beside {beside}"), "remove it")),
+        Some((key, _)) => Err(Error::invalid(path, format!("has {key:?} in addition to {beside}"), "remove it")),
         None => Ok(()),
     }
 }
@@ -131,14 +131,13 @@ fn focal(path: &Path, file: &File, (width, height): (usize, usize)) -> Result<f6
         if value > 0.0 && value < 180.0 {
             return Ok(0.5 * side / (0.5 * value.to_radians()).tan());
         }
-        let problem = format!("has {:?} of {value}", ways[way].0);
-        Err(Error::invalid(path, problem, "give the whole angle in degrees, between 0 and 180"))
+        let problem = format!("has {:?} = {value}", ways[way].0);
+        Err(Error::invalid(path, problem, "use the full angle in degrees, between 0 and 180"))
     };
     match (way, file.sensor_mm) {
         (0, _) => Ok(value),
         (1, None) => {
-            let advice =
-                "add \"sensor_mm\": the width of the part of the sensor that the picture shows, or [width, height]";
+            let advice = "add \"sensor_mm\": the width of the sensor area of the image, or its [width, height]";
             Err(Error::invalid(path, "has \"focal_mm\" without \"sensor_mm\"", advice))
         }
         (1, Some(Sensor::Width(sensor))) => positive(path, "sensor_mm", sensor).map(|sensor| value / sensor * width),
@@ -147,9 +146,10 @@ fn focal(path: &Path, file: &File, (width, height): (usize, usize)) -> Result<f6
             let down = height / positive(path, "sensor_mm", h)?;
             if (across / down - 1.0).abs() > SQUARE {
                 let problem = format!(
-                    "has a sensor of {w} x {h} mm for a picture of {width}x{height} pixels, which would not be square"
+                    "has a sensor of {w} x {h} mm for an image of {width}x{height} pixels, so that pixels are not \
+                     square"
                 );
-                return Err(Error::invalid(path, problem, "give the part of the sensor that the picture shows"));
+                return Err(Error::invalid(path, problem, "use the sensor area of the image"));
             }
             Ok(value * 0.5 * (across + down))
         }
@@ -180,7 +180,7 @@ fn positive(path: &Path, key: &str, value: f64) -> Result<f64, Error> {
     if value.is_finite() && value > 0.0 {
         return Ok(value);
     }
-    Err(Error::invalid(path, format!("has {key:?} of {value}"), "give a positive number"))
+    Err(Error::invalid(path, format!("has {key:?} = {value}"), "use a positive number"))
 }
 
 /// Parses a file; errors give the line.
@@ -188,7 +188,7 @@ fn from_json<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, Error>
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     serde_json::from_slice(bytes).map_err(|e| match e.classify() {
         serde_json::error::Category::Data => Error::invalid(path, e.to_string(), "see docs/camera.md"),
-        _ => Error::damaged(path, format!("is no JSON ({e})")),
+        _ => Error::damaged(path, format!("is not valid JSON ({e})")),
     })
 }
 
@@ -254,23 +254,26 @@ mod tests {
         let perspective = |rest: &str| format!(r#"{{"projection": "perspective", {rest}}}"#);
         for (json, says) in [
             (perspective(r#""focal": 50"#), "unknown field `focal`, expected one of `projection`, `focal_pixels`"),
-            (perspective(r#""size": [600, 400]"#), "nothing of the focal length; give one of focal_pixels, focal_mm"),
+            (
+                perspective(r#""size": [600, 400]"#),
+                "does not specify the focal length; specify one of focal_pixels, focal_mm",
+            ),
             (perspective(r#""focal_pixels": 5, "fov_x_degrees": 4"#), "by focal_pixels and fov_x_degrees; keep one"),
             (perspective(r#""focal_mm": 50"#), "without \"sensor_mm\"; add"),
-            (perspective(r#""focal_pixels": 5, "sensor_mm": 36"#), "\"sensor_mm\" beside \"focal_pixels\""),
-            (perspective(r#""focal_mm": 50, "sensor_mm": [36, 36]"#), "would not be square"),
-            (perspective(r#""focal_mm": 50, "sensor_mm": 0"#), "\"sensor_mm\" of 0; give a positive number"),
-            (perspective(r#""focal_pixels": -5"#), "the focal length is -5; give a positive"),
+            (perspective(r#""focal_pixels": 5, "sensor_mm": 36"#), "\"sensor_mm\" in addition to \"focal_pixels\""),
+            (perspective(r#""focal_mm": 50, "sensor_mm": [36, 36]"#), "so that pixels are not square"),
+            (perspective(r#""focal_mm": 50, "sensor_mm": 0"#), "\"sensor_mm\" = 0; use a positive number"),
+            (perspective(r#""focal_pixels": -5"#), "the focal length is -5; use a positive"),
             (perspective(r#""fov_x_degrees": 180"#), "between 0 and 180"),
             (
                 perspective(r#""focal_pixels": 5, "height": 4"#),
-                "has \"height\" beside a perspective projection; remove it",
+                "has \"height\" in addition to a perspective projection; remove it",
             ),
             (
                 perspective(r#""focal_pixels": 5, "size": [60, 40]"#),
-                "for pictures of 60x40 pixels and this one has 600x400",
+                "for images of 60x40 pixels, but this one has 600x400",
             ),
-            (perspective(r#""focal_pixels": 5, "principal_point": [1e300, 0]"#), "cannot be used; give finite"),
+            (perspective(r#""focal_pixels": 5, "principal_point": [1e300, 0]"#), "is invalid; use finite"),
             (perspective(r#""focal_pixels": 5, "size": [-1, 40]"#), "invalid value"),
             (
                 r#"{"projection": "fisheye"}"#.into(),
@@ -279,13 +282,13 @@ mod tests {
             (r#"{"focal_pixels": 3}"#.into(), "missing field `projection`"),
             (
                 r#"{"projection": "orthographic", "focal_mm": 4}"#.into(),
-                "\"focal_mm\" beside an orthographic projection; remove it",
+                "\"focal_mm\" in addition to an orthographic projection; remove it",
             ),
             (
                 r#"{"projection": "orthographic"}"#.into(),
-                "nothing of the scale; give one of pixels_per_unit, width, height",
+                "does not specify the scale; specify one of pixels_per_unit, width, height",
             ),
-            (r#"{"projection": "#.into(), "is no JSON"),
+            (r#"{"projection": "#.into(), "is not valid JSON"),
             (r#"[1]"#.into(), "camera.json: "),
         ] {
             let error = read(&json).unwrap_err().to_string();
@@ -296,26 +299,26 @@ mod tests {
     #[test]
     fn poses_that_are_none_are_refused() {
         for (pose, says) in [
-            (r#"{}"#, "nothing of the pose; give one of camera_to_world, world_to_camera, position"),
+            (r#"{}"#, "does not specify the pose; specify one of camera_to_world, world_to_camera, position"),
             (r#"{"position": [0, 0, 1]}"#, "without \"look_at\""),
-            (r#"{"look_at": [0, 0, 1]}"#, "nothing of the pose"),
-            (r#"{"position": [0, 0, 1], "look_at": [0, 0, 1]}"#, "looks at its own place"),
-            (r#"{"position": [0, 5, 0], "look_at": [0, 0, 0]}"#, "along \"up\""),
+            (r#"{"look_at": [0, 0, 1]}"#, "does not specify the pose"),
+            (r#"{"position": [0, 0, 1], "look_at": [0, 0, 1]}"#, "\"look_at\" at the position of the camera"),
+            (r#"{"position": [0, 5, 0], "look_at": [0, 0, 0]}"#, "an invalid \"up\""),
             (
                 r#"{"position": [0, 5, 0], "look_at": [0, 0, 0], "convention": "opencv"}"#,
                 "\"convention\" without a matrix",
             ),
             (
                 r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "up": [0, 1, 0]}"#,
-                "\"up\" beside a matrix; remove it",
+                "\"up\" in addition to a matrix; remove it",
             ),
             (r#"{"position": [0, 5, 0], "from": 1}"#, "unknown field `from`"),
             (r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0]]}"#, "2 rows"),
             (r#"{"camera_to_world": [[1,0,0],[0,1,0],[0,0,1]]}"#, "invalid length 3"),
-            (r#"{"camera_to_world": [[2,0,0,0],[0,2,0,0],[0,0,2,0]]}"#, "cannot be scaled"),
-            (r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,-1,0]]}"#, "mirrored"),
+            (r#"{"camera_to_world": [[2,0,0,0],[0,2,0,0],[0,0,2,0]]}"#, "remove scaling"),
+            (r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,-1,0]]}"#, "mirroring"),
             (r#"{"camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[5,5,5,1]]}"#, "row-major"),
-            (r#"{"world_to_camera": [[0,0,0,0],[0,1,0,0],[0,0,1,0]]}"#, "cannot be inverted"),
+            (r#"{"world_to_camera": [[0,0,0,0],[0,1,0,0],[0,0,1,0]]}"#, "a singular matrix"),
             (
                 r#"{"position": [0, 5, 0], "look_at": [0, 0, 0], "camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}"#,
                 "more than once",

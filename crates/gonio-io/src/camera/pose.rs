@@ -1,4 +1,4 @@
-//! Poses, as matrices or as the numbers that people write instead.
+//! Poses, as matrices or as translation, rotation and scale.
 
 use std::path::Path;
 
@@ -62,17 +62,21 @@ impl CameraPose {
             return Err(Error::invalid(path, "has \"convention\" without a matrix", "remove it"));
         }
         let Some(at) = self.look_at else {
-            return Err(Error::invalid(path, "has \"position\" without \"look_at\"", "add the place to look at"));
+            return Err(Error::invalid(
+                path,
+                "has \"position\" without \"look_at\"",
+                "add \"look_at\": the target point",
+            ));
         };
         let position = DVec3::from_array(self.position.unwrap_or_default());
         let up = self.up.map_or(DVec3::Y, DVec3::from_array);
         let Some(backward) = (position - DVec3::from_array(at)).try_normalize() else {
-            return Err(Error::invalid(path, "has a camera that looks at its own place", "move \"look_at\" away"));
+            return Err(Error::invalid(path, "has \"look_at\" at the position of the camera", "move \"look_at\""));
         };
         let right = up.try_normalize().map(|up| up.cross(backward)).filter(|r| r.length() > 1e-6);
         let Some(right) = right.and_then(DVec3::try_normalize) else {
-            let problem = "has a camera that looks along \"up\", or \"up\" is no direction";
-            return Err(Error::invalid(path, problem, "give another direction that is up in the picture"));
+            let problem = "has an invalid \"up\": zero or parallel to the viewing direction";
+            return Err(Error::invalid(path, problem, "use another up direction"));
         };
         let column = |v: DVec3| v.extend(0.0);
         Ok(DMat4::from_cols(column(right), column(backward.cross(right)), column(backward), position.extend(1.0)))
@@ -85,7 +89,7 @@ fn matrix(path: &Path, rows: &[[f64; 4]]) -> Result<DMat4, Error> {
         return Err(Error::invalid(
             path,
             format!("has a matrix of {} rows", rows.len()),
-            "give four rows of four numbers",
+            "use four rows of four numbers",
         ));
     };
     if let Some(row) = rows.get(3)
@@ -95,7 +99,7 @@ fn matrix(path: &Path, rows: &[[f64; 4]]) -> Result<DMat4, Error> {
         return Err(Error::invalid(
             path,
             problem,
-            "write it row-major: the last row is 0 0 0 1, the translation stands at the right",
+            "use row-major order, with the translation in the last column and 0 0 0 1 in the last row",
         ));
     }
     Ok(DMat4::from_cols_array_2d(&[a, b, c, last]).transpose())
@@ -106,7 +110,7 @@ fn inverse(path: &Path, matrix: DMat4) -> Result<DMat4, Error> {
     if matrix.determinant() != 0.0 && inverse.is_finite() {
         return Ok(inverse);
     }
-    Err(Error::invalid(path, "has a matrix that cannot be inverted", "give a rotation and a translation"))
+    Err(Error::invalid(path, "has a singular matrix", "use a rotation and a translation"))
 }
 
 /// Keys of `pose.json`.
@@ -161,7 +165,7 @@ pub fn decode_pose(path: &Path, bytes: &[u8]) -> Result<DMat4, Error> {
     };
     let determinant = pose.determinant();
     if !pose.is_finite() || determinant == 0.0 || !pose.inverse().is_finite() {
-        return Err(Error::invalid(path, "flattens the object or is not finite", "give a scale other than zero"));
+        return Err(Error::invalid(path, "flattens the object or is not finite", "use a nonzero scale"));
     }
     Ok(pose)
 }
@@ -182,8 +186,8 @@ fn parts(path: &Path, file: &File) -> Result<DMat4, Error> {
         let length = rotation.length();
         let unit = (length - 1.0).abs() < 0.01;
         if !unit {
-            let problem = format!("has {:?} of length {length}", ways[way].0);
-            return Err(Error::invalid(path, problem, "give finite numbers, a quaternion of length 1"));
+            let problem = format!("has {:?} with length {length}", ways[way].0);
+            return Err(Error::invalid(path, problem, "use a unit quaternion with finite numbers"));
         }
         rotation.normalize()
     } else {
@@ -228,8 +232,11 @@ mod tests {
     fn what_is_wrong_is_told_by_name() {
         for (json, says) in [
             (r#"{"rotation": [1, 2, 3]}"#, "unknown field `rotation`, expected one of `matrix`"),
-            (r#"{"matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "scale": 2}"#, "\"scale\" beside a matrix; remove it"),
-            (r#"{"quaternion_wxyz": [1, 1, 0, 0]}"#, "of length 1.4"),
+            (
+                r#"{"matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "scale": 2}"#,
+                "\"scale\" in addition to a matrix; remove it",
+            ),
+            (r#"{"quaternion_wxyz": [1, 1, 0, 0]}"#, "with length 1.4"),
             (r#"{"quaternion_wxyz": [1, 0, 0, 0], "rotation_degrees": [0, 0, 0]}"#, "more than once"),
             (r#"{"scale": 0}"#, "flattens the object"),
             (r#"{"scale": [1, 2]}"#, "pose.json: "),

@@ -66,9 +66,9 @@ impl ColourSpace {
     /// Returns the description for help texts.
     pub fn description(self) -> &'static str {
         match self {
-            Self::Rec709 => "Rec. 709 primaries, white D65; integer files use the sRGB curve",
-            Self::DisplayP3 => "P3 primaries, white D65; integer files use the sRGB curve",
-            Self::Rec2020 => "Rec. 2020 primaries, white D65; integer files use the curve of BT.2020",
+            Self::Rec709 => "Rec. 709 primaries, white point D65; integer files use the sRGB curve",
+            Self::DisplayP3 => "P3 primaries, white point D65; integer files use the sRGB curve",
+            Self::Rec2020 => "Rec. 2020 primaries, white point D65; integer files use the BT.2020 curve",
             Self::AcesCg => "ACES AP1 primaries; integer files are linear",
             Self::Aces2065 => "ACES AP0 primaries; integer files are linear",
             Self::Xyz => "CIE XYZ relative to D65; integer files are linear",

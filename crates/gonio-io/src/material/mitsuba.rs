@@ -5,7 +5,7 @@ use super::{colour, identifier, number};
 /// Version of Mitsuba's format: the root of a file has to state it, and nothing else may.
 const VERSION: &str = "3.0.0";
 
-/// Where the text of a material will stand.
+/// Context of the material's text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// In a file of its own.

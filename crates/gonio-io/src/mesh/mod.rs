@@ -73,8 +73,8 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
     decode_with(path, bytes, &|name, _| {
         Err(Error::unsupported(
             path,
-            format!("keeps its geometry in another file, {name:?}"),
-            "export it as one .glb file",
+            format!("stores its geometry in another file, {name:?}"),
+            "export the mesh as one .glb file",
         ))
     })
 }
@@ -112,11 +112,13 @@ impl Format {
             return Ok(Self::Obj);
         }
         Err(match extension.as_str() {
-            "obj" | "ply" | "glb" | "gltf" => Error::damaged(path, format!("does not begin like a .{extension} file")),
-            "" => Error::unsupported(path, "is in no known format of meshes", "export it as OBJ, PLY or glTF"),
+            "obj" | "ply" | "glb" | "gltf" => {
+                Error::damaged(path, format!("does not have the header of a .{extension} file"))
+            }
+            "" => Error::unsupported(path, "has an unknown mesh format", "export the mesh as OBJ, PLY or glTF"),
             other => {
-                let problem = format!("is a .{other} file, which cannot be read as a mesh");
-                Error::unsupported(path, problem, "export it as OBJ, PLY or glTF")
+                let problem = format!("is a .{other} file, which is not a supported mesh format");
+                Error::unsupported(path, problem, "export the mesh as OBJ, PLY or glTF")
             }
         })
     }
@@ -142,7 +144,7 @@ mod tests {
             assert_eq!(of("x.stl", bytes).unwrap(), format);
         }
         for (name, kind, says) in [
-            ("a.obj", Kind::Damaged, "does not begin like a .obj file"),
+            ("a.obj", Kind::Damaged, "does not have the header of a .obj file"),
             ("a.stl", Kind::Unsupported, "is a .stl file"),
             ("a", Kind::Unsupported, "OBJ, PLY or glTF"),
         ] {

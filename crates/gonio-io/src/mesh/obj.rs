@@ -47,22 +47,22 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
         match words.next() {
             Some(b"v") => {
                 parts.room_for(1)?;
-                let place = three(&mut words).ok_or_else(|| bad("is no vertex"))?;
+                let place = three(&mut words).ok_or_else(|| bad("is not a valid vertex"))?;
                 // A fourth number alone is a weight, three more are a colour.
                 let weight = words.next().filter(|_| words.next().is_none());
                 let weight = weight.map_or(Some(1.0), number_of).filter(|w| *w != 0.0);
-                parts.positions.push(place / weight.ok_or_else(|| bad("is no vertex"))?);
+                parts.positions.push(place / weight.ok_or_else(|| bad("is not a valid vertex"))?);
             }
             Some(b"vn") => {
                 parts.room_for(normals.len() as u64 / 3)?;
-                normals.push(three(&mut words).ok_or_else(|| bad("is no normal"))?);
+                normals.push(three(&mut words).ok_or_else(|| bad("is not a valid normal"))?);
             }
             Some(b"f") => {
                 corners.clear();
                 corner_normals.clear();
                 for word in words {
                     let (vertex, normal) = corner(word, parts.positions.len(), normals.len())
-                        .ok_or_else(|| bad("is no face, or refers to what is not there"))?;
+                        .ok_or_else(|| bad("is not a valid face, or refers to a missing vertex"))?;
                     corners.push(vertex);
                     corner_normals.push(normal.map_or(DVec3::ZERO, |n| normals[n]));
                 }
@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn what_is_wrong_is_told_with_its_line() {
         for (text, says) in [
-            ("f 1 2 5", "line 5 is no face"),
+            ("f 1 2 5", "line 5 is not a valid face"),
             ("f 0 1 2", "line 5"),
             ("f 1 2 -5", "line 5"),
             ("f 1 2 -9223372036854775808", "line 5"),
@@ -163,10 +163,10 @@ mod tests {
             ("f 1//1 2//1 3//1", "line 5"),
             ("f 1/2/3/4 2 3", "line 5"),
             ("f a b c", "f a b c"),
-            ("vn 0 1", "no normal"),
-            ("v 1 2", "line 5 is no vertex: v 1 2"),
-            ("v 1 2 3 0", "no vertex"),
-            ("v 1 2 x", "no vertex"),
+            ("vn 0 1", "not a valid normal"),
+            ("v 1 2", "line 5 is not a valid vertex: v 1 2"),
+            ("v 1 2 3 0", "not a valid vertex"),
+            ("v 1 2 x", "not a valid vertex"),
         ] {
             let error = read(&format!("{SQUARE}{text}\nf 1 2 3")).unwrap_err();
             assert_eq!(error.kind(), Kind::Damaged);
@@ -175,11 +175,14 @@ mod tests {
         let error = read(SQUARE).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "a.obj: the mesh is empty (4 vertices, 0 triangles); export the surface, with its faces"
+            "a.obj: the mesh is empty (4 vertices, 0 triangles); export the surface with its faces"
         );
         assert!(
-            read("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3").unwrap_err().to_string().contains("not at a finite place")
+            read("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3")
+                .unwrap_err()
+                .to_string()
+                .contains("coordinates that are not finite")
         );
-        assert!(read("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3").unwrap_err().to_string().contains("has an area"));
+        assert!(read("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3").unwrap_err().to_string().contains("zero area"));
     }
 }

@@ -64,8 +64,8 @@ impl<'a> Parts<'a> {
             return Err(Error::damaged(self.path, problem));
         };
         let Some(cut) = triangulate(&places) else {
-            let problem = format!("has a face of {} corners that is not convex", corners.len());
-            return Err(Error::unsupported(self.path, problem, "triangulate the mesh when exporting it"));
+            let problem = format!("has a face with {} corners that is not convex", corners.len());
+            return Err(Error::unsupported(self.path, problem, "triangulate the mesh on export"));
         };
         cut.into_iter().for_each(add);
         Ok(())
@@ -77,7 +77,7 @@ impl<'a> Parts<'a> {
         Mesh::new(MeshParts { positions: self.positions, triangles: self.triangles, normals }).map_err(|e| {
             // Its text ends with the advice.
             let text = e.to_string();
-            let (problem, advice) = text.rsplit_once(": ").unwrap_or((&text, "export the mesh again"));
+            let (problem, advice) = text.rsplit_once("; ").unwrap_or((&text, "export the mesh again"));
             Error::invalid(self.path, problem, advice)
         })
     }

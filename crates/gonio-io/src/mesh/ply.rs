@@ -38,7 +38,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
                     let has = |names: [&str; 3]| names.iter().all(|n| element.properties.contains_key(*n));
                     if !has(["x", "y", "z"]) {
                         let problem = "has vertices without x, y and z";
-                        return Err(Error::unsupported(path, problem, "export the mesh with places as x, y and z"));
+                        return Err(Error::unsupported(path, problem, "export the mesh with positions as x, y and z"));
                     }
                     let vertices: Vec<Vertex> =
                         Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(failed)?;
@@ -57,7 +57,11 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
                     faces = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(failed)?;
                 }
                 "tristrips" => {
-                    return Err(Error::unsupported(path, "holds strips of triangles", "export it with plain faces"));
+                    return Err(Error::unsupported(
+                        path,
+                        "contains triangle strips",
+                        "export the mesh with plain faces",
+                    ));
                 }
                 _ => {
                     let _: Vec<Other> =
@@ -92,7 +96,7 @@ fn check_header(path: &Path, bytes: &[u8]) -> Result<(), Error> {
 fn check_lines(path: &Path, text: &[u8]) -> Result<(), Error> {
     if text.split(|b| *b == b'\n').any(|line| line.len() > LONGEST_LINE) {
         let problem = format!("has a line of more than {LONGEST_LINE} bytes");
-        return Err(Error::limits(path, problem, "write it as binary PLY"));
+        return Err(Error::limits(path, problem, "export the mesh as binary PLY"));
     }
     Ok(())
 }
@@ -109,7 +113,7 @@ fn check_counts(path: &Path, header: &Header, bytes: usize) -> Result<(), Error>
     }
     // The last line of a text may lack its end.
     if least > bytes.saturating_add(1) {
-        let problem = format!("promises elements of at least {least} bytes and has {bytes} after its header");
+        let problem = format!("declares elements of at least {least} bytes, but has {bytes} after its header");
         return Err(Error::damaged(path, problem));
     }
     Ok(())
@@ -136,7 +140,7 @@ fn explain(path: &Path, error: &ParseError) -> Error {
     let text = error.to_string();
     let first = text.lines().next().unwrap_or_default();
     match error.kind() {
-        ErrorKind::UnexpectedEof => Error::damaged(path, format!("is cut short as PLY ({first})")),
+        ErrorKind::UnexpectedEof => Error::damaged(path, format!("is truncated as PLY ({first})")),
         _ => Error::damaged(path, format!("cannot be read as PLY ({first})")),
     }
 }
@@ -286,9 +290,9 @@ mod tests {
         let header = &good[..good.find("end_header").unwrap() + 11];
         for (from, to, kind, says) in [
             ("vertex 4", "vertex 99999999999999", Kind::Limits, "more than"),
-            ("vertex 4", "vertex 8000000", Kind::Damaged, "promises elements"),
+            ("vertex 4", "vertex 8000000", Kind::Damaged, "declares elements"),
             ("face 1", "face 18446744073709551615", Kind::Limits, "more than"),
-            ("face 1", "face 8000000", Kind::Damaged, "promises elements"),
+            ("face 1", "face 8000000", Kind::Damaged, "declares elements"),
             ("face 1", "face 99999999999999999999", Kind::Damaged, "cannot be read as PLY"),
             ("double x", "double a", Kind::Unsupported, "without x, y and z"),
             ("vertex_indices", "corners", Kind::Unsupported, "without vertex_indices"),
@@ -307,7 +311,7 @@ mod tests {
         assert_eq!(read(long.as_bytes()).unwrap_err().kind(), Kind::Limits);
         // Elements without properties take no bytes.
         let empty = b"ply\nformat binary_little_endian 1.0\nelement nothing 8000000\nend_header\n";
-        assert!(read(empty).unwrap_err().to_string().contains("promises"));
+        assert!(read(empty).unwrap_err().to_string().contains("declares elements"));
     }
 
     #[test]

@@ -98,7 +98,7 @@ pub(super) fn rounded(path: &Path, bytes: &[u8], content: Content, digits: u32) 
             *number = (bits >> lost << lost).to_le_bytes();
         }
     }
-    let at = find(&file, hash.as_bytes()).ok_or_else(|| Error::damaged(path, "does not match its own checksum"))?;
+    let at = find(&file, hash.as_bytes()).ok_or_else(|| Error::damaged(path, "does not match its checksum"))?;
     seal(&mut file, at);
     Ok(file)
 }
@@ -117,23 +117,24 @@ impl<'a> Container<'a> {
         let metadata = header.metadata().clone().unwrap_or_default();
         let entry = |name: &str| metadata.get(name).map(String::as_str);
         if entry("format") != Some("gonio") {
-            let problem = "is a safetensors file, but not one of gonio";
-            return Err(Error::invalid(path, problem, format!("give {}", content.wanted())));
+            let problem = "is a safetensors file, but was not written by gonio";
+            return Err(Error::invalid(path, problem, format!("specify {}", content.wanted())));
         }
         // Checked before anything else of the content, whose form may differ.
         if entry("version") != Some(VERSION) {
             let found = entry("version").unwrap_or("unknown");
-            let problem = format!("is of version {found} of the format, version {VERSION} is expected");
-            let advice = format!("use the gonio that wrote it, or write it again with `{}`", content.command());
+            let problem = format!("has format version {found}, but version {VERSION} is required");
+            let advice =
+                format!("use the version of gonio that wrote it, or write it again with `{}`", content.command());
             return Err(Error::unsupported(path, problem, advice));
         }
         if entry("kind") != Some(content.name()) {
-            let found = entry("kind").and_then(Content::named).map_or("something unknown", Content::label);
-            let problem = format!("holds {found}, {} is expected", content.label());
-            return Err(Error::invalid(path, problem, format!("give {}", content.wanted())));
+            let found = entry("kind").and_then(Content::named).map_or("unknown content", Content::label);
+            let problem = format!("contains {found} instead of {}", content.label());
+            return Err(Error::invalid(path, problem, format!("specify {}", content.wanted())));
         }
         if !intact(&bytes[..8 + length], &bytes[8 + length..], entry(HASH)) {
-            return Err(Error::damaged(path, "does not match its own checksum"));
+            return Err(Error::damaged(path, "does not match its checksum"));
         }
         let tensors = SafeTensors::deserialize(bytes).map_err(|e| unreadable(path, bytes, &e))?;
         Ok(Self { path, content, metadata, tensors })
@@ -149,7 +150,7 @@ impl<'a> Container<'a> {
     }
 
     pub(super) fn json<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Error> {
-        serde_json::from_str(self.text(name)?).map_err(|e| self.wrong(format!("has odd metadata \"{name}\": {e}")))
+        serde_json::from_str(self.text(name)?).map_err(|e| self.wrong(format!("has invalid metadata \"{name}\": {e}")))
     }
 
     /// Whether the metadata have this entry.
@@ -184,7 +185,7 @@ impl<'a> Container<'a> {
             let expected: Vec<String> = shape.iter().map(|n| n.map_or("any".into(), |n| n.to_string())).collect();
             let got = format!("{} of shape {:?}", found.dtype(), found.shape());
             let expected = format!("{dtype} of shape [{}]", expected.join(", "));
-            return Err(self.wrong(format!("has a tensor \"{name}\" of {got}, {expected} is expected")));
+            return Err(self.wrong(format!("has a tensor \"{name}\" of {got} instead of {expected}")));
         }
         Ok((found.shape().to_vec(), found.data()))
     }
@@ -206,12 +207,12 @@ fn intact(header: &[u8], data: &[u8], hash: Option<&str>) -> bool {
 fn unreadable(path: &Path, bytes: &[u8], error: &SafeTensorError) -> Error {
     // The header is JSON and begins after its length.
     if bytes.get(8) != Some(&b'{') {
-        let advice = "give a file written by `gonio train`";
-        return Error::unsupported(path, "is not a model: it does not begin like a safetensors file", advice);
+        let advice = "use a file that `gonio train` wrote";
+        return Error::unsupported(path, "is not a model: it does not have the header of a safetensors file", advice);
     }
     match error {
-        SafeTensorError::InvalidHeaderLength => Error::damaged(path, "is cut short within its header"),
-        SafeTensorError::MetadataIncompleteBuffer => Error::damaged(path, "has not the length that its header states"),
-        e => Error::damaged(path, format!("has a safetensors header that cannot be read ({e})")),
+        SafeTensorError::InvalidHeaderLength => Error::damaged(path, "is truncated in its header"),
+        SafeTensorError::MetadataIncompleteBuffer => Error::damaged(path, "does not have the length in its header"),
+        e => Error::damaged(path, format!("has an invalid safetensors header ({e})")),
     }
 }

@@ -164,14 +164,14 @@ pub fn embedded_rounded(digits: u32) -> Result<Vec<u8>, Error> {
     container::rounded(Path::new(EMBEDDED), bytes, Content::Model, digits)
 }
 
-/// What the models built into the program were learnt from and the terms of that, in lines for
-/// people; `model/PROVENANCE.md` has the whole of it.
+/// Training data of the embedded models and their terms, for display; `model/PROVENANCE.md` has the
+/// details.
 pub const EMBEDDED_SOURCES: &str = "\
-59 captured lights of Poly Haven: CC0 (the author of 8 of them is our judgement)
-7 captured lights of the sIBL Archive: CC BY-NC-SA 3.0 US as remembered, no commercial use
-6 captured lights of others: terms that differ or are unknown
-100 materials of the MERL database, reconstructed: CC BY-SA 4.0 by its readme of 2023,
-  research use only by that of 2006";
+59 captured lights of Poly Haven: CC0 (we inferred the authorship of 8 of them)
+7 captured lights of the sIBL Archive: CC BY-NC-SA 3.0 US (not verified), no commercial use
+6 captured lights of others: various or unknown terms
+100 materials of the MERL database, reconstructed: CC BY-SA 4.0 according to its readme of
+  2023, research use only according to that of 2006";
 
 /// Decodes the prior of light for the paper's version of the inference: the map of Praun and Hoppe,
 /// each light at one azimuth.
@@ -240,7 +240,7 @@ fn lighting_metadata(prior: &LightPrior) -> Metadata {
 
 fn lighting(file: &Container<'_>) -> Result<LightPrior, Error> {
     let prior = file.json("light")?;
-    check_light(&prior).map_err(|e| file.wrong(format!("holds a model that cannot be: {e}")))?;
+    check_light(&prior).map_err(|e| file.wrong(format!("contains an invalid model: {e}")))?;
     Ok(prior)
 }
 
@@ -273,6 +273,6 @@ fn reflectance(file: &Container<'_>) -> Result<ReflectanceBasis, Error> {
     };
     let materials = entries.into_iter().enumerate().map(material).collect();
     let basis = ReflectanceBasis { functions, rates, materials };
-    check_reflectance(&basis).map_err(|e| file.wrong(format!("holds a model that cannot be: {e}")))?;
+    check_reflectance(&basis).map_err(|e| file.wrong(format!("contains an invalid model: {e}")))?;
     Ok(basis)
 }

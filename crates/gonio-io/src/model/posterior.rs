@@ -59,7 +59,7 @@ pub(super) fn parts(learnt: &LearntPosterior) -> (Metadata, Vec<Tensor>) {
 
 /// Reads the posterior from what [`parts`] made.
 pub(super) fn of(file: &Container<'_>) -> Result<LearntPosterior, Error> {
-    let wrong = |e: String| file.wrong(format!("holds a model that cannot be: {e}"));
+    let wrong = |e: String| file.wrong(format!("contains an invalid model: {e}"));
     let cells = [Some(THETA_H), Some(THETA_D)];
     let names: Vec<String> = file.json(NAMES)?;
     let (_, mean) = file.f32s("place_mean", &cells)?;

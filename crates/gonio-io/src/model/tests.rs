@@ -126,16 +126,16 @@ fn other_files_versions_and_kinds_are_told_apart() {
     refused(decode(b"\x89PNG\r\n\x1a\nxxxxxxxxxxxx"), Kind::Unsupported, &["not a model", "gonio train"]);
     refused(decode(b""), Kind::Unsupported, &["not a model"]);
     let foreign = b"\x14\0\0\0\0\0\0\0{\"__metadata__\":{} }";
-    refused(decode(foreign), Kind::Invalid, &["not one of gonio", "gonio train model"]);
+    refused(decode(foreign), Kind::Invalid, &["was not written by gonio", "gonio train model"]);
     let newer = forged(&SMALL, "\"version\":\"1\"", "\"version\":\"2\"");
-    refused(decode(&newer), Kind::Unsupported, &["version 2", "version 1 is expected", "write it again"]);
+    refused(decode(&newer), Kind::Unsupported, &["version 2", "version 1 is required", "write it again"]);
     let path = Path::new("a.gonio");
     let half = encode_lighting(&toy(1, 0).light, "");
-    refused(decode(&half), Kind::Invalid, &["a light prior alone, a whole model is expected", "`gonio train model`"]);
-    refused(decode_reflectance(path, &half), Kind::Invalid, &["a reflectance basis alone is expected"]);
-    refused(decode_lighting(path, &SMALL), Kind::Invalid, &["holds a whole model", "`gonio train lighting`"]);
+    refused(decode(&half), Kind::Invalid, &["a light prior alone instead of a whole model", "`gonio train model`"]);
+    refused(decode_reflectance(path, &half), Kind::Invalid, &["instead of a reflectance basis alone"]);
+    refused(decode_lighting(path, &SMALL), Kind::Invalid, &["contains a whole model", "`gonio train lighting`"]);
     let odd = forged(&SMALL, "\"kind\":\"model\"", "\"kind\":\"camera\"");
-    refused(decode(&odd), Kind::Invalid, &["something unknown"]);
+    refused(decode(&odd), Kind::Invalid, &["unknown content"]);
 }
 
 #[test]
@@ -144,21 +144,21 @@ fn missing_and_misshapen_parts_are_named() {
     says("\"rates\":{", "\"ratios\":{", &["no tensor \"rates\"", "`gonio train model`"]);
     says("\"provenance\":", "\"provenience\":", &["no metadata \"provenance\""]);
     says("\"light\":", "\"shade\":", &["no metadata \"light\""]);
-    says("\"light\":\"{", "\"light\":\"[", &["odd metadata \"light\""]);
-    says("[1,90,90]", "[90,90,1]", &["F32 of shape [90, 90, 1], F32 of shape [any, 90, 90] is expected"]);
-    says("\"shape\":[2,1]", "\"shape\":[1,2]", &["\"coefficients\"", "F64 of shape [2, 1] is expected"]);
-    says("\\\"scales\\\":5", "\\\"scales\\\":4", &["17 groups; 4 scales have 16"]);
-    says("\\\"lights\\\":72", "\\\"lights\\\":-7", &["odd metadata \"light\""]);
+    says("\"light\":\"{", "\"light\":\"[", &["invalid metadata \"light\""]);
+    says("[1,90,90]", "[90,90,1]", &["F32 of shape [90, 90, 1] instead of F32 of shape [any, 90, 90]"]);
+    says("\"shape\":[2,1]", "\"shape\":[1,2]", &["\"coefficients\"", "instead of F64 of shape [2, 1]"]);
+    says("\\\"scales\\\":5", "\\\"scales\\\":4", &["17 groups, but 4 scales require 16"]);
+    says("\\\"lights\\\":72", "\\\"lights\\\":-7", &["invalid metadata \"light\""]);
 }
 
 #[test]
 fn inconsistent_models_are_refused() {
     let mut model = toy(2, 3);
     model.reflectance.functions[1].as_mut_slice()[7] = f32::NAN;
-    refused(decode(&encode_model(&model)), Kind::Invalid, &["cannot be", "basis function 1 is NaN"]);
+    refused(decode(&encode_model(&model)), Kind::Invalid, &["contains an invalid model", "basis function 1 is NaN"]);
     let mut model = toy(2, 3);
     model.light.groups[4] = CoefficientPrior::Mixture(ScaleMixture { weights: vec![0.5], variances: vec![1.0] });
-    refused(decode(&encode_model(&model)), Kind::Invalid, &["cannot be", "sum one"]);
+    refused(decode(&encode_model(&model)), Kind::Invalid, &["contains an invalid model", "sum to one"]);
     let mut model = toy(2, 3);
     model.reflectance.rates.pop();
     refused(decode(&encode_model(&model)), Kind::Invalid, &["\"rates\"", "[1]", "[2]"]);
@@ -173,7 +173,7 @@ fn every_truncation_is_an_error() {
         let kind = decode(&SMALL[..cut]).unwrap_err().kind();
         assert!(kind == Kind::Damaged || (cut < 9 && kind == Kind::Unsupported), "{cut} {kind:?}");
     }
-    refused(decode(&SMALL[..2000]), Kind::Damaged, &["cut short"]);
+    refused(decode(&SMALL[..2000]), Kind::Damaged, &["truncated"]);
     refused(decode(&[&SMALL[..], b"x"].concat()), Kind::Damaged, &["length"]);
 }
 
@@ -196,7 +196,7 @@ fn every_flipped_byte_is_noticed() {
     }
     let mut data = SMALL.clone();
     data[length - 5] ^= 1;
-    refused(decode(&data), Kind::Damaged, &["checksum", "fetch or write it again"]);
+    refused(decode(&data), Kind::Damaged, &["checksum", "download or export it again"]);
 }
 
 /// A posterior of two materials whose encoder is untrained.
@@ -279,10 +279,10 @@ fn posteriors_that_cannot_be_are_refused() {
     spoilt(|p| p.widths[7] = f32::INFINITY, "a table has values that are not finite");
     spoilt(|p| p.measured.places[1][0] = f32::NAN, "a place has values that are not finite");
     spoilt(|p| p.prior.embeddings[6][4] = f32::NAN, "an embedding has values that are not finite");
-    spoilt(|p| p.names.truncate(1), "the places of its materials has 2 values, 1 are expected");
+    spoilt(|p| p.names.truncate(1), "the list of material coordinates has 2 values instead of 1");
     spoilt(|p| p.prior = Candidates { places: vec![], embeddings: vec![] }, "no materials of the prior");
-    spoilt(|p| p.ranges.truncate(2), "the ranges of its features has 2 values, 3 are expected");
-    spoilt(|p| p.ranges[1] = (1.0, 0.0), "feature 1 has no range");
+    spoilt(|p| p.ranges.truncate(2), "the list of feature ranges has 2 values instead of 3");
+    spoilt(|p| p.ranges[1] = (1.0, 0.0), "feature 1 has an invalid range");
     spoilt(|p| p.colours.as_mut().unwrap().errors[1][2][2] = 0.0, "variances that are not positive");
 }
 

@@ -1,4 +1,4 @@
-//! Brackets on disk: integer pictures of one scene, and the amount of light of each.
+//! Reads brackets: integer images of one scene, and the exposure of each.
 
 use std::path::{Path, PathBuf};
 
@@ -131,8 +131,8 @@ fn space_of(stated: Stated, is_grey: bool, given: Option<ColourSpace>) -> (Conve
 }
 
 fn not_coded(path: &Path) -> Error {
-    let advice = "give 8 or 16-bit pictures as exposures of one scene";
-    Error::unsupported(path, "holds radiance instead of the codes of a camera", advice).with_remedy(Remedy::Separately)
+    let advice = "use 8- or 16-bit images as exposures of one scene";
+    Error::unsupported(path, "contains radiance instead of camera codes", advice).with_remedy(Remedy::Separately)
 }
 
 fn codes_of(
@@ -165,28 +165,28 @@ fn check_alike(files: &[(&Path, Coded)]) -> Result<(), Error> {
     let other = first_path.display();
     let ((w, h), (fw, fh)) = (last.codes.size(), first.codes.size());
     if last.orientation != first.orientation {
-        let problem = format!("is turned otherwise than {other} by its orientation tag");
-        return Err(Error::invalid(path, problem, "give all exposures one orientation, or remove the tags"));
+        let problem = format!("has another orientation tag than {other}");
+        return Err(Error::invalid(path, problem, "use exposures of the same orientation, or remove the tags"));
     }
     if (w, h) != (fw, fh) {
-        let problem = format!("has {w}x{h} pixels, {other} has {fw}x{fh}");
-        return Err(Error::invalid(path, problem, "give exposures of one size"));
+        let problem = format!("has {w}x{h} pixels, but {other} has {fw}x{fh}");
+        return Err(Error::invalid(path, problem, "use exposures of the same size"));
     }
     if last.codes.max() != first.codes.max() {
         let bits = |codes: &Codes| u16::BITS - codes.max().leading_zeros();
-        let problem = format!("has {} bits a sample, {other} has {}", bits(&last.codes), bits(&first.codes));
-        return Err(Error::invalid(path, problem, "give exposures of one depth"));
+        let problem = format!("has {} bits per sample, but {other} has {}", bits(&last.codes), bits(&first.codes));
+        return Err(Error::invalid(path, problem, "use exposures of the same bit depth"));
     }
     if last.linear != first.linear {
-        return Err(Error::invalid(path, format!("is of another kind than {other}"), "give raw files only, or none"));
+        return Err(Error::invalid(path, format!("has another file type than {other}"), "use only raw files, or none"));
     }
     if last.space != first.space {
-        let problem = format!("is in the colour space {}, {other} in {}", last.space.1.name, first.space.1.name);
-        return Err(Error::invalid(path, problem, "give exposures of one colour space"));
+        let problem = format!("has the colour space {}, but {other} has {}", last.space.1.name, first.space.1.name);
+        return Err(Error::invalid(path, problem, "use exposures of the same colour space"));
     }
     if (w * h) as u64 * files.len() as u64 > MOST_PIXELS {
-        let problem = format!("is the {}th exposure of {w}x{h} pixels, more than can be merged", files.len());
-        return Err(Error::limits(path, problem, "scale them down, or give fewer"));
+        let problem = format!("is exposure {} of {w}x{h} pixels, which exceeds the limit for merging", files.len());
+        return Err(Error::limits(path, problem, "scale the exposures down, or use fewer"));
     }
     Ok(())
 }
@@ -210,16 +210,16 @@ fn assemble(files: Vec<(&Path, Coded)>, options: &BracketOptions) -> Result<Brac
 
 fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, Error> {
     let by_hand = |path: &Path, problem: String| {
-        Error::invalid(path, problem, "give the times of all files").with_remedy(Remedy::Times)
+        Error::invalid(path, problem, "specify the times of all files").with_remedy(Remedy::Times)
     };
     if let Some(times) = times {
         if let Some((path, _)) = files.get(times.len()) {
-            let problem = format!("has no time: there are {} times for {} files", times.len(), files.len());
-            return Err(Error::invalid(path, problem, "give one for each"));
+            let problem = format!("has no time: {} times are specified for {} files", times.len(), files.len());
+            return Err(Error::invalid(path, problem, "specify one time per file"));
         }
         if let (Some((path, _)), true) = (files.last(), times.len() > files.len()) {
-            let problem = format!("is the last of {} files, but there are {} times", files.len(), times.len());
-            return Err(Error::invalid(path, problem, "give one for each"));
+            let problem = format!("is the last of {} files, but {} times are specified", files.len(), times.len());
+            return Err(Error::invalid(path, problem, "specify one time per file"));
         }
         return Ok(times.to_vec());
     }
@@ -233,7 +233,7 @@ fn amounts(files: &[(&Path, Coded)], times: Option<&[f64]>) -> Result<Vec<f64>, 
             return Ok(vec![1.0; files.len()]);
         }
         let value = |(told, (path, _)): (&Option<f64>, &(&Path, Coded))| {
-            told.ok_or_else(|| by_hand(path, format!("has no {what} in its EXIF data, others have")))
+            told.ok_or_else(|| by_hand(path, format!("has no {what} in its EXIF data, but other exposures have")))
         };
         told.iter().zip(files).map(value).collect()
     };

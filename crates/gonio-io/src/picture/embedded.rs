@@ -1,4 +1,4 @@
-//! What PNG, TIFF and JPEG files state about their colours: curve and colour space.
+//! Colour information in PNG, TIFF and JPEG files: curve and colour space.
 
 use std::path::Path;
 
@@ -45,7 +45,7 @@ impl Embedded {
         let Some(profile) = profile.filter(|profile| !profile.is_empty()) else { return Ok(Self::default()) };
         if profile.len() > MAX_PROFILE {
             let problem = format!("has an ICC profile of more than {MAX_PROFILE} bytes");
-            return Err(Error::limits(path, problem, "remove the profile"));
+            return Err(Error::limits(path, problem, "remove the ICC profile"));
         }
         Ok(Self::of_profile(profile))
     }

@@ -75,7 +75,7 @@ fn clip_level(path: &Path, header: &Header) -> Result<Option<f32>, Error> {
     match header.own_attributes.other.get(&name).or_else(|| header.shared_attributes.other.get(&name)) {
         None => Ok(None),
         Some(&AttributeValue::F32(level)) if level > 0.0 && level.is_finite() => Ok(Some(level)),
-        Some(_) => Err(Error::damaged(path, format!("has an attribute {CLIP_LEVEL} that is no positive number"))),
+        Some(_) => Err(Error::damaged(path, format!("has an invalid attribute {CLIP_LEVEL}: not a positive number"))),
     }
 }
 
@@ -132,7 +132,7 @@ pub(crate) fn read_channels(
         }
         // Every block gives its own position, so two may claim the same one.
         if seen.len() != expected {
-            return Err(Error::damaged(path, format!("has {} of its {expected} blocks of pixels", seen.len())));
+            return Err(Error::damaged(path, format!("has only {} of {expected} pixel blocks", seen.len())));
         }
         Ok((canvas.width, canvas.height, canvas.planes))
     })
@@ -156,8 +156,8 @@ impl Canvas {
         let display = header.shared_attributes.display_window;
         let (width, height) = size(display.size)?;
         if header.channels.list.iter().any(|c| c.sampling != Vec2(1, 1)) {
-            let advice = "write it with R, G, B at full resolution";
-            return Err(Error::unsupported(path, "has subsampled channels (luminance and chroma?)", advice));
+            let advice = "write R, G and B at full resolution";
+            return Err(Error::unsupported(path, "has subsampled channels, such as luminance and chroma", advice));
         }
         let origin = header.own_attributes.layer_position;
         let offset = |data: i32, display: i32| i64::from(data) - i64::from(display);
@@ -179,7 +179,7 @@ impl Canvas {
         let channels = &header.channels;
         let pixels = block.index.pixel_size.area();
         if block.index.layer != layer || block.data.len() != pixels * channels.bytes_per_pixel {
-            return Err(Error::damaged(path, "has a block of pixels of a wrong size"));
+            return Err(Error::damaged(path, "has a pixel block of the wrong size"));
         }
         for line in block.lines(channels) {
             let at = line.location;
@@ -212,10 +212,12 @@ impl Canvas {
 fn explain(path: &Path, error: exr::error::Error) -> Error {
     use exr::error::Error as E;
     match error {
-        E::NotSupported(what) => Error::unsupported(path, format!("needs {what}"), "write it as a plain flat EXR"),
-        E::Invalid(what) => Error::damaged(path, format!("is cut short or damaged as OpenEXR ({what})")),
-        E::Io(e) => Error::damaged(path, format!("is cut short or damaged as OpenEXR ({e})")),
-        E::Aborted => Error::damaged(path, "was not read to its end"),
+        E::NotSupported(what) => {
+            Error::unsupported(path, format!("requires {what}, which is not supported"), "write a flat EXR")
+        }
+        E::Invalid(what) => Error::damaged(path, format!("is truncated or damaged as OpenEXR ({what})")),
+        E::Io(e) => Error::damaged(path, format!("is truncated or damaged as OpenEXR ({e})")),
+        E::Aborted => Error::damaged(path, "was not read completely"),
     }
 }
 
@@ -301,7 +303,7 @@ mod tests {
             assert_eq!(read(Some(name)).unwrap().picture.rgb[(0, 0)], glam::Vec3::new(4.0, 5.0, 6.0));
         }
         let error = read(Some("gloss")).unwrap_err().to_string();
-        assert_eq!(error, "t.exr: has no layer gloss with a picture; choose of v.combined, v.diffuse");
+        assert_eq!(error, "t.exr: has no image layer gloss; use one of v.combined, v.diffuse");
         assert_eq!(decode_alone(&["R", "G", "B"]).layer, None);
     }
 

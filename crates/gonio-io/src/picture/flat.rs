@@ -1,4 +1,4 @@
-//! Corrections that are smooth over the picture: the black level, and vignetting.
+//! Corrections of the black level and of vignetting.
 
 use std::path::Path;
 
@@ -38,13 +38,13 @@ pub fn divide_by_flat(
 ) -> Result<Option<f32>, Error> {
     let ((w, h), (fw, fh)) = (picture.rgb.size(), flat.size());
     if (w, h) != (fw, fh) {
-        let problem = format!("is a flat field of {fw}x{fh} pixels, the photograph has {w}x{h}");
-        return Err(Error::invalid(path, problem, "give one of the same size"));
+        let problem = format!("is a flat field of {fw}x{fh} pixels, but the photograph has {w}x{h}");
+        return Err(Error::invalid(path, problem, "use a flat field of the same size"));
     }
     let bad = flat.as_slice().iter().filter(|v| !(v.is_finite() && v.min_element() > 0.0)).count();
     if bad > 0 {
-        let problem = format!("is a flat field with {bad} pixels that are black or no numbers");
-        return Err(Error::invalid(path, problem, "give a picture of an evenly lit surface"));
+        let problem = format!("is a flat field with {bad} pixels that are black or not finite");
+        return Err(Error::invalid(path, problem, "use an image of an evenly lit surface"));
     }
     let largest = flat.as_slice().iter().fold(Vec3::ZERO, |a, v| a.max(*v));
     let smallest = flat.as_slice().iter().fold(Vec3::INFINITY, |a, v| a.min(*v / largest)).min_element();

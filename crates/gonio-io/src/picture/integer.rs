@@ -96,8 +96,8 @@ fn unpack(path: &Path, image: &DynamicImage, embedded: Embedded, options: &ReadO
         DynamicImage::ImageRgb32F(i) => float(i),
         DynamicImage::ImageRgba32F(i) => float(i),
         other => {
-            let problem = format!("has samples of the kind {:?}", other.color());
-            return Err(Error::unsupported(path, problem, "write it with 8, 16 or 32-bit float samples"));
+            let problem = format!("has samples of type {:?}", other.color());
+            return Err(Error::unsupported(path, problem, "write 8-bit, 16-bit or 32-bit float samples"));
         }
     };
     let is_table = matches!(stated.space, Some((Conversion::Table(_), ..)));
@@ -114,7 +114,7 @@ fn unpack(path: &Path, image: &DynamicImage, embedded: Embedded, options: &ReadO
         1 | 2 => (Conversion::None, InputSpace::unconverted("grey", SpaceSource::Grey)),
         // Linear values are no codes of the table.
         _ if is_table && options.linear => {
-            let unusable = Some("the table of the ICC profile (the values are said to be linear)".to_owned());
+            let unusable = Some("the table of the ICC profile (the values are specified as linear)".to_owned());
             Stated { space: None, unusable }.settle(options.colour_space)
         }
         _ => stated.settle(options.colour_space),
@@ -153,9 +153,9 @@ fn picture<T: Copy>(
 /// errors mean a file that ends too early.
 pub(super) fn explain(path: &Path, error: ImageError) -> Error {
     match error {
-        ImageError::Unsupported(e) => Error::unsupported(path, e.to_string(), "write it as 8 or 16-bit RGB, or as EXR"),
-        ImageError::Limits(e) => Error::limits(path, e.to_string(), "scale it down"),
-        e => Error::damaged(path, format!("is cut short or damaged ({e})")),
+        ImageError::Unsupported(e) => Error::unsupported(path, e.to_string(), "write 8- or 16-bit RGB, or EXR"),
+        ImageError::Limits(e) => Error::limits(path, e.to_string(), "scale the image down"),
+        e => Error::damaged(path, format!("is truncated or damaged ({e})")),
     }
 }
 

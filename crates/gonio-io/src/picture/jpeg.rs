@@ -1,5 +1,5 @@
-//! Check that a JPEG file is complete. Decoders fill the missing part of a picture with grey, which
-//! must not pass for a photograph here.
+//! Checks that a JPEG file is complete. Decoders fill missing parts with grey, which must not be
+//! used as a photograph.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::Error;
 pub(super) fn check_complete(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     match end_of_image(bytes) {
         Some(_) => Ok(()),
-        None => Err(Error::damaged(path, "is a JPEG file that is cut short")),
+        None => Err(Error::damaged(path, "is a truncated JPEG file")),
     }
 }
 

@@ -1,5 +1,4 @@
-//! Choice of the channels of an OpenEXR file that are the picture: layers, and the names that
-//! programs give to colours.
+//! Selection of the colour channels of an OpenEXR file by layer and channel name.
 
 use std::path::Path;
 
@@ -152,15 +151,15 @@ pub(super) fn choose(path: &Path, headers: &[Header], options: &ReadOptions) -> 
             Ok(Chosen { selection: selection.clone(), colours: *colours, name, others })
         }
         Some(_) => {
-            let problem = format!("has no layer {} with a picture", options.layer.as_deref().unwrap_or_default());
-            let advice = format!("choose of {}", names().take(12).collect::<Vec<_>>().join(", "));
+            let problem = format!("has no image layer {}", options.layer.as_deref().unwrap_or_default());
+            let advice = format!("use one of {}", names().take(12).collect::<Vec<_>>().join(", "));
             Err(Error::invalid(path, problem, advice))
         }
         None => {
             let all: Vec<_> =
                 headers.iter().flat_map(|h| &h.channels.list).take(12).map(|c| c.name.to_string()).collect();
-            let problem = format!("has no channels R, G, B or Y (it has {})", all.join(", "));
-            Err(Error::unsupported(path, problem, "write it with R, G, B"))
+            let problem = format!("has no channels R, G, B or Y, but {}", all.join(", "));
+            Err(Error::unsupported(path, problem, "write the channels R, G and B"))
         }
     }
 }

@@ -77,8 +77,8 @@ fn mask_of(picture: Picture, associated: bool) -> Plane<f32> {
 fn unit_range(path: &Path, mask: Plane<f32>) -> Result<Plane<f32>, Error> {
     let odd = |v: f32| !(-SLACK..=1.0 + SLACK).contains(&v);
     if let Some(&v) = mask.as_slice().iter().find(|&&v| odd(v)) {
-        let problem = format!("holds the value {v}, which no mask has");
-        return Err(Error::invalid(path, problem, "give a mask of values from 0 (outside) to 1 (object)"));
+        let problem = format!("contains the value {v}, which is invalid in a mask");
+        return Err(Error::invalid(path, problem, "use values from 0 (outside) to 1 (object)"));
     }
     Ok(mask.map(|v| v.clamp(0.0, 1.0)))
 }

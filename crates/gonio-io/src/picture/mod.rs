@@ -105,7 +105,7 @@ impl ReadOptions {
         }
         if width.checked_mul(height).is_none_or(|n| n > self.max_pixels || n > usize::MAX as u64 / 32) {
             let problem = format!("has {width}x{height} pixels, more than the limit of {}", self.max_pixels);
-            return Err(Error::limits(path, problem, "scale it down"));
+            return Err(Error::limits(path, problem, "scale the image down"));
         }
         Ok((width as usize, height as usize))
     }
@@ -178,7 +178,7 @@ pub(crate) enum Format {
 
 impl Format {
     pub(crate) fn of(path: &Path, bytes: &[u8]) -> Result<Self, Error> {
-        const READABLE: &str = "give EXR, HDR, PFM, PNG, JPEG or TIFF";
+        const READABLE: &str = "use EXR, HDR, PFM, PNG, JPEG or TIFF";
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
         #[cfg(feature = "raw")]
         if raw::is_raw(&extension) && !matches!(extension.as_str(), "tif" | "tiff") {
@@ -194,17 +194,22 @@ impl Format {
                 // Raw files are TIFF containers, but a TIFF reader finds only the preview in them.
                 "dng" | "cr2" | "nef" | "arw" | "orf" | "pef" | "rw2" => Err(Error::unsupported(
                     path,
-                    "is a camera's raw file",
-                    "develop it without a tone curve to a linear EXR or 16-bit TIFF, or build gonio with the feature raw",
+                    "is a camera raw file",
+                    "convert it without a tone curve to linear EXR or 16-bit TIFF, or build gonio with the feature \
+                     raw",
                 )),
                 _ => Ok(Self::Tiff),
             },
             _ => Err(match extension.as_str() {
                 "exr" | "hdr" | "pic" | "pfm" | "png" | "jpg" | "jpeg" | "tif" | "tiff" => {
-                    Error::damaged(path, format!("does not begin like a .{extension} file"))
+                    Error::damaged(path, format!("does not have the header of a .{extension} file"))
                 }
-                "" => Error::unsupported(path, "is in no known picture format", READABLE),
-                other => Error::unsupported(path, format!("is a .{other} file, which cannot be read"), READABLE),
+                "" => Error::unsupported(path, "has an unknown image format", READABLE),
+                other => Error::unsupported(
+                    path,
+                    format!("is a .{other} file, which is not a supported image format"),
+                    READABLE,
+                ),
             }),
         }
     }
@@ -253,7 +258,11 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decode
 pub fn decode_unconverted(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
     let format = Format::of(path, bytes)?;
     if options.layer.is_some() && format != Format::Exr {
-        return Err(Error::unsupported(path, "has no layers, as OpenEXR files have", "read it without naming one"));
+        return Err(Error::unsupported(
+            path,
+            "has no layers, because it is not an OpenEXR file",
+            "remove the layer name",
+        ));
     }
     match format {
         Format::Exr => exr::decode(path, bytes, options),
@@ -298,8 +307,8 @@ mod tests {
     #[test]
     fn unknown_files_are_told_apart_from_broken_ones() {
         check("a.webp", b"RIFF....WEBP", Kind::Unsupported, "is a .webp file");
-        check("a", b"what is this", Kind::Unsupported, "no known picture format");
-        check("a.exr", b"what is this", Kind::Damaged, "does not begin like a .exr file");
+        check("a", b"what is this", Kind::Unsupported, "unknown image format");
+        check("a.exr", b"what is this", Kind::Damaged, "does not have the header of a .exr file");
         check("a.nef", b"MM\0\x2a rest", Kind::Unsupported, "raw");
     }
 

@@ -17,19 +17,22 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     let channels = match tokens.next() {
         Some("PF") => 3,
         Some("Pf") => 1,
-        _ => return Err(Error::damaged(path, "does not begin like a PFM file")),
+        _ => return Err(Error::damaged(path, "does not have the header of a PFM file")),
     };
     let bad = |what: &str| Error::damaged(path, format!("has no {what} in its PFM header"));
     let width: u64 = tokens.next().and_then(|t| t.parse().ok()).ok_or_else(|| bad("width"))?;
     let height: u64 = tokens.next().and_then(|t| t.parse().ok()).ok_or_else(|| bad("height"))?;
     let scale: f32 = tokens.next().and_then(|t| t.parse().ok()).ok_or_else(|| bad("scale"))?;
     if !scale.is_normal() {
-        return Err(Error::damaged(path, format!("has the scale {scale} in its PFM header")));
+        return Err(Error::damaged(path, format!("has an invalid scale {scale} in its PFM header")));
     }
     let (width, height) = options.check_size(path, width, height)?;
     let (expected, found) = (width * height * channels * 4, bytes.len().saturating_sub(tokens.at + 1));
     if found != expected {
-        return Err(Error::damaged(path, format!("has {found} bytes of pixels, {width}x{height} need {expected}")));
+        return Err(Error::damaged(
+            path,
+            format!("has {found} bytes of pixels, but {width}x{height} pixels require {expected}"),
+        ));
     }
     let little = scale < 0.0;
     let samples = bytes[tokens.at + 1..].chunks_exact(4).map(|b| {

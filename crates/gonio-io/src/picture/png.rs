@@ -82,7 +82,7 @@ fn profile(path: &Path, data: &[u8]) -> Result<Option<Vec<u8>>, Error> {
     let unpacked = ZlibDecoder::new(packed).take(MAX_PROFILE as u64 + 1).read_to_end(&mut profile);
     if profile.len() > MAX_PROFILE {
         let problem = format!("has an ICC profile of more than {MAX_PROFILE} bytes");
-        return Err(Error::limits(path, problem, "remove the profile"));
+        return Err(Error::limits(path, problem, "remove the ICC profile"));
     }
     Ok(unpacked.ok().map(|_| profile))
 }
@@ -147,7 +147,7 @@ mod tests {
         assert!(bomb.len() < 100_000);
         let error = colour_chunks(Path::new("t.png"), &bomb).unwrap_err();
         assert_eq!(error.kind(), crate::Kind::Limits);
-        assert!(error.to_string().contains("t.png: has an ICC profile"), "{error}");
+        assert!(error.to_string().contains("t.png: has an ICC profile of more than"), "{error}");
         let cut = with_chunks(&HEADER, &[(b"iCCP", b"profile\0\0x")]);
         assert_eq!(colour_chunks(Path::new("t"), &cut).unwrap().icc, None);
     }

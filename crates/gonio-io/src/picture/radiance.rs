@@ -25,7 +25,7 @@ const SMALLEST: f32 = 1e-32;
 pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
     let header = &bytes[..bytes.len().min(4096)];
     if header.windows(4).take_while(|w| w[..2] != *b"\n\n").any(|w| w == b"xyze") {
-        return Err(Error::unsupported(path, "holds XYZ instead of RGB colours", "convert it with `ra_xyze -r`"));
+        return Err(Error::unsupported(path, "contains XYZ instead of RGB colours", "convert it with `ra_xyze -r`"));
     }
     guard::catching(path, "Radiance HDR", || {
         // The strict reader knows `#?RADIANCE` only, while `#?RGBE` is as common.

@@ -98,13 +98,13 @@ fn check_header(path: &Path, ifd: &IFD, bytes: u64, options: &ReadOptions) -> Re
         }
     }
     if number(TiffCommonTag::SamplesPerPixel).is_some_and(|n| !(1..=4).contains(&n)) {
-        return Err(Error::damaged(path, "has not 1 to 4 samples a pixel"));
+        return Err(Error::damaged(path, "does not have 1 to 4 samples per pixel"));
     }
     Ok(())
 }
 
 fn explain(path: &Path, error: &rawler::RawlerError) -> Error {
-    let advice = "develop it without a tone curve to a linear EXR or 16-bit TIFF";
+    let advice = "convert it without a tone curve to linear EXR or 16-bit TIFF";
     Error::unsupported(path, format!("cannot be decoded as a raw file ({error})"), advice)
 }
 
@@ -130,7 +130,7 @@ fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
     // Some decoders count samples, others pixels.
     let width = if data.len() == width * height { width / samples.max(1) } else { width };
     if samples == 0 || width == 0 || data.len() < width * height * samples {
-        return Err(Error::damaged(path, "has fewer samples than its size says"));
+        return Err(Error::damaged(path, "has fewer samples than its size requires"));
     }
     let (left, top, right, bottom) = match image.active_area.or(image.crop_area) {
         Some(area) => (area.p.x, area.p.y, area.p.x.saturating_add(area.d.w), area.p.y.saturating_add(area.d.h)),
@@ -149,7 +149,7 @@ fn demosaic(path: &Path, image: &RawImage) -> Result<Plane<Vec3>, Error> {
         let white = image.whitelevel.0.get(sample).or(image.whitelevel.0.first()).map_or(65535.0, |w| *w as f32);
         ((data[(y * width + x) * samples + sample] - black) / (white - black)).clamp(0.0, 1.0)
     };
-    let unsupported = || Error::unsupported(path, "has a mosaic of an unknown kind", "develop it to a linear EXR");
+    let unsupported = || Error::unsupported(path, "has an unknown mosaic pattern", "convert it to linear EXR");
     let (step, colour): (usize, Develop<'_>) = match &image.photometric {
         RawPhotometricInterpretation::Cfa(config) => {
             let cfa = &config.cfa;

@@ -40,17 +40,17 @@ pub fn read_response(path: impl AsRef<Path>) -> Result<Response, Error> {
 /// # Errors
 /// Like [`read_response`].
 pub fn decode_response(path: &Path, bytes: &[u8]) -> Result<Response, Error> {
-    let advice = "give lines of code,red,green,blue with codes from 0 and logarithms of exposures";
-    let text = std::str::from_utf8(bytes).map_err(|_| Error::invalid(path, "is no text", advice))?;
+    let advice = "use lines of code,red,green,blue, with codes from 0 and log exposures";
+    let text = std::str::from_utf8(bytes).map_err(|_| Error::invalid(path, "is not text", advice))?;
     let mut curves = [const { Vec::new() }; 3];
     let lines = text.lines().enumerate().map(|(n, line)| (n + 1, line.trim()));
     for (number, line) in lines.filter(|(_, l)| !(l.is_empty() || l.starts_with('#') || l.starts_with("code"))) {
-        let wrong = || Error::invalid(path, format!("has a line {number} that is not that of a response"), advice);
+        let wrong = || Error::invalid(path, format!("has an invalid line {number}"), advice);
         let fields: Vec<f64> =
             line.split(',').map(|f| f.trim().parse()).collect::<Result<_, _>>().map_err(|_| wrong())?;
         let (&code, values) = fields.split_first().ok_or_else(wrong)?;
         if code != curves[0].len() as f64 || code > f64::from(u16::MAX) {
-            return Err(Error::invalid(path, format!("has the code {code} in line {number} out of order"), advice));
+            return Err(Error::invalid(path, format!("has code {code} out of order in line {number}"), advice));
         }
         let values = match *values {
             [all] => [all; 3],
@@ -59,7 +59,7 @@ pub fn decode_response(path: &Path, bytes: &[u8]) -> Result<Response, Error> {
         };
         curves.iter_mut().zip(values).for_each(|(curve, value)| curve.push(value));
     }
-    Response::from_curves(curves).map_err(|e| Error::invalid(path, format!("is no response: {e}"), advice))
+    Response::from_curves(curves).map_err(|e| Error::invalid(path, format!("is not a response curve: {e}"), advice))
 }
 
 /// Encodes a response as text that [`read_response`] reads.
@@ -102,11 +102,11 @@ mod tests {
     #[test]
     fn what_is_no_response_is_refused_with_the_line() {
         for (text, says) in [
-            ("", "has not 2 to 65536 codes"),
+            ("", "does not have the same number of codes as the others"),
             ("0,1\n1,0", "falls"),
             ("0,1\n1,1", "is flat"),
-            ("0,nan\n1,1", "no logarithms"),
-            ("0,1\n2,2", "the code 2 in line 2"),
+            ("0,nan\n1,1", "not log exposures"),
+            ("0,1\n2,2", "code 2 out of order in line 2"),
             ("0,1,2\n", "line 1"),
             ("0,1,2,x\n", "line 1"),
             ("hello\n", "line 1"),

@@ -1,4 +1,4 @@
-//! The colour space that a file states, and the conversion of a picture to linear Rec. 709.
+//! Colour space of an image file, and conversion to linear Rec. 709.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ const CLIPPED_PIXELS: usize = 12;
 /// Largest negative channel, relative to the largest channel of the pixel, that counts as rounding.
 const ROUNDING: f32 = 1e-4;
 
-/// Where the colour space of a picture is known from.
+/// Source of the colour space of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpaceSource {
     /// The attribute `chromaticities` of an OpenEXR file.
@@ -62,7 +62,7 @@ impl SpaceSource {
 pub struct InputSpace {
     /// Name of a [`ColourSpace`], or else of the ICC profile, `custom`, `camera` or `grey`.
     pub name: String,
-    /// Where it is known from.
+    /// Source of the colour space.
     pub source: SpaceSource,
     /// The given space, if the file states another one; the file's space was used.
     pub overridden: Option<ColourSpace>,
@@ -96,7 +96,7 @@ impl Stated {
     pub(super) fn primaries(primaries: &Primaries, source: SpaceSource, field: &str) -> Self {
         match primaries.to_rec709() {
             Some(matrix) => Self { space: Some((Conversion::Matrix(matrix), None, source)), unusable: None },
-            None => Self { space: None, unusable: Some(format!("{field} are no primaries of a colour space")) },
+            None => Self { space: None, unusable: Some(format!("{field} are not valid primaries of a colour space")) },
         }
     }
 
@@ -159,8 +159,8 @@ impl Decoded {
                 pixels.par_iter().map(|v| matrix * *v).collect()
             }
             Conversion::Table(profile) => icc::apply_table(&profile, pixels).map_err(|problem| {
-                let advice = "convert the picture to sRGB or remove the profile";
-                Error::unsupported(path, format!("has an ICC profile that cannot be used ({problem})"), advice)
+                let advice = "convert the image to sRGB or remove the profile";
+                Error::unsupported(path, format!("has an unusable ICC profile ({problem})"), advice)
             })?,
         };
         let clip = self.full_scale.or_else(|| repeated_maximum(pixels));

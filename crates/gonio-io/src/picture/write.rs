@@ -20,7 +20,7 @@ use super::{exr, pfm, radiance};
 use crate::colour_space::{ColourSpace, Primaries};
 use crate::{Error, atomic};
 
-/// What an OpenEXR file holds beside its colours.
+/// Contents of an OpenEXR file besides its colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExrOptions<'a> {
     /// Coverage, of the size of the picture; colour should already be multiplied by it.

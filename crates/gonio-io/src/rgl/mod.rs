@@ -76,7 +76,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Rgl, Error> {
     let ([phis], phi) = tensors.floats("phi_i")?;
     let ([thetas], theta) = tensors.floats("theta_i")?;
     if phis > ISOTROPIC {
-        return Err(Error::unsupported(path, "is an anisotropic material", "give an isotropic one"));
+        return Err(Error::unsupported(path, "is an anisotropic material", "use an isotropic material"));
     }
     let ([vndf_phis, vndf_thetas, h, w], values) = non_negative(&tensors, "vndf")?;
     fits(path, "vndf", [vndf_phis, vndf_thetas, 3], [phis, thetas, 3])?;
@@ -103,7 +103,7 @@ fn fits(path: &Path, name: &str, has: [usize; 3], needs: [usize; 3]) -> Result<(
     }
     let [phis, thetas, _] = needs;
     let problem =
-        format!("has {has:?} as first axes of {name}, which do not fit its {phis} x {thetas} incident directions");
+        format!("has the first axes {has:?} of {name}, which do not match its {phis} x {thetas} incident directions");
     Err(Error::damaged(path, problem))
 }
 
@@ -125,7 +125,7 @@ fn single(tensors: &Tensors<'_>, name: &str) -> Result<Stack, Error> {
 fn jacobian(tensors: &Tensors<'_>) -> Result<bool, Error> {
     match tensors.bytes("jacobian") {
         Some([flag]) => Ok(*flag != 0),
-        _ => Err(Error::damaged(tensors.path(), "does not say in one byte whether it has the jacobian")),
+        _ => Err(Error::damaged(tensors.path(), "does not have a one-byte field for the Jacobian")),
     }
 }
 

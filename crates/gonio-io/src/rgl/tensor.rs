@@ -39,13 +39,13 @@ impl<'a> Tensors<'a> {
     /// If the header is invalid, or refers to bytes that the file does not have.
     pub(super) fn parse(path: &'a Path, bytes: &'a [u8]) -> Result<Self, Error> {
         let Some(rest) = bytes.strip_prefix(MAGIC) else {
-            return Err(Error::damaged(path, "does not begin like an RGL tensor file"));
+            return Err(Error::damaged(path, "does not have the header of an RGL tensor file"));
         };
-        let short = || Error::damaged(path, "is cut short in its header");
+        let short = || Error::damaged(path, "is truncated in its header");
         let mut header = Cursor(rest);
         let version = header.take::<2>().ok_or_else(short)?;
         if version != [1, 0] {
-            let problem = format!("is a tensor file of version {}.{}", version[0], version[1]);
+            let problem = format!("has tensor file version {}.{}", version[0], version[1]);
             return Err(Error::unsupported(path, problem, "use files of version 1.0"));
         }
         let count = u32::from_le_bytes(header.take().ok_or_else(short)?);
@@ -54,7 +54,7 @@ impl<'a> Tensors<'a> {
         for _ in 0..count {
             let (name, field) = field(path, bytes, &mut header).ok_or_else(short)??;
             if fields.contains_key(&name) {
-                return Err(Error::damaged(path, format!("holds the field {name} twice")));
+                return Err(Error::damaged(path, format!("contains the field {name} twice")));
             }
             fields.insert(name, field);
         }
@@ -78,16 +78,16 @@ impl<'a> Tensors<'a> {
     /// value is not finite.
     pub(super) fn floats<const AXES: usize>(&self, name: &str) -> Result<([usize; AXES], Vec<f32>), Error> {
         let Some(field) = self.fields.get(name) else {
-            let advice = "give an RGB file of the RGL material database (NAME_rgb.bsdf)";
-            return Err(Error::invalid(self.path, format!("holds no field {name}"), advice));
+            let advice = "use an RGB file of the RGL material database (NAME_rgb.bsdf)";
+            return Err(Error::invalid(self.path, format!("contains no field {name}"), advice));
         };
         if field.kind != FLOAT32 {
-            let problem = format!("holds {name} in another type than single precision");
-            return Err(Error::unsupported(self.path, problem, "write it again in single precision"));
+            let problem = format!("contains {name} in a type other than single precision");
+            return Err(Error::unsupported(self.path, problem, "write the file in single precision"));
         }
         let shape = <[usize; AXES]>::try_from(field.shape.as_slice());
         let Some(shape) = shape.ok().filter(|s| !s.contains(&0)) else {
-            let problem = format!("has the shape {:?} for {name}, not {AXES} axes with values", field.shape);
+            let problem = format!("has the shape {:?} for {name} instead of {AXES} non-empty axes", field.shape);
             return Err(Error::damaged(self.path, problem));
         };
         let values = little_endian::f32s(field.bytes);
@@ -112,7 +112,7 @@ fn field<'a>(path: &Path, file: &'a [u8], header: &mut Cursor<'a>) -> Option<Res
     let bytes = shape.iter().try_fold(size, |n, axis| n.checked_mul(*axis));
     let range = bytes.and_then(|n| Some(usize::try_from(offset).ok()?..usize::try_from(offset.checked_add(n)?).ok()?));
     let Some(bytes) = range.and_then(|r| file.get(r)) else {
-        let problem = format!("is cut short: {name} with the shape {shape:?} lies beyond its {} bytes", file.len());
+        let problem = format!("is truncated: {name} with the shape {shape:?} exceeds its {} bytes", file.len());
         return Some(Err(Error::damaged(path, problem)));
     };
     // Each axis of an array with values is below the length of the file; other axes may be

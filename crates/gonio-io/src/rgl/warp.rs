@@ -21,7 +21,7 @@ impl Directions {
     pub(super) fn new(path: &Path, phi: &[f32], theta: &[f32]) -> Result<Self, Error> {
         for (name, axis) in [("phi_i", phi), ("theta_i", theta)] {
             if !axis.is_sorted_by(|a, b| a < b) {
-                return Err(Error::damaged(path, format!("has angles {name} that do not increase")));
+                return Err(Error::damaged(path, format!("has angles {name} that are not increasing")));
             }
         }
         let wide = |axis: &[f32]| axis.iter().copied().map(f64::from).collect();
@@ -78,7 +78,7 @@ impl Stack {
         if width < 2 || height < 2 {
             return Err(Error::damaged(
                 path,
-                format!("has {height} x {width} samples for {name}, at least 2 x 2 are needed"),
+                format!("has {height} x {width} samples for {name}, but at least 2 x 2 are required"),
             ));
         }
         assert_eq!(values.len() % (width * height), 0, "whole slices");
@@ -139,7 +139,7 @@ impl Warp {
         }
         let scale: Vec<f64> = below.chunks_exact(height).map(|slice| 1.0 / slice[height - 1]).collect();
         match scale.iter().position(|s| !s.is_finite()) {
-            Some(at) => Err(Error::damaged(path, format!("has nothing but zeros in slice {at} of {name}"))),
+            Some(at) => Err(Error::damaged(path, format!("has only zeros in slice {at} of {name}"))),
             None => Ok(Self { density, along, below, scale }),
         }
     }

@@ -53,7 +53,7 @@ fn a_full_disk_leaves_no_half_file() {
     write_file(&path, b"old").unwrap();
     let error = write_file(&path, &vec![1; 1 << 20]).unwrap_err();
     assert_eq!(error.io_kind(), Some(ErrorKind::StorageFull), "{error}");
-    assert!(error.to_string().contains("free some space"), "{error}");
+    assert!(error.to_string().contains("free disk space"), "{error}");
     assert_eq!(fs::read(&path).unwrap(), b"old");
     assert_eq!(disk.names(), [path]);
 }
@@ -94,7 +94,7 @@ fn a_read_only_disk_is_named_as_such() {
         cache.store("b", b"x").unwrap_err(),
     ] {
         assert_eq!(error.io_kind(), Some(ErrorKind::ReadOnlyFilesystem), "{error}");
-        assert!(error.to_string().ends_with("write elsewhere"), "{error}");
+        assert!(error.to_string().ends_with("write to another folder"), "{error}");
     }
     assert_eq!(cache.load("a").unwrap(), b"kept");
     disk.remount("rw");

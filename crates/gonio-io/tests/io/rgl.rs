@@ -205,29 +205,29 @@ fn damage_is_described() {
     let mut twice = fields.clone();
     twice.push(fields[1].clone());
     for (bytes, kind, says) in [
-        (b"tensor_fill\0".to_vec(), Kind::Damaged, "does not begin like"),
-        (good[..400].to_vec(), Kind::Damaged, "is cut short"),
-        (good[..30].to_vec(), Kind::Damaged, "is cut short in its header"),
+        (b"tensor_fill\0".to_vec(), Kind::Damaged, "does not have the header of"),
+        (good[..400].to_vec(), Kind::Damaged, "is truncated"),
+        (good[..30].to_vec(), Kind::Damaged, "is truncated in its header"),
         ([&good[..12], &[2, 0], &good[14..]].concat(), Kind::Unsupported, "version 2.0"),
-        (with("ndf", Some(Field("ndf", 10, huge, vec![]))), Kind::Damaged, "lies beyond its"),
-        (with("ndf", Some(Field("ndf", 10, wraps, vec![]))), Kind::Damaged, "lies beyond its"),
-        (with("ndf", Some(Field("ndf", 10, vec![0, u64::MAX], vec![]))), Kind::Damaged, "axes with values"),
-        (with("ndf", Some(short)), Kind::Damaged, "lies beyond its"),
+        (with("ndf", Some(Field("ndf", 10, huge, vec![]))), Kind::Damaged, "exceeds its"),
+        (with("ndf", Some(Field("ndf", 10, wraps, vec![]))), Kind::Damaged, "exceeds its"),
+        (with("ndf", Some(Field("ndf", 10, vec![0, u64::MAX], vec![]))), Kind::Damaged, "instead of 2 non-empty axes"),
+        (with("ndf", Some(short)), Kind::Damaged, "exceeds its"),
         (with("ndf", Some(Field("ndf", 12, vec![1], vec![0]))), Kind::Damaged, "unknown type 12 in ndf"),
         (with("ndf", Some(Field("ndf", 11, vec![1, 1], vec![0; 8]))), Kind::Unsupported, "single precision"),
-        (with("rgb", None), Kind::Invalid, "holds no field rgb"),
-        (with("jacobian", None), Kind::Damaged, "whether it has the jacobian"),
-        (encode(&twice), Kind::Damaged, "holds the field phi_i twice"),
+        (with("rgb", None), Kind::Invalid, "contains no field rgb"),
+        (with("jacobian", None), Kind::Damaged, "one-byte field for the Jacobian"),
+        (encode(&twice), Kind::Damaged, "contains the field phi_i twice"),
         (one("phi_i", &[3], 0.0), Kind::Unsupported, "is an anisotropic material"),
-        (one("theta_i", &[THETAS], 1.0), Kind::Damaged, "do not increase"),
-        (one("theta_i", &[THETAS - 1], 1.0), Kind::Damaged, "do not fit its 1 x 23 incident directions"),
-        (one("theta_i", &[0], 1.0), Kind::Damaged, "axes with values"),
-        (one("sigma", &[256], 1.0), Kind::Damaged, "not 2 axes"),
+        (one("theta_i", &[THETAS], 1.0), Kind::Damaged, "are not increasing"),
+        (one("theta_i", &[THETAS - 1], 1.0), Kind::Damaged, "do not match its 1 x 23 incident directions"),
+        (one("theta_i", &[0], 1.0), Kind::Damaged, "instead of 1 non-empty axes"),
+        (one("sigma", &[256], 1.0), Kind::Damaged, "instead of 2 non-empty axes"),
         (one("sigma", &[1, 256], 1.0), Kind::Damaged, "at least 2 x 2"),
         (one("sigma", &[2, 256], -1.0), Kind::Damaged, "a negative value at index 0 of sigma"),
         (one("sigma", &[2, 256], f64::NAN), Kind::Damaged, "not finite at index 0 of sigma"),
-        (one("vndf", &[1, THETAS, 4, 4], 0.0), Kind::Damaged, "nothing but zeros in slice 0 of vndf"),
-        (one("rgb", &[1, THETAS, 4, 4, 4], 0.0), Kind::Damaged, "do not fit"),
+        (one("vndf", &[1, THETAS, 4, 4], 0.0), Kind::Damaged, "only zeros in slice 0 of vndf"),
+        (one("rgb", &[1, THETAS, 4, 4, 4], 0.0), Kind::Damaged, "do not match"),
     ] {
         let error = decode(&bytes).unwrap_err();
         assert!(error.to_string().contains(says), "{error} does not say {says}");
@@ -354,5 +354,5 @@ fn what_is_written_is_what_is_read() {
 fn spectra_are_written_with_their_wavelengths() {
     let bytes = rgl::encode(&tables(0.1), "", rgl::Channels::Spectral);
     let error = rgl::decode(Path::new("x_spec.bsdf"), &bytes).unwrap_err();
-    assert!(error.to_string().contains("holds no field rgb"), "{error}");
+    assert!(error.to_string().contains("contains no field rgb"), "{error}");
 }

@@ -1,25 +1,25 @@
-"""The BRDF of an object of known shape, with error bars, from one photograph under unknown light.
+"""Estimate the BRDF of an object of known shape from one photograph under unknown light.
 
 >>> import gonio
 >>> found = gonio.infer("samples/ball.exr")
 >>> found.brdf.write(folder / "ball.binary")
 >>> picture = found.relight("sky", shape="bunny", size=64)
 
-Angles are in radians, BRDFs in 1/sr, pictures linear radiance with row 0 at the top. Axes are those
-of the camera: x right, y up, z from the object towards the camera. docs/python.md is the guide;
-examples of the documentation run in the root of the repository, with ``found`` as above and an
-empty ``folder``.
+Angles are in radians and BRDFs in 1/sr. Images contain linear radiance, with row 0 at the top. Axes
+are those of the camera: x points right, y up, and z from the object towards the camera. The guide is
+docs/python.md. The examples run in the root of the repository, with ``found`` as above and an empty
+``folder``.
 
 Constants
 ---------
 THETA_H, THETA_D
     Half and difference angles of a table's rows and columns, in radians, shape (90,) each.
 QUANTILES
-    Shares of :attr:`Posterior.quantiles`.
+    Probabilities of :attr:`Posterior.quantiles`.
 EXPORTS
-    What :meth:`Brdf.export` can write, and what each is.
+    Names and descriptions of the targets of :meth:`Brdf.export`.
 METHODS
-    How :func:`infer` may find a material.
+    Estimation methods of :func:`infer`.
 """
 
 from ._brdf import EXPORTS, THETA_D, THETA_H, Brdf, render

@@ -1,4 +1,4 @@
-"""What people give: the types of arguments."""
+"""Types of arguments."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from numpy.typing import ArrayLike
 
 
 class HasArrayInterface(Protocol):
-    """What a PIL image has."""
+    """Interface of PIL images."""
 
     @property
     def __array_interface__(self) -> dict[str, Any]: ...
 
 
 class HasDLPack(Protocol):
-    """What tensors of PyTorch, JAX and others have."""
+    """Interface of tensors of PyTorch, JAX and others."""
 
     def __dlpack__(self) -> Any: ...
 
 
 class Readable(Protocol):
-    """A file that is open for reading bytes."""
+    """A file opened in binary mode."""
 
     def read(self) -> bytes: ...
 
 
 Path: TypeAlias = "str | os.PathLike[str]"
 Array: TypeAlias = "ArrayLike | HasArrayInterface | HasDLPack"
-"""NumPy arrays and what becomes one: lists, PIL images, xarray's DataArray, tensors."""
+"""NumPy arrays and convertible types: lists, PIL images, xarray's DataArray, tensors."""
 Picture: TypeAlias = "Path | Array"
 """A file, or an array of shape (height, width), (height, width, 3) or (height, width, 4)."""
 Photograph: TypeAlias = "Picture | bytes | Readable | Sequence[Path]"
@@ -38,11 +38,11 @@ Photograph: TypeAlias = "Picture | bytes | Readable | Sequence[Path]"
 Shape: TypeAlias = "Path | Array | tuple[Array, Array]"
 """``"sphere"``, ``"ellipsoid"``, ``"blob"``, ``"bunny"``, ``"bowl"``, a file of a mesh, (vertices, faces), or an array of normals."""
 Camera: TypeAlias = "Path | Mapping[str, Any]"
-"""A file as docs/camera.md describes it, or the same as a dictionary."""
+"""A file in the format of docs/camera.md, or its contents as a dictionary."""
 Progress: TypeAlias = "Callable[[str, float], object]"
-"""Told the name of a stage and the fraction of it that is done."""
+"""Receives the name of a stage and its completed fraction."""
 
 
 def is_path(value: object) -> bool:
-    """Whether it names a file."""
+    """Whether a value is a path."""
     return isinstance(value, (str, os.PathLike))

@@ -1,4 +1,4 @@
-"""Measured, inferred and made-up BRDFs."""
+"""Measured, inferred and synthetic BRDFs."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     import xarray
 
 THETA_H: NDArray[np.float64] = (np.arange(90) / 90) ** 2 * (np.pi / 2)
-"""Half angles of the rows of a table, in radians: denser towards the highlight, as in the MERL database."""
+"""Half angles of the rows of a table, in radians; denser towards the highlight, as in the MERL database."""
 THETA_D: NDArray[np.float64] = np.radians(np.arange(90))
-"""Difference angles of its columns, in radians."""
+"""Difference angles of the columns of a table, in radians."""
 
 EXPORTS: dict[str, str] = dict(_gonio.export_targets())
-"""What :meth:`Brdf.export` can write, and what each is."""
+"""Names and descriptions of the targets of :meth:`Brdf.export`."""
 
 
 class Brdf:
@@ -45,18 +45,18 @@ class Brdf:
     table : array
         Shape (90, 90, 3) or (90, 90).
     full : array, optional
-        Shape (3, 90, 90, 180): all of a table that depends on the third angle.
+        Full table over three angles, shape (3, 90, 90, 180).
     name : str, default "gonio"
-        What exported files call it.
+        Name in exported files.
 
     Attributes
     ----------
     table : ndarray of float32
         Shape (90, 90, 3), in 1/sr.
     full : ndarray of float32 or None
-        Shape (3, 90, 90, 180), as it was read; negative where there is no value.
+        Full table as read from the file, shape (3, 90, 90, 180); negative values are missing.
     name : str
-        What exported files call it.
+        Name in exported files.
 
     Examples
     --------
@@ -70,29 +70,29 @@ class Brdf:
         if array.shape == (90, 90):
             array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
         if array.shape != (90, 90, 3):
-            raise GonioError(f"a BRDF has the shape (90, 90, 3) or (90, 90), not {array.shape}")
+            raise GonioError(f"a BRDF must have the shape (90, 90, 3) or (90, 90), not {array.shape}")
         self.table: Floats = floats(array)
         self.full: Floats | None = None if full is None else floats(np.asarray(full))
         self.name = text(name, "name")
         if self.full is not None and self.full.shape != (3, 90, 90, 180):
-            raise GonioError(f"a whole MERL table has the shape (3, 90, 90, 180), not {self.full.shape}")
+            raise GonioError(f"a full MERL table must have the shape (3, 90, 90, 180), not {self.full.shape}")
 
     @classmethod
     def of(cls, function: Callable[[NDArray[np.float64], NDArray[np.float64]], ArrayLike], *, name: str = "gonio") -> Brdf:
-        """Make the BRDF of a formula.
+        """Create a BRDF from a function.
 
         Parameters
         ----------
         function : callable
-            ``function(theta_h, theta_d)``, in radians, gives values of the shape of the angles or
-            with an axis of three colours more.
+            ``function(theta_h, theta_d)`` with angles in radians. It returns values with the shape
+            of the angles, optionally with an additional axis of three colours.
         name : str, default "gonio"
-            What exported files call it.
+            Name in exported files.
 
         Returns
         -------
         Brdf
-            Its table.
+            The tabulated function.
 
         Examples
         --------
@@ -110,22 +110,22 @@ class Brdf:
 
     @property
     def albedo(self) -> float:
-        """Share of light along the normal that is reflected, of the luminance."""
+        """Luminance albedo at normal incidence."""
         return _gonio.normal_albedo(self.table)
 
     @property
     def gloss(self) -> float:
-        """The BRDF along the normal over its mean at half angles beyond 45 degrees: 1 is chalk, thousands polished metal."""
+        """Ratio of the BRDF along the normal to its mean at half angles above 45 degrees; 1 for chalk, thousands for polished metal."""
         return self._highlight()[0]
 
     @property
     def alpha(self) -> float:
-        """Width of the GGX lobe that is as sharp as the highlight; one where there is none."""
+        """Width of the GGX lobe of equal sharpness; 1 without a highlight."""
         return self._highlight()[1]
 
     @property
     def gloss_units(self) -> dict[int, float]:
-        """Gloss units at 20 and at 60 degrees (ASTM D523: black glass reads 100), by the angle."""
+        """Gloss units at 20 and at 60 degrees (ASTM D523: black glass has 100), by angle."""
         return dict(zip((20, 60), self._highlight()[2:]))
 
     def _highlight(self) -> list[float]:
@@ -133,12 +133,12 @@ class Brdf:
         return values
 
     def scaled(self, albedo: float) -> Brdf:
-        """Give the same with another :attr:`albedo`, which a photograph under unknown light does not tell.
+        """Scale the BRDF to another :attr:`albedo`, which a photograph under unknown light does not determine.
 
         Parameters
         ----------
         albedo : float
-            The albedo of the luminance along the normal.
+            Luminance albedo at normal incidence.
 
         Returns
         -------
@@ -154,12 +154,12 @@ class Brdf:
         return Brdf(self.table * factor, None if self.full is None else self.full * factor, name=self.name)
 
     def grey(self) -> Brdf:
-        """Give the same in three equal channels: its luminance.
+        """Return the BRDF with the luminance in all channels.
 
         Returns
         -------
         Brdf
-            Without a table of the third angle.
+            A grey copy, without :attr:`full`.
 
         Examples
         --------
@@ -170,7 +170,7 @@ class Brdf:
         return Brdf(self.luminance, name=self.name)
 
     def eval(self, theta_h: ArrayLike, theta_d: ArrayLike) -> NDArray[np.float64]:
-        """Evaluate it between the samples of the table, linearly.
+        """Evaluate the BRDF by linear interpolation of the table.
 
         Parameters
         ----------
@@ -180,7 +180,7 @@ class Brdf:
         Returns
         -------
         ndarray of float64
-            Values in 1/sr: an axis of three colours is added to the shape of the angles.
+            Values in 1/sr, with the shape of the angles and an additional axis of three colours.
 
         Examples
         --------
@@ -190,16 +190,16 @@ class Brdf:
         try:
             h, d = np.broadcast_arrays(np.asarray(theta_h, np.float64), np.asarray(theta_d, np.float64))
         except (TypeError, ValueError) as error:
-            raise GonioError(f"theta_h and theta_d: give angles in radians: {error}") from None
+            raise GonioError(f"theta_h and theta_d: must be angles in radians: {error}") from None
         return _gonio.eval(self.table, np.ravel(h), np.ravel(d)).reshape(*h.shape, 3)
 
     def write(self, path: Path) -> None:
-        """Write it to a file, whole or not at all.
+        """Write the BRDF to a file, atomically.
 
         Parameters
         ----------
         path : str or os.PathLike
-            Its ending is the format: ``.binary`` (MERL), ``_spec.bsdf`` or ``.bsdf`` (RGL, for pbrt
+            The extension determines the format: ``.binary`` (MERL), ``_spec.bsdf`` or ``.bsdf`` (RGL, for pbrt
             and Mitsuba 3).
 
         Examples
@@ -220,31 +220,31 @@ class Brdf:
         output_colorspace: str = "rec709",
         progress: Progress | None = None,
     ) -> dict[str, Any]:
-        """Write files for renderers into a folder, the same as ``gonio export`` does.
+        """Write files for renderers into a folder, as ``gonio export`` does.
 
         Parameters
         ----------
         directory : str or os.PathLike
             The folder.
         to : str or sequence of str, optional
-            Those of :data:`EXPORTS` that are wanted; all if not given.
+            Names from :data:`EXPORTS`; all by default.
         name : str, optional
             Name of the material.
         albedo : float, optional
             Scale the BRDF to this albedo first.
         tables : bool, default False
-            Add the table of each fitted model.
+            Also write the table of each fitted model.
         light : path or array, optional
-            The light of the scenes, a lat-long map; a studio if not given.
+            Light of the exported scenes, a lat-long map; a studio light by default.
         output_colorspace : str, default "rec709"
-            Colour space of the tables ``merl`` and ``bsdf``; all else is linear Rec. 709.
+            Colour space of the tables ``merl`` and ``bsdf``; all other files are linear Rec. 709.
         progress : callable, optional
-            Called with the name of a stage and the fraction of it that is done.
+            Called with the name of a stage and its completed fraction.
 
         Returns
         -------
         dict
-            What ``export.json`` says: which files there are, and how far each is off.
+            Contents of ``export.json``: the files and their errors.
 
         Examples
         --------
@@ -254,7 +254,7 @@ class Brdf:
         """
         wanted = [to] if isinstance(to, str) else to
         if wanted is not None and not all(isinstance(one, str) for one in wanted):
-            raise TypeError(f"to: give names of gonio.EXPORTS, not {shown(to)}")
+            raise TypeError(f"to: must be names of gonio.EXPORTS, not {shown(to)}")
         listener(progress)
         listeners: Listeners = {"progress": progress, "poll": None}
         called = text(name or self.name, "name")
@@ -278,12 +278,12 @@ class Brdf:
         return summary
 
     def render(self, light: Picture | None = None, **options: Any) -> Floats:
-        """Render it: :func:`gonio.render`.
+        """Render the BRDF with :func:`gonio.render`.
 
         Parameters
         ----------
         light : path or array, optional
-            A lat-long map; the light that gonio shows its results in if not given.
+            A lat-long map; :func:`gonio.studio_light` by default.
         **options
             Other arguments of :func:`gonio.render`.
 
@@ -300,12 +300,12 @@ class Brdf:
         return render(self, light, **options)
 
     def to_xarray(self) -> xarray.DataArray:
-        """Make an array of xarray with named axes.
+        """Convert to an xarray array with named axes.
 
         Returns
         -------
         xarray.DataArray
-            Over ``theta_h``, ``theta_d`` (radians) and ``channel``.
+            Array over ``theta_h``, ``theta_d`` (radians) and ``channel``.
 
         Raises
         ------
@@ -320,25 +320,25 @@ class Brdf:
         return data_array(self)
 
     def to_mitsuba(self, plugin: str = "measured") -> Any:
-        """Make a BSDF of Mitsuba 3, for the variant of it that is set.
+        """Create a Mitsuba 3 BSDF for the current variant.
 
         Parameters
         ----------
         plugin : {"measured", "principled"}, default "measured"
-            The table itself (RGB or spectral, as the variant needs it), or the parameters of
-            Mitsuba's ``principled`` that come nearest, which takes some seconds.
+            The table itself (RGB or spectral, depending on the variant), or the best fit of Mitsuba's
+            ``principled`` BSDF, which takes some seconds.
 
         Returns
         -------
         mitsuba.BSDF
-            To be used within scenes.
+            BSDF for a scene.
 
         Raises
         ------
         ImportError
             If Mitsuba is not installed.
         GonioError
-            If Mitsuba has no variant yet.
+            If no Mitsuba variant is set.
 
         Examples
         --------
@@ -352,11 +352,11 @@ class Brdf:
         if dtype is None or np.dtype(dtype) == self.table.dtype:
             return self.table.copy() if copy else self.table
         if copy is False:
-            raise ValueError("the table is float32; another type needs a copy")
+            raise ValueError("the table is float32; another type requires a copy")
         return self.table.astype(dtype)
 
     def __repr__(self) -> str:
-        # The largest value within 80 degrees: beyond, measured tables are extrapolated.
+        # The largest value below 80 degrees, because measured tables are extrapolated above.
         return f"<gonio.Brdf {self.name!r}: albedo {self.albedo:.3f}, at most {self.table[:84, :80].max():.3g} 1/sr>"
 
     def _repr_html_(self) -> str:
@@ -378,41 +378,40 @@ def render(
     colorspace: str | None = None,
     progress: Progress | None = None,
 ) -> Floats:
-    """Render an object of a BRDF under a light.
+    """Render an object with a BRDF under a light.
 
     Parameters
     ----------
     brdf : Brdf or array
-        What it is made of.
+        BRDF of the object.
     light : path, str or array, optional
-        A lat-long map in coordinates of the camera (row 0 is up, the centre looks along -z, the
-        right half is +x), as a file or an array of shape (height, 2 height, 3); a text file of
-        directional lights; or ``"studio"``, ``"sky"``, ``"lamp"``. Without one
-        :func:`studio_light`.
+        A lat-long map in camera coordinates (row 0 is up, the centre is -z, the right half is +x), as
+        a file or an array of shape (height, 2 height, 3); a text file of directional lights; or a
+        built-in light, ``"studio"``, ``"sky"`` or ``"lamp"``. The default is :func:`studio_light`.
     shape : str, path or pair of arrays, default "sphere"
         ``"sphere"``, ``"blob"``, ``"bunny"``, ``"bowl"``, the file of a mesh, or (vertices, faces).
     size : int or (int, int), default 256
-        Width and height in pixels, or both as a pair.
+        Size in pixels, or (width, height).
     camera, pose : path or dict, optional
-        Where the camera of a mesh is (docs/camera.md), and where the mesh is.
+        Camera parameters and pose of a mesh (docs/camera.md).
     samples : int, default 1
-        Along each side of a pixel.
+        Samples per pixel along each axis.
     tolerance : float, optional
-        Bound the error: the sum of error bounds relative to the radiance; the true error is
-        smaller, by some fifty times in detailed light, by five in the worst case known (a coarse
-        even map). 0.2 takes ten times as long as the default, a fixed set of half vectors as fine
-        as the light's pixels, whose error is about half a percent.
+        Upper bound of the relative error of the radiance. The true error is smaller, by about fifty
+        times under detailed light and by five in the worst known case (a coarse uniform map). 0.2
+        takes ten times as long as the default, which samples half vectors at the resolution of the
+        light map with an error of about 0.5 %.
     shadows : bool, default True
-        Whether a mesh throws shadows on itself.
+        Model self-shadowing of a mesh.
     colorspace : str, optional
-        Colour space of a light map that states none, as :func:`infer` takes it.
+        Colour space of a light map that states none, as for :func:`infer`.
     progress : callable, optional
-        Called with the name of a stage and the fraction of it that is done.
+        Called with the name of a stage and its completed fraction.
 
     Returns
     -------
     ndarray of float32
-        Radiance and coverage, shape (height, width, 4); colour is multiplied by coverage.
+        Radiance and coverage, shape (height, width, 4); colours are premultiplied by coverage.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Arguments that are not what they should be, told in the words of Python."""
+"""Checks of arguments."""
 
 from __future__ import annotations
 
@@ -14,114 +14,114 @@ from ._errors import GonioError
 
 
 def whole(value: object, name: str, least: int = 0, most: int = 2**63 - 1) -> int:
-    """A whole number within limits."""
+    """Returns an integer within limits."""
     if isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"{name}: give a whole number, not {value!r}")
+        raise TypeError(f"{name}: must be an integer, not {value!r}")
     try:
         number = operator.index(cast(Any, value))
     except TypeError:
-        raise TypeError(f"{name}: give a whole number, not {shown(value)}") from None
+        raise TypeError(f"{name}: must be an integer, not {shown(value)}") from None
     if number < least:
-        raise GonioError(f"{name} {number}: give at least {least}")
+        raise GonioError(f"{name} {number}: must be at least {least}")
     if number > most:
-        raise GonioError(f"{name} {number}: give at most {most}")
+        raise GonioError(f"{name} {number}: must be at most {most}")
     return number
 
 
 def number(value: object, name: str) -> float:
-    """A finite number."""
+    """Returns a finite number."""
     if isinstance(value, (str, bytes, bool, np.bool_)):
-        raise TypeError(f"{name}: give a number, not {shown(value)}")
+        raise TypeError(f"{name}: must be a number, not {shown(value)}")
     try:
         out = float(cast(Any, value))
     except (TypeError, ValueError):
-        raise TypeError(f"{name}: give a number, not {shown(value)}") from None
+        raise TypeError(f"{name}: must be a number, not {shown(value)}") from None
     if not np.isfinite(out):
-        raise GonioError(f"{name} {out}: give a finite number")
+        raise GonioError(f"{name} {out}: must be finite")
     return out
 
 
 def positive(value: object, name: str, what: str = "number") -> float:
-    """A number above zero."""
+    """Returns a number above zero."""
     out = number(value, name)
     if not out > 0:
-        raise GonioError(f"{name} {out}: give a positive {what}")
+        raise GonioError(f"{name} {out}: must be a positive {what}")
     return out
 
 
 def numbers(value: object, name: str, what: str, count: int | None = None) -> list[float]:
-    """Numbers in a row; ``what`` says what to give."""
+    """Returns a list of numbers; ``what`` describes them in messages."""
     if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
-        raise TypeError(f"{name}: give {what}, not {shown(value)}")
+        raise TypeError(f"{name}: must be {what}, not {shown(value)}")
     out = [number(one, name) for one in value]
     if count is not None and len(out) != count:
-        raise GonioError(f"{name}: give {what}, not {len(out)} numbers")
+        raise GonioError(f"{name}: must be {what}, not {len(out)} numbers")
     return out
 
 
 def circle(value: object, name: str = "circle") -> tuple[float, float, float]:
-    """The outline of a ball: x, y and radius."""
+    """Returns the outline of a ball: x, y and radius."""
     what = "three numbers, x, y and radius, in pixels"
     x, y, radius = numbers(value, name, what, 3)
     if not radius > 0:
-        raise GonioError(f"{name}: give {what}; the radius is {radius}")
+        raise GonioError(f"{name}: must be {what}; the radius is {radius}")
     return x, y, radius
 
 
 def flag(value: object, name: str) -> bool:
-    """True or false."""
+    """Returns a bool."""
     if not isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"{name}: give True or False, not {shown(value)}")
+        raise TypeError(f"{name}: must be True or False, not {shown(value)}")
     return bool(value)
 
 
 def choice(value: object, name: str, among: Sequence[str]) -> str:
-    """One of several words."""
+    """Returns one of several strings."""
     *others, last = [f'"{word}"' for word in among]
     offered = f"{', '.join(others)} or {last}"
     if not isinstance(value, str):
-        raise TypeError(f"{name}: give {offered}, not {shown(value)}")
+        raise TypeError(f"{name}: must be {offered}, not {shown(value)}")
     if value not in among:
-        raise GonioError(f'{name} "{value}": give {offered}')
+        raise GonioError(f'{name} "{value}": must be {offered}')
     return value
 
 
 def space(value: object, name: str) -> str:
-    """The name of a colour space."""
+    """Returns the name of a colour space."""
     return choice(value, name, _gonio.colour_spaces())
 
 
 def space_if_given(value: object, name: str) -> str | None:
-    """The name of a colour space, or nothing."""
+    """Returns the name of a colour space, or None."""
     return None if value is None else space(value, name)
 
 
 def text(value: object, name: str) -> str:
-    """A string."""
+    """Returns a string."""
     if not isinstance(value, str):
-        raise TypeError(f"{name}: give a string, not {shown(value)}")
+        raise TypeError(f"{name}: must be a string, not {shown(value)}")
     return value
 
 
 def listener(value: object, name: str = "progress") -> None:
-    """Something to call, or nothing."""
+    """Checks that a value is a callable or None."""
     if value is not None and not callable(value):
-        raise TypeError(f"{name}: give a function, not {shown(value)}")
+        raise TypeError(f"{name}: must be a function, not {shown(value)}")
 
 
 def known(options: Mapping[str, object], function: Callable[..., object], name: str) -> None:
-    """Refuses arguments that a function does not have."""
+    """Rejects arguments that a function does not have."""
     unknown = sorted(set(options) - set(defaults(function)))
     if unknown:
         raise TypeError(f"{name} has no argument {', '.join(unknown)}")
 
 
 def defaults(function: Callable[..., object]) -> dict[str, Any]:
-    """The arguments of a function with their values if not given."""
+    """Returns the arguments of a function with their defaults."""
     return {name: parameter.default for name, parameter in signature(function).parameters.items()}
 
 
 def shown(value: object) -> str:
-    """A value within a message: short, in one line."""
+    """Formats a value for a message: short, in one line."""
     said = " ".join(repr(value).split())
     return said if len(said) <= 60 else f"{said[:57]}..."

@@ -17,19 +17,19 @@ from ._types import FoundTogether
 
 
 class Combined(Material):
-    """What several photographs tell of one material. Albedos are 0.5 along the normal.
+    """Material from several photographs, scaled to an albedo of 0.5 at normal incidence.
 
-    :attr:`pictures` holds combined (all together, and each photograph by itself), uncertainty, and
-    relit.
+    :attr:`pictures` contains combined (joint estimate and estimate of each photograph), uncertainty
+    and relit.
     """
 
     _found: FoundTogether
 
     @property
     def agreement(self) -> tuple[float, ...]:
-        """For each photograph, the logarithm of the odds of one material for all to another one for it.
+        """For each photograph, the log odds that it shows the same material as the others.
 
-        It is above zero if they agree.
+        Values above zero mean agreement.
         """
         return tuple(self._found["agreement"])
 
@@ -47,21 +47,21 @@ def combine(
     *,
     progress: Progress | None = None,
 ) -> Combined:
-    """Combine what several photographs of one object or material tell of it.
+    """Combine the posteriors of several photographs of one material.
 
-    They may be of other lights, other views, other exposures.
+    The photographs can differ in light, view and exposure.
 
     Parameters
     ----------
     posteriors : sequence of Posterior or path
-        What :func:`gonio.infer` returns for each photograph, or folders of results. Either all were
-        found under unknown light, or all with ``light`` given.
+        Results of :func:`gonio.infer`, one per photograph, or folders of results. Either all or none
+        of them must have a known light.
     model : Model or path, optional
-        The model that folders were found with, if it is not that of a posterior given, or the one
-        of the package.
+        Model that inferred the folders; by default that of the first posterior, or the embedded
+        model.
     progress : callable, optional
-        Called with the name of a stage and the fraction of it that is done; an exception ends the
-        work.
+        Called with the name of a stage and its completed fraction; an exception stops the
+        computation.
 
     Returns
     -------
@@ -71,8 +71,8 @@ def combine(
     Raises
     ------
     GonioError
-        If the photographs cannot be of one material, one is given twice, or they were found with
-        different models.
+        If the posteriors contradict each other, have the same photograph, or are from different
+        models.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def combine(
     2
     """
     if is_path(posteriors) or isinstance(posteriors, Material):
-        raise GonioError("give a list of posteriors or folders, one for each photograph")
+        raise GonioError("posteriors: must be a list of posteriors or folders, one per photograph")
     listener(progress)
     given: list[str | tuple[str, _gonio.Likelihood]] = []
     for one in posteriors:
@@ -92,7 +92,7 @@ def combine(
         elif is_path(one):
             given.append(os.fspath(one))
         else:
-            raise GonioError(f"{one!r}: give posteriors of gonio.infer, or folders of results")
+            raise GonioError(f"{one!r}: must be a posterior of gonio.infer or a folder of results")
     found_with = [one.model for one in posteriors if isinstance(one, Material)]
     known = found_with[0] if model is None and found_with else model_of(model)
     return Combined(_gonio.combine_all(given, known, {"progress": progress, "poll": None}), "combined")

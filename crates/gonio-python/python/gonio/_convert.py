@@ -1,4 +1,4 @@
-"""Results for other packages, which are imported only here and only when they are asked for."""
+"""Converts results for other packages, which are imported only on demand."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ if TYPE_CHECKING:
     from ._material import Material
 
 QUANTILES = (0.05, 0.25, 0.75, 0.95)
-"""Shares of :attr:`Posterior.quantiles`."""
+"""Probabilities of :attr:`Posterior.quantiles`."""
 
 THREE = (0.05, 0.5, 0.95)
-"""Shares of numbers such as :attr:`Posterior.gloss`."""
+"""Probabilities of numbers such as :attr:`Posterior.gloss`."""
 
 
 def needed(module: str, asked: str, package: str | None = None) -> Any:
-    """A module, or an error that says how to get it."""
+    """Imports a module, or raises an error with the command to install it."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
         package = package or module
-        raise ImportError(f"{asked} needs {package}: pip install {package}") from error
+        raise ImportError(f"{asked} requires {package}; install it with: pip install {package}") from error
 
 
 def angles() -> dict[str, Any]:
-    """Coordinates of a table."""
+    """Returns the coordinates of a table."""
     from ._brdf import THETA_D, THETA_H
 
     return {"theta_h": ("theta_h", THETA_H, {"units": "rad"}), "theta_d": ("theta_d", THETA_D, {"units": "rad"})}
 
 
 def data_array(brdf: Brdf) -> xarray.DataArray:
-    """A BRDF with named axes."""
+    """Converts a BRDF to an array with named axes."""
     module: Any = needed("xarray", "to_xarray")
     coordinates = {**angles(), "channel": ["red", "green", "blue"]}
     attributes = {"units": "1/sr", "long_name": "BRDF", "albedo": brdf.albedo}
@@ -52,7 +52,7 @@ def data_array(brdf: Brdf) -> xarray.DataArray:
 
 
 def dataset(found: Material, light: Floats | None) -> xarray.Dataset:
-    """A material with named axes."""
+    """Converts a material to a dataset with named axes."""
     module: Any = needed("xarray", "to_xarray")
     cells = ("theta_h", "theta_d")
     per_sr = {"units": "1/sr"}
@@ -84,7 +84,7 @@ def dataset(found: Material, light: Floats | None) -> xarray.Dataset:
 
 
 def inference_data(draws: Floats) -> Any:
-    """Draws in the form of ArviZ: ``from_dict`` takes groups by name before 1.0, a dictionary of them since."""
+    """Converts draws for ArviZ: ``from_dict`` takes groups as keywords before 1.0, and as a dictionary since."""
     try:
         arviz: Any = importlib.import_module("arviz")
     except ImportError:
@@ -102,11 +102,11 @@ def inference_data(draws: Floats) -> Any:
 
 
 def mitsuba_bsdf(brdf: Brdf, plugin: str) -> Any:
-    """A BSDF of Mitsuba. Its plugins read files, which are gone afterwards."""
+    """Creates a Mitsuba BSDF from temporary files."""
     mitsuba = needed("mitsuba", "to_mitsuba")
     variant = mitsuba.variant()
     if variant is None:
-        raise GonioError('to_mitsuba: Mitsuba has no variant yet; call mitsuba.set_variant("llvm_ad_rgb") or another first')
+        raise GonioError('to_mitsuba: no Mitsuba variant is set; first call mitsuba.set_variant("llvm_ad_rgb") or another variant')
     with tempfile.TemporaryDirectory(prefix="gonio-") as folder:
         if plugin == "principled":
             brdf.export(folder, "mitsuba")

@@ -1,20 +1,20 @@
-"""Exceptions and warnings. The messages are those of the library and of the program ``gonio``."""
+"""Exceptions and warnings."""
 
 from __future__ import annotations
 
 
 class GonioError(ValueError):
-    """Something given is not what it should be; the message says what, and what to do about it."""
+    """Invalid input. The message states the input, the problem, and what to do."""
 
 
-# OSError goes first: what makes and unpickles exceptions asks the first base for its memory.
+# OSError is the first base, because its memory layout is used to create and unpickle exceptions.
 class FileError(OSError, GonioError):
     """The operating system refused to open, read or write a file."""
 
 
 class MissingFileError(FileError, FileNotFoundError):
-    """A file or a folder is not there."""
+    """A file or folder does not exist."""
 
 
 class GonioWarning(UserWarning):
-    """There is an answer, but something speaks against it."""
+    """The result may be unreliable; the message states the reason."""

@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TRUSTED = 80
-"""Degrees; beyond, tables are extrapolated."""
+"""Angle in degrees above which tables are extrapolated."""
 
 INK = "#26547c"
 
 
 def plot(pictures: dict[str, Bytes], mean: Floats, quantiles: Floats, draws: Floats, undetermined: NDArray[np.bool_]) -> Figure:
-    """What :meth:`Posterior.plot` shows: its pictures, and its luminance, quantiles, samples and undetermined cells."""
+    """Draws the figure of :meth:`Posterior.plot`: pictures, luminance, quantiles, samples and undetermined cells."""
     try:
         from matplotlib.figure import Figure
         from matplotlib.backends.backend_agg import FigureCanvasAgg
     except ImportError as error:
-        raise ImportError("plot needs matplotlib: pip install matplotlib, or gonio[plot]") from error
+        raise ImportError("plot requires matplotlib; install it with: pip install matplotlib, or gonio[plot]") from error
     if not pictures:
-        raise GonioError("there are no pictures to plot: infer with pictures=True")
+        raise GonioError("there are no pictures to plot; use infer with pictures=True")
     figure = Figure(figsize=(11, 6.6), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 12, height_ratios=[1, 1.25])
@@ -49,11 +49,11 @@ def plot(pictures: dict[str, Bytes], mean: Floats, quantiles: Floats, draws: Flo
 
 
 def lobe(axes: Axes, mean: Floats, quantiles: Floats, draws: Floats) -> None:
-    """The BRDF over the half angle, light and view near each other, with its intervals."""
+    """Draws the BRDF over the half angle with its intervals, for nearly parallel light and view."""
     degrees = np.degrees(THETA_H)
     kept = degrees < TRUSTED
     x = degrees[kept]
-    # The mean over small difference angles: what light near the camera shows.
+    # The mean over small difference angles, that is, for light near the camera.
     slices = quantiles[:, kept, :20].mean(axis=2)
     axes.fill_between(x, slices[0], slices[3], color=INK, alpha=0.18, linewidth=0, label="90 %")
     axes.fill_between(x, slices[1], slices[2], color=INK, alpha=0.35, linewidth=0, label="50 %")
@@ -73,7 +73,7 @@ def lobe(axes: Axes, mean: Floats, quantiles: Floats, draws: Floats) -> None:
 
 
 def certainty(figure: Figure, axes: Axes, quantiles: Floats, undetermined: NDArray[np.bool_]) -> None:
-    """How wide the interval is, cell by cell."""
+    """Draws the width of the interval in each cell."""
     from matplotlib.colors import LogNorm
 
     factor: Any = quantiles[3] / np.maximum(quantiles[0], 1e-9)
@@ -94,7 +94,7 @@ def certainty(figure: Figure, axes: Axes, quantiles: Floats, undetermined: NDArr
     axes.set_ylim(0, TRUSTED)
     axes.set_xlabel(r"half angle $\theta_h$ (degrees)")
     axes.set_ylabel(r"difference angle $\theta_d$ (degrees)")
-    hatched = " (hatched: open)" if undetermined.any() else ""
+    hatched = " (hatched: undetermined)" if undetermined.any() else ""
     axes.set_title(f"width of the 90 % interval{hatched}", fontsize=10)
     bar = figure.colorbar(shown, ax=axes, label="factor")
     ends = [t for t in (1, 2, 5, 10, 20, 50, 100, 1000) if norm.vmin <= t <= norm.vmax]

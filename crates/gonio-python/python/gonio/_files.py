@@ -1,4 +1,4 @@
-"""Pictures from and to files."""
+"""Reads and writes image files."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from ._types import Floats
 
 
 def read_image(path: Path, *, linear: bool = False, layer: str | None = None, colorspace: str | None = None) -> Floats:
-    """Read a picture in any format that gonio knows (OpenEXR, Radiance, PFM, PNG, JPEG, TIFF).
+    """Read an image file (OpenEXR, Radiance HDR, PFM, PNG, JPEG, TIFF).
 
     Parameters
     ----------
     path : str or os.PathLike
         The file.
     linear : bool, default False
-        Values of integers are linear radiance, not sRGB-coded (which a warning tells).
+        Interpret integer values as linear radiance, not as sRGB (with a warning).
     layer : str, optional
-        One of several in an OpenEXR file.
+        Layer of a multi-layer OpenEXR file.
     colorspace : str, optional
-        Colour space of files that state none, as :func:`infer` takes it.
+        Colour space of files that state none, as for :func:`infer`.
 
     Returns
     -------
     ndarray of float32
-        Linear Rec. 709 radiance of shape (height, width, 3), or (height, width, 4) where the file has an
+        Linear Rec. 709 radiance of shape (height, width, 3), or (height, width, 4) if the file has an
         alpha channel; row 0 is at the top.
 
     Examples
@@ -49,20 +49,20 @@ def read_image(path: Path, *, linear: bool = False, layer: str | None = None, co
 
 
 def light_map(given: Picture, name: str = "the light", colorspace: str | None = None) -> Floats:
-    """A lat-long map: row 0 is up, the centre looks along -z, the right half is +x."""
+    """Reads or converts a lat-long map: row 0 is up, the centre is -z, the right half is +x."""
     if is_path(given):
         return _gonio.read_light(os.fspath(cast(Path, given)), colorspace)
     array = array_of(cast(Array, given), name)
     if array.ndim == 2:
         array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
     if array.ndim != 3 or array.shape[2] not in (3, 4):
-        raise GonioError(f"{name}: has the shape {array.shape}; give (height, 2 height, 3)")
+        raise GonioError(f"{name}: has the shape {array.shape}; use (height, 2 height, 3)")
     light = floats(array[:, :, :3])
     return light if colorspace is None else np.maximum(_gonio.convert_colours(light, colorspace, "rec709"), 0)
 
 
 def read_normals(path: Path) -> Floats:
-    """Read a picture of normals (OpenEXR, NPY, PFM, PNG).
+    """Read a normal map (OpenEXR, NPY, PFM, PNG).
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ def read_normals(path: Path) -> Floats:
     Returns
     -------
     ndarray of float32
-        Shape (height, width, 3), in camera space with x right, y up and z towards the camera; zero
-        where there is no surface.
+        Normals of shape (height, width, 3) in camera space: x points right, y up, and z towards the
+        camera. Pixels without a surface are zero.
 
     Examples
     --------
@@ -85,47 +85,45 @@ def read_normals(path: Path) -> Floats:
 
 
 def write_image(path: Path, image: Array, *, clip: float | None = None, colorspace: str | None = None) -> None:
-    """Write a picture to a file, whole or not at all.
+    """Write an image to a file, atomically.
 
     Parameters
     ----------
     path : str or os.PathLike
         The file: ``.exr`` (with alpha if there are four channels), ``.hdr`` or ``.pfm`` for linear
         radiance; ``.png`` for 8-bit samples of shape (height, width, 3), as :func:`tonemapped`
-        makes them.
+        returns them.
     image : array
         Shape (height, width), (height, width, 3) or (height, width, 4).
     clip : float, optional
-        For ``.exr``: radiance at or above which nothing is known, which :func:`infer` will leave
-        out.
+        For ``.exr``: clipping level; :func:`infer` ignores pixels at or above it.
     colorspace : str, optional
-        For ``.exr``: colour space that the colours are in, which the file then states. They are
-        written as they are.
+        For ``.exr``: colour space of the image, stored in the file. The colours are not converted.
 
     Examples
     --------
     >>> gonio.write_image(folder / "ball.exr", found.relight(size=64))
     >>> gonio.write_image(folder / "ball.png", gonio.tonemapped(found.relight(size=64)))
     """
-    array = array_of(image, "the picture")
+    array = array_of(image, "the image")
     if array.ndim == 2:
         array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
     if array.ndim != 3 or array.shape[2] not in (3, 4):
-        raise GonioError(f"the picture: has the shape {array.shape}; give (height, width), (height, width, 3) or (height, width, 4)")
+        raise GonioError(f"the image: has the shape {array.shape}; use (height, width), (height, width, 3) or (height, width, 4)")
     name = os.fspath(path)
     is_png = name.lower().endswith(".png")
     level = None if clip is None else positive(clip, "clip", "radiance")
     if level is not None and not name.lower().endswith(".exr"):
-        raise GonioError(f"clip is for a name ending in .exr: {name}")
+        raise GonioError(f"{name}: clip requires an .exr file")
     stated = space_if_given(colorspace, "colorspace")
     if stated is not None and not name.lower().endswith(".exr"):
-        raise GonioError(f"colorspace is for a name ending in .exr: {name}")
+        raise GonioError(f"{name}: colorspace requires an .exr file")
     if is_png != (array.dtype == np.uint8):
-        asked = "tonemapped(picture), 8-bit samples, goes to .png; radiance goes to a name ending in .exr, .hdr or .pfm"
+        asked = "write 8-bit samples, such as tonemapped(image), to .png, and radiance to .exr, .hdr or .pfm"
         raise GonioError(f"{name}: {asked}")
     if is_png:
         if array.shape[2] != 3:
-            raise GonioError(f"the picture: has the shape {array.shape}; give (height, width, 3) for .png")
+            raise GonioError(f"the image: has the shape {array.shape}; use (height, width, 3) for .png")
         _gonio.write_file(name, _gonio.encode_png(np.ascontiguousarray(array)))
         return
     alpha = floats(array[:, :, 3]) if array.shape[2] == 4 else None

@@ -1,4 +1,4 @@
-"""The extension module: see the package for what it is used for."""
+"""Extension module of the package gonio."""
 
 import os
 from collections.abc import Sequence
@@ -35,36 +35,36 @@ _Bytes: TypeAlias = NDArray[np.uint8]
 
 @final
 class Model:
-    """Everything that inference knows beforehand: the prior of light, the basis of reflectance and the posterior of materials."""
+    """Model of an inference: prior of light, basis of reflectance and posterior of materials."""
 
     @staticmethod
     def embedded() -> Model:
-        """The model that travels with the package."""
+        """Returns the embedded model."""
     @staticmethod
     def read(path: str | os.PathLike[str]) -> Model:
-        """A model from a file."""
+        """Reads a model from a file."""
     @staticmethod
     def decode(bytes: bytes, name: str) -> Model:
-        """A model from the bytes of its file."""
+        """Decodes a model from the bytes of its file."""
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Writes the model to a file, whole or not at all."""
+        """Writes the model to a file, atomically."""
     @property
     def provenance(self) -> str:
-        """What it was learnt from and how."""
+        """Training data and settings."""
     @property
     def largest_grid(self) -> int:
-        """The largest grid of light that it covers, in texels a side."""
+        """Largest supported light grid, in texels per side."""
     @property
     def has_posterior(self) -> bool:
-        """Whether it has the posterior of materials that inference needs."""
+        """Whether the model has a posterior of materials."""
 
 @final
 class Likelihood:
-    """What a photograph says of the materials of a model: what :func:`draw` draws by."""
+    """Likelihood of the materials of a model given a photograph, for :func:`draw`."""
 
     @staticmethod
     def decode(json: str) -> Likelihood:
-        """From what it is pickled as."""
+        """Decodes a pickled likelihood."""
 
 def infer(scene: GivenScene, settings: Settings, model: Model, listeners: Listeners) -> Found | FoundInBasis: ...
 def check(scene: GivenScene, regions: GivenRegions | None, listeners: Listeners) -> FoundChecked: ...

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 METHODS = ("learnt", "known-light", "variational", "map", "known-light-basis", "paper")
-"""How a material may be found."""
+"""Estimation methods."""
 
 IN_BASIS = ("variational", "map", "known-light-basis", "paper")
-"""Methods of the paper, which find coefficients in a basis."""
+"""Methods of the paper, which estimate basis coefficients."""
 
 
 def read_model(path: Path) -> Model:
-    """Read a model, as :func:`gonio.train_model` or ``gonio train model`` makes one.
+    """Read a model that :func:`gonio.train_model` or ``gonio train model`` wrote.
 
     Parameters
     ----------
@@ -38,14 +38,14 @@ def read_model(path: Path) -> Model:
     Returns
     -------
     Model
-        To be given as ``model`` to :func:`gonio.infer`.
+        Model for the argument ``model`` of :func:`gonio.infer`.
 
     Raises
     ------
     GonioError
-        If it is no model, or damaged.
+        If the file is not a model, or damaged.
     FileError
-        If it cannot be read.
+        If the file cannot be read.
 
     Examples
     --------
@@ -57,7 +57,7 @@ def read_model(path: Path) -> Model:
 
 
 class Options(TypedDict, total=False):
-    """Arguments of :func:`infer` by name, for those who check types."""
+    """Keyword arguments of :func:`infer`, for type checkers."""
 
     mask: Picture | None
     model: Model | Path | None
@@ -169,131 +169,131 @@ def infer(
     report: bool = False,
     progress: Progress | None = None,
 ) -> Posterior | BasisPosterior:
-    """Infer what an object is made of from one photograph under unknown light.
+    """Estimate the BRDF of an object from one photograph under unknown light.
 
-    The work runs beside Python: other threads go on, and Ctrl-C ends it. Arrays are NumPy arrays,
-    or anything that becomes one: lists, PIL images, ``xarray.DataArray`` (axes named y, x and
-    channel in any order), tensors (PyTorch's channels-first too).
+    The function releases the GIL and stops on Ctrl-C. Array arguments can be NumPy arrays, lists,
+    PIL images, ``xarray.DataArray`` (axes named y, x and channel, in any order) and tensors (also
+    with channels first).
 
     Parameters
     ----------
     image : path, array, bytes, open file, or list of paths
-        The photograph: a file, its bytes, or an array of linear radiance of shape (height, width,
-        3), (height, width) or (height, width, 4), whose colours are multiplied by alpha. float32 of
-        shape (height, width, 3) in C order is read where it is: do not change it before the call
-        returns. Everything else is converted, which copies it; uint8 and uint16 are taken as
-        sRGB-coded. A list of paths is the exposures of one scene, to be merged.
+        The photograph: a file, its bytes, or an array of linear radiance with the shape (height,
+        width, 3), (height, width) or (height, width, 4) with premultiplied alpha. float32 of shape
+        (height, width, 3) in C order is not copied; do not change it before the call returns. Other
+        arrays are copied; uint8 and uint16 are decoded as sRGB. A list of paths contains the
+        exposures of one scene, which are merged.
     shape : str, path, array or pair of arrays, default "sphere"
-        ``"sphere"``, found by its outline; ``"ellipsoid"``; the file of a mesh (OBJ, PLY, glTF), or
-        ``"blob"``, ``"bunny"``, ``"bowl"``; (vertices, faces) as arrays; or an array of normals as
-        ``normals`` takes it.
+        ``"sphere"`` or ``"ellipsoid"``, fitted to the outline; a mesh file (OBJ, PLY, glTF); a
+        built-in mesh, ``"blob"``, ``"bunny"`` or ``"bowl"``; (vertices, faces) as arrays; or an array
+        of normals as for ``normals``.
     mask : path or array, optional
-        Where the object is, 0 to 1, shape (height, width). Without one the alpha channel or a
-        plain background tells, or the edges of a ball. One of another size is scaled.
+        Mask of the object, from 0 to 1, shape (height, width). By default, the object is detected by
+        the alpha channel, a uniform background, or the edges of a ball. A mask of another size is
+        scaled.
     model : Model or path, optional
-        Instead of the model that travels with the package.
+        Model to use instead of the embedded model.
     times : sequence of float, optional
-        Exposure times in seconds, one for each file, in place of those of the EXIF data.
+        Exposure times in seconds, one per file, which override the EXIF data.
     response : path, optional
-        The camera's curve, if it is not to be recovered from the exposures: ``"srgb"``,
-        ``"linear"``, or a file as :meth:`Merged.write_response` makes it.
+        Response curve of the camera: ``"srgb"``, ``"linear"``, or a file that
+        :meth:`Merged.write_response` wrote. By default, it is recovered from the exposures.
     black_level : float, optional
-        Black level of linear integer files, in their codes (0 to 255, or to 65535).
+        Black level of linear 8- or 16-bit images, as a code value.
     flat : path, optional
-        Picture of an evenly lit surface by the same lens, to divide by.
+        Flat field: image of an evenly lit surface, taken with the same lens.
     linear : bool, default False
-        Values of integers are linear radiance, not sRGB-coded.
+        Interpret integer values as linear radiance, not as sRGB.
     layer : str, optional
-        Layer of an OpenEXR file that holds several.
+        Layer to read from a multi-layer OpenEXR file.
     colorspace : str, optional
-        Colour space of files that state none, and of arrays: ``"rec709"`` (if not given; also
+        Colour space of arrays and of files that state none: ``"rec709"`` (default, also
         ``"srgb"``), ``"display-p3"``, ``"rec2020"``, ``"acescg"``, ``"aces2065-1"``, ``"xyz"``
-        (docs/colour-spaces.md). It holds for the light map too.
+        (docs/colour-spaces.md). It also applies to the light map.
     output_colorspace : str, default "rec709"
-        Colour space of the BRDF and the light that :meth:`Posterior.save` writes. Arrays are linear
-        Rec. 709 whatever it is.
+        Colour space of the BRDF and the light that :meth:`Posterior.save` writes. Arrays are always
+        linear Rec. 709.
     clip : float, optional
-        Radiance at which the camera clips; found where many pixels share the maximum.
+        Radiance at which the camera clips; detected by default if many pixels share the maximum.
     keep_colors : bool, default False
-        Observe regions of another colour (paint, stickers) as well, which are left out where they
-        are told safely from reflections.
+        Use regions of another colour (paint, stickers) as well. By default, they are ignored if
+        gonio can distinguish them from reflections.
     normals : path or array, optional
-        The object's normals, shape (height, width, 3), in camera space: x right, y up, z towards
-        the camera.
+        Normal map of the object, shape (height, width, 3), in camera space: x points right, y up,
+        and z towards the camera.
     normals_order : str, default "xyz"
-        Which axis each channel of the normals holds.
+        Axes that the channels of the normal map store, in order.
     normals_flip_x, normals_flip_y, normals_flip_z : bool, default False
-        The normals' x points left, their y down (as for DirectX), their z away from the camera.
+        The x axis of the normals points left, y down (as in DirectX), z away from the camera.
     trust_normals : bool, default False
-        Take the normals as they are even if they contradict themselves.
+        Use the normals even if they fail the consistency checks.
     depth : path or array, optional
-        The object's depth, shape (height, width), in the unit of the camera, to know which light it
-        keeps from itself; 0 or NaN where there is no surface. It goes with ``normals``.
+        Depth map of the object, shape (height, width), in units of the camera, to compute
+        self-shadowing; 0 or NaN marks pixels without a surface. It requires ``normals``.
     depth_range : (float, float), optional
-        Depths that the codes 0 and 1 of an integer picture stand for.
+        Depths of the smallest and the largest code of an integer depth map.
     depth_along_rays : bool, default False
-        Depths are distances along the rays, not along the camera's axis.
+        Depths are distances along the viewing rays, not along the optical axis.
     positions : path or array, optional
-        The object's positions in coordinates of the camera, shape (height, width, 3), instead of
-        ``depth``. They need ``camera``.
+        Position map of the object in camera coordinates, shape (height, width, 3), instead of
+        ``depth``. It requires ``camera``.
     circle : (float, float, float), optional
-        Outline of a sphere in pixels, x, y (from the top left corner) and radius, if it is not to
-        be found.
+        Outline of a sphere in pixels, instead of detecting it: x, y (from the top left corner) and
+        radius.
     depth_axis : float, optional
         Semi-axis of an ellipsoid towards the camera, in pixels.
     camera, pose : path or dict, optional
-        The camera, and where a mesh is (docs/camera.md).
+        Camera parameters, and the pose of a mesh (docs/camera.md).
     light : path or array, optional
-        The light, if it is known: a lat-long map in coordinates of the camera, shape (height, 2
-        height, 3), or a text file of directional lights. The answer is then much sharper.
+        Known light: a lat-long map in camera coordinates, shape (height, 2 height, 3), or a text file
+        of directional lights. A known light narrows the intervals considerably.
     align_light : {"near", "around", "fixed"}, optional
-        How far the light may be turned from where its map has it: by a few degrees (if not given),
-        by any angle about the vertical, or not at all.
+        Rotations of the light map to search: a few degrees about any axis (default), additionally
+        any angle about the vertical, or none.
     absolute : bool, default False
-        Photograph and light map are on one scale, so that reflectance is absolute and not of albedo
-        0.5.
+        Photograph and light map have the same scale, so that the BRDF is absolute. By default, its
+        albedo is 0.5 at normal incidence.
     shadows : bool, default True
-        Whether the object keeps light from itself.
+        Model self-shadowing.
     method : str, optional
-        ``"learnt"`` (if not given and ``light`` is not), ``"known-light"`` (if ``light`` is), or a
-        method of the paper, which returns a :class:`BasisPosterior`: ``"variational"`` (Algorithm
-        1), ``"map"`` (the joint maximum), ``"known-light-basis"``, ``"paper"`` (the paper's own
-        version, on a sphere).
+        ``"learnt"`` (default), ``"known-light"`` (default with ``light``), or a method of the paper,
+        which returns a :class:`BasisPosterior`: ``"variational"`` (Algorithm 1), ``"map"`` (joint MAP
+        estimate), ``"known-light-basis"``, or ``"paper"`` (the paper's setup for a sphere).
     grid : int, optional
-        Texels along a side of the light's grid, a power of two; 32 if not given.
+        Texels along a side of the light grid, a power of two; 32 by default.
     starts, seed : int, optional
-        Random starts of the methods of the paper (4), and their seed (1).
+        Number of random starts of the paper's methods (default 4), and their seed (default 1).
     solver : {"blocks", "parallel", "printed"}, optional
         Solver of ``method="variational"``.
     full_rows : bool, default False
         Run ``"variational"`` or ``"map"`` on all observations instead of their projection.
     color : {"estimate", "median", "none"}, default "estimate"
-        How the BRDF, which is found from luminance, is coloured.
+        Colour of the BRDF, whose shape is estimated from luminance.
     light_color : sequence of 3 floats, optional
-        Linear colour of a white matte ball in the object's place, where it is known.
+        Known colour of the light: linear colour of a white matte ball at the object's position.
     white : (float, float, float), optional
-        White patch in the picture: x, y (from the top left corner) and radius of a disk in pixels.
-        It fixes the colour of the light and, if it faces the camera beside the object, the scale of
-        the BRDF.
+        White patch in the image: x, y (from the top left corner) and radius of a disk in pixels.
+        The patch determines the colour of the light. If it faces the camera beside the object, it
+        also determines the scale of the BRDF.
     grey_card : path or array, optional
-        Grey card in the picture, for the same: a mask that is above 0.5 on it, shape (height,
+        Grey card in the image, for the same purpose: a mask above 0.5 on the card, shape (height,
         width).
     color_checker : bool or sequence, default False
-        24-patch colour chart (ColorChecker Classic) in the picture, for the same: True detects it;
-        four (x, y) in pixels, or eight numbers, are the centres of its corner patches in the order
-        dark skin, bluish green, black, white.
+        24-patch colour chart (ColorChecker Classic) in the image, for the same purpose. True detects
+        the chart; four (x, y) in pixels, or eight numbers, are the centres of its corner patches in
+        the order dark skin, bluish green, black, white.
     reference_reflectance : float, optional
-        Diffuse reflectance of the patch: 0.9 for ``white`` and 0.18 for ``grey_card`` if not given.
+        Diffuse reflectance of the reference; by default 0.9 for ``white``, 0.18 for ``grey_card``.
     reference_color_only : bool, default False
-        Use the colour of the reference and not the scale: it does not face the camera, or gets
-        other light than the object.
+        Use only the colour of the reference, because it does not face the camera or is not under
+        the same light as the object.
     pictures : bool, default True
-        Draw what :attr:`Posterior.pictures` holds, which takes a third of the time.
+        Draw :attr:`Posterior.pictures`, which takes a third of the time.
     report : bool, default False
-        Also make the page ``report.html`` for :meth:`Posterior.save`.
+        Also create the page ``report.html`` for :meth:`Posterior.save`.
     progress : callable, optional
-        Called in this thread with the name of a stage and the fraction of it that is done; an
-        exception ends the work.
+        Called in this thread with the name of a stage and its completed fraction; an exception stops
+        the inference.
 
     Returns
     -------
@@ -303,14 +303,14 @@ def infer(
     Raises
     ------
     GonioError
-        When something given cannot be used; :class:`FileError` if it is a file that cannot be read.
+        If an input is invalid; :class:`FileError` if a file cannot be read.
     TypeError
-        When something given is of another type.
+        If an argument has the wrong type.
 
     Warns
     -----
     GonioWarning
-        When something speaks against the answer; it stays in :attr:`Posterior.warnings`.
+        If the result may be unreliable; :attr:`Posterior.warnings` contains the messages.
 
     Examples
     --------
@@ -329,7 +329,7 @@ def infer(
 
 
 def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list[str]]:
-    """What :func:`infer` is given by name, for the extension, with warnings so far."""
+    """Converts the arguments of :func:`infer` for the extension; also returns warnings."""
     said: list[str] = []
     listener(options["progress"])
     method = method_of(options)
@@ -338,14 +338,14 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
     color = choice(options["color"], "color", ("estimate", "median", "none"))
     light_color = options["light_color"]
     if light_color is not None:
-        what = "three positive numbers on a linear scale"
+        what = "three positive linear numbers"
         light_color = numbers(light_color, "light_color", what, 3)
         if min(light_color) <= 0:
-            raise GonioError(f"light_color: give {what}")
+            raise GonioError(f"light_color: must be {what}")
         if color != "estimate":
-            raise GonioError('light_color serves color="estimate" alone')
+            raise GonioError('light_color requires color="estimate"')
         if options["light"] is not None:
-            raise GonioError("light_color and light both say the light's colour: give one of them")
+            raise GonioError("light_color and light both specify the colour of the light; use only one of them")
     light = options["light"]
     report = flag(options["report"], "report")
     settings: Settings = {
@@ -370,31 +370,31 @@ def prepared(options: dict[str, Any]) -> tuple[GivenScene, Settings, Model, list
 
 
 def model_of(given: Model | Path | None) -> Model:
-    """The model that is given, or the one of the package."""
+    """Returns the given model, or the embedded one."""
     if given is None:
         return Model.embedded()
     if isinstance(given, Model):
         return given
     if not is_path(given):
-        raise TypeError(f"model: give a file or what train_model returns, not {shown(given)}")
+        raise TypeError(f"model: must be a file or a Model, not {shown(given)}")
     return read_model(given)
 
 
 def method_of(options: dict[str, Any]) -> str:
-    """The method by its name, or the usual one."""
+    """Returns the given method, or the default."""
     has_light = options["light"] is not None
     if options["method"] is None:
         return "known-light" if has_light else "learnt"
     method = choice(options["method"], "method", METHODS)
     if method.startswith("known-light") != has_light:
         if has_light:
-            raise GonioError('light is for method="known-light" and "known-light-basis": the other methods find it')
-        raise GonioError(f'method="{method}" needs the light: give it with light=')
+            raise GonioError('light is for method="known-light" and "known-light-basis"; the other methods estimate the light')
+        raise GonioError(f'method="{method}" requires a known light; specify it with light=')
     return method
 
 
 def refuse_unused(options: dict[str, Any], method: str, has_shadows: bool) -> None:
-    """Refuses arguments that a method does not use."""
+    """Rejects arguments that a method does not use."""
     blind = ("learnt", "variational", "map")
     uses: list[tuple[str, bool, tuple[str, ...]]] = [
         ("absolute", bool(options["absolute"]), ("known-light",)),
@@ -409,13 +409,13 @@ def refuse_unused(options: dict[str, Any], method: str, has_shadows: bool) -> No
     for name, given, methods in uses:
         if given and method not in methods:
             offered = ", ".join(f'"{one}"' for one in methods)
-            raise GonioError(f'{name} is for method={offered}: "{method}" does not use it')
+            raise GonioError(f'{name} is for method={offered}; method "{method}" does not use it')
     if method == "paper" and has_shadows:
-        raise GonioError('method="paper" is for a sphere: give another method for a mesh or normals')
+        raise GonioError('method="paper" requires a sphere; use another method for a mesh or normals')
 
 
 def run(options: dict[str, Any], poll: Callable[[], object] | None) -> Posterior | BasisPosterior:
-    """:func:`infer` of its arguments by name, without warnings. ``poll`` is called often, and ends the work by raising."""
+    """Runs :func:`infer` without issuing warnings. ``poll`` is called often; it stops the inference by raising."""
     scene, settings, model, said = prepared(options)
     found = _gonio.infer(scene, settings, model, {"progress": options["progress"], "poll": poll})
     found["warnings"] = said + found["warnings"]
@@ -426,5 +426,5 @@ def run(options: dict[str, Any], poll: Callable[[], object] | None) -> Posterior
 
 
 def stem_of(image: Photograph) -> str:
-    """What a result is called."""
+    """Returns the name of a result."""
     return os.path.splitext(os.path.basename(name_of(image, "gonio")))[0]

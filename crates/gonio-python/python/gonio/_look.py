@@ -1,4 +1,4 @@
-"""Photographs before anything is inferred."""
+"""Checks and merges photographs before inference."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from ._types import Bytes, Doubles, Floats
 
 @dataclass(frozen=True)
 class Checked:
-    """What :func:`infer` would work on, as :func:`check` finds it. In a notebook it shows itself.
+    """Result of :func:`check`. Notebooks display its picture.
 
     Attributes
     ----------
     picture : ndarray of uint8
-        The photograph with the outline of the object, clipped and faulty pixels and what else is
-        left out, shape (height, width, 3).
+        The photograph with the outline of the object and all ignored pixels marked, shape (height,
+        width, 3).
     outlines : list of str
-        What was found of the shape of each object, in a few words.
+        Description of the detected shape of each object.
     notes : dict
         All numbers by name, as ``gonio check --json`` prints them; ``notes["objects"]`` has one
         entry for each object.
     warnings : list of str
-        What is odd about the photograph, one line each.
+        Warnings about the photograph, one line each.
     """
 
     picture: Bytes = field(repr=False)
@@ -49,7 +49,7 @@ class Checked:
 
     def _repr_html_(self) -> str:
         data = base64.b64encode(_gonio.encode_png(self.picture)).decode()
-        return f'<img alt="what was found" style="max-width:100%" src="data:image/png;base64,{data}">'
+        return f'<img alt="detected object" style="max-width:100%" src="data:image/png;base64,{data}">'
 
 
 def check(
@@ -62,32 +62,32 @@ def check(
     progress: Progress | None = None,
     **options: Any,
 ) -> Checked:
-    """Look at a photograph without inferring anything: the object, clipped and faulty pixels.
+    """Detect the object, clipped pixels and faulty pixels in a photograph, without inference.
 
     Parameters
     ----------
     image, shape, mask
-        As :func:`infer` takes them.
+        As for :func:`infer`.
     materials, circles
-        Where several regions or balls are, as :func:`infer_regions` takes them.
+        Several regions or balls, as for :func:`infer_regions`.
     progress : callable, optional
-        Called in this thread with the name of a stage and the fraction of it that is done.
+        Called in this thread with the name of a stage and its completed fraction.
     **options
-        Arguments of :func:`infer` that say how the photograph is read and what shape the object
-        has: ``linear``, ``layer``, ``times``, ``response``, ``black_level``, ``flat``,
-        ``colorspace``, ``clip``, ``keep_colors``, ``normals`` and what goes with them, ``circle``,
-        ``depth_axis``, ``camera``, ``pose``, ``white``, ``grey_card``, ``color_checker`` and what
-        goes with them.
+        Arguments of :func:`infer` for reading the photograph, for the shape of the object and for
+        references: ``linear``, ``layer``, ``times``, ``response``, ``black_level``, ``flat``,
+        ``colorspace``, ``clip``, ``keep_colors``, ``normals`` and its options, ``circle``,
+        ``depth_axis``, ``camera``, ``pose``, ``white``, ``grey_card``, ``color_checker`` and their
+        options.
 
     Returns
     -------
     Checked
-        What was found.
+        The detected objects and pixels.
 
     Raises
     ------
     GonioError
-        If the photograph cannot be used: what :func:`infer` would raise.
+        If the photograph is unusable, as :func:`infer` raises it.
 
     Examples
     --------
@@ -113,25 +113,25 @@ def check(
 
 @dataclass(frozen=True)
 class Merged:
-    """Exposures merged to one picture, as :func:`merge` makes it.
+    """Result of :func:`merge`: exposures merged into one image.
 
     Attributes
     ----------
     picture : ndarray of float32
-        Linear radiance, shape (height, width, 3), or (height, width, 4) with alpha; at or above
-        ``clip_level`` nothing is known.
+        Linear radiance, shape (height, width, 3), or (height, width, 4) with alpha. Pixels at or
+        above ``clip_level`` have no valid exposure.
     clip_level : float
-        Radiance that stands for what is not known: ``gonio.infer(merged.picture,
-        clip=merged.clip_level)`` leaves it out.
+        Value of pixels without a valid exposure: ``gonio.infer(merged.picture,
+        clip=merged.clip_level)`` ignores them.
     origin : ndarray of int16
-        Which exposure tells the most of each pixel, from 0, shape (height, width); -1 where it is
-        clipped in all, -2 where it is black in all, -3 where they contradict each other.
+        Index of the main exposure of each pixel, from 0, shape (height, width); -1 if the pixel is
+        clipped in all exposures, -2 if it is black in all, -3 if they are inconsistent.
     response : ndarray of float64
-        The camera's curve: logarithm of the exposure of each code, shape (3, codes).
+        Response curve of the camera: log exposure of each code, shape (3, codes).
     notes : dict
         All numbers by name, as ``gonio merge --json`` prints them.
     warnings : list of str
-        What is odd, one line each.
+        Warnings, one line each.
     """
 
     picture: Floats = field(repr=False)
@@ -143,20 +143,20 @@ class Merged:
     _curve: bytes = field(repr=False)
 
     def write(self, path: Path) -> None:
-        """Write the picture, whole or not at all.
+        """Write the image, atomically.
 
         Parameters
         ----------
         path : str or os.PathLike
-            A name ending in ``.exr``: :func:`infer` finds in it what is not known.
+            An ``.exr`` file. It stores the clipping level for :func:`infer`.
         """
         name = os.fspath(path)
         if not name.lower().endswith(".exr"):
-            raise GonioError(f"{name}: write to a name ending in .exr")
+            raise GonioError(f"{name}: the output must be an .exr file")
         write_image(name, self.picture, clip=self.clip_level, colorspace="rec709")
 
     def write_response(self, path: Path) -> None:
-        """Write the camera's curve as text, for ``response`` of :func:`merge` and :func:`infer`.
+        """Write the response curve as text, for ``response`` of :func:`merge` and :func:`infer`.
 
         Parameters
         ----------
@@ -177,26 +177,26 @@ def merge(
     colorspace: str | None = None,
     progress: Progress | None = None,
 ) -> Merged:
-    """Merge exposures of one still scene to an HDR picture.
+    """Merge exposures of one static scene into an HDR image.
 
     Parameters
     ----------
     images : sequence of paths
-        8 or 16-bit JPEG, PNG or TIFF files of one size.
+        8- or 16-bit JPEG, PNG or TIFF files of equal size.
     times, response, linear, black_level, flat, colorspace
-        As :func:`infer` takes them.
+        As for :func:`infer`.
     progress : callable, optional
-        Called in this thread with the name of a stage and the fraction of it that is done.
+        Called in this thread with the name of a stage and its completed fraction.
 
     Returns
     -------
     Merged
-        The picture, and what was used where.
+        The image, and the source of each pixel.
 
     Raises
     ------
     GonioError
-        If the exposures do not belong together, or a setting does not go with them.
+        If the exposures do not match, or a setting does not apply to them.
 
     Examples
     --------
@@ -204,7 +204,7 @@ def merge(
     >>> found = gonio.infer(merged.picture, clip=merged.clip_level)  # doctest: +SKIP
     """
     if is_path(images) or not isinstance(images, (list, tuple)):
-        raise TypeError(f"images: give a list of the files of exposures, not {shown(images)}")
+        raise TypeError(f"images: must be a list of the files of exposures, not {shown(images)}")
     listener(progress)
     files = paths(images, "images")
     said = {"times": times, "response": response, "linear": linear, "black_level": black_level, "flat": flat, "colorspace": colorspace}
@@ -219,12 +219,12 @@ def merge(
 
 
 def set_threads(count: int | None = None) -> None:
-    """Choose how many threads gonio works with from now on. Results do not depend on it.
+    """Set the number of threads. Results do not depend on it.
 
     Parameters
     ----------
     count : int, optional
-        Number of threads, 1 to 1024; one for each core if not given.
+        Number of threads, 1 to 1024; by default one per core.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Many photographs at once."""
+"""Inference from many photographs."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from ._posterior import Posterior
 
 
 class Failure:
-    """What takes the place of a :class:`Posterior` where inference failed. It counts as false.
+    """Result of a failed inference, in place of a :class:`Posterior`. Its truth value is false.
 
     Attributes
     ----------
     index : int
-        Which item it was, from 0.
+        Index of the item, from 0.
     name : str
-        The item's file, or its number.
+        File of the item, or its number.
     error : BaseException
-        Why.
+        The exception.
     """
 
     def __init__(self, index: int, name: str, error: BaseException) -> None:
@@ -42,7 +42,7 @@ class Failure:
 
 
 class _Stopped(BaseException):
-    """Ends work for which nobody waits any more."""
+    """Stops inferences after an interruption."""
 
 
 def infer_many(
@@ -53,34 +53,34 @@ def infer_many(
     progress: Callable[[int, int], object] | None = None,
     **options: Any,
 ) -> list[Posterior | Failure]:
-    """Infer many photographs, and go on where one fails.
+    """Infer the materials of many photographs, and continue after failures.
 
     Parameters
     ----------
     items : iterable
-        Photographs as :func:`gonio.infer` takes them, or dictionaries of its arguments.
+        Photographs as for :func:`gonio.infer`, or dictionaries of its arguments.
     client : distributed.Client, optional
-        The work is spread over its workers, which must have gonio and see the same files. Without
-        one, threads of this process do it.
+        Dask client whose workers run the inferences; they must have gonio and access to the same
+        files. By default, threads of this process run them.
     workers : int, default 2
-        Number of threads. A single inference uses several cores for most of its time, so that few
-        are enough.
+        Number of threads. A single inference uses several cores most of the time, so a few threads
+        suffice.
     progress : callable, optional
-        Called with the number of items that are done and the number of all; an exception ends the
-        work.
+        Called with the number of finished items and the number of all items; an exception stops the
+        inferences.
     **options
-        Arguments of :func:`gonio.infer` for all items that do not give their own.
+        Arguments of :func:`gonio.infer` for all items that do not override them.
 
     Returns
     -------
     list of Posterior or Failure
-        One for each item, in their order; a :class:`BasisPosterior` for methods of the paper.
-        Warnings are in the posteriors and not issued.
+        One result per item, in order; a :class:`BasisPosterior` for methods of the paper. Warnings
+        are stored in the posteriors, but not issued.
 
     Raises
     ------
     TypeError
-        If ``items`` is one photograph, or an option is none of :func:`gonio.infer`.
+        If ``items`` is one photograph, or :func:`gonio.infer` does not have an option.
 
     Examples
     --------
@@ -94,14 +94,14 @@ def infer_many(
     listener(progress)
     if is_path(items) or isinstance(items, bytes):
         what = "bytes" if isinstance(items, bytes) else "string" if isinstance(items, str) else "path"
-        raise TypeError(f"items: {shown(items)} is one {what}; give a list of photographs: [{shown(items)}]")
-    # A column of paths is a list, and so is a stack of pictures in colour.
+        raise TypeError(f"items: {shown(items)} is one {what}; use a list of photographs: [{shown(items)}]")
+    # A one-dimensional array of paths and a stack of colour images are lists.
     is_picture = len(getattr(items, "shape", ())) in (2, 3) or hasattr(items, "getbands")
     if isinstance(items, Mapping) or is_picture:
-        what = "dictionary" if isinstance(items, Mapping) else "picture"
-        raise TypeError(f"items: is one {what}; give a list of photographs, if only of this one: [photograph]")
+        what = "dictionary" if isinstance(items, Mapping) else "image"
+        raise TypeError(f"items: is one {what}; use a list of photographs: [photograph]")
     if not isinstance(items, Iterable):
-        raise TypeError(f"items: give a list of photographs, not {shown(items)}")
+        raise TypeError(f"items: must be a list of photographs, not {shown(items)}")
     whole(workers, "workers", 1)
     tasks = [_task(item, options) for item in items]
     stop = threading.Event()
@@ -110,7 +110,7 @@ def infer_many(
         futures = [_on_client(client, task) if pool is None else pool.submit(_one, task, stop) for task in tasks]
         results = _gather(tasks, futures, client, progress)
     except BaseException:
-        # Ctrl-C, or an exception of `progress`: what runs stops soon, what waits never begins.
+        # Ctrl-C or an exception of `progress`: stop running inferences and cancel queued ones.
         stop.set()
         if client is not None:
             client.cancel(list(locals().get("futures", [])))
@@ -122,7 +122,7 @@ def infer_many(
 
 
 def _task(item: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """All arguments of infer for an item. What is wrong with them is told when it is inferred."""
+    """Returns all arguments of infer for an item. They are checked when the item is inferred."""
     own = dict(item) if isinstance(item, Mapping) else {"image": item}
     return {**defaults(infer), **options, **own}
 
@@ -134,13 +134,13 @@ def _one(task: dict[str, Any], stop: threading.Event | None) -> Posterior:
 
     known(task, infer, "infer")
     if task["image"] is defaults(infer)["image"]:
-        raise TypeError("an item without an image")
+        raise TypeError("the item has no image")
     poll()
     return cast(Posterior, run(task, poll))
 
 
 def _on_client(client: Any, task: dict[str, Any]) -> Any:
-    """One task for a cluster. Pictures in memory go to a worker by themselves, not within the graph of tasks."""
+    """Submits one task to a cluster. Images in memory are sent to workers separately from the task graph."""
     large = {key: value for key, value in task.items() if isinstance(value, np.ndarray)}
     rest = {key: value for key, value in task.items() if key not in large}
     sent = dict(zip(large, client.scatter(list(large.values()), hash=False))) if large else {}

@@ -1,4 +1,4 @@
-"""What every method finds, and materials with their uncertainty."""
+"""Results of all methods, and materials with their uncertainty."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DRAWS = 64
 
 
 class Result:
-    """A BRDF that was found. Results can be pickled, and hold no reference to the photograph."""
+    """An estimated BRDF. Results can be pickled, and do not reference the photograph."""
 
     def __init__(self, found: FoundBrdf, name: str) -> None:
         self._found = found
@@ -34,17 +34,17 @@ class Result:
 
     @property
     def brdf(self) -> Brdf:
-        """The estimate, in colour, in 1/sr; its albedo along the normal is 0.5 unless it is known."""
+        """Estimated BRDF in colour, in 1/sr; its albedo at normal incidence is 0.5 unless it is absolute."""
         return self._brdf
 
     @property
     def luminance(self) -> Floats:
-        """The estimate in luminance, shape (90, 90): what quantiles and samples go with."""
+        """Luminance of the estimate, shape (90, 90), on the scale of quantiles and samples."""
         return self._found["luminance"]
 
     @property
     def colors(self) -> Doubles:
-        """Linear colours of the body and of the highlight, each of luminance one, shape (2, 3)."""
+        """Linear colours of body and highlight, each scaled to a luminance of one, shape (2, 3)."""
         return self._found["colors"]
 
     @property
@@ -54,7 +54,7 @@ class Result:
 
     @property
     def model(self) -> _gonio.Model:
-        """The model it was inferred with."""
+        """Model of the inference."""
         return self._found["model"]
 
     @property
@@ -73,7 +73,7 @@ class Result:
         Parameters
         ----------
         light, shape, size
-            As :func:`gonio.render` takes them.
+            As for :func:`gonio.render`.
         **options
             Other arguments of :func:`gonio.render`.
 
@@ -90,12 +90,12 @@ class Result:
         return self.brdf.render(light, shape=shape, size=size, **options)
 
     def save(self, directory: Path) -> None:
-        """Write the folder of results that the program writes, whole or not at all.
+        """Write the folder of results, as ``gonio infer`` does, atomically.
 
         Parameters
         ----------
         directory : str or os.PathLike
-            The folder. Results of an earlier run that it holds are replaced; files of others stay.
+            The folder. Results of an earlier run in it are replaced; all other files are kept.
 
         Examples
         --------
@@ -117,7 +117,7 @@ class Result:
         _gonio.save(os.fspath(directory), result)
 
     def _complete(self, result: SavedResult) -> None:
-        """Adds to the contents of a folder of results what is known besides."""
+        """Adds further contents to a folder of results."""
 
     def export(
         self,
@@ -132,17 +132,17 @@ class Result:
     ) -> dict[str, Any]:
         """Write files for renderers into a folder, as ``gonio export`` does.
 
-        The scenes are lit by the light of the photograph, if one photograph told it.
+        The exported scenes use the light of the photograph, if it is known.
 
         Parameters
         ----------
         directory, to, name, albedo, tables, output_colorspace, progress
-            As :meth:`Brdf.export` takes them.
+            As for :meth:`Brdf.export`.
 
         Returns
         -------
         dict
-            What ``export.json`` says: which files there are, and how far each is off.
+            Contents of ``export.json``: the files and their errors.
 
         Examples
         --------
@@ -162,26 +162,26 @@ class Result:
         )
 
     def to_mitsuba(self, plugin: str = "measured") -> Any:
-        """Make a BSDF of Mitsuba 3: :meth:`Brdf.to_mitsuba` of :attr:`brdf`.
+        """Create a Mitsuba 3 BSDF: :meth:`Brdf.to_mitsuba` of :attr:`brdf`.
 
         Parameters
         ----------
         plugin : {"measured", "principled"}, default "measured"
-            The table itself, or the parameters that come nearest.
+            The table itself, or the best-fitting parameters.
 
         Returns
         -------
         mitsuba.BSDF
-            For the variant of Mitsuba that is set.
+            BSDF for the current Mitsuba variant.
         """
         return self.brdf.to_mitsuba(plugin)
 
     def _lit(self) -> Floats | None:
-        """The light of the photograph, if it was found or given."""
+        """Estimated or known light of the photograph, if any."""
         return None
 
     def __getstate__(self) -> dict[str, Any]:
-        # What is computed when asked for is computed again.
+        # Cached values are computed again.
         return {**self.__dict__, "_told": None}
 
 
@@ -199,7 +199,7 @@ class Material(Result):
 
     @property
     def ends(self) -> tuple[Brdf, Brdf]:
-        """The dull and the glossy end of what is probable: 5 and 95 % of the posterior by gloss."""
+        """Dull and glossy ends of the 90 % interval: 5 and 95 % quantiles of the posterior by gloss."""
         return self._ends
 
     @property
@@ -209,58 +209,58 @@ class Material(Result):
 
     @property
     def undetermined(self) -> NDArray[np.bool_]:
-        """Cells of the table whose 90 % interval is most of what it is without a photograph, shape (90, 90)."""
+        """Cells of the table that the photograph does not determine, shape (90, 90)."""
         return self._found["undetermined"]
 
     @property
     def open(self) -> float:
-        """Share of the undetermined cells in the domain in which both angles are below 80 degrees."""
+        """Share of undetermined cells among those with both angles below 80 degrees."""
         return self._found["open"]
 
     @property
     def materials(self) -> list[tuple[str, float]]:
-        """The measured materials that are most like it in the shape of the highlight, not in colour, and their weights."""
+        """Measured materials with the most similar highlight (not colour), and their weights."""
         return self._found["materials"]
 
     @property
     def gloss(self) -> Doubles:
-        """5, 50 and 95 % quantiles of the gloss: the BRDF along the normal over its mean at half angles beyond 45 degrees."""
+        """5, 50 and 95 % quantiles of the gloss: ratio of the BRDF along the normal to its mean at half angles above 45 degrees."""
         return self._found["gloss"]
 
     @property
     def alpha(self) -> Doubles:
-        """5, 50 and 95 % quantiles of the width of the GGX lobe that is as sharp; one where there is no highlight."""
+        """5, 50 and 95 % quantiles of the width of the GGX lobe of equal sharpness; 1 without a highlight."""
         return self._found["alpha"]
 
     @property
     def roughness(self) -> Doubles:
-        """The root of :attr:`alpha`, which the principled models of Mitsuba and Blender take."""
+        """Square root of :attr:`alpha`, as in the principled BSDFs of Mitsuba and Blender."""
         return np.sqrt(self.alpha)
 
     @property
     def gloss_units(self) -> dict[int, Doubles]:
-        """5, 50 and 95 % quantiles of the gloss units at 20 and at 60 degrees (ASTM D523), by the angle.
+        """5, 50 and 95 % quantiles of the gloss units at 20 and at 60 degrees (ASTM D523), by angle.
 
-        They are on the scale of :attr:`brdf`: of a material whose albedo along the normal is 0.5,
-        unless light and photograph are on one scale. They are in proportion to the albedo.
+        Gloss units are proportional to the albedo. These are on the scale of :attr:`brdf`, whose
+        albedo at normal incidence is 0.5 unless it is absolute.
         """
         return dict(zip((20, 60), self._found["gloss_units"], strict=True))
 
     @property
     def verdict(self) -> str:
-        """How far the gloss is known, in words."""
+        """Uncertainty of height and width of the highlight, in words."""
         return self._found["verdict"]
 
     @property
     def samples(self) -> Floats:
-        """64 draws from the posterior, in luminance, shape (64, 90, 90); :meth:`draw` gives others."""
+        """64 luminance draws from the posterior, shape (64, 90, 90); see also :meth:`draw`."""
         if self._samples is None:
             self._samples = self.draw(DRAWS)
         return self._samples
 
     @property
     def rgb_samples(self) -> Floats:
-        """The same draws in the colours that were found, shape (64, 90, 90, 3)."""
+        """:attr:`samples` in the estimated colours, shape (64, 90, 90, 3)."""
         if self._rgb_samples is None:
             self._rgb_samples = self._coloured(self.samples)
         return self._rgb_samples
@@ -268,17 +268,17 @@ class Material(Result):
     def draw(self, count: int, seed: int = 0, *, rgb: bool = False) -> Floats:
         """Draw from the posterior over the model's space of materials.
 
-        :attr:`quantiles` are wider: they allow for what the space misses.
+        :attr:`quantiles` are wider, because they include the error of this space.
 
         Parameters
         ----------
         count : int
             Number of draws.
         seed : int, default 0
-            The same seed gives the same draws.
+            Seed of the random numbers.
         rgb : bool, default False
-            Give them in the colours that were found, not in luminance. The uncertainty is that of
-            the luminance: colours are the same for all draws.
+            Return draws in the estimated colours instead of luminance. All draws have the same
+            colours; only their luminance varies.
 
         Returns
         -------
@@ -298,17 +298,17 @@ class Material(Result):
 
     @property
     def rgb_quantiles(self) -> Floats | None:
-        """5, 25, 75 and 95 % quantiles of each channel, shape (4, 90, 90, 3); None of several photographs."""
+        """5, 25, 75 and 95 % quantiles of each channel, shape (4, 90, 90, 3); None for several photographs."""
         return self._found["rgb_quantiles"]
 
     def _coloured(self, tables: Floats) -> Floats:
-        """Luminance tables of shape (count, 90, 90) in the chroma that was found for every cell."""
+        """Colours luminance tables of shape (count, 90, 90) by the estimated chroma of each cell."""
         luminance = np.maximum(self.luminance, np.float32(1e-30))
         coloured = np.asarray(tables[..., None] * (self._found["table"] / luminance[..., None]), dtype=np.float32)
         return coloured
 
     def _scale(self) -> float:
-        """Factor from the scale of the model to that of the BRDF."""
+        """Returns the factor from the scale of the model to that of the BRDF."""
         return 1.0
 
     def _complete(self, result: SavedResult) -> None:
@@ -318,14 +318,14 @@ class Material(Result):
         result["rgb_quantiles"] = self.rgb_quantiles
 
     def to_xarray(self) -> xarray.Dataset:
-        """Make a dataset of xarray: BRDF, quantiles, draws and numbers with named axes.
+        """Convert to an xarray dataset: BRDF, quantiles, draws and numbers with named axes.
 
         Returns
         -------
         xarray.Dataset
-            ``brdf``, ``luminance``, ``quantiles``, ``undetermined``, ``samples`` over ``theta_h``
-            and ``theta_d`` (radians); ``gloss``, ``alpha``, ``gloss_units`` over ``quantile`` 0.05,
-            0.5 and 0.95; of one photograph ``light`` over ``elevation`` and ``azimuth``.
+            ``brdf``, ``luminance``, ``quantiles``, ``undetermined`` and ``samples`` over ``theta_h``
+            and ``theta_d`` (radians); ``gloss``, ``alpha`` and ``gloss_units`` over ``quantile``
+            0.05, 0.5 and 0.95; for one photograph, also ``light`` over ``elevation`` and ``azimuth``.
 
         Raises
         ------
@@ -343,23 +343,23 @@ class Material(Result):
         return dataset(self, self._lit())
 
     def to_inference_data(self, count: int = 200, seed: int = 0) -> Any:
-        """Make what ArviZ works with: draws from the posterior, and what is said of each.
+        """Convert draws from the posterior and their highlights for ArviZ.
 
-        The draws are independent: they stand in one chain.
+        The draws are independent and form one chain.
 
         Parameters
         ----------
         count : int, default 200
             Number of draws.
         seed : int, default 0
-            The same seed gives the same draws.
+            Seed of the random numbers.
 
         Returns
         -------
         arviz.InferenceData or xarray.DataTree
-            Of ArviZ before 1.0 and from 1.0 on. The group ``posterior`` has ``gloss``, ``alpha``,
-            ``gloss_units_20``, ``gloss_units_60`` and ``brdf`` (luminance), all over ``chain`` and
-            ``draw``.
+            The type depends on the version of ArviZ (before 1.0, or 1.0 and later). The group
+            ``posterior`` contains ``gloss``, ``alpha``, ``gloss_units_20``, ``gloss_units_60`` and
+            ``brdf`` (luminance), all over ``chain`` and ``draw``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What inference finds in one photograph."""
+"""Results of inference from one photograph."""
 
 from __future__ import annotations
 
@@ -20,37 +20,37 @@ if TYPE_CHECKING:
 
 
 class OfPhotograph(Result):
-    """What one photograph tells besides the BRDF."""
+    """Results from one photograph besides the BRDF."""
 
     _found: FoundInBasis
 
     @property
     def light(self) -> Floats:
-        """The estimated light, a lat-long map of shape (128, 256, 3), linear RGB.
+        """Estimated light, a lat-long map of shape (128, 256, 3), linear RGB.
 
-        Row 0 is up, the centre looks along -z, the right half is +x, in coordinates of the camera.
-        It goes with :attr:`brdf`. If the light was given: its map, as it was found to lie.
+        In camera coordinates, row 0 is up, the centre is -z, and the right half is +x. Its scale
+        matches :attr:`brdf`. For a known light, this is its map with the estimated rotation.
         """
         return self._found["light"]
 
     @property
     def light_color(self) -> Doubles:
-        """Linear colour of the light as a whole, of luminance one, shape (3,); white where it was not estimated."""
+        """Mean linear colour of the light, scaled to a luminance of one, shape (3,); white if not estimated."""
         return self._found["light_color"]
 
     @property
     def misfit(self) -> float:
-        """What BRDF and light leave of the photograph, relative to it (root mean square)."""
+        """Relative root mean square residual of the photograph, given BRDF and light."""
         return self._found["misfit"]
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against believing it, one line each."""
+        """Warnings about the result, one line each."""
         return tuple(self._found["warnings"])
 
     @property
     def method(self) -> str:
-        """The method that found it, by its name."""
+        """Name of the estimation method."""
         method: str = self.notes["method"]
         return method
 
@@ -58,15 +58,15 @@ class OfPhotograph(Result):
     def pictures(self) -> dict[str, Bytes]:
         """sRGB pictures of shape (height, width, 3) by name; empty if inferred with ``pictures=False``.
 
-        photograph, observed (where it was sampled), reproduction, residual, light; spheres of the
-        BRDF in lights of gonio's own, the first called relit; summary, uncertainty; used (what was
-        left out and why), if anything was.
+        The names are photograph, observed (sample points), reproduction, residual and light; spheres
+        with the BRDF in built-in lights, the first named relit; summary and uncertainty; and used
+        (ignored pixels with the reasons), if pixels are ignored.
         """
         return self._found["pictures"]
 
     @property
     def report(self) -> str | None:
-        """The page ``report.html``, if it was asked for."""
+        """The page ``report.html``, if requested."""
         return self._found["page"]
 
     @property
@@ -85,7 +85,7 @@ class OfPhotograph(Result):
         return self.light
 
     def _image(self, name: str, width: int) -> str:
-        """A picture within a page, if it is there, about as wide as it is shown."""
+        """Returns an HTML image, reduced to about its displayed width, if the picture exists."""
         if name not in self.pictures:
             return ""
         picture = self.pictures[name]
@@ -97,7 +97,7 @@ class OfPhotograph(Result):
         return f'<img alt="{name}" width="{width}" style="max-width:100%" src="data:image/png;base64,{data}">'
 
     def _page(self, rows: list[tuple[str, str]]) -> str:
-        """Pictures and numbers in one piece, for notebooks."""
+        """Returns pictures and numbers as HTML, for notebooks."""
         rows = rows + [("warning", escaped(message)) for message in self.warnings]
         cell = 'style="text-align:left;vertical-align:top"'
         table = "".join(f"<tr><th {cell}>{name}</th><td {cell}>{value}</td></tr>" for name, value in rows)
@@ -108,10 +108,11 @@ class OfPhotograph(Result):
 
 
 class Posterior(Material, OfPhotograph):
-    """What one photograph tells of a material and of the light on it.
+    """Posterior of a material and estimated light, from one photograph.
 
-    All BRDFs have an albedo of 0.5 along the normal: a photograph under unknown light does not tell
-    the scale of reflectance. Posteriors can be pickled, and hold no reference to the photograph.
+    BRDFs have an albedo of 0.5 at normal incidence unless they are absolute, because a photograph
+    under unknown light does not determine the scale. Posteriors can be pickled, and do not reference
+    the photograph.
 
     Examples
     --------
@@ -125,9 +126,10 @@ class Posterior(Material, OfPhotograph):
 
     @property
     def scatter(self) -> float:
-        """Standard deviation of pixels that share a normal, relative to their mean.
+        """Relative standard deviation of pixels with the same normal.
 
-        It is noise, texture, shadows and wrong normals; 0 where too few share one.
+        Its causes are noise, texture, shadows and wrong normals. It is 0 if too few pixels share a
+        normal.
         """
         return self._found["scatter"]
 
@@ -135,21 +137,21 @@ class Posterior(Material, OfPhotograph):
         return self._found["scale"]
 
     def plot(self) -> Figure:
-        """Draw the photograph, its reproduction, the light, the BRDF and how sure it is.
+        """Plot the photograph, its reproduction, the light, and the BRDF with its uncertainty.
 
-        In a notebook the figure shows itself.
+        Notebooks display the figure.
 
         Returns
         -------
         matplotlib.figure.Figure
-            To be saved by its ``savefig``.
+            Figure that ``savefig`` can save.
 
         Raises
         ------
         ImportError
             If matplotlib is not installed.
         GonioError
-            If it was inferred with ``pictures=False``.
+            If the result was inferred with ``pictures=False``.
 
         Examples
         --------
@@ -158,7 +160,7 @@ class Posterior(Material, OfPhotograph):
         return plot(self.pictures, self.luminance, self.quantiles, self.samples, self.undetermined)
 
     def __repr__(self) -> str:
-        nearest = f", highlight like {self.materials[0][0]}" if self.materials else ""
+        nearest = f", highlight similar to {self.materials[0][0]}" if self.materials else ""
         low, median, high = self.gloss
         return (
             f"<gonio.Posterior {self.brdf.name!r}: gloss {median:.3g} ({low:.3g} to {high:.3g}){nearest}, "
@@ -166,7 +168,7 @@ class Posterior(Material, OfPhotograph):
         )
 
     def _repr_html_(self) -> str:
-        """For notebooks: pictures and numbers in one piece."""
+        """Returns pictures and numbers as HTML, for notebooks."""
         low, median, high = self.gloss
         sharp, middle, dull = self.alpha
         units = "; ".join(
@@ -176,10 +178,10 @@ class Posterior(Material, OfPhotograph):
         return self._page(
             [
                 ("gloss", f"{median:.3g} &nbsp; <small>90 %: {low:.3g} to {high:.3g}; {escaped(self.verdict)}</small>"),
-                ("GGX alpha", f"{middle:.2g} &nbsp; <small>90 %: {sharp:.2g} to {dull:.2g}; roughness is its root</small>"),
+                ("GGX alpha", f"{middle:.2g} &nbsp; <small>90 %: {sharp:.2g} to {dull:.2g}; roughness is its square root</small>"),
                 ("gloss units", f"{units} <small>for an albedo of {self.brdf.albedo:.2g}</small>"),
-                ("highlight like, not colour", ", ".join(f"{escaped(n)} ({100 * w:.0f}&nbsp;%)" for n, w in self.materials[:3])),
-                ("hardly narrowed", f"{100 * self.open:.0f} % of the BRDF's cells have an interval almost as wide as without a photograph"),
+                ("most similar highlight (not colour)", ", ".join(f"{escaped(n)} ({100 * w:.0f}&nbsp;%)" for n, w in self.materials[:3])),
+                ("undetermined", f"{100 * self.open:.0f} % of the BRDF's cells"),
                 ("misfit", f"{100 * self.misfit:.1f} %"),
                 ("scatter", f"{100 * self.scatter:.1f} %"),
             ]
@@ -187,9 +189,9 @@ class Posterior(Material, OfPhotograph):
 
 
 class BasisPosterior(OfPhotograph):
-    """What a method of the paper finds: coefficients of reflectance in a basis.
+    """Result of a method of the paper: coefficients of reflectance in a basis.
 
-    It has no quantiles of the BRDF; its numbers say how sure each coefficient is.
+    It has standard deviations of the coefficients, but no quantiles of the BRDF.
 
     Examples
     --------
@@ -206,18 +208,18 @@ class BasisPosterior(OfPhotograph):
 
     @property
     def coefficients_sd(self) -> Doubles | None:
-        """Their standard deviations, shape (rank,), if the method tells them: the joint maximum does not."""
+        """Standard deviations of the coefficients, shape (rank,); None for the joint MAP estimate."""
         spread = np.array(self.notes["reflectance"]["sd"])
         return spread if spread.any() else None
 
     @property
     def noise(self) -> float:
-        """Noise that explains what is left of the photograph, relative to it."""
+        """Estimated noise, relative to the photograph."""
         return self._found["misfit"]
 
     def __repr__(self) -> str:
         return f"<gonio.BasisPosterior {self.brdf.name!r}: {self.method}, noise {100 * self.noise:.1f} %>"
 
     def _repr_html_(self) -> str:
-        """For notebooks: pictures and numbers in one piece."""
+        """Returns pictures and numbers as HTML, for notebooks."""
         return self._page([("method", self.method), ("noise", f"{100 * self.noise:.1f} %")])

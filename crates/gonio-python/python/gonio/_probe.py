@@ -1,4 +1,4 @@
-"""Light probes: the light around a mirror ball."""
+"""Light probes from photographs of a mirror ball."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from ._types import Floats, GivenScene, ProbeSettings
 
 @dataclass(frozen=True)
 class LightProbe:
-    """The light around a mirror ball, as :func:`light_probe` finds it. In a notebook it shows what was done.
+    """Result of :func:`light_probe`: the light around a mirror ball. Notebooks display its picture.
 
     Attributes
     ----------
     light : ndarray of float32
-        The light, a lat-long map of shape (rows, 2 rows, 3) in the space of the first camera: row 0
-        is up, the centre looks along -z, the right half is +x.
+        Lat-long map of the light, shape (rows, 2 rows, 3), in coordinates of the first camera: row 0
+        is up, the centre is -z, and the right half is +x.
     seen : ndarray of float32
-        Share of each texel that a photograph shows, shape (rows, 2 rows); the rest is filled from
-        around it.
+        Observed share of each texel, shape (rows, 2 rows); the rest is interpolated from its
+        surroundings.
     picture : ndarray of uint8
-        What was done, to look at: what was used of the photographs, and the map with what was
-        filled.
+        Diagnostic picture: the photographs with ignored pixels marked, and the map with its
+        interpolated parts.
     notes : dict
         All numbers by name, as ``gonio light --json`` prints them.
     warnings : list of str
-        What is odd, one line each.
+        Warnings, one line each.
     colorspace : str
-        Colour space that :meth:`write` writes; ``light`` is linear Rec. 709.
+        Colour space of :meth:`write`; ``light`` is linear Rec. 709.
     """
 
     light: Floats = field(repr=False)
@@ -52,7 +52,7 @@ class LightProbe:
     colorspace: str = "rec709"
 
     def write(self, path: Path) -> None:
-        """Write the map to a file, whole or not at all.
+        """Write the map to a file, atomically.
 
         Parameters
         ----------
@@ -89,45 +89,43 @@ def light_probe(
     clip: float | None = None,
     progress: Progress | None = None,
 ) -> LightProbe:
-    """Unwrap a photograph of a mirror ball, or two of them, to the light around it.
+    """Convert one or two photographs of a mirror ball to a light map.
 
     Parameters
     ----------
     image : path, array, bytes, open file, or list of paths
-        The photograph, or exposures of it, as :func:`gonio.infer` takes them.
+        The photograph, or its exposures, as for :func:`gonio.infer`.
     mask, times, response, black_level, flat, linear, layer, colorspace, clip
-        As :func:`gonio.infer` takes them, for both photographs but for ``mask``.
+        As for :func:`gonio.infer`. All but ``mask`` apply to both photographs.
     circle : (float, float, float), optional
-        Outline of the ball in pixels, x, y (from the top left corner) and radius, if it is not to
-        be found.
+        Outline of the ball in pixels, instead of detecting it: x, y (from the top left corner) and
+        radius.
     camera : path or dict, optional
-        The camera (docs/camera.md), if it is near; of both photographs if there are two.
+        Camera parameters (docs/camera.md), for photographs from nearby; apply to both photographs.
     reflectance : float or 3 floats, default 1
-        Share of the light that the ball reflects where it is seen from the front, one number or one
-        for each colour.
+        Reflectance of the ball at normal incidence: one number, or one per channel.
     rows : int, optional
-        Rows of the map, a power of two from 8 to 4096; about the ball's radius in pixels if not
-        given.
+        Rows of the map, a power of two from 8 to 4096; by default about the ball's radius in pixels.
     second, second_mask, second_circle : optional
-        A photograph of the ball from another side, best a quarter turn away.
+        A second photograph of the ball, ideally from a camera 90 degrees around it.
     second_yaw : float, optional
-        Angle by which the second camera went around the ball, in degrees, counterclockwise as seen
-        from above; found from what both show if not given.
+        Angle from the first to the second camera around the ball, in degrees, counterclockwise as
+        seen from above; by default estimated from both photographs.
     output_colorspace : str, default "rec709"
-        Colour space that :meth:`LightProbe.write` writes.
+        Colour space of :meth:`LightProbe.write`.
     progress : callable, optional
-        Called in this thread with the name of a stage and the fraction of it that is done; an
-        exception ends the work.
+        Called in this thread with the name of a stage and its completed fraction; an exception stops
+        the computation.
 
     Returns
     -------
     LightProbe
-        The light.
+        The light map.
 
     Raises
     ------
     GonioError
-        When something given cannot be used; :class:`FileError` if it is a file that cannot be read.
+        If an input is invalid; :class:`FileError` if a file cannot be read.
 
     Examples
     --------
@@ -147,10 +145,10 @@ def light_probe(
     }
     written = space(output_colorspace, "output_colorspace")
     if second is None and not (second_mask is None and second_circle is None and second_yaw is None):
-        raise GonioError("second_mask, second_circle and second_yaw go with a second photograph: give second=")
+        raise GonioError("second_mask, second_circle and second_yaw require a second photograph; specify it with second=")
 
     if rows is not None and whole(rows, "rows", -(2**63)) < 0:
-        raise GonioError(f"rows {rows}: give a power of two from 8 to 4096")
+        raise GonioError(f"rows {rows}: must be a power of two from 8 to 4096")
 
     def scene(given: Photograph, unnamed: str, where: Picture | None, outline: tuple[float, float, float] | None) -> GivenScene:
         own = {"mask": where, "clip": clip, "keep_colors": True, "circle": outline, "camera": camera}
@@ -171,15 +169,15 @@ def light_probe(
 
 
 def shares(given: object) -> tuple[float, float, float]:
-    """Reflectance of each colour."""
-    what = "one number above 0 and up to 1, or three"
+    """Returns the reflectance of each channel."""
+    what = "one number above 0 and at most 1, or three"
     try:
         values = numbers(given, "reflectance", what) if np.ndim(given) else [number(given, "reflectance")] * 3  # type: ignore[arg-type]
     except TypeError:
-        raise TypeError(f"reflectance: give {what}, not {shown(given)}") from None
+        raise TypeError(f"reflectance: must be {what}, not {shown(given)}") from None
     if len(values) == 1:
         values *= 3
     if len(values) != 3:
-        raise GonioError(f"reflectance: give {what}")
+        raise GonioError(f"reflectance: must be {what}")
     red, green, blue = values
     return red, green, blue

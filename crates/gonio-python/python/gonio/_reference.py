@@ -1,4 +1,4 @@
-"""Neutral references in a photograph, for the extension."""
+"""Converts arguments for neutral references."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ REFERENCE: dict[str, Any] = {
     "reference_reflectance": None,
     "reference_color_only": False,
 }
-"""Arguments that say what reference is in the picture, with their values if not given."""
+"""Arguments for a neutral reference, with their defaults."""
 
 CORNERS = "True, or the centres of four corner patches: dark skin, bluish green, black, white"
 
 
 def given_reference(said: Mapping[str, Any]) -> GivenReference | None:
-    """The reference that arguments say, by the names of :data:`REFERENCE`."""
+    """Returns the reference described by the arguments in :data:`REFERENCE`."""
     chart = said["color_checker"]
     if chart is False:
         chart = None
     targets = {"white": said["white"], "grey_card": said["grey_card"], "color_checker": chart}
     given = [name for name, value in targets.items() if value is not None]
     if len(given) > 1:
-        raise GonioError(f"{' and '.join(given)} are references: give one of them")
+        raise GonioError(f"{' and '.join(given)} are references; use only one of them")
     reflectance = said["reference_reflectance"]
     if reflectance is not None:
         reflectance = number(reflectance, "reference_reflectance")
         if not 0 < reflectance <= 1:
-            raise GonioError(f"reference_reflectance {reflectance}: give a number above 0 and at most 1")
+            raise GonioError(f"reference_reflectance {reflectance}: must be above 0 and at most 1")
         if given not in (["white"], ["grey_card"]):
-            raise GonioError("reference_reflectance is for white and grey_card: a colour chart has published reflectances")
+            raise GonioError("reference_reflectance applies to white and grey_card; the reflectances of a colour chart are published")
     color_only = flag(said["reference_color_only"], "reference_color_only")
     if color_only and not given:
-        raise GonioError("reference_color_only is for white, grey_card and color_checker")
+        raise GonioError("reference_color_only requires white, grey_card or color_checker")
     if not given:
         return None
     return {
@@ -53,11 +53,11 @@ def given_reference(said: Mapping[str, Any]) -> GivenReference | None:
 
 
 def _corners(given: object) -> list[tuple[float, float]]:
-    """The corners of a chart; none if it is to be detected."""
+    """Returns the corners of a chart; empty to detect it."""
     if given is True or (isinstance(given, str) and given == "auto"):
         return []
     if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
-        raise TypeError(f"color_checker: give {CORNERS}, not {shown(given)}")
+        raise TypeError(f"color_checker: must be {CORNERS}, not {shown(given)}")
     listed = list(given)
     pairs = [list(one) for one in listed if isinstance(one, Iterable) and not isinstance(one, (str, bytes))]
     flat = [value for pair in pairs for value in pair] if listed and len(pairs) == len(listed) else listed

@@ -1,4 +1,4 @@
-"""Several materials in one photograph."""
+"""Inference of several materials in one photograph."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from ._types import Floats, GivenRegions
 
 
 def _labels(given: Picture) -> str | Floats:
-    """Labels as colours: an index stands in all three channels."""
+    """Converts labels to colours; an index is stored in all three channels."""
     if is_path(given):
         return os.fspath(cast(Path, given))
     array = array_of(cast(Array, given), "materials", indices=True)
     whole_numbers = array.dtype.kind in "iub" and array.ndim in (2, 3) and array.size > 0
     if not whole_numbers or array.min() < 0 or array.max() > 255:
-        raise GonioError("materials: give whole numbers from 0 to 255, of shape (height, width) or (height, width, 3)")
+        raise GonioError("materials: must be integers from 0 to 255 of shape (height, width) or (height, width, 3)")
     colours = array if array.ndim == 3 else np.repeat(array[:, :, np.newaxis], 3, axis=2)
     return floats(colours / np.float32(255))
 
 
 def given_regions(materials: Picture | None, circles: Sequence[tuple[float, float, float]] | None) -> GivenRegions:
-    """Where the regions are, for the extension."""
+    """Converts the positions of regions for the extension."""
     if materials is not None and circles is not None:
-        raise GonioError("give materials or circles, not both")
+        raise GonioError("materials and circles both define the regions; use only one of them")
     return {
         "labels": None if materials is None else _labels(materials),
         "circles": None if circles is None else [circle(one, "circles") for one in circles],
@@ -48,33 +48,32 @@ def infer_regions(
     circles: Sequence[tuple[float, float, float]] | None = None,
     **options: Any,
 ) -> dict[str, Posterior]:
-    """Infer several materials in one photograph, all under one light.
+    """Infer several materials in one photograph, under one light.
 
     Parameters
     ----------
     image : path, array, bytes, open file, or list of paths
-        The photograph, as :func:`gonio.infer` takes it.
+        The photograph, as for :func:`gonio.infer`.
     materials : path or array, optional
-        One index (or colour) for each region, 0 where there is none: whole numbers of shape
-        (height, width) or (height, width, 3). The shape is that of ``options``, as for a single
+        Label image with one index or colour per region and 0 elsewhere: integers of shape (height,
+        width) or (height, width, 3). ``options`` specify the shape of the object, as for a single
         material.
     circles : sequence of (float, float, float), optional
-        The outlines of several balls instead, x, y and radius in pixels. With neither, balls that
-        do not touch are found.
+        Outlines of several balls (x, y and radius in pixels), instead of ``materials``. Without
+        both, separate balls are detected.
     **options
         Arguments of :func:`gonio.infer`.
 
     Returns
     -------
     dict of str to Posterior
-        For each region, by its index or colour or the number of the ball.
-        ``notes["relative_albedo"]`` is its albedo beside that of the brightest region: all are
-        under one light.
+        Posterior of each region, by index, colour, or number of the ball.
+        ``notes["relative_albedo"]`` is the albedo relative to that of the brightest region.
 
     Raises
     ------
     GonioError
-        As :func:`gonio.infer`, with the region at fault.
+        As :func:`gonio.infer`, with the faulty region.
 
     Examples
     --------
@@ -87,9 +86,9 @@ def infer_regions(
     given = {**defaults(infer), **options, "image": image}
     regions = given_regions(materials, circles)
     if circles is not None and given["mask"] is not None:
-        raise GonioError("circles say where the balls are: give them, or mask")
+        raise GonioError("circles and mask both define the balls; use only one of them")
     if given["keep_colors"]:
-        raise GonioError("keep_colors is for a photograph of one material: in regions all colours are observed")
+        raise GonioError("keep_colors applies to photographs of one material; with regions, gonio uses all colours")
     scene, settings, model, said = prepared(given)
     found = _gonio.infer_regions(scene, regions, settings, model, {"progress": given["progress"], "poll": None})
     out = {name: Posterior(values, f"{stem_of(image)}-{name}") for name, values in found}

@@ -1,4 +1,4 @@
-"""Pictures of BRDFs."""
+"""Rendering of BRDFs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ._types import Floats, GivenShape, RenderSettings
 
 
 def studio_light(height: int = 128) -> Floats:
-    """Make the light that gonio shows its results in.
+    """Create the studio light of gonio's reports.
 
     Parameters
     ----------
@@ -45,14 +45,14 @@ def frame(
     tolerance: float | None,
     shadows: bool,
 ) -> tuple[GivenShape, RenderSettings]:
-    """What :func:`gonio.render` is asked for, apart from BRDF and light, checked."""
+    """Checks the arguments of :func:`gonio.render`, except BRDF and light."""
     pair = size if isinstance(size, (tuple, list)) else (size, size)
     if len(pair) != 2:
-        raise TypeError(f"size: give one number of pixels, or width and height, not {shown(size)}")
+        raise TypeError(f"size: must be one number of pixels, or width and height, not {shown(size)}")
     width, height = (whole(side, "size", 8, 8192) for side in pair)
     given = given_shape({"shape": shape, "camera": camera, "pose": pose})
     if given["shape"] == "sphere" and width != height:
-        raise GonioError("a sphere is rendered in a square")
+        raise GonioError("size: width and height must be equal for a sphere")
     settings: RenderSettings = {
         "width": width,
         "height": height,
@@ -72,7 +72,7 @@ def drawn(
     progress: Progress | None,
     colorspace: str | None = None,
 ) -> Floats:
-    """The picture of the table of a BRDF. Warnings are issued where the caller was called."""
+    """Renders the table of a BRDF. Warnings refer to the caller of the caller."""
     listener(progress)
     lit = studio_light() if light is None else light_map(light, colorspace=colorspace)
     rgb, alpha, said = _gonio.render(table, full, lit, given, settings, {"progress": progress, "poll": None})

@@ -1,4 +1,4 @@
-"""A photograph and its object, for the extension."""
+"""Converts arguments for a photograph and its object."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ READING: dict[str, Any] = {
     "flat": None,
     "colorspace": None,
 }
-"""Arguments that say how files are read, with their values if not given."""
+"""Arguments for reading files, with their defaults."""
 
 SCENE: dict[str, Any] = {**READING, **FORM, **REFERENCE, "mask": None, "clip": None, "keep_colors": False}
-"""Arguments that say what is looked at, with their values if not given."""
+"""Arguments for a photograph and its object, with their defaults."""
 
 
 def given_reading(options: Mapping[str, Any]) -> GivenReading:
-    """How the files of a photograph are read."""
+    """Returns the options for reading the files of a photograph."""
     said = {**READING, **{key: value for key, value in options.items() if key in READING}}
     times = None
     if said["times"] is not None:
         times = numbers(said["times"], "times", "the exposure time of each file in seconds")
         if not times or min(times) <= 0:
-            raise GonioError("times: give the exposure time of each file in seconds, all above zero")
+            raise GonioError("times: must be the exposure time of each file in seconds, all above zero")
     response = said["response"]
     if response is not None and not is_path(response):
-        raise TypeError(f'response: give "srgb", "linear" or the file of a curve, not {response!r}')
+        raise TypeError(f'response: must be "srgb", "linear" or the file of a curve, not {response!r}')
     linear = flag(said["linear"], "linear")
     if linear and response is not None:
-        raise GonioError("linear=True and response both say the camera's curve: give one of them")
+        raise GonioError("linear=True and response both specify the response curve; use only one of them")
     if said["flat"] is not None and not is_path(said["flat"]):
-        raise TypeError("flat: give the file of a picture of an evenly lit surface; divide an array by it yourself")
+        raise TypeError("flat: must be an image file of an evenly lit surface; for arrays, divide the image by the flat field yourself")
     black = said["black_level"]
     return {
         "linear": linear,
@@ -58,7 +58,7 @@ def given_reading(options: Mapping[str, Any]) -> GivenReading:
 
 
 def given_scene(image: Photograph, options: Mapping[str, Any], warnings: list[str], unnamed: str = "the image") -> GivenScene:
-    """The scene that arguments say, by the names of :data:`SCENE`; others are as there."""
+    """Returns the scene described by the arguments in :data:`SCENE`; missing ones have their defaults."""
     said = {**SCENE, **{key: value for key, value in options.items() if key in SCENE}}
     name = name_of(image, unnamed)
     reading = given_reading(said)
@@ -66,7 +66,7 @@ def given_scene(image: Photograph, options: Mapping[str, Any], warnings: list[st
     if isinstance(shots, tuple) or not isinstance(shots, (str, bytes, list)):
         given = [key for key in READING if key not in ("linear", "colorspace") and said[key] is not None]
         if given:
-            raise GonioError(f"{given[0]} says how a file is read; {name} is an array")
+            raise GonioError(f"{given[0]} applies only to files, but {name} is an array")
     clip = None if said["clip"] is None else positive(said["clip"], "clip", "radiance")
     return {
         "name": name,

@@ -1,4 +1,4 @@
-"""What is known of an object's shape, for the extension."""
+"""Converts arguments for the shape of an object."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ._errors import GonioError
 from ._types import Doubles, Floats, GivenNormals, GivenShape
 
 ORDERS = tuple("".join(order) for order in permutations("xyz"))
-"""Which axis each channel of normals may hold."""
+"""Possible orders of the axes in the channels of a normal map."""
 
 FORM: dict[str, Any] = {
     "shape": "sphere",
@@ -37,50 +37,50 @@ FORM: dict[str, Any] = {
     "camera": None,
     "pose": None,
 }
-"""Arguments that say the shape, with their values if not given."""
+"""Arguments for the shape, with their defaults."""
 
 OF_NORMALS = (
     "normals_order", "normals_flip_x", "normals_flip_y", "normals_flip_z", "trust_normals", "depth", "depth_range", "depth_along_rays",
     "positions",
 )
-"""Those that go with normals."""
+"""Arguments that require normals."""
 
 
 def json_or_file(given: Camera | None, name: str) -> str | bytes | None:
-    """A camera or a pose."""
+    """Converts a camera or a pose."""
     if given is None:
         return None
     if is_path(given):
         return os.fspath(cast(Path, given))
     if not isinstance(given, Mapping):
-        raise TypeError(f"{name}: give a file or a dictionary, not {shown(given)}")
+        raise TypeError(f"{name}: must be a file or a dictionary, not {shown(given)}")
     try:
         return json.dumps(given, default=plain).encode()
     except (TypeError, ValueError) as error:
-        raise GonioError(f"{name}: cannot be written as JSON: {error}") from None
+        raise GonioError(f"{name}: cannot be encoded as JSON: {error}") from None
 
 
 def plain(value: object) -> object:
-    """Arrays and numbers of NumPy as JSON has them."""
+    """Converts arrays and numbers of NumPy for JSON."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
-    raise TypeError(f"{shown(value)} is no number, list or text")
+    raise TypeError(f"{shown(value)} is not a number, list or string")
 
 
 def given_shape(options: Mapping[str, Any]) -> GivenShape:
-    """The shape that arguments say, by the names of :data:`FORM`; others are as there."""
+    """Returns the shape described by the arguments in :data:`FORM`; missing ones have their defaults."""
     said = {**FORM, **{key: value for key, value in options.items() if key in FORM}}
     name, mesh, normals = told(said)
     outline = None if said["circle"] is None else circle(said["circle"])
     if outline is not None and (mesh is not None or normals is not None or name != "sphere"):
-        raise GonioError("circle is the outline of a sphere; it does not go with other shapes")
+        raise GonioError("circle is the outline of a sphere; it cannot be combined with other shapes")
     if said["depth_axis"] is not None:
         if not (isinstance(said["depth_axis"], (int, float, np.number)) and said["depth_axis"] > 0):
-            raise GonioError("depth_axis: give a positive number")
+            raise GonioError("depth_axis: must be a positive number")
         if name != "ellipsoid":
-            raise GonioError('depth_axis is for shape="ellipsoid"')
+            raise GonioError('depth_axis requires shape="ellipsoid"')
     if said["pose"] is not None and mesh is None:
-        raise GonioError("pose says where a mesh is: give one with shape=")
+        raise GonioError("pose requires a mesh; specify it with shape=")
     return {
         "shape": name,
         "mesh": mesh,
@@ -93,44 +93,44 @@ def given_shape(options: Mapping[str, Any]) -> GivenShape:
 
 
 def told(said: Mapping[str, Any]) -> tuple[str, str | tuple[Doubles, NDArray[np.uint32]] | None, Any]:
-    """The name of the form, the mesh, and the normals."""
+    """Returns the name of the form, the mesh, and the normals."""
     given, normals = said["shape"], said["normals"]
     if is_path(given):
         text = os.fspath(given)
         if text in ("sphere", "ellipsoid"):
             if normals is not None and text == "ellipsoid":
-                raise GonioError("give an ellipsoid or normals, not both")
+                raise GonioError("an ellipsoid and normals both define the shape; use only one of them")
             return text, None, normals
         if normals is not None:
-            raise GonioError("give a mesh or normals, not both")
+            raise GonioError("a mesh and normals both define the shape; use only one of them")
         return "mesh", text, None
     if isinstance(given, tuple) and len(given) == 2:
         if normals is not None:
-            raise GonioError("give a mesh or normals, not both")
+            raise GonioError("a mesh and normals both define the shape; use only one of them")
         return "mesh", triangles(given[0], given[1]), None
     if given is None:
-        raise TypeError('shape: give "sphere", "ellipsoid", the file of a mesh, (vertices, faces) or normals, not None')
+        raise TypeError('shape: must be "sphere", "ellipsoid", a mesh file, (vertices, faces) or normals, not None')
     if normals is not None:
-        raise GonioError("shape and normals are both normals: give one of them")
+        raise GonioError("shape and normals are both normal maps; use only one of them")
     return "sphere", None, given
 
 
 def given_normals(normals: Any, said: Mapping[str, Any]) -> GivenNormals | None:
-    """Normals with how they are meant."""
+    """Converts a normal map and its conventions."""
     if normals is None:
         given = [key for key in OF_NORMALS if said[key] is not FORM[key] and not (isinstance(said[key], str) and said[key] == FORM[key])]
         if given:
-            raise GonioError(f"{given[0]} goes with normals: give them with normals=")
+            raise GonioError(f"{given[0]} requires normals; specify them with normals=")
         return None
     if said["depth"] is None and (said["depth_range"] is not None or said["depth_along_rays"]):
-        raise GonioError("depth_range and depth_along_rays go with depth=")
+        raise GonioError("depth_range and depth_along_rays require depth=")
     if said["depth"] is not None and said["positions"] is not None:
-        raise GonioError("give depth or positions, not both")
+        raise GonioError("depth and positions both define the surface; use only one of them")
     ends = None
     if said["depth_range"] is not None:
         near, far = numbers(said["depth_range"], "depth_range", "two numbers, near and far", 2)
         if near == far:
-            raise GonioError("depth_range: give two different numbers, near and far")
+            raise GonioError("depth_range: must be two different numbers, near and far")
         ends = (near, far)
     return {
         "picture": file_or(normals, "the normals", 3),
@@ -147,53 +147,53 @@ def given_normals(normals: Any, said: Mapping[str, Any]) -> GivenNormals | None:
 
 
 def file_or(given: Any, name: str, channels: int) -> str | Floats:
-    """A file, or an array of this many channels."""
+    """Converts a file, or an array with a number of channels."""
     if is_path(given):
         return os.fspath(cast(Path, given))
     array = array_of(given, name)
     if array.ndim != 3 or array.shape[2] != channels:
-        raise GonioError(f"{name}: have the shape {array.shape}; give (height, width, {channels})")
+        raise GonioError(f"{name}: have the shape {array.shape}; use (height, width, {channels})")
     if array.dtype.kind != "f":
-        raise GonioError(f"{name}: have values of type {array.dtype}; give floating-point numbers")
+        raise GonioError(f"{name}: have values of type {array.dtype}; use floating-point numbers")
     return floats(array)
 
 
 def depths(given: Any, ends: tuple[float, float] | None) -> str | Doubles | None:
-    """Depths; integers are codes between the ends of a range."""
+    """Converts depths; integers are codes within a range."""
     if given is None or is_path(given):
         return None if given is None else os.fspath(given)
     array = array_of(given, "the depths")
     if array.ndim != 2:
-        raise GonioError(f"the depths: have the shape {array.shape}; give (height, width)")
+        raise GonioError(f"the depths: have the shape {array.shape}; use (height, width)")
     if array.dtype.kind == "f":
         return doubles(array)
     if array.dtype != np.uint16:
-        raise GonioError(f"the depths: have values of type {array.dtype}; give floating-point numbers, or uint16 with depth_range")
+        raise GonioError(f"the depths: have values of type {array.dtype}; use floating-point numbers, or uint16 with depth_range")
     if ends is None:
-        raise GonioError("the depths: are codes; give the range with depth_range=(near, far)")
+        raise GonioError("the depths: are integer codes; specify their range with depth_range=(near, far)")
     surface = (array > 0) & (array < 65535)
     near, far = ends
     return doubles(np.where(surface, near + (far - near) * (array / 65535), np.nan))
 
 
 def places(given: Any) -> str | Doubles | None:
-    """Positions in coordinates of the camera."""
+    """Converts positions in camera coordinates."""
     if given is None or is_path(given):
         return None if given is None else os.fspath(given)
     array = array_of(given, "the positions")
     if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind != "f":
         has = f"the shape {array.shape} and type {array.dtype}"
-        raise GonioError(f"the positions: have {has}; give floating-point numbers of shape (height, width, 3)")
+        raise GonioError(f"the positions: have {has}; use floating-point numbers of shape (height, width, 3)")
     return doubles(array)
 
 
 def triangles(vertices: Array, faces: Array) -> tuple[Doubles, NDArray[np.uint32]]:
-    """A mesh in memory, which is copied."""
+    """Converts a mesh in memory, with a copy."""
     places, corners = array_of(vertices, "the mesh"), array_of(faces, "the mesh")
     if places.ndim != 2 or places.shape[1] != 3:
-        raise GonioError(f"the mesh: has vertices of shape {places.shape}; give (count, 3)")
+        raise GonioError(f"the mesh: has vertices of shape {places.shape}; use (count, 3)")
     if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
-        raise GonioError(f"the mesh: has faces of shape {corners.shape} and type {corners.dtype}; give integers of shape (count, 3)")
+        raise GonioError(f"the mesh: has faces of shape {corners.shape} and type {corners.dtype}; use integers of shape (count, 3)")
     if corners.size and corners.min() < 0:
-        raise GonioError("the mesh: has faces with negative indices")
+        raise GonioError("the mesh: has faces with negative indices; export the mesh again")
     return doubles(places), corners.astype(np.uint32)

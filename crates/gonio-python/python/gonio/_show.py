@@ -1,4 +1,4 @@
-"""How text and pictures are shown."""
+"""Display of text and images."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from ._errors import GonioError
 
 
 def escaped(text: str) -> str:
-    """Text within HTML."""
+    """Escapes text for HTML."""
     return escape(text, quote=True)
 
 
 def tonemapped(picture: Array, *, exposure: float | None = None) -> NDArray[np.uint8]:
-    """Make linear radiance something to look at.
+    """Tone-map linear radiance for display.
 
     Parameters
     ----------
     picture : array
-        Shape (height, width), (height, width, 3), or (height, width, 4) with coverage: the rest
-        becomes white.
+        Shape (height, width), (height, width, 3), or (height, width, 4) with coverage, on a white
+        background.
     exposure : float, optional
-        Multiplies the radiance. Without one bright parts get six tenths of white, and what is
-        brighter keeps apart.
+        Factor of the radiance. By default, the 90 % quantile maps to 60 % of white, and brighter
+        values are compressed.
 
     Returns
     -------
@@ -39,11 +39,11 @@ def tonemapped(picture: Array, *, exposure: float | None = None) -> NDArray[np.u
     >>> gonio.tonemapped(np.full((2, 2), 0.5), exposure=0.4)[0, 0].tolist()
     [124, 124, 124]
     """
-    array = np.asarray(array_of(picture, "the picture"), np.float32)
+    array = np.asarray(array_of(picture, "the image"), np.float32)
     if array.ndim == 2:
         array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
     if array.ndim != 3 or array.shape[2] not in (3, 4):
-        raise GonioError(f"the picture: has the shape {array.shape}; give (height, width), (height, width, 3) or (height, width, 4)")
+        raise GonioError(f"the image: has the shape {array.shape}; use (height, width), (height, width, 3) or (height, width, 4)")
     alpha = array[:, :, 3:] if array.shape[2] == 4 else np.ones_like(array[:, :, :1])
     colours = array[:, :, :3]
     if exposure is None:

@@ -1,4 +1,4 @@
-"""BRDFs from and to files of measurements."""
+"""Reads and writes measured BRDFs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ._brdf import Brdf
 
 
 def read_merl(path: Path) -> Brdf:
-    """Read a table of the MERL database (``.binary``); the whole table is copied once on its way.
+    """Read a table of the MERL database (``.binary``).
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def read_merl(path: Path) -> Brdf:
     Returns
     -------
     Brdf
-        With :attr:`Brdf.full`.
+        The BRDF with :attr:`Brdf.full`.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def read_merl(path: Path) -> Brdf:
 def read_brdf(path: Path) -> Brdf:
     """Read a table of the MERL database or an RGB file of the RGL database (``.bsdf``).
 
-    They are told apart by how they begin.
+    The header of the file determines the format.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def read_brdf(path: Path) -> Brdf:
     Returns
     -------
     Brdf
-        With :attr:`Brdf.full`.
+        The BRDF with :attr:`Brdf.full`.
 
     Examples
     --------
@@ -61,14 +61,14 @@ def _read(path: Path, any_format: bool) -> Brdf:
 
 
 def write_merl(path: Path, brdf: Brdf | Array) -> None:
-    """Write a table of the MERL database.
+    """Write a BRDF in the MERL format.
 
     Parameters
     ----------
     path : str or os.PathLike
-        The file; its name ends in ``.binary``.
+        The file, with the extension ``.binary``.
     brdf : Brdf or array
-        What to write.
+        The BRDF to write.
 
     Examples
     --------

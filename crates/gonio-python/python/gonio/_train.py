@@ -1,4 +1,4 @@
-"""Learning models from measurements."""
+"""Training of models on measurements."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ CHANNELS = ("red", "green", "blue", "luminance")
 
 @dataclass(frozen=True, repr=False)
 class Part:
-    """A part of a model that was learnt: what :func:`train_model` joins.
+    """A trained part of a model, for :func:`train_model`.
 
     Attributes
     ----------
     kind : str
         ``"lighting"``, ``"reflectance"`` or ``"posterior"``.
     provenance : str
-        What it was learnt from and how.
+        Training data and settings.
     data : bytes
-        The file of it.
+        Contents of the file.
     errors : dict of str to float
-        For a basis of reflectance: how far it is from each material (root mean square over the
-        trusted cells, 1/sr).
+        For a basis of reflectance: root mean square error of each material over the trusted cells,
+        in 1/sr.
     """
 
     kind: str
@@ -49,7 +49,7 @@ class Part:
     errors: dict[str, float] = field(default_factory=dict)
 
     def write(self, path: Path) -> None:
-        """Write it as ``gonio train`` does, whole or not at all.
+        """Write the part to a file, as ``gonio train`` does, atomically.
 
         Parameters
         ----------
@@ -72,24 +72,24 @@ def train_lighting(
     seed: int = 1,
     progress: Progress | None = None,
 ) -> Part:
-    """Learn the prior of light.
+    """Train the prior of light.
 
     Parameters
     ----------
     lights : path, or sequence of paths or arrays
-        A folder of lat-long maps, or files or arrays of them.
+        A folder of lat-long maps, or their files or arrays.
     grid : int, default 128
-        Texels along a side of the finest grid that it shall serve, a power of two.
+        Texels along a side of the finest grid of the prior, a power of two.
     layout : {"equal-area", "praun-hoppe"}, default "equal-area"
-        Of the sphere on the square.
+        Mapping of the sphere to the square.
     turns : int, default 1
-        Azimuths at which each map is seen.
+        Number of azimuths at which each map is used.
     cap : float, optional
-        Cut off each map at this many times its mean, as a camera's range does.
+        Multiple of its mean at which each map is clipped, like the limited range of a camera.
     seed : int, default 1
-        Of the fits' starts.
+        Seed of the random starts of the fits.
     progress : callable, optional
-        Called with the name of a stage and the fraction of it that is done.
+        Called with the name of a stage and its completed fraction.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def train_reflectance(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Part:
-    """Learn the basis and the prior of reflectance.
+    """Train the basis and the prior of reflectance.
 
     Parameters
     ----------
@@ -131,13 +131,13 @@ def train_reflectance(
     rank : int, default 10
         Number of basis functions.
     channel : {"red", "green", "blue", "luminance"}, default "green"
-        What is factorised.
+        Channel of the BRDFs to factorise.
     restarts : int, optional
-        Starts of the factorisation.
+        Number of random starts of the factorisation.
     seed : int, default 0
-        Of the starts.
+        Seed of the random starts.
     progress : callable, optional
-        Called with the name of a stage and the fraction of it that is done.
+        Called with the name of a stage and its completed fraction.
 
     Returns
     -------
@@ -173,26 +173,26 @@ def train_posterior(
     seed: int = 1,
     progress: Progress | None = None,
 ) -> Part:
-    """Learn the posterior of materials that :func:`gonio.infer` needs.
+    """Train the posterior of materials for :func:`gonio.infer`.
 
-    It is learnt from simulated photographs of the materials in the lights, which takes hours.
+    The training uses simulated photographs of the materials under the lights, and takes hours.
 
     Parameters
     ----------
     lights, materials
-        As :func:`train_lighting` and :func:`train_reflectance` take them.
+        As for :func:`train_lighting` and :func:`train_reflectance`.
     channel : {"red", "green", "blue", "luminance"}, default "luminance"
-        Of the materials.
+        Channel of the measured BRDFs.
     cameras : int, optional
-        Cameras in each light.
+        Number of cameras in each light.
     draws : int, optional
-        Materials before each camera.
+        Number of materials for each camera.
     steps : int, optional
-        Of the training, each on 128 photographs.
+        Number of training steps, each on 128 simulated photographs.
     seed : int, default 1
-        Of everything random.
+        Seed of all random numbers.
     progress : callable, optional
-        Called with the name of a stage and the fraction of it that is done.
+        Called with the name of a stage and its completed fraction.
 
     Returns
     -------
@@ -215,20 +215,20 @@ def train_posterior(
 
 
 def train_model(lighting: Part | Path, reflectance: Part | Path, posterior: Part | Path | None = None) -> Model:
-    """Join what was learnt to a model.
+    """Join trained parts into a model.
 
     Parameters
     ----------
     lighting, reflectance : Part or path
-        What :func:`train_lighting` and :func:`train_reflectance` return, or files of it.
+        Results of :func:`train_lighting` and :func:`train_reflectance`, or their files.
     posterior : Part or path, optional
-        What :func:`train_posterior` returns; :func:`gonio.infer` needs it for all but the methods
-        of the paper.
+        Result of :func:`train_posterior`, or its file. :func:`gonio.infer` requires it, except for
+        the methods of the paper.
 
     Returns
     -------
     Model
-        For :func:`gonio.infer`.
+        Model for :func:`gonio.infer`.
 
     Examples
     --------
@@ -241,7 +241,7 @@ def _part(part: Part | Path) -> tuple[bytes, str]:
     if isinstance(part, Part):
         return part.data, f"the {part.kind}"
     if not is_path(part):
-        raise TypeError(f"give what train_lighting, train_reflectance or train_posterior returns, or files of it, not {shown(part)}")
+        raise TypeError(f"part: must be a Part or its file, not {shown(part)}")
     path = os.fspath(part)
     return _gonio.read_file(path), path
 
@@ -255,7 +255,7 @@ def _lights(lights: Lights) -> str | list[Floats]:
     if is_path(lights):
         return os.fspath(cast(Path, lights))
     if not isinstance(lights, Sequence):
-        raise TypeError(f"lights: give a folder, or a list of maps, not {shown(lights)}")
+        raise TypeError(f"lights: must be a folder or a list of maps, not {shown(lights)}")
     return [light_map(map, f"light {i}") for i, map in enumerate(lights)]
 
 
@@ -264,5 +264,5 @@ def _materials(materials: Materials) -> str | list[tuple[str, Floats]]:
         tables = {name: value if isinstance(value, Brdf) else Brdf(value) for name, value in materials.items()}
         return [(name, floats(np.asarray(brdf))) for name, brdf in tables.items()]
     if not is_path(materials):
-        raise TypeError(f"materials: give a folder, or a dictionary of BRDFs by name, not {shown(materials)}")
+        raise TypeError(f"materials: must be a folder or a dictionary of BRDFs by name, not {shown(materials)}")
     return os.fspath(materials)

@@ -1,4 +1,4 @@
-"""What goes to the extension and comes back from it."""
+"""Types of the interface to the extension."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ GivenShots: TypeAlias = "GivenPicture | bytes | list[str]"
 
 
 class Listeners(TypedDict):
-    """Who hears of work while it goes on."""
+    """Callbacks during a computation."""
 
     progress: Callable[[str, float], object] | None
     poll: Callable[[], object] | None
 
 
 class GivenNormals(TypedDict):
-    """Normals, with how they are meant."""
+    """A normal map and its conventions."""
 
     picture: str | Floats
     order: str
@@ -44,7 +44,7 @@ class GivenNormals(TypedDict):
 
 
 class GivenShape(TypedDict):
-    """What is known of an object's shape."""
+    """Shape of an object."""
 
     shape: str
     mesh: str | tuple[Doubles, NDArray[np.uint32]] | None
@@ -56,7 +56,7 @@ class GivenShape(TypedDict):
 
 
 class GivenReading(TypedDict):
-    """How the files of a photograph are read."""
+    """Options for reading the files of a photograph."""
 
     linear: bool
     layer: str | None
@@ -68,7 +68,7 @@ class GivenReading(TypedDict):
 
 
 class GivenReference(TypedDict):
-    """A neutral reference in a photograph; no corners of a chart where it is to be detected."""
+    """A neutral reference in a photograph; empty corners mean that the chart is detected."""
 
     white: tuple[float, float, float] | None
     grey_card: str | Floats | None
@@ -91,14 +91,14 @@ class GivenScene(TypedDict):
 
 
 class GivenRegions(TypedDict):
-    """Where the regions of a photograph are."""
+    """Positions of the regions of a photograph."""
 
     labels: str | Floats | None
     circles: list[tuple[float, float, float]] | None
 
 
 class Settings(TypedDict):
-    """How an answer is to be found."""
+    """Settings of an inference."""
 
     method: str
     starts: int
@@ -119,7 +119,7 @@ class Settings(TypedDict):
 
 
 class RenderSettings(TypedDict):
-    """How a picture is made."""
+    """Settings of a rendering."""
 
     width: int
     height: int
@@ -129,7 +129,7 @@ class RenderSettings(TypedDict):
 
 
 class ProbeSettings(TypedDict):
-    """How a light probe is found."""
+    """Settings of a light probe."""
 
     reflectance: tuple[float, float, float]
     rows: int | None
@@ -137,7 +137,7 @@ class ProbeSettings(TypedDict):
 
 
 class FoundBrdf(TypedDict):
-    """A BRDF that was found."""
+    """An estimated BRDF."""
 
     table: Floats
     colors: Doubles
@@ -148,7 +148,7 @@ class FoundBrdf(TypedDict):
 
 
 class FoundInBasis(FoundBrdf):
-    """What every method finds in a photograph."""
+    """Result of all methods from one photograph."""
 
     light: Floats
     light_color: Doubles
@@ -174,14 +174,14 @@ class FoundMaterial(FoundBrdf):
 
 
 class Found(FoundMaterial, FoundInBasis):
-    """Everything that inference finds."""
+    """Result of an inference."""
 
     scale: float
     scatter: float
 
 
 class FoundChecked(TypedDict):
-    """What is found before anything is inferred."""
+    """Result of a check."""
 
     picture: Bytes
     outlines: list[str]
@@ -190,7 +190,7 @@ class FoundChecked(TypedDict):
 
 
 class FoundMerged(TypedDict):
-    """Exposures merged to one picture."""
+    """Exposures merged into one image."""
 
     picture: Floats
     alpha: Floats | None
@@ -203,13 +203,13 @@ class FoundMerged(TypedDict):
 
 
 class FoundTogether(FoundMaterial):
-    """Everything that several photographs tell of a material."""
+    """Material from several photographs."""
 
     agreement: list[float]
 
 
 class SavedResult(TypedDict):
-    """What goes into a folder of results."""
+    """Contents of a folder of results."""
 
     table: Floats
     likelihood: Likelihood | None
@@ -222,7 +222,7 @@ class SavedResult(TypedDict):
 
 
 class LightingOptions(TypedDict):
-    """How the prior of light is learnt."""
+    """Settings for training the prior of light."""
 
     grid: int
     layout: str
@@ -232,7 +232,7 @@ class LightingOptions(TypedDict):
 
 
 class ReflectanceOptions(TypedDict):
-    """How the basis of reflectance is learnt."""
+    """Settings for training the basis of reflectance."""
 
     rank: int
     channel: str
@@ -241,7 +241,7 @@ class ReflectanceOptions(TypedDict):
 
 
 class PosteriorOptions(TypedDict):
-    """How the posterior of materials is learnt."""
+    """Settings for training the posterior of materials."""
 
     channel: str
     cameras: int | None

@@ -1,4 +1,4 @@
-//! Whether two results agree, and how far apart their BRDFs are.
+//! Agreement of two results, and distance of their BRDFs.
 
 use gonio::reflectance::{BivariateTable, log_distance};
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ pub(super) struct Highlight {
 }
 
 impl Highlight {
-    /// What `result.json` says; numbers that are no quantiles are left out.
+    /// Reads `result.json`; invalid quantiles are ignored.
     pub(super) fn of(notes: &Value) -> Self {
         let gloss = &notes["posterior"]["gloss"];
         let sound = |[low, median, high]: &[f64; 3]| 0.0 < *low && low <= median && median <= high;
@@ -24,7 +24,7 @@ impl Highlight {
     }
 }
 
-/// What the intervals of two results say of each other, from the best to the worst.
+/// Agreement of the intervals of two results, from the best to the worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Agreement {
     /// The estimate of each lies in the interval of the other.
@@ -51,7 +51,7 @@ impl Agreement {
         }
     }
 
-    /// That of one number.
+    /// Agreement of one number.
     fn of(a: [f64; 3], b: [f64; 3]) -> Self {
         let within = |x: f64, [low, _, high]: [f64; 3]| (low..=high).contains(&x);
         if a[0] > b[2] || b[0] > a[2] {
@@ -69,7 +69,7 @@ impl Agreement {
 pub struct Pair {
     /// Their places among all.
     pub(super) of: [usize; 2],
-    /// What their intervals say.
+    /// Agreement of their intervals.
     pub agreement: Agreement,
     /// [`log_distance`] of their BRDFs, where both are there and not black.
     pub distance: Option<f64>,
@@ -104,7 +104,7 @@ fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agr
     let measures: Vec<_> = known.map(|(name, a, b)| (Agreement::of(a, b), name, a, b)).collect();
     let Some(worst) = measures.iter().map(|measure| measure.0).max() else {
         let silent = if of_a == Highlight::default() { a } else { b };
-        let sentence = format!("Whether {a} and {b} agree is not known: {silent} has no intervals to compare.");
+        let sentence = format!("Agreement of {a} and {b} is unknown: {silent} has no intervals.");
         return (Agreement::Unknown, sentence);
     };
     let interval = |[low, median, high]: [f64; 3]| format!("{} ({} to {})", short(median), short(low), short(high));
@@ -115,9 +115,10 @@ fn agreement((a, of_a): (&str, Highlight), (b, of_b): (&str, Highlight)) -> (Agr
     let sentence = match worst {
         Agreement::Agree | Agreement::Unknown => format!("{a} and {b} agree within their intervals: {numbers}."),
         Agreement::Overlap => format!(
-            "{a} and {b} may be alike: their intervals overlap, but not each holds the other's estimate: {numbers}."
+            "{a} and {b} are possibly the same material: their intervals overlap, but do not both contain the other \
+             estimate: {numbers}."
         ),
-        Agreement::Differ => format!("{a} and {b} do not agree, their intervals lie apart: {numbers}."),
+        Agreement::Differ => format!("{a} and {b} differ, because their intervals do not overlap: {numbers}."),
     };
     (worst, sentence)
 }
@@ -159,8 +160,8 @@ mod tests {
         assert_eq!(agreement, Agreement::Overlap);
         assert_eq!(
             sentence,
-            "one and two may be alike: their intervals overlap, but not each holds the other's estimate: \
-             gloss 10 (4.0 to 30) and 50 (20 to 90)."
+            "one and two are possibly the same material: their intervals overlap, but do not both contain the \
+             other estimate: gloss 10 (4.0 to 30) and 50 (20 to 90)."
         );
     }
 
@@ -171,7 +172,7 @@ mod tests {
         assert_eq!(agreement, Agreement::Differ);
         assert_eq!(
             sentence,
-            "one and two do not agree, their intervals lie apart: GGX alpha 0.20 (0.10 to 0.30) and 0.60 (0.50 to 0.70)."
+            "one and two differ, because their intervals do not overlap: GGX alpha 0.20 (0.10 to 0.30) and 0.60 (0.50 to 0.70)."
         );
         // Ends that touch overlap.
         let touching = highlight([30.0, 40.0, 50.0], [0.3, 0.4, 0.5]);
@@ -183,7 +184,7 @@ mod tests {
         let a = highlight([4.0, 10.0, 30.0], [0.1, 0.2, 0.3]);
         let (agreement, sentence) = said(a, Highlight::default());
         assert_eq!(agreement, Agreement::Unknown);
-        assert_eq!(sentence, "Whether one and two agree is not known: two has no intervals to compare.");
+        assert_eq!(sentence, "Agreement of one and two is unknown: two has no intervals.");
         // An older result without alpha is compared by its gloss.
         assert_eq!(said(a, Highlight { alpha: None, ..a }).0, Agreement::Agree);
     }

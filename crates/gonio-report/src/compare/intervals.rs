@@ -17,14 +17,14 @@ pub(super) fn section(entries: &[Entry]) -> Markup {
         highlights.iter().filter_map(|(name, highlight)| Some((name.as_str(), measure(highlight)?))).collect()
     };
     let charts = [
-        chart("Gloss (peak over base, rises with sharpness)", &of(|highlight| highlight.gloss)),
-        chart("GGX alpha (width of the lobe, falls with sharpness)", &of(|highlight| highlight.alpha)),
+        chart("Gloss (ratio of peak to base, increases with sharpness)", &of(|highlight| highlight.gloss)),
+        chart("GGX alpha (width of the lobe, decreases with sharpness)", &of(|highlight| highlight.alpha)),
     ];
     html! {
-        @if charts.iter().all(Option::is_none) { p.note { "None of the results has intervals." } }
+        @if charts.iter().all(Option::is_none) { p.note { "No result has intervals." } }
         @else {
             div.grid { @for chart in charts.iter().flatten() { (chart) } }
-            p.note { "Bars are intervals of 90 %, dots the estimates; the axes are logarithmic. Bars one above the other overlap." }
+            p.note { "Bars are 90 % intervals and dots are estimates, on logarithmic axes." }
         }
     }
 }

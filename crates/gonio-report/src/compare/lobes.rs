@@ -1,4 +1,4 @@
-//! The BRDFs of all results over each other.
+//! Chart of the BRDFs of all results.
 
 use gonio::estimate::ALBEDO;
 use gonio::reflectance::BivariateTable;
@@ -14,7 +14,7 @@ const CUT: usize = 5;
 
 pub(super) fn section(entries: &[Entry]) -> Markup {
     if entries.len() > MOST {
-        return left_out("The curves are left out");
+        return left_out("The curves are omitted");
     }
     let tables = found(entries).filter_map(|(entry, found)| Some((entry, scaled(found.table.as_ref()?)?)));
     let series: Vec<Series> = tables
@@ -26,7 +26,7 @@ pub(super) fn section(entries: &[Entry]) -> Markup {
         })
         .collect();
     if series.is_empty() {
-        return html! { p.note { "None of the folders has a BRDF." } };
+        return html! { p.note { "No folder contains a BRDF." } };
     }
     let title = format!("At a difference angle of {CUT}°");
     let frame = Frame {
@@ -37,8 +37,9 @@ pub(super) fn section(entries: &[Entry]) -> Markup {
     };
     figure::figure(
         &chart(&frame, &series),
-        &html! { "The luminance of each BRDF over the half angle: the highlight is on the left. All have an albedo of " (ALBEDO)
-        " along the normal here, since a photograph under unknown light does not tell it." },
+        &html! { "The luminance of each BRDF over the half angle; the highlight is on the left. All BRDFs are \
+            scaled to an albedo of " (ALBEDO)
+        " at normal incidence, because a photograph under unknown light does not determine the albedo." },
     )
 }
 
@@ -70,7 +71,7 @@ mod tests {
         };
         let drawn = names(vec![flat(0.1), None, flat(0.0), flat(7.0)]);
         assert!(drawn.contains("Shown: n0; n3."), "{drawn}");
-        assert!(names(vec![None, flat(0.0)]).contains("None of the folders"));
+        assert!(names(vec![None, flat(0.0)]).contains("No folder contains"));
         // Twenty-four curves are told apart by colour and kind.
         let all = names((0..MOST).map(|i| flat(0.1 + i as f64)).collect());
         assert_eq!(all.matches("stroke-dasharray=\"6 3\"").count(), 8);

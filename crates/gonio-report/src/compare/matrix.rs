@@ -1,4 +1,4 @@
-//! Distances of all pairs, and which of them agree.
+//! Distances and agreement of all pairs of results.
 
 use maud::{Markup, html};
 
@@ -10,25 +10,27 @@ const SENTENCES: usize = 10;
 pub(super) fn section(comparison: &Comparison) -> Markup {
     let Comparison { entries, pairs } = comparison;
     if entries.len() > MOST {
-        return left_out("Distances and agreement of pairs are left out");
+        return left_out("Distances and agreement of pairs are omitted");
     }
-    // Of many pairs those that differ are of interest.
+    // With many pairs, list only those that differ.
     let few = pairs.len() <= SENTENCES;
     let shown = pairs.iter().filter(|pair| few || pair.agreement == Agreement::Differ);
     let more = shown.clone().count().saturating_sub(SENTENCES);
     html! {
         @if !few { p { (counts(pairs)) } }
         ul { @for pair in shown.take(SENTENCES) { li { (pair.sentence) } } }
-        @if more > 0 { p { "Of " (more) " more pairs that differ the table tells." } }
+        @if more > 0 { p { "Of " (more) " more pairs that differ, see the table." } }
         p.note {
-            "Two results " strong { "agree" } " if the estimate of each lies in the 90 % interval of the other, in gloss and in GGX alpha; they "
-            strong { "overlap" } " if only the intervals do, and " strong { "differ" } " where these lie apart. To agree does not \
-             mean to be of one material: an answer that is open agrees with nearly everything."
+            "Two results " strong { "agree" } " if each estimate lies in the 90 % interval of the other, in gloss \
+                and in GGX alpha. They "
+            strong { "overlap" } " if only their intervals overlap, and " strong { "differ" } " if these do not \
+                overlap. Agreement does not prove that the material is the same: a very uncertain result agrees \
+                with most others."
         }
         (table(entries, pairs))
         p.note {
-            "Distance: root mean square of the difference of the logarithms of both BRDFs over both angles below 80°, after the \
-             best scale; 0.1 is about 10 %."
+            "Distance: root mean square difference between the logarithms of both BRDFs, for both angles below 80° \
+             and after the best scaling. 0.1 is about 10 %."
         }
     }
 }
@@ -38,15 +40,15 @@ pub(super) fn counts(pairs: &[Pair]) -> String {
     let count = |agreement: Agreement| {
         let count = pairs.iter().filter(|pair| pair.agreement == agreement).count();
         let (one, several) = match agreement {
-            Agreement::Agree => ("agrees within its intervals", "agree within their intervals"),
-            Agreement::Overlap => ("has intervals that only overlap", "have intervals that only overlap"),
-            Agreement::Differ => ("differs beyond its intervals", "differ beyond their intervals"),
-            Agreement::Unknown => ("has no intervals to compare", "have no intervals to compare"),
+            Agreement::Agree => ("agrees", "agree"),
+            Agreement::Overlap => ("has overlapping intervals", "have overlapping intervals"),
+            Agreement::Differ => ("differs", "differ"),
+            Agreement::Unknown => ("has no intervals", "have no intervals"),
         };
         (count > 0).then(|| format!("{count} {}", if count == 1 { one } else { several }))
     };
     let all: Vec<String> = Agreement::ALL.into_iter().filter_map(count).collect();
-    format!("Of {} pairs {}.", pairs.len(), all.join(", "))
+    format!("Of {} pairs, {}.", pairs.len(), all.join(", "))
 }
 
 fn table(entries: &[Entry], pairs: &[Pair]) -> Markup {
@@ -55,7 +57,7 @@ fn table(entries: &[Entry], pairs: &[Pair]) -> Markup {
     html! {
         div.scroll role="region" aria-label="Distances of the BRDFs" tabindex="0" {
             table.distances {
-                caption { "Distance of every two BRDFs, and whether the results agree" }
+                caption { "Distance and agreement of each pair of results" }
                 thead { tr {
                     th scope="col" { "result" }
                     @for at in 1..=entries.len() { th scope="col" { (at) } }
@@ -113,10 +115,7 @@ mod tests {
         let kind = |of: [usize; 2]| if of == [1, 4] { Agreement::Differ } else { Agreement::Agree };
         let pairs: Vec<Pair> = of.iter().map(|of| pair(*of, kind(*of), Some(0.2))).collect();
         let html = section(&Comparison { entries: entries(6), pairs }).into_string();
-        assert!(
-            html.contains("Of 15 pairs 14 agree within their intervals, 1 differs beyond its intervals."),
-            "{html}"
-        );
+        assert!(html.contains("Of 15 pairs, 14 agree, 1 differs."), "{html}");
         assert_eq!(html.matches("<li>").count(), 1);
         assert!(html.contains("<li>sentence [1, 4]</li>"));
         let all = of.iter().map(|of| pair(*of, Agreement::Differ, None)).collect();

@@ -1,4 +1,4 @@
-//! Page with several results side by side: a single file that loads nothing else.
+//! Self-contained HTML page that compares several results.
 
 mod agreement;
 mod intervals;
@@ -32,11 +32,11 @@ const LETTERS: usize = 400;
 
 /// A result.
 pub struct Entry {
-    /// What it is called.
+    /// Name.
     pub name: String,
     /// Address of its own page, relative to this one.
     pub report: Option<String>,
-    /// What its folder holds, or why there is nothing.
+    /// Contents of its folder, or the error.
     pub found: Result<Found, String>,
 }
 
@@ -52,7 +52,7 @@ pub struct Found {
     pub sphere: Option<Plane<Vec3>>,
     /// Luminance of the BRDF (1/sr); read if there are not more than [`MOST`] results.
     pub table: Option<BivariateTable>,
-    /// What is wrong with its files, one line each.
+    /// Errors of its files, one line each.
     pub faults: Vec<String>,
 }
 
@@ -92,16 +92,16 @@ impl Comparison {
     pub fn render(&self) -> String {
         let section = |id: &str, title: &str, body: Markup| Section { id: id.into(), title: title.into(), body };
         let mut sections = vec![
-            section("results", "The results", overview::table(&self.entries)),
+            section("results", "Results", overview::table(&self.entries)),
             section("intervals", "Gloss and width of the highlight", intervals::section(&self.entries)),
         ];
         if self.entries.len() > 1 {
-            sections.push(section("brdfs", "The BRDFs over each other", lobes::section(&self.entries)));
-            sections.push(section("agreement", "Do they agree?", matrix::section(self)));
+            sections.push(section("brdfs", "BRDFs", lobes::section(&self.entries)));
+            sections.push(section("agreement", "Agreement", matrix::section(self)));
         }
         let title = match self.entries.len() {
             1 => "One result".to_owned(),
-            count => format!("{count} results side by side"),
+            count => format!("Comparison of {count} results"),
         };
         Document { title: &title, lead: self.lead(), sections, style: STYLE, script: "" }.render()
     }
@@ -112,17 +112,17 @@ impl Comparison {
         html! {
             @if let [pair] = &self.pairs[..] { p.answer { (pair.sentence) } }
             @else if !self.pairs.is_empty() { p.answer { (matrix::counts(&self.pairs)) } }
-            @if missing > 0 { p { (missing) " of " (self.entries.len()) " have no result." } }
+            @if missing > 0 { p { (missing) " of " (self.entries.len()) " results are missing." } }
             @if self.entries.len() > MOST_PICTURES {
-                p.note { "Pictures are left out, since there are more than " (MOST_PICTURES) " results." }
+                p.note { "Pictures are omitted, because there are more than " (MOST_PICTURES) " results." }
             }
         }
     }
 }
 
-/// Says that a part of the page is left out of so many results.
+/// Notes that a part of the page is omitted because of too many results.
 fn left_out(what: &str) -> Markup {
-    html! { p.note { (what) ", since there are more than " (MOST) " results." } }
+    html! { p.note { (what) ", because there are more than " (MOST) " results." } }
 }
 
 /// The results that were found.
@@ -183,7 +183,7 @@ mod tests {
         let mut entries: Vec<Entry> = odd.into_iter().map(|notes| entry("odd", notes)).collect();
         entries.push(Entry { name: "failed".into(), report: None, found: Err("is <gone>".into()) });
         let page = Comparison::of(entries).render();
-        assert!(page.contains("is &lt;gone&gt;") && page.contains("1 of 6 have no result"));
+        assert!(page.contains("is &lt;gone&gt;") && page.contains("1 of 6 results are missing"));
         assert!(!page.contains(">NaN<") && !page.contains("inf<"));
     }
 
@@ -192,8 +192,8 @@ mod tests {
         let comparison = Comparison::of(vec![entry("a", notes(10.0)), entry("b", notes(1000.0))]);
         assert_eq!(comparison.pairs[0].agreement, Agreement::Differ);
         let page = comparison.render();
-        assert!(page.contains("<p class=\"answer\">a and b do not agree, their intervals lie apart: gloss 10"));
-        assert!(page.contains("2 results side by side"));
+        assert!(page.contains("<p class=\"answer\">a and b differ, because their intervals do not overlap: gloss 10"));
+        assert!(page.contains("Comparison of 2 results"));
     }
 
     #[test]
@@ -206,9 +206,9 @@ mod tests {
         };
         let (few, many) = (of(MOST), of(MOST + 1));
         assert!(few.contains("class=\"distances\"") && few.contains("role=\"img\""));
-        assert!(!few.contains("left out"), "nothing is left out of a few");
+        assert!(!few.contains("omitted"), "nothing is left out of a few");
         assert!(!many.contains("class=\"distances\""));
-        assert_eq!(many.matches("since there are more than 24 results").count(), 2);
+        assert_eq!(many.matches("because there are more than 24 results").count(), 2);
         assert_eq!(many.matches("class=\"interval\"").count(), MOST + 1);
     }
 

@@ -17,17 +17,18 @@ const COLUMNS: [&str; 9] = [
     "GGX alpha",
     "gloss units",
     "colours",
-    "highlight like",
+    "most similar highlight",
     "misfit",
-    "how sure, warnings",
+    "uncertainty, warnings",
 ];
 
 pub(super) fn table(entries: &[Entry]) -> Markup {
     html! {
         div.scroll role="region" aria-label="The results" tabindex="0" {
             table.results {
-                caption { "Intervals are of 90 %. Gloss units (ASTM D523, black glass is 100) are in proportion to the albedo along the normal, \
-                    which a photograph under unknown light does not tell: it is given where it is not 0.5." }
+                caption { "All intervals are 90 % intervals. Gloss units (ASTM D523, black glass has 100) are \
+                    proportional to the albedo at normal incidence, which a photograph under unknown light does not \
+                    determine; the table states the albedo if it is not 0.5." }
                 thead { tr { th scope="col" { "result" } @for column in COLUMNS { th scope="col" { (column) } } } }
                 tbody { @for (at, entry) in entries.iter().enumerate() { tr { (row(at, entry)) } } }
             }

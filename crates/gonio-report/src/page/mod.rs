@@ -1,4 +1,4 @@
-//! Reports as one HTML file: pictures, charts and tables that need nothing but the file itself.
+//! Self-contained HTML pages with pictures, charts and tables.
 //!
 //! * [`document`] is the frame: title, contents, one embedded stylesheet, no network requests;
 //!   [`Document`] adds to it.

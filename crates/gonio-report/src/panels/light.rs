@@ -1,4 +1,4 @@
-//! Lights for display: one of our own with dark parts, and estimated lights without their texels.
+//! Lights for display: a built-in light with dark parts, and interpolated estimated lights.
 
 use std::f64::consts::PI;
 

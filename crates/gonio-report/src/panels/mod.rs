@@ -1,4 +1,4 @@
-//! Individual pictures of a result: the photograph and its explanation, and the material in
+//! Individual pictures of a result: the photograph, its reproduction, and the material under
 //! built-in lights.
 
 mod gloss;

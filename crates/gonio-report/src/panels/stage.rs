@@ -124,7 +124,7 @@ impl<'a> Lit<'a> {
             let place = |i: usize| f64::from((i as f32 - 0.5 * (DOME - 1) as f32) * DOME_STEP);
             let (x, y) = (place(at % DOME), -place(at / DOME));
             let angle = x.hypot(y);
-            // What lies further out serves no pixel.
+            // No pixel uses points further out.
             if angle > 95_f64.to_radians() {
                 return vec![Vec3::ZERO; brdfs.len()];
             }

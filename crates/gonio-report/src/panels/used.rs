@@ -1,4 +1,4 @@
-//! Picture of the pixels that were used, and of those left out and why.
+//! Picture of used and ignored pixels, with the reasons.
 
 use glam::Vec3;
 use gonio::picture::Plane;
@@ -41,7 +41,7 @@ pub const MARKS: [Mark; 6] = [
     Mark { label: "clipped", colour: Vec3::new(0.95, 0.08, 0.05), fates: &[Fate::Clipped] },
     Mark { label: "another colour", colour: Vec3::new(0.03, 0.22, 0.95), fates: &[Fate::OtherColour] },
     Mark { label: "at an edge", colour: Vec3::new(0.85, 0.55, 0.02), fates: &[Fate::Edge] },
-    Mark { label: "no sound normal", colour: Vec3::new(0.3, 0.3, 0.3), fates: &[Fate::NoNormal] },
+    Mark { label: "no valid normal", colour: Vec3::new(0.3, 0.3, 0.3), fates: &[Fate::NoNormal] },
 ];
 
 /// Draws the photograph, dark where it lies outside the observed part,
@@ -69,7 +69,7 @@ pub fn reasons(fates: &Plane<Fate>) -> Vec<(Mark, usize)> {
 /// Adds a legend of the colours to the picture.
 pub fn with_legend(picture: &Plane<Vec3>, fates: &Plane<Fate>) -> Plane<Vec3> {
     let mut lines = legend(fates);
-    lines.push((PAPER, "dark: outside, or seen too steeply".to_owned()));
+    lines.push((PAPER, "dark: outside, or at grazing angle".to_owned()));
     canvas::with_legend(picture, 0, &lines)
 }
 

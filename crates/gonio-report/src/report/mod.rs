@@ -1,5 +1,4 @@
-//! Page with what was found in a photograph, and how far to trust it: a single file that loads
-//! nothing else.
+//! Self-contained HTML report of an estimate with its uncertainty.
 
 mod lobes;
 mod packed;
@@ -52,15 +51,15 @@ impl Report<'_> {
     pub fn render(&self) -> String {
         let section = |id: &str, title: &str, body: Markup| Section { id: id.into(), title: title.into(), body };
         let mut sections = vec![
-            section("photograph", "The photograph and what explains it", self.photograph()),
-            section("reflectance", "The BRDF", reflectance::section(self.subject, self.panels)),
+            section("photograph", "Photograph and estimated light", self.photograph()),
+            section("reflectance", "BRDF", reflectance::section(self.subject, self.panels)),
         ];
         if let Some(material) = self.subject.material {
-            sections.push(section("trust", "How far to trust it", self.trust(material)));
+            sections.push(section("trust", "Uncertainty", self.trust(material)));
         }
         sections.push(section("renderers", "Parameters for renderers", renderers::section(self.name, self.fits)));
-        sections.push(section("making", "How this was made", self.making()));
-        let title = format!("What {} is made of", self.name);
+        sections.push(section("making", "Settings", self.making()));
+        let title = format!("Material of {}", self.name);
         let lead = html! {
             (self.answer())
             (warnings(self.warnings))
@@ -78,10 +77,10 @@ impl Report<'_> {
             p.answer {
                 @match (kind, self.subject.material) {
                     (Some((material, nearest)), _) => {
-                        "Its highlight is most like that of " strong { (nearest.name) } "; " (material.verdict()) "."
+                        "The highlight is most similar to that of " strong { (nearest.name) } "; " (material.verdict()) "."
                     }
-                    (None, Some(material)) => { "Of its highlight, " (material.verdict()) "." }
-                    (None, None) => { "This is the BRDF that explains the photograph best; the method does not say how sure it is." }
+                    (None, Some(material)) => { "Highlight: " (material.verdict()) "." }
+                    (None, None) => { "This BRDF explains the photograph best. The method does not estimate its uncertainty." }
                 }
             }
         }
@@ -93,11 +92,11 @@ impl Report<'_> {
             let albedo = self.result["reference"]["scale"]["normal_albedo"].as_f64();
             return html! {
                 p.note {
-                    "The reflectance (BRDF) of an object, estimated from one photograph under unknown illumination. "
+                    "BRDF of an object, estimated from one photograph under unknown light. "
                     @if let Some(albedo) = albedo {
-                        "A reference in the picture fixes the scale: the albedo along the normal is " (format!("{albedo:.2}")) "."
+                        "A reference in the image determines the scale: the albedo at normal incidence is " (format!("{albedo:.2}")) "."
                     } @else {
-                        "Brightness of light and reflectance cannot be told apart: the albedo along the normal is set to one half."
+                        "The photograph does not determine the absolute albedo; it is set to 0.5 at normal incidence."
                     }
                 }
             };
@@ -106,16 +105,15 @@ impl Report<'_> {
         let absolute = self.result["reflectance"]["absolute"].as_bool() == Some(true);
         html! {
             p.note {
-                "The reflectance (BRDF) of an object, estimated from one photograph in a light that is known. "
+                "BRDF of an object, estimated from one photograph under a known light. "
                 @match (albedo, absolute) {
                     (Some(albedo), true) => {
-                        "Photograph and light map are on one scale: the albedo along the normal is " (format!("{albedo:.2}")) "."
+                        "Photograph and light map have the same scale: the albedo at normal incidence is " (format!("{albedo:.2}")) "."
                     }
                     (Some(albedo), false) => {
-                        "The albedo along the normal is set to one half; it is " (format!("{albedo:.2}")) " if photograph and \
-                         light map are on one scale."
+                        "The albedo at normal incidence is set to 0.5. It is " (format!("{albedo:.2}")) " if photograph and light map have the same scale."
                     }
-                    _ => { "The albedo along the normal is set to one half." }
+                    _ => { "The albedo at normal incidence is set to 0.5." }
                 }
             }
         }
@@ -129,21 +127,22 @@ impl Report<'_> {
                         @if let Some((_, sphere)) = self.panels.spheres.first() {
                             img.still src=(figure::source(sphere)) width=(PANEL) height=(PANEL) alt="A sphere of the material in a studio light";
                         }
-                        p.note { "A sphere to turn needs scripts. The pictures do not." }
+                        p.note { "The interactive sphere requires JavaScript." }
                     }
                     script #sphere-data type="application/json" { (PreEscaped(sphere::data(self.subject))) }
                 }
                 div {
                     div.row {
                         @for (label, picture, alt) in [
-                            ("the photograph", &self.panels.photograph, "The photograph of the object"),
-                            ("what BRDF and light make of it", &self.panels.reproduction, "The object as the BRDF and the light found reproduce it"),
-                            ("the difference", &self.panels.residual, "Where the photograph is brighter, darker or of another colour than its reproduction"),
+                            ("photograph", &self.panels.photograph, "The photograph of the object"),
+                            ("reproduction", &self.panels.reproduction, "The object, rendered with the estimated BRDF and light"),
+                            ("difference", &self.panels.residual, "Difference between the photograph and its reproduction"),
                         ] { div.tile { (figure::sized(picture, SHOWN, alt)) span { (label) } } }
                     }
                     p.note {
-                        "Grey means no difference. The picture is lighter where the photograph is brighter, and redder where it is redder. Black, "
-                        "white and full colours mean a difference of 50 %."
+                        "Grey means no difference; lighter and redder pixels mean that the photograph is lighter \
+                         and redder than the reproduction. Black, "
+                        "white and saturated colours mean a difference of 50 %."
                     }
                     @match self.subject.material {
                         Some(material) => { (facts(material, self.result)) }
@@ -163,21 +162,21 @@ impl Report<'_> {
 
     fn photograph(&self) -> Markup {
         let Panels { observed, light, .. } = self.panels;
-        let given = if self.subject.light.is_some() { "estimated" } else { "given" };
-        let light_words = format!("The {given} light as a map of all directions, tone-mapped");
+        let given = if self.subject.light.is_some() { "estimated" } else { "known" };
+        let light_words = format!("The {given} light as a tone-mapped map of all directions");
         let mut pictures = vec![figure::card(
             "Observations",
-            &figure::sized(observed, SHOWN, "The photograph under a dot for each place where it was sampled"),
-            &html! { "A dot for each place where the picture was sampled, between pixels if it is small. " span.used { "Teal" } ": used. " span.unused { "Red" } ": seen, but left out (clipped, faulty, covered, in shadow, of another colour)." },
+            &figure::sized(observed, SHOWN, "The photograph with a dot at each sample point"),
+            &html! { "Each dot is a sample point; in small images, points lie between pixels. " span.used { "Teal" } ": used. " span.unused { "Red" } ": visible, but ignored (clipped, faulty, covered, in shadow, or of another colour)." },
         )];
         pictures.extend(self.used());
         pictures.push(figure::card(
             &format!("The {given} light"),
             &figure::picture(light, &light_words),
             &html! {
-                "Latitude over longitude: the middle lies behind the object, the left and right edges behind the camera. "
+                "Lat-long map: the centre is behind the object, the left and right edges are behind the camera. "
                 @if let Some(grid) = self.subject.light {
-                    "It is what explains the photograph given the mean BRDF, in texels of " (format!("{:.1}", resolution(grid))) "°, blurred by half of one here."
+                    "This light explains the photograph, given the mean BRDF. Its texels are " (format!("{:.1}", resolution(grid))) "° wide; the picture is blurred by half a texel."
                     @if let Some(share) = self.uncertain() { " " (percent(share)) " of its variation is uncertain." }
                 }
             },
@@ -186,8 +185,8 @@ impl Report<'_> {
         html! {
             (figure::grid(18, &pictures))
             @if self.subject.light.is_some() {
-                p { "A small difference does not prove the material right: a blurry light on a mirror can look \
-                     like a sharp light on a dull surface." }
+                p { "A small difference does not prove that the material is correct: a mirror under a blurred light \
+                    can look like a dull surface under a sharp light." }
             }
         }
     }
@@ -212,21 +211,21 @@ impl Report<'_> {
             format!("--dot: rgb({r} {g} {b})")
         };
         let caption = html! {
-            "Left out: "
+            "Ignored pixels: "
             @for (i, (mark, count)) in reasons.iter().enumerate() {
                 @if i > 0 { ", " }
                 span.mark style=(dot(mark.colour)) { (mark.label) } " (" (count) ")"
             }
-            ", in pixels. Dark: outside, or seen too steeply."
+            ". Dark: outside, or at grazing angle."
         };
-        let alt = "The photograph with the pixels marked that were left out";
-        Some(figure::card("What was used", &figure::sized(picture, SHOWN, alt), &caption))
+        let alt = "The photograph with ignored pixels marked";
+        Some(figure::card("Used pixels", &figure::sized(picture, SHOWN, alt), &caption))
     }
 
     fn trust(&self, material: &Material) -> Markup {
         let rows: Vec<Vec<String>> =
             material.neighbours.iter().map(|n| vec![n.name.clone(), percent(n.weight)]).collect();
-        let ends = ["its dull end, at 5 %", "the estimate", "its glossy end, at 95 %"];
+        let ends = ["dull end (5 %)", "estimate", "glossy end (95 %)"];
         let pictures = [self.panels.ends.first(), self.panels.spheres.first().map(|s| &s.1), self.panels.ends.get(1)];
         let tiles: Vec<(&str, Markup)> = ends
             .into_iter()
@@ -237,15 +236,18 @@ impl Report<'_> {
             .collect();
         html! {
             (figure::figure(&figure::tiles(&tiles), &html! {
-                "Materials that the photograph allows, by their gloss, in a studio light. If the two ends differ to your eye, the photograph does not settle the matter."
+                "Estimate and both ends of the 90 % interval of the gloss, in a studio light. If the two ends look \
+                 different, the photograph does not determine the material."
             }))
             (figure::grid(22, &[
                 figure::figure(&svg(&[&width(material)], false, "Map of the width of the 90 % interval over half and difference angle"),
-                    &html! { "How wide the 90 % interval is in each cell, as a factor between its ends: it is wider than a factor of " (WIDE) " in "
-                        (percent(material.wider_than(WIDE))) " of the cells below 80°. Hatched: most of what it would be without a photograph ("
-                        (percent(material.open)) " of the cells), and all beyond 80°." }),
+                    &html! { "Width of the 90 % interval in each cell, as the ratio of its ends. It exceeds a \
+                        factor of " (WIDE) " in "
+                        (percent(material.wider_than(WIDE))) " of the cells below 80°. Hatched: cells that the photograph does not determine ("
+                        (percent(material.open)) " of the cells), and all cells above 80°." }),
                 html! { div { @if !rows.is_empty() {
-                (table::table("Measured materials (MERL database) that are most like it in the shape of the highlight, not in colour, by their share of the posterior among them", &["material", "share"], &rows))
+                (table::table("Measured materials (MERL database) with the most similar highlight (not colour), \
+                    with their share of the posterior", &["material", "share"], &rows))
                 } } },
             ]))
         }
@@ -256,7 +258,7 @@ impl Report<'_> {
         let words = |value: &Value| value.as_str().map(str::to_owned).unwrap_or_else(|| value.to_string());
         let mut rows: Vec<Vec<String>> = [
             ("method", &result["method"]),
-            ("texels along a side of the light", &result["settings"]["grid"]),
+            ("light grid (texels per side)", &result["settings"]["grid"]),
             ("gonio", &result["gonio"]),
             ("model", &result["model"]["provenance"]),
         ]
@@ -272,7 +274,8 @@ impl Report<'_> {
         }
         html! {
             dl.facts { @for row in &rows { div { dt { (row[0]) } dd { (row[1]) } } } }
-            p.note { "The numbers are in result.json, the BRDF in brdf.binary (MERL) beside this page; gonio export writes it for renderers." }
+            p.note { "result.json contains all numbers and brdf.binary the BRDF (MERL format), in the folder of \
+                this page. gonio export converts the BRDF for renderers." }
         }
     }
 }
@@ -280,15 +283,16 @@ impl Report<'_> {
 /// Shows the two numbers that should be read first, the misfit with its expected value if that is
 /// known.
 fn verdict(misfit: Option<f64>, expected: Option<f64>, scatter: Option<f64>) -> Markup {
-    let beside =
-        expected.map(|e| format!("; about {} were to be expected of noise and of the light's resolution", percent(e)));
-    let words = format!(
-        "of the photograph's brightness is what light and material leave unexplained (root mean square){}",
-        beside.unwrap_or_default()
-    );
+    let beside = expected.map(|e| format!("; about {} is expected from noise and the light's resolution", percent(e)));
+    let words = format!("relative root mean square residual of the photograph{}", beside.unwrap_or_default());
     let numbers = [
         (misfit, "misfit", words.as_str()),
-        (scatter, "scatter", "is how far pixels differ that share a normal: noise, texture, shadows, wrong normals"),
+        (
+            scatter,
+            "scatter",
+            "relative difference between pixels with the same normal, caused by noise, texture, \
+            shadows or wrong normals",
+        ),
     ];
     html! {
         @if misfit.or(scatter).is_some() {
@@ -308,7 +312,7 @@ fn warnings(lines: &[String]) -> Markup {
     html! {
         @if !lines.is_empty() {
             div.warnings role="note" aria-label="Warnings" {
-                strong { @if lines.len() == 1 { "Mind this" } @else { "Mind these" } }
+                strong { @if lines.len() == 1 { "Warning" } @else { "Warnings" } }
                 ul { @for line in lines { li { (line) } } }
             }
         }
@@ -324,8 +328,8 @@ fn facts(material: &Material, result: &Value) -> Markup {
     html! {
         dl.facts {
             @if let Some(nearest) = nearest {
-                div { dt { "highlight like" } dd { strong { (nearest.name) } " (" (percent(nearest.weight)) " among the measured materials)"
-                    span.note { " (likeness of gloss and of the lobe's shape, not of colour)" } } }
+                div { dt { "most similar highlight" } dd { strong { (nearest.name) } " (" (percent(nearest.weight)) " among the measured materials)"
+                    span.note { " (similarity of the lobe, not of the colour)" } } }
             }
             div {
                 dt { "gloss" }
@@ -333,17 +337,17 @@ fn facts(material: &Material, result: &Value) -> Markup {
             }
             div {
                 dt { "GGX alpha" }
-                dd { (interval(material.highlight.alpha)) span.note { " (of a lobe as sharp)" } }
+                dd { (interval(material.highlight.alpha)) span.note { " (GGX lobe of equal sharpness)" } }
             }
             div {
                 dt { "roughness" }
-                dd { (interval(material.highlight.roughness())) span.note { " (Mitsuba's principled and Blender's: the root of alpha)" } }
+                dd { (interval(material.highlight.roughness())) span.note { " (square root of alpha, as in the principled BSDFs of Mitsuba and Blender)" } }
             }
             (units(&result["posterior"]["gloss"]["units"], result["reflectance"]["absolute"].as_bool() == Some(true)))
             div {
-                dt { "how sure" }
+                dt { "uncertainty" }
                 dd { strong { (percent(material.wider_than(WIDE))) } " of the BRDF's cells have a 90 % interval wider than a factor of "
-                    (WIDE) "; in " strong { (percent(material.open)) } " it is most of what it would be without a photograph" }
+                    (WIDE) "; in " strong { (percent(material.open)) } " the photograph does not determine the BRDF" }
             }
             (colours(result))
         }
@@ -365,14 +369,14 @@ fn colours(result: &Value) -> Markup {
                         button type="button" data-copy={ "colour-" (part) } aria-label={ "Copy " (name) } { "Copy" }
                         @let strip: Vec<Vec<f64>> = result["colour"][part]["strip"].as_array().into_iter().flatten().filter_map(linear).collect();
                         @if !strip.is_empty() {
-                            span.strip role="img" aria-label={ "The " (name) " from 5 to 95 % of what the photograph allows" } {
+                            span.strip role="img" aria-label={ "The " (name) " from 5 to 95 % of its posterior" } {
                                 @for rgb in &strip { span style={ "background: " (self::hex(rgb)) } {} }
                             }
                             " "
                         }
                         span.note {
-                            @if !strip.is_empty() { "from 5 to 95 % of what the photograph allows;" }
-                            " sRGB " (r) ", " (g) ", " (b) " at 70 % of white; linear, of luminance one: "
+                            @if !strip.is_empty() { "5 to 95 % of the posterior;" }
+                            " sRGB " (r) ", " (g) ", " (b) " at 70 % brightness; linear, scaled to a luminance of one: "
                             (rgb.iter().map(|x| format!("{x:.2}")).collect::<Vec<_>>().join(", "))
                         }
                     }
@@ -383,7 +387,8 @@ fn colours(result: &Value) -> Markup {
 }
 
 /// Scale of the gloss, the peak over the base.
-const SCALE: &str = " (peak over base: 1 is chalk, tens are satin paint, thousands polished metal, a hundred thousand and more a mirror)";
+const SCALE: &str = " (ratio of peak to base: about 1 for chalk, tens for satin paint, thousands for polished \
+    metal, above 100,000 for a mirror)";
 
 /// Shows gloss units, as far as they are known, with the albedo that they go with.
 fn units(units: &Value, absolute: bool) -> Markup {
@@ -398,9 +403,10 @@ fn units(units: &Value, absolute: bool) -> Markup {
                         (angle) ": " strong { (short(median)) } " (" (short(low)) " to " (short(high)) ")"
                     }
                     span.note {
-                        " (ASTM D523, black glass is 100; "
-                        @if absolute { "at the albedo found, " (short(albedo)) ")" }
-                        @else { "if the albedo along the normal is " (albedo) ", which the photograph does not tell: they are in proportion to it)" }
+                        " (ASTM D523, black glass has 100; "
+                        @if absolute { "for the estimated albedo of " (short(albedo)) ")" }
+                        @else { "for an albedo of " (albedo) " at normal incidence, which the photograph does not \
+                            determine; gloss units are proportional to it)" }
                     }
                 }
             }
@@ -416,16 +422,16 @@ fn counts(report: &ObservationReport) -> Markup {
         ("pixels clipped", report.clipped_pixels),
         ("pixels negative, NaN or infinite", report.negative + report.not_finite),
         ("pixels of another colour", report.other_colour_pixels),
-        ("pixels left out as dark specks", report.specks),
-        ("pixels left out at edges", report.at_edges),
-        ("points in the object's own shadow", report.in_shadow),
+        ("pixels ignored as dark specks", report.specks),
+        ("pixels ignored at edges", report.at_edges),
+        ("points in self-shadow", report.in_shadow),
     ]
     .into_iter()
     .enumerate()
     .filter(|(i, (_, count))| *i < 2 || *count > 0)
     .map(|(_, (name, count))| vec![name.to_owned(), count.to_string()])
     .collect();
-    table::table("What was used", &["what", "number"], &rows)
+    table::table("Used pixels", &["what", "number"], &rows)
 }
 
 /// The 5, 50 and 95 % quantiles of a number of `result.json`.

@@ -29,8 +29,7 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
             (*light, figure::sized(sphere, 2 * PANEL / 3, &format!("A sphere of the material, {light}")))
         })
         .collect();
-    let interval =
-        if band.is_some() { " The band holds 90 % of what the photograph allows, angle by angle." } else { "" };
+    let interval = if band.is_some() { " The band is the 90 % interval at each angle." } else { "" };
     let lobes = INCIDENCES.map(|incidence| {
         let peak = |t: &BivariateTable| curve(t, incidence).iter().map(|p| p.1).fold(1e-6, f64::max);
         let top = band.map_or(0.0, |(_, high)| peak(high)).max(peak(table));
@@ -38,17 +37,18 @@ pub(super) fn section(subject: &Subject<'_>, panels: &Panels) -> Markup {
         figure::card(&format!("Light at {incidence:.0}°"), &drawn, &html! { "Up to " (short(top)) " per steradian." })
     });
     html! {
-        (figure::figure(&figure::tiles(&spheres), &html! { "Spheres of the estimate in three lights of our own making." }))
+        (figure::figure(&figure::tiles(&spheres), &html! { "Spheres with the estimated BRDF in three built-in lights." }))
         (figure::grid(20, &[
             figure::figure(&svg(&[&mean(table)], false, "Map of the BRDF over half and difference angle"),
-                &html! { "The luminance of the BRDF over the half angle (across, stretched at the highlight) and the difference angle (up). \
-                    Left: the highlight; top: grazing light." }),
+                &html! { "Luminance of the BRDF over half angle (horizontal, stretched at the highlight) and \
+                    difference angle (vertical). The highlight is on the left, grazing light at the top." }),
             html! { div { (cut_at(table, band, CUTS[0])) } },
             html! { div { (cut_at(table, band, CUTS[1])) } },
         ]))
         h3 { "Polar lobes" }
         (figure::grid(17, &lobes))
-        p.note { "Distance from the centre is the cube root of the BRDF, rings are in 1/sr; the thin line is the ray of light." (interval) }
+        p.note { "The distance from the centre is the cube root of the BRDF; rings are labelled in 1/sr. The thin \
+            line is the incident ray." (interval) }
     }
 }
 

@@ -43,10 +43,11 @@ pub(super) fn section(name: &str, fits: &Fits) -> Markup {
     let gltf = serde_json::to_string_pretty(&gltf).unwrap_or_default();
     let width = "alpha = roughness²";
     html! {
-        p { "What comes nearest to the BRDF in each of these models, and how far a sphere of it in a studio light is off. A table has no such limit: "
-            code { "gonio export" } " writes it for Mitsuba and pbrt as it is." }
+        p { "Best fit of each model to the BRDF, with the error of a sphere in a studio light. A tabulated BRDF has \
+            no such error: "
+            code { "gonio export" } " writes the table for Mitsuba and pbrt." }
         (block("mitsuba", "Mitsuba 3, principled", principled.relight, width, &mitsuba_principled(name, &principled.model, Place::Scene)))
-        (block("blender", "Blender 4, Principled BSDF (a script)", layered.relight, "alpha = Roughness²", &blender_script(name, &layered.model)))
+        (block("blender", "Blender 4, Principled BSDF (script)", layered.relight, "alpha = Roughness²", &blender_script(name, &layered.model)))
         (block("materialx", "MaterialX, OpenPBR", layered.relight, "alpha = specular_roughness²", &materialx(name, &layered.model)))
         (block("gltf", "glTF 2.0, metallic-roughness", metallic_roughness.relight, "alpha = roughnessFactor²", &gltf))
     }
@@ -56,7 +57,7 @@ pub(super) fn section(name: &str, fits: &Fits) -> Markup {
 fn block(id: &str, title: &str, off: f64, width: &str, text: &str) -> Markup {
     html! {
         details.copied open[id == "mitsuba"] {
-            summary { (title) span.note { " off by " (percent(off)) ", " (width) } }
+            summary { (title) span.note { " error " (percent(off)) ", " (width) } }
             button type="button" data-copy=(id) { "Copy" }
             pre id=(id) tabindex="0" { code { (text) } }
         }

@@ -14,15 +14,15 @@ const ROWS: usize = 64;
 
 /// Returns the data of the viewer as JSON that can be embedded in HTML.
 pub(super) fn data(subject: &Subject<'_>) -> String {
-    let mut materials = vec![material("the estimate", &subject.coloured(subject.table))];
+    let mut materials = vec![material("estimate", &subject.coloured(subject.table))];
     if let Some(found) = subject.material {
-        let names = ["its dull end, at 5 %", "its glossy end, at 95 %"];
+        let names = ["dull end (5 %)", "glossy end (95 %)"];
         materials.extend(names.into_iter().zip(&found.ends).map(|(name, end)| material(name, &subject.coloured(end))));
     }
     let mut lights: Vec<Value> = own_lights(ROWS).iter().map(|(name, map)| light(name, map.radiance())).collect();
     let seen = match (subject.light, subject.known_light) {
-        (Some(grid), _) => Some(("the light found", lit(grid))),
-        (None, Some(map)) => Some(("the light given", shrunk(map.radiance()))),
+        (Some(grid), _) => Some(("estimated light", lit(grid))),
+        (None, Some(map)) => Some(("known light", shrunk(map.radiance()))),
         (None, None) => None,
     };
     lights.extend(seen.map(|(name, map)| light(name, &map)));

@@ -43,7 +43,7 @@ pub struct Map {
     /// A word for it.
     id: &'static str,
     title: &'static str,
-    /// What hatching means, if it is more than the angles that tables do not cover.
+    /// Meaning of the hatching, besides angles that tables do not cover.
     note: &'static str,
     scale: Scale,
     pixels: Plane<Vec3>,
@@ -56,7 +56,7 @@ pub fn mean(table: &BivariateTable) -> Map {
         trusted_cells().fold((f64::INFINITY, 0.0_f64), |(low, high), c| (low.min(value(c)), high.max(value(c))));
     let scale = Scale { low, high: high.max(2.0 * low) };
     let pixels = painted(&scale, &value, &|c| !is_trusted(c));
-    Map { id: "mean", title: "BRDF (1/sr)", note: "hatched: beyond 80 degrees", scale, pixels }
+    Map { id: "mean", title: "BRDF (1/sr)", note: "hatched: above 80 degrees", scale, pixels }
 }
 
 /// The factor between the 5 and the 95 % quantile, hatched where the photograph hardly narrows it.
@@ -68,7 +68,7 @@ pub fn width(material: &Material) -> Map {
     Map {
         id: "interval",
         title: "Width of the 90 % interval (factor)",
-        note: "hatched: the photograph hardly tells, or beyond 80 degrees",
+        note: "hatched: undetermined, or above 80 degrees",
         scale,
         pixels,
     }

@@ -30,7 +30,7 @@ fn drawn(map: &Map) -> Plane<Vec3> {
     let mut sheet = sheet(LEFT + MAP + BAR.0 + BAR.1 + BAR.2, TOP + MAP + BOTTOM);
     let out = &mut sheet;
     heading(out, LEFT, 14, map.title);
-    note(out, LEFT, TOP - LINE - 4, &format!("up: {DIFFERENCE}"));
+    note(out, LEFT, TOP - LINE - 4, &format!("vertical: {DIFFERENCE}"));
     place(out, LEFT, TOP, &map.pixels);
     for degrees in HALF_TICKS {
         let x = LEFT + (across(degrees) * MAP as f64) as usize;
@@ -38,7 +38,7 @@ fn drawn(map: &Map) -> Plane<Vec3> {
         let label = format!("{degrees:.0}");
         text(out, x - width_of(&label) / 2, TOP + MAP + 9, &label);
     }
-    note(out, LEFT, TOP + MAP + 9 + LINE, &format!("across: {HALF}, wide at the highlight"));
+    note(out, LEFT, TOP + MAP + 9 + LINE, &format!("horizontal: {HALF}, stretched at the highlight"));
     note(out, LEFT, TOP + MAP + 9 + 2 * LINE, map.note);
     for degrees in DIFFERENCE_TICKS {
         let y = TOP + (down(degrees) * MAP as f64) as usize;

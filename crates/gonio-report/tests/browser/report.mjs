@@ -90,7 +90,7 @@ try {
   const context = await browser.newContext({ javaScriptEnabled: false });
   const page = await context.newPage();
   await page.goto(url);
-  check("without scripts: says what is missing", (await page.locator("#sphere").textContent()).includes("needs scripts"));
+  check("without scripts: says what is missing", (await page.locator("#sphere").textContent()).includes("requires JavaScript"));
   check("without scripts: pictures are shown", (await page.locator("img").count()) >= 10);
   await context.close();
 } finally {

@@ -1,5 +1,5 @@
-//! Appearance of an object by normal, independent of its shape: under light from far away the
-//! brightness of a convex surface is a function of its normal.
+//! Appearance of an object as a function of the normal, independent of its shape. Under distant
+//! light, the brightness of a convex surface depends only on its normal.
 //!
 //! [`inference::learnt`](crate::inference::learnt) infers the material from a [`DiskImage`], and
 //! [`colour`](crate::colour) the colours from a [`Lattice`].

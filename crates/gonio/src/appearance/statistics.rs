@@ -1,11 +1,10 @@
 //! Statistics of an image on the disk of normals: its brightness by region, and its contrast by
 //! scale.
 //!
-//! The contrast of natural light falls from coarse to fine in a known way, and a lobe of the
-//! material removes everything finer than itself (Fleming et al. 2003; Dror et al. 2004). A
-//! convolutional network would first have to learn to square, sum and take logarithms to use that.
-//! None of the numbers depends on the scale of the image or changes when it is turned by quarters
-//! or mirrored.
+//! The contrast of natural light decreases from coarse to fine scales in a known way, and the lobe
+//! of a material removes details finer than itself (Fleming et al. 2003; Dror et al. 2004).
+//! Explicit statistics spare the network from learning squares, sums and logarithms. They are
+//! invariant to the scale of the image, to rotations by 90 degrees and to mirroring.
 
 use std::ops::Range;
 use std::sync::LazyLock;

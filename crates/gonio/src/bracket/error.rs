@@ -7,16 +7,16 @@ use thiserror::Error;
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum BracketError {
     /// There is no exposure, or there are too many.
-    #[error("a bracket of {count} exposures cannot be merged: give 1 to 64")]
+    #[error("cannot merge {count} exposures; use 1 to 64")]
     Count {
         /// Number of exposures.
         count: usize,
     },
     /// The pictures have no pixels.
-    #[error("the exposures have no pixels: give others")]
+    #[error("the exposures have no pixels; use other files")]
     Empty,
     /// The amount of light of an exposure is not positive or not finite.
-    #[error("exposure {exposure} has the time {amount}: give positive times")]
+    #[error("exposure {exposure} has the time {amount}; use positive times")]
     Amount {
         /// Number of the exposure.
         exposure: usize,
@@ -25,8 +25,8 @@ pub enum BracketError {
     },
     /// The pictures differ in size.
     #[error(
-        "exposure {exposure} is {width}x{height} pixels and the first {first_width}x{first_height}: give pictures of \
-         one size"
+        "exposure {exposure} is {width}x{height} pixels, but the first is {first_width}x{first_height}; use images \
+         of the same size"
     )]
     Sizes {
         /// Number of the exposure that differs from the first.
@@ -41,13 +41,13 @@ pub enum BracketError {
         first_height: usize,
     },
     /// Eight and sixteen bits are mixed in one bracket.
-    #[error("exposure {exposure} has not as many bits a sample as the first: give all with 8 or all with 16")]
+    #[error("exposure {exposure} has another bit depth than the first; use only 8-bit or only 16-bit images")]
     Depths {
         /// Number of the exposure that differs from the first.
         exposure: usize,
     },
     /// A curve is not a response.
-    #[error("the response curve of channel {channel} {problem}: a curve rises with the code and is finite")]
+    #[error("the response curve of channel {channel} {problem}; use a finite curve that increases with the code")]
     Curve {
         /// Channel: red 1, green 2, blue 3.
         channel: usize,
@@ -56,19 +56,20 @@ pub enum BracketError {
     },
     /// The exposures do not determine the response.
     #[error(
-        "the response cannot be recovered: {pixels} pixels are neither black nor clipped in two exposures of different \
-         times, at least {least} are needed; take exposures closer to each other, or give the response"
+        "the response curve cannot be recovered: only {pixels} pixels are neither black nor clipped in two \
+         exposures of different times, {least} are required; use exposures with closer times, or specify the \
+         response curve"
     )]
     TooLittleOverlap {
         /// Number of informative pixels, in the channel that has fewest.
         pixels: usize,
-        /// Least number that is needed.
+        /// Required number.
         least: usize,
     },
     /// No curve explains the bracket.
     #[error(
-        "no response curve explains the exposures: they differ by {percent:.0} % after the best one; check the times, \
-         and that nothing moved or changed"
+        "no response curve explains the exposures: the best one leaves a difference of {percent:.0} %; check the \
+         times, and that camera, scene and light did not change"
     )]
     NoResponse {
         /// Median disagreement, per cent.
@@ -76,8 +77,8 @@ pub enum BracketError {
     },
     /// The times contradict the pictures.
     #[error(
-        "exposures {first} and {second} contradict their times: the pictures differ by a factor of {seen:.2}, the times \
-         by {said:.2}; check the times, or the response"
+        "exposures {first} and {second} contradict their times: the images differ by a factor of {seen:.2}, the \
+         times by {said:.2}; check the times or the response curve"
     )]
     Times {
         /// Number of the exposure with the shorter time.
@@ -91,8 +92,8 @@ pub enum BracketError {
     },
     /// Camera or scene moved.
     #[error(
-        "the exposures do not show the same: {moved} of {compared} pixels disagree; camera, object or light moved, or \
-         the response is another: take the bracket again from a tripod"
+        "the exposures are inconsistent: {moved} of {compared} pixels disagree, because camera, object or light \
+         moved, or the response curve is wrong; take the bracket again from a tripod"
     )]
     Motion {
         /// Number of pixels whose exposures cannot have one radiance.
@@ -102,7 +103,8 @@ pub enum BracketError {
     },
     /// Every pixel is clipped in every exposure, or black in all.
     #[error(
-        "nothing is known of any pixel: {clipped} are clipped in every exposure and {dark} black; expose otherwise"
+        "no pixel has a valid exposure: {clipped} are clipped in all exposures and {dark} are black; use other \
+         exposure times"
     )]
     NothingKnown {
         /// Number of pixels that are clipped in all exposures.

@@ -48,11 +48,11 @@ impl Response {
         for (i, curve) in channels.iter().enumerate() {
             let wrong = |problem| Err(BracketError::Curve { channel: i + 1, problem });
             if !(2..=1 << 16).contains(&curve.len()) || curve.len() != length {
-                return wrong("has not 2 to 65536 codes, as many as the others");
+                return wrong("does not have the same number of codes as the others, from 2 to 65536");
             }
             // Beyond e^80 the arithmetic overflows somewhere.
             if curve.iter().any(|g| g.is_nan() || g.abs() > 80.0) {
-                return wrong("has values that are no logarithms of exposures");
+                return wrong("has values that are not log exposures");
             }
             if curve.windows(2).any(|w| w[1] < w[0]) {
                 return wrong("falls");

@@ -1,4 +1,4 @@
-//! Differences of the channels of a material from its luminance, and how they are read.
+//! Differences between the channels of a material and its luminance, and their estimates.
 
 use faer::Mat;
 

@@ -102,7 +102,7 @@ impl ColourEstimate {
         *self = Self { light: self.light, ..whole };
     }
 
-    /// What is kept of it to be combined with other photographs.
+    /// Returns the part to combine with other photographs.
     pub fn saved(&self) -> SavedChroma {
         SavedChroma::of(&self.field, self.body.sd)
     }

@@ -1,18 +1,19 @@
-//! Colours of a material: its three channels beside its luminance (beyond the paper, which infers
-//! luminance and displays it in one colour).
+//! Colours of a material: its three channels relative to its luminance. This extends the paper,
+//! which infers luminance and displays it in one colour.
 //!
 //! A BRDF in colour is its luminance times a [`ChromaField`], a chroma for every pair of angles. A
 //! material may have any number of colours.
 //!
-//! Each channel of a photograph is read as the luminance is. The [`ColourModel`], learnt from
-//! measured materials and simulated photographs, knows how the channels of materials differ and how
-//! far readings of the differences are off; both are Gaussian, and so is the posterior of the
-//! differences ([`ColourModel::posterior`]). Under a known light the same prior holds the channels
-//! together ([`KnownLightPosterior::channels`](crate::inference::known_light::KnownLightPosterior)).
+//! Each channel of a photograph is evaluated like the luminance. The [`ColourModel`], trained on
+//! measured materials and simulated photographs, describes the differences between channels of
+//! materials and the errors of their estimates. Both are Gaussian, and so is the posterior of the
+//! differences ([`ColourModel::posterior`]). Under a known light, the same prior couples the
+//! channels
+//! ([`KnownLightPosterior::channels`](crate::inference::known_light::KnownLightPosterior)).
 //!
-//! No photograph separates the mean chroma of the material from that of the light. Unless the
-//! light's chroma is given, it counts as neutral, and the uncertainty of the material's chroma
-//! contains the spread of captured lights.
+//! A photograph does not separate the mean chroma of the material from that of the light. Unless
+//! the chroma of the light is known, it is assumed neutral, and the uncertainty of the material's
+//! chroma includes the spread of captured lights.
 
 mod chroma;
 mod differences;

@@ -1,4 +1,4 @@
-//! What is known of colours before a photograph is seen, and the posterior of the channels.
+//! Prior of the colours, and posterior of the channels.
 
 use faer::Mat;
 use rand::{Rng, RngExt, SeedableRng};
@@ -201,7 +201,7 @@ impl DifferencePosterior {
         let drawn: Vec<([Vec<f64>; 3], Chroma)> = (0..count).map(|_| self.draw(&mut rng)).collect();
         let directions = coordinates.directions();
         let made = |(coefficients, light): &([Vec<f64>; 3], Chroma)| {
-            // What the light has more of, the material has less.
+            // A larger share in the light means a smaller share in the material.
             let shift = light.rgb().to_array().map(|value| -value.ln());
             let field = field_of(&directions, table, coefficients.each_ref().map(|x| &x[..]), shift);
             (field, Chroma([self.light.0[0] + light.0[0], self.light.0[1] + light.0[1]]))
@@ -331,7 +331,7 @@ pub(crate) mod tests {
         };
         let (blind, given) = (spread(None), spread(Some(Chroma([0.3, 0.0]))));
         assert!((blind.1 - blind.0).abs() < 0.08 && blind.2 > 1.1 * given.2, "{blind:?} {given:?}");
-        // What the light has more of, the material has less.
+        // A larger share in the light means a smaller share in the material.
         assert!((blind.0 - given.0 - 0.3).abs() < 0.02, "{blind:?} {given:?}");
     }
 

@@ -1,46 +1,46 @@
-//! Reasons to doubt an estimate.
+//! Diagnostics of an estimate.
 
 use std::fmt;
 
 use super::Reason;
 
-/// Reason to doubt an estimate, displayed as one line.
+/// Diagnostic of an estimate, displayed as one line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Doubt {
-    /// Share of a sphere's normals that are not seen on the object.
+    /// Share of a sphere's normals that are not visible on the object.
     Filled(f64),
-    /// Share of the photograph's features that are outside the range of the training.
+    /// Share of the photograph's features outside the range of the training data.
     Strange(f64),
     /// Share of the BRDF's domain that is undetermined.
     Open(f64),
-    /// The photograph differs from the BRDF from green to magenta ([`Tint::apart`]), in natural
-    /// logarithms, which few lights explain.
+    /// Difference between photograph and BRDF from green to magenta ([`Tint::apart`]), in natural
+    /// logarithms. Few lights explain it.
     ///
     /// [`Tint::apart`]: super::Tint::apart
     Colours(f64),
-    /// Deviation of pixels that share a normal, relative to their mean.
+    /// Relative standard deviation of pixels that share a normal.
     Scatter(f64),
-    /// A light map was turned by this rotation vector, in degrees about x, y and z, to fit.
+    /// Rotation vector of the light map in the best fit, in degrees about x, y and z.
     Turned([f64; 3]),
-    /// The clipped pixels of a light map are brighter than it says.
+    /// The clipped pixels of a light map are brighter than their values.
     Clipped {
-        /// By this factor.
+        /// Ratio of the true to the clipped radiance.
         gain: f64,
-        /// Standard deviation of its logarithm.
+        /// Standard deviation of the logarithm of `gain`.
         sd: f64,
     },
-    /// A pixel of a light map, of so many degrees, is wider than the highlight.
+    /// Width in degrees of a pixel of the light map, which is wider than the highlight.
     Coarse(f64),
-    /// Root mean square of what light and material leave of a channel (0 red, 1 green, 2 blue) of
-    /// the photograph, without what they leave of the luminance, relative to the channel.
+    /// Relative root mean square residual of a channel (0 red, 1 green, 2 blue) of the photograph,
+    /// beyond that of the luminance.
     Channel {
         /// The channel of the largest residual.
         channel: usize,
         /// Its residual.
         left: f64,
     },
-    /// Light and material leave more of the photograph unexplained than noise and the light's
-    /// resolution account for.
+    /// The misfit of the photograph exceeds the value expected from noise and the light's
+    /// resolution.
     Misfit {
         /// Residual, relative to the photograph.
         left: f64,
@@ -56,70 +56,75 @@ impl fmt::Display for Doubt {
         match self {
             Self::Filled(share) => write!(
                 f,
-                "{:.0} % of the normals of a sphere are not seen on the object and were filled in from others: the answer is less certain than it says",
+                "the object shows only part of a sphere's normals; {:.0} % were interpolated, so the true \
+                 uncertainty is larger than the reported one",
                 100.0 * share
             ),
             Self::Strange(share) => write!(
                 f,
-                "the photograph is unlike those the posterior was learnt from: {:.0} % of what it is read by is out of range; the answer may be far off",
+                "the photograph is out of distribution: {:.0} % of its features lie outside their range in \
+                 training; the result may be wrong",
                 100.0 * share
             ),
             Self::Scatter(deviation) => write!(
                 f,
-                "pixels that share a normal differ by {:.0} %: texture, shadows of the object on itself, several materials, noise, or normals that do not lie \
-                 on the picture; what is fine in the highlights cannot be told from it",
+                "pixels with the same normal differ by {:.0} %, which hides fine details of the highlights; \
+                 possible causes are texture, self-shadowing, several materials, noise, or misaligned normals",
                 100.0 * deviation
             ),
             Self::Turned([x, y, z]) => {
                 let angle = x.hypot(*y).hypot(*z);
                 write!(
                     f,
-                    "the light map fits the photograph best when it is turned by {angle:.1} degrees (about x, y and z by {x:.1}, {y:.1} \
-                     and {z:.1}), and was turned so"
+                    "the light map was rotated by {angle:.1} degrees to fit the photograph (rotation vector {x:.1}, \
+                     {y:.1}, {z:.1} degrees)"
                 )
             }
             Self::Clipped { gain, sd } => write!(
                 f,
-                "the brightest pixels of the light map are clipped: the photograph tells that they are {gain:.1} times as bright \
-                 ({:.1} to {:.1})",
+                "the brightest pixels of the light map are clipped; according to the photograph, their true \
+                 radiance is {gain:.1} times higher ({:.1} to {:.1})",
                 gain * (-1.645 * sd).exp(),
                 gain * (1.645 * sd).exp(),
             ),
             Self::Coarse(degrees) => write!(
                 f,
-                "a pixel of the light map is {degrees:.1} degrees wide, wider than the highlight: how sharp the material is cannot be \
-                 told; give a finer map"
+                "the pixels of the light map are {degrees:.1} degrees wide, wider than the highlight; the sharpness \
+                 of the material is undetermined; use a light map of higher resolution"
             ),
             Self::Misfit { left, expected, reason } => write!(
                 f,
-                "light and material leave {:.0} % of the photograph unexplained where {:.0} % was to be expected; the likely reason: {}",
+                "light and material leave {:.0} % of the photograph unexplained, but only {:.0} % is expected; the \
+                 probable cause is {}",
                 100.0 * left,
                 100.0 * expected,
                 match reason {
-                    Reason::Texture => "a strong texture, or noise",
+                    Reason::Texture => "strong texture or noise",
                     Reason::Light =>
-                        "a light map that is turned, clipped, too coarse or of another place, several materials, shadows of the object on itself, or an outline or normals that do not lie on the picture",
+                        "a light map that is rotated, clipped, too coarse or from another place, several materials, \
+                         self-shadowing, or a misaligned outline or normal map",
                     Reason::Regions =>
-                        "several materials, shadows of the object on itself, light that is not far away, or an outline or normals that do not lie on the picture",
+                        "several materials, self-shadowing, nearby lights, or a misaligned outline or normal map",
                 }
             ),
             Self::Channel { channel, left } => write!(
                 f,
-                "light and material leave {:.0} % of the {} channel unexplained although they explain the luminance; the likely \
-                 cause: a light map of another white balance or colour space, or colours that vary over the object",
+                "light and material explain the luminance, but leave {:.0} % of the {} channel unexplained; the \
+                 probable cause is a light map with another white balance or colour space, or an object with \
+                 several colours",
                 100.0 * left,
                 ["red", "green", "blue"][*channel],
             ),
             Self::Colours(apart) => write!(
                 f,
-                "from green to magenta the photograph differs from the BRDF by {:.0} %, more than most light varies: either body \
-                 and highlight have other colours than were found, or more than two, or the light is green in part, as over \
-                 grass; the intervals of the colours are wider by that",
+                "photograph and BRDF differ by {:.0} % along the green-magenta axis, more than most lights vary; \
+                 possible causes are wrong colours of body or highlight, an object with more than two colours, or \
+                 partly green light, as over grass; gonio widened the intervals of the colours accordingly",
                 100.0 * (apart.exp() - 1.0)
             ),
             Self::Open(share) => write!(
                 f,
-                "the photograph leaves {:.0} % of the BRDF's domain undetermined (hatched in the picture of the uncertainty)",
+                "the photograph does not determine {:.0} % of the BRDF's domain (hatched in the uncertainty picture)",
                 100.0 * share
             ),
         }

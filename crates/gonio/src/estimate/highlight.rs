@@ -61,15 +61,15 @@ impl Material {
         wide as f64 / all as f64
     }
 
-    /// How far height and width of the highlight are known, in words.
+    /// Describes the uncertainty of the height and width of the highlight.
     pub fn verdict(&self) -> String {
         let say = |factor: f64| {
-            let how = if factor > WIDE { "open by" } else { "known to" };
+            let how = if factor > WIDE { "uncertain by" } else { "known to" };
             let digits = usize::from(factor < 9.95);
             format!("{how} a factor of {factor:.digits$}")
         };
         let [sharp, _, dull] = self.highlight.alpha;
         let (height, width) = (say(self.gloss_factor()), say(dull / sharp));
-        format!("the height of the highlight (gloss) is {height}, its width (alpha) is {width}")
+        format!("peak height (gloss) {height}, width (alpha) {width}")
     }
 }

@@ -1,5 +1,4 @@
-//! Comparison of the answer with the photograph: the residual that light and material were expected
-//! to leave.
+//! Expected residual of the photograph, given light and material.
 
 use super::{Doubt, Light, Material};
 

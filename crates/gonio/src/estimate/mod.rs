@@ -1,11 +1,10 @@
 //! Estimation from observations, by the posterior of materials with the light integrated out.
 //!
-//! [`estimate`] does everything. Its steps can also be called by themselves: [`Material::of`]
-//! infers the material, [`Light::of`] the light that then explains the photograph,
-//! [`Colouring::of`] the colours of both. [`estimate_under`] takes a light that is given, and
-//! [`combine`] what several photographs say; [`estimate_together`] finds several materials under
-//! one light. The methods of the paper, which find coefficients in a basis, are in
-//! [`inference`](crate::inference).
+//! [`estimate`] performs all steps. They are also available separately: [`Material::of`] infers the
+//! material, [`Light::of`] the light given the material, and [`Colouring::of`] the colours of both.
+//! [`estimate_under`] uses a known light, [`combine`] combines several photographs, and
+//! [`estimate_together`] estimates several materials under one light. The methods of the paper,
+//! which estimate basis coefficients, are in [`inference`](crate::inference).
 
 mod colouring;
 mod combine;
@@ -115,7 +114,7 @@ impl Stage {
     }
 }
 
-/// Why there is no estimate.
+/// Error of an estimate.
 #[derive(Debug, Error)]
 pub enum EstimateError {
     /// The model was made for other methods.
@@ -123,7 +122,8 @@ pub enum EstimateError {
     NotLearnt,
     /// The side of the grid is invalid, or finer than the prior.
     #[error(
-        "a light of {side} texels a side is not possible: take a power of two from 4 to {most}, which the model's prior of light covers"
+        "a light grid of {side} texels per side is not supported; use a power of two from 4 to {most}, the range of \
+         the model's prior of light"
     )]
     Grid {
         /// Side that was asked for.

@@ -1,4 +1,4 @@
-//! Colours of the estimated light, direction by direction, and what they leave unexplained.
+//! Colours of the estimated light in each direction, and the residual of the channels.
 //!
 //! Given the channels `F_c` of a BRDF and the luminance `L` of the light, its channels are `L_c(w)
 //! = w_c L(w) (1 + t_c(w))`, where `w_c` is the colour of the light as a whole. The tints `t` of
@@ -6,9 +6,9 @@
 //! keeps the luminance. An image is linear in them, so that their posterior is Gaussian: its mean
 //! is [`Tint::grid`].
 //!
-//! Captured light varies from blue to orange, and hardly from green to magenta. So where a
-//! photograph does that beside the BRDF in a light of one colour, the BRDF has the wrong colours,
-//! unless the light is one of few, as over grass: see [`Tint::apart`].
+//! Captured light varies from blue to orange, and little from green to magenta. If photograph and
+//! BRDF differ from green to magenta, the colours of the BRDF are therefore wrong, or the light is
+//! unusual, as over grass: see [`Tint::apart`].
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
@@ -98,8 +98,8 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Integrates over a light of `side` texels a side. `None` if the photograph or the BRDF is to
-    /// be grey.
+    /// Integrates over a light of `side` texels per side. `None` if the photograph or the BRDF is
+    /// to be grey.
     pub(super) fn of(
         prior: &LightPrior,
         observations: &Observations,
@@ -124,7 +124,7 @@ impl Rows {
     }
 }
 
-/// What each square of the light adds to each observation.
+/// Contribution of each square of the light to each observation.
 struct Images {
     /// Chosen observations, linear RGB.
     colours: Vec<DVec3>,

@@ -1,9 +1,9 @@
 //! Several materials under one light: regions of an object, or objects seen together.
 //!
-//! Each material is found as if it were alone. That the light is the same for all tells how bright
-//! they are beside each other, which a photograph of one material does not tell. It does not tell
-//! more of the shape of a BRDF: under the light that the sharpest reflections show, the other
-//! materials came out worse than alone (docs/trials.md).
+//! Each material is estimated independently. The common light then determines the relative albedos,
+//! which separate photographs do not determine. The common light does not improve the shapes of the
+//! BRDFs: the light estimated from the sharpest reflections made the other estimates worse
+//! (docs/trials.md).
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -26,7 +26,7 @@ pub struct Beside {
 /// Estimates the materials of regions under one light.
 ///
 /// # Errors
-/// As [`estimate`](super::estimate), with the index of the region at fault.
+/// As [`estimate`](super::estimate), with the index of the faulty region.
 ///
 /// # Panics
 /// If nothing is observed of a region.

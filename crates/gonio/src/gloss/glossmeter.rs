@@ -1,4 +1,4 @@
-//! What a glossmeter would read on a surface of a given table.
+//! Simulated reading of a glossmeter on a surface with a given BRDF table.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,5 @@
-//! The sharpness and strength of a highlight in terms that other trades use: the width of an
-//! equivalent GGX lobe, which renderers take, and gloss units, which glossmeters read.
+//! Sharpness and strength of a highlight in standard measures: the width of an equivalent GGX lobe,
+//! as in renderers, and gloss units, as measured by glossmeters.
 
 mod glossmeter;
 mod width;

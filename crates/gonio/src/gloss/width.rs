@@ -1,4 +1,4 @@
-//! Width of the GGX lobe that is as sharp as the highlight of a table.
+//! Width of the GGX lobe of equal sharpness as the highlight of a table.
 
 use crate::reflectance::BivariateTable;
 use crate::reflectance::parametric::{Ggx, Parametric, directions};

@@ -1,9 +1,9 @@
-//! Leaps of light coefficients between the components of their mixtures.
+//! Switches of light coefficients between the components of their mixtures.
 //!
-//! `C_KL` has a local minimum at nearly every assignment to components of the coefficients that the
-//! image does not determine: a coefficient that begins in a wide component has an expected square
-//! that keeps that component responsible. Coordinate descent from each component in turn finds the
-//! best of these minima, one coefficient after the other.
+//! For coefficients that the image does not determine, `C_KL` has a local minimum at nearly every
+//! assignment to components: the expected square of a coefficient that starts in a wide component
+//! keeps that component responsible. For each coefficient, coordinate descent from every component
+//! finds the best of these minima.
 
 use super::ensemble::AllMoments;
 use super::expectations::{Expectations, expected_precision};

@@ -1,8 +1,9 @@
-//! What photographs say of a material, and what several say together.
+//! Likelihoods of a material given one or several photographs.
 //!
-//! Photographs of one object are independent given its material, so that the posterior given all
-//! of them is the prior times the product of their likelihoods. It holds for photographs of one
-//! material alone: the ratio of `p(I_1 .. I_K | one material)` to that of two materials tells.
+//! Photographs of one object are independent given its material, so the posterior is the prior
+//! times the product of their likelihoods. This requires that all photographs show the same
+//! material; the ratio of `p(I_1 .. I_K | one material)` to that of two materials tests this
+//! assumption.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -53,23 +54,23 @@ impl Embedding {
     }
 }
 
-/// Why likelihoods have no product.
+/// Error in combining likelihoods.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ProductError {
     /// There are fewer than two.
-    #[error("give at least two photographs")]
+    #[error("too few photographs; specify at least two")]
     Few,
     /// Some are under unknown illumination, others under a known light.
-    #[error("some are under unknown illumination and others under a known light: combine each kind by itself")]
+    #[error("some results are for unknown light and others for a known light; combine each kind separately")]
     Mixed,
     /// One was found with another model.
-    #[error("it was found with another model than the one given")]
+    #[error("was inferred with another model than the specified one")]
     Model(
         /// Index of the photograph.
         usize,
     ),
     /// One cannot be of the same material as the others.
-    #[error("it is not of the same material as the others (the logarithm of the odds is {ratio:.0})")]
+    #[error("does not show the same material as the others (log odds {ratio:.0})")]
     Contradiction {
         /// Index of the photograph.
         at: usize,
@@ -77,7 +78,7 @@ pub enum ProductError {
         ratio: f64,
     },
     /// Its numbers are not those of a likelihood.
-    #[error("its numbers are damaged")]
+    #[error("contains damaged numbers")]
     Damaged,
 }
 

@@ -1,8 +1,8 @@
 //! Newton's method in light, reflectance, exposure and noise at once.
 //!
-//! The image is bilinear: a change of reflectance and a change of light can explain the same
-//! pixels, which makes a narrow valley in the cost. Blocks in turn creep along that valley; a step
-//! in all of them at once follows it.
+//! The image is bilinear: changes of reflectance and of light can explain the same pixels, so the
+//! cost has a narrow valley. Alternating block updates advance slowly along the valley; a joint
+//! step follows it.
 
 use faer::Mat;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};

@@ -43,7 +43,7 @@ impl Hyper {
 /// unexplained.
 pub const MODEL_ERROR: f64 = 0.05;
 
-/// Why a problem cannot be built.
+/// Error in building a problem.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ProblemError {
     /// The image is black.

@@ -8,11 +8,11 @@ use super::LightGrid;
 use crate::picture::{Plane, luminance};
 use crate::sphere::{OctahedralMap, direction_of_lat_long, lat_long_of_direction, lat_long_solid_angle};
 
-/// Why a picture is not an environment map.
+/// Error in an environment map.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum MapError {
     /// The picture is not twice as wide as it is high.
-    #[error("a lat-long map is twice as wide as high, this picture is {0}x{1}")]
+    #[error("a lat-long map must be twice as wide as high, but this image is {0}x{1} pixels")]
     Shape(usize, usize),
     /// Pixels are negative, NaN or infinite.
     #[error("{count} pixels are negative, NaN or infinite, the first at column {column}, row {row}")]

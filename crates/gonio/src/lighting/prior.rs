@@ -111,7 +111,7 @@ impl PriorGroup {
 pub struct LightPrior {
     /// Layout of the sphere on the square.
     pub map: OctahedralMap,
-    /// Number of scales that it covers: it serves grids of up to `2^scales` texels a side.
+    /// Number of scales that it covers: it serves grids of up to `2^scales` texels per side.
     pub scales: u32,
     /// One density per group, in the order of [`PriorGroup::all`].
     pub groups: Vec<CoefficientPrior>,
@@ -119,20 +119,20 @@ pub struct LightPrior {
     pub lights: usize,
 }
 
-/// Why a prior cannot be learnt.
+/// Error in training a prior.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PriorError {
     /// There are no lights.
-    #[error("no lights to learn from")]
+    #[error("no lights to train on")]
     Empty,
     /// A light is on another grid than the first.
-    #[error("light {0} is on another grid than the first")]
+    #[error("light {0} has another grid than the first")]
     Grids(usize),
     /// A light is black and has no normalised coefficients.
     #[error("light {0} is black")]
     Black(usize),
     /// Every coefficient of a group is zero.
-    #[error("the lights have no structure at all in group \"{0}\"")]
+    #[error("the lights have no variation in group \"{0}\"")]
     Flat(String),
 }
 

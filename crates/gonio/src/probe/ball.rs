@@ -1,4 +1,4 @@
-//! Geometry of a mirror ball: which direction each place of its picture reflects to the camera.
+//! Geometry of a mirror ball: the direction that each point of its image reflects to the camera.
 
 use glam::DVec3;
 
@@ -20,7 +20,7 @@ pub struct MirrorBall {
     radius: f64,
 }
 
-/// What a place of the picture reflects; unit vectors in camera space.
+/// Reflection at a point of the image; unit vectors in camera space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflection {
     /// Direction that the light comes from.
@@ -31,7 +31,7 @@ pub struct Reflection {
     pub cosine: f64,
 }
 
-/// Where the light from a direction is seen.
+/// Position at which the light from a direction is visible.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Place {
     /// Column and row in pixels, from the top left corner.
@@ -133,7 +133,7 @@ impl MirrorBall {
         (self.centre, self.radius)
     }
 
-    /// What the place `(x, y)`, in pixels from the top left corner, reflects to the camera; `None`
+    /// Reflection at the point `(x, y)`, in pixels from the top left corner, to the camera; `None`
     /// outside of the ball.
     pub fn reflection_at(&self, at: (f64, f64)) -> Option<Reflection> {
         let ray = self.camera.ray(at);
@@ -142,8 +142,8 @@ impl MirrorBall {
         Some(Reflection { direction: ray.direction + 2.0 * cosine * normal, normal, cosine })
     }
 
-    /// Where the light from a direction, a unit vector, is seen; `None` for directions behind the
-    /// ball.
+    /// Position at which the light from a direction, a unit vector, is visible; `None` for
+    /// directions behind the ball.
     ///
     /// In the plane of the direction and the camera, the normal at the angle `t` from the axis to
     /// the camera reflects the direction at `2 t + b`. Here `b`, the angle under which the ball

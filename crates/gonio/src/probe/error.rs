@@ -1,4 +1,4 @@
-//! Why a picture of a mirror ball gives no light probe, and what is odd about one that does.
+//! Errors and warnings of light probes.
 
 use std::fmt;
 
@@ -7,18 +7,18 @@ use thiserror::Error;
 use crate::remedy::Remedy;
 use crate::scene::SceneError;
 
-/// Error of unwrapping a mirror ball; [`ProbeError::remedies`] lists what may help.
+/// Error of unwrapping a mirror ball; [`ProbeError::remedies`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ProbeError {
     /// The ball cannot be found.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// The object is no ball.
-    #[error("only a ball can be unwrapped: give the outline of one, or a mask")]
+    /// The object is not a ball.
+    #[error("only a ball can be unwrapped; specify its outline or a mask")]
     NotABall,
     /// Too little of the ball can be used.
     #[error(
-        "the ball shows only {:.0} % of all directions, at least {:.0} % are needed: check that mask or circle lie on \
+        "the ball shows only {:.0} % of all directions, {:.0} % are required; check that the mask or circle lies on \
          the ball",
         100.0 * .share,
         100.0 * .least
@@ -26,32 +26,32 @@ pub enum ProbeError {
     TooLittle {
         /// Share of the sphere of directions that is seen.
         share: f64,
-        /// Least share that is accepted.
+        /// Smallest accepted share.
         least: f64,
     },
     /// Everything that the ball shows is black.
-    #[error("the ball is entirely black: check the exposure, and that mask or circle lie on the ball")]
+    #[error("the ball is entirely black; check the exposure, and that the mask or circle lies on the ball")]
     Black,
-    /// The reflectance is no reflectance.
-    #[error("the reflectance {0} cannot be used: give numbers above 0 and up to 1")]
+    /// The reflectance is invalid.
+    #[error("invalid reflectance {0}; use numbers above 0 and at most 1")]
     Reflectance(f64),
     /// The number of rows is not accepted.
-    #[error("{rows} rows: give a power of two from {least} to {most}")]
+    #[error("{rows} rows: must be a power of two from {least} to {most}")]
     Rows {
         /// The number given.
         rows: usize,
-        /// Least number that is accepted.
+        /// Smallest accepted number.
         least: usize,
-        /// Largest number that is accepted.
+        /// Largest accepted number.
         most: usize,
     },
-    /// The angle is no number.
-    #[error("the turn of the camera is no finite number of degrees")]
+    /// The angle is not finite.
+    #[error("the angle between the cameras must be a finite number of degrees")]
     Angle,
-    /// The views do not tell how far the camera was turned.
+    /// The views do not determine the angle between the cameras.
     #[error(
-        "the two views do not tell how far the camera went around the ball (they agree to {:.2} at best, and to \
-         {:.2} elsewhere, where 1 is complete)",
+        "the angle between the two cameras cannot be estimated: the correlation of the views is {:.2} at the best \
+         angle and {:.2} at another",
         .best,
         .second
     )]
@@ -64,7 +64,7 @@ pub enum ProbeError {
 }
 
 impl ProbeError {
-    /// Lists what may help, the most probable first.
+    /// Lists suggestions, the most probable first.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             // A mirror ball has no other shape that could be given instead.
@@ -79,10 +79,10 @@ impl ProbeError {
     }
 }
 
-/// Something odd about a light probe, displayed as one line.
+/// Warning about a light probe, displayed as one line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ProbeOddity {
-    /// Some pixels are clipped: lamps are dimmer in the map than they are.
+    /// Some pixels are clipped, so the map underestimates bright lamps.
     Clipped {
         /// Number of clipped pixels.
         clipped: usize,
@@ -96,9 +96,9 @@ pub enum ProbeOddity {
         /// Number of pixels of the ball that are used.
         used: usize,
     },
-    /// The ball looks matte; holds the share of its variation that a smooth shading explains.
+    /// The ball appears matte; contains the share of its variation that smooth shading explains.
     Matte(f64),
-    /// Much of the sphere is not seen; holds its share.
+    /// Much of the sphere is not visible; contains its share.
     Unseen(f64),
     /// Two views show different light where both see it.
     Unlike {
@@ -107,7 +107,8 @@ pub enum ProbeOddity {
         /// Correlation of the logarithms of both.
         correlation: f64,
     },
-    /// Two views were exposed differently; holds the brightness of the second over the first.
+    /// Two views have different exposures; contains the brightness ratio of the second to the
+    /// first.
     Brightness(f64),
 }
 
@@ -116,31 +117,35 @@ impl fmt::Display for ProbeOddity {
         match self {
             Self::Clipped { clipped, used } => write!(
                 f,
-                "{clipped} of {used} pixels on the ball are clipped: the light is brighter there than the map says; \
-                 add shorter exposures"
+                "{clipped} of {used} pixels on the ball are clipped; the light map underestimates the radiance \
+                 there; add shorter exposures"
             ),
-            Self::Faulty { faulty, used } => write!(
-                f,
-                "{faulty} pixels on the ball are negative, NaN or infinite beside {used} sound ones; they are left out"
-            ),
+            Self::Faulty { faulty, used } => {
+                write!(f, "{faulty} pixels on the ball are negative, NaN or infinite and are ignored; {used} are valid")
+            }
             Self::Matte(share) => write!(
                 f,
-                "the ball looks matte, not like a mirror: smooth shading explains {:.1} % of its variation",
+                "the ball appears matte, not like a mirror: smooth shading explains {:.1} % of its variation",
                 100.0 * share
             ),
             Self::Unseen(share) => {
-                write!(f, "{:.0} % of all directions are not seen and filled from around them", 100.0 * share)
+                write!(
+                    f,
+                    "{:.0} % of all directions are not visible in the ball; gonio interpolates them from \
+                    their surroundings",
+                    100.0 * share
+                )
             }
             Self::Unlike { difference, correlation } => write!(
                 f,
-                "the two views differ by {:.0} % where both see the light (correlation {correlation:.2}): check the \
-                 angle between them, and that both cameras were level and the light the same",
+                "the two views differ by {:.0} % where they overlap (correlation {correlation:.2}); check the angle \
+                 between them, that both cameras were level, and that the light did not change",
                 100.0 * difference
             ),
             Self::Brightness(ratio) => write!(
                 f,
-                "the second view is {ratio:.2} times as bright as the first where both see the light, which was \
-                 divided out"
+                "the second view is {ratio:.2} times as bright as the first where they overlap; gonio divided by \
+                 this factor"
             ),
         }
     }

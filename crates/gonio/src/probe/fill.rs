@@ -1,4 +1,4 @@
-//! Filling of directions that no view shows.
+//! Interpolation of directions that no view shows.
 
 use glam::DVec3;
 

@@ -1,4 +1,4 @@
-//! Telling a matte ball from a mirror.
+//! Distinguishes a matte ball from a mirror ball.
 
 use faer::Mat;
 
@@ -45,7 +45,7 @@ pub(super) fn matte(view: &View) -> Option<f64> {
         return None;
     }
     let solution = solve_positive(gram, &right)?;
-    // What least squares leaves is the sum of squares less what the solution explains.
+    // The residual is the sum of squares minus the explained part.
     let left = squares - solution.iter().zip(&right).map(|(x, r)| x * r).sum::<f64>();
     let explained = 1.0 - left / variation;
     (explained >= MATTE).then_some(explained.min(1.0))

@@ -1,16 +1,16 @@
-//! A mirror ball as a light probe: from one or two photographs of it to the light around it.
+//! Light probes: estimates the light around a mirror ball from one or two photographs.
 //!
-//! 1. [`View::of`] finds the ball in a picture, orthographic or before a camera, and says which
-//!    pixels of it can be used.
-//! 2. [`probe`] takes the light from each direction from the place of the ball that reflects it
-//!    towards the camera, divided by the [`Reflectance`] there.
-//! 3. Two views that were taken from around the ball are merged: each is trusted where it sees the
-//!    ball from the front and not the camera in it. The angle between them is found from what both
-//!    see.
-//! 4. Directions that no view shows are filled from around them.
+//! 1. [`View::of`] detects the ball in an image, with an orthographic or a given camera, and its
+//!    usable pixels.
+//! 2. [`probe`] reads the light from each direction at the point of the ball that reflects it to
+//!    the camera, divided by the [`Reflectance`] there.
+//! 3. Two views from different sides of the ball are merged. Each has a high weight near the front
+//!    of the ball, except at the reflection of the camera. The angle between the views is estimated
+//!    from their overlap.
+//! 4. Directions that no view shows are interpolated from their surroundings.
 //!
-//! The light is taken to be far away: the ball has no size. Directions are in the space of the
-//! first camera, as everywhere: x right, y up, z towards the camera.
+//! The light is assumed to be distant: the size of the ball is ignored. Directions are in the space
+//! of the first camera: x right, y up, z towards the camera.
 
 mod ball;
 mod error;
@@ -168,7 +168,7 @@ fn merged(first: &Texel, second: &Texel, brightness: f64) -> Texel {
 }
 
 impl View {
-    /// What is odd about it.
+    /// Warnings.
     pub fn oddities(&self) -> Vec<ProbeOddity> {
         let used = self.count(&[Fate::Used, Fate::Clipped]);
         let (clipped, faulty) = (self.count(&[Fate::Clipped]), self.count(&[Fate::Negative, Fate::NotFinite]));
@@ -179,7 +179,7 @@ impl View {
 }
 
 impl ProbeReport {
-    /// What is odd about it.
+    /// Warnings.
     pub fn oddities(&self) -> Vec<ProbeOddity> {
         let unseen = (self.unseen > MUCH_UNSEEN).then_some(ProbeOddity::Unseen(self.unseen));
         let unlike =

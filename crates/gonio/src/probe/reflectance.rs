@@ -1,4 +1,4 @@
-//! How much of the light a mirror ball reflects.
+//! Reflectance of a mirror ball.
 
 use glam::DVec3;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! Two views of one ball: how far the camera went around it, and how well they agree.
+//! Angle between two views of one ball, and their agreement.
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,4 +1,4 @@
-//! From a picture of the ball to a lat-long map.
+//! Conversion of an image of the ball to a lat-long map.
 
 use std::f64::consts::PI;
 
@@ -23,7 +23,7 @@ pub(super) struct Texel {
     pub(super) radiance: DVec3,
     /// Share of the texel that is seen, 0..=1.
     pub(super) seen: f64,
-    /// How much the view is to be trusted beside others: high where the ball is seen from the
+    /// Weight of the view relative to others: high where the ball is seen from the
     /// front, low at the rim and where it reflects the camera.
     pub(super) trust: f64,
 }

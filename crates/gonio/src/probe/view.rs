@@ -1,4 +1,4 @@
-//! A picture of a mirror ball, and which of its pixels can be used.
+//! Image of a mirror ball with its usable pixels.
 
 use glam::{DVec3, Vec3};
 
@@ -24,7 +24,7 @@ pub struct View {
     least_cosine: f64,
 }
 
-/// What a direction looks like in a view.
+/// Appearance of a direction in a view.
 pub(super) struct Sample {
     /// Radiance that arrives at the ball from there.
     pub(super) radiance: DVec3,
@@ -82,7 +82,7 @@ impl View {
         &self.rgb
     }
 
-    /// What became of each pixel: [`Fate::Used`]; [`Fate::Clipped`], which is used at the value it
+    /// Status of each pixel: [`Fate::Used`]; [`Fate::Clipped`], which is used at the value it
     /// has; [`Fate::Edge`] at the rim; [`Fate::Outside`]; or a value that is no radiance.
     pub fn fates(&self) -> &Plane<Fate> {
         &self.fates

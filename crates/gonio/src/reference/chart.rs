@@ -204,20 +204,22 @@ impl Measured {
         }
         let over = |what: &str, value: f64, most: f64| {
             (value.is_nan() || value > most)
-                .then(|| format!("{what} differs from the published one by {value:.2} (at most {most:.2})"))
+                .then(|| format!("{what} differs from the published value by {value:.2} (limit {most:.2})"))
         };
         let few = |what: &str, count: usize, least: usize| {
-            (count < least).then(|| format!("{count} of 24 patches are {what} (at least {least})"))
+            (count < least).then(|| format!("only {count} of 24 patches are {what} ({least} required)"))
         };
         let reason = few("positive in all channels", self.usable, MIN_PATCHES)
             .or_else(|| {
                 let (is, least) = (fit.correlation, tolerance.correlation);
-                let text =
-                    format!("their log-chroma correlates with the published one by {is:.2} (at least {least:.2})");
+                let text = format!(
+                    "the correlation of their log chroma with the published values is {is:.2} ({least:.2} \
+                        required)"
+                );
                 (is < least).then_some(text)
             })
-            .or_else(|| over("the log-chroma of the neutral patches", fit.neutral, tolerance.neutral))
-            .or_else(|| over("the logarithm of their luminance", fit.luminance, tolerance.luminance))
+            .or_else(|| over("the log chroma of the neutral patches", fit.neutral, tolerance.neutral))
+            .or_else(|| over("the log luminance of the neutral patches", fit.luminance, tolerance.luminance))
             .or_else(|| few("uniform", self.uniform, tolerance.uniform));
         reason.map_or(Ok(()), |reason| Err(ReferenceError::NotAChart { reason }))
     }

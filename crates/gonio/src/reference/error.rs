@@ -4,15 +4,15 @@ use thiserror::Error;
 
 use crate::remedy::Remedy;
 
-/// Error for a reference that cannot be used; [`ReferenceError::remedies`] lists what may help.
+/// Error for a reference that cannot be used; [`ReferenceError::remedies`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ReferenceError {
     /// The reflectance is not a fraction.
-    #[error("reflectance {0}: give a number above 0 and at most 1")]
+    #[error("reflectance {0}: must be above 0 and at most 1")]
     Reflectance(f64),
     /// The reference does not lie wholly within the picture.
     #[error(
-        "the reference lies outside the picture of {}x{} pixels, wholly or in part; give coordinates inside the picture",
+        "the reference lies partly or completely outside the image of {}x{} pixels; use coordinates inside the image",
         .size.0, .size.1
     )]
     Outside {
@@ -21,18 +21,18 @@ pub enum ReferenceError {
     },
     /// Too few pixels of the reference can be used.
     #[error(
-        "the reference has {pixels} usable pixels, at least {least} are needed; give a larger part of the patch, or a \
-         larger picture"
+        "the reference has only {pixels} usable pixels, {least} are required; mark a larger part of the patch, or \
+         use a larger image"
     )]
     TooFewPixels {
         /// Number of pixels that are finite and not clipped.
         pixels: usize,
-        /// Least number that is accepted.
+        /// Smallest accepted number.
         least: usize,
     },
     /// The reference lies on the object.
     #[error(
-        "{:.0} % of the reference's pixels lie on the object; give a reference beside the object",
+        "{:.0} % of the reference's pixels lie on the object; mark a reference beside the object",
         100.0 * .share
     )]
     Overlap {
@@ -41,7 +41,7 @@ pub enum ReferenceError {
     },
     /// Too many pixels are clipped.
     #[error(
-        "{:.0} % of the reference's pixels are clipped; lower the exposure, or merge several exposures",
+        "{:.0} % of the reference's pixels are clipped; reduce the exposure, or merge several exposures",
         100.0 * .share
     )]
     Clipped {
@@ -49,15 +49,15 @@ pub enum ReferenceError {
         share: f64,
     },
     /// A channel is black.
-    #[error("the reference is black in the {channel} channel; check where the reference lies, or raise the exposure")]
+    #[error("the reference is black in the {channel} channel; check its position, or increase the exposure")]
     Black {
         /// Name of the channel.
         channel: &'static str,
     },
     /// The patch is not uniform.
     #[error(
-        "the reference is not uniform: its {} varies by {:.0} % (at most {:.0} %), so it has texture, shading or an \
-         edge; give a smaller part of the patch that is lit evenly",
+        "the reference is not uniform: its {} varies by {:.0} % (limit {:.0} %), because of texture, shading or an \
+         edge; mark a smaller, evenly lit part of the patch",
         .what, 100.0 * .variation, 100.0 * .most
     )]
     Uneven {
@@ -71,7 +71,7 @@ pub enum ReferenceError {
     /// The patch has more colour than a neutral patch under captured light.
     #[error(
         "the reference is not neutral: its colour, ln(R/G) = {:.2} and ln(B/G) = {:.2}, is {distance:.1} away from \
-         white, and captured light stays within {most}; check that the patch is grey",
+         white (limit {most}); check that the patch is grey",
         .log_chroma[0], .log_chroma[1]
     )]
     NotNeutral {
@@ -84,13 +84,13 @@ pub enum ReferenceError {
     },
     /// The corners are not those of a convex quadrilateral.
     #[error(
-        "the corners of the colour chart are not finite, or not those of a convex quadrilateral; give the centres of \
-         its four corner patches in order: dark skin, bluish green, black, white"
+        "the corners of the colour chart do not form a convex quadrilateral; specify the centres of its four corner \
+         patches in the order dark skin, bluish green, black, white"
     )]
     Corners,
     /// The patches are too small.
     #[error(
-        "the patches of the colour chart are {pitch:.1} pixels apart, at least {least} are needed; use a larger picture"
+        "the patches of the colour chart are only {pitch:.1} pixels apart, {least} are required; use a larger image"
     )]
     SmallChart {
         /// Distance of neighbouring patches, in pixels.
@@ -100,8 +100,8 @@ pub enum ReferenceError {
     },
     /// The patches do not have the colours of the chart.
     #[error(
-        "the patches at these corners are not those of a ColorChecker Classic, in any order of the corners: {reason}; \
-         check the corners, that the values are linear, and that light falls evenly on the chart"
+        "the patches at these corners are not those of a ColorChecker Classic in any orientation: {reason}; check \
+         that the corners are correct, the values linear, and the chart evenly lit"
     )]
     NotAChart {
         /// Measured quantity that contradicts, in words.
@@ -109,8 +109,8 @@ pub enum ReferenceError {
     },
     /// Too many patches are clipped.
     #[error(
-        "{clipped} of the 24 patches of the colour chart are clipped, and {neutral} of its 6 neutral patches are usable \
-         (at least 3 are needed); lower the exposure, or merge several exposures"
+        "{clipped} of the 24 patches of the colour chart are clipped, and only {neutral} of its 6 neutral patches \
+         are usable (3 are required); reduce the exposure, or merge several exposures"
     )]
     ClippedChart {
         /// Number of clipped patches.
@@ -119,7 +119,7 @@ pub enum ReferenceError {
         neutral: usize,
     },
     /// No chart was detected.
-    #[error("no 24-patch colour chart was detected with certainty")]
+    #[error("no 24-patch colour chart was reliably detected")]
     NoChart,
     /// More than one chart was detected.
     #[error("several colour charts were detected")]
@@ -127,7 +127,7 @@ pub enum ReferenceError {
 }
 
 impl ReferenceError {
-    /// Lists what may help, the most probable first.
+    /// Lists suggestions, the most probable first.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::NoChart | Self::SeveralCharts => vec![Remedy::ChartCorners],

@@ -7,7 +7,7 @@ use faer::Mat;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Why an operation on a basis failed.
+/// Error of an operation on a basis.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum BasisError {
     /// A list of coefficients does not fit the basis.

@@ -1,5 +1,5 @@
-//! How far apart two BRDFs are, whatever their scale, which a photograph under unknown light does
-//! not determine.
+//! Scale-invariant distance between two BRDFs. A photograph under unknown light does not determine
+//! their scale.
 
 use std::f64::consts::FRAC_PI_4;
 

@@ -1,4 +1,4 @@
-//! Measured materials as a mean and principal axes of the logarithm of their tables.
+//! Principal component model of the logarithms of measured BRDF tables.
 //!
 //! Reflectance spans five orders of magnitude. In the logarithm, a few dozen axes represent a
 //! hundred materials to a few percent everywhere, in the diffuse part as in the peak, whereas a

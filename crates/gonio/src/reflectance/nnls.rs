@@ -4,7 +4,7 @@
 use faer::MatRef;
 use thiserror::Error;
 
-/// Why `nnls` has no solution.
+/// Error of `nnls`.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum NnlsError {
     /// The Gram matrix is not square, or the right-hand side has another length.
@@ -26,7 +26,7 @@ pub enum NnlsError {
     Unbounded(usize),
     /// The active set did not settle, which happens only if the matrix is not positive
     /// semidefinite.
-    #[error("the active set did not settle; is the Gram matrix positive semidefinite?")]
+    #[error("the active set did not converge; check that the Gram matrix is positive semidefinite")]
     NoConvergence,
 }
 

@@ -31,7 +31,7 @@ impl Default for TrainSettings {
     }
 }
 
-/// Why no basis could be learnt.
+/// Error in training a basis.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum TrainError {
     /// There are no materials.
@@ -54,7 +54,7 @@ pub enum TrainError {
     Black(String),
     /// No material uses function `0`: the materials have fewer independent parts than functions
     /// were asked for.
-    #[error("no material uses basis function {0}; ask for a lower rank")]
+    #[error("no material uses basis function {0}; use a lower rank")]
     Unused(usize),
     /// The margin is negative or NaN, or the power is not finite.
     #[error("the cost margin must not be negative and the scale power must be finite")]

@@ -1,10 +1,10 @@
 //! Reflected radiance at one point, to a given relative error.
 //!
-//! A cell of light contributes its mean radiance times reflectance and cosine at its centre. The
-//! error of that is no more than the deviation of the light in the cell times the variation of the
-//! reflectance over it, plus the error of the midpoint rule. The cell with the largest such bound
-//! is divided until the sum of all bounds is small compared with the radiance: small lamps and
-//! sharp lobes are found wherever they matter, and only there.
+//! A cell of light contributes its mean radiance times reflectance and cosine at its centre. Its
+//! error is bounded by the deviation of the light in the cell times the variation of the
+//! reflectance over it, plus the error of the midpoint rule. The cell with the largest bound is
+//! subdivided until the sum of all bounds is small relative to the radiance. Subdivision therefore
+//! concentrates on small lamps and sharp lobes.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;

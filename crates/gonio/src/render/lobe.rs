@@ -1,10 +1,10 @@
-//! Reflected radiance at many points, quickly.
+//! Fast computation of reflected radiance at many points.
 //!
-//! Half vectors are placed in rings about the normal, half of them evenly, half of them where the
-//! materials reflect. Each stands for its own solid angle: the reflectance is the mean over its
-//! ring, the light the mean over its footprint (prefiltered importance sampling, Colbert & Krivanek
-//! 2007). Rings and footprints are the same at every point, so pictures are free of noise. Small
-//! bright lamps are added one by one where no lobe is as narrow as they are.
+//! Half vectors lie in rings about the normal: half of them uniformly, half of them distributed by
+//! the reflectance of the materials. Each represents a solid angle: the reflectance is averaged
+//! over its ring, the light over its footprint (prefiltered importance sampling, Colbert & Krivanek
+//! 2007). Rings and footprints are the same at every point, so images are free of noise. Lamps
+//! smaller than the lobes are added individually.
 
 use std::f32::consts::PI;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -18,7 +18,7 @@ use super::pyramid::{Part, Place, half_side, level, whole};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of};
 use crate::shape::SurfacePoint;
 
-/// How many half vectors are used.
+/// Number of half vectors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LobeSettings {
     /// Number of rings.

@@ -47,7 +47,7 @@ impl Radiance for Vec3A {
     }
 }
 
-/// Which texels are lamps.
+/// Classification of texels as lamps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LampRule {
     /// Factor above the mean over the sphere from which on a texel is a lamp...
@@ -167,7 +167,7 @@ impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f32, Output = T>> Pyramid
 pub(crate) fn level(side: usize, solid_angle: f64) -> usize {
     let texel = 4.0 * std::f64::consts::PI / (side * side) as f64;
     // Half of the logarithm to the base of two, rounded up rather than down; the coarsest level has
-    // two texels a side.
+    // two texels per side.
     let level = 0.5 * (solid_angle / texel).max(1e-9).log2() + 0.8;
     (level.max(0.0) as usize).min(side.ilog2() as usize - 1)
 }

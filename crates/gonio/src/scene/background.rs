@@ -109,7 +109,7 @@ fn quantile(values: &mut [f32], share: f64) -> Option<f32> {
     (at < values.len()).then(|| *values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
-/// Interpolates a plane of blocks of `step` pixels a side to single pixels.
+/// Interpolates a plane of blocks of `step` pixels per side to single pixels.
 fn enlarged(blocks: &Plane<f32>, step: usize, (width, height): (usize, usize)) -> Plane<f32> {
     // Blocks to either side of a pixel, and the share of the second.
     let sides = |at: usize, most: usize| {

@@ -68,7 +68,7 @@ impl Correction {
 
     /// Describes what is wrong, in words: "y flipped".
     pub(super) fn words(&self) -> String {
-        let order = self.reordered().map(|order| format!("their channels in the order {order}"));
+        let order = self.reordered().map(|order| format!("the channel order {order}"));
         let flips = self.flips().into_iter().map(|axis| format!("{axis} flipped"));
         order.into_iter().chain(flips).collect::<Vec<_>>().join(" and ")
     }

@@ -1,9 +1,9 @@
-//! How well the edges of a photograph agree with a circle, at two scales.
+//! Agreement between the edges of a photograph and a circle, at two scales.
 //!
-//! Every pixel of a reduced photograph holds a vector that says how much its edges are of one
-//! direction, in doubled angles. Its product with the doubled direction from a centre is 1 for an
-//! edge across that direction, -1 for one along it, and zero on average for texture. The score of a
-//! circle is the mean of this along it.
+//! Each pixel of a reduced photograph stores the dominant orientation of its edges as a vector in
+//! doubled angles. Its product with the doubled direction from a centre is 1 for an edge
+//! perpendicular to that direction, -1 for a parallel edge, and zero on average for texture. The
+//! score of a circle is the mean of this product along it.
 
 use std::f32::consts::TAU;
 
@@ -129,7 +129,7 @@ pub(super) struct Ring {
 }
 
 impl Ring {
-    /// What orders circles: a larger one of equal score is less of a coincidence.
+    /// Ranking of circles: among equal scores, larger circles are more significant.
     pub(super) fn weight(&self) -> f32 {
         self.score * self.radius.sqrt()
     }
@@ -173,7 +173,7 @@ pub(super) fn distinct<T>(of: Vec<T>, most: usize, ring: impl Fn(&T) -> &Ring) -
     kept
 }
 
-/// How much the edges of each pixel are of one direction, in doubled angles.
+/// Dominant edge orientation of each pixel, as a vector in doubled angles.
 struct Field {
     edges: Plane<Vec2>,
     /// The directions, in an order whose beginnings are spread evenly, with the doubled ones.

@@ -6,47 +6,47 @@ use super::{Candidate, Circle, Contradiction, Extent, ObservationReport};
 use crate::remedy::Remedy;
 use crate::shape::{CameraError, MeshError};
 
-/// Error that leaves a picture without observations; [`SceneError::remedies`] lists what may help.
+/// Error that leaves a picture without observations; [`SceneError::remedies`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SceneError {
     /// No pixel of the mask is at least half covered.
-    #[error("the mask is empty: no pixel is covered by half or more; give a mask that is white on the object")]
+    #[error("the mask is empty: no pixel has at least 50 % coverage; use a mask that is white on the object")]
     EmptyMask,
     /// The covered part fills the picture, so there is no outline.
     #[error(
-        "the mask covers the whole picture: there is no outline to find; give a mask that is black around the object \
-         (is it inverted?)"
+        "the mask covers the whole image, so the object has no outline; use a mask that is black around the object, \
+         and check that it is not inverted"
     )]
     MaskEverywhere,
     /// The covered part is too small to carry a ball.
     #[error(
-        "the ball found in the mask has a radius of {radius:.1} pixels, at least {least} are needed: use a larger \
-         picture of it, or check the mask"
+        "the ball in the mask has a radius of only {radius:.1} pixels, {least} are required; use a larger image, or \
+         check the mask"
     )]
     TooSmall {
         /// Radius found, in pixels; where no circle was fitted, that of a disc of the same area.
         radius: f64,
-        /// Least radius that is accepted, in pixels.
+        /// Smallest accepted radius, in pixels.
         least: f64,
     },
     /// Too little of the outline lies within the picture.
-    #[error("only {degrees:.0} degrees of the ball's outline lie within the picture, at least {least:.0} are needed")]
+    #[error("only {degrees:.0} degrees of the ball's outline lie in the image, {least:.0} are required")]
     ShortOutline {
         /// Angle that the visible part of the outline spans, in degrees.
         degrees: f64,
-        /// Least angle that is accepted, in degrees.
+        /// Smallest accepted angle, in degrees.
         least: f64,
     },
     /// The outline is an ellipse, not a circle.
-    #[error("the outline is an ellipse (its axes are as 1 to {aspect:.3}), no circle")]
+    #[error("the outline is an ellipse, not a circle (axis ratio 1 to {aspect:.3})")]
     Elliptic {
         /// Shorter over longer axis, below one.
         aspect: f64,
     },
     /// The outline is not a circle.
     #[error(
-        "the outline is no circle: it strays by {residual:.1} pixels from the best one of radius {radius:.1}, and \
-         {stray} of its {rim} points lie far off"
+        "the outline is not a circle: it deviates by {residual:.1} pixels from the best circle, with a radius of \
+         {radius:.1} pixels, and {stray} of its {rim} points are outliers"
     )]
     NotACircle {
         /// Typical distance of the outline from the circle, in pixels.
@@ -60,7 +60,8 @@ pub enum SceneError {
     },
     /// The outline is not an ellipse, or not that of a ball in perspective.
     #[error(
-        "the outline of {rim} points is none of a ball or ellipsoid (it strays by {residual:.1} pixels): check the mask"
+        "the outline is not that of a ball or ellipsoid: its {rim} points deviate by {residual:.1} pixels; check \
+         the mask"
     )]
     NotAnEllipse {
         /// Distance in pixels within which 7 in 10 points of the outline lie of the best ellipse;
@@ -71,8 +72,8 @@ pub enum SceneError {
     },
     /// The given circle cannot be the outline of a ball.
     #[error(
-        "the circle with centre ({x}, {y}) and radius {radius} cannot be used: it needs finite numbers and a radius \
-         of at least {least} pixels"
+        "the circle with centre ({x}, {y}) and radius {radius} is invalid; use finite numbers and a radius of at \
+         least {least} pixels"
     )]
     BadCircle {
         /// Column of the centre, in pixels.
@@ -81,13 +82,13 @@ pub enum SceneError {
         y: f64,
         /// Radius, in pixels.
         radius: f64,
-        /// Least radius that is accepted, in pixels.
+        /// Smallest accepted radius, in pixels.
         least: f64,
     },
     /// Two pictures that must be aligned differ in size.
     #[error(
-        "the {what} is {width}x{height} pixels and the picture {picture_width}x{picture_height}: make both of one \
-         size"
+        "the {what} is {width}x{height} pixels, but the image is {picture_width}x{picture_height}; use images of \
+         the same size"
     )]
     Sizes {
         /// The picture of the wrong size, for example `"mask"` or `"normal map"`.
@@ -103,14 +104,13 @@ pub enum SceneError {
     },
     /// No pixel has both coverage and a normal.
     #[error(
-        "no covered pixel has a normal: check that the mask and the normal map belong together and that the normal \
-         map is not empty"
+        "no covered pixel has a normal; check that mask and normal map match, and that the normal map is not empty"
     )]
     NoNormals,
     /// Too many normals are not of unit length.
     #[error(
-        "{count} of {covered} normals are not unit vectors (the worst has length {worst:.3}): normalise the normal \
-         map (where it is coded as 0..1 decode it to -1..1), and mask out what is not the object"
+        "{count} of {covered} normals are not unit vectors (worst length {worst:.3}); normalise the normal map, \
+         decode values from 0..1 to -1..1, and mask out the background"
     )]
     NotUnit {
         /// Normals whose length is off by more than 0.05.
@@ -122,8 +122,8 @@ pub enum SceneError {
     },
     /// Too many normals face away from the camera.
     #[error(
-        "{count} of {covered} normals face away from the camera, although it sees them: y or z may be \
-         flipped; the axes are x right, y up, z towards the camera"
+        "{count} of {covered} visible normals face away from the camera; check that y and z are not flipped (x \
+         points right, y up, z towards the camera)"
     )]
     FacingAway {
         /// Unit normals with `z <= 0`.
@@ -133,19 +133,19 @@ pub enum SceneError {
     },
     /// The normals are (nearly) all the same.
     #[error(
-        "the normals fall into only {directions} cells of a grid of 1.6 degrees, at least {least} are needed: the \
-         shape is too flat to tell light and reflectance apart; use a rounder object"
+        "the shape is too flat to separate light and reflectance: its normals occupy only {directions} cells of a \
+         grid of 1.6 degrees, {least} are required; use a rounder object"
     )]
     TooFlat {
         /// Cells of the grid of directions that hold a normal.
         directions: usize,
-        /// Least number that is accepted.
+        /// Smallest accepted number.
         least: usize,
     },
     /// Too many pixels have values that are not radiances (negative, NaN or infinite).
     #[error(
-        "of {observed} pixels of the object {negative} are negative and {not_finite} NaN or infinite, which leaves too \
-         few: write the picture again from linear radiance, or check that mask or circle lie on the object"
+        "too few of the object's {observed} pixels are valid: {negative} are negative and {not_finite} are NaN or \
+         infinite; write the image again from linear radiance, or check that the mask or circle lies on the object"
     )]
     BadPixels {
         /// Pixels of negative luminance.
@@ -157,8 +157,8 @@ pub enum SceneError {
     },
     /// Too few points have a value.
     #[error(
-        "only {used} points can be used, at least {least} are needed: {clipped} are clipped and {outside} uncovered \
-         or outside the picture; use a shorter exposure, or check the mask and the circle"
+        "only {used} points are usable, {least} are required: {clipped} are clipped and {outside} are uncovered or \
+         outside the image; use a shorter exposure, or check the mask and the circle"
     )]
     TooFewPoints {
         /// Points with a value.
@@ -167,26 +167,27 @@ pub enum SceneError {
         clipped: usize,
         /// Points that are not covered or not within the picture.
         outside: usize,
-        /// Least number that is accepted.
+        /// Smallest accepted number.
         least: usize,
     },
     /// An observed point is not on the surface.
     #[error(
-        "a point that was observed is not on the surface: give the mesh or the depth that the normals were made of"
+        "an observed point does not lie on the surface; specify the mesh or depth map from which the normals were \
+         computed"
     )]
     NoSurface,
-    /// Neither an alpha channel nor a plain background nor a circle shows where the object is.
-    #[error("no alpha channel and no constant background to tell the object from, and no circle stands out")]
+    /// No object was detected by an alpha channel, a uniform background or edges.
+    #[error("no object found: the image has no alpha channel, no uniform background and no clear circle")]
     NoOutline,
-    /// Several objects stand out, and none is given.
-    #[error("there are {} separate objects, {}", .objects.len(), listed(.objects))]
+    /// Several objects were detected.
+    #[error("found {} separate objects: {}", .objects.len(), listed(.objects))]
     Several {
         /// The objects, the largest first.
         objects: Vec<Extent>,
     },
-    /// The background is not plain, and no circle stands out enough from it.
+    /// No circle was reliably detected before a non-uniform background.
     #[error(
-        "the ball cannot be told from its background for sure: of {}, the first shows {:.0} % of its outline",
+        "the ball was not reliably detected: of {}, the best has edges along {:.0} % of its outline",
         counted(.candidates.len()),
         100.0 * .candidates.first().map_or(0.0, |first| first.support)
     )]
@@ -194,16 +195,16 @@ pub enum SceneError {
         /// Circles that may be its outline, the most probable first.
         candidates: Vec<Candidate>,
     },
-    /// The surface is not where the mask is.
+    /// The surface is not aligned with the mask.
     #[error(
-        "the shape does not lie on the object: only {:.0} % of the pixels of either belong to both",
+        "the shape is not aligned with the object: only {:.0} % of their pixels overlap",
         100.0 * .overlap
     )]
     Elsewhere {
         /// Pixels of both over pixels of either.
         overlap: f64,
     },
-    /// The normals contradict themselves.
+    /// The normals are inconsistent.
     #[error(transparent)]
     Contradiction(Contradiction),
     /// The positions do not make a surface.
@@ -213,18 +214,18 @@ pub enum SceneError {
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// Every observed value is zero.
-    #[error("the object is entirely black: check the exposure, and that mask or circle lie on the object")]
+    #[error("the object is entirely black; check the exposure, and that the mask or circle lies on the object")]
     Black,
 }
 
 impl SceneError {
-    /// Error for faulty pixels that leave too few sound ones.
+    /// Returns the error for too few valid pixels.
     pub(super) fn bad_pixels(report: &ObservationReport) -> Self {
         let ObservationReport { negative, not_finite, observed_pixels: observed, .. } = *report;
         Self::BadPixels { negative, not_finite, observed }
     }
 
-    /// Lists what may help, the most probable first.
+    /// Lists suggestions, the most probable first.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::MaskEverywhere | Self::ShortOutline { .. } => vec![Remedy::Outline],
@@ -246,7 +247,7 @@ impl SceneError {
         }
     }
 
-    /// Whether the outline is at fault, and so the mask that it was found in.
+    /// Whether the outline is faulty, and therefore the mask.
     pub fn is_of_outline(&self) -> bool {
         matches!(
             self,
@@ -261,15 +262,15 @@ impl SceneError {
     }
 }
 
-/// Lists objects by number, each with its place.
+/// Lists objects by number, with their positions.
 fn listed(objects: &[Extent]) -> String {
     let one = |(at, Extent { from, to, circle }): (usize, &Extent)| {
-        let what = if circle.is_some() { "a ball" } else { "no ball" };
-        format!("{} ({what}) in columns {} to {} and rows {} to {}", at + 1, from.0, to.0, from.1, to.1)
+        let what = if circle.is_some() { "a ball" } else { "another shape" };
+        format!("({}) {what} in columns {} to {} and rows {} to {}", at + 1, from.0, to.0, from.1, to.1)
     };
     objects.iter().enumerate().map(one).collect::<Vec<_>>().join(", ")
 }
 
 fn counted(circles: usize) -> String {
-    if circles == 1 { "one circle".to_owned() } else { format!("{circles} circles") }
+    if circles == 1 { "one candidate circle".to_owned() } else { format!("{circles} candidate circles") }
 }

@@ -1,4 +1,4 @@
-//! Fate of each pixel: used, or left out and why.
+//! Status of each pixel: used, or ignored with a reason.
 
 use glam::Vec3;
 
@@ -7,7 +7,7 @@ use super::observed::{clip_level, is_clipped};
 use super::{ObservationReport, ObservationSettings, SceneError};
 use crate::picture::{Plane, luminance};
 
-/// Fate of a pixel of the picture.
+/// Status of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Fate {
@@ -28,7 +28,7 @@ pub enum Fate {
     Edge,
     /// The pixel is far darker than all its neighbours.
     Speck,
-    /// The pixel is on the object but has no sound normal.
+    /// The pixel is on the object but has no valid normal.
     NoNormal,
 }
 
@@ -55,7 +55,7 @@ impl Fate {
     }
 }
 
-/// Fates of all pixels, with their counts.
+/// Status of all pixels, with counts.
 pub(super) struct Judged {
     pub(super) fates: Plane<Fate>,
     /// Report with the counts of pixels filled in.

@@ -1,9 +1,8 @@
 //! Regions of another colour on an object of one colour: paint, stickers, eyes of figures.
 //!
-//! Chromaticity alone does not identify paint: highlights have the colour of the light, metals that
-//! of what they reflect, and shadows, lamps of several colours and interreflections all change it.
-//! A region is therefore left out only if it passes every test of what paint does and light does
-//! not:
+//! Chromaticity alone does not identify paint: highlights have the colour of the light, metals have
+//! that of their reflections, and shadows, coloured lamps and interreflections change it. A region
+//! is therefore ignored only if it passes all tests that distinguish paint from light:
 //!
 //! 1. It is a compact region behind a sharp step of chromaticity, small compared with the rest,
 //!    with similar normals on both sides.
@@ -14,8 +13,8 @@
 //!    there is no shading to follow nothing is decided.
 //! 4. There are few other such steps elsewhere: reflections of a coloured world have many.
 //!
-//! If in doubt everything is kept: a few painted pixels hardly change the result, but a reflection
-//! taken for paint changes it a lot.
+//! In ambiguous cases, all pixels are kept: a few painted pixels change the result little, but a
+//! reflection mistaken for paint changes it strongly.
 
 use glam::{DVec2, DVec3, Vec3};
 

@@ -1,25 +1,21 @@
-//! Observations for the inference, from a picture of an object of known shape (paper
-//! section 4).
+//! Observations for the inference, from an image of an object of known shape (paper section 4).
 //!
-//! 1. `find_sphere` finds the outline of a ball in a mask, in an alpha channel, or before
-//!    a plain background of a picture without either; before any other background the edges of the
-//!    picture vote for a circle.
-//! 2. `of_sphere` samples the picture at normals spread evenly over the visible
-//!    hemisphere; [`Observations::of_normals`] does the same for any shape that comes with a
-//!    picture of its normals.
+//! 1. `find_sphere` detects the outline of a ball by a mask, an alpha channel, a uniform
+//!    background, or else by edges.
+//! 2. `of_sphere` samples the image at normals distributed uniformly over the visible hemisphere;
+//!    [`Observations::of_normals`] samples any shape with a normal map.
 //!
-//! [`Sighting::of`] does all of this, for any [`Object`].
+//! [`Sighting::of`] performs both steps for any [`Object`].
 //!
-//! [`Orientation`] says whether the channels of a normal map are in order, and which [`Correction`]
-//! puts them in order.
+//! [`Orientation`] checks the channels of a normal map and suggests a [`Correction`].
 //!
 //! The camera is orthographic and looks along -z: the direction to the camera is +z at every point.
 //! Pictures have x to the right and y down, with the centre of the first pixel at (0.5, 0.5);
 //! normals have y up.
 //!
-//! The points of the surface depend on settings and shape, never on the radiance: two pictures of
-//! one ball share a [`Plan`](crate::transfer::Plan). A point that the picture does not show
-//! (clipped, masked, cropped) has the value `None`.
+//! The points of the surface depend on settings and shape, but not on the radiance, so two images
+//! of one ball share a [`Plan`](crate::transfer::Plan). An unobserved point (clipped, masked,
+//! cropped) has the value `None`.
 
 mod background;
 mod balls;

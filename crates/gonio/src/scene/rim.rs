@@ -1,5 +1,5 @@
-//! The rim of a ball near a circle that is roughly its outline: where the picture changes most
-//! along rays from the centre, to a fraction of a pixel.
+//! Refines the outline of a ball, starting from an approximate circle: finds the largest change of
+//! the image along rays from the centre, with subpixel accuracy.
 
 use std::f64::consts::TAU;
 

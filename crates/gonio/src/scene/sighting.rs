@@ -1,4 +1,4 @@
-//! Location of an object of known shape in a picture, and the observations of it.
+//! Detection of an object of known shape in an image, with its observations.
 
 use std::fmt;
 
@@ -18,9 +18,9 @@ use crate::sphere::OctahedralMap;
 /// Length of an edge of a surface of positions, relative to the median, above which it is a step.
 const STEP: f64 = 8.0;
 
-/// Least overlap of surface and mask; below it the surface is somewhere else.
+/// Smallest overlap of surface and mask; below it, the surface is misaligned.
 const LEAST_OVERLAP: f64 = 0.5;
-/// Overlap below which the surface does not quite fit.
+/// Overlap below which a warning reports the misalignment.
 const GOOD_OVERLAP: f64 = 0.93;
 
 /// Positions of a surface pixel by pixel, in coordinates of the camera that sees them.
@@ -55,14 +55,14 @@ pub struct NormalPicture {
     pub camera: Option<Camera>,
     /// Positions of the surface, for its self-shadowing.
     pub relief: Option<Relief>,
-    /// Whether the normals are taken as they are even if they contradict themselves.
+    /// Whether to skip the consistency checks of the normals.
     pub trusted: bool,
 }
 
-/// Something odd about a sighting, displayed as one line.
+/// Warning about a detected object, displayed as one line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Oddity {
-    /// The overlap of shape and object is less than it should be.
+    /// The overlap of shape and object is too small.
     Misplaced {
         /// Pixels of both over pixels of either.
         overlap: f64,
@@ -76,7 +76,7 @@ pub enum Oddity {
     },
     /// The depth of the ellipsoid is unknown; holds the semi-axis taken for it, in pixels.
     Depth(f64),
-    /// The normals contradict themselves and are used nevertheless.
+    /// The normals are inconsistent, but the checks are disabled.
     Contradiction(Contradiction),
     /// Some pixels are clipped.
     Clipped {
@@ -94,7 +94,7 @@ pub enum Oddity {
         /// Number of observed pixels on the object.
         observed: usize,
     },
-    /// Regions of another colour are left out.
+    /// Regions of another colour are ignored.
     OtherColour {
         /// Number of pixels of another colour.
         pixels: usize,
@@ -104,7 +104,7 @@ pub enum Oddity {
 }
 
 impl Oddity {
-    /// Lists what may be done about it.
+    /// Lists suggestions.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::Depth(_) => vec![Remedy::DepthAxis],
@@ -120,34 +120,37 @@ impl fmt::Display for Oddity {
         match self {
             Self::Misplaced { overlap } => write!(
                 f,
-                "the shape does not quite fit the object: {:.0} % of the pixels of either belong to both",
+                "the shape is not exactly aligned with the object: {:.0} % of their pixels overlap",
                 100.0 * overlap
             ),
             Self::Inside { inside, seen } => write!(
                 f,
-                "{inside} of {seen} pixels see the back of the surface; its normals were turned to the camera there"
+                "{inside} of {seen} pixels show the back of the surface; gonio flips its normals towards the camera \
+                 there"
             ),
             Self::Depth(depth) => write!(
                 f,
-                "the outline does not tell how deep the ellipsoid is: {depth:.1} pixels were taken, the geometric mean of the other two \
-                 semi-axes"
+                "the outline does not determine the depth of the ellipsoid; gonio assumes a semi-axis of {depth:.1} \
+                 pixels, the geometric mean of the other two"
             ),
             Self::Contradiction(it) => it.fmt(f),
             Self::Clipped { clipped, observed } => {
-                write!(f, "{clipped} of {observed} pixels on the object are clipped and left out")
+                write!(f, "{clipped} of {observed} pixels on the object are clipped and ignored")
             }
             Self::Faulty { negative, not_finite, observed } => {
                 let what = match (negative, not_finite) {
                     (n, 0) => format!("{n} of {observed} pixels on the object are negative"),
                     (0, n) => format!("{n} of {observed} pixels on the object are NaN or infinite"),
-                    (n, m) => format!("of {observed} pixels on the object {n} are negative and {m} NaN or infinite"),
+                    (n, m) => {
+                        format!("of {observed} pixels on the object, {n} are negative and {m} are NaN or infinite")
+                    }
                 };
-                write!(f, "{what}; they are left out")
+                write!(f, "{what}; gonio ignores them")
             }
             Self::OtherColour { pixels, observed } => {
                 write!(
                     f,
-                    "{pixels} of {observed} pixels on the object are of another colour than the rest and left out"
+                    "{pixels} of {observed} pixels on the object have another colour than the rest and are ignored"
                 )
             }
         }
@@ -177,7 +180,7 @@ pub struct Sighting {
     pub coverage: Option<Plane<f32>>,
     /// Shape found.
     pub found: Found,
-    /// How sure the outline of a ball is that was found by a vote of the edges.
+    /// Reliability of the outline of a ball that was detected by its edges.
     pub sureness: Option<Sureness>,
     /// Normals of the object, unless it is a ball seen from far away.
     pub normals: Option<Plane<Vec3>>,
@@ -186,7 +189,7 @@ pub struct Sighting {
     /// Number of pixels that see the surface, and of those that are back-facing, where a surface
     /// was traced.
     pub pixels: Option<(usize, usize)>,
-    /// Oddities to report.
+    /// Warnings.
     pub oddities: Vec<Oddity>,
 }
 
@@ -350,10 +353,10 @@ impl Looker<'_> {
         })
     }
 
-    /// Builds the surface of a picture of positions, cut to the object.
+    /// Builds the surface of a position map, cut to the object.
     fn relief(&self, Relief { mut places, camera }: Relief) -> Result<(Placed, Soundness), SceneError> {
         let size = self.picture.rgb.size();
-        check_size("picture of depths or positions", places.size(), size)?;
+        check_size("depth or position map", places.size(), size)?;
         if let Some(coverage) = &self.coverage {
             let cut = places.as_slice().iter().zip(coverage.as_slice()).map(|(p, c)| p.filter(|_| *c >= 0.5));
             places = Plane::from_vec(size.0, size.1, cut.collect());

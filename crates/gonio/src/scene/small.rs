@@ -1,5 +1,4 @@
-//! A photograph reduced to few pixels, its values compressed to 0..1 so that lamps do not outweigh
-//! all else.
+//! Reduced photograph with values compressed to 0..1, so that lamps do not dominate.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -71,7 +70,7 @@ impl Small {
     }
 }
 
-/// Means over square blocks of `step` pixels a side, of which those at the right and lower border
+/// Means over square blocks of `step` pixels per side, of which those at the right and lower border
 /// may be smaller.
 fn blocks(of: &Plane<Vec3>, step: usize, value: impl Fn(Vec3) -> Vec3 + Sync) -> Plane<Vec3> {
     let (width, height) = of.size();

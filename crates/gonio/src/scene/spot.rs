@@ -1,5 +1,4 @@
-//! Where a ball is in a picture: by a mask, an alpha channel, a plain background, or else by a vote
-//! of the edges.
+//! Detection of a ball in an image by a mask, an alpha channel, a uniform background, or its edges.
 
 use glam::Vec3;
 
@@ -58,7 +57,7 @@ pub(super) fn spot(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Spott
     let told = if by_edges { by_vote(&picture.rgb) } else { Err(SceneError::NoOutline) };
     match (told, known) {
         (Ok((circle, sureness)), _) => Ok(Spotted { circle, coverage: None, sureness: Some(sureness) }),
-        // What the value of the background tells is right but for losses of a file.
+        // The background value is exact, except for compression losses.
         (Err(_), Some((coverage, Ok(ball)))) => {
             Ok(Spotted { circle: ball.circle, coverage: Some(coverage), sureness: None })
         }
@@ -97,7 +96,7 @@ fn by_vote(rgb: &Plane<Vec3>) -> Result<(Circle, Sureness), SceneError> {
     };
     single(&coverage, |part| on_edges(rgb, &small, &edges, part))?;
     let vote = Vote::of(rgb, &small, &edges, rough(&coverage).as_ref());
-    // Where all that stands out is within the circle, nothing else can be the ball.
+    // If all foreground lies within the circle, no other object can be the ball.
     if let Some(winner) = vote.winner(true)
         && share_within(&coverage, &winner.0) >= HELD
     {

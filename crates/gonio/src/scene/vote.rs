@@ -1,5 +1,5 @@
-//! Circles that stand out in a picture whose background does not tell the object: a vote of the
-//! edges. All circles on a grid are scored, and the best are moved to the edges near them.
+//! Detection of circles by their edges, for images without a uniform background. All circles on a
+//! grid are scored, and the best ones are fitted to nearby edges.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -35,7 +35,7 @@ pub struct Candidate {
     pub support: f64,
 }
 
-/// How sure a ball is that was found by a vote.
+/// Reliability of a ball that was detected by its edges.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sureness {
     /// Share of its circumference on which there is an edge along it, 0..=1.
@@ -48,9 +48,9 @@ pub struct Sureness {
 impl std::fmt::Display for Sureness {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { support, rival } = self;
-        write!(f, "found by its edges: {:.0} % of its outline shows", 100.0 * support)?;
+        write!(f, "detected by its edges: {:.0} % of its outline is visible", 100.0 * support)?;
         if *rival > 0.0 {
-            write!(f, ", the next circle has {:.0} % of its weight", 100.0 * rival)?;
+            write!(f, ", weight of the next circle {:.0} %", 100.0 * rival)?;
         }
         Ok(())
     }

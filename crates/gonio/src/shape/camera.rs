@@ -47,7 +47,7 @@ pub struct Ray {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CameraError {
     /// A number that must be positive is not.
-    #[error("the {what} is {value}: give a positive, finite number")]
+    #[error("the {what} is {value}; use a positive, finite number")]
     NotPositive {
         /// Name of the number.
         what: &'static str,
@@ -55,14 +55,12 @@ pub enum CameraError {
         value: f64,
     },
     /// The picture has no pixels, or the principal point is not finite or too far away.
-    #[error(
-        "the picture of {0}x{1} pixels or its principal point cannot be used: give finite numbers and at least one pixel"
-    )]
+    #[error("the image size {0}x{1} or the principal point is invalid; use finite numbers and at least one pixel")]
     Frame(usize, usize),
     /// The pose is not a rotation and translation.
     #[error(
-        "the pose of the camera is no rotation with a translation (its axes have lengths {lengths:?} and determinant {determinant:.3}): \
-         a camera cannot be scaled, sheared or mirrored"
+        "the pose of the camera is not a rotation and translation (axes of lengths {lengths:?}, determinant \
+         {determinant:.3}); remove scaling, shearing and mirroring"
     )]
     NotRigid {
         /// Lengths of the three axes.

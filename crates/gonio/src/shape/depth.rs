@@ -20,7 +20,7 @@ pub enum DepthKind {
 /// Error of a depth map whose size differs from that of the camera's pictures.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[error(
-    "the depths are {}x{} pixels and the camera's pictures {}x{}: make both of one size",
+    "the depth map is {}x{} pixels, but the camera's image is {}x{}; use images of the same size",
     depths.0, depths.1, camera.0, camera.1
 )]
 pub struct DepthSize {
@@ -105,6 +105,9 @@ mod tests {
         let places = positions_of_depth(&depths, &camera, DepthKind::AlongAxis).unwrap();
         assert_eq!(places.as_slice(), [None, None, None, Some(DVec3::new(0.5, 0.0, -2.0))]);
         let error = positions_of_depth(&Plane::from_fn(2, 3, |_, _| None), &camera, DepthKind::AlongRay).unwrap_err();
-        assert_eq!(error.to_string(), "the depths are 2x3 pixels and the camera's pictures 4x1: make both of one size");
+        assert_eq!(
+            error.to_string(),
+            "the depth map is 2x3 pixels, but the camera's image is 4x1; use images of the same size"
+        );
     }
 }

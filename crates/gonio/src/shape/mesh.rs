@@ -54,7 +54,7 @@ pub struct Soundness {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum MeshError {
     /// There are no triangles, or no vertices.
-    #[error("the mesh is empty ({vertices} vertices, {triangles} triangles): export the surface, with its faces")]
+    #[error("the mesh is empty ({vertices} vertices, {triangles} triangles); export the surface with its faces")]
     Empty {
         /// Number of vertices.
         vertices: usize,
@@ -62,7 +62,7 @@ pub enum MeshError {
         triangles: usize,
     },
     /// An index is beyond the vertices.
-    #[error("triangle {triangle} refers to vertex {index}, but there are only {vertices}: export the mesh again")]
+    #[error("triangle {triangle} refers to vertex {index}, but there are only {vertices}; export the mesh again")]
     Index {
         /// Index of the triangle, from 0.
         triangle: usize,
@@ -72,10 +72,10 @@ pub enum MeshError {
         vertices: usize,
     },
     /// A position is not finite.
-    #[error("vertex {0} is not at a finite place: export the mesh again")]
+    #[error("vertex {0} has coordinates that are not finite; export the mesh again")]
     NotFinite(usize),
     /// There are not three normals for each triangle.
-    #[error("{normals} triangles have normals and {triangles} are there: export the mesh again")]
+    #[error("{normals} of {triangles} triangles have normals; export the mesh again")]
     Normals {
         /// Number of triples of normals.
         normals: usize,
@@ -83,12 +83,10 @@ pub enum MeshError {
         triangles: usize,
     },
     /// No triangle has an area.
-    #[error("none of the {0} triangles has an area: check that the mesh was not flattened to a line or a point")]
+    #[error("all {0} triangles have zero area; check that the mesh is not flattened to a line or a point")]
     AllDegenerate(usize),
     /// The transformation flattens the mesh.
-    #[error(
-        "the pose flattens the object or is not finite: give a rotation, a translation and a scale other than zero"
-    )]
+    #[error("the pose flattens the object or is not finite; use a rotation, a translation and a nonzero scale")]
     Pose,
 }
 
@@ -150,7 +148,7 @@ impl Mesh {
         Ok((Self { positions, triangles, normals }, soundness))
     }
 
-    /// Builds the surface of a picture of positions, in any frame: two triangles between each four
+    /// Builds the surface of a position map, in any frame: two triangles between each four
     /// neighbouring pixels that all have a position, except across steps. A step is an edge more
     /// than `jump` times as long as the median one (8 is a good value).
     ///

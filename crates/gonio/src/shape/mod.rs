@@ -1,9 +1,9 @@
-//! Shapes in front of a camera: the surface seen by each pixel, and self-shadowing.
+//! Shapes in front of a camera: the visible surface at each pixel, and self-shadowing.
 //!
-//! * [`Mesh`]: triangles with smooth normals; [`Soundness`] lists their oddities. `of_positions`
-//!   builds one from a picture of positions, [`Form`] some from formulas.
-//! * [`Surface`]: a shape that rays hit; a [`Tracer`] of a mesh or an [`Ellipsoid`].
-//!   [`GeometryBuffer`] is what a camera sees of one.
+//! * [`Mesh`]: triangles with smooth normals; [`Soundness`] lists their defects. `of_positions`
+//!   builds a mesh from a position map, [`Form`] builds meshes from formulas.
+//! * [`Surface`]: a shape that intersects rays: a [`Tracer`] of a mesh or an [`Ellipsoid`].
+//!   [`GeometryBuffer`] contains its visible points.
 //! * [`Visibility`]: the paper's `V_i` for some points of a surface.
 //! * [`Camera`]: orthographic or perspective, with a pose. [`positions_of_depth`]: positions that
 //!   its pixels see at given depths.

@@ -24,7 +24,7 @@ pub enum PlacedError {
     #[error(transparent)]
     Mesh(#[from] MeshError),
     /// No ray hits the mesh.
-    #[error("the camera sees nothing of the mesh; check its pose and the camera (it looks along -z, y is up)")]
+    #[error("the mesh is not visible to the camera; check the pose and the camera (it looks along -z, y is up)")]
     Unseen,
 }
 
@@ -65,14 +65,14 @@ impl Soundness {
             *self;
         let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
         let odd: Vec<String> = [
-            count(degenerate, "triangles without an area (left out)"),
-            count(non_manifold_edges, "edges of more than two triangles"),
-            count(inconsistent_edges, "edges between triangles that are turned to different sides"),
+            count(degenerate, "triangles with zero area (ignored)"),
+            count(non_manifold_edges, "edges shared by more than two triangles"),
+            count(inconsistent_edges, "edges between triangles of opposite orientation"),
             count(
                 if 20 * normals_against > triangles { normals_against } else { 0 },
-                "triangles whose normals point to their back (taken on the side that is seen)",
+                "triangles whose normals point to the back (gonio uses the visible side)",
             ),
-            inside_out.then(|| "all triangles are turned inwards (taken on the side that is seen)".to_owned()),
+            inside_out.then(|| "all triangles facing inwards (gonio uses the visible side)".to_owned()),
         ]
         .into_iter()
         .flatten()
@@ -101,7 +101,7 @@ mod tests {
         assert_eq!(Soundness { triangles: 10, ..Default::default() }.complaint(), None);
         let odd = Soundness { triangles: 10, degenerate: 2, inside_out: true, ..Default::default() };
         let complaint = odd.complaint().unwrap();
-        assert!(complaint.starts_with("the mesh of 10 triangles has 2 triangles without an area"), "{complaint}");
+        assert!(complaint.starts_with("the mesh of 10 triangles has 2 triangles with zero area"), "{complaint}");
         assert!(complaint.contains("inwards"), "{complaint}");
     }
 }

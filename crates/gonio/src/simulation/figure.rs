@@ -1,9 +1,9 @@
-//! Figures: objects on which a normal is seen in several places.
+//! Figures: objects with the same normal at several places.
 //!
-//! The pixels of a figure that share a normal lie on different parts of its surface, some shadowed
-//! by others, some lit by them, some worn. A part shows only a region of normals, so the mixture of
-//! parts in a cell changes abruptly from one cell to the next: streaks and edges on the disk that
-//! do not come from the reflected light.
+//! Pixels of a figure with the same normal lie on different parts of its surface, which can be
+//! shadowed or lit by other parts, or worn. Each part covers a region of normals, so the mixture of
+//! parts changes abruptly between cells. This creates streaks and edges on the disk that are not
+//! reflections.
 
 use rand::Rng;
 

@@ -1,10 +1,9 @@
-//! Simulated photographs: materials of the prior in captured and artificial lights, taken by
-//! ordinary cameras.
+//! Simulated photographs: materials of the prior under captured and artificial lights, with camera
+//! effects.
 //!
-//! A [`Stock`] holds scenes, pictures of a ball without any fault; an unlimited number of
-//! photographs is drawn from it, each of its own material (any mixture of two materials in one
-//! light is a material, and its picture the mixture of their pictures) with its own camera effects
-//! ([`Camera`]).
+//! A [`Stock`] contains scenes: ideal images of a ball. An unlimited number of photographs can be
+//! drawn from it, each with a new material and new camera effects ([`Camera`]). A mixture of two
+//! materials under one light is also a material, and its image is the mixture of their images.
 
 mod ball;
 mod camera;

@@ -1,8 +1,8 @@
 //! The eight symmetries of the disk of normals: mirror images in both axes and in the diagonal.
 //!
-//! They leave the view alone. If a normal and a light are turned by one of them, angles between
-//! half vector, normal and view stay as they are, so what is computed for one normal holds for
-//! eight, and only the light has to be looked up in each.
+//! They keep the view direction fixed. Applied to a normal and a light, they preserve the angles
+//! between half vector, normal and view. The geometry of one normal is therefore valid for eight,
+//! and only the light differs.
 
 use std::collections::HashMap;
 use std::ops::{Add, Mul, Sub};

@@ -49,14 +49,14 @@ impl Default for PlanSettings {
     }
 }
 
-/// Why a plan cannot be made or used.
+/// Error in building or using a plan.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlanError {
     /// There are too few points.
-    #[error("{0} points of the surface are too few, at least 50 are needed")]
+    #[error("the surface has only {0} points, 50 are required")]
     TooFewPoints(usize),
     /// The light prior does not cover the grid.
-    #[error("the light prior covers grids of up to {covered} texels a side, not {side}")]
+    #[error("the light prior supports grids of up to {covered} texels per side, not {side}")]
     Grid {
         /// Side asked for.
         side: usize,
@@ -76,7 +76,8 @@ pub enum PlanError {
     },
     /// The visibility is on another grid than the light.
     #[error(
-        "visibility was found on a grid of {visibility} texels a side (or another map), the light has {side}: trace it anew"
+        "the visibility has a grid of {visibility} texels per side (or another map), but the light has {side}; \
+         compute it again"
     )]
     Visibility {
         /// Side of the grid of the visibility.
@@ -85,7 +86,7 @@ pub enum PlanError {
         side: usize,
     },
     /// The points of the image and those of the plan differ in number.
-    #[error("the plan was made for {plan} points, the image has {image}")]
+    #[error("the plan is for {plan} points, but the image has {image}")]
     Points {
         /// Points of the plan.
         plan: usize,

@@ -43,7 +43,7 @@ fn fill(job: &Job, sizes: &[usize]) -> Option<usize> {
             there += 1;
         } else {
             assert_eq!(run.code, Some(2), "{}: {run:?}", job.name);
-            for says in ["disk/out", "No space left", "free some space"] {
+            for says in ["disk/out", "No space left", "free disk space"] {
                 assert!(run.stderr.contains(says), "{says}: {run:?}");
             }
             let nothing = job.kind == Kind::Batch || !bench.path(&output).exists();
@@ -73,7 +73,7 @@ fn a_full_disk_that_is_the_output_is_named_and_left_as_it_was() {
     let bench = job("infer").bench();
     let folder = bench.path("disk");
     let Some(_disk) = SmallDisk::mount(&folder, 1024) else { return };
-    bench.refuses("infer ball.exr --grid 8 -o disk", &["disk/brdf.binary: cannot write", "free some space"]);
+    bench.refuses("infer ball.exr --grid 8 -o disk", &["disk/brdf.binary: cannot write", "free disk space"]);
 }
 
 each_job!(a_disk_of_any_size: fill_any);
@@ -86,7 +86,7 @@ fn a_full_cache_costs_nothing_but_time() {
     let mut whole = job.undisturbed().files.clone();
     let Some(_disk) = SmallDisk::mount(&folder, 64) else { return };
     let run = bench.run_with(&job.to("out"), &[("GONIO_CACHE_DIR", folder.to_str().unwrap())]).succeeds();
-    assert!(run.stderr.contains("warning: ") && run.stderr.contains("free some space"), "{run:?}");
+    assert!(run.stderr.contains("warning: ") && run.stderr.contains("free disk space"), "{run:?}");
     // The warning is among the numbers, too.
     let mut found = written(&bench, "out");
     assert_ne!(found.remove("result.json"), whole.remove("result.json"));

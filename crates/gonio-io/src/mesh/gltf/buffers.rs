@@ -39,16 +39,16 @@ impl<'a> Buffers<'a> {
             let mut bytes = match buffer.source() {
                 Source::Bin => match bin {
                     Some(bin) if index == 0 => bin.to_vec(),
-                    _ => return Err(Error::damaged(path, format!("has no data for its buffer {index}"))),
+                    _ => return Err(Error::damaged(path, format!("has no data for buffer {index}"))),
                 },
                 Source::Uri(uri) => match uri.strip_prefix("data:") {
                     Some(data) => embedded(data)
-                        .ok_or_else(|| Error::damaged(path, format!("has a buffer {index} that is no base64")))?,
+                        .ok_or_else(|| Error::damaged(path, format!("has invalid base64 in buffer {index}")))?,
                     None => fetch(uri, room)?,
                 },
             };
             if bytes.len() < length {
-                let problem = format!("has {} bytes in its buffer {index} and announces {length}", bytes.len());
+                let problem = format!("has {} bytes in buffer {index}, but declares {length}", bytes.len());
                 return Err(Error::damaged(path, problem));
             }
             room = room.saturating_sub(bytes.len() as u64);
@@ -111,8 +111,8 @@ impl<'a> Buffers<'a> {
     /// Reads an accessor of vectors of three floats.
     pub(super) fn vectors(&self, accessor: &Accessor<'_>, what: &str) -> Result<Vec<[f32; 3]>, Error> {
         if (accessor.data_type(), accessor.dimensions()) != (DataType::F32, Dimensions::Vec3) {
-            let problem = format!("has {what} that are not three floats each");
-            return Err(Error::unsupported(self.path, problem, "export it without quantisation"));
+            let problem = format!("has {what} in a type other than three floats");
+            return Err(Error::unsupported(self.path, problem, "export the mesh without quantisation"));
         }
         let bytes = self.bytes_of(accessor)?;
         let float = |b: &[u8]| f32::from_bits(little_endian(b));
@@ -123,10 +123,7 @@ impl<'a> Buffers<'a> {
     pub(super) fn indices(&self, accessor: &Accessor<'_>) -> Result<Vec<u32>, Error> {
         let unsigned = matches!(accessor.data_type(), DataType::U8 | DataType::U16 | DataType::U32);
         if !unsigned || accessor.dimensions() != accessor::Dimensions::Scalar {
-            return Err(Error::damaged(
-                self.path,
-                format!("has indices that are none (accessor {})", accessor.index()),
-            ));
+            return Err(Error::damaged(self.path, format!("has invalid indices (accessor {})", accessor.index())));
         }
         Ok(self.bytes_of(accessor)?.chunks_exact(accessor.size()).map(little_endian).collect())
     }
@@ -147,8 +144,8 @@ fn embedded(data: &str) -> Option<Vec<u8>> {
 /// in the same folder or below.
 pub(in crate::mesh) fn read_sibling(path: &Path, uri: &str, most: u64) -> Result<Vec<u8>, Error> {
     let outside = || {
-        let problem = format!("refers to {uri:?}, which is not in its folder");
-        Error::unsupported(path, problem, "export it as one .glb file")
+        let problem = format!("refers to {uri:?}, which is outside its folder");
+        Error::unsupported(path, problem, "export the mesh as one .glb file")
     };
     let name = percent_decoded(uri).ok_or_else(outside)?;
     let relative = PathBuf::from(name);
@@ -214,12 +211,12 @@ mod tests {
             ["../secret", "sub/../../secret", "%2e%2e/secret", absolute.to_str().unwrap(), "file:secret", "http://x/y"]
         {
             let error = read_sibling(&path, uri, 9).unwrap_err();
-            assert!(error.to_string().contains("not in its folder"), "{error}");
+            assert!(error.to_string().contains("outside its folder"), "{error}");
         }
         #[cfg(unix)]
         {
             std::os::unix::fs::symlink(&absolute, inner.join("link")).unwrap();
-            assert!(read_sibling(&path, "link", 9).unwrap_err().to_string().contains("not in its folder"));
+            assert!(read_sibling(&path, "link", 9).unwrap_err().to_string().contains("outside its folder"));
         }
     }
 }

@@ -46,7 +46,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mes
             let pose = outer * matrix(&node.transform());
             if let Some(mesh) = node.mesh() {
                 if node.skin().is_some() {
-                    let problem = "has a skin, whose pose is not applied";
+                    let problem = "has a skin, which is not supported";
                     return Err(Error::unsupported(path, problem, "apply the armature before exporting"));
                 }
                 let placed = Placed::new(path, &node, pose)?;
@@ -63,11 +63,11 @@ pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mes
 /// Splits a `.glb` file into the JSON and the binary chunk.
 fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), Error> {
     let number = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?) as usize);
-    let cut = || Error::damaged(path, "is cut short or damaged as GLB");
+    let cut = || Error::damaged(path, "is truncated or damaged as GLB");
     let version = number(4).ok_or_else(cut)?;
     if version != 2 {
-        let problem = format!("is glTF of version {version}");
-        return Err(Error::unsupported(path, problem, "export it as glTF 2.0"));
+        let problem = format!("has glTF version {version}");
+        return Err(Error::unsupported(path, problem, "export the mesh as glTF 2.0"));
     }
     let length = number(8).filter(|&length| length <= bytes.len()).ok_or_else(cut)?;
     let mut at = 12;
@@ -95,18 +95,18 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
     let more_than = |byte: u8, most: usize| json.iter().filter(|b| **b == byte).nth(most).is_some();
     if more_than(b'{', MAX_OBJECTS) || more_than(b',', MAX_VALUES) {
         let problem = format!("has more than {MAX_OBJECTS} parts or {MAX_VALUES} values");
-        return Err(Error::limits(path, problem, "export the object alone"));
+        return Err(Error::limits(path, problem, "export only the object"));
     }
     let mut root: Root = gltf::json::deserialize::from_slice(json)
         .map_err(|e| Error::damaged(path, format!("cannot be read as glTF ({e})")))?;
     for name in std::mem::take(&mut root.extensions_required) {
         if !HARMLESS.iter().any(|prefix| name.starts_with(prefix)) {
             let advice = if name.contains("draco") || name.contains("meshopt") || name.contains("quantization") {
-                "export it without compression"
+                "export the mesh without compression"
             } else {
-                "export it without this extension"
+                "export the mesh without this extension"
             };
-            return Err(Error::unsupported(path, format!("needs the extension {name}"), advice));
+            return Err(Error::unsupported(path, format!("requires the extension {name}"), advice));
         }
     }
     let compressed = root.extensions_used.iter().find(|name| name.ends_with("_compression")).cloned();
@@ -119,11 +119,11 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, Error> {
     root.animations.clear();
     Document::from_json(root).map_err(|e| match (e, compressed) {
         (gltf::Error::Validation(_), Some(name)) => {
-            Error::unsupported(path, format!("is compressed with {name}"), "export it without compression")
+            Error::unsupported(path, format!("is compressed with {name}"), "export the mesh without compression")
         }
         (gltf::Error::Validation(faults), None) => {
             let text = faults.first().map(|(place, fault)| format!("{place}: {fault}")).unwrap_or_default();
-            Error::damaged(path, format!("contradicts itself as glTF ({text})"))
+            Error::damaged(path, format!("is inconsistent as glTF ({text})"))
         }
         (e, _) => Error::damaged(path, format!("cannot be read as glTF ({e})")),
     })
@@ -158,8 +158,8 @@ impl<'a> Placed<'a> {
         let determinant = linear.determinant();
         let normals = linear.inverse().transpose();
         if determinant == 0.0 || !pose.is_finite() || !normals.is_finite() {
-            let problem = format!("has a node {} that is flattened or not at a finite place", node.index());
-            return Err(Error::invalid(path, problem, "check its scale"));
+            let problem = format!("has a node {} with a zero scale or a position that is not finite", node.index());
+            return Err(Error::invalid(path, problem, "check its transform"));
         }
         Ok(Self { path, pose, normals, mirrored: determinant < 0.0 })
     }
@@ -170,7 +170,7 @@ impl<'a> Placed<'a> {
             return Ok(());
         }
         let accessor = primitive.get(&gltf::Semantic::Positions);
-        let accessor = accessor.ok_or_else(|| Error::damaged(self.path, "has triangles without places"))?;
+        let accessor = accessor.ok_or_else(|| Error::damaged(self.path, "has triangles without positions"))?;
         parts.room_for(accessor.count() as u64)?;
         let first = parts.positions.len() as u32;
         let places = buffers.vectors(&accessor, "places")?;

@@ -148,13 +148,13 @@ fn buffers_may_be_embedded_or_beside_the_file() {
 
     json["buffers"][0]["uri"] = json!("the%20data.bin");
     let error = read(json.to_string().as_bytes()).unwrap_err();
-    assert!(error.to_string().contains("keeps its geometry in another file"), "{error}");
+    assert!(error.to_string().contains("stores its geometry in another file"), "{error}");
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.gltf");
     std::fs::write(&path, json.to_string()).unwrap();
     assert_eq!(read_mesh(&path).unwrap_err().io_kind(), Some(std::io::ErrorKind::NotFound));
     std::fs::write(dir.path().join("the data.bin"), &bin[..100]).unwrap();
-    assert!(read_mesh(&path).unwrap_err().to_string().contains("has 100 bytes in its buffer 0"));
+    assert!(read_mesh(&path).unwrap_err().to_string().contains("has 100 bytes in buffer 0"));
     std::fs::write(dir.path().join("the data.bin"), &bin).unwrap();
     assert_eq!(read_mesh(&path).unwrap().1.triangles, 2);
 }
@@ -167,7 +167,7 @@ fn what_cannot_be_read_is_refused_with_the_reason() {
         (
             vec![required("KHR_draco_mesh_compression")],
             Kind::Unsupported,
-            "KHR_draco_mesh_compression; export it without compression",
+            "KHR_draco_mesh_compression; export the mesh without compression",
         ),
         (vec![required("EXT_meshopt_compression")], Kind::Unsupported, "without compression"),
         (vec![required("EXT_something")], Kind::Unsupported, "without this extension"),
@@ -180,7 +180,7 @@ fn what_cannot_be_read_is_refused_with_the_reason() {
         (vec![("/bufferViews/0/byteStride", json!(4))], Kind::Damaged, "beyond the end"),
         (vec![("/accessors/1/count", json!(3))], Kind::Damaged, "has 3 normals for 4 vertices"),
         (vec![("/accessors/0/componentType", json!(5123))], Kind::Unsupported, "quantisation"),
-        (vec![("/accessors/2/componentType", json!(5126))], Kind::Damaged, "indices that are none"),
+        (vec![("/accessors/2/componentType", json!(5126))], Kind::Damaged, "invalid indices"),
         (vec![("/accessors/0/bufferView", Value::Null)], Kind::Damaged, "accessors[0].bufferView: Missing data"),
         (
             vec![("/accessors/0/bufferView", Value::Null), ("/extensionsUsed", json!(["EXT_meshopt_compression"]))],
@@ -188,12 +188,12 @@ fn what_cannot_be_read_is_refused_with_the_reason() {
             "is compressed with EXT_meshopt_compression",
         ),
         (vec![("/bufferViews/2/byteOffset", json!(54))], Kind::Damaged, "refers to vertex 128"),
-        (vec![("/buffers/0/byteLength", json!(9999))], Kind::Damaged, "announces 9999"),
+        (vec![("/buffers/0/byteLength", json!(9999))], Kind::Damaged, "declares 9999"),
         (vec![("/buffers/0/byteLength", json!(u64::MAX))], Kind::Limits, "bytes"),
-        (vec![("/meshes/0/primitives/0/attributes/POSITION", json!(9))], Kind::Damaged, "contradicts itself"),
+        (vec![("/meshes/0/primitives/0/attributes/POSITION", json!(9))], Kind::Damaged, "is inconsistent"),
         (vec![("/nodes", json!([{"children": [0], "mesh": 0}]))], Kind::Damaged, "two parents"),
         (vec![("/nodes", json!([{"children": [1], "mesh": 0}, {"children": [0]}]))], Kind::Damaged, "two parents"),
-        (vec![("/nodes/0/scale", json!([1, 0, 1]))], Kind::Invalid, "flattened"),
+        (vec![("/nodes/0/scale", json!([1, 0, 1]))], Kind::Invalid, "zero scale"),
         (vec![("/nodes/0/skin", json!(0)), ("/skins", json!([{"joints": [0]}]))], Kind::Unsupported, "armature"),
         (vec![("/scenes", json!([])), ("/scene", Value::Null)], Kind::Invalid, "no scene"),
     ];

@@ -1,4 +1,4 @@
-//! The fit under a light that may be turned.
+//! Fit under a light that may be rotated.
 
 use std::f64::consts::TAU;
 

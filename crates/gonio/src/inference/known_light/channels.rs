@@ -1,14 +1,13 @@
 //! The channels of a material under a known light, given its luminance.
 //!
-//! Each channel `F_c` is found from the channel `I_c` of the photograph under the channel of the
-//! light, as the luminance was. Its logarithm is searched around that of the luminance `F`, along
-//! the axes by which channels of measured materials differ ([`ColourModel`]), so that cells that
-//! the photograph does not determine keep the differences that materials have.
+//! Each channel `F_c` is estimated from the channel `I_c` of the photograph under the same channel
+//! of the light, like the luminance. Its logarithm varies around that of the luminance `F` along
+//! the axes by which channels of measured materials differ ([`ColourModel`]), so undetermined cells
+//! have typical differences between channels.
 //!
-//! Most of what the luminance leaves of the photograph, wrong normals, shadows and an inexact
-//! light, is common to the channels. It is taken out of each channel before the search: the
-//! residual of the luminance divides the values of the channel. What is left is the error of
-//! colours alone.
+//! Most of the residual of the luminance, from wrong normals, shadows and an inexact light, is
+//! common to all channels. Before the fit, each channel is therefore divided by this residual,
+//! which leaves the error of the colours.
 
 use glam::DVec3;
 use rand::SeedableRng;
@@ -31,7 +30,7 @@ const CHANNEL_ROWS: usize = 500;
 /// have the noise of the camera.
 const RESIDUAL_FLOOR: f64 = 0.01;
 
-/// What is known of the differences of channels and of the errors of colours.
+/// Prior of the differences of channels and of the errors of colours.
 const CHANNEL: FitPrior = FitPrior {
     deviation: 0.1,
     deviations: (0.03, 2.0),

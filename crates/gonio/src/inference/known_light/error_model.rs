@@ -1,4 +1,4 @@
-//! Error of the image: what noise, texture and the model itself leave.
+//! Error model of the image: noise, texture and model error.
 
 use faer::Mat;
 use glam::DVec3;

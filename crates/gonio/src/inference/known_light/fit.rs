@@ -34,7 +34,7 @@ const FLOOR: f64 = 0.01;
 /// brighter than the map says. Half an exposure step is usual, five are not unheard of.
 const GAIN: f64 = 1.5;
 
-/// What is known of the coefficients and of the errors of an image before it is seen.
+/// Prior of the coefficients and of the errors of an image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FitPrior {
     /// Standard deviation of the coefficients of the splines, in the logarithm of reflectance,

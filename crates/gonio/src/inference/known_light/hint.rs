@@ -1,11 +1,11 @@
-//! What the learnt posterior makes of the same photograph, as information on the axes of the prior.
+//! Learnt posterior of the same photograph, as a likelihood on the axes of the prior.
 //!
 //! The encoder was trained on photographs with texture, specks and wrong normals. The error model
-//! of [`fit`](super::fit) knows of them by their size alone, so that where pixels scatter, a bright
-//! patch can pass for a highlight. Both are made from one photograph and err together, so that the
-//! encoder counts by half, as a second photograph does in
-//! [`Likelihood`](crate::inference::Likelihood). A clean photograph under a right light says so
-//! much more that it hardly matters there (docs/trials.md).
+//! of [`fit`](super::fit) describes these only by their magnitude, so it can mistake a bright patch
+//! for a highlight. The errors of both are correlated, because they use the same photograph; the
+//! encoder therefore has half weight, like a second photograph in
+//! [`Likelihood`](crate::inference::Likelihood). For a clean photograph under a correct light, its
+//! effect is small (docs/trials.md).
 
 use faer::Mat;
 

@@ -1,4 +1,4 @@
-//! The light as it is given: a map that may be clipped and turned.
+//! Known light: a map that may be clipped and rotated.
 
 use glam::{DQuat, Vec3};
 

@@ -1,17 +1,16 @@
-//! Posterior of the material when the light is known.
+//! Posterior of the material under a known light.
 //!
 //! Given the light, the image is linear in the reflectance of the 8,100 cells of a table
-//! ([`Relighter`](crate::render::Relighter)), at the full resolution of the light. The table is
-//! searched around the prior of materials of the learnt posterior: its logarithm is a sum of
-//! principal axes of the prior and of splines for what the axes cannot express. A light map may be
-//! turned by a few degrees, and its brightest pixels may be clipped: the turn and the true
-//! brightness are found along with the table.
+//! ([`Relighter`](crate::render::Relighter)), at the full resolution of the light. The logarithm of
+//! the table is a sum of principal axes of the material prior and of splines for deviations from
+//! the axes. The light map may be rotated by a few degrees, and its brightest pixels may be
+//! clipped; the fit estimates rotation and true brightness together with the table.
 //!
-//! The error of the logarithm of the image has a smooth part, since no bivariate table is exact and
-//! no light map is, and an independent one with heavy tails; both are estimated from the image. The
-//! most probable table is found by Gauss-Newton steps from the best of a thousand materials of the
-//! prior, and the posterior is the Gaussian around it (Laplace's approximation). What the learnt
-//! posterior makes of the same photograph is one more likelihood.
+//! The error of the logarithm of the image has two parts, both estimated from the image: a smooth
+//! part, because bivariate tables and light maps are inexact, and an independent part with heavy
+//! tails. Gauss-Newton steps from the best of a thousand materials of the prior find the most
+//! probable table, and the posterior is the Gaussian around it (Laplace's approximation). The
+//! learnt posterior of the same photograph is an additional likelihood.
 //!
 //! The paper's estimate under a known light, coefficients in ten functions, is
 //! [`Method::KnownLight`](super::Method::KnownLight).
@@ -63,7 +62,7 @@ pub const ROWS: usize = 1000;
 /// Accuracy of the pictures of a material.
 const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
 
-/// Why there is no posterior.
+/// Error of a posterior under a known light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum KnownLightError {
     /// No light of the map reaches the object.
@@ -82,7 +81,7 @@ pub enum KnownLightError {
 pub struct Rows<'a> {
     /// Normals and views.
     pub points: &'a [SurfacePoint],
-    /// Which part of the light each point sees.
+    /// Visible part of the light for each point.
     pub visibility: Option<&'a Visibility>,
     /// Luminance, positive and linear.
     pub values: &'a [f64],
@@ -90,7 +89,7 @@ pub struct Rows<'a> {
     pub trust: &'a [f64],
 }
 
-/// How far the light may lie from where its map has it.
+/// Rotations of the light map to search.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Alignment {
     /// It lies there exactly.
@@ -209,7 +208,7 @@ impl KnownLightPosterior {
             misfit,
             predicted: found.state.predicted,
             deviation: found.deviation,
-            // Of both quaternions of one rotation, that of the smaller angle.
+            // A rotation has two quaternions; use the one with the smaller angle.
             turn: if turn.w < 0.0 { -turn } else { turn },
             gain,
             settled: found.settled,

@@ -1,4 +1,4 @@
-//! The space of tables that a material is searched in.
+//! Search space of tables.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! The rotation by which a given light lies elsewhere than where its map has it.
+//! Rotation of a known light relative to its map.
 
 use faer::Mat;
 use glam::{DQuat, DVec3};

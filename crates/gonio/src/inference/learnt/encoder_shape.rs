@@ -33,7 +33,7 @@ pub enum EncoderError {
     #[error("the encoder has no tensor {0}")]
     Missing(String),
     /// A tensor has other dimensions than the description requires.
-    #[error("the tensor {name} is {found:?} where the encoder needs {needed:?}")]
+    #[error("tensor {name} has the shape {found:?}, but the encoder requires {needed:?}")]
     Dimensions {
         /// Name of the tensor.
         name: String,
@@ -43,7 +43,7 @@ pub enum EncoderError {
         needed: Vec<usize>,
     },
     /// A tensor has an entry that is not finite.
-    #[error("the tensor {0} has an entry that is not finite")]
+    #[error("tensor {0} has an entry that is not finite")]
     NotFinite(String),
 }
 

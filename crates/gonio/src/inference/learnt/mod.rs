@@ -1,5 +1,4 @@
-//! Posterior of the material with the light integrated out over captured lights (eq. 3), learnt
-//! beforehand.
+//! Learnt posterior of the material, marginalised over captured lights (eq. 3).
 //!
 //! The captured lights are samples of `p(L)`, and measured materials and those interpolated between
 //! them are samples of `p(F)`. Photographs simulated from both ([`simulation`](crate::simulation))

@@ -27,7 +27,7 @@ pub struct Neighbour {
 /// Posterior of the material: equally likely draws, and weights of measured materials.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaterialPosterior {
-    /// What the photographs say of the material.
+    /// Likelihood of the material given the photographs.
     pub likelihood: Likelihood,
     /// Materials drawn from the posterior, equally likely, of albedo one along the normal; always
     /// the same for one embedding.

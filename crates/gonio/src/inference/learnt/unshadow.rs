@@ -1,10 +1,11 @@
-//! Image that a sphere of the same material would give in the same light, from observations of
-//! another shape.
+//! Converts observations of any shape to the equivalent image of a sphere with the same material
+//! and light.
 //!
-//! The learnt posterior is trained on images of spheres alone, which receive all light above the
-//! horizon and are seen from far away. Where there is self-shadowing, or the camera is near, an
-//! estimate of material and light predicts how much brighter or darker the point would be on the
-//! sphere: its value is multiplied by that ratio, and a new estimate made.
+//! The learnt posterior is trained only on images of spheres, which receive all light above the
+//! horizon and are seen by an orthographic camera. For shapes with self-shadowing and for nearby
+//! cameras, an estimate of material and light predicts the ratio between the brightness of each
+//! point on the sphere and on the shape. The observation is multiplied by this ratio, and the
+//! estimate is repeated.
 
 use super::LearntPosterior;
 use crate::appearance::{DiskImage, Lattice, Sample};

@@ -77,7 +77,7 @@ pub struct LightInference<'a> {
     hyper: Hyper,
 }
 
-/// Why the evidence cannot be computed.
+/// Error in computing the evidence.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum LightInferenceError {
     /// The operator or its products overflow.

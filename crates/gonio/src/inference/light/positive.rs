@@ -253,7 +253,7 @@ mod tests {
             assert!(lowest < -0.02 * top, "{noise}: nothing to remove: {lowest} of {top}");
             assert!(lit(&got.light).iter().all(|x| *x > -1e-12 * top));
             assert_eq!(got.light[0], posterior.light[0]);
-            // Where the image says next to nothing, the prior decides, which does not model lamps.
+            // The prior, which does not model lamps, dominates where the image is uninformative.
             let (before, after) = (distance(&posterior.light, &light), distance(&got.light, &light));
             assert!(after < if noise > 0.1 { 1.01 * before } else { before }, "{noise}: {before} {after}");
         }

@@ -22,7 +22,7 @@ pub struct LightProblem<'a> {
     inference: LightInference<'a>,
 }
 
-/// Why no light is found.
+/// Error in estimating the light.
 #[derive(Debug, Error)]
 pub enum LightError {
     /// No operator can be built from points, table and grid.

@@ -55,7 +55,7 @@ impl Default for NmfSettings {
     }
 }
 
-/// Why a matrix was not factorised.
+/// Error of a factorisation.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum NmfError {
     /// An entry is negative, NaN or infinite.

@@ -116,10 +116,10 @@ fn faulty_maps_are_refused() {
     let coded = refused(&with(|_, n| 0.5 * (n + Vec3::ONE)));
     assert!(matches!(coded, SceneError::NotUnit { .. }), "{coded}");
     let long = refused(&with(|i, n| if i % 20 == 0 { 1.25 * n } else { n }));
-    assert!(long.to_string().contains("the worst has length 1.25"), "{long}");
+    assert!(long.to_string().contains("worst length 1.25"), "{long}");
     let flipped = refused(&with(|_, n| n * Vec3::new(1.0, 1.0, -1.0)));
     assert!(matches!(flipped, SceneError::FacingAway { count, covered } if count == covered), "{flipped}");
-    assert!(flipped.to_string().contains("y or z may be flipped"));
+    assert!(flipped.to_string().contains("check that y and z are not flipped"));
     assert_eq!(refused(&with(|_, _| Vec3::Z)), SceneError::TooFlat { directions: 1, least: 50 });
     let few = refused(&Plane::from_fn(6, 6, |_, _| Vec3::Z));
     assert!(matches!(few, SceneError::TooFewPoints { used: 36, .. }), "{few}");
@@ -131,10 +131,10 @@ fn sizes_must_agree() {
         Observations::of_normals(&picture(&ball()), normals, mask, &ObservationSettings::default()).unwrap_err()
     };
     let small = Plane::from_fn(30, 20, |_, _| Vec3::Z);
-    let want = "the normal map is 30x20 pixels and the picture 400x400: make both of one size";
+    let want = "the normal map is 30x20 pixels, but the image is 400x400; use images of the same size";
     assert_eq!(refused(&small, None).to_string(), want);
     let mask = Plane::from_fn(400, 20, |_, _| 1.0);
-    let want = "the mask is 400x20 pixels and the picture 400x400: make both of one size";
+    let want = "the mask is 400x20 pixels, but the image is 400x400; use images of the same size";
     assert_eq!(refused(&ball(), Some(&mask)).to_string(), want);
 }
 

@@ -167,7 +167,7 @@ fn little_left_is_refused_with_the_numbers() {
     let most = observe(&ball(|n| Vec3::splat(if n.x < 0.2 { f32::NAN } else { 1.0 }))).unwrap_err();
     assert!(matches!(most, SceneError::BadPixels { negative: 0, not_finite: 30_000.., .. }), "{most}");
     let dark = observe(&ball(|n| Vec3::splat(n.x as f32 - 0.2))).unwrap_err();
-    assert!(dark.to_string().contains("are negative and 0 NaN"), "{dark}");
+    assert!(dark.to_string().contains("are negative and 0 are NaN"), "{dark}");
     // Black is a valid value: half a ball of it is no fault.
     let black = observe(&ball(|n| Vec3::splat((n.x as f32).max(0.0)))).unwrap();
     assert_eq!((black.report.used, black.report.negative), (9916, 0));
@@ -188,7 +188,7 @@ fn pictures_that_say_nothing_are_refused() {
     assert!(matches!(observe(Circle { y: f64::NAN, ..CIRCLE }, None), SceneError::BadCircle { .. }));
     let small = Plane::from_fn(30, 20, |_, _| 1.0);
     let error = observe(CIRCLE, Some(&small));
-    assert_eq!(error.to_string(), "the mask is 30x20 pixels and the picture 300x300: make both of one size");
+    assert_eq!(error.to_string(), "the mask is 30x20 pixels, but the image is 300x300; use images of the same size");
 }
 
 #[test]

@@ -1,16 +1,14 @@
-//! Test of a normal map for the order and signs of its channels: x right, y up, z towards the
-//! camera, none flipped and none swapped.
+//! Checks the order and signs of the channels of a normal map: x right, y up, z towards the camera.
 //!
-//! Three things hold for the normals of any surface:
-//! * what the camera sees faces it: z is positive;
-//! * the slopes integrate to a surface: around any closed path they add up to zero. This holds for
-//!   one sign of y relative to x and not for the other, but cannot tell a hill from a hollow (x and
-//!   y both flipped);
-//! * where the outline is the rim of a rounded object the normals are perpendicular to it: they
-//!   point out of the object or, in a hollow, into it.
+//! The normals of any surface have three properties:
+//! * visible normals face the camera: z is positive;
+//! * the slopes are integrable: they sum to zero around any closed path. This determines the sign
+//!   of y relative to x, but does not distinguish a hill from a hollow (x and y both flipped);
+//! * at the rim of a rounded object, the normals are perpendicular to the outline: they point out
+//!   of the object or, in a hollow, into it.
 //!
-//! Each can show that an order is wrong. The ambiguity between a hill and a hollow remains: the
-//! rounder object is offered.
+//! Each property can prove that an order is wrong. A hill and a hollow remain ambiguous; the
+//! rounder object is then suggested.
 
 mod evidence;
 mod settings;
@@ -68,7 +66,7 @@ pub enum Fault {
 pub struct Orientation {
     /// Fit of the given order.
     pub given: Fit,
-    /// What shows that the given order is wrong, whether or not a correction fits.
+    /// Evidence that the given order is wrong, whether or not a correction fits.
     pub fault: Option<Fault>,
     /// Corrections that fit, the more usual first, where the given order clearly does not;
     /// otherwise empty. There are several where nothing tells them apart, such as x or y flipped on
@@ -139,9 +137,9 @@ impl Orientation {
         let why = match self.fault? {
             Fault::Away => format!("{:.0} % of them face away from the camera", 100.0 * self.given.away),
             Fault::Open => {
-                format!("their slopes do not close ({:.0} % off)", 100.0 * self.given.circulation?)
+                format!("their slopes are not integrable (error {:.0} %)", 100.0 * self.given.circulation?)
             }
-            Fault::Across => "at the outline they do not point out of the object".to_owned(),
+            Fault::Across => "they do not point outwards at the outline".to_owned(),
         };
         let complaint = format!("the normals seem to have {}: {why}", first.words());
         Some(Contradiction { complaint, corrections: self.corrections.iter().take(3).copied().collect() })

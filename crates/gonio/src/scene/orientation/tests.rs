@@ -106,7 +106,10 @@ fn without_a_rim_either_flip_is_named() {
     }
     let found = of(&FLIP_Y.apply_to(&relief())).contradiction().unwrap();
     let complaint = found.to_string();
-    assert!(complaint.starts_with("the normals seem to have y flipped: their slopes do not close ("), "{complaint}");
+    assert!(
+        complaint.starts_with("the normals seem to have y flipped: their slopes are not integrable ("),
+        "{complaint}"
+    );
     assert_eq!(found.remedy(), Remedy::NormalAxes(vec![FLIP_Y, FLIP_X]));
 }
 

@@ -285,7 +285,7 @@ fn two_objects_are_two_objects() {
     let square = objects.iter().find(|object| object.circle.is_none()).unwrap();
     assert!(square.from.0.abs_diff(300) <= 1 && square.to.1.abs_diff(240) <= 1, "{square:?}");
     assert_eq!(refused.remedies(), [Remedy::OneOf(vec![round]), Remedy::Mask]);
-    assert!(refused.to_string().starts_with("there are 2 separate objects, 1 ("), "{refused}");
+    assert!(refused.to_string().starts_with("found 2 separate objects: (1) "), "{refused}");
     // What is small beside it is none.
     let speck = |x: f64, y: f64| (300.0..320.0).contains(&x) && (100.0..120.0).contains(&y);
     let found = spot(&shapes(|x, y| ball(x, y) || speck(x, y)), None).unwrap().circle;

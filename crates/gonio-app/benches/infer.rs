@@ -181,6 +181,7 @@ fn scene(picture: Picture, form: Form) -> Scene {
         clip: None,
         mask: None,
         keep_colours: false,
+        force: false,
         reference: None,
         shape: Shape::of(form),
     }

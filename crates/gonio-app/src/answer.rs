@@ -5,11 +5,13 @@ use std::path::Path;
 
 use glam::Vec3;
 use gonio::estimate::{
-    ALBEDO, Colouring, ColouringRule, Estimate, Light, LitEstimate, Material, Stage, estimate_beside, estimate_under,
+    ALBEDO, Colouring, ColouringRule, Estimate, Light, LitEstimate, MAX_MISFIT, Material, Stage, estimate_beside,
+    estimate_under,
 };
 use gonio::lighting::{EnvironmentMap, LightGrid, named_light};
 use gonio::model::Model;
 use gonio::reflectance::BivariateTable;
+use gonio::remedy::Remedy;
 use gonio::scene::ObservationSettings;
 use gonio_io::colour_space::ColourSpace;
 use gonio_io::picture::ReadOptions;
@@ -148,8 +150,27 @@ pub(crate) fn of_one(
     let (image, linear) = (scene.name.clone(), scene.reading.linear);
     let seen = asked.look(scene, settings, &mut warnings, journal)?;
     let found = solve(asked, &seen, (&image, linear), settings, &mut warnings, journal)?;
+    if let ("misfit", misfit) = found.left
+        && misfit > MAX_MISFIT
+        && !seen.force
+    {
+        return Err(contradicted(&image, &seen, found.known_light.is_some(), misfit));
+    }
     let found = found.scaled_by_reference(&seen, &mut warnings);
     Ok(conclude(asked, seen, found, &image, settings, warnings, journal))
+}
+
+/// The error for an estimate that the photograph contradicts, with the likely causes first.
+fn contradicted(image: &str, seen: &Seen, lit: bool, misfit: f64) -> Problem {
+    let text = format!("light and material leave {:.0} % of the photograph unexplained", 100.0 * misfit);
+    let problem = Problem::of(image, text);
+    let problem = if lit { problem.with(Remedy::AlignLight) } else { problem };
+    let problem = match seen.sighting.placed {
+        Some(_) => problem.with(Remedy::Camera).with(Remedy::Pose),
+        None if seen.sighting.circle().is_some() => problem.with(Remedy::Outline),
+        None => problem,
+    };
+    problem.with(Remedy::Force)
 }
 
 /// Estimates the BRDF of an object, and the light unless it is known.

@@ -114,6 +114,8 @@ impl Part {
             mask: Some(Source::Here(self.mask.clone())),
             // Labels separate the materials.
             keep_colours: true,
+            // The gates are for the whole object, of which a region is a part.
+            force: true,
             shape: crate::Shape { form: self.form.clone(), ..whole.shape.clone() },
             ..whole.clone()
         }

@@ -27,6 +27,8 @@ pub struct Scene {
     pub mask: Option<Source<Plane<f32>>>,
     /// Use regions of another colour as well.
     pub keep_colours: bool,
+    /// Estimate although shape or light contradict the photograph.
+    pub force: bool,
     /// The shape.
     pub shape: Shape,
     /// Neutral reference in the photograph, for colour and scale of the light.
@@ -47,6 +49,8 @@ pub struct Seen {
     pub space: Option<InputSpace>,
     /// The reference in the photograph.
     pub reference: Option<MeasuredReference>,
+    /// Whether to estimate although shape or light contradict the photograph.
+    pub force: bool,
 }
 
 /// Contents of the files of a scene.
@@ -95,9 +99,9 @@ impl Scene {
         warnings: &mut Vec<Warning>,
         journal: &Journal<'_>,
     ) -> Result<Seen, Problem> {
-        let (keep_colours, reference) = (self.keep_colours, self.reference.clone());
+        let (keep_colours, force, reference) = (self.keep_colours, self.force, self.reference.clone());
         let Opened { picture, clip, bracket, space, mask, object, own_notes, names } = self.open(warnings, journal)?;
-        let settings = ObservationSettings { clip, keep_colours, ..*known };
+        let settings = ObservationSettings { clip, keep_colours, force, ..*known };
         let mut sighting = Sighting::of(&picture, mask, object, &settings).map_err(|error| names.blame(&error))?;
         warnings.extend(sighting.oddities.iter().map(|odd| names.warn(odd)));
         if let Some(grid) = shadows.filter(|_| sighting.placed.is_some()) {
@@ -114,7 +118,7 @@ impl Scene {
         if let Some(shape) = notes.get_mut("shape") {
             notes::extend(shape, own_notes);
         }
-        Ok(Seen { picture, sighting, notes, bracket, space, reference })
+        Ok(Seen { picture, sighting, notes, bracket, space, reference, force })
     }
 }
 

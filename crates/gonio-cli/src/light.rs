@@ -103,6 +103,7 @@ impl Options {
             clip: self.clip,
             mask: mask.cloned().map(Source::File),
             keep_colours: true,
+            force: false,
             reference: None,
             shape: Shape { camera: self.camera.clone().map(Source::File), ..Shape::of(Form::Sphere(circle)) },
         })

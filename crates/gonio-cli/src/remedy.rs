@@ -19,6 +19,8 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         Remedy::OneOf(circles) => return one_of(circles),
         Remedy::TrustNormals => "skip this check with --trust-normals",
         Remedy::KeepColours => "use them with --keep-colors",
+        Remedy::AlignLight => "search for the rotation of the light map with --align-light",
+        Remedy::Force => "use --force to estimate anyway",
         Remedy::Linear => "use --linear if the values are linear radiance",
         Remedy::Layer => "select another with --layer NAME",
         Remedy::DepthRange => "specify the range with --depth-range NEAR,FAR",

@@ -11,7 +11,7 @@ use std::path::Path;
 use anyhow::Result;
 use glam::DQuat;
 use gonio::colour::{Chroma, ChromaField, ChromaInterval, ColourEstimate, white_chroma};
-use gonio::estimate::{Colouring, Material};
+use gonio::estimate::{Colouring, EstimateSettings, Light, Material, expected_misfit};
 use gonio::gloss::GgxWidths;
 use gonio::inference::learnt::peak_over_base;
 use gonio::reflectance::{BivariateTable, THETA_D, brdf_scale, theta_d_of, theta_h_of, trusted_cells};
@@ -76,6 +76,15 @@ struct Cell {
     held: [bool; 2],
 }
 
+/// Residual of a photograph under unknown light, and the expected one.
+struct Residual {
+    misfit: f64,
+    expected: f64,
+    fineness: f64,
+    gloss: f64,
+    name: String,
+}
+
 /// Whether the 90 % intervals of the numbers of one estimate hold the true ones.
 struct Numbers {
     group: usize,
@@ -101,7 +110,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
     let lights = if options.test { Lights::open(data)? } else { Lights::training(data)? };
     let ball = posteriors::ball(DQuat::IDENTITY);
     let progress = Progress::new("photographs", options.lights.len() * subjects.len());
-    let (mut cells, mut numbers) = (Vec::new(), Vec::new());
+    let (mut cells, mut numbers, mut residuals) = (Vec::new(), Vec::new(), Vec::new());
     for (at, light) in options.lights.iter().enumerate() {
         let map = lights.map(light)?.rotated(DQuat::from_rotation_y(137.5_f64.to_radians() * at as f64));
         let operator = Relighter::of_channels(&ball, &tables, &LightTree::of_map(&map), &DRAFT);
@@ -114,6 +123,18 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
             for estimator in [ColourEstimator::Blind, ColourEstimator::KnownLight] {
                 let (material, colouring, _) = estimator.posterior(&photograph)?;
                 let lit = estimator == ColourEstimator::KnownLight;
+                if !lit {
+                    let settings = EstimateSettings::default();
+                    let observations = &photograph.observations;
+                    let found = Light::of(&model, observations, &material.table, &settings, &|_| ())?;
+                    residuals.push(Residual {
+                        misfit: found.misfit,
+                        expected: expected_misfit(&material),
+                        fineness: material.fineness,
+                        gloss: material.gloss[1],
+                        name: format!("{} in {light}", subject.name),
+                    });
+                }
                 add_cells(&mut cells, subject, lit, &material, &colouring);
                 numbers.push(Numbers::of(subject, lit, &material, &colouring));
             }
@@ -121,7 +142,7 @@ pub(crate) fn run(data: &Path, options: &Options) -> Result<()> {
         }
     }
     progress.finish();
-    print!("{}{}", report(&cells), report_of_numbers(&numbers));
+    print!("{}{}{}", report(&cells), report_of_numbers(&numbers), report_of_residuals(&residuals));
     Ok(())
 }
 
@@ -250,6 +271,31 @@ fn report_of_numbers(numbers: &[Numbers]) -> String {
                 share(|n| n.highlight),
             );
         }
+    }
+    out
+}
+
+/// Ratio of residuals to what was expected, and the photographs of the largest.
+fn report_of_residuals(residuals: &[Residual]) -> String {
+    let mut sorted: Vec<&Residual> = residuals.iter().collect();
+    sorted.sort_by(|a, b| (a.misfit / a.expected).total_cmp(&(b.misfit / b.expected)));
+    let at = |share: f64| {
+        let one = sorted[(share * (sorted.len() - 1) as f64).round() as usize];
+        one.misfit / one.expected
+    };
+    let mut out = format!(
+        "\nresidual over the expected one, {} photographs: median {:.2}, 95 % {:.2}, 99 % {:.2}; the largest:\n",
+        sorted.len(),
+        at(0.5),
+        at(0.95),
+        at(0.99)
+    );
+    for one in sorted.iter().rev().take(8) {
+        let _ = writeln!(
+            out,
+            "* {}: {:.3} of {:.3}, detail {:.3}, gloss {:.0}",
+            one.name, one.misfit, one.expected, one.fineness, one.gloss
+        );
     }
     out
 }

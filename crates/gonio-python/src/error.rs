@@ -36,6 +36,8 @@ pub(crate) fn words(remedy: &Remedy) -> Option<String> {
         }
         Remedy::TrustNormals => "skip this check with trust_normals=True",
         Remedy::KeepColours => "use them with keep_colors=True",
+        Remedy::AlignLight => "search for the rotation of the light map with align_light=\"around\"",
+        Remedy::Force => "use force=True to estimate anyway",
         Remedy::Linear => "use linear=True if the values are linear radiance",
         Remedy::Layer => "select another with layer=NAME",
         Remedy::Separately => "pass one photograph at a time, or use infer_many for several",

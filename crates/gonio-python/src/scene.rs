@@ -155,6 +155,7 @@ pub(crate) struct GivenScene<'py> {
     mask: Option<GivenMask<'py>>,
     clip: Option<f32>,
     keep_colors: bool,
+    force: bool,
     object: GivenShape<'py>,
     reference: Option<GivenReference<'py>>,
 }
@@ -179,6 +180,7 @@ impl GivenScene<'_> {
             mask: self.mask.map(GivenMask::source).transpose()?,
             clip: self.clip,
             keep_colours: self.keep_colors,
+            force: self.force,
             shape: self.object.take()?,
             reference: self.reference.map(GivenReference::take).transpose()?,
         })

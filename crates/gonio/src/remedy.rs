@@ -33,6 +33,10 @@ pub enum Remedy {
     TrustNormals,
     /// Use regions of another colour as well.
     KeepColours,
+    /// Search for the rotation of the light map.
+    AlignLight,
+    /// Estimate although shape or light contradict the photograph.
+    Force,
     /// Specify that the values of an integer image are linear radiance.
     Linear,
     /// Select another layer of the file.

@@ -58,6 +58,12 @@ pub(crate) struct SceneOptions {
     /// By default, gonio ignores paint and stickers that it can distinguish from reflections.
     #[arg(long, help_heading = FINDING)]
     keep_colors: bool,
+    /// Estimate although the photograph contradicts the shape or the light
+    ///
+    /// By default, gonio refuses a mesh whose silhouette is not that of the object, and an estimate
+    /// that leaves more than half of the photograph unexplained.
+    #[arg(long, help_heading = FINDING)]
+    force: bool,
     /// Shape of the object; gonio fits it to the outline
     #[arg(long, value_enum, default_value_t = ShapeName::Sphere, help_heading = SHAPE,
           conflicts_with_all = ["normals", "mesh"])]
@@ -124,6 +130,7 @@ impl SceneOptions {
             clip: self.clip,
             mask: self.mask.clone().map(Source::File),
             keep_colours: self.keep_colors,
+            force: self.force,
             shape: self.shape(),
             reference: self.reference.reference(),
         })

@@ -71,6 +71,7 @@ class Options(TypedDict, total=False):
     output_colorspace: str
     clip: float | None
     keep_colors: bool
+    force: bool
     normals: Picture | None
     normals_order: str
     normals_flip_x: bool
@@ -134,6 +135,7 @@ def infer(
     output_colorspace: str = "rec709",
     clip: float | None = None,
     keep_colors: bool = False,
+    force: bool = False,
     normals: Picture | None = None,
     normals_order: str = "xyz",
     normals_flip_x: bool = False,
@@ -218,6 +220,10 @@ def infer(
     keep_colors : bool, default False
         Use regions of another colour (paint, stickers) as well. By default, they are ignored if
         gonio can distinguish them from reflections.
+    force : bool, default False
+        Estimate although the photograph contradicts the shape or the light. By default, a mesh whose
+        silhouette is not that of the object and an estimate that leaves more than half of the
+        photograph unexplained are errors.
     normals : path or array, optional
         Normal map of the object, shape (height, width, 3), in camera space: x points right, y up,
         and z towards the camera.

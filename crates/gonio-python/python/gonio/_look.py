@@ -75,7 +75,7 @@ def check(
     **options
         Arguments of :func:`infer` for reading the photograph, for the shape of the object and for
         references: ``linear``, ``layer``, ``times``, ``response``, ``black_level``, ``flat``,
-        ``colorspace``, ``clip``, ``keep_colors``, ``normals`` and its options, ``circle``,
+        ``colorspace``, ``clip``, ``keep_colors``, ``force``, ``normals`` and its options, ``circle``,
         ``depth_axis``, ``camera``, ``pose``, ``white``, ``grey_card``, ``color_checker`` and their
         options.
 

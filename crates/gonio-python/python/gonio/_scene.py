@@ -25,7 +25,7 @@ READING: dict[str, Any] = {
 }
 """Arguments for reading files, with their defaults."""
 
-SCENE: dict[str, Any] = {**READING, **FORM, **REFERENCE, "mask": None, "clip": None, "keep_colors": False}
+SCENE: dict[str, Any] = {**READING, **FORM, **REFERENCE, "mask": None, "clip": None, "keep_colors": False, "force": False}
 """Arguments for a photograph and its object, with their defaults."""
 
 
@@ -75,6 +75,7 @@ def given_scene(image: Photograph, options: Mapping[str, Any], warnings: list[st
         "mask": mask_of(said["mask"]),
         "clip": clip,
         "keep_colors": flag(said["keep_colors"], "keep_colors"),
+        "force": flag(said["force"], "force"),
         "object": given_shape(said),
         "reference": given_reference(said),
     }

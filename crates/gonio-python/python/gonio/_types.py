@@ -86,6 +86,7 @@ class GivenScene(TypedDict):
     mask: str | Floats | None
     clip: float | None
     keep_colors: bool
+    force: bool
     object: GivenShape
     reference: GivenReference | None
 

@@ -6,6 +6,7 @@ use glam::{DQuat, DVec3};
 
 use super::colouring::{COLOUR_DRAWS, COLOUR_SEED};
 use super::material::Impression;
+use super::misfit::MAX_NOISE;
 use super::{Colouring, ColouringRule, Doubt, EstimateError, Material, Reason, Stage};
 use crate::appearance::DiskImage;
 use crate::colour::{Chroma, ColourEstimate, is_grey};
@@ -69,7 +70,7 @@ pub struct LitEstimate {
 impl LitEstimate {
     /// Residual to expect from noise and texture if material and light are right.
     pub fn expected_misfit(&self) -> f64 {
-        EXPECTED.hypot(self.material.scatter)
+        EXPECTED.hypot(self.material.scatter.min(MAX_NOISE))
     }
 
     /// Reasons to doubt it, misfit first, and how the light map had to be corrected.

@@ -2,7 +2,7 @@
 
 use super::colouring::DiskImages;
 use super::{Colouring, ColouringRule, Doubt, EstimateError, Highlight};
-use crate::appearance::DiskImage;
+use crate::appearance::{DiskImage, fineness};
 use crate::colour::ChromaField;
 use crate::inference::learnt::{
     self, LearntPosterior, MaterialPosterior, Neighbour, UnshadowSettings, Unshadowed, peak_over_base, unshadow,
@@ -54,6 +54,9 @@ pub struct Material {
     /// Standard deviation of pixels that share a normal, relative to their mean
     /// ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).
     pub scatter: f64,
+    /// Detail of the photograph that is finer than the texels of a light of 32 x 32, relative to the
+    /// photograph ([`fineness`]); one if it is not known.
+    pub fineness: f64,
     /// Number of cells of the disk of normals to which the photograph was mapped.
     pub normals: usize,
     /// Number of these cells without an observation, filled in from others.
@@ -136,6 +139,7 @@ pub(super) struct Impression<'a> {
     scale: f64,
     strangeness: f64,
     scatter: f64,
+    fineness: f64,
     normals: usize,
     filled: usize,
     unshadowed: f64,
@@ -154,6 +158,7 @@ impl<'a> Impression<'a> {
         let normals = DiskImage::cells();
         Ok(Self {
             strangeness: reading.strangeness,
+            fineness: fineness(image),
             filled: normals - (f64::from(image.observed()) * normals as f64).round() as usize,
             unshadowed: unshadowed.change,
             ..Self::with(learnt, f64::from(image.scatter), posterior)
@@ -172,6 +177,7 @@ impl<'a> Impression<'a> {
             scale,
             strangeness: 0.0,
             scatter,
+            fineness: 1.0,
             normals: DiskImage::cells(),
             // Nothing is filled in: every observation stands for itself.
             filled: 0,
@@ -215,6 +221,7 @@ impl<'a> Impression<'a> {
             highlight: Highlight::of(&posterior),
             strangeness: self.strangeness,
             scatter: self.scatter,
+            fineness: self.fineness,
             normals: self.normals,
             filled: self.filled,
             unshadowed: self.unshadowed,

@@ -29,7 +29,7 @@ pub use highlight::{Highlight, WIDE};
 pub use known_light::{LitEstimate, estimate_under};
 pub use light::{Light, LightEstimator};
 pub use material::{ALBEDO, Material, SHARES, draws};
-pub use misfit::{Reason, expected_misfit};
+pub use misfit::{MAX_MISFIT, Reason, expected_misfit};
 use tint::Rows;
 pub use tint::Tint;
 pub use together::{Beside, estimate_together, irradiance};

@@ -241,7 +241,7 @@ impl SceneError {
             }
             Self::NotAnEllipse { .. } => vec![Remedy::Mesh, Remedy::Normals],
             Self::NoOutline => vec![Remedy::Mask, Remedy::Outline],
-            Self::Elsewhere { .. } => vec![Remedy::Pose, Remedy::Camera],
+            Self::Elsewhere { .. } => vec![Remedy::Camera, Remedy::Pose, Remedy::Force],
             Self::Contradiction(it) => vec![it.remedy(), Remedy::TrustNormals],
             _ => Vec::new(),
         }

@@ -47,12 +47,22 @@ pub struct ObservationSettings {
     /// are left out where it is safe to tell them from highlights and reflections.
     #[serde(default)]
     pub keep_colours: bool,
+    /// Whether a surface is accepted whose silhouette is not that of the object.
+    #[serde(default)]
+    pub force: bool,
 }
 
 impl Default for ObservationSettings {
     /// The values of the paper, except for its poles, which an equal-area map does not have.
     fn default() -> Self {
-        Self { normals: 12_000, max_angle: 80.0_f64.to_radians(), pole_angle: 0.0, clip: None, keep_colours: false }
+        Self {
+            normals: 12_000,
+            max_angle: 80.0_f64.to_radians(),
+            pole_angle: 0.0,
+            clip: None,
+            keep_colours: false,
+            force: false,
+        }
     }
 }
 

@@ -19,9 +19,12 @@ use crate::sphere::OctahedralMap;
 const STEP: f64 = 8.0;
 
 /// Smallest overlap of surface and mask; below it, the surface is misaligned.
-const LEAST_OVERLAP: f64 = 0.5;
+const LEAST_OVERLAP: f64 = 0.93;
 /// Overlap below which a warning reports the misalignment.
-const GOOD_OVERLAP: f64 = 0.93;
+const GOOD_OVERLAP: f64 = 0.97;
+/// Width in pixels of a rim around the object that may differ without misalignment: small objects
+/// are mostly rim.
+const RIM: f64 = 1.5;
 
 /// Positions of a surface pixel by pixel, in coordinates of the camera that sees them.
 pub struct Relief {
@@ -213,7 +216,8 @@ impl Sighting {
         if let Some(mask) = &mask {
             check_size("mask", mask.size(), size)?;
         }
-        let looker = |coverage| Looker { picture, coverage, settings };
+        let masked = mask.is_some();
+        let looker = |coverage| Looker { picture, coverage, masked, settings };
         let known = || looker(coverage_of(picture, mask.as_ref()));
         let mut sighting = match object {
             Object::Sphere(Some(circle)) => known().circle(circle)?,
@@ -295,6 +299,8 @@ impl Sighting {
 struct Looker<'a> {
     picture: &'a Picture,
     coverage: Option<Plane<f32>>,
+    /// Whether the coverage is a mask that was given.
+    masked: bool,
     settings: &'a ObservationSettings,
 }
 
@@ -308,11 +314,12 @@ impl Looker<'_> {
         let buffer = GeometryBuffer::of(placed.surface.as_ref(), &placed.camera);
         let mut oddities = Vec::new();
         if let Some(coverage) = &self.coverage {
-            let overlap = overlap(coverage, &buffer.distances);
-            if overlap < LEAST_OVERLAP {
+            let Overlap { share: overlap, is_rim, is_part } = Overlap::of(coverage, &buffer.distances);
+            let is_aligned = is_rim || (self.masked && is_part);
+            if overlap < LEAST_OVERLAP && !is_aligned && !self.settings.force {
                 return Err(SceneError::Elsewhere { overlap });
             }
-            if overlap < GOOD_OVERLAP {
+            if overlap < GOOD_OVERLAP && !is_aligned {
                 oddities.push(Oddity::Misplaced { overlap });
             }
         }
@@ -379,13 +386,35 @@ impl Looker<'_> {
     }
 }
 
-/// Returns the number of pixels of both over that of either.
-fn overlap(coverage: &Plane<f32>, distances: &Plane<f32>) -> f64 {
-    let (mut either, mut shared) = (0_usize, 0_usize);
-    for (covered, seen) in coverage.as_slice().iter().zip(distances.as_slice()) {
-        let (covered, seen) = (*covered >= 0.5, seen.is_finite());
-        either += usize::from(covered || seen);
-        shared += usize::from(covered && seen);
+/// Overlap of a mask and the silhouette of a surface.
+struct Overlap {
+    /// Number of pixels of both over that of either.
+    share: f64,
+    /// Whether no more pixels differ than a rim of [`RIM`] pixels around the object has.
+    is_rim: bool,
+    /// Whether no more pixels of the mask than that lie outside of the silhouette: masks may select
+    /// a part of the object.
+    is_part: bool,
+}
+
+impl Overlap {
+    fn of(coverage: &Plane<f32>, distances: &Plane<f32>) -> Self {
+        let (width, height) = coverage.size();
+        let covered = |x: usize, y: usize| coverage[(x, y)] >= 0.5;
+        let (mut either, mut shared, mut masked, mut border) = (0_usize, 0_usize, 0_usize, 0_usize);
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let (covers, seen) = (covered(x, y), distances[(x, y)].is_finite());
+            either += usize::from(covers || seen);
+            shared += usize::from(covers && seen);
+            masked += usize::from(covers);
+            let at_border = (x > 0 && covered(x - 1, y) != covers) || (y > 0 && covered(x, y - 1) != covers);
+            border += usize::from(at_border);
+        }
+        let rim = RIM * border as f64;
+        Self {
+            share: shared as f64 / either.max(1) as f64,
+            is_rim: (either - shared) as f64 <= rim,
+            is_part: (masked - shared) as f64 <= rim && shared > 0,
+        }
     }
-    shared as f64 / either.max(1) as f64
 }

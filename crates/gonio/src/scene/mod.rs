@@ -35,6 +35,7 @@ mod normals;
 mod observations;
 mod observed;
 mod orientation;
+mod outliers;
 mod outline;
 mod rim;
 mod shadowed;

@@ -76,7 +76,7 @@ pub struct ObservationReport {
     pub clipped: usize,
     /// Points without a value because a pixel they need is uncovered or outside the picture.
     pub outside: usize,
-    /// Points without a value because pixels they need are negative, NaN or infinite.
+    /// Points without a value because pixels they need are negative, NaN, infinite or outliers.
     pub faulty: usize,
     /// Points without a value because a pixel they need is of another colour than the object.
     pub other_colour: usize,
@@ -93,6 +93,9 @@ pub struct ObservationReport {
     pub negative: usize,
     /// Observed pixels with a channel that is NaN or infinite, which are left out.
     pub not_finite: usize,
+    /// Observed pixels with a channel far from the pixels around it (hot and dead pixels,
+    /// fireflies), which are left out.
+    pub outliers: usize,
     /// Observed pixels that are used although a channel is negative: the luminance is not, and the
     /// channel counts as zero in the colour.
     pub negative_channels: usize,
@@ -213,8 +216,8 @@ impl Observations {
     ///
     /// A point has no value where one of the four pixels is clipped, outside the picture, not
     /// wholly within the circle, covered by less than 0.99, or of another colour. Faulty pixels (of
-    /// negative luminance, NaN or infinite) are skipped as long as the others have half of the
-    /// weight. Without `coverage` the alpha channel of the picture is used, if it has one.
+    /// negative luminance, NaN, infinite or outliers) are skipped as long as the others have half of
+    /// the weight. Without `coverage` the alpha channel of the picture is used, if it has one.
     ///
     /// # Errors
     /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when more than

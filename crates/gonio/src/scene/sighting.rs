@@ -23,6 +23,9 @@ const LEAST_OVERLAP: f64 = 0.5;
 /// Overlap below which the surface does not quite fit.
 const GOOD_OVERLAP: f64 = 0.93;
 
+/// Largest share of outliers that faulty pixels of a sensor explain.
+const FEW_OUTLIERS: f64 = 0.001;
+
 /// Positions of a surface pixel by pixel, in coordinates of the camera that sees them.
 pub struct Relief {
     /// Position of the surface behind each pixel.
@@ -94,6 +97,13 @@ pub enum Oddity {
         /// Number of observed pixels on the object.
         observed: usize,
     },
+    /// More pixels differ from the pixels around them than a sensor has faulty ones.
+    Outliers {
+        /// Number of outliers.
+        outliers: usize,
+        /// Number of observed pixels on the object.
+        observed: usize,
+    },
     /// Regions of another colour are left out.
     OtherColour {
         /// Number of pixels of another colour.
@@ -144,6 +154,12 @@ impl fmt::Display for Oddity {
                 };
                 write!(f, "{what}; they are left out")
             }
+            Self::Outliers { outliers, observed } => write!(
+                f,
+                "{outliers} of {observed} pixels on the object differ strongly from the pixels around them and are left out, more \
+                 than the hot and dead pixels of a sensor: the photograph is noisy, the rendering has fireflies, or the \
+                 material glitters; use a longer exposure, or more samples per pixel"
+            ),
             Self::OtherColour { pixels, observed } => {
                 write!(
                     f,
@@ -249,6 +265,10 @@ impl Sighting {
         let (negative, not_finite, observed) = (report.negative, report.not_finite, report.observed_pixels);
         if negative + not_finite > 0 {
             sighting.oddities.push(Oddity::Faulty { negative, not_finite, observed });
+        }
+        let outliers = sighting.observations.report.outliers;
+        if outliers as f64 > FEW_OUTLIERS * observed as f64 {
+            sighting.oddities.push(Oddity::Outliers { outliers, observed });
         }
         let pixels = sighting.observations.report.other_colour_pixels;
         if pixels > 0 {

@@ -37,6 +37,7 @@ mod observed;
 mod orientation;
 mod outliers;
 mod outline;
+mod repair;
 mod rim;
 mod shadowed;
 mod sighting;

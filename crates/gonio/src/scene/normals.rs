@@ -9,6 +9,7 @@ use super::fate::{Judged, judge};
 use super::foreign::Underlay;
 use super::observations::LEAST_POINTS;
 use super::observed::{COVERED, Seen, check_size};
+use super::repair::repaired;
 use super::view::{SurfaceView, has_normal};
 use super::weights::weights;
 use super::{Fate, ObservationReport, ObservationSettings, Observations, SceneError};
@@ -144,10 +145,10 @@ impl Observations {
         facing.retain(|_| !dark.next().unwrap_or(false));
         let dense = facing
             .iter()
-            .filter(|c| within(c) && fates.as_slice()[c.pixel as usize] == Fate::Used)
-            .map(|c| {
-                let rgb = rgb.as_slice()[c.pixel as usize];
-                Sample::of(c.seen(surface), f64::from(luminance(rgb)), 1.0).coloured(rgb)
+            .filter(within)
+            .filter_map(|c| {
+                let rgb = repaired(rgb, &fates, c.pixel as usize)?;
+                Some(Sample::of(c.seen(surface), f64::from(luminance(rgb)), 1.0).coloured(rgb))
             })
             .collect();
         // Thinned before the cut at the largest angle: otherwise the cells that it divides would be
@@ -157,6 +158,7 @@ impl Observations {
         let seen = taken.iter().map(|c| match fates.as_slice()[c.pixel as usize] {
             Fate::Clipped => Seen::Clipped,
             Fate::OtherColour => Seen::OtherColour,
+            Fate::Outlier => repaired(rgb, &fates, c.pixel as usize).map_or(Seen::Faulty, Seen::Colour),
             fate if fate.is_faulty() => Seen::Faulty,
             _ => Seen::Colour(rgb.as_slice()[c.pixel as usize]),
         });

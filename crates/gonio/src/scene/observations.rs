@@ -10,6 +10,7 @@ use super::circle::LEAST_RADIUS;
 use super::fate::{Judged, judge};
 use super::foreign::Underlay;
 use super::observed::{COVERED, Seen, check_size};
+use super::repair::repaired;
 use super::{Circle, Fate, SceneError};
 use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
@@ -142,7 +143,8 @@ pub struct Observations {
     /// Fate of each pixel, if any pixel except those outside was left out.
     pub fates: Option<Arc<Plane<Fate>>>,
     /// Samples of every pixel that shows the object, by its normal: many more than there are
-    /// points. Empty where there are no more than the points.
+    /// points. Single faulty pixels have a value interpolated from the pixels around them. Empty
+    /// where there are no more than the points.
     pub dense: Vec<Sample>,
 }
 
@@ -263,11 +265,11 @@ impl Observations {
         let pixels: Vec<(f64, f64)> =
             points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
         let seen = pixels.iter().map(|&at| sample(rgb, &judged.fates, at)).collect();
-        let used = (0..width * height).filter(|&i| judged.fates.as_slice()[i] == Fate::Used);
-        let dense = used
-            .map(|i| {
+        let dense = (0..width * height)
+            .filter_map(|i| {
+                let value = repaired(rgb, &judged.fates, i)?;
                 let normal = normal((i % width, i / width)).as_dvec3();
-                Sample::of(normal, f64::from(luminance(rgb.as_slice()[i])), 1.0).coloured(rgb.as_slice()[i])
+                Some(Sample::of(normal, f64::from(luminance(value)), 1.0).coloured(value))
             })
             .collect();
         Ok(Self { dense, ..Self::assemble(points, pixels, seen, judged)? })

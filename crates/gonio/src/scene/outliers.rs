@@ -6,7 +6,7 @@
 //! picture of a sharp material has many pixels that differ from their neighbours, which raises the
 //! threshold. At most two adjacent pixels are outliers; larger groups are structure.
 
-mod stencil;
+pub(super) mod stencil;
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -1,7 +1,7 @@
 //! Quadratic prediction of a pixel from the 5 x 5 pixels around it.
 
 /// Offsets of the 24 neighbours of a pixel in the 5 x 5 pixels around it.
-pub(super) const NEIGHBOURS: [(isize, isize); 24] = {
+pub(in crate::scene) const NEIGHBOURS: [(isize, isize); 24] = {
     let (mut offsets, mut at, mut i) = ([(0, 0); 24], 0, 0);
     while i < 25 {
         if i != 12 {
@@ -23,7 +23,7 @@ const INDEPENDENT: f64 = 1e-6;
 const MIN_FREEDOM: f64 = 1e-3;
 
 /// Least-squares quadratic through the known neighbours of a pixel.
-pub(super) struct Stencil {
+pub(in crate::scene) struct Stencil {
     /// Orthonormal columns of the design over the known neighbours; zero at the others. The last
     /// row is the pixel itself.
     columns: [[f64; 25]; COEFFICIENTS],
@@ -33,21 +33,21 @@ pub(super) struct Stencil {
 
 /// Prediction of a pixel by a [`Stencil`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Prediction {
+pub(in crate::scene) struct Prediction {
     /// Predicted value of the pixel.
-    pub(super) value: f64,
+    pub(in crate::scene) value: f64,
     /// Largest residual of a neighbour.
-    pub(super) largest: f64,
+    pub(in crate::scene) largest: f64,
     /// Standard deviation of the residuals of the neighbours.
-    pub(super) deviation: f64,
+    pub(in crate::scene) deviation: f64,
     /// Mean of the neighbours.
-    pub(super) level: f64,
+    pub(in crate::scene) level: f64,
 }
 
 impl Stencil {
     /// Builds the stencil for a set of known neighbours (bit `i` is `NEIGHBOURS[i]`); `None` if
     /// they are too few.
-    pub(super) fn new(known: u32) -> Option<Self> {
+    pub(in crate::scene) fn new(known: u32) -> Option<Self> {
         if known.count_ones() < MIN_KNOWN {
             return None;
         }
@@ -78,7 +78,7 @@ impl Stencil {
 
     /// Predicts the pixel from the values of its neighbours, without the one neighbour that fits
     /// the others least; values of unknown neighbours do not count.
-    pub(super) fn predict(&self, values: &[f64; 24]) -> Prediction {
+    pub(in crate::scene) fn predict(&self, values: &[f64; 24]) -> Prediction {
         let known = || (0..24).filter(|i| self.known >> i & 1 == 1);
         let mut coefficients = [0.0; COEFFICIENTS];
         for (coefficient, column) in coefficients.iter_mut().zip(&self.columns) {

@@ -217,9 +217,9 @@ impl Observations {
     /// operator, which evaluates the reflectance at one normal per point, can explain.
     ///
     /// A point has no value where one of the four pixels is clipped, outside the picture, not
-    /// wholly within the circle, covered by less than 0.99, or of another colour. Faulty pixels (of
-    /// negative luminance, NaN, infinite or outliers) are skipped as long as the others have half of
-    /// the weight. Without `coverage` the alpha channel of the picture is used, if it has one.
+    /// wholly within the circle, covered by less than 0.99, or of another colour. Faulty pixels
+    /// (negative luminance, NaN, infinite, outliers) are skipped if the others have half of the
+    /// weight or more. Without `coverage` the alpha channel of the picture is used, if it has one.
     ///
     /// # Errors
     /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when more than

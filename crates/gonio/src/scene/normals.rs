@@ -129,7 +129,13 @@ impl Observations {
         for (inside, fate) in region.as_mut_slice().iter_mut().zip(fates.as_slice()) {
             *inside = *inside && !fate.is_faulty() && *fate != Fate::OtherColour;
         }
-        let dark: Vec<bool> = facing.iter().map(|c| is_speck(rgb, &region, coordinates(c.pixel as usize))).collect();
+        let dark: Vec<bool> = facing
+            .iter()
+            .map(|c| {
+                let at = coordinates(c.pixel as usize);
+                fates[at] != Fate::Outlier && is_speck(rgb, &region, at)
+            })
+            .collect();
         report.specks = dark.iter().filter(|dark| **dark).count();
         for (candidate, _) in facing.iter().zip(&dark).filter(|(_, dark)| **dark) {
             let fate = &mut fates.as_mut_slice()[candidate.pixel as usize];

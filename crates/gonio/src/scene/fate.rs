@@ -86,7 +86,8 @@ pub(super) fn judge(
     let fates: Vec<Fate> = rgb.as_slice().iter().zip(region.as_slice()).map(fate).collect();
     let mut fates = Plane::from_vec(width, height, fates);
     let sound = fates.map(|fate| *fate == Fate::Used);
-    for pixel in outliers(rgb, &sound) {
+    let outliers = outliers(rgb, &sound);
+    for pixel in outliers.excluded {
         fates.as_mut_slice()[pixel] = Fate::Outlier;
     }
     let sound = fates.map(|fate| *fate == Fate::Used);
@@ -114,6 +115,7 @@ pub(super) fn judge(
         negative: count(Fate::Negative),
         not_finite: count(Fate::NotFinite),
         outliers: count(Fate::Outlier),
+        isolated: outliers.kept,
         negative_channels: fates.as_slice().iter().zip(rgb.as_slice()).filter(tainted).count(),
         other_colour_pixels: count(Fate::OtherColour),
         ..report

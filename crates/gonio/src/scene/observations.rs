@@ -97,6 +97,9 @@ pub struct ObservationReport {
     /// Observed pixels with a channel far from the pixels around it (hot and dead pixels,
     /// fireflies), which are left out.
     pub outliers: usize,
+    /// Observed pixels that differ from the pixels around them as much as outliers, but are used
+    /// because the object reflects sharply or glitters.
+    pub isolated: usize,
     /// Observed pixels that are used although a channel is negative: the luminance is not, and the
     /// channel counts as zero in the colour.
     pub negative_channels: usize,

@@ -47,6 +47,13 @@ pub enum Oddity {
         /// Number of observed pixels on the object.
         observed: usize,
     },
+    /// Some pixels differ from the pixels around them as much as outliers, but are used.
+    Isolated {
+        /// Number of such pixels.
+        isolated: usize,
+        /// Number of observed pixels on the object.
+        observed: usize,
+    },
     /// Regions of another colour are left out.
     OtherColour {
         /// Number of pixels of another colour.
@@ -102,6 +109,12 @@ impl fmt::Display for Oddity {
                 "{outliers} of {observed} pixels on the object differ strongly from the pixels around them and are left out, more \
                  than the hot and dead pixels of a sensor: the photograph is noisy, the rendering has fireflies, or the \
                  material glitters; use a longer exposure, or more samples per pixel"
+            ),
+            Self::Isolated { isolated, observed } => write!(
+                f,
+                "{isolated} of {observed} pixels on the object differ strongly from the pixels around them, but are used because \
+                 the object has sharp reflections or glitters; if they are hot pixels or fireflies, the estimated gloss is \
+                 unreliable: remove them from the photograph"
             ),
             Self::OtherColour { pixels, observed } => {
                 write!(

@@ -159,6 +159,10 @@ impl Sighting {
         if outliers as f64 > FEW_OUTLIERS * observed as f64 {
             sighting.oddities.push(Oddity::Outliers { outliers, observed });
         }
+        let isolated = sighting.observations.report.isolated;
+        if isolated > 0 {
+            sighting.oddities.push(Oddity::Isolated { isolated, observed });
+        }
         let pixels = sighting.observations.report.other_colour_pixels;
         if pixels > 0 {
             sighting.oddities.push(Oddity::OtherColour { pixels, observed });

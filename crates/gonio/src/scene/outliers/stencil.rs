@@ -76,6 +76,13 @@ impl Stencil {
         Some(Self { columns, known })
     }
 
+    /// Returns the least-squares quadratic at a row: that of a neighbour, or 24 for the pixel.
+    pub(super) fn at(&self, values: &[f64; 24], row: usize) -> f64 {
+        let known = || (0..24).filter(|i| self.known >> i & 1 == 1);
+        let along = |column: &[f64; 25]| column[row] * known().map(|i| column[i] * values[i]).sum::<f64>();
+        self.columns.iter().map(along).sum()
+    }
+
     /// Predicts the pixel from the values of its neighbours, without the one neighbour that fits
     /// the others least; values of unknown neighbours do not count.
     pub(in crate::scene) fn predict(&self, values: &[f64; 24]) -> Prediction {

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
-use gonio::estimate::Material;
+use gonio::estimate::{Alignment, ColouringRule, Material, estimate_under};
+use gonio::lighting::EnvironmentMap;
 use gonio::model::Model;
 use gonio::picture::{Picture, Plane};
 use gonio::scene::{Fate, NormalPicture, Object, ObservationSettings, Oddity, Sighting};
@@ -97,12 +98,40 @@ fn one_wrong_pixel_changes_no_interval_of_an_object_with_normals() {
         let view = NormalPicture { normals: normals.clone(), camera: None, relief: None, trusted: true };
         Sighting::of(picture, None, Object::Normals(Box::new(view)), &ObservationSettings::default()).unwrap()
     };
+    let clean_weights = seen(&picture).observations.weights;
     let clean = ends(&model, &seen(&picture));
     for (at, value) in [((128, 128), 5.0), ((78, 51), 0.0)] {
         let mut bad = picture.clone();
         bad.rgb[at] = Vec3::splat(value);
         let sighting = seen(&bad);
         assert_eq!(sighting.observations.report.outliers, 1);
+        // The weights of the pixels around it stay, as the noise of the picture does.
+        let weights = sighting.observations.weights.iter().zip(&clean_weights);
+        assert!(weights.clone().all(|(is, was)| (is - was).abs() < 0.01));
         assert_same(&clean, &ends(&model, &sighting), &format!("{value} at {at:?}"));
+    }
+}
+
+#[test]
+fn one_wrong_pixel_changes_no_interval_under_a_known_light() {
+    let (picture, model) = (sample(), gonio_io::model::embedded().unwrap());
+    // Brighter above, with a lamp where the highlight of the sample is.
+    let map = Plane::from_fn(64, 32, |x, y| {
+        let lamp = (10..14).contains(&x) && (8..11).contains(&y);
+        Vec3::splat(if lamp { 30.0 } else { 1.5 - y as f32 / 32.0 })
+    });
+    let map = EnvironmentMap::new(map).unwrap();
+    let gloss = |picture: &Picture| {
+        let observations = sphere(picture).observations;
+        let light = (&map, Alignment::Fixed);
+        let found = estimate_under(&model, &observations, light, &ColouringRule::Grey, &|_| ()).unwrap();
+        found.material.gloss.to_vec()
+    };
+    let clean = gloss(&picture);
+    let red = Vec3::new(5.0, 0.035, 0.035);
+    for (at, value) in [((128, 128), Vec3::splat(20.0)), ((78, 51), Vec3::splat(20.0)), ((60, 180), red)] {
+        let mut bad = picture.clone();
+        bad.rgb[at] = value;
+        assert_same(&clean, &gloss(&bad), &format!("{value} at {at:?}"));
     }
 }

@@ -9,7 +9,7 @@ use super::fate::{Judged, judge};
 use super::foreign::Underlay;
 use super::observations::LEAST_POINTS;
 use super::observed::{COVERED, Seen, check_size};
-use super::repair::repaired;
+use super::repair::{repaired, without_outliers};
 use super::view::{SurfaceView, has_normal};
 use super::weights::weights;
 use super::{Fate, ObservationReport, ObservationSettings, Observations, SceneError};
@@ -126,9 +126,12 @@ impl Observations {
         let normal = |at| normals[at].normalize_or_zero();
         let underlay = Underlay { normal: &normal, convex: false };
         let Judged { mut fates, mut report } = judge(rgb, &region, settings, &underlay, report)?;
-        for (inside, fate) in region.as_mut_slice().iter_mut().zip(fates.as_slice()) {
-            *inside = *inside && !fate.is_faulty() && *fate != Fate::OtherColour;
+        let without_outliers = without_outliers(rgb, &fates);
+        for (i, (inside, fate)) in region.as_mut_slice().iter_mut().zip(fates.as_slice()).enumerate() {
+            let sound = !fate.is_faulty() || *fate == Fate::Outlier && repaired(rgb, &fates, i).is_some();
+            *inside = *inside && sound && *fate != Fate::OtherColour;
         }
+        let rgb = &*without_outliers;
         let dark: Vec<bool> = facing
             .iter()
             .map(|c| {

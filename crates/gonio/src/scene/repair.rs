@@ -3,6 +3,8 @@
 //! The statistics of fine detail that the learnt posterior reads change when a cell of the disk
 //! misses one of its pixels. An interpolated value leaves them as they are.
 
+use std::borrow::Cow;
+
 use glam::{DVec3, Vec3};
 
 use super::Fate;
@@ -37,6 +39,17 @@ pub(super) fn repaired(rgb: &Plane<Vec3>, fates: &Plane<Fate>, pixel: usize) -> 
         }
     }
     biharmonic(&values, known).or_else(|| quadratic(&values, known)).map(|value| value.as_vec3().max(Vec3::ZERO))
+}
+
+/// Returns the picture with an interpolated value at each outlier that can be interpolated.
+pub(super) fn without_outliers<'a>(rgb: &'a Plane<Vec3>, fates: &Plane<Fate>) -> Cow<'a, Plane<Vec3>> {
+    let mut out = Cow::Borrowed(rgb);
+    for i in (0..fates.as_slice().len()).filter(|i| fates.as_slice()[*i] == Fate::Outlier) {
+        if let Some(value) = repaired(rgb, fates, i) {
+            out.to_mut().as_mut_slice()[i] = value;
+        }
+    }
+    out
 }
 
 /// Interpolates by the discrete biharmonic equation, exact for cubics; `None` if one of the twelve

@@ -199,7 +199,11 @@ impl Names {
     fn warn(&self, odd: &Oddity) -> Warning {
         let text = match odd {
             Oddity::Depth(_) => odd.to_string(),
-            Oddity::Clipped { .. } | Oddity::Faulty { .. } | Oddity::OtherColour { .. } => {
+            Oddity::Clipped { .. }
+            | Oddity::Faulty { .. }
+            | Oddity::Outliers { .. }
+            | Oddity::Isolated { .. }
+            | Oddity::OtherColour { .. } => {
                 format!("{}: {odd}", self.image)
             }
             Oddity::Contradiction(_) => format!("{}: {odd}", self.shape.as_ref().unwrap_or(&self.image)),

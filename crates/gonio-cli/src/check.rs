@@ -115,12 +115,13 @@ fn describe(checked: &Checked, name: &str) -> String {
         let report = &object.seen.sighting.observations.report;
         let of = object.name.as_ref().map(|name| format!("region {name}: ")).unwrap_or_default();
         lines += &format!(
-            "{of}{}, {:.1} % of the image\n{of}{} usable pixels; {} clipped, {} faulty (negative, NaN or infinite)\n",
+            "{of}{}, {:.1} % of the image\n{of}{} usable pixels; {} clipped, {} faulty (negative, NaN or infinite), {} outliers\n",
             object.outline(),
             100.0 * object.coverage(),
             report.observed_pixels,
             report.clipped_pixels,
             report.negative + report.not_finite,
+            report.outliers,
         );
     }
     lines

@@ -4,6 +4,7 @@
 mod gloss;
 mod half_light;
 mod light;
+mod repaired;
 mod stage;
 pub mod used;
 mod view;
@@ -98,7 +99,8 @@ impl Panels {
     /// Draws all pictures; `progress` receives a fraction in 0..=1.
     pub fn draw(subject: &Subject<'_>, progress: &(dyn Fn(f64) + Sync)) -> Self {
         let view = View::of(subject);
-        let input = view.cut(subject.picture, PANEL);
+        let fates = subject.sighting.observations.fates.as_deref();
+        let input = view.cut(&repaired::repaired(subject.picture, fates), PANEL);
         let exposure = Exposure::own(&input.rgb, |i| is_covered(&input, i));
         let model = reproduction(subject, &view, &input);
         progress(0.3);
@@ -118,8 +120,8 @@ impl Panels {
             progress(0.3 + 0.7 * (i + 1) as f64 / 3.0);
         }
         Self {
-            observed: observed(subject, &view, exposure),
-            used: used::draw(subject, &view, exposure),
+            observed: observed(subject, &view, &over_paper(&input, exposure)),
+            used: used::draw(subject, &view, &over_paper(&input, exposure)),
             residual: residual(&input, &model),
             photograph: over_paper(&input, exposure),
             reproduction: over_paper(&model, exposure),
@@ -152,9 +154,9 @@ fn reproduction(subject: &Subject<'_>, view: &View<'_>, input: &Picture) -> Pict
 }
 
 /// Draws the photograph, darkened, under a dot for each observation.
-fn observed(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Plane<Vec3> {
+fn observed(subject: &Subject<'_>, view: &View<'_>, photograph: &Plane<Vec3>) -> Plane<Vec3> {
     let side = PANEL;
-    let mut out = over_paper(&view.cut(subject.picture, side), exposure).map(|p| 0.6 * *p);
+    let mut out = photograph.map(|p| 0.6 * *p);
     let observations = &subject.sighting.observations;
     for (at, value) in observations.pixels.iter().zip(&observations.values) {
         let (x, y) = view.shown(*at, side);

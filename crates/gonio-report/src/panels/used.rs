@@ -2,11 +2,10 @@
 
 use glam::Vec3;
 use gonio::picture::Plane;
-use gonio::render::Exposure;
 use gonio::scene::Fate;
 
 use super::view::View;
-use super::{PANEL, Subject, over_paper};
+use super::{PANEL, Subject};
 use crate::canvas::{self, PAPER};
 
 /// Factor by which the photograph is darkened where it lies outside.
@@ -31,12 +30,13 @@ impl Mark {
 
 /// All reasons except lying outside; of photograph pixels that share one pixel of the picture the
 /// first reason is shown.
-pub const MARKS: [Mark; 6] = [
+pub const MARKS: [Mark; 7] = [
     Mark {
         label: "negative, NaN or infinite",
         colour: Vec3::new(0.9, 0.02, 0.6),
         fates: &[Fate::Negative, Fate::NotFinite],
     },
+    Mark { label: "outlier (hot, dead)", colour: Vec3::new(0.02, 0.75, 0.8), fates: &[Fate::Outlier] },
     Mark { label: "dark speck", colour: Vec3::new(0.05, 0.7, 0.1), fates: &[Fate::Speck] },
     Mark { label: "clipped", colour: Vec3::new(0.95, 0.08, 0.05), fates: &[Fate::Clipped] },
     Mark { label: "another colour", colour: Vec3::new(0.03, 0.22, 0.95), fates: &[Fate::OtherColour] },
@@ -46,10 +46,9 @@ pub const MARKS: [Mark; 6] = [
 
 /// Draws the photograph, dark where it lies outside the observed part,
 /// with the other pixels that were left out marked; `None` if none were.
-pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, exposure: Exposure) -> Option<Plane<Vec3>> {
+pub(super) fn draw(subject: &Subject<'_>, view: &View<'_>, photograph: &Plane<Vec3>) -> Option<Plane<Vec3>> {
     let fates = subject.sighting.observations.fates.as_ref()?;
     let side = PANEL;
-    let photograph = over_paper(&view.cut(subject.picture, side), exposure);
     Some(Plane::from_fn(side, side, |x, y| {
         let found = || view.behind(x, y, side, fates.size()).map(|at| fates[at]);
         if let Some(mark) = MARKS.iter().find(|mark| found().any(|fate| mark.marks(fate))) {

@@ -421,6 +421,7 @@ fn counts(report: &ObservationReport) -> Markup {
         ("pixels used", report.used_pixels),
         ("pixels clipped", report.clipped_pixels),
         ("pixels negative, NaN or infinite", report.negative + report.not_finite),
+        ("pixels left out as outliers", report.outliers),
         ("pixels of another colour", report.other_colour_pixels),
         ("pixels ignored as dark specks", report.specks),
         ("pixels ignored at edges", report.at_edges),

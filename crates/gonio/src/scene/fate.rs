@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::foreign::{Underlay, foreign};
 use super::observed::{clip_level, is_clipped};
+use super::outliers::outliers;
 use super::{ObservationReport, ObservationSettings, SceneError};
 use crate::picture::{Plane, luminance};
 
@@ -22,6 +23,9 @@ pub enum Fate {
     Negative,
     /// A channel is NaN or infinite.
     NotFinite,
+    /// A channel differs from the pixels around it by far more than noise and structure explain: a
+    /// hot or dead pixel, or a firefly.
+    Outlier,
     /// The pixel belongs to a region of another colour than the rest of the object.
     OtherColour,
     /// The surface ends, steps back or folds next to the pixel.
@@ -35,7 +39,7 @@ pub enum Fate {
 impl Fate {
     /// Whether the value of the pixel itself is meaningless.
     pub(crate) fn is_faulty(self) -> bool {
-        matches!(self, Self::Negative | Self::NotFinite)
+        matches!(self, Self::Negative | Self::NotFinite | Self::Outlier)
     }
 
     /// Returns what is wrong with a colour, if anything.
@@ -82,9 +86,14 @@ pub(super) fn judge(
     let fates: Vec<Fate> = rgb.as_slice().iter().zip(region.as_slice()).map(fate).collect();
     let mut fates = Plane::from_vec(width, height, fates);
     let sound = fates.map(|fate| *fate == Fate::Used);
+    let outliers = outliers(rgb, &sound);
+    for pixel in outliers.excluded {
+        fates.as_mut_slice()[pixel] = Fate::Outlier;
+    }
+    let sound = fates.map(|fate| *fate == Fate::Used);
     let clip_level = clip_level(rgb, &sound, settings.clip);
     for (fate, colour) in fates.as_mut_slice().iter_mut().zip(rgb.as_slice()) {
-        if matches!(fate, Fate::Used | Fate::Negative) && is_clipped(*colour, clip_level) {
+        if matches!(fate, Fate::Used | Fate::Negative | Fate::Outlier) && is_clipped(*colour, clip_level) {
             *fate = Fate::Clipped;
         }
     }
@@ -105,6 +114,8 @@ pub(super) fn judge(
         clip_level,
         negative: count(Fate::Negative),
         not_finite: count(Fate::NotFinite),
+        outliers: count(Fate::Outlier),
+        isolated: outliers.kept,
         negative_channels: fates.as_slice().iter().zip(rgb.as_slice()).filter(tainted).count(),
         other_colour_pixels: count(Fate::OtherColour),
         ..report

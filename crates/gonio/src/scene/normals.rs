@@ -9,6 +9,7 @@ use super::fate::{Judged, judge};
 use super::foreign::Underlay;
 use super::observations::LEAST_POINTS;
 use super::observed::{COVERED, Seen, check_size};
+use super::repair::{repaired, without_outliers};
 use super::view::{SurfaceView, has_normal};
 use super::weights::weights;
 use super::{Fate, ObservationReport, ObservationSettings, Observations, SceneError};
@@ -125,10 +126,19 @@ impl Observations {
         let normal = |at| normals[at].normalize_or_zero();
         let underlay = Underlay { normal: &normal, convex: false };
         let Judged { mut fates, mut report } = judge(rgb, &region, settings, &underlay, report)?;
-        for (inside, fate) in region.as_mut_slice().iter_mut().zip(fates.as_slice()) {
-            *inside = *inside && !fate.is_faulty() && *fate != Fate::OtherColour;
+        let without_outliers = without_outliers(rgb, &fates);
+        for (i, (inside, fate)) in region.as_mut_slice().iter_mut().zip(fates.as_slice()).enumerate() {
+            let sound = !fate.is_faulty() || *fate == Fate::Outlier && repaired(rgb, &fates, i).is_some();
+            *inside = *inside && sound && *fate != Fate::OtherColour;
         }
-        let dark: Vec<bool> = facing.iter().map(|c| is_speck(rgb, &region, coordinates(c.pixel as usize))).collect();
+        let rgb = &*without_outliers;
+        let dark: Vec<bool> = facing
+            .iter()
+            .map(|c| {
+                let at = coordinates(c.pixel as usize);
+                fates[at] != Fate::Outlier && is_speck(rgb, &region, at)
+            })
+            .collect();
         report.specks = dark.iter().filter(|dark| **dark).count();
         for (candidate, _) in facing.iter().zip(&dark).filter(|(_, dark)| **dark) {
             let fate = &mut fates.as_mut_slice()[candidate.pixel as usize];
@@ -144,10 +154,10 @@ impl Observations {
         facing.retain(|_| !dark.next().unwrap_or(false));
         let dense = facing
             .iter()
-            .filter(|c| within(c) && fates.as_slice()[c.pixel as usize] == Fate::Used)
-            .map(|c| {
-                let rgb = rgb.as_slice()[c.pixel as usize];
-                Sample::of(c.seen(surface), f64::from(luminance(rgb)), 1.0).coloured(rgb)
+            .filter(within)
+            .filter_map(|c| {
+                let rgb = repaired(rgb, &fates, c.pixel as usize)?;
+                Some(Sample::of(c.seen(surface), f64::from(luminance(rgb)), 1.0).coloured(rgb))
             })
             .collect();
         // Thinned before the cut at the largest angle: otherwise the cells that it divides would be
@@ -157,6 +167,7 @@ impl Observations {
         let seen = taken.iter().map(|c| match fates.as_slice()[c.pixel as usize] {
             Fate::Clipped => Seen::Clipped,
             Fate::OtherColour => Seen::OtherColour,
+            Fate::Outlier => repaired(rgb, &fates, c.pixel as usize).map_or(Seen::Faulty, Seen::Colour),
             fate if fate.is_faulty() => Seen::Faulty,
             _ => Seen::Colour(rgb.as_slice()[c.pixel as usize]),
         });

@@ -10,6 +10,7 @@ use super::circle::LEAST_RADIUS;
 use super::fate::{Judged, judge};
 use super::foreign::Underlay;
 use super::observed::{COVERED, Seen, check_size};
+use super::repair::repaired;
 use super::{Circle, Fate, SceneError};
 use crate::appearance::Sample;
 use crate::picture::{Picture, Plane, luminance};
@@ -86,7 +87,7 @@ pub struct ObservationReport {
     pub clipped: usize,
     /// Points without a value because a pixel they need is uncovered or outside the picture.
     pub outside: usize,
-    /// Points without a value because pixels they need are negative, NaN or infinite.
+    /// Points without a value because pixels they need are negative, NaN, infinite or outliers.
     pub faulty: usize,
     /// Points without a value because a pixel they need is of another colour than the object.
     pub other_colour: usize,
@@ -103,6 +104,12 @@ pub struct ObservationReport {
     pub negative: usize,
     /// Observed pixels with a channel that is NaN or infinite, which are left out.
     pub not_finite: usize,
+    /// Observed pixels with a channel far from the pixels around it (hot and dead pixels,
+    /// fireflies), which are left out.
+    pub outliers: usize,
+    /// Observed pixels that differ from the pixels around them as much as outliers, but are used
+    /// because the object reflects sharply or glitters.
+    pub isolated: usize,
     /// Observed pixels that are used although a channel is negative: the luminance is not, and the
     /// channel counts as zero in the colour.
     pub negative_channels: usize,
@@ -149,7 +156,8 @@ pub struct Observations {
     /// Fate of each pixel, if any pixel except those outside was left out.
     pub fates: Option<Arc<Plane<Fate>>>,
     /// Samples of every pixel that shows the object, by its normal: many more than there are
-    /// points. Empty where there are no more than the points.
+    /// points. Single faulty pixels have a value interpolated from the pixels around them. Empty
+    /// where there are no more than the points.
     pub dense: Vec<Sample>,
 }
 
@@ -244,9 +252,9 @@ impl Observations {
     /// operator, which evaluates the reflectance at one normal per point, can explain.
     ///
     /// A point has no value where one of the four pixels is clipped, outside the picture, not
-    /// wholly within the circle, covered by less than 0.99, or of another colour. Faulty pixels (of
-    /// negative luminance, NaN or infinite) are skipped as long as the others have half of the
-    /// weight. Without `coverage` the alpha channel of the picture is used, if it has one.
+    /// wholly within the circle, covered by less than 0.99, or of another colour. Faulty pixels
+    /// (negative luminance, NaN, infinite, outliers) are skipped if the others have half of the
+    /// weight or more. Without `coverage` the alpha channel of the picture is used, if it has one.
     ///
     /// # Errors
     /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when more than
@@ -292,11 +300,11 @@ impl Observations {
         let pixels: Vec<(f64, f64)> =
             points.iter().map(|p| (x + radius * p.normal.x, y - radius * p.normal.y)).collect();
         let seen = pixels.iter().map(|&at| sample(rgb, &judged.fates, at)).collect();
-        let used = (0..width * height).filter(|&i| judged.fates.as_slice()[i] == Fate::Used);
-        let dense = used
-            .map(|i| {
+        let dense = (0..width * height)
+            .filter_map(|i| {
+                let value = repaired(rgb, &judged.fates, i)?;
                 let normal = normal((i % width, i / width)).as_dvec3();
-                Sample::of(normal, f64::from(luminance(rgb.as_slice()[i])), 1.0).coloured(rgb.as_slice()[i])
+                Some(Sample::of(normal, f64::from(luminance(value)), 1.0).coloured(value))
             })
             .collect();
         Ok(Self { dense, ..Self::assemble(points, pixels, seen, judged)? })

@@ -21,7 +21,7 @@ pub(super) enum Seen {
     Clipped,
     /// No value: the point is not covered, or not within the picture.
     Outside,
-    /// No value: pixels that it needs are negative, NaN or infinite.
+    /// No value: pixels that it needs are negative, NaN, infinite or outliers.
     Faulty,
     /// A value of another colour than the object.
     OtherColour,

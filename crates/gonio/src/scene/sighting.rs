@@ -1,17 +1,14 @@
 //! Detection of an object of known shape in an image, with its observations.
 
-use std::fmt;
-
 use glam::{DVec3, Vec3};
 
 use super::observed::check_size;
 use super::spot::spot;
 use super::{
-    Circle, Contradiction, Ellipse, ObservationSettings, Observations, Orientation, SceneError, Sureness, SurfaceView,
+    Circle, Ellipse, ObservationSettings, Observations, Oddity, Orientation, SceneError, Sureness, SurfaceView,
     coverage_of, find_ball, find_ellipse, outlined,
 };
 use crate::picture::{Picture, Plane};
-use crate::remedy::Remedy;
 use crate::shape::{Camera, GeometryBuffer, Mesh, Placed, Projection, Soundness, Tracer};
 use crate::sphere::OctahedralMap;
 
@@ -25,6 +22,9 @@ const GOOD_OVERLAP: f64 = 0.97;
 /// Width in pixels of a rim around the object that may differ without misalignment: small objects
 /// are mostly rim.
 const RIM: f64 = 1.5;
+
+/// Largest share of outliers that faulty pixels of a sensor explain.
+const FEW_OUTLIERS: f64 = 0.001;
 
 /// Positions of a surface pixel by pixel, in coordinates of the camera that sees them.
 pub struct Relief {
@@ -60,104 +60,6 @@ pub struct NormalPicture {
     pub relief: Option<Relief>,
     /// Whether to skip the consistency checks of the normals.
     pub trusted: bool,
-}
-
-/// Warning about a detected object, displayed as one line.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Oddity {
-    /// The overlap of shape and object is too small.
-    Misplaced {
-        /// Pixels of both over pixels of either.
-        overlap: f64,
-    },
-    /// Many pixels are back-facing.
-    Inside {
-        /// Number of back-facing pixels.
-        inside: usize,
-        /// Number of pixels that see the surface.
-        seen: usize,
-    },
-    /// The depth of the ellipsoid is unknown; holds the semi-axis taken for it, in pixels.
-    Depth(f64),
-    /// The normals are inconsistent, but the checks are disabled.
-    Contradiction(Contradiction),
-    /// Some pixels are clipped.
-    Clipped {
-        /// Number of clipped pixels.
-        clipped: usize,
-        /// Number of observed pixels on the object.
-        observed: usize,
-    },
-    /// Some pixels have values that are not radiances.
-    Faulty {
-        /// Number of pixels of negative luminance.
-        negative: usize,
-        /// Number of pixels that are NaN or infinite.
-        not_finite: usize,
-        /// Number of observed pixels on the object.
-        observed: usize,
-    },
-    /// Regions of another colour are ignored.
-    OtherColour {
-        /// Number of pixels of another colour.
-        pixels: usize,
-        /// Number of observed pixels on the object.
-        observed: usize,
-    },
-}
-
-impl Oddity {
-    /// Lists suggestions.
-    pub fn remedies(&self) -> Vec<Remedy> {
-        match self {
-            Self::Depth(_) => vec![Remedy::DepthAxis],
-            Self::Contradiction(it) => vec![it.remedy()],
-            Self::OtherColour { .. } => vec![Remedy::KeepColours],
-            _ => Vec::new(),
-        }
-    }
-}
-
-impl fmt::Display for Oddity {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Misplaced { overlap } => write!(
-                f,
-                "the shape is not exactly aligned with the object: {:.0} % of their pixels overlap",
-                100.0 * overlap
-            ),
-            Self::Inside { inside, seen } => write!(
-                f,
-                "{inside} of {seen} pixels show the back of the surface; gonio flips its normals towards the camera \
-                 there"
-            ),
-            Self::Depth(depth) => write!(
-                f,
-                "the outline does not determine the depth of the ellipsoid; gonio assumes a semi-axis of {depth:.1} \
-                 pixels, the geometric mean of the other two"
-            ),
-            Self::Contradiction(it) => it.fmt(f),
-            Self::Clipped { clipped, observed } => {
-                write!(f, "{clipped} of {observed} pixels on the object are clipped and ignored")
-            }
-            Self::Faulty { negative, not_finite, observed } => {
-                let what = match (negative, not_finite) {
-                    (n, 0) => format!("{n} of {observed} pixels on the object are negative"),
-                    (0, n) => format!("{n} of {observed} pixels on the object are NaN or infinite"),
-                    (n, m) => {
-                        format!("of {observed} pixels on the object, {n} are negative and {m} are NaN or infinite")
-                    }
-                };
-                write!(f, "{what}; gonio ignores them")
-            }
-            Self::OtherColour { pixels, observed } => {
-                write!(
-                    f,
-                    "{pixels} of {observed} pixels on the object have another colour than the rest and are ignored"
-                )
-            }
-        }
-    }
 }
 
 /// Shape found, beside the observations.
@@ -256,6 +158,14 @@ impl Sighting {
         let (negative, not_finite, observed) = (report.negative, report.not_finite, report.observed_pixels);
         if negative + not_finite > 0 {
             sighting.oddities.push(Oddity::Faulty { negative, not_finite, observed });
+        }
+        let outliers = sighting.observations.report.outliers;
+        if outliers as f64 > FEW_OUTLIERS * observed as f64 {
+            sighting.oddities.push(Oddity::Outliers { outliers, observed });
+        }
+        let isolated = sighting.observations.report.isolated;
+        if isolated > 0 {
+            sighting.oddities.push(Oddity::Isolated { isolated, observed });
         }
         let pixels = sighting.observations.report.other_colour_pixels;
         if pixels > 0 {

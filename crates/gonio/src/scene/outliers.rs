@@ -1,0 +1,352 @@
+//! Hot and dead pixels of sensors, and fireflies of renderers.
+//!
+//! A pixel is an outlier if, in any channel, a robust quadratic through the pixels around it
+//! misses it by far more than noise and the structure of the picture explain. Three criteria keep
+//! highlights and sharp reflections: a highlight raises the pixels next to it as well; a picture
+//! with many pixels that differ from their neighbours has a higher threshold; and if the object
+//! reflects sharply, a bright pixel may be the image of a lamp or of the sun. At most two adjacent
+//! pixels are outliers; larger groups are structure.
+
+pub(super) mod stencil;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::components::neighbours;
+use crate::picture::Plane;
+use stencil::{NEIGHBOURS, Prediction, Stencil};
+
+/// Deviation that noise explains, in standard deviations.
+const NOISE: f64 = 8.0;
+/// Deviation that the largest residual of the neighbours explains, in units of that residual.
+const STRUCTURE: f64 = 15.0;
+/// Residual of the neighbours that noise explains, in standard deviations.
+const LARGEST_OF_NOISE: f64 = 3.0;
+/// Smallest noise in steps of a coded picture: its values differ by whole steps or not at all.
+const MIN_NOISE_OF_STEP: f64 = 0.3;
+/// Smallest noise, relative to the values around a pixel...
+const MIN_NOISE: f64 = 1e-4;
+/// ...and relative to the median of the channel.
+const MIN_NOISE_OF_MEDIAN: f64 = 5e-4;
+/// Factor by which the pixels next to a highlight exceed those two pixels away.
+const HALO: f64 = 1.5;
+/// Smallest excess of these pixels over a quadratic through those two pixels away, in standard
+/// deviations of the noise...
+const RIM_OF_NOISE: f64 = 6.0;
+/// ...and relative to the excess of the pixel itself. Reflections of lamps one pixel wide have 0.02
+/// or more, by the tails of the lobe and of the point spread; hot pixels 0.0003 or less.
+const RIM: f64 = 0.01;
+/// Smallest score of an outlier: the multiple of what noise and structure explain.
+const MIN_SCORE: f64 = 2.0;
+/// Score below which a pixel is not recorded.
+const RECORDED_SCORE: f64 = 0.2;
+/// Share of the pixels that may be outliers; the next lower score is that of the picture itself...
+const MAX_SHARE: f64 = 0.003;
+/// ...after at least so many pixels.
+const MIN_RANK: usize = 5;
+/// Score of the picture itself up to which noise explains it, and the factor by which outliers
+/// exceed what lies above.
+const NOISE_SCORE: f64 = 0.7;
+const TAIL: f64 = 25.0;
+/// Smallest number of known pixels among the eight neighbours of an outlier.
+const MIN_ADJACENT: usize = 5;
+/// Number of windows from which the noise is estimated, at most.
+const NOISE_WINDOWS: usize = 16_384;
+/// Number of classes of brightness with a noise of their own.
+const NOISE_CLASSES: usize = 8;
+
+/// Structure of sharp reflections: the part of the largest residual of the neighbours that noise
+/// does not explain, relative to the brightest channel...
+const SHARP_STRUCTURE: f64 = 0.3;
+/// ...if noise explains this many standard deviations...
+const SHARP_NOISE: f64 = 4.0;
+/// ...and the share of the pixels around which a sharp object has it. Rendered balls of polished
+/// metals and black glass have 0.03 to 0.13, of paints 0, of a grey plastic 0 to 0.03.
+const SHARP_SHARE: f64 = 0.015;
+
+/// Pixels that differ from their neighbours.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Outliers {
+    /// Indices of the outliers, row-major and ascending.
+    pub(super) excluded: Vec<usize>,
+    /// Number of pixels that differ as much, but may be highlights or glitter.
+    pub(super) kept: usize,
+}
+
+/// Score of a pixel and whether it is brighter than its neighbours.
+#[derive(Clone, Copy)]
+struct Score {
+    pixel: usize,
+    value: f64,
+    bright: bool,
+}
+
+/// Finds the outliers among the pixels of `region`, which shows the object and has finite values.
+pub(super) fn outliers(rgb: &Plane<Vec3>, region: &Plane<bool>) -> Outliers {
+    let Some(detector) = OutlierDetector::new(rgb, region) else { return Outliers::default() };
+    let score = |pixel: usize| {
+        let channels = (0..3).map(|channel| detector.score(pixel, channel));
+        let (value, bright) = channels.fold((0.0, false), |most, next| if next.0 > most.0 { next } else { most });
+        Score { pixel, value, bright }
+    };
+    let all = 0..region.as_slice().len();
+    let mut scored: Vec<Score> = all
+        .into_par_iter()
+        .filter(|i| region.as_slice()[*i])
+        .map(score)
+        .filter(|score| score.value > RECORDED_SCORE)
+        .collect();
+    let pixels = region.as_slice().iter().filter(|inside| **inside).count();
+    let mut scores: Vec<f64> = scored.iter().map(|score| score.value).collect();
+    let rank = ((MAX_SHARE * pixels as f64) as usize).max(MIN_RANK);
+    let own = if rank < scores.len() { *scores.select_nth_unstable_by(rank, |a, b| b.total_cmp(a)).1 } else { 0.0 };
+    let threshold = MIN_SCORE.max(TAIL * (own - NOISE_SCORE));
+    scored.retain(|score| score.value > MIN_SCORE);
+    let candidates = scored.len();
+    let sharp = scored.iter().any(|score| score.bright) && detector.is_sharp(&scored);
+    scored.retain(|score| score.value > threshold && !(sharp && score.bright));
+    Outliers { kept: candidates - scored.len(), excluded: scored.into_iter().map(|score| score.pixel).collect() }
+}
+
+/// Scores pixels by their difference from their neighbours.
+struct OutlierDetector<'a> {
+    rgb: &'a Plane<Vec3>,
+    region: &'a Plane<bool>,
+    /// Stencil of a pixel whose neighbours are all known.
+    whole: Stencil,
+    /// Noise of each channel.
+    noise: Vec<NoiseLevels>,
+}
+
+impl<'a> OutlierDetector<'a> {
+    /// Estimates the noise of the picture; `None` where no pixel has enough neighbours.
+    fn new(rgb: &'a Plane<Vec3>, region: &'a Plane<bool>) -> Option<Self> {
+        let whole = Stencil::new(ALL)?;
+        let mut detector = Self { rgb, region, whole, noise: Vec::new() };
+        let inside: Vec<usize> = (0..region.as_slice().len()).filter(|i| region.as_slice()[*i]).collect();
+        let step = inside.len().div_ceil(NOISE_WINDOWS).max(1);
+        for channel in 0..3 {
+            let windows = inside.par_iter().step_by(step);
+            let sample = |&i: &usize| {
+                let window = detector.window(i, channel);
+                let Prediction { level, deviation, .. } = detector.predict(&window)?;
+                Some(NoiseSample { level, deviation, step: window.step() })
+            };
+            let found: Vec<NoiseSample> = windows.filter_map(sample).collect();
+            detector.noise.push(NoiseLevels::new(found)?);
+        }
+        Some(detector)
+    }
+
+    fn window(&self, pixel: usize, channel: usize) -> Window {
+        Self::window_of(self.rgb, self.region, pixel, channel)
+    }
+
+    /// Returns the values of a channel around a pixel and which of them are in `region`.
+    fn window_of(rgb: &Plane<Vec3>, region: &Plane<bool>, pixel: usize, channel: usize) -> Window {
+        let (width, height) = rgb.size();
+        let (x, y) = (pixel % width, pixel / width);
+        let mut window = Window { values: [0.0; 24], known: 0 };
+        for (i, (dx, dy)) in NEIGHBOURS.iter().enumerate() {
+            let (Some(x), Some(y)) = (x.checked_add_signed(*dx), y.checked_add_signed(*dy)) else { continue };
+            if x < width && y < height && region[(x, y)] {
+                window.values[i] = f64::from(rgb[(x, y)][channel]);
+                window.known |= 1 << i;
+            }
+        }
+        window
+    }
+
+    /// Returns the second smallest and second largest of the eight values around a pixel, since the
+    /// extremes may be outliers themselves; `None` if too few are known.
+    fn range(&self, pixel: usize, channel: usize) -> Option<(f64, f64)> {
+        let (size, at) = (self.rgb.size(), (pixel % self.rgb.width(), pixel / self.rgb.width()));
+        let (mut lowest, mut low) = (f32::INFINITY, f32::INFINITY);
+        let (mut high, mut highest) = (f32::NEG_INFINITY, f32::NEG_INFINITY);
+        let mut count = 0;
+        for next in neighbours(at, size, true).filter(|next| self.region[*next]) {
+            let value = self.rgb[next][channel];
+            (lowest, low) = (lowest.min(value), low.min(value.max(lowest)));
+            (highest, high) = (highest.max(value), high.max(value.min(highest)));
+            count += 1;
+        }
+        (count >= MIN_ADJACENT).then(|| (f64::from(low), f64::from(high)))
+    }
+
+    fn predict(&self, window: &Window) -> Option<Prediction> {
+        match window.known {
+            ALL => Some(self.whole.predict(&window.values)),
+            known => Some(Stencil::new(known)?.predict(&window.values)),
+        }
+    }
+
+    /// Returns the difference of a channel from its prediction over what noise and structure
+    /// explain, and whether the channel is brighter than its neighbours; zero for a highlight and
+    /// for a pixel within the range of its neighbours.
+    fn score(&self, pixel: usize, channel: usize) -> (f64, bool) {
+        let own = f64::from(self.rgb.as_slice()[pixel][channel]);
+        let Some((low, high)) = self.range(pixel, channel) else { return (0.0, false) };
+        let margin = 0.25 * (high - low);
+        if own <= high + margin && own >= low - margin {
+            return (0.0, false);
+        }
+        let window = self.window(pixel, channel);
+        let Some(found) = self.predict(&window) else { return (0.0, false) };
+        let noise = self.noise[channel].at(found.level);
+        let structure = unexplained(found.largest, LARGEST_OF_NOISE * noise);
+        let score = (own - found.value).abs() / (NOISE * noise + STRUCTURE * structure);
+        let bright = own > high;
+        let explained = score <= RECORDED_SCORE || window.has_halo(bright) || bright && window.has_rim(own, noise);
+        if explained { (0.0, false) } else { (score, bright) }
+    }
+
+    /// Whether the picture without the `candidates` has structure of the size of a pixel in many
+    /// places, as the picture of an object with sharp reflections.
+    fn is_sharp(&self, candidates: &[Score]) -> bool {
+        let mut region = self.region.clone();
+        for candidate in candidates {
+            region.as_mut_slice()[candidate.pixel] = false;
+        }
+        let inside: Vec<usize> = (0..region.as_slice().len()).filter(|i| region.as_slice()[*i]).collect();
+        let step = inside.len().div_ceil(NOISE_WINDOWS).max(1);
+        let structured = |&pixel: &usize| {
+            let (mut structure, mut level) = (0.0, 0.0);
+            for channel in 0..3 {
+                let window = Self::window_of(self.rgb, &region, pixel, channel);
+                if window.known != ALL {
+                    return None;
+                }
+                let found = self.whole.predict(&window.values);
+                let noise = self.noise[channel].at(found.level);
+                structure = f64::max(structure, unexplained(found.largest, SHARP_NOISE * noise));
+                level = f64::max(level, found.level);
+            }
+            Some(usize::from(structure > SHARP_STRUCTURE * level))
+        };
+        let (count, total) = inside
+            .par_iter()
+            .step_by(step)
+            .filter_map(structured)
+            .fold(|| (0, 0), |(count, total), one| (count + one, total + 1))
+            .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        count as f64 > SHARP_SHARE * total as f64
+    }
+}
+
+/// Returns the part of a deviation that a deviation of independent cause does not explain.
+fn unexplained(whole: f64, explained: f64) -> f64 {
+    (whole * whole - explained * explained).max(0.0).sqrt()
+}
+
+/// All neighbours known.
+const ALL: u32 = (1 << 24) - 1;
+
+/// Neighbours two pixels away, one bit each.
+const RING: u32 = {
+    let (mut ring, mut i) = (0, 0);
+    while i < 24 {
+        let (x, y) = NEIGHBOURS[i];
+        if x.abs() == 2 || y.abs() == 2 {
+            ring |= 1 << i;
+        }
+        i += 1;
+    }
+    ring
+};
+
+/// Values of one channel around a pixel.
+struct Window {
+    /// Values of the [`NEIGHBOURS`]; zero where unknown.
+    values: [f64; 24],
+    /// Known neighbours, one bit each.
+    known: u32,
+}
+
+impl Window {
+    /// Returns the sorted values of the known neighbours whose offset `of` selects.
+    fn sorted(&self, of: impl Fn(isize, isize) -> bool) -> Vec<f64> {
+        let chosen = NEIGHBOURS.iter().enumerate().filter(|(i, (x, y))| self.known >> i & 1 == 1 && of(*x, *y));
+        let mut values: Vec<f64> = chosen.map(|(i, _)| self.values[i]).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        values
+    }
+
+    /// Returns the smallest difference of two values that differ.
+    fn step(&self) -> Option<f64> {
+        let values = self.sorted(|_, _| true);
+        let steps = values.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0);
+        steps.min_by(f64::total_cmp)
+    }
+
+    /// Whether the pixels that share a side with this one, of value `own`, exceed a quadratic
+    /// through those two pixels away, as around a narrow highlight on a bright surface. One of them
+    /// need not.
+    fn has_rim(&self, own: f64, noise: f64) -> bool {
+        let Some(ring) = Stencil::new(self.known & RING) else { return false };
+        let excess = |(i, _): (usize, &(isize, isize))| self.values[i] - ring.at(&self.values, i);
+        let near =
+            NEIGHBOURS.iter().enumerate().filter(|(i, (x, y))| self.known >> i & 1 == 1 && x.abs() + y.abs() == 1);
+        let mut near: Vec<f64> = near.map(excess).collect();
+        near.sort_unstable_by(f64::total_cmp);
+        let least = f64::max(RIM_OF_NOISE * noise, RIM * (own - ring.at(&self.values, 24)));
+        near.len() > 2 && near[1] > least
+    }
+
+    /// Whether the pixels that share a side with this one are all but one brighter (or darker) than
+    /// those two pixels away, as around a highlight.
+    fn has_halo(&self, bright: bool) -> bool {
+        let near = self.sorted(|x, y| x.abs() + y.abs() == 1);
+        let ring = self.sorted(|x, y| x.abs() == 2 || y.abs() == 2);
+        let (Some(middle), true) = (ring.get(ring.len() / 2), near.len() > 1) else { return false };
+        if bright { near[1] > HALO * middle } else { HALO * near[near.len() - 2] < *middle }
+    }
+}
+
+/// Deviations in one window.
+#[derive(Clone, Copy)]
+struct NoiseSample {
+    /// Mean of the values.
+    level: f64,
+    /// Standard deviation about the quadratic.
+    deviation: f64,
+    /// Smallest difference of two values that differ.
+    step: Option<f64>,
+}
+
+/// Noise of a channel as a function of brightness.
+struct NoiseLevels {
+    /// Largest level of each class and the noise there, ascending.
+    classes: Vec<(f64, f64)>,
+    /// Smallest noise at any level.
+    least: f64,
+}
+
+impl NoiseLevels {
+    /// Takes the median deviation in each class of brightness; `None` without samples.
+    fn new(mut samples: Vec<NoiseSample>) -> Option<Self> {
+        samples.sort_unstable_by(|a, b| a.level.total_cmp(&b.level));
+        let middle = samples.get(samples.len() / 2)?.level;
+        let classes = samples.chunks(samples.len().div_ceil(NOISE_CLASSES)).map(|class| {
+            let deviation = median(class.iter().map(|sample| sample.deviation));
+            let step = median(class.iter().filter_map(|sample| sample.step));
+            (class[class.len() - 1].level, deviation.max(MIN_NOISE_OF_STEP * step))
+        });
+        Some(Self { classes: classes.collect(), least: MIN_NOISE_OF_MEDIAN * middle.abs() + f64::MIN_POSITIVE })
+    }
+
+    /// Returns the noise at a level.
+    fn at(&self, level: f64) -> f64 {
+        let class = self.classes.iter().find(|(upper, _)| level <= *upper).or(self.classes.last());
+        class.map_or(0.0, |(_, noise)| *noise).max(MIN_NOISE * level.abs()).max(self.least)
+    }
+}
+
+/// Returns the median, or zero of no values.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,115 @@
+//! Values of single faulty pixels, interpolated from the pixels around them.
+//!
+//! The statistics of fine detail that the learnt posterior reads change when a cell of the disk
+//! misses one of its pixels. An interpolated value leaves them as they are.
+
+use std::borrow::Cow;
+
+use glam::{DVec3, Vec3};
+
+use super::Fate;
+use super::components::neighbours;
+use super::outliers::stencil::{NEIGHBOURS, Stencil};
+use crate::picture::Plane;
+
+/// Smallest number of used pixels among the eight around a pixel that is interpolated.
+const MIN_ADJACENT: usize = 6;
+
+/// Returns the value of a pixel (its index, row-major) if it is used, an interpolated one if it is
+/// faulty and nearly all pixels around it are used, else `None`.
+pub(super) fn repaired(rgb: &Plane<Vec3>, fates: &Plane<Fate>, pixel: usize) -> Option<Vec3> {
+    let fate = fates.as_slice()[pixel];
+    if fate == Fate::Used {
+        return Some(rgb.as_slice()[pixel]);
+    }
+    if !fate.is_faulty() {
+        return None;
+    }
+    let (size, at) = (rgb.size(), (pixel % rgb.width(), pixel / rgb.width()));
+    let adjacent = neighbours(at, size, true).filter(|next| fates[*next] == Fate::Used).count();
+    if adjacent < MIN_ADJACENT {
+        return None;
+    }
+    let (mut values, mut known) = ([DVec3::ZERO; 24], 0_u32);
+    for (i, (dx, dy)) in NEIGHBOURS.iter().enumerate() {
+        let (Some(x), Some(y)) = (at.0.checked_add_signed(*dx), at.1.checked_add_signed(*dy)) else { continue };
+        if x < size.0 && y < size.1 && fates[(x, y)] == Fate::Used {
+            values[i] = rgb[(x, y)].as_dvec3();
+            known |= 1 << i;
+        }
+    }
+    biharmonic(&values, known).or_else(|| quadratic(&values, known)).map(|value| value.as_vec3().max(Vec3::ZERO))
+}
+
+/// Returns the picture with an interpolated value at each outlier that can be interpolated.
+pub(super) fn without_outliers<'a>(rgb: &'a Plane<Vec3>, fates: &Plane<Fate>) -> Cow<'a, Plane<Vec3>> {
+    let mut out = Cow::Borrowed(rgb);
+    for i in (0..fates.as_slice().len()).filter(|i| fates.as_slice()[*i] == Fate::Outlier) {
+        if let Some(value) = repaired(rgb, fates, i) {
+            out.to_mut().as_mut_slice()[i] = value;
+        }
+    }
+    out
+}
+
+/// Interpolates by the discrete biharmonic equation, exact for cubics; `None` if one of the twelve
+/// pixels that it takes is not known.
+fn biharmonic(values: &[DVec3; 24], known: u32) -> Option<DVec3> {
+    let mut sum = DVec3::ZERO;
+    for (i, (x, y)) in NEIGHBOURS.iter().enumerate() {
+        let weight = match x * x + y * y {
+            1 => 8.0,
+            2 => -2.0,
+            4 => -1.0,
+            _ => continue,
+        };
+        if known >> i & 1 == 0 {
+            return None;
+        }
+        sum += weight / 20.0 * values[i];
+    }
+    Some(sum)
+}
+
+/// Interpolates by a robust quadratic.
+fn quadratic(values: &[DVec3; 24], known: u32) -> Option<DVec3> {
+    let stencil = Stencil::new(known)?;
+    let channel = |c: usize| stencil.predict(&values.map(|value| value[c])).value;
+    Some(DVec3::new(channel(0), channel(1), channel(2)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn single_faulty_pixels_take_the_value_of_a_smooth_picture() {
+        let value = |x: usize, y: usize| {
+            let (x, y) = (x as f32 / 9.0, y as f32 / 9.0);
+            Vec3::new(1.0 + x + y, 2.0 + x * y - x * x, 3.0 - y * y)
+        };
+        let rgb = Plane::from_fn(9, 9, value);
+        let mut fates = rgb.map(|_| Fate::Used);
+        let off = |fates: &Plane<Fate>, (x, y): (usize, usize)| {
+            repaired(&rgb, fates, 9 * y + x).map(|got| (got - value(x, y)).abs().max_element())
+        };
+        assert_eq!(off(&fates, (4, 4)), Some(0.0));
+        for fate in [Fate::Outlier, Fate::NotFinite, Fate::Negative] {
+            fates[(4, 4)] = fate;
+            assert!(off(&fates, (4, 4)).unwrap() < 1e-5, "{fate:?}");
+        }
+        // Two adjacent ones, and one near the border of what is used.
+        fates[(5, 4)] = Fate::Outlier;
+        assert!(off(&fates, (4, 4)).unwrap() < 1e-5 && off(&fates, (5, 4)).unwrap() < 1e-5);
+        fates[(1, 1)] = Fate::Outlier;
+        assert!(off(&fates, (1, 1)).unwrap() < 1e-5);
+        // A corner, a group, and pixels that are left out for another reason.
+        fates[(0, 8)] = Fate::Outlier;
+        fates[(4, 5)] = Fate::NotFinite;
+        fates[(5, 5)] = Fate::NotFinite;
+        fates[(7, 7)] = Fate::Clipped;
+        assert_eq!(off(&fates, (0, 8)), None);
+        assert_eq!(off(&fates, (7, 7)), None);
+        assert_eq!(off(&fates, (8, 8)), Some(0.0));
+    }
+}

@@ -104,7 +104,8 @@ impl fmt::Display for Doubt {
                         "a light map that is rotated, clipped, too coarse or from another place, several materials, \
                          self-shadowing, or a misaligned outline or normal map",
                     Reason::Regions =>
-                        "several materials, self-shadowing, nearby lights, or a misaligned outline or normal map",
+                        "a wrong camera or pose, a misaligned outline or normal map, several materials, self-shadowing, or \
+                         nearby lights",
                 }
             ),
             Self::Channel { channel, left } => write!(

@@ -54,8 +54,8 @@ pub struct Material {
     /// Standard deviation of pixels that share a normal, relative to their mean
     /// ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).
     pub scatter: f64,
-    /// Detail of the photograph that is finer than the texels of a light of 32 x 32, relative to the
-    /// photograph ([`fineness`]); one if it is not known.
+    /// Detail of the photograph that is finer than the texels of a light of 32 x 32, relative to
+    /// the photograph ([`fineness`]); one if it is not known.
     pub fineness: f64,
     /// Number of cells of the disk of normals to which the photograph was mapped.
     pub normals: usize,

@@ -27,8 +27,9 @@ const TOO_LARGE: f64 = 1.25;
 /// margin below [`TOO_LARGE`]).
 const UNRESOLVED: f64 = 0.7;
 
-/// Largest deviation of pixels that share a normal that counts as noise: what exceeds it are texture,
-/// shadows, or normals that do not lie on the photograph, and must not excuse the residual.
+/// Largest deviation of pixels that share a normal that counts as noise: what exceeds it are
+/// texture, shadows, or normals that do not lie on the photograph, and must not excuse the
+/// residual.
 pub(super) const MAX_NOISE: f64 = 0.1;
 
 /// Residual above which an estimate is refused: light and material explain less than three quarters

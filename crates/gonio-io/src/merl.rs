@@ -43,6 +43,10 @@ pub fn decode(path: &Path, mut from: impl Read, length: u64) -> Result<MerlTable
     from.read_exact(&mut header).map_err(|e| short(path, length, e))?;
     let axis = |i: usize| i32::from_le_bytes([header[i], header[i + 1], header[i + 2], header[i + 3]]);
     let dimensions = [axis(0), axis(4), axis(8)];
+    if header.starts_with(b"analytic") {
+        let advice = "convert it to a MERL table with the BRDF Explorer, or use a measured material";
+        return Err(Error::unsupported(path, "is an analytic BRDF of Disney's BRDF Explorer, not a table", advice));
+    }
     if dimensions != DIMENSIONS {
         let [a, b, c] = dimensions;
         return Err(Error::damaged(path, format!("has the dimensions {a} {b} {c}, but a MERL file has 90 90 180")));

@@ -7,7 +7,9 @@
 //! * PNG, TIFF and JPEG with the usual code, `n = 2 v - 1` for `v` in 0..=1; float TIFF as plain
 //!   components.
 //!
-//! Whether the normals have unit length and face the camera is left to the caller to check.
+//! Floats in the code of integers are recognised by their lengths. Normals of lengths from 0.5 to
+//! 1.3 become unit vectors; whether the others may be left out, and whether normals face the
+//! camera, is left to the caller.
 
 use std::path::Path;
 
@@ -17,9 +19,11 @@ use gonio::picture::Plane;
 use crate::picture::{self, Decoded, Encoding, Format, ReadOptions, Selection};
 use crate::{Error, guard, npy};
 
-/// Largest deviation from 1 of the length of an integer-coded normal that counts as a rounded unit
-/// vector.
-const CODED_SLACK: f32 = 0.05;
+/// Lengths of normals that become unit vectors: means of a finer map are shorter, and losses of
+/// JPEG change lengths.
+const RENORMALISED: std::ops::RangeInclusive<f32> = 0.5..=1.3;
+/// Largest deviation from 1 of the length of a normal in its own code.
+const UNIT_SLACK: f32 = 0.02;
 /// Length below which an integer code stands for zero, which no integer represents exactly.
 const CODED_ZERO: f32 = 0.05;
 
@@ -47,8 +51,8 @@ pub fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<
         Format::Exr => {
             let (width, height, planes) = picture::read_channels(path, bytes, options, |h| select(path, h))?;
             let [x, y, z] = planes.as_slice() else { return Err(Error::damaged(path, "has no normals")) };
-            let normals = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| float(Vec3::new(x, y, z))).collect();
-            Ok(Plane::from_vec(width, height, normals))
+            let normals = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| Vec3::new(x, y, z)).collect();
+            Ok(floats(Plane::from_vec(width, height, normals)))
         }
         Format::Radiance => {
             Err(Error::unsupported(path, "is a Radiance file, which cannot store negative values", "use EXR or NPY"))
@@ -90,14 +94,14 @@ fn from_npy(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Plane<Ve
         return Err(Error::invalid(path, problem, "use an array with the shape (height, width, 3)"));
     };
     let (width, height) = options.check_size(path, width as u64, height as u64)?;
-    let normals = array.values.chunks_exact(3).map(|n| float(Vec3::from_slice(n))).collect();
-    Ok(Plane::from_vec(width, height, normals))
+    let normals = array.values.chunks_exact(3).map(Vec3::from_slice).collect();
+    Ok(floats(Plane::from_vec(width, height, normals)))
 }
 
 fn from_picture(decoded: Decoded) -> Plane<Vec3> {
     let Decoded { picture, encoding, .. } = decoded;
     if encoding == Encoding::LinearFloat {
-        return picture.rgb.map(|&n| float(n));
+        return floats(picture.rgb);
     }
     let mut normals = picture.rgb.map(|&v| coded(v));
     if let Some(alpha) = picture.alpha {
@@ -108,20 +112,32 @@ fn from_picture(decoded: Decoded) -> Plane<Vec3> {
     normals
 }
 
-fn float(n: Vec3) -> Vec3 {
-    if n.is_finite() { n } else { Vec3::ZERO }
+/// Converts components in floats, plain or in the code of integers.
+fn floats(normals: Plane<Vec3>) -> Plane<Vec3> {
+    let is_unit = |n: Vec3| (n.length() - 1.0).abs() < UNIT_SLACK;
+    let (mut plain, mut in_code, mut seen) = (0_usize, 0_usize, 0_usize);
+    for &n in normals.as_slice().iter().filter(|n| n.is_finite() && **n != Vec3::ZERO) {
+        seen += 1;
+        plain += usize::from(is_unit(n));
+        in_code += usize::from(n.min_element() >= 0.0 && n.max_element() <= 1.0 && is_unit(2.0 * n - 1.0));
+    }
+    // Backgrounds have any value; most of the surface has the length of one.
+    let decode = in_code > 2 * plain && 4 * in_code > seen;
+    normals.map(|&n| match n.is_finite() {
+        true if decode => coded(n),
+        true => renormalised(n),
+        false => Vec3::ZERO,
+    })
+}
+
+fn renormalised(n: Vec3) -> Vec3 {
+    let length = n.length();
+    if RENORMALISED.contains(&length) { n / length } else { n }
 }
 
 fn coded(v: Vec3) -> Vec3 {
     let n = 2.0 * v - 1.0;
-    let length = n.length();
-    if v == Vec3::ZERO || length < CODED_ZERO {
-        Vec3::ZERO
-    } else if (length - 1.0).abs() <= CODED_SLACK {
-        n / length
-    } else {
-        n
-    }
+    if v == Vec3::ZERO || n.length() < CODED_ZERO { Vec3::ZERO } else { renormalised(n) }
 }
 
 #[cfg(test)]
@@ -159,6 +175,24 @@ mod tests {
         assert_eq!((got.size(), got.as_slice()), ((1, 2), &[Vec3::Z, Vec3::ZERO][..]));
         let flat = npy::Array { shape: vec![2, 3], values: vec![0.0; 6] };
         assert_eq!(read(&npy::encode(&flat)).unwrap_err().kind(), Kind::Invalid);
+    }
+
+    #[test]
+    fn floats_in_code_and_means_of_normals_become_unit_vectors() {
+        let sphere = |n: fn(Vec3) -> Vec3| -> Vec<Vec3> {
+            let pixel = |i: i32| {
+                let (x, y) = ((i % 9 - 4) as f32 / 5.0, (i / 9 - 4) as f32 / 5.0);
+                let square = 1.0 - x * x - y * y;
+                if square > 0.0 { n(Vec3::new(x, y, square.sqrt())) } else { n(Vec3::ZERO) }
+            };
+            let normals = (0..81).map(pixel).collect();
+            floats(Plane::from_vec(9, 9, normals)).as_slice().to_vec()
+        };
+        let plain = sphere(|n| n);
+        let same = |other: Vec<Vec3>| plain.iter().zip(&other).all(|(a, b)| (*a - *b).length() < 1e-5);
+        assert!(same(sphere(|n| 0.5 * n + 0.5)));
+        assert!(same(sphere(|n| 0.8 * n)));
+        assert!(!same(sphere(|n| 0.3 * n)), "lengths far from one are left to the caller");
     }
 
     #[test]

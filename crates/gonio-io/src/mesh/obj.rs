@@ -19,11 +19,14 @@ const QUOTED: usize = 60;
 pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
     let mut parts = Parts::new(path);
     let mut normals: Vec<DVec3> = Vec::new();
-    let (mut corners, mut corner_normals) = (Vec::new(), Vec::new());
+    let mut early: Vec<(Vec<Corner>, Error)> = Vec::new();
     let mut joined = Vec::new();
     let mut first = 1;
-    for (i, line) in bytes.split(|b| *b == b'\n').enumerate() {
-        let line = line.trim_ascii();
+    // Old programs of the Macintosh end lines with CR alone.
+    let end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
+    for (i, line) in bytes.split(|b| *b == end).enumerate() {
+        let comment = line.iter().position(|b| *b == b'#').unwrap_or(line.len());
+        let line = line[..comment].trim_ascii();
         // A backslash continues a line.
         if let Some(start) = line.strip_suffix(b"\\") {
             if joined.is_empty() {
@@ -47,32 +50,49 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
         match words.next() {
             Some(b"v") => {
                 parts.room_for(1)?;
-                let place = three(&mut words).ok_or_else(|| bad("is not a valid vertex"))?;
-                // A fourth number alone is a weight, three more are a colour.
-                let weight = words.next().filter(|_| words.next().is_none());
-                let weight = weight.map_or(Some(1.0), number_of).filter(|w| *w != 0.0);
-                parts.positions.push(place / weight.ok_or_else(|| bad("is not a valid vertex"))?);
+                // What follows is a weight, which only rational curves use, or a colour.
+                parts.positions.push(three(&mut words).ok_or_else(|| bad("is not a valid vertex"))?);
             }
             Some(b"vn") => {
                 parts.room_for(normals.len() as u64 / 3)?;
                 normals.push(three(&mut words).ok_or_else(|| bad("is not a valid normal"))?);
             }
             Some(b"f") => {
-                corners.clear();
-                corner_normals.clear();
-                for word in words {
-                    let (vertex, normal) = corner(word, parts.positions.len(), normals.len())
-                        .ok_or_else(|| bad("is not a valid face, or refers to a missing vertex"))?;
-                    corners.push(vertex);
-                    corner_normals.push(normal.map_or(DVec3::ZERO, |n| normals[n]));
+                let invalid = "is not a valid face, or refers to a missing vertex";
+                let face: Option<Vec<Corner>> =
+                    words.map(|word| corner(word, parts.positions.len(), normals.len())).collect();
+                let face = face.ok_or_else(|| bad(invalid))?;
+                if face.iter().all(|(vertex, _)| (*vertex as usize) < parts.positions.len()) {
+                    add(&mut parts, &normals, &face)?;
+                } else {
+                    // Faces may precede their vertices.
+                    parts.room_for(early.len() as u64)?;
+                    early.push((face, bad(invalid)));
                 }
-                parts.polygon(&corners, &corner_normals)?;
             }
             _ => {}
         }
         joined.clear();
     }
+    for (face, error) in early {
+        if face.iter().any(|(vertex, _)| *vertex as usize >= parts.positions.len()) {
+            return Err(error);
+        }
+        add(&mut parts, &normals, &face)?;
+    }
     parts.finish()
+}
+
+/// Indices, from 0, of a corner's vertex and of its normal, if it has one.
+type Corner = (u32, Option<usize>);
+
+/// Adds a face. Normals that the file does not contain are computed.
+fn add(parts: &mut Parts<'_>, normals: &[DVec3], face: &[Corner]) -> Result<(), Error> {
+    let (corners, of_corners): (Vec<u32>, Vec<DVec3>) = face
+        .iter()
+        .map(|(vertex, normal)| (*vertex, normal.and_then(|n| normals.get(n)).copied().unwrap_or(DVec3::ZERO)))
+        .unzip();
+    parts.polygon(&corners, &of_corners)
 }
 
 fn number_of(word: &[u8]) -> Option<f64> {
@@ -85,19 +105,19 @@ fn three<'a>(words: &mut impl Iterator<Item = &'a [u8]>) -> Option<DVec3> {
 }
 
 /// Parses the indices, from 0, of vertex and normal in `7`, `7/8`, `7/8/9` or `7//9`, which count
-/// from 1, or backwards from the last if negative.
-fn corner(word: &[u8], vertices: usize, normals: usize) -> Option<(u32, Option<usize>)> {
+/// from 1, or backwards from the last of those read so far if negative. A normal of index 0 is
+/// missing.
+fn corner(word: &[u8], vertices: usize, normals: usize) -> Option<Corner> {
     let mut fields = word.split(|b| *b == b'/');
-    let index = |field: &[u8], count: usize| -> Option<usize> {
-        let given: i64 = std::str::from_utf8(field).ok()?.parse().ok()?;
-        let from_zero = if given < 0 { given.checked_add(count as i64)? } else { given - 1 };
-        usize::try_from(from_zero).ok().filter(|&i| i < count)
+    let number = |field: &[u8]| -> Option<i64> { std::str::from_utf8(field).ok()?.parse().ok() };
+    let index = |given: i64, count: usize| -> Option<usize> {
+        usize::try_from(if given < 0 { given.checked_add(count as i64)? } else { given - 1 }).ok()
     };
-    let vertex = index(fields.next()?, vertices)?;
+    let vertex = index(number(fields.next()?)?, vertices)?;
     let _texture = fields.next();
     let normal = match fields.next() {
         None | Some(b"") => None,
-        Some(field) => Some(index(field, normals)?),
+        Some(field) => index(number(field)?, normals),
     };
     fields.next().is_none().then_some((u32::try_from(vertex).ok()?, normal))
 }
@@ -147,9 +167,25 @@ mod tests {
 
     #[test]
     fn weights_colours_and_odd_comments() {
-        let text = b"# caf\xe9\nv 0 0 0 1\nv 2 0 0 2\nv 1 1 0 0.5 0.5 0.5\nf 1 2 3\n";
+        let text = b"# caf\xe9\nv 0 0 0 1\nv 1 0 0 2 # wide\nv 1 1 0 0.5 0.5 0.5\nf 1 2 3 # side\n";
         let (mesh, _) = decode(Path::new("a.obj"), text).unwrap();
         assert_eq!(mesh.positions(), [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0)]);
+    }
+
+    #[test]
+    fn faces_may_come_first_and_lines_may_end_in_cr() {
+        let (mesh, _) = read("f 1 2 3\nv 0 0 0\nv 1 0 0\nv 1 1 0\n").unwrap();
+        assert_eq!(mesh.triangles(), [[0, 1, 2]]);
+        let (mesh, _) = read("v 0 0 0\rv 1 0 0\rv 1 1 0\rf 1 2 3\r").unwrap();
+        assert_eq!(mesh.triangles().len(), 1);
+    }
+
+    #[test]
+    fn normals_that_the_file_does_not_contain_are_computed() {
+        for face in ["f 1//1 2//1 3//1", "f 1//0 2//0 3//0"] {
+            let (_, soundness) = read(&format!("{SQUARE}{face}\n")).unwrap();
+            assert!(soundness.normals_computed, "{face}");
+        }
     }
 
     #[test]
@@ -160,12 +196,10 @@ mod tests {
             ("f 1 2 -5", "line 5"),
             ("f 1 2 -9223372036854775808", "line 5"),
             ("f 1 2 99999999999999999999", "line 5"),
-            ("f 1//1 2//1 3//1", "line 5"),
             ("f 1/2/3/4 2 3", "line 5"),
             ("f a b c", "f a b c"),
             ("vn 0 1", "not a valid normal"),
             ("v 1 2", "line 5 is not a valid vertex: v 1 2"),
-            ("v 1 2 3 0", "not a valid vertex"),
             ("v 1 2 x", "not a valid vertex"),
         ] {
             let error = read(&format!("{SQUARE}{text}\nf 1 2 3")).unwrap_err();

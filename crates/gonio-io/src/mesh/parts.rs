@@ -26,6 +26,11 @@ impl<'a> Parts<'a> {
         Self { path, positions: Vec::new(), triangles: Vec::new(), normals: Vec::new(), any_normals: false }
     }
 
+    /// Whether there are no triangles yet.
+    pub(super) fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
     /// Checks that `more` triangles, or vertices, are still allowed.
     pub(super) fn room_for(&self, more: u64) -> Result<(), Error> {
         let most = self.triangles.len().max(self.positions.len()) as u64;

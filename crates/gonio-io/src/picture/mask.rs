@@ -15,7 +15,8 @@ const SLACK: f32 = 1e-3;
 /// The mask is the grey value, never sRGB-decoded (the largest channel where there is colour). If
 /// the file has an alpha channel that is not 1 everywhere, a picture of constant or coloured
 /// content is a cut-out and its alpha is the mask; a grey one is multiplied by its alpha. In an
-/// OpenEXR file without colour a channel `A`, or the only channel there is, is the mask.
+/// OpenEXR file without colour a channel `A`, or the only channel there is, is the mask. Masks of
+/// two values, such as 0 and 1 or 0 and 128 in 8 bits, are scaled to 0 and 1.
 ///
 /// # Errors
 /// Errors of [`read`](super::read), and if values are not numbers or lie outside 0..=1.
@@ -80,7 +81,13 @@ fn unit_range(path: &Path, mask: Plane<f32>) -> Result<Plane<f32>, Error> {
         let problem = format!("contains the value {v}, which is invalid in a mask");
         return Err(Error::invalid(path, problem, "use values from 0 (outside) to 1 (object)"));
     }
-    Ok(mask.map(|v| v.clamp(0.0, 1.0)))
+    // Two values, of which the larger is not one, are labels: 0 and 1, or 0 and 128, in 8 bits.
+    let largest = mask.as_slice().iter().copied().fold(0.0, f32::max);
+    let (outside, inside) = (|v: f32| v <= 0.0, |v: f32| v == largest);
+    let has_two = mask.as_slice().iter().any(|&v| outside(v)) && largest > 0.0;
+    let are_labels = has_two && mask.as_slice().iter().all(|&v| outside(v) || inside(v));
+    let scale = if are_labels { 1.0 / largest } else { 1.0 };
+    Ok(mask.map(|v| (scale * v).clamp(0.0, 1.0)))
 }
 
 #[cfg(test)]
@@ -92,6 +99,18 @@ mod tests {
         let alpha = alpha.map(|a| Plane::from_vec(2, 1, a.to_vec()));
         let got = mask_of(Picture { rgb: Plane::from_vec(2, 1, rgb.to_vec()), alpha }, associated);
         assert_eq!(got.as_slice(), expected);
+    }
+
+    #[test]
+    fn two_values_are_labels() {
+        let scaled = |values: [f32; 3]| {
+            unit_range(Path::new("m.png"), Plane::from_vec(3, 1, values.to_vec())).unwrap().as_slice().to_vec()
+        };
+        assert_eq!(scaled([0.0, 1.0 / 255.0, 0.0]), [0.0, 1.0, 0.0]);
+        assert_eq!(scaled([128.0 / 255.0, 0.0, 128.0 / 255.0]), [1.0, 0.0, 1.0]);
+        // Soft edges are kept.
+        assert_eq!(scaled([0.0, 0.25, 0.5]), [0.0, 0.25, 0.5]);
+        assert_eq!(scaled([0.0; 3]), [0.0; 3]);
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Portable float maps: a text header of three tokens, then 32-bit floats, bottom row first.
+//! Portable float maps: a text header of three tokens, then 32-bit floats, bottom row first; those
+//! of Photoshop have the top row first.
 
 use std::path::Path;
 
@@ -21,13 +22,19 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     };
     let bad = |what: &str| Error::damaged(path, format!("has no {what} in its PFM header"));
     let width: u64 = tokens.next().and_then(|t| t.parse().ok()).ok_or_else(|| bad("width"))?;
+    // Photoshop writes width and height on lines of their own, and the top row first.
+    let is_photoshop = tokens.ends_line();
     let height: u64 = tokens.next().and_then(|t| t.parse().ok()).ok_or_else(|| bad("height"))?;
     let scale: f32 = tokens.next().and_then(|t| t.parse().ok()).ok_or_else(|| bad("scale"))?;
     if !scale.is_normal() {
         return Err(Error::damaged(path, format!("has an invalid scale {scale} in its PFM header")));
     }
     let (width, height) = options.check_size(path, width, height)?;
-    let (expected, found) = (width * height * channels * 4, bytes.len().saturating_sub(tokens.at + 1));
+    // One byte of white space follows the header, or CR LF.
+    let expected = width * height * channels * 4;
+    let crlf = bytes[tokens.at..].starts_with(b"\r\n") && bytes.len() - tokens.at - 2 == expected;
+    let start = tokens.at + if crlf { 2 } else { 1 };
+    let found = bytes.len().saturating_sub(start);
     if found != expected {
         return Err(Error::damaged(
             path,
@@ -35,12 +42,16 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         ));
     }
     let little = scale < 0.0;
-    let samples = bytes[tokens.at + 1..].chunks_exact(4).map(|b| {
+    let samples = bytes[start..].chunks_exact(4).map(|b| {
         let b = [b[0], b[1], b[2], b[3]];
         scale.abs() * if little { f32::from_le_bytes(b) } else { f32::from_be_bytes(b) }
     });
     let samples: Vec<f32> = samples.collect();
-    let rows = samples.chunks_exact(width * channels).rev();
+    let mut rows: Vec<&[f32]> = samples.chunks_exact(width * channels).collect();
+    if !is_photoshop {
+        rows.reverse();
+    }
+    let rows = rows.into_iter();
     let rgb = if channels == 3 {
         rows.flat_map(|row| row.chunks_exact(3).map(Vec3::from_slice)).collect()
     } else {
@@ -67,6 +78,15 @@ pub(super) fn encode(rgb: &Plane<Vec3>) -> Vec<u8> {
 struct Tokens<'a> {
     bytes: &'a [u8],
     at: usize,
+}
+
+impl Tokens<'_> {
+    /// Whether a line ends after the last word.
+    fn ends_line(&self) -> bool {
+        let rest = &self.bytes[self.at..];
+        let blank = rest.iter().take_while(|b| b.is_ascii_whitespace());
+        blank.copied().any(|b| b == b'\n')
+    }
 }
 
 impl<'a> Iterator for Tokens<'a> {
@@ -105,6 +125,22 @@ mod tests {
         bytes.extend(1.5_f32.to_be_bytes());
         bytes.extend(0.25_f32.to_be_bytes());
         assert_eq!(read(&bytes).unwrap().as_slice(), [Vec3::splat(0.5), Vec3::splat(3.0)]);
+    }
+
+    #[test]
+    fn files_of_photoshop_have_the_top_row_first() {
+        let mut bytes = b"Pf\n1\n2\n-1.0\n".to_vec();
+        bytes.extend(1.5_f32.to_le_bytes());
+        bytes.extend(0.25_f32.to_le_bytes());
+        assert_eq!(read(&bytes).unwrap().as_slice(), [Vec3::splat(1.5), Vec3::splat(0.25)]);
+    }
+
+    #[test]
+    fn headers_may_end_in_cr_lf() {
+        let mut bytes = b"Pf\r\n1 2\r\n-1.0\r\n".to_vec();
+        bytes.extend(1.5_f32.to_le_bytes());
+        bytes.extend(0.25_f32.to_le_bytes());
+        assert_eq!(read(&bytes).unwrap().as_slice(), [Vec3::splat(0.25), Vec3::splat(1.5)]);
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! Radiance HDR (`.hdr`, `.pic`): RGB with a shared exponent.
 
+use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
 
 use glam::Vec3;
 use gonio::picture::Plane;
 use image::ImageDecoder;
-use image::codecs::hdr::{HdrDecoder, HdrEncoder};
+use image::codecs::hdr::{HdrDecoder, HdrEncoder, HdrMetadata};
 
 use super::integer::explain;
 use super::space::{SpaceSource, Stated};
@@ -23,14 +24,20 @@ const LARGEST_VALUE: f32 = 1.6e38;
 const SMALLEST: f32 = 1e-32;
 
 pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Decoded, Error> {
-    let header = &bytes[..bytes.len().min(4096)];
-    if header.windows(4).take_while(|w| w[..2] != *b"\n\n").any(|w| w == b"xyze") {
+    let unix = with_unix_lines(bytes);
+    let bytes = unix.as_ref();
+    let is_xyz = header_lines(bytes).any(|line| line.starts_with(b"FORMAT=") && line.ends_with(b"xyze"));
+    if is_xyz {
         return Err(Error::unsupported(path, "contains XYZ instead of RGB colours", "convert it with `ra_xyze -r`"));
     }
     guard::catching(path, "Radiance HDR", || {
         // The strict reader knows `#?RADIANCE` only, while `#?RGBE` is as common.
         let decoder = HdrDecoder::new_nonstrict(Cursor::new(bytes)).map_err(|e| explain(path, e))?;
-        let attributes = decoder.metadata().custom_attributes;
+        let metadata = decoder.metadata();
+        let factor = factor_of(&metadata).ok_or_else(|| {
+            Error::damaged(path, "has an EXPOSURE or COLORCORR line that is not positive in its header")
+        })?;
+        let attributes = metadata.custom_attributes;
         let primaries: Vec<String> =
             attributes.into_iter().filter(|(key, _)| key == "PRIMARIES").map(|(_, value)| value).collect();
         let (width, height) = decoder.dimensions();
@@ -42,10 +49,41 @@ pub(super) fn decode(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         let mut raw = vec![0; width * height * 12];
         decoder.read_image(&mut raw).map_err(|e| explain(path, e))?;
         let float = |b: &[u8]| f32::from_ne_bytes([b[0], b[1], b[2], b[3]]);
-        let rgb = raw.chunks_exact(12).map(|p| Vec3::new(float(p), float(&p[4..]), float(&p[8..]))).collect();
+        let rgb = raw.chunks_exact(12).map(|p| Vec3::new(float(p), float(&p[4..]), float(&p[8..])) / factor);
+        let rgb = rgb.collect();
         let space = stated(&primaries).settle(options.colour_space);
         Ok(float_picture((width, height), rgb, space))
     })
+}
+
+/// Returns the factor by which the values of a file exceed radiance, channel by channel: the
+/// product of its lines `EXPOSURE=` and `COLORCORR=`. `None` if it is not positive.
+fn factor_of(metadata: &HdrMetadata) -> Option<Vec3> {
+    let exposure = metadata.exposure.unwrap_or(1.0);
+    let (r, g, b) = metadata.color_correction.unwrap_or((1.0, 1.0, 1.0));
+    let factor = exposure * Vec3::new(r, g, b);
+    (factor.min_element() > 0.0 && factor.is_finite()).then_some(factor)
+}
+
+/// Longest header.
+const LONGEST_HEADER: usize = 1 << 16;
+
+/// Lists the lines of a header, up to the first empty one.
+fn header_lines(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let header = &bytes[..bytes.len().min(LONGEST_HEADER)];
+    header.split(|b| *b == b'\n').map(<[u8]>::trim_ascii_end).take_while(|line| !line.is_empty())
+}
+
+/// Replaces CR LF in the header and after the line of the resolution by LF.
+fn with_unix_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let header = &bytes[..bytes.len().min(LONGEST_HEADER)];
+    let Some(blank) = header.windows(4).position(|w| w == b"\r\n\r\n") else { return Cow::Borrowed(bytes) };
+    let rest = &bytes[blank + 4..];
+    let resolution = rest.iter().position(|b| *b == b'\n').map_or(rest.len(), |at| at + 1);
+    let mut out: Vec<u8> = bytes[..blank + 4 + resolution].to_vec();
+    out.retain(|b| *b != b'\r');
+    out.extend_from_slice(&rest[resolution..]);
+    Cow::Owned(out)
 }
 
 /// Returns what the last line `PRIMARIES=` states: x and y of red, green, blue and white.
@@ -93,6 +131,33 @@ mod tests {
         assert_eq!(back.full_scale, None);
         bytes.splice(..10, *b"#?RGBE");
         assert!(decode(Path::new("t.hdr"), &bytes, &ReadOptions::default()).is_ok());
+    }
+
+    #[test]
+    fn exposures_are_divided_out() {
+        let rgb = Plane::from_fn(4, 2, |_, _| Vec3::new(2.0, 4.0, 8.0));
+        let bytes = String::from_utf8_lossy(&encode(&rgb)).find('\n').unwrap();
+        let (first, rest) = (encode(&rgb)[..=bytes].to_vec(), encode(&rgb)[bytes + 1..].to_vec());
+        let with = |lines: &[u8]| decode(Path::new("t.hdr"), &[&first, lines, &rest].concat(), &ReadOptions::default());
+        let found = with(b"EXPOSURE=2\nEXPOSURE=2\nCOLORCORR=1 0.5 2\n").unwrap();
+        assert_eq!(found.picture.rgb[(1, 1)], Vec3::new(0.5, 2.0, 1.0));
+        assert!(with(b"EXPOSURE=0\n").is_err() && with(b"EXPOSURE=-1\n").is_err());
+    }
+
+    #[test]
+    fn headers_may_have_cr_lf_and_mention_xyze() {
+        let rgb = Plane::from_fn(40, 3, |x, _| Vec3::splat(1.0 + x as f32));
+        let bytes = encode(&rgb);
+        let blank = bytes.windows(2).position(|w| w == b"\n\n").unwrap();
+        let line = blank + 2 + bytes[blank + 2..].iter().position(|b| *b == b'\n').unwrap();
+        let mut header = String::from_utf8(bytes[..line + 1].to_vec()).unwrap();
+        header = header.replacen("\n", "\nra_xyze -r old.hdr\n", 1).replace('\n', "\r\n");
+        let odd = [header.as_bytes(), &bytes[line + 1..]].concat();
+        let read = |bytes: &[u8]| decode(Path::new("t.hdr"), bytes, &ReadOptions::default());
+        assert_eq!(read(&odd).unwrap().picture.rgb, read(&bytes).unwrap().picture.rgb);
+        let xyz = String::from_utf8_lossy(&bytes[..blank]).replace("rgbe", "xyze");
+        let error = read(&[xyz.as_bytes(), &bytes[blank..]].concat()).unwrap_err();
+        assert!(error.to_string().contains("XYZ"), "{error}");
     }
 
     #[test]

@@ -22,7 +22,11 @@ impl Shot {
     pub fn of(bytes: &[u8]) -> Self {
         // The parser is a third party's: whatever it makes of a damaged file must not stop the
         // picture from being read.
-        let parse = || Reader::new().read_from_container(&mut Cursor::new(bytes)).ok();
+        let parse = || {
+            let read = Reader::new().continue_on_error(true).read_from_container(&mut Cursor::new(bytes));
+            // Some cameras leave out the pointer to a next directory, which nothing here needs.
+            read.or_else(|error| error.distill_partial_result(|_| ())).ok()
+        };
         let Some(exif) = std::panic::catch_unwind(parse).ok().flatten() else { return Self::default() };
         let number = |tag: Tag| -> Option<f64> {
             // Some programs write these tags beside those of the picture instead of in the EXIF

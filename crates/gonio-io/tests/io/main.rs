@@ -8,6 +8,7 @@ mod corpus;
 mod damage;
 mod disk;
 mod mutation;
+mod public;
 #[cfg(feature = "raw")]
 mod raw;
 mod rgl;

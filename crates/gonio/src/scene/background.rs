@@ -12,7 +12,9 @@ use crate::picture::{Picture, Plane};
 /// Coverage (0..1) of what a picture shows: by a mask, else by its alpha channel, else by a
 /// constant background; `None` if nothing tells.
 pub(crate) fn coverage_of(picture: &Picture, mask: Option<&Plane<f32>>) -> Option<Plane<f32>> {
-    mask.or(picture.alpha.as_ref()).cloned().or_else(|| background_coverage(&picture.rgb))
+    // An alpha channel of one value does not separate an object.
+    let varies = |alpha: &&Plane<f32>| alpha.as_slice().iter().any(|a| *a != alpha.as_slice()[0]);
+    mask.or(picture.alpha.as_ref().filter(varies)).cloned().or_else(|| background_coverage(&picture.rgb))
 }
 
 /// Estimates the coverage (0..1) of the object in a picture whose background has exactly one value,

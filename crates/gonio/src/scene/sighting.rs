@@ -328,3 +328,33 @@ impl Overlap {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disk of this radius in a picture of 100 pixels, shifted to the right.
+    fn disk(radius: f64, shift: f64) -> impl Fn(usize, usize) -> bool {
+        move |x, y| (x as f64 - 49.5 - shift).hypot(y as f64 - 49.5) < radius
+    }
+
+    fn overlap(mask: impl Fn(usize, usize) -> bool, surface: impl Fn(usize, usize) -> bool) -> Overlap {
+        let coverage = Plane::from_fn(100, 100, |x, y| if mask(x, y) { 1.0 } else { 0.0 });
+        let distances = Plane::from_fn(100, 100, |x, y| if surface(x, y) { 1.0 } else { f32::INFINITY });
+        Overlap::of(&coverage, &distances)
+    }
+
+    #[test]
+    fn a_rim_and_a_part_are_not_misaligned() {
+        let same = overlap(disk(30.0, 0.0), disk(30.0, 0.0));
+        assert!(same.share == 1.0 && same.is_rim && same.is_part);
+        // Small objects are mostly rim.
+        let small = overlap(disk(10.0, 0.0), disk(11.0, 0.0));
+        assert!(small.share < LEAST_OVERLAP && small.is_rim, "{}", small.share);
+        let shifted = overlap(disk(30.0, 0.0), disk(30.0, 8.0));
+        assert!(shifted.share < LEAST_OVERLAP && !shifted.is_rim && !shifted.is_part, "{}", shifted.share);
+        let part = overlap(disk(12.0, 5.0), disk(30.0, 0.0));
+        assert!(part.share < LEAST_OVERLAP && !part.is_rim && part.is_part, "{}", part.share);
+        assert!(!overlap(disk(12.0, 0.0), |_, _| false).is_part);
+    }
+}

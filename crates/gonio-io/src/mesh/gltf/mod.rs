@@ -37,6 +37,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mes
             return Err(Error::invalid(path, "has no scene", "export the scene with the object"));
         };
         // Nodes form trees, but a damaged file may have cycles.
+        let mut hidden: Option<Error> = None;
         let mut seen = vec![false; document.nodes().len()];
         let mut waiting: Vec<(Node<'_>, DMat4)> = scene.nodes().map(|node| (node, DMat4::IDENTITY)).collect();
         while let Some((node, outer)) = waiting.pop() {
@@ -49,14 +50,26 @@ pub(super) fn decode(path: &Path, bytes: &[u8], fetch: Fetch<'_>) -> Result<(Mes
                     let problem = "has a skin, which is not supported";
                     return Err(Error::unsupported(path, problem, "apply the armature before exporting"));
                 }
-                let placed = Placed::new(path, &node, pose)?;
+                let placed = match Placed::new(path, &node, pose) {
+                    Ok(placed) => placed,
+                    // A node of scale zero shows nothing: some programs hide helpers so.
+                    Err(error) if pose.is_finite() => {
+                        hidden.get_or_insert(error);
+                        waiting.extend(node.children().map(|child| (child, pose)));
+                        continue;
+                    }
+                    Err(error) => return Err(error),
+                };
                 for primitive in mesh.primitives() {
                     placed.add(&primitive, &buffers, &mut parts)?;
                 }
             }
             waiting.extend(node.children().map(|child| (child, pose)));
         }
-        parts.finish()
+        match hidden {
+            Some(error) if parts.is_empty() => Err(error),
+            _ => parts.finish(),
+        }
     })
 }
 

@@ -1,0 +1,76 @@
+//! Files as public reports describe them, `tests/corpus/public/`: each is read with the right
+//! values.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec3};
+use gonio::picture::Plane;
+use gonio_io::picture::{ReadOptions, Shot, read, read_mask};
+use gonio_io::{Kind, merl, mesh, normals};
+
+fn file(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus/public").join(name)
+}
+
+fn radiance(name: &str) -> Plane<Vec3> {
+    read(file(name), &ReadOptions::default()).unwrap().picture.rgb
+}
+
+#[test]
+fn obj_files_without_their_normals_or_with_comments_are_cubes() {
+    for name in ["vn-missing.obj", "vn-zero.obj", "face-comment.obj", "fourth-number.obj"] {
+        let (mesh, soundness) = mesh::read_mesh(file(name)).unwrap();
+        assert_eq!(soundness.triangles, 12, "{name}");
+        let corner = |p: &DVec3| p.abs().abs_diff_eq(DVec3::ONE, 1e-9);
+        assert!(mesh.positions().iter().all(corner), "{name}: {:?}", mesh.positions());
+    }
+}
+
+#[test]
+fn nodes_of_scale_zero_are_hidden() {
+    let (mesh, soundness) = mesh::read_mesh(file("zero-scale-helper-node.glb")).unwrap();
+    assert!(soundness.triangles > 0 && mesh.positions().iter().any(|p| p.length() > 0.5));
+}
+
+#[test]
+fn radiance_headers_may_have_cr_lf_and_exposures() {
+    for name in ["crlf-header.hdr", "xyze-in-command-line.hdr"] {
+        let rgb = radiance(name);
+        assert!(rgb.as_slice().iter().all(|v| v.is_finite() && v.min_element() >= 0.0), "{name}");
+        assert!(rgb.as_slice().iter().any(|v| v.max_element() > 0.01), "{name}");
+    }
+    let (plain, exposed) = (radiance("light.hdr"), radiance("light-exposure-4.hdr"));
+    for (a, b) in plain.as_slice().iter().zip(exposed.as_slice()) {
+        assert!((*a - *b).abs().max_element() <= 0.01 * a.max_element() + 1e-6, "{a} {b}");
+    }
+}
+
+#[test]
+fn masks_of_0_and_1_are_masks() {
+    assert_eq!(read_mask(file("mask-0-1.png")).unwrap(), read_mask(file("mask.png")).unwrap());
+}
+
+#[test]
+fn normals_in_code_are_decoded() {
+    let mask = read_mask(file("mask.png")).unwrap();
+    for name in ["normals-0-1.exr", "normals.jpg"] {
+        let normals = normals::read_normals(file(name)).unwrap();
+        let inside = normals.as_slice().iter().zip(mask.as_slice()).filter(|(_, m)| **m > 0.9);
+        let (sound, all) = inside.fold((0, 0), |(sound, all), (n, _)| {
+            (sound + usize::from((n.length() - 1.0).abs() < 1e-3 && n.z > 0.0), all + 1)
+        });
+        assert!(sound > 95 * all / 100, "{name}: {sound} of {all}");
+    }
+}
+
+#[test]
+fn exif_without_the_pointer_to_a_next_directory_is_read() {
+    let bytes = std::fs::read(file("exif-no-next-pointer-1.jpg")).unwrap();
+    assert!(Shot::of(&bytes).seconds.is_some());
+}
+
+#[test]
+fn analytic_brdf_files_are_named_as_such() {
+    let error = merl::read(file("analytic.brdf")).unwrap_err();
+    assert!(error.kind() == Kind::Unsupported && error.to_string().contains("BRDF Explorer"), "{error}");
+}

@@ -33,8 +33,8 @@ const HALO: f64 = 1.5;
 /// Smallest excess of these pixels over a quadratic through those two pixels away, in standard
 /// deviations of the noise...
 const RIM_OF_NOISE: f64 = 6.0;
-/// ...and relative to the excess of the pixel itself. Reflections of lamps one pixel wide have 0.02
-/// or more, by the tails of the lobe and of the point spread; hot pixels 0.0003 or less.
+/// ...and relative to the excess of the pixel itself. A lamp in a ball of an orange phenolic, 64
+/// pixels across, has 0.046; hot pixels at four places of the sample have 0.0003 or less.
 const RIM: f64 = 0.01;
 /// Smallest score of an outlier: the multiple of what noise and structure explain.
 const MIN_SCORE: f64 = 2.0;

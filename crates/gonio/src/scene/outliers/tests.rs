@@ -105,7 +105,7 @@ fn keeps_pixels_of_a_sparkling_picture() {
 
 #[test]
 fn keeps_a_lamp_with_a_rim() {
-    // The highlight of a phenolic at 64 pixels across: three neighbours are 1.5 times the body.
+    // The highlight of a phenolic, 64 pixels across: three neighbours are 1.4 times the body.
     let mut rgb = Plane::from_fn(SIZE, SIZE, smooth);
     let at = (60, 50);
     rgb[at] *= 10.0;

@@ -40,9 +40,9 @@ mod tests {
         assert!(fineness(&image(|_, _| 0.7)) < 1e-6);
         assert!(fineness(&image(|x, y| 1.0 + 0.5 * x - 0.3 * y)) < 0.02);
         // Stripes of one cell: half of the energy is in the mean of each block.
-        let stripes = fineness(&image(|x, _| if ((x + 1.0) * 64.0) as usize % 2 == 0 { 1.0 } else { 0.0 }));
+        let stripes = fineness(&image(|x, _| if (((x + 1.0) * 64.0) as usize).is_multiple_of(2) { 1.0 } else { 0.0 }));
         assert!((stripes - 0.5_f64.sqrt()).abs() < 0.02, "{stripes}");
         // The same in stripes as wide as two blocks.
-        assert!(fineness(&image(|x, _| if ((x + 1.0) * 8.0) as usize % 2 == 0 { 1.0 } else { 0.0 })) < 0.1);
+        assert!(fineness(&image(|x, _| if (((x + 1.0) * 8.0) as usize).is_multiple_of(2) { 1.0 } else { 0.0 })) < 0.1);
     }
 }

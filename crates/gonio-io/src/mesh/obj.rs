@@ -15,11 +15,13 @@ use crate::Error;
 
 /// Longest part of a line that is quoted in a message.
 const QUOTED: usize = 60;
+/// What is wrong with a face, after the number of its line.
+const INVALID_FACE: &str = "is not a valid face, or refers to a missing vertex";
 
 pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Error> {
     let mut parts = Parts::new(path);
     let mut normals: Vec<DVec3> = Vec::new();
-    let mut early: Vec<(Vec<Corner>, Error)> = Vec::new();
+    let mut early: Vec<(Vec<Corner>, usize)> = Vec::new();
     let mut joined = Vec::new();
     let mut first = 1;
     // Old programs of the Macintosh end lines with CR alone.
@@ -58,25 +60,24 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Mesh, Soundness), Err
                 normals.push(three(&mut words).ok_or_else(|| bad("is not a valid normal"))?);
             }
             Some(b"f") => {
-                let invalid = "is not a valid face, or refers to a missing vertex";
                 let face: Option<Vec<Corner>> =
                     words.map(|word| corner(word, parts.positions.len(), normals.len())).collect();
-                let face = face.ok_or_else(|| bad(invalid))?;
+                let face = face.ok_or_else(|| bad(INVALID_FACE))?;
                 if face.iter().all(|(vertex, _)| (*vertex as usize) < parts.positions.len()) {
                     add(&mut parts, &normals, &face)?;
                 } else {
                     // Faces may precede their vertices.
                     parts.room_for(early.len() as u64)?;
-                    early.push((face, bad(invalid)));
+                    early.push((face, number));
                 }
             }
             _ => {}
         }
         joined.clear();
     }
-    for (face, error) in early {
+    for (face, number) in early {
         if face.iter().any(|(vertex, _)| *vertex as usize >= parts.positions.len()) {
-            return Err(error);
+            return Err(Error::damaged(path, format!("line {number} {INVALID_FACE}")));
         }
         add(&mut parts, &normals, &face)?;
     }

@@ -9,21 +9,23 @@ use super::components::{border, flood, neighbours};
 use super::small::Small;
 use crate::picture::{Picture, Plane};
 
-/// Coverage (0..1) of what a picture shows: by a mask, else by its alpha channel, else by a
-/// constant background; `None` if nothing tells.
+/// Returns the coverage (0..1) of the object, or `None` if no source is available.
+///
+/// The source is the mask, else the alpha channel, else a constant background.
 pub(crate) fn coverage_of(picture: &Picture, mask: Option<&Plane<f32>>) -> Option<Plane<f32>> {
     // An alpha channel of one value does not separate an object.
     let varies = |alpha: &&Plane<f32>| alpha.as_slice().iter().any(|a| *a != alpha.as_slice()[0]);
     mask.or(picture.alpha.as_ref().filter(varies)).cloned().or_else(|| background_coverage(&picture.rgb))
 }
 
-/// Estimates the coverage (0..1) of the object in a picture whose background has exactly one value,
-/// such as the black of a renderer; `None` when there is no such background.
+/// Estimates the coverage (0..1) of the object before a background of exactly one value.
 ///
-/// The background is the most frequent value on the border of the picture, of which it must make up
-/// a quarter at least, with every pixel of that value connected to those.
+/// Renderers write such a background, usually black. Its value is the most frequent one on the
+/// border of the picture, where it must make up at least a quarter of the pixels. The background
+/// consists of all pixels of that value that are connected to the border. Returns `None` if there
+/// is no such background.
 fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
-    // Adding zero turns -0 into 0, which are equal but differ in their bits.
+    // Adding zero turns -0 into 0: the two are equal but differ in their bits.
     let key = |at: (usize, usize)| (rgb[at] + Vec3::ZERO).to_array().map(f32::to_bits);
     let mut counts = BTreeMap::new();
     for at in border(rgb.size()) {
@@ -44,24 +46,24 @@ fn background_coverage(rgb: &Plane<Vec3>) -> Option<Plane<f32>> {
 
 /// Multiple of the spread of the border's values within which a pixel is background.
 const SPREADS: f32 = 4.0;
-/// Share of the border of the picture whose distances from its median give that spread, and that
-/// must be background.
+/// Quantile of the distances of the border's values from their median that defines this spread;
+/// also the smallest share of the border that must be background.
 const BORDER_SHARE: f64 = 0.7;
-/// Least distance of compressed values that is a contrast and not the coding of the file.
+/// Smallest distance of compressed values that counts as contrast; coding explains smaller ones.
 const CODING: f32 = 0.04;
-/// Share of the contrast of the object below which a pixel is background: most of what a lossy file
-/// adds around the object stays below it. Where noise reaches the second, the background is not
-/// plain.
+/// Share of the object's contrast below which a pixel is background: most artefacts of lossy
+/// compression around the object are weaker.
 const LOSSES: f32 = 0.12;
+/// Largest noise of a plain background, as a share of the object's contrast.
 const MOST_NOISE: f32 = 0.4;
 
-/// Estimates the coverage (0..1) of the object in a photograph whose background is plain but for
-/// noise and the losses of its file; `None` when it is not.
+/// Estimates the coverage (0..1) of the object before a plain background with noise.
 ///
-/// The background is what is connected to the border of the reduced photograph through values near
-/// the median of the border: near as measured by how the border itself is spread, and by the
-/// contrast of the brighter or darker rest. The outline is as exact as the losses allow, which may
-/// be several pixels.
+/// The noise may also be compression losses. The background consists of the pixels of the reduced
+/// photograph that are connected to its border through values near the median of the border. The
+/// threshold depends on the spread of the border and on the contrast of the object. The compression
+/// losses limit the accuracy of the outline, sometimes to several pixels. Returns `None` if the
+/// background is not plain.
 pub(super) fn plain_coverage(small: &Small, size: (usize, usize)) -> Option<Plane<f32>> {
     let values = &small.values;
     let outer: Vec<Vec3> = border(values.size()).map(|at| values[at]).collect();
@@ -84,11 +86,12 @@ pub(super) fn plain_coverage(small: &Small, size: (usize, usize)) -> Option<Plan
     Some(if small.step == 1 { coverage } else { enlarged(&coverage, small.step, size) })
 }
 
-/// Splits distances in two such that the variance between the parts is largest (Otsu's method), and
-/// returns the mean of the larger ones; zero if there are none.
+/// Returns the mean of the larger distances after a split by Otsu's method; zero without a split.
+///
+/// The split maximises the variance between the two parts.
 fn contrast(distances: impl Iterator<Item = f32>) -> f32 {
     const BINS: usize = 256;
-    // Distances of colours whose channels are in 0..=1 are at most the root of three.
+    // Colours with channels in 0..=1 differ by at most the square root of three.
     let mut counts = [0_u32; BINS];
     distances.for_each(|d| counts[((d / 1.74 * BINS as f32) as usize).min(BINS - 1)] += 1);
     let middle = |bin: usize| (bin as f64 + 0.5) / BINS as f64 * 1.74;
@@ -113,7 +116,7 @@ fn quantile(values: &mut [f32], share: f64) -> Option<f32> {
 
 /// Interpolates a plane of blocks of `step` pixels per side to single pixels.
 fn enlarged(blocks: &Plane<f32>, step: usize, (width, height): (usize, usize)) -> Plane<f32> {
-    // Blocks to either side of a pixel, and the share of the second.
+    // Blocks on either side of a pixel, and the weight of the second.
     let sides = |at: usize, most: usize| {
         let place = ((at as f32 + 0.5) / step as f32 - 0.5).clamp(0.0, most as f32 - 1.0);
         let low = place as usize;
@@ -134,9 +137,10 @@ fn enlarged(blocks: &Plane<f32>, step: usize, (width, height): (usize, usize)) -
     Plane::from_vec(width, height, (0..height).into_par_iter().flat_map_iter(row).collect())
 }
 
-/// Coverage of each pixel where it is known which are `background`, whose value is `base`. A pixel
-/// next to the background may be part background: its coverage is its contrast to the background
-/// over that of the object's pixels nearby, at most 1.
+/// Returns the coverage of each pixel, given the `background` pixels and their value `base`.
+///
+/// A pixel next to the background may be partly background: its coverage is its contrast to the
+/// background relative to the mean contrast of the object's pixels nearby, clamped to 0..=1.
 fn soft_coverage(rgb: &Plane<Vec3>, base: Vec3, background: &Plane<bool>) -> Plane<f32> {
     let near_background = Plane::from_fn(rgb.width(), rgb.height(), |x, y| {
         neighbours((x, y), rgb.size(), true).any(|next| background[next])
@@ -159,7 +163,7 @@ fn soft_coverage(rgb: &Plane<Vec3>, base: Vec3, background: &Plane<bool>) -> Pla
         }
         let inside = sum / count;
         let share = (rgb[(x, y)] - base).dot(inside) / inside.length_squared();
-        // NaN where no pixel nearby is inside, or those inside equal the background.
+        // The share is NaN if no pixel nearby is inside, or if those inside equal the background.
         if share.is_nan() { 1.0 } else { share.clamp(0.0, 1.0) }
     })
 }
@@ -184,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_background_is_told_from_the_ball() {
+    fn segments_a_ball_from_a_constant_background() {
         for (base, samples) in [(Vec3::ZERO, 8), (Vec3::ZERO, 1), (Vec3::splat(0.25), 8)] {
             let found = find_sphere(&background_coverage(&ball(base, samples)).unwrap()).unwrap().circle;
             let error = (found.x - 64.3).abs().max((found.y - 60.8).abs()).max((found.radius - 40.0).abs());

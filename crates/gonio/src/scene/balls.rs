@@ -1,4 +1,4 @@
-//! Balls before one background: the outline of one, or several that do not touch.
+//! Outline of the largest ball in a picture, and separation of balls that do not touch.
 
 use super::background::plain_coverage;
 use super::components::flood;
@@ -8,39 +8,42 @@ use super::spot::{SIDE, is_crisp, on_edges, spot};
 use super::{Circle, SceneError, coverage_of, find_sphere};
 use crate::picture::{Picture, Plane};
 
-/// Pixels of a ball, at least, and its share of the largest one.
+/// Smallest number of pixels of a ball, and smallest share of the pixels of the largest one.
 const LEAST: (usize, f64) = (200, 0.03);
-/// Share of the largest object from which another is one of its own.
+/// Smallest number of pixels of a separate object, as a share of the largest.
 const SECOND: f64 = 0.2;
 
-/// Distance in pixels to which the soft outline of a ball reaches.
+/// Distance in pixels by which the soft outline of a ball extends beyond its covered pixels.
 const SOFT: usize = 2;
 
-/// An object of several.
+/// Extent of one of several objects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
-    /// Column and row of the left upper corner of the box around it, in pixels.
+    /// Column and row of the upper left corner of its bounding box, in pixels.
     pub from: (usize, usize),
-    /// Column and row of the right lower corner, exclusive.
+    /// Column and row of the lower right corner, exclusive.
     pub to: (usize, usize),
-    /// Its outline, if it is a ball.
+    /// Outline of the object, if it is a ball.
     pub circle: Option<Circle>,
 }
 
-/// Outline of the largest ball in a picture. `mask` says where it is; without one the alpha channel
-/// does, or a plain background, or else the edges.
+/// Returns the outline of the largest ball in a picture.
+///
+/// The object is given by `mask`, else by the alpha channel, a plain background, or edges.
 ///
 /// # Errors
 /// Errors of the outline ([`SceneError::is_of_outline`]); [`SceneError::Several`] for several
-/// objects without a mask; [`SceneError::Unsure`] and [`SceneError::NoOutline`] where nothing
-/// tells.
+/// objects without a mask; [`SceneError::Unsure`] and [`SceneError::NoOutline`] if no ball is
+/// detected reliably.
 pub fn outline_of_ball(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Circle, SceneError> {
     Ok(spot(picture, mask)?.circle)
 }
 
-/// Coverage of each ball, by falling size, where a picture shows several that do not touch. What is
-/// small beside the largest, or no ball, is left out. Where objects are is told as for
-/// [`outline_of_ball`], but not by edges; empty if nothing tells.
+/// Returns the coverage of each ball that touches no other, by decreasing size.
+///
+/// Parts that are small compared with the largest, or that are not balls, are omitted. The coverage
+/// has the same sources as for [`outline_of_ball`], except edges; without a source, the result is
+/// empty.
 pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane<f32>> {
     let size = picture.rgb.size();
     let alone = |coverage: &Plane<f32>| -> Vec<Plane<f32>> {
@@ -53,7 +56,7 @@ pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane
     if given || known.iter().filter_map(found).all(|ball| is_crisp(&ball)) && known.len() > 1 {
         return known.into_iter().filter(|ball| found(ball).is_some()).collect();
     }
-    // A background that is plain but for noise or the losses of a file.
+    // A background that is plain except for noise or compression losses.
     let small = Small::of(&picture.rgb, SIDE);
     let Some(coverage) = plain_coverage(&small, size) else { return Vec::new() };
     let edges = Edges::of(&small);
@@ -61,7 +64,7 @@ pub fn separate_balls(picture: &Picture, mask: Option<&Plane<f32>>) -> Vec<Plane
     alone(&coverage).iter().filter_map(circle).map(|circle| disk(size, &circle)).collect()
 }
 
-/// The coverage of a circle.
+/// Returns the coverage of a circle.
 fn disk((width, height): (usize, usize), circle: &Circle) -> Plane<f32> {
     Plane::from_fn(width, height, |x, y| {
         let from_centre = (x as f64 + 0.5 - circle.x).hypot(y as f64 + 0.5 - circle.y);
@@ -69,10 +72,11 @@ fn disk((width, height): (usize, usize), circle: &Circle) -> Plane<f32> {
     })
 }
 
-/// Checks that there is one object alone; `ball` is the outline of a part that is one.
+/// Checks that there is a single object; `ball` returns the outline of a part that is a ball.
 ///
 /// # Errors
-/// [`SceneError::Several`] with all that have at least a fifth of the pixels of the largest.
+/// [`SceneError::Several`] with all objects that have at least a fifth of the pixels of the
+/// largest.
 pub(super) fn single(coverage: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option<Circle>) -> Result<(), SceneError> {
     let seeds = parts(coverage, SECOND);
     if seeds.len() < 2 {
@@ -81,8 +85,9 @@ pub(super) fn single(coverage: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option
     Err(SceneError::Several { objects: seeds.into_iter().map(|seed| extent(&own(coverage, seed), &ball)).collect() })
 }
 
-/// A pixel of each connected part with at least `share` of the pixels of the largest, by falling
-/// size.
+/// Returns one pixel of each connected part, by decreasing size of the part.
+///
+/// Parts with less than `share` of the pixels of the largest are omitted.
 fn parts(coverage: &Plane<f32>, share: f64) -> Vec<(usize, usize)> {
     let (width, height) = coverage.size();
     let open = |at: (usize, usize)| coverage[at] >= 0.5;
@@ -100,7 +105,7 @@ fn parts(coverage: &Plane<f32>, share: f64) -> Vec<(usize, usize)> {
     parts.into_iter().map(|(_, seed)| seed).collect()
 }
 
-/// The coverage of the part that holds a pixel.
+/// Returns the coverage of the part that contains a pixel.
 fn own(coverage: &Plane<f32>, seed: (usize, usize)) -> Plane<f32> {
     let mut own = coverage.map(|_| false);
     flood(&mut own, [seed], true, |at| coverage[at] >= 0.5);
@@ -117,7 +122,7 @@ fn extent(of: &Plane<f32>, ball: impl Fn(&Plane<f32>) -> Option<Circle>) -> Exte
     Extent { from, to, circle: ball(of) }
 }
 
-/// The coverage on and around a set of pixels.
+/// Returns the coverage on and near a set of pixels, zero elsewhere.
 fn soft(coverage: &Plane<f32>, own: &Plane<bool>) -> Plane<f32> {
     let (width, height) = coverage.size();
     Plane::from_fn(width, height, |x, y| {
@@ -134,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn balls_are_told_apart_and_what_is_none_is_left_out() {
+    fn separates_balls_and_omits_other_shapes() {
         let inside = |x: usize, y: usize, cx: f32, r: f32| (x as f32 - cx).hypot(y as f32 - 40.0) < r;
         let rgb = Plane::from_fn(200, 80, |x, y| {
             let ball = inside(x, y, 40.0, 20.0) || inside(x, y, 110.0, 30.0);

@@ -1,4 +1,4 @@
-//! The outline of a ball in a mask.
+//! Detection of the outline of a ball in a mask.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,52 +10,53 @@ use super::circle_fit::{Circle, aspect, fit_circle};
 use super::components::{border, fill_holes, largest_component, neighbours};
 use crate::picture::Plane;
 
-/// Least radius of a ball, in pixels.
+/// Smallest radius of a ball, in pixels.
 pub(super) const LEAST_RADIUS: f64 = 8.0;
-/// Least angle that the visible outline must span, in radians: 75 degrees, so that a ball in a
-/// corner of the picture passes.
+/// Smallest angle that the visible outline must span, in radians: 75 degrees, so that a ball in a
+/// corner of the picture is accepted.
 const LEAST_SPAN: f64 = 5.0 * PI / 12.0;
-/// Shorter over longer axis below which an ellipse is not taken for a ball: that of a ball 18
-/// degrees off the axis of a perspective camera.
+/// Smallest ratio of the shorter to the longer axis of a ball's outline: that of a ball 18 degrees
+/// off the axis of a perspective camera.
 const LEAST_ASPECT: f64 = 0.95;
 /// Largest share of the outline that may lie far off the circle (a stand, a finger).
 const MOST_STRAY: f64 = 0.3;
 
-/// The outline of a ball and how good a circle it is.
+/// Outline of a ball and its deviation from a circle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FoundCircle {
     /// The circle.
     pub circle: Circle,
     /// Root mean square distance of the outline to the circle, in pixels, without the stray points.
     pub residual: f64,
-    /// Eccentricity of the outline, 0 for a circle; `None` when less than half of the outline can
-    /// be seen. Quantisation of the mask alone gives about 0.05 to a ball of 50 pixels.
+    /// Eccentricity of the outline, 0 for a circle; `None` if less than half of the outline is
+    /// visible. Quantisation of the mask alone gives about 0.05 for a ball of 50 pixels.
     pub eccentricity: Option<f64>,
     /// Angle that the visible outline spans, in radians, up to 2 pi.
     pub span: f64,
-    /// Points of the outline that were fitted.
+    /// Number of fitted points of the outline.
     pub rim: usize,
-    /// Points of the outline that lie far off the circle and were left out.
+    /// Number of points of the outline that lie far off the circle and are ignored.
     pub stray: usize,
     /// Whether the ball touches the border of the picture.
     pub cropped: bool,
-    /// Covered pixels that are not part of the ball.
+    /// Number of covered pixels that are not part of the ball.
     pub specks: usize,
 }
 
-/// Finds the outline of an orthographic ball in a mask or an alpha channel, with values from 0 to 1
-/// (half-covered pixels at the rim; NaN counts as 0).
+/// Finds the outline of an orthographic ball in a mask or an alpha channel.
 ///
-/// The ball is the largest connected set of pixels covered by half or more, with its holes filled.
-/// Its rim is where the coverage, interpolated between neighbouring pixels, is one half; there is
-/// no rim where the border of the picture cuts the ball off. The circle is fitted to the rim by
-/// least distances; points far off it (a stand, a finger) do not count.
+/// Coverage ranges from 0 to 1, with half-covered pixels at the rim; NaN counts as 0.
+///
+/// The ball is the largest connected set of pixels with a coverage of at least one half, with its
+/// holes filled. Its rim is where the coverage, interpolated between neighbouring pixels, is one
+/// half; there is no rim where the border of the picture crops the ball. The circle is fitted to
+/// the rim by least distances, without points far off (a stand, a finger).
 ///
 /// # Errors
 /// [`SceneError::EmptyMask`]; [`SceneError::MaskEverywhere`]; [`SceneError::TooSmall`] for a radius
 /// under 8 pixels; [`SceneError::ShortOutline`] when the visible outline spans less than 75
 /// degrees; [`SceneError::Elliptic`] when the shorter axis is under 0.95 of the longer;
-/// [`SceneError::NotACircle`] when the outline strays by more than half a pixel plus 3 % of the
+/// [`SceneError::NotACircle`] when the outline deviates by more than half a pixel plus 3 % of the
 /// radius, or when more than 30 % of it lies far off.
 pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneError> {
     let (ball, rim) = ball_and_rim(coverage)?;
@@ -99,8 +100,9 @@ pub(crate) fn find_sphere(coverage: &Plane<f32>) -> Result<FoundCircle, SceneErr
     })
 }
 
-/// Error for a closed outline that no circle fits, by the circle of its mean distance from the
-/// middle.
+/// Returns the error for a closed outline that no circle fits.
+///
+/// It reports the circle about the mean of the points, with their mean distance as radius.
 fn no_circle(rim: &[DVec2]) -> SceneError {
     let mean = |of: &dyn Fn(&DVec2) -> f64| rim.iter().map(of).sum::<f64>() / rim.len().max(1) as f64;
     let middle = DVec2::new(mean(&|p| p.x), mean(&|p| p.y));
@@ -113,7 +115,7 @@ fn no_circle(rim: &[DVec2]) -> SceneError {
     }
 }
 
-/// Finds the largest connected part of a mask, its holes filled, and the points of its rim.
+/// Finds the largest connected part of a mask, with its holes filled, and the points of its rim.
 fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), SceneError> {
     let covered = |at: (usize, usize)| coverage[at] >= 0.5;
     let (component, area) = largest_component(coverage.size(), covered).ok_or(SceneError::EmptyMask)?;
@@ -121,7 +123,7 @@ fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), Scen
     if ball.as_slice().iter().all(|&b| b) {
         return Err(SceneError::MaskEverywhere);
     }
-    // Least area: a disc of the least radius of which a corner of the picture leaves a quarter.
+    // The smallest area is a quarter of a disc of the smallest radius, cropped by a picture corner.
     let equal_area = (area as f64 / PI).sqrt();
     if equal_area < 0.5 * LEAST_RADIUS {
         return Err(SceneError::TooSmall { radius: equal_area, least: LEAST_RADIUS });
@@ -130,8 +132,9 @@ fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), Scen
     Ok((ball, rim))
 }
 
-/// Finds the points of the outline of the largest connected part of a mask, in pixels, without
-/// those where the border of the picture cuts it off.
+/// Finds the points of the outline of the largest connected part of a mask, in pixels.
+///
+/// Points where the border of the picture crops the part are omitted.
 pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
     let (_, rim) = ball_and_rim(coverage)?;
     if rim.len() < 16 {
@@ -141,8 +144,9 @@ pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
     }
 }
 
-/// Finds the points between a pixel of the ball and one outside it at which the interpolated
-/// coverage is one half.
+/// Finds the points between the ball and its surroundings where the coverage is one half.
+///
+/// The coverage is interpolated between each pixel of the ball and its neighbours outside.
 fn rim_points(coverage: &Plane<f32>, ball: &Plane<bool>) -> Vec<DVec2> {
     let mut points = Vec::new();
     for y in 0..ball.height() {
@@ -162,7 +166,7 @@ fn rim_points(coverage: &Plane<f32>, ball: &Plane<bool>) -> Vec<DVec2> {
     points
 }
 
-/// Returns the full angle less the largest gap between points as seen from the centre, in radians.
+/// Returns the full angle minus the largest angular gap between points, in radians.
 fn span(points: &[DVec2], circle: &Circle) -> f64 {
     let mut angles: Vec<f64> = points.iter().map(|p| (p.y - circle.y).atan2(p.x - circle.x)).collect();
     angles.sort_unstable_by(f64::total_cmp);
@@ -177,8 +181,8 @@ mod tests {
     use super::*;
     use crate::remedy::Remedy;
 
-    /// Coverage of an ellipse from 8 x 8 samples a pixel, or from the pixel's centre alone if not
-    /// `soft`.
+    /// Coverage of an ellipse, from 8 x 8 samples per pixel if `soft`, else from the pixel's
+    /// centre.
     fn ellipse(size: (usize, usize), (cx, cy): (f64, f64), (a, b): (f64, f64), soft: bool) -> Plane<f32> {
         let n = if soft { 8 } else { 1 };
         Plane::from_fn(size.0, size.1, |x, y| {
@@ -219,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn specks_holes_and_a_stand_do_not_matter() {
+    fn ignores_specks_holes_and_a_stand() {
         let mut mask = ellipse((128, 128), (60.3, 55.8), (41.7, 41.7), true);
         for (x, y) in [(3, 3), (4, 3), (120, 7), (118, 120)] {
             mask[(x, y)] = 1.0;
@@ -239,14 +243,14 @@ mod tests {
     }
 
     #[test]
-    fn slight_ellipses_pass_with_their_eccentricity() {
+    fn accepts_slight_ellipses_and_reports_their_eccentricity() {
         let found = check(&ellipse((128, 128), (64.0, 64.0), (50.0, 49.0), true), (64.0, 64.0), 49.5, 0.05);
         let want = (1.0 - 0.98_f64.powi(2)).sqrt();
         assert!((found.eccentricity.unwrap() - want).abs() < 0.01, "{found:?}");
     }
 
     #[test]
-    fn what_is_no_circle_is_refused() {
+    fn rejects_outlines_that_are_not_circles() {
         let refused = |mask: &Plane<f32>| find_sphere(mask).unwrap_err();
         for b in [46.0, 40.0, 30.0] {
             let error = refused(&ellipse((128, 128), (64.0, 64.0), (50.0, b), true));
@@ -267,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn masks_without_a_ball_are_refused() {
+    fn rejects_masks_without_a_ball() {
         let refused = |mask: &Plane<f32>| find_sphere(mask).unwrap_err();
         assert_eq!(refused(&Plane::from_fn(20, 20, |_, _| 0.4)), SceneError::EmptyMask);
         assert_eq!(refused(&Plane::from_vec(0, 0, vec![])), SceneError::EmptyMask);

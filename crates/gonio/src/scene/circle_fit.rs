@@ -1,5 +1,5 @@
-//! Circle fit to scattered points: Taubin's algebraic fit, then least distances without the points
-//! far off.
+//! Circle fit to scattered points: Taubin's algebraic fit, then robust least squares of the
+//! distances.
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
@@ -18,28 +18,29 @@ pub struct Circle {
     pub radius: f64,
 }
 
-/// Multiple of the spread beyond which a distance does not count (Tukey's biweight at 95 %
+/// Distance, in multiples of the spread, beyond which a point is ignored (Tukey's biweight at 95 %
 /// efficiency).
 const FAR: f64 = 4.685;
-/// Smallest spread assumed, in pixels: no mask is more exact.
+/// Smallest spread assumed, in pixels: no mask is more accurate.
 const LEAST_SPREAD: f64 = 0.15;
 
 /// A circle and how well it fits the points.
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
     pub circle: Circle,
-    /// Spread of the distances to the circle, from their median, in pixels.
+    /// Robust spread of the distances to the circle, from their median, in pixels.
     pub spread: f64,
-    /// Points that are not far off.
+    /// Points near the circle.
     pub near: Vec<DVec2>,
 }
 
-/// Fits the circle of least distances to most of the `points`; `None` when they lie on a line, or
-/// when there is no circle.
+/// Fits a circle to most of the `points` by least distances.
+///
+/// Returns `None` if the points lie on a line or no circle fits.
 pub(super) fn fit_circle(points: &[DVec2]) -> Option<Fit> {
     let mut circle = taubin(points)?;
     let mut spread = 0.0;
-    // Gauss-Newton on c and r of sum w (|p - c| - r)^2; the weights follow the distances.
+    // Gauss-Newton on c and r of sum w (|p - c| - r)^2; the weights depend on the distances.
     for _ in 0..100 {
         spread = median_distance(points, &circle) * 1.4826;
         let reach = FAR * spread.max(LEAST_SPREAD);
@@ -128,10 +129,11 @@ fn taubin(points: &[DVec2]) -> Option<Circle> {
     })
 }
 
-/// Estimates shorter over longer axis of the ellipse nearest to the points about `circle`, from the
-/// second harmonic of their distances:
-/// `r(phi) = r0 + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. Valid for slight ellipses
-/// seen over half of the outline or more.
+/// Estimates the ratio of the shorter to the longer axis of the ellipse nearest to the points.
+///
+/// The estimate uses the second harmonic of the distances from the centre of `circle`: `r(phi) = r0
+/// + c cos phi + s sin phi + a cos 2 phi + b sin 2 phi`. It is valid for slight ellipses of which
+/// at least half of the outline is visible.
 pub(super) fn aspect(near: &[DVec2], circle: &Circle) -> f64 {
     let rows = Mat::<f64>::from_fn(near.len(), 5, |i, j| {
         let (c, s) = from_rim(near[i], circle).0.into();
@@ -161,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn exact_arcs_give_the_circle_back() {
+    fn recovers_the_circle_from_exact_arcs() {
         for angle in [0.5, 1.5, 3.0, TAU] {
             let fit = fit_circle(&arc(25.0, 25.0, angle, 90)).unwrap();
             let error = DVec3::new(fit.circle.x - 40.0, fit.circle.y - 30.0, fit.circle.radius - 25.0).length();
@@ -171,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn points_far_off_do_not_count() {
+    fn ignores_points_far_off() {
         let mut points = arc(25.0, 25.0, TAU, 200);
         points.extend((0..40).map(|i| DVec2::new(60.0 + f64::from(i), 28.0)));
         let fit = fit_circle(&points).unwrap();
@@ -180,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_and_lone_points_have_no_circle() {
+    fn lines_and_coincident_points_have_no_circle() {
         let line: Vec<DVec2> = (0..50).map(|i| DVec2::new(f64::from(i), 2.0 * f64::from(i))).collect();
         assert!(fit_circle(&line).is_none_or(|fit| fit.circle.radius > 1e5));
         assert!(fit_circle(&[DVec2::ONE; 9]).is_none());
@@ -188,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn the_aspect_of_slight_ellipses_is_found() {
+    fn estimates_the_aspect_of_slight_ellipses() {
         for b in [25.0, 24.5, 23.0] {
             let points = arc(25.0, b, TAU, 400);
             let fit = fit_circle(&points).unwrap();

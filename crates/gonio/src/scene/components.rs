@@ -24,8 +24,7 @@ pub(super) fn border((width, height): (usize, usize)) -> impl Iterator<Item = (u
     })
 }
 
-/// Marks in `reached` every pixel that is connected to `seeds` through pixels that are `open`;
-/// returns how many were added.
+/// Marks in `reached` all pixels connected to `seeds` through `open` pixels; returns their number.
 pub(super) fn flood(
     reached: &mut Plane<bool>,
     seeds: impl IntoIterator<Item = (usize, usize)>,
@@ -53,8 +52,9 @@ pub(super) fn flood(
     count
 }
 
-/// Finds the largest 4-connected set of `open` pixels and its number of pixels; of equal ones the
-/// topmost.
+/// Finds the largest 4-connected set of `open` pixels and its number of pixels.
+///
+/// Among sets of equal size, returns the topmost.
 pub(super) fn largest_component(
     size: (usize, usize),
     open: impl Fn((usize, usize)) -> bool,
@@ -77,8 +77,9 @@ pub(super) fn largest_component(
     Some((component, count))
 }
 
-/// Returns `set` with its holes filled: every pixel that cannot be reached from the border of the
-/// picture around `set`.
+/// Returns `set` with its holes filled.
+///
+/// Holes are the pixels that cannot be reached from the border of the picture around `set`.
 pub(super) fn fill_holes(set: &Plane<bool>) -> Plane<bool> {
     let mut around = set.map(|_| false);
     flood(&mut around, border(set.size()), true, |at| !set[at]);
@@ -94,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_component_keeps_its_size_and_loses_its_holes() {
+    fn finds_the_largest_component_and_fills_its_holes() {
         let mask = plane(&["#.....", "..###.", "..#.#.", "..###.", "......", "##...#"]);
         let (component, count) = largest_component(mask.size(), |at| mask[at]).unwrap();
         assert_eq!(count, 8);

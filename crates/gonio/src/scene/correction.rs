@@ -5,17 +5,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::picture::Plane;
 
-/// Reordering, then sign flips, that bring the channels into order.
+/// Correction of the channels of a normal map: a reordering, then sign flips.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Correction {
-    /// The channels, from 0, that hold x, y and z: `[0, 1, 2]` if they are in order, `[1, 0, 2]` if
-    /// x and y are swapped, `[2, 1, 0]` for BGR.
+    /// Indices, from 0, of the channels that hold x, y and z: `[0, 1, 2]` if they are in order,
+    /// `[1, 0, 2]` if x and y are swapped, `[2, 1, 0]` for BGR.
     pub order: [usize; 3],
-    /// The sign of x is wrong.
+    /// Whether the sign of x is wrong.
     pub flip_x: bool,
-    /// The sign of y is wrong: it points down, as in normal maps for DirectX.
+    /// Whether the sign of y is wrong: y points down, as in normal maps for DirectX.
     pub flip_y: bool,
-    /// The sign of z is wrong: it points away from the camera.
+    /// Whether the sign of z is wrong: z points away from the camera.
     pub flip_z: bool,
 }
 
@@ -26,7 +26,7 @@ impl Default for Correction {
     }
 }
 
-/// Every order of three channels; fewer changes come first.
+/// All orders of three channels; those with fewer changes come first.
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
 
 impl Correction {
@@ -66,7 +66,7 @@ impl Correction {
         (self.order != [0, 1, 2]).then(|| order_name(self.order))
     }
 
-    /// Describes what is wrong, in words: "y flipped".
+    /// Describes the error in words, for example "y flipped".
     pub(super) fn words(&self) -> String {
         let order = self.reordered().map(|order| format!("the channel order {order}"));
         let flips = self.flips().into_iter().map(|axis| format!("{axis} flipped"));

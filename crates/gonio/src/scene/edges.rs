@@ -16,45 +16,52 @@ use super::rim::refined;
 use super::small::Small;
 use crate::picture::Plane;
 
-/// Pixels along the longer side of the picture of the coarse scale.
+/// Longer side of the picture at the coarse scale, in pixels.
 const SIDE: usize = 128;
-/// Least radius of a circle there, pixels, and the largest as a share of the shorter side.
+/// Smallest radius of a circle at the coarse scale, in pixels.
 const LEAST: f32 = 6.0;
+/// Largest radius of a circle, as a share of the shorter side.
 const MOST_SHARE: f32 = 0.6;
-/// Ratio of neighbouring radii, and pixels between neighbouring centres.
+/// Ratio of neighbouring radii in the grid of circles.
 const GROWTH: f32 = 1.05;
+/// Distance between neighbouring centres in the grid of circles, in pixels.
 const APART: usize = 2;
-/// Directions along a circle, and those after which a poor circle is given up.
+/// Number of directions along a circle.
 const DIRECTIONS: usize = 64;
+/// Number of directions after which a circle of low score is discarded.
 const FIRST: usize = 16;
-/// Least score of a circle after the first directions, and in the end.
+/// Smallest score of a circle of the grid.
 const PROMISING: f32 = 0.15;
+/// Smallest score of a refined circle.
 const LEAST_SCORE: f32 = 0.25;
-/// Circles of the grid that are looked at more closely.
+/// Largest number of circles of the grid that are refined.
 const CLOSER: usize = 400;
-/// Circles around a promising one that are looked at too, and how far they are off it, as a share
-/// of its radius: shading within a ball makes circles that touch its rim.
+/// Number of circles around a candidate that are also tried.
 const AROUND: usize = 8;
+/// Offset of these circles, as a share of the radius: shading within a ball produces circles that
+/// touch its rim.
 const NEARBY: f32 = 0.1;
-/// Share of the radius within which two circles are the same.
+/// Largest difference of two circles that count as the same, as a share of the radius.
 const SAME: f32 = 0.2;
-/// Least product of an edge that supports a circle: within 30 degrees of its tangent.
+/// Smallest product of an edge that supports a circle: within 30 degrees of its tangent.
 const SUPPORTS: f32 = 0.5;
-/// Strength of an edge that is no noise: squared change of the compressed values by a pixel.
+/// Strength of an edge that exceeds noise: squared change of the compressed values per pixel.
 const FAINT: f32 = 2e-5;
-/// Share of the mean strength that is added to the strength of an edge before it counts.
+/// Share of the mean edge strength added to the denominator that normalises each edge.
 const TEXTURE: f32 = 0.25;
-/// Distance from a rim within which edges are those of its circle.
+/// Distance from a rim within which edges belong to its circle, in pixels of the coarse scale.
 const RIM: f32 = 2.5;
 
-/// The edges of a photograph at two scales. Shading shows smooth circles in the coarse one, texture
-/// and noise hide edges in the fine one; the rim of a ball is in both.
+/// Edges of a photograph at two scales.
+///
+/// At the coarse scale, shading produces smooth circles; at the fine scale, texture and noise hide
+/// edges. The rim of a ball is present at both scales.
 pub(super) struct Edges {
     coarse: Field,
     fine: Field,
-    /// Pixels of the photograph along a side of one of the coarse scale.
+    /// Side of a pixel of the coarse scale, in pixels of the photograph.
     step: f64,
-    /// Pixels of the fine scale along a side of one of the coarse.
+    /// Side of a pixel of the coarse scale, in pixels of the fine scale.
     ratio: f32,
 }
 
@@ -69,43 +76,46 @@ impl Edges {
         }
     }
 
-    /// The same without the edges at the rim of a circle.
+    /// Returns the edges without those at the rim of a circle.
     pub(super) fn without(&self, ring: &Ring) -> Self {
         let fine = self.fine.without(&ring.scaled(self.ratio), RIM * self.ratio);
         Self { coarse: self.coarse.without(ring, RIM), fine, step: self.step, ratio: self.ratio }
     }
 
-    /// The circles of a grid with a good score at the coarse scale, each moved to the best place
-    /// nearby, the one of most weight first.
+    /// Returns the circles of a grid with a high score at the coarse scale, by decreasing weight.
+    ///
+    /// Each circle is moved to the best position nearby.
     pub(super) fn best(&self) -> Vec<Ring> {
         self.coarse.best()
     }
 
-    /// Share of a circle, of the coarse scale, on which there is an edge along it at either scale,
-    /// whichever is less.
+    /// Returns the share of a circle, at the coarse scale, that has edges along it.
+    ///
+    /// The result is the smaller share of the two scales.
     pub(super) fn support(&self, ring: &Ring) -> f64 {
         self.coarse.support(ring).min(self.tight_support(ring))
     }
 
-    /// The same at the fine scale alone.
+    /// Returns this share at the fine scale alone.
     pub(super) fn tight_support(&self, ring: &Ring) -> f64 {
         self.fine.support(&ring.scaled(self.ratio))
     }
 
-    /// Gives a circle of the coarse scale the geometric mean of its scores.
+    /// Sets the score of a circle of the coarse scale to the geometric mean over both scales.
     pub(super) fn scored(&self, ring: Ring) -> Ring {
         let of_fine = self.fine.score(&ring.scaled(self.ratio));
         Ring { score: (self.coarse.score(&ring).max(0.0) * of_fine.max(0.0)).sqrt(), ..ring }
     }
 
-    /// A circle of the photograph at the coarse scale.
+    /// Converts a circle of the photograph to the coarse scale and computes its score.
     pub(super) fn ring(&self, circle: &Circle) -> Ring {
         let [x, y, radius] = [circle.x, circle.y, circle.radius].map(|v| (v / self.step) as f32);
         self.scored(Ring { x, y, radius, score: 0.0 })
     }
 
-    /// The best circle on edges of the photograph that are near a rough one or circles around it,
-    /// if there is any.
+    /// Returns the best circle on edges of the photograph near a rough circle, if any.
+    ///
+    /// Circles around the rough one are also tried.
     pub(super) fn settled(&self, rgb: &Plane<Vec3>, small: &Small, rough: &Ring) -> Option<(Ring, Circle)> {
         let on_edges = |ring: Ring| {
             let [x, y, radius] = [ring.x, ring.y, ring.radius].map(|v| f64::from(v) * self.step);
@@ -124,12 +134,12 @@ pub(super) struct Ring {
     x: f32,
     y: f32,
     radius: f32,
-    /// Mean product along it, -1..=1.
+    /// Mean product along the circle, -1..=1.
     score: f32,
 }
 
 impl Ring {
-    /// Ranking of circles: among equal scores, larger circles are more significant.
+    /// Returns the rank of the circle: among equal scores, larger circles are more significant.
     pub(super) fn weight(&self) -> f32 {
         self.score * self.radius.sqrt()
     }
@@ -138,7 +148,7 @@ impl Ring {
         Self { x: self.x * by, y: self.y * by, radius: self.radius * by, ..self }
     }
 
-    /// Itself, and circles that it may touch from within or by chance resembles.
+    /// Iterates over the circle and shifted and enlarged ones, which it may touch from within.
     fn around(self) -> impl Iterator<Item = Self> {
         let turned = move |i: usize| NEARBY * self.radius * Vec2::from_angle(TAU * i as f32 / AROUND as f32);
         let off = std::iter::once(Vec2::ZERO).chain((0..AROUND).map(turned));
@@ -154,12 +164,12 @@ impl Ring {
     }
 }
 
-/// Sorts by falling weight; of equal ones the topmost and leftmost stays first.
+/// Sorts by decreasing weight; circles of equal weight stay in order, topmost and leftmost first.
 pub(super) fn sort<T>(of: &mut [T], ring: impl Fn(&T) -> &Ring) {
     of.sort_by(|a, b| ring(b).weight().total_cmp(&ring(a).weight()));
 }
 
-/// The first circles of which none is the same as one before, `most` at most.
+/// Returns the first circles that differ from all before them, at most `most`.
 pub(super) fn distinct<T>(of: Vec<T>, most: usize, ring: impl Fn(&T) -> &Ring) -> Vec<T> {
     let mut kept: Vec<T> = Vec::new();
     for one in of {
@@ -176,7 +186,7 @@ pub(super) fn distinct<T>(of: Vec<T>, most: usize, ring: impl Fn(&T) -> &Ring) -
 /// Dominant edge orientation of each pixel, as a vector in doubled angles.
 struct Field {
     edges: Plane<Vec2>,
-    /// The directions, in an order whose beginnings are spread evenly, with the doubled ones.
+    /// Directions and their doubled-angle vectors; the first [`FIRST`] are spread evenly.
     directions: Vec<(Vec2, Vec2)>,
 }
 
@@ -193,7 +203,7 @@ impl Field {
         Self { edges, directions: (0..DIRECTIONS).map(direction).collect() }
     }
 
-    /// Sum of the products in the directions of a range; nothing outside the picture.
+    /// Returns the sum of the products over a range of directions; zero outside the picture.
     fn sum(&self, ring: &Ring, range: std::ops::Range<usize>) -> f32 {
         self.products(ring, range).sum()
     }
@@ -214,7 +224,7 @@ impl Field {
         self.sum(ring, 0..DIRECTIONS) / DIRECTIONS as f32
     }
 
-    /// The field without the edges at the rim of a circle.
+    /// Returns the field without the edges at the rim of a circle.
     fn without(&self, ring: &Ring, reach: f32) -> Self {
         let edges = Plane::from_fn(self.edges.width(), self.edges.height(), |x, y| {
             let off = (x as f32 + 0.5 - ring.x).hypot(y as f32 + 0.5 - ring.y) - ring.radius;
@@ -228,8 +238,9 @@ impl Field {
         supports.count() as f64 / DIRECTIONS as f64
     }
 
-    /// The circles of a grid with a good score, each moved to the best place nearby, the one of
-    /// most weight first.
+    /// Returns the circles of a grid with a high score, by decreasing weight.
+    ///
+    /// Each circle is moved to the best position nearby.
     fn best(&self) -> Vec<Ring> {
         let (width, height) = self.edges.size();
         let most = MOST_SHARE * width.min(height) as f32;
@@ -258,7 +269,7 @@ impl Field {
         rings
     }
 
-    /// Moves a circle uphill, by a pixel and then by half of one.
+    /// Moves a circle uphill in weight, in steps of one pixel and then of half a pixel.
     fn climbed(&self, mut ring: Ring) -> Ring {
         for by in [1.0, 0.5] {
             for _ in 0..8 {
@@ -280,8 +291,9 @@ impl Field {
     }
 }
 
-/// Structure tensor of a pixel, summed over the channels: its traceless part in doubled angles, and
-/// half its trace.
+/// Returns the structure tensor of a pixel, summed over the channels.
+///
+/// The first two components are its traceless part in doubled angles, the third is half its trace.
 fn tensor(values: &Plane<Vec3>, x: usize, y: usize) -> Vec3 {
     let (width, height) = values.size();
     let at = |dx: isize, dy: isize| {
@@ -297,7 +309,7 @@ fn tensor(values: &Plane<Vec3>, x: usize, y: usize) -> Vec3 {
     Vec3::new(0.5 * (xx - yy), xy, 0.5 * (xx + yy))
 }
 
-/// Means with the neighbours by the weights 1, 2, 1 along rows and columns.
+/// Smooths with the weights 1, 2, 1 along rows and columns.
 fn smoothed(of: &Plane<Vec3>) -> Plane<Vec3> {
     let (width, height) = of.size();
     let three = |a: Vec3, b: Vec3, c: Vec3| 0.25 * (a + 2.0 * b + c);

@@ -6,7 +6,7 @@ use super::{Candidate, Circle, Contradiction, Extent, ObservationReport};
 use crate::remedy::Remedy;
 use crate::shape::{CameraError, MeshError};
 
-/// Error that leaves a picture without observations; [`SceneError::remedies`] lists suggestions.
+/// Error in detecting or sampling an object; [`SceneError::remedies`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SceneError {
     /// No pixel of the mask is at least half covered.
@@ -18,7 +18,7 @@ pub enum SceneError {
          and check that it is not inverted"
     )]
     MaskEverywhere,
-    /// The covered part is too small to carry a ball.
+    /// The covered part is too small for a ball.
     #[error(
         "the ball in the mask has a radius of only {radius:.1} pixels, {least} are required; use a larger image, or \
          check the mask"
@@ -64,8 +64,8 @@ pub enum SceneError {
          the mask"
     )]
     NotAnEllipse {
-        /// Distance in pixels within which 7 in 10 points of the outline lie of the best ellipse;
-        /// zero where there is no best one.
+        /// Distance from the best ellipse within which 70 % of the points of the outline lie, in
+        /// pixels; zero if no ellipse was fitted.
         residual: f64,
         /// Points of the outline.
         rim: usize,
@@ -91,15 +91,15 @@ pub enum SceneError {
          the same size"
     )]
     Sizes {
-        /// The picture of the wrong size, for example `"mask"` or `"normal map"`.
+        /// Name of the image of the wrong size, for example `"mask"` or `"normal map"`.
         what: &'static str,
-        /// Its columns.
+        /// Number of its columns.
         width: usize,
-        /// Its rows.
+        /// Number of its rows.
         height: usize,
-        /// Columns of the picture.
+        /// Number of columns of the picture.
         picture_width: usize,
-        /// Rows of the picture.
+        /// Number of rows of the picture.
         picture_height: usize,
     },
     /// No pixel has both coverage and a normal.
@@ -207,7 +207,7 @@ pub enum SceneError {
     /// The normals are inconsistent.
     #[error(transparent)]
     Contradiction(Contradiction),
-    /// The positions do not make a surface.
+    /// The positions do not form a surface.
     #[error(transparent)]
     Relief(#[from] MeshError),
     /// The camera is invalid.
@@ -247,7 +247,7 @@ impl SceneError {
         }
     }
 
-    /// Whether the outline is faulty, and therefore the mask.
+    /// Whether the error concerns the outline, and therefore the mask.
     pub fn is_of_outline(&self) -> bool {
         matches!(
             self,

@@ -15,7 +15,7 @@ pub enum Fate {
     /// The pixel is not on the object, not within the circle, or seen at too steep an angle.
     #[default]
     Outside,
-    /// The pixel may be observed.
+    /// The pixel is valid and may be observed.
     Used,
     /// A channel is at or above the clip level.
     Clipped,
@@ -37,16 +37,16 @@ pub enum Fate {
 }
 
 impl Fate {
-    /// Whether the value of the pixel itself is meaningless.
+    /// Whether the value of the pixel is invalid.
     pub(crate) fn is_faulty(self) -> bool {
         matches!(self, Self::Negative | Self::NotFinite | Self::Outlier)
     }
 
-    /// Returns what is wrong with a colour, if anything.
+    /// Returns the fault of a colour, if any.
     ///
-    /// A channel may be negative where the luminance is not: colours out of the gamut of a file's
-    /// primaries and the ringing of a resampler make such pixels, and their luminance is right.
-    /// Zero in all channels is black and valid: renderings of dark metals have it wherever the
+    /// A channel may be negative while the luminance is positive: colours outside the gamut of a
+    /// file's primaries and the ringing of a resampler produce such pixels, and their luminance is
+    /// correct. Zero in all channels is valid black: renderings of dark metals have it wherever the
     /// light is black. No surface has negative luminance.
     pub(crate) fn fault(colour: Vec3) -> Option<Self> {
         if !colour.is_finite() {
@@ -66,8 +66,10 @@ pub(super) struct Judged {
     pub(super) report: ObservationReport,
 }
 
-/// Judges the pixels of `region`, which are on the object and not seen at too steep an angle;
-/// `report` holds the counts that only the caller knows.
+/// Determines the status of the pixels of `region`.
+///
+/// They are on the object and not seen at too steep an angle. `report` contains the counts that
+/// only the caller can provide.
 ///
 /// # Errors
 /// [`SceneError::BadPixels`] if more than half of the pixels are faulty.
@@ -131,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faults_are_told_by_luminance() {
+    fn faults_depend_on_the_luminance() {
         for (colour, want) in [
             (Vec3::ONE, None),
             (Vec3::new(1.0, -0.1, 0.3), None),
@@ -148,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn more_than_half_faulty_is_too_much() {
+    fn rejects_pictures_with_more_than_half_of_the_pixels_faulty() {
         let region = Plane::from_fn(40, 40, |_, _| true);
         let underlay = Underlay { normal: &|_| Vec3::Z, convex: true };
         let judged = |faulty: usize| {

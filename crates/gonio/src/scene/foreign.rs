@@ -6,12 +6,13 @@
 //!
 //! 1. It is a compact region behind a sharp step of chromaticity, small compared with the rest,
 //!    with similar normals on both sides.
-//! 2. Some channel falls across the step: highlights and other added light raise them all. On a
-//!    surface that may shadow itself some channel also rises, since shadows lower them all.
-//! 3. Light falls on both sides alike: brightness and chromaticity of the inside follow those of
-//!    the outside along the whole step, up to one factor. Reflections in a mirror do not, and where
-//!    there is no shading to follow nothing is decided.
-//! 4. There are few other such steps elsewhere: reflections of a coloured world have many.
+//! 2. At least one channel falls across the step: highlights and other added light raise all
+//!    channels. On a surface that may shadow itself, at least one channel also rises, since shadows
+//!    lower all channels.
+//! 3. Both sides receive the same light: along the whole step, brightness and chromaticity of the
+//!    inside follow those of the outside, up to one factor. Reflections in a mirror do not. Without
+//!    shading along the step, the region is kept.
+//! 4. There are few other such steps elsewhere; reflections of coloured surroundings have many.
 //!
 //! In ambiguous cases, all pixels are kept: a few painted pixels change the result little, but a
 //! reflection mistaken for paint changes it strongly.
@@ -21,56 +22,57 @@ use glam::{DVec2, DVec3, Vec3};
 use super::components::{fill_holes, neighbours};
 use crate::picture::{Plane, luminance};
 
-/// Approximate number of cells along the longer side of the object, in which the picture is
-/// analysed: finer structure is noise or texture.
+/// Approximate number of cells along the longer side of the object. The picture is analysed in
+/// these cells: finer structure is noise or texture.
 const CELLS: f64 = 300.0;
-/// Least share of known pixels for a cell to be known.
+/// Smallest share of usable pixels in a cell whose tone is known.
 const KNOWN: f32 = 0.5;
-/// Offset added to all channels before the logarithm, relative to the median luminance:
-/// chromaticity means little in the dark.
+/// Offset added to all channels before the logarithm, relative to the median luminance: the
+/// chromaticity of dark pixels is unreliable.
 const DARK: f32 = 0.02;
-/// Change of chromaticity (natural logarithms of R/G and B/G) above which there is a step...
+/// Change of chromaticity (natural logarithms of R/G and B/G) above which there is a step.
 const STEP: f64 = 0.25;
-/// ...measured between the cells this many cells away on either side.
+/// Distance from a cell to each of the two cells between which this change is measured, in cells.
 const SPAN: usize = 2;
 /// Largest distance between the two sides of a step, in cells: a span on both sides, the smoothing
-/// and some blur. Slower changes are due to the light.
+/// and some blur. Light explains slower changes.
 const REACH: usize = 8;
-/// Half the side, in cells, of the window in which a plane is fitted that continues the outside.
+/// Half the side, in cells, of the window of the plane fit that extrapolates the outside.
 const WINDOW: usize = 4;
-/// Least number of cells of a region; smaller ones are kept.
+/// Smallest number of cells of a region; smaller ones are kept.
 const LEAST_CELLS: usize = 12;
-/// Least share of the object that the rest must make up, in one piece...
+/// Smallest share of the object that the rest must make up, in one piece.
 const LEAST_MAIN: f64 = 0.5;
-/// ...and largest share that may be left out.
+/// Largest share of the object that may be ignored.
 const MOST_SHARE: f64 = 0.25;
-/// Least compactness of a region, `4 pi area / perimeter^2`, one for a disc: below it the region is
-/// a fringe.
+/// Smallest compactness of a region, `4 pi area / perimeter^2`, one for a disc: less compact
+/// regions are fringes.
 const LEAST_COMPACT: f64 = 0.2;
-/// Least share of a region's border that lies against the rest of the object, not against its
+/// Smallest share of a region's border that lies against the rest of the object, not against its
 /// outline or other regions.
 const LEAST_BORDER: f64 = 0.5;
-/// Least number of cells of that border.
+/// Smallest number of cells of that part of the border.
 const LEAST_PAIRS: usize = 8;
 /// Cosine of the largest angle between the normals of both sides: 15 degrees.
 const ALIKE: f32 = 0.966;
-/// Least change across the step: of chromaticity, the fall of one channel, and the rise of another
-/// where that is required, in natural logarithms.
+/// Smallest change of chromaticity across the step, in natural logarithms.
 const LEAST_CHANGE: f64 = 0.3;
+/// Smallest fall of one channel across the step, in natural logarithms.
 const LEAST_FALL: f64 = 0.15;
+/// Smallest rise of another channel, where one is required, in natural logarithms.
 const LEAST_RISE: f64 = 0.05;
-/// Largest variation of the factor between the sides along the step (median deviation of its
-/// logarithm)...
+/// Largest variation along the step of the factor between the sides (median absolute deviation of
+/// its logarithm).
 const MOST_SPREAD: f64 = 0.1;
-/// ...and largest ratio of it to the variation of the outside, which is...
+/// Largest ratio of this variation to that of the outside.
 const MOST_RELATIVE: f64 = 0.5;
-/// ...at least this.
+/// Smallest variation of the outside along the step (median absolute deviation of its logarithm).
 const LEAST_SHADING: f64 = 0.01;
-/// Share of the way from the outside's chromaticity to the inside's from which on a cell at the
-/// step belongs to the region.
+/// Smallest chromaticity of a cell at the step that belongs to the region, as a share of the way
+/// from the outside to the inside.
 const MIXED: f64 = 0.2;
-/// Largest ratio of the steps elsewhere that light cannot explain to the steps around what is left
-/// out.
+/// Largest number of steps elsewhere that light cannot explain, relative to the number of steps
+/// around the ignored regions.
 const MOST_ELSEWHERE: f64 = 0.3;
 
 /// Surface behind the pixels.
@@ -143,8 +145,7 @@ impl Cells {
         Some(Self { side, origin: low, tones, normals })
     }
 
-    /// Returns the change from one side of a cell to the other along both axes; a side that is
-    /// unknown counts as the cell itself.
+    /// Returns the change across a cell along both axes; an unknown side counts as the cell itself.
     fn changes(&self, (u, v): (usize, usize)) -> Option<[DVec3; 2]> {
         let own = self.tones[(u, v)]?;
         let (width, height) = self.tones.size();
@@ -159,8 +160,8 @@ impl Cells {
         ])
     }
 
-    /// Extrapolates the tones of a labelled region around one of its cells to another cell, by a
-    /// plane.
+    /// Extrapolates the tones of a labelled region by a plane, from around one of its cells to
+    /// another cell.
     fn continued(&self, labels: &Plane<u32>, from: (usize, usize), to: (usize, usize)) -> Option<DVec3> {
         let (width, height) = self.tones.size();
         let (mut gram, mut moments, mut count) = ([[0.0; 3]; 3], [DVec3::ZERO; 3], 0);
@@ -192,7 +193,7 @@ fn solve_three(rows: [[f64; 3]; 3], right: [f64; 3]) -> Option<[f64; 3]> {
     sound.then(|| (matrix.inverse() * DVec3::from_array(right)).to_array())
 }
 
-/// Finds the pixels of another colour, where leaving them out is safe; `None` if there are none.
+/// Finds the pixels of another colour that can be ignored safely; `None` if there are none.
 pub(super) fn foreign(
     rgb: &Plane<Vec3>,
     usable: &dyn Fn((usize, usize)) -> bool,
@@ -291,7 +292,7 @@ struct Pair {
 
 /// The border of a region against the rest of the object.
 struct Border {
-    /// Number of its cells, all around the region.
+    /// Number of cells along the whole border of the region.
     length: usize,
     pairs: Vec<Pair>,
 }
@@ -325,7 +326,7 @@ impl Border {
         enough.then_some(Self { length, pairs })
     }
 
-    /// Returns the step, if it is one of paint.
+    /// Returns the step if it is a step of paint.
     fn step(&self, area: usize, convex: bool) -> Option<Step> {
         let compact = 4.0 * std::f64::consts::PI * area as f64 / (self.length as f64).powi(2);
         let steps = || self.pairs.iter().map(|p| p.inside - p.continued);

@@ -20,11 +20,11 @@ use crate::sphere::OctahedralMap;
 
 /// Largest error of a normal's length: renderers filter normals, and 8-bit files round them.
 const LENGTH_TOLERANCE: f32 = 0.05;
-/// Largest share of faulty normals, which are skipped; beyond it the map as a whole is faulty.
+/// Largest share of faulty normals, which are skipped; above it, the map is rejected.
 const MOST_FAULTY: f64 = 0.02;
 /// Cells along a side of the grid on which directions are counted: 1.6 degrees each.
 const COUNTING_SIDE: usize = 128;
-/// Points in a cell of the grid on which pixels are thinned, where the whole hemisphere is seen.
+/// Points per cell of the thinning grid if the whole hemisphere is visible.
 const POINTS_PER_CELL: f64 = 4.0;
 
 /// Returns the cell of the equal-area grid of `side` by `side` that holds a unit vector.
@@ -35,9 +35,10 @@ fn cell(normal: DVec3, side: usize) -> usize {
 }
 
 impl Observations {
-    /// Observes a surface whose normal at each pixel is given by `normals`: camera space, x right,
-    /// y up, z towards the camera, as unit vectors. The camera is taken as orthographic. The rest
-    /// is as in [`Self::of_view`].
+    /// Observes a surface given by its normals under an orthographic camera.
+    ///
+    /// `normals` contains unit vectors in camera space: x right, y up, z towards the camera. The
+    /// rest is as in [`Self::of_view`].
     ///
     /// # Errors
     /// See [`Self::of_view`].
@@ -52,17 +53,17 @@ impl Observations {
 
     /// Observes a surface of any shape.
     ///
-    /// Where more than [`ObservationSettings::normals`] covered pixels face the camera, they are
-    /// thinned evenly: the directions are divided into cells of equal area, and each cell gives the
-    /// same number of pixels, or all it has, spread over the picture. The points are those whose
-    /// normal is less than [`ObservationSettings::max_angle`] from the view. They depend on shape
-    /// and coverage, not on the radiance.
+    /// If more than [`ObservationSettings::normals`] covered pixels face the camera, they are
+    /// thinned evenly: the directions are divided into cells of equal area, and each cell provides
+    /// the same number of pixels, or all it has, spread over the picture. The points are the pixels
+    /// whose normal is less than [`ObservationSettings::max_angle`] from the view. They depend on
+    /// shape and coverage, not on the radiance.
     ///
     /// A pixel is covered where `coverage` (or else the alpha channel of the picture) is 0.99 or
     /// more. Without either, every pixel with a normal is covered, except those next to a pixel
     /// without one, which the object may cover only in part. Pixels at edges of the surface, and
-    /// specks far darker than all their neighbours, are left out; [`Observations::weights`] says
-    /// how far the rest can be trusted.
+    /// specks far darker than all their neighbours, are ignored; [`Observations::weights`] contains
+    /// the reliability of the others.
     ///
     /// # Errors
     /// [`SceneError::Sizes`]; [`SceneError::NoNormals`]; [`SceneError::NotUnit`] when more than 2 %
@@ -160,8 +161,8 @@ impl Observations {
                 Some(Sample::of(c.seen(surface), f64::from(luminance(rgb)), 1.0).coloured(rgb))
             })
             .collect();
-        // Thinned before the cut at the largest angle: otherwise the cells that it divides would be
-        // sampled too densely.
+        // Thin before the cut at the largest angle: otherwise the cells that the cut divides would
+        // be sampled too densely.
         let taken = thin(&facing, surface, settings.normals);
         let taken: Vec<Candidate> = taken.iter().filter(within).copied().collect();
         let seen = taken.iter().map(|c| match fates.as_slice()[c.pixel as usize] {
@@ -185,8 +186,9 @@ impl Observations {
     }
 }
 
-/// Whether a sound pixel is less than a quarter as bright as each of its neighbours in the region,
-/// of which there must be at least five.
+/// Whether a valid pixel is less than a quarter as bright as each of its neighbours in the region.
+///
+/// False for pixels with fewer than five such neighbours.
 fn is_speck(rgb: &Plane<Vec3>, region: &Plane<bool>, at: (usize, usize)) -> bool {
     if Fate::fault(rgb[at]).is_some() {
         return false;
@@ -196,8 +198,9 @@ fn is_speck(rgb: &Plane<Vec3>, region: &Plane<bool>, at: (usize, usize)) -> bool
     around().count() >= 5 && around().all(|next| luminance(rgb[next]) > 4.0 * own)
 }
 
-/// A pixel (its index, row-major) that faces the camera, and its normal as in the map. Kept small:
-/// photographs have millions of them.
+/// A pixel (row-major index) that faces the camera, and its normal as in the map.
+///
+/// The type is small because photographs have millions of them.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     pixel: u32,
@@ -221,7 +224,7 @@ impl Candidate {
     }
 }
 
-/// Whether a pixel (its index, row-major) has a unit normal that faces the camera.
+/// Whether a pixel (row-major index) has a unit normal that faces the camera.
 fn is_sound(surface: &SurfaceView<'_>, pixel: usize) -> bool {
     let normal = surface.normals.as_slice()[pixel];
     let unit = has_normal(normal) && (normal.length() - 1.0).abs() <= LENGTH_TOLERANCE;
@@ -268,19 +271,19 @@ fn facing(surface: &SurfaceView<'_>, covered: &Plane<bool>) -> Result<(Vec<Candi
     }
 }
 
-/// Selects at most `most` of the candidates, evenly over the directions, in their order.
+/// Selects at most `most` of the candidates, evenly over the directions, and keeps their order.
 fn thin(candidates: &[Candidate], surface: &SurfaceView<'_>, most: usize) -> Vec<Candidate> {
     if candidates.len() <= most {
         return candidates.to_vec();
     }
-    // The visible hemisphere is half of the square.
+    // The visible hemisphere covers half of the square.
     let side = ((2.0 * most as f64 / POINTS_PER_CELL).sqrt() as usize).max(1);
     let mut cells: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (i, candidate) in candidates.iter().enumerate() {
         cells.entry(cell(candidate.seen(surface), side)).or_default().push(i);
     }
-    // Largest number that can be taken from each cell; there are fewer cells than points wanted, so
-    // it is at least one.
+    // Largest number that can be taken from each cell. It is at least one, because there are fewer
+    // cells than requested points.
     let total = |each: usize| cells.values().map(|cell| cell.len().min(each)).sum::<usize>();
     let (mut fits, mut exceeds) = (1, candidates.len());
     while exceeds - fits > 1 {

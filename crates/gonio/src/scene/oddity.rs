@@ -17,10 +17,10 @@ pub enum Oddity {
     Inside {
         /// Number of back-facing pixels.
         inside: usize,
-        /// Number of pixels that see the surface.
+        /// Number of pixels that show the surface.
         seen: usize,
     },
-    /// The depth of the ellipsoid is unknown; holds the semi-axis taken for it, in pixels.
+    /// The depth of the ellipsoid is unknown; holds the assumed semi-axis, in pixels.
     Depth(f64),
     /// The normals are inconsistent, but the checks are disabled.
     Contradiction(Contradiction),
@@ -40,14 +40,14 @@ pub enum Oddity {
         /// Number of observed pixels on the object.
         observed: usize,
     },
-    /// More pixels differ from their neighbours than a sensor has faulty ones.
+    /// There are more outliers than a sensor has faulty pixels.
     Outliers {
         /// Number of outliers.
         outliers: usize,
         /// Number of observed pixels on the object.
         observed: usize,
     },
-    /// Some pixels differ from the pixels around them as much as outliers, but are used.
+    /// Some pixels differ from their neighbours as much as outliers, but are used.
     Isolated {
         /// Number of such pixels.
         isolated: usize,

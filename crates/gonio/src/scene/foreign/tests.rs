@@ -30,7 +30,7 @@ const LAMPS: [([f32; 3], [f32; 3]); 4] = [
     ([-0.1, -0.9, 0.3], [0.2, 0.8, 0.3]),
 ];
 
-/// Irradiance under four lamps, coloured to the degree `colour`, and some ambient light.
+/// Irradiance under four lamps of saturation `colour`, plus ambient light.
 fn irradiance(n: Vec3, colour: f32) -> Vec3 {
     LAMPS.iter().fold(Vec3::splat(0.15), |sum, (from, rgb)| {
         sum + n.dot(Vec3::from_array(*from).normalize()).max(0.0) * Vec3::ONE.lerp(Vec3::from_array(*rgb), colour)
@@ -49,7 +49,7 @@ fn found(rgb: &Plane<Vec3>, convex: bool) -> usize {
         .map_or(0, |plane| plane.as_slice().iter().filter(|taken| **taken).count())
 }
 
-/// Shares of the pixels that are lost within a spot around a direction, and outside it.
+/// Shares of the pixels inside and outside a spot that are detected as another colour.
 fn lost(rgb: &Plane<Vec3>, inside: impl Fn(Vec3) -> bool, convex: bool) -> (f64, f64) {
     let taken = foreign(rgb, &usable, &Underlay { normal: &normal, convex });
     let share = |spot: bool| {
@@ -66,7 +66,7 @@ fn lost(rgb: &Plane<Vec3>, inside: impl Fn(Vec3) -> bool, convex: bool) -> (f64,
 }
 
 #[test]
-fn paint_on_a_matte_ball_is_found() {
+fn detects_paint_on_a_matte_ball() {
     let bodies = [Vec3::new(0.6, 0.1, 0.08), Vec3::new(0.7, 0.7, 0.65), Vec3::new(0.2, 0.3, 0.5)];
     let paints = [Vec3::new(0.1, 0.15, 0.5), Vec3::new(0.5, 0.06, 0.05), Vec3::new(0.25, 0.1, 0.06)];
     for (body, paint) in bodies.into_iter().zip(paints) {
@@ -83,7 +83,7 @@ fn paint_on_a_matte_ball_is_found() {
 }
 
 #[test]
-fn paint_that_only_darkens_is_left_in_where_there_may_be_shadows() {
+fn keeps_paint_that_only_darkens_where_shadows_are_possible() {
     let inside = |n: Vec3| n.dot(Vec3::new(0.2, 0.3, 0.93).normalize()) > 0.94;
     let rgb = ball(|n, _| irradiance(n, 0.3) * if inside(n) { Vec3::new(0.4, 0.06, 0.05) } else { Vec3::splat(0.7) });
     assert_eq!(lost(&rgb, inside, false), (0.0, 0.0));
@@ -123,9 +123,9 @@ fn hard_terminators_in_the_dark_are_not_paint() {
 }
 
 #[test]
-fn what_metals_reflect_is_not_paint() {
-    // Walls of many colours: pieces of a room, cut by planes, each with a gradient; and one
-    // coloured card in front of an even or graded wall.
+fn reflections_in_metals_are_not_paint() {
+    // Walls of many colours: the pieces of a room cut by planes, each with a gradient; then a
+    // coloured card in front of a uniform or graded wall.
     let hue = |seed: u32| {
         let channel = |k: u32| 0.05 + ((seed.wrapping_mul(2_654_435_761).rotate_left(8 * k) >> 7) & 255) as f32 / 255.0;
         Vec3::new(channel(0), channel(1), channel(2))
@@ -152,11 +152,11 @@ fn what_metals_reflect_is_not_paint() {
 }
 
 #[test]
-fn much_of_another_colour_is_no_exception() {
+fn keeps_large_areas_of_another_colour() {
     let rgb =
         ball(|n, _| irradiance(n, 0.2) * if n.x > 0.1 { Vec3::new(0.1, 0.2, 0.6) } else { Vec3::new(0.6, 0.2, 0.1) });
     assert_eq!(found(&rgb, true), 0);
-    // Checks all over.
+    // Checks over the whole ball.
     let check = |n: Vec3| ((n.x * 6.0).floor() + (n.y * 6.0).floor()) as i32 % 2 == 0;
     let rgb =
         ball(|n, _| irradiance(n, 0.2) * if check(n) { Vec3::new(0.1, 0.2, 0.6) } else { Vec3::new(0.6, 0.2, 0.1) });
@@ -164,7 +164,7 @@ fn much_of_another_colour_is_no_exception() {
 }
 
 #[test]
-fn grey_and_empty_pictures_have_none() {
+fn grey_and_empty_pictures_have_no_other_colour() {
     assert_eq!(found(&ball(|n, _| Vec3::splat(n.z)), true), 0);
     assert_eq!(found(&ball(|_, _| Vec3::ZERO), true), 0);
     assert!(foreign(&ball(|_, _| Vec3::ONE), &|_| false, &Underlay { normal: &normal, convex: true }).is_none());

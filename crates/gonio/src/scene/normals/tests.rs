@@ -21,7 +21,7 @@ fn observe(normals: &Plane<Vec3>) -> Result<Observations, SceneError> {
     Observations::of_normals(&picture(normals), normals, None, &ObservationSettings::default())
 }
 
-/// The ball with each normal mapped by `f`, which also gets the index of the pixel.
+/// The ball with each normal mapped by `f`, which also receives the index of the pixel.
 fn with(f: impl Fn(usize, Vec3) -> Vec3) -> Plane<Vec3> {
     let mut normals = ball();
     for (i, normal) in normals.as_mut_slice().iter_mut().enumerate().filter(|(_, n)| **n != Vec3::ZERO) {
@@ -47,7 +47,7 @@ fn each_point_has_the_radiance_of_its_pixel() {
 fn thinning_is_even_over_the_directions() {
     let got = observe(&ball()).unwrap();
     assert!((9_000..=10_500).contains(&got.points.len()), "{}", got.points.len());
-    // Mean height of a cap that reaches to 80 degrees; the mean over all pixels is 0.66.
+    // Mean height of a cap that extends to 80 degrees; the mean over all pixels is 0.66.
     let mean = got.points.iter().map(|p| p.normal).sum::<DVec3>() / got.points.len() as f64;
     assert!((mean - DVec3::new(0.0, 0.0, 0.587)).length() < 0.01, "{mean}");
     let mut counts = BTreeMap::new();
@@ -61,7 +61,7 @@ fn thinning_is_even_over_the_directions() {
 }
 
 #[test]
-fn few_pixels_are_all_taken_and_the_number_wanted_is_never_exceeded() {
+fn takes_all_of_few_pixels_and_never_more_than_requested() {
     let all = Observations::of_normals(
         &picture(&ball()),
         &ball(),
@@ -90,7 +90,7 @@ fn points_do_not_depend_on_the_radiance() {
 }
 
 #[test]
-fn a_mask_says_what_is_covered() {
+fn a_mask_or_alpha_channel_defines_the_covered_pixels() {
     let mask = Plane::from_fn(SIZE, SIZE, |x, _| if x < 200 { 1.0 } else { 0.98 });
     let settings = ObservationSettings::default();
     let got = Observations::of_normals(&picture(&ball()), &ball(), Some(&mask), &settings).unwrap();
@@ -101,7 +101,7 @@ fn a_mask_says_what_is_covered() {
 }
 
 #[test]
-fn a_few_faulty_normals_are_skipped_and_counted() {
+fn skips_and_counts_a_few_faulty_normals() {
     let got = observe(&with(|i, n| if i % 100 == 0 { 1.1 * n } else { n })).unwrap();
     assert!(got.report.not_unit > 500 && got.report.facing_away == 0, "{:?}", got.report);
     let got = observe(&with(|i, n| if i % 100 == 0 { -n } else { n })).unwrap();
@@ -109,7 +109,7 @@ fn a_few_faulty_normals_are_skipped_and_counted() {
 }
 
 #[test]
-fn faulty_maps_are_refused() {
+fn rejects_faulty_maps() {
     let refused = |normals: &Plane<Vec3>| observe(normals).unwrap_err();
     assert_eq!(refused(&ball().map(|_| Vec3::ZERO)), SceneError::NoNormals);
     assert_eq!(refused(&ball().map(|_| Vec3::NAN)), SceneError::NoNormals);
@@ -126,7 +126,7 @@ fn faulty_maps_are_refused() {
 }
 
 #[test]
-fn sizes_must_agree() {
+fn rejects_images_of_different_size() {
     let refused = |normals: &Plane<Vec3>, mask: Option<&Plane<f32>>| {
         Observations::of_normals(&picture(&ball()), normals, mask, &ObservationSettings::default()).unwrap_err()
     };
@@ -139,7 +139,7 @@ fn sizes_must_agree() {
 }
 
 #[test]
-fn faulty_pixels_are_left_out_and_counted_where_they_are_observed() {
+fn ignores_and_counts_faulty_pixels_in_the_observed_region() {
     let (normals, settings) = (ball(), ObservationSettings { normals: 1_000_000, ..ObservationSettings::default() });
     let observe = |picture: &Picture| Observations::of_normals(picture, &normals, None, &settings);
     let clean = observe(&picture(&normals)).unwrap();

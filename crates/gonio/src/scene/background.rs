@@ -18,7 +18,7 @@ pub(crate) fn coverage_of(picture: &Picture, mask: Option<&Plane<f32>>) -> Optio
     mask.or(picture.alpha.as_ref().filter(varies)).cloned().or_else(|| background_coverage(&picture.rgb))
 }
 
-/// Estimates the coverage (0..1) of the object before a background of exactly one value.
+/// Estimates the coverage (0..1) of the object on a background of exactly one value.
 ///
 /// Renderers write such a background, usually black. Its value is the most frequent one on the
 /// border of the picture, where it must make up at least a quarter of the pixels. The background
@@ -57,7 +57,7 @@ const LOSSES: f32 = 0.12;
 /// Largest noise of a plain background, as a share of the object's contrast.
 const MOST_NOISE: f32 = 0.4;
 
-/// Estimates the coverage (0..1) of the object before a plain background with noise.
+/// Estimates the coverage (0..1) of the object on a plain background with noise.
 ///
 /// The noise may also be compression losses. The background consists of the pixels of the reduced
 /// photograph that are connected to its border through values near the median of the border. The

@@ -185,7 +185,7 @@ pub enum SceneError {
         /// The objects, the largest first.
         objects: Vec<Extent>,
     },
-    /// No circle was reliably detected before a non-uniform background.
+    /// No circle was reliably detected on a non-uniform background.
     #[error(
         "the ball was not reliably detected: of {}, the best has edges along {:.0} % of its outline",
         counted(.candidates.len()),

@@ -18,11 +18,11 @@ use crate::shape::Visibility;
 use crate::shape::{Points, SurfacePoint};
 use crate::sphere::fibonacci_hemisphere;
 
-/// Least number of points with a value: what [`Plan::project`](crate::transfer::Plan::project)
-/// needs.
+/// Smallest number of points with a value, as required by
+/// [`Plan::project`](crate::transfer::Plan::project).
 pub(super) const LEAST_POINTS: usize = 50;
 
-/// Least share of the interpolation weight that the sound pixels around a point must have where
+/// Smallest share of the interpolation weight that the valid pixels around a point must have if the
 /// others are faulty.
 const LEAST_WEIGHT: f32 = 0.5;
 
@@ -30,10 +30,10 @@ const LEAST_WEIGHT: f32 = 0.5;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObservationSettings {
     /// Number of normals on the visible hemisphere, before those beyond `max_angle` are dropped;
-    /// with a normal map, the largest number of pixels taken, likewise before that.
+    /// with a normal map, the largest number of pixels, also before that step.
     pub normals: usize,
-    /// Largest angle between normal and view, in radians, exclusive. Beyond 80 degrees the picture
-    /// says little.
+    /// Largest angle between normal and view, in radians, exclusive. Beyond 80 degrees, the picture
+    /// contains little information.
     pub max_angle: f64,
     /// Angle from the vertical axis (+y or -y of the camera) within which normals of a sphere are
     /// dropped, in radians: the poles of the paper's map of the sphere, where a Haar square is a
@@ -41,20 +41,20 @@ pub struct ObservationSettings {
     #[serde(default)]
     pub pole_angle: f64,
     /// Radiance at or above which a channel is clipped (for integer pictures, the full scale).
-    /// `None` finds the level: the largest value of the object, if at least 12 pixels and 0.02 % of
-    /// the observed ones have exactly that value.
+    /// `None` detects the level: the largest value of the object, if at least 12 pixels and 0.02 %
+    /// of the observed ones have exactly that value.
     pub clip: Option<f32>,
-    /// Whether regions of another colour (paint, stickers) are observed as well. By default they
-    /// are left out where it is safe to tell them from highlights and reflections.
+    /// Whether to observe regions of another colour (paint, stickers) as well. By default, they are
+    /// ignored if they can be distinguished safely from highlights and reflections.
     #[serde(default)]
     pub keep_colours: bool,
-    /// Whether a surface is accepted whose silhouette is not that of the object.
+    /// Whether to accept a surface whose silhouette differs from that of the object.
     #[serde(default)]
     pub force: bool,
 }
 
 impl Default for ObservationSettings {
-    /// The values of the paper, except for its poles, which an equal-area map does not have.
+    /// The values of the paper, except the pole angle: an equal-area map has no poles.
     fn default() -> Self {
         Self {
             normals: 12_000,
@@ -68,14 +68,15 @@ impl Default for ObservationSettings {
 }
 
 impl ObservationSettings {
-    /// The values of the paper: 12,000 normals, of which the limits leave about 8,600. The paper
-    /// gives that number, not the angle.
+    /// Returns the settings of the paper: 12,000 normals, of which the limits leave about 8,600.
+    ///
+    /// The paper states this number, not the angle.
     pub fn of_paper() -> Self {
         Self { pole_angle: 34.4_f64.to_radians(), ..Self::default() }
     }
 }
 
-/// Counts of the points and pixels of a picture by their fate.
+/// Counts of the points and pixels of a picture by status.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ObservationReport {
@@ -93,27 +94,28 @@ pub struct ObservationReport {
     pub other_colour: usize,
     /// Pixels of the observed part of the object.
     pub observed_pixels: usize,
-    /// Observed pixels whose values are used: all that are not left out for a reason below. The
-    /// points are interpolated between them, so that a small picture has fewer of them than points.
+    /// Observed pixels whose values are used: all that are not ignored for a reason below. The
+    /// points are interpolated between pixels, so a small picture has fewer used pixels than
+    /// points.
     pub used_pixels: usize,
     /// Observed pixels that are clipped.
     pub clipped_pixels: usize,
-    /// Radiance at or above which a channel counts as clipped, given or found.
+    /// Radiance at or above which a channel counts as clipped, given or detected.
     pub clip_level: Option<f32>,
-    /// Observed pixels of negative luminance, which are left out.
+    /// Observed pixels of negative luminance, which are ignored.
     pub negative: usize,
-    /// Observed pixels with a channel that is NaN or infinite, which are left out.
+    /// Observed pixels with a channel that is NaN or infinite, which are ignored.
     pub not_finite: usize,
     /// Observed pixels with a channel far from the pixels around it (hot and dead pixels,
-    /// fireflies), which are left out.
+    /// fireflies), which are ignored.
     pub outliers: usize,
     /// Observed pixels that differ from the pixels around them as much as outliers, but are used
     /// because the object reflects sharply or glitters.
     pub isolated: usize,
-    /// Observed pixels that are used although a channel is negative: the luminance is not, and the
-    /// channel counts as zero in the colour.
+    /// Observed pixels that are used although a channel is negative: the luminance is positive, and
+    /// the channel counts as zero in the colour.
     pub negative_channels: usize,
-    /// Observed pixels in regions of another colour, which are left out.
+    /// Observed pixels in regions of another colour, which are ignored.
     pub other_colour_pixels: usize,
     /// Covered pixels whose normal is missing (shorter than 0.1, or not finite); 0 for a sphere.
     pub without_normal: usize,
@@ -128,7 +130,7 @@ pub struct ObservationReport {
     /// pixels; 0 for a sphere.
     pub specks: usize,
     /// Points without a value because the edge of a shadow of the object itself may lie on them, or
-    /// because they see little of the light except what the object reflects.
+    /// because the object occludes most of their light.
     pub in_shadow: usize,
 }
 
@@ -139,30 +141,30 @@ pub struct Observations {
     pub points: Vec<SurfacePoint>,
     /// Position `(x, y)` of each point in the picture, in pixels from its top left corner.
     pub pixels: Vec<(f64, f64)>,
-    /// Luminance of each point on the scale of the picture; `None` where the picture does not show
-    /// it.
+    /// Luminance of each point on the scale of the picture; `None` if the point is not observed.
     pub values: Vec<Option<f64>>,
     /// Linear RGB radiance of each point, where it has a value.
     pub colours: Vec<Option<Vec3>>,
-    /// Trust in each value, in 0..=1: inverse variances relative to that of the model's own error.
+    /// Weight of each value, in 0..=1: its inverse variance relative to that of the model's error.
     pub weights: Vec<f64>,
-    /// Light visible from each point, where the surface shadows itself ([`Self::shadowed_by`]).
+    /// Light visible from each point, if the surface shadows itself ([`Self::shadowed_by`]).
     pub visibility: Option<Visibility>,
-    /// Share of the light of an even sky that reaches each point, in 0..=1: one where nothing is
-    /// occluded.
+    /// Share of the light of a uniform sky that reaches each point, in 0..=1; one without
+    /// occlusion.
     pub open: Vec<f64>,
-    /// Counts of the points by their fate.
+    /// Counts of the points and pixels by status.
     pub report: ObservationReport,
-    /// Fate of each pixel, if any pixel except those outside was left out.
+    /// Status of each pixel, if any pixel on the object is ignored.
     pub fates: Option<Arc<Plane<Fate>>>,
-    /// Samples of every pixel that shows the object, by its normal: many more than there are
-    /// points. Single faulty pixels have a value interpolated from the pixels around them. Empty
-    /// where there are no more than the points.
+    /// Samples of all pixels that show the object, by normal: many more than points. Isolated
+    /// faulty pixels have a value interpolated from the pixels around them. Empty if there are no
+    /// more samples than points.
     pub dense: Vec<Sample>,
 }
 
-/// Lists the points of a sphere that `of_sphere` observes, for plans made without a picture:
-/// normals of a Fibonacci lattice of the visible hemisphere up to
+/// Returns the points of a sphere that `of_sphere` observes, for plans made without a picture.
+///
+/// The normals are those of a Fibonacci lattice of the visible hemisphere up to
 /// [`ObservationSettings::max_angle`] and outside [`ObservationSettings::pole_angle`], seen from
 /// +z.
 pub fn sphere_points(settings: &ObservationSettings) -> Vec<SurfacePoint> {
@@ -173,8 +175,9 @@ pub fn sphere_points(settings: &ObservationSettings) -> Vec<SurfacePoint> {
 }
 
 impl Observations {
-    /// Observations of points on a convex surface far away, each of a linear RGB radiance, without
-    /// a picture: for simulations.
+    /// Builds observations of points on a distant convex surface from their linear RGB radiance.
+    ///
+    /// For simulations without a picture.
     ///
     /// # Panics
     /// If `points` and `rgb` differ in number.
@@ -195,23 +198,24 @@ impl Observations {
         }
     }
 
-    /// Returns the points with their visibility, as the operator takes them.
+    /// Returns the points with their visibility, in the form that the operator requires.
     pub fn seen(&self) -> Points<'_> {
         Points::new(&self.points, self.visibility.as_ref())
     }
 
-    /// Returns how much each observation counts among others of the same normal: its weight,
-    /// reduced where much of the light is occluded, since interreflections replace part of that
-    /// light. Zero without a value.
+    /// Returns the weight of each observation among others of the same normal.
+    ///
+    /// This is the weight of its value, reduced where much of the light is occluded, because
+    /// interreflections replace part of that light. Zero without a value.
     pub fn trust(&self) -> Vec<f64> {
         let each = self.values.iter().zip(&self.weights).zip(&self.open);
         each.map(|((value, weight), open)| if value.is_some() { weight * open.powi(4) } else { 0.0 }).collect()
     }
 
-    /// Selects some of the observations by their indices; the report still counts all.
+    /// Selects some of the observations by their indices; the report is not changed.
     ///
     /// # Panics
-    /// If there is no such point.
+    /// If an index is out of range.
     pub fn select(&self, indices: &[usize]) -> Self {
         fn some<T: Clone>(all: &[T], indices: &[usize]) -> Vec<T> {
             indices.iter().map(|&i| all[i].clone()).collect()
@@ -230,8 +234,7 @@ impl Observations {
         }
     }
 
-    /// Returns the values by normal, from all pixels, or from the points where there is nothing
-    /// more.
+    /// Returns the values by normal: of all pixels, or of the points if there are no more samples.
     pub fn samples(&self) -> Cow<'_, [Sample]> {
         if !self.dense.is_empty() {
             return Cow::Borrowed(&self.dense);
@@ -247,20 +250,19 @@ impl Observations {
     /// Observes a sphere whose outline is `circle`, at the points of [`sphere_points`].
     ///
     /// A value is the bilinear interpolation of the picture at the projection of the point. It is a
-    /// point sample even where the picture is finer than the lattice: a mean over a cell of the
-    /// lattice (1.3 degrees) would make highlights of half a degree wider and dimmer than the
-    /// operator, which evaluates the reflectance at one normal per point, can explain.
+    /// point sample even if the picture is finer than the lattice: a mean over a cell of the
+    /// lattice (1.3 degrees) would make highlights of half a degree wider and dimmer, and the
+    /// operator, which evaluates the reflectance at one normal per point, could not explain them.
     ///
-    /// A point has no value where one of the four pixels is clipped, outside the picture, not
-    /// wholly within the circle, covered by less than 0.99, or of another colour. Faulty pixels
-    /// (negative luminance, NaN, infinite, outliers) are skipped if the others have half of the
-    /// weight or more. Without `coverage` the alpha channel of the picture is used, if it has one.
+    /// A point has no value if one of its four pixels is clipped, outside the picture, not entirely
+    /// within the circle, covered by less than 0.99, or of another colour. Faulty pixels (negative
+    /// luminance, NaN, infinite, outliers) are skipped if the others have at least half of the
+    /// weight. Without `coverage`, the alpha channel of the picture is used, if it has one.
     ///
     /// # Errors
     /// [`SceneError::BadCircle`]; [`SceneError::Sizes`]; [`SceneError::BadPixels`] when more than
-    /// half of the pixels that points can need are faulty, or when too few points are left because
-    /// of them; [`SceneError::TooFewPoints`] when fewer than 50 points have a value;
-    /// [`SceneError::Black`].
+    /// half of the pixels that points can require are faulty, or when they leave too few points;
+    /// [`SceneError::TooFewPoints`] when fewer than 50 points have a value; [`SceneError::Black`].
     pub(crate) fn of_sphere(
         picture: &Picture,
         circle: &Circle,
@@ -268,8 +270,8 @@ impl Observations {
         settings: &ObservationSettings,
     ) -> Result<Self, SceneError> {
         let Circle { x, y, radius } = *circle;
-        // No picture has more than 10^7 pixels along a side, and sums of coordinates are exact
-        // below that.
+        // No picture has more than 10^7 pixels along a side, and sums of coordinates below that are
+        // exact.
         let sane = x.abs() < 1e7 && y.abs() < 1e7 && radius < 1e7;
         if !(sane && radius >= LEAST_RADIUS) {
             return Err(SceneError::BadCircle { x, y, radius, least: LEAST_RADIUS });
@@ -310,7 +312,7 @@ impl Observations {
         Ok(Self { dense, ..Self::assemble(points, pixels, seen, judged)? })
     }
 
-    /// Assembles observations and counts them.
+    /// Assembles observations and counts the points by status.
     pub(super) fn assemble(
         points: Vec<SurfacePoint>,
         pixels: Vec<(f64, f64)>,
@@ -336,7 +338,7 @@ impl Observations {
         if used < LEAST_POINTS {
             return Err(SceneError::TooFewPoints { used, clipped, outside, least: LEAST_POINTS });
         }
-        // Luminance of the colours as they are, negative channels included.
+        // Luminance of the unmodified colours, including negative channels.
         let values: Vec<Option<f64>> = seen.iter().map(|s| colour(s).map(|c| f64::from(luminance(c)))).collect();
         if values.iter().flatten().all(|&value| value <= 0.0) {
             return Err(SceneError::Black);
@@ -349,7 +351,7 @@ impl Observations {
     }
 }
 
-/// Interpolates bilinearly at `(x, y)` between the four pixels whose centres are around it.
+/// Interpolates bilinearly at `(x, y)` between the centres of the four nearest pixels.
 fn sample(rgb: &Plane<Vec3>, fates: &Plane<Fate>, (x, y): (f64, f64)) -> Seen {
     let (x, y) = (x - 0.5, y - 0.5);
     let (left, top) = (x.floor(), y.floor());

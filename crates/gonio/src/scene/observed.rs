@@ -1,33 +1,33 @@
-//! The observed part of a picture: its clip level and the value seen at each point.
+//! The observed part of a picture: its clip level and the value of each point.
 
 use glam::Vec3;
 
 use super::SceneError;
 use crate::picture::Plane;
 
-/// Coverage below which a pixel mixes the object with what is behind it.
+/// Coverage below which a pixel mixes the object with its background.
 pub(crate) const COVERED: f32 = 0.99;
-/// Least number of pixels that share the largest value where a sensor or a file clips.
+/// Smallest number of pixels that share the largest value if a sensor or a file clips.
 const CLIPPED_PIXELS: usize = 12;
-/// Least share of the observed pixels that do.
+/// Smallest share of the observed pixels that share it.
 const CLIPPED_SHARE: f64 = 2e-4;
 
 /// Value of a point in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Seen {
-    /// Radiance, of which a channel may be negative.
+    /// Radiance; single channels may be negative.
     Colour(Vec3),
     /// A value at or above the clip level.
     Clipped,
-    /// No value: the point is not covered, or not within the picture.
+    /// No value: the point is not covered or outside the picture.
     Outside,
-    /// No value: pixels that it needs are negative, NaN, infinite or outliers.
+    /// No value: required pixels are negative, NaN, infinite or outliers.
     Faulty,
     /// A value of another colour than the object.
     OtherColour,
 }
 
-/// Checks that a mask, normal map or the like of `size` belongs to a picture of `picture` size.
+/// Checks that a mask, normal map or similar image has the size of the picture.
 pub(crate) fn check_size(what: &'static str, size: (usize, usize), picture: (usize, usize)) -> Result<(), SceneError> {
     let ((width, height), (picture_width, picture_height)) = (size, picture);
     if size == picture {
@@ -36,9 +36,10 @@ pub(crate) fn check_size(what: &'static str, size: (usize, usize), picture: (usi
     Err(SceneError::Sizes { what, width, height, picture_width, picture_height })
 }
 
-/// Returns the value at or above which a channel counts as clipped: the one `given`, or else the
-/// largest value of the region if so many of its pixels have exactly that value that it cannot be
-/// coincidence.
+/// Returns the value at or above which a channel counts as clipped.
+///
+/// This is the value `given`, or else the largest value of the region, if enough pixels have
+/// exactly that value to exclude a coincidence.
 pub(crate) fn clip_level(rgb: &Plane<Vec3>, region: &Plane<bool>, given: Option<f32>) -> Option<f32> {
     if given.is_some() {
         return given;
@@ -66,7 +67,7 @@ pub(crate) fn is_clipped(colour: Vec3, level: Option<f32>) -> bool {
 mod tests {
     use super::*;
 
-    /// 100 x 100 pixels of rising values of which the last `count` are 5.
+    /// 100 x 100 pixels of increasing values, of which the last `count` are 5.
     fn ramp(count: usize) -> Plane<Vec3> {
         let value = |i: usize| if i + count >= 10_000 { 5.0 } else { 1e-4 * i as f32 };
         Plane::from_fn(100, 100, |x, y| Vec3::new(0.1, value(100 * y + x), 0.2))
@@ -85,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_coincidence_in_a_large_picture_is_none() {
+    fn a_coincidence_in_a_large_picture_is_not_a_clip_level() {
         let large = Plane::from_fn(400, 400, |x, y| {
             let i = 400 * y + x;
             Vec3::splat(if i < 20 { 9.0 } else { 1e-6 * i as f32 })

@@ -24,44 +24,45 @@ const STRUCTURE: f64 = 15.0;
 const LARGEST_OF_NOISE: f64 = 3.0;
 /// Smallest noise in steps of a coded picture: its values differ by whole steps or not at all.
 const MIN_NOISE_OF_STEP: f64 = 0.3;
-/// Smallest noise, relative to the values around a pixel...
+/// Smallest noise, relative to the values around a pixel.
 const MIN_NOISE: f64 = 1e-4;
-/// ...and relative to the median of the channel.
+/// Smallest noise, relative to the median of the channel.
 const MIN_NOISE_OF_MEDIAN: f64 = 5e-4;
 /// Factor by which the pixels next to a highlight exceed those two pixels away.
 const HALO: f64 = 1.5;
 /// Smallest excess of these pixels over a quadratic through those two pixels away, in standard
-/// deviations of the noise...
+/// deviations of the noise.
 const RIM_OF_NOISE: f64 = 6.0;
-/// ...and relative to the excess of the pixel itself. A lamp in a ball of an orange phenolic, 64
-/// pixels across, has 0.046; hot pixels at four places of the sample have 0.0003 or less.
+/// Smallest excess of these pixels relative to that of the pixel itself. A lamp in a ball of an
+/// orange phenolic, 64 pixels across, has 0.046; hot pixels at four positions of the sample have
+/// 0.0003 or less.
 const RIM: f64 = 0.01;
-/// Smallest score of an outlier: the multiple of what noise and structure explain.
+/// Smallest score of an outlier: its deviation relative to what noise and structure explain.
 const MIN_SCORE: f64 = 2.0;
 /// Score below which a pixel is not recorded.
 const RECORDED_SCORE: f64 = 0.2;
-/// Share of the pixels that may be outliers; the next lower score is that of the picture itself...
+/// Largest share of outliers; the score of the next pixel characterises the picture itself.
 const MAX_SHARE: f64 = 0.003;
-/// ...after at least so many pixels.
+/// Smallest rank of that pixel.
 const MIN_RANK: usize = 5;
-/// Score of the picture itself up to which noise explains it, and the factor by which outliers
-/// exceed what lies above.
+/// Score of the picture itself up to which noise explains it.
 const NOISE_SCORE: f64 = 0.7;
+/// Factor by which the score of an outlier exceeds the part of that score above the noise.
 const TAIL: f64 = 25.0;
 /// Smallest number of known pixels among the eight neighbours of an outlier.
 const MIN_ADJACENT: usize = 5;
-/// Number of windows from which the noise is estimated, at most.
+/// Largest number of windows from which the noise is estimated.
 const NOISE_WINDOWS: usize = 16_384;
-/// Number of classes of brightness with a noise of their own.
+/// Number of brightness classes, each with its own noise.
 const NOISE_CLASSES: usize = 8;
 
-/// Structure of sharp reflections: the part of the largest residual of the neighbours that noise
-/// does not explain, relative to the brightest channel...
+/// Smallest structure of a sharp reflection, relative to the brightest channel. Structure is the
+/// part of the largest residual of the neighbours that noise does not explain.
 const SHARP_STRUCTURE: f64 = 0.3;
-/// ...if noise explains this many standard deviations...
+/// Residual that noise explains in the test for sharp reflections, in standard deviations.
 const SHARP_NOISE: f64 = 4.0;
-/// ...and the share of the pixels around which a sharp object has it. Rendered balls of polished
-/// metals and black glass have 0.03 to 0.13, of paints 0, of a grey plastic 0 to 0.03.
+/// Share of pixels with such structure above which an object reflects sharply. Rendered balls of
+/// polished metals and black glass have 0.03 to 0.13, of paints 0, of a grey plastic 0 to 0.03.
 const SHARP_SHARE: f64 = 0.015;
 
 /// Pixels that differ from their neighbours.
@@ -180,9 +181,11 @@ impl<'a> OutlierDetector<'a> {
         }
     }
 
-    /// Returns the difference of a channel from its prediction over what noise and structure
-    /// explain, and whether the channel is brighter than its neighbours; zero for a highlight and
-    /// for a pixel within the range of its neighbours.
+    /// Returns the score of a channel, and whether the channel is brighter than its neighbours.
+    ///
+    /// The score is the difference of the channel from its prediction, relative to what noise and
+    /// structure explain. It is zero for a highlight and for a pixel within the range of its
+    /// neighbours.
     fn score(&self, pixel: usize, channel: usize) -> (f64, bool) {
         let own = f64::from(self.rgb.as_slice()[pixel][channel]);
         let Some((low, high)) = self.range(pixel, channel) else { return (0.0, false) };
@@ -200,8 +203,9 @@ impl<'a> OutlierDetector<'a> {
         if explained { (0.0, false) } else { (score, bright) }
     }
 
-    /// Whether the picture without the `candidates` has structure of the size of a pixel in many
-    /// places, as the picture of an object with sharp reflections.
+    /// Whether the picture without the `candidates` has pixel-sized structure in many places.
+    ///
+    /// The picture of an object with sharp reflections has such structure.
     fn is_sharp(&self, candidates: &[Score]) -> bool {
         let mut region = self.region.clone();
         for candidate in candidates {
@@ -233,7 +237,7 @@ impl<'a> OutlierDetector<'a> {
     }
 }
 
-/// Returns the part of a deviation that a deviation of independent cause does not explain.
+/// Returns the part of a deviation that another, independent deviation does not explain.
 fn unexplained(whole: f64, explained: f64) -> f64 {
     (whole * whole - explained * explained).max(0.0).sqrt()
 }
@@ -278,9 +282,10 @@ impl Window {
         steps.min_by(f64::total_cmp)
     }
 
-    /// Whether the pixels that share a side with this one, of value `own`, exceed a quadratic
-    /// through those two pixels away, as around a narrow highlight on a bright surface. One of them
-    /// need not.
+    /// Whether the adjacent pixels exceed a quadratic through those two pixels away.
+    ///
+    /// This is the case around a narrow highlight on a bright surface. The adjacent pixels share a
+    /// side with this one, of value `own`; one of them may be an exception.
     fn has_rim(&self, own: f64, noise: f64) -> bool {
         let Some(ring) = Stencil::new(self.known & RING) else { return false };
         let excess = |(i, _): (usize, &(isize, isize))| self.values[i] - ring.at(&self.values, i);
@@ -292,8 +297,10 @@ impl Window {
         near.len() > 2 && near[1] > least
     }
 
-    /// Whether the pixels that share a side with this one are all but one brighter (or darker) than
-    /// those two pixels away, as around a highlight.
+    /// Whether the adjacent pixels are brighter (or darker) than those two pixels away.
+    ///
+    /// This is the case around a highlight. The adjacent pixels share a side with this one; one of
+    /// them may be an exception.
     fn has_halo(&self, bright: bool) -> bool {
         let near = self.sorted(|x, y| x.abs() + y.abs() == 1);
         let ring = self.sorted(|x, y| x.abs() == 2 || y.abs() == 2);
@@ -341,7 +348,7 @@ impl NoiseLevels {
     }
 }
 
-/// Returns the median, or zero of no values.
+/// Returns the median, or zero without values.
 fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     let middle = values.len() / 2;

@@ -12,17 +12,17 @@ use crate::linalg::solve_positive;
 use crate::picture::Plane;
 use crate::shape::{Camera, Ellipsoid};
 
-/// Number of solutions from a few points each: with a third of the outline far off (a stand, a
-/// finger) one in ten contains no such point.
+/// Number of solutions from a few random points each: if a third of the outline is far off (a
+/// stand, a finger), one in ten solutions uses no such point.
 const DRAWS: usize = 120;
-/// Most length of the longer semi-axis, in mean distances of the outline from its middle (root mean
-/// square): longer ones are those of two lines.
+/// Largest longer semi-axis, in root mean square distances of the outline from its middle: longer
+/// ellipses fit two lines.
 const MOST_LENGTH: f64 = 8.0;
-/// Rounds of reweighting.
+/// Number of rounds of reweighting.
 const ROUNDS: usize = 12;
-/// Share of the outline that must lie near it, and the distance allowed as a share of the size
-/// (plus half a pixel).
+/// Share of the outline that must lie near the fit.
 const NEAR_SHARE: f64 = 0.7;
+/// Largest distance of these points, as a share of the size, to which half a pixel is added.
 const MOST_STRAY: f64 = 0.02;
 
 /// An ellipse in a picture.
@@ -38,9 +38,10 @@ pub struct Ellipse {
 }
 
 impl Ellipse {
-    /// Builds the ellipsoid that has this outline for a camera that sees one pixel to the unit
-    /// along -z with its principal point in the corner of the picture; its third semi-axis is
-    /// `depth` pixels long and points to the camera.
+    /// Builds the ellipsoid that has this outline, with its third axis towards the camera.
+    ///
+    /// The camera looks along -z, maps one unit to one pixel, and has its principal point in the
+    /// corner of the picture. The third semi-axis has a length of `depth` pixels.
     ///
     /// # Errors
     /// [`SceneError::TooSmall`] if an axis is too short.
@@ -53,16 +54,18 @@ impl Ellipse {
     }
 }
 
-/// Finds the outline of an ellipsoid under an orthographic camera in a mask or an alpha channel.
-/// The picture may cut part of it off.
+/// Finds the outline of an orthographic ellipsoid in a mask or an alpha channel.
+///
+/// The border of the picture may crop the outline.
 ///
 /// # Errors
 /// See [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
-/// outline lies within 2 % of the shorter semi-axis plus half a pixel, or where it is a strip.
+/// outline lies within 2 % of the shorter semi-axis plus half a pixel, or when the outline is a
+/// strip.
 pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError> {
     let rim = outline(coverage)?;
     let none = |residual: f64| SceneError::NotAnEllipse { residual, rim: rim.len() };
-    // Coordinates about the mean and in units of the spread, where the squares are of similar size.
+    // Coordinates about the mean, in units of the spread, in which the squares are of similar size.
     let middle = rim.iter().sum::<DVec2>() / rim.len().max(1) as f64;
     let unit = (rim.iter().map(|p| p.distance_squared(middle)).sum::<f64>() / rim.len().max(1) as f64).sqrt();
     if !(unit.is_finite() && unit > 0.0) {
@@ -102,9 +105,11 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
     Ok(Ellipse { centre: (centre.x, centre.y), axes: (long, short), angle: -flat })
 }
 
-/// Finds a ball in a mask or an alpha channel of a picture that a camera took, at a distance of one
-/// (at an arbitrary one if orthographic): in perspective its outline is the intersection of a cone
-/// with the picture, an ellipse away from the middle. The picture may cut part of it off.
+/// Finds a ball in a mask or an alpha channel of a picture taken by a camera.
+///
+/// The ball is placed at a distance of one (at an arbitrary distance if the camera is
+/// orthographic). In perspective, its outline is the intersection of a cone with the picture: an
+/// ellipse, except in the middle. The border of the picture may crop the outline.
 ///
 /// # Errors
 /// See [`find_sphere`](super::find_sphere); [`SceneError::NotAnEllipse`] when less than 70 % of the
@@ -126,7 +131,7 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
         return Ellipsoid::sphere(centre, found.radius / scale).map_err(|_| none(0.0));
     }
     // r . a = cos(alpha) for all rays of the outline: r . b = 1 with b = a / cos(alpha), linear.
-    // Solved in a frame about the mean ray, where b is nearly z.
+    // The system is solved in a frame about the mean ray, where b is nearly z.
     let (u, v) = axis.any_orthonormal_pair();
     let rows: Vec<Vec<f64>> = rays.iter().map(|r| vec![r.dot(u), r.dot(v), r.dot(axis)]).collect();
     let cone = |b: &[f64], i: usize| {
@@ -152,10 +157,11 @@ pub(crate) fn find_ball(coverage: &Plane<f32>, camera: &Camera) -> Result<Ellips
     Ellipsoid::sphere(centre, radius).map_err(|_| none(0.0))
 }
 
-/// Solves `row . x = 1` robustly for most of the rows: takes, of solutions for a few rows drawn at
-/// random, the one of least median distance (Rousseeuw 1984), then refines it by least squares in
-/// which rows count less the farther off they are (Geman & McClure), on a scale of at least
-/// `least`.
+/// Solves `row . x = 1` robustly for most of the rows.
+///
+/// Computes solutions for a few rows each, drawn at random, and selects the one of least median
+/// distance (Rousseeuw 1984). Then refines it by least squares with weights that decrease with the
+/// distance (Geman & McClure), on a scale of at least `least`.
 fn fit(rows: &[Vec<f64>], distance: impl Fn(&[f64], usize) -> f64, least: f64) -> Option<Vec<f64>> {
     let unknowns = rows.first()?.len();
     let mut rng = Pcg64::seed_from_u64(1);
@@ -200,7 +206,7 @@ fn median(values: &mut [f64]) -> f64 {
     quantile(values, 0.5)
 }
 
-/// Returns a quantile of at least one value.
+/// Returns a quantile of a non-empty slice.
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     let at = ((share * values.len() as f64) as usize).min(values.len() - 1);
     *values.select_nth_unstable_by(at, f64::total_cmp).1
@@ -211,7 +217,7 @@ mod tests {
     use super::*;
     use crate::shape::{Projection, Ray, Surface};
 
-    /// Coverage by 8 x 8 samples.
+    /// Coverage from 8 x 8 samples per pixel.
     fn mask(size: (usize, usize), inside: impl Fn(f64, f64) -> bool) -> Plane<f32> {
         Plane::from_fn(size.0, size.1, |x, y| {
             let at = |i: usize| (i as f64 + 0.5) / 8.0;
@@ -221,7 +227,7 @@ mod tests {
 
     fn ellipse(angle: f64, shift: f64) -> impl Fn(f64, f64) -> bool {
         move |x, y| {
-            // The angle is counterclockwise as one looks at the picture, y is down.
+            // The angle is counterclockwise in the picture, where y points down.
             let (dx, dy) = (x - 100.0 - shift, 90.0 - y);
             let (s, c) = angle.sin_cos();
             ((c * dx + s * dy) / 70.0).powi(2) + ((c * dy - s * dx) / 45.0).powi(2) < 1.0
@@ -229,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn ellipses_are_found_whole_cropped_and_with_a_stand() {
+    fn finds_whole_ellipses_cropped_ones_and_those_with_a_stand() {
         for angle in [0.0, 0.4, 1.3, -0.9] {
             let found = find_ellipse(&mask((200, 180), ellipse(angle, 0.0))).unwrap();
             let close = |e: Ellipse, tolerance: f64| {
@@ -251,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn its_ellipsoid_has_the_outline() {
+    fn the_ellipsoid_has_the_outline_of_the_ellipse() {
         let found = find_ellipse(&mask((200, 180), ellipse(0.4, 0.0))).unwrap();
         let shape = found.with_depth(30.0).unwrap();
         let seen = mask((200, 180), |x, y| {
@@ -263,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_in_perspective_is_found_off_the_axis() {
+    fn finds_a_ball_in_perspective_off_the_axis() {
         let camera = Camera::new(Projection::Perspective { focal: 260.0 }, (120.0, 100.0), (240, 200)).unwrap();
         for (centre, radius) in [(DVec3::new(0.7, 0.4, -2.2), 0.45), (DVec3::new(1.0, -0.1, -2.2), 0.5)] {
             let ball = Ellipsoid::sphere(centre, radius).unwrap();
@@ -279,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn without_perspective_it_is_the_circle() {
+    fn finds_a_ball_without_perspective() {
         let camera = Camera::new(Projection::Orthographic { pixels_per_unit: 10.0 }, (0.0, 0.0), (240, 200)).unwrap();
         let coverage = mask(camera.size, |x, y| (x - 110.0).hypot(y - 95.0) < 60.0);
         let found = find_ball(&coverage, &camera).unwrap();

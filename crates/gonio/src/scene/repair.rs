@@ -1,7 +1,7 @@
 //! Values of single faulty pixels, interpolated from the pixels around them.
 //!
-//! The statistics of fine detail that the learnt posterior reads change when a cell of the disk
-//! misses one of its pixels. An interpolated value leaves them as they are.
+//! The learnt posterior depends on statistics of fine detail, which change if a cell of the disk
+//! lacks one of its pixels. An interpolated value leaves them unchanged.
 
 use std::borrow::Cow;
 
@@ -15,8 +15,9 @@ use crate::picture::Plane;
 /// Smallest number of used pixels among the eight around a pixel that is interpolated.
 const MIN_ADJACENT: usize = 6;
 
-/// Returns the value of a pixel (its index, row-major) if it is used, an interpolated one if it is
-/// faulty and nearly all pixels around it are used, else `None`.
+/// Returns the value of a pixel (row-major index) if it is used or can be interpolated.
+///
+/// A pixel can be interpolated if it is faulty and nearly all pixels around it are used.
 pub(super) fn repaired(rgb: &Plane<Vec3>, fates: &Plane<Fate>, pixel: usize) -> Option<Vec3> {
     let fate = fates.as_slice()[pixel];
     if fate == Fate::Used {
@@ -52,8 +53,8 @@ pub(super) fn without_outliers<'a>(rgb: &'a Plane<Vec3>, fates: &Plane<Fate>) ->
     out
 }
 
-/// Interpolates by the discrete biharmonic equation, exact for cubics; `None` if one of the twelve
-/// pixels that it takes is not known.
+/// Interpolates by the discrete biharmonic equation, exact for cubics; `None` if one of its twelve
+/// pixels is unknown.
 fn biharmonic(values: &[DVec3; 24], known: u32) -> Option<DVec3> {
     let mut sum = DVec3::ZERO;
     for (i, (x, y)) in NEIGHBOURS.iter().enumerate() {
@@ -83,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn single_faulty_pixels_take_the_value_of_a_smooth_picture() {
+    fn interpolates_single_faulty_pixels_of_a_smooth_picture() {
         let value = |x: usize, y: usize| {
             let (x, y) = (x as f32 / 9.0, y as f32 / 9.0);
             Vec3::new(1.0 + x + y, 2.0 + x * y - x * x, 3.0 - y * y)
@@ -98,12 +99,12 @@ mod tests {
             fates[(4, 4)] = fate;
             assert!(off(&fates, (4, 4)).unwrap() < 1e-5, "{fate:?}");
         }
-        // Two adjacent ones, and one near the border of what is used.
+        // Two adjacent faulty pixels, and one near the border of the used pixels.
         fates[(5, 4)] = Fate::Outlier;
         assert!(off(&fates, (4, 4)).unwrap() < 1e-5 && off(&fates, (5, 4)).unwrap() < 1e-5);
         fates[(1, 1)] = Fate::Outlier;
         assert!(off(&fates, (1, 1)).unwrap() < 1e-5);
-        // A corner, a group, and pixels that are left out for another reason.
+        // A corner, a group, and pixels that are ignored for another reason.
         fates[(0, 8)] = Fate::Outlier;
         fates[(4, 5)] = Fate::NotFinite;
         fates[(5, 5)] = Fate::NotFinite;

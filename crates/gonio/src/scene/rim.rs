@@ -9,15 +9,15 @@ use super::circle_fit::{Circle, fit_circle};
 use super::small::Small;
 use crate::picture::Plane;
 
-/// Rays from the centre.
+/// Number of rays from the centre.
 const RAYS: usize = 180;
-/// Share of the radius within which edges are looked for to tell whether they are round.
+/// Share of the radius within which edges are searched to decide whether they form a circle.
 const ABOUT: f64 = 0.15;
-/// Least rays on which an edge must be found.
+/// Smallest number of rays with an edge.
 const LEAST: usize = 24;
-/// Places along a ray to the pixel.
+/// Number of samples per pixel along a ray.
 const FINE: f64 = 2.0;
-/// Least change of the compressed values between places a pixel apart that is an edge.
+/// Smallest change of the compressed values over one pixel that counts as an edge.
 const FAINT: f32 = 0.004;
 
 /// Refines a circle, in pixels of the photograph, on edges within `reach` pixels of it: first in
@@ -37,9 +37,11 @@ pub(super) fn refined(rgb: &Plane<Vec3>, small: &Small, circle: &Circle, reach: 
     near(rgb.size(), &|at| small.compression.apply(rgb[at]), &circle, 1.5 * step)
 }
 
-/// Typical distance of edges from the circle that fits them best, as a share of its radius, beyond
-/// what pixels explain. The edges are those of the reduced photograph that are the strongest far
-/// about `circle`, which is in pixels of the photograph; `None` if no circle fits them.
+/// Returns the spread of edges about the circle that fits them best, as a share of its radius.
+///
+/// The half pixel that the resolution explains is subtracted. The edges are the strongest ones of
+/// the reduced photograph within 15 % of the radius of `circle`, which is in pixels of the
+/// photograph. Returns `None` if no circle fits them.
 pub(super) fn straying(small: &Small, circle: &Circle) -> Option<f64> {
     let step = small.step as f64;
     let circle = Circle { x: circle.x / step, y: circle.y / step, radius: circle.radius / step };
@@ -51,7 +53,7 @@ pub(super) fn straying(small: &Small, circle: &Circle) -> Option<f64> {
     Some((fit.spread - 0.5).max(0.0) / fit.circle.radius)
 }
 
-/// Fits the circle to the edges within `reach` pixels of `circle`; `None` if it leaves that reach.
+/// Fits a circle to the edges within `reach` pixels of `circle`; `None` if it moves too far.
 fn near(size: (usize, usize), value: &dyn Fn((usize, usize)) -> Vec3, circle: &Circle, reach: f64) -> Option<Circle> {
     let points: Vec<DVec2> = (0..RAYS).filter_map(|ray| edge(size, value, circle, reach, ray)).collect();
     let fit = fit_circle(&points).filter(|_| points.len() >= LEAST)?;
@@ -60,7 +62,7 @@ fn near(size: (usize, usize), value: &dyn Fn((usize, usize)) -> Vec3, circle: &C
     stays.then_some(fit.circle)
 }
 
-/// Finds the place of the largest change along a ray, within `reach` of the circle.
+/// Finds the position of the largest change along a ray, within `reach` of the circle.
 fn edge(
     size: (usize, usize),
     value: &dyn Fn((usize, usize)) -> Vec3,
@@ -73,14 +75,14 @@ fn edge(
     let aside = outward.perp();
     let count = (2.0 * reach * FINE).ceil() as usize + 3;
     let radius = |i: f64| circle.radius - reach + (i - 1.0) / FINE;
-    // Averaged along the rim, so that edges across it count less.
+    // Average along the rim, so that edges across it count less.
     let along = (0..count).map(|i| {
         let at = centre + radius(i as f64) * outward;
         let three = [-1.0, 0.0, 1.0].map(|d| between(size, value, at + d * aside));
         Some((three[0]? + three[1]? + three[2]?) / 3.0)
     });
     let along: Vec<Vec3> = along.collect::<Option<_>>()?;
-    // Over a pixel: a half to either side.
+    // Change over one pixel: half a pixel to either side.
     let change: Vec<f32> = along.windows(3).map(|w| (w[2] - w[0]).length()).collect();
     let most = (0..change.len()).max_by(|a, b| change[*a].total_cmp(&change[*b]))?;
     if most == 0 || most + 1 == change.len() || change[most] < FAINT {
@@ -92,7 +94,7 @@ fn edge(
     Some(centre + radius(most as f64 + 1.0 + shift) * outward)
 }
 
-/// The value between pixels; `None` outside the picture.
+/// Interpolates the value between pixels; `None` outside the picture.
 fn between((width, height): (usize, usize), value: &dyn Fn((usize, usize)) -> Vec3, at: DVec2) -> Option<Vec3> {
     let low = at - 0.5;
     if !(low.x >= 0.0 && low.y >= 0.0 && low.x < width as f64 - 1.0 && low.y < height as f64 - 1.0) {
@@ -109,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rough_circle_is_refined_to_a_fraction_of_a_pixel() {
+    fn refines_a_rough_circle_to_a_fraction_of_a_pixel() {
         let want = Circle { x: 411.3, y: 389.8, radius: 240.6 };
         let rgb = Plane::from_fn(1000, 800, |x, y| {
             let off = (x as f64 + 0.5 - want.x).hypot(y as f64 + 0.5 - want.y) - want.radius;

@@ -7,21 +7,22 @@ use super::{Observations, SceneError};
 use crate::shape::{Camera, Lookout, Surface, Visibility, hit_at};
 use crate::sphere::OctahedralMap;
 
-/// Least share of an even sky that a point must see; below it the object itself lights the point as
-/// much as the light does.
+/// Smallest visible share of a uniform sky; below it, the object itself lights the point as much as
+/// the environment does.
 const LEAST_OPEN: f64 = 0.15;
-/// Largest share of an even sky that may come through texels that are partly open, on a grid of 32
-/// x 32; above it a point may lie on the edge of a shadow.
+/// Largest share of a uniform sky in texels that are partly open, on a grid of 32 x 32; above it, a
+/// point may lie on the edge of a shadow.
 const MOST_EDGE: f64 = 0.35;
 
 impl Observations {
-    /// Computes the self-shadowing at each of the points ([`Self::visibility`]), on a grid of
-    /// `side` squared texels. Points on which the edge of a shadow may lie (more than 35 % of the
-    /// sky would come through texels that are partly open, on a grid of 32 x 32), and those that
-    /// see less than 15 % of it, lose their value, as long as a hundred others keep theirs.
+    /// Computes the self-shadowing of each point ([`Self::visibility`]) on a grid of texels.
     ///
-    /// The points must be pixels of the picture that `camera` took, as those of [`Self::of_view`]
-    /// are. A surface that shadows none of them changes nothing.
+    /// The grid has `side` x `side` texels. Points on which the edge of a shadow may lie (more than
+    /// 35 % of the sky in texels that are partly open, on a grid of 32 x 32), and points that see
+    /// less than 15 % of the sky, lose their value if at least a hundred others keep theirs.
+    ///
+    /// The points must be pixels of the picture taken by `camera`, like those of [`Self::of_view`].
+    /// A surface that shadows none of them changes nothing.
     ///
     /// # Errors
     /// [`SceneError::NoSurface`] if a point is not on the surface.
@@ -51,7 +52,7 @@ impl Observations {
         }
         let normals: Vec<DVec3> = self.points.iter().map(|p| p.normal).collect();
         let openness = visibility.openness(&normals);
-        // Edges are as wide as texels.
+        // Edges of shadows are as wide as texels.
         let most = MOST_EDGE * 32.0 / side as f64;
         let poor = |i: &usize| openness[*i].open < LEAST_OPEN || openness[*i].edge > most;
         let lost: Vec<usize> = (0..self.points.len()).filter(|i| self.values[*i].is_some()).filter(poor).collect();
@@ -61,7 +62,7 @@ impl Observations {
                 self.colours[i] = None;
             }
             self.report.used -= lost.len();
-            // Here each point is a pixel.
+            // Each of these points is one pixel.
             self.report.used_pixels = self.report.used_pixels.saturating_sub(lost.len());
             self.report.in_shadow = lost.len();
         }

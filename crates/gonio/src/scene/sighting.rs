@@ -12,7 +12,7 @@ use crate::picture::{Picture, Plane};
 use crate::shape::{Camera, GeometryBuffer, Mesh, Placed, Projection, Soundness, Tracer};
 use crate::sphere::OctahedralMap;
 
-/// Length of an edge of a surface of positions, relative to the median, above which it is a step.
+/// Length of an edge of a position mesh, relative to the median, above which the edge is a step.
 const STEP: f64 = 8.0;
 
 /// Smallest overlap of surface and mask; below it, the surface is misaligned.
@@ -36,12 +36,12 @@ pub struct Relief {
 
 /// Prior knowledge of an object's shape and position.
 pub enum Object {
-    /// A ball seen from far away, with its outline; without one the outline is found.
+    /// A distant ball with its outline; `None` detects the outline.
     Sphere(Option<Circle>),
     /// A ball in front of a camera; its outline gives its position.
     Ball(Camera),
-    /// An ellipsoid seen from far away, one of its axes towards the camera, with the length of that
-    /// semi-axis in pixels; without it, the geometric mean of the two that are seen.
+    /// A distant ellipsoid with one axis towards the camera, and the length of that semi-axis in
+    /// pixels; `None` assumes the geometric mean of the two visible semi-axes.
     Ellipsoid(Option<f64>),
     /// A surface in front of a camera.
     Surface(Placed),
@@ -52,7 +52,7 @@ pub enum Object {
 /// A normal map with its camera and relief.
 pub struct NormalPicture {
     /// The normals, in camera space: x right, y up, z towards the camera; `ZERO` or not finite
-    /// where there is none.
+    /// where there is no normal.
     pub normals: Plane<Vec3>,
     /// The camera; `None` for an orthographic one.
     pub camera: Option<Camera>,
@@ -62,18 +62,18 @@ pub struct NormalPicture {
     pub trusted: bool,
 }
 
-/// Shape found, beside the observations.
+/// Shape of the object, detected or given.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Found {
-    /// Outline of a ball, given or found.
+    /// Outline of a ball, given or detected.
     Circle(Circle),
     /// Centre of a ball of radius one, in coordinates of the camera.
     Ball(DVec3),
-    /// Outline of an ellipsoid and its semi-axis towards the camera, in pixels.
+    /// Outline of an ellipsoid and the length of its semi-axis towards the camera, in pixels.
     Ellipse(Ellipse, f64),
-    /// A surface, as given.
+    /// A given surface.
     Surface,
-    /// Normals, as given, and the soundness of their relief.
+    /// Given normals, and the soundness of their relief.
     Normals(Option<Soundness>),
 }
 
@@ -83,31 +83,32 @@ pub struct Sighting {
     pub observations: Observations,
     /// Coverage of the pixels by the object, 0..=1, if known.
     pub coverage: Option<Plane<f32>>,
-    /// Shape found.
+    /// Shape of the object.
     pub found: Found,
     /// Reliability of the outline of a ball that was detected by its edges.
     pub sureness: Option<Sureness>,
-    /// Normals of the object, unless it is a ball seen from far away.
+    /// Normals of the object, unless it is a distant ball.
     pub normals: Option<Plane<Vec3>>,
-    /// The surface and its camera, where they are known.
+    /// The surface and its camera, if known.
     pub placed: Option<Placed>,
-    /// Number of pixels that see the surface, and of those that are back-facing, where a surface
-    /// was traced.
+    /// Number of pixels that show the surface, and number of those that are back-facing, if a
+    /// surface was traced.
     pub pixels: Option<(usize, usize)>,
     /// Warnings.
     pub oddities: Vec<Oddity>,
 }
 
 impl Sighting {
-    /// Finds the object and samples the picture on it. `mask` says where the object is; without one
-    /// the alpha channel of the picture does, or else a plain background. A ball before any other
-    /// background is found by its edges.
+    /// Detects the object and samples the picture on it.
+    ///
+    /// The object is given by `mask`, else by the alpha channel of the picture or a plain
+    /// background. On any other background, a ball is detected by its edges.
     ///
     /// # Errors
-    /// Errors of the outline ([`SceneError::is_of_outline`]) where one has to be found,
-    /// [`SceneError::Several`] and [`SceneError::Unsure`] where it is not clear; normals and
-    /// surfaces that do not lie on the object or contradict themselves; pictures with too little to
-    /// observe.
+    /// Errors of the outline ([`SceneError::is_of_outline`]) if the outline must be detected;
+    /// [`SceneError::Several`] and [`SceneError::Unsure`] if it is ambiguous; errors of normals and
+    /// surfaces that are inconsistent or not aligned with the object; errors of pictures with too
+    /// few valid pixels.
     pub fn of(
         picture: &Picture,
         mask: Option<Plane<f32>>,
@@ -178,7 +179,7 @@ impl Sighting {
     /// [`Observations::shadowed_by`].
     ///
     /// # Errors
-    /// If observations and surface do not belong together.
+    /// [`SceneError::NoSurface`] if the observations are not those of the surface.
     pub fn shadow(&mut self, grid: (OctahedralMap, usize), progress: &(dyn Fn(f64) + Sync)) -> Result<(), SceneError> {
         match &self.placed {
             Some(placed) => self.observations.shadowed_by(placed.surface.as_ref(), &placed.camera, grid, progress),
@@ -196,7 +197,7 @@ impl Sighting {
         self.normals.as_ref().is_none_or(has_normal) && self.coverage.as_ref().is_none_or(covered)
     }
 
-    /// Returns the outline of a ball seen from far away.
+    /// Returns the outline of a distant ball.
     pub fn circle(&self) -> Option<Circle> {
         match self.found {
             Found::Circle(circle) => Some(circle),
@@ -205,11 +206,11 @@ impl Sighting {
     }
 }
 
-/// Inputs that are known before the shape is.
+/// Inputs of the detection that do not depend on the shape.
 struct Looker<'a> {
     picture: &'a Picture,
     coverage: Option<Plane<f32>>,
-    /// Whether the coverage is a mask that was given.
+    /// Whether the coverage is a given mask.
     masked: bool,
     settings: &'a ObservationSettings,
 }
@@ -298,12 +299,12 @@ impl Looker<'_> {
 
 /// Overlap of a mask and the silhouette of a surface.
 struct Overlap {
-    /// Number of pixels of both over that of either.
+    /// Number of pixels in both, over the number of pixels in either.
     share: f64,
-    /// Whether no more pixels differ than a rim of [`RIM`] pixels around the object has.
+    /// Whether no more pixels differ than a rim of [`RIM`] pixels around the object contains.
     is_rim: bool,
-    /// Whether no more pixels of the mask than that lie outside of the silhouette: masks may select
-    /// a part of the object.
+    /// Whether no more pixels of the mask than that lie outside of the silhouette: a mask may
+    /// select a part of the object.
     is_part: bool,
 }
 
@@ -345,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rim_and_a_part_are_not_misaligned() {
+    fn accepts_rims_and_parts_of_the_object() {
         let same = overlap(disk(30.0, 0.0), disk(30.0, 0.0));
         assert!(same.share == 1.0 && same.is_rim && same.is_part);
         // Small objects are mostly rim.

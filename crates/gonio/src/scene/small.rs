@@ -5,17 +5,19 @@ use rayon::prelude::*;
 
 use crate::picture::{Plane, luminance};
 
-/// Pixels along a side of the grid that the middle brightness is taken from.
+/// Side of the grid of pixels from which the median brightness is taken.
 const PROBES: usize = 64;
-/// Largest value that is kept: sums over blocks stay finite.
+/// Largest value that is kept, so that sums over blocks are finite.
 const MOST: f32 = 1e30;
 
-/// Share of the brightness of what is bright that counts as middle brightness at least: noise of a
-/// dark background is no contrast.
+/// Smallest scale of the compression, as a share of the brightness of bright pixels, so that noise
+/// in a dark background does not count as contrast.
 const DARK: f32 = 0.1;
 
-/// The curve that compresses radiance: `v / (v + s)` for each channel, with the median luminance of
-/// the photograph for `s`, or a tenth of what one pixel of twenty exceeds.
+/// Curve that compresses radiance: `v / (v + s)` for each channel.
+///
+/// The scale `s` is the median luminance of the photograph, but at least a tenth of its 95 %
+/// quantile.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Compression(f32);
 
@@ -33,7 +35,7 @@ impl Compression {
         Self(middle.clamp(1.0 / MOST, MOST))
     }
 
-    /// Compresses a colour; channels that are negative or not finite count as zero.
+    /// Compresses a colour; negative channels and colours that are not finite count as zero.
     pub(super) fn apply(self, colour: Vec3) -> Vec3 {
         let colour = sound(colour);
         colour / (colour + self.0)
@@ -51,7 +53,7 @@ pub(super) struct Small {
     pub(super) values: Plane<Vec3>,
     /// Pixels of the photograph along a side of a block.
     pub(super) step: usize,
-    /// The curve of the values.
+    /// Curve that compressed the values.
     pub(super) compression: Compression,
 }
 
@@ -63,15 +65,16 @@ impl Small {
         Self { values: blocks(rgb, step, |colour| compression.apply(colour)), step, compression }
     }
 
-    /// Reduces it further, to at most `side` pixels along its longer side.
+    /// Reduces the photograph further, to at most `side` pixels along its longer side.
     pub(super) fn reduced(&self, side: usize) -> Self {
         let by = self.values.width().max(self.values.height()).div_ceil(side).max(1);
         Self { values: blocks(&self.values, by, |value| value), step: self.step * by, ..*self }
     }
 }
 
-/// Means over square blocks of `step` pixels per side, of which those at the right and lower border
-/// may be smaller.
+/// Returns the means over square blocks of `step` pixels per side.
+///
+/// Blocks at the right and lower border may be smaller.
 fn blocks(of: &Plane<Vec3>, step: usize, value: impl Fn(Vec3) -> Vec3 + Sync) -> Plane<Vec3> {
     let (width, height) = of.size();
     let (columns, rows) = (width.div_ceil(step), height.div_ceil(step));
@@ -95,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn blocks_are_averaged_also_at_the_border() {
+    fn averages_blocks_including_those_at_the_border() {
         let rgb = Plane::from_fn(5, 3, |x, _| if x == 0 { Vec3::NAN } else { Vec3::splat(2.0) });
         let small = Small::of(&rgb, 3);
         assert_eq!((small.values.size(), small.step), ((3, 2), 2));
@@ -107,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn no_value_is_beyond_one() {
+    fn compressed_values_are_at_most_one() {
         let rgb = Plane::from_fn(9, 9, |x, y| Vec3::new(f32::MAX, f32::INFINITY, -1.0) * (x * y) as f32);
         let small = Small::of(&rgb, 4);
         assert!(

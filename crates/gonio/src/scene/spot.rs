@@ -12,37 +12,39 @@ use super::vote::{SURE, Sureness, Vote};
 use super::{Circle, SceneError, coverage_of, find_sphere};
 use crate::picture::{Picture, Plane};
 
-/// Pixels along the longer side of the picture in which the object is looked for.
+/// Longer side of the reduced picture in which the object is detected, in pixels.
 pub(super) const SIDE: usize = 512;
-/// Least share of an object that stands out from a plain background, though not as a ball, that a
-/// circle found by its edges must hold.
+/// Smallest share of the object on a plain background that a circle detected by its edges must
+/// contain.
 const HELD: f64 = 0.9;
-/// Support of a circle that is the ball though it does not hold that share.
+/// Support from which a circle is the ball although it does not contain that share.
 const DISTINCT: f64 = 0.8;
-/// Distance of an outline from its circle, in pixels, up to which the file has no losses.
+/// Largest residual of an outline in a file without compression losses, in pixels.
 const CRISP: f64 = 0.6;
-/// Pixels, and share of the radius, by which an outline may stray from the circle that is looked
-/// for near it.
+/// Largest deviation of an outline from a circle near which edges are searched: in pixels, plus a
+/// share of the radius.
 const ROUGH: (f64, f64) = (3.0, 0.06);
 
-/// A ball that was found.
+/// A detected ball.
 pub(super) struct Spotted {
-    /// Its outline.
+    /// Outline of the ball.
     pub(super) circle: Circle,
-    /// Coverage by mask, alpha channel or a background of one value; `None` where none of them is.
+    /// Coverage by mask, alpha channel or constant background; `None` without them.
     pub(super) coverage: Option<Plane<f32>>,
-    /// How sure it is, if it was found by a vote.
+    /// Reliability of the outline, if it was detected by a vote.
     pub(super) sureness: Option<Sureness>,
 }
 
-/// Finds the ball in a picture: [`find_sphere`] in its mask, alpha channel or constant background;
-/// else the circle that stands out among all, which must hold what stands out from a background
-/// that is plain but for noise.
+/// Detects the ball in a picture.
+///
+/// The ball is the result of [`find_sphere`] in the mask, alpha channel or constant background;
+/// else the most distinct circle, which must contain the object if the background is plain except
+/// for noise.
 ///
 /// # Errors
-/// Errors of the outline; [`SceneError::Several`] for more objects than one that no mask tells
-/// apart; [`SceneError::Unsure`] where no circle stands out enough, [`SceneError::NoOutline`] where
-/// there is none.
+/// Errors of the outline; [`SceneError::Several`] for several objects without a mask;
+/// [`SceneError::Unsure`] if no circle is distinct enough; [`SceneError::NoOutline`] if there is no
+/// circle.
 pub(super) fn spot(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Spotted, SceneError> {
     let known = coverage_of(picture, mask).map(|coverage| {
         let ball = in_coverage(&coverage, mask.is_some());
@@ -61,15 +63,16 @@ pub(super) fn spot(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Spott
         (Err(_), Some((coverage, Ok(ball)))) => {
             Ok(Spotted { circle: ball.circle, coverage: Some(coverage), sureness: None })
         }
-        // A texture of few values, such as stripes, is no background.
+        // A texture of few values, such as stripes, is not a background.
         (Err(SceneError::Unsure { candidates }), Some((_, Err(_)))) => Err(SceneError::Unsure { candidates }),
         (Err(_), Some((_, Err(error)))) => Err(error),
         (Err(error), None) => Err(error),
     }
 }
 
-/// Finds the one ball in a coverage; `given` says that it is a mask, in which the largest part
-/// counts.
+/// Finds the single ball in a coverage.
+///
+/// If the coverage is a `given` mask, only its largest part counts.
 fn in_coverage(coverage: &Plane<f32>, given: bool) -> Result<FoundCircle, SceneError> {
     if !given {
         single(coverage, |part| find_sphere(part).ok().map(|ball| ball.circle))?;
@@ -77,12 +80,12 @@ fn in_coverage(coverage: &Plane<f32>, given: bool) -> Result<FoundCircle, SceneE
     find_sphere(coverage)
 }
 
-/// Whether an outline is as exact as that of a picture without losses.
+/// Whether an outline is as accurate as that of a picture without compression losses.
 pub(super) fn is_crisp(ball: &FoundCircle) -> bool {
     ball.residual <= CRISP
 }
 
-/// Finds the circle that stands out.
+/// Detects the most distinct circle.
 fn by_vote(rgb: &Plane<Vec3>) -> Result<(Circle, Sureness), SceneError> {
     let small = Small::of(rgb, SIDE);
     let edges = Edges::of(&small);
@@ -108,21 +111,21 @@ fn by_vote(rgb: &Plane<Vec3>) -> Result<(Circle, Sureness), SceneError> {
     }
 }
 
-/// The circle about a shape that is roughly one: losses of a file may blur its outline by some
-/// pixels.
+/// Fits a circle to the outline of a roughly circular coverage.
+///
+/// Compression losses may blur the outline by some pixels.
 fn rough(coverage: &Plane<f32>) -> Option<Circle> {
     let fit = fit_circle(&outline(coverage).ok()?)?;
     (fit.spread <= ROUGH.0 + ROUGH.1 * fit.circle.radius).then_some(fit.circle)
 }
 
-/// The outline of a ball on the edges of the photograph that are near the outline of a coverage, if
-/// that is a ball.
+/// Detects the outline of a ball on edges of the photograph near the outline of a coverage.
 pub(super) fn on_edges(rgb: &Plane<Vec3>, small: &Small, edges: &Edges, coverage: &Plane<f32>) -> Option<Circle> {
     let (ring, circle) = edges.settled(rgb, small, &edges.ring(&rough(coverage)?))?;
     (edges.support(&ring) >= SURE && share_within(coverage, &circle) >= HELD).then_some(circle)
 }
 
-/// Share of what is covered that lies within a circle.
+/// Returns the share of the coverage that lies within a circle.
 fn share_within(coverage: &Plane<f32>, circle: &Circle) -> f64 {
     let width = coverage.width();
     let (mut all, mut within) = (0.0, 0.0);
@@ -136,11 +139,12 @@ fn share_within(coverage: &Plane<f32>, circle: &Circle) -> f64 {
     within / f64::max(all, 1.0)
 }
 
-/// Coverage for shapes other than a ball seen from far away: as [`coverage_of`], or before a
-/// background that is plain but for noise.
+/// Returns the coverage of an object that is not a distant ball.
+///
+/// The sources are those of [`coverage_of`], or else a background that is plain except for noise.
 ///
 /// # Errors
-/// [`SceneError::NoOutline`] if nothing tells; [`SceneError::Several`] as for [`spot`].
+/// [`SceneError::NoOutline`] if no source is available; [`SceneError::Several`] as for [`spot`].
 pub(crate) fn outlined(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Plane<f32>, SceneError> {
     let plain = || plain_coverage(&Small::of(&picture.rgb, SIDE), picture.rgb.size());
     let coverage = coverage_of(picture, mask).or_else(plain).ok_or(SceneError::NoOutline)?;

@@ -6,16 +6,18 @@ use super::Observations;
 use crate::shape::SurfacePoint;
 use crate::sphere::fibonacci_hemisphere;
 
-/// Largest angle between an observation and an even direction that it may represent, in degrees.
+/// Largest angle between an observation and the grid direction that it represents, in degrees.
 const NEAR: f64 = 2.0;
 
-/// Least number of thinned observations; with fewer, all are subsampled evenly by index.
+/// Smallest number of thinned observations; with fewer, all are subsampled evenly by index.
 const FEWEST: usize = 200;
 
 impl Observations {
-    /// Selects up to about `count` of the observations, evenly over the normals in the frame of
-    /// their view: of those near a direction the one of most [trust](Self::trust), discounted by
-    /// its distance. If there are no more than that, all with a value are taken.
+    /// Selects up to about `count` of the observations, evenly over the normals in the view frame.
+    ///
+    /// Near each direction of an even grid, selects the observation of the highest
+    /// [trust](Self::trust), discounted by its distance. If there are no more than `count`, selects
+    /// all with a value.
     pub(crate) fn thinned(&self, count: usize) -> Self {
         self.select(&evenly(&self.points, &self.trust(), count))
     }
@@ -49,7 +51,7 @@ mod tests {
     use crate::testing::ball;
 
     #[test]
-    fn few_points_are_all_taken_but_for_those_without_weight() {
+    fn takes_all_of_few_points_except_those_without_weight() {
         let points = ball(300);
         let weights: Vec<f64> = (0..300).map(|i| f64::from(i % 3 != 0)).collect();
         let want: Vec<usize> = (0..300).filter(|i| i % 3 != 0).collect();
@@ -57,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn many_are_thinned_evenly() {
+    fn thins_many_points_evenly() {
         let points = ball(12_000);
         let taken = evenly(&points, &[1.0; 12_000], 1600);
         assert!((1500..=1920).contains(&taken.len()), "{}", taken.len());
@@ -68,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn of_neighbours_the_better_is_taken() {
+    fn prefers_neighbours_of_larger_weight() {
         let points = ball(12_000);
         let weights: Vec<f64> = (0..12_000).map(|i| if i % 2 == 0 { 1.0 } else { 0.2 }).collect();
         let taken = evenly(&points, &weights, 1600);

@@ -1,4 +1,4 @@
-//! Surface known pixel by pixel.
+//! Surface given pixel by pixel.
 
 use glam::{DVec3, Vec3};
 
@@ -23,20 +23,19 @@ pub struct SurfaceView<'a> {
     pub normals: &'a Plane<Vec3>,
     /// The camera; `None` for an orthographic one.
     pub camera: Option<&'a Camera>,
-    /// Distance along the ray of each pixel, if known: shows where the surface steps back.
+    /// Distance along the ray of each pixel, if known; detects where the surface steps back.
     pub distances: Option<&'a Plane<f32>>,
 }
 
 impl SurfaceView<'_> {
-    /// Returns the unit vector to the camera from the place that a pixel (its index, row-major)
-    /// sees.
+    /// Returns the unit vector to the camera from the point that a pixel (row-major index) shows.
     pub(super) fn view(&self, pixel: usize) -> DVec3 {
         let width = self.normals.width();
         self.camera.map_or(DVec3::Z, |camera| view_at(camera, pixel % width, pixel / width))
     }
 
     /// Whether the surface ends, steps back or folds between a pixel and one of its neighbours.
-    /// Where only normals are known, the ends of the surface are left to the mask.
+    /// Without distances, the mask determines where the surface ends.
     pub(super) fn is_edge(&self, x: usize, y: usize) -> bool {
         let normal = self.normals[(x, y)];
         let least = MOST_FOLD.to_radians().cos() as f32;
@@ -50,8 +49,9 @@ impl SurfaceView<'_> {
         })
     }
 
-    /// Whether the surface steps back between two pixels: by more than a surface seen at 80 degrees
-    /// falls away along the diagonal.
+    /// Whether the surface steps back between two pixels.
+    ///
+    /// The threshold is the step of a surface seen at 80 degrees, along the diagonal.
     fn steps(&self, (near, far): (f32, f32)) -> bool {
         let footprint = match self.camera.map(|c| c.projection) {
             Some(Projection::Orthographic { pixels_per_unit }) => 1.0 / pixels_per_unit,
@@ -62,7 +62,7 @@ impl SurfaceView<'_> {
     }
 }
 
-/// Whether a pixel of a normal map holds any normal at all.
+/// Whether a pixel of a normal map contains a normal.
 pub(super) fn has_normal(normal: Vec3) -> bool {
     normal.is_finite() && normal.length() >= NO_NORMAL
 }

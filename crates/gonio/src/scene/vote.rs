@@ -11,18 +11,20 @@ use super::rim::straying;
 use super::small::Small;
 use crate::picture::Plane;
 
-/// Circles that are moved to edges, and those that are told.
+/// Largest number of circles that are refined on edges.
 const REFINED: usize = 12;
+/// Largest number of circles that are reported.
 const TOLD: usize = 5;
-/// Share of its weight that a circle must keep without the edges of the first to be another one.
+/// Smallest share of its weight that a separate circle must keep without the edges of the first.
 const OWN: f32 = 0.5;
-/// Least support of the outline of a ball, most weight of its rival, and how far edges may stray
-/// from it as a share of the radius. In simulated photographs circles that are found elsewhere, or
-/// about objects that are no balls, miss one of the three.
+/// Smallest support of the outline of a ball. In simulated photographs, circles elsewhere, or about
+/// objects that are not balls, fail this test or one of the next two.
 pub(super) const SURE: f64 = 0.5;
+/// Largest weight of the next circle, relative to that of the ball.
 const MOST_RIVAL: f64 = 0.55;
+/// Largest spread of edges about the outline of a ball, as a share of the radius.
 const MOST_STRAYING: f64 = 0.015;
-/// Share of the circle with an edge along it, to a pixel, that shows that it is round even where a
+/// Share of the circle with an edge along it, at the fine scale, above which it is round even if a
 /// texture has stronger edges around it.
 const TIGHT: f64 = 0.85;
 
@@ -31,17 +33,17 @@ const TIGHT: f64 = 0.85;
 pub struct Candidate {
     /// The circle.
     pub circle: Circle,
-    /// Share of its circumference on which there is an edge along it, 0..=1.
+    /// Share of its circumference that has an edge along it, 0..=1.
     pub support: f64,
 }
 
 /// Reliability of a ball that was detected by its edges.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sureness {
-    /// Share of its circumference on which there is an edge along it, 0..=1.
+    /// Share of its circumference that has an edge along it, 0..=1.
     pub support: f64,
-    /// Weight of the next circle, without the edges of the ball, relative to that of the ball, from
-    /// 0 on.
+    /// Weight of the next circle without the edges of the ball, relative to that of the ball; at
+    /// least 0.
     pub rival: f64,
 }
 
@@ -59,24 +61,25 @@ impl std::fmt::Display for Sureness {
 /// Circles that may be the outline of a ball.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Vote {
-    /// Up to five, the one of most weight first.
+    /// Up to five candidates, by decreasing weight.
     pub(super) candidates: Vec<Candidate>,
     /// Weight of the next circle without the edges of the first, relative to that of the first.
     rival: f64,
-    /// Whether the edges about the first are as round as a ball.
+    /// Whether the edges around the first are as round as those of a ball.
     round: bool,
 }
 
 impl Vote {
-    /// The first of the candidates and how sure it is; `None` if it is not sure. What else stands
-    /// out does not count if it is `alone`.
+    /// Returns the first candidate and its reliability; `None` if it is unreliable.
+    ///
+    /// If the object is `alone`, other circles do not count.
     pub(super) fn winner(&self, alone: bool) -> Option<(Circle, Sureness)> {
         let Candidate { circle, support } = *self.candidates.first()?;
         let is_sure = self.round && support >= SURE && (alone || self.rival <= MOST_RIVAL);
         is_sure.then_some((circle, Sureness { support, rival: self.rival }))
     }
 
-    /// Finds the circles that stand out in a photograph, and what is near a `hint`.
+    /// Detects the distinct circles of a photograph, including those near a `hint`.
     pub(super) fn of(rgb: &Plane<Vec3>, small: &Small, edges: &Edges, hint: Option<&Circle>) -> Self {
         let hint = hint.map(|circle| edges.ring(circle));
         let rough: Vec<Ring> = hint.into_iter().chain(distinct(edges.best(), REFINED, |ring| ring)).collect();
@@ -88,7 +91,7 @@ impl Vote {
             let rest = edges.without(&first);
             let mut at = 0..;
             told.retain(|(ring, _)| at.next() == Some(0) || rest.scored(*ring).weight() >= OWN * ring.weight());
-            // Also circles that no edges refine speak against the first one.
+            // Circles that cannot be refined on edges are rivals as well.
             let others = rough.iter().chain(told[1..].iter().map(|(ring, _)| ring));
             rival = others.map(|ring| rest.scored(*ring).weight()).fold(0.0, f32::max) / first.weight();
         }

@@ -1,20 +1,20 @@
-//! Trust in each pixel: noise of the camera, and the effect of an uncertain normal on its
+//! Weight of each pixel, from the noise of the camera and the effect of uncertain normals on
 //! brightness.
 
 use glam::Vec3;
 
 use crate::picture::{Plane, luminance};
 
-/// Standard deviation at which a pixel counts half, relative to the root mean square of the
+/// Standard deviation at which a pixel has half its weight, relative to the root mean square of the
 /// picture: the error of the model itself ([`MODEL_ERROR`](crate::inference::MODEL_ERROR)).
 const FLOOR: f64 = 0.05;
-/// Number of classes of brightness, in each of which the noise is taken as constant.
+/// Number of brightness classes, in each of which the noise is assumed constant.
 const CLASSES: usize = 8;
-/// Quantile of the local residuals from which the noise of a class is estimated, on the quieter
-/// pixels...
+/// Quantile of the local residuals from which the noise of a class is estimated, from its quieter
+/// pixels.
 const QUIET: f64 = 0.25;
-/// ...and the value of that quantile relative to the variance, for Gaussian noise and six degrees
-/// of freedom (chi-square).
+/// Value of this quantile relative to the variance, for Gaussian noise and six degrees of freedom
+/// (chi-square).
 const QUIET_SHARE: f64 = 0.576;
 
 /// A plane through the values of a 3 x 3 neighbourhood.
@@ -25,8 +25,9 @@ struct Fit {
     variance: f64,
 }
 
-/// Fits the components of a quantity around a pixel; `None` at the border of the picture or of the
-/// known region.
+/// Fits planes to the components of a quantity around a pixel.
+///
+/// Returns `None` at the border of the picture or of the known region.
 fn fit<const N: usize>(
     (x, y): (usize, usize),
     (w, h): (usize, usize),
@@ -52,10 +53,12 @@ fn fit<const N: usize>(
     Some(Fit { slope_square, variance })
 }
 
-/// Computes a weight in 0..=1 for each of `pixels` (indices, row-major), of which those outside
-/// `region` have no value: `1 / (1 + (s^2 + t^2) / floor^2)`. `s` is the noise of pixels of that
-/// brightness, from the residuals about local planes; `t` is the error of brightness that the
-/// residual of the normals about a plane causes through the slope of the picture.
+/// Computes a weight in 0..=1 for each of `pixels` (row-major indices).
+///
+/// The weight is `1 / (1 + (s^2 + t^2) / floor^2)`. `s` is the noise of pixels of similar
+/// brightness, from the residuals about local planes; `t` is the error of brightness caused by the
+/// residual of the normals about a plane and the slope of the picture. Pixels outside `region` have
+/// no value.
 pub(super) fn weights(rgb: &Plane<Vec3>, normals: &Plane<Vec3>, region: &Plane<bool>, pixels: &[usize]) -> Vec<f64> {
     let (size, width) = (rgb.size(), rgb.width());
     let bright = |i: usize| f64::from(luminance(rgb.as_slice()[i]));
@@ -122,14 +125,14 @@ mod tests {
     }
 
     #[test]
-    fn a_clean_picture_counts_wholly() {
+    fn pixels_of_a_clean_picture_have_full_weight() {
         let normals = Plane::from_fn(SIZE, SIZE, normal);
         let weights = all(&normals.map(|n| Vec3::splat(1.0 + n.y)), &normals);
         assert!(weights.iter().all(|w| *w > 0.999));
     }
 
     #[test]
-    fn noise_is_found_for_each_brightness() {
+    fn estimates_the_noise_of_each_brightness() {
         let normals = Plane::from_fn(SIZE, SIZE, normal);
         let mut gauss = draw(3);
         // The upper half is bright and has noise of a tenth of the root mean square; the lower half
@@ -145,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn uncertain_normals_count_where_the_picture_has_slope() {
+    fn uncertain_normals_reduce_weights_where_the_picture_has_slope() {
         let mut gauss = draw(5);
         let shift = 0.05;
         let noisy = Plane::from_fn(SIZE, SIZE, |x, y| {

@@ -2,7 +2,7 @@ use super::*;
 
 const CIRCLE: Circle = Circle { x: 151.3, y: 148.6, radius: 140.0 };
 
-/// A ball whose radiance is `f` of the normal, over a background that no point may see.
+/// A ball whose radiance is `f` of the normal, over a background that no point may use.
 fn ball(f: impl Fn(DVec3) -> Vec3) -> Picture {
     let rgb = Plane::from_fn(300, 300, |x, y| {
         let (nx, ny) = ((x as f64 + 0.5 - CIRCLE.x) / CIRCLE.radius, (CIRCLE.y - y as f64 - 0.5) / CIRCLE.radius);
@@ -21,7 +21,7 @@ fn observe(picture: &Picture) -> Result<Observations, SceneError> {
 }
 
 #[test]
-fn radiance_that_is_linear_in_the_picture_comes_back() {
+fn reproduces_radiance_that_is_linear_in_the_picture() {
     let got = observe(&tilted()).unwrap();
     assert_eq!((got.report.points, got.report.used), (9916, 9916), "{:?}", got.report);
     for ((point, colour), value) in got.points.iter().zip(&got.colours).zip(&got.values) {
@@ -33,8 +33,8 @@ fn radiance_that_is_linear_in_the_picture_comes_back() {
 }
 
 #[test]
-fn pixels_are_counted_apart_from_the_points_between_them() {
-    // A ball of a radius of ten pixels: every point is interpolated between a few of them.
+fn counts_pixels_separately_from_points() {
+    // A ball with a radius of ten pixels: the points are interpolated between few pixels.
     let small = Circle { x: 15.0, y: 15.0, radius: 10.0 };
     let mut rgb = Plane::from_fn(30, 30, |x, y| Vec3::splat(1.0 + 0.01 * (x + y) as f32));
     let observe = |rgb: &Plane<Vec3>| {
@@ -43,7 +43,7 @@ fn pixels_are_counted_apart_from_the_points_between_them() {
     };
     let clean = observe(&rgb);
     assert!(clean.used_pixels == clean.observed_pixels && clean.used > 20 * clean.used_pixels, "{clean:?}");
-    // Pixels wholly within the circle: fewer than its area.
+    // Pixels entirely within the circle: fewer than its area.
     assert!((240..=300).contains(&clean.used_pixels), "{clean:?}");
     rgb[(15, 15)] = Vec3::splat(f32::NAN);
     rgb[(12, 17)] = Vec3::splat(-1.0);
@@ -51,17 +51,17 @@ fn pixels_are_counted_apart_from_the_points_between_them() {
 }
 
 #[test]
-fn curved_radiance_comes_back_to_interpolation_accuracy() {
+fn reproduces_curved_radiance_to_interpolation_accuracy() {
     let got = observe(&ball(|n| Vec3::splat(n.z as f32))).unwrap();
     for (point, value) in got.points.iter().zip(&got.values) {
-        // h^2 / 4 times the second derivative, 1 / (r^2 z^3), and more at the rim.
+        // The error is h^2 / 4 times the second derivative, 1 / (r^2 z^3), and larger at the rim.
         let bound = 0.5 / (CIRCLE.radius * CIRCLE.radius * point.normal.z.powi(3));
         assert!((value.unwrap() - point.normal.z).abs() < bound + 1e-6, "{}", point.normal);
     }
 }
 
 #[test]
-fn up_is_up_and_pixel_centres_are_at_a_half() {
+fn y_points_up_and_pixel_centres_are_at_one_half() {
     let got = observe(&tilted()).unwrap();
     for (point, (x, y)) in got.points.iter().zip(&got.pixels) {
         assert_eq!(point.normal.y > 0.0, *y < CIRCLE.y);
@@ -78,7 +78,7 @@ fn up_is_up_and_pixel_centres_are_at_a_half() {
 }
 
 #[test]
-fn points_depend_on_the_settings_alone() {
+fn points_depend_only_on_the_settings() {
     let settings = ObservationSettings::default();
     let mut clipped = tilted();
     for (i, colour) in clipped.rgb.as_mut_slice().iter_mut().enumerate().filter(|(i, _)| i % 7 == 0) {
@@ -92,7 +92,7 @@ fn points_depend_on_the_settings_alone() {
 }
 
 #[test]
-fn clipped_pixels_take_the_points_around_them_along() {
+fn points_next_to_clipped_pixels_have_no_value() {
     let mut picture = tilted();
     // A patch of 6 x 6 pixels about the centre, one channel only.
     for y in 146..152 {
@@ -128,7 +128,7 @@ fn uncovered_and_cropped_points_have_no_value() {
 }
 
 #[test]
-fn faulty_pixels_are_passed_over_where_others_are_near() {
+fn skips_faulty_pixels_next_to_valid_ones() {
     let clean = observe(&tilted()).unwrap();
     for (bad, fate) in [(f32::NAN, Fate::NotFinite), (f32::INFINITY, Fate::NotFinite), (-0.1, Fate::Negative)] {
         let mut picture = tilted();
@@ -143,7 +143,7 @@ fn faulty_pixels_are_passed_over_where_others_are_near() {
             let off = value.map_or(0.0, |v| (v - was.unwrap()).abs());
             assert!(off < 0.01 && (weight > 0.0 || off == 0.0), "{at:?}");
         }
-        // A fault where the picture is not observed is not reported.
+        // Faults outside the observed part of the picture are not reported.
         picture.alpha = Some(Plane::from_fn(300, 300, |_, y| f32::from(!(140..142).contains(&y))));
         let report = observe(&picture).unwrap().report;
         assert!(report.outside > 0 && report.negative + report.not_finite == 0);
@@ -151,7 +151,7 @@ fn faulty_pixels_are_passed_over_where_others_are_near() {
 }
 
 #[test]
-fn a_negative_channel_counts_as_zero_in_the_colour_and_as_itself_in_the_luminance() {
+fn negative_channels_are_zero_in_the_colour_but_not_in_the_luminance() {
     let got = observe(&ball(|n| Vec3::new(-0.1, 2.0 + n.x as f32, 1.0))).unwrap();
     assert_eq!((got.report.used, got.report.negative, got.fates), (9916, 0, None));
     assert_eq!(got.report.negative_channels, got.report.observed_pixels);
@@ -163,18 +163,18 @@ fn a_negative_channel_counts_as_zero_in_the_colour_and_as_itself_in_the_luminanc
 }
 
 #[test]
-fn little_left_is_refused_with_the_numbers() {
+fn rejects_pictures_with_too_few_valid_pixels() {
     let most = observe(&ball(|n| Vec3::splat(if n.x < 0.2 { f32::NAN } else { 1.0 }))).unwrap_err();
     assert!(matches!(most, SceneError::BadPixels { negative: 0, not_finite: 30_000.., .. }), "{most}");
     let dark = observe(&ball(|n| Vec3::splat(n.x as f32 - 0.2))).unwrap_err();
     assert!(dark.to_string().contains("are negative and 0 are NaN"), "{dark}");
-    // Black is a valid value: half a ball of it is no fault.
+    // Black is a valid value, even on half of the ball.
     let black = observe(&ball(|n| Vec3::splat((n.x as f32).max(0.0)))).unwrap();
     assert_eq!((black.report.used, black.report.negative), (9916, 0));
 }
 
 #[test]
-fn pictures_that_say_nothing_are_refused() {
+fn rejects_pictures_without_observations() {
     assert_eq!(observe(&ball(|_| Vec3::ZERO)).unwrap_err(), SceneError::Black);
     let error = observe(&ball(|_| Vec3::ONE)).unwrap_err();
     assert_eq!(error, SceneError::TooFewPoints { used: 0, clipped: 9916, outside: 0, least: 50 });
@@ -192,7 +192,7 @@ fn pictures_that_say_nothing_are_refused() {
 }
 
 #[test]
-fn the_papers_settings_leave_8600_normals_away_from_the_poles() {
+fn settings_of_the_paper_leave_8600_normals_away_from_the_poles() {
     let points = sphere_points(&ObservationSettings::of_paper());
     assert!(points.len().abs_diff(8600) <= 10, "{}", points.len());
     let steepest = points.iter().map(|p| p.normal.y.abs()).fold(0.0, f64::max);

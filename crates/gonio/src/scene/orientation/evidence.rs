@@ -1,4 +1,4 @@
-//! Normals gathered once, from which the fit of any order of channels is computed.
+//! Normals collected once, from which the fit of any order of channels is computed.
 
 use glam::{DVec2, DVec3};
 
@@ -9,19 +9,20 @@ use crate::scene::Correction;
 /// Normals that serve as evidence for the order of channels.
 pub(super) struct Evidence<'a> {
     settings: &'a OrientationSettings,
-    /// Number of normals, and of those whose value in each channel is not positive, and is not
-    /// negative.
+    /// Number of normals.
     count: usize,
+    /// Number of normals whose value in each channel is not positive.
     not_positive: [usize; 3],
+    /// Number of normals whose value in each channel is not negative.
     not_negative: [usize; 3],
     /// Normals along the bottom, right, top and left side of each square.
     squares: Vec<[Vec<DVec3>; 4]>,
-    /// Normals at the outline within the picture, each with the direction out of the object, y up.
+    /// Normals at the outline within the picture, each with the outward direction, y up.
     outline: Vec<(DVec3, DVec2)>,
 }
 
 impl<'a> Evidence<'a> {
-    /// Gathers the normals; `None` if there are none.
+    /// Collects the normals; `None` if there are none.
     pub(super) fn of(surface: &Plane<Option<DVec3>>, settings: &'a OrientationSettings) -> Option<Self> {
         let (width, height) = surface.size();
         let all = || surface.as_slice().iter().flatten();
@@ -58,7 +59,7 @@ impl<'a> Evidence<'a> {
         Some(Self { settings, count, not_positive, not_negative, squares, outline: outline(surface, settings.reach) })
     }
 
-    /// Computes how well the order that a correction makes fits a surface.
+    /// Computes how well the order that results from a correction fits a surface.
     pub(super) fn fit(&self, correction: Correction) -> Fit {
         let settings = self.settings;
         let order = |n: DVec3| correction.apply(n.as_vec3()).as_dvec3();
@@ -81,10 +82,13 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Computes the sum over all squares of the absolute circulation of the slopes, relative to
-    /// that of its two parts, which cancel for a surface.
+    /// Computes the absolute circulation of the slopes, summed over all squares.
+    ///
+    /// The sum is relative to that of its two parts, which cancel for a surface. Returns `None` if
+    /// there are too few squares or the surface has too little twist.
     fn circulation(&self, order: impl Fn(DVec3) -> DVec3) -> Option<f64> {
-        // Mean slope along a path, by the trapezoidal rule; none if it is too steep anywhere.
+        // Returns the mean slope along a path, by the trapezoidal rule; `None` if it is too steep
+        // anywhere.
         let mean = |path: &[DVec3]| -> Option<DVec2> {
             let mut sum = DVec2::ZERO;
             for (i, n) in path.iter().enumerate() {
@@ -114,9 +118,10 @@ impl<'a> Evidence<'a> {
     }
 }
 
-/// Collects the normals at the outline with the outward direction: away from the centre of mass of
-/// the pixels within `reach`. Pixels near the border of the picture are left out: the object may
-/// continue there.
+/// Collects the normals at the outline with their outward directions.
+///
+/// The outward direction points away from the centre of mass of the pixels within `reach`. Pixels
+/// near the border of the picture are omitted, because the object may continue there.
 fn outline(surface: &Plane<Option<DVec3>>, reach: usize) -> Vec<(DVec3, DVec2)> {
     let (width, height) = surface.size();
     let mut outline = Vec::new();

@@ -7,8 +7,8 @@
 //! * at the rim of a rounded object, the normals are perpendicular to the outline: they point out
 //!   of the object or, in a hollow, into it.
 //!
-//! Each property can prove that an order is wrong. A hill and a hollow remain ambiguous; the
-//! rounder object is then suggested.
+//! Each property can prove that an order is wrong. A hill and a hollow remain ambiguous; in this
+//! case the order of the rounder object is suggested.
 
 mod evidence;
 mod settings;
@@ -31,8 +31,8 @@ use crate::remedy::Remedy;
 pub struct Fit {
     /// Share of normals that face away from the camera, 0 to 1.
     pub away: f64,
-    /// Relative sum of the slopes around closed paths, 0 (a surface) to 1; `None` where nothing can
-    /// be said: too few pixels, or a shape such as an upright cylinder.
+    /// Relative sum of the slopes around closed paths, 0 (a surface) to 1; `None` without evidence:
+    /// too few pixels, or a shape such as an upright cylinder.
     pub circulation: Option<f64>,
     /// Mean cosine, at the rim, between the normals and the direction out of the object, -1 (a
     /// hollow) to 1 (a round object), and the mean of its absolute value. `None` without a rim.
@@ -44,7 +44,7 @@ impl Fit {
         self.rim.map(|r| r.0)
     }
 
-    /// Returns by how much its circulation is smaller than that of another order.
+    /// Returns the circulation of another order minus that of this one.
     fn gain_over(&self, other: &Self) -> Option<f64> {
         Some(other.circulation? - self.circulation?)
     }
@@ -68,21 +68,22 @@ pub struct Orientation {
     pub given: Fit,
     /// Evidence that the given order is wrong, whether or not a correction fits.
     pub fault: Option<Fault>,
-    /// Corrections that fit, the more usual first, where the given order clearly does not;
-    /// otherwise empty. There are several where nothing tells them apart, such as x or y flipped on
-    /// a relief without a rim.
+    /// Corrections that fit, the most common first, if the given order clearly does not; otherwise
+    /// empty. There are several if they cannot be distinguished, such as x or y flipped on a relief
+    /// without a rim.
     pub corrections: Vec<Correction>,
     /// Improvement of the fit by the first correction, 0 to 1; zero without a correction.
     pub confidence: f64,
 }
 
 impl Orientation {
-    /// Tests the normals that `coverage` gives as at least half covered, or all without it, by the
-    /// default [`OrientationSettings`]. Normals of length zero or that are not finite count as
-    /// missing.
+    /// Tests the order of the channels of a normal map with the default [`OrientationSettings`].
     ///
-    /// The verdict is cautious: nothing is corrected without evidence, or where the shape explains
-    /// the normals as well as an error would.
+    /// Only pixels with a `coverage` of at least one half are tested, or all pixels without it.
+    /// Normals that have length zero or are not finite count as missing.
+    ///
+    /// The verdict is cautious: no correction is suggested without evidence, or if the shape
+    /// explains the normals as well as an error would.
     ///
     /// # Errors
     /// [`SceneError::Sizes`]; [`SceneError::NoNormals`].
@@ -90,7 +91,7 @@ impl Orientation {
         Self::by(&OrientationSettings::default(), normals, coverage)
     }
 
-    /// Like [`Self::of`], by other settings.
+    /// Like [`Self::of`], with other settings.
     ///
     /// # Errors
     /// Like [`Self::of`].
@@ -119,7 +120,7 @@ impl Orientation {
             all.filter(|(_, fit)| settings.mends(contradicting, &given, fit)).collect();
         let least = fitting.iter().filter_map(|f| f.1.circulation).fold(f64::INFINITY, f64::min);
         fitting.retain(|f| f.1.circulation.is_some_and(|c| c < least + settings.tied));
-        // The rim decides among those left, if every one of them has a rim.
+        // The rim decides among the remaining orders if every one of them has a rim.
         let outwards = fitting.iter().map(|f| f.1.outwards()).collect::<Option<Vec<f64>>>();
         if let Some(best) = outwards.and_then(|r| r.into_iter().reduce(f64::max)) {
             fitting.retain(|f| f.1.outwards().is_some_and(|r| r > best - settings.rounder));
@@ -131,7 +132,7 @@ impl Orientation {
         Ok(Self { given, fault, corrections: fitting.iter().map(|f| f.0).collect(), confidence })
     }
 
-    /// Returns what contradicts the given order; `None` where it is or may be right.
+    /// Returns what contradicts the given order; `None` if the order is or may be correct.
     pub(crate) fn contradiction(&self) -> Option<Contradiction> {
         let first = self.corrections.first()?;
         let why = match self.fault? {
@@ -151,7 +152,7 @@ impl Orientation {
 #[error("{complaint}")]
 pub struct Contradiction {
     complaint: String,
-    /// Corrections that mend it, the most probable first.
+    /// Corrections that resolve it, the most probable first.
     corrections: Vec<Correction>,
 }
 

@@ -1,4 +1,4 @@
-//! Maps of known order are left alone, wrong ones are named.
+//! Correct maps are kept, wrong ones are detected.
 
 use super::*;
 
@@ -15,7 +15,7 @@ fn sphere() -> Plane<Vec3> {
     ellipsoid(1.0, 1.0, 0.0)
 }
 
-/// An ellipsoid of these semi-axes, turned in the picture.
+/// An ellipsoid of semi-axes `a`, `b` and 1, rotated in the picture.
 fn ellipsoid(a: f32, b: f32, turn: f32) -> Plane<Vec3> {
     map(|x, y| {
         let turned = glam::Vec2::from_angle(turn);
@@ -49,7 +49,7 @@ const FLIP_Y: Correction = Correction { order: [0, 1, 2], flip_x: false, flip_y:
 const FLIP_X: Correction = Correction { flip_x: true, flip_y: false, ..FLIP_Y };
 
 #[test]
-fn sound_maps_are_left_alone() {
+fn keeps_correct_maps() {
     for (name, normals) in [
         ("sphere", sphere()),
         ("ellipsoid", ellipsoid(1.0, 0.6, 0.5)),
@@ -68,10 +68,10 @@ fn sound_maps_are_left_alone() {
 }
 
 #[test]
-fn whatever_is_wrong_on_a_round_object_is_named() {
+fn detects_any_wrong_order_on_a_round_object() {
     for (name, right) in [("sphere", sphere()), ("ellipsoid", ellipsoid(1.0, 0.6, 0.5))] {
         for wrong in Correction::all() {
-            // Nothing wrong, or a hill that became a hollow, which is also a valid shape.
+            // Skip correct orders, and hills that became hollows, which are also valid shapes.
             let Correction { order, flip_x, flip_y, flip_z } = wrong;
             if order == [0, 1, 2] && !flip_z && flip_x == flip_y {
                 continue;
@@ -98,10 +98,10 @@ fn corrections_have_names() {
 }
 
 #[test]
-fn without_a_rim_either_flip_is_named() {
+fn suggests_either_flip_without_a_rim() {
     for wrong in [FLIP_Y, FLIP_X] {
         assert_eq!(of(&wrong.apply_to(&relief())).corrections[..2], [FLIP_Y, FLIP_X]);
-        // A part of a rim is enough.
+        // A part of a rim is sufficient.
         assert_eq!(of(&wrong.apply_to(&cropped())).corrections, [wrong]);
     }
     let found = of(&FLIP_Y.apply_to(&relief())).contradiction().unwrap();
@@ -114,7 +114,7 @@ fn without_a_rim_either_flip_is_named() {
 }
 
 #[test]
-fn eight_bits_are_enough() {
+fn eight_bits_are_sufficient() {
     let coded = |normals: &Plane<Vec3>| {
         normals.map(|n| {
             let code = ((*n + Vec3::ONE) * 127.5).round();
@@ -128,7 +128,7 @@ fn eight_bits_are_enough() {
 }
 
 #[test]
-fn noise_is_no_evidence() {
+fn noise_is_not_evidence() {
     let mut state = 1_u32;
     let mut noise = || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -143,7 +143,7 @@ fn noise_is_no_evidence() {
 }
 
 #[test]
-fn a_mask_hides_normals() {
+fn ignores_normals_outside_the_mask() {
     let mut normals = sphere();
     let mask = Plane::from_fn(SIZE, SIZE, |x, _| f32::from(x < 150));
     for y in 0..SIZE {

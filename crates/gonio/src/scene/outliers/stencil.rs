@@ -17,9 +17,9 @@ pub(in crate::scene) const NEIGHBOURS: [(isize, isize); 24] = {
 const COEFFICIENTS: usize = 6;
 /// Smallest number of known neighbours that determine the quadratic and its residuals.
 const MIN_KNOWN: u32 = 10;
-/// Smallest part of a column, relative to the whole, that the columns before it leave unexplained.
+/// Smallest part of a column, relative to the whole, that the preceding columns do not explain.
 const INDEPENDENT: f64 = 1e-6;
-/// Smallest share of a neighbour's own value in its residual for which it can be left out.
+/// Smallest share of a neighbour's own value in its residual for the neighbour to be left out.
 const MIN_FREEDOM: f64 = 1e-3;
 
 /// Least-squares quadratic through the known neighbours of a pixel.
@@ -76,15 +76,17 @@ impl Stencil {
         Some(Self { columns, known })
     }
 
-    /// Returns the least-squares quadratic at a row: that of a neighbour, or 24 for the pixel.
+    /// Evaluates the quadratic at the neighbour of index `row`, or at the pixel itself for 24.
     pub(super) fn at(&self, values: &[f64; 24], row: usize) -> f64 {
         let known = || (0..24).filter(|i| self.known >> i & 1 == 1);
         let along = |column: &[f64; 25]| column[row] * known().map(|i| column[i] * values[i]).sum::<f64>();
         self.columns.iter().map(along).sum()
     }
 
-    /// Predicts the pixel from the values of its neighbours, without the one neighbour that fits
-    /// the others least; values of unknown neighbours do not count.
+    /// Predicts the pixel from its neighbours, without the one neighbour that fits the others
+    /// least.
+    ///
+    /// The values of unknown neighbours are ignored.
     pub(in crate::scene) fn predict(&self, values: &[f64; 24]) -> Prediction {
         let known = || (0..24).filter(|i| self.known >> i & 1 == 1);
         let mut coefficients = [0.0; COEFFICIENTS];
@@ -148,7 +150,7 @@ mod tests {
 
     #[test]
     fn predicts_from_one_side() {
-        // The two columns on the left and the one of the pixel; the others are unknown.
+        // Only the pixel's column and the two columns on its left are known.
         let known = (0..24).filter(|i| NEIGHBOURS[*i].0 <= 0).fold(0, |known, i| known | 1 << i);
         let mut values = NEIGHBOURS.map(quadratic);
         (0..24).filter(|i| known >> i & 1 == 0).for_each(|i| values[i] = f64::NAN);

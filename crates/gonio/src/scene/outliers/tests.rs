@@ -33,7 +33,7 @@ fn finds_planted_pixels() {
         for value in [0.0, 5.0, 20.0, 1e4, 1e9, f32::MAX] {
             let mut rgb = clean.clone();
             rgb[at] = Vec3::splat(value);
-            // A corner has three adjacent pixels, too few.
+            // A corner has only three adjacent pixels, which are too few.
             let want = if at == (0, 0) { vec![] } else { vec![at] };
             assert_eq!(found(&rgb), want, "{at:?} {value}");
         }
@@ -62,7 +62,7 @@ fn keeps_noise() {
     for relative in [0.001, 0.01, 0.05, 0.2] {
         assert!(found(&noisy(&clean, relative)).len() <= 1, "{relative}");
     }
-    // Eight bits of an sRGB curve, in blocks as of a JPEG file.
+    // Quantised to 40 steps of an sRGB curve, then in blocks as of a JPEG file.
     let coarse = noisy(&clean, 0.02).map(|v| {
         let coded = |v: f32| crate::picture::srgb_decode((40.0 * crate::picture::srgb_encode(v)).round() / 40.0);
         Vec3::new(coded(v.x), coded(v.y), coded(v.z))
@@ -78,7 +78,8 @@ fn keeps_edges_and_sharp_highlights() {
     assert!(found(&edge).is_empty());
     let lines = Plane::from_fn(SIZE, SIZE, |x, y| smooth(x, y) * if x == 30 || y == 70 { 50.0 } else { 1.0 });
     assert!(found(&lines).is_empty());
-    // A lamp of two pixels, filtered by a pixel; and one of one pixel with the tails of a lobe.
+    // A lamp of two pixels, blurred by about a pixel; then a lamp of one pixel with the tails of a
+    // lobe.
     for (width, peak) in [(0.7, 1000.0), (0.5, 50.0), (0.6, 5.0)] {
         let lamp = |x: f32, y: f32| (-0.5 * (x * x + y * y) / (width * width)).exp();
         let rgb = Plane::from_fn(SIZE, SIZE, |x, y| {
@@ -96,7 +97,7 @@ fn keeps_edges_and_sharp_highlights() {
 
 #[test]
 fn keeps_pixels_of_a_sparkling_picture() {
-    // One pixel in a hundred glints: the picture is like that.
+    // One pixel in a hundred glints, so glints are structure of the picture.
     let mut rng = Pcg64::seed_from_u64(4);
     let mut draw = || Distribution::<f32>::sample(&StandardNormal, &mut rng);
     let glints = Plane::from_fn(SIZE, SIZE, |x, y| smooth(x, y) * if draw() > 2.3 { 2.0 + draw().abs() } else { 1.0 });
@@ -118,7 +119,7 @@ fn keeps_a_lamp_with_a_rim() {
 
 #[test]
 fn keeps_the_sun_in_a_mirror() {
-    // A mirror shows a ground of sharp edges below a smooth sky; the sun covers one pixel.
+    // A mirror shows ground with sharp edges below a smooth sky; the sun covers one pixel.
     let mut rng = Pcg64::seed_from_u64(5);
     let mut draw = || Distribution::<f32>::sample(&StandardNormal, &mut rng).abs();
     let blocks = Plane::from_fn(SIZE, SIZE, |_, _| Vec3::splat(0.05 + 0.5 * draw()));
@@ -132,7 +133,7 @@ fn keeps_the_sun_in_a_mirror() {
 }
 
 #[test]
-fn ignores_what_is_outside() {
+fn ignores_pixels_outside_the_region() {
     let rgb = Plane::from_fn(SIZE, SIZE, |x, y| if x < 60 { smooth(x, y) } else { Vec3::splat(1e6) });
     let region = Plane::from_fn(SIZE, SIZE, |x, _| x < 60);
     assert!(outliers(&rgb, &region).excluded.is_empty());

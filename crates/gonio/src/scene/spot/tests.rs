@@ -1,4 +1,4 @@
-//! Balls in simulated photographs: rendered by ourselves, before textures of many kinds.
+//! Balls in simulated photographs, on textures of many kinds.
 
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
@@ -18,7 +18,7 @@ use crate::testing::{lobe, on_threads};
 const WIDTH: usize = 480;
 const HEIGHT: usize = 360;
 
-/// A light, and balls in it that are dull, satin and sharp.
+/// A light, and a dull, a satin and a sharp ball in it.
 struct Set {
     light: EnvironmentMap,
     balls: Vec<Picture>,
@@ -37,13 +37,13 @@ static SETS: LazyLock<Vec<Set>> = LazyLock::new(|| {
 
 #[derive(Clone, Copy, Debug)]
 enum Backdrop {
-    /// Values between the points of a lattice, drawn by themselves, of this spacing in pixels.
+    /// Values interpolated between independent points of a lattice with this spacing, in pixels.
     Noise(f64),
-    /// Noise of a spacing of 5, 20 and 80 pixels together.
+    /// Mean of noise with spacings of 5, 20 and 80 pixels.
     Scales,
     Checkers,
     Gradient,
-    /// The light around the ball, which it also reflects.
+    /// The environment of the ball, which it also reflects.
     Surroundings,
 }
 
@@ -57,7 +57,7 @@ const BACKDROPS: [Backdrop; 7] = [
     Backdrop::Surroundings,
 ];
 
-/// Values of 0.3 to 3 between random points of a lattice.
+/// Values of 0.3 to 3, interpolated between random points of a lattice.
 fn noise(spacing: f64, rng: &mut Pcg64) -> impl Fn(f64, f64) -> Vec3 + use<> {
     let columns = (WIDTH as f64 / spacing) as usize + 3;
     let rows = (HEIGHT as f64 / spacing) as usize + 3;
@@ -103,14 +103,14 @@ fn scenery(backdrop: Backdrop, set: &'static Set, rng: &mut Pcg64) -> Scenery {
     }
 }
 
-/// Puts a ball of the set's light on `rgb`, scaled to a mean of about one.
+/// Composites a ball into `rgb`, with its radiance multiplied by `gain`.
 fn put(rgb: &mut Plane<Vec3>, ball: &Picture, circle: &Circle, gain: f32) {
     let settings = SphereSettings { size: ball.rgb.width(), ..SphereSettings::default() };
     let scale = settings.radius() / circle.radius;
     let middle = 0.5 * ball.rgb.width() as f64;
     let width = rgb.width();
     for (i, pixel) in rgb.as_mut_slice().iter_mut().enumerate() {
-        // Means of 4 x 4 places in the pixel.
+        // Mean of 4 x 4 samples in the pixel.
         let (mut sum, mut covered) = (Vec3::ZERO, 0.0);
         for s in 0..16 {
             let at = |whole: usize, part: usize| whole as f64 + (part as f64 + 0.5) / 4.0;
@@ -125,7 +125,7 @@ fn put(rgb: &mut Plane<Vec3>, ball: &Picture, circle: &Circle, gain: f32) {
     }
 }
 
-/// A photograph with noise of the sensor, and the outline of its ball.
+/// Simulates a photograph with sensor noise; returns it with the outline of its ball.
 fn photograph(backdrop: Backdrop, seed: u64) -> (Picture, Circle) {
     let mut rng = Pcg64::seed_from_u64(seed);
     let set = &SETS[rng.random_range(0..SETS.len())];
@@ -139,7 +139,7 @@ fn photograph(backdrop: Backdrop, seed: u64) -> (Picture, Circle) {
     };
     let mut rgb = Plane::from_fn(WIDTH, HEIGHT, |x, y| behind(x as f64 + 0.5, y as f64 + 0.5));
     let mean = |plane: &Plane<Vec3>| plane.as_slice().iter().sum::<Vec3>().y / plane.as_slice().len() as f32;
-    // Surroundings have the scale of the ball; other backdrops are about as bright as it is.
+    // Surroundings have the scale of the ball; other backdrops are about as bright as the ball.
     let gain = match backdrop {
         Backdrop::Surroundings => 1.0,
         _ => mean(&rgb) / (mean(&ball.rgb) / 0.75) * rng.random_range(0.5..2.0),
@@ -158,14 +158,14 @@ fn is_near(found: &Circle, want: &Circle, share: f64) -> bool {
 }
 
 #[test]
-fn balls_before_textures_are_found_or_refused() {
+fn detects_or_rejects_balls_on_textures() {
     const SEEDS: u64 = 8;
     let (mut right, mut wrong) = (0, Vec::new());
     for (kind, backdrop) in BACKDROPS.into_iter().enumerate() {
         for seed in 0..SEEDS {
             let (picture, want) = photograph(backdrop, 1000 * kind as u64 + seed);
             match spot(&picture, None) {
-                // A pixel and a half of a small ball are more than a hundredth of its radius.
+                // A pixel and a half exceeds a hundredth of the radius of a small ball.
                 Ok(spotted) if is_near(&spotted.circle, &want, f64::max(0.01, 1.5 / want.radius)) => right += 1,
                 Ok(spotted) => wrong.push((backdrop, seed, want, spotted.circle, spotted.sureness)),
                 Err(_) => {}
@@ -178,7 +178,7 @@ fn balls_before_textures_are_found_or_refused() {
 }
 
 #[test]
-fn where_there_is_no_ball_none_is_found() {
+fn detects_no_ball_where_there_is_none() {
     let mut found = Vec::new();
     for (kind, backdrop) in BACKDROPS.into_iter().enumerate() {
         for seed in 0..6 {
@@ -194,7 +194,7 @@ fn where_there_is_no_ball_none_is_found() {
 }
 
 #[test]
-fn of_two_balls_before_a_texture_none_is_taken() {
+fn rejects_two_balls_on_a_texture() {
     let set = &SETS[0];
     let mut rng = Pcg64::seed_from_u64(3);
     let behind = scenery(Backdrop::Noise(12.0), set, &mut rng);
@@ -214,8 +214,10 @@ fn each(colour: Vec3, of: impl Fn(f32) -> f32) -> Vec3 {
     Vec3::from_array(colour.to_array().map(of))
 }
 
-/// The losses of a JPEG file in sRGB: cosines of blocks of 8 x 8 pixels, rounded by a table of a
-/// quality of about 75 on a scale of 255.
+/// Simulates the losses of a JPEG file in sRGB.
+///
+/// Quantises the cosine transform of blocks of 8 x 8 pixels, on a scale of 255, by a table of a
+/// quality of about 75.
 fn compressed(rgb: &Plane<Vec3>) -> Plane<Vec3> {
     let rgb = rgb.map(|v| each(*v, |v| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }));
     let decoded = |v: f32| if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) };
@@ -244,7 +246,7 @@ fn compressed(rgb: &Plane<Vec3>) -> Plane<Vec3> {
 }
 
 #[test]
-fn noise_and_losses_of_a_file_leave_a_background_plain() {
+fn detects_balls_despite_noise_and_compression_losses() {
     for seed in 0..9 {
         let mut rng = Pcg64::seed_from_u64(seed);
         let set = &SETS[seed as usize % SETS.len()];
@@ -263,7 +265,7 @@ fn noise_and_losses_of_a_file_leave_a_background_plain() {
     }
 }
 
-/// Grey shapes before a noisy plain background.
+/// Grey shapes on a plain background with noise.
 fn shapes(inside: impl Fn(f64, f64) -> bool) -> Picture {
     let mut rng = Pcg64::seed_from_u64(1);
     let rgb = Plane::from_fn(WIDTH, HEIGHT, |x, y| {
@@ -274,7 +276,7 @@ fn shapes(inside: impl Fn(f64, f64) -> bool) -> Picture {
 }
 
 #[test]
-fn two_objects_are_two_objects() {
+fn reports_separate_objects() {
     let ball = |x: f64, y: f64| (x - 130.0).hypot(y - 180.0) < 80.0;
     let card = |x: f64, y: f64| (300.0..420.0).contains(&x) && (100.0..240.0).contains(&y);
     let refused = spot(&shapes(|x, y| ball(x, y) || card(x, y)), None).err().unwrap();
@@ -286,14 +288,14 @@ fn two_objects_are_two_objects() {
     assert!(square.from.0.abs_diff(300) <= 1 && square.to.1.abs_diff(240) <= 1, "{square:?}");
     assert_eq!(refused.remedies(), [Remedy::OneOf(vec![round]), Remedy::Mask]);
     assert!(refused.to_string().starts_with("found 2 separate objects: (1) "), "{refused}");
-    // What is small beside it is none.
+    // Objects that are small compared with the largest are ignored.
     let speck = |x: f64, y: f64| (300.0..320.0).contains(&x) && (100.0..120.0).contains(&y);
     let found = spot(&shapes(|x, y| ball(x, y) || speck(x, y)), None).unwrap().circle;
     assert!(is_near(&found, &Circle { x: 130.0, y: 180.0, radius: 80.0 }, 0.01), "{found:?}");
 }
 
 #[test]
-fn what_is_no_ellipse_is_told_of_normals_and_meshes() {
+fn suggests_normals_and_meshes_for_outlines_that_are_not_ellipses() {
     let bar = shapes(|x, y| (100.0..380.0).contains(&x) && (150.0..220.0).contains(&y));
     let star = shapes(|x, y| {
         let at = DVec2::new(x - 240.0, y - 180.0);
@@ -310,7 +312,7 @@ fn what_is_no_ellipse_is_told_of_normals_and_meshes() {
 }
 
 #[test]
-fn objects_that_are_nearly_balls_are_not_taken_for_them() {
+fn rejects_objects_that_are_nearly_balls() {
     let noisy = noise(12.0, &mut Pcg64::seed_from_u64(8));
     let corner = |x: f64, y: f64| (0.866 * (x - 240.0).abs() + 0.5 * (y - 180.0).abs()).max((y - 180.0).abs());
     let inside: [&dyn Fn(f64, f64) -> bool; 3] = [
@@ -334,7 +336,7 @@ fn objects_that_are_nearly_balls_are_not_taken_for_them() {
 }
 
 #[test]
-fn the_number_of_threads_does_not_matter() {
+fn the_result_does_not_depend_on_the_number_of_threads() {
     let (picture, _) = photograph(Backdrop::Scales, 7);
     let all = |threads| {
         on_threads(threads, || {

@@ -1,25 +1,27 @@
-//! Consistency of exposures: whether their times fit their brightness, and whether each pixel has
-//! one radiance that explains all its codes.
+//! Consistency of exposures: whether their times match their brightness, and whether one radiance
+//! explains all codes of a pixel.
 
 use rayon::prelude::*;
 
 use super::table::Table;
 use super::{BracketError, Exposure, median};
 
-/// Additional tolerance of the radiances they stand for, as a factor.
+/// Tolerance of the logarithm of the radiance, in addition to that of the codes.
 const TOLERANCE: f64 = 0.08;
-/// Factor between brightness and times beyond which the times are wrong. Nominal times are off by 7
-/// % at most.
+/// Factor between brightness and times above which the times are wrong. Nominal times are off by at
+/// most 7 %.
 const WRONG_TIMES: f64 = 1.25;
-/// Range of codes, as a share of the largest, that is used to check the times.
+/// Range of codes, as a share of the largest, used to check the times.
 const MIDDLE: std::ops::Range<f64> = 0.1..0.9;
-/// Least number of samples for that check.
+/// Smallest number of samples for this check.
 const LEAST_SAMPLES: usize = 50;
-/// Largest number of pixels examined for it.
+/// Largest number of pixels for this check.
 const MOST_PIXELS: usize = 1 << 16;
 
-/// Computes for each exposure how much brighter it is than its time says, relative to the next
-/// shorter one (0 for the shortest): the median over samples that both show well.
+/// Computes the relative excess of each exposure's brightness over that expected from its time.
+///
+/// The excess is relative to the next shorter exposure (0 for the shortest): the median over
+/// samples that are well exposed in both.
 pub(super) fn time_errors(exposures: &[Exposure], tables: &[Table; 3]) -> Result<Vec<f64>, BracketError> {
     let mut order: Vec<usize> = (0..exposures.len()).collect();
     order.sort_by(|&a, &b| exposures[a].amount.total_cmp(&exposures[b].amount));
@@ -53,8 +55,9 @@ pub(super) fn time_errors(exposures: &[Exposure], tables: &[Table; 3]) -> Result
     Ok(errors)
 }
 
-/// Whether no radiance explains the codes of one channel of a pixel, given in the order of the
-/// exposures. `None` where there is nothing to compare.
+/// Whether no radiance explains the codes of one channel of a pixel, in the order of the exposures.
+///
+/// Returns `None` if there is nothing to compare.
 pub(super) fn disagree(codes: &[u16], log_amounts: &[f64], table: &Table) -> Option<bool> {
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     let (mut telling, mut known) = (0, false);

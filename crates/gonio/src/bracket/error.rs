@@ -2,8 +2,9 @@
 
 use thiserror::Error;
 
-/// Error that prevents exposures from being merged; each message says what to do about it.
-/// Exposures are counted from 1 in the order given.
+/// Error that prevents exposures from being merged.
+///
+/// Exposures are numbered from 1 in the given order.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum BracketError {
     /// There is no exposure, or there are too many.
@@ -31,13 +32,13 @@ pub enum BracketError {
     Sizes {
         /// Number of the exposure that differs from the first.
         exposure: usize,
-        /// Its columns.
+        /// Number of its columns.
         width: usize,
-        /// Its rows.
+        /// Number of its rows.
         height: usize,
-        /// Columns of the first.
+        /// Number of columns of the first exposure.
         first_width: usize,
-        /// Rows of the first.
+        /// Number of rows of the first exposure.
         first_height: usize,
     },
     /// Eight and sixteen bits are mixed in one bracket.
@@ -61,7 +62,7 @@ pub enum BracketError {
          response curve"
     )]
     TooLittleOverlap {
-        /// Number of informative pixels, in the channel that has fewest.
+        /// Number of informative pixels, in the first channel that has too few.
         pixels: usize,
         /// Required number.
         least: usize,
@@ -72,7 +73,7 @@ pub enum BracketError {
          times, and that camera, scene and light did not change"
     )]
     NoResponse {
-        /// Median disagreement, per cent.
+        /// Median disagreement, in per cent.
         percent: f64,
     },
     /// The times contradict the pictures.
@@ -96,7 +97,7 @@ pub enum BracketError {
          moved, or the response curve is wrong; take the bracket again from a tripod"
     )]
     Motion {
-        /// Number of pixels whose exposures cannot have one radiance.
+        /// Number of pixels whose exposures no single radiance explains.
         moved: usize,
         /// Number of pixels that could be compared.
         compared: usize,

@@ -1,4 +1,4 @@
-//! Merging of a bracket to one picture of radiance.
+//! Merging of a bracket into one picture of radiance.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -9,45 +9,46 @@ use super::table::Table;
 use super::{BracketError, Exposure, Response, check, median};
 use crate::picture::{Picture, Plane};
 
-/// Relative error from rounding alone beyond which a pixel counts as coarse.
+/// Relative error from rounding above which a pixel counts as coarse.
 const COARSE: f64 = 0.02;
-/// Largest number of pixels over which the median disagreement is taken.
+/// Largest number of pixels from which the median disagreement is estimated.
 const MOST_RESIDUALS: usize = 1 << 20;
 
 /// Settings for merging exposures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MergeSettings {
-    /// Share of the largest code, 0..=1, from which on codes are clipped. JPEG smears a file's own
-    /// clipping a little.
+    /// Share of the largest code, 0..=1, at or above which codes are clipped. JPEG compression
+    /// blurs the clipping of the file itself slightly.
     pub white: f64,
-    /// Largest share of the pixels, 0..=1, that may disagree between exposures before the bracket
-    /// is refused.
+    /// Largest share of the pixels, 0..=1, that may disagree between exposures; above it, the
+    /// bracket is rejected.
     pub motion: f64,
 }
 
 impl Default for MergeSettings {
-    /// The five topmost of 256 codes are clipped; 6 % of the pixels may disagree: at high contrast
-    /// JPEG alone causes several per cent.
+    /// Clips the topmost five of 256 codes and accepts disagreement of 6 % of the pixels: at high
+    /// contrast, JPEG alone causes several per cent.
     fn default() -> Self {
         Self { white: 250.5 / 255.0, motion: 0.06 }
     }
 }
 
-/// Knowledge of the radiance of a pixel.
+/// Status of the radiance of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Known {
-    /// The radiance is known, mostly from this exposure (counted from 0 in the order given).
+    /// The radiance is known, mostly from this exposure (counted from 0 in the given order).
     From(u8),
     /// Some channel is clipped even in the shortest exposure.
     Clipped,
-    /// Some channel is black in every exposure: its radiance is between 0 and that of the first
-    /// code in the longest, and half of that is given.
+    /// Some channel is black in every exposure: its radiance lies between 0 and that of the first
+    /// code in the longest exposure, and half of the latter is stored.
     Dark,
-    /// Nothing is known: the exposures contradict each other, for example where something moved.
+    /// The radiance is unknown: the exposures contradict each other, for example because something
+    /// moved.
     Moved,
 }
 
-/// Counts of the pixels of a bracket, and disagreements.
+/// Counts of the pixels of a bracket, and disagreements between exposures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MergeReport {
     /// Number of pixels.
@@ -56,28 +57,28 @@ pub struct MergeReport {
     pub clipped: usize,
     /// Number of pixels black in every exposure, [`Known::Dark`].
     pub dark: usize,
-    /// Number of pixels left out because their exposures disagree, [`Known::Moved`].
+    /// Number of pixels whose exposures disagree, [`Known::Moved`].
     pub moved: usize,
-    /// Number of known pixels that the rounding of codes alone leaves uncertain by more than 2 %.
+    /// Number of known pixels with an uncertainty of more than 2 % from rounding alone.
     pub coarse: usize,
-    /// Number of pixels that take most of their radiance from each exposure.
+    /// Number of pixels whose radiance comes mostly from each exposure.
     pub from: Vec<usize>,
-    /// Relative excess of each exposure's brightness over what its time says, relative to the next
-    /// shorter one.
+    /// Relative excess of each exposure's brightness over that expected from its time, relative to
+    /// the next shorter exposure.
     pub time_errors: Vec<f64>,
-    /// Median relative disagreement of the exposures of a sample with its merged value.
+    /// Median relative disagreement of the exposures of a channel with its merged value.
     pub residual: f64,
 }
 
 /// A merged bracket.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Merged {
-    /// Radiance, in the units of the response per unit of the amounts of light. Pixels that are
-    /// clipped or have moved hold `clip_level` in all channels.
+    /// Radiance, in units of the response per unit of the amount of light. Pixels that are clipped
+    /// or moved contain `clip_level` in all channels.
     pub picture: Picture,
-    /// Knowledge of each pixel.
+    /// Status of each pixel.
     pub known: Plane<Known>,
-    /// Radiance above that of all known pixels: a pixel that holds it is not known.
+    /// Radiance above that of all known pixels: pixels with this value are unknown.
     pub clip_level: f32,
     /// Counts and disagreements.
     pub report: MergeReport,
@@ -98,16 +99,17 @@ enum Sample {
     Moved,
 }
 
-/// Merges a bracket. The result does not depend on the number of threads; it has no alpha channel.
+/// Merges a bracket into a picture without an alpha channel.
+///
+/// The result does not depend on the number of threads.
 ///
 /// Each channel of a pixel is the mean of the radiances of its exposures, weighted by inverse
-/// variances: the slope of the response and the time turn an error of one code into an error of
+/// variances: the slope of the response and the time convert an error of one code into an error of
 /// radiance. Clipped and black codes have no weight.
 ///
 /// # Errors
-/// [`BracketError::Times`] and [`BracketError::Motion`] where exposures contradict their times or
-/// each other; [`BracketError::NothingKnown`]; errors of the sizes, depths and times of the
-/// exposures.
+/// [`BracketError::Times`] and [`BracketError::Motion`] if exposures contradict their times or each
+/// other; [`BracketError::NothingKnown`]; errors of the sizes, depths and times of the exposures.
 pub fn merge(exposures: &[Exposure], response: &Response, settings: &MergeSettings) -> Result<Merged, BracketError> {
     check(exposures)?;
     let response = response.resampled(exposures[0].codes.max());
@@ -187,8 +189,8 @@ fn sample(codes: &[u16], exposures: &[Exposure], table: &Table) -> Sample {
         let disagreement = (count > 1).then(|| strays.sum::<f64>() / count as f64);
         return Sample::Value { radiance, error, from: best.0, disagreement };
     }
-    // No code is informative: black in the long exposures would contradict clipped in the short
-    // ones.
+    // No code is informative. A single clipped code decides, since black codes in longer exposures
+    // would contradict it.
     if codes.iter().any(|&code| code >= table.white) {
         return Sample::Clipped;
     }
@@ -197,7 +199,7 @@ fn sample(codes: &[u16], exposures: &[Exposure], table: &Table) -> Sample {
     Sample::Dark(0.5 * table.exposure[first] / longest)
 }
 
-/// Results of consecutive pixels, and counts of them.
+/// Results of consecutive pixels, with counts.
 struct Row {
     rgb: Vec<Vec3>,
     known: Vec<Known>,
@@ -241,7 +243,7 @@ impl Row {
             self.clipped += 1;
             Known::Clipped
         } else if let [Sample::Value { .. }, Sample::Value { from, .. }, Sample::Value { .. }] = samples {
-            // Green contributes most of the luminance.
+            // Use the exposure of green, which contributes most of the luminance.
             self.coarse += usize::from(any(|s| matches!(s, Sample::Value { error, .. } if *error > COARSE)));
             self.from[*from] += 1;
             Known::From(*from as u8)

@@ -1,10 +1,10 @@
-//! Brackets: several exposures of one still scene, as coded by a camera, merged to one picture of
+//! Brackets: several exposures of a still scene, as coded by a camera, merged into one picture of
 //! linear radiance.
 //!
-//! An [`Exposure`] is a picture of integer codes and the amount of light that it took in. A
-//! [`Response`] gives the exposure that each code stands for; [`Response::recover`] estimates it
-//! from the bracket itself. [`merge()`] weights the exposures of every pixel by how precisely their
-//! codes determine the radiance, and marks which pixels are known: see [`Known`].
+//! An [`Exposure`] contains integer codes and the amount of light. A [`Response`] contains the
+//! exposure that each code represents; [`Response::recover`] estimates it from the bracket itself.
+//! [`merge()`] weights the exposures of each pixel by the precision with which their codes
+//! determine the radiance, and returns the status of each pixel: see [`Known`].
 
 mod consistency;
 mod error;
@@ -50,10 +50,10 @@ impl Codes {
         }
     }
 
-    /// Returns the codes of the pixel with this index, row by row from the top.
+    /// Returns the codes of the pixel at this index, row by row from the top.
     ///
     /// # Panics
-    /// If there is no such pixel.
+    /// If the index is out of range.
     pub fn at(&self, index: usize) -> [u16; 3] {
         match self {
             Self::Eight(plane) => plane.as_slice()[index].map(u16::from),
@@ -67,13 +67,12 @@ impl Codes {
 pub struct Exposure {
     /// Codes of each pixel.
     pub codes: Codes,
-    /// Amount of light taken in, on any scale common to the bracket: the time in seconds, if need
-    /// be times sensitivity and aperture. Positive.
+    /// Amount of light, on any scale common to the bracket: the exposure time in seconds, if
+    /// necessary times sensitivity and aperture. Positive.
     pub amount: f64,
 }
 
-/// Checks the requirements of every function here: pictures of one size and depth, with positive
-/// amounts of light.
+/// Checks that all pictures have one size and depth, and positive amounts of light.
 fn check(exposures: &[Exposure]) -> Result<(), BracketError> {
     let Some(first) = exposures.first() else { return Err(BracketError::Count { count: 0 }) };
     if exposures.len() > MOST_EXPOSURES {
@@ -97,7 +96,7 @@ fn check(exposures: &[Exposure]) -> Result<(), BracketError> {
     Ok(())
 }
 
-/// Returns the median of some numbers, which are sorted; `None` of none.
+/// Sorts some values and returns their median; `None` without values.
 fn median(values: &mut [f64]) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

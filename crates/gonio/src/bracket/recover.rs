@@ -1,5 +1,5 @@
 //! Recovery of a camera's response from a bracket: Debevec and Malik (SIGGRAPH 1997) with the
-//! radiances of the pixels eliminated, so that every pixel can take part.
+//! radiances of the pixels eliminated, so that every pixel can contribute.
 //!
 //! For each channel the unknowns are `g`, the logarithm of the exposure at 256 levels of the code.
 //! Pixel `i` with level `z_ij` in exposure `j` gives the equation `g(z_ij) = ln E_i + ln t_j`; the
@@ -7,12 +7,12 @@
 //! Differences from the paper:
 //!
 //! * an equation is weighted by the inverse variance of `g(z)` under noise of the code, with the
-//!   slope of a typical camera curve, and again by how well it fits (Cauchy), so that pixels that
-//!   moved or were clipped in between lose their influence;
+//!   slope of a typical camera curve, and again by its residual (Cauchy), so that pixels that moved
+//!   or were clipped in between lose their influence;
 //! * smoothness is imposed on `g` over the logarithm of the code, where every power law is
-//!   straight: what the data leave undetermined, mainly near black, is continued by the local power
-//!   law;
-//! * the curve is made to rise by isotonic regression.
+//!   straight: where the data do not determine the curve, mainly near black, the local power law
+//!   continues it;
+//! * isotonic regression makes the curve increase.
 
 use faer::Mat;
 use rayon::prelude::*;
@@ -21,17 +21,17 @@ use super::response::interpolate;
 use super::{BracketError, Exposure, Response, check, median};
 use crate::linalg::solve_positive;
 
-/// Levels of the code at which the curve is found.
+/// Number of levels of the code at which the curve is estimated.
 const LEVELS: usize = 256;
-/// Levels whose codes are trusted: outside a code may be clipped or mostly rounding.
+/// Range of reliable levels: outside it, a code may be clipped or mostly rounding.
 const TRUSTED: std::ops::RangeInclusive<f64> = 2.5..=251.5;
 /// Standard deviation of a code, in levels: rounding and a little noise.
 const NOISE: f64 = 0.4;
-/// Smallest relative error assumed of an exposure.
+/// Smallest relative error assumed for an exposure.
 const FLOOR: f64 = 0.02;
-/// Weight of the curve's squared second derivative over the logarithm of the code. Times in a
-/// constant ratio leave functions of that period undetermined, which only smoothness fixes: less
-/// lets them in, more flattens sharp shoulders.
+/// Weight of the squared second derivative of the curve over the logarithm of the code. Times in a
+/// constant ratio leave functions of that period undetermined except for smoothness: a smaller
+/// weight admits them, a larger one flattens sharp shoulders.
 const SMOOTHNESS: f64 = 100.0;
 /// Number of standard deviations at which an equation loses half its weight.
 const OUTLYING: f64 = 4.0;
@@ -39,30 +39,31 @@ const OUTLYING: f64 = 4.0;
 const ROUNDS: usize = 8;
 /// Largest number of pixels used, evenly spaced.
 const MOST_PIXELS: usize = 1 << 18;
-/// Least number of pixels.
+/// Smallest number of pixels.
 const LEAST_PIXELS: usize = 100;
-/// Number of parts that the pixels are split into, fixed so that sums do not depend on the number
+/// Number of parts into which the pixels are split, fixed so that sums do not depend on the number
 /// of threads.
 const PARTS: usize = 16;
-/// Least ratio of times of two exposures that are informative together.
+/// Smallest ratio of the times of two exposures that are informative together.
 const LEAST_RATIO: f64 = 1.1;
 /// Largest median disagreement of exposures under the best curve.
 const LARGEST_RESIDUAL: f64 = 0.08;
 
-/// Equations of a pixel: level and logarithm of the time of each exposure in which its code can be
-/// trusted.
+/// Equations of a pixel: level and logarithm of the time of each exposure whose code is reliable.
 type Equations = Vec<(f64, f64)>;
 
 impl Response {
-    /// Estimates the response of the camera that took a bracket. The middle code of each channel
-    /// stands for an exposure of 1: a pixel whose three codes are in the middle comes out grey.
+    /// Estimates the response of the camera that took a bracket.
     ///
-    /// The codes must overlap, with each range of codes seen in two exposures. The scale of the
-    /// logarithm is determined by the ratios of the times.
+    /// The middle code of each channel represents an exposure of 1: a pixel whose three codes are
+    /// in the middle is grey.
+    ///
+    /// The codes must overlap: each range of codes must appear in two exposures. The ratios of the
+    /// times determine the scale of the logarithm.
     ///
     /// # Errors
     /// [`BracketError::TooLittleOverlap`] with fewer than 100 informative pixels in a channel;
-    /// [`BracketError::NoResponse`] where no curve explains the bracket; and the errors of
+    /// [`BracketError::NoResponse`] if no curve explains the bracket; and the errors of
     /// [`merge()`](super::merge()) about sizes, depths and times.
     pub fn recover(exposures: &[Exposure]) -> Result<Self, BracketError> {
         check(exposures)?;
@@ -97,11 +98,11 @@ fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
         return Err(BracketError::TooLittleOverlap { pixels: pixels.len(), least: LEAST_PIXELS });
     }
     let mut curve = Response::srgb((LEVELS - 1) as u16).curve(0).to_vec();
-    // Slope of the sRGB curve, not of the curve found so far, which would gain by being steep where
-    // little is measured.
+    // The weights use the slope of the sRGB curve. With the slope of the current curve, steep parts
+    // with few measurements would be favoured.
     let slope: Vec<f64> = (0..LEVELS).map(|k| slope_at(&curve, k)).collect();
     for round in 0..ROUNDS {
-        // Outliers can be recognised only once there is a curve of this camera.
+        // Outliers can be detected only after an estimate of the curve of this camera.
         curve = solve(pixels, &curve, &slope, round >= 2)?;
     }
     let mut residuals: Vec<f64> = pixels.iter().flat_map(|p| disagreements(p, &curve)).collect();
@@ -113,14 +114,14 @@ fn recover_channel(pixels: &[Equations]) -> Result<Vec<f64>, BracketError> {
     Ok(curve.iter().map(|g| g - middle).collect())
 }
 
-/// Computes how much the exposures of a pixel deviate from their mean, in logarithms.
+/// Computes the deviations of the exposures of a pixel from their mean, in logarithms.
 fn disagreements(pixel: &Equations, curve: &[f64]) -> Vec<f64> {
     let logs: Vec<f64> = pixel.iter().map(|&(level, time)| interpolate(curve, level) - time).collect();
     let mean = logs.iter().sum::<f64>() / logs.len() as f64;
     logs.iter().map(|log| (log - mean).abs()).collect()
 }
 
-/// Runs one round: weights from the curve so far, then the best curve for them.
+/// Runs one round: computes weights from the curve `before`, then the best curve for them.
 fn solve(pixels: &[Equations], before: &[f64], slope: &[f64], robust: bool) -> Result<Vec<f64>, BracketError> {
     let part = pixels.len().div_ceil(PARTS).max(1);
     let sums: Vec<(Mat<f64>, Vec<f64>)> =
@@ -131,13 +132,13 @@ fn solve(pixels: &[Equations], before: &[f64], slope: &[f64], robust: bool) -> R
         right.iter_mut().zip(r).for_each(|(a, b)| *a += b);
     }
     smooth(&mut matrix);
-    // The scale is free, so the middle is held fixed.
+    // The scale is free, so the middle is fixed.
     matrix[(LEVELS / 2, LEVELS / 2)] += 1.0;
     let found = solve_positive(matrix, &right).ok_or(BracketError::NoResponse { percent: f64::INFINITY })?;
     Ok(rising(&found))
 }
 
-/// Returns the slope of the curve over the level, from the levels around it.
+/// Returns the slope of the curve at a level, from the levels around it.
 fn slope_at(curve: &[f64], k: usize) -> f64 {
     let reach = (k / 16).clamp(1, 8);
     let (a, b) = (k.saturating_sub(reach), (k + reach).min(curve.len() - 1));
@@ -182,8 +183,8 @@ fn weights_of(pixel: &Equations, before: &[f64], slope: &[f64], robust: bool) ->
         return plain;
     }
     let log = |&(level, time): &(f64, f64)| interpolate(before, level) - time;
-    // With three or more exposures their median is a robust centre; with two there is none better
-    // than their mean.
+    // With three or more exposures, their median is a robust centre; with two, no centre is more
+    // robust than their mean.
     let centre = if pixel.len() > 2 {
         median(&mut pixel.iter().map(log).collect::<Vec<_>>()).unwrap_or(0.0)
     } else {
@@ -193,7 +194,7 @@ fn weights_of(pixel: &Equations, before: &[f64], slope: &[f64], robust: bool) ->
     pixel.iter().zip(&plain).map(|(p, &w)| w / (1.0 + strays(p, w))).collect()
 }
 
-/// Adds the prior that second differences of the curve over the logarithm of the level are small.
+/// Adds the prior of small second differences of the curve over the logarithm of the level.
 fn smooth(matrix: &mut Mat<f64>) {
     let u = |k: usize| (k as f64).max(0.25).ln();
     for k in 1..LEVELS - 1 {
@@ -208,12 +209,13 @@ fn smooth(matrix: &mut Mat<f64>) {
     }
 }
 
-/// Returns the strictly rising curve nearest to this one: neighbours that fall are replaced by
-/// their mean.
+/// Returns the strictly increasing curve nearest to this one.
+///
+/// Decreasing neighbours are replaced by their mean.
 fn rising(curve: &[f64]) -> Vec<f64> {
     const LEAST_STEP: f64 = 1e-5;
-    // Sum and count of each block; with the least step subtracted, a non-decreasing curve is
-    // required.
+    // Sum and count of each block. With the smallest step subtracted, the curve need only be
+    // non-decreasing.
     let mut blocks: Vec<(f64, f64)> = Vec::new();
     for (k, g) in curve.iter().enumerate() {
         blocks.push((g - LEAST_STEP * k as f64, 1.0));

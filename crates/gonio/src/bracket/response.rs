@@ -1,32 +1,34 @@
-//! Response of a camera: the exposure that each code stands for.
+//! Response of a camera: the exposure that each code represents.
 
 use super::BracketError;
 use crate::picture::srgb_decode;
 
-/// Code that black stands for, in codes: values below half a code are rounded to it, and its
-/// logarithm must be finite.
+/// Value of the code 0, in codes: values below half a code are rounded to 0, and the logarithm must
+/// be finite.
 const BLACK: f64 = 0.25;
 
-/// Response of a camera: for each channel the natural logarithm of the exposure that each code
-/// stands for, rising with the code. The scale of each channel is free.
+/// Response of a camera: the natural logarithm of the exposure of each code, for each channel.
+///
+/// The logarithm increases with the code. The scale of each channel is free.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Response {
     channels: [Vec<f64>; 3],
 }
 
 impl Response {
-    /// Builds the response of codes `0..=max` that are proportional to the exposure above the code
-    /// `black`. The largest code stands for 1.
+    /// Builds a linear response of codes `0..=max` above the code `black`.
+    ///
+    /// The exposure is proportional to the code above `black`; the largest code represents 1.
     ///
     /// # Panics
     /// If `black` is not below `max`.
     pub fn linear(max: u16, black: f64) -> Self {
         let max = f64::from(max);
-        assert!((0.0..max).contains(&black), "a black level below the largest code");
+        assert!((0.0..max).contains(&black), "the black level must be below the largest code");
         Self::of(max as u16, |code| (code - black).max(BLACK) / (max - black))
     }
 
-    /// Builds the response of codes `0..=max` of the sRGB curve. The largest code stands for 1.
+    /// Builds the response of codes `0..=max` on the sRGB curve; the largest code represents 1.
     pub fn srgb(max: u16) -> Self {
         Self::of(max, |code| f64::from(srgb_decode((code.max(BLACK) / f64::from(max)) as f32)))
     }
@@ -37,12 +39,12 @@ impl Response {
         Self { channels: [curve.clone(), curve.clone(), curve] }
     }
 
-    /// Builds a response from the logarithms of the exposures of all codes, one list for each of
-    /// red, green and blue.
+    /// Builds a response from the logarithms of the exposures of all codes, for red, green and
+    /// blue.
     ///
     /// # Errors
-    /// [`BracketError::Curve`] if a curve falls, is flat from end to end, is not finite, or has not
-    /// 2 to 65536 codes or not as many as the first.
+    /// [`BracketError::Curve`] if a curve decreases, is constant, is not finite, or does not have 2
+    /// to 65536 codes, as many as the others.
     pub fn from_curves(channels: [Vec<f64>; 3]) -> Result<Self, BracketError> {
         let length = channels[0].len();
         for (i, curve) in channels.iter().enumerate() {
@@ -50,7 +52,7 @@ impl Response {
             if !(2..=1 << 16).contains(&curve.len()) || curve.len() != length {
                 return wrong("does not have the same number of codes as the others, from 2 to 65536");
             }
-            // Beyond e^80 the arithmetic overflows somewhere.
+            // Later arithmetic overflows beyond e^80.
             if curve.iter().any(|g| g.is_nan() || g.abs() > 80.0) {
                 return wrong("has values that are not log exposures");
             }
@@ -90,8 +92,9 @@ impl Response {
     }
 }
 
-/// Interpolates the curve between its codes: linearly in exposure over code, as the logarithm bends
-/// sharply near black.
+/// Interpolates a curve between its codes, linearly in exposure over code.
+///
+/// The logarithm bends sharply near black.
 pub(super) fn interpolate(curve: &[f64], position: f64) -> f64 {
     let lower = (position.max(0.0) as usize).min(curve.len() - 1);
     let upper = (lower + 1).min(curve.len() - 1);

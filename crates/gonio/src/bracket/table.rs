@@ -1,4 +1,4 @@
-//! Codes of one channel to exposures, for merging and for checking.
+//! Lookup tables from the codes of one channel to exposures, for merging and checking.
 
 /// Tolerance of codes, as a share of the largest: rounding, noise, and JPEG artefacts at edges.
 const SLACK: f64 = 5.0 / 255.0;
@@ -8,12 +8,12 @@ pub(super) struct Table {
     /// Logarithm of the exposure.
     log: Vec<f64>,
     pub(super) exposure: Vec<f64>,
-    /// Inverse variance of the exposure for an error of one code, faded out towards the ends; 0 for
+    /// Inverse variance of the exposure for an error of one code, reduced towards both ends; 0 for
     /// uninformative codes.
     pub(super) weight: Vec<f64>,
-    /// Inverse variance without the fading, for the error from rounding.
+    /// Inverse variance without this reduction, for the error from rounding.
     pub(super) precision: Vec<f64>,
-    /// Lowest and highest logarithm that a code may stand for.
+    /// Smallest and largest logarithm that each code may represent.
     bounds: Vec<(f64, f64)>,
     /// Lowest code that is clipped.
     pub(super) white: u16,
@@ -22,8 +22,9 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// Builds the tables of a curve of logarithms of exposure; `white` is the share of the largest
-    /// code from which on codes are clipped.
+    /// Builds the tables of a curve of logarithms of exposure.
+    ///
+    /// `white` is the share of the largest code at or above which codes are clipped.
     pub(super) fn new(curve: &[f64], white: f64) -> Self {
         let max = curve.len() - 1;
         let exposure: Vec<f64> = curve.iter().map(|g| g.exp()).collect();

@@ -7,13 +7,13 @@ use rand_pcg::Pcg64;
 use super::*;
 use crate::testing::on_threads;
 
-/// A camera's curves, exposure 0..=1 to code 0..=1, none of which is the sRGB curve or a power law.
+/// Curves of a camera, exposure 0..=1 to code 0..=1. None is the sRGB curve or a power law.
 fn camera(channel: usize, exposure: f64) -> f64 {
     let x = exposure.clamp(0.0, 1.0);
     match channel {
         // A shoulder, as in film.
         0 => (1.0 - (-3.0 * x).exp()) / (1.0 - (-3.0_f64).exp()),
-        // A power with an S on top.
+        // A power law plus an S curve.
         1 => {
             let c = x.powf(1.0 / 2.4);
             0.6 * c + 0.4 * c * c * (3.0 - 2.0 * c)
@@ -37,7 +37,7 @@ fn truth() -> Response {
     Response::from_curves([curve(0), curve(1), curve(2)]).unwrap()
 }
 
-/// A scene of five decades, smooth but for some steps, with colours.
+/// A coloured scene of five decades, smooth except for some steps.
 fn scene(width: usize, height: usize) -> Plane<Vec3> {
     Plane::from_fn(width, height, |x, y| {
         let (u, v) = (x as f32 / width as f32, y as f32 / height as f32);
@@ -46,14 +46,14 @@ fn scene(width: usize, height: usize) -> Plane<Vec3> {
     })
 }
 
-/// Takes the scene with approximately Gaussian noise of `noise` codes.
+/// Photographs the scene with approximately Gaussian noise of `noise` codes.
 fn take(scene: &Plane<Vec3>, amounts: &[f64], noise: f64) -> Vec<Exposure> {
     let mut random = Pcg64::seed_from_u64(7);
     let mut expose = |amount: f64| {
         let code = |channel: usize, radiance: f32, random: &mut Pcg64| {
             let sum: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
             let exposure = f64::from(radiance) * amount;
-            // Clipped values stay clipped: no noise is added to them.
+            // Clipped values remain clipped: no noise is added to them.
             let noise = if exposure >= 1.0 { 0.0 } else { noise * sum };
             (255.0 * camera(channel, exposure) + noise).round().clamp(0.0, 255.0) as u8
         };
@@ -65,8 +65,8 @@ fn take(scene: &Plane<Vec3>, amounts: &[f64], noise: f64) -> Vec<Exposure> {
 
 const AMOUNTS: [f64; 7] = [0.01, 0.04, 0.16, 0.64, 2.56, 10.24, 40.96];
 
-/// Largest relative error and its 99th percentile, each channel on its best scale, over well-known
-/// pixels.
+/// Largest relative error of the known pixels and its 99th percentile; each channel may have its
+/// own scale.
 fn errors(merged: &Merged, scene: &Plane<Vec3>, free_scale: bool) -> (f64, f64) {
     let known: Vec<usize> =
         (0..scene.as_slice().len()).filter(|&i| matches!(merged.known.as_slice()[i], Known::From(_))).collect();
@@ -82,7 +82,7 @@ fn errors(merged: &Merged, scene: &Plane<Vec3>, free_scale: bool) -> (f64, f64) 
 }
 
 #[test]
-fn a_known_response_gives_the_radiance_back() {
+fn recovers_the_radiance_with_a_known_response() {
     let scene = scene(256, 128);
     let merged = merge(&take(&scene, &AMOUNTS, 0.0), &truth(), &MergeSettings::default()).unwrap();
     let report = &merged.report;
@@ -104,7 +104,7 @@ fn a_known_response_gives_the_radiance_back() {
 }
 
 #[test]
-fn the_response_is_recovered_from_noisy_codes() {
+fn recovers_the_response_from_noisy_codes() {
     let scene = scene(256, 128);
     for (noise, bound) in [(0.0, 0.06), (0.8, 0.06)] {
         let exposures = take(&scene, &AMOUNTS, noise);
@@ -124,7 +124,7 @@ fn the_response_is_recovered_from_noisy_codes() {
 }
 
 #[test]
-fn nothing_depends_on_the_number_of_threads() {
+fn the_result_does_not_depend_on_the_number_of_threads() {
     let exposures = take(&scene(96, 64), &AMOUNTS, 0.5);
     let run = || {
         let response = Response::recover(&exposures).unwrap();
@@ -152,9 +152,9 @@ fn the_order_of_the_exposures_does_not_matter() {
     assert_eq!(one.report.clipped, two.report.clipped);
 }
 
-/// Sixteen bits of linear values, as developed from raw, with a black level.
+/// Linear 16-bit values with a black level, as developed from raw files.
 #[test]
-fn sixteen_bits_with_a_black_level() {
+fn merges_sixteen_bit_codes_with_a_black_level() {
     let scene = scene(128, 64);
     let expose = |amount: f64, black: f64| {
         let code = |v: f32| (black + (65535.0 - black) * f64::from(v) * amount).round().min(65535.0) as u16;
@@ -172,7 +172,7 @@ fn sixteen_bits_with_a_black_level() {
 }
 
 #[test]
-fn something_that_moves_is_found() {
+fn detects_motion() {
     let scene = scene(128, 64);
     let mut exposures = take(&scene, &AMOUNTS, 0.5);
     let blot = |exposure: &mut Exposure, width: usize| {
@@ -187,7 +187,7 @@ fn something_that_moves_is_found() {
     assert_eq!(merged.known[(24, 25)], Known::Moved);
     assert!((70..90).contains(&merged.report.moved), "{}", merged.report.moved);
     assert_eq!(merged.picture.rgb[(24, 25)], Vec3::splat(merged.clip_level));
-    // The response is recovered nevertheless.
+    // The response is nevertheless recovered.
     let got = Response::recover(&exposures).unwrap();
     let worst = (16..240).map(|k| (got.curve(1)[k] - truth().curve(1)[k] + truth().curve(1)[128]).abs());
     assert!(worst.fold(0.0, f64::max) < 0.06);
@@ -203,13 +203,13 @@ fn something_that_moves_is_found() {
 }
 
 #[test]
-fn wrong_times_are_found() {
+fn rejects_wrong_times() {
     let mut exposures = take(&scene(128, 64), &AMOUNTS, 0.5);
     exposures[3].amount *= 2.0;
     let error = merge(&exposures, &truth(), &MergeSettings::default()).unwrap_err();
     let BracketError::Times { first: 3, second: 4, seen, said } = error else { panic!("{error}") };
     assert!((seen - 4.0).abs() < 0.1 && (said - 8.0).abs() < 1e-9);
-    // The curve recovered from them is not a camera's.
+    // The curve recovered from these times is not that of a camera.
     exposures[3].amount = exposures[2].amount * 1.02;
     let found = Response::recover(&exposures);
     let said = found.and_then(|response| merge(&exposures, &response, &MergeSettings::default()));
@@ -217,7 +217,7 @@ fn wrong_times_are_found() {
 }
 
 #[test]
-fn what_cannot_be_merged_is_refused() {
+fn rejects_invalid_brackets() {
     let exposures = take(&scene(64, 32), &AMOUNTS, 0.0);
     let refused = |exposures: &[Exposure]| merge(exposures, &truth(), &MergeSettings::default()).unwrap_err();
     assert_eq!(refused(&[]), BracketError::Count { count: 0 });
@@ -240,7 +240,7 @@ fn what_cannot_be_merged_is_refused() {
 }
 
 #[test]
-fn curves_that_are_no_response_are_refused() {
+fn rejects_invalid_response_curves() {
     let good = vec![0.0, 1.0, 2.0];
     for bad in
         [vec![0.0, 2.0, 1.0], vec![0.0; 3], vec![0.0, f64::NAN, 1.0], vec![0.0, 1.0], vec![0.0, 1.0, 1e3], vec![]]
@@ -251,7 +251,7 @@ fn curves_that_are_no_response_are_refused() {
 }
 
 #[test]
-fn curves_keep_their_shape_at_another_depth() {
+fn resampled_curves_keep_their_shape() {
     let fine = Response::linear(255, 0.0).resampled(u16::MAX);
     let want = Response::linear(u16::MAX, 0.0);
     assert!((300..=65535).step_by(7).all(|k| (fine.curve(0)[k] - want.curve(0)[k]).abs() < 1e-9));

@@ -1,17 +1,18 @@
 //! Detail finer than the cells of the disk: highlights of less than a degree.
 //!
-//! A photograph a thousand pixels across has dozens of pixels in a cell. Their finest structure is
-//! kept as one number, the distance of the quarters of a cell to the plane through the neighbouring
-//! cells: it is invariant to turns, and textures leave it at the level given by their scatter.
+//! A photograph of a thousand pixels across has dozens of pixels in a cell. One number describes
+//! their finest structure: the distance of the quarters of a cell from the plane through the
+//! neighbouring cells. It is invariant to rotations; with texture, its level follows from the
+//! scatter.
 
 use super::disk::{SIDE, on_disk};
 
-/// Computes the root mean square distance of the quarters of each cell to the plane through the
-/// neighbouring cells, `None` off the disk and where `quarters` has none.
+/// Computes the root mean square distance of the quarters of each cell from a plane.
 ///
-/// `values` and `counts` are those of the cells; the plane has the mean of the quarters and the
-/// smaller of the slopes to the cells on either side (minmod, so that it never overshoots them),
-/// zero where one of these has no count.
+/// `values` and `counts` are those of the cells. The plane has the mean of the quarters; its slopes
+/// are the smaller of the slopes to the cells on either side (minmod, so that the plane never
+/// overshoots them), or zero if one of these cells has no count. The result is `None` off the disk
+/// and where `quarters` returns `None`.
 pub(crate) fn details(
     values: &[f32],
     counts: &[f32],
@@ -29,7 +30,7 @@ pub(crate) fn details(
     let detail = |cell: usize| {
         let quarters = quarters(cell).filter(|_| on_disk(cell))?;
         let mean = 0.25 * quarters.iter().sum::<f32>();
-        // The middle of a quarter is a quarter of a cell from that of the cell.
+        // The centre of a quarter is a quarter of a cell from the centre of the cell.
         let (x, y) = (0.25 * slope(cell, 1), 0.25 * slope(cell, SIDE));
         let plane = [-x - y, x - y, y - x, x + y];
         let squares = quarters.iter().zip(plane).map(|(q, p)| (q - mean - p).powi(2));
@@ -61,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn what_alternates_from_quarter_to_quarter_is_all_detail() {
+    fn alternating_quarters_are_entirely_detail() {
         // The plane through the cells is flat.
         let sign = |v: f32| if (((v + 1.0) * SIDE as f32) as usize).is_multiple_of(2) { 1.0 } else { -1.0 };
         let board = of(|x, y| 2.0 + 0.3 * sign(x) * sign(-y));

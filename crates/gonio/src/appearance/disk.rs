@@ -1,4 +1,4 @@
-//! Image on the disk of normals: a photograph of any shape, mapped to a ball seen from far away.
+//! Image on the disk of normals: a photograph of any shape, mapped to a distant ball.
 
 use glam::{DVec3, Vec3};
 
@@ -21,7 +21,7 @@ pub(super) const RIM: f32 = 0.984_807_8;
 /// Luminance relative to the mean below which a value counts as black.
 pub(super) const BLACK: f32 = 0.003;
 
-/// Smallest relative detail that can be told from none.
+/// Smallest relative detail that can be distinguished from none.
 const LEAST_DETAIL: f32 = 0.003;
 
 /// One observation: its position on the disk, and its brightness.
@@ -33,9 +33,9 @@ pub struct Sample {
     pub y: f32,
     /// Luminance, not negative.
     pub value: f32,
-    /// Linear RGB, not negative; three times the luminance where only that is known.
+    /// Linear RGB, not negative; the luminance in all channels if only the luminance is known.
     pub rgb: [f32; 3],
-    /// Trust in the observation, in 0..=1.
+    /// Weight of the observation, in 0..=1.
     pub weight: f32,
 }
 
@@ -46,27 +46,28 @@ impl Sample {
         Self { x: normal.x as f32, y: normal.y as f32, value, rgb: [value; 3], weight: weight as f32 }
     }
 
-    /// The sample with this linear RGB value. Negative channels count as zero.
+    /// Returns the sample with this linear RGB value. Negative channels count as zero.
     #[must_use]
     pub fn coloured(self, rgb: Vec3) -> Self {
         Self { rgb: rgb.max(Vec3::ZERO).to_array(), ..self }
     }
 }
 
-/// Image of the disk `x^2 + y^2 <= sin^2 80 degrees` of a ball's normals `(x, y, z)` in cells: row
-/// 0 is the top, `y` near 1.
+/// Image over the normals `(x, y, z)` of a ball on the disk `x^2 + y^2 <= sin^2 80 degrees`.
+///
+/// Row 0 is the top, with `y` near 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DiskImage {
     /// Mean luminance of each cell, row by row, zero off the disk. Cells without observations are
-    /// filled in from others.
+    /// interpolated from others.
     pub values: Vec<f32>,
-    /// Weighted number of observations of each cell; zero where it was filled in.
+    /// Sum of the weights of the observations of each cell; zero for interpolated cells.
     pub counts: Vec<f32>,
-    /// Detail finer than the cells: the root mean square, over the quarters of a cell, of their
-    /// distance to the plane through the neighbouring cells. In units of `values`; `None` where a
-    /// quarter has no observation.
+    /// Detail finer than the cells: the root mean square distance of the quarters of a cell from
+    /// the plane through the neighbouring cells, in units of `values`; `None` if a quarter has no
+    /// observation.
     pub details: Vec<Option<f32>>,
-    /// Standard deviation of single observations of one normal, relative to their mean: due to
+    /// Standard deviation of single observations of one normal, relative to their mean, due to
     /// noise, texture, shadows and errors of normals.
     pub scatter: f32,
 }
@@ -77,26 +78,27 @@ pub fn on_disk(cell: usize) -> bool {
     x * x + y * y <= RIM * RIM
 }
 
-/// Returns the middle of a cell, `(x, y)`.
+/// Returns the centre `(x, y)` of a cell.
 pub fn centre(cell: usize) -> (f32, f32) {
     let place = |i: usize| (i as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0;
     (place(cell % SIDE), -place(cell / SIDE))
 }
 
-/// Returns the normal at the middle of a cell of the disk.
+/// Returns the normal at the centre of a cell of the disk.
 pub fn normal(cell: usize) -> Vec3 {
     let (x, y) = centre(cell);
     Vec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt())
 }
 
-/// Returns the middles of the quarters of a cell, `(x, y)`: upper left, upper right, lower left,
-/// lower right.
+/// Returns the centres `(x, y)` of the quarters of a cell.
+///
+/// The order is upper left, upper right, lower left, lower right.
 pub fn quarters(cell: usize) -> [(f32, f32); 4] {
     let ((x, y), off) = (centre(cell), 0.5 / SIDE as f32);
     [(x - off, y + off), (x + off, y + off), (x - off, y - off), (x + off, y - off)]
 }
 
-/// Returns the cell of a place and its quarter there, if it is on the disk.
+/// Returns the cell at a position and the quarter within the cell, if they are on the disk.
 fn quarter_of(x: f32, y: f32) -> Option<(usize, usize)> {
     let place = |v: f32| (((v + 1.0) * SIDE as f32) as usize).min(2 * SIDE - 1);
     let (column, row) = (place(x), place(-y));
@@ -105,21 +107,24 @@ fn quarter_of(x: f32, y: f32) -> Option<(usize, usize)> {
 }
 
 impl DiskImage {
-    /// Builds the image from observations. `None` if none with a weight is on the disk or all are
-    /// black.
+    /// Builds the image from observations.
+    ///
+    /// Returns `None` if no observation with a weight is on the disk, or if all are black.
     pub fn gather(samples: &[Sample]) -> Option<Self> {
         let image = Self::gathered(samples, |sample| sample.value)?;
         Some(Self { scatter: scatter(samples).unwrap_or(0.0), ..image })
     }
 
-    /// Builds the image of a channel (0 red, 1 green, 2 blue) from the observations that the image
-    /// `luminance` is of, with the scatter of that image. `None` if the channel is black.
+    /// Builds the image of a channel (0 red, 1 green, 2 blue).
+    ///
+    /// `luminance` is the luminance image of the same observations; its scatter is used. Returns
+    /// `None` if the channel is black.
     pub fn gather_channel(samples: &[Sample], channel: usize, luminance: &Self) -> Option<Self> {
         let image = Self::gathered(samples, |sample| sample.rgb[channel])?;
         Some(Self { scatter: luminance.scatter, ..image })
     }
 
-    /// Builds the image of a value of each observation, without its scatter.
+    /// Builds the image of one value of each observation, without its scatter.
     fn gathered(samples: &[Sample], value: impl Fn(&Sample) -> f32) -> Option<Self> {
         let mut quarters = vec![[[0.0_f64; 2]; 4]; SIDE * SIDE];
         for sample in samples {
@@ -143,18 +148,19 @@ impl DiskImage {
         Some(Self { values: filled(values, &counts), counts, details, scatter: 0.0 })
     }
 
-    /// Mean of the values over the disk: over the pixels of a ball that is seen from far away.
+    /// Returns the mean of the values over the disk, that is, over the pixels of a distant ball.
     pub fn mean(&self) -> f64 {
         let cells = (0..SIDE * SIDE).filter(|&cell| on_disk(cell));
         let (sum, count) = cells.fold((0.0, 0), |(sum, count), cell| (sum + f64::from(self.values[cell]), count + 1));
         sum / f64::from(count.max(1))
     }
 
-    /// Builds an image from the values, counts, details and scatter of its cells; values of cells
-    /// of count zero are filled in.
+    /// Builds an image from the values, counts, details and scatter of its cells.
+    ///
+    /// The values of cells of count zero are interpolated.
     ///
     /// # Panics
-    /// If there are not `SIDE * SIDE` values, counts and details.
+    /// If the number of values, counts or details is not `SIDE * SIDE`.
     pub fn of_cells(values: Vec<f32>, counts: Vec<f32>, details: Vec<Option<f32>>, scatter: f32) -> Self {
         assert!(values.len() == SIDE * SIDE && counts.len() == values.len() && details.len() == values.len());
         Self { values: filled(values, &counts), counts, details, scatter }
@@ -175,18 +181,21 @@ impl DiskImage {
         seen as f32 / all as f32
     }
 
-    /// Writes the input of an encoder: `[row][column][channel]`, zero off the disk; returns the
-    /// [`GLOBALS`] of the image as a whole. All are of the order of one.
+    /// Writes the input of an encoder, `[row][column][channel]`, and returns the [`GLOBALS`].
+    ///
+    /// Channels are zero off the disk. All values are of the order of one.
     ///
     /// Channels: the value over the mean on a perceptual scale (its cube root, less one), half its
-    /// logarithm, `n_z`, whether it was observed, the logarithm of the relative standard error and
-    /// that of the relative detail (a third of each, plus one; zero where no detail is known).
+    /// logarithm, `n_z`, whether the cell was observed, the logarithm of the relative standard
+    /// error and that of the relative detail (a third of each, plus one; zero where no detail is
+    /// known).
+    ///
     /// Globals: logarithm of the scatter, share of cells observed, logarithm of the observations
     /// per cell, logarithm of the largest value over the mean, share of cells of known detail; then
     /// statistics of brightness and of contrast at several scales (`appearance/statistics.rs`).
     ///
     /// # Panics
-    /// If `channels` has not `SIDE * SIDE * CHANNELS` values.
+    /// If `channels` does not have `SIDE * SIDE * CHANNELS` values.
     pub fn write(&self, channels: &mut [f32]) -> [f32; GLOBALS] {
         assert_eq!(channels.len(), SIDE * SIDE * CHANNELS);
         let mean = mean(&self.values).max(1e-30);
@@ -236,8 +245,9 @@ pub(crate) fn mean(values: &[f32]) -> f32 {
     (sum / count) as f32
 }
 
-/// Fills cells of count zero from ever larger squares around them (push-pull, Gortler et al. 1996).
-/// Cells off the disk stay zero.
+/// Fills cells of count zero by push-pull (Gortler et al. 1996).
+///
+/// Their values come from increasingly large squares around them. Cells off the disk remain zero.
 fn filled(mut values: Vec<f32>, counts: &[f32]) -> Vec<f32> {
     let mut levels: Vec<Vec<[f32; 2]>> = Vec::new();
     let mut current: Vec<[f32; 2]> =
@@ -261,7 +271,7 @@ fn filled(mut values: Vec<f32>, counts: &[f32]) -> Vec<f32> {
     let mut side = 1;
     for level in levels.iter().rev() {
         let wide = 2 * side;
-        // Interpolates between the middles of the coarser squares.
+        // Interpolates between the centres of the coarser squares.
         let at = |x: isize, y: isize| {
             let clamp = |i: isize| i.clamp(0, side as isize - 1) as usize;
             coarse[clamp(y) * side + clamp(x)]
@@ -297,7 +307,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// `count` observations of a smooth ball at random places, with relative noise.
+    /// `count` observations of a smooth ball at random positions, with relative noise.
     pub(in crate::appearance) fn ball(count: usize, noise: f32) -> Vec<Sample> {
         let mut rng = Pcg64::seed_from_u64(3);
         let mut draw = || {
@@ -313,7 +323,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn cells_hold_the_mean_of_what_falls_into_them() {
+    fn cells_contain_the_mean_of_their_observations() {
         let image = DiskImage::gather(&ball(200_000, 0.0)).unwrap();
         assert!(image.observed() > 0.99);
         for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
@@ -324,7 +334,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn gaps_are_filled_from_around_them() {
+    fn fills_gaps_from_their_surroundings() {
         let hole = |s: &Sample| (s.x - 0.2).hypot(s.y + 0.1) > 0.2;
         let image = DiskImage::gather(&ball(100_000, 0.0).into_iter().filter(hole).collect::<Vec<_>>()).unwrap();
         for cell in (0..SIDE * SIDE).filter(|&c| on_disk(c)) {
@@ -336,7 +346,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn scale_does_not_matter_and_nothing_is_no_image() {
+    fn images_do_not_depend_on_scale_and_require_light() {
         let (mut one, mut two) = (vec![0.0; SIDE * SIDE * CHANNELS], vec![0.0; SIDE * SIDE * CHANNELS]);
         let samples = ball(50_000, 0.1);
         let bright: Vec<Sample> = samples.iter().map(|s| Sample { value: 70.0 * s.value, ..*s }).collect();

@@ -2,13 +2,14 @@
 
 use super::disk::{DiskImage, SIDE};
 
-/// Cells along a side of a block: 3.6 degrees of the normal at the centre, by which the mirror
+/// Side of a block in cells: 3.6 degrees of the normal at the centre, over which the mirror
 /// direction turns by about one texel of a light of 32 x 32.
 const BLOCK: usize = 4;
 
-/// Root mean square of the deviations of cells from the mean of their block, relative to that of
-/// the image: the largest share of the image that no light of 32 x 32 texels can explain because of
-/// its resolution, whatever the material. Counts observed cells only.
+/// Returns the largest share of an image that a light of 32 x 32 texels cannot resolve.
+///
+/// The share is the root mean square of the deviations of observed cells from the mean of their
+/// block, relative to that of the image. It holds for any material.
 pub fn fineness(image: &DiskImage) -> f64 {
     let (mut left, mut all) = (0.0, 0.0);
     for block in 0..(SIDE / BLOCK).pow(2) {
@@ -36,13 +37,13 @@ mod tests {
     }
 
     #[test]
-    fn smooth_images_have_little_and_fine_patterns_much() {
+    fn smooth_images_have_low_and_fine_patterns_high_fineness() {
         assert!(fineness(&image(|_, _| 0.7)) < 1e-6);
         assert!(fineness(&image(|x, y| 1.0 + 0.5 * x - 0.3 * y)) < 0.02);
         // Stripes of one cell: half of the energy is in the mean of each block.
         let stripes = fineness(&image(|x, _| if (((x + 1.0) * 64.0) as usize).is_multiple_of(2) { 1.0 } else { 0.0 }));
         assert!((stripes - 0.5_f64.sqrt()).abs() < 0.02, "{stripes}");
-        // The same in stripes as wide as two blocks.
+        // Stripes that are two blocks wide.
         assert!(fineness(&image(|x, _| if (((x + 1.0) * 8.0) as usize).is_multiple_of(2) { 1.0 } else { 0.0 })) < 0.1);
     }
 }

@@ -1,4 +1,4 @@
-//! Image on standard normals, independent of the shape it was observed on.
+//! Standard normals, independent of the shape of the observed object.
 
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -6,20 +6,21 @@ use rayon::prelude::*;
 use crate::shape::SurfacePoint;
 use crate::sphere::fibonacci_hemisphere;
 
-/// Normals on the visible hemisphere of the lattice, those beyond [`MAX_ANGLE`] included: 3.2
-/// degrees apart.
+/// Number of normals on the visible hemisphere of the lattice, including those beyond
+/// [`MAX_ANGLE`]: 3.2 degrees apart.
 const NORMALS: usize = 2000;
 
 /// Largest angle between normal and view in degrees, as in the paper.
 const MAX_ANGLE: f64 = 80.0;
 
-/// Angle in degrees within which a point belongs to a normal of the lattice: wide enough to hold
-/// one or two of 10,000 observations.
+/// Angle in degrees within which a point belongs to a normal of the lattice: wide enough for one or
+/// two of 10,000 observations.
 const REACH: f64 = 2.0;
 
 /// Standard normals of the visible hemisphere, in the frame of the view (z towards the camera).
-/// Under light from far away the brightness of a convex surface is a function of its normal, so
-/// every shape can be treated as a sphere.
+///
+/// Under distant light, the brightness of a convex surface depends only on its normal, so every
+/// shape can be treated as a sphere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lattice {
     normals: Vec<DVec3>,
@@ -43,16 +44,18 @@ impl Lattice {
         &self.normals
     }
 
-    /// Returns the lattice as points of a sphere seen from `+z` of the frame that `camera` turns
-    /// to, for rendering the view of a camera.
+    /// Returns the lattice as points of a sphere seen from `+z` of the frame of `camera`.
+    ///
+    /// The points serve to render the view of a camera.
     pub fn points(&self, camera: DQuat) -> Vec<SurfacePoint> {
         let view = camera * DVec3::Z;
         self.normals.iter().map(|&n| SurfacePoint { normal: camera * n, view }).collect()
     }
 
-    /// Chooses the weighted points that matter most to means at the lattice's normals: for each of
-    /// these up to `each` of the greatest weight within two degrees, or the nearest one. Returns
-    /// their indices in order, each once.
+    /// Selects the points that contribute most to means at the normals of the lattice.
+    ///
+    /// For each normal, selects up to `each` points of the largest weight within two degrees, or
+    /// else the nearest point with a weight. Returns their indices in ascending order, each once.
     ///
     /// # Panics
     /// If `points` and `weights` differ in number.
@@ -99,13 +102,13 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_point_fills_a_gap() {
+    fn fills_gaps_with_the_nearest_point() {
         let lattice = Lattice::new();
         let points = lattice.points(DQuat::IDENTITY);
         let weights: Vec<f64> = points.iter().map(|p| if p.normal.x > 0.0 { 1.0 } else { 0.0 }).collect();
         let chosen = lattice.choose(&points, &weights, 2);
         assert!(chosen.iter().all(|&i| points[i].normal.x > 0.0));
-        // Every point with a weight is the nearest to itself.
+        // Every point with a weight is nearest to itself.
         assert_eq!(chosen.len(), weights.iter().filter(|w| **w > 0.0).count());
     }
 }

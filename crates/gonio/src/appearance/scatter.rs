@@ -2,16 +2,17 @@
 
 use super::disk::{RIM, SIDE, Sample};
 
-/// Least number of observations of a patch of cells from which scatter is estimated.
+/// Smallest number of observations of a patch of cells from which scatter is estimated.
 const PATCH: usize = 6;
 
-/// Least scatter: no camera is better.
+/// Smallest scatter: no camera is better.
 const LEAST_SCATTER: f32 = 0.001;
 
-/// Estimates the relative standard deviation of observations that share a normal: the standard
-/// deviation about a plane in small patches of the disk with six or more observations; the median
-/// over patches. The patches are the smallest for which a quarter of the disk's patches have that
-/// many. `None` if there is no such size.
+/// Estimates the relative standard deviation of observations that share a normal.
+///
+/// This is the median, over small patches of the disk with six or more observations, of the
+/// standard deviation about a plane. The patches have the smallest size at which a quarter of them
+/// have that many observations. Returns `None` if there is no such size.
 pub fn scatter(samples: &[Sample]) -> Option<f32> {
     for side in [SIDE, SIDE / 2, SIDE / 4, SIDE / 8] {
         let mut order: Vec<(u32, u32)> = Vec::with_capacity(samples.len());
@@ -37,7 +38,7 @@ pub fn scatter(samples: &[Sample]) -> Option<f32> {
     None
 }
 
-/// Returns the variance about a least-squares plane, over the squared mean; `None` for black
+/// Returns the variance about a least-squares plane over the squared mean; `None` for black
 /// patches.
 fn about_plane<'a>(patch: impl Iterator<Item = &'a Sample> + Clone) -> Option<f32> {
     let count = patch.clone().count() as f64;
@@ -68,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scatter_is_the_noise_of_single_observations() {
+    fn scatter_equals_the_noise_of_single_observations() {
         for (count, noise) in [(200_000, 0.2), (200_000, 0.01), (12_000, 0.1), (2_000, 0.3)] {
             let got = scatter(&ball(count, noise)).unwrap();
             assert!((got / noise - 1.0).abs() < 0.15, "{count} {noise}: {got}");

@@ -12,7 +12,7 @@ use std::sync::LazyLock;
 use super::disk::{BLACK, SIDE, on_disk};
 use crate::transfer::kernels::dispatch;
 
-/// Number of scales, each twice as coarse as the one before, from one cell of the disk on.
+/// Number of scales, each twice as coarse as the previous one, starting at one cell of the disk.
 const LEVELS: usize = 5;
 
 /// Levels at which gradients are measured.
@@ -22,10 +22,10 @@ const GRADIENTS: Range<usize> = 1..4;
 /// centre, middle, rim.
 const REGIONS: [f32; 4] = [1.0, 0.8, 0.5, 0.0];
 
-/// Bounds of the rings in which brightness is measured.
+/// Bounds of the rings in which brightness is measured, as cosines of the angle to the view.
 const RINGS: [f32; 7] = [1.0, 0.95, 0.85, 0.7, 0.5, 0.3, 0.0];
 
-/// Quantiles of the logarithm.
+/// Quantiles of the logarithm of the values.
 const QUANTILES: [f64; 13] = [0.0, 0.005, 0.02, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.98, 0.995, 1.0];
 
 /// Number of values that [`statistics`] returns.
@@ -38,13 +38,14 @@ pub(super) const STATISTICS: usize = QUANTILES.len()
 
 /// Computes statistics of values over their mean in observed cells, each of the order of one.
 ///
-/// In order: quantiles of the logarithm; mean, deviation, least and largest logarithm in each ring;
-/// the logarithm of the mean square of the detail finer than the cells, in each region; then, for
-/// the values and again for their logarithm: for each scale and region the logarithm of the mean
-/// square of the detail, its skewness, the logarithm of its kurtosis, its largest and least value;
-/// for each scale but the finest the correlation of its magnitude and of its signed value with the
-/// next finer one's; and for some scales and each region the logarithms of the mean squares of the
-/// radial and the tangential slope. Zero where nothing is observed.
+/// In order: quantiles of the logarithm; mean, standard deviation, smallest and largest logarithm
+/// in each ring; the logarithm of the mean square of the detail finer than the cells, in each
+/// region; then, for the values and again for their logarithm: for each scale and region the
+/// logarithm of the mean square of the detail, its skewness, the logarithm of its kurtosis, its
+/// largest and smallest value; for each scale but the finest the correlation of its magnitude and
+/// of its signed value with those of the next finer scale; and for some scales and each region the
+/// logarithms of the mean squares of the radial and the tangential slope. Statistics without
+/// observations are zero.
 ///
 /// `relative`, `fine` (the finer detail, where known) and `weights` are those of the cells, row by
 /// row; cells without weight are ignored.
@@ -63,9 +64,9 @@ pub(super) fn statistics(relative: &[f32], fine: &[Option<f32>], weights: &[f32]
 /// Precomputed geometry of the cells of each level.
 struct Grid {
     side: usize,
-    /// Region of each cell; none off the disk.
+    /// Region of each cell; off the disk, the outermost region.
     region: Vec<Option<usize>>,
-    /// Ring of each cell.
+    /// Ring of each cell; off the disk, the outermost ring.
     ring: Vec<Option<usize>>,
     /// Unit vector from the middle of the disk outwards, `(right, down)`.
     outwards: Vec<(f32, f32)>,
@@ -113,7 +114,7 @@ fn weights_of_levels(weights: &[f32]) -> Vec<Weights> {
         .collect()
 }
 
-/// Returns the means over squares of two by two.
+/// Returns the means over squares of two by two cells.
 fn quartered(fine: &[f32], side: usize) -> Vec<f32> {
     let half = side / 2;
     let mut coarse = Vec::with_capacity(half * half);
@@ -125,7 +126,7 @@ fn quartered(fine: &[f32], side: usize) -> Vec<f32> {
     coarse
 }
 
-/// Convolves with `[1 4 6 4 1] / 16` both ways; outside is zero.
+/// Convolves with `[1 4 6 4 1] / 16` along both axes; values outside are zero.
 fn smoothed(field: &[f32], side: usize) -> Vec<f32> {
     const TAPS: [f32; 3] = [0.375, 0.25, 0.0625];
     let mut across = vec![0.0; side * (side + 4)];
@@ -150,7 +151,7 @@ fn smoothed(field: &[f32], side: usize) -> Vec<f32> {
     out
 }
 
-/// Statistics of brightness, overall and from the middle to the rim.
+/// Appends statistics of brightness, overall and in each ring.
 fn levels(logs: &[f32], weights: &[f32], out: &mut Vec<f32>) {
     let mut sorted: Vec<f32> = logs.iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(v, _)| *v).collect();
     sorted.sort_unstable_by(f32::total_cmp);
@@ -169,7 +170,7 @@ fn levels(logs: &[f32], weights: &[f32], out: &mut Vec<f32>) {
     }
 }
 
-/// Power of the detail finer than the cells, relative to their mean.
+/// Appends the power of the detail finer than the cells, relative to the mean of the image.
 fn finest(fine: &[Option<f32>], out: &mut Vec<f32>) {
     let mut sums = [[0.0_f64; 2]; REGIONS.len() - 1];
     for (detail, region) in fine.iter().zip(&GRIDS[0].region) {
@@ -181,7 +182,7 @@ fn finest(fine: &[Option<f32>], out: &mut Vec<f32>) {
     out.extend(sums.map(|[count, square]| if count > 0.0 { power(square / count) } else { 0.0 }));
 }
 
-/// Statistics of detail and slopes at each scale.
+/// Appends statistics of detail and slopes at each scale.
 fn contrast(mut field: Vec<f32>, weights: &[Weights], out: &mut Vec<f32>) {
     let mut finer: Option<Vec<f32>> = None;
     for (level, (grid, weights)) in GRIDS.iter().zip(weights).enumerate() {
@@ -197,7 +198,7 @@ fn contrast(mut field: Vec<f32>, weights: &[Weights], out: &mut Vec<f32>) {
         if GRADIENTS.contains(&level) {
             slopes(&smooth, &weights.own, grid, out);
         }
-        // Means of the smooth part, over the observed cells.
+        // Means of the smooth part over the observed cells.
         let (above, below) = (quartered(&sums, grid.side), quartered(&weights.smooth, grid.side));
         field = above.iter().zip(&below).map(|(a, b)| if *b > 0.0 { a / b } else { 0.0 }).collect();
         finer = Some(detail);
@@ -234,7 +235,7 @@ fn details(detail: &[f32], weights: &[f32], grid: &Grid, out: &mut Vec<f32>) {
     }
 }
 
-/// Correlation of the magnitudes of two scales, and of their signed values.
+/// Appends the correlations of two scales: of their magnitudes and of their signed values.
 fn agreement(detail: &[f32], weights: &[f32], finer: &[f32], side: usize, out: &mut Vec<f32>) {
     let magnitude = |v: &[f32]| v.iter().map(|x| x.abs()).collect::<Vec<f32>>();
     let pairs =
@@ -254,7 +255,7 @@ fn agreement(detail: &[f32], weights: &[f32], finer: &[f32], side: usize, out: &
     }
 }
 
-/// Mean squares of the radial and the tangential slope, in values per cell of the level.
+/// Appends mean squares of the radial and the tangential slope, in values per cell of the level.
 fn slopes(smooth: &[f32], weights: &[f32], grid: &Grid, out: &mut Vec<f32>) {
     let side = grid.side;
     let mut sums = [[0.0_f64; 3]; REGIONS.len() - 1];
@@ -303,7 +304,7 @@ impl Moments {
         self.weight += w;
     }
 
-    /// Returns the means of the powers one to four; zero without any weight.
+    /// Returns the means of the powers one to four; zero without weight.
     fn means(&self) -> [f64; 4] {
         self.sums.map(|s| if self.weight > 0.0 { s / self.weight } else { 0.0 })
     }
@@ -335,8 +336,7 @@ mod tests {
         1.0 + 0.4 * (5.0 * x + 2.0 * y).sin() + 0.2 * (17.0 * y - 9.0 * x).sin()
     }
 
-    /// Index of the logarithm of the power of the detail at a level, for the logarithm, in the
-    /// middle region.
+    /// Index of the power of the detail at a level: of the logarithm, in the middle region.
     fn at(level: usize) -> usize {
         let before = QUANTILES.len() + 4 * (RINGS.len() - 1) + REGIONS.len() - 1;
         let field = (STATISTICS - before) / 2;
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn turning_and_mirroring_changes_none() {
+    fn rotation_and_mirroring_change_no_statistic() {
         let upright = of(waves, |_| true);
         assert!(upright.iter().all(|v| v.is_finite() && v.abs() < 10.0));
         for turned in [of(|x, y| waves(-x, y), |_| true), of(|x, y| waves(y, -x), |_| true)] {
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn waves_show_at_their_scale() {
+    fn waves_have_the_largest_power_at_their_scale() {
         // Waves of 4, 8, 16 and 32 cells.
         for level in 0..4 {
             let k = std::f32::consts::TAU / (8 << level) as f32 * SIDE as f32;
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_change_little() {
+    fn holes_change_statistics_little() {
         let mut rng = Pcg64::seed_from_u64(1);
         let seen: Vec<bool> = (0..SIDE * SIDE).map(|_| rng.random_range(0.0..1.0) < 0.7).collect();
         let (whole, holed) = (of(waves, |_| true), of(waves, |c| seen[c]));
@@ -382,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_not_a_number() {
+    fn statistics_are_always_finite() {
         for found in
             [of(|_, _| 0.0, |_| true), of(|_, _| 1.0, |_| false), of(|_, _| 1.0, |c| c == SIDE * SIDE / 2 + 70)]
         {

@@ -4,18 +4,20 @@ use glam::{DVec3, Vec3};
 
 use crate::picture::luminance;
 
-/// Smallest value of a channel, relative to the luminance: below, its logarithm depends on noise
+/// Smallest value of a channel, relative to the luminance: below it, the logarithm depends on noise
 /// more than on colour.
 pub(super) const FLOOR: f64 = 0.02;
 
-/// Chroma of linear RGB (Rec. 709) as `(ln R/G, ln B/G)`; `(0, 0)` is grey. The chroma of the light
-/// adds to that of the surface.
+/// Chroma of linear RGB (Rec. 709) as `(ln R/G, ln B/G)`; `(0, 0)` is grey.
+///
+/// The chromas of light and surface add up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Chroma(pub [f64; 2]);
 
 impl Chroma {
-    /// Chroma of a linear RGB value. Channels below a fiftieth of the luminance are raised to that;
-    /// black is grey.
+    /// Returns the chroma of a linear RGB value.
+    ///
+    /// Channels below a fiftieth of the luminance are raised to it; black is grey.
     pub fn of(rgb: DVec3) -> Self {
         let brightness = luminance_of(rgb);
         if brightness.is_nan() || brightness <= 0.0 {
@@ -25,25 +27,25 @@ impl Chroma {
         Self([r - g, b - g])
     }
 
-    /// Linear RGB value of luminance one.
+    /// Returns the linear RGB value of luminance one.
     pub fn rgb(self) -> DVec3 {
         let [r, b] = self.0.map(f64::exp);
         let rgb = DVec3::new(r, 1.0, b);
         rgb / luminance_of(rgb)
     }
 
-    /// Distance in natural logarithms: the root of the sum of squares of both differences.
+    /// Returns the distance in natural logarithms: the root of the sum of the squared differences.
     pub fn distance(self, other: Self) -> f64 {
         (self.0[0] - other.0[0]).hypot(self.0[1] - other.0[1])
     }
 }
 
-/// Luminance at double precision.
+/// Returns the luminance in double precision.
 pub(super) fn luminance_of(rgb: DVec3) -> f64 {
     DVec3::from_array(luminance_weights()).dot(rgb)
 }
 
-/// Shares of red, green and blue in the luminance.
+/// Returns the weights of red, green and blue in the luminance.
 pub(crate) fn luminance_weights() -> [f64; 3] {
     [Vec3::X, Vec3::Y, Vec3::Z].map(|unit| f64::from(luminance(unit)))
 }
@@ -53,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn chroma_gives_back_the_colour_and_adds_up() {
+    fn chroma_recovers_the_colour_and_is_additive() {
         let rgb = DVec3::new(0.7, 0.4, 0.2);
         let back = Chroma::of(rgb).rgb();
         assert!((luminance_of(back) - 1.0).abs() < 1e-12);
@@ -65,11 +67,11 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_colour_is_grey() {
+    fn neutral_black_and_invalid_colours_are_grey() {
         assert_eq!(Chroma::of(DVec3::splat(3.0)).0, [0.0, 0.0]);
         assert_eq!(Chroma::of(DVec3::ZERO), Chroma::default());
         assert_eq!(Chroma::of(DVec3::splat(f64::NAN)), Chroma::default());
-        // A missing channel does not make an infinite chroma.
+        // A missing channel has a finite chroma.
         assert!(Chroma::of(DVec3::new(1.0, 1.0, 0.0)).0[1] > -4.0);
     }
 }

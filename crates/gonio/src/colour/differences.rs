@@ -14,25 +14,25 @@ const MIN_RATIO: f64 = 5e-3;
 /// Smallest value of a table (1/sr) in logarithms, relative to its normal albedo.
 const MIN_VALUE: f64 = 1e-6;
 
-/// Reading of a channel of a photograph: where its posterior lies in the coordinates of materials,
-/// and how bright it is.
+/// Reading of a channel of a photograph: its position among the materials, and its brightness.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChannelReading {
-    /// Mean of the posterior in the coordinates.
+    /// Mean of the posterior in the coordinates of materials.
     pub place: Vec<f64>,
     /// Mean of the channel over the pixels of the ball.
     pub mean: f64,
 }
 
 impl ChannelReading {
-    /// Reads an image of a channel, or of the luminance.
+    /// Reads the image of a channel or of the luminance.
     pub fn of(learnt: &LearntPosterior, image: &DiskImage) -> Self {
         let embedding = Embedding::of(learnt.read(image).embedding);
         Self { place: learnt.mean_place(&embedding), mean: image.mean() }
     }
 
-    /// Coefficients of the difference of this channel from the luminance, in the order of
-    /// [`channel_difference`]. They contain the chroma of the light.
+    /// Returns the coefficients of the difference of this channel from the luminance.
+    ///
+    /// They are in the order of [`channel_difference`] and contain the chroma of the light.
     pub fn minus(&self, luminance: &Self) -> Vec<f64> {
         let differences = self.place.iter().zip(&luminance.place).map(|(own, other)| own - other);
         differences.chain([log_ratio(self.mean, luminance.mean)]).collect()
@@ -43,16 +43,20 @@ fn log_ratio(value: f64, of: f64) -> f64 {
     (value / of.max(f64::MIN_POSITIVE)).max(MIN_RATIO).ln()
 }
 
-/// Coefficients of the difference of a channel of a material from its luminance: the differences of
-/// their coordinates, and last the logarithm of the ratio of their albedos along the normal.
+/// Returns the coefficients of the difference of a channel of a material from its luminance.
+///
+/// They are the differences of the coordinates, followed by the logarithm of the ratio of the
+/// albedos along the normal.
 pub fn channel_difference(coordinates: &Coordinates, channel: &BivariateTable, luminance: &BivariateTable) -> Vec<f64> {
     let (own, other) = (coordinates.of(channel), coordinates.of(luminance));
     let last = log_ratio(channel.normal_albedo(), luminance.normal_albedo());
     own.iter().zip(&other).map(|(own, other)| own - other).chain([last]).collect()
 }
 
-/// The same coefficients, with the difference of the mean logarithms over the trusted cells as the
-/// last: that of a constant added to the logarithm.
+/// Like [`channel_difference`], with the difference of the mean logarithms as the last coefficient.
+///
+/// The means extend over the trusted cells. The last coefficient is that of a constant added to the
+/// logarithm.
 pub fn mean_log_difference(
     coordinates: &Coordinates,
     channel: &BivariateTable,
@@ -71,15 +75,16 @@ pub fn mean_log_difference(
     out
 }
 
-/// Rounds of reweighting of [`student_covariance`].
+/// Number of rounds of reweighting of [`student_covariance`].
 const ROUNDS: usize = 10;
 
 /// Degrees of freedom of Student's distribution.
 const FREEDOM: f64 = 3.0;
 
-/// Scale matrix of Student's distribution of three degrees of freedom with mean zero that fits the
-/// rows best, by expectation maximisation: rows far out count less. `ridge` is added to the
-/// diagonal. It is row by row.
+/// Fits the scale matrix of a Student distribution with mean zero to the rows.
+///
+/// The distribution has three degrees of freedom. The fit uses expectation maximisation, in which
+/// outliers have less weight. `ridge` is added to the diagonal. The matrix is returned row by row.
 ///
 /// # Panics
 /// If there are no rows.
@@ -142,7 +147,7 @@ mod tests {
         let table = BivariateTable::from_fn(|h, d| 0.1 + (-h * h / 0.01).exp() + 0.1 * d);
         let coordinates = &WORLD.coordinates;
         assert!(channel_difference(coordinates, &table, &table).iter().all(|x| x.abs() < 1e-9));
-        // A factor moves the last coefficient alone.
+        // A factor changes only the last coefficient.
         let moved = channel_difference(coordinates, &table.scaled(0.5), &table);
         let (last, others) = moved.split_last().unwrap();
         assert!((last - 0.5_f64.ln()).abs() < 1e-6 && others.iter().all(|x| x.abs() < 1e-3), "{moved:?}");

@@ -8,7 +8,7 @@ use super::chroma::Chroma;
 use super::field::{ChromaField, SavedChroma};
 use crate::reflectance::BivariateTable;
 
-/// Shares of the draws at the steps of a [`ChromaInterval`].
+/// Quantiles of the draws at the steps of the strip of a [`ChromaInterval`].
 const STRIP_SHARES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 
 /// A chroma and its uncertainty.
@@ -25,7 +25,7 @@ pub struct ChromaInterval {
 }
 
 impl ChromaInterval {
-    /// The uncertainty that equally likely draws show; that of no draws is zero.
+    /// Computes the uncertainty from equally likely draws; zero without draws.
     pub fn of(chroma: Chroma, draws: &[Chroma]) -> Self {
         if draws.is_empty() {
             let interval = chroma.0.map(|x| [x, x]);
@@ -66,15 +66,16 @@ pub struct ColourEstimate {
     pub body: ChromaInterval,
     /// Chroma of the highlight ([`ChromaField::highlight`]).
     pub highlight: ChromaInterval,
-    /// Chroma of the light, as [`white_chroma`](super::white_chroma).
+    /// Chroma of the light, as returned by [`white_chroma`](super::white_chroma).
     pub light: ChromaInterval,
-    /// Whether the light's chroma was given.
+    /// Whether the chroma of the light was given.
     pub light_given: bool,
 }
 
 impl ColourEstimate {
-    /// Describes fields of a material whose luminance is `table`. `light` is the chroma of the
-    /// light and its draws.
+    /// Summarises fields of a material whose luminance is `table`.
+    ///
+    /// The last argument contains the chroma of the light, its draws, and whether it was given.
     pub(crate) fn of(
         table: &BivariateTable,
         field: ChromaField,
@@ -89,8 +90,10 @@ impl ColourEstimate {
         Self { body, highlight, light: ChromaInterval::of(light, of_light), light_given, field, draws }
     }
 
-    /// Adds an error of this standard deviation to both components of the chroma of every draw, the
-    /// same in all cells. `table` is the luminance of the material; the same `seed` adds the same.
+    /// Adds an error to the chroma of every draw, the same in all cells.
+    ///
+    /// The error has the standard deviation `sd` in both components. `table` is the luminance of
+    /// the material. The same `seed` adds the same errors.
     pub(crate) fn add_error(&mut self, table: &BivariateTable, sd: f64, seed: u64) {
         let mut rng = Pcg64::seed_from_u64(seed);
         for draw in &mut self.draws {
@@ -102,7 +105,7 @@ impl ColourEstimate {
         *self = Self { light: self.light, ..whole };
     }
 
-    /// Returns the part to combine with other photographs.
+    /// Returns the part that is combined with other photographs.
     pub fn saved(&self) -> SavedChroma {
         SavedChroma::of(&self.field, self.body.sd)
     }
@@ -113,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn intervals_hold_nine_draws_of_ten() {
+    fn intervals_contain_nine_of_ten_draws() {
         let draws: Vec<Chroma> = (0..1000).map(|i| f64::from(i) / 1000.0).map(|x| Chroma([x, -2.0 * x])).collect();
         let found = ChromaInterval::of(Chroma([0.5, -1.0]), &draws);
         assert!((found.interval[0][0] - 0.05).abs() < 0.01 && (found.interval[0][1] - 0.95).abs() < 0.01);

@@ -6,14 +6,14 @@ use serde::{Deserialize, Serialize};
 use super::chroma::{Chroma, luminance_weights};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of, trusted_cells};
 
-/// Range of half angles (degrees) whose cells give the colour of the body.
+/// Range of half angles (degrees) of the cells that determine the colour of the body.
 const BODY_HALF_ANGLES: (f64, f64) = (30.0, 70.0);
 
-/// Half angle (degrees) up to which cells give the colour of the highlight.
+/// Largest half angle (degrees) of the cells that determine the colour of the highlight.
 const HIGHLIGHT_HALF_ANGLE: f64 = 2.0;
 
-/// Difference angle (degrees) up to which cells count for both colours: at grazing angles every
-/// material reflects like a mirror.
+/// Largest difference angle (degrees) of the cells that determine either colour: at grazing angles,
+/// every material reflects like a mirror.
 const MAX_DIFFERENCE_ANGLE: f64 = 60.0;
 
 /// Smallest ratio of a channel to the luminance.
@@ -30,10 +30,10 @@ pub struct ChromaField {
 }
 
 impl ChromaField {
-    /// A grey BRDF.
+    /// The field of a grey BRDF.
     pub const GREY: Self = Self { ratios: None };
 
-    /// The same chroma in every cell.
+    /// Returns the field with the same chroma in every cell.
     pub fn uniform(chroma: Chroma) -> Self {
         if chroma == Chroma::default() {
             return Self::GREY;
@@ -42,14 +42,16 @@ impl ChromaField {
         Self { ratios: Some(Box::new(rgb.map(|value| vec![value; CELLS]))) }
     }
 
-    /// The field of three channels (red, green, blue), each up to a factor that is common to the
-    /// channels of a cell. A black cell is grey.
+    /// Builds the field of three channels (red, green, blue).
+    ///
+    /// Each cell may have a factor that is common to its channels. A black cell is grey.
     pub fn of_tables(channels: &[BivariateTable; 3]) -> Self {
         Self::normalised(channels.each_ref().map(|table| table.as_slice().to_vec()))
     }
 
-    /// The field of logarithms of channels, `[channel][cell]`, each up to a constant that is common
-    /// to the channels of a cell.
+    /// Builds the field from logarithms of the channels, `[channel][cell]`.
+    ///
+    /// Each cell may have an additive constant that is common to its channels.
     ///
     /// # Panics
     /// If a channel does not have a value for each cell.
@@ -63,7 +65,7 @@ impl ChromaField {
     }
 
     fn normalised(mut channels: [Vec<f32>; 3]) -> Self {
-        assert!(channels.iter().all(|channel| channel.len() == CELLS), "a value for each cell");
+        assert!(channels.iter().all(|channel| channel.len() == CELLS), "each channel must have a value for each cell");
         let weights = luminance_weights().map(|weight| weight as f32);
         for cell in 0..CELLS {
             let luminance: f32 = (0..3).map(|c| weights[c] * channels[c][cell].max(0.0)).sum();
@@ -80,13 +82,16 @@ impl ChromaField {
         self.ratios.is_none()
     }
 
-    /// Ratios of a channel (0 red, 1 green, 2 blue) to the luminance by cell; `None` for grey,
-    /// where all are one.
+    /// Returns the ratios of a channel (0 red, 1 green, 2 blue) to the luminance by cell.
+    ///
+    /// Returns `None` for grey, where all ratios are one.
     pub fn ratios(&self, channel: usize) -> Option<&[f32]> {
         self.ratios.as_ref().map(|ratios| &ratios[channel][..])
     }
 
-    /// Tables of the channels (red, green, blue) whose luminance is `table`; copies of it for grey.
+    /// Returns the tables of the channels (red, green, blue) for the luminance `table`.
+    ///
+    /// For grey, the tables are copies of `table`.
     pub fn tables(&self, table: &BivariateTable) -> [BivariateTable; 3] {
         [0, 1, 2].map(|c| match self.ratios(c) {
             None => table.clone(),
@@ -96,7 +101,7 @@ impl ChromaField {
         })
     }
 
-    /// The field with a chroma added in every cell.
+    /// Returns the field with a chroma added in every cell.
     #[must_use]
     pub fn shifted(&self, by: Chroma) -> Self {
         let rgb = by.rgb().as_vec3().to_array();
@@ -107,14 +112,18 @@ impl ChromaField {
         Self::normalised([channel(0), channel(1), channel(2)])
     }
 
-    /// Chroma of the body of a BRDF of this luminance: of the sum over half angles of 30 to 70
-    /// degrees and difference angles below 60.
+    /// Returns the chroma of the body of a BRDF of this luminance.
+    ///
+    /// The chroma is that of the sum over half angles of 30 to 70 degrees and difference angles up
+    /// to 60 degrees.
     pub fn body(&self, table: &BivariateTable) -> Chroma {
         self.mean(table, |half| (BODY_HALF_ANGLES.0..=BODY_HALF_ANGLES.1).contains(&half))
     }
 
-    /// Chroma of the highlight of a BRDF of this luminance: of the sum over half angles below 2
-    /// degrees and difference angles below 60.
+    /// Returns the chroma of the highlight of a BRDF of this luminance.
+    ///
+    /// The chroma is that of the sum over half angles up to 2 degrees and difference angles up to
+    /// 60 degrees.
     pub fn highlight(&self, table: &BivariateTable) -> Chroma {
         self.mean(table, |half| half <= HIGHLIGHT_HALF_ANGLE)
     }
@@ -125,8 +134,8 @@ impl ChromaField {
         for cell in trusted_cells().filter(|cell| cell % THETA_D > 0) {
             let (half, difference) = angles_of(cell);
             if difference.to_degrees() <= MAX_DIFFERENCE_ANGLE && counts(half.to_degrees()) {
-                // Each difference angle counts alike, whatever its brightness: the highlights of
-                // grazing light are no brighter than others.
+                // No weight depends on the difference angle: the highlights of grazing light are no
+                // brighter than others.
                 let value = f64::from(table.as_slice()[cell]).max(0.0);
                 sum += value * DVec3::from_array([0, 1, 2].map(|c| f64::from(ratios[c][cell])));
             }
@@ -135,21 +144,22 @@ impl ChromaField {
     }
 }
 
-/// Steps of the grid that a field is saved on, along half and difference angles.
+/// Steps of the grid on which a field is saved, along half and difference angles.
 const SAVED_STEPS: [usize; 2] = [6, 15];
 
-/// A field on a coarse grid, `(ln R/G, ln B/G)` at every sixth half angle and every fifteenth
-/// difference angle of a table, and how sure it is.
+/// A field on a coarse grid, with its uncertainty.
+///
+/// The grid contains every sixth half angle and every fifteenth difference angle of a table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SavedChroma {
-    /// Logarithms of R/G, then of B/G, half angles first.
+    /// Logarithms of R/G, then of B/G, at each point of the grid, half angles first.
     pub log_ratios: [Vec<f32>; 2],
     /// Standard deviation of the chroma of the body, `(ln R/G, ln B/G)`.
     pub body_sd: [f64; 2],
 }
 
 impl SavedChroma {
-    /// Saves a field.
+    /// Samples a field on the grid.
     pub fn of(field: &ChromaField, body_sd: [f64; 2]) -> Self {
         let cells = || {
             (0..THETA_H)
@@ -161,14 +171,14 @@ impl SavedChroma {
         Self { log_ratios, body_sd }
     }
 
-    /// Whether it has all its numbers, and they are sound.
+    /// Whether all values are present and valid.
     pub fn is_sound(&self) -> bool {
         let [rows, columns] = [THETA_H.div_ceil(SAVED_STEPS[0]), THETA_D.div_ceil(SAVED_STEPS[1])];
         let complete = |logs: &Vec<f32>| logs.len() == rows * columns && logs.iter().all(|log| log.is_finite());
         self.log_ratios.iter().all(complete) && self.body_sd.iter().all(|sd| sd.is_finite() && *sd >= 0.0)
     }
 
-    /// The field, bilinear between the points of the grid.
+    /// Returns the field, interpolated bilinearly between the points of the grid.
     ///
     /// # Panics
     /// If it is not [sound](Self::is_sound).
@@ -190,7 +200,7 @@ impl SavedChroma {
         ChromaField::of_logs([red, vec![0.0; CELLS], blue])
     }
 
-    /// Mean of fields by their inverse variances. `None` of none.
+    /// Returns the mean of fields, weighted by inverse variances; `None` without fields.
     pub fn mean(all: &[Self]) -> Option<Self> {
         let first = all.first()?;
         let weights: Vec<f64> =
@@ -218,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_of_any_material_come_back() {
+    fn recovers_the_channels_of_any_material() {
         let channels = [lobe(0.1, 1.0, 0.5), lobe(0.2, 1.5, 1e-3), lobe(0.05, 0.7, 0.1)];
         let table = BivariateTable::luminance(&channels);
         let back = ChromaField::of_tables(&channels).tables(&table);
@@ -230,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn the_luminance_of_every_cell_is_kept() {
+    fn keeps_the_luminance_of_every_cell() {
         let logs = [0.3_f32, -2.0, 1.5].map(|log| (0..CELLS).map(|cell| log * (cell % 7) as f32).collect());
         let table = lobe(0.1, 3.0, 0.2);
         let made = ChromaField::of_logs(logs).tables(&table);
@@ -256,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_saved_field_comes_back() {
+    fn recovers_a_saved_field() {
         let channels = [lobe(0.3, 1.0, 0.5), lobe(0.4, 1.5, 0.2), lobe(0.3, 0.7, 0.1)];
         let field = ChromaField::of_tables(&channels);
         let table = BivariateTable::luminance(&channels);
@@ -265,7 +275,7 @@ mod tests {
         let back = saved.field();
         assert!(back.body(&table).distance(field.body(&table)) < 0.02);
         assert!(back.highlight(&table).distance(field.highlight(&table)) < 0.02);
-        // The mean of one is that one; a sure field counts more than an unsure one.
+        // The mean of a certain and an uncertain field is close to the certain one.
         let other = SavedChroma::of(&ChromaField::uniform(Chroma([1.0, 1.0])), [10.0, 10.0]);
         let mean = SavedChroma::mean(&[saved.clone(), other]).unwrap();
         assert!(mean.field().body(&table).distance(field.body(&table)) < 0.03);

@@ -5,31 +5,32 @@ use super::differences::{channel_difference, mean_log_difference, student_covari
 use super::model::{ColourModel, LightComponent};
 use crate::reflectance::{BivariateTable, Coordinates};
 
-/// Variance that is added to each coefficient: that of a difference too small to be seen.
+/// Variance added to each coefficient: that of a difference too small to be visible.
 const RIDGE: f64 = 1e-3;
 
-/// Variance that is added to the chroma of lights.
+/// Variance added to the chroma of lights.
 const LIGHT_RIDGE: f64 = 1e-4;
 
-/// Rounds of expectation maximisation for the mixture of lights.
+/// Number of rounds of expectation maximisation for the mixture of lights.
 const ROUNDS: usize = 50;
 
-/// Reading of a simulated photograph whose material and light are known.
+/// Errors of the reading of a simulated photograph whose material and light are known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColourSample {
-    /// Error of the readings of red, green and blue: the coefficients read
-    /// ([`ChannelReading::minus`](super::ChannelReading::minus)), less those of the material and
+    /// Errors of the readings of red, green and blue: the coefficients of the reading
+    /// ([`ChannelReading::minus`](super::ChannelReading::minus)) minus those of the material and
     /// the chroma of the light.
     pub errors: [Vec<f64>; 3],
 }
 
 impl ColourModel {
-    /// Learns from the channels (red, green, blue) of measured materials, from the readings of
-    /// photographs of them, and from the chromas of lights as
-    /// [`white_chroma`](super::white_chroma) gives them.
+    /// Learns the model from measured materials, readings of photographs of them, and lights.
+    ///
+    /// `materials` contains the channels (red, green, blue) of the materials, `lights` the chromas
+    /// of lights as returned by [`white_chroma`](super::white_chroma).
     ///
     /// Covariances are those of Student's distributions: a few materials of strong colours, and a
-    /// few readings that went wrong, count less than the many others.
+    /// few failed readings, have less weight than the many others.
     ///
     /// # Panics
     /// If there are no materials, no samples or no lights.
@@ -55,8 +56,9 @@ impl ColourModel {
     }
 }
 
-/// Mixture of two Gaussians around neutral whose covariances differ by a factor: most lights are
-/// nearly neutral, and some are far from it.
+/// Fits a mixture of two Gaussians around neutral whose covariances differ by a factor.
+///
+/// Most lights are nearly neutral, and some are far from neutral.
 fn mixture(lights: &[Chroma]) -> Vec<LightComponent> {
     let rows: Vec<Vec<f64>> = lights.iter().map(|light| light.0.to_vec()).collect();
     let mut shape = student_covariance(&rows, LIGHT_RIDGE);
@@ -106,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn near_and_far_lights_are_told_apart() {
+    fn separates_near_and_far_lights() {
         let mut rng = Pcg64::seed_from_u64(5);
         let mut draw = |sd: f64| sd * Distribution::<f64>::sample(&StandardNormal, &mut rng);
         let lights: Vec<Chroma> = (0..4000)

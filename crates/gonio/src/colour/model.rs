@@ -14,51 +14,53 @@ use crate::inference::light::Cholesky;
 use crate::linalg::eigenvectors;
 use crate::reflectance::{BivariateTable, CELLS, Coordinates, nearest_trusted};
 
-/// Number of axes of the differences that serve under a known light.
+/// Largest number of axes of the differences used under a known light.
 const MAX_AXES: usize = 12;
 
-/// Variance of the last coefficient a priori: the mean chroma of materials is free.
+/// Prior variance of the last coefficient: the mean chroma of materials is free.
 const FREE_VARIANCE: f64 = 25.0;
 
-/// Standard deviation of a given chroma of the light: a grey card is read to about two percent.
+/// Standard deviation of a given chroma of the light: a grey card is accurate to about two per
+/// cent.
 const GIVEN: f64 = 0.02;
 
-/// Factor on the deviations of draws of the differences: photographs and materials differ from the
-/// simulated ones (`gonio-eval calibration`).
+/// Factor on the deviations of draws of the differences: real photographs and materials differ from
+/// the simulated ones (`gonio-eval calibration`).
 const INFLATION: f64 = 1.5;
 
 /// Degrees of freedom of Student's distribution of these draws: some materials differ far more than
 /// others.
 const FREEDOM: f64 = 3.0;
 
-/// Range of the logarithm of a channel relative to the luminance, before its albedo is set.
+/// Largest absolute logarithm of a channel relative to the luminance, before its albedo is set.
 const LIMIT: f32 = 12.0;
 
-/// Prior of the chroma of lights: one component of a mixture of Gaussians around neutral.
+/// Component of the prior of the chroma of lights, a mixture of Gaussians around neutral.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LightComponent {
-    /// Its share, in 0..=1.
+    /// Weight of the component, in 0..=1.
     pub weight: f64,
     /// Covariance of `(ln R/G, ln B/G)`.
     pub covariance: [[f64; 2]; 2],
 }
 
 /// Prior of the channels of materials and of the chroma of lights, and the error of readings.
-/// Learnt by [`ColourModel::learn`], part of a
+///
+/// The model is learnt by [`ColourModel::learn`] and part of a
 /// [`LearntPosterior`](crate::inference::learnt::LearntPosterior).
 ///
-/// All matrices are row by row, of one row for each coordinate of materials and one more.
+/// All matrices are row by row, with one row for each coordinate of materials and one more.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ColourModel {
     /// Covariance of the difference of a channel from the luminance
     /// ([`channel_difference`](super::channel_difference)).
     pub differences: Vec<Vec<f64>>,
-    /// The same with mean logarithms ([`mean_log_difference`](super::mean_log_difference)).
+    /// The same covariance with mean logarithms
+    /// ([`mean_log_difference`](super::mean_log_difference)).
     pub mean_log_differences: Vec<Vec<f64>>,
-    /// Covariance of the error of the reading of red, green and blue
-    /// ([`ChannelReading::minus`]).
+    /// Covariance of the error of the reading of red, green and blue ([`ChannelReading::minus`]).
     pub errors: [Vec<Vec<f64>>; 3],
-    /// Prior of the chroma of lights, as [`white_chroma`](super::white_chroma).
+    /// Prior of the chroma of lights, as returned by [`white_chroma`](super::white_chroma).
     pub lights: Vec<LightComponent>,
 }
 
@@ -67,17 +69,18 @@ pub struct ColourModel {
 pub struct DifferencePosterior {
     /// Mean coefficients of red, green and blue.
     means: [Vec<f64>; 3],
-    /// Factors of their covariances.
+    /// Square roots of their covariances.
     factors: [Mat<f64>; 3],
-    /// Prior of the light's chroma, or the given one.
+    /// Distribution of the chroma of the light around `light`.
     lights: Vec<LightComponent>,
-    /// The light's chroma.
+    /// Chroma of the light: the given one, or neutral.
     light: Chroma,
 }
 
 impl ColourModel {
-    /// Whether all matrices are those of a model with this number of coordinates, finite and with
-    /// positive diagonals.
+    /// Whether all matrices are valid for this number of coordinates.
+    ///
+    /// They must be finite and have positive diagonals.
     pub(crate) fn is_proper(&self, dimensions: usize) -> bool {
         let size = dimensions + 1;
         let matrices = [&self.differences, &self.mean_log_differences].into_iter().chain(&self.errors);
@@ -94,9 +97,10 @@ impl ColourModel {
         matrices.into_iter().all(sound) && total > 0.0 && self.lights.iter().all(light)
     }
 
-    /// Computes the posterior from the readings of luminance, red, green and blue; `None` stands
-    /// for a black channel. `light` is the chroma of the light where it is known. `None` if the
-    /// covariances are not positive definite.
+    /// Computes the posterior from the readings of luminance, red, green and blue.
+    ///
+    /// A channel is `None` if it is black. `light` is the chroma of the light, if known. Returns
+    /// `None` if the covariances are not positive definite.
     pub fn posterior(
         &self,
         luminance: &ChannelReading,
@@ -137,8 +141,10 @@ impl ColourModel {
         })
     }
 
-    /// Axes of unit variance along which the logarithm of a channel differs from that of the
-    /// luminance, `[axis][cell]`, by falling variance.
+    /// Returns axes of unit variance along which a channel differs from the luminance,
+    /// `[axis][cell]`.
+    ///
+    /// The differences are those of the logarithms. The axes are ordered by decreasing variance.
     pub(crate) fn axes(&self, coordinates: &Coordinates) -> Vec<Vec<f32>> {
         let n = self.mean_log_differences.len();
         let covariance = Mat::from_fn(n, n, |i, j| self.mean_log_differences[i][j]);
@@ -158,8 +164,9 @@ impl ColourModel {
     }
 }
 
-/// The covariance with a free last coefficient: the regression of the others on it is kept, and so
-/// is what that leaves of them.
+/// Returns the covariance with a free last coefficient.
+///
+/// The regression of the other coefficients on the last one is unchanged, and so is its residual.
 fn free_last(covariance: &[Vec<f64>]) -> Mat<f64> {
     let n = covariance.len();
     let last = covariance[n - 1][n - 1];
@@ -167,7 +174,7 @@ fn free_last(covariance: &[Vec<f64>]) -> Mat<f64> {
     Mat::from_fn(n, n, |i, j| covariance[i][j] + slope(i) * slope(j) * (FREE_VARIANCE - last))
 }
 
-/// Symmetric square root of a positive semidefinite matrix.
+/// Returns the symmetric square root of a positive semidefinite matrix.
 fn square_root(matrix: &Mat<f64>) -> Mat<f64> {
     let (values, vectors) = eigenvectors(matrix.as_ref());
     let n = values.len();
@@ -176,20 +183,21 @@ fn square_root(matrix: &Mat<f64>) -> Mat<f64> {
 }
 
 impl DifferencePosterior {
-    /// The light's chroma: the given one, or neutral.
+    /// Returns the chroma of the light: the given one, or neutral.
     pub fn light(&self) -> Chroma {
         self.light
     }
 
-    /// The most probable field, for a material whose luminance is `table`.
+    /// Returns the most probable field of a material whose luminance is `table`.
     pub fn field(&self, coordinates: &Coordinates, table: &BivariateTable) -> ChromaField {
         let directions = coordinates.directions();
         let means = self.means.each_ref().map(|mean| &mean[..]);
         field_of(&directions, table, means, [0.0; 3])
     }
 
-    /// Draws fields, each with the chroma of the light that goes with it; the same seed gives the
-    /// same draws.
+    /// Draws fields, each with the corresponding chroma of the light.
+    ///
+    /// The same seed produces the same draws.
     pub fn draws(
         &self,
         coordinates: &Coordinates,
@@ -201,7 +209,7 @@ impl DifferencePosterior {
         let drawn: Vec<([Vec<f64>; 3], Chroma)> = (0..count).map(|_| self.draw(&mut rng)).collect();
         let directions = coordinates.directions();
         let made = |(coefficients, light): &([Vec<f64>; 3], Chroma)| {
-            // A larger share in the light means a smaller share in the material.
+            // A larger share of a channel in the light means a smaller share in the material.
             let shift = light.rgb().to_array().map(|value| -value.ln());
             let field = field_of(&directions, table, coefficients.each_ref().map(|x| &x[..]), shift);
             (field, Chroma([self.light.0[0] + light.0[0], self.light.0[1] + light.0[1]]))
@@ -209,9 +217,9 @@ impl DifferencePosterior {
         drawn.par_iter().map(made).collect()
     }
 
-    /// Coefficients, and the error of the light's chroma.
+    /// Draws coefficients and the error of the chroma of the light.
     fn draw(&self, rng: &mut Pcg64) -> ([Vec<f64>; 3], Chroma) {
-        let scale = INFLATION * (FREEDOM / ChiSquared::new(FREEDOM).expect("positive").sample(rng)).sqrt();
+        let scale = INFLATION * (FREEDOM / ChiSquared::new(FREEDOM).expect("FREEDOM is positive").sample(rng)).sqrt();
         let coefficients = std::array::from_fn(|c| {
             let white: Vec<f64> = self.means[c].iter().map(|_| StandardNormal.sample(rng)).collect();
             let step = |i: usize| (0..white.len()).map(|j| self.factors[c][(i, j)] * white[j]).sum::<f64>();
@@ -236,9 +244,10 @@ fn draw_light(lights: &[LightComponent], rng: &mut impl Rng) -> Chroma {
     Chroma([first * white[0], slope * white[0] + (d - slope * slope).max(0.0).sqrt() * white[1]])
 }
 
-/// The field of channels whose logarithms are that of `table` plus coefficients of the directions;
-/// the last coefficient is the logarithm of the ratio of the albedos along the normal. `shift` is
-/// added to it.
+/// Returns the field of channels given by coefficients of the directions.
+///
+/// The logarithm of a channel is that of `table` plus the weighted directions. The last coefficient
+/// plus `shift` is the logarithm of the ratio of the albedos along the normal.
 fn field_of(
     directions: &[Vec<f32>],
     table: &BivariateTable,
@@ -247,12 +256,12 @@ fn field_of(
 ) -> ChromaField {
     let albedo = table.normal_albedo();
     ChromaField::of_logs(std::array::from_fn(|c| {
-        let (last, weights) = coefficients[c].split_last().expect("a coefficient for the albedo");
+        let (last, weights) = coefficients[c].split_last().expect("the last coefficient is that of the albedo");
         let mut logs = vec![0.0_f32; CELLS];
         for (direction, weight) in directions.iter().zip(weights) {
             logs.iter_mut().zip(direction).for_each(|(sum, value)| *sum += *weight as f32 * value);
         }
-        // Nothing is learnt beyond the trusted cells.
+        // The model contains no information outside the trusted cells.
         let logs: Vec<f32> = (0..CELLS).map(|cell| logs[nearest_trusted(cell)].clamp(-LIMIT, LIMIT)).collect();
         let channel = table.as_slice().iter().zip(&logs).map(|(value, log)| value * log.exp());
         let own = BivariateTable::from_vec(channel.collect()).normal_albedo();
@@ -266,7 +275,8 @@ pub(crate) mod tests {
     use super::*;
     use crate::inference::learnt::tests::WORLD;
 
-    /// Model of differences of 0.5 that are read to 0.1, in lights of 0.2.
+    /// Model with differences of 0.5, reading errors of 0.1 and lights of 0.2 (standard
+    /// deviations).
     pub(crate) fn plain() -> ColourModel {
         let size = WORLD.coordinates.axes.len() + 1;
         let round = |sd: f64| -> Vec<Vec<f64>> {
@@ -309,13 +319,14 @@ pub(crate) mod tests {
         for (a, b) in of_prior.iter().zip(&of_reading) {
             assert!((a - b).abs() < 1e-6 * (1.0 + a.abs()), "{a} {b}");
         }
-        // Nothing was read of green: the mean colour is not pulled to grey.
+        // The prior does not pull the mean colour to grey. The reading of green is that of the
+        // luminance.
         assert!((found.means[0][n - 1] - 1.8_f64.ln()).abs() < 0.05, "{:?}", found.means[0]);
         assert!(found.means[1].iter().all(|x| x.abs() < 1e-9));
     }
 
     #[test]
-    fn draws_spread_as_the_light_and_a_given_light_narrows_them() {
+    fn draws_vary_with_the_light_and_less_with_a_given_light() {
         let (model, table) = (plain(), WORLD.table(&WORLD.entries[2]));
         let luminance = reading(0.0, 1.0);
         let channels = [Some(reading(0.1, 1.5)), Some(reading(0.0, 1.0)), Some(reading(0.0, 0.5))];
@@ -331,12 +342,12 @@ pub(crate) mod tests {
         };
         let (blind, given) = (spread(None), spread(Some(Chroma([0.3, 0.0]))));
         assert!((blind.1 - blind.0).abs() < 0.08 && blind.2 > 1.1 * given.2, "{blind:?} {given:?}");
-        // A larger share in the light means a smaller share in the material.
+        // A larger share of a channel in the light means a smaller share in the material.
         assert!((blind.0 - given.0 - 0.3).abs() < 0.02, "{blind:?} {given:?}");
     }
 
     #[test]
-    fn a_black_channel_is_dark_and_not_an_error() {
+    fn a_black_channel_is_dark_but_not_an_error() {
         let (model, table) = (plain(), WORLD.table(&WORLD.entries[2]));
         let luminance = reading(0.0, 1.0);
         let channels = [Some(luminance.clone()), Some(luminance.clone()), None];

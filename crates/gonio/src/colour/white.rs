@@ -1,4 +1,4 @@
-//! Colours of lights and of photographs without colour.
+//! Colours of lights, and detection of photographs without colour.
 
 use glam::{DQuat, DVec3, Vec3};
 
@@ -6,13 +6,14 @@ use super::chroma::Chroma;
 use crate::lighting::LightGrid;
 use crate::sphere::fibonacci_hemisphere;
 
-/// Whether no value has a colour, up to rounding.
+/// Whether all colours are grey, up to rounding.
 pub(crate) fn is_grey<'a>(colours: impl IntoIterator<Item = &'a Vec3>) -> bool {
     colours.into_iter().all(|c| c.max_element() - c.min_element() <= 1e-5 * c.max_element().abs())
 }
 
-/// Chroma of a white matte ball in a light, averaged over the pixels that a camera at `camera`
-/// times `+z` sees.
+/// Returns the chroma of a white matte ball in a light, averaged over its visible pixels.
+///
+/// The direction to the camera is `camera` times `+z`.
 pub fn white_chroma(light: &LightGrid, camera: DQuat) -> Chroma {
     let normals: Vec<DVec3> = fibonacci_hemisphere(500).map(|n| camera * n).collect();
     let mut sum = DVec3::ZERO;
@@ -37,7 +38,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_shows_the_light_before_it() {
+    fn a_ball_shows_the_light_in_front_of_it() {
         let side = 16;
         let map = OctahedralMap::EqualArea;
         let texel = |i: usize| {
@@ -49,7 +50,7 @@ mod tests {
         let (front, back) =
             (white_chroma(&light, DQuat::IDENTITY), white_chroma(&light, DQuat::from_rotation_y(std::f64::consts::PI)));
         assert!(front.0[0] > 0.4 && front.0[1] < 0.3, "{front:?}");
-        // Texels on the equator belong to one half only.
+        // Texels on the equator belong to only one half.
         assert!((front.0[0] - back.0[1]).abs() < 0.1, "{front:?} {back:?}");
     }
 }

@@ -7,9 +7,9 @@ use crate::picture::{Picture, Plane};
 use crate::scene::{Circle, Object, SceneError, find_ball, outline_of_ball, outlined};
 use crate::shape::{Camera, Ellipsoid, Projection, Surface};
 
-/// Least radius of a ball, in pixels: a smaller one does not show enough of its surroundings.
+/// Smallest radius of a ball, in pixels: a smaller one does not show enough of its surroundings.
 const LEAST_RADIUS: f64 = 8.0;
-/// Steps of Newton's method; it gains digits quadratically, and the last step ends it.
+/// Largest number of steps of Newton's method, which converges quadratically and ends earlier.
 const STEPS: usize = 40;
 
 /// A ball in front of a camera, both in coordinates of the camera.
@@ -41,10 +41,10 @@ pub(super) struct Place {
 }
 
 impl MirrorBall {
-    /// Takes a ball that a camera sees.
+    /// Builds a ball in front of a camera.
     ///
     /// # Errors
-    /// [`SceneError::NotAnEllipse`] if the camera is inside of the ball or looks away from it.
+    /// [`SceneError::NotAnEllipse`] if the camera is inside the ball or faces away from it.
     pub fn new(camera: Camera, centre: DVec3, radius: f64) -> Result<Self, ProbeError> {
         let ahead = match camera.projection {
             Projection::Orthographic { .. } => true,
@@ -56,7 +56,7 @@ impl MirrorBall {
         Ok(Self { camera, centre, radius })
     }
 
-    /// Takes a ball of this outline, seen from far away in a picture of `size`.
+    /// Builds a distant ball from its outline in a picture of `size`.
     ///
     /// # Errors
     /// [`SceneError::BadCircle`] for a radius below 8 pixels or numbers that are not finite.
@@ -70,9 +70,10 @@ impl MirrorBall {
         Self::new(camera, DVec3::new(x, -y, -2.0 * radius), radius)
     }
 
-    /// Finds the ball in a picture as [`Sighting::of`](crate::scene::Sighting::of) does: by its
-    /// outline in the mask, the alpha channel or a plain background, or by its edges, unless a
-    /// circle is given.
+    /// Detects the ball in a picture, unless its circle is given.
+    ///
+    /// As in [`Sighting::of`](crate::scene::Sighting::of), the outline comes from the mask, the
+    /// alpha channel, a plain background, or edges.
     ///
     /// # Errors
     /// Errors of the outline; [`ProbeError::NotABall`] for another object.
@@ -88,8 +89,8 @@ impl MirrorBall {
         }
     }
 
-    /// Direction from the ball to the camera, and the ball's radius over its distance: zero from
-    /// far away.
+    /// Returns the direction to the camera, and the ball's radius over its distance (zero if
+    /// distant).
     fn towards_camera(&self) -> (DVec3, f64) {
         match self.camera.projection {
             Projection::Orthographic { .. } => (DVec3::Z, 0.0),
@@ -100,13 +101,14 @@ impl MirrorBall {
         }
     }
 
-    /// Direction from the ball to the camera, a unit vector.
+    /// Returns the unit vector from the ball to the camera.
     pub(super) fn axis(&self) -> DVec3 {
         self.towards_camera().0
     }
 
-    /// Radius of the outline in pixels; in perspective, as it would be in the middle of the
-    /// picture.
+    /// Returns the radius of the outline in pixels.
+    ///
+    /// In perspective, this is the radius that it would have in the middle of the picture.
     pub fn pixels(&self) -> f64 {
         match self.camera.projection {
             Projection::Orthographic { pixels_per_unit } => self.radius * pixels_per_unit,
@@ -117,7 +119,7 @@ impl MirrorBall {
         }
     }
 
-    /// Outline as a circle, for a ball seen from far away.
+    /// Returns the outline of a distant ball as a circle.
     pub fn circle(&self) -> Option<Circle> {
         match self.camera.projection {
             Projection::Orthographic { .. } => {
@@ -128,13 +130,14 @@ impl MirrorBall {
         }
     }
 
-    /// Centre in coordinates of the camera, and radius.
+    /// Returns the centre in coordinates of the camera, and the radius.
     pub fn sphere(&self) -> (DVec3, f64) {
         (self.centre, self.radius)
     }
 
-    /// Reflection at the point `(x, y)`, in pixels from the top left corner, to the camera; `None`
-    /// outside of the ball.
+    /// Returns the reflection at the point `(x, y)`, in pixels from the top left corner.
+    ///
+    /// Returns `None` outside the ball.
     pub fn reflection_at(&self, at: (f64, f64)) -> Option<Reflection> {
         let ray = self.camera.ray(at);
         let normal = Ellipsoid::sphere(self.centre, self.radius).ok()?.hit(&ray)?.normal;
@@ -142,13 +145,15 @@ impl MirrorBall {
         Some(Reflection { direction: ray.direction + 2.0 * cosine * normal, normal, cosine })
     }
 
-    /// Position at which the light from a direction, a unit vector, is visible; `None` for
-    /// directions behind the ball.
+    /// Returns the position at which the light from a direction, a unit vector, is visible.
+    ///
+    /// Returns `None` for directions behind the ball.
     ///
     /// In the plane of the direction and the camera, the normal at the angle `t` from the axis to
-    /// the camera reflects the direction at `2 t + b`. Here `b`, the angle under which the ball
-    /// sees the camera aside, is `atan2(s sin t, 1 - s cos t)` with the ratio `s` of radius and
-    /// distance. The sum is concave in `t`, and Newton's method rises to its solution from zero.
+    /// the camera reflects the direction at `2 t + b`. Here `b = atan2(s sin t, 1 - s cos t)` is
+    /// the angle between the axis and the direction from the point to the camera, with the ratio
+    /// `s` of radius and distance. The sum is concave in `t`, so Newton's method increases
+    /// monotonically from zero to its solution.
     pub(super) fn place_of(&self, direction: DVec3) -> Option<Place> {
         let (axis, ratio) = self.towards_camera();
         let along = direction.dot(axis);
@@ -195,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn places_and_directions_are_inverse() {
+    fn positions_and_directions_are_inverse() {
         for ball in balls() {
             let mut seen = 0;
             for i in 0..2000 {
@@ -205,7 +210,7 @@ mod tests {
                 seen += 1;
                 let back = ball.reflection_at(place.at).unwrap_or_else(|| panic!("{ball:?} {place:?}"));
                 assert!(place.cosine >= -1e-9 && (back.cosine - place.cosine).abs() < 1e-5, "{place:?} {back:?}");
-                // At the outline a place says less and less of the direction.
+                // Near the outline, a position determines the direction less accurately.
                 assert!((back.direction - direction).length() * place.cosine < 1e-6, "{direction} {back:?}");
             }
             assert!(seen > 1300, "{seen}");
@@ -213,25 +218,25 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_reflects_the_camera_and_the_rim_what_is_behind() {
+    fn the_middle_reflects_the_camera_and_the_rim_the_background() {
         let [far, near, _] = balls();
         let middle = far.reflection_at((180.3, 140.1)).unwrap();
         assert!((middle.direction - DVec3::Z).length() < 1e-9 && (middle.cosine - 1.0).abs() < 1e-9);
-        // A little left of the rim at the right.
+        // A point slightly left of the right rim.
         let rim = far.reflection_at((180.3 + 119.99, 140.1)).unwrap();
         assert!(rim.direction.z < -0.99 && rim.direction.x > 0.0, "{rim:?}");
-        // Halfway to 45 degrees: the normal is at 45 degrees, the light from the right.
+        // The normal is at 45 degrees, so the light comes from the right.
         let right = far.reflection_at((180.3 + 120.0 * 0.5_f64.sqrt(), 140.1)).unwrap();
         assert!((right.direction - DVec3::X).length() < 1e-9, "{right:?}");
         let up = far.reflection_at((180.3, 140.1 - 120.0 * 0.5_f64.sqrt())).unwrap();
         assert!((up.direction - DVec3::Y).length() < 1e-9, "{up:?}");
-        // A near ball hides a wider cone.
+        // A near ball occludes a wider cone.
         assert!(near.place_of(near.axis() * -1.0).is_none());
         assert!(far.place_of(DVec3::new(1e-3, 0.0, -1.0).normalize()).is_some());
     }
 
     #[test]
-    fn what_is_no_ball_is_refused() {
+    fn rejects_invalid_balls() {
         let circle = Circle { x: 5.0, y: 5.0, radius: 3.0 };
         let refused = MirrorBall::of_circle(circle, (10, 10)).unwrap_err();
         assert!(matches!(refused, ProbeError::Scene(SceneError::BadCircle { .. })), "{refused}");

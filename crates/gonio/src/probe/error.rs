@@ -10,13 +10,13 @@ use crate::scene::SceneError;
 /// Error of unwrapping a mirror ball; [`ProbeError::remedies`] lists suggestions.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ProbeError {
-    /// The ball cannot be found.
+    /// The ball was not detected.
     #[error(transparent)]
     Scene(#[from] SceneError),
     /// The object is not a ball.
     #[error("only a ball can be unwrapped; specify its outline or a mask")]
     NotABall,
-    /// Too little of the ball can be used.
+    /// The ball shows too few directions.
     #[error(
         "the ball shows only {:.0} % of all directions, {:.0} % are required; check that the mask or circle lies on \
          the ball",
@@ -38,7 +38,7 @@ pub enum ProbeError {
     /// The number of rows is not accepted.
     #[error("{rows} rows: must be a power of two from {least} to {most}")]
     Rows {
-        /// The number given.
+        /// The given number.
         rows: usize,
         /// Smallest accepted number.
         least: usize,
@@ -58,7 +58,7 @@ pub enum ProbeError {
     Turn {
         /// Correlation of both maps at the best angle, -1..=1.
         best: f64,
-        /// The largest correlation at an angle that is far from the best.
+        /// Largest correlation at an angle far from the best.
         second: f64,
     },
 }
@@ -67,7 +67,7 @@ impl ProbeError {
     /// Lists suggestions, the most probable first.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
-            // A mirror ball has no other shape that could be given instead.
+            // A mirror ball cannot have another shape.
             Self::Scene(error) => error
                 .remedies()
                 .into_iter()
@@ -98,9 +98,9 @@ pub enum ProbeOddity {
     },
     /// The ball appears matte; contains the share of its variation that smooth shading explains.
     Matte(f64),
-    /// Much of the sphere is not visible; contains its share.
+    /// Much of the sphere is not visible; contains the share that is not.
     Unseen(f64),
-    /// Two views show different light where both see it.
+    /// Two views show different light where they overlap.
     Unlike {
         /// Median difference of both, relative to their mean.
         difference: f64,

@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-/// Brightness that is added before logarithms are taken, as a share of the mean.
+/// Brightness added before logarithms are taken, as a share of the mean.
 const FLOOR: f64 = 0.01;
 
-/// A map at one size: mean of the logarithms and the share of each texel that is known.
+/// A map at one resolution: mean of the logarithms, and the known share of each texel.
 struct Level {
     rows: usize,
     values: Vec<DVec3>,
@@ -13,7 +13,7 @@ struct Level {
 }
 
 impl Level {
-    /// The map at half the size.
+    /// Returns the map at half the resolution.
     fn halved(&self) -> Self {
         let (rows, wide) = (self.rows / 2, 2 * self.rows);
         let texel = |i: usize| {
@@ -27,7 +27,7 @@ impl Level {
         Self { rows, values, known }
     }
 
-    /// Interpolates at a place in texels; columns go round.
+    /// Interpolates at a position in texels; columns are periodic.
     fn at(&self, x: f64, y: f64) -> DVec3 {
         let wide = 2 * self.rows as isize;
         let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
@@ -43,11 +43,13 @@ impl Level {
     }
 }
 
-/// Fills a lat-long map of `rows` (a power of two) by twice as many columns: where a texel is known
-/// in part or not at all, the rest of it is interpolated from what is known around it, smoothly and
-/// from ever farther away the less is known near it.
+/// Fills a lat-long map of `rows` (a power of two) by twice as many columns.
 ///
-/// The mean is that of logarithms: a lamp beside what is not seen does not spread into it.
+/// The unknown share of each texel is interpolated smoothly from known texels around it; the fewer
+/// are known nearby, the farther away they may be.
+///
+/// The interpolation averages logarithms, so that a lamp next to an unknown region does not spread
+/// into it.
 pub(super) fn fill(radiance: &mut [DVec3], known: &[f64], rows: usize) {
     let total: f64 = known.iter().sum();
     let mean = radiance.iter().zip(known).map(|(r, k)| *k * *r).sum::<DVec3>() / total.max(f64::MIN_POSITIVE);
@@ -57,7 +59,7 @@ pub(super) fn fill(radiance: &mut [DVec3], known: &[f64], rows: usize) {
     while levels[levels.len() - 1].rows > 1 {
         levels.push(levels[levels.len() - 1].halved());
     }
-    // Where only one of the two coarsest texels is known, the other takes its value.
+    // If only one of the two coarsest texels is known, the other takes its value.
     let mut coarse = levels.pop().unwrap_or(Level { rows: 1, values: vec![], known: vec![] });
     if let ([a, b], [known_a, known_b]) = (&mut coarse.values[..], &coarse.known[..]) {
         if *known_a == 0.0 {
@@ -84,13 +86,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn holes_are_filled_from_around_them() {
+    fn fills_holes_from_their_surroundings() {
         let rows = 32;
         let colour = DVec3::new(1.0, 2.0, 3.0);
         let hole = |x: usize, y: usize| (x as f64 - 32.0).hypot(y as f64 - 16.0) < 7.0;
         let known: Vec<f64> = (0..2 * rows * rows).map(|i| if hole(i % 64, i / 64) { 0.0 } else { 1.0 }).collect();
         let mut map: Vec<DVec3> = known.iter().map(|k| *k * colour).collect();
-        // A lamp beside the hole, which stays what it is and does not spread.
+        // A lamp next to the hole keeps its value and does not spread.
         let lamp = 16 * 64 + 40;
         map[lamp] = 1e4 * colour;
         fill(&mut map, &known, rows);
@@ -103,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn half_a_sphere_is_enough() {
+    fn half_a_sphere_is_sufficient() {
         let known: Vec<f64> = (0..2 * 8 * 8).map(|i| if i % 16 < 8 { 1.0 } else { 0.0 }).collect();
         let mut map: Vec<DVec3> = known.iter().map(|k| DVec3::splat(*k)).collect();
         fill(&mut map, &known, 8);

@@ -7,17 +7,18 @@ use crate::linalg::solve_positive;
 use crate::picture::luminance;
 use crate::scene::Fate;
 
-/// Share of the variation that smooth shading explains, from which on a ball looks matte. Matte
-/// balls reach 0.99: shading by any light has hardly more than nine harmonics of the normal
-/// (Ramamoorthi and Hanrahan 2001). Mirrors of lights with any detail stay far below.
+/// Share of the variation explained by smooth shading above which a ball appears matte. Matte balls
+/// reach 0.99: shading by any light has hardly more than nine harmonics of the normal (Ramamoorthi
+/// and Hanrahan 2001). Mirrors of lights with any detail remain far below.
 const MATTE: f64 = 0.97;
 /// Standard deviation of the brightness, relative to its mean, below which there is no shading.
 const EVEN: f64 = 0.02;
-/// About so many pixels are looked at.
+/// Approximate number of pixels that are examined.
 const PIXELS: usize = 4000;
 
-/// Share of the ball's variation that shading by nine harmonics of the normal explains, if it is so
-/// large that the ball looks matte.
+/// Returns the share of the ball's variation that shading by nine harmonics of the normal explains.
+///
+/// Returns `None` if the share is too small for a matte ball.
 pub(super) fn matte(view: &View) -> Option<f64> {
     let width = view.rgb().width();
     let used = || view.fates().as_slice().iter().enumerate().filter(|(_, fate)| **fate == Fate::Used).map(|(i, _)| i);

@@ -41,18 +41,19 @@ use crate::scene::Fate;
 use turn::{compare, find_turn, solid_angle};
 use unwrap::{Texel, unwrap};
 
-/// Least and largest number of rows of a map that are chosen by themselves.
+/// Smallest and largest number of rows of a map that are chosen automatically.
 const OWN_ROWS: (usize, usize) = (64, 1024);
-/// Least and largest number of rows that can be asked for.
+/// Smallest and largest number of rows that can be requested.
 const ROWS: (usize, usize) = (8, 4096);
-/// Least share of the sphere that must be seen.
+/// Smallest share of the sphere that the views must show.
 const LEAST_SEEN: f64 = 0.25;
-/// Share of the sphere that is not seen from which on the user is told.
+/// Share of the sphere that no view shows above which gonio warns.
 const MUCH_UNSEEN: f64 = 0.12;
-/// Median difference of two views from which on the user is told, their correlation below which,
-/// and the ratio of their brightness from which on.
+/// Median difference of two views above which gonio warns.
 const MOST_DIFFERENCE: f64 = 0.2;
+/// Correlation of two views below which gonio warns.
 const LEAST_CORRELATION: f64 = 0.6;
+/// Ratio of the brightness of two views above which gonio warns.
 const MOST_BRIGHTNESS: f64 = 1.1;
 
 /// Settings of [`probe`].
@@ -60,30 +61,30 @@ const MOST_BRIGHTNESS: f64 = 1.1;
 pub struct ProbeSettings {
     /// Reflectance of the ball.
     pub reflectance: Reflectance,
-    /// Rows of the map, a power of two from 8 to 4096; about the radius of the ball in pixels if
-    /// not given, from 64 to 1024.
+    /// Number of rows of the map, a power of two from 8 to 4096; by default about the radius of the
+    /// ball in pixels, from 64 to 1024.
     pub rows: Option<usize>,
 }
 
 /// A second view of the ball.
 pub struct SecondView {
-    /// The view. Its camera is as high as the first, and as level.
+    /// The view. Its camera is at the height of the first one and also level.
     pub view: View,
-    /// Angle in radians by which the camera went around the ball, counterclockwise as seen from
-    /// above; found from the views if not given.
+    /// Angle in radians by which the camera moved around the ball, counterclockwise as seen from
+    /// above; `None` estimates it from the views.
     pub turn: Option<f64>,
 }
 
-/// Numbers of a probe.
+/// Properties of a probe.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ProbeReport {
-    /// Rows of the map.
+    /// Number of rows of the map.
     pub rows: usize,
     /// Reflectance of the ball, at normal incidence.
     pub reflectance: Reflectance,
-    /// Share of the sphere of directions that no view shows, which is filled, 0..=1.
+    /// Share of the sphere of directions that no view shows, which is interpolated, 0..=1.
     pub unseen: f64,
-    /// Share of the light of the whole sphere, in luminance, that is of what was filled.
+    /// Share of the interpolated directions in the light of the whole sphere, in luminance.
     pub filled_light: f64,
     /// Agreement of two views.
     pub views: Option<Agreement>,
@@ -94,18 +95,19 @@ pub struct ProbeReport {
 pub struct Probe {
     /// The light, in the space of the first camera, on the scale of its picture.
     pub light: EnvironmentMap,
-    /// Share of each texel that a view shows, 0..=1; the rest is filled.
+    /// Share of each texel that a view shows, 0..=1; the rest is interpolated.
     pub seen: Plane<f32>,
-    /// Its numbers.
+    /// Properties of the probe.
     pub report: ProbeReport,
 }
 
-/// Unwraps one or two views of a mirror ball.
+/// Estimates the light from one or two views of a mirror ball.
 ///
 /// # Errors
-/// [`ProbeError::Rows`] and [`ProbeError::Angle`] for wrong settings; [`ProbeError::Turn`] if the
-/// angle between the views has to be found and they do not tell; [`ProbeError::TooLittle`] if they
-/// show less than a quarter of all directions; [`ProbeError::Black`].
+/// [`ProbeError::Rows`] and [`ProbeError::Angle`] for invalid settings; [`ProbeError::Turn`] if the
+/// angle between the views is not given and the views do not determine it;
+/// [`ProbeError::TooLittle`] if they show less than a quarter of all directions;
+/// [`ProbeError::Black`].
 pub fn probe(first: &View, second: Option<&SecondView>, settings: &ProbeSettings) -> Result<Probe, ProbeError> {
     let rows = rows(first, settings)?;
     let reflectance = &settings.reflectance;
@@ -157,7 +159,7 @@ fn rows(first: &View, settings: &ProbeSettings) -> Result<usize, ProbeError> {
     }
 }
 
-/// One texel from two views, the second of which is brighter by a factor.
+/// Merges one texel of two views, the second of which is brighter by a factor.
 fn merged(first: &Texel, second: &Texel, brightness: f64) -> Texel {
     let trust = first.trust + second.trust;
     if trust <= 0.0 {
@@ -168,7 +170,7 @@ fn merged(first: &Texel, second: &Texel, brightness: f64) -> Texel {
 }
 
 impl View {
-    /// Warnings.
+    /// Lists the warnings about the view.
     pub fn oddities(&self) -> Vec<ProbeOddity> {
         let used = self.count(&[Fate::Used, Fate::Clipped]);
         let (clipped, faulty) = (self.count(&[Fate::Clipped]), self.count(&[Fate::Negative, Fate::NotFinite]));
@@ -179,7 +181,7 @@ impl View {
 }
 
 impl ProbeReport {
-    /// Warnings.
+    /// Lists the warnings about the probe.
     pub fn oddities(&self) -> Vec<ProbeOddity> {
         let unseen = (self.unseen > MUCH_UNSEEN).then_some(ProbeOddity::Unseen(self.unseen));
         let unlike =

@@ -5,14 +5,15 @@ use serde::Serialize;
 
 use super::ProbeError;
 
-/// Reflectance of a mirror: what it reflects at normal incidence, rising to all of the light at
-/// grazing incidence (Schlick's approximation of a metal).
+/// Reflectance of a mirror, by Schlick's approximation of a metal.
+///
+/// It increases from the reflectance at normal incidence to one at grazing incidence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Reflectance(DVec3);
 
 impl Reflectance {
-    /// A mirror that reflects these shares of red, green and blue at normal incidence.
+    /// Builds a mirror that reflects these shares of red, green and blue at normal incidence.
     ///
     /// # Errors
     /// [`ProbeError::Reflectance`] unless each is above 0 and at most 1.
@@ -23,7 +24,7 @@ impl Reflectance {
         }
     }
 
-    /// Share of each channel at a cosine between normal and view.
+    /// Returns the reflected share of each channel at a cosine between normal and view.
     pub fn at(&self, cosine: f64) -> DVec3 {
         self.0 + (DVec3::ONE - self.0) * (1.0 - cosine.clamp(0.0, 1.0)).powi(5)
     }
@@ -41,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mirrors_reflect_all_at_grazing_incidence() {
+    fn mirrors_reflect_all_light_at_grazing_incidence() {
         let chrome = Reflectance::new([0.55, 0.56, 0.58]).unwrap();
         assert_eq!(chrome.at(1.0), DVec3::new(0.55, 0.56, 0.58));
         assert_eq!(chrome.at(0.0), DVec3::ONE);

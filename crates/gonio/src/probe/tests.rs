@@ -1,4 +1,4 @@
-//! Exact pictures of a mirror ball in a light, and what becomes of them.
+//! Probes of exactly rendered pictures of a mirror ball in a light.
 
 use std::f64::consts::PI;
 
@@ -13,8 +13,9 @@ use crate::sphere::direction_of_lat_long;
 
 type Light<'a> = &'a dyn Fn(DVec3) -> DVec3;
 
-/// The picture of a mirror ball that a camera sees which went around it by `turn`: each pixel is
-/// the mean of `samples` x `samples` exact reflections.
+/// Renders a mirror ball for a camera that moved around it by `turn`.
+///
+/// Each pixel is the mean of `samples` x `samples` exact reflections.
 fn photograph(ball: &MirrorBall, size: (usize, usize), light: Light<'_>, turn: f64, samples: usize) -> Picture {
     let to_map = DQuat::from_rotation_y(turn);
     let reflectance = Reflectance::new([0.6, 0.65, 0.7]).unwrap();
@@ -53,18 +54,18 @@ fn view(picture: &Picture, object: &Object) -> View {
     View::of(picture, None, object, None).unwrap()
 }
 
-/// A lamp of a small radius in a direction.
+/// Light of a lamp of a small angular radius.
 fn lamp(direction: DVec3, centre: DVec3, radius: f64, colour: DVec3) -> DVec3 {
     if direction.angle_between(centre) < radius { colour } else { DVec3::ZERO }
 }
 
-/// Smooth light all around with detail of some ten degrees.
+/// Smooth light from all directions, with detail of about ten degrees.
 fn rippled(d: DVec3) -> DVec3 {
     let wave = |k: DVec3| 0.5 + 0.45 * (k.dot(d)).sin();
     DVec3::new(wave(DVec3::new(9.0, 3.0, -4.0)), wave(DVec3::new(-5.0, 8.0, 2.0)), wave(DVec3::new(3.0, -6.0, 7.0)))
 }
 
-/// Root mean square of the difference over texels that are seen, relative to the light's.
+/// Root mean square difference over visible texels, relative to the light.
 fn error(probe: &Probe, light: Light<'_>, least_seen: f32) -> f64 {
     let rows = probe.report.rows;
     let (mut off, mut all) = (0.0, 0.0);
@@ -79,7 +80,7 @@ fn error(probe: &Probe, light: Light<'_>, least_seen: f32) -> f64 {
 }
 
 #[test]
-fn the_map_is_the_light() {
+fn the_map_equals_the_light() {
     let picture = photograph(&far(), SIZE, &rippled, 0.0, 3);
     let found = probe(&view(&picture, &Object::Sphere(None)), None, &settings(128)).unwrap();
     let orthographic = error(&found, &rippled, 1.0);
@@ -91,20 +92,20 @@ fn the_map_is_the_light() {
     assert!(orthographic < 0.01 && perspective < 0.01, "{orthographic} {perspective}");
     assert!(found.report.unseen < 0.05 && found_near.report.unseen < 0.16);
     assert!(view(&picture, &Object::Ball(camera)).oddities().is_empty());
-    // The radius in pixels says how many rows.
+    // The radius in pixels determines the default number of rows.
     let own = probe(&before, None, &ProbeSettings { rows: None, ..settings(8) }).unwrap();
     assert_eq!(own.light.radiance().size(), (256, 128));
 }
 
 #[test]
-fn lamps_are_where_they_are_and_keep_their_flux() {
+fn lamps_keep_their_position_and_flux() {
     let lamps = [
         (DVec3::X, DVec3::X),
         (DVec3::Y, DVec3::Z),
         (DVec3::new(0.25, -0.2, 1.0).normalize(), DVec3::Y),
         (DVec3::new(-0.9, 0.1, -1.0).normalize(), DVec3::new(1.0, 1.0, 0.0)),
     ];
-    // Less than a pixel in the middle, less than a texel anywhere.
+    // Smaller than a pixel in the middle, and smaller than any texel.
     let radius = 0.02;
     let light = |d: DVec3| {
         DVec3::splat(0.01) + lamps.iter().map(|(at, colour)| lamp(d, *at, radius, 1e3 * *colour)).sum::<DVec3>()
@@ -135,7 +136,7 @@ fn lamps_are_where_they_are_and_keep_their_flux() {
     }
 }
 
-/// Light of a wide range with soft lamps.
+/// Light of a high dynamic range with soft lamps.
 fn lively(d: DVec3) -> DVec3 {
     let lamps = [DVec3::new(0.6, 0.5, 0.7), DVec3::new(-0.8, 0.3, -0.5), DVec3::new(0.1, -0.4, -1.0)];
     let lamp = |at: &DVec3| 20.0 * (-0.5 * (d.angle_between(*at) / 0.08).powi(2)).exp();
@@ -143,12 +144,12 @@ fn lively(d: DVec3) -> DVec3 {
 }
 
 #[test]
-fn two_views_cover_the_sphere_and_find_their_turn() {
+fn two_views_cover_the_sphere_and_determine_their_turn() {
     let studio = studio_light(256);
     let studio = |d: DVec3| studio.at(d).as_dvec3();
     for (light, degrees) in [(&lively as Light<'_>, 90.0), (&studio, -65.3), (&lively, 125.0)] {
         let turn = f64::to_radians(degrees);
-        // A bright camera stands in the light of its own view.
+        // A bright camera is part of the light of its own view.
         let with = |eye: DVec3| move |d: DVec3| if d.angle_between(eye) < 0.15 { DVec3::splat(30.0) } else { light(d) };
         let eye = DQuat::from_rotation_y(turn) * DVec3::Z;
         let first = photograph(&far(), SIZE, &with(DVec3::Z), 0.0, 3);
@@ -165,7 +166,7 @@ fn two_views_cover_the_sphere_and_find_their_turn() {
         assert!((views.turn_degrees - degrees).abs() < 0.2 && views.found, "{views:?}");
         assert!((views.brightness - 0.8).abs() < 0.03 && views.difference < 0.01 && views.correlation > 0.95);
         assert!(found.report.unseen < 1e-9 && off < 0.5 * off_alone && off < off_given + 0.01, "{off} {off_alone}");
-        // Neither camera is left.
+        // The result contains neither camera.
         for d in [DVec3::Z, eye] {
             let got = found.light.at(d).as_dvec3();
             assert!((got - light(d)).length() < 0.1 * light(d).length(), "{got} {}", light(d));
@@ -177,7 +178,7 @@ fn two_views_cover_the_sphere_and_find_their_turn() {
 }
 
 #[test]
-fn views_of_a_light_that_looks_alike_all_around_do_not_tell() {
+fn rejects_views_of_a_rotationally_symmetric_light() {
     let banded = |d: DVec3| DVec3::splat(1.5 + (9.0 * d.y).sin());
     let [first, second] = [0.0, 1.2].map(|turn| photograph(&far(), SIZE, &banded, turn, 1));
     let [first, second] = [first, second].map(|picture| view(&picture, &Object::Sphere(None)));
@@ -187,8 +188,8 @@ fn views_of_a_light_that_looks_alike_all_around_do_not_tell() {
 }
 
 #[test]
-fn odd_pictures_are_told() {
-    // Clipped, with a hole that is no number.
+fn warns_of_clipped_faulty_and_matte_pictures() {
+    // Clipped, with a region of invalid values.
     let mut picture = photograph(&far(), SIZE, &rippled, 0.0, 1);
     picture.rgb = picture.rgb.map(|v| v.min(Vec3::splat(0.5)));
     for x in 100..105 {
@@ -202,7 +203,7 @@ fn odd_pictures_are_told() {
     );
     let found = probe(&clipped, None, &settings(64)).unwrap();
     assert!(found.light.radiance().as_slice().iter().all(|v| v.is_finite()));
-    // Matte: shading by the normal.
+    // A matte ball, shaded by its normal.
     let ball = far();
     let lights = [DVec3::new(0.5, 0.7, 0.6).normalize(), DVec3::new(-0.9, 0.1, 0.3).normalize()];
     let shade = |n: DVec3| 0.1 + lights[0].dot(n).max(0.0) + 0.4 * lights[1].dot(n).max(0.0);
@@ -219,7 +220,7 @@ fn odd_pictures_are_told() {
 }
 
 #[test]
-fn what_gives_no_probe_is_refused() {
+fn rejects_invalid_settings_and_pictures() {
     let picture = photograph(&far(), SIZE, &rippled, 0.0, 1);
     let seen = view(&picture, &Object::Sphere(None));
     for rows in [0, 7, 100, 8192] {

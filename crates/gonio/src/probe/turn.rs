@@ -9,38 +9,39 @@ use super::{ProbeError, Reflectance, View};
 use crate::picture::luminance;
 use crate::sphere::lat_long_solid_angle;
 
-/// Rows of the maps on which all turns are tried, and of those on which the best is refined.
+/// Number of rows of the maps on which all turns are tried.
 const COARSE: usize = 64;
+/// Number of rows of the maps on which the best turn is refined.
 const FINE: usize = 256;
-/// Angle, in radians, from the best turn beyond which another one is another one.
+/// Angle, in radians, from the best turn beyond which another turn counts as different.
 const APART: f64 = 0.35;
-/// Least correlation of two views at the right turn...
+/// Smallest correlation of two views at the correct turn.
 const LEAST: f64 = 0.5;
-/// ...what it may lack of one at most, as a share of what the next best lacks...
+/// Largest difference of this correlation from one, as a share of that of the next best turn.
 const MOST_LACK: f64 = 0.7;
-/// ...and what it must be ahead of the next best.
+/// Smallest difference from the correlation of the next best turn.
 const LEAST_LEAD: f64 = 0.03;
-/// Brightness that is added before logarithms are taken, as a share of the mean.
+/// Brightness added before logarithms are taken, as a share of the mean.
 const FLOOR: f64 = 0.02;
-/// Trust at or above which a texel is compared: the ball is seen from the front, and no camera in
-/// it.
+/// Trust at or above which a texel is compared: the ball is seen from the front and does not
+/// reflect the camera.
 const COMPARED: f64 = 0.02;
 
-/// How two views agree where both see the light.
+/// Agreement of two views in the directions that both show.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Agreement {
-    /// Angle by which the second camera went around the ball, counterclockwise as seen from above,
+    /// Angle by which the second camera moved around the ball, counterclockwise as seen from above,
     /// in degrees, -180..=180.
     pub turn_degrees: f64,
-    /// Whether the angle was found from the views.
+    /// Whether the angle was estimated from the views.
     pub found: bool,
-    /// Correlation of the logarithms of both, -1..=1.
+    /// Correlation of the logarithms of both views, -1..=1.
     pub correlation: f64,
-    /// Median difference of both in luminance, relative to their mean.
+    /// Median difference of both views in luminance, relative to their mean.
     pub difference: f64,
-    /// Brightness of the second view over that of the first; it is divided out.
+    /// Brightness of the second view over that of the first; the second view is divided by it.
     pub brightness: f64,
-    /// Share of the sphere that both see well.
+    /// Share of the sphere that both views show well.
     pub overlap: f64,
 }
 
@@ -60,8 +61,9 @@ impl Compared {
         Self { rows, texels: (0..map.len()).map(|i| ((brightness(&map[i]) + floor).ln(), weights(i))).collect() }
     }
 
-    /// Correlation with another map whose columns are moved to the right; -1 if they share less
-    /// than a twentieth of the sphere.
+    /// Returns the correlation with another map whose columns are moved to the right.
+    ///
+    /// Returns -1 if the maps share less than a twentieth of the sphere.
     fn correlation(&self, other: &Self, columns: isize) -> f64 {
         let wide = 2 * self.rows;
         let shift = columns.rem_euclid(wide as isize) as usize;
@@ -76,7 +78,7 @@ impl Compared {
     }
 }
 
-/// Weighted correlation of pairs; -1 where their weights are less than a twentieth of the sphere.
+/// Returns the weighted correlation of pairs; -1 if they cover less than a twentieth of the sphere.
 fn correlation<I: Iterator<Item = (f64, f64, f64)>>(pairs: impl Fn() -> I) -> f64 {
     let (mut weight, mut a_sum, mut b_sum) = (0.0, 0.0, 0.0);
     for (a, b, w) in pairs() {
@@ -94,7 +96,7 @@ fn correlation<I: Iterator<Item = (f64, f64, f64)>>(pairs: impl Fn() -> I) -> f6
         ab += w * (a - a_mean) * (b - b_mean);
         bb += w * (b - b_mean) * (b - b_mean);
     }
-    // Views without any detail agree with nothing.
+    // Views without detail have no correlation.
     if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
@@ -102,18 +104,19 @@ fn brightness(texel: &Texel) -> f64 {
     f64::from(luminance(texel.radiance.as_vec3()))
 }
 
-/// Solid angle of a texel, by its index.
+/// Returns the solid angle of a texel, given its index.
 pub(super) fn solid_angle(rows: usize, texel: usize) -> f64 {
     lat_long_solid_angle(texel / (2 * rows), rows)
 }
 
-/// Finds the angle, in radians, by which the second camera went around the ball: the one at which
-/// the maps correlate best.
+/// Estimates the angle, in radians, by which the second camera moved around the ball.
+///
+/// This is the angle at which the maps correlate best.
 ///
 /// # Errors
-/// [`ProbeError::Turn`] if they correlate too little, or as well at another angle.
+/// [`ProbeError::Turn`] if the correlation is too small, or too similar at another angle.
 pub(super) fn find_turn(first: &View, second: &View, reflectance: &Reflectance) -> Result<f64, ProbeError> {
-    // Turning the camera counterclockwise moves its map to the left.
+    // If the camera moves counterclockwise, its map moves to the left.
     let angle = |columns: f64, rows: usize| -columns * PI / rows as f64;
     let maps = |rows: usize| [first, second].map(|view| Compared::of(view, rows, reflectance));
     let [a, b] = maps(COARSE);
@@ -134,14 +137,14 @@ pub(super) fn find_turn(first: &View, second: &View, reflectance: &Reflectance) 
     let near: Vec<f64> = (-6..=6).map(|off| a.correlation(&b, around + off)).collect();
     let at = (1..near.len() - 1).max_by(|&i, &j| near[i].total_cmp(&near[j])).unwrap_or(6);
     let (left, middle, right) = (near[at - 1], near[at], near[at + 1]);
-    // Vertex of the parabola through the best and its neighbours.
+    // Vertex of the parabola through the best value and its neighbours.
     let bend = left - 2.0 * middle + right;
     let part = if bend < 0.0 { (0.5 * (left - right) / bend).clamp(-0.5, 0.5) } else { 0.0 };
     let turn = angle((around + at as isize - 6) as f64 + part, FINE);
     Ok((turn + PI).rem_euclid(TAU) - PI)
 }
 
-/// Compares two maps of one light, of `rows`.
+/// Compares two maps of one light with `rows` rows.
 pub(super) fn compare(first: &[Texel], second: &[Texel], rows: usize, turn: f64, found: bool) -> Agreement {
     let both = || {
         let texels = first.iter().zip(second).enumerate();
@@ -172,7 +175,7 @@ pub(super) fn compare(first: &[Texel], second: &[Texel], rows: usize, turn: f64,
     }
 }
 
-/// Median of values with weights; `None` of nothing.
+/// Returns the weighted median of some values; `None` without values.
 fn weighted_median(mut values: Vec<(f64, f64)>) -> Option<f64> {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * values.iter().map(|(_, w)| w).sum::<f64>();

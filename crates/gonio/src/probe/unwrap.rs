@@ -8,40 +8,41 @@ use rayon::prelude::*;
 use super::{Reflectance, View};
 use crate::sphere::direction_of_lat_long;
 
-/// Samples along a side of a texel: two for each pixel that it covers, within these bounds.
+/// Smallest and largest number of samples along a side of a texel: two per pixel that it covers.
 const SAMPLES: (usize, usize) = (2, 32);
-/// Angles from the direction of the camera, in radians, up to which a view shows mostly the camera,
-/// and from which on it does not.
+/// Angles from the direction of the camera, in radians: up to the first, a view shows mostly the
+/// camera; from the second on, it does not show the camera.
 pub(super) const CAMERA: (f64, f64) = (0.20, 0.35);
-/// Trust in what shows the camera itself, if another view shows the same direction.
+/// Factor on the trust in texels that show the camera: they count only without another view.
 const LITTLE: f64 = 1e-5;
 
 /// One texel of a map, from one view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Texel {
-    /// Mean radiance of the part that is seen.
+    /// Mean radiance of the visible part.
     pub(super) radiance: DVec3,
-    /// Share of the texel that is seen, 0..=1.
+    /// Share of the texel that is visible, 0..=1.
     pub(super) seen: f64,
-    /// Weight of the view relative to others: high where the ball is seen from the
-    /// front, low at the rim and where it reflects the camera.
+    /// Weight of the view relative to others: high where the ball is seen from the front, low at
+    /// the rim and where it reflects the camera.
     pub(super) trust: f64,
 }
 
-/// Unwraps a view to a map of `rows` by twice as many columns, row-major. The camera is turned by
-/// `turn` radians about the vertical axis from that of the map: a direction `d` of the view is
-/// `R_y(turn) d` of the map.
+/// Unwraps a view to a map of `rows` by twice as many columns, row-major.
 ///
-/// A texel is the mean of its sub-texels by solid angle, each of which takes the radiance of the
-/// picture where its direction is reflected. A reflection keeps radiance, so that a lamp keeps its
-/// flux as long as sub-texels are finer than pixels.
+/// The camera is rotated by `turn` radians about the vertical axis from that of the map: a
+/// direction `d` of the view is `R_y(turn) d` of the map.
+///
+/// A texel is the mean of its sub-texels, weighted by solid angle. Each sub-texel takes the
+/// radiance of the picture at the point that reflects its direction. Reflection preserves radiance,
+/// so a lamp keeps its flux as long as sub-texels are finer than pixels.
 pub(super) fn unwrap(view: &View, rows: usize, turn: f64, reflectance: &Reflectance) -> Vec<Texel> {
     let back = DQuat::from_rotation_y(-turn);
     let (wide, high) = ((2 * rows) as f64, rows as f64);
     let direction = |u: f64, v: f64| back * direction_of_lat_long(u / wide, v / high);
     let texel = |column: usize, row: usize| {
         let (u, v) = (column as f64, row as f64);
-        // Pixels between the middles of opposite sides.
+        // Distance between the centres of opposite sides, in pixels.
         let across = |a: DVec3, b: DVec3| match (view.ball().place_of(a), view.ball().place_of(b)) {
             (Some(a), Some(b)) => (a.at.0 - b.at.0).hypot(a.at.1 - b.at.1),
             _ => SAMPLES.1 as f64 / 4.0,
@@ -76,8 +77,10 @@ pub(super) fn unwrap(view: &View, rows: usize, turn: f64, reflectance: &Reflecta
         .collect()
 }
 
-/// Trust in a place of the ball. Towards the rim a pixel covers a direction range that grows as one
-/// over the cosine, and an error of the outline moves it as much.
+/// Returns the trust in a point of the ball.
+///
+/// Towards the rim, the range of directions that a pixel covers increases with the inverse of the
+/// cosine, and so does the effect of an error of the outline.
 fn trusted(cosine: f64, from_camera: f64) -> f64 {
     let (near, far) = CAMERA;
     let aside = ((from_camera - near) / (far - near)).clamp(0.0, 1.0);

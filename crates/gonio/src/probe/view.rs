@@ -8,11 +8,10 @@ use super::{ProbeError, Reflectance};
 use crate::picture::{Picture, Plane};
 use crate::scene::{COVERED, Fate, Object, check_size, clip_level, is_clipped};
 
-/// Width of the rim that is left out, in pixels: there a pixel mixes the ball with what is behind
-/// it.
+/// Width of the ignored rim, in pixels: pixels there mix the ball with its background.
 const RIM: f64 = 1.5;
-/// Further width, as a share of the radius, within which an error of the outline bends directions
-/// too far.
+/// Additional width, as a share of the radius, within which an error of the outline changes
+/// directions too much.
 const RIM_SHARE: f64 = 0.005;
 
 /// A picture of a mirror ball.
@@ -24,21 +23,23 @@ pub struct View {
     least_cosine: f64,
 }
 
-/// Appearance of a direction in a view.
+/// Light from one direction in a view.
 pub(super) struct Sample {
-    /// Radiance that arrives at the ball from there.
+    /// Radiance that arrives at the ball from this direction.
     pub(super) radiance: DVec3,
-    /// Cosine between normal and view direction at the place that reflects it.
+    /// Cosine between normal and view direction at the point that reflects it.
     pub(super) cosine: f64,
 }
 
 impl View {
-    /// Finds the ball in a picture; `mask` says where it is, otherwise the alpha channel or a
-    /// plain background does, or the edges of the ball. `clip` is the radiance at or above which a
-    /// channel is clipped; without it, the largest value is if many pixels share it.
+    /// Detects the ball in a picture and its usable pixels.
+    ///
+    /// The ball is given by `mask`, else by the alpha channel, a plain background, or its edges.
+    /// `clip` is the radiance at or above which a channel is clipped; without it, the largest value
+    /// is the clip level if many pixels share it.
     ///
     /// # Errors
-    /// Errors of the outline where it has to be found; a mask of another size;
+    /// Errors of the outline if it must be detected; a mask of another size;
     /// [`ProbeError::NotABall`] if the object is neither [`Object::Sphere`] nor [`Object::Ball`].
     pub fn of(
         picture: &Picture,
@@ -72,36 +73,41 @@ impl View {
         Ok(Self { rgb: picture.rgb.clone(), ball, fates, least_cosine })
     }
 
-    /// The ball.
+    /// Returns the ball.
     pub fn ball(&self) -> &MirrorBall {
         &self.ball
     }
 
-    /// The picture.
+    /// Returns the picture.
     pub fn rgb(&self) -> &Plane<Vec3> {
         &self.rgb
     }
 
-    /// Status of each pixel: [`Fate::Used`]; [`Fate::Clipped`], which is used at the value it
-    /// has; [`Fate::Edge`] at the rim; [`Fate::Outside`]; or a value that is no radiance.
+    /// Returns the status of each pixel.
+    ///
+    /// The status is [`Fate::Used`]; [`Fate::Clipped`], for pixels that are used with their clipped
+    /// value; [`Fate::Edge`] at the rim; [`Fate::Outside`]; or the fault of a value that is not a
+    /// radiance.
     pub fn fates(&self) -> &Plane<Fate> {
         &self.fates
     }
 
-    /// Whether a pixel shows the camera that took the picture, or what is close to it: beside
-    /// another view it is not trusted.
+    /// Whether a pixel shows the camera that took the picture, or directions close to it.
+    ///
+    /// Such pixels have a reduced weight if another view shows the same direction.
     pub fn shows_camera(&self, (x, y): (usize, usize)) -> bool {
         let seen = self.ball.reflection_at((x as f64 + 0.5, y as f64 + 0.5));
         seen.is_some_and(|seen| seen.direction.angle_between(self.ball.axis()) < CAMERA.1)
     }
 
-    /// Number of pixels of some fates.
+    /// Returns the number of pixels with one of these statuses.
     pub fn count(&self, fates: &[Fate]) -> usize {
         self.fates.as_slice().iter().filter(|fate| fates.contains(fate)).count()
     }
 
-    /// The light from a direction, by interpolation between pixel centres; `None` where the view
-    /// does not show it.
+    /// Returns the light from a direction, interpolated between pixel centres.
+    ///
+    /// Returns `None` if the view does not show the direction.
     pub(super) fn sample(&self, direction: DVec3, reflectance: &Reflectance) -> Option<Sample> {
         let place = self.ball.place_of(direction)?;
         if place.cosine < self.least_cosine {
@@ -119,7 +125,7 @@ impl View {
                 }
                 let at = (column as usize, row as usize);
                 if matches!(self.fates[at], Fate::Used | Fate::Clipped | Fate::Edge) {
-                    // Channels out of the gamut of a file may be negative; light is not.
+                    // Channels outside the gamut of a file may be negative; light is not.
                     sum += right * down * self.rgb[at].as_dvec3().max(DVec3::ZERO);
                     weight += right * down;
                 }

@@ -181,7 +181,7 @@ impl SavedChroma {
     /// Returns the field, interpolated bilinearly between the points of the grid.
     ///
     /// # Panics
-    /// If it is not [sound](Self::is_sound).
+    /// If the values are not [valid](Self::is_sound).
     pub fn field(&self) -> ChromaField {
         let [rows, columns] = [THETA_H.div_ceil(SAVED_STEPS[0]), THETA_D.div_ceil(SAVED_STEPS[1])];
         let at = |logs: &[f32], cell: usize| {

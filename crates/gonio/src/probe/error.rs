@@ -24,7 +24,7 @@ pub enum ProbeError {
         100.0 * .least
     )]
     TooLittle {
-        /// Share of the sphere of directions that is seen.
+        /// Share of the sphere of directions that is visible.
         share: f64,
         /// Smallest accepted share.
         least: f64,

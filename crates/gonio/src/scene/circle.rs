@@ -43,14 +43,14 @@ pub(crate) struct FoundCircle {
     pub specks: usize,
 }
 
-/// Finds the outline of an orthographic ball in a mask or an alpha channel.
+/// Detects the outline of an orthographic ball in a mask or an alpha channel.
 ///
 /// Coverage ranges from 0 to 1, with half-covered pixels at the rim; NaN counts as 0.
 ///
 /// The ball is the largest connected set of pixels with a coverage of at least one half, with its
 /// holes filled. Its rim is where the coverage, interpolated between neighbouring pixels, is one
 /// half; there is no rim where the border of the picture crops the ball. The circle is fitted to
-/// the rim by least distances, without points far off (a stand, a finger).
+/// the rim by robust least squares, without points far off (a stand, a finger).
 ///
 /// # Errors
 /// [`SceneError::EmptyMask`]; [`SceneError::MaskEverywhere`]; [`SceneError::TooSmall`] for a radius
@@ -115,7 +115,7 @@ fn no_circle(rim: &[DVec2]) -> SceneError {
     }
 }
 
-/// Finds the largest connected part of a mask, with its holes filled, and the points of its rim.
+/// Returns the largest connected part of a mask, with holes filled, and the points of its rim.
 fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), SceneError> {
     let covered = |at: (usize, usize)| coverage[at] >= 0.5;
     let (component, area) = largest_component(coverage.size(), covered).ok_or(SceneError::EmptyMask)?;
@@ -132,7 +132,7 @@ fn ball_and_rim(coverage: &Plane<f32>) -> Result<(Plane<bool>, Vec<DVec2>), Scen
     Ok((ball, rim))
 }
 
-/// Finds the points of the outline of the largest connected part of a mask, in pixels.
+/// Returns the points of the outline of the largest connected part of a mask, in pixels.
 ///
 /// Points where the border of the picture crops the part are omitted.
 pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
@@ -144,7 +144,7 @@ pub(super) fn outline(coverage: &Plane<f32>) -> Result<Vec<DVec2>, SceneError> {
     }
 }
 
-/// Finds the points between the ball and its surroundings where the coverage is one half.
+/// Returns the points between the ball and its surroundings where the coverage is one half.
 ///
 /// The coverage is interpolated between each pixel of the ball and its neighbours outside.
 fn rim_points(coverage: &Plane<f32>, ball: &Plane<bool>) -> Vec<DVec2> {

@@ -34,7 +34,7 @@ pub(super) struct Fit {
     pub near: Vec<DVec2>,
 }
 
-/// Fits a circle to most of the `points` by least distances.
+/// Fits a circle to most of the `points` by robust least squares.
 ///
 /// Returns `None` if the points lie on a line or no circle fits.
 pub(super) fn fit_circle(points: &[DVec2]) -> Option<Fit> {

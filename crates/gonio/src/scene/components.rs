@@ -52,7 +52,7 @@ pub(super) fn flood(
     count
 }
 
-/// Finds the largest 4-connected set of `open` pixels and its number of pixels.
+/// Returns the largest 4-connected set of `open` pixels and its number of pixels.
 ///
 /// Among sets of equal size, returns the topmost.
 pub(super) fn largest_component(

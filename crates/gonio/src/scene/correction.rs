@@ -8,7 +8,7 @@ use crate::picture::Plane;
 /// Correction of the channels of a normal map: a reordering, then sign flips.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Correction {
-    /// Indices, from 0, of the channels that hold x, y and z: `[0, 1, 2]` if they are in order,
+    /// Indices, from 0, of the channels that contain x, y and z: `[0, 1, 2]` if they are in order,
     /// `[1, 0, 2]` if x and y are swapped, `[2, 1, 0]` for BGR.
     pub order: [usize; 3],
     /// Whether the sign of x is wrong.
@@ -44,7 +44,7 @@ impl Correction {
     /// Returns a normal with the correction applied.
     ///
     /// # Panics
-    /// If [`Self::order`] holds an index above two.
+    /// If [`Self::order`] contains an index above two.
     pub fn apply(&self, normal: Vec3) -> Vec3 {
         let channels = normal.to_array();
         let [x, y, z] = self.order.map(|i| channels[i]);
@@ -55,7 +55,7 @@ impl Correction {
     /// Returns all normals with the correction applied. A missing normal, zero, stays zero.
     ///
     /// # Panics
-    /// If [`Self::order`] holds an index above two.
+    /// If [`Self::order`] contains an index above two.
     pub fn apply_to(&self, normals: &Plane<Vec3>) -> Plane<Vec3> {
         normals.map(|n| self.apply(*n))
     }
@@ -91,7 +91,7 @@ impl Correction {
     }
 }
 
-/// Returns the axis that each channel holds, given the channels of x, y and z.
+/// Returns the axis that each channel contains, given the channels of x, y and z.
 fn order_name(order: [usize; 3]) -> String {
     (0..3)
         .filter_map(|channel| ['x', 'y', 'z'].into_iter().zip(order).find(|(_, at)| *at == channel))

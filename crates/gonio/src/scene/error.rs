@@ -24,7 +24,7 @@ pub enum SceneError {
          check the mask"
     )]
     TooSmall {
-        /// Radius found, in pixels; where no circle was fitted, that of a disc of the same area.
+        /// Estimated radius, in pixels; without a fitted circle, that of a disc of the same area.
         radius: f64,
         /// Smallest accepted radius, in pixels.
         least: f64,
@@ -137,7 +137,7 @@ pub enum SceneError {
          grid of 1.6 degrees, {least} are required; use a rounder object"
     )]
     TooFlat {
-        /// Cells of the grid of directions that hold a normal.
+        /// Number of cells of the grid of directions that contain a normal.
         directions: usize,
         /// Smallest accepted number.
         least: usize,
@@ -163,7 +163,7 @@ pub enum SceneError {
     TooFewPoints {
         /// Points with a value.
         used: usize,
-        /// Points lost to clipping.
+        /// Points without a value because of clipping.
         clipped: usize,
         /// Points that are not covered or not within the picture.
         outside: usize,

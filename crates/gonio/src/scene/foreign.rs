@@ -193,7 +193,7 @@ fn solve_three(rows: [[f64; 3]; 3], right: [f64; 3]) -> Option<[f64; 3]> {
     sound.then(|| (matrix.inverse() * DVec3::from_array(right)).to_array())
 }
 
-/// Finds the pixels of another colour that can be ignored safely; `None` if there are none.
+/// Detects the pixels of another colour that can be ignored safely; `None` if there are none.
 pub(super) fn foreign(
     rgb: &Plane<Vec3>,
     usable: &dyn Fn((usize, usize)) -> bool,
@@ -359,7 +359,7 @@ fn middle(mut values: Vec<f64>) -> (f64, f64) {
     (median, *values.select_nth_unstable_by(at, f64::total_cmp).1)
 }
 
-/// Finds the cell of a region nearest to another cell, within reach.
+/// Returns the cell of a region nearest to another cell, within reach.
 fn nearest(labels: &Plane<u32>, (u, v): (usize, usize), region: u32) -> Option<(usize, usize)> {
     let (width, height) = labels.size();
     let across = |x: usize, y: usize| x.abs_diff(u).pow(2) + y.abs_diff(v).pow(2);

@@ -27,7 +27,7 @@ const COUNTING_SIDE: usize = 128;
 /// Points per cell of the thinning grid if the whole hemisphere is visible.
 const POINTS_PER_CELL: f64 = 4.0;
 
-/// Returns the cell of the equal-area grid of `side` by `side` that holds a unit vector.
+/// Returns the cell of the equal-area grid of `side` by `side` that contains a unit vector.
 fn cell(normal: DVec3, side: usize) -> usize {
     let (u, v) = OctahedralMap::EqualArea.square(normal);
     let at = |w: f64| ((0.5 * (w + 1.0) * side as f64) as usize).min(side - 1);
@@ -231,7 +231,7 @@ fn is_sound(surface: &SurfaceView<'_>, pixel: usize) -> bool {
     unit && Candidate { pixel: pixel as u32, normal }.cosine(surface) > 0.0
 }
 
-/// Collects the covered pixels whose normals are sound and face the camera, row-major.
+/// Collects the covered pixels whose normals are valid and face the camera, row-major.
 fn facing(surface: &SurfaceView<'_>, covered: &Plane<bool>) -> Result<(Vec<Candidate>, ObservationReport), SceneError> {
     let mut report = ObservationReport::default();
     let (mut count, mut worst) = (0, 1.0_f32);

@@ -20,7 +20,7 @@ pub enum Oddity {
         /// Number of pixels that show the surface.
         seen: usize,
     },
-    /// The depth of the ellipsoid is unknown; holds the assumed semi-axis, in pixels.
+    /// The depth of the ellipsoid is unknown; contains the assumed semi-axis, in pixels.
     Depth(f64),
     /// The normals are inconsistent, but the checks are disabled.
     Contradiction(Contradiction),

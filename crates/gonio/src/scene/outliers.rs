@@ -82,7 +82,7 @@ struct Score {
     bright: bool,
 }
 
-/// Finds the outliers among the pixels of `region`, which shows the object and has finite values.
+/// Detects the outliers among the pixels of `region`, which shows the object and has finite values.
 pub(super) fn outliers(rgb: &Plane<Vec3>, region: &Plane<bool>) -> Outliers {
     let Some(detector) = OutlierDetector::new(rgb, region) else { return Outliers::default() };
     let score = |pixel: usize| {

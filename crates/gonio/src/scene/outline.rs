@@ -54,7 +54,7 @@ impl Ellipse {
     }
 }
 
-/// Finds the outline of an orthographic ellipsoid in a mask or an alpha channel.
+/// Detects the outline of an orthographic ellipsoid in a mask or an alpha channel.
 ///
 /// The border of the picture may crop the outline.
 ///
@@ -105,7 +105,7 @@ pub(crate) fn find_ellipse(coverage: &Plane<f32>) -> Result<Ellipse, SceneError>
     Ok(Ellipse { centre: (centre.x, centre.y), axes: (long, short), angle: -flat })
 }
 
-/// Finds a ball in a mask or an alpha channel of a picture taken by a camera.
+/// Detects a ball in a mask or an alpha channel of a picture taken by a camera.
 ///
 /// The ball is placed at a distance of one (at an arbitrary distance if the camera is
 /// orthographic). In perspective, its outline is the intersection of a cone with the picture: an

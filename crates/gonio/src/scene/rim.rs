@@ -62,7 +62,7 @@ fn near(size: (usize, usize), value: &dyn Fn((usize, usize)) -> Vec3, circle: &C
     stays.then_some(fit.circle)
 }
 
-/// Finds the position of the largest change along a ray, within `reach` of the circle.
+/// Returns the position of the largest change along a ray, within `reach` of the circle.
 fn edge(
     size: (usize, usize),
     value: &dyn Fn((usize, usize)) -> Vec3,

@@ -22,7 +22,7 @@ impl Observations {
     /// less than 15 % of the sky, lose their value if at least a hundred others keep theirs.
     ///
     /// The points must be pixels of the picture taken by `camera`, like those of [`Self::of_view`].
-    /// A surface that shadows none of them changes nothing.
+    /// Without self-shadowing, nothing changes.
     ///
     /// # Errors
     /// [`SceneError::NoSurface`] if a point is not on the surface.

@@ -26,7 +26,7 @@ const RIM: f64 = 1.5;
 /// Largest share of outliers that faulty pixels of a sensor explain.
 const FEW_OUTLIERS: f64 = 0.001;
 
-/// Positions of a surface pixel by pixel, in coordinates of the camera that sees them.
+/// Positions of a surface pixel by pixel, in coordinates of the camera.
 pub struct Relief {
     /// Position of the surface behind each pixel.
     pub places: Plane<Option<DVec3>>,

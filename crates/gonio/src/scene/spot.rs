@@ -70,7 +70,7 @@ pub(super) fn spot(picture: &Picture, mask: Option<&Plane<f32>>) -> Result<Spott
     }
 }
 
-/// Finds the single ball in a coverage.
+/// Detects the single ball in a coverage.
 ///
 /// If the coverage is a `given` mask, only its largest part counts.
 fn in_coverage(coverage: &Plane<f32>, given: bool) -> Result<FoundCircle, SceneError> {

@@ -19,7 +19,7 @@ const STEEPEST: f64 = 8.0;
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceView<'a> {
     /// Normals in coordinates of the camera, unit vectors; shorter than 0.1 or not finite where
-    /// there is none.
+    /// there is no normal.
     pub normals: &'a Plane<Vec3>,
     /// The camera; `None` for an orthographic one.
     pub camera: Option<&'a Camera>,

@@ -3,7 +3,7 @@ use crate::picture::luminance;
 
 const SIZE: usize = 400;
 
-/// Normals of a ball of radius 190 in the middle of the picture; none around it.
+/// Normals of a ball of radius 190 in the middle of the picture, without normals around it.
 fn ball() -> Plane<Vec3> {
     Plane::from_fn(SIZE, SIZE, |x, y| {
         let (nx, ny) = ((x as f32 + 0.5 - 200.0) / 190.0, (200.0 - y as f32 - 0.5) / 190.0);

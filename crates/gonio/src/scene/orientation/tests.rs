@@ -90,7 +90,7 @@ fn corrections_have_names() {
     let swapped = Correction { order: [1, 0, 2], ..FLIP_Y };
     assert_eq!((swapped.reordered().as_deref(), swapped.flips()), (Some("yxz"), vec!['y']));
     assert_eq!(swapped.apply(Vec3::new(1.0, 2.0, 3.0)), Vec3::new(2.0, -1.0, 3.0));
-    // Channels that hold y, z and x.
+    // Channels that contain y, z and x.
     let order = Correction::order_named("yzx").unwrap();
     assert_eq!(Correction { order, ..Correction::default() }.apply(Vec3::new(2.0, 3.0, 1.0)), Vec3::new(1.0, 2.0, 3.0));
     assert_eq!((Correction::order_named("xyx"), Correction::order_named("bgr")), (None, None));

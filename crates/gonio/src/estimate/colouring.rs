@@ -19,20 +19,20 @@ pub(super) const COLOUR_DRAWS: usize = 128;
 /// Seed of these draws.
 pub(super) const COLOUR_SEED: u64 = 2;
 
-/// Standard deviation of the error of the chroma over the difference that it leaves from green to
-/// magenta (docs/trials.md).
+/// Ratio of the standard deviation of the chroma error to the residual along the green-magenta axis
+/// (docs/trials.md).
 const ERROR_PER_GAP: f64 = 1.0;
 
-/// Ways to colour a BRDF.
+/// Rule for the colours of a BRDF.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ColouringRule {
-    /// The channels as they are estimated, with the light's colour removed as far as it is known.
+    /// The estimated channels, without the colour of the light if it is known.
     Estimate {
-        /// The light's colour, where it is known; neutral otherwise.
+        /// Colour of the light, if known; otherwise neutral.
         light: Option<Chroma>,
     },
-    /// The median colour of the photograph for everything, light and reflectance together, as the
-    /// paper displays its results.
+    /// The median colour of the photograph for light and reflectance together, as in the figures of
+    /// the paper.
     Median,
     /// Three equal channels.
     Grey,
@@ -44,10 +44,10 @@ impl Default for ColouringRule {
     }
 }
 
-/// Colours, and how they were found.
+/// Colours of a material, with their origin.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Colouring {
-    /// No colours were asked for.
+    /// No colours were requested.
     Grey,
     /// The photograph is grey.
     GreyPhotograph,
@@ -65,8 +65,10 @@ pub(super) struct DiskImages<'a> {
 }
 
 impl Colouring {
-    /// Finds the colours of a BRDF whose luminance is `table`, from observations without
-    /// self-shadowing. A model without a model of colours gives the median colour.
+    /// Estimates the colours of a BRDF with luminance `table`.
+    ///
+    /// The observations must be free of self-shadowing. If `model` has no colour model, the result
+    /// is the median colour.
     pub fn of(model: &Model, observations: &Observations, table: &BivariateTable, rule: &ColouringRule) -> Self {
         let samples = observations.samples();
         let image = DiskImage::gather(&samples);
@@ -76,7 +78,7 @@ impl Colouring {
         Self::of_images(model, observations, images.as_ref(), table, rule)
     }
 
-    /// Finds the colours from images of the observations, if there are any.
+    /// Estimates the colours from disk images of the observations, if available.
     pub(super) fn of_images(
         model: &Model,
         observations: &Observations,
@@ -105,8 +107,9 @@ impl Colouring {
         }
     }
 
-    /// These colours of a material of this luminance, less certain by what a light of natural
-    /// colours leaves of the photograph's.
+    /// Widens the intervals by the residual that a light of natural colours leaves.
+    ///
+    /// `table` is the luminance of the material.
     #[must_use]
     pub fn less_certain(mut self, table: &BivariateTable, tint: &Tint) -> Self {
         if let Self::Estimate(found) = &mut self {
@@ -115,7 +118,7 @@ impl Colouring {
         self
     }
 
-    /// The chroma of every cell.
+    /// Returns the chroma of every cell.
     pub fn field(&self) -> ChromaField {
         match self {
             Self::Grey | Self::GreyPhotograph => ChromaField::GREY,
@@ -124,7 +127,7 @@ impl Colouring {
         }
     }
 
-    /// Linear RGB of the light, of luminance one; white where it is not known.
+    /// Returns the linear RGB colour of the light, with luminance one; white if unknown.
     pub fn light(&self) -> Vec3 {
         match self {
             Self::Estimate(found) => found.light.chroma.rgb().as_vec3(),
@@ -132,9 +135,11 @@ impl Colouring {
         }
     }
 
-    /// Quantiles of every cell of red, green and blue, `[channel][quantile][cell]` at
-    /// [`SHARES`](super::SHARES), in 1/sr on the scale of [`Material::table`]. Without an estimate
-    /// of the colours they are those of the luminance in the one colour that there is.
+    /// Returns the quantiles of every cell of red, green and blue.
+    ///
+    /// The layout is `[channel][quantile][cell]`, at [`SHARES`](super::SHARES), in 1/sr on the
+    /// scale of [`Material::table`]. Without estimated colours, they are the quantiles of the
+    /// luminance times the uniform colour.
     pub fn quantiles(&self, material: &Material) -> [Vec<Vec<f32>>; 3] {
         let field = self.field();
         match self {
@@ -150,7 +155,7 @@ impl Colouring {
     }
 }
 
-/// Reads the channels, each as the luminance is read.
+/// Estimates the colours; the channels are encoded in the same way as the luminance.
 fn estimate(
     learnt: &LearntPosterior,
     colours: &ColourModel,

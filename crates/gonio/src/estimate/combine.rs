@@ -6,18 +6,18 @@ use crate::inference::learnt::MaterialPosterior;
 use crate::inference::{Likelihood, ProductError};
 use crate::model::Model;
 
-/// A material that several photographs show.
+/// Material estimated from several photographs.
 #[derive(Clone, Debug)]
 pub struct Combined {
-    /// The material. Its fields on a single photograph are those of none: nothing is filled in,
-    /// strange or unshadowed, and there is no scatter.
+    /// The material. Its measures of a single photograph (filled cells, share out of distribution,
+    /// self-shadowing, scatter) are zero.
     pub material: Material,
-    /// For each photograph, the logarithm of the odds of one material for all to another one for
-    /// it; above zero if they agree.
+    /// For each photograph, the log odds that it shows the same material as the others rather than
+    /// another one; positive if it agrees.
     pub agreement: Vec<f64>,
 }
 
-/// Combines what photographs say of one material ([`MaterialPosterior::likelihood`]).
+/// Combines likelihoods ([`MaterialPosterior::likelihood`]) of photographs of one material.
 ///
 /// # Errors
 /// If the model has no posterior of materials, or the photographs cannot be combined.

@@ -5,19 +5,19 @@ use crate::gloss::{GgxWidths, Glossmeter};
 use crate::inference::learnt::MaterialPosterior;
 use crate::reflectance::trusted_cells;
 
-/// Factor between the ends of a 90 % interval above which it is called wide: a material at the one
-/// end looks plainly different from one at the other.
+/// Ratio between the ends of a 90 % interval above which it is reported as uncertain. Materials at
+/// its two ends look clearly different.
 pub const WIDE: f64 = 3.0;
 
-/// Quantiles at 5, 50 and 95 % of what describes a highlight.
+/// Quantiles at 5, 50 and 95 % of the width and gloss of a highlight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Highlight {
-    /// Width `alpha` of the GGX lobe that is as sharp ([`GgxWidths`]); one where there is no
+    /// Width `alpha` of the GGX lobe of equal sharpness ([`GgxWidths`]); one if there is no
     /// highlight. The 5 % quantile is the sharpest.
     pub alpha: [f64; 3],
     /// Gloss units at 20 and 60 degrees ([`Glossmeter`]) of a material whose albedo along the
-    /// normal is [`ALBEDO`]. They are in proportion to that albedo, which a photograph under
-    /// unknown illumination does not determine.
+    /// normal is [`ALBEDO`]. They are proportional to that albedo, which a photograph under unknown
+    /// illumination does not determine.
     pub units: [[f64; 3]; 2],
 }
 
@@ -36,21 +36,22 @@ impl Highlight {
         }
     }
 
-    /// Roughness of the principled models of Mitsuba and Blender: `alpha` is the square of it.
+    /// Returns the roughness of the principled models of Mitsuba and Blender: `sqrt(alpha)`.
     pub fn roughness(&self) -> [f64; 3] {
         self.alpha.map(f64::sqrt)
     }
 }
 
 impl Material {
-    /// Factor between the ends of the 90 % interval of the gloss.
+    /// Returns the ratio between the ends of the 90 % interval of the gloss.
     pub fn gloss_factor(&self) -> f64 {
         self.gloss[2] / self.gloss[0].max(1e-300)
     }
 
-    /// Share of the trusted cells whose 90 % interval is wider than this factor between its ends,
-    /// in 0..=1. It counts the width of the interval itself, where [`Material::open`] compares it
-    /// with what was known without the photograph.
+    /// Returns the share (0..=1) of the trusted cells whose 90 % interval spans more than `factor`.
+    ///
+    /// This measures the interval itself, whereas [`Material::open`] compares it with the interval
+    /// without the photograph.
     pub fn wider_than(&self, factor: f64) -> f64 {
         let (low, high) = (&self.quantiles[0], &self.quantiles[self.quantiles.len() - 1]);
         let trusted = trusted_cells();

@@ -22,26 +22,27 @@ use crate::picture::Plane;
 use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 
-/// Residual, relative and as a root mean square, that a right light and a clean photograph leave:
-/// about the 95 % quantile over left-out materials (`gonio-eval bench`, docs/results.md).
+/// Relative root mean square residual of a clean photograph under the correct light: about the 95 %
+/// quantile over left-out materials (`gonio-eval bench`, docs/results.md).
 const EXPECTED: f64 = 0.1;
 
-/// Ratio of a misfit to the expected one above which it is a reason to doubt.
+/// Ratio of the misfit to the expected one above which it is reported.
 const TOO_LARGE: f64 = 1.25;
 
-/// Residual of a channel beside that of the luminance above which the colours are in doubt.
+/// Residual of a channel, beyond that of the luminance, above which it is reported.
 const MAX_CHANNEL_MISFIT: f64 = 0.1;
 
-/// Factor of clipped pixels from which it is said, if it is also two standard deviations above one.
+/// Brightness factor of clipped pixels above which it is reported, if its logarithm also exceeds
+/// two standard deviations.
 const BRIGHTER: f64 = 1.2;
 
-/// Estimate from a photograph under a light that is given.
+/// Estimate from a photograph under a known light.
 #[derive(Clone, Debug)]
 pub struct LitEstimate {
     /// Material of the object, in luminance, of albedo [`ALBEDO`](super::ALBEDO).
     pub material: Material,
-    /// Factor from [`Material::table`] to reflectance on the scale of photograph and light: its
-    /// albedo is absolute if both have the same exposure.
+    /// Factor from [`Material::table`] to reflectance on the scale of photograph and light. The
+    /// albedo on this scale is absolute if both have the same exposure.
     pub exposure: f64,
     /// Standard deviation of the independent error of the logarithm of the image.
     pub noise: f64,
@@ -49,31 +50,31 @@ pub struct LitEstimate {
     pub discrepancy: f64,
     /// Root mean square of the residual, relative to that of the observations.
     pub misfit: f64,
-    /// Rotation from where the map has the light to where it was found.
+    /// Rotation from the given orientation of the map to the fitted one.
     pub turn: DQuat,
-    /// Factor by which the clipped pixels of the map are brighter than it says, with the standard
+    /// Ratio of the true radiance of the clipped map pixels to their values, and the standard
     /// deviation of its logarithm; `None` if no pixels are clipped.
     pub gain: Option<(f64, f64)>,
     /// Number of rows of the map.
     pub map_rows: usize,
-    /// Number of observations it was found from.
+    /// Number of observations used.
     pub rows: usize,
-    /// Whether the steps settled.
+    /// Whether the iteration converged.
     pub settled: bool,
     /// Colours of material and light.
     pub colouring: Colouring,
-    /// Root mean square of what the channels leave of the photograph beside the luminance, relative
-    /// to it; `None` if the channels were not found.
+    /// Root mean square residual of each channel beyond that of the luminance, relative to the
+    /// photograph; `None` if the channels were not estimated.
     pub channel_misfit: Option<[f64; 3]>,
 }
 
 impl LitEstimate {
-    /// Residual to expect from noise and texture if material and light are right.
+    /// Returns the residual expected from noise and texture if material and light are correct.
     pub fn expected_misfit(&self) -> f64 {
         EXPECTED.hypot(self.material.scatter.min(MAX_NOISE))
     }
 
-    /// Reasons to doubt it, misfit first, and how the light map had to be corrected.
+    /// Returns the diagnostics, misfit first, including the corrections of the light map.
     pub fn doubts(&self) -> Vec<Doubt> {
         let (left, expected) = (self.misfit, self.expected_misfit());
         let misfit = (left > TOO_LARGE * expected).then_some(Doubt::Misfit { left, expected, reason: Reason::Light });
@@ -91,7 +92,7 @@ impl LitEstimate {
         misfit.into_iter().chain(of_light.into_iter().flatten()).chain(self.material.doubts()).collect()
     }
 
-    /// The map that was given as it was found: its clipped pixels as bright, and turned.
+    /// Returns the given map with the fitted gain of its clipped pixels and the fitted rotation.
     pub fn corrected(&self, map: &EnvironmentMap) -> EnvironmentMap {
         let mut map = map.clone();
         if let (Some((gain, _)), Some(mask)) = (self.gain, clipped(&map)) {
@@ -104,9 +105,11 @@ impl LitEstimate {
     }
 }
 
-/// Width in radians over which a highlight spreads the light of a point: twice the half angle at
-/// which the table falls to half of its peak, which turns the mirror direction by as much again;
-/// infinite without a highlight.
+/// Returns the width (radians) over which a highlight spreads the light of a point.
+///
+/// It is four times the half angle at which the table falls to half of its peak: the lobe extends
+/// to both sides, and a rotation of the half vector rotates the mirror direction by twice the
+/// angle. Infinite without a highlight.
 fn highlight(table: &BivariateTable) -> f64 {
     let peak = table.eval(0.0, 0.0);
     if peak < 4.0 * table.eval(1.0, 0.0) {
@@ -150,13 +153,14 @@ pub fn estimate_under(
     let wanted = matches!(colouring, ColouringRule::Estimate { .. }) && !is_grey(few.colours.iter().flatten());
     if let Some(prior) = model.colours().filter(|_| wanted) {
         progress(Stage::Colours);
-        // A channel in which light or photograph is black is read as under an unknown light, below.
+        // If light or photograph is black in a channel, the colours are estimated as under an
+        // unknown light below.
         if let Ok((anew, of_channels)) = found.clone().with_channels(&rows, &colours, &given, &materials, prior) {
             (found, channels) = (anew, Some(of_channels));
         }
     }
-    // Shadows of the object on itself stay in it: the encoder is right about them often enough, and
-    // to remove them without the light would take longer than all the rest.
+    // Self-shadowing is not removed: the encoder is accurate often enough despite it, and removing
+    // it without the light would take longer than all other steps.
     let image = DiskImage::gather(&observations.samples()).ok_or(LightError::Image(ProblemError::Black))?;
     let hint = Hint::of(learnt, &learnt.read(&image).embedding).ok_or(KnownLightError::Unsolvable)?;
     let gaussian = found.gaussian()?.informed_by(&hint).ok_or(KnownLightError::Unsolvable)?;

@@ -1,4 +1,4 @@
-//! Light that explains a photograph of a known material.
+//! Estimation of the light, given the material.
 
 use super::{EstimateError, EstimateSettings, Stage};
 use crate::inference::light::{LightProblem, NonNegativeSettings, cut_off_at_zero};
@@ -8,30 +8,30 @@ use crate::reflectance::BivariateTable;
 use crate::scene::Observations;
 use crate::transfer::PlanSettings;
 
-/// Side of the largest grid on which the light is kept from negative texels by its posterior, which
-/// takes a minute there; on finer ones, whose dense matrices would not fit, the mean is cut off at
-/// zero.
+/// Largest side of a grid whose posterior is restricted to non-negative lights, which takes a
+/// minute at this side. On finer grids, whose dense matrices do not fit in memory, the mean is
+/// clamped at zero.
 const LARGEST_BOUNDED_SIDE: usize = 64;
 
-/// Method that kept the light from being negative.
+/// Method that ensured a non-negative light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightEstimator {
-    /// Mean of the posterior among lights without negative texels: of the methods compared by
-    /// `gonio-eval lights`, the nearest to the true light.
+    /// Posterior mean over lights without negative texels: the most accurate of the methods that
+    /// `gonio-eval lights` compares.
     NonNegative {
-        /// Number of steps of its refinement.
+        /// Number of refinement steps.
         steps: usize,
-        /// Whether they settled.
+        /// Whether the refinement converged.
         settled: bool,
     },
-    /// Mean of the posterior, cut off at zero: for grids beyond 64 x 64.
+    /// Posterior mean, clamped at zero; for grids beyond 64 x 64.
     CutOff,
 }
 
 /// Light of a photograph, in luminance, given a BRDF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
-    /// Radiance on the scale of the photograph, for the table it was found with.
+    /// Radiance on the scale of the photograph, given the BRDF table.
     pub grid: LightGrid,
     /// Coefficients of the light in units of the prior: radiance over [`Self::exposure`].
     pub coefficients: Vec<f64>,
@@ -39,9 +39,9 @@ pub struct Light {
     pub sd: Vec<f64>,
     /// Radiance of a coefficient of one.
     pub exposure: f64,
-    /// Method that kept it from being negative.
+    /// Method that ensured a non-negative light.
     pub estimator: LightEstimator,
-    /// Number of observations it was found from.
+    /// Number of observations used.
     pub rows: usize,
     /// Final objective of the evidence
     /// ([`LightPosterior::objective`](crate::inference::light::LightPosterior::objective)).
@@ -51,7 +51,7 @@ pub struct Light {
     pub effective: f64,
     /// Objective after each step.
     pub trace: Vec<f64>,
-    /// Whether the steps settled.
+    /// Whether the maximisation of the evidence converged.
     pub converged: bool,
     /// Standard deviation of the residual of light and table, estimated by the evidence, on the
     /// scale of the photograph.
@@ -63,7 +63,7 @@ pub struct Light {
 }
 
 impl Light {
-    /// Finds the light given a BRDF (1/sr). `progress` receives [`Stage::Transfer`] and
+    /// Estimates the light, given a BRDF (1/sr). `progress` receives [`Stage::Transfer`] and
     /// [`Stage::Light`].
     ///
     /// # Errors

@@ -20,7 +20,7 @@ pub const ALBEDO: f64 = 0.5;
 /// Shares of the quantiles in [`Material::quantiles`].
 pub const SHARES: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
 
-/// Largest number of measured materials that are named, and smallest weight of each.
+/// Largest number of [`Material::neighbours`], and the smallest weight of each.
 const NAMED: (usize, f64) = (10, 0.005);
 
 /// A material with its uncertainty, in luminance.
@@ -38,39 +38,41 @@ pub struct Material {
     /// Share of the undetermined cells in the trusted domain (both angles below 80 degrees), in
     /// 0..=1.
     pub open: f64,
-    /// Measured materials of the largest weights, by falling weight, at most ten; the weights of
-    /// all measured materials would sum to one.
+    /// Measured materials of the largest weights, in descending order, at most ten. The weights of
+    /// all measured materials sum to one.
     pub neighbours: Vec<Neighbour>,
-    /// Dull and glossy end of the probable materials: draws at 5 and 95 % of the posterior by
-    /// gloss, of albedo [`ALBEDO`].
+    /// Dull and glossy ends of the posterior: the draws at the 5 and 95 % quantiles of the gloss,
+    /// with albedo [`ALBEDO`].
     pub ends: [BivariateTable; 2],
     /// 5, 50 and 95 % quantiles of the gloss, [`peak_over_base`].
     pub gloss: [f64; 3],
-    /// The same quantiles in other terms: width of a GGX lobe, gloss units.
+    /// The same quantiles of other measures: width of a GGX lobe, gloss units.
     pub highlight: Highlight,
-    /// Share of the photograph's features outside the range of the training
+    /// Share of the photograph's features outside their range in the training data
     /// ([`Reading::strangeness`](crate::inference::learnt::Reading::strangeness)).
     pub strangeness: f64,
     /// Standard deviation of pixels that share a normal, relative to their mean
     /// ([`DiskImage::scatter`](crate::appearance::DiskImage::scatter)).
     pub scatter: f64,
     /// Detail of the photograph that is finer than the texels of a light of 32 x 32, relative to
-    /// the photograph ([`fineness`]); one if it is not known.
+    /// the photograph ([`fineness`]); one if unknown.
     pub fineness: f64,
     /// Number of cells of the disk of normals to which the photograph was mapped.
     pub normals: usize,
-    /// Number of these cells without an observation, filled in from others.
+    /// Number of these cells without an observation, which are interpolated.
     pub filled: usize,
-    /// Mean absolute logarithm of the ratios by which values were changed to those of a sphere
-    /// ([`unshadow`]).
+    /// Mean absolute logarithm of the ratios of the values of an equivalent sphere to the observed
+    /// ones ([`unshadow`]).
     pub unshadowed: f64,
     /// Posterior of the material, and draws from it.
     pub posterior: MaterialPosterior,
 }
 
 impl Material {
-    /// Infers the material from observations. `side` is that of the light's grid, which matters
-    /// only for shapes with self-shadowing or a near camera.
+    /// Infers the material from observations.
+    ///
+    /// `side` is the side of the light grid. It matters only for shapes with self-shadowing or a
+    /// near camera.
     ///
     /// # Errors
     /// If the model has no posterior of materials, or the image is black.
@@ -81,7 +83,7 @@ impl Material {
         Ok(Impression::of(model, observations, side)?.describe())
     }
 
-    /// Reasons to doubt it.
+    /// Returns the diagnostics of the material.
     pub fn doubts(&self) -> Vec<Doubt> {
         let filled = self.filled as f64 / self.normals as f64;
         [
@@ -95,16 +97,19 @@ impl Material {
         .collect()
     }
 
-    /// Quantiles of every cell of a channel at [`SHARES`], `[quantile][cell]`, on the scale of the
-    /// table, for equally likely chromas of the cells.
+    /// Returns the quantiles of every cell of a channel at [`SHARES`], `[quantile][cell]`.
+    ///
+    /// The values are on the scale of the table. `fields` are equally likely draws of the chroma.
     pub(super) fn channel_quantiles(&self, fields: &[ChromaField], channel: usize) -> Vec<Vec<f32>> {
         let quantiles = self.posterior.channel_quantiles(fields, channel, &SHARES);
         let rescaled = |values: Vec<f32>| values.into_iter().map(|v| (f64::from(v) * self.scale) as f32).collect();
         quantiles.into_iter().map(rescaled).collect()
     }
 
-    /// Draws from the posterior, each of albedo [`ALBEDO`]; the same `seed` gives the same draws.
-    /// The quantiles are wider, since they allow for the error of the coordinates of materials.
+    /// Returns draws from the posterior, each with albedo [`ALBEDO`].
+    ///
+    /// The same `seed` gives the same draws. The quantiles are wider, since they include the error
+    /// of the material coordinates.
     ///
     /// # Errors
     /// [`EstimateError::NotLearnt`] if `model` is not the model of this estimate.
@@ -113,10 +118,10 @@ impl Material {
     }
 }
 
-/// Draws like [`Material::samples`], from [`MaterialPosterior::likelihood`] alone.
+/// Returns draws like [`Material::samples`], given only [`MaterialPosterior::likelihood`].
 ///
 /// # Errors
-/// [`EstimateError::NotLearnt`] if the likelihood is that of another model.
+/// [`EstimateError::NotLearnt`] if the likelihood belongs to another model.
 pub fn draws(
     model: &Model,
     likelihood: &Likelihood,
@@ -128,13 +133,13 @@ pub fn draws(
     Ok(tables.into_iter().map(|table| table.scaled(ALBEDO)).collect())
 }
 
-/// Posterior of the material before its quantiles and gloss are computed, which takes a while.
+/// Posterior of the material, before the slow computation of its quantiles and gloss.
 pub(super) struct Impression<'a> {
     learnt: &'a LearntPosterior,
     posterior: MaterialPosterior,
     /// Estimate, at the normal albedo [`ALBEDO`].
     pub(super) table: BivariateTable,
-    /// Images that it was read from; `None` if it is of several photographs or of a known light.
+    /// Encoded images; `None` for several photographs or a known light.
     images: Option<Unshadowed>,
     scale: f64,
     strangeness: f64,
@@ -166,7 +171,7 @@ impl<'a> Impression<'a> {
         .seen(unshadowed))
     }
 
-    /// The impression of a posterior, with the scatter of the photographs it is from.
+    /// Wraps a posterior; `scatter` is that of its photographs.
     pub(super) fn with(learnt: &'a LearntPosterior, scatter: f64, posterior: MaterialPosterior) -> Self {
         let (table, scale) = posterior.mean.with_normal_albedo(ALBEDO);
         Self {
@@ -179,7 +184,7 @@ impl<'a> Impression<'a> {
             scatter,
             fineness: 1.0,
             normals: DiskImage::cells(),
-            // Nothing is filled in: every observation stands for itself.
+            // No cell is interpolated: every observation is used directly.
             filled: 0,
             unshadowed: 0.0,
         }
@@ -189,7 +194,7 @@ impl<'a> Impression<'a> {
         Self { images: Some(images), ..self }
     }
 
-    /// Finds the colours by a rule.
+    /// Estimates the colours by a rule.
     pub(super) fn colouring(&self, model: &Model, observations: &Observations, rule: &ColouringRule) -> Colouring {
         let images =
             self.images.as_ref().map(|Unshadowed { image, channels, .. }| DiskImages { luminance: image, channels });

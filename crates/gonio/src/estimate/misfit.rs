@@ -10,36 +10,36 @@ pub enum Reason {
     /// Regions differ from the prediction: several materials, shadows, light from nearby, misplaced
     /// normals or outline.
     Regions,
-    /// The light that was given is not the one in the photograph, or not where it was.
+    /// The given light is not that of the photograph, or has another orientation.
     Light,
 }
 
-/// Residual of a clean simulated photograph because its light has more than 32 x 32 texels, by the
-/// logarithm of the [gloss](Material::gloss), linear between the entries: about the 95 % quantile
-/// of photographs of left-out materials in left-out lights (`gonio-eval folds`, docs/trials.md).
+/// Residual that a light of 32 x 32 texels leaves of a clean simulated photograph, as a function of
+/// the logarithm of the [gloss](Material::gloss), interpolated linearly: about the 95 % quantile
+/// over left-out materials in left-out lights (`gonio-eval folds`, docs/trials.md).
 const RESOLUTION: [(f64, f64); 5] = [(0.0, 0.05), (2.0, 0.08), (5.0, 0.22), (7.0, 0.45), (10.0, 0.45)];
 
-/// Ratio of a misfit to the expected one above which it is a reason to doubt.
+/// Ratio of the misfit to the expected one above which it is reported.
 const TOO_LARGE: f64 = 1.25;
 
-/// Largest share of the fine detail of a photograph that its light has left unexplained
-/// (`gonio-eval calibration`: 0.66 to 0.81 in photographs of mirrors and lacquers, which leaves a
-/// margin below [`TOO_LARGE`]).
+/// Largest expected share of the fine detail of a photograph that the light leaves unexplained.
+/// `gonio-eval calibration` measured 0.66 to 0.81 for mirrors and lacquers, which is less than this
+/// value times [`TOO_LARGE`].
 const UNRESOLVED: f64 = 0.7;
 
-/// Largest deviation of pixels that share a normal that counts as noise: what exceeds it are
-/// texture, shadows, or normals that do not lie on the photograph, and must not excuse the
-/// residual.
+/// Largest deviation of pixels with the same normal that counts as noise. Larger deviations come
+/// from texture, shadows or misaligned normals, and must not raise the expected residual.
 pub(super) const MAX_NOISE: f64 = 0.1;
 
-/// Residual above which an estimate is refused: light and material explain less than three quarters
-/// of the energy of the photograph.
+/// Residual above which an estimate is refused: light and material then explain less than three
+/// quarters of the energy of the photograph.
 pub const MAX_MISFIT: f64 = 0.5;
 
-/// Expected residual of light and material, relative and as a root mean square, if the material is
-/// right: the noise, and the part that the light has no texels for. That part is at most the fine
-/// detail that the photograph has, so that a wrong shape, which is mistaken for a sharp highlight,
-/// does not excuse itself.
+/// Returns the expected relative root mean square residual if the material is correct.
+///
+/// It combines the noise and the detail that the light grid does not resolve. The latter is at most
+/// the fine detail of the photograph; otherwise a wrong shape, mistaken for a sharp highlight,
+/// would raise the expected residual.
 pub fn expected_misfit(material: &Material) -> f64 {
     expected(material.gloss[1], material.fineness, material.scatter)
 }
@@ -52,7 +52,7 @@ fn expected(gloss: f64, fineness: f64, scatter: f64) -> f64 {
     of_gloss.min((UNRESOLVED * fineness).max(RESOLUTION[0].1)).hypot(scatter.min(MAX_NOISE))
 }
 
-/// Doubt about a misfit that is too large, if it is.
+/// Returns a diagnostic if the misfit is too large.
 pub(super) fn doubt(material: &Material, light: &Light) -> Option<Doubt> {
     let (left, expected) = (light.misfit, expected_misfit(material));
     let reason = if material.scatter > 0.5 * left { Reason::Texture } else { Reason::Regions };
@@ -64,13 +64,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sharper_materials_and_noisier_pixels_leave_more() {
+    fn expected_misfit_rises_with_gloss_and_noise() {
         assert_eq!(expected(0.3, 1.0, 0.0), 0.05);
         assert!((expected(2.0_f64.exp(), 1.0, 0.0) - 0.08).abs() < 1e-9 && expected(1e9, 1.0, 0.0) == 0.45);
         assert!((expected(1.0, 1.0, 0.08) - 0.05_f64.hypot(0.08)).abs() < 1e-9);
         let rising: Vec<f64> = (0..50).map(|i| expected((0.25 * f64::from(i)).exp(), 1.0, 0.01)).collect();
         assert!(rising.windows(2).all(|pair| pair[0] <= pair[1]));
-        // A smooth photograph of something taken for a mirror, and one whose pixels do not agree.
+        // A smooth photograph mistaken for that of a mirror, and one with a large scatter.
         assert_eq!(expected(1e9, 0.02, 0.0), 0.05);
         assert_eq!(expected(0.3, 0.02, 0.4), 0.05_f64.hypot(0.1));
     }

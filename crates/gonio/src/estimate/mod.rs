@@ -48,9 +48,9 @@ pub struct EstimateSettings {
     /// Texels along a side of the light's grid: a power of two from 4 to what the model's prior
     /// covers ([`LightPrior::finest_side`](crate::lighting::LightPrior::finest_side)).
     pub side: usize,
-    /// Approximate number of observations from which the light is found: a mirror sees each texel
-    /// of 32 x 32 in one or two of 1,600. With fewer observations than texels, the prior alone
-    /// determines the texels between them, which shows as a checkerboard.
+    /// Approximate number of observations for the estimate of the light. With 1,600, a mirror
+    /// reflects each texel of 32 x 32 in one or two of them. With fewer observations than texels,
+    /// the prior alone determines the texels in between, which produces a checkerboard.
     pub rows: usize,
     /// Rule for the colours.
     pub colouring: ColouringRule,
@@ -67,16 +67,16 @@ impl Default for EstimateSettings {
 pub struct Estimate {
     /// Material of the object, in luminance.
     pub material: Material,
-    /// Light, in luminance, on the scale that goes with [`Material::table`].
+    /// Light, in luminance, on the scale that corresponds to [`Material::table`].
     pub light: Light,
-    /// Colours of both. They are less certain by what the light's colours leave unexplained.
+    /// Colours of both. Their intervals include the residual that the colours of the light leave.
     pub colouring: Colouring,
-    /// Colours of the light, direction by direction; `None` for grey.
+    /// Colours of the light in each direction; `None` if grey.
     pub tint: Option<Tint>,
 }
 
 impl Estimate {
-    /// Reasons to doubt it.
+    /// Returns the diagnostics of the estimate.
     pub fn doubts(&self) -> Vec<Doubt> {
         let mut doubts = doubts(&self.material, &self.light);
         doubts.extend(self.tint.as_ref().and_then(Tint::doubt));
@@ -84,7 +84,7 @@ impl Estimate {
     }
 }
 
-/// Reasons to doubt a material and its light, misfit first.
+/// Returns the diagnostics of a material and its light, misfit first.
 pub fn doubts(material: &Material, light: &Light) -> Vec<Doubt> {
     misfit::doubt(material, light).into_iter().chain(material.doubts()).collect()
 }
@@ -96,9 +96,9 @@ pub enum Stage {
     Material,
     /// Integrates the BRDF over the texels of the light.
     Transfer,
-    /// Finds the light.
+    /// Estimates the light.
     Light,
-    /// Finds the colours.
+    /// Estimates the colours.
     Colours,
 }
 
@@ -126,7 +126,7 @@ pub enum EstimateError {
          the model's prior of light"
     )]
     Grid {
-        /// Side that was asked for.
+        /// Requested side.
         side: usize,
         /// Largest side that the prior covers.
         most: usize,
@@ -137,7 +137,7 @@ pub enum EstimateError {
     /// The photographs cannot be combined.
     #[error(transparent)]
     Product(#[from] ProductError),
-    /// The given light and the image do not go together.
+    /// The estimation under the given light failed.
     #[error(transparent)]
     KnownLight(#[from] KnownLightError),
 }
@@ -160,11 +160,13 @@ pub fn estimate(
     found.map(|(estimate, ())| estimate)
 }
 
-/// Estimates as [`estimate`] does, and calls `beside` with the reflectance, in luminance, and the
-/// colours while the light is being found, which leaves a core idle half of the time.
+/// Estimates like [`estimate`], and calls `beside` in parallel with the estimation of the light.
+///
+/// `beside` receives the reflectance, in luminance, and the colours. The estimation of the light
+/// leaves a core idle half of the time.
 ///
 /// # Errors
-/// As [`estimate`].
+/// Those of [`estimate`].
 ///
 /// # Panics
 /// If nothing is observed.
@@ -179,7 +181,7 @@ pub fn estimate_beside<T: Send>(
     progress(Stage::Material);
     let impression = Impression::of(model, observations, settings.side)?;
     let table = impression.table.clone();
-    // The posterior is described and coloured meanwhile, too.
+    // The quantiles and colours of the posterior are computed in parallel with the light.
     let (light, (material, colouring, made, rows)) = rayon::join(
         || Light::of(model, observations, &table, settings, progress),
         || {

@@ -1,4 +1,4 @@
-//! Tests from a rendered ball to an estimate, in a small world of formulas.
+//! Tests of estimates from rendered balls, in a small world of analytic materials.
 
 use std::sync::Mutex;
 
@@ -25,8 +25,8 @@ fn model(material: usize) -> Model {
     Model { light, reflectance, learnt: Some(knowing(material)), provenance: String::new() }
 }
 
-/// Photograph of a ball of a material of the world, of this colour, in a light that was not learnt
-/// from.
+/// Photograph of a ball of a material of the world, times `colour`, in a light outside the training
+/// data.
 fn photograph(material: usize, colour: Vec3) -> Picture {
     let table = WORLD.table(&WORLD.entries[material]);
     let settings = SphereSettings {
@@ -49,7 +49,7 @@ fn settings() -> EstimateSettings {
 }
 
 #[test]
-fn a_ball_gives_a_material_and_the_light_that_explains_it() {
+fn estimates_material_and_light_of_a_ball() {
     let model = model(2);
     let observations = observations(&photograph(2, Vec3::ONE));
     let stages = Mutex::new(Vec::new());
@@ -83,7 +83,7 @@ fn a_ball_gives_a_material_and_the_light_that_explains_it() {
 }
 
 #[test]
-fn steps_by_themselves_say_the_same() {
+fn separate_steps_match_the_whole_estimate() {
     let (model, observations) = (model(4), observations(&photograph(4, Vec3::ONE)));
     let whole = estimate(&model, &observations, &settings(), &|_| ()).unwrap();
     let material = Material::of(&model, &observations, 16).unwrap();
@@ -93,7 +93,7 @@ fn steps_by_themselves_say_the_same() {
 }
 
 #[test]
-fn samples_follow_the_density_and_the_seed() {
+fn samples_lie_near_the_truth_and_depend_on_the_seed() {
     let model = model(1);
     let material = Material::of(&model, &observations(&photograph(1, Vec3::ONE)), 16).unwrap();
     let samples = material.samples(&model, 50, 7).unwrap();
@@ -109,7 +109,7 @@ fn samples_follow_the_density_and_the_seed() {
 }
 
 #[test]
-fn colours_are_taken_as_asked_for() {
+fn colours_follow_the_colouring_rule() {
     let colour = Vec3::new(1.0, 0.6, 0.3);
     let (mut model, observations) = (model(4), observations(&photograph(4, colour)));
     let table = BivariateTable::from_fn(|_, _| 0.2);
@@ -118,7 +118,7 @@ fn colours_are_taken_as_asked_for() {
     let Colouring::Median(chroma) = &median else { panic!("{median:?}") };
     assert!(chroma.distance(Chroma::of(colour.as_dvec3())) < 0.02);
     assert_eq!(median.light(), Vec3::ONE);
-    // The model has no model of colours.
+    // The model has no colour model.
     assert_eq!(Colouring::of(&model, &observations, &table, &ColouringRule::default()), median);
     model.learnt.as_mut().unwrap().colours = Some(plain());
     // In a light known to have that colour, the body is less coloured than in an unknown one.
@@ -134,7 +134,7 @@ fn colours_are_taken_as_asked_for() {
 }
 
 #[test]
-fn quantiles_of_channels_hold_the_estimate() {
+fn channel_quantiles_contain_the_estimate() {
     let (mut model, observations) = (model(4), observations(&photograph(4, Vec3::new(1.0, 0.6, 0.3))));
     model.learnt.as_mut().unwrap().colours = Some(plain());
     let found = estimate(&model, &observations, &settings(), &|_| ()).unwrap();
@@ -146,16 +146,16 @@ fn quantiles_of_channels_hold_the_estimate() {
         assert!(held as f64 > 0.99 * trusted_cells().count() as f64, "{held}");
         assert!(trusted_cells().all(|c| quantiles.windows(2).all(|pair| pair[0][c] <= pair[1][c])));
     }
-    // Without colours they are those of the luminance.
+    // Without colours, the quantiles are those of the luminance.
     let grey = Colouring::Grey.quantiles(&found.material);
     assert!(grey.iter().all(|channel| *channel == found.material.quantiles));
     assert_eq!(Colouring::Grey.field(), ChromaField::GREY);
 }
 
-/// Under a coloured light a coloured material is found channel by channel, and its luminance is not
-/// that of a grey one.
+/// Recovers each channel of a coloured material under a coloured light; a grey estimate has a
+/// larger misfit.
 #[test]
-fn a_known_light_gives_each_channel() {
+fn known_light_recovers_each_channel() {
     let mut model = model(2);
     model.learnt.as_mut().unwrap().colours = Some(plain());
     let luminance = WORLD.table(&WORLD.entries[2]);
@@ -203,13 +203,13 @@ fn a_known_light_gives_each_channel() {
     let truth = ChromaField::of_tables(&channels).body(&BivariateTable::luminance(&channels));
     let body = found.colouring.field().body(&found.material.table);
     assert!(body.distance(truth) < 0.25, "{body:?} {truth:?}");
-    // In grey, the same light explains the photograph less well.
+    // A grey estimate has a larger misfit under the same light.
     let grey = estimate_under(&model, &observations, given, &ColouringRule::Grey, &|_| ()).unwrap();
     assert!(found.misfit < 0.5 * grey.misfit, "{} {}", found.misfit, grey.misfit);
 }
 
 #[test]
-fn what_cannot_be_answered_is_said() {
+fn rejects_unsupported_grids_and_models_without_a_posterior() {
     let (whole, observations) = (model(0), observations(&photograph(0, Vec3::ONE)));
     for side in [0, 3, 2, 32] {
         let wrong = EstimateSettings { side, ..settings() };
@@ -221,7 +221,7 @@ fn what_cannot_be_answered_is_said() {
 }
 
 #[test]
-fn a_known_light_gives_the_material_and_its_scale() {
+fn known_light_recovers_material_and_scale() {
     let (model, observations) = (model(2), observations(&photograph(2, Vec3::ONE)));
     let under = |light: &EnvironmentMap| {
         let given = (light, Alignment::default());
@@ -237,13 +237,13 @@ fn a_known_light_gives_the_material_and_its_scale() {
     let samples = found.material.samples(&model, 5, 0).unwrap();
     assert!(samples.iter().all(|sample| (sample.normal_albedo() - ALBEDO).abs() < 1e-4));
 
-    // The light of another place does not explain the photograph, and that is said.
+    // The light of another place leaves a large misfit, which is reported.
     let other = under(&light_map(101));
-    let said = other.doubts().into_iter().find(|d| matches!(d, Doubt::Misfit { reason: Reason::Light, .. }));
-    assert!(said.is_some(), "{} {}", other.misfit, other.expected_misfit());
+    let reported = other.doubts().into_iter().find(|d| matches!(d, Doubt::Misfit { reason: Reason::Light, .. }));
+    assert!(reported.is_some(), "{} {}", other.misfit, other.expected_misfit());
 }
 
-/// What a photograph of a material under its own light says of it.
+/// Likelihood of a photograph of a material under its known light.
 fn seen(model: &Model, material: usize, light: u64) -> Likelihood {
     let table = WORLD.table(&WORLD.entries[material]);
     let settings = SphereSettings {
@@ -259,7 +259,7 @@ fn seen(model: &Model, material: usize, light: u64) -> Likelihood {
 }
 
 #[test]
-fn photographs_of_one_material_say_more_together() {
+fn combining_photographs_narrows_the_intervals() {
     let model = model(2);
     let all = [100, 101, 102].map(|light| seen(&model, 2, light));
     let learnt = model.learnt.as_ref().unwrap();
@@ -280,7 +280,7 @@ fn photographs_of_one_material_say_more_together() {
 }
 
 #[test]
-fn photographs_of_two_materials_contradict_each_other() {
+fn rejects_photographs_of_different_materials() {
     let model = model(2);
     let all = [seen(&model, 2, 100), seen(&model, 0, 101), seen(&model, 2, 102)];
     let error = combine(&model, &all).unwrap_err();
@@ -289,7 +289,7 @@ fn photographs_of_two_materials_contradict_each_other() {
 }
 
 #[test]
-fn what_has_no_product_is_said() {
+fn rejects_likelihoods_without_a_product() {
     let model = model(2);
     let (lit, blind) = (seen(&model, 2, 100), Likelihood::Embedding(Embedding::of(vec![0.0; 7])));
     let refused = |all: &[Likelihood]| match combine(&model, all).unwrap_err() {
@@ -302,7 +302,7 @@ fn what_has_no_product_is_said() {
 }
 
 #[test]
-fn doubts_say_what_and_how_much() {
+fn diagnostics_contain_their_percentages() {
     let text =
         [Doubt::Filled(0.4), Doubt::Strange(0.12), Doubt::Open(0.6), Doubt::Scatter(0.23)].map(|d| d.to_string());
     assert!(text[0].contains("40 %") && text[1].contains("12 %") && text[2].contains("60 %"), "{text:?}");
@@ -310,10 +310,10 @@ fn doubts_say_what_and_how_much() {
 }
 
 #[test]
-fn a_ball_of_two_materials_is_doubted() {
+fn warns_about_a_ball_of_two_materials() {
     let model = model(4);
     let picture = photograph(4, Vec3::ONE);
-    // Squares, every second one five times as dark.
+    // A checkerboard; every second square is darker by a factor of five.
     let mut painted = picture.clone();
     let (width, height) = painted.rgb.size();
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
@@ -325,7 +325,7 @@ fn a_ball_of_two_materials_is_doubted() {
     let misfit = |found: &Estimate| found.doubts().into_iter().find(|d| matches!(d, Doubt::Misfit { .. }));
     let (one, two) = (found(&picture), found(&painted));
     assert_eq!(misfit(&one), None, "{}", one.light.misfit);
-    let said = misfit(&two).unwrap_or_else(|| panic!("{} {}", two.light.misfit, expected_misfit(&two.material)));
-    assert!(matches!(said, Doubt::Misfit { reason: Reason::Regions, .. }), "{said}");
-    assert!(said.to_string().contains("several materials"), "{said}");
+    let reported = misfit(&two).unwrap_or_else(|| panic!("{} {}", two.light.misfit, expected_misfit(&two.material)));
+    assert!(matches!(reported, Doubt::Misfit { reason: Reason::Regions, .. }), "{reported}");
+    assert!(reported.to_string().contains("several materials"), "{reported}");
 }

@@ -1,14 +1,14 @@
 //! Colours of the estimated light in each direction, and the residual of the channels.
 //!
-//! Given the channels `F_c` of a BRDF and the luminance `L` of the light, its channels are `L_c(w)
-//! = w_c L(w) (1 + t_c(w))`, where `w_c` is the colour of the light as a whole. The tints `t` of
-//! red and blue are, along two axes, Gaussian fields that follow captured light; the tint of green
-//! keeps the luminance. An image is linear in them, so that their posterior is Gaussian: its mean
-//! is [`Tint::grid`].
+//! Given the channels `F_c` of a BRDF and the luminance `L` of the light, the channels of the light
+//! are `L_c(w) = w_c L(w) (1 + t_c(w))`, where `w_c` is its overall colour. The tints `t` of red
+//! and blue are Gaussian fields along two axes, with the statistics of captured light; the tint of
+//! green preserves the luminance. An image is linear in the tints, so their posterior is Gaussian.
+//! [`Tint::grid`] is the light of the posterior mean.
 //!
 //! Captured light varies from blue to orange, and little from green to magenta. If photograph and
-//! BRDF differ from green to magenta, the colours of the BRDF are therefore wrong, or the light is
-//! unusual, as over grass: see [`Tint::apart`].
+//! BRDF differ along the green-magenta axis ([`Tint::apart`]), either the colours of the BRDF are
+//! wrong, or the light is unusual, for example over grass.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
@@ -26,48 +26,48 @@ use crate::scene::Observations;
 use crate::sphere::{Haar, OctahedralMap};
 use crate::transfer::{PlanSettings, observed_rows};
 
-/// Axes of the tints of red and blue, from blue to orange and from green to magenta, and the
-/// standard deviation along each, over the directions of a light (`gonio-eval tints`).
+/// Blue-orange and green-magenta axis of the tints of red and blue, with the standard deviation
+/// along each over the directions of a light (`gonio-eval tints`).
 const AXES: [([f64; 2], f64); 2] = [([-0.465, 0.885], 0.46), ([0.885, 0.465], 0.12)];
 
-/// Angle (radians) over which the correlation of the tints falls to 1/e, and the share of their
-/// variance that is correlated at all (`gonio-eval tints`).
+/// Angle (radians) over which the correlation of the tints falls to 1/e, and the correlated share
+/// of their variance (`gonio-eval tints`).
 const CORRELATED: (f64, f64) = (50.0 / 180.0 * std::f64::consts::PI, 0.75);
 
-/// Squares along a side of the map that have a tint each. Colours need fewer than luminances do.
+/// Squares along a side of the grid of tints. Colours need fewer squares than luminance.
 const SIDE: usize = 16;
 
-/// Approximate number of observations that the tints are found from.
+/// Approximate number of observations for the estimation of the tints.
 const ROWS: usize = 500;
 
-/// Least error of the model, relative.
+/// Smallest relative error of the model.
 const LEAST_ERROR: f64 = 0.03;
 
-/// Share of the mean brightness that is added to that of a point: the error of dark points does not
-/// fall in proportion to their brightness.
+/// Share of the mean brightness that the error model adds to the brightness of a point, since the
+/// error of dark points is not proportional to their brightness.
 const FLOOR: f64 = 0.2;
 
-/// Difference from green to magenta above which the colours of the BRDF are in doubt: there the
-/// error of the colours was 0.48 and more (median), against 0.17 where the difference is below 0.1
+/// Green-magenta difference above which the colours of the BRDF are reported as unreliable. The
+/// median error of the colours was at least 0.48 above it, and 0.17 below a difference of 0.1
 /// (docs/trials.md).
 const TOO_FAR: f64 = 0.2;
 
-/// Colours of a light, and of what it leaves of a photograph.
+/// Colours of a light, and their residual.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tint {
-    /// The light in linear RGB, of the luminance of [`Light::grid`].
+    /// The light in linear RGB, with the luminance of [`Light::grid`].
     pub grid: LightGrid,
-    /// Difference, over the photograph, of its chroma from that of the BRDF in a light of one
-    /// colour, root mean square without the noise of single pixels, in natural logarithms: from
-    /// blue to orange, and from green to magenta.
+    /// Root mean square difference between the chroma of the photograph and that of the BRDF in a
+    /// light of uniform colour, along the blue-orange and the green-magenta axis, in natural
+    /// logarithms. It excludes the noise of single pixels.
     pub apart: [f64; 2],
-    /// Root mean square of what BRDF and coloured light leave of the channels, relative to the
+    /// Root mean square residual of the channels, given BRDF and coloured light, relative to the
     /// photograph.
     pub misfit: f64,
 }
 
 impl Tint {
-    /// Colours the light of a photograph. `None` if the photograph or the BRDF is to be grey.
+    /// Estimates the colours of the light; `None` if the photograph or the requested BRDF is grey.
     ///
     /// # Errors
     /// If the prior does not cover the grid of the light.
@@ -82,24 +82,25 @@ impl Tint {
         Ok(rows.and_then(|rows| rows.under(colouring, light)))
     }
 
-    /// Doubt about the colours of the BRDF, if there is one.
+    /// Returns a diagnostic if the colours of the BRDF are unreliable.
     pub(super) fn doubt(&self) -> Option<Doubt> {
         (self.apart[1] > TOO_FAR).then_some(Doubt::Colours(self.apart[1]))
     }
 }
 
-/// Images of the channels of a BRDF at some observations, linear in the luminance of the light.
+/// Linear maps from the luminance of the light to the channels of observations, given a BRDF.
 pub(super) struct Rows {
     observations: Observations,
-    /// Coefficients of the light, `side^2` of each channel of the BRDF for each observation with a
-    /// value.
+    /// Weights of the light coefficients: `side^2` per channel of the BRDF, for each observation
+    /// with a value.
     coefficients: Vec<f32>,
     side: usize,
 }
 
 impl Rows {
-    /// Integrates over a light of `side` texels per side. `None` if the photograph or the BRDF is
-    /// to be grey.
+    /// Integrates the BRDF over a light of `side` texels per side.
+    ///
+    /// Returns `None` if the photograph or the requested BRDF is grey.
     pub(super) fn of(
         prior: &LightPrior,
         observations: &Observations,
@@ -118,7 +119,7 @@ impl Rows {
         Ok(Some(Self { observations, coefficients, side }))
     }
 
-    /// Colours a light; `None` if the photograph is black.
+    /// Estimates the colours of a light; `None` if the photograph is black.
     pub(super) fn under(&self, colouring: &Colouring, light: &Light) -> Option<Tint> {
         Images::of(self, colouring, light).map(|images| images.tint(light))
     }
@@ -126,30 +127,31 @@ impl Rows {
 
 /// Contribution of each square of the light to each observation.
 struct Images {
-    /// Chosen observations, linear RGB.
+    /// Observed colours, linear RGB.
     colours: Vec<DVec3>,
     /// Their weights, in 0..=1.
     weights: Vec<f64>,
-    /// Their normals in the frame of their view.
+    /// Normals in the frame of the view direction.
     normals: Vec<DVec3>,
     /// Squares along a side.
     side: usize,
-    /// For each channel the image of every square (squares x observations) in the luminance of the
-    /// light, times `w_c`.
+    /// For each channel, the image of every square (squares x observations) under the luminance of
+    /// the light, times `w_c`.
     parts: [Mat<f64>; 3],
-    /// Colour of the light as a whole, of luminance one.
+    /// Overall colour of the light, with luminance one.
     white: [f64; 3],
 }
 
 impl Images {
-    /// `None` if no observation is bright.
+    /// Returns `None` if all observations are black.
     fn of(rows: &Rows, colouring: &Colouring, light: &Light) -> Option<Self> {
         let observations = &rows.observations;
         let texels: Vec<f64> = light.grid.texels().iter().map(|t| f64::from(luminance(*t).max(0.0))).collect();
         let fine = rows.side;
         let side = fine.min(SIDE);
         let seen: Vec<usize> = (0..observations.values.len()).filter(|&i| observations.values[i].is_some()).collect();
-        // A row holds coefficients of the light; those of its texels are the inverse transform.
+        // A row holds weights of light coefficients; the inverse transform converts them to weights
+        // of texels.
         let haar = Haar::new(fine).expect("the side of a light is a power of two");
         let scale = LightGrid::texel_measure(fine).sqrt();
         let count = side * side;
@@ -182,7 +184,7 @@ impl Images {
         })
     }
 
-    /// Image of a light of one colour.
+    /// Returns the image under a light of uniform colour.
     fn plain(&self) -> Vec<DVec3> {
         let sum = |c: usize, i: usize| self.parts[c].col_as_slice(i).iter().sum::<f64>();
         (0..self.colours.len()).map(|i| DVec3::from_array([0, 1, 2].map(|c| sum(c, i)))).collect()
@@ -194,7 +196,7 @@ impl Images {
         let (fine, white) = (light.grid.side(), Vec3::from_array(self.white.map(|x| x as f32)));
         let texel = |(t, radiance): (usize, &Vec3)| {
             let factor = tints[square_of(fine, self.side, t)];
-            // Luminance stays where a channel is cut off.
+            // Preserves the luminance where a channel is clamped at zero.
             let colour = (white * (Vec3::ONE + factor.as_vec3())).max(Vec3::ZERO);
             luminance(*radiance) * colour / luminance(colour).max(1e-6)
         };
@@ -206,8 +208,10 @@ impl Images {
         }
     }
 
-    /// Differences of the chromas of photograph and image along the [`AXES`]: roots of the mean
-    /// products of neighbours, in which the noise of single pixels cancels.
+    /// Returns the differences between the chromas of photograph and image along the [`AXES`].
+    ///
+    /// Each is the root of the mean product of neighbouring observations, in which the noise of
+    /// single pixels cancels.
     fn apart(&self, plain: &[DVec3]) -> [f64; 2] {
         let difference = |(seen, made): (&DVec3, &DVec3)| {
             let (seen, made) = (Chroma::of(*seen).0, Chroma::of(*made).0);
@@ -228,7 +232,7 @@ impl Images {
         })
     }
 
-    /// Root mean square of what the tints leave of the photograph, relative.
+    /// Returns the relative root mean square residual, given the tints.
     fn misfit(&self, tints: &[DVec3]) -> f64 {
         let (mut left, mut all) = (0.0, 0.0);
         for (i, (seen, weight)) in self.colours.iter().zip(&self.weights).enumerate() {
@@ -241,19 +245,20 @@ impl Images {
         (left / all.max(f64::MIN_POSITIVE)).sqrt()
     }
 
-    /// Tints of red, green and blue that a unit along each axis is.
+    /// Returns the tints of red, green and blue of one standard deviation along each axis.
     fn directions(&self) -> [DVec3; 2] {
         let share = [0, 1, 2].map(|c| f64::from(luminance(Vec3::AXES[c])) * self.white[c]);
         AXES.map(|([red, blue], sd)| sd * DVec3::new(red, -(share[0] * red + share[2] * blue) / share[1], blue))
     }
 
-    /// Posterior mean of the tints of red, green and blue of every square. `error` is the relative
-    /// standard deviation of the model's error.
+    /// Returns the posterior mean of the tints of red, green and blue of every square.
+    ///
+    /// `error` is the relative standard deviation of the model error.
     fn posterior(&self, plain: &[DVec3], error: f64, map: OctahedralMap) -> Vec<DVec3> {
         let (count, rows) = (self.side * self.side, self.colours.len());
         let directions = self.directions();
         let mean = plain.iter().sum::<DVec3>() / rows as f64;
-        // Every channel of every observation, scaled to an error of one.
+        // Factor that scales a channel of an observation to unit error.
         let precision = |c: usize, i: usize, plain: &DVec3| {
             self.weights[i].sqrt() * (1.0 + FLOOR) / (error * (plain[c] + FLOOR * mean[c])).max(1e-12 * mean[c])
         };
@@ -279,7 +284,7 @@ impl Images {
         (0..count).map(|k| solved[k] * directions[0] + solved[count + k] * directions[1]).collect()
     }
 
-    /// Inverse of the correlations of the squares, for both axes.
+    /// Returns the inverse correlation matrix of the squares, block-diagonal in the axes.
     fn inverse_prior(&self, map: OctahedralMap) -> Mat<f64> {
         let count = self.side * self.side;
         let centres: Vec<DVec3> = (0..count)
@@ -305,7 +310,7 @@ impl Images {
     }
 }
 
-/// Square, of `side` a side, that texel `t` of `fine` a side lies in.
+/// Returns the square (`side` per side) that contains texel `t` (`fine` per side).
 fn square_of(fine: usize, side: usize, t: usize) -> usize {
     let wide = fine / side;
     (t / fine / wide) * side + t % fine / wide

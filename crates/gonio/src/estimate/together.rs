@@ -14,19 +14,19 @@ use crate::model::Model;
 use crate::picture::luminance;
 use crate::scene::Observations;
 
-/// Estimate of a region beside others.
+/// Estimate of one of several regions.
 #[derive(Clone, Debug)]
 pub struct Beside {
-    /// Its material, light and colours, as if it were alone.
+    /// Material, light and colours, estimated from this region alone.
     pub estimate: Estimate,
-    /// Its albedo relative to that of the brightest region, in 0..=1.
+    /// Albedo relative to that of the brightest region, in 0..=1.
     pub relative_albedo: f64,
 }
 
 /// Estimates the materials of regions under one light.
 ///
 /// # Errors
-/// As [`estimate`](super::estimate), with the index of the faulty region.
+/// Those of [`estimate`](super::estimate), with the index of the region.
 ///
 /// # Panics
 /// If nothing is observed of a region.
@@ -40,16 +40,17 @@ pub fn estimate_together(
         super::estimate(model, region, settings, progress).map_err(|error| (at, error))
     };
     let all: Vec<Estimate> = regions.iter().enumerate().map(alone).collect::<Result<_, _>>()?;
-    // Each light goes with an albedo of one half. In the common light a region of a brighter one
-    // has a larger albedo.
+    // Each light was estimated for an albedo of one half. Under the common light, a region with a
+    // brighter light therefore has a larger albedo.
     let brightness: Vec<f64> = all.par_iter().map(|one| irradiance(&one.light.grid)).collect();
     let brightest = brightness.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let beside = |(estimate, own)| Beside { estimate, relative_albedo: own / brightest };
     Ok(all.into_iter().zip(brightness).map(beside).collect())
 }
 
-/// Irradiance (luminance) of a surface that faces the camera, where albedos along the normal are
-/// seen.
+/// Returns the irradiance (luminance) of a surface that faces the camera.
+///
+/// There, the camera observes the albedo along the normal.
 pub fn irradiance(grid: &LightGrid) -> f64 {
     let (map, side) = (grid.map(), grid.side());
     let texel = |t: usize| {

@@ -10,20 +10,21 @@ use crate::shading::fresnel_dielectric;
 /// Refractive index of the polished black glass that reads 100.
 const GLASS: f64 = 1.567;
 
-/// Angles that the image of the source spans in the plane of incidence and across it, degrees.
+/// Angular size (degrees) of the image of the source in the plane of incidence and across it.
 const SOURCE: (f64, f64) = (0.75, 2.5);
 
-/// Steps over the receptor in the plane of incidence, and over half of it across. They are densest
-/// around the mirror direction, where highlights are narrow.
+/// Number of steps over the receptor in the plane of incidence, and over half of it across. The
+/// steps are densest around the mirror direction, where highlights are narrow.
 const STEPS: (usize, usize) = (240, 120);
 
-/// A glossmeter after ASTM D523 (ISO 2813): the light that a collimated beam at an angle to the
-/// normal sends into a receptor around the mirror direction, relative to polished black glass of
-/// refractive index 1.567, times 100.
+/// Glossmeter according to ASTM D523 (ISO 2813).
 ///
-/// The light comes from an image of the source of 0.75 by 2.5 degrees (in the plane of incidence by
-/// across it). Each of its points is compared with the receptor as seen from its own mirror
-/// direction, at the nominal angle of incidence.
+/// It reads the light that a collimated beam at an angle to the normal sends into a receptor around
+/// the mirror direction, relative to polished black glass of refractive index 1.567, times 100.
+///
+/// The image of the source spans 0.75 by 2.5 degrees (in the plane of incidence by across it). The
+/// receptor is offset relative to the mirror direction of each source point; the angle of incidence
+/// is the nominal one for all of them.
 #[derive(Clone, Debug)]
 pub struct Glossmeter {
     /// The reading is the sum over cells of weight times value.
@@ -31,17 +32,19 @@ pub struct Glossmeter {
 }
 
 impl Glossmeter {
-    /// A glossmeter at 20 degrees, for glossy surfaces: a receptor of 1.8 by 3.6 degrees.
+    /// Returns a glossmeter at 20 degrees, for glossy surfaces; its receptor spans 1.8 by 3.6
+    /// degrees.
     pub fn at_20() -> Self {
         Self::new(20.0, (1.8, 3.6))
     }
 
-    /// A glossmeter at 60 degrees, for all surfaces: a receptor of 4.4 by 11.7 degrees.
+    /// Returns a glossmeter at 60 degrees, for all surfaces; its receptor spans 4.4 by 11.7
+    /// degrees.
     pub fn at_60() -> Self {
         Self::new(60.0, (4.4, 11.7))
     }
 
-    /// `receptor`: what it spans in the plane of incidence and across it, degrees.
+    /// `receptor` is its angular size (degrees) in the plane of incidence and across it.
     fn new(degrees: f64, receptor: (f64, f64)) -> Self {
         let incidence = f64::to_radians(degrees);
         let light = DVec3::new(-incidence.sin(), 0.0, incidence.cos());
@@ -49,7 +52,7 @@ impl Glossmeter {
         let (along, across) = (Window::new(SOURCE.0, receptor.0), Window::new(SOURCE.1, receptor.1));
         let mut weights = BTreeMap::new();
         for (u, du) in along.nodes(STEPS.0) {
-            // The half across that is not visited is its mirror image, hence the factor of two.
+            // The other half across the plane of incidence is symmetric, hence the factor of two.
             for (v, dv) in across.nodes(2 * STEPS.1).filter(|node| node.0 > 0.0) {
                 let (sin, cos) = (incidence + u).sin_cos();
                 let view = DVec3::new(sin * v.cos(), v.sin(), cos * v.cos());
@@ -65,8 +68,7 @@ impl Glossmeter {
         Self { weights: weights.into_iter().collect() }
     }
 
-    /// Reads the gloss units of a table. They are in proportion to its scale: a table that was
-    /// scaled to another albedo has its gloss units scaled with it.
+    /// Returns the gloss units of a table, which are proportional to its scale (its albedo).
     pub fn read(&self, table: &BivariateTable) -> f64 {
         self.weights.iter().map(|(cell, weight)| weight * f64::from(table.as_slice()[*cell])).sum()
     }
@@ -74,9 +76,9 @@ impl Glossmeter {
 
 /// Offsets from the mirror direction along one axis, radians.
 struct Window {
-    /// Half of what the source spans.
+    /// Half of the angular size of the source.
     source: f64,
-    /// Half of what the receptor spans.
+    /// Half of the angular size of the receptor.
     receptor: f64,
 }
 
@@ -85,8 +87,8 @@ impl Window {
         Self { source: 0.5 * source.to_radians(), receptor: 0.5 * receptor.to_radians() }
     }
 
-    /// Share of the source whose light, turned by `offset` from its mirror direction, meets the
-    /// receptor.
+    /// Returns the share of source points whose light, at `offset` from its mirror direction,
+    /// enters the receptor.
     fn share(&self, offset: f64) -> f64 {
         let (low, high) = (-self.receptor - offset, self.receptor - offset);
         ((high.min(self.source) - low.max(-self.source)) / (2.0 * self.source)).clamp(0.0, 1.0)
@@ -109,7 +111,7 @@ mod tests {
     use crate::reflectance::parametric::{Ggx, Lambert, Parametric};
     use std::f64::consts::PI;
 
-    /// Black glass that is polished up to facets of a Gaussian slope of width `m`.
+    /// Black glass whose facets have a Gaussian slope distribution of width `m`.
     fn glass(m: f64) -> BivariateTable {
         BivariateTable::from_fn(|h, d| {
             let normals = (-(h.tan() / m).powi(2)).exp() / (PI * m * m * h.cos().powi(4));
@@ -119,8 +121,8 @@ mod tests {
 
     #[test]
     fn black_glass_reads_a_hundred() {
-        // All light falls within the receptor. The table is linear between its samples, which adds
-        // to narrow lobes: by 12 % to one of 0.09 degrees, by 5 % to one of twice that width.
+        // All light falls within the receptor. Linear interpolation between the samples of the
+        // table enlarges narrow lobes: one of 0.09 degrees by 12 %, one of twice that width by 5 %.
         for (m, most) in [(0.0015, 0.12), (0.003, 0.06)] {
             let table = glass(m);
             for (meter, degrees) in [(Glossmeter::at_20(), 20.0_f64), (Glossmeter::at_60(), 60.0)] {
@@ -141,15 +143,15 @@ mod tests {
     }
 
     #[test]
-    fn the_reflectances_of_the_glass_are_those_of_the_standard() {
+    fn glass_reflectance_matches_the_standard() {
         for (degrees, want) in [(20.0_f64, 0.0491), (60.0, 0.1001)] {
             assert!((fresnel_dielectric(degrees.to_radians().cos(), GLASS) - want).abs() < 1e-4);
         }
     }
 
     #[test]
-    fn chalk_sends_the_receptor_its_share() {
-        // The receptor of 60 degrees sees 4.4 x 11.7 degrees, at a cosine of about one half.
+    fn lambertian_reading_matches_the_solid_angle_of_the_receptor() {
+        // At 60 degrees, the receptor spans 4.4 x 11.7 degrees, at a cosine of about one half.
         let want = |degrees: f64, (along, across): (f64, f64), fresnel: f64| {
             100.0 * 0.5 / PI * along.to_radians() * across.to_radians() * degrees.to_radians().cos() / fresnel
         };
@@ -163,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lobe_reads_what_brute_force_finds() {
+    fn reading_of_a_lobe_matches_quadrature() {
         let lobe = Ggx { diffuse: 0.05, f0: 0.05, alpha: 0.04 };
         let table = lobe.to_bivariate();
         let directions = |incidence: f64, (u, v): (f64, f64)| {
@@ -173,7 +175,7 @@ mod tests {
             [(Glossmeter::at_20(), 20.0_f64, (1.8, 3.6)), (Glossmeter::at_60(), 60.0, (4.4, 11.7))]
         {
             let incidence = degrees.to_radians();
-            // Midpoints over a rectangle, each of the same share of it.
+            // Midpoints of a uniform grid over a rectangle.
             let grid = |(along, across): (f64, f64), n: usize| -> Vec<(f64, f64)> {
                 let at = |k: usize, span: f64| ((k as f64 + 0.5) / n as f64 - 0.5) * span.to_radians();
                 (0..n * n).map(|k| (at(k % n, along), at(k / n, across))).collect()
@@ -196,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn readings_are_in_proportion_to_the_table() {
+    fn readings_are_proportional_to_the_table() {
         let (meter, table) = (Glossmeter::at_60(), Ggx { diffuse: 0.1, f0: 0.04, alpha: 0.2 }.to_bivariate());
         assert!((meter.read(&table.scaled(3.0)) / meter.read(&table) - 3.0).abs() < 1e-5);
     }

@@ -1,40 +1,40 @@
-//! Width of the GGX lobe of equal sharpness as the highlight of a table.
+//! Width of the GGX lobe that is as sharp as the highlight of a table.
 
 use crate::reflectance::BivariateTable;
 use crate::reflectance::parametric::{Ggx, Parametric, directions};
 use crate::reflectance::theta_h_of;
 
-/// Samples of `theta_d` (degrees) over which highlights are averaged: below 20 degrees Fresnel's
-/// reflectance is constant, so that it does not change the shape of the lobe.
+/// Samples of `theta_d` (degrees) over which highlights are averaged. Below 20 degrees, the Fresnel
+/// reflectance is constant and does not change the shape of the lobe.
 const DIFFERENCES: [usize; 5] = [0, 5, 10, 15, 20];
 
-/// Half angles (degrees) between which the floor below the highlight is taken. With the difference
-/// angles above, light and view stay above the horizon at all azimuths.
+/// Range of half angles (degrees) of the floor below the highlight. With the difference angles
+/// above, light and view stay above the horizon at all azimuths.
 const FLOOR: (f64, f64) = (45.0, 60.0);
 
-/// Share by which the peak must exceed the floor for there to be a highlight.
+/// Relative excess of the peak over the floor that a highlight requires.
 const CONTRAST: f64 = 0.02;
 
-/// Narrowest lobe that is told apart: half of it lies within two samples of a table.
+/// Width of the narrowest lobe that a table resolves: half of it lies within two samples.
 const NARROWEST: f64 = 0.001;
 
-/// Number of widths between the narrowest and one, in equal steps of the logarithm.
+/// Number of equal logarithmic steps from the narrowest width to one.
 const STEPS: usize = 72;
 
-/// Azimuths over which a lobe is averaged, which is smooth in them.
+/// Number of azimuths over which a lobe is averaged. A lobe is smooth in azimuth.
 const AZIMUTHS: usize = 12;
 
-/// Half widths of the highlights of GGX lobes, by which the lobe of a table is compared to them.
+/// Table of the half widths of GGX lobes, which maps the highlight of a table to `alpha`.
 ///
-/// The profile of a highlight is the mean of the table over difference angles up to 20 degrees, its
-/// floor the mean of the profile at half angles from 45 to 60 degrees, and its half width the half
-/// angle within which half of the integral of its square above the floor lies. A Lambertian part
-/// changes profile and floor alike and a factor both halves, so the half width of a table made of a
-/// GGX lobe and a Lambertian part depends on `alpha` alone.
+/// The profile of a highlight is the mean of the table over difference angles up to 20 degrees. Its
+/// floor is the mean of the profile at half angles from 45 to 60 degrees. Its half width is the
+/// half angle that contains half of the integral of its square above the floor. A Lambertian part
+/// raises profile and floor equally, and a factor scales both halves equally, so the half width of
+/// a GGX lobe with a Lambertian part depends on `alpha` alone.
 ///
-/// The square decides what the highlight is where there are several parts: a sharp coat counts for
-/// more than the slope of a bright body below it, which has more energy, and a satin lobe for more
-/// than a spike of next to no energy on top of it, which has a higher peak.
+/// If there are several parts, the square determines which one is the highlight: a sharp coat
+/// outweighs the slope of a bright body below it, which has more energy, and a satin lobe outweighs
+/// a spike of negligible energy on top of it, which has a higher peak.
 #[derive(Clone, Debug)]
 pub struct GgxWidths {
     /// Logarithms of half width and `alpha`, ascending.
@@ -48,24 +48,26 @@ impl Default for GgxWidths {
 }
 
 impl GgxWidths {
-    /// Measures lobes of all widths.
+    /// Computes the half widths of lobes of all widths.
     pub fn new() -> Self {
         let entry = |step: usize| {
             let log = NARROWEST.ln() * (1.0 - step as f64 / STEPS as f64);
             Some((half_width(&lobe(log.exp()))?.ln(), log))
         };
-        // The widest lobes have no peak along the normal, since masking makes them brighter aside,
-        // and those before them are no wider above their floor than narrower ones.
+        // The widest lobes have no peak along the normal, since masking makes them brighter off the
+        // normal. Slightly narrower lobes have a high floor, above which they are no wider than
+        // other lobes; they are removed.
         let mut entries: Vec<(f64, f64)> = (0..=STEPS).map_while(entry).collect();
         entries.dedup_by(|next, last| next.0 <= last.0);
         Self { entries }
     }
 
-    /// Returns the width `alpha` of the GGX lobe whose highlight has the half width of the table's;
-    /// `None` if the table has no highlight along the normal, as that of a Lambertian surface or of
-    /// a cloth that is brightest at its rim. Narrower lobes than 0.001, which a table does not
-    /// resolve, count as 0.001, and those above 0.56, whose floor rises with their width so that
-    /// they look alike, as 0.5 to 0.56.
+    /// Returns the width `alpha` of the GGX lobe with the half width of the table's highlight.
+    ///
+    /// Returns `None` if the table has no highlight along the normal, for example for a Lambertian
+    /// surface or a cloth that is brightest at its rim. Lobes narrower than 0.001, which a table
+    /// does not resolve, yield 0.001. Lobes above 0.56 yield 0.5 to 0.56: their floor rises with
+    /// their width, so they are indistinguishable.
     pub fn alpha_of(&self, table: &BivariateTable) -> Option<f64> {
         let log = half_width(&profile(|i, j| f64::from(table.cell(i, j))))?.ln();
         let entries = &self.entries;
@@ -81,7 +83,7 @@ impl GgxWidths {
     }
 }
 
-/// Profile over the half angle of a mirror of this `alpha`.
+/// Returns the profile over the half angle of a mirror with width `alpha`.
 fn lobe(alpha: f64) -> Vec<f64> {
     let mirror = Ggx { diffuse: 0.0, f0: 1.0, alpha };
     profile(|i, j| {
@@ -94,8 +96,7 @@ fn lobe(alpha: f64) -> Vec<f64> {
     })
 }
 
-/// Mean over the difference angles of a cell's value, for each half angle up to the end of the
-/// floor.
+/// Returns the mean over the difference angles, for each half angle up to the end of the floor.
 fn profile(cell: impl Fn(usize, usize) -> f64) -> Vec<f64> {
     (0..)
         .take_while(|&i| theta_h_of(i).to_degrees() <= FLOOR.1)
@@ -103,15 +104,15 @@ fn profile(cell: impl Fn(usize, usize) -> f64) -> Vec<f64> {
         .collect()
 }
 
-/// Half angle within which half of the square of a highlight lies; `None` without a highlight.
+/// Returns the half angle that contains half of the squared highlight; `None` without a highlight.
 fn half_width(profile: &[f64]) -> Option<f64> {
     let first = (0..profile.len()).find(|&i| theta_h_of(i).to_degrees() >= FLOOR.0)?;
     let floor = profile[first..].iter().sum::<f64>() / (profile.len() - first) as f64;
-    // Not a number counts as no highlight.
+    // The negated condition also rejects NaN.
     if !(profile[0] > (1.0 + CONTRAST) * floor && profile[0].is_finite()) {
         return None;
     }
-    // Over the square of the sine, in which solid angles projected on the surface are even.
+    // The variable of integration is the squared sine, in which projected solid angle is uniform.
     let place = |i: usize| theta_h_of(i).sin().powi(2);
     let square = |i: usize| (profile[i] - floor).max(0.0).powi(2);
     let within: Vec<f64> = (1..=first)
@@ -133,7 +134,7 @@ mod tests {
     use crate::reflectance::parametric::{Lambert, Sheen};
 
     #[test]
-    fn formulas_of_known_width_give_it_back() {
+    fn recovers_the_alpha_of_ggx_lobes() {
         let widths = GgxWidths::new();
         for alpha in [0.002, 0.005, 0.013, 0.05, 0.11, 0.3, 0.55] {
             for (diffuse, f0) in [(0.0, 0.9), (0.1, 0.04), (0.6, 0.04)] {
@@ -150,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn the_widest_lobes_are_wide() {
+    fn widest_lobes_yield_a_large_alpha() {
         for alpha in [0.6, 0.7] {
             let got = GgxWidths::new().alpha_of(&Ggx { diffuse: 0.0, f0: 0.9, alpha }.to_bivariate()).unwrap();
             assert!((0.5..=0.7).contains(&got), "{alpha}: {got}");
@@ -161,12 +162,12 @@ mod tests {
     fn widths_rise_with_alpha() {
         let entries = GgxWidths::new().entries;
         assert!(entries.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 < pair[1].1));
-        // All steps but those of the widest lobes are told apart.
+        // Only steps of the widest lobes are removed.
         assert!(entries.len() > STEPS - 7 && entries[0].1.exp() < 1.001 * NARROWEST, "{}", entries.len());
     }
 
     #[test]
-    fn surfaces_without_a_highlight_have_none() {
+    fn returns_none_without_a_highlight() {
         let widths = GgxWidths::new();
         for table in [
             Lambert { albedo: 0.5 }.to_bivariate(),
@@ -180,15 +181,15 @@ mod tests {
     }
 
     #[test]
-    fn a_mirror_is_as_narrow_as_can_be_told() {
+    fn mirror_yields_the_narrowest_width() {
         // All light in the first sample of the half angle.
         let mirror = BivariateTable::from_fn(|h, _| if h == 0.0 { 1e6 } else { 1e-3 });
         assert_eq!(GgxWidths::new().alpha_of(&mirror), Some(NARROWEST));
     }
 
     #[test]
-    fn a_spike_without_energy_does_not_count() {
-        // Twenty times as high as the lobe below it, with a thousandth of its light.
+    fn ignores_a_spike_without_energy() {
+        // The spike is twenty times as high as the lobe below it, with a thousandth of its light.
         let (spike, below) =
             (Ggx { diffuse: 0.0, f0: 0.0005, alpha: 0.001 }, Ggx { diffuse: 0.1, f0: 0.5, alpha: 0.15 });
         let both = BivariateTable::from_vec(
@@ -200,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_coat_over_a_satin_body_the_coat_counts() {
+    fn coat_over_a_satin_body_determines_the_width() {
         let (coat, below) = (Ggx { diffuse: 0.0, f0: 0.04, alpha: 0.02 }, Ggx { diffuse: 0.1, f0: 0.04, alpha: 0.4 });
         let both = BivariateTable::from_vec(
             coat.to_bivariate().as_slice().iter().zip(below.to_bivariate().as_slice()).map(|(a, b)| a + b).collect(),

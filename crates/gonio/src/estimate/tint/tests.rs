@@ -21,7 +21,7 @@ fn prior() -> LightPrior {
     LightPrior::learn(&lights, lights.len(), &PriorSettings { restarts: 1, seed: 1 }).unwrap()
 }
 
-/// A light of lamps and sky; `tint` is that of red and blue for a direction.
+/// Light of lamps and sky; `tint` maps a direction to the tints of red and blue.
 fn planted(tint: impl Fn(DVec3) -> [f64; 2]) -> LightGrid {
     let texel = |t: usize| {
         let (u, v) = LightGrid::centre_of(FINE, t);
@@ -35,7 +35,7 @@ fn planted(tint: impl Fn(DVec3) -> [f64; 2]) -> LightGrid {
     LightGrid::from_texels(MAP, FINE, (0..FINE * FINE).map(texel).collect())
 }
 
-/// From blue above to orange below, as captured light varies.
+/// Tint from blue above to orange below, like that of captured light.
 fn natural(d: DVec3) -> [f64; 2] {
     [-0.25 * d.y, 0.5 * d.y]
 }
@@ -65,7 +65,7 @@ fn photograph(table: &BivariateTable, colours: &ChromaField, light: &LightGrid, 
     Observations::of_points(points, &rgb)
 }
 
-/// The luminance of a light as if it had been found.
+/// Wraps the luminance of a light as an estimate.
 fn found(light: &LightGrid) -> Light {
     let grey = light.texels().iter().map(|t| Vec3::splat(luminance(*t))).collect();
     Light {
@@ -85,7 +85,7 @@ fn found(light: &LightGrid) -> Light {
     }
 }
 
-/// Colours that were found to be these, in a light that is white as a whole.
+/// Wraps `field` as estimated colours, in a light of white overall colour.
 fn colouring(field: &ChromaField) -> Colouring {
     let draws = vec![field.clone(); 200];
     let light = (Chroma::default(), &[][..], false);
@@ -113,14 +113,14 @@ fn green() -> ChromaField {
 }
 
 #[test]
-fn the_light_gets_its_colours_and_keeps_its_luminance() {
+fn recovers_the_colours_of_the_light_and_keeps_its_luminance() {
     let light = planted(natural);
     let got = tint(&photograph(&table(), &green(), &light, 0.0), &green(), &light);
     let (mut off, mut all) = (0.0, 0.0);
     for (t, (got, want)) in got.grid.texels().iter().zip(light.texels()).enumerate() {
         assert!((luminance(*got) / luminance(*want) - 1.0).abs() < 1e-4);
         let (u, v) = LightGrid::centre_of(FINE, t);
-        // The ball does not show what is behind it.
+        // Directions behind the ball are not visible in it.
         if MAP.direction(u, v).z > -0.5 {
             let (got, want) = (Chroma::of(got.as_dvec3()), Chroma::of(want.as_dvec3()));
             off += got.distance(want).powi(2);
@@ -134,34 +134,34 @@ fn the_light_gets_its_colours_and_keeps_its_luminance() {
 }
 
 #[test]
-fn wrong_colours_are_doubted_in_natural_light_and_by_noise_alone_not() {
+fn warns_about_wrong_colours_but_not_about_noise() {
     let light = planted(natural);
     let seen = photograph(&table(), &green(), &light, 0.0);
     let grey = tint(&seen, &ChromaField::GREY, &light);
     assert!(matches!(grey.doubt(), Some(Doubt::Colours(apart)) if apart > 0.3), "{:?}", grey.apart);
-    // The coloured light explains them all the same.
+    // The coloured light explains the photograph nevertheless.
     assert!(grey.misfit < 0.06, "{}", grey.misfit);
-    // Noise of a fifth in each channel is a difference of 0.34 in a single pixel. The mean product
-    // of 450 pixels is 0 but for the square of 0.09.
+    // Relative noise of 0.2 in each channel is a chroma difference of 0.34 in a single pixel. The
+    // mean product over 450 pixels is zero, up to the square of 0.09.
     let noisy = tint(&photograph(&table(), &green(), &light, 0.2), &green(), &light);
     assert!(noisy.apart[1] < 0.15 && noisy.doubt().is_none(), "{:?}", noisy.apart);
 }
 
 #[test]
-fn the_intervals_are_wider_by_what_is_left() {
+fn residual_widens_the_intervals() {
     let light = planted(natural);
     let told = colouring(&ChromaField::GREY);
     let tint = tint(&photograph(&table(), &green(), &light, 0.0), &ChromaField::GREY, &light);
     let Colouring::Estimate(found) = told.less_certain(&table(), &tint) else { panic!("no estimate") };
     let [low, high] = found.body.interval[0];
     assert!(low < -0.3 && high > 0.3, "{low} {high}");
-    // The estimate stays, and the light is no less certain.
+    // The estimate and the interval of the light are unchanged.
     assert!(found.field.is_grey() && found.light.interval[0] == [0.0, 0.0]);
     assert_eq!(Colouring::Grey.less_certain(&table(), &tint), Colouring::Grey);
 }
 
 #[test]
-fn the_posterior_is_the_closed_form_in_the_space_of_the_image() {
+fn posterior_matches_the_closed_form_in_image_space() {
     // With K the prior covariance and X the image of the tints: K X' (X K X' + 1)^-1 r.
     let light = planted(natural);
     let mut seen = photograph(&table(), &green(), &light, 0.0).thinned(60);
@@ -201,7 +201,7 @@ fn the_posterior_is_the_closed_form_in_the_space_of_the_image() {
 }
 
 #[test]
-fn threads_do_not_matter_and_grey_stays_grey() {
+fn result_is_independent_of_threads_and_none_for_grey() {
     let light = planted(natural);
     let seen = photograph(&table(), &green(), &light, 0.05);
     let run = || tint(&seen, &green(), &light);

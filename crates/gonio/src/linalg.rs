@@ -9,8 +9,10 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-/// Eigenvalues, ascending, and eigenvectors of a symmetric matrix, on one thread: the parallel
-/// tridiagonalisation splits its sums by the number of threads.
+/// Returns the eigenvalues, ascending, and the eigenvectors of a symmetric matrix.
+///
+/// Runs on one thread, since the parallel tridiagonalisation splits its sums by the number of
+/// threads.
 pub(crate) fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
     let n = a.nrows();
     let mut values = vec![0.0; n];
@@ -29,8 +31,7 @@ pub(crate) fn eigenvectors(a: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
     (values, vectors)
 }
 
-/// The solution of a symmetric positive definite system, on one thread. `None` where it is not
-/// positive definite.
+/// Solves a symmetric system on one thread; `None` if it is not positive definite.
 pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<f64>> {
     let size = matrix.nrows();
     let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
@@ -43,11 +44,12 @@ pub(crate) fn solve_positive(mut matrix: Mat<f64>, right: &[f64]) -> Option<Vec<
     solution.iter().all(|v| v.is_finite()).then_some(solution)
 }
 
-/// Columns of a matrix that are worth handing to another thread.
+/// Largest number of columns that are processed as one task.
 const COLUMNS: usize = 8;
 
-/// Does something to every column of a column-major matrix, given its index, in the caller's pool:
-/// the parallel iterators of faer itself do not build for browsers.
+/// Calls `work` with the index and values of every column of a column-major matrix.
+///
+/// Runs in the caller's thread pool. The parallel iterators of faer do not compile for browsers.
 pub(crate) fn each_column(columns: MatMut<'_, f64>, work: &(impl Fn(usize, &mut [f64]) + Sync)) {
     each_column_from(0, columns, work);
 }
@@ -59,13 +61,13 @@ fn each_column_from(first: usize, columns: MatMut<'_, f64>, work: &(impl Fn(usiz
         rayon::join(|| each_column_from(first, left, work), || each_column_from(first + middle, right, work));
     } else {
         for (i, column) in columns.col_iter_mut().enumerate() {
-            let column = column.try_as_col_major_mut().expect("columns of a matrix of its own are contiguous");
+            let column = column.try_as_col_major_mut().expect("columns of a column-major matrix are contiguous");
             work(first + i, column.as_slice_mut());
         }
     }
 }
 
-/// The squared Euclidean norm of every column.
+/// Returns the squared Euclidean norm of every column.
 pub(crate) fn squared_norms(matrix: MatRef<'_, f64>) -> Vec<f64> {
     (0..matrix.ncols()).into_par_iter().map(|c| matrix.col(c).squared_norm_l2()).collect()
 }
@@ -74,8 +76,9 @@ pub(crate) fn project(x: &[f64], mean: &[f64], axis: &[f64]) -> f64 {
     x.iter().zip(mean).zip(axis).map(|((x, m), a)| (x - m) * a).sum()
 }
 
-/// Mean, orthonormal axes of most variance, and the variance along each, of rows of equal length:
-/// by the Gram matrix of the rows.
+/// Returns the mean of rows of equal length, their principal axes, and the variance along each.
+///
+/// The axes are orthonormal and computed from the Gram matrix of the rows.
 pub(crate) fn principal_axes(rows: &[Vec<f64>], rank: usize) -> (Vec<f64>, Vec<Vec<f64>>, Vec<f64>) {
     let (n, length) = (rows.len(), rows[0].len());
     let mean: Vec<f64> = (0..length).map(|c| rows.iter().map(|r| r[c]).sum::<f64>() / n as f64).collect();

@@ -1,5 +1,4 @@
-//! A trained model: everything that was learnt from captured lights and measured materials, and
-//! that inference takes as given (paper 3.1 and 3.2).
+//! Trained model: priors learnt from captured lights and measured materials (paper 3.1 and 3.2).
 
 use thiserror::Error;
 
@@ -9,7 +8,7 @@ use crate::inference::learnt::LearntPosterior;
 use crate::lighting::{CoefficientPrior, LightPrior, PriorGroup};
 use crate::reflectance::{CELLS, ReflectanceBasis, THETA_D};
 
-/// The prior of light and the basis of reflectance, with a note of where they come from.
+/// Prior of light, basis of reflectance and posterior of materials, with their provenance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     /// `p(l)`, eq. 5.
@@ -18,24 +17,24 @@ pub struct Model {
     pub reflectance: ReflectanceBasis,
     /// `p(F | I)` learnt from simulated photographs: the default method.
     pub learnt: Option<LearntPosterior>,
-    /// Training data and settings, for people.
+    /// Human-readable description of training data and settings.
     pub provenance: String,
 }
 
 /// Error in a model.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ModelError {
-    /// A prior of no scale, or of more than memory could serve.
+    /// The prior has no scales, or too many for memory.
     #[error("the light prior has {0} scales; 1 to {MAX_SCALES} are supported")]
     Scales(u32),
-    /// The groups are not those of the scales.
+    /// The number of groups does not match the number of scales.
     #[error("the light prior has {got} groups, but {scales} scales require {expected}")]
     Groups {
         /// Groups present.
         got: usize,
         /// Scales of the prior.
         scales: u32,
-        /// Groups of so many scales.
+        /// Groups that the scales require.
         expected: usize,
     },
     /// Weights and variances of a mixture differ in number, or there are none.
@@ -77,7 +76,7 @@ pub enum ModelError {
     /// There is no basis function.
     #[error("the reflectance basis is empty")]
     EmptyBasis,
-    /// Not one rate for each function.
+    /// The number of rates differs from the number of functions.
     #[error("the reflectance basis has {functions} functions and {rates} rates")]
     Rates {
         /// Functions.
@@ -105,7 +104,7 @@ pub enum ModelError {
         /// The value.
         value: f32,
     },
-    /// A material with more or fewer coefficients than there are functions.
+    /// The number of coefficients of a material differs from the number of functions.
     #[error("material \"{material}\" has {got} coefficients for {functions} functions")]
     Coefficients {
         /// Name of the material.
@@ -115,10 +114,10 @@ pub enum ModelError {
         /// Functions.
         functions: usize,
     },
-    /// A posterior of materials whose parts do not fit.
+    /// The parts of the posterior of materials are inconsistent.
     #[error("the posterior of materials is invalid: {0}")]
     Posterior(#[from] PosteriorFault),
-    /// A material whose scale is not positive or one of whose coefficients is negative or not
+    /// A material whose scale is not positive, or with a coefficient that is negative or not
     /// finite.
     #[error("material \"{material}\" has a scale or coefficient of {value}")]
     Material {
@@ -132,20 +131,20 @@ pub enum ModelError {
 /// Fault of a posterior of materials.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PosteriorFault {
-    /// Lengths do not fit each other.
+    /// A part has another length than expected.
     #[error("{0} has {1} values instead of {2}")]
     Length(&'static str, usize, usize),
     /// A value that is not finite.
     #[error("{0} has values that are not finite")]
     NotFinite(&'static str),
-    /// There is nothing in it.
+    /// A part is empty.
     #[error("it has no {0}")]
     Empty(&'static str),
-    /// A range whose end lies before its beginning.
+    /// A range that is not finite, or whose end lies below its beginning.
     #[error("feature {0} has an invalid range")]
     Range(usize),
-    /// A model of colours of another number of coordinates, or with numbers that are not finite or
-    /// variances that are not positive.
+    /// A colour model with another number of coordinates, values that are not finite, or variances
+    /// that are not positive.
     #[error(
         "its colour model has matrices of the wrong size, values that are not finite, or variances that are not \
          positive"
@@ -153,23 +152,22 @@ pub enum PosteriorFault {
     Colours,
 }
 
-/// Scales of a prior at most: a grid of 16384 texels per side.
+/// Largest number of scales of a prior: a grid of 16384 texels per side.
 const MAX_SCALES: u32 = 14;
 
-/// Weights are sums of many samples' shares, divided by their total.
+/// Tolerance of the sum of the weights, which are sums over many samples divided by their total.
 const WEIGHT_TOLERANCE: f64 = 1e-6;
 
 impl Model {
-    /// Model of colours, if there is one.
+    /// Returns the colour model, if there is one.
     pub(crate) fn colours(&self) -> Option<&ColourModel> {
         self.learnt.as_ref().and_then(|learnt| learnt.colours.as_ref())
     }
 
-    /// Whether all parts are consistent: lengths fit, weights and variances are proper, everything
-    /// is finite.
+    /// Checks that lengths match, weights and variances are proper, and all values are finite.
     ///
     /// # Errors
-    /// The first thing found that is not.
+    /// The first inconsistency.
     pub fn check(&self) -> Result<(), ModelError> {
         check_light(&self.light)?;
         check_reflectance(&self.reflectance)?;
@@ -184,13 +182,13 @@ fn positive(x: f64) -> bool {
     x > 0.0 && x.is_finite()
 }
 
-/// The check of a model's light prior alone.
+/// Checks a light prior.
 ///
 /// # Errors
-/// The first thing found that is not consistent.
+/// The first inconsistency.
 pub fn check_light(prior: &LightPrior) -> Result<(), ModelError> {
     let scales = prior.scales;
-    // First, since everything below takes time and memory in proportion.
+    // This check comes first, since the others take time and memory in proportion to the scales.
     if !(1..=MAX_SCALES).contains(&scales) {
         return Err(ModelError::Scales(scales));
     }
@@ -232,10 +230,10 @@ fn check_density(density: &CoefficientPrior, group: PriorGroup) -> Result<(), Mo
     }
 }
 
-/// The check of a model's reflectance basis alone.
+/// Checks a reflectance basis.
 ///
 /// # Errors
-/// The first thing found that is not consistent.
+/// The first inconsistency.
 pub fn check_reflectance(basis: &ReflectanceBasis) -> Result<(), ModelError> {
     let functions = basis.len();
     if functions == 0 {
@@ -267,10 +265,10 @@ pub fn check_reflectance(basis: &ReflectanceBasis) -> Result<(), ModelError> {
     Ok(())
 }
 
-/// The check of a posterior of materials.
+/// Checks a posterior of materials.
 ///
 /// # Errors
-/// The first thing found that is not consistent.
+/// The first inconsistency.
 pub fn check_posterior(posterior: &LearntPosterior) -> Result<(), ModelError> {
     let length = |what, got: usize, expected: usize| {
         if got == expected { Ok(()) } else { Err(PosteriorFault::Length(what, got, expected)) }
@@ -331,12 +329,12 @@ mod tests {
         Model { light: crate::transfer::toy_prior(8), reflectance, learnt: None, provenance: "toys".into() }
     });
 
-    fn check(spoil: impl FnOnce(&mut Model), says: &str) {
+    fn check(spoil: impl FnOnce(&mut Model), message: &str) {
         let mut model = MODEL.clone();
         assert_eq!(model.check(), Ok(()));
         spoil(&mut model);
         let error = model.check().unwrap_err().to_string();
-        assert!(error.contains(says), "{error}");
+        assert!(error.contains(message), "{error}");
     }
 
     fn mixture(model: &mut Model) -> &mut crate::lighting::ScaleMixture {
@@ -347,14 +345,14 @@ mod tests {
     }
 
     #[test]
-    fn the_groups_must_be_those_of_the_scales() {
+    fn rejects_groups_that_do_not_match_the_scales() {
         check(|m| m.light.scales = 0, "0 scales");
         check(|m| m.light.scales = u32::MAX, "4294967295 scales");
         check(|m| m.light.scales = 4, "15 groups, but 4 scales require 16");
     }
 
     #[test]
-    fn densities_must_be_proper() {
+    fn rejects_improper_densities() {
         check(|m| mixture(m).weights.clear(), "0 weights and 2 variances");
         check(|m| mixture(m).weights[0] += 0.1, "must be positive and sum to one");
         check(|m| mixture(m).weights = vec![1.5, -0.5], "must be positive and sum to one");
@@ -369,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn the_parts_of_a_basis_must_fit() {
+    fn rejects_inconsistent_bases() {
         check(|m| m.reflectance.functions.clear(), "empty");
         check(|m| m.reflectance.rates.push(1.0), "2 functions and 3 rates");
         check(|m| m.reflectance.rates[1] = 0.0, "rate of basis function 1 is 0");

@@ -1,7 +1,7 @@
 //! Pictures in memory: linear RGB radiance with an optional coverage channel.
 //!
-//! Row 0 is the top row. Values are linear and on an arbitrary scale; what file they came from, and
-//! how they were coded there, is the business of `gonio-io`.
+//! Row 0 is the top row. Values are linear and on an arbitrary scale. `gonio-io` reads them from
+//! files.
 
 use std::fmt;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ pub struct Plane<T> {
     data: Pixels<T>,
 }
 
-/// Pixels in memory that belongs to someone else, who keeps it for as long as this lives.
+/// Pixels in memory of another owner, which the `Arc` keeps alive.
 pub type Lent<T> = Arc<dyn AsRef<[T]> + Send + Sync>;
 
 /// Storage of the pixels.
@@ -32,21 +32,24 @@ impl<T> Plane<T> {
     /// # Panics
     /// If the length of `data` is not `width * height`.
     pub fn from_vec(width: usize, height: usize, data: Vec<T>) -> Self {
-        assert_eq!(data.len(), width * height, "a plane of {width}x{height} pixels");
+        assert_eq!(data.len(), width * height, "a plane of {width}x{height} requires width * height pixels");
         Self { width, height, data: Pixels::Own(data) }
     }
 
-    /// As [`Self::from_vec`] without taking the pixels over: they are read where they are, and
-    /// copied before they are changed.
+    /// Wraps `data` like [`Self::from_vec`], but copies the pixels only before the first change.
     ///
     /// # Panics
-    /// If there are not `width * height` of them.
+    /// If the length of `data` is not `width * height`.
     pub fn lent(width: usize, height: usize, data: Lent<T>) -> Self {
-        assert_eq!((*data).as_ref().len(), width * height, "a plane of {width}x{height} pixels");
+        assert_eq!(
+            (*data).as_ref().len(),
+            width * height,
+            "a plane of {width}x{height} requires width * height pixels"
+        );
         Self { width, height, data: Pixels::Lent(data) }
     }
 
-    /// The plane whose pixel at column `x`, row `y` is `f(x, y)`.
+    /// Returns the plane whose pixel at column `x`, row `y` is `f(x, y)`.
     pub fn from_fn(width: usize, height: usize, mut f: impl FnMut(usize, usize) -> T) -> Self {
         Self::from_vec(width, height, (0..width * height).map(|i| f(i % width, i / width)).collect())
     }
@@ -78,7 +81,7 @@ impl<T> Plane<T> {
         }
     }
 
-    /// The plane with every pixel mapped by `f`.
+    /// Returns the plane with `f` applied to every pixel.
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Plane<U> {
         Plane::from_vec(self.width, self.height, self.as_slice().iter().map(f).collect())
     }
@@ -137,8 +140,7 @@ impl<T: Clone> std::ops::IndexMut<(usize, usize)> for Plane<T> {
     }
 }
 
-/// A picture: linear RGB radiance, and how much of each pixel the object covers where the file says
-/// so.
+/// Linear RGB radiance, with an optional share of each pixel that the object covers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Linear RGB radiance.
@@ -189,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn lent_pixels_stay_where_they_are_until_they_are_changed() {
+    fn lent_pixels_are_copied_on_the_first_change() {
         let owner = Arc::new(vec![1, 2, 3, 4]);
         let mut plane = Plane::lent(2, 2, owner.clone());
         assert_eq!(plane.as_slice().as_ptr(), owner.as_ptr());

@@ -1,4 +1,4 @@
-//! Light on an octahedral grid: the piecewise constant function that the Haar basis spans.
+//! Light on an octahedral grid: a piecewise constant function in the span of the Haar basis.
 
 use glam::{DVec3, Vec3};
 
@@ -25,7 +25,7 @@ impl LightGrid {
         Self { map, side, texels }
     }
 
-    /// Grey light of wavelet coefficients `l` (see [`Self::coefficients`]).
+    /// Creates a grey light from its wavelet coefficients (see [`Self::coefficients`]).
     ///
     /// # Panics
     /// If the number of coefficients is not the square of a power of two.
@@ -53,8 +53,7 @@ impl LightGrid {
         &self.texels
     }
 
-    /// Measure of one texel, scaled so that the square has 4 pi: its solid angle on the equal-area
-    /// map.
+    /// Returns the measure of one texel, of a total of 4 pi: its solid angle on the equal-area map.
     pub(crate) fn texel_measure(side: usize) -> f64 {
         4.0 * std::f64::consts::PI / (side * side) as f64
     }
@@ -65,27 +64,30 @@ impl LightGrid {
         (at(texel % side), -at(texel / side))
     }
 
-    /// Texel on which a unit direction falls.
+    /// Returns the index of the texel that contains a unit direction.
     pub(crate) fn texel_of(map: OctahedralMap, side: usize, direction: DVec3) -> usize {
         let (u, v) = map.square(direction);
         let cell = |x: f64| ((0.5 * (x + 1.0) * side as f64) as usize).min(side - 1);
         cell(-v) * side + cell(u)
     }
 
-    /// Radiance of the texel on which a unit direction falls.
+    /// Returns the radiance of the texel that contains a unit direction.
     pub fn at(&self, direction: DVec3) -> Vec3 {
         self.texels[Self::texel_of(self.map, self.side, direction)]
     }
 
-    /// Integral over the square in the measure of `texel_measure`; on the equal-area map, this is
-    /// the integral over the sphere.
+    /// Returns the integral over the square in the measure of `texel_measure`.
+    ///
+    /// On the equal-area map, this is the integral over the sphere.
     pub fn integral(&self) -> DVec3 {
         self.texels.iter().map(|t| t.as_dvec3()).sum::<DVec3>() * Self::texel_measure(self.side)
     }
 
-    /// Coefficients of the luminance in the Haar basis that is orthonormal in the measure of
-    /// `texel_measure`: `l_m = sum_t L_t h_m(t) sqrt(measure)`, `h` the orthonormal
-    /// wavelets of the grid. Coarse coefficients do not depend on the side of the grid.
+    /// Returns the Haar coefficients of the luminance.
+    ///
+    /// The basis is orthonormal in the measure of `texel_measure`: `l_m = sum_t L_t h_m(t)
+    /// sqrt(measure)`, where `h_m` are the orthonormal wavelets of the grid. Coarse coefficients do
+    /// not depend on the side of the grid.
     pub fn coefficients(&self) -> Vec<f64> {
         let mut values: Vec<f32> = self.texels.iter().map(|&t| luminance(t)).collect();
         Haar::new(self.side).expect("checked at construction").forward(&mut values, &mut Vec::new());
@@ -98,8 +100,9 @@ impl LightGrid {
         (4.0 * std::f64::consts::PI).sqrt().recip()
     }
 
-    /// Coefficients of the luminance scaled so that it integrates to one: `l[0]` is
-    /// `normalised_dc`. `None` when the light is black.
+    /// Returns the Haar coefficients of the luminance, scaled to an integral of one.
+    ///
+    /// `l[0]` is `normalised_dc`. Returns `None` if the light is black.
     pub fn normalised_coefficients(&self) -> Option<Vec<f64>> {
         let mut l = self.coefficients();
         let scale = Self::normalised_dc() / l[0];
@@ -111,7 +114,7 @@ impl LightGrid {
         Some(l)
     }
 
-    /// Light as a lat-long picture of `2 height` by `height`.
+    /// Returns the light as a lat-long picture of `2 height` by `height`.
     pub fn to_lat_long(&self, height: usize) -> Plane<Vec3> {
         Plane::from_fn(2 * height, height, |x, y| {
             let (u, v) = ((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64);
@@ -130,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_give_back_the_light() {
+    fn coefficients_round_trip() {
         let light = ramp(32);
         let back = LightGrid::from_coefficients(light.map(), &light.coefficients());
         for (a, b) in light.texels().iter().zip(back.texels()) {
@@ -147,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn texels_are_where_their_centres_are() {
+    fn texel_centres_lie_in_their_texels() {
         for map in [OctahedralMap::EqualArea, OctahedralMap::PraunHoppe] {
             for texel in 0..256 {
                 let (u, v) = LightGrid::centre_of(16, texel);

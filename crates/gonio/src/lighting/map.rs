@@ -29,15 +29,16 @@ pub enum MapError {
     Black,
 }
 
-/// Radiance from all directions as a lat-long map: row 0 is +y, the centre looks along -z, the
-/// right half is +x (see [`direction_of_lat_long`]); constant within each pixel.
+/// Radiance from all directions as a lat-long map, constant within each pixel.
+///
+/// Row 0 is +y, the centre is -z, and the right half is +x (see [`direction_of_lat_long`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnvironmentMap {
     radiance: Plane<Vec3>,
 }
 
 impl EnvironmentMap {
-    /// Takes a lat-long picture of linear radiance.
+    /// Wraps a lat-long picture of linear radiance.
     ///
     /// # Errors
     /// If it is not twice as wide as high, has negative or non-finite pixels, or is black.
@@ -57,8 +58,9 @@ impl EnvironmentMap {
         Ok(Self { radiance })
     }
 
-    /// Map of `rows` rows of light from single directions, each with the irradiance that it gives a
-    /// surface facing it; each fills one pixel.
+    /// Creates a map of `rows` rows with light from single directions, one pixel each.
+    ///
+    /// Each direction is paired with the irradiance of a surface facing it.
     ///
     /// # Errors
     /// If there is no light.
@@ -73,27 +75,26 @@ impl EnvironmentMap {
         Self::new(map)
     }
 
-    /// Picture, `2 h` by `h`.
+    /// Returns the picture, `2 h` by `h`.
     pub fn radiance(&self) -> &Plane<Vec3> {
         &self.radiance
     }
 
-    /// Radiance of the pixel a direction falls on.
+    /// Returns the radiance of the pixel that contains a direction.
     pub fn at(&self, direction: DVec3) -> Vec3 {
         let (width, height) = self.radiance.size();
         let (u, v) = lat_long_of_direction(direction);
         self.radiance[(((u * width as f64) as usize).min(width - 1), ((v * height as f64) as usize).min(height - 1))]
     }
 
-    /// Map turned about the vertical axis by whole pixels: column `x` moves to column
-    /// `x + columns`.
+    /// Returns the map rotated about the vertical axis: column `x` moves to column `x + columns`.
     pub fn turned(&self, columns: usize) -> Self {
         let (width, height) = self.radiance.size();
         let columns = columns % width;
         Self { radiance: Plane::from_fn(width, height, |x, y| self.radiance[((x + width - columns) % width, y)]) }
     }
 
-    /// Map of at most `rows` rows, each of whose pixels is the mean over those it covers.
+    /// Returns a map of at most `rows` rows; each pixel is the mean of those that it covers.
     pub fn reduced(&self, rows: usize) -> Self {
         let (width, height) = self.radiance.size();
         if height <= rows {
@@ -114,7 +115,7 @@ impl EnvironmentMap {
         Self { radiance: Plane::from_fn(2 * rows, rows, mean) }
     }
 
-    /// Map turned by a rotation: each pixel is the mean of four bilinear samples.
+    /// Returns the rotated map; each pixel is the mean of four bilinear samples.
     pub fn rotated(&self, turn: DQuat) -> Self {
         let (width, height) = self.radiance.size();
         let (w, h) = (width as f64, height as f64);
@@ -139,8 +140,9 @@ impl EnvironmentMap {
         Self { radiance: Plane::from_fn(width, height, mean) }
     }
 
-    /// Map with no pixel brighter than `times` the mean over the sphere: luminance is clipped,
-    /// colour kept. The clipped energy of a sun or a lamp is lost.
+    /// Returns the map with luminance clipped at `times` the mean over the sphere.
+    ///
+    /// Clipped pixels keep their colour. The clipped energy of a sun or a lamp is lost.
     pub fn capped(&self, times: f64) -> Self {
         let (width, height) = self.radiance.size();
         let (mut sum, mut weight) = (0.0, 0.0);
@@ -157,11 +159,11 @@ impl EnvironmentMap {
         Self { radiance: Plane::from_fn(width, height, |x, y| cut(self.radiance[(x, y)])) }
     }
 
-    /// Mean radiance over each texel of an octahedral grid of `side` by `side`.
+    /// Returns the mean radiance over each texel of an octahedral grid of `side` by `side`.
     ///
-    /// Every pixel is split into sub-pixels that are small compared with a texel, each of which
-    /// adds its radiance, weighted by its solid angle, to the texel it falls into: small lamps keep
-    /// their flux whatever the grid.
+    /// Every pixel is split into sub-pixels that are small compared with a texel. Each adds its
+    /// radiance, weighted by its solid angle, to the texel that contains it. Small lamps therefore
+    /// keep their flux on any grid.
     pub fn to_grid(&self, map: OctahedralMap, side: usize) -> LightGrid {
         let (width, height) = self.radiance.size();
         // At least a dozen sub-pixels across a texel, and never fewer than six per side of a pixel,
@@ -219,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cap_cuts_off_lamps_in_their_colour_and_nothing_else() {
+    fn cap_clips_only_lamps_and_keeps_their_colour() {
         let (sky, capped) = (sky(), sky().capped(20.0));
         let mean = sky.to_grid(OctahedralMap::EqualArea, 8).integral() / (4.0 * PI);
         let limit = 20.0 * f64::from(luminance(mean.as_vec3()));
@@ -233,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn fewer_rows_keep_the_flux() {
+    fn reduced_maps_keep_the_flux() {
         let sky = sky();
         let (got, expected) = (flux(&sky.reduced(16)), flux(&sky));
         assert!(((got - expected) / expected).abs().max_element() < 0.01, "{got} {expected}");
@@ -244,7 +246,7 @@ mod tests {
     fn a_rotation_about_the_vertical_shifts_columns() {
         let sky = sky();
         let turned = sky.rotated(DQuat::from_rotation_y(-2.0 * PI * 5.0 / 128.0));
-        // The four samples blur a lamp of one pixel, but leave its flux.
+        // The four samples blur a lamp of one pixel, but keep its flux.
         assert!(((flux(&turned) - flux(&sky)) / flux(&sky)).abs().max_element() < 0.02);
         let expected = sky.turned(5);
         let (a, b) = (turned.radiance()[(10, 40)], expected.radiance()[(10, 40)]);
@@ -301,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_map_is_refused() {
+    fn rejects_invalid_maps() {
         let plane = |w, h, p| Plane::from_fn(w, h, |_, _| p);
         assert_eq!(EnvironmentMap::new(plane(10, 10, Vec3::ONE)), Err(MapError::Shape(10, 10)));
         assert_eq!(EnvironmentMap::new(plane(4, 2, Vec3::ZERO)), Err(MapError::Black));

@@ -19,11 +19,11 @@ pub struct ScaleMixture {
 pub struct MixtureSettings {
     /// Number of components, at least 1.
     pub components: usize,
-    /// Number of starts, of which the likeliest end is kept.
+    /// Number of starts; the result with the highest likelihood is kept.
     pub restarts: usize,
     /// Largest number of iterations of each start.
     pub iterations: usize,
-    /// A start ends when the mean log likelihood grows by less than this.
+    /// Increase of the mean log likelihood below which a start ends.
     pub tolerance: f64,
     /// Seed of the starts.
     pub seed: u64,
@@ -35,9 +35,9 @@ impl Default for MixtureSettings {
     }
 }
 
-/// Number of samples beyond which they are replaced by the root mean squares of equal-count runs of
-/// the sorted magnitudes: a zero-mean mixture depends only on magnitudes, and a run holds less than
-/// one in four thousand of them.
+/// Number of samples above which runs of equal count of the sorted magnitudes are replaced by their
+/// root mean squares. A zero-mean mixture depends only on magnitudes, and a run holds less than one
+/// in four thousand of them.
 const QUANTISED: usize = 4096;
 
 impl ScaleMixture {
@@ -46,8 +46,8 @@ impl ScaleMixture {
         self.log_density_of_square(x * x)
     }
 
-    /// Logarithm of the density for a given `x^2`; for an expected square `<x^2>`, the bound of
-    /// `<log p>` with the best responsibilities.
+    /// Logarithm of the density for a given `x^2`. For an expected square `<x^2>`, it is the bound
+    /// of `<log p>` with the optimal responsibilities.
     pub(crate) fn log_density_of_square(&self, x2: f64) -> f64 {
         self.log_joint(x2).fold(f64::NEG_INFINITY, log_add)
     }
@@ -67,7 +67,7 @@ impl ScaleMixture {
     fn fit_once(magnitudes: &[(f64, f64)], start: Self, settings: &MixtureSettings) -> (f64, Self) {
         let n = start.weights.len();
         let mean_square = magnitudes.iter().map(|(x2, w)| x2 * w).sum::<f64>();
-        // A component may not collapse onto the samples nearest to zero.
+        // Prevents a component from collapsing onto the samples nearest to zero.
         let floor = 1e-9 * mean_square;
         let (mut mixture, mut best) = (start, f64::NEG_INFINITY);
         for _ in 0..settings.iterations {
@@ -113,8 +113,9 @@ impl ScaleMixture {
         (best, mixture)
     }
 
-    /// Fits a mixture to samples by maximum likelihood; `None` without any non-zero finite sample.
-    /// Deterministic for a seed.
+    /// Fits a mixture to samples by maximum likelihood; deterministic for a seed.
+    ///
+    /// Returns `None` if no sample is finite and non-zero.
     pub fn fit(samples: &[f64], settings: &MixtureSettings) -> Option<Self> {
         let mut squares: Vec<f64> = samples.iter().map(|x| x * x).filter(|x| x.is_finite()).collect();
         squares.sort_by(f64::total_cmp);
@@ -226,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_fit_is_nothing() {
+    fn returns_none_without_nonzero_samples() {
         assert_eq!(ScaleMixture::fit(&[0.0, 0.0], &MixtureSettings::default()), None);
         assert_eq!(ScaleMixture::fit(&[], &MixtureSettings::default()), None);
     }

@@ -71,7 +71,7 @@ impl PriorGroup {
         })
     }
 
-    /// Groups of a prior with this many scales, in the order in which a [`LightPrior`] keeps them.
+    /// Returns the groups of a prior of `scales` scales, in the order of [`LightPrior::groups`].
     pub fn all(scales: u32) -> Vec<Self> {
         let mut groups = Orientation::ALL.map(Self::Coarsest).to_vec();
         for scale in 2..=scales.min(3) {
@@ -83,8 +83,7 @@ impl PriorGroup {
         groups
     }
 
-    /// Mixture components of the paper: 2, 2, 3, 4, 5 for scales 1 to 5; finer scales continue with
-    /// 5.
+    /// Mixture components of the paper: 2, 2, 3, 4, 5 for scales 1 to 5; finer scales use 5.
     fn components(self) -> usize {
         match self {
             Self::Coarsest(_) => 2,
@@ -111,11 +110,11 @@ impl PriorGroup {
 pub struct LightPrior {
     /// Layout of the sphere on the square.
     pub map: OctahedralMap,
-    /// Number of scales that it covers: it serves grids of up to `2^scales` texels per side.
+    /// Number of scales; the prior covers grids of up to `2^scales` texels per side.
     pub scales: u32,
     /// One density per group, in the order of [`PriorGroup::all`].
     pub groups: Vec<CoefficientPrior>,
-    /// Number of lights it was learnt from.
+    /// Number of captured lights in the training data.
     pub lights: usize,
 }
 
@@ -136,7 +135,7 @@ pub enum PriorError {
     Flat(String),
 }
 
-/// Settings of the learning of a light prior.
+/// Settings for learning a light prior.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorSettings {
     /// Number of starts of each mixture fit.
@@ -152,9 +151,10 @@ impl Default for PriorSettings {
 }
 
 impl LightPrior {
-    /// Learns the densities of all groups from lights on a common grid; `lights` may hold each
-    /// capture several times, turned about the vertical (`captures` is how many different ones
-    /// there are). Deterministic for a seed.
+    /// Learns the densities of all groups from lights on a common grid; deterministic for a seed.
+    ///
+    /// `lights` may contain each capture several times, rotated about the vertical; `captures` is
+    /// the number of different captures.
     ///
     /// # Errors
     /// If there are no lights, they are on different grids, one is black, or every coefficient of a
@@ -191,10 +191,10 @@ impl LightPrior {
         let flat = || PriorError::Flat(group.label());
         if group == PriorGroup::Coarsest(Orientation::Vertical) {
             let (low, high) = samples.iter().fold((f64::MAX, f64::MIN), |(a, b), &x| (a.min(x), b.max(x)));
-            // The likelihood always prefers the threshold at the smallest sample; the expected gap
-            // to the true end of a range is that range over the number of samples. The threshold is
-            // never above zero (paper: "rectified at a negative value"), nor below the bound of
-            // non-negative light.
+            // The likelihood is always largest with the threshold at the smallest sample. The
+            // expected gap between the smallest sample and the true end of a range is the range
+            // over the number of samples. The threshold is never above zero (paper: "rectified at a
+            // negative value"), nor below the bound of non-negative light.
             let gap = (high - low) / samples.len() as f64;
             let dc = LightGrid::normalised_dc();
             let threshold = (low - gap).clamp(-dc, -1e-3 * dc);
@@ -227,8 +227,9 @@ impl LightPrior {
         1 << self.scales
     }
 
-    /// Prior mean and variance of all coefficients of a grid of `side`; DC is the constant of
-    /// normalised light.
+    /// Returns prior mean and variance of all coefficients of a grid of `side`.
+    ///
+    /// DC is the constant of normalised light.
     ///
     /// # Panics
     /// If the prior does not cover the grid.
@@ -273,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_are_those_of_the_paper() {
+    fn groups_match_the_paper() {
         // Scale 1: 3; scales 2 and 3: 3 orientations x 2; scales 4 and 5: one each.
         let all = PriorGroup::all(5);
         assert_eq!(all.len(), 3 + 6 + 6 + 2);
@@ -285,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn every_coefficient_finds_the_prior_of_its_group() {
+    fn every_coefficient_has_the_prior_of_its_group() {
         let prior = &*PRIOR;
         let all = PriorGroup::all(5);
         for m in 1..1024 {
@@ -304,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn variances_are_those_of_the_samples() {
+    fn variances_match_the_samples() {
         let moments = PRIOR.mean_and_variance(32);
         let fine: Vec<f64> =
             LIGHTS.iter().flat_map(|l| l.normalised_coefficients().unwrap()[256..].to_vec()).map(|x| x * x).collect();
@@ -314,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_lights_are_refused() {
+    fn rejects_unusable_lights() {
         let settings = PriorSettings::default();
         assert_eq!(LightPrior::learn(&[], 0, &settings), Err(PriorError::Empty));
         let black = LightGrid::from_texels(OctahedralMap::EqualArea, 8, vec![Vec3::ZERO; 64]);

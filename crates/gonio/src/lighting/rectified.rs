@@ -1,7 +1,7 @@
 //! Gaussian rectified at a threshold: `N(x; u, w)` truncated below `T` and renormalised.
 //!
-//! It is the prior of the coarsest vertical wavelet (paper 3.1, `T < 0`) and the form of the
-//! posterior of everything that is bounded below (eqs. 12 to 14, `T = 0` or the prior's).
+//! It is the prior of the coarsest vertical wavelet (paper 3.1, `T < 0`) and the posterior of every
+//! variable that is bounded below (eqs. 12 to 14, `T = 0` or that of the prior).
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_2_PI, TAU};
 
@@ -74,17 +74,17 @@ impl RectifiedGaussian {
     /// Mean, variance and negative entropy.
     ///
     /// With `alpha = (T - u)/sqrt(w)` and the hazard `lambda = sqrt(2/pi) / erfcx(alpha/sqrt(2))`:
-    /// `<x> = u + sqrt(w) lambda`, `var = w (1 + alpha lambda - lambda^2)`. Both cancel for large
-    /// `alpha`; there `delta = lambda - alpha` comes from its asymptotic series and
-    /// `<x> = T + sqrt(w) delta`.
+    /// `<x> = u + sqrt(w) lambda`, `var = w (1 + alpha lambda - lambda^2)`. Both suffer from
+    /// cancellation for large `alpha`; there, `delta = lambda - alpha` is computed from its
+    /// asymptotic series, and `<x> = T + sqrt(w) delta`.
     pub fn moments(&self) -> Moments {
         let (sd, alpha) = (self.variance.sqrt(), self.standard_threshold());
         if alpha > SERIES_FROM {
             let r = 1.0 / (alpha * alpha);
             let delta = (1.0 - r * (2.0 - r * (10.0 - r * 74.0))) / alpha;
             let spread = r * (1.0 - r * (6.0 - r * (50.0 - r * 518.0)));
-            // <log q> = -(log(2 pi w) + <z^2>)/2 - log mass with <z^2> = 1 + alpha lambda; the
-            // alpha^2 / 2 of both is taken out by erfcx.
+            // <log q> = -(log(2 pi w) + <z^2>)/2 - log mass with <z^2> = 1 + alpha lambda; erfcx
+            // removes the alpha^2 / 2 of both.
             let log_scaled_mass = (0.5 * erfcx(alpha * FRAC_1_SQRT_2)).ln();
             let mean_log = -0.5 * ((TAU * self.variance).ln() + 1.0 + alpha * delta) - log_scaled_mass;
             return Moments { mean: self.threshold + sd * delta, variance: self.variance * spread, mean_log };
@@ -94,7 +94,7 @@ impl RectifiedGaussian {
         let delta = lambda - alpha;
         let mean = if alpha > 0.0 { self.threshold + sd * delta } else { self.location + sd * lambda };
         let variance = self.variance * (1.0 - lambda * delta).max(f64::MIN_POSITIVE);
-        // <z^2> = 1 + alpha lambda. For alpha > 0 the square of alpha is taken out of both terms.
+        // <z^2> = 1 + alpha lambda. For alpha > 0.5, alpha^2 / 2 is removed from both terms.
         let mean_log = if alpha > 0.5 {
             let log_scaled_mass = (0.5 * erfcx(alpha * FRAC_1_SQRT_2)).ln();
             -0.5 * ((TAU * self.variance).ln() + 1.0 + alpha * delta) - log_scaled_mass
@@ -104,9 +104,10 @@ impl RectifiedGaussian {
         Moments { mean, variance, mean_log }
     }
 
-    /// Maximum likelihood location and variance for a given threshold below all samples, by
-    /// expectation maximisation over the mass that the rectification hides. `None` for fewer than
-    /// two different samples.
+    /// Fits location and variance by maximum likelihood, given a threshold below all samples.
+    ///
+    /// Expectation maximisation treats the mass below the threshold as hidden. Returns `None` for
+    /// fewer than two different samples.
     pub fn fit(samples: &[f64], threshold: f64) -> Option<Self> {
         let n = samples.len() as f64;
         let mean = samples.iter().sum::<f64>() / n;
@@ -126,7 +127,7 @@ impl RectifiedGaussian {
             let variance = (about(mean, spread) + odds * about(hidden_mean, m.variance)) / total;
             let moved = (location - fit.location).abs() / spread.sqrt() + (variance / fit.variance - 1.0).abs();
             // A nearly exponential sample would drive the location to minus infinity: stop at ten
-            // spreads.
+            // standard deviations.
             if !variance.is_finite() || (location - mean).abs() > 10.0 * spread.sqrt() {
                 break;
             }
@@ -209,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn far_above_the_threshold_it_is_a_gaussian() {
+    fn is_gaussian_far_above_the_threshold() {
         let m = density(100.0, 4.0, 0.0).moments();
         assert_eq!((m.mean, m.variance), (100.0, 4.0));
         assert!((m.mean_log + 0.5 * (TAU * std::f64::consts::E * 4.0).ln()).abs() < 1e-12);

@@ -6,7 +6,7 @@ use super::EnvironmentMap;
 use crate::picture::Plane;
 use crate::sphere::direction_of_lat_long;
 
-/// The light of our own of a name, `studio`, `sky` or `lamp`: `2 height` by `height`.
+/// Returns the synthetic light `studio`, `sky` or `lamp`, `2 height` by `height`.
 pub fn named_light(name: &str, height: usize) -> Option<EnvironmentMap> {
     match name {
         "studio" => Some(super::studio_light(height)),
@@ -47,7 +47,7 @@ pub fn lamp_light(height: usize) -> EnvironmentMap {
     })
 }
 
-/// Map of a function of the direction.
+/// Creates a map from radiance as a function of direction.
 fn map(height: usize, radiance: impl Fn(DVec3) -> Vec3) -> EnvironmentMap {
     let pixel = |x: usize, y: usize| {
         radiance(direction_of_lat_long((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64))
@@ -55,7 +55,9 @@ fn map(height: usize, radiance: impl Fn(DVec3) -> Vec3) -> EnvironmentMap {
     EnvironmentMap::new(Plane::from_fn(2 * height, height, pixel)).expect("a lit map of the right shape")
 }
 
-/// Indicator of an upright rectangle about a direction, with these half sides in the tangent plane.
+/// Returns the smoothed indicator of an upright rectangle around `centre`.
+///
+/// The half sides are lengths in the tangent plane.
 fn rectangle(d: DVec3, centre: DVec3, half_width: f64, half_height: f64) -> f64 {
     let right = DVec3::Y.cross(centre).normalize();
     let (top, depth) = (centre.cross(right), d.dot(centre));
@@ -80,7 +82,7 @@ mod tests {
     use crate::sphere::OctahedralMap;
 
     #[test]
-    fn lights_of_our_own_have_a_mean_of_about_one() {
+    fn synthetic_lights_have_a_mean_of_about_one() {
         for light in [studio_light(128), sky_light(128), lamp_light(128)] {
             let mean = light.to_grid(OctahedralMap::EqualArea, 32).integral() / (4.0 * std::f64::consts::PI);
             let mean = luminance(mean.as_vec3());

@@ -1,5 +1,4 @@
-//! Synthetic light for showing a recovered material, since no captured map may be distributed with
-//! the program.
+//! Synthetic studio light for displaying an estimated material; the program ships no captured map.
 
 use glam::{DVec3, Vec3};
 
@@ -10,11 +9,11 @@ use crate::sphere::direction_of_lat_long;
 
 /// Light of a photographer's studio, `2 height` by `height`: a large soft box above left of the
 /// camera, a strip light at the right, a small hot lamp behind the left shoulder, a window low at
-/// the back, over a graded room. Radiance in relative units, mean about one.
+/// the back, and a dim panel low in front, in a graded room. Radiance in relative units, mean about
+/// one.
 pub fn studio_light(height: usize) -> EnvironmentMap {
     let unit = |x: f64, y: f64, z: f64| DVec3::new(x, y, z).normalize();
-    // Centre, half width and height (radians-like, in the tangent plane), colour, softness of the
-    // edge.
+    // Centre, half width and height (lengths in the tangent plane), colour, softness of the edge.
     let panels = [
         (unit(-0.75, 0.75, 0.7), 0.42, 0.30, Vec3::new(9.0, 8.6, 8.0), 0.05),
         (unit(1.0, 0.15, 0.35), 0.09, 0.75, Vec3::new(6.0, 6.6, 7.6), 0.02),

@@ -1,4 +1,4 @@
-//! `C_KL` minimised by blocks and Newton steps: the same minima as Algorithm 1's in a fraction of
+//! Minimises `C_KL` by block updates and Newton steps: the minima of Algorithm 1 in a fraction of
 //! the time.
 
 use super::coordinate::round;
@@ -11,14 +11,14 @@ use super::{Ensemble, Expectations, Problem};
 const ROUGH: f64 = 1.0;
 /// Change of `Phi_5` below which the noise becomes one of the blocks.
 const NOISE_SETTLED: f64 = 0.1;
-/// Number of rounds between leaps.
+/// Number of rounds between component switches.
 const LEAP: usize = 4;
 
-/// Runs rounds of exact minimisation and Newton steps, with leaps of the light between them.
+/// Runs rounds of exact minimisation and Newton steps, with component switches between them.
 ///
-/// As in Algorithm 1, the noise is lowered only when the rest has settled at the present level, to
-/// within [`ROUGH`]. Once `Phi_5` changes little, it becomes one of the blocks, and the rounds go
-/// on to the tolerance.
+/// As in Algorithm 1, the noise is lowered only when all other variables have converged at the
+/// present level, to within [`ROUGH`]. Once `Phi_5` changes little, it becomes one of the blocks,
+/// and the rounds continue to the tolerance.
 pub(super) fn run(
     problem: &Problem<'_>,
     ensemble: Ensemble,

@@ -10,7 +10,8 @@ use super::light_system::{LightSystem, settle_coefficient};
 use super::{Ensemble, Problem, newton};
 use crate::lighting::Moments;
 
-/// Quadratic form of the residual in the reflectance coefficients, light marginalised under q.
+/// Quadratic form of the residual in the reflectance coefficients, with the light marginalised
+/// under q.
 pub(crate) struct ReflectanceSystem {
     /// `sum_i [a_ik a_ij + sum_m vl_m A_imk A_imj]`, K x K.
     gram: Vec<f64>,
@@ -44,7 +45,7 @@ impl ReflectanceSystem {
         Self { gram, target }
     }
 
-    /// Form for basis images changed from `a` to `a + alpha by`, as a function of `alpha`.
+    /// Returns the form for basis images `a + alpha by`, as a function of `alpha`.
     pub(crate) fn moved(&self, problem: &Problem<'_>, a: &[f64], by: &[f64]) -> impl Fn(f64) -> Self + use<> {
         let k = problem.k();
         let (mut once, mut twice, mut target) = (vec![0.0; k * k], vec![0.0; k * k], vec![0.0; k]);
@@ -85,7 +86,7 @@ impl ReflectanceSystem {
         (0..k).map(|x| self.gram[x * k + x]).collect()
     }
 
-    /// Sums of the cost for the moments of a reflectance.
+    /// Returns the sums of the cost for given moments of the reflectance.
     pub(crate) fn sums(&self, f: &[Moments]) -> Sums {
         let iy = self.target.iter().zip(f).map(|(t, f)| t * f.mean).sum();
         let mut q = 0.0;
@@ -124,7 +125,7 @@ impl ReflectanceSystem {
     }
 }
 
-/// State of q, with the basis images and the residual that belong to it.
+/// State of q, with its basis images and residual.
 pub(crate) struct Point {
     pub(crate) ensemble: Ensemble,
     /// Moments of the ensemble.
@@ -149,7 +150,7 @@ impl Point {
     }
 
     /// Minimises exactly over reflectance and exposure in turn, over their common scale, and over
-    /// the noise if `noise`.
+    /// the noise if `noise` is set.
     fn settle(&mut self, problem: &Problem<'_>, noise: bool) {
         let Self { ensemble, moments, system, .. } = self;
         moments.f = system.descend(problem, moments, |k, natural, precision| {
@@ -167,8 +168,9 @@ impl Point {
     }
 }
 
-/// Moves the light to its best given all else. Returns the ensemble and the linear system of the
-/// light.
+/// Minimises over the light given all else.
+///
+/// Returns the ensemble and the linear system of the light.
 pub(super) fn settle_light(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams) -> (Ensemble, LightSystem) {
     let moments = ensemble.moments(problem);
     let mut next = ensemble.clone();
@@ -182,9 +184,10 @@ pub(super) fn settle_light(problem: &Problem<'_>, ensemble: &Ensemble, grams: &G
     (next, light)
 }
 
-/// Runs one round: the light at its best given all else, a Newton step in everything, then
-/// reflectance and exposure at their best given the light, and the noise if `noise`. Returns the
-/// ensemble and its cost, which is never higher than before.
+/// Runs one round, and returns the ensemble and its cost, which is never higher than before.
+///
+/// A round minimises over the light, takes a Newton step in all variables, and minimises over
+/// reflectance and exposure given the light, and over the noise if `noise` is true.
 pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, noise: bool) -> (Ensemble, f64) {
     let mut point = if problem.m() > 1 {
         let (next, light) = settle_light(problem, ensemble, grams);
@@ -197,10 +200,10 @@ pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, n
     (point.ensemble, cost)
 }
 
-/// Factor `c` of the common scale that minimises the cost. The image determines only the product of
-/// exposure and reflectance. Along `f -> c f, g -> g / c` the cost is
-/// `c sum_k lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed form;
-/// the other steps would creep along that ridge.
+/// Returns the factor `c` of the common scale that minimises the cost. The image determines only
+/// the product of exposure and reflectance. Along `f -> c f, g -> g / c` the cost is `c sum_k
+/// lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed form. The other
+/// steps advance only slowly along this ridge.
 fn best_scale(problem: &Problem<'_>, ensemble: &Ensemble) -> f64 {
     let f: f64 = problem.rates.iter().enumerate().map(|(k, rate)| rate * ensemble.f_moments(k).mean).sum();
     let g = problem.hyper.exposure_rate * ensemble.g_moments().mean;

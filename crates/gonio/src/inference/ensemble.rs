@@ -82,8 +82,9 @@ impl Ensemble {
         Self { phi, ..*self }
     }
 
-    /// The point `alpha` of the way to another ensemble in the natural parameters `(u/w, 1/w)`,
-    /// `alpha` in 0..=1; noise as in `self`.
+    /// Interpolates the natural parameters `(u/w, 1/w)` towards another ensemble.
+    ///
+    /// `alpha` is in 0..=1; the noise stays that of `self`.
     pub(crate) fn towards(&self, alpha: f64, other: &Self) -> Self {
         let mut next = self.clone();
         let noise = self.noise_index();
@@ -153,7 +154,7 @@ impl Ensemble {
         u.chain(std::iter::once(self.log_noise())).collect()
     }
 
-    /// Ensemble with other [`Self::locations`] and the same `w`.
+    /// Returns the ensemble with other [`Self::locations`] and the same `w`.
     pub(crate) fn with_locations(&self, locations: &[f64]) -> Self {
         let mut next = self.clone();
         for ((natural, log_precision), location) in self.pairs().zip(locations) {
@@ -171,7 +172,7 @@ impl Ensemble {
         f.chain(l).chain(std::iter::once((noise + 1, noise + 2)))
     }
 
-    /// Takes the distribution of reflectance coefficient `k` from another ensemble.
+    /// Copies the distribution of reflectance coefficient `k` from another ensemble.
     #[cfg(test)]
     pub(crate) fn copy_f(&mut self, other: &Self, k: usize) {
         for at in self.indices_of(Part::F(k)) {
@@ -179,7 +180,7 @@ impl Ensemble {
         }
     }
 
-    /// Takes the distribution of the exposure from another ensemble.
+    /// Copies the distribution of the exposure from another ensemble.
     #[cfg(test)]
     pub(crate) fn copy_g(&mut self, other: &Self) {
         for at in self.indices_of(Part::G) {
@@ -205,7 +206,7 @@ impl Ensemble {
     }
 
     /// Scales the reflectance by `c` and the exposure by `1 / c`: `u -> c u, w -> c^2 w` and the
-    /// reverse.
+    /// inverse.
     pub(crate) fn rescale(&mut self, c: f64) {
         for k in 0..self.k {
             self.phi[k] /= c;
@@ -271,8 +272,8 @@ fn draw(prior: &CoefficientPrior, rng: &mut Pcg64) -> f64 {
             if x >= r.threshold {
                 return x;
             }
-            // With a location far below the threshold, rejection would take for ever; the
-            // exponential tail is accurate enough there.
+            // If the location is far below the threshold, rejection is too slow, and the
+            // exponential tail is accurate enough.
             if r.location < r.threshold - 3.0 * r.variance.sqrt() {
                 let e: f64 = Exp1.sample(rng);
                 return r.threshold + e * r.variance / (r.threshold - r.location);

@@ -1,5 +1,5 @@
-//! Compares `C_KL` with the evidence: it is minus the log evidence plus a divergence, including all
-//! constants.
+//! Compares `C_KL` with the evidence: `C_KL` is minus the log evidence plus a divergence, including
+//! all constants.
 
 use std::f64::consts::TAU;
 
@@ -13,7 +13,7 @@ use super::*;
 use crate::lighting::{CoefficientPrior, RectifiedGaussian, ScaleMixture};
 use crate::transfer::{Bilinear, Projected};
 
-/// `log p(I | theta)` of eq. 9 plus the logarithms of all priors, nothing left out.
+/// `log p(I | theta)` of eq. 9 plus the logarithms of all priors, including all constants.
 fn log_joint(problem: &Problem<'_>, f: &[f64], l: &[f64], g: f64, precision: f64) -> f64 {
     let y = problem.bilinear.apply(l, f);
     // The energy outside the rows is part of every residual.
@@ -31,7 +31,7 @@ fn log_gamma(x: f64, shape: f64, rate: f64) -> f64 {
     shape * rate.ln() - ln_gamma(shape) + (shape - 1.0) * x.ln() - rate * x
 }
 
-/// Minimises the cost with all factors at their best. Wherever it stops, the cost is a bound.
+/// Minimises the cost over all factors. The cost is a bound at any stopping point.
 fn settled(problem: &Problem<'_>, mut ensemble: Ensemble) -> (Ensemble, f64) {
     let grams = grams::Grams::new(problem);
     let mut cost = f64::INFINITY;
@@ -55,11 +55,13 @@ fn single(pixels: usize, noise: f64) -> Projected {
     Projected { bilinear: Bilinear::new(pixels, 1, 1, data), target, outside: 0.1 * noise * noise, pixels: pixels + 1 }
 }
 
-/// `log p(I)` of a problem with one unknown reflectance coefficient, by sums over grids in the
-/// logarithms of `h = g f` (all that the image determines), of `g`, and of the precision.
+/// Returns `log p(I)` of a problem with one unknown reflectance coefficient.
+///
+/// The integral is a sum over grids in the logarithms of `h = g f` (the only quantity that the
+/// image determines), of `g`, and of the precision.
 fn log_evidence(problem: &Problem<'_>) -> f64 {
     let (low, step, count) = (-12.0, 1e-3, 16_000);
-    // Subtracts the largest term, so that nothing overflows; the sums are of positive numbers.
+    // Subtracts the largest term to avoid overflow; all terms of the sum are positive.
     let sum_exp = |terms: &[f64]| {
         let top = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         top + terms.iter().map(|t| (t - top).exp()).sum::<f64>().ln()
@@ -112,9 +114,9 @@ fn the_cost_is_never_below_minus_the_log_evidence() {
     }
 }
 
-/// Where the posterior is nearly separable, q is nearly the posterior, and the bound nearly equals
-/// the evidence. Here that is where the priors say more than the image, since only the likelihood
-/// ties `f` to `g`.
+/// If the posterior is nearly separable, q is nearly the posterior, and the bound nearly equals the
+/// evidence. Here, this holds if the priors are more informative than the image, since only the
+/// likelihood couples `f` and `g`.
 #[test]
 fn the_bound_is_tight_where_the_posterior_is_separable() {
     let hyper = Hyper { exposure_rate: 5.0, noise_shape: 50.0, noise_rate: 50.0 };
@@ -123,12 +125,12 @@ fn the_bound_is_tight_where_the_posterior_is_separable() {
     assert!(gaps.iter().all(|g| *g > -1e-6), "{gaps:?}");
 }
 
-/// The opposite case: the exact posterior lies along the ridge `g f = const`, with the relative
-/// width `s` that the noise sets, and q has that width in every direction. q covers a part of the
+/// The opposite case: the exact posterior lies along the ridge `g f = const`, with a relative width
+/// `s` proportional to the noise, and q has this width in every direction. q covers a part of the
 /// ridge proportional to `s`, so that the gap is `-log s` plus a constant: one decade of noise adds
 /// `log 10`.
 #[test]
-fn the_gap_is_the_part_of_the_ridge_that_a_separable_q_misses() {
+fn gap_grows_as_q_covers_less_of_the_ridge() {
     let gaps = [0.1, 0.01].map(|noise| gap(20, noise, 1.0, Hyper::default()));
     assert!((gaps[1] - gaps[0] - std::f64::consts::LN_10).abs() < 0.05, "{gaps:?}");
 }
@@ -144,8 +146,7 @@ struct Factors {
 impl Factors {
     fn of(problem: &Problem<'_>, ensemble: &Ensemble) -> Self {
         let (k, light) = (problem.k(), problem.light.len());
-        // All entries of Phi are zero there except those of the exposure, which are added back
-        // below.
+        // All entries of its Phi are zero except those of the exposure, which are added back below.
         let zero = Ensemble::at(&vec![0.0; k], &vec![0.0; light], 1.0);
         let mut phi = ensemble.minus(&zero);
         let noise = ensemble.noise_index();
@@ -183,7 +184,7 @@ fn draw(q: &RectifiedGaussian, rng: &mut Pcg64) -> (f64, f64) {
 
 /// Checks every term of `C_KL`, light included, by sampling q: `<log q - log p(I, theta)>`.
 #[test]
-fn the_cost_is_the_expectation_that_it_stands_for() {
+fn cost_matches_its_expectation_sampled_from_q() {
     let mut planted = planted(30, 2, 0.3, 21);
     for prior in &mut planted.prior.groups {
         // With one component the expectation of the log prior is exact instead of a bound.

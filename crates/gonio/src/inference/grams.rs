@@ -11,8 +11,8 @@ use crate::lighting::Moments;
 use crate::transfer::column_bands;
 use crate::transfer::kernels::{axpy, dispatch, dot};
 
-/// Columns of a product that one thread makes; constant, so that results do not depend on the
-/// number of threads.
+/// Number of columns of a product that one task computes; constant, so that results do not depend
+/// on the number of threads.
 const BAND: usize = 128;
 
 /// Products of the operator with itself, and its transpose.
@@ -91,7 +91,7 @@ pub(super) fn symmetric_times(s: &Mat<f64>, p: &[f64]) -> Vec<f64> {
     out
 }
 
-/// The operator with the light coefficient slowest, `[m][row][k]`.
+/// The operator with the light coefficient as the slowest index, `[m][row][k]`.
 pub(crate) struct Columns {
     length: usize,
     data: Vec<f32>,
@@ -121,8 +121,9 @@ impl Columns {
     }
 }
 
-/// Writes `f_k ( <g> I_i - <g^2> y_i ) - <g^2> vf_k a_ik` into `out` (rows x K): its product with a
-/// column is the pull of the image on that coefficient of the light.
+/// Writes `f_k ( <g> I_i - <g^2> y_i ) - <g^2> vf_k a_ik` into `out` (rows x K).
+///
+/// Its product with a column is the pull of the image on that coefficient of the light.
 pub(super) fn pull_weights(problem: &Problem<'_>, now: &Expectations, a: &[f64], y: &[f64], out: &mut [f64]) {
     let (f, g) = (&now.moments.f, &now.moments.g);
     let (g1, g2) = (g.mean, g.mean_square());
@@ -142,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn products_are_those_of_the_operator() {
+    fn products_match_the_operator() {
         let planted = planted(60, 3, 0.05, 3);
         let problem = planted.problem();
         let ensemble: Ensemble = start(&planted, 2);

@@ -17,7 +17,7 @@ use crate::lighting::{CoefficientPrior, Moments};
 /// Settings of the joint maximum.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointMapSettings {
-    /// Number of random starts, of which the most probable end is kept.
+    /// Number of random starts; the most probable result is kept.
     pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
@@ -83,20 +83,25 @@ pub(super) fn infer(problem: &Problem<'_>, settings: &JointMapSettings, progress
     }
 }
 
-/// Moves the light to its best given all else: mixtures by their EM majoriser, in one linear
-/// system; rectified coefficients cut by their threshold one by one.
+/// Maximises over the light given all else.
+///
+/// Coefficients with mixture priors are updated in one linear system by their EM majoriser;
+/// rectified coefficients that are cut by their threshold are updated one by one.
 fn settle_light(problem: &Problem<'_>, at: &mut AllMoments, grams: &Grams) -> LightSystem {
     let mut light = LightSystem::new(problem, at, grams);
     let (means, _) = light.settle(problem, at, |m, stiffness, push| {
-        let CoefficientPrior::Rectified(p) = problem.light[m - 1] else { unreachable!("only rectified ones are cut") };
+        let CoefficientPrior::Rectified(p) = problem.light[m - 1] else {
+            unreachable!("only rectified coefficients are cut")
+        };
         ((push + p.location / p.variance) / (stiffness + 1.0 / p.variance)).max(p.threshold)
     });
     at.l = means.into_iter().map(point).collect();
     light
 }
 
-/// Searches along Newton's direction for the greatest density, from a light at its best. Returns
-/// the point and the residual in the reflectance there.
+/// Searches along Newton's direction for the highest density, starting from an optimal light.
+///
+/// Returns the point and the residual in the reflectance there.
 fn advance(
     problem: &Problem<'_>,
     from: AllMoments,
@@ -134,8 +139,10 @@ fn advance(
     }
 }
 
-/// Runs one round: the light, a Newton step in everything, then reflectance, exposure and noise in
-/// turn. Returns the point and minus its log posterior, which never grows.
+/// Runs one round, and returns the point and minus its log posterior, which never increases.
+///
+/// A round maximises over the light, takes a Newton step in all variables, and maximises over
+/// reflectance, exposure and noise in turn.
 fn round(problem: &Problem<'_>, mut at: AllMoments, grams: &Grams) -> (AllMoments, f64) {
     let light = settle_light(problem, &mut at, grams);
     let (mut at, system) = advance(problem, at, &light, grams);

@@ -14,12 +14,13 @@ use crate::transfer::kernels::{axpy, dispatch, dot};
 
 /// Largest number of fixed-point iterations of one coefficient in one component.
 const ALONE: usize = 200;
-/// Smallest decrease of a coefficient's cost, in nats, for which it leaps.
+/// Smallest decrease of the cost, in nats, for which a coefficient switches its component.
 const GAIN: f64 = 1e-9;
 
-/// `C_KL` as a function of one light coefficient with a mixture prior, all else given: up to a
-/// constant `<log q> + S <l^2> / 2 - P <l> - <log p(l)>`, with the precision `S` and the push `P`
-/// of the image.
+/// `C_KL` as a function of one light coefficient with a mixture prior, given all else.
+///
+/// Up to a constant, it is `<log q> + S <l^2> / 2 - P <l> - <log p(l)>`, with the precision `S` and
+/// the push `P` of the image.
 #[derive(Clone, Copy)]
 pub(super) struct Alone<'a> {
     pub(super) mixture: &'a ScaleMixture,
@@ -33,12 +34,12 @@ impl Alone<'_> {
         l.mean_log + 0.5 * self.stiffness * square - self.push * l.mean - self.mixture.log_density_of_square(square)
     }
 
-    /// Mean and variance given the precision of the prior.
+    /// Returns mean and variance, given the precision of the prior.
     fn given(&self, prior: f64) -> Moments {
         Moments::gaussian(self.push / (self.stiffness + prior), 1.0 / (self.stiffness + prior))
     }
 
-    /// End of the coordinate descent that starts with the prior precision `prior`.
+    /// Returns the result of coordinate descent from the prior precision `prior`.
     fn descend(&self, prior: f64) -> Moments {
         let mut l = self.given(prior);
         for _ in 0..ALONE {
@@ -52,22 +53,23 @@ impl Alone<'_> {
         l
     }
 
-    /// The best of the descents from every component, and its cost.
+    /// Returns the best result of descents from all components, and its cost.
     pub(super) fn best(&self) -> (Moments, f64) {
         let ends = self.mixture.variances.iter().map(|v| self.descend(1.0 / v)).map(|l| (l, self.cost(&l)));
         ends.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a mixture has components")
     }
 
-    /// Nats by which the best descent lies below `l`.
+    /// Returns the cost of `l` minus that of the best descent, in nats.
     #[cfg(test)]
     pub(super) fn gain(&self, l: &Moments) -> f64 {
         self.cost(l) - self.best().1
     }
 }
 
-/// Moves every light coefficient with a mixture prior to its best, one after the other, each given
-/// those before it. Never raises the cost. `now` belongs to `ensemble`, the returned expectations
-/// to the returned ensemble.
+/// Minimises over the light coefficients with mixture priors, one after the other.
+///
+/// Each minimisation uses the results of those before it, so the cost never increases. `now` are
+/// the expectations of `ensemble`; the returned expectations are those of the returned ensemble.
 pub(super) fn leap(
     problem: &Problem<'_>,
     ensemble: &Ensemble,
@@ -102,8 +104,10 @@ pub(super) fn leap(
     (next, now)
 }
 
-/// Moves every light coefficient with a mixture prior to its best given the old values of the
-/// others, all at once; changes nothing if that does not lower the cost.
+/// Minimises over all light coefficients with mixture priors simultaneously.
+///
+/// Each minimisation uses the old values of the others. The function changes nothing if the result
+/// does not lower the cost.
 pub(super) fn leap_at_once(problem: &Problem<'_>, ensemble: &Ensemble, now: Expectations) -> (Ensemble, Expectations) {
     let mut next = ensemble.clone();
     for (m, alone) in alone(problem, &now) {
@@ -116,7 +120,7 @@ pub(super) fn leap_at_once(problem: &Problem<'_>, ensemble: &Ensemble, now: Expe
     if after.cost(problem) < now.cost(problem) { (next, after) } else { (ensemble.clone(), now) }
 }
 
-/// One-coefficient problems of all light coefficients with a mixture prior, the others fixed.
+/// Returns the one-coefficient problems of all light coefficients with mixture priors.
 pub(super) fn alone<'a>(
     problem: &'a Problem<'_>,
     now: &'a Expectations,

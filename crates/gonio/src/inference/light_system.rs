@@ -92,15 +92,15 @@ impl LightSystem {
         self.target.iter().zip(&present).map(|(t, p)| t - p).collect()
     }
 
-    /// Computes the light at its best given all else: means of all coefficients at once,
+    /// Minimises over the light given all else: solves for the means of all coefficients at once,
     ///
     /// ```text
     /// ( <b><g^2> [ B'B + sum_k vf_k A_k'A_k ] + diag d ) l = <b><g> B'I
     /// ```
     ///
-    /// and the precisions `1/w` that go with them. Coefficients that are alone are updated one
-    /// after the other by `alone(m, 1/w, u/w)`, which receives the contributions of the image and
-    /// returns the mean.
+    /// and computes their precisions `1/w`. Coefficients that are alone are updated one after the
+    /// other by `alone(m, 1/w, u/w)`, which receives the contributions of the image and returns the
+    /// mean.
     pub(crate) fn settle(
         &mut self,
         problem: &Problem<'_>,
@@ -125,8 +125,9 @@ impl LightSystem {
         (means, precisions)
     }
 
-    /// Means that solve the system, those of coefficients alone unchanged. Without a factor, all
-    /// stay.
+    /// Returns the means that solve the system.
+    ///
+    /// Means of coefficients that are alone stay unchanged; without a factor, all means do.
     fn solved(&self, from: &[f64]) -> Vec<f64> {
         let Some(factor) = &self.factor else { return from.to_vec() };
         let mut residual = self.residual(from);
@@ -134,8 +135,9 @@ impl LightSystem {
         from.iter().zip(factor.solve(&residual)).map(|(x, d)| x + d).collect()
     }
 
-    /// Cholesky factor of the curvature among the coefficients that are not alone; `None` where
-    /// round-off is larger than every prior precision.
+    /// Returns the Cholesky factor of the curvature among the coefficients that are not alone.
+    ///
+    /// Returns `None` if round-off is larger than every prior precision.
     pub(super) fn factor(&self) -> Option<&Cholesky> {
         self.factor.as_ref()
     }
@@ -175,8 +177,8 @@ pub(crate) fn settle_coefficient(
     (stiffness, push): (f64, f64),
     mut moments: Moments,
 ) -> Moments {
-    // The responsibilities depend on the coefficient's own moments: a fixed-point iteration, which
-    // never raises the cost.
+    // The responsibilities depend on the coefficient's own moments. The fixed-point iteration never
+    // raises the cost.
     for _ in 0..200 {
         let (natural, prior) = prior_pull(problem.light[m - 1], &moments);
         ensemble.set_l(m, push + natural, stiffness + prior);

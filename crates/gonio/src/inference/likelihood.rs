@@ -11,8 +11,8 @@ use thiserror::Error;
 use super::known_light::Gaussian;
 use super::learnt::LearntPosterior;
 
-/// Logarithm of the ratio of probabilities, one material for all photographs to another one for
-/// the photograph in question, below which they contradict each other (docs/combine.md).
+/// Log odds of one material for all photographs to another one for the photograph in question,
+/// below which the photographs contradict each other (docs/combine.md).
 pub const CONTRADICTION: f64 = -12.0;
 
 /// Likelihood of a material given a photograph, up to a constant.
@@ -28,26 +28,26 @@ pub enum Likelihood {
 /// Likelihood by embeddings of images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Embedding {
-    /// Sum of the embeddings of the images: its product with the embedding of a material is the
-    /// sum of the logarithms of the likelihoods.
+    /// Sum of the embeddings of the images. Its product with the embedding of a material is the sum
+    /// of the log likelihoods.
     sum: Vec<f32>,
     /// Number of images.
     count: usize,
 }
 
-/// Share of the error of a likelihood that photographs of one material have in common: that of the
-/// model, not of the light. With it `K` photographs count as `K / (1 + (K - 1) rho)`. Without it
-/// the intervals of materials outside of the training became too narrow, and the answers no better
-/// (docs/trials.md).
+/// Share `rho` of the error of a likelihood that photographs of one material have in common: the
+/// error of the model, as opposed to that of the light. `K` photographs count as `K / (1 + (K - 1)
+/// rho)`. Without this correction, the intervals of materials outside the training data became too
+/// narrow, and the estimates did not improve (docs/trials.md).
 const COMMON: f64 = 0.5;
 
 impl Embedding {
-    /// The embedding of one image.
+    /// Wraps the embedding of one image.
     pub fn of(image: Vec<f32>) -> Self {
         Self { sum: image, count: 1 }
     }
 
-    /// The embedding by which materials are weighed.
+    /// Returns the embedding that determines the weights of materials.
     pub(crate) fn weighed(&self) -> Vec<f32> {
         let share = 1.0 / (1.0 + (self.count.max(1) - 1) as f64 * COMMON);
         self.sum.iter().map(|v| (f64::from(*v) * share) as f32).collect()
@@ -57,27 +57,27 @@ impl Embedding {
 /// Error in combining likelihoods.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ProductError {
-    /// There are fewer than two.
+    /// There are fewer than two likelihoods.
     #[error("too few photographs; specify at least two")]
     Few,
-    /// Some are under unknown illumination, others under a known light.
+    /// Some likelihoods are for unknown light, others for a known light.
     #[error("some results are for unknown light and others for a known light; combine each kind separately")]
     Mixed,
-    /// One was found with another model.
+    /// A likelihood was inferred with another model.
     #[error("was inferred with another model than the specified one")]
     Model(
         /// Index of the photograph.
         usize,
     ),
-    /// One cannot be of the same material as the others.
+    /// A photograph does not show the same material as the others.
     #[error("does not show the same material as the others (log odds {ratio:.0})")]
     Contradiction {
         /// Index of the photograph.
         at: usize,
-        /// Logarithm of the odds of one material to two.
+        /// Log odds of one material to two.
         ratio: f64,
     },
-    /// Its numbers are not those of a likelihood.
+    /// A likelihood contains invalid numbers.
     #[error("contains damaged numbers")]
     Damaged,
 }
@@ -87,13 +87,13 @@ pub enum ProductError {
 pub struct Product {
     /// The product of the likelihoods.
     pub likelihood: Likelihood,
-    /// For each photograph, the logarithm of the odds of one material for all to another one for
-    /// this photograph; above zero if they agree.
+    /// For each photograph, the log odds of one material for all to another one for this
+    /// photograph; positive if they agree.
     pub agreement: Vec<f64>,
 }
 
 impl Likelihood {
-    /// The product of several likelihoods, all found with the model of `learnt`.
+    /// Multiplies several likelihoods, all inferred with the model of `learnt`.
     ///
     /// # Errors
     /// If there are fewer than two, they are of both kinds or of another model, or one contradicts
@@ -138,7 +138,7 @@ impl Likelihood {
         Ok(Product { likelihood, agreement })
     }
 
-    /// Whether it can have been found with this model.
+    /// Whether the dimensions and numbers of the likelihood are valid for this model.
     pub fn is_of(&self, learnt: &LearntPosterior) -> bool {
         match self {
             Self::Embedding(embedding) => {
@@ -151,8 +151,9 @@ impl Likelihood {
     }
 }
 
-/// For each of `count` photographs, `ln Z(all) - ln Z(others) - ln Z(it)`, where `evidence` gives
-/// `ln Z` of some of them.
+/// Returns `ln Z(all) - ln Z(others) - ln Z(it)` for each of `count` photographs.
+///
+/// `evidence` returns `ln Z` of a subset of them.
 fn agreement(count: usize, evidence: impl Fn(&[usize]) -> Option<f64>) -> Option<Vec<f64>> {
     let all: Vec<usize> = (0..count).collect();
     let of_all = evidence(&all)?;

@@ -1,12 +1,12 @@
-//! From a projected image to the posterior of reflectance (paper 3.4).
+//! Inference of reflectance from a projected image (paper 3.4).
 //!
 //! One [`Problem`] (image, priors), several [`Method`]s, one [`Posterior`]:
 //!
 //! * [`Method::Variational`], the separable posterior of eqs. 12 to 14 fitted by Algorithm 1;
 //! * [`Method::JointMap`], the single most probable pair of light and reflectance (eq. 2), the
 //!   baseline, which wrongly prefers a mirror under blurred illumination;
-//! * [`Method::KnownLight`], for a problem whose light is given: the best that the image could
-//!   determine.
+//! * [`Method::KnownLight`], for a problem whose light is given: the best estimate that the image
+//!   permits.
 //!
 //! [`light`] instead integrates the light out given one BRDF: it computes a bound on the evidence
 //! of the BRDF and the posterior of the light.
@@ -45,7 +45,7 @@ pub use posterior::{Posterior, StartReport};
 pub use problem::{Hyper, MODEL_ERROR, Problem, ProblemError};
 pub use variational::{Solver, VariationalSettings};
 
-/// Method for finding the posterior of a [`Problem`].
+/// Method for computing the posterior of a [`Problem`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Method {
     /// Separable posterior that minimises `C_KL` (eq. 11), from several random starts.
@@ -57,8 +57,9 @@ pub enum Method {
     KnownLight(VariationalSettings),
 }
 
-/// Finds the posterior; deterministic for the seed in the method's settings. `progress` receives a
-/// fraction in 0..=1.
+/// Computes the posterior; deterministic for the seed in the method's settings.
+///
+/// `progress` receives a fraction in 0..=1.
 pub fn infer(problem: &Problem<'_>, method: &Method, progress: &(dyn Fn(f64) + Sync)) -> Posterior {
     match method {
         Method::Variational(settings) | Method::KnownLight(settings) => variational::infer(problem, settings, progress),

@@ -14,11 +14,13 @@ use super::light_system::LightSystem;
 use super::parallel::search;
 use crate::lighting::Moments;
 
-/// Smallest curvature that a step trusts, relative to that of a coordinate alone.
+/// Smallest curvature that a step uses, relative to that of a single coordinate.
 const FLOOR: f64 = 1e-8;
 
-/// Searches along Newton's direction for the least cost, from a light that is at its best for the
-/// reflectance. Returns `from` where no step lowers the cost.
+/// Searches along Newton's direction for the lowest cost.
+///
+/// The light of `from` must be optimal for its reflectance. Returns `from` if no step lowers the
+/// cost.
 pub(super) fn advance(problem: &Problem<'_>, from: Point, light: &LightSystem, noise: bool) -> Point {
     let Point { moments, a, system, .. } = &from;
     let local = Local::new(problem, moments, (a, system), light, noise.then(|| problem.noise_shape()));
@@ -80,10 +82,11 @@ pub(super) struct Local {
 }
 
 impl Local {
-    /// Builds the terms of the image, of the priors of reflectance and exposure, and of the noise
-    /// with `shape` of its Gamma distribution, without the entropy of q, as for point estimates.
-    /// `a` is the image of each basis function under the light (rows x K), `system` the residual in
-    /// the reflectance.
+    /// Builds the terms of image, priors and noise, without the entropy of q, as for point
+    /// estimates.
+    ///
+    /// `shape` is the shape of the Gamma distribution of the noise. `a` is the image of each basis
+    /// function under the light (rows x K), `system` the residual in the reflectance.
     pub(super) fn new(
         problem: &Problem<'_>,
         moments: &AllMoments,
@@ -151,7 +154,7 @@ impl Local {
         let AllMoments { f, g, .. } = &at.moments;
         for (x, ((u, p), m)) in at.ensemble.natural().into_iter().zip(f.iter().chain([g])).enumerate() {
             self.gradient[x] += u - p * m.mean;
-            // The image's curvature differs from `p` where a variance is not yet at its best.
+            // The image's curvature differs from `p` where a variance is not yet optimal.
             let all = 1.0 / m.variance + self.curvature[(x, x)] - p;
             self.curvature[(x, x)] = all.max(1e-3 / m.variance);
         }
@@ -175,8 +178,7 @@ impl Local {
 
     /// Computes Newton's step, with the light eliminated: the curvature `C` of the light and the
     /// mixed curvature `X` subtract `X' C^-1 X` from the curvature of the rest. Negative
-    /// eigenvalues of the result count with their sign reversed. Returns `None` without a factor of
-    /// `C`.
+    /// eigenvalues of the result are used with reversed sign. Returns `None` if `C` has no factor.
     pub(super) fn step(&self, light: &LightSystem) -> Option<Step> {
         let solved = light.factor()?.solve_all(&self.cross);
         let size = self.gradient.len();
@@ -219,11 +221,11 @@ mod tests {
     }
 
     #[test]
-    fn the_gradient_is_that_of_the_cost() {
+    fn gradient_matches_finite_differences_of_the_cost() {
         let planted = planted(60, 3, 0.05, 4);
         let problem = planted.problem();
         let grams = Grams::new(&problem);
-        // The means are arbitrary; the gradient is exact where the variances are at their best.
+        // The means are arbitrary; the gradient is exact where the variances are optimal.
         let mut ensemble = start(&planted, 4);
         for _ in 0..100 {
             let (point, _) = settled(&problem, ensemble, &grams);
@@ -262,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_near_the_end_leaves_little_to_do() {
+    fn a_step_near_the_minimum_removes_most_of_the_excess_cost() {
         for seed in 1..6 {
             let planted = planted(80, 3, 0.05, seed);
             let problem = planted.problem();

@@ -14,8 +14,8 @@ use crate::testing::inner;
 /// `log p(l, f, g, sigma^-2 | I)` up to a constant, as a function of free coordinates
 /// `[log f_k][l_m, or log(l_m - T) where rectified][log g][log sigma^-2]`, Jacobian included.
 ///
-/// With `z = f (x) l`, the residual is `sum I^2 - 2 g c'z + g^2 z'Gz`: arithmetic that the
-/// inference does not share.
+/// With `z = f (x) l`, the residual is `sum I^2 - 2 g c'z + g^2 z'Gz`. The inference computes it in
+/// another way.
 #[derive(Clone)]
 struct Exact {
     /// `G = sum_i A_i (x) A_i`, over `[k][m]`.
@@ -30,7 +30,7 @@ struct Exact {
     hyper: Hyper,
 }
 
-/// Point of the posterior in its own coordinates.
+/// Point of the posterior in the variables of the model.
 #[derive(Clone, Debug)]
 struct Point {
     f: Vec<f64>,
@@ -117,7 +117,7 @@ impl Exact {
     }
 
     /// Draws the start of a chain roughly from the prior, so that chains start far from each other
-    /// and from any answer.
+    /// and from any solution.
     fn start(&self, rng: &mut Pcg64) -> Vec<f64> {
         let light = self.light.iter().map(|prior| match prior {
             CoefficientPrior::Mixture(m) => rng.random_range(-1.0..1.0) * m.variance().sqrt(),
@@ -229,7 +229,7 @@ fn norm(x: &[f64]) -> f64 {
 }
 
 #[test]
-fn the_gradient_is_that_of_the_density() {
+fn gradient_matches_finite_differences_of_the_density() {
     let planted = planted(50, 3, 0.05, 21);
     let exact = Exact::new(&planted.problem());
     let mut rng = Pcg64::seed_from_u64(3);
@@ -255,14 +255,14 @@ fn the_gradient_is_that_of_the_density() {
 ///
 /// The DC of the light is fixed, but the image determines the pair `(f, g)` only up to a common
 /// scale: the priors leave a ridge `g f = const` along which the exact posterior spreads over a
-/// factor of two, while a separable q must settle somewhere on it. So the compared quantities are
-/// constant along the ridge: `f / |f|`, `g f`, the light, the noise.
+/// factor of two, whereas a separable q covers a small part of it. The compared quantities are
+/// therefore constant along the ridge: `f / |f|`, `g f`, the light, the noise.
 ///
-/// Across the ridge, 50 and more pixels per unknown make the posterior nearly Gaussian, and a
-/// separable q has the mean of a Gaussian exactly; only its spreads are too small. The remaining
-/// difference is the bias from the truncation at zero and from the product of `l` and `f`, measured
-/// to be below a twentieth of a standard deviation. The tolerance is twice that plus five Monte
-/// Carlo errors.
+/// Across the ridge, with at least 50 pixels per unknown, the posterior is nearly Gaussian. A
+/// separable q has the exact mean of a Gaussian, but standard deviations that are too small. The
+/// remaining difference is the bias from the truncation at zero and from the product of `l` and
+/// `f`, measured to be below a twentieth of a standard deviation. The tolerance is twice that plus
+/// five Monte Carlo errors.
 fn compare(rows: usize, noise: f64) {
     let planted = planted(rows, 3, noise, 21);
     let problem = planted.problem();
@@ -296,8 +296,8 @@ fn compare(rows: usize, noise: f64) {
         // The exact posterior spreads along the ridge; q covers little of it.
         assert!(draws.estimate(|p| p.g.ln()).sd > 0.4 && got.exposure_sd < 0.05 * got.exposure);
     }
-    // The comparison rejects other answers: the same numbers in another order, the prior mean, and
-    // even the truth, from which the noise of this one image shifts the posterior.
+    // The comparison rejects other solutions: the same numbers in another order, the prior mean,
+    // and even the truth, since the noise of this image shifts the posterior.
     assert!(!agrees(&[planted.f[1], planted.f[2], planted.f[0]]));
     assert!(!agrees(&[1.0; 3]));
     assert!(!agrees(&planted.f), "{:?} {directions:?}", planted.f);
@@ -309,6 +309,6 @@ fn both_solvers_find_the_mean_of_the_exact_posterior() {
 }
 
 #[test]
-fn both_solvers_find_it_in_a_noisy_image_too() {
+fn both_solvers_find_the_mean_in_a_noisy_image() {
     compare(100, 0.2);
 }

@@ -1,4 +1,4 @@
-//! Algorithm 1 as the paper prints it: all parameters updated in parallel, and a line search.
+//! Algorithm 1 as printed in the paper: parallel updates of all parameters and a line search.
 
 use super::leap::leap_at_once;
 use super::variational::{Run, SETTLED, Solver, VariationalSettings};
@@ -87,13 +87,14 @@ impl State {
     }
 }
 
-/// `alpha* = argmin C_KL(Phi + alpha dPhi)`: a bracket grown or shrunk from the last step, then
-/// parabolas.
+/// Line search for `alpha* = argmin C_KL(Phi + alpha dPhi)`.
 ///
-/// In the paper's variables `(u/w, log 1/w)` the parallel update need not be a direction of
-/// descent: just after the noise was lowered, all precisions grow by a large factor, and the search
-/// stalls. In the natural parameters `(u/w, 1/w)` it always is one, since there the gradient of
-/// `C_KL` is the Fisher matrix times `Phi - Phi*`. So a search that fails is repeated along that
+/// It grows or shrinks a bracket from the last step, then fits parabolas.
+///
+/// In the paper's variables `(u/w, log 1/w)` the parallel update is not always a direction of
+/// descent: immediately after the noise is lowered, all precisions grow by a large factor, and the
+/// search stalls. In the natural parameters `(u/w, 1/w)`, it always is, since the gradient of
+/// `C_KL` is the Fisher matrix times `Phi - Phi*`. A failed search is therefore repeated along that
 /// line.
 struct LineSearch {
     alpha: f64,
@@ -140,8 +141,10 @@ impl LineSearch {
     }
 }
 
-/// Minimiser of `at` near `start`, at most about `limit`; `None` if no step down to a
-/// ten-thousandth of `start` gives less than `cost`, the value at zero.
+/// Returns the minimiser of `at` near `start`, at most about `limit`.
+///
+/// `cost` is the value at zero. Returns `None` if no step down to a ten-thousandth of `start`
+/// lowers it.
 pub(super) fn search(start: f64, limit: f64, cost: f64, at: impl Fn(f64) -> f64) -> Option<f64> {
     let mut middle = (start, at(start));
     let mut right = None;
@@ -154,7 +157,7 @@ pub(super) fn search(start: f64, limit: f64, cost: f64, at: impl Fn(f64) -> f64)
         middle = (alpha, at(alpha));
     }
     let mut left = (0.0, cost);
-    // Otherwise grows the bracket while the cost falls.
+    // If the first step lowered the cost, grows the bracket while the cost falls.
     let mut right = match right {
         Some(right) => right,
         None => loop {

@@ -20,7 +20,7 @@ pub struct Posterior {
     pub reflectance: Vec<f64>,
     /// Standard deviation of `f_k`; zero for a point estimate.
     pub reflectance_sd: Vec<f64>,
-    /// `<l_m>`, DC first. For a known light, its single coefficient, one.
+    /// `<l_m>`, DC first. For a known light, the single coefficient of value one.
     pub light: Vec<f64>,
     /// Standard deviation of `l_m`.
     pub light_sd: Vec<f64>,
@@ -35,6 +35,6 @@ pub struct Posterior {
     pub trace: Vec<f64>,
     /// Reports of all starts, in the order they were made.
     pub starts: Vec<StartReport>,
-    /// Index of the start that was kept, the one of least cost.
+    /// Index of the kept start, which has the lowest cost.
     pub best_start: usize,
 }

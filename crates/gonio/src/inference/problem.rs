@@ -30,7 +30,7 @@ impl Hyper {
     /// Prior for real images: `Gamma(a, b)` with as much weight as `pixels` observations that all
     /// have an error of [`MODEL_ERROR`].
     ///
-    /// The residual of a real image is not noise but the part that grid and basis cannot express,
+    /// The residual of a real image is not noise but the part that grid and basis cannot represent,
     /// and it is correlated between neighbouring pixels.
     pub fn with_model_error(pixels: usize) -> Self {
         let shape = pixels as f64;
@@ -106,9 +106,9 @@ impl<'a> Problem<'a> {
     /// one, and its rows are the images of the basis functions under that light.
     ///
     /// # Errors
-    /// As [`Self::blind`].
+    /// Those of [`Self::blind`].
     pub fn with_known_light(image: &'a Projected, rates: &[f64], hyper: Hyper) -> Result<Self, ProblemError> {
-        assert_eq!(image.bilinear.m(), 1, "a known light is one coefficient");
+        assert_eq!(image.bilinear.m(), 1, "a known light has one coefficient");
         Self::new(image, Vec::new(), 1.0, rates, hyper)
     }
 
@@ -148,8 +148,9 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Makes the starts draw their random reflectances from coefficients of known materials instead
-    /// of from the exponential prior.
+    /// Sets the coefficients of known materials from which the starts draw their reflectances.
+    ///
+    /// By default, they draw from the exponential prior.
     pub fn starting_from(mut self, examples: Vec<Vec<f64>>) -> Self {
         assert!(examples.iter().all(|e| e.len() == self.rates.len()));
         self.examples = examples;

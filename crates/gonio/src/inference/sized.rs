@@ -10,8 +10,8 @@ use super::*;
 use crate::lighting::LightPrior;
 use crate::transfer::{PlanSettings, Projected, sphere_points, toy_prior, toy_sky, toy_tables};
 
-/// Image of a sphere with a diffuse part and two lobes under a sky that the prior has not seen,
-/// with noise of 1 % of the root mean square.
+/// Image of a sphere with a diffuse part and two lobes under a sky outside the training data of the
+/// prior, with noise of 1 % of the root mean square.
 fn sphere(side: usize, prior: &LightPrior) -> Projected {
     let (points, tables) = (sphere_points(7 * side * side / 10), toy_tables());
     let settings = PlanSettings { side, ..PlanSettings::default() };
@@ -33,7 +33,7 @@ fn problem<'a>(image: &'a Projected, prior: &'a LightPrior) -> Problem<'a> {
 }
 
 #[test]
-fn the_end_depends_neither_on_the_starting_variance_nor_on_the_tolerance() {
+fn result_is_independent_of_starting_variance_and_tolerance() {
     let prior = toy_prior(32);
     let image = sphere(32, &prior);
     let problem = problem(&image, &prior);
@@ -54,7 +54,7 @@ fn the_end_depends_neither_on_the_starting_variance_nor_on_the_tolerance() {
 }
 
 #[test]
-fn blocks_end_where_the_parallel_update_ends() {
+fn blocks_and_parallel_updates_reach_the_same_cost() {
     let prior = toy_prior(16);
     let image = sphere(16, &prior);
     let problem = problem(&image, &prior);

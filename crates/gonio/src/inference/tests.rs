@@ -64,7 +64,7 @@ pub(super) fn start(planted: &Planted, seed: u64) -> Ensemble {
     ensemble
 }
 
-/// Name of a scalar update; each is made alone from the present state.
+/// Part of q that is updated alone.
 #[derive(Clone, Copy, Debug)]
 enum Coordinate {
     F(usize),
@@ -130,7 +130,8 @@ fn the_gradient_vanishes_after_an_update() {
             let gradient = (planted.cost(&ensemble.moved(step, &direction))
                 - planted.cost(&ensemble.moved(-step, &direction)))
                 / (2.0 * step);
-            // The cost has about 14 digits, so a central difference has about 1e-8 of it.
+            // The cost is accurate to about 14 digits, so the error of a central difference is
+            // about 1e-8 of it.
             assert!(gradient.abs() < 3e-7 * planted.cost(&ensemble).abs().max(1.0), "{which:?} at {at}: {gradient}");
         }
     }
@@ -231,7 +232,7 @@ fn line_searches_never_raise_the_cost() {
 }
 
 #[test]
-fn the_joint_maximum_only_climbs_and_explains_a_planted_image() {
+fn joint_maximum_ascends_and_recovers_a_planted_solution() {
     let planted = planted(400, 3, 0.01, 21);
     let got = solved(&planted, &Method::JointMap(JointMapSettings { max_iterations: 500, ..Default::default() }));
     for w in got.trace.windows(2) {
@@ -241,7 +242,7 @@ fn the_joint_maximum_only_climbs_and_explains_a_planted_image() {
 }
 
 #[test]
-fn with_known_light_the_answer_is_that_of_non_negative_least_squares() {
+fn known_light_matches_non_negative_least_squares() {
     // Rows are images of the basis functions; noise so small that the priors do not matter.
     let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
     let (rows, truth) = (200, [0.8, 0.0, 0.3, 1.7]);
@@ -281,7 +282,7 @@ fn scaling_the_image_scales_exposure_and_noise_alone() {
 }
 
 #[test]
-fn images_that_pose_no_problem_are_refused() {
+fn rejects_invalid_images_and_rates() {
     let mut p = planted(60, 2, 0.1, 1);
     assert_eq!(
         Problem::blind(&p.image, &p.prior, &[1.0], Hyper::default()).unwrap_err(),

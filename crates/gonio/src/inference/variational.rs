@@ -14,14 +14,15 @@ use super::{Ensemble, Posterior, Problem, StartReport, blocks, parallel};
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
     /// Algorithm 1 as printed: all parameters updated in parallel, then a line search on `C_KL`
-    /// along `Phi + alpha (Phi* - Phi)`; one change below the threshold settles a noise level.
+    /// along `Phi + alpha (Phi* - Phi)`; a noise level has converged after one change below the
+    /// threshold.
     Printed,
-    /// [`Self::Printed`] with additions that make it converge: leaps of the light between the
-    /// components of its prior, momentum, a second search in the natural parameters where the first
-    /// fails, and three changes below the threshold.
+    /// [`Self::Printed`] with additions that make it converge: component switches of the light,
+    /// momentum, a second search in the natural parameters if the first fails, and three changes
+    /// below the threshold.
     Parallel,
-    /// Leaps, exact minimisation over light, reflectance and exposure in turn, and Newton steps in
-    /// all of them: the same minima in a fraction of the time.
+    /// Component switches, exact minimisation over light, reflectance and exposure in turn, and
+    /// Newton steps in all of them: the same minima in a fraction of the time.
     #[default]
     Blocks,
 }
@@ -31,11 +32,11 @@ pub enum Solver {
 pub struct VariationalSettings {
     /// Algorithm of the steps.
     pub solver: Solver,
-    /// Number of random starts, of which the one of least `C_KL` is kept.
+    /// Number of random starts; the one with the lowest `C_KL` is kept.
     pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
-    /// Variance that every coefficient starts with (paper: 0.1), in the units of the coefficients.
+    /// Initial variance of every coefficient (paper: 0.1), in the units of the coefficients.
     pub variance: f64,
     /// Stopping threshold (paper: 1e-4): of the change of `C_KL` at one noise level, in nats, and
     /// of the change of `Phi_5` from level to level.
@@ -57,7 +58,7 @@ impl VariationalSettings {
     }
 }
 
-/// Number of consecutive changes below the tolerance that settle a noise level.
+/// Number of consecutive changes below the tolerance after which a noise level has converged.
 pub(super) const SETTLED: usize = 3;
 /// A finished start.
 pub(super) struct Run {

@@ -11,20 +11,20 @@ use super::space::Space;
 use super::turn::propose;
 use super::{Alignment, COMPARED, KnownLightError, KnownLightPosterior, Materials, Rows, start};
 
-/// Turns that are tried one after the other, at most.
+/// Largest number of successive rotations.
 const TURNS: usize = 4;
 
-/// Decrease of the cost in nats, and angle in radians (0.2 degrees), from which a turn is tried:
-/// less is within what the error of a right light asks for.
+/// Decrease of the cost (nats) and angle (radians; 0.2 degrees) above which a rotation is tried.
+/// The error of a correct light may suggest smaller ones.
 const WORTH: (f64, f64) = (10.0, 0.0035);
 
-/// A turn stays if the error of the image falls to this share, or below.
+/// Largest ratio of the errors of the image after and before a rotation for which it is kept.
 const BETTER: f64 = 0.97;
 
-/// Angles about the vertical that are compared, and how many of them are followed up.
+/// Number of angles about the vertical that are compared, and number of those that are refined.
 const AROUND: (usize, usize) = (24, 2);
 
-/// A fit under a light with the turn it was found for.
+/// Fit under a light with a given rotation.
 struct Candidate {
     turn: DQuat,
     operator: Operator,
@@ -32,7 +32,7 @@ struct Candidate {
 }
 
 impl Candidate {
-    /// Root mean square of the error of the logarithm of the image, outliers cut off.
+    /// Returns the root mean square error of the logarithm of the image, with outliers clipped.
     fn error(&self) -> f64 {
         let residuals = &self.fit.state.residuals;
         let cut = CUT * median(residuals.iter().map(|r| r.abs()).collect());
@@ -40,7 +40,7 @@ impl Candidate {
     }
 }
 
-/// Finds the posterior and the turn of the light.
+/// Computes the posterior and the rotation of the light.
 pub(super) fn aligned(
     rows: &Rows<'_>,
     mut light: GivenLight,
@@ -67,7 +67,7 @@ pub(super) fn aligned(
     Ok(KnownLightPosterior::found(&image, fit, rows, space, turn))
 }
 
-/// The angles about the vertical under which some material of the prior comes nearest to the image.
+/// Returns the rotations about the vertical under which a material of the prior fits best.
 fn around(rows: &Rows<'_>, light: &mut GivenLight, materials: &Materials<'_>) -> Vec<DQuat> {
     let total = rows.values.len();
     let some: Vec<usize> = (0..total).step_by(total.div_ceil(COMPARED)).collect();
@@ -86,8 +86,9 @@ fn around(rows: &Rows<'_>, light: &mut GivenLight, materials: &Materials<'_>) ->
 }
 
 impl Candidate {
-    /// Turns the light and fits the material under it, from a state or from the best material of
-    /// the prior.
+    /// Rotates the light and fits the material.
+    ///
+    /// The fit starts from a state or from the best material of the prior.
     fn at(
         turn: DQuat,
         light: &mut GivenLight,
@@ -107,8 +108,9 @@ impl Candidate {
         Ok(Self { turn, operator, fit })
     }
 
-    /// Turns the light for as long as the image is explained better. Small turns from where it is
-    /// now are probable.
+    /// Rotates the light as long as the error of the image decreases.
+    ///
+    /// The prior favours small rotations relative to the initial one.
     fn refined(
         mut self,
         light: &mut GivenLight,
@@ -130,7 +132,7 @@ impl Candidate {
         Ok(self)
     }
 
-    /// The next turn, if there is one worth trying.
+    /// Returns the next rotation, if its expected gain is large enough.
     fn proposal(
         &self,
         light: &GivenLight,

@@ -22,12 +22,11 @@ use super::{KnownLightError, KnownLightPosterior, Materials, Rows};
 use crate::colour::{ChromaField, ColourModel};
 use crate::reflectance::BivariateTable;
 
-/// Observations that the channels are found from, at most. Colours vary more slowly than
-/// luminance.
+/// Largest number of observations for the channels. Colours vary more slowly than luminance.
 const CHANNEL_ROWS: usize = 500;
 
-/// Share of the mean luminance that is added to values before residuals are divided by: dark pixels
-/// have the noise of the camera.
+/// Share of the mean luminance that is added to values before the division by residuals, since
+/// camera noise dominates dark pixels.
 const RESIDUAL_FLOOR: f64 = 0.01;
 
 /// Prior of the differences of channels and of the errors of colours.
@@ -43,12 +42,12 @@ const CHANNEL: FitPrior = FitPrior {
 /// neither the light nor the table is exact (`gonio-eval calibration`).
 const INFLATION: f64 = 1.5;
 
-/// Degrees of freedom of Student's distribution of these draws: some materials are described far
-/// less well than others.
+/// Degrees of freedom of Student's distribution of these draws, since the model describes some
+/// materials far less well than others.
 const FREEDOM: f64 = 3.0;
 
-/// Relative change of the luminance of the image by the colours, root mean square, above which the
-/// luminance is found anew with them: one percent is what cameras are accurate to.
+/// Relative root mean square change of the image's luminance by the colours above which the
+/// luminance is re-estimated. Cameras are accurate to about one percent.
 const COLOUR_CHANGE: f64 = 0.01;
 
 /// Posterior of the three channels of a material relative to its luminance.
@@ -56,12 +55,11 @@ const COLOUR_CHANGE: f64 = 0.01;
 pub struct ChannelPosterior {
     space: Space,
     fits: Vec<Fit>,
-    /// Root mean square of what the channels leave of the photograph, relative to it, in each
-    /// channel.
+    /// Root mean square residual of each channel, relative to the photograph.
     pub misfit: [f64; 3],
 }
 
-/// Observations in colour under a light that is given.
+/// Colour observations under a given light.
 struct ColouredRows<'a> {
     rows: &'a Rows<'a>,
     colours: &'a [DVec3],
@@ -71,15 +69,17 @@ struct ColouredRows<'a> {
 }
 
 impl KnownLightPosterior {
-    /// Finds the channels under the light that the luminance was found under. `colours` are the
-    /// linear RGB values of the rows. Returns the luminance anew: where light and material are both
-    /// coloured, the luminance of the image is not that of a grey material in grey light.
+    /// Estimates the channels, and returns them with the re-estimated luminance.
+    ///
+    /// `colours` are the linear RGB values of the rows, and `light` is that of the luminance
+    /// estimate. If light and material are both coloured, the luminance of the image differs from
+    /// that of a grey material in grey light.
     ///
     /// # Errors
     /// If a channel of the light or of the photograph is black, or the equations have no solution.
     ///
     /// # Panics
-    /// If numbers of rows differ.
+    /// If the numbers of rows differ.
     pub fn with_channels(
         self,
         rows: &Rows<'_>,
@@ -112,7 +112,7 @@ impl KnownLightPosterior {
 }
 
 impl ColouredRows<'_> {
-    /// Finds the channels around a luminance by which the image has these values.
+    /// Estimates the channels around a luminance table with the image `predicted`.
     fn channels(&self, table: &BivariateTable, predicted: &[f64]) -> Result<ChannelPosterior, KnownLightError> {
         let Self { rows, colours, operators, axes } = self;
         let total = colours.len();
@@ -143,7 +143,7 @@ impl ColouredRows<'_> {
 }
 
 impl ChannelPosterior {
-    /// The most probable chroma of every cell.
+    /// Returns the most probable chroma of every cell.
     pub fn field(&self) -> ChromaField {
         self.at(|fit, _| fit.state.coefficients.clone())
     }

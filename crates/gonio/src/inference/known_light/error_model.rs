@@ -6,24 +6,24 @@ use glam::DVec3;
 use crate::inference::light::Cholesky;
 use crate::linalg::eigenvectors;
 
-/// Distance of normals on the unit sphere over which the discrepancy loses its correlation: 22
-/// degrees, as measured on training materials in training lights (docs/trials.md).
+/// Distance of normals on the unit sphere over which the correlation of the discrepancy falls to
+/// 1/e: 22 degrees, as measured on training materials in training lights (docs/trials.md).
 const LENGTH: f64 = 0.38;
 
 /// Smallest standard deviation of the noise.
 const LEAST_NOISE: f64 = 0.005;
 
-/// Factor between neighbouring standard deviations that are compared, and their number.
+/// Ratio of successive candidate standard deviations, and their number.
 const LADDER: (f64, usize) = (1.25, 22);
 
-/// Observations from which the standard deviations are estimated, at most.
+/// Largest number of observations for the estimation of the standard deviations.
 const SAMPLE: usize = 300;
 
-/// Degrees of freedom of the noise, which is Student's: shadows, reflections of the surroundings
-/// and specks are errors that no Gaussian would make.
+/// Degrees of freedom of Student's distribution of the noise. Errors from shadows, reflections of
+/// the surroundings and specks have heavier tails than a Gaussian.
 const FREEDOM: f64 = 4.0;
 
-/// Largest residual, in median absolute ones, that counts in the estimation.
+/// Limit to which the estimation clips residuals, as a multiple of their median absolute value.
 pub(super) const CUT: f64 = 4.0;
 
 /// Error of the logarithm of the image: a smooth function of the normal, of exponential
@@ -45,14 +45,14 @@ pub(super) struct ErrorModel {
 }
 
 impl ErrorModel {
-    /// Starts with large errors. Values of low `trust` (0 to 1) have more noise.
+    /// Creates a model with large initial errors. Values of low `trust` (0 to 1) have more noise.
     pub(super) fn new(normals: &[DVec3], trust: Vec<f64>, least_discrepancy: f64) -> Self {
         let n = normals.len();
         let correlation = Mat::from_fn(n, n, |i, j| (-normals[i].distance(normals[j]) / LENGTH).exp());
         Self { correlation, weights: vec![1.0; n], trust, least_discrepancy, noise: 0.1, discrepancy: 0.1 }
     }
 
-    /// The model of some of the rows.
+    /// Returns the model of a subset of the rows.
     pub(super) fn of_rows(&self, rows: &[usize]) -> Self {
         let some = |values: &[f64]| rows.iter().map(|&at| values[at]).collect();
         Self {
@@ -63,7 +63,7 @@ impl ErrorModel {
         }
     }
 
-    /// Factorised covariance.
+    /// Returns the factorised covariance.
     pub(super) fn factor(&self) -> Option<Cholesky> {
         let (n, square) = (self.trust.len(), self.discrepancy.powi(2));
         Cholesky::new(Mat::from_fn(n, n, |i, j| {
@@ -76,8 +76,9 @@ impl ErrorModel {
         self.noise.powi(2) / (self.weights[at] * self.trust[at])
     }
 
-    /// Estimates both standard deviations from residuals by the largest likelihood, on an evenly
-    /// spaced sample of the observations.
+    /// Estimates both standard deviations from residuals by maximum likelihood.
+    ///
+    /// Uses an evenly spaced sample of the observations.
     pub(super) fn estimate(&mut self, residuals: &[f64]) {
         let n = residuals.len();
         let sample: Vec<usize> = (0..n).step_by(n.div_ceil(SAMPLE).max(1)).collect();
@@ -99,8 +100,10 @@ impl ErrorModel {
         (self.noise, self.discrepancy) = best.expect("the ladder is not empty");
     }
 
-    /// Updates the weights of Student's distribution for residuals, given the factorised
-    /// covariance: the part of each residual that is noise, not discrepancy, decides.
+    /// Updates the weights of Student's distribution, given residuals and the factorised
+    /// covariance.
+    ///
+    /// A weight depends on the part of the residual that is noise rather than discrepancy.
     pub(super) fn reweigh(&mut self, residuals: &[f64], factor: &Cholesky) {
         let solved = factor.solve(residuals);
         let weights: Vec<f64> = (0..residuals.len())
@@ -113,7 +116,7 @@ impl ErrorModel {
     }
 }
 
-/// Median of values; zero of none.
+/// Returns the median; zero if there are no values.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -131,7 +134,7 @@ mod tests {
     use super::*;
     use crate::sphere::fibonacci_hemisphere;
 
-    /// Noise and discrepancy drawn from the model are told apart.
+    /// Separates noise and discrepancy drawn from the model.
     #[test]
     fn planted_errors_are_recovered() {
         let normals: Vec<DVec3> = fibonacci_hemisphere(600).collect();
@@ -164,7 +167,7 @@ mod tests {
         model.reweigh(&residuals, &model.factor().unwrap());
         assert!(model.weights[50] < 0.05, "{}", model.weights[50]);
         let least = model.weights.iter().enumerate().filter(|(i, _)| *i != 50).map(|w| *w.1).fold(2.0, f64::min);
-        // The smooth part follows the outlier a little, so its neighbours lose some.
+        // The smooth part follows the outlier slightly, so its neighbours lose some weight.
         assert!(least > 0.25 && median(model.weights.clone()) > 1.1, "{least}");
     }
 }

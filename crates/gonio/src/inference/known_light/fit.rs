@@ -13,11 +13,11 @@ use super::{KnownLightError, Rows};
 use crate::inference::light::Cholesky;
 use crate::reflectance::CELLS;
 
-/// Rounds in which the error model is estimated anew; after them it stays, so that the steps
-/// descend one cost.
+/// Number of rounds. The error model is re-estimated before the steps of a round and fixed during
+/// them, so that they descend one cost.
 const ROUNDS: usize = 4;
 
-/// Steps of each round, at most.
+/// Largest number of steps of each round.
 const STEPS: usize = 25;
 
 /// Decrease of the cost, in nats, below which a round ends.
@@ -26,24 +26,22 @@ const SETTLED: f64 = 0.01;
 /// Largest change of the logarithm of reflectance in one step.
 const LARGEST_STEP: f64 = 3.0;
 
-/// Logarithms are taken of values plus this share of their mean: dark pixels have the noise of the
-/// camera.
+/// Share of the mean value that is added to values before taking logarithms, since camera noise
+/// dominates dark pixels.
 const FLOOR: f64 = 0.01;
 
-/// Standard deviation of the logarithm of the factor by which clipped pixels of the light are
-/// brighter than the map says. Half an exposure step is usual, five are not unheard of.
+/// Prior standard deviation of the logarithm of the ratio of the true radiance of clipped pixels to
+/// that in the map. Half an exposure step is common; five occur.
 const GAIN: f64 = 1.5;
 
 /// Prior of the coefficients and of the errors of an image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FitPrior {
-    /// Standard deviation of the coefficients of the splines, in the logarithm of reflectance,
-    /// before it is estimated.
+    /// Initial standard deviation of the spline coefficients, in the logarithm of reflectance.
     pub(super) deviation: f64,
     /// Range of that standard deviation.
     pub(super) deviations: (f64, f64),
-    /// Range of the standard deviation of the coefficients of the axes, which is one unless the
-    /// range has a width.
+    /// Range of the standard deviation of the coefficients of the axes, whose initial value is one.
     pub(super) axis_deviations: (f64, f64),
     /// Precision of the constant.
     pub(super) constant_precision: f64,
@@ -52,8 +50,8 @@ pub(super) struct FitPrior {
 }
 
 impl FitPrior {
-    /// The prior of a material. The discrepancy is at least what the best bivariate table leaves of
-    /// a rendering of a measured material (docs/trials.md).
+    /// Prior of a material. The smallest discrepancy is the residual that the best bivariate table
+    /// leaves of a rendering of a measured material (docs/trials.md).
     pub(super) const MATERIAL: Self = Self {
         deviation: 0.2,
         deviations: (0.1, 1.0),
@@ -63,9 +61,10 @@ impl FitPrior {
     };
 }
 
-/// An image under a known light: `I_i = sum_c (R_ic + g S_ic) F_c` with the matrices of the light,
-/// `S` for its clipped pixels, and the error of its logarithm. The last coefficient is `ln g` if
-/// the light has clipped pixels.
+/// Image under a known light, and the error of its logarithm.
+///
+/// `I_i = sum_c (R_ic + g S_ic) F_c`, where `S` is the matrix of the clipped pixels of the light,
+/// and `R` that of the others. The last coefficient is `ln g` if the light has clipped pixels.
 pub(super) struct Image<'a> {
     operator: &'a Operator,
     logs: Vec<f64>,
@@ -75,7 +74,7 @@ pub(super) struct Image<'a> {
     precisions: Vec<f64>,
 }
 
-/// Coefficients and what follows from them.
+/// Coefficients, with the reflectance, image and residuals that follow from them.
 #[derive(Clone, Debug)]
 pub(super) struct State {
     pub(super) coefficients: Vec<f64>,
@@ -91,16 +90,16 @@ pub(super) struct Fit {
     /// Factor of the inverse covariance of the coefficients.
     pub(super) curvature: Cholesky,
     pub(super) errors: ErrorModel,
-    /// Standard deviation of the coefficients of the splines in this curvature.
+    /// Standard deviation of the spline coefficients in `curvature`.
     pub(super) deviation: f64,
-    /// Cost after each step, and the index at which each round begins.
+    /// Costs of each round, before the first and after each step.
     #[cfg(test)]
     pub(super) trace: Vec<Vec<f64>>,
     pub(super) settled: bool,
 }
 
 impl<'a> Image<'a> {
-    /// The image of rows.
+    /// Builds the image of the rows.
     ///
     /// # Errors
     /// If the light or the photograph is black.
@@ -121,7 +120,7 @@ impl<'a> Image<'a> {
         Ok(Self::new(operator, rows.values, space, prior))
     }
 
-    /// The image of values, of which some are positive, under a light that is not black.
+    /// Builds the image of values, at least one of them positive, under a light that is not black.
     fn new(operator: &'a Operator, values: &[f64], space: &'a Space, prior: FitPrior) -> Self {
         let floor = FLOOR * values.iter().sum::<f64>() / values.len() as f64;
         let logs = values.iter().map(|v| (v.max(0.0) + floor).ln()).collect();
@@ -145,7 +144,8 @@ impl<'a> Image<'a> {
         self.precisions.len()
     }
 
-    /// State of a material at a place of the prior, with this gain and the constant that fits best.
+    /// Returns the state of a material at a place of the prior, with this gain and the best
+    /// constant.
     pub(super) fn start(&self, place: &[f64], gain: f64) -> State {
         let mut coefficients = self.space.at(place);
         if self.operator.clips() {
@@ -156,7 +156,7 @@ impl<'a> Image<'a> {
         self.state(state.coefficients)
     }
 
-    /// Factor of the clipped pixels.
+    /// Returns the gain of the clipped pixels.
     pub(super) fn gain(&self, coefficients: &[f64]) -> f64 {
         coefficients.get(self.space.len()).map_or(1.0, |log| log.exp())
     }
@@ -193,7 +193,7 @@ impl<'a> Image<'a> {
         &self.precisions
     }
 
-    /// Logarithm of a value, raised by the floor.
+    /// Returns the logarithm of a value plus the floor.
     pub(super) fn log(&self, value: f64) -> f64 {
         (value.max(0.0) + self.floor).ln()
     }
@@ -217,7 +217,9 @@ impl<'a> Image<'a> {
         self.fit(start, errors).ok_or(KnownLightError::Unsolvable)
     }
 
-    /// Descends from a state. `None` if the equations have no solution, which finite images have.
+    /// Descends from a state; `None` if the equations have no solution.
+    ///
+    /// The equations of finite images always have one.
     fn fit(&mut self, start: State, mut errors: ErrorModel) -> Option<Fit> {
         let mut state = start;
         #[cfg(test)]
@@ -284,7 +286,7 @@ impl<'a> Image<'a> {
         (normal, gradient)
     }
 
-    /// The first damped step that lowers the cost; `None` if none does.
+    /// Returns the first damped step that lowers the cost, if there is one.
     fn step(
         &self,
         state: &State,
@@ -320,9 +322,10 @@ impl<'a> Image<'a> {
     }
 }
 
-/// Standard deviation, within a range, of the coefficients with these indices under which they are
-/// most probable (a step of the EM algorithm): materials unlike those of the prior need larger
-/// ones. `inverse` is the inverse of the factor of the curvature.
+/// Returns the most probable standard deviation of the coefficients with these indices.
+///
+/// This is a step of the EM algorithm, clamped to a range. Materials unlike those of the prior need
+/// a larger standard deviation. `inverse` is the inverse of the factor of the curvature.
 fn likely_deviation(state: &State, inverse: &Mat<f64>, indices: Range<usize>, range: (f64, f64)) -> f64 {
     let count = indices.len().max(1) as f64;
     let square = indices.map(|j| {
@@ -359,8 +362,8 @@ mod tests {
         x.iter().zip(along).map(|(x, d)| x + by * d).collect()
     }
 
-    /// Derivatives of the image, the gradient, and the curvature where the image is met exactly,
-    /// agree with finite differences along random directions.
+    /// Compares the derivatives of the image, the gradient, and the curvature at an exact fit with
+    /// finite differences along random directions.
     #[test]
     fn derivatives_agree_with_finite_differences() {
         let points = ball(60);
@@ -407,8 +410,7 @@ mod tests {
         }
     }
 
-    /// Every step lowers the cost, and the last is at a minimum: the gradient is small beside what
-    /// the curvature makes of one standard deviation.
+    /// Every step of a round lowers the cost, and the last round converges.
     #[test]
     fn the_cost_never_rises() {
         let points = ball(150);

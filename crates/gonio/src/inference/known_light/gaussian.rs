@@ -1,5 +1,4 @@
-//! The posterior of the material as a Gaussian, without the scale, to be drawn from, stored, and
-//! multiplied with others.
+//! Gaussian posterior of the material without its scale, for draws, storage and products.
 
 use faer::Mat;
 use rand::SeedableRng;
@@ -20,15 +19,17 @@ pub struct Gaussian {
     mean: Vec<f64>,
     /// Lower triangle of the inverse covariance, row by row.
     precision: Vec<f64>,
-    /// Standard deviation of the coefficients of splines a priori.
+    /// Prior standard deviation of the spline coefficients.
     deviation: f64,
 }
 
 impl Gaussian {
-    /// The marginal of the first `count` coefficients of a Gaussian whose inverse covariance has
-    /// this factor. `None` if it is not positive definite.
+    /// Returns the marginal of the first `count` coefficients.
+    ///
+    /// `curvature` is the factor of the inverse covariance of all coefficients. Returns `None` if
+    /// the marginal is not positive definite.
     pub(super) fn marginal(mean: &[f64], curvature: &Cholesky, count: usize, deviation: f64) -> Option<Self> {
-        // The covariance of all, of which the block of the first is that of the marginal.
+        // The covariance of the marginal is the leading block of that of all coefficients.
         let inverse = curvature.inverse_of_lower();
         let part = inverse.submatrix(0, 0, mean.len(), count);
         let covariance = part.transpose() * part;
@@ -38,7 +39,7 @@ impl Gaussian {
         Some(Self { mean: mean[..count].to_vec(), precision: lower(&precision), deviation })
     }
 
-    /// Whether it has the coefficients of a space, and is sound.
+    /// Whether the number of coefficients matches `coordinates`, and all numbers are valid.
     pub(crate) fn is_of(&self, coordinates: &Coordinates) -> bool {
         let n = self.mean.len();
         n == Space::free(coordinates.axes.len())
@@ -47,7 +48,7 @@ impl Gaussian {
             && self.mean.iter().chain(&self.precision).all(|v| v.is_finite())
     }
 
-    /// Standard deviation of the coefficients of splines a priori.
+    /// Prior standard deviation of the spline coefficients.
     pub(crate) fn deviation(&self) -> f64 {
         self.deviation
     }
@@ -60,7 +61,7 @@ impl Gaussian {
         })
     }
 
-    /// Precisions a priori, of splines of this standard deviation.
+    /// Returns the prior precisions, with `deviation` for the splines.
     fn prior(&self, axes: usize, deviation: f64) -> impl Iterator<Item = f64> {
         (0..self.mean.len()).map(move |i| if i < axes { 1.0 } else { deviation.powi(-2) })
     }
@@ -69,7 +70,7 @@ impl Gaussian {
         self.mean.len() - Space::free(0)
     }
 
-    /// Inverse covariance, and its product with the mean, of all likelihoods and one prior.
+    /// Returns inverse covariance, and its product with the mean, of all likelihoods and one prior.
     fn sums(all: &[&Self], deviation: f64) -> (Mat<f64>, Vec<f64>) {
         let n = all[0].mean.len();
         let (mut precision, mut information) = (Mat::zeros(n, n), vec![0.0; n]);
@@ -83,7 +84,9 @@ impl Gaussian {
         (precision, information)
     }
 
-    /// The posterior with a hint as one more likelihood. `None` if it is not positive definite.
+    /// Returns the posterior with a hint as an additional likelihood.
+    ///
+    /// Returns `None` if it is not positive definite.
     ///
     /// # Panics
     /// If the hint has another number of axes.
@@ -108,8 +111,9 @@ impl Gaussian {
         Some(Self { mean, precision: lower(&precision), deviation })
     }
 
-    /// Logarithm of the mean of the product of likelihoods over the prior, up to a constant that
-    /// is the sum of one of each.
+    /// Returns the logarithm of the mean of the product of likelihoods over the prior.
+    ///
+    /// It is up to a constant, which is the sum of one constant for each likelihood.
     pub(crate) fn log_evidence(all: &[&Self], deviation: f64) -> Option<f64> {
         let (precision, information) = Self::sums(all, deviation);
         let factor = Cholesky::new(precision)?;
@@ -119,18 +123,19 @@ impl Gaussian {
         Some(0.5 * (explained + of_prior - of_posterior))
     }
 
-    /// The most probable table, of albedo one along the normal.
+    /// Returns the most probable table, with a normal albedo of one.
     pub(crate) fn table(&self, coordinates: &Coordinates) -> BivariateTable {
         Space::new(coordinates).table(&self.whole(&self.mean)).with_normal_albedo(1.0).0
     }
 
-    /// Place of the mean in the coordinates of the prior.
+    /// Returns the mean in the coordinates of the prior.
     pub(crate) fn place(&self) -> &[f64] {
         &self.mean[..self.axes()]
     }
 
-    /// Draws tables of albedo one along the normal; the same seed gives the same draws. `None` if
-    /// the Gaussian is not one.
+    /// Draws tables with a normal albedo of one; the same seed gives the same draws.
+    ///
+    /// Returns `None` if the inverse covariance is not positive definite.
     pub(crate) fn draws(&self, coordinates: &Coordinates, count: usize, seed: u64) -> Option<Vec<BivariateTable>> {
         let (space, factor) = (Space::new(coordinates), Cholesky::new(self.matrix())?);
         let mut rng = Pcg64::seed_from_u64(seed);
@@ -144,7 +149,7 @@ impl Gaussian {
         Some(white.par_iter().map(table).collect())
     }
 
-    /// All coefficients of the space, with no change of the scale.
+    /// Returns all coefficients of the space, with zero for the scale.
     fn whole(&self, coefficients: &[f64]) -> Vec<f64> {
         coefficients.iter().copied().chain([0.0]).collect()
     }
@@ -191,9 +196,9 @@ mod tests {
         assert!((both.precision[0] - 10.0).abs() < 1e-12);
     }
 
-    /// A hint is one more photograph's likelihood; it moves what is known little.
+    /// A hint acts like the likelihood of another photograph, and hardly moves a precise posterior.
     #[test]
-    fn a_hint_counts_as_a_likelihood() {
+    fn a_hint_acts_as_a_likelihood() {
         let information = Mat::from_fn(3, 3, |i, j| if i == 0 && j == 0 { 5.0 } else { 0.0 });
         let hint = Hint { information, vector: vec![5.0 * 2.0, 0.0, 0.0] };
         let (a, b) = (seen(3, 1.0, 4.0), seen(3, 2.0, 5.0));
@@ -207,7 +212,7 @@ mod tests {
     /// The ratio is the density of one mean under the prediction from the other, over that under
     /// the prior.
     #[test]
-    fn the_odds_of_one_material_are_those_of_the_predictions() {
+    fn log_odds_match_the_predictive_densities() {
         let deviation = 0.2;
         for second in [0.9, 3.0] {
             let (a, b) = (seen(3, 1.0, 400.0), seen(3, second, 500.0));

@@ -14,11 +14,11 @@ use crate::inference::learnt::LearntPosterior;
 use crate::inference::light::Cholesky;
 use crate::linalg::eigenvectors;
 
-/// Share of the information that counts.
+/// Share of the information that is used.
 const POWER: f64 = 0.5;
 
-/// Variance that is added to each coordinate: a finite number of materials can gather in one place,
-/// without being known that well.
+/// Variance that is added to each coordinate. The weights of a finite number of materials can
+/// concentrate in one place, although the coordinates are less certain.
 const LEAST_VARIANCE: f64 = 0.02;
 
 /// Gaussian likelihood of the coordinates of a material, up to a constant:
@@ -32,9 +32,11 @@ pub(crate) struct Hint {
 }
 
 impl Hint {
-    /// Takes the likelihood from an embedding of the photograph: the Gaussian by which the moments
-    /// of the prior become those of the posterior. Where the posterior is wider than the prior, it
-    /// moves the mean alone. `None` if numbers are not finite.
+    /// Computes the likelihood from an embedding of the photograph.
+    ///
+    /// It is the Gaussian that converts the moments of the prior to those of the posterior. Where
+    /// the posterior is wider than the prior, it moves only the mean. Returns `None` if numbers are
+    /// not finite.
     pub(crate) fn of(learnt: &LearntPosterior, embedding: &[f32]) -> Option<Self> {
         Self::of_weights(&learnt.prior.places, &learnt.prior.weights(embedding))
     }
@@ -50,7 +52,7 @@ impl Hint {
     }
 }
 
-/// Inverse covariance of weighted places, and its product with their mean.
+/// Returns the inverse covariance of weighted places, and its product with their mean.
 fn natural(places: &[Vec<f32>], weights: &[f64]) -> Option<(Mat<f64>, Vec<f64>)> {
     let (n, total) = (places[0].len(), weights.iter().sum::<f64>());
     let mut mean = vec![0.0; n];
@@ -79,9 +81,9 @@ mod tests {
         (0..count).map(|_| (0..3).map(|_| StandardNormal.sample(&mut rng)).collect()).collect()
     }
 
-    /// Half of a Gaussian likelihood by which places are weighed comes back.
+    /// Recovers half of the Gaussian likelihood that determines the weights.
     #[test]
-    fn a_gaussian_likelihood_is_found() {
+    fn recovers_a_gaussian_likelihood() {
         let (places, at, deviations) = (places(200_000), [0.5, -0.3, 0.2], [0.5, 0.8, 1e3]);
         let weight = |place: &Vec<f32>| {
             let off = (0..3).map(|k| ((f64::from(place[k]) - at[k]) / deviations[k]).powi(2));
@@ -96,9 +98,9 @@ mod tests {
         }
     }
 
-    /// Equal weights say nothing.
+    /// Equal weights contain no information.
     #[test]
-    fn the_prior_itself_is_no_hint() {
+    fn equal_weights_give_an_empty_hint() {
         let hint = Hint::of_weights(&places(500), &[0.7; 500]).unwrap();
         assert!((0..9).all(|i| hint.information[(i / 3, i % 3)].abs() < 1e-9));
         assert!(hint.vector.iter().all(|b| b.abs() < 1e-9));

@@ -10,18 +10,19 @@ use crate::render::{LightTree, Relighter};
 use crate::shape::{SurfacePoint, Visibility};
 use crate::sphere::lat_long_solid_angle;
 
-/// Pixels from this share of the largest value on count as clipped.
+/// Share of the largest value from which pixels count as clipped.
 const PLATEAU: f32 = 0.999;
 
-/// Number of pixels from which a plateau of the largest value is no coincidence, and the largest
-/// share of the sphere that it may fill.
+/// Smallest number of pixels of a clipped plateau, and the largest share of the sphere that it may
+/// cover.
 const CLIPPED: (usize, f64) = (4, 0.2);
 
-/// Rows of a map from which finer ones are averaged: pixels of 0.18 degrees, a third of the sun.
+/// Number of rows to which finer maps are averaged: pixels of 0.18 degrees, a third of the sun.
 const ROWS: usize = 1024;
 
-/// A given light, with the pixels that may have been clipped apart from the rest: their radiance is
-/// at least what the map says.
+/// Given light, divided into pixels that may be clipped and the others.
+///
+/// The true radiance of clipped pixels is at least that in the map.
 #[derive(Clone, Debug)]
 pub struct GivenLight {
     rest: LightTree,
@@ -29,7 +30,7 @@ pub struct GivenLight {
 }
 
 impl GivenLight {
-    /// Takes a map in camera space. Maps of more than 1,024 rows are averaged to fewer.
+    /// Creates the light from a map in camera space, averaged to at most 1,024 rows.
     pub fn of_map(map: &EnvironmentMap) -> Self {
         let map = map.reduced(ROWS);
         match clipped(&map) {
@@ -50,7 +51,7 @@ impl GivenLight {
         }
     }
 
-    /// The light turned by a rotation from where the map has it, in place of an earlier one.
+    /// Returns the light rotated relative to the map, in place of an earlier rotation.
     #[must_use]
     pub fn turned(mut self, turn: DQuat) -> Self {
         self.turn_to(turn);
@@ -62,14 +63,15 @@ impl GivenLight {
         self.clipped.iter_mut().for_each(|tree| tree.turn_to(turn));
     }
 
-    /// Its parts with their factors, if the clipped pixels are `gain` times as bright.
+    /// Returns the parts with their factors, for clipped pixels `gain` times as bright.
     pub(super) fn parts(&self, gain: f64) -> impl Iterator<Item = (&LightTree, f64)> {
         std::iter::once((&self.rest, 1.0)).chain(self.clipped.iter().map(move |tree| (tree, gain)))
     }
 }
 
-/// The pixels of a map at its largest value, if so many share it that the map was clipped there.
-/// A lamp of constant radiance looks the same; its gain is then found to be one.
+/// Returns the pixels at the largest value of a map, if there are enough to indicate clipping.
+///
+/// A lamp of constant radiance has the same appearance; its estimated gain is then one.
 pub fn clipped(map: &EnvironmentMap) -> Option<Plane<bool>> {
     let radiance = map.radiance();
     let (width, height) = radiance.size();
@@ -82,8 +84,9 @@ pub fn clipped(map: &EnvironmentMap) -> Option<Plane<bool>> {
     (count >= CLIPPED.0 && share <= CLIPPED.1).then_some(mask)
 }
 
-/// Matrices from a table to the luminance of points: under the light but its clipped pixels, and
-/// under those.
+/// Matrices from a table to the luminance of points.
+///
+/// One is for the light without its clipped pixels, the other for the clipped pixels.
 #[derive(Clone, Debug)]
 pub struct Operator {
     rest: Relighter,
@@ -91,8 +94,9 @@ pub struct Operator {
 }
 
 impl Operator {
-    /// Computes the matrices for points of a surface with this visibility. The light is divided as
-    /// finely as the sharpest of the materials need.
+    /// Computes the matrices for points of a surface with this visibility.
+    ///
+    /// The light is divided as finely as the sharpest of the materials requires.
     pub fn of(
         points: &[SurfacePoint],
         visibility: Option<&Visibility>,
@@ -123,8 +127,10 @@ impl Operator {
         whole.map(|rest| Self { rest, clipped: None })
     }
 
-    /// The matrix to the luminance of points of a material in these colours, from those of the
-    /// channels of the light: `sum_c w_c x_c R_c` with the shares `w` of channels in the luminance.
+    /// Returns the matrix to the luminance of a coloured material, `sum_c w_c x_c R_c`.
+    ///
+    /// `R_c` are the matrices of the channels of the light, `x_c` the ratios of the material's
+    /// channels to its luminance, and `w_c` the shares of the channels in the luminance.
     pub(super) fn of_colours(channels: &[Self; 3], field: &ChromaField) -> Self {
         let shares = luminance_weights();
         let scaled = |c: usize| {
@@ -137,7 +143,7 @@ impl Operator {
         Self { rest: scaled(0).plus(&scaled(1), 1.0).plus(&scaled(2), 1.0), clipped: None }
     }
 
-    /// The matrix of some of the points, without clipped pixels of the light.
+    /// Returns the matrix of a subset of the points, without clipped pixels of the light.
     pub(super) fn select(&self, points: &[usize]) -> Self {
         Self { rest: self.rest.select(points), clipped: None }
     }
@@ -157,21 +163,22 @@ impl Operator {
         self.clipped.is_some()
     }
 
-    /// Cells and weights of a point, if the clipped pixels are `gain` times as bright. A cell may
-    /// come twice.
+    /// Returns cells and weights of a point, for clipped pixels `gain` times as bright.
+    ///
+    /// A cell may occur twice.
     pub(super) fn row(&self, point: usize, gain: f64) -> impl Iterator<Item = (usize, f64)> {
         let of_clipped = self.clipped.iter().flat_map(move |matrix| matrix.row(point));
         let of_clipped = of_clipped.map(move |(cell, w)| (cell, gain * f64::from(w)));
         self.rest.row(point).map(|(cell, w)| (cell, f64::from(w))).chain(of_clipped)
     }
 
-    /// Luminance of a point under the clipped pixels alone, as bright as in the map.
+    /// Returns the luminance of a point under the clipped pixels alone, as bright as in the map.
     pub(super) fn under_clipped(&self, point: usize, values: &[f64]) -> f64 {
         let matrix = self.clipped.iter();
         matrix.flat_map(|matrix| matrix.row(point)).map(|(cell, w)| f64::from(w) * values[cell]).sum()
     }
 
-    /// Luminance of every point for reflectance given in every cell.
+    /// Returns the luminance of every point, given the reflectance in every cell.
     pub(super) fn apply(&self, values: &[f64], gain: f64) -> Vec<f64> {
         (0..self.len()).map(|at| self.row(at, gain).map(|(cell, w)| w * values[cell]).sum()).collect()
     }

@@ -12,7 +12,7 @@
 //! probable table, and the posterior is the Gaussian around it (Laplace's approximation). The
 //! learnt posterior of the same photograph is an additional likelihood.
 //!
-//! The paper's estimate under a known light, coefficients in ten functions, is
+//! The paper's estimate under a known light, coefficients of ten functions, is
 //! [`Method::KnownLight`](super::Method::KnownLight).
 
 mod align;
@@ -43,23 +43,23 @@ pub(crate) use hint::Hint;
 pub use light::{GivenLight, Operator, clipped};
 use space::Space;
 
-/// Materials of the prior that are compared for the start, at most.
+/// Largest number of materials of the prior that are compared for the start.
 const STARTS: usize = 1000;
 
-/// Observations by which they are compared, at most.
+/// Largest number of observations in this comparison.
 const COMPARED: usize = 200;
 
-/// Materials of the prior for which the light is divided finely enough, at most.
+/// Largest number of materials of the prior that determine how finely the light is divided.
 const EXAMPLES: usize = 200;
 
 /// Gains of clipped pixels that are compared for the start.
 const GAINS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
 
-/// Observations that the posterior is found from, by default: with more it takes longer, and their
-/// errors are correlated anyway.
+/// Default number of observations for the posterior. More of them take longer and add little, since
+/// their errors are correlated.
 pub const ROWS: usize = 1000;
 
-/// Accuracy of the pictures of a material.
+/// Accuracy of the renderings of a material.
 const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.3, max_cells: 8_000 };
 
 /// Error of a posterior under a known light.
@@ -89,31 +89,31 @@ pub struct Rows<'a> {
     pub trust: &'a [f64],
 }
 
-/// Rotations of the light map to search.
+/// Rotations of the light map that are searched.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Alignment {
-    /// It lies there exactly.
+    /// None: the map is aligned.
     Fixed,
-    /// It is turned by a few degrees about any axis.
+    /// A few degrees about any axis.
     #[default]
     Near,
-    /// It is turned by any angle about the vertical, and by a few degrees about any axis.
+    /// Any angle about the vertical, and a few degrees about any axis.
     Around,
 }
 
-/// The materials that a photograph is compared with, computed once for all lights.
+/// Materials that a photograph is compared with, computed once for all lights.
 #[derive(Clone, Debug)]
 pub struct Materials<'a> {
     coordinates: &'a Coordinates,
-    /// Materials to start from: their coordinates and tables.
+    /// Candidates for the start: their coordinates and tables.
     starts: Vec<Vec<f64>>,
     tables: Vec<BivariateTable>,
-    /// Materials for which the light is divided finely enough.
+    /// Materials that determine how finely the light is divided.
     examples: Vec<BivariateTable>,
 }
 
 impl<'a> Materials<'a> {
-    /// Takes materials of the prior by their coordinates.
+    /// Selects from materials of the prior, given by their coordinates.
     ///
     /// # Panics
     /// If there are none.
@@ -126,7 +126,7 @@ impl<'a> Materials<'a> {
         Self { coordinates, starts, tables, examples }
     }
 
-    /// The coordinates of the prior.
+    /// Returns the coordinates of the prior.
     pub(super) fn coordinates(&self) -> &'a Coordinates {
         self.coordinates
     }
@@ -149,23 +149,23 @@ pub struct KnownLightPosterior {
     pub predicted: Vec<f64>,
     /// Standard deviation of the coefficients of splines a priori.
     deviation: f64,
-    /// Rotation from where the map has the light to where it was found.
+    /// Rotation from the given orientation of the map to the fitted one.
     pub turn: DQuat,
-    /// Factor by which the clipped pixels of the light are brighter than the map says, with the
-    /// standard deviation of its logarithm; `None` if no pixels are clipped.
+    /// Ratio of the true radiance of the clipped map pixels to their values, and the standard
+    /// deviation of its logarithm; `None` if no pixels are clipped.
     pub gain: Option<(f64, f64)>,
-    /// Whether the steps settled.
+    /// Whether the iteration converged.
     pub settled: bool,
 }
 
 impl KnownLightPosterior {
-    /// Finds the posterior under a light that is given, and the turn of the light.
+    /// Computes the posterior and the rotation of a given light.
     ///
     /// # Errors
     /// If the light or the photograph is black, or the equations have no solution.
     ///
     /// # Panics
-    /// If numbers of rows differ, or there are no rows or no materials.
+    /// If the numbers of rows differ, or there are no rows or no materials.
     pub fn of(
         rows: &Rows<'_>,
         light: GivenLight,
@@ -176,13 +176,13 @@ impl KnownLightPosterior {
         align::aligned(rows, light, alignment, &space, materials)
     }
 
-    /// Finds the posterior under a light whose matrix is given, with a row for each point.
+    /// Computes the posterior, given the matrix of the light, with a row for each point.
     ///
     /// # Errors
     /// If the light or the photograph is black, or the equations have no solution.
     ///
     /// # Panics
-    /// If numbers of rows differ, or there are no rows or no materials.
+    /// If the numbers of rows differ, or there are no rows or no materials.
     pub fn under(operator: &Operator, rows: &Rows<'_>, materials: &Materials<'_>) -> Result<Self, KnownLightError> {
         let space = Space::new(materials.coordinates);
         let mut image = Image::of(operator, rows, &space, FitPrior::MATERIAL)?;
@@ -216,13 +216,14 @@ impl KnownLightPosterior {
         }
     }
 
-    /// The most probable table, on the scale of photograph and light: its albedo is absolute if
-    /// both have the same exposure.
+    /// Returns the most probable table, on the scale of photograph and light.
+    ///
+    /// Its albedo is absolute if both have the same exposure.
     pub fn table(&self) -> BivariateTable {
         self.space.table(&self.coefficients)
     }
 
-    /// The posterior without the scale.
+    /// Returns the posterior without the scale.
     ///
     /// # Errors
     /// If the equations have no solution.
@@ -234,7 +235,7 @@ impl KnownLightPosterior {
 }
 
 impl Rows<'_> {
-    /// Normals in the frame of the view of each point, so that views do not matter.
+    /// Returns the normals in the frame of each point's view, so that views have no effect.
     fn normals(&self) -> Vec<DVec3> {
         self.points.iter().map(SurfacePoint::in_view).collect()
     }
@@ -244,11 +245,11 @@ impl Rows<'_> {
     }
 }
 
-/// A material to start from.
+/// Initial material of a fit.
 struct Start {
     place: Vec<f64>,
     gain: f64,
-    /// Median absolute deviation of the logarithm of its picture from the image.
+    /// Median absolute deviation of the logarithm of its rendering from that of the image.
     deviation: f64,
 }
 
@@ -258,8 +259,9 @@ impl Start {
     }
 }
 
-/// The material, and the gain of the clipped pixels, whose picture is nearest to the image by the
-/// median absolute deviation of the logarithm.
+/// Returns the material and the gain of the clipped pixels whose rendering is nearest to the image.
+///
+/// The distance is the median absolute deviation of the logarithm.
 fn start(operator: &Operator, values: &[f64], materials: &Materials<'_>) -> Start {
     let rows: Vec<usize> = (0..values.len()).step_by(values.len().div_ceil(COMPARED).max(1)).collect();
     let floor = 0.01 * values.iter().sum::<f64>() / values.len() as f64;

@@ -4,19 +4,20 @@ use std::ops::Range;
 
 use crate::reflectance::{BivariateTable, CELLS, Coordinates, THETA_D, nearest_trusted};
 
-/// Splines along the half angle and along the difference angle. Half angles are counted by the
-/// samples of a table, which lie close where highlights are sharp.
+/// Number of splines along the half angle and along the difference angle. Half angles are measured
+/// in samples of a table, which are dense where highlights are sharp.
 const SPLINES: [usize; 2] = [20, 7];
 
-/// Range of the logarithm of reflectance relative to its mean; no measured value is beyond.
+/// Largest absolute value of the logarithm of reflectance; no measured value exceeds it.
 const LIMIT: f64 = 25.0;
 
 /// Number of splines that are not zero in a cell, along each angle.
 const SUPPORT: usize = 4;
 
 /// Logarithms of tables: `mean + sum_k z_k a_k + sum_j w_j s_j + c`, with the principal axes `a_k`
-/// of the prior, products `s_j` of cubic splines for what the axes cannot express, and a constant
-/// `c` for the exposure. The coefficients `z_k` have unit variance, `w_j` a small one, and `c` any.
+/// of the prior, products `s_j` of cubic splines for deviations from the axes, and a constant `c`
+/// for the exposure. The prior variance of the coefficients `z_k` is one, that of `w_j` is small,
+/// and `c` is free.
 ///
 /// The mean and the axes are those of the prior of materials, or a luminance table and the axes
 /// along which channels differ from it.
@@ -26,8 +27,8 @@ pub(super) struct Space {
     /// `[cell][axis]`.
     axes: Vec<f64>,
     pub(super) dimensions: usize,
-    /// Of each cell, the first spline along each angle that is not zero there, and the values of
-    /// it and those after it.
+    /// For each cell and angle, the index of the first non-zero spline, and the values of this
+    /// spline and its successors.
     splines: Vec<[(usize, [f64; SUPPORT]); 2]>,
 }
 
@@ -36,7 +37,7 @@ impl Space {
         Self::around(&coordinates.mean, &coordinates.directions())
     }
 
-    /// The space around a mean logarithm (by cell), with these axes (`[axis][cell]`).
+    /// Creates the space around a mean logarithm (by cell), with axes `[axis][cell]`.
     pub(super) fn around(mean: &[f32], axes: &[Vec<f32>]) -> Self {
         let nearest: Vec<usize> = (0..CELLS).map(nearest_trusted).collect();
         let [last_h, last_d] = nearest.iter().fold([0, 0], |[h, d], c| [h.max(c / THETA_D), d.max(c % THETA_D)]);
@@ -52,7 +53,7 @@ impl Space {
         }
     }
 
-    /// Number of coefficients but the constant, for so many axes.
+    /// Number of coefficients without the constant.
     pub(super) const fn free(axes: usize) -> usize {
         axes + SPLINES[0] * SPLINES[1]
     }
@@ -66,7 +67,7 @@ impl Space {
         self.dimensions + SPLINES[0] * SPLINES[1] + 1
     }
 
-    /// Coefficients of a material at a place of the prior.
+    /// Returns the coefficients of a material at a place of the prior.
     pub(super) fn at(&self, place: &[f64]) -> Vec<f64> {
         let mut coefficients = vec![0.0; self.len()];
         coefficients[..self.dimensions].copy_from_slice(place);
@@ -78,8 +79,9 @@ impl Space {
         self.dimensions..self.len() - 1
     }
 
-    /// Precisions of the prior of the coefficients, whose mean is zero. `deviation` is the standard
-    /// deviation of the coefficients of the splines.
+    /// Returns the prior precisions of the coefficients, whose prior means are zero.
+    ///
+    /// `deviation` is the standard deviation of the spline coefficients.
     pub(super) fn precisions(&self, deviation: f64) -> Vec<f64> {
         let mut out = vec![1.0; self.len()];
         out[self.splines()].fill(deviation.powi(-2));
@@ -128,8 +130,10 @@ impl Space {
     }
 }
 
-/// The cubic B-splines of `count` over 0..=1, with equidistant knots and full multiplicity at the
-/// ends, that are not zero at `x`: the index of the first, and their values, whose sum is one.
+/// Returns the index of the first cubic B-spline that is not zero at `x`, and all non-zero values.
+///
+/// There are `count` splines over 0..=1, with equidistant knots and full multiplicity at the ends.
+/// The values sum to one.
 fn splines(x: f64, count: usize) -> (usize, [f64; SUPPORT]) {
     let pieces = count - 3;
     let knot = |i: usize| (i.saturating_sub(3).min(pieces)) as f64 / pieces as f64;

@@ -1,4 +1,4 @@
-//! Planted materials under planted lights.
+//! Tests with planted materials under planted lights.
 
 use glam::Vec3;
 
@@ -32,7 +32,7 @@ fn infer(points: &[SurfacePoint], operator: &Operator, values: &[f64]) -> Result
 }
 
 #[test]
-fn a_planted_material_is_found_with_its_scale() {
+fn recovers_a_planted_material_and_its_scale() {
     let points = ball(400);
     let operator = under(&points, &light_map(7));
     for material in [0, 2, 4] {
@@ -53,7 +53,7 @@ fn a_planted_material_is_found_with_its_scale() {
 }
 
 #[test]
-fn draws_follow_the_seed_and_spread_as_the_curvature_says() {
+fn draws_depend_on_the_seed_and_have_the_variance_of_the_curvature() {
     let points = ball(150);
     let operator = under(&points, &light_map(7));
     let found = infer(&points, &operator, &image(&operator, 2, 1.0)).unwrap();
@@ -61,8 +61,8 @@ fn draws_follow_the_seed_and_spread_as_the_curvature_says() {
     let draws = |count: usize, seed: u64| gaussian.draws(&WORLD.coordinates, count, seed).unwrap();
     assert_eq!(draws(5, 1), draws(5, 1));
     assert_ne!(draws(5, 1), draws(5, 2));
-    // The variance of the difference of the logarithms of two cells, which has no scale, by draws
-    // and by the inverse of the curvature.
+    // Compares the variance of the log ratio of two cells, which is independent of the scale,
+    // between draws and the inverse of the curvature.
     let cells = [1234, 20].map(|n| trusted_cells().nth(n).unwrap());
     let mut row = vec![0.0; found.coefficients.len()];
     found.space.add_derivatives(cells[0], 1.0, &mut row);
@@ -76,7 +76,7 @@ fn draws_follow_the_seed_and_spread_as_the_curvature_says() {
 }
 
 #[test]
-fn a_fifth_of_spoilt_pixels_costs_little() {
+fn tolerates_a_fifth_of_outliers() {
     let points = ball(400);
     let operator = under(&points, &light_map(7));
     let mut values = image(&operator, 2, 1.0);
@@ -89,7 +89,7 @@ fn a_fifth_of_spoilt_pixels_costs_little() {
 }
 
 #[test]
-fn what_is_dark_is_said() {
+fn rejects_black_images_and_dark_lights() {
     let points = ball(30);
     let operator = under(&points, &light_map(7));
     assert_eq!(infer(&points, &operator, &[0.0; 30]).unwrap_err(), KnownLightError::Black);
@@ -103,7 +103,7 @@ fn what_is_dark_is_said() {
     assert_eq!(infer(&front, &dark, &vec![1.0; front.len()]).unwrap_err(), KnownLightError::Dark);
 }
 
-/// The answer for a picture of a material under one light, given another.
+/// Returns the posterior for an image under one light, given another.
 fn given(points: &[SurfacePoint], values: &[f64], light: &EnvironmentMap, alignment: Alignment) -> KnownLightPosterior {
     let trust = vec![1.0; values.len()];
     let rows = Rows { points, visibility: None, values, trust: &trust };
@@ -111,7 +111,7 @@ fn given(points: &[SurfacePoint], values: &[f64], light: &EnvironmentMap, alignm
 }
 
 #[test]
-fn the_turn_of_a_light_is_found() {
+fn recovers_the_rotation_of_a_light() {
     let points = ball(400);
     let (map, turn) = (light_map(7), DQuat::from_scaled_axis(DVec3::new(0.05, -0.06, 0.03)));
     let turned = GivenLight::of_map(&map).turned(turn);
@@ -126,7 +126,7 @@ fn the_turn_of_a_light_is_found() {
 }
 
 #[test]
-fn a_light_that_lies_right_is_left_there() {
+fn keeps_an_aligned_light() {
     let points = ball(400);
     let operator = under(&points, &light_map(7));
     for material in [1, 4] {
@@ -136,7 +136,7 @@ fn a_light_that_lies_right_is_left_there() {
 }
 
 #[test]
-fn any_turn_about_the_vertical_is_found() {
+fn recovers_any_rotation_about_the_vertical() {
     let points = ball(400);
     let turn = DQuat::from_rotation_y(-2.0);
     let turned = GivenLight::of_map(&light_map(7)).turned(turn);
@@ -148,7 +148,7 @@ fn any_turn_about_the_vertical_is_found() {
 }
 
 #[test]
-fn the_energy_of_clipped_pixels_is_found() {
+fn recovers_the_radiance_of_clipped_pixels() {
     let points = ball(400);
     // A sun in a sky that is brighter towards it.
     let sun = DVec3::new(0.5, 0.6, 0.6).normalize();

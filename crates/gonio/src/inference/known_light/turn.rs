@@ -13,38 +13,38 @@ use crate::reflectance::BivariateTable;
 use crate::render::{IntegratorSettings, nodes};
 use crate::sphere::half_difference;
 
-/// Prior standard deviation of a turn about each axis: 3 degrees, as of a probe that was held by
-/// hand.
+/// Prior standard deviation of a rotation about each axis: 3 degrees, as for a hand-held probe.
 const DEVIATION: f64 = 3.0 / DEGREES;
 
 const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
-/// Angle over which derivatives are taken: 1 degree, the resolution of tables at the highlight.
+/// Angle of finite differences: 1 degree, the resolution of tables at the highlight.
 const STEP: f64 = 1.0 / DEGREES;
 
-/// Observations by which a turn is proposed, at most.
+/// Largest number of observations for a proposal.
 const COMPARED: usize = 300;
 
-/// Accuracy of their pictures, which serve for derivatives alone.
+/// Accuracy of their renderings, which are used only for derivatives.
 const ACCURACY: IntegratorSettings = IntegratorSettings { tolerance: 0.5, max_cells: 3_000 };
 
-/// A turn that the image asks for.
+/// Proposed rotation of the light.
 pub(super) struct Proposal {
-    /// Rotation vector of the turn to be made after those made before, radians.
+    /// Rotation vector (radians), to be applied after the previous rotations.
     pub(super) turn: DVec3,
-    /// Decrease of the cost to expect, in nats.
+    /// Expected decrease of the cost, in nats.
     pub(super) worth: f64,
 }
 
-/// A share of the light of one point.
+/// Light that one point receives from a direction.
 struct Share {
     direction: DVec3,
     /// Irradiance over the cosine.
     weight: f64,
 }
 
-/// Returns the Gauss-Newton step of the turn, the material being free to follow. `made` is the
-/// rotation vector of the turn so far. `None` if the equations have no solution.
+/// Returns the Gauss-Newton step of the rotation, jointly with the material.
+///
+/// `made` is the rotation vector so far. Returns `None` if the equations have no solution.
 pub(super) fn propose(
     (image, found): (&Image<'_>, &Fit),
     rows: &Rows<'_>,
@@ -65,7 +65,7 @@ pub(super) fn propose(
     let residuals = whitened(&covariance, &residuals);
     let prior = |j: usize| if j < n { image.precisions()[j] } else { DEVIATION.powi(-2) };
     let value = |j: usize| if j < n { found.state.coefficients[j] } else { made[j - n] };
-    // The sample stands for all observations, as far as these are independent.
+    // The sample represents all observations, to the extent that they are independent.
     let gradient: Vec<f64> = (0..n + 3)
         .map(|j| design.col(j).iter().zip(&residuals).map(|(d, r)| d * r).sum::<f64>() - prior(j) * value(j))
         .collect();
@@ -78,7 +78,7 @@ pub(super) fn propose(
     Some(Proposal { turn: DVec3::new(step[n], step[n + 1], step[n + 2]), worth })
 }
 
-/// Derivatives of the logarithm of the luminance of a point by the rotation vector of the light.
+/// Returns the derivatives of the log luminance of a point by the rotation vector of the light.
 fn slopes(
     image: &Image<'_>,
     rows: &Rows<'_>,

@@ -10,20 +10,20 @@ use rayon::prelude::*;
 use crate::linalg::each_column;
 use crate::transfer::column_bands;
 
-/// Columns of a result that one sequential product or solve makes; constant, so that results do not
-/// depend on the number of threads.
+/// Number of columns that one sequential product or solve computes; constant, so that results do
+/// not depend on the number of threads.
 const BAND: usize = 128;
 
-/// Lower factor `L` of a symmetric positive definite `L L'` (n x n); entries above its diagonal
-/// have no meaning.
+/// Lower factor `L` of a symmetric positive definite `L L'` (n x n); entries above its diagonal are
+/// undefined.
 #[derive(Clone, Debug)]
 pub(crate) struct Cholesky {
     pub(in crate::inference) lower: Mat<f64>,
 }
 
 impl Cholesky {
-    /// Factorises the matrix whose lower triangle is given, band by band. `None` where it is not
-    /// positive definite or not finite.
+    /// Factorises the matrix whose lower triangle is given, band by band. Returns `None` if it is
+    /// not positive definite or not finite.
     pub(crate) fn new(mut lower: Mat<f64>) -> Option<Self> {
         let size = lower.nrows();
         let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(BAND, Par::Seq, Default::default()));
@@ -34,7 +34,7 @@ impl Cholesky {
             let (mut corner, below) = left.split_at_row_mut(width);
             let stack = MemStack::new(&mut memory);
             cholesky_in_place(corner.as_mut(), Default::default(), Par::Seq, stack, Default::default()).ok()?;
-            // Below it `L_21 = A_21 L_11^-T`, right of that `A_22 - L_21 L_21'`.
+            // Below the corner, `L_21 = A_21 L_11^-T`; to the right of that, `A_22 - L_21 L_21'`.
             let (corner, mut below) = (corner.as_ref(), below.transpose_mut());
             bands_of(below.as_mut()).into_par_iter().for_each(|(_, band)| {
                 solve_lower_triangular_in_place(corner, band, Par::Seq);
@@ -83,7 +83,7 @@ impl Cholesky {
         });
     }
 
-    /// `L^-T x` (n): of covariance `(L L')^-1` if `x` is white.
+    /// `L^-T x` (n), which has covariance `(L L')^-1` if `x` is white.
     pub(crate) fn colour(&self, x: &[f64]) -> Vec<f64> {
         let mut x = Mat::from_fn(x.len(), 1, |i, _| x[i]);
         solve_upper_triangular_in_place(self.lower.transpose(), x.as_mut(), Par::Seq);
@@ -117,7 +117,7 @@ mod tests {
     use crate::testing::random;
 
     #[test]
-    fn the_factor_by_bands_gives_the_matrix_back() {
+    fn factor_by_bands_reproduces_the_matrix() {
         for n in [1, 5, BAND, BAND + 1, 3 * BAND + 7] {
             let a = random(n * n, 3);
             let x = Mat::from_fn(n, n, |i, j| a[i * n + j]);

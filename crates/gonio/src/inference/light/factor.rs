@@ -10,14 +10,14 @@ use super::dense::{Cholesky, bands_of};
 use crate::linalg::{each_column, squared_norms};
 use crate::transfer::kernels::{axpy, dispatch, dot};
 
-/// Coefficients whose images are summed together; constant, so that results do not depend on the
-/// number of threads.
+/// Number of coefficients whose images are summed together; constant, so that results do not depend
+/// on the number of threads.
 const GROUP: usize = 64;
 
-/// Least number of coefficients that one thread computes at a time.
+/// Smallest number of coefficients that one task computes.
 const COLUMNS: usize = 32;
 
-/// Matrix that is factorised, of two with the same determinant; `X = B V^(1/2)`.
+/// Matrix to factorise, out of two with the same determinant; `X = B V^(1/2)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Form {
     /// `S = I + rho X X'`, as large as the image has rows.
@@ -34,7 +34,7 @@ impl Form {
     }
 }
 
-/// Parts of an operator that are reused at other variances: `B`, and `B'B` where the form needs it.
+/// Parts of an operator that are reused at other variances: `B`, and `B'B` if the form requires it.
 #[derive(Clone, Debug)]
 pub(super) struct Design {
     /// `B` (rows x M).
@@ -48,7 +48,7 @@ impl Design {
         Self { matrix, gram }
     }
 
-    /// The design of the first `m` columns alone.
+    /// Returns the design of the first `m` columns alone.
     pub(super) fn first(&self, m: usize) -> Self {
         let matrix = self.matrix.subcols(0, m).to_owned();
         match (&self.gram, Form::smaller(matrix.nrows(), m)) {
@@ -63,7 +63,7 @@ impl Design {
         out
     }
 
-    /// `B x` (rows) of several vectors, for which the operator is read once.
+    /// `B x` (rows) of several vectors, in one pass over the operator.
     pub(super) fn times_all<const N: usize>(&self, x: [&[f64]; N]) -> [Vec<f64>; N] {
         let (rows, columns) = self.matrix.shape();
         let parts: Vec<[Vec<f64>; N]> = (0..columns.div_ceil(GROUP))
@@ -79,7 +79,7 @@ impl Design {
                 sums
             })
             .collect();
-        // In the order of the groups, whatever thread made them.
+        // Sums in the order of the groups, which does not depend on the threads.
         let mut sums = std::array::from_fn(|_| vec![0.0; rows]);
         for part in &parts {
             for (sum, part) in sums.iter_mut().zip(part) {
@@ -95,7 +95,7 @@ impl Design {
         out
     }
 
-    /// `B' e` (M) of several images, for which the operator is read once.
+    /// `B' e` (M) of several images, in one pass over the operator.
     pub(super) fn adjoint_all<const N: usize>(&self, e: [&[f64]; N]) -> [Vec<f64>; N] {
         let columns = (0..self.matrix.ncols()).into_par_iter().with_min_len(COLUMNS);
         let products: Vec<[f64; N]> =
@@ -133,7 +133,7 @@ pub(super) struct Factor<'a> {
 
 impl<'a> Factor<'a> {
     /// Factorises at the variances of the M light coefficients (zero for a constant) and `rho > 0`.
-    /// `None` where the matrix is not finite.
+    /// Returns `None` if the matrix is not finite.
     pub(super) fn new(design: &'a Design, variances: &[f64], rho: f64) -> Option<Self> {
         let m = design.matrix.ncols();
         assert_eq!(variances.len(), m);
@@ -178,7 +178,8 @@ impl<'a> Factor<'a> {
             return x.map(|x| self.cholesky.solve(x));
         }
         let mut solutions = self.deflated(x);
-        // The difference cancels where the light explains nearly all, so it is refined once.
+        // The difference suffers from cancellation if the light explains nearly the whole image, so
+        // the solution is refined once.
         let gains = self.gain(solutions.each_ref().map(Vec::as_slice));
         let explained = self.design.times_all(gains.each_ref().map(Vec::as_slice));
         let left: [Vec<f64>; N] = std::array::from_fn(|which| {
@@ -230,7 +231,7 @@ impl<'a> Factor<'a> {
         self.root_times(self.cholesky.solve(&unit))
     }
 
-    /// Computes `solved` unless it is there already.
+    /// Computes `solved` if it is missing.
     fn ensure_solved(&mut self) {
         if self.solved.is_some() {
             return;
@@ -281,7 +282,7 @@ mod tests {
     /// Checks every quantity of both forms against dense algebra, for fewer and for more rows than
     /// coefficients.
     #[test]
-    fn both_forms_are_the_dense_algebra() {
+    fn both_forms_match_dense_algebra() {
         for (rows, m) in [(7, 12), (12, 7), (300, 40)] {
             let b = random(rows * m, 3);
             let mut v: Vec<f64> = random(m, 4).iter().map(|x| 10.0_f64.powf(3.0 * x)).collect();

@@ -12,26 +12,26 @@
 //! `log p(t | f, g, b) >= log N(t; ...) +
 //! sum_m { sum_n r_n (log pi_n - log r_n - log(s_n^2)/2) - log(d_m)/2 }`,
 //!
-//! the variational bound that expectation maximisation raises: the exact Gaussian posterior of the
-//! light given `r`, then the best `r` given its `<l_m^2>`. It is an equality for mixtures of one
-//! component. The rectified prior of the coarsest vertical coefficient is exact too: its integral
-//! is that of the whole Gaussian times the ratio of the masses above the threshold after and before
-//! the image.
+//! a variational bound. Expectation maximisation raises it: it alternates between the exact
+//! Gaussian posterior of the light given `r` and the optimal `r` given its `<l_m^2>`. The bound is
+//! an equality for mixtures of one component. The rectified prior of the coarsest vertical
+//! coefficient is exact too: its integral is that of the whole Gaussian times the ratio of the
+//! masses above the threshold after and before the image.
 //!
-//! The bound has a local maximum for every choice of components, most of them far too low. So the
-//! ascent also leaps: every coefficient takes the components that are best for it alone, if that
-//! raises the bound.
+//! The bound has a local maximum for every choice of components, most of them far too low. The
+//! ascent therefore includes component switches: every coefficient takes the components that are
+//! best for it alone, if that raises the bound.
 //!
 //! * [`LightInference`] is an image with the priors of light, exposure and noise; [`LightOperator`]
 //!   is `B`;
-//! * [`LightInference::posterior`] raises the bound for one `B` and returns it with the posterior
-//!   of the light, [`LightPosterior`];
+//! * [`LightInference::posterior`] maximises the bound for one `B` and returns it with the
+//!   posterior of the light, [`LightPosterior`];
 //! * `non_negative_light` is the mean of the light without negative texels;
-//! * [`LightProblem`] combines all that for a photograph and one BRDF.
+//! * [`LightProblem`] combines these for a photograph and one BRDF.
 //!
-//! Exposure `g` and precision `b` are maximised over, in their logarithms: the objective includes
-//! the densities of `log g` and `log b` that follow from [`Hyper`], so that the best `b` is
-//! `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
+//! The ascent also maximises over the logarithms of exposure `g` and precision `b`. The objective
+//! includes the densities of `log g` and `log b` that follow from [`Hyper`], so that the optimal
+//! `b` is `(a + N/2) / (b_0 + E/2)` as in Algorithm 1.
 
 pub(crate) mod dense;
 pub(crate) use dense::Cholesky;
@@ -123,8 +123,9 @@ impl<'a> LightInference<'a> {
         })
     }
 
-    /// Factor that the image was multiplied by: exposure and noise in units of the image are those
-    /// of the scaled image divided by it.
+    /// Returns the factor by which the image was multiplied.
+    ///
+    /// Exposure and noise in units of the image are those of the scaled image divided by it.
     pub fn scale(&self) -> f64 {
         self.scale
     }

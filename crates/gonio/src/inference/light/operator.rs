@@ -27,7 +27,7 @@ impl LightOperator {
     pub(crate) fn from_rows<A: Copy + Into<f64> + Sync>(rows: usize, m: usize, entries: &[A]) -> Self {
         assert_eq!(entries.len(), rows * m);
         let mut matrix = Mat::zeros(rows, m);
-        // As many columns at a time as values of a row share a line of memory.
+        // A band has as many columns as values of a row share a cache line.
         column_bands(matrix.as_mut(), m.div_ceil(16).max(1)).into_par_iter().for_each(|(first, mut band)| {
             for i in 0..rows {
                 for (j, entry) in entries[i * m + first..][..band.ncols()].iter().enumerate() {

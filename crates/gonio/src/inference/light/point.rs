@@ -23,7 +23,8 @@ impl State {
         self.log_b + 2.0 * self.log_g
     }
 
-    /// State with `log rho` changed, through `b` where that is not known, else through `g`.
+    /// Returns the state with another `log rho`, through `b` if that is unknown, otherwise through
+    /// `g`.
     pub(super) fn stretched(&self, by: f64, settings: &InferenceSettings) -> Self {
         let mut moved = self.clone();
         match (settings.noise, settings.exposure) {
@@ -67,8 +68,8 @@ pub(super) struct Point<'a> {
 }
 
 impl<'a> Point<'a> {
-    /// Factorises at `state`. If neither exposure nor noise is known, `g` moves to its best value
-    /// for the state's `rho = b g^2`, which costs no factorisation.
+    /// Factorises at `state`. If neither exposure nor noise is known, `g` is set to its optimum for
+    /// the state's `rho = b g^2`, which requires no factorisation.
     pub(super) fn new(
         inference: &LightInference<'_>,
         design: &'a Design,
@@ -156,7 +157,7 @@ impl<'a> Point<'a> {
         })
     }
 
-    /// Computes the posterior variances, which the next step and the answer need.
+    /// Computes the posterior variances, which the next step and the result require.
     pub(super) fn find_variances(&mut self) {
         if self.variances.is_empty() {
             self.variances = self.factor.posterior_variances();
@@ -201,7 +202,7 @@ impl<'a> Point<'a> {
         state.squares = self.squares();
         let (along, square) = (dot(&inference.target, &self.image), dot(&self.image, &self.image) + spread);
         if settings.exposure.is_none() {
-            // Positive root of -A g + P + 1/g, in the form that does not cancel.
+            // Positive root of -A g + P + 1/g, in the form without cancellation.
             let b = state.log_b.exp();
             let (a, p) = (b * square, b * along - inference.hyper.exposure_rate);
             let root = (p * p + 4.0 * a).sqrt();
@@ -231,8 +232,9 @@ impl Misfit {
         (self.target - 2.0 * g * self.mixed + g * g * self.mean).max(0.0)
     }
 
-    /// `log g` of the highest objective for a fixed `rho`, so that `b = rho / g^2`; `current` if
-    /// none is better.
+    /// Returns `log g` of the highest objective for a fixed `rho`, so that `b = rho / g^2`.
+    ///
+    /// Returns `current` if no value is better.
     fn best_exposure(
         &self,
         inference: &LightInference<'_>,
@@ -272,7 +274,7 @@ impl Misfit {
     }
 }
 
-/// Maximiser of a unimodal function on an interval, to the precision that its values allow.
+/// Returns the maximiser of a unimodal function on an interval, by golden-section search.
 fn golden(f: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
     let (mut a, mut b) = (high - ratio * (high - low), low + ratio * (high - low));

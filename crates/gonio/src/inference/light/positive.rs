@@ -47,16 +47,16 @@ pub struct NonNegativeLight {
 }
 
 impl LightInference<'_> {
-    /// Computes the mean of the light with texels `>= 0` under the Gaussian of a [`LightPosterior`]
-    /// found for the same `design`: the mean of `g l` over
-    /// `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, with `g_0` the
+    /// Computes the mean of the light with texels `>= 0` under the Gaussian of a
+    /// [`LightPosterior`]. `posterior` must be that of `design`. The result is the mean of `g l`
+    /// over `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, with `g_0` the
     /// exposure of the posterior, by expectation propagation with a bound at every texel. The
-    /// scales, which give `D`, are then re-estimated from the expected squares of that light.
+    /// scales, which determine `D`, are then re-estimated from the expected squares of that light.
     ///
     /// The exposure is re-estimated with the light, since raising negative texels to zero must be
     /// compensated elsewhere: the DC coefficient of `g l / g_0` is free, with its constant as mean
-    /// and standard deviation. The threshold of a rectified prior is left out, since it follows
-    /// from the non-negativity of the lights that the prior was learnt from.
+    /// and standard deviation. The threshold of a rectified prior is omitted, since it follows from
+    /// the non-negativity of the lights that the prior was learnt from.
     ///
     /// # Errors
     /// If values overflow.
@@ -91,7 +91,7 @@ impl LightInference<'_> {
             }
             squares = light.iter().zip(&light_sd).map(|(l, sd)| l * l + sd * sd).collect();
         }
-        unreachable!("the rounds end at their number")
+        unreachable!("the last round returns")
     }
 
     /// `H` and `c` of the posterior `exp(-x'Hx / 2 + c'x)` of the texels of `g l / g_0`, for
@@ -131,7 +131,7 @@ impl LightInference<'_> {
     }
 }
 
-/// Coefficients of the light of coefficients `light` (M) with its negative texels set to zero.
+/// Returns the coefficients of a light (M) with its negative texels set to zero.
 ///
 /// # Panics
 /// If M is not the square of a power of two, at least 4.
@@ -146,8 +146,8 @@ fn square(m: usize) -> Haar {
     Haar::new(m.isqrt()).filter(|haar| haar.coefficients() == m).expect("coefficients of a square light")
 }
 
-/// Texels of coefficients. Since the basis is orthonormal, it also maps gradients in coefficients
-/// to gradients in texels.
+/// Returns the texels of coefficients. Since the basis is orthonormal, it also maps gradients in
+/// coefficients to gradients in texels.
 fn texels(haar: Haar, coefficients: &[f64]) -> Vec<f64> {
     let mut x = coefficients.to_vec();
     haar.inverse(&mut x, &mut Vec::new());
@@ -178,7 +178,7 @@ mod tests {
     use crate::lighting::{CoefficientPrior, LightGrid, LightPrior, ScaleMixture};
     use crate::testing::on_threads;
 
-    /// A light of one bright and one lesser lamp in the dark, seen through a blurring operator with
+    /// Light of a bright and a dimmer lamp in the dark, observed through a blurring operator with
     /// noise.
     struct Lamps {
         light: Vec<f64>,
@@ -218,7 +218,7 @@ mod tests {
         Lamps { light: texels, operator: LightOperator::from_rows(rows, m, &entries), target }
     }
 
-    /// Gaussian prior, which does not model lamps: the mean swings below zero beside them.
+    /// Gaussian prior, which does not model lamps: the mean is negative beside them.
     fn gaussian_prior(side: usize) -> LightPrior {
         let mut prior = crate::transfer::toy_prior(side);
         for group in &mut prior.groups {
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn negative_lobes_vanish_and_the_light_is_better() {
+    fn removes_negative_lobes_and_improves_the_light() {
         for noise in [0.01, 0.05, 0.2] {
             let Lamps { light, operator, target } = lamps(8, noise);
             let prior = gaussian_prior(8);
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_do_not_change_the_light() {
+    fn result_is_independent_of_threads() {
         let Lamps { operator, target, .. } = lamps(16, 0.05);
         let prior = crate::transfer::toy_prior(16);
         let run = || {
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_off_is_black() {
+    fn cut_off_texels_are_zero() {
         let light = [1.0, -3.0, 0.2, 0.1];
         let (before, after) = (lit(&light), lit(&cut_off_at_zero(&light)));
         assert!(before.iter().any(|x| *x < 0.0));
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_that_is_positive_anyway_stays() {
+    fn keeps_a_positive_light() {
         let side = 4;
         let texels: Vec<f64> = (0..16).map(|i| 1.0 + 0.03 * f64::from(i)).collect();
         let mut light = texels;

@@ -12,9 +12,10 @@ pub struct InferenceSettings {
     pub max_steps: usize,
     /// Gain of the objective in one step, in nats, below which the ascent has converged.
     pub tolerance: f64,
-    /// A known exposure, positive, in units of the image; `None` to find it.
+    /// A known exposure, positive, in units of the image; `None` to estimate it.
     pub exposure: Option<f64>,
-    /// A known standard deviation of the noise, positive, in units of the image; `None` to find it.
+    /// A known standard deviation of the noise, positive, in units of the image; `None` to estimate
+    /// it.
     pub noise: Option<f64>,
 }
 
@@ -36,8 +37,8 @@ pub struct LightPosterior {
     /// Lower bound of `log p(I | f, g, b)` for the scaled image, in nats, all constants included;
     /// equal to it for mixtures of one component.
     pub bound: f64,
-    /// The bound plus `log p(log g)` and `log p(log b)` of each of the two that was estimated:
-    /// steps never lower it, and candidates are compared by it.
+    /// The bound plus `log p(log g)` and `log p(log b)` of those that were estimated. Steps never
+    /// lower it, and candidates are compared by it.
     pub objective: f64,
     /// `g`, in units of the image.
     pub exposure: f64,
@@ -63,28 +64,28 @@ const LONGEST_STEP: f64 = 2.0;
 /// Largest factor by which a step is lengthened.
 const LARGEST_STRETCH: f64 = 64.0;
 
-/// Gain of a step, in nats, below which the ascent looks for other components of the mixtures.
+/// Gain of a step, in nats, below which the ascent tries other components of the mixtures.
 const SLOW: f64 = 1.0;
 
-/// Largest number of such searches.
+/// Largest number of component switches.
 const LEAPS: usize = 8;
 
 impl LightInference<'_> {
-    /// Raises the bound of an operator, starting from the scales of the prior's variances.
+    /// Maximises the bound of an operator, starting from the scales of the prior's variances.
     ///
-    /// The bound has a local maximum for every choice of components. Where the ascent gets slow,
-    /// every coefficient looks for a better component by itself; if that raises the objective, the
-    /// ascent continues from there.
+    /// The bound has a local maximum for every choice of components. When the ascent becomes slow,
+    /// the best component of every coefficient by itself is determined; if these raise the
+    /// objective, the ascent continues from there.
     ///
-    /// A step is one factorisation, of `r^2 M + r^3 / 3` flops by rows, and the posterior
-    /// variances, of `r^2 M`. The step of `log(b g^2)` is lengthened by a secant; where that lowers
-    /// the objective, the plain step is made.
+    /// A step consists of one factorisation (`r^2 M + r^3 / 3` flops by rows) and the posterior
+    /// variances (`r^2 M`). A secant lengthens the step of `log(b g^2)`; if this lowers the
+    /// objective, the plain step is used.
     ///
     /// # Errors
     /// If the operator has values that are not finite, or so large that products overflow.
     ///
     /// # Panics
-    /// If rows or light coefficients are not those of the image and the prior.
+    /// If the numbers of rows or light coefficients differ from those of the image and the prior.
     pub fn posterior(
         &self,
         operator: &LightOperator,
@@ -93,8 +94,10 @@ impl LightInference<'_> {
         self.posterior_of(&self.design(operator.clone()), settings, None)
     }
 
-    /// Raises the bound as [`Self::posterior`] does; where the first coefficients alone were fitted
-    /// before, from there, with finer ones at the scales of their prior.
+    /// Maximises the bound like [`Self::posterior`].
+    ///
+    /// If `coarse` is given, the posterior of the first coefficients alone, the ascent starts from
+    /// there, with the finer coefficients at the scales of their prior.
     pub(super) fn posterior_of(
         &self,
         design: &Design,
@@ -119,8 +122,10 @@ impl LightInference<'_> {
         Design::new(operator.matrix, form)
     }
 
-    /// Start of the ascent: the widest scales, the exposure that gives the expected image the
-    /// energy of the image, and a noise of a tenth.
+    /// Returns the start of the ascent.
+    ///
+    /// It has the widest scales, the exposure at which the expected image has the energy of the
+    /// image, and a noise of a tenth.
     pub(super) fn start(&self, design: &Design, settings: &InferenceSettings) -> State {
         let squares = self.scales.prior_squares();
         let mut energy = 0.0;
@@ -171,7 +176,7 @@ impl LightInference<'_> {
             if next.is_none() {
                 next = Point::new(self, design, plain, settings);
             }
-            // A plain step lowers the objective only by round-off, where nothing is left to gain.
+            // A plain step lowers the objective only by round-off, at convergence.
             let Some(mut next) = next.filter(|next| next.objective >= now.objective) else {
                 converged = true;
                 break;
@@ -196,8 +201,10 @@ impl LightInference<'_> {
         Ok(self.answer(&now, trace, converged))
     }
 
-    /// Better point whose mixtures have other components, if there is one: for all coefficients at
-    /// once, or only for those that the image determines little, which hardly depend on each other.
+    /// Returns a better point whose mixtures have other components, if there is one.
+    ///
+    /// All coefficients switch at once, or only those that the image hardly determines, which
+    /// hardly depend on each other.
     fn leap<'a>(&self, design: &'a Design, now: &Point<'a>, settings: &InferenceSettings) -> Option<Point<'a>> {
         let posterior = now.final_variances();
         [1.0, 0.3, 0.05].into_iter().find_map(|weak| {

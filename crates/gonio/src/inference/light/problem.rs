@@ -1,4 +1,4 @@
-//! Light of an image whose BRDF is known or assumed.
+//! Estimation of the light in an image whose BRDF is known or assumed.
 
 use thiserror::Error;
 
@@ -14,7 +14,7 @@ use crate::scene::Observations;
 use crate::shape::Points;
 use crate::transfer::{PlanError, PlanSettings, observed_rows};
 
-/// Problem of finding the light in an image of one BRDF, with one row for every observation.
+/// Estimation of the light in an image of one BRDF, with one row for every observation.
 #[derive(Clone, Debug)]
 pub struct LightProblem<'a> {
     design: Design,
@@ -38,19 +38,20 @@ pub enum LightError {
 
 impl<'a> LightProblem<'a> {
     /// Number of steps of expectation maximisation on the coarsest grid: the light is for display,
-    /// and further steps change little that is visible.
+    /// and further steps have little visible effect.
     pub const STEPS: usize = 10;
 
-    /// Number of steps on each finer grid, from what was found on the one before.
+    /// Number of steps on each finer grid, starting from the result on the one before.
     pub const FINER_STEPS: usize = 5;
 
-    /// Coefficients of the coarsest grid, 16 x 16.
+    /// Number of coefficients of the coarsest grid, 16 x 16.
     const COARSEST: usize = 256;
 
-    /// Builds the problem from the luminances `values` (linear, `None` where not observed) of
-    /// `points` of a BRDF (1/sr), for light of `settings.side` squared texels. The noise is that of
-    /// [`Hyper::with_model_error`], with variance inversely proportional to the `weights` of the
-    /// points, if there are any.
+    /// Builds the problem from the luminances of points of a BRDF (1/sr).
+    ///
+    /// `values` are the luminances (linear, `None` where not observed) of `points`. The light has
+    /// `settings.side` squared texels. The noise is that of [`Hyper::with_model_error`], with
+    /// variance inversely proportional to the `weights` of the points, if there are any.
     ///
     /// # Panics
     /// If there are not as many weights as points.
@@ -81,11 +82,12 @@ impl<'a> LightProblem<'a> {
         Ok(Self { design: inference.design(operator), target, inference })
     }
 
-    /// Builds the problem from observations, with their weights and visibility. Not all of them are
-    /// needed for a light: see [`Observations::thinned`].
+    /// Builds the problem from observations, with their weights and visibility.
+    ///
+    /// A subset of the observations suffices for a light: see [`Observations::thinned`].
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// Those of [`Self::new`].
     pub(crate) fn of_observations(
         observations: &Observations,
         table: &BivariateTable,
@@ -105,11 +107,13 @@ impl<'a> LightProblem<'a> {
         (self.target.iter().map(|t| t * t).sum::<f64>() / self.target.len() as f64).sqrt()
     }
 
-    /// Computes the posterior of the light, above all its mean: in [`Self::STEPS`] steps on a
-    /// coarse grid, and from there in [`Self::FINER_STEPS`] on each that is twice as fine.
+    /// Computes the posterior of the light, from coarse to fine grids.
+    ///
+    /// The coarsest grid takes [`Self::STEPS`] steps, and each grid that is twice as fine takes
+    /// [`Self::FINER_STEPS`].
     ///
     /// # Errors
-    /// As [`LightInference::posterior`].
+    /// Those of [`LightInference::posterior`].
     pub fn posterior(&self) -> Result<LightPosterior, LightError> {
         let all = self.design.matrix.ncols();
         let mut found: Option<LightPosterior> = None;
@@ -127,10 +131,10 @@ impl<'a> LightProblem<'a> {
         }
     }
 
-    /// The mean of the light without negative texels.
+    /// Computes the mean of the light without negative texels.
     ///
     /// # Errors
-    /// As `LightInference::non_negative_light`.
+    /// Those of `LightInference::non_negative_light`.
     pub fn non_negative(
         &self,
         posterior: &LightPosterior,
@@ -139,8 +143,9 @@ impl<'a> LightProblem<'a> {
         Ok(self.inference.non_negative_light(&self.design, posterior, settings)?)
     }
 
-    /// Root mean square of the residual that a light leaves, relative to that of the image. `light`
-    /// are coefficients (M) of the radiance, in units of the image.
+    /// Returns the root mean square residual of a light, relative to that of the image.
+    ///
+    /// `light` are the coefficients (M) of the radiance, in units of the image.
     ///
     /// # Panics
     /// If there are not M coefficients.

@@ -53,12 +53,12 @@ impl<'a> Scales<'a> {
         Self { densities, rectified }
     }
 
-    /// Priors of the first `m` coefficients alone.
+    /// Returns the priors of the first `m` coefficients alone.
     pub(super) fn first(&self, m: usize) -> Self {
         Self { densities: self.densities[..m].to_vec(), rectified: self.rectified.filter(|(at, _)| *at < m) }
     }
 
-    /// Means of the coefficients (M), that of the rectified one before rectification.
+    /// Returns the means of the coefficients (M), that of the rectified one before rectification.
     pub(super) fn means(&self) -> Vec<f64> {
         let mean = |density: &Density<'_>| match *density {
             Density::Constant(value) => value,
@@ -68,8 +68,9 @@ impl<'a> Scales<'a> {
         self.densities.iter().map(mean).collect()
     }
 
-    /// Expected squares to start from: those of the prior, so that the widest scales are
-    /// responsible.
+    /// Returns the initial expected squares.
+    ///
+    /// They are those of the prior, so that the widest scales are responsible.
     pub(super) fn prior_squares(&self) -> Vec<f64> {
         let square = |density: &Density<'_>| match *density {
             Density::Constant(value) => value * value,
@@ -79,8 +80,10 @@ impl<'a> Scales<'a> {
         self.densities.iter().map(square).collect()
     }
 
-    /// Gaussian prior with the best responsibilities for expected squares `<l_m^2>` (M): `r_n` in
-    /// proportion to `pi_n / s_n exp(-<l^2> / (2 s_n^2))`.
+    /// Returns the Gaussian prior with the optimal responsibilities for expected squares `<l_m^2>`
+    /// (M).
+    ///
+    /// `r_n` is proportional to `pi_n / s_n exp(-<l^2> / (2 s_n^2))`.
     pub(super) fn given(&self, squares: &[f64]) -> Given {
         let mut constant = 0.0;
         let variance = |(density, square): (&Density<'_>, &f64)| match density {
@@ -96,10 +99,12 @@ impl<'a> Scales<'a> {
         Given { variances, constant }
     }
 
-    /// Expected squares whose responsibilities would be best for every mixture alone, all else as
-    /// in a posterior of means and variances (M each): expectation maximisation of one coefficient
-    /// in its cavity, from each component in turn. Coefficients that the image determines for more
-    /// than the share `weak` keep their value in `squares`.
+    /// Returns the expected squares whose responsibilities are optimal for every mixture by itself.
+    ///
+    /// All other coefficients have the posterior means and variances `light` and `posterior` (M
+    /// each). Each coefficient is optimised by expectation maximisation in its cavity, from each
+    /// component in turn. Coefficients that the image determines to a share of more than `weak`
+    /// keep their value in `squares`.
     ///
     /// Expectation maximisation alone would keep a coefficient that the image does not determine in
     /// its present component, since the bound has a local maximum at each.
@@ -140,7 +145,7 @@ impl<'a> Scales<'a> {
 /// Number of steps of the expectation maximisation of one coefficient.
 const ALONE: usize = 6;
 
-/// `1 / d` and the constant of one mixture with the best responsibilities for `<l^2>`.
+/// Returns `1 / d` and the constant of one mixture with the optimal responsibilities for `<l^2>`.
 fn gaussian_of(mixture: &ScaleMixture, square: f64) -> (f64, f64) {
     let log_sum = mixture.log_density_of_square(square);
     let d: f64 = mixture.log_joint(square).zip(&mixture.variances).map(|(j, v)| (j - log_sum).exp() / v).sum();
@@ -180,7 +185,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_constant_is_the_sum_over_responsibilities() {
+    fn constant_matches_the_sum_over_responsibilities() {
         let mixture = ScaleMixture { weights: vec![0.2, 0.5, 0.3], variances: vec![0.01, 0.3, 5.0] };
         let prior = CoefficientPrior::Mixture(mixture.clone());
         for square in [1e-6, 0.02, 1.0, 40.0] {
@@ -196,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn one_component_costs_nothing() {
+    fn constant_is_zero_for_one_component() {
         let prior = CoefficientPrior::Mixture(ScaleMixture { weights: vec![1.0], variances: vec![0.4] });
         let given = Scales::new(0.3, &[&prior, &prior]).given(&[0.09, 7.0, 1e-9]);
         assert!(given.constant.abs() < 1e-12);

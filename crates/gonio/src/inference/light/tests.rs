@@ -41,7 +41,7 @@ pub(super) fn inverse_and_log_det(mut a: Vec<Vec<f64>>) -> (Vec<Vec<f64>>, f64) 
     (inverse, log_det)
 }
 
-/// Image and priors made by hand, without scaling and with dimensions outside the rows.
+/// Small image and priors, without scaling and with dimensions outside the rows.
 pub(super) struct Toy {
     priors: Vec<CoefficientPrior>,
     pub(super) target: Vec<f64>,
@@ -129,7 +129,7 @@ impl Toy {
     fn integrated(&self, g: f64, b: f64) -> f64 {
         let (m, n, reach) = (self.priors.len() + 1, 1500, 8.0);
         let step = 2.0 * reach / f64::from(n);
-        // Centres of the cells lie evenly about the threshold of the rectified prior, -0.1.
+        // The centres of the cells are symmetric about the threshold of the rectified prior, -0.1.
         let grid: Vec<f64> = (0..n).map(|i| -reach - 0.1 + step * (f64::from(i) + 0.5)).collect();
         let log_prior: Vec<Vec<f64>> =
             self.priors.iter().map(|p| grid.iter().map(|x| p.log_density(*x)).collect()).collect();
@@ -161,7 +161,7 @@ fn tight() -> InferenceSettings {
 }
 
 #[test]
-fn with_one_component_the_bound_is_the_dense_gaussian() {
+fn bound_matches_the_dense_gaussian_for_one_component() {
     for (rows, m) in [(5, 9), (9, 5), (40, 6)] {
         let toy = Toy::new(rows, one_component(m), 0.1, 7);
         let mut means = vec![0.0; m];
@@ -227,7 +227,7 @@ fn the_bound_is_near_the_sum_over_all_components() {
 /// With rectification the posterior of the light is a truncated Gaussian; its moments are compared
 /// with integration.
 #[test]
-fn the_posterior_of_a_rectified_light_is_that_of_the_integral() {
+fn rectified_posterior_matches_integration() {
     let toy = Toy::new(2, vec![mixture(&[1.0], &[0.5]), cut()], 0.6, 4);
     let (g, b) = (1.2, 2.0);
     let got = toy.posterior(&known(g, b));
@@ -301,10 +301,10 @@ fn no_step_lowers_the_objective() {
     }
 }
 
-/// At the end of the ascent, the derivatives of the bound by exposure and noise, by finite
-/// differences at the same posterior of the light, and those of their priors add up to zero.
+/// At convergence, the derivatives of the bound by exposure and noise (finite differences at the
+/// same posterior of the light) and those of their priors sum to zero.
 #[test]
-fn exposure_and_noise_end_at_their_best() {
+fn exposure_and_noise_reach_their_optimum() {
     let toy = Toy::new(30, mixed(16), 0.05, 3);
     let inference = toy.inference();
     let got = toy.posterior(&InferenceSettings { tolerance: 1e-13, ..tight() });
@@ -322,10 +322,10 @@ fn exposure_and_noise_end_at_their_best() {
     assert!(by_g.abs() < 2e-4 && by_b.abs() < 2e-4, "{by_g} {by_b}");
 }
 
-/// An orthogonal transform of the rows, and leaving out a row that no light reaches, change
-/// nothing.
+/// An orthogonal transform of the rows, and an additional row that no light reaches, have no
+/// effect.
 #[test]
-fn rows_may_be_turned_and_projected() {
+fn bound_is_invariant_to_rotation_and_projection_of_rows() {
     let mut toy = Toy::new(20, mixed(9), 0.1, 8);
     let one = toy.posterior(&tight());
     let m = 9;
@@ -370,7 +370,7 @@ fn scaling_the_image_scales_exposure_and_noise_alone() {
 }
 
 #[test]
-fn answers_do_not_depend_on_the_number_of_threads() {
+fn result_is_independent_of_threads() {
     // More rows and columns than one band.
     let (rows, k, m) = (160, 2, 256);
     let data: Vec<f32> = random(rows * k * m, 2).iter().map(|x| *x as f32).collect();
@@ -397,7 +397,7 @@ fn a_known_light_has_the_evidence_of_its_residual() {
 }
 
 #[test]
-fn operators_that_overflow_are_refused() {
+fn rejects_operators_that_are_not_finite() {
     let toy = Toy::new(4, one_component(3), 0.1, 1);
     let mut entries = toy.entries.clone();
     entries[5] = f64::NAN;

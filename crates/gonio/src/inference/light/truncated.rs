@@ -16,42 +16,44 @@ pub(super) struct Sites {
 }
 
 impl Sites {
-    /// Sites to start from, for a Gaussian of precision `h` (n x n) and mean `mean` (n): nothing
-    /// where the mean is positive, elsewhere a pull to zero with the precision that `h` gives the
-    /// value.
+    /// Returns the initial sites for a Gaussian of precision `h` (n x n) and mean `mean` (n).
+    ///
+    /// Sites of positive means are empty; the others pull to zero with the precision that `h`
+    /// assigns to the value.
     pub(super) fn of_mean(h: &Mat<f64>, mean: &[f64]) -> Self {
         let pull = |(i, x): (usize, &f64)| if *x > 0.0 { 0.0 } else { h[(i, i)] };
         Self { precisions: mean.iter().enumerate().map(pull).collect(), shifts: vec![0.0; mean.len()] }
     }
 }
 
-/// Moments of the truncated Gaussian, and how the iteration ended.
+/// Moments of the truncated Gaussian, and the state of the iteration.
 pub(super) struct Truncated {
     /// Means (n), positive.
     pub(super) mean: Vec<f64>,
     /// `R` (n x n) with `R'R` the covariance.
     pub(super) root: Mat<f64>,
-    /// Norm of the change of the means by the last step, relative to their own.
+    /// Norm of the change of the means in the last step, relative to their norm.
     pub(super) change: f64,
     /// Number of steps made.
     pub(super) steps: usize,
 }
 
-/// Share of the way to its new value that every site moves at first. Full steps of all sites at
-/// once would overshoot.
+/// Initial share of the way to its new value that every site moves. Simultaneous full steps of all
+/// sites would overshoot.
 const DAMPING: f64 = 0.7;
 
 /// Smallest damping.
 const LEAST_DAMPING: f64 = 0.2;
 
-/// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by a Gaussian, by expectation propagation of all
-/// sites at once: each of its means and variances is that of the Gaussian with the one bound in
-/// place of its site (Minka 2001, "Expectation propagation for approximate Bayesian inference",
-/// UAI; for truncated Gaussians Cunningham, Hennig and Lacoste-Julien 2011, arXiv:1111.6832). Each
-/// step is one factorisation and its inverse. Ends when the means change by no more than
-/// `tolerance` of their norm, or after `max_steps`, at least one; `sites` hold the last state.
+/// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by a Gaussian. The method is expectation
+/// propagation of all sites at once: each mean and variance is that of the Gaussian with the exact
+/// bound in place of its site (Minka 2001, "Expectation propagation for approximate Bayesian
+/// inference", UAI; for truncated Gaussians Cunningham, Hennig and Lacoste-Julien 2011,
+/// arXiv:1111.6832). Each step takes one factorisation and its inverse. The iteration ends when the
+/// means change by no more than `tolerance` of their norm, or after `max_steps`, at least one;
+/// `sites` holds the last state.
 ///
-/// `None` if `h` (n x n, symmetric) is not finite and positive definite.
+/// Returns `None` if `h` (n x n, symmetric) is not finite and positive definite.
 pub(super) fn truncated(
     h: &Mat<f64>,
     c: &[f64],

@@ -9,7 +9,7 @@ use crate::model::Model;
 /// Material estimated from several photographs.
 #[derive(Clone, Debug)]
 pub struct Combined {
-    /// The material. Its measures of a single photograph (filled cells, share out of distribution,
+    /// The material. The measures of a single photograph (filled cells, share out of distribution,
     /// self-shadowing, scatter) are zero.
     pub material: Material,
     /// For each photograph, the log odds that it shows the same material as the others rather than

@@ -61,8 +61,8 @@ pub struct Material {
     pub normals: usize,
     /// Number of these cells without an observation, which are interpolated.
     pub filled: usize,
-    /// Mean absolute logarithm of the ratios of the values of an equivalent sphere to the observed
-    /// ones ([`unshadow`]).
+    /// Mean absolute log ratio between the values of an equivalent sphere and the observed ones
+    /// ([`unshadow`]).
     pub unshadowed: f64,
     /// Posterior of the material, and draws from it.
     pub posterior: MaterialPosterior,

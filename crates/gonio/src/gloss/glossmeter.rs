@@ -32,14 +32,12 @@ pub struct Glossmeter {
 }
 
 impl Glossmeter {
-    /// Returns a glossmeter at 20 degrees, for glossy surfaces; its receptor spans 1.8 by 3.6
-    /// degrees.
+    /// Returns a glossmeter at 20 degrees, for glossy surfaces (receptor of 1.8 by 3.6 degrees).
     pub fn at_20() -> Self {
         Self::new(20.0, (1.8, 3.6))
     }
 
-    /// Returns a glossmeter at 60 degrees, for all surfaces; its receptor spans 4.4 by 11.7
-    /// degrees.
+    /// Returns a glossmeter at 60 degrees, for all surfaces (receptor of 4.4 by 11.7 degrees).
     pub fn at_60() -> Self {
         Self::new(60.0, (4.4, 11.7))
     }
@@ -87,8 +85,9 @@ impl Window {
         Self { source: 0.5 * source.to_radians(), receptor: 0.5 * receptor.to_radians() }
     }
 
-    /// Returns the share of source points whose light, at `offset` from its mirror direction,
-    /// enters the receptor.
+    /// Returns the share of source points whose light enters the receptor.
+    ///
+    /// `offset` is the angle between the light and its mirror direction.
     fn share(&self, offset: f64) -> f64 {
         let (low, high) = (-self.receptor - offset, self.receptor - offset);
         ((high.min(self.source) - low.max(-self.source)) / (2.0 * self.source)).clamp(0.0, 1.0)

@@ -200,10 +200,12 @@ pub(crate) fn round(problem: &Problem<'_>, ensemble: &Ensemble, grams: &Grams, n
     (point.ensemble, cost)
 }
 
-/// Returns the factor `c` of the common scale that minimises the cost. The image determines only
-/// the product of exposure and reflectance. Along `f -> c f, g -> g / c` the cost is `c sum_k
-/// lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed form. The other
-/// steps advance only slowly along this ridge.
+/// Returns the factor `c` of the common scale that minimises the cost.
+///
+/// The image determines only the product of exposure and reflectance. Along `f -> c f, g -> g / c`,
+/// the cost is
+/// `c sum_k lambda_k <f_k> + lambda_g <g> / c - (K - 1) log c`, whose minimum has a closed form.
+/// The other steps advance only slowly along this ridge.
 fn best_scale(problem: &Problem<'_>, ensemble: &Ensemble) -> f64 {
     let f: f64 = problem.rates.iter().enumerate().map(|(k, rate)| rate * ensemble.f_moments(k).mean).sum();
     let g = problem.hyper.exposure_rate * ensemble.g_moments().mean;

@@ -224,9 +224,9 @@ pub(crate) fn prior_pull(prior: &CoefficientPrior, l: &Moments) -> (f64, f64) {
     }
 }
 
-/// `<log p(l_m)>`, for mixtures its variational bound with the optimal responsibilities: `-sum_n
-/// r_n (log r_n - log pi_n + log(2 pi s_n^2)/2 + <l^2>/(2 s_n^2)) = log sum_n pi_n N(<l^2>; 0,
-/// s_n^2)`.
+/// `<log p(l_m)>`, for mixtures its variational bound with the optimal responsibilities:
+/// `-sum_n r_n (log r_n - log pi_n + log(2 pi s_n^2)/2 + <l^2>/(2 s_n^2))
+/// = log sum_n pi_n N(<l^2>; 0, s_n^2)`.
 pub(crate) fn expected_log_prior(prior: &CoefficientPrior, l: &Moments) -> f64 {
     match prior {
         CoefficientPrior::Mixture(mixture) => mixture.log_density_of_square(l.mean_square()),

@@ -36,9 +36,9 @@ pub struct Embedding {
 }
 
 /// Share `rho` of the error of a likelihood that photographs of one material have in common: the
-/// error of the model, as opposed to that of the light. `K` photographs count as `K / (1 + (K - 1)
-/// rho)`. Without this correction, the intervals of materials outside the training data became too
-/// narrow, and the estimates did not improve (docs/trials.md).
+/// error of the model, as opposed to that of the light. Therefore, `K` photographs count as
+/// `K / (1 + (K - 1) rho)`. Without this correction, the intervals of materials outside the
+/// training data became too narrow, and the estimates did not improve (docs/trials.md).
 const COMMON: f64 = 0.5;
 
 impl Embedding {

@@ -82,11 +82,11 @@ pub(super) struct Local {
 }
 
 impl Local {
-    /// Builds the terms of image, priors and noise, without the entropy of q, as for point
-    /// estimates.
+    /// Builds the terms of image, priors and noise.
     ///
-    /// `shape` is the shape of the Gamma distribution of the noise. `a` is the image of each basis
-    /// function under the light (rows x K), `system` the residual in the reflectance.
+    /// The entropy of q is not included, as for point estimates. `shape` is the shape of the Gamma
+    /// distribution of the noise. `a` is the image of each basis function under the light (rows x
+    /// K), `system` the residual in the reflectance.
     pub(super) fn new(
         problem: &Problem<'_>,
         moments: &AllMoments,

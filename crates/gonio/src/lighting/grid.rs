@@ -20,7 +20,7 @@ impl LightGrid {
     /// # Panics
     /// If there are not `side * side` texels or `side` is not a power of two, at least 2.
     pub fn from_texels(map: OctahedralMap, side: usize, texels: Vec<Vec3>) -> Self {
-        assert!(Haar::new(side).is_some(), "the side of a light grid is a power of two, not {side}");
+        assert!(Haar::new(side).is_some(), "the side of a light grid must be a power of two, not {side}");
         assert_eq!(texels.len(), side * side);
         Self { map, side, texels }
     }
@@ -85,9 +85,9 @@ impl LightGrid {
 
     /// Returns the Haar coefficients of the luminance.
     ///
-    /// The basis is orthonormal in the measure of `texel_measure`: `l_m = sum_t L_t h_m(t)
-    /// sqrt(measure)`, where `h_m` are the orthonormal wavelets of the grid. Coarse coefficients do
-    /// not depend on the side of the grid.
+    /// They are `l_m = sum_t L_t h_m(t) sqrt(measure)`, where `h_m` are the orthonormal wavelets of
+    /// the grid, so that the basis is orthonormal in the measure of `texel_measure`. Coarse
+    /// coefficients do not depend on the side of the grid.
     pub fn coefficients(&self) -> Vec<f64> {
         let mut values: Vec<f32> = self.texels.iter().map(|&t| luminance(t)).collect();
         Haar::new(self.side).expect("checked at construction").forward(&mut values, &mut Vec::new());

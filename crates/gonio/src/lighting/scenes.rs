@@ -52,7 +52,7 @@ fn map(height: usize, radiance: impl Fn(DVec3) -> Vec3) -> EnvironmentMap {
     let pixel = |x: usize, y: usize| {
         radiance(direction_of_lat_long((x as f64 + 0.5) / (2 * height) as f64, (y as f64 + 0.5) / height as f64))
     };
-    EnvironmentMap::new(Plane::from_fn(2 * height, height, pixel)).expect("a lit map of the right shape")
+    EnvironmentMap::new(Plane::from_fn(2 * height, height, pixel)).expect("the light is a valid map")
 }
 
 /// Returns the smoothed indicator of an upright rectangle around `centre`.

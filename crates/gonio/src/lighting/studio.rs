@@ -38,5 +38,5 @@ pub fn studio_light(height: usize) -> EnvironmentMap {
         let away = d.angle_between(lamp);
         sum + Vec3::new(150.0, 135.0, 110.0) * smooth((0.045 - away) / 0.01) as f32
     });
-    EnvironmentMap::new(radiance).expect("the studio is lit and has the shape of a map")
+    EnvironmentMap::new(radiance).expect("the light is a valid map")
 }

@@ -152,7 +152,7 @@ impl ChannelPosterior {
     pub fn draws(&self, count: usize, seed: u64) -> Vec<ChromaField> {
         let mut rng = Pcg64::seed_from_u64(seed);
         let size = self.space.len();
-        let spread = ChiSquared::new(FREEDOM).expect("positive");
+        let spread = ChiSquared::new(FREEDOM).expect("the degrees of freedom are positive");
         let mut white = || -> [Vec<f64>; 3] {
             let scale: f64 = INFLATION * (FREEDOM / spread.sample(&mut rng)).sqrt();
             let mut normal = || scale * Distribution::<f64>::sample(&StandardNormal, &mut rng);

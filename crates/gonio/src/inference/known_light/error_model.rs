@@ -100,10 +100,10 @@ impl ErrorModel {
         (self.noise, self.discrepancy) = best.expect("the ladder is not empty");
     }
 
-    /// Updates the weights of Student's distribution, given residuals and the factorised
-    /// covariance.
+    /// Updates the weights of Student's distribution from residuals.
     ///
-    /// A weight depends on the part of the residual that is noise rather than discrepancy.
+    /// `factor` is the factorised covariance. A weight depends on the part of the residual that is
+    /// noise rather than discrepancy.
     pub(super) fn reweigh(&mut self, residuals: &[f64], factor: &Cholesky) {
         let solved = factor.solve(residuals);
         let weights: Vec<f64> = (0..residuals.len())

@@ -144,8 +144,7 @@ impl<'a> Image<'a> {
         self.precisions.len()
     }
 
-    /// Returns the state of a material at a place of the prior, with this gain and the best
-    /// constant.
+    /// Returns the state of a material at prior coordinates `place`, with the best constant.
     pub(super) fn start(&self, place: &[f64], gain: f64) -> State {
         let mut coefficients = self.space.at(place);
         if self.operator.clips() {

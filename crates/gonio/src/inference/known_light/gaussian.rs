@@ -113,7 +113,7 @@ impl Gaussian {
 
     /// Returns the logarithm of the mean of the product of likelihoods over the prior.
     ///
-    /// It is up to a constant, which is the sum of one constant for each likelihood.
+    /// The result omits a constant, which is the sum of one constant for each likelihood.
     pub(crate) fn log_evidence(all: &[&Self], deviation: f64) -> Option<f64> {
         let (precision, information) = Self::sums(all, deviation);
         let factor = Cholesky::new(precision)?;

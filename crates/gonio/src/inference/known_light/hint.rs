@@ -18,7 +18,7 @@ use crate::linalg::eigenvectors;
 const POWER: f64 = 0.5;
 
 /// Variance that is added to each coordinate. The weights of a finite number of materials can
-/// concentrate in one place, although the coordinates are less certain.
+/// concentrate on one of them, although the coordinates are less certain.
 const LEAST_VARIANCE: f64 = 0.02;
 
 /// Gaussian likelihood of the coordinates of a material, up to a constant:
@@ -52,7 +52,7 @@ impl Hint {
     }
 }
 
-/// Returns the inverse covariance of weighted places, and its product with their mean.
+/// Returns the inverse covariance of weighted coordinates, and its product with their mean.
 fn natural(places: &[Vec<f32>], weights: &[f64]) -> Option<(Mat<f64>, Vec<f64>)> {
     let (n, total) = (places[0].len(), weights.iter().sum::<f64>());
     let mut mean = vec![0.0; n];

@@ -118,7 +118,7 @@ impl<'a> Materials<'a> {
     /// # Panics
     /// If there are none.
     pub fn of(coordinates: &'a Coordinates, places: &[Vec<f64>]) -> Self {
-        assert!(!places.is_empty(), "no materials");
+        assert!(!places.is_empty(), "at least one material is required");
         let some =
             |most: usize| -> Vec<Vec<f64>> { places.iter().step_by(places.len().div_ceil(most)).cloned().collect() };
         let starts = some(STARTS);
@@ -278,10 +278,10 @@ fn start(operator: &Operator, values: &[f64], materials: &Materials<'_>) -> Star
     let gains = if operator.clips() { &GAINS[..] } else { &GAINS[..1] };
     let best = materials.tables.par_iter().map(|table| {
         let each = gains.iter().map(|gain| (*gain, deviation(table, *gain)));
-        each.min_by(|a, b| a.1.total_cmp(&b.1)).expect("there are gains")
+        each.min_by(|a, b| a.1.total_cmp(&b.1)).expect("at least one gain")
     });
     let deviations: Vec<(f64, f64)> = best.collect();
     let at = (0..deviations.len()).min_by(|a, b| deviations[*a].1.total_cmp(&deviations[*b].1));
-    let at = at.expect("there are materials");
+    let at = at.expect("at least one material");
     Start { place: materials.starts[at].clone(), gain: deviations[at].0, deviation: deviations[at].1 }
 }

@@ -67,7 +67,7 @@ impl Space {
         self.dimensions + SPLINES[0] * SPLINES[1] + 1
     }
 
-    /// Returns the coefficients of a material at a place of the prior.
+    /// Returns the coefficients of a material at prior coordinates `place`.
     pub(super) fn at(&self, place: &[f64]) -> Vec<f64> {
         let mut coefficients = vec![0.0; self.len()];
         coefficients[..self.dimensions].copy_from_slice(place);

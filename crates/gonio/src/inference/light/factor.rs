@@ -106,7 +106,7 @@ impl Design {
     /// `rho B'B + diag(d)` (M x M): the precision of the posterior under prior precisions `d`.
     pub(super) fn precision(&self, rho: f64, d: &[f64]) -> Mat<f64> {
         let made = self.gram.is_none().then(|| lower_of_product(self.matrix.transpose(), self.matrix.as_ref()));
-        let gram = self.gram.as_ref().or(made.as_ref()).expect("one of the two");
+        let gram = self.gram.as_ref().or(made.as_ref()).expect("the Gram matrix is stored or was just computed");
         let mut out = Mat::zeros(d.len(), d.len());
         each_column(out.as_mut(), &|j, column| {
             for (i, x) in column.iter_mut().enumerate() {
@@ -146,7 +146,7 @@ impl<'a> Factor<'a> {
             scaled
         });
         let made = scaled.as_ref().map(|scaled| lower_of_product(scaled.as_ref(), scaled.transpose()));
-        let gram = made.as_ref().or(design.gram.as_ref()).expect("one of the two");
+        let gram = made.as_ref().or(design.gram.as_ref()).expect("the Gram matrix is stored or was just computed");
         let mut lower = Mat::zeros(gram.nrows(), gram.ncols());
         each_column(lower.as_mut(), &|j, column| {
             let gram = &gram.col_as_slice(j)[j..];
@@ -252,7 +252,7 @@ impl<'a> Factor<'a> {
     /// Diagonal of the posterior covariance `Sigma` (M).
     pub(super) fn posterior_variances(&mut self) -> Vec<f64> {
         self.ensure_solved();
-        let solved = self.solved.as_ref().expect("just solved");
+        let solved = self.solved.as_ref().expect("the line above computes it");
         let squares = squared_norms(solved.as_ref());
         let by_rows = self.by_rows();
         // Keeps the variance positive where the image determines a coefficient beyond round-off.

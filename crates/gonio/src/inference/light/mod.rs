@@ -103,7 +103,7 @@ impl<'a> LightInference<'a> {
         light: &'a LightPrior,
         hyper: Hyper,
     ) -> Result<Self, ProblemError> {
-        assert!(pixels >= target.len(), "{pixels} pixels on {} rows", target.len());
+        assert!(pixels >= target.len(), "{pixels} pixels for {} rows", target.len());
         let energy = target.iter().map(|t| t * t).sum::<f64>() + outside;
         if !energy.is_finite() {
             return Err(ProblemError::NotFinite);

@@ -23,7 +23,7 @@ impl State {
         self.log_b + 2.0 * self.log_g
     }
 
-    /// Returns the state with another `log rho`, through `b` if that is unknown, otherwise through
+    /// Returns the state with `by` added to `log rho`, through `b` if unknown, otherwise through
     /// `g`.
     pub(super) fn stretched(&self, by: f64, settings: &InferenceSettings) -> Self {
         let mut moved = self.clone();

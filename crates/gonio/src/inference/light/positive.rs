@@ -48,8 +48,10 @@ pub struct NonNegativeLight {
 
 impl LightInference<'_> {
     /// Computes the mean of the light with texels `>= 0` under the Gaussian of a
-    /// [`LightPosterior`]. `posterior` must be that of `design`. The result is the mean of `g l`
-    /// over `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, with `g_0` the
+    /// [`LightPosterior`].
+    ///
+    /// `posterior` must be that of `design`. The result is the mean of `g l` over
+    /// `exp(-b |t - g B l|^2 / 2 - (g l / g_0 - mu)' D (g l / g_0 - mu) / 2)`, with `g_0` the
     /// exposure of the posterior, by expectation propagation with a bound at every texel. The
     /// scales, which determine `D`, are then re-estimated from the expected squares of that light.
     ///

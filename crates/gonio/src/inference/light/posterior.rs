@@ -74,7 +74,7 @@ impl LightInference<'_> {
     /// Maximises the bound of an operator, starting from the scales of the prior's variances.
     ///
     /// The bound has a local maximum for every choice of components. When the ascent becomes slow,
-    /// the best component of every coefficient by itself is determined; if these raise the
+    /// it determines the best component of every coefficient by itself. If these raise the
     /// objective, the ascent continues from there.
     ///
     /// A step consists of one factorisation (`r^2 M + r^3 / 3` flops by rows) and the posterior
@@ -96,8 +96,8 @@ impl LightInference<'_> {
 
     /// Maximises the bound like [`Self::posterior`].
     ///
-    /// If `coarse` is given, the posterior of the first coefficients alone, the ascent starts from
-    /// there, with the finer coefficients at the scales of their prior.
+    /// The ascent starts from `coarse` if it is given, the posterior of the first coefficients
+    /// alone. The finer coefficients then start at the scales of their prior.
     pub(super) fn posterior_of(
         &self,
         design: &Design,
@@ -116,8 +116,8 @@ impl LightInference<'_> {
     }
 
     pub(super) fn design(&self, operator: LightOperator) -> Design {
-        assert_eq!(operator.m(), self.scales.means().len(), "light coefficients of the operator and of the prior");
-        assert_eq!(operator.rows(), self.rows(), "rows of the operator and of the image");
+        assert_eq!(operator.m(), self.scales.means().len(), "the operator and the prior differ in light coefficients");
+        assert_eq!(operator.rows(), self.rows(), "the operator and the image differ in rows");
         let form = Form::smaller(operator.rows(), operator.m());
         Design::new(operator.matrix, form)
     }

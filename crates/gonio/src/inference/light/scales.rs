@@ -80,10 +80,10 @@ impl<'a> Scales<'a> {
         self.densities.iter().map(square).collect()
     }
 
-    /// Returns the Gaussian prior with the optimal responsibilities for expected squares `<l_m^2>`
-    /// (M).
+    /// Returns the Gaussian prior with the optimal responsibilities for given expected squares.
     ///
-    /// `r_n` is proportional to `pi_n / s_n exp(-<l^2> / (2 s_n^2))`.
+    /// For the expected squares `<l_m^2>` (M), `r_n` is proportional to
+    /// `pi_n / s_n exp(-<l^2> / (2 s_n^2))`.
     pub(super) fn given(&self, squares: &[f64]) -> Given {
         let mut constant = 0.0;
         let variance = |(density, square): (&Density<'_>, &f64)| match density {

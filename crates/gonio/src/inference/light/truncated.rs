@@ -45,13 +45,14 @@ const DAMPING: f64 = 0.7;
 /// Smallest damping.
 const LEAST_DAMPING: f64 = 0.2;
 
-/// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by a Gaussian. The method is expectation
-/// propagation of all sites at once: each mean and variance is that of the Gaussian with the exact
-/// bound in place of its site (Minka 2001, "Expectation propagation for approximate Bayesian
-/// inference", UAI; for truncated Gaussians Cunningham, Hennig and Lacoste-Julien 2011,
-/// arXiv:1111.6832). Each step takes one factorisation and its inverse. The iteration ends when the
-/// means change by no more than `tolerance` of their norm, or after `max_steps`, at least one;
-/// `sites` holds the last state.
+/// Approximates `exp(-x'Hx / 2 + c'x)` on `x >= 0` by a Gaussian.
+///
+/// The method is expectation propagation of all sites at once: each mean and variance is that of
+/// the Gaussian with the exact bound in place of its site (Minka 2001, "Expectation propagation for
+/// approximate Bayesian inference", UAI; for truncated Gaussians Cunningham, Hennig and
+/// Lacoste-Julien 2011, arXiv:1111.6832). Each step takes one factorisation and its inverse. The
+/// iteration ends when the means change by no more than `tolerance` of their norm, or after
+/// `max_steps`, at least one; `sites` holds the last state.
 ///
 /// Returns `None` if `h` (n x n, symmetric) is not finite and positive definite.
 pub(super) fn truncated(

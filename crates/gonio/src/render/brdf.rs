@@ -6,20 +6,20 @@ use crate::reflectance::{BivariateTable, MerlTable, axis_d, axis_h};
 
 /// An isotropic BRDF with RGB values in 1/sr (or relative units).
 pub trait Brdf: Sync {
-    /// Value at half/difference angles in radians.
+    /// Returns the RGB value at half/difference angles in radians.
     fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> DVec3;
 
-    /// Whether [`Self::eval`] depends on `phi_d`.
+    /// Returns whether [`Self::eval`] depends on `phi_d`.
     fn depends_on_phi(&self) -> bool;
 
-    /// Largest channel, averaged over `phi_d`, by which a renderer finds lobes.
+    /// Returns the largest channel, averaged over `phi_d`. Renderers use it to locate lobes.
     fn envelope(&self) -> BivariateTable;
 
-    /// The same BRDF as a table for each channel; `None` if it depends on `phi_d`.
+    /// Returns one table per channel, or `None` if the BRDF depends on `phi_d`.
     fn tables(&self) -> Option<[BivariateTable; 3]>;
 }
 
-/// A grey table in one colour, as the paper shows a monochrome BRDF.
+/// A grey table times an RGB colour, as the paper displays a monochrome BRDF.
 #[derive(Clone, Debug)]
 pub struct Tinted {
     /// Reflectance.
@@ -46,7 +46,7 @@ impl Brdf for Tinted {
     }
 }
 
-/// A table for each channel: red, green, blue.
+/// One table per channel: red, green, blue.
 impl Brdf for [BivariateTable; 3] {
     fn eval(&self, theta_h: f64, theta_d: f64, _: f64) -> DVec3 {
         let (h, d) = (axis_h(theta_h), axis_d(theta_d));
@@ -66,7 +66,7 @@ impl Brdf for [BivariateTable; 3] {
     }
 }
 
-/// Largest channel in each cell.
+/// Returns the largest channel in each cell.
 fn strongest(rgb: &[BivariateTable; 3]) -> BivariateTable {
     let [r, g, b] = rgb.each_ref().map(BivariateTable::as_slice);
     BivariateTable::from_vec(r.iter().zip(g).zip(b).map(|((r, g), b)| r.max(*g).max(*b)).collect())

@@ -20,8 +20,9 @@ use crate::sphere::half_difference;
 /// Accuracy of the integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IntegratorSettings {
-    /// Sum of the error bounds of all cells, relative to the radiance. The true error is some fifty
-    /// times smaller, since the bounds ignore cancellation.
+    /// Largest sum of the error bounds of all cells, relative to the radiance.
+    ///
+    /// The true error is about fifty times smaller, since the bounds ignore cancellation.
     pub tolerance: f64,
     /// Largest number of cells.
     pub max_cells: usize,
@@ -33,8 +34,9 @@ impl Default for IntegratorSettings {
     }
 }
 
-/// A direction of light with its weight: `L(w) max(n . w, 0) dw` of a cell, at the angles of its
-/// centre.
+/// Direction and weight of the light in one cell.
+///
+/// The weight is `L(w) max(n . w, 0) dw`; the angles are those of the cell's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
     /// Half angle, radians.
@@ -52,7 +54,7 @@ pub struct Node {
 pub struct Nodes {
     /// Directions of the light with their weights.
     pub nodes: Vec<Node>,
-    /// Bound of the error of the envelope's radiance, relative to it.
+    /// Error bound of the envelope's radiance, relative to that radiance.
     pub bound: f64,
 }
 
@@ -84,10 +86,10 @@ impl Ord for Entry {
     }
 }
 
-/// Radius (radians) of the smallest cells, which are not divided, whatever their bound.
+/// Radius (radians) below which cells are not subdivided, regardless of their error bound.
 const SMALLEST: f64 = 2e-5;
 
-/// Divides the light for any BRDF that varies no faster than `envelope`.
+/// Divides the light into cells, for BRDFs that vary no faster than `envelope`.
 pub fn nodes(
     point: &SurfacePoint,
     envelope: &BivariateTable,
@@ -97,9 +99,11 @@ pub fn nodes(
     nodes_within(point, envelope, light, settings, f64::INFINITY)
 }
 
-/// Divides the light as [`nodes`] does, but cells of a radius beyond `largest` (radians) count as
-/// wholly wrong, so that nearly all light comes from smaller ones: for surfaces with
-/// self-shadowing, which the bounds do not account for.
+/// Divides the light like [`nodes`], but counts cells with a radius above `largest` as wholly
+/// wrong.
+///
+/// `largest` is in radians. Nearly all light then comes from smaller cells. Surfaces with
+/// self-shadowing require this, since the error bounds ignore shadows.
 pub(crate) fn nodes_within(
     point: &SurfacePoint,
     envelope: &BivariateTable,
@@ -109,7 +113,7 @@ pub(crate) fn nodes_within(
 ) -> Nodes {
     let mut queue = BinaryHeap::with_capacity(1024);
     let mut settled: Vec<Entry> = Vec::new();
-    // Sums over everything, kept up to date.
+    // Running sums over all cells in `queue` and `settled`.
     let (mut total, mut bound) = (0.0, 0.0);
     let mut pending = vec![light.root()];
     loop {
@@ -140,7 +144,7 @@ pub(crate) fn nodes_within(
 }
 
 impl Nodes {
-    /// Reflected RGB radiance of a BRDF.
+    /// Returns the reflected RGB radiance of a BRDF.
     pub fn radiance(&self, point: &SurfacePoint, brdf: &dyn Brdf) -> DVec3 {
         let with_phi = brdf.depends_on_phi();
         let each = self.nodes.iter().map(|n| {
@@ -151,7 +155,9 @@ impl Nodes {
     }
 }
 
-/// `I = integral of L(w) f(w, v) max(n . w, 0) dw` (eq. 1), RGB. `envelope` is that of `brdf`.
+/// Returns the RGB radiance `I = integral of L(w) f(w, v) max(n . w, 0) dw` (eq. 1).
+///
+/// `envelope` is that of `brdf`.
 pub fn radiance(
     point: &SurfacePoint,
     brdf: &dyn Brdf,
@@ -162,8 +168,9 @@ pub fn radiance(
     nodes(point, envelope, light, settings).radiance(point, brdf)
 }
 
-/// Contribution of a cell under the envelope and the bound of its error; `None` if all of it lies
-/// below the horizon.
+/// Returns value and error bound of a cell, or `None` if all of it is below the horizon.
+///
+/// The value is the contribution of the cell under the envelope.
 fn assess(point: &SurfacePoint, envelope: &BivariateTable, cell: Cell) -> Option<Entry> {
     let SurfacePoint { normal, view } = *point;
     let cosine = normal.dot(cell.centre);
@@ -175,11 +182,12 @@ fn assess(point: &SurfacePoint, envelope: &BivariateTable, cell: Cell) -> Option
     let half = sum / twice_cos_d.max(1e-9);
     let theta_h = 2.0 * (0.5 * (half - normal).length()).min(1.0).asin();
     let theta_d = (0.5 * (cell.centre - view).length()).min(1.0).asin();
-    // Variation of half vectors and elevation over the cell.
+    // Extent of the half vectors and largest cosine in the cell.
     let spread = cell.radius / twice_cos_d.max(0.02);
     let highest = (cosine + cell.radius).min(1.0);
-    // Reflectance at the ends of the ranges of both angles: tables are smooth between their
-    // samples, and cells that may hold the peak start at `theta_h = 0`.
+    // The reflectance is evaluated at the ends of the ranges of both angles. This suffices because
+    // tables are smooth between their samples, and the range of a cell that may contain the peak
+    // starts at `theta_h = 0`.
     let tilt = 0.5 * cell.radius;
     let (h, d) = (axis_h(theta_h), axis_d(theta_d));
     let centre = envelope.between(h, d);
@@ -218,8 +226,8 @@ mod tests {
         SurfacePoint { normal, view: DVec3::Z }
     }
 
-    /// Computes the same integral independently, by polar coordinates about the normal in the space
-    /// of half vectors.
+    /// Computes the same integral independently, in polar coordinates of the half vector about the
+    /// normal.
     fn reference(point: &SurfacePoint, brdf: &BivariateTable, light: &EnvironmentMap, rings: u32) -> f64 {
         let spokes = rings / 2;
         let (n, v) = (point.normal, point.view);
@@ -270,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_white_lambertian_ball_in_a_white_world_is_white() {
+    fn white_lambertian_ball_in_white_light_is_white() {
         let white = BivariateTable::from_fn(|_, _| 1.0 / PI);
         let tree = LightTree::of_map(&light_map(256, |_| 1.0));
         let fine = IntegratorSettings { tolerance: 0.02, ..IntegratorSettings::default() };

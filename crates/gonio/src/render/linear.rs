@@ -1,4 +1,4 @@
-//! Pictures of any bivariate BRDF under one light, as a matrix.
+//! Pictures of any bivariate BRDF under one light, as a sparse matrix.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -13,22 +13,24 @@ use crate::shape::Hit;
 use crate::shape::SurfacePoint;
 use crate::shape::{Surface, Visibility};
 
-/// Luminance of each of a list of points, as a linear function of the cells of a
-/// [`BivariateTable`]: the light of eq. 1, gathered by the half and difference angle at which it
-/// arrives. A picture costs a sparse product instead of an integration, so that thousands of BRDFs
-/// can be rendered in one light.
+/// Luminance of a list of points as a linear function of the cells of a [`BivariateTable`].
+///
+/// The matrix contains the light of eq. 1, sorted by the half and difference angle at which it
+/// arrives. A picture then costs a sparse product instead of an integration, so that thousands of
+/// BRDFs can be rendered in one light.
 #[derive(Clone, Debug)]
 pub struct Relighter {
-    /// Index of the end of the entries of each point.
+    /// Index of the end of each point's entries.
     ends: Vec<usize>,
     cells: Vec<u16>,
     weights: Vec<f32>,
 }
 
 impl Relighter {
-    /// Computes the matrix for these points under `light`. The light is divided as finely as the
-    /// sharpest of `examples`, each scaled to the same brightness, needs for the accuracy of
-    /// `settings`; sharper BRDFs are rendered less accurately.
+    /// Computes the matrix for these points under `light`.
+    ///
+    /// The light is divided as finely as the sharpest of `examples`, each scaled to the same
+    /// albedo, requires for the accuracy of `settings`. Sharper BRDFs are rendered less accurately.
     pub fn new(
         points: &[SurfacePoint],
         examples: &[BivariateTable],
@@ -38,7 +40,8 @@ impl Relighter {
         Self::within(points, None, examples, light, settings)
     }
 
-    /// Computes the matrix as [`Self::new`] does, for points of a surface with self-shadowing.
+    /// Computes the matrix like [`Self::new`], for points of a surface with self-shadowing.
+    ///
     /// `clear` gives the origin of the rays from each point ([`Hit::clear`]).
     ///
     /// # Panics
@@ -61,7 +64,8 @@ impl Relighter {
         matrix
     }
 
-    /// Computes the matrix as [`Self::new`] does, for points that see a part of the light.
+    /// Computes the matrix like [`Self::new`], for points from which only part of the light is
+    /// visible.
     ///
     /// # Panics
     /// If points and visibility differ in number.
@@ -77,8 +81,9 @@ impl Relighter {
         matrix
     }
 
-    /// Computes, as [`Self::new`] does, a matrix for each channel of the light (red, green, blue):
-    /// the reflection of that channel by the same channel of a BRDF.
+    /// Computes one matrix per channel of the light (red, green, blue), like [`Self::new`].
+    ///
+    /// Each matrix gives the reflection of one channel of the light by the same channel of a BRDF.
     pub fn of_channels(
         points: &[SurfacePoint],
         examples: &[BivariateTable],
@@ -88,7 +93,7 @@ impl Relighter {
         Self::channels_within(points, None, examples, light, settings)
     }
 
-    /// Computes the matrices of [`Self::of_channels`] for points that see a part of the light.
+    /// Computes [`Self::of_channels`] for points from which only part of the light is visible.
     ///
     /// # Panics
     /// If points and visibility differ in number.
@@ -103,13 +108,13 @@ impl Relighter {
         Self::gathered(points.len(), divided, |radiance| radiance.as_dvec3().to_array())
     }
 
-    /// The matrix with weights that are a function of cell and weight.
+    /// Returns the matrix with each weight replaced by `weight(cell, weight)`.
     pub(crate) fn map(&self, weight: impl Fn(usize, f32) -> f32) -> Self {
         let weights = self.cells.iter().zip(&self.weights).map(|(cell, w)| weight(usize::from(*cell), *w)).collect();
         Self { ends: self.ends.clone(), cells: self.cells.clone(), weights }
     }
 
-    /// The rows of some of the points.
+    /// Returns the rows of the given points.
     pub(crate) fn select(&self, points: &[usize]) -> Self {
         let mut some = Self { ends: Vec::with_capacity(points.len()), cells: Vec::new(), weights: Vec::new() };
         for &point in points {
@@ -127,7 +132,7 @@ impl Relighter {
         self.ends.push(self.cells.len());
     }
 
-    /// Adds `factor` times another matrix for the same points.
+    /// Returns the sum of this matrix and `factor` times another one for the same points.
     ///
     /// # Panics
     /// If the matrices differ in the number of points.
@@ -141,8 +146,9 @@ impl Relighter {
         sum
     }
 
-    /// Computes a matrix for each of the numbers that `measure` takes of the light, which `divided`
-    /// gives for each of `count` points.
+    /// Computes one matrix for each number that `measure` derives from the light.
+    ///
+    /// `divided` returns the light at each of `count` points.
     fn gathered<const N: usize>(
         count: usize,
         divided: impl Fn(usize) -> Nodes + Sync,
@@ -179,18 +185,18 @@ impl Relighter {
         })
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     pub(crate) fn len(&self) -> usize {
         self.ends.len()
     }
 
-    /// Cells and weights of a point.
+    /// Returns cells and weights of a point.
     pub(crate) fn row(&self, point: usize) -> impl Iterator<Item = (usize, f32)> {
         let range = if point == 0 { 0 } else { self.ends[point - 1] }..self.ends[point];
         self.cells[range.clone()].iter().map(|cell| usize::from(*cell)).zip(self.weights[range].iter().copied())
     }
 
-    /// Luminance of every point for a BRDF.
+    /// Returns the luminance of every point for a BRDF.
     pub fn render(&self, brdf: &BivariateTable) -> Vec<f64> {
         let values = brdf.as_slice();
         let starts = std::iter::once(0).chain(self.ends.iter().copied());
@@ -202,14 +208,14 @@ impl Relighter {
     }
 }
 
-/// Largest of all tables in each cell, each scaled to albedo one.
+/// Returns the maximum over all tables in each cell, with each table scaled to albedo one.
 pub(super) fn envelope(tables: &[BivariateTable]) -> BivariateTable {
     let scales: Vec<f32> = tables.iter().map(|t| (1.0 / t.normal_albedo().max(1e-300)) as f32).collect();
     let cell = |c: usize| tables.iter().zip(&scales).map(|(t, s)| s * t.as_slice()[c]).fold(0.0, f32::max);
     BivariateTable::from_vec((0..CELLS).map(cell).collect())
 }
 
-/// Divides the light for each point, of which it may see only a part.
+/// Returns a function that divides the visible part of the light at each point.
 ///
 /// # Panics
 /// If points and visibility differ in number.
@@ -244,7 +250,7 @@ mod tests {
     use crate::testing::ball;
 
     #[test]
-    fn it_shows_what_the_integrator_does() {
+    fn matches_the_integrator() {
         let lamp = DVec3::new(0.4, 0.5, 0.6).normalize();
         let map = EnvironmentMap::new(Plane::from_fn(256, 128, |x, y| {
             let d = direction_of_lat_long((x as f64 + 0.5) / 256.0, (y as f64 + 0.5) / 128.0);
@@ -264,8 +270,8 @@ mod tests {
                 assert!((got / want - 1.0).abs() < 5e-3, "{got} {want}");
             }
         }
-        // The luminance of the channels' matrices is that of the luminance's matrix, whatever the
-        // channel of the light.
+        // The luminance of the channels' matrices equals that of the luminance matrix, and the
+        // channels have the ratios of the light.
         let channels = Relighter::of_channels(&points, &tables, &tree, &fine).map(|m| m.render(&tables[1]));
         for (i, grey) in matrix.render(&tables[1]).into_iter().enumerate() {
             let colour = Vec3::from_array([0, 1, 2].map(|c| channels[c][i] as f32));

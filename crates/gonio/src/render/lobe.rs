@@ -1,10 +1,10 @@
 //! Fast computation of reflected radiance at many points.
 //!
-//! Half vectors lie in rings about the normal: half of them uniformly, half of them distributed by
-//! the reflectance of the materials. Each represents a solid angle: the reflectance is averaged
-//! over its ring, the light over its footprint (prefiltered importance sampling, Colbert & Krivanek
-//! 2007). Rings and footprints are the same at every point, so images are free of noise. Lamps
-//! smaller than the lobes are added individually.
+//! Half vectors lie on rings about the normal. The density of rings is half uniform and half
+//! proportional to the reflectance of the materials. Each half vector represents a solid angle: the
+//! reflectance is averaged over its ring, the light over its footprint (prefiltered importance
+//! sampling, Colbert & Krivanek 2007). Rings and footprints are the same at every point, so images
+//! are free of noise. Lamps smaller than the lobes are added individually.
 
 use std::f32::consts::PI;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -18,7 +18,7 @@ use super::pyramid::{Part, Place, half_side, level, whole};
 use crate::reflectance::{BivariateTable, CELLS, THETA_D, THETA_H, angles_of};
 use crate::shape::SurfacePoint;
 
-/// Number of half vectors.
+/// Number of half vectors of a [`Lobe`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LobeSettings {
     /// Number of rings.
@@ -28,53 +28,53 @@ pub struct LobeSettings {
 }
 
 impl LobeSettings {
-    /// For pictures to look at: errors of one or two percent.
+    /// Fast setting for previews, with errors of one or two percent.
     pub const DRAFT: Self = Self { rings: 32, spokes: 24 };
-    /// For pictures to keep: errors of half a percent.
+    /// Accurate setting for final pictures, with errors of half a percent.
     pub const FINE: Self = Self { rings: 54, spokes: 36 };
 }
 
-/// Least number of half vectors in a ring.
+/// Smallest number of half vectors in a ring.
 const FEWEST: f64 = 6.0;
 
 /// Typical cosine of the difference angle, used to choose footprints.
 const TYPICAL: f64 = 0.8;
 
-/// Factor by which footprints are larger than the solid angles that they stand for, outside of
-/// narrow lobes: edges of large lamps would be seen as ripples else.
+/// Ratio of footprints to the solid angle of their half vectors, outside narrow lobes.
+///
+/// With a ratio of one, edges of large lamps would cause ripples.
 const OVERLAP: f64 = 1.6;
 
-/// Steps over which the reflectance of a ring is averaged.
+/// Number of steps over which the reflectance of a ring is averaged.
 const STEPS: usize = 12;
 
-/// Intervals in the root of the half angle in which the density of rings is given.
+/// Number of intervals in the root of the half angle at which the density of rings is evaluated.
 const INTERVALS: usize = 720;
 
-/// Change of the logarithm of reflectance over a lamp beyond which the lamp is not a point.
+/// Change of the log reflectance over a lamp above which the lamp is not treated as a point.
 const NARROW: f64 = 0.25;
 
-/// Largest half angle (radians) at which lamps may be sampled by rings.
+/// Largest half angle (radians) at which rings may sample lamps.
 const NEAR: f64 = 0.14;
 
-/// Number of azimuths of the difference in half a turn at which a material that depends on it is
-/// tabulated.
+/// Number of azimuths `phi_d` in half a turn at which materials that depend on it are tabulated.
 const AZIMUTHS: usize = 20;
 
-/// Half vectors for a group of materials under lights of one resolution.
+/// Half vectors for a group of materials, under lights of one resolution.
 pub struct Lobe {
     materials: usize,
-    /// Number of azimuths in the tables: one if nothing depends on it, else [`AZIMUTHS`].
+    /// Number of azimuths in the tables: one if no material depends on `phi_d`, else [`AZIMUTHS`].
     azimuths: usize,
     rings: Vec<Ring>,
-    /// Half vectors about a normal along z, by rings.
+    /// Half vectors about a normal along +z, ring by ring.
     halves: Vec<Vec3>,
     /// Mean reflectance of each ring: `[ring][theta_d][phi_d][material]`, in 1/sr.
     means: Vec<Vec3A>,
     /// Reflectance of all materials: `[theta_h][theta_d][phi_d][material]`, in 1/sr.
     full: Vec<Vec3A>,
-    /// Half angles in degrees between which lamps change from samples to points.
+    /// Half angles (degrees) between which lamps change from samples to points.
     near: (f32, f32),
-    /// Texels along a side of the lights.
+    /// Number of texels along a side of the lights.
     side: usize,
 }
 
@@ -85,11 +85,11 @@ struct Ring {
     /// Solid angle of each half vector.
     solid_angle: f32,
     level: usize,
-    /// Share of the lamps that are points at this angle.
+    /// Fraction of the lamps that are treated as points at this angle.
     points: f32,
 }
 
-/// Light from one direction, as a [`Lobe`] sees it.
+/// Light from one direction, with the reflectance of each material.
 pub struct Arrival<'a> {
     /// Direction of the light.
     pub direction: Vec3,
@@ -101,7 +101,7 @@ pub struct Arrival<'a> {
 }
 
 impl Arrival<'_> {
-    /// Radiance that a material reflects of it.
+    /// Returns the radiance that a material reflects of this light.
     #[inline(always)]
     pub fn reflected(&self, material: usize) -> Vec3A {
         if let Some(value) = self.given {
@@ -119,7 +119,7 @@ impl Lobe {
     /// Places half vectors for these materials under lights of the resolution of `light`.
     ///
     /// # Panics
-    /// If there is no material, or if one of several depends on the azimuth of the half vector.
+    /// If there is no material, or if there are several and one of them depends on `phi_d`.
     pub fn new(materials: &[&dyn Brdf], light: &PrefilteredLight, settings: LobeSettings) -> Self {
         assert!(!materials.is_empty(), "no material");
         let tables: Vec<Option<[BivariateTable; 3]>> = materials.iter().map(|m| m.tables()).collect();
@@ -156,10 +156,11 @@ impl Lobe {
         lobe
     }
 
-    /// Adds a ring between two roots of half angles, relative to a right angle.
+    /// Adds the ring between two square roots of half angles, in units of a right angle.
     fn add_ring(&mut self, index: usize, (low, high): (f64, f64), most: usize) {
         let angle = |root: f64| root * root * FRAC_PI_2;
-        // Midpoints in the root, in which tables are linear, weighted by solid angle.
+        // Midpoints in the root of the half angle, in which tables are linear, weighted by solid
+        // angle.
         let steps: [(f64, f64); STEPS] = std::array::from_fn(|k| {
             let edge = |k: usize| low + (high - low) * k as f64 / STEPS as f64;
             (0.5 * (edge(k) + edge(k + 1)), angle(edge(k)).cos() - angle(edge(k + 1)).cos())
@@ -172,7 +173,7 @@ impl Lobe {
         let points = ramp(theta_h.to_degrees() as f32, self.near);
         let first = self.halves.len();
         self.halves.extend((0..spokes).map(|spoke| {
-            // Rings are turned against each other by the golden section.
+            // Successive rings are rotated against each other by the golden section.
             let phi = TAU * ((spoke as f64 + 0.5) / spokes as f64 + 0.618_034 * index as f64);
             let (sin, cos) = theta_h.sin_cos();
             Vec3::new((sin * phi.cos()) as f32, (sin * phi.sin()) as f32, cos as f32)
@@ -197,13 +198,12 @@ impl Lobe {
         self.means.append(&mut mean);
     }
 
-    /// Number of values at one half angle.
+    /// Returns the number of values at one half angle.
     fn row(&self) -> usize {
         THETA_D * self.azimuths * self.materials
     }
 
-    /// Calls `take` with the light from every direction of which something may be reflected at a
-    /// point.
+    /// Calls `take` with the light from every direction from which a point may reflect light.
     #[inline(always)]
     pub fn gather(&self, point: &SurfacePoint, light: &PrefilteredLight, mut take: impl FnMut(&Arrival<'_>)) {
         debug_assert_eq!(light.side(), self.side);
@@ -232,8 +232,7 @@ impl Lobe {
                         all + (pyramid.at(Part::Even, ring.level, &place) - all) * ring.points
                     }
                 };
-                // Four times the cosine: the ratio of the solid angle of light to that of half
-                // vectors.
+                // `4 cos_d` is the ratio of the solid angle of light to that of half vectors.
                 let irradiance = radiance * (cosine * 4.0 * cos_d * ring.solid_angle);
                 let direction = Vec3::from(towards);
                 let (column, next) = column_of(cos_d);
@@ -298,8 +297,9 @@ impl Lobe {
         }
     }
 
-    /// Radiance that each material reflects at a point; `open` is the share of the light that
-    /// arrives from a direction.
+    /// Returns the radiance that each material reflects at a point.
+    ///
+    /// `open` returns the fraction of the light that arrives from a direction.
     pub fn radiance(&self, point: &SurfacePoint, light: &PrefilteredLight, open: impl Fn(Vec3) -> f32) -> Vec<Vec3> {
         let mut out = vec![Vec3A::ZERO; self.materials];
         self.gather(point, light, |arrival| {
@@ -310,8 +310,9 @@ impl Lobe {
     }
 }
 
-/// Place of the azimuth of the difference among [`AZIMUTHS`]: see
-/// [`half_difference`](crate::sphere::half_difference).
+/// Returns the index of `phi_d` among [`AZIMUTHS`] and the fraction of the way to the next.
+///
+/// See [`half_difference`](crate::sphere::half_difference) for `phi_d`.
 #[inline(always)]
 fn azimuth(normal: Vec3A, half: Vec3A, towards: Vec3A) -> (usize, f32) {
     let y = normal.cross(half);
@@ -320,8 +321,9 @@ fn azimuth(normal: Vec3A, half: Vec3A, towards: Vec3A) -> (usize, f32) {
     (first, turn - first as f32)
 }
 
-/// Angle of the direction `(x, y)` or its opposite, in half turns: 0..=1, to 1e-5 (Abramowitz &
-/// Stegun 4.4.47).
+/// Returns the angle of the direction `(x, y)` or its opposite in half turns.
+///
+/// The angle is in 0..=1 and accurate to 1e-5 (Abramowitz & Stegun 4.4.47).
 #[inline(always)]
 fn share_of_half_turn(y: f32, x: f32) -> f32 {
     let (steep, flat) = (y.abs().max(x.abs()), y.abs().min(x.abs()));
@@ -332,7 +334,7 @@ fn share_of_half_turn(y: f32, x: f32) -> f32 {
     if (y < 0.0) == (x < 0.0) { angle } else { 1.0 - angle }
 }
 
-/// Value of a material between the azimuths and difference angles of a row of its table.
+/// Interpolates a material between azimuths and difference angles in a row of its table.
 #[inline(always)]
 fn between_azimuths(table: &[Vec3A], row: usize, (column, next): (u32, f32), (first, beyond): (usize, f32)) -> Vec3A {
     let at = row + column as usize * AZIMUTHS;
@@ -342,17 +344,18 @@ fn between_azimuths(table: &[Vec3A], row: usize, (column, next): (u32, f32), (fi
     here + (along(at + AZIMUTHS) - here) * next
 }
 
-/// Share of the way between two values, in 0..=1; beyond both if they are equal.
+/// Returns the position of `x` between `low` and `high`, in 0..=1; one if the range is empty.
 #[inline(always)]
 fn ramp(x: f32, (low, high): (f32, f32)) -> f32 {
     if high <= low { 1.0 } else { ((x - low) / (high - low)).clamp(0.0, 1.0) }
 }
 
-/// Half angles in degrees between which lamps as wide as a texel (radians) change from samples to
-/// points: where the envelope changes over a lamp.
+/// Returns the half angles (degrees) between which lamps change from samples to points.
+///
+/// Up to the first angle, the envelope varies over a lamp as wide as `texel` (radians).
 fn near(envelope: &BivariateTable, texel: f64) -> (f32, f32) {
     let theta_d = 0.5;
-    // Half vectors move by half as much as the light.
+    // A half vector moves by half as much as the light.
     let step = 0.5 * texel;
     let changes = |theta: f64| {
         let (here, there) = (envelope.eval(theta, theta_d), envelope.eval(theta + step, theta_d));
@@ -365,7 +368,9 @@ fn near(envelope: &BivariateTable, texel: f64) -> (f32, f32) {
     })
 }
 
-/// Edges of rings, as roots of half angles relative to a right angle, from zero to one.
+/// Returns the edges of the rings, from zero to one.
+///
+/// Edges are square roots of half angles in units of a right angle.
 fn edges(envelope: &BivariateTable, rings: usize) -> Vec<f64> {
     let density = |i: usize| {
         let root = (i as f64 + 0.5) / INTERVALS as f64;
@@ -411,7 +416,7 @@ mod tests {
     use crate::reflectance::MerlTable;
     use crate::testing::{ball, light_map};
 
-    /// Colours of points by half vectors and by the integrator, relative errors sorted.
+    /// Returns the sorted relative errors of the half vectors against the integrator.
     fn errors(brdf: &dyn Brdf, tree: &LightTree, settings: LobeSettings) -> Vec<f64> {
         let light = PrefilteredLight::of(tree);
         let lobe = Lobe::new(&[brdf], &light, settings);
@@ -434,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn it_shows_what_the_integrator_does() {
+    fn matches_the_integrator() {
         let tree = LightTree::of_map(&light_map(256, lamp));
         let lobe = |width: f64| BivariateTable::from_fn(|h, d| 0.1 + d + 3.0 / (1.0 + (h / width).powi(2)).powi(2));
         for (width, median, worst) in [(1.0, 0.003, 0.02), (0.2, 0.003, 0.03), (0.05, 0.005, 0.08)] {
@@ -447,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_light_is_that_of_a_turned_map() {
+    fn rotated_light_matches_rotated_map() {
         let map = light_map(64, lamp);
         let mut tree = LightTree::of_map(&map);
         let turn = glam::DQuat::from_rotation_y(-std::f64::consts::TAU * 16.0 / 128.0);
@@ -463,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn angles_are_those_of_the_library() {
+    fn approximate_angles_match_the_standard_library() {
         for i in 0..720 {
             let angle = 0.5 * i as f32 + 0.01;
             let (y, x) = angle.to_radians().sin_cos();
@@ -476,7 +481,7 @@ mod tests {
     }
 
     #[test]
-    fn the_azimuth_of_a_table_counts() {
+    fn renders_tables_that_depend_on_phi_d() {
         let tree = LightTree::of_map(&light_map(64, |d| 1.5 + d.y));
         let table = BivariateTable::from_fn(|h, _| 0.1 + 2.0 / (1.0 + (h / 0.3).powi(2)).powi(2));
         let even = MerlTable::from_bivariate([&table; 3]);

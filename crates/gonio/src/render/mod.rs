@@ -1,5 +1,4 @@
-//! Pictures of a BRDF on a sphere under a light (paper section 4): inputs, predictions, reference
-//! images.
+//! Rendering of BRDFs in distant light (paper section 4): inputs, predictions, reference images.
 
 mod brdf;
 mod integrate;
@@ -24,12 +23,12 @@ pub use surface::{SurfaceSettings, render_surface};
 pub use tone::{Exposure, median_colour};
 pub use tree::LightTree;
 
-/// How the radiance of a pixel is computed.
+/// Method by which the radiance of a pixel is computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Accuracy {
-    /// By a fixed set of half vectors: quick, and free of noise.
+    /// Fixed set of half vectors: fast, and free of noise.
     Lobes(LobeSettings),
-    /// By dividing the light until the bound of the error is small enough.
+    /// Subdivision of the light until the error bound is small enough.
     Bound(IntegratorSettings),
 }
 

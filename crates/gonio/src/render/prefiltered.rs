@@ -1,4 +1,4 @@
-//! Light in three colours, prefiltered at every scale.
+//! RGB light, prefiltered at every scale.
 
 use glam::{DQuat, DVec3, Quat, Vec3, Vec3A};
 use rayon::prelude::*;
@@ -7,26 +7,28 @@ use super::pyramid::{LampRule, Pyramid};
 use super::tree::LightTree;
 use crate::sphere::OctahedralMap;
 
-/// Texels that are lamps.
+/// Rule that classifies texels as lamps.
 const LAMPS: LampRule = LampRule { bright: 12.0, most: 600 };
 
-/// Least and largest number of texels along a side: 1.6 and 0.2 degrees each.
+/// Smallest and largest number of texels along a side: 1.6 and 0.2 degrees each.
 const SIDES: (usize, usize) = (128, 1024);
 
-/// Number of parts in which a light is read, whatever the number of threads.
+/// Number of parts in which a light is sampled in parallel, independent of the number of threads.
 const PARTS: usize = 4;
 
-/// A light as [`Lobe`](super::Lobe) looks it up.
+/// A light in the form that [`Lobe`](super::Lobe) samples.
 pub struct PrefilteredLight {
     pyramid: Pyramid<Vec3A>,
-    /// Direction and irradiance of lamps, where the light has been turned to.
+    /// Direction and irradiance of the lamps, after rotation of the light.
     lamps: Vec<(Vec3A, Vec3A)>,
-    /// From directions to those in which the pyramid was built.
+    /// Rotation from directions of the light to those of the pyramid; `None` for the identity.
     back: Option<Quat>,
 }
 
 impl PrefilteredLight {
-    /// Filters a light. Fluxes are kept exactly; texels are about as wide as those of the light.
+    /// Filters a light.
+    ///
+    /// Fluxes are preserved exactly; texels are about as wide as those of the light.
     pub fn of(tree: &LightTree) -> Self {
         let side = (tree.rows() * 3 / 2).next_power_of_two().clamp(SIDES.0, SIDES.1);
         let parts: Vec<Vec<(DVec3, f64)>> = (0..PARTS).into_par_iter().map(|part| splat(tree, side, part)).collect();
@@ -35,7 +37,7 @@ impl PrefilteredLight {
             texels.iter_mut().zip(part).for_each(|(sum, add)| *sum = (sum.0 + add.0, sum.1 + add.1));
         }
         let mean = tree.mean().as_dvec3();
-        // The samples are dense enough that none is missed.
+        // The samples are dense enough to reach every texel; the mean is only a fallback.
         let texels = texels.into_iter().map(|(e, w)| if w > 0.0 { (e / w, w) } else { (mean, 1e-12) }).collect();
         let pyramid = Pyramid::of_texels(side, texels, LAMPS);
         let turn = tree.turn();
@@ -45,7 +47,7 @@ impl PrefilteredLight {
         Self { pyramid, lamps, back }
     }
 
-    /// Texels along a side of the finest level.
+    /// Returns the number of texels along a side of the finest level.
     pub(super) fn side(&self) -> usize {
         self.pyramid.side()
     }
@@ -54,12 +56,12 @@ impl PrefilteredLight {
         &self.pyramid
     }
 
-    /// Direction and irradiance of each lamp, on a surface that faces it.
+    /// Returns direction and irradiance (on a surface that faces it) of each lamp.
     pub(super) fn lamps(&self) -> &[(Vec3A, Vec3A)] {
         &self.lamps
     }
 
-    /// Direction of the pyramid for a direction of the light.
+    /// Converts a direction of the light to one of the pyramid.
     #[inline(always)]
     pub(super) fn turned(&self, direction: Vec3A) -> Vec3A {
         match self.back {
@@ -69,10 +71,10 @@ impl PrefilteredLight {
     }
 }
 
-/// Sums, by texels, flux and solid angle of one of [`PARTS`] of a light.
+/// Sums flux and solid angle in each texel over one of the [`PARTS`] of a light.
 fn splat(tree: &LightTree, side: usize, part: usize) -> Vec<(DVec3, f64)> {
     let mut texels = vec![(DVec3::ZERO, 0.0); side * side];
-    // A third of a texel of mean size is a little more than half of the smallest.
+    // A third of a texel of mean size is slightly more than half of the smallest texel.
     let step = (4.0 * std::f64::consts::PI).sqrt() / side as f64 / 3.0;
     tree.samples(step, part, PARTS, |direction, radiance, solid_angle| {
         let (u, v) = OctahedralMap::PraunHoppe.square(direction);

@@ -1,4 +1,4 @@
-//! Prefiltered light at every scale, for the lookups of a fast renderer.
+//! Light prefiltered at every scale, for the lookups of a fast renderer.
 
 use std::iter::Sum;
 use std::ops::{Add, Div, Mul, Sub};
@@ -8,18 +8,18 @@ use glam::{DVec3, Vec3, Vec3A};
 use crate::picture::luminance;
 use crate::sphere::OctahedralMap;
 
-/// Map of the sphere to a square: the texel of a direction is found without trigonometry.
+/// Map of the sphere to a square; computing the texel of a direction needs no trigonometry.
 pub(crate) const CHART: OctahedralMap = OctahedralMap::PraunHoppe;
 
-/// Radiance in one number or in three.
+/// Radiance as one number or as RGB.
 pub(crate) trait Radiance: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<f32, Output = Self> {
-    /// Type in which means are taken.
+    /// Type in which means are computed.
     type Wide: Copy + Mul<f64, Output = Self::Wide> + Div<f64, Output = Self::Wide> + Sum + Default;
 
-    /// Rounds a mean.
+    /// Rounds a mean to the type of the texels.
     fn narrow(wide: Self::Wide) -> Self;
 
-    /// Luminance, by which lamps are found.
+    /// Returns the luminance, by which lamps are detected.
     fn brightness(wide: Self::Wide) -> f64;
 }
 
@@ -47,28 +47,29 @@ impl Radiance for Vec3A {
     }
 }
 
-/// Classification of texels as lamps.
+/// Rule that classifies texels as lamps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LampRule {
-    /// Factor above the mean over the sphere from which on a texel is a lamp...
+    /// Ratio to the mean over the sphere above which a texel may be a lamp.
     pub(crate) bright: f64,
-    /// ...if it is among this number of those with most flux.
+    /// Largest number of lamps; the texels with the most flux are selected.
     pub(crate) most: usize,
 }
 
-/// Light over all directions, averaged over texels of an octahedral square of 4 pi sr, and over
-/// ever larger squares of texels.
+/// Light over all directions, averaged over texels and over ever larger squares of texels.
+///
+/// The texels divide an octahedral square, which represents 4 pi sr.
 #[derive(Clone, Debug)]
 pub(crate) struct Pyramid<T> {
-    /// Full light, from the finest level on.
+    /// Full light, finest level first.
     all: Vec<Level<T>>,
-    /// Light without its lamps.
+    /// Light without its lamps, finest level first.
     even: Vec<Level<T>>,
-    /// Direction and irradiance of each bright texel, on a surface that faces it.
+    /// Direction and irradiance (on a surface that faces it) of each lamp.
     lamps: Vec<(Vec3, T)>,
 }
 
-/// Part of a light that is looked up.
+/// Part of a light to look up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
     /// The full light.
@@ -85,16 +86,17 @@ struct Level<T> {
     texels: Vec<T>,
 }
 
-/// Returns the direction and the density of solid angle at `(u, v)` in 0..1 of the square, `v`
-/// down.
+/// Returns direction and density of solid angle at `(u, v)` in 0..1 of the square (`v` down).
 pub(crate) fn on_square(u: f64, v: f64) -> (DVec3, f64) {
     let (u, v) = (2.0 * u - 1.0, 1.0 - 2.0 * v);
     (CHART.direction(u, v), CHART.density(u, v))
 }
 
 impl<T: Radiance> Pyramid<T> {
-    /// Builds the pyramid from the mean radiance in each texel of the finest level, row by row, and
-    /// a number proportional to its solid angle.
+    /// Builds the pyramid from the texels of the finest level.
+    ///
+    /// `fine` contains, row by row, the mean radiance of each texel and a number proportional to
+    /// its solid angle.
     pub(crate) fn of_texels(side: usize, fine: Vec<(T::Wide, f64)>, lamps: LampRule) -> Self {
         let total: f64 = fine.iter().map(|f| f.1).sum();
         let strength: Vec<f64> = fine.iter().map(|f| T::brightness(f.0)).collect();
@@ -112,20 +114,20 @@ impl<T: Radiance> Pyramid<T> {
         Self { lamps: bright.iter().map(lamp).collect(), all: Level::all(side, fine), even: Level::all(side, even) }
     }
 
-    /// Returns direction and irradiance, on a surface that faces it, of each texel that is much
-    /// brighter than the rest.
+    /// Returns direction and irradiance (on a surface that faces it) of each lamp.
     pub(crate) fn lamps(&self) -> &[(Vec3, T)] {
         &self.lamps
     }
 
-    /// Number of texels along a side of the finest level.
+    /// Returns the number of texels along a side of the finest level.
     pub(crate) fn side(&self) -> usize {
         self.all[0].side
     }
 
-    /// Returns the pyramid whose values at each texel are those at `WAYS` others: `texel` gets a
-    /// number, the index of the last column and row, and column and row, all with the border. It
-    /// has no lamps.
+    /// Returns a pyramid, without lamps, in which each texel combines `WAYS` texels of this one.
+    ///
+    /// `texel` receives a number below `WAYS`, the index of the last column and row, and the column
+    /// and row of the texel; it returns the column and row to read. All indices include the border.
     pub(crate) fn at_images<const WAYS: usize, U: From<[T; WAYS]>>(
         &self,
         texel: impl Fn(usize, usize, (usize, usize)) -> (usize, usize),
@@ -147,7 +149,7 @@ impl<T: Radiance> Pyramid<T> {
 }
 
 impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f32, Output = T>> Pyramid<T> {
-    /// Returns the mean radiance at a place of [`Place::of`] on a level, bilinear.
+    /// Interpolates the mean radiance bilinearly at a place of [`Place::of`] on a level.
     #[inline(always)]
     pub(crate) fn at(&self, part: Part, level: usize, place: &Place) -> T {
         let Level { side, texels } = match part {
@@ -162,23 +164,26 @@ impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f32, Output = T>> Pyramid
     }
 }
 
-/// Returns the level of a pyramid of `side` texels whose texels are about as wide as a patch of
-/// light of this solid angle (sr).
+/// Returns the level whose texels are about as wide as a patch of light of this solid angle (sr).
+///
+/// `side` is the number of texels along a side of the finest level.
 pub(crate) fn level(side: usize, solid_angle: f64) -> usize {
     let texel = 4.0 * std::f64::consts::PI / (side * side) as f64;
-    // Half of the logarithm to the base of two, rounded up rather than down; the coarsest level has
-    // two texels per side.
+    // Half of the binary logarithm of the ratio, rounded up rather than down. The coarsest level
+    // has two texels per side.
     let level = 0.5 * (solid_angle / texel).max(1e-9).log2() + 0.8;
     (level.max(0.0) as usize).min(side.ilog2() as usize - 1)
 }
 
-/// Returns half of the number of texels along a side of a level.
+/// Returns half the number of texels along a side of a level.
 pub(crate) fn half_side(side: usize, level: usize) -> f32 {
     (side >> (level + 1)) as f32
 }
 
-/// Position of a direction on a level: the upper left of four texels, and the fractions of the way
-/// to the right and down from there.
+/// Position of a direction on a level, for bilinear interpolation.
+///
+/// It consists of column and row of the upper left of four texels, and the fractions of the way to
+/// the right and down from there.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Place {
     column: u32,
@@ -188,25 +193,28 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// Finds the place of a unit direction on a level of this [`half_side`].
-    /// Branch-free, for processing many at once.
+    /// Computes the place of a unit direction on a level of this [`half_side`].
+    ///
+    /// Branch-free, for processing many directions at once.
     #[inline(always)]
     pub(crate) fn of(direction: impl Into<[f32; 3]>, half_side: f32) -> Self {
         let [x, y, z] = direction.into();
         let scale = 1.0 / (x.abs() + y.abs() + z.abs());
         let (a, b) = (x.abs() * scale, y.abs() * scale);
         let (a, b) = if z >= 0.0 { (a, b) } else { (1.0 - b, 1.0 - a) };
-        // With the border a texel centre is at a whole number plus one half.
+        // The offset of 0.5 is one texel for the border minus half a texel for the texel centre.
         let (column, right) = whole(half_side * (1.0 + a.copysign(x)) + 0.5);
         let (row, down) = whole(half_side * (1.0 - b.copysign(y)) + 0.5);
         Self { column, row, right, down }
     }
 }
 
-/// Returns the whole part of a number in 0..2^21 and the rest, which is 1 at some whole numbers.
+/// Splits a number in 0..2^21 into its whole part and the rest.
+///
+/// At some whole numbers, the rest is 1 and the whole part is one less.
 #[inline(always)]
 pub(crate) fn whole(x: f32) -> (u32, f32) {
-    // One and a half times 2^23: adding it rounds to an integer, which is then in the lowest bits.
+    // Adding 1.5 times 2^23 rounds to an integer, which is then in the lowest bits.
     const ROUND: f32 = 12_582_912.0;
     let rounded = (x - 0.5) + ROUND;
     (rounded.to_bits() & 0x3f_ffff, x - (rounded - ROUND))

@@ -7,8 +7,10 @@ use rayon::prelude::*;
 
 use crate::picture::{Picture, Plane};
 
-/// Computes a picture in which `pixel` gives colour and alpha at `(x, y)`, rows in parallel.
-/// `progress` receives a fraction in 0..=1 after each row.
+/// Computes a picture pixel by pixel, with rows in parallel.
+///
+/// `pixel` returns colour and alpha at `(x, y)`. `progress` receives a fraction in 0..=1 after each
+/// row.
 pub(super) fn picture_of(
     (width, height): (usize, usize),
     pixel: impl Fn(usize, usize) -> (Vec3, f32) + Sync,

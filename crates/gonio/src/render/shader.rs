@@ -1,4 +1,4 @@
-//! Radiance of points of one material in one light, to a given accuracy.
+//! Radiance of one material in one light, to a given accuracy.
 
 use glam::{DVec3, Vec3A};
 
@@ -29,7 +29,7 @@ impl<'a> Shader<'a> {
         }
     }
 
-    /// Radiance that the point reflects of all light above its horizon.
+    /// Returns the radiance that the point reflects of all light above its horizon.
     pub(super) fn radiance(&self, point: &SurfacePoint) -> DVec3 {
         match self {
             Self::Lobes { lobe, light } => {
@@ -43,8 +43,9 @@ impl<'a> Shader<'a> {
         }
     }
 
-    /// Radiance that the point reflects of the light that is not blocked: see
-    /// [`Nodes::shadow`](super::Nodes::shadow).
+    /// Returns the radiance that the point reflects of the light that is not blocked.
+    ///
+    /// See [`Nodes::shadow`](super::Nodes::shadow).
     pub(super) fn shadowed(&self, point: &SurfacePoint, blocked: impl Fn(&[DVec3]) -> Vec<bool>) -> DVec3 {
         match self {
             Self::Lobes { lobe, light } => {

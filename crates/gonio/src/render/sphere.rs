@@ -1,4 +1,4 @@
-//! A sphere, or any surface given by its normals, seen orthographically.
+//! Pictures of a sphere, and images of points given by their normals, in orthographic projection.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -19,9 +19,9 @@ use crate::shape::{Points, SurfacePoint};
 pub struct SphereSettings {
     /// Width and height of the picture in pixels.
     pub size: usize,
-    /// Empty pixels around the sphere.
+    /// Width in pixels of the empty margin around the sphere.
     pub margin: f64,
-    /// Samples along each side of a pixel.
+    /// Number of samples along each side of a pixel.
     pub samples: usize,
     /// Accuracy of each sample.
     pub accuracy: Accuracy,
@@ -34,14 +34,16 @@ impl Default for SphereSettings {
 }
 
 impl SphereSettings {
-    /// Radius of the sphere in pixels; its centre is the centre of the picture.
+    /// Returns the radius of the sphere in pixels. Its centre is the centre of the picture.
     pub fn radius(&self) -> f64 {
         (0.5 * self.size as f64 - self.margin).max(1.0)
     }
 }
 
-/// Renders a sphere of one material: radiance on the scale of the light, alpha the coverage, black
-/// outside (premultiplied). `progress` receives a fraction in 0..=1.
+/// Renders a sphere of one material.
+///
+/// The colour is radiance on the scale of the light, premultiplied by alpha, which is the coverage;
+/// it is black outside. `progress` receives a fraction in 0..=1.
 pub fn render_sphere(
     brdf: &dyn Brdf,
     light: &LightTree,
@@ -50,8 +52,8 @@ pub fn render_sphere(
 ) -> Picture {
     let (size, samples, radius) = (settings.size, settings.samples.max(1), settings.radius());
     let shader = Shader::new(brdf, light, settings.accuracy);
-    // Coverage is sampled finer than radiance, since the rim determines where the sphere is
-    // detected.
+    // Coverage is sampled more finely than radiance, since detection of the sphere depends on its
+    // rim.
     let fine = 4 * samples;
     let place = |i: usize, n: usize, at: usize| (at as f64 + (i as f64 + 0.5) / n as f64 - 0.5 * size as f64) / radius;
     let pixel = |x: usize, y: usize| {
@@ -63,7 +65,8 @@ pub fn render_sphere(
         let mut sum = DVec3::ZERO;
         for s in 0..samples * samples {
             let (a, b) = (place(s % samples, samples, x), -place(s / samples, samples, y));
-            // A sample beyond the rim, in a pixel that the sphere touches, takes the rim's normal.
+            // A sample outside the sphere, in a pixel that the sphere covers partly, has the rim's
+            // normal.
             let r = a.hypot(b).max(1.0);
             let (a, b) = (a / r, b / r);
             let normal = DVec3::new(a, b, (1.0 - a * a - b * b).max(1e-8).sqrt()).normalize();
@@ -76,8 +79,9 @@ pub fn render_sphere(
     picture_of((size, size), pixel, progress)
 }
 
-/// Luminance of every point under the part of `light` that is visible from it, for each table: the
-/// rows of a problem whose light is known, `[point][table]`.
+/// Returns the luminance of every point for each table, `[point][table]`, under a known light.
+///
+/// Only the part of `light` that is visible from a point contributes.
 pub fn images_of_basis<'a>(
     points: impl Into<Points<'a>>,
     tables: &[BivariateTable],
@@ -85,9 +89,9 @@ pub fn images_of_basis<'a>(
     settings: &IntegratorSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Vec<f32> {
-    // One division of the light serves all tables: the division for their common envelope, with the
-    // tables scaled to the same brightness, so that a sharp one is resolved even where a broad one
-    // reflects a thousand times its light.
+    // All tables share one division of the light, that of their common envelope. The tables are
+    // scaled to the same albedo for the envelope, so that a sharp one is resolved even where a
+    // broad one reflects a thousand times its light.
     let envelope = envelope(tables);
     let seen = points.into();
     let (points, visibility) = (seen.points(), seen.visibility());

@@ -13,11 +13,12 @@ use crate::reflectance::BivariateTable;
 use crate::shape::SurfacePoint;
 use crate::shape::{Camera, Hit, Surface};
 
-/// Share of the light reflected by a point that is tested by rays, strongest directions first; the
-/// rest is assumed to be blocked in the same proportion.
+/// Fraction of the reflected light whose directions are tested by rays, strongest first.
+///
+/// The rest is assumed to be blocked in the same proportion.
 const ASKED: f64 = 0.995;
 
-/// Radius, in radians, of the cells into which light that may be blocked is divided.
+/// Largest radius (radians) of the cells into which light that may be blocked is divided.
 pub(super) const PENUMBRA: f64 = 0.04;
 
 /// Number of rays along each side of a pixel that determine its coverage.
@@ -26,11 +27,11 @@ const COVERAGE: usize = 4;
 /// Settings of the picture of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSettings {
-    /// Samples along each side of a pixel.
+    /// Number of samples along each side of a pixel.
     pub samples: usize,
     /// Accuracy of each sample.
     pub accuracy: Accuracy,
-    /// Whether to render self-shadowing. Interreflections are left out in any case.
+    /// Whether to render self-shadowing. Interreflections are never rendered.
     pub shadows: bool,
 }
 
@@ -40,9 +41,11 @@ impl Default for SurfaceSettings {
     }
 }
 
-/// Renders a surface of one material in distant light: radiance on the scale of the light, alpha
-/// the coverage, black outside (premultiplied). Light and BRDF are in coordinates of the camera.
-/// `progress` receives a fraction in 0..=1.
+/// Renders a surface of one material in distant light.
+///
+/// The colour is radiance on the scale of the light, premultiplied by alpha, which is the coverage;
+/// it is black outside. The light is in camera coordinates. `progress` receives a fraction in
+/// 0..=1.
 pub fn render_surface(
     brdf: &dyn Brdf,
     light: &LightTree,
@@ -74,8 +77,8 @@ pub fn render_surface(
         });
         let mut hits: Vec<(Hit, DVec3)> = hits.collect();
         if hits.is_empty() && covered > 0 {
-            // The surface misses the samples but touches the pixel: one of the coverage rays that
-            // hit represents it.
+            // All samples miss the surface, but coverage rays hit it: one of these hits represents
+            // the pixel.
             let any = (0..COVERAGE * COVERAGE).map(|s| ray(s, COVERAGE));
             hits.extend(any.filter_map(|ray| surface.hit(&ray).map(|hit| (hit, -ray.direction))).take(1));
         }
@@ -88,8 +91,10 @@ pub fn render_surface(
 }
 
 impl Nodes {
-    /// Removes the light that is blocked. Directions that carry nearly everything that `envelope`
-    /// reflects are tested, strongest first; the others lose the same share as those.
+    /// Removes the light that is blocked.
+    ///
+    /// The strongest directions, which carry nearly all light that `envelope` reflects, are tested;
+    /// the others lose the same fraction.
     pub fn shadow(&mut self, envelope: &BivariateTable, blocked: impl Fn(&[DVec3]) -> Vec<bool>) {
         let strength: Vec<f64> =
             self.nodes.iter().map(|n| envelope.eval(n.theta_h, n.theta_d) * n.weight.abs().max_element()).collect();
@@ -103,8 +108,10 @@ impl Nodes {
     }
 }
 
-/// Share of each direction's light that arrives, for the strengths of the directions; `blocked` is
-/// asked about some of them, in the order given. See [`Nodes::shadow`].
+/// Returns the fraction of each direction's light that arrives.
+///
+/// `strength` contains the light reflected from each direction. `blocked` receives the indices of
+/// the directions to test, in ascending order. See [`Nodes::shadow`].
 pub(super) fn open_shares(strength: &[f64], blocked: impl FnOnce(&[usize]) -> Vec<bool>) -> Vec<f64> {
     let total: f64 = strength.iter().sum();
     let mut order: Vec<usize> = (0..strength.len()).collect();
@@ -148,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ellipsoid_of_equal_axes_is_the_sphere() {
+    fn ellipsoid_of_equal_axes_matches_the_sphere() {
         let light = light(|d| 2.0 + d.y + 0.5 * d.x);
         let flat = SphereSettings { size: 24, ..SphereSettings::default() };
         let want = render_sphere(&lobe(), &light, &flat, &|_| ());
@@ -166,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn shadows_are_those_of_many_rays() {
+    fn shadows_match_many_rays() {
         let fine = IntegratorSettings { tolerance: 0.05, ..IntegratorSettings::default() };
         for accuracy in [Accuracy::Bound(fine), Accuracy::default()] {
             check_shadows(accuracy);
@@ -174,7 +181,8 @@ mod tests {
     }
 
     fn check_shadows(accuracy: Accuracy) {
-        // For a white Lambertian surface in uniform light, the remaining radiance is the openness.
+        // The radiance of a white Lambertian surface in uniform light is the cosine-weighted
+        // fraction of unblocked directions.
         let white = BivariateTable::from_fn(|_, _| 1.0 / PI);
         let bowl = Tracer::new(Form::Bowl.mesh(24).unwrap());
         let (centre, radius) = bowl.bounds();
@@ -189,7 +197,7 @@ mod tests {
             let (rings, spokes) = (40, 80);
             let (tangent, other) = hit.normal.any_orthonormal_pair();
             let directions = (0..rings * spokes).map(|i| {
-                // Samples are even in the measure of cosine times solid angle.
+                // Samples are uniform in cosine times solid angle.
                 let (s, c) = (((i % rings) as f64 + 0.5) / rings as f64).sqrt().asin().sin_cos();
                 let (a, b) = (2.0 * PI * ((i / rings) as f64 + 0.5) / spokes as f64).sin_cos();
                 s * (a * tangent + b * other) + c * hit.normal

@@ -4,24 +4,26 @@ use glam::Vec3;
 
 use crate::picture::{Plane, luminance};
 
-/// Display value up to which radiance is shown as it is.
+/// Display value up to which radiance is shown unchanged.
 const STRAIGHT: f32 = 0.76;
-/// How fast colours fade beyond it.
+/// Rate at which colours above `STRAIGHT` fade to white.
 const FADE: f32 = 0.15;
 
-/// Brightness at which the object of a picture is shown that has no exposure of its own, and the
-/// range in which a picture has one.
+/// Brightness at which an object is shown that is too dark or too bright at exposure one.
 const OWN_LEVEL: f32 = 0.6;
+/// Range of brightness in which an object is shown at exposure one.
 const OWN_RANGE: (f32, f32) = (0.03, 1.5);
 
-/// Factor that brings radiance to display range.
+/// Factor that maps radiance to the display range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure(pub f32);
 
 impl Exposure {
-    /// Exposure that puts the `quantile` (0..=1) of the brightness of the pixels that `keep`
-    /// selects at `level`; one for a black picture. Brightness is luminance, and that of a
-    /// saturated colour is so much more that its largest channel does not fade.
+    /// Returns the exposure that maps a quantile of the brightness to `level`.
+    ///
+    /// The `quantile` (0..=1) is over the pixels that `keep` selects. The brightness of a pixel is
+    /// its luminance; saturated colours have a larger one, so that their largest channel does not
+    /// fade. Returns one for a black picture.
     pub fn by_quantile(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool, quantile: f32, level: f32) -> Self {
         let kept = rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i));
         let mut values: Vec<f32> = kept.map(|(_, p)| brightness(*p, level)).collect();
@@ -33,18 +35,21 @@ impl Exposure {
         Self(if *value > 0.0 { level / *value } else { 1.0 })
     }
 
-    /// The exposure of the picture itself, one, if its object is neither black nor white in it: if
-    /// the 90 % quantile of the brightness of the pixels that `keep` selects lies between 0.03 and
-    /// 1.5. Otherwise that quantile is put at 0.6.
+    /// Returns one if the object is neither black nor white at this exposure, else maps it to 0.6.
+    ///
+    /// The exposure is one if the 90 % quantile of the brightness of the pixels that `keep` selects
+    /// is between 0.03 and 1.5. Otherwise it maps that quantile to 0.6.
     pub fn own(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool) -> Self {
         let fitted = Self::by_quantile(rgb, keep, 0.9, OWN_LEVEL);
         let quantile = OWN_LEVEL / fitted.0;
         if (OWN_RANGE.0..=OWN_RANGE.1).contains(&quantile) { Self(1.0) } else { fitted }
     }
 
-    /// Exposure that puts the mean brightness of the pixels that `keep` selects at `level`, where
-    /// the brightest tenth of them count as the least bright of that tenth; one for a black
-    /// picture. Highlights, however small and bright, do not make all else dark.
+    /// Returns the exposure that maps the mean brightness to `level`.
+    ///
+    /// The mean is over the pixels that `keep` selects. Their brightness is limited to its 90 %
+    /// quantile, so that small, bright highlights do not darken the rest. Returns one for a black
+    /// picture.
     pub fn by_mean(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool, level: f32) -> Self {
         let top = level / Self::by_quantile(rgb, &keep, 0.9, level).0;
         let kept = rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i));
@@ -53,10 +58,11 @@ impl Exposure {
         Self(if sum > 0.0 { level * (count / sum) as f32 } else { 1.0 })
     }
 
-    /// Linear display value of a radiance, in 0..1: itself up to 0.76, so that colours
-    /// are those of the material; brighter ones approach white slowly, keep their order, and fade
-    /// only where they are several times too bright (the curve of the Khronos PBR Neutral tone
-    /// mapper, without its toe).
+    /// Returns the linear display value of a radiance, in 0..1.
+    ///
+    /// Values up to 0.76 are unchanged, so that colours are those of the material. Larger ones
+    /// approach white slowly, keep their order, and fade only if they are several times too bright
+    /// (the curve of the Khronos PBR Neutral tone mapper, without its toe).
     pub fn apply(self, radiance: Vec3) -> Vec3 {
         let x = (radiance * self.0).max(Vec3::ZERO);
         let peak = x.max_element();
@@ -70,14 +76,18 @@ impl Exposure {
     }
 }
 
-/// Brightness of a pixel to be shown at `level`: its luminance, or, if its largest channel would
-/// leave the straight part of the curve, that channel scaled to the end of that part.
+/// Returns the brightness of a pixel to be shown at `level`.
+///
+/// The brightness is the luminance or, if the largest channel would exceed the straight part of the
+/// curve, that channel scaled to the end of that part.
 fn brightness(rgb: Vec3, level: f32) -> f32 {
     luminance(rgb).max(rgb.max_element() * level / STRAIGHT)
 }
 
-/// Median of each channel over the pixels that `keep` selects, scaled to luminance one: the colour
-/// in which the paper shows a monochrome BRDF. White if there are none.
+/// Returns the median of each channel over selected pixels, scaled to luminance one.
+///
+/// The paper displays a monochrome BRDF in this colour. Returns white if `keep` selects no pixels
+/// or the median is black.
 pub fn median_colour(rgb: &Plane<Vec3>, keep: impl Fn(usize) -> bool) -> Vec3 {
     let kept: Vec<Vec3> = rgb.as_slice().iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, p)| *p).collect();
     if kept.is_empty() {
@@ -97,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curve_rises_and_stays_in_range() {
+    fn curve_rises_and_stays_in_range() {
         let mut last = -1.0;
         for i in 0..1000 {
             let x = Exposure(1.0).apply(Vec3::splat(i as f32 * 0.01)).x;
@@ -125,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dark_object_stays_dark_unless_nothing_is_seen_of_it() {
+    fn own_exposure_changes_only_black_or_white_objects() {
         let ball = |value: f32| Plane::from_fn(4, 4, |_, _| Vec3::splat(value));
         for value in [0.05, 0.6, 1.4] {
             assert_eq!(Exposure::own(&ball(value), |_| true), Exposure(1.0));
@@ -136,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_and_colour_are_those_of_the_median() {
+    fn exposures_and_median_colour_match_known_values() {
         let plane = Plane::from_fn(10, 10, |x, y| Vec3::splat((10 * y + x) as f32));
         let exposure = Exposure::by_quantile(&plane, |_| true, 0.5, 0.5);
         assert!((exposure.0 - 0.5 / 49.0).abs() < 1e-6);

@@ -25,13 +25,13 @@ pub(super) struct Rectangle {
     dv: f64,
 }
 
-/// Cell of light, as the integrator uses it.
+/// Cell of a light, with the quantities that the integrator requires.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cell {
     pub(super) rectangle: Rectangle,
-    /// Unit direction of its centre.
+    /// Unit direction of the centre.
     pub(super) centre: DVec3,
-    /// Bound of the angle from the centre to any point, radians.
+    /// Upper bound (radians) of the angle from the centre to any point of the cell.
     pub(super) radius: f64,
     /// Solid angle, sr.
     pub(super) solid_angle: f64,
@@ -39,8 +39,9 @@ pub(super) struct Cell {
     pub(super) mean: Vec3,
     /// Mean absolute deviation of the radiance from the mean, largest channel.
     pub(super) deviation: f32,
-    /// Index of the first of its children, which are consecutive, and their number; `None` where
-    /// the light is constant.
+    /// Index of the first child and number of children, which are consecutive.
+    ///
+    /// `None` if the light in the cell is constant.
     children: Option<(u32, u32)>,
 }
 
@@ -50,12 +51,12 @@ pub struct LightTree {
     chart: Chart,
     nodes: Vec<Cell>,
     turn: DQuat,
-    /// Rows of a lat-long map of this resolution.
+    /// Number of rows of a lat-long map of this resolution.
     rows: usize,
 }
 
 impl Chart {
-    /// Direction at `u, v` in 0..1.
+    /// Returns the direction at `u, v` in 0..1.
     fn direction(self, u: f64, v: f64) -> DVec3 {
         match self {
             Self::LatLong => direction_of_lat_long(u, v),
@@ -63,14 +64,14 @@ impl Chart {
         }
     }
 
-    /// Width and height of a cell, radians.
+    /// Returns width and height of a cell in radians.
     fn extent(self, cell: &Cell) -> (f64, f64) {
         match self {
             Self::LatLong => {
                 let tall = PI * cell.rectangle.dv;
                 (cell.solid_angle / tall, tall)
             }
-            // Cells are up to half again as long as they are wide.
+            // Cells are at most 1.5 times as long as wide.
             Self::Octahedral(_) => (1.5 * cell.solid_angle.sqrt(), 1.5 * cell.solid_angle.sqrt()),
         }
     }
@@ -79,7 +80,7 @@ impl Chart {
         let (centre, radius, solid_angle) = match self {
             Self::LatLong => {
                 let (top, bottom) = ((PI * r.v).cos(), (PI * (r.v + r.dv)).cos());
-                // The latitude that halves the solid angle.
+                // `v` is the latitude that halves the solid angle.
                 let v = (0.5 * (top + bottom)).clamp(-1.0, 1.0).acos() / PI;
                 let widest =
                     if r.v < 0.5 && r.v + r.dv > 0.5 { 1.0 } else { (PI * r.v).sin().max((PI * (r.v + r.dv)).sin()) };
@@ -89,7 +90,7 @@ impl Chart {
             }
             Self::Octahedral(map) => {
                 let (u, v) = (2.0 * r.u + r.du - 1.0, 1.0 - 2.0 * r.v - r.dv);
-                // A cell of side 2^-level has radius at most 4.3 of it.
+                // A cell of side `2^-level` has a radius of at most `4.3 * 2^-level`.
                 let radius = (map.cell_radius(0) * r.du.max(r.dv)).min(PI);
                 (map.direction(u, v), radius, map.density(u, v) * 4.0 * r.du * r.dv)
             }
@@ -128,14 +129,14 @@ impl LightTree {
         self.chart.cell(rectangle, mean)
     }
 
-    /// Fills node `at`, which covers pixels `x0..x1` by `y0..y1`, and everything below it.
+    /// Fills node `at`, which covers pixels `x0..x1` by `y0..y1`, and its descendants.
     fn fill(&mut self, at: usize, range: [usize; 4], size: (usize, usize), value: &dyn Fn(usize, usize) -> Vec3) {
         let [x0, x1, y0, y1] = range;
         if x1 - x0 == 1 && y1 - y0 == 1 {
             self.nodes[at].mean = value(x0, y0);
             return;
         }
-        // Rectangles are halved along both sides, or along the one that is longer than a pixel.
+        // Halves a rectangle along both sides, or only along the side that is longer than a pixel.
         let halves =
             |a: usize, b: usize| if b - a > 1 { vec![(a, (a + b) / 2), ((a + b) / 2, b)] } else { vec![(a, b)] };
         let parts: Vec<[usize; 4]> = halves(y0, y1)
@@ -163,7 +164,7 @@ impl LightTree {
         node.children = Some((first as u32, parts.len() as u32));
     }
 
-    /// Turns the light by a rotation from where it was built, in place of an earlier one.
+    /// Sets the rotation of the light relative to its original orientation.
     pub fn turn_to(&mut self, turn: DQuat) {
         self.turn = turn;
     }
@@ -176,7 +177,7 @@ impl LightTree {
         Cell { centre: self.turn * cell.centre, ..cell }
     }
 
-    /// Parts of a cell: its children, or four quarters of constant radiance.
+    /// Returns the parts of a cell: its children, or four quarters of constant radiance.
     pub(super) fn divide(&self, cell: &Cell) -> impl Iterator<Item = Cell> + '_ {
         let (stored, made) = match cell.children {
             Some((first, count)) => (&self.nodes[first as usize..(first + count) as usize], None),
@@ -191,7 +192,7 @@ impl LightTree {
         stored.iter().copied().chain(quarters).map(|cell| self.placed(cell))
     }
 
-    /// Rows of a lat-long map of about this resolution.
+    /// Returns the number of rows of a lat-long map of about this resolution.
     pub(super) fn rows(&self) -> usize {
         self.rows
     }
@@ -200,8 +201,10 @@ impl LightTree {
         self.turn
     }
 
-    /// Calls `take` with direction, radiance and solid angle of samples, no more than `step`
-    /// radians apart, of every `parts`-th cell, before the light was turned.
+    /// Calls `take` with direction, radiance and solid angle of samples of the unrotated light.
+    ///
+    /// Samples are at most `step` radians apart. Only every `parts`-th leaf cell is sampled,
+    /// starting with number `part`.
     pub(super) fn samples(&self, step: f64, part: usize, parts: usize, mut take: impl FnMut(DVec3, Vec3, f64)) {
         let leaves = self.nodes.iter().filter(|cell| cell.children.is_none());
         for cell in leaves.skip(part).step_by(parts) {
@@ -212,7 +215,8 @@ impl LightTree {
             let along = |from: f64, length: f64, i: usize, n: usize| from + length * (i as f64 + 0.5) / n as f64;
             let solid_angle = cell.solid_angle / (columns * rows) as f64;
             let across: Vec<f64> = (0..columns).map(|column| along(u, du, column, columns)).collect();
-            // Directions of one height at all azimuths: the trigonometry is done once.
+            // Horizontal directions of all columns: rows of a lat-long map share their
+            // trigonometry.
             let level: Vec<DVec3> = across.iter().map(|&u| self.chart.direction(u, 0.5)).collect();
             for v in (0..rows).map(|row| along(v, dv, row, rows)) {
                 let (sin, cos) = (PI * v).sin_cos();
@@ -227,7 +231,7 @@ impl LightTree {
         }
     }
 
-    /// Mean radiance over the sphere.
+    /// Returns the mean radiance over the sphere.
     pub fn mean(&self) -> Vec3 {
         self.nodes[0].mean
     }
@@ -277,9 +281,10 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_light_is_that_of_a_turned_map() {
+    fn rotated_light_matches_rotated_map() {
         let map = EnvironmentMap::new(Plane::from_fn(32, 16, |x, y| Vec3::splat((x + 3 * y) as f32))).unwrap();
-        // By three columns about the vertical axis, which is right-handed from +z to +x.
+        // A shift by three columns is a rotation about the vertical axis, right-handed from +z to
+        // +x.
         let turn = DQuat::from_rotation_y(-TAU * 3.0 / 32.0);
         let (turned, mut tree) = (LightTree::of_map(&map.turned(3)), LightTree::of_map(&map));
         tree.turn_to(turn);
@@ -302,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_light_has_no_deviation() {
+    fn constant_light_has_no_deviation() {
         let tree = LightTree::of_map(&EnvironmentMap::new(Plane::from_fn(32, 16, |_, _| Vec3::ONE)).unwrap());
         assert!(tree.root().deviation < 1e-5);
         assert!((tree.mean() - Vec3::ONE).abs().max_element() < 1e-5);

@@ -1,11 +1,12 @@
-//! Directions: the half/difference parametrisation, lat-long coordinates, even sets of normals.
+//! Directions: the half/difference parametrisation, lat-long coordinates, uniform sets of normals.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-/// Pair of light and view directions in the frame of half and difference vectors (Rusinkiewicz
-/// 1998); radians.
+/// Light and view direction in the frame of half and difference vectors (Rusinkiewicz 1998).
+///
+/// All angles are in radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfDifference {
     /// Angle between normal and half vector, 0..=pi/2.
@@ -17,17 +18,17 @@ pub struct HalfDifference {
     pub phi_d: f64,
 }
 
-/// Half and difference angles of light `light` and view `view` on a surface of normal `normal`, all
-/// unit vectors.
+/// Returns the half and difference angles of unit vectors `light` and `view`.
 ///
-/// Angles come from chords, `2 asin(|a - b| / 2)`, which keep their accuracy where `acos` of a dot
-/// product has none: MERL's first `theta_h` samples are a hundredth of a degree apart.
+/// `normal` is the unit normal of the surface. Angles are computed from chords,
+/// `2 asin(|a - b| / 2)`, because `acos` of a dot product is inaccurate for small angles: the first
+/// `theta_h` samples of MERL are a hundredth of a degree apart.
 pub fn half_difference(normal: DVec3, light: DVec3, view: DVec3) -> HalfDifference {
     let half = (light + view).try_normalize().unwrap_or(normal);
     let theta_h = 2.0 * (0.5 * (half - normal).length()).min(1.0).asin();
     let theta_d = (0.5 * (light - view).length()).min(1.0).asin();
-    // In the frame of the half vector: x points away from the normal's side, as when h is rotated
-    // onto the pole of the surface.
+    // In the frame of the half vector, x points away from the normal, as if `half` were rotated to
+    // the pole of the surface.
     let axis = normal.cross(half);
     let phi_d = match axis.try_normalize() {
         Some(y) => light.dot(y).atan2(light.dot(y.cross(half))).rem_euclid(TAU),
@@ -36,29 +37,30 @@ pub fn half_difference(normal: DVec3, light: DVec3, view: DVec3) -> HalfDifferen
     HalfDifference { theta_h, theta_d, phi_d }
 }
 
-/// Solid angle in steradians of a pixel in a row of a lat-long map of so many rows.
+/// Returns the solid angle (sr) of a pixel in `row` of a lat-long map with `rows` rows.
 pub(crate) fn lat_long_solid_angle(row: usize, rows: usize) -> f64 {
     let edge = |row: usize| (PI * row as f64 / rows as f64).cos();
     (edge(row) - edge(row + 1)) * PI / rows as f64
 }
 
-/// Direction of the point `(u, v)` of a lat-long map, both in 0..1: the centre of the map looks
-/// along -z, row 0 up.
+/// Returns the direction of the point `(u, v)` of a lat-long map, both in 0..1.
+///
+/// The centre of the map is the direction -z; row 0 is up.
 pub fn direction_of_lat_long(u: f64, v: f64) -> DVec3 {
     let (azimuth, polar) = (TAU * (u - 0.5), PI * v);
     DVec3::new(azimuth.sin() * polar.sin(), polar.cos(), -azimuth.cos() * polar.sin())
 }
 
-/// Point `(u, v)` of a lat-long map, both in 0..=1, that a direction (of any length but zero) falls
-/// on.
+/// Returns the point `(u, v)` of a lat-long map, both in 0..=1, for a direction.
+///
+/// The direction may have any length but zero.
 pub(crate) fn lat_long_of_direction(direction: DVec3) -> (f64, f64) {
     let d = direction.normalize();
     let polar = d.x.hypot(d.z).atan2(d.y);
     (d.x.atan2(-d.z) / TAU + 0.5, polar / PI)
 }
 
-/// `count` normals evenly distributed over the hemisphere z > 0 (a Fibonacci lattice: equal area
-/// for each point).
+/// Returns `count` normals of a Fibonacci lattice on the hemisphere z > 0, each of equal area.
 pub fn fibonacci_hemisphere(count: usize) -> impl Iterator<Item = DVec3> {
     let golden = PI * (3.0 - 5.0_f64.sqrt());
     (0..count).map(move |i| {
@@ -75,7 +77,7 @@ mod tests {
 
     use super::*;
 
-    /// Inverse transform: normal +z, half vector at azimuth `phi_h`.
+    /// Inverts [`half_difference`] for the normal +z and a half vector at azimuth `phi_h`.
     fn pair(theta_h: f64, phi_h: f64, theta_d: f64, phi_d: f64) -> (DVec3, DVec3) {
         let diff = DVec3::new(theta_d.sin() * phi_d.cos(), theta_d.sin() * phi_d.sin(), theta_d.cos());
         let light = glam::DQuat::from_rotation_z(phi_h) * (glam::DQuat::from_rotation_y(theta_h) * diff);
@@ -99,13 +101,13 @@ mod tests {
     }
 
     #[test]
-    fn opposite_light_and_view_do_not_blow_up() {
+    fn opposite_light_and_view_give_finite_angles() {
         let got = half_difference(DVec3::Z, DVec3::X, -DVec3::X);
         assert_eq!((got.theta_h, got.theta_d), (0.0, FRAC_PI_2));
     }
 
     #[test]
-    fn the_middle_of_a_lat_long_map_is_behind_the_object() {
+    fn centre_of_a_lat_long_map_is_behind_the_object() {
         for (u, v, d) in [
             (0.5, 0.5, -DVec3::Z),
             (0.75, 0.5, DVec3::X),
@@ -121,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_of_the_hemisphere_are_even() {
+    fn fibonacci_normals_are_uniform() {
         let normals: Vec<DVec3> = fibonacci_hemisphere(12_000).collect();
         let mean = normals.iter().sum::<DVec3>() / 12_000.0;
         assert!((mean - DVec3::new(0.0, 0.0, 0.5)).length() < 1e-4, "{mean}");

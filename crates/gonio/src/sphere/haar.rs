@@ -7,7 +7,7 @@
 
 use std::ops::{Add, Mul, Sub};
 
-/// Orientation of the differences that a wavelet takes.
+/// Direction in which a wavelet takes differences.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Orientation {
     /// Right minus left.
@@ -30,14 +30,14 @@ pub struct Wavelet {
     pub scale: u32,
     /// Orientation.
     pub orientation: Orientation,
-    /// Row of its square among the `2^(scale-1)` of the scale, 0 at the top.
+    /// Row of the wavelet's square among the `2^(scale-1)` rows of the scale, 0 at the top.
     pub row: usize,
-    /// Column of its square.
+    /// Column of the wavelet's square.
     pub column: usize,
 }
 
 impl Wavelet {
-    /// Wavelet of coefficient `index`; `None` for DC.
+    /// Returns the wavelet of coefficient `index`, or `None` for DC.
     pub fn of_index(index: usize) -> Option<Self> {
         let scale = index.checked_ilog2()? / 2 + 1;
         let block = 1_usize << (2 * (scale - 1));
@@ -46,8 +46,9 @@ impl Wavelet {
         Some(Self { scale, orientation: Orientation::ALL[which], row: at / side, column: at % side })
     }
 
-    /// Whether its support lies in the top half of the square; `None` at scale 1, whose wavelets
-    /// cover all of it.
+    /// Returns whether the support is in the top half of the square.
+    ///
+    /// `None` at scale 1, whose wavelets cover the whole square.
     pub(crate) fn above_horizon(self) -> Option<bool> {
         (self.scale > 1).then(|| self.row < 1 << (self.scale - 2))
     }
@@ -66,30 +67,32 @@ pub struct Haar {
 }
 
 impl Haar {
-    /// Creates the transform of squares of `side` by `side`; `None` unless `side` is a power of
-    /// two, at least 2.
+    /// Creates the transform of squares of `side` by `side`.
+    ///
+    /// Returns `None` unless `side` is a power of two, at least 2.
     pub fn new(side: usize) -> Option<Self> {
         (side.is_power_of_two() && side >= 2).then_some(Self { side })
     }
 
-    /// Number of coefficients, `side^2`.
+    /// Returns the number of coefficients, `side^2`.
     pub fn coefficients(self) -> usize {
         self.side * self.side
     }
 
-    /// Number of scales, `log2(side)`.
+    /// Returns the number of scales, `log2(side)`.
     pub fn scales(self) -> u32 {
         self.side.ilog2()
     }
 
-    /// Transforms the `side * side` values in `square` (row-major, row 0 at the top) to
-    /// coefficients, in place. `scratch` is resized as needed.
+    /// Transforms the values in `square` to coefficients, in place.
+    ///
+    /// `square` contains `side * side` values (row-major, row 0 at the top). `scratch` is resized
+    /// as needed.
     pub fn forward<T: Real>(self, square: &mut [T], scratch: &mut Vec<T>) {
         let one_half = T::from(0.5);
         assert_eq!(square.len(), self.coefficients());
-        // The averages of each scale are kept in scratch; the details are written straight to their
-        // final place. Scale s occupies the indices from 4^(s-1) on, which the averages (indices
-        // below) no longer need.
+        // `scratch` contains the averages of the current scale. The details are written directly to
+        // their final indices in `square`, from 4^(s-1) on for scale s.
         scratch.clear();
         scratch.extend_from_slice(square);
         let mut side = self.side;
@@ -105,8 +108,7 @@ impl Haar {
                     square[block + at] = one_half * ((b + d) - (a + c));
                     square[2 * block + at] = one_half * ((a + b) - (c + d));
                     square[3 * block + at] = one_half * ((a + d) - (b + c));
-                    // Safe to overwrite: `at` is never behind a value still to be read in this
-                    // scale.
+                    // Safe to overwrite: this scale has already read the value at `at`.
                     scratch[at] = one_half * ((a + b) + (c + d));
                 }
             }
@@ -168,12 +170,12 @@ mod tests {
     }
 
     #[test]
-    fn only_powers_of_two_have_a_transform() {
+    fn rejects_sides_that_are_not_powers_of_two() {
         assert!([0, 1, 3, 48].iter().all(|&n| Haar::new(n).is_none()));
     }
 
     #[test]
-    fn the_third_coefficient_is_top_minus_bottom() {
+    fn coefficient_2_is_top_minus_bottom() {
         let mut square: Vec<f32> = (0..64).map(|i| if i < 32 { 1.0 } else { -1.0 }).collect();
         Haar::new(8).unwrap().forward(&mut square, &mut Vec::new());
         assert_eq!(square[2], 8.0);
@@ -181,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn wavelets_know_their_place() {
+    fn of_index_matches_the_support_of_each_wavelet() {
         let side = 16;
         let haar = Haar::new(side).unwrap();
         for index in 1..side * side {

@@ -1,10 +1,10 @@
 //! Octahedral maps: the sphere unfolded onto a square.
 //!
-//! The square is -1..1 in `u` (right) and `v` (up); its centre looks along +z, towards the camera,
-//! and the four corners meet at -z, behind the object, where an image determines light least. The
-//! vertical axis of the square is the vertical axis of the world: `v > 0` exactly where `y > 0`. So
-//! the top half of the square is the sky, and the coarsest "vertical" wavelet compares light from
-//! above with light from below, as the prior of the paper needs.
+//! The square is -1..1 in `u` (right) and `v` (up). Its centre is the direction +z, towards the
+//! camera. Its four corners meet at -z, behind the object, where a photograph constrains the light
+//! least. The vertical axis of the square is the vertical axis of the world: `v > 0` exactly where
+//! `y > 0`. The top half of the square is therefore the sky, and the coarsest "vertical" wavelet
+//! compares light from above with light from below, as the prior of the paper requires.
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
@@ -15,21 +15,23 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OctahedralMap {
-    /// Clarberg's map (2008): every part of the square has the same solid angle. The default,
-    /// because a Haar basis that is orthonormal on the square is then orthonormal on the sphere,
-    /// the DC coefficient is the integral of the light over the sphere, and normalising that
-    /// integral to one makes it the same constant for every light.
+    /// Clarberg's map (2008): every part of the square has the same solid angle.
+    ///
+    /// This is the default because a Haar basis that is orthonormal on the square is then
+    /// orthonormal on the sphere, the DC coefficient is the integral of the light over the sphere,
+    /// and normalising that integral to one makes it the same constant for every light.
     #[default]
     EqualArea,
     /// Map of Praun and Hoppe (2003), used in the paper: central projection onto an octahedron.
+    ///
     /// Solid angle per area varies by a factor of 5.2, so integrals over the square and over the
-    /// sphere differ; the integral over the square is normalised, which again makes the DC
+    /// sphere differ. The integral over the square is normalised, which again makes the DC
     /// coefficient constant.
     PraunHoppe,
 }
 
 impl OctahedralMap {
-    /// Unit direction of the point `(u, v)` of the square, both in -1..=1.
+    /// Returns the unit direction of the point `(u, v)` of the square, both in -1..=1.
     pub fn direction(self, u: f64, v: f64) -> DVec3 {
         match self {
             Self::EqualArea => {
@@ -45,7 +47,7 @@ impl OctahedralMap {
         }
     }
 
-    /// Point `(u, v)` of the square on which a unit direction falls.
+    /// Returns the point `(u, v)` of the square for a unit direction.
     pub fn square(self, d: DVec3) -> (f64, f64) {
         let (ax, ay) = (d.x.abs(), d.y.abs());
         let (a, b) = match self {
@@ -65,8 +67,9 @@ impl OctahedralMap {
         (a.copysign(d.x), b.copysign(d.y))
     }
 
-    /// Solid angle per area of the square at `(u, v)`, in sr; its integral over the square (area 4)
-    /// is 4 pi.
+    /// Returns the solid angle per area of the square at `(u, v)`, in sr.
+    ///
+    /// Its integral over the square (area 4) is 4 pi.
     pub fn density(self, u: f64, v: f64) -> f64 {
         match self {
             Self::EqualArea => PI,
@@ -74,9 +77,11 @@ impl OctahedralMap {
         }
     }
 
-    /// Upper bound of the angle (radians) between the centre of a cell and any other point of it,
-    /// for the cells of the square divided into `2^level` by `2^level`; meant for `level >= 2`,
-    /// where cells are small.
+    /// Returns an upper bound of the angle (radians) from the centre of a cell to any of its
+    /// points.
+    ///
+    /// The cells divide the square into `2^level` by `2^level`. Meant for `level >= 2`, where cells
+    /// are small.
     pub(crate) fn cell_radius(self, level: u32) -> f64 {
         // The largest angle from the centre to a corner times 2^level grows with the level to 4.29
         // (equal area) and 4.25 (Praun-Hoppe).
@@ -114,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn up_is_up_and_the_camera_is_at_the_centre() {
+    fn up_is_y_and_the_centre_faces_the_camera() {
         for map in BOTH {
             assert!((map.direction(0.0, 0.0) - DVec3::Z).length() < 1e-12);
             assert!((map.direction(1.0, 1.0) + DVec3::Z).length() < 1e-12);

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use super::{Parameter, Shading, UNIT};
 use crate::reflectance::parametric::{CookTorrance, Parametric, Ward};
 
-/// [`CookTorrance`] in colour: one factor per channel, a common shape of the lobe.
+/// [`CookTorrance`] in RGB, with one factor per channel and a common shape of the lobe.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ColourCookTorrance {
     /// Albedo of the Lambertian part.
@@ -17,7 +17,7 @@ pub struct ColourCookTorrance {
     pub roughness: f64,
 }
 
-/// [`Ward`] in colour: one factor per channel, a common width of the lobe.
+/// [`Ward`] in RGB, with one factor per channel and a common width of the lobe.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ColourWard {
     /// Albedo of the Lambertian part.
@@ -31,7 +31,7 @@ pub struct ColourWard {
 const WIDTH: Parameter = Parameter { low: 0.002, high: 1.0 };
 const FACTOR: Parameter = Parameter { low: 0.0, high: 4.0 };
 
-/// Starting parameters: diffuse and specular colours, then the others that the model needs.
+/// Returns starting parameters: diffuse and specular colours, then those of `more`.
 fn starts(body: DVec3, highlight: DVec3, more: impl Fn(f64) -> Vec<f64>) -> Vec<Vec<f64>> {
     let [body, highlight] = [body, highlight].map(|c| c.clamp(DVec3::splat(0.01), DVec3::splat(0.98)).to_array());
     [0.02, 0.1, 0.3].map(|width| [&body[..], &highlight[..], &more(width)].concat()).to_vec()

@@ -8,11 +8,12 @@ use super::microfacet::{f0_of, fresnel_dielectric, schlick_weight};
 use super::{MetallicRoughness, Parameter, Shading};
 use crate::reflectance::parametric::{Facet, lobe};
 
-/// Base and specular layer of OpenPBR, which Blender's Principled (4.0 and later) also follows: a
-/// mixture of a metal and of a Lambertian body under a dielectric. The body receives only the light
-/// that the dielectric does not reflect. Both are GGX with `alpha = roughness^2`, height-correlated
-/// masking and compensation of multiple scattering (Turquin 2019). Renderers differ by a few
-/// percent in how they account for that energy.
+/// Base and specular layer of OpenPBR, which Blender's Principled (4.0 and later) also follows.
+///
+/// The model is a mixture of a metal and of a Lambertian body under a dielectric. The body receives
+/// only the light that the dielectric does not reflect. Both are GGX with `alpha = roughness^2`,
+/// height-correlated masking and compensation of multiple scattering (Turquin 2019). Renderers
+/// differ by a few percent in how they account for that energy.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Layered {
     /// Linear RGB, 0..=1: colour of the body for a dielectric, of the reflection for a metal.
@@ -26,7 +27,7 @@ pub struct Layered {
 }
 
 impl Shading for Layered {
-    // The parameters of `MetallicRoughness`, with another name for one of them.
+    // The parameters are those of `MetallicRoughness`; one of them has another name.
     const PARAMETERS: &'static [Parameter] = MetallicRoughness::PARAMETERS;
 
     fn of(parameters: &[f64]) -> Self {
@@ -42,8 +43,8 @@ impl Shading for Layered {
         let Some(facet) = Facet::new(wi, wo) else { return DVec3::ZERO };
         let lobe = lobe(&facet, self.roughness.powi(4));
         let [at_zero, at_grazing] = Albedo::table().at(facet.cos_o, self.roughness);
-        // Share that a white lobe reflects at once; the rest is reflected later, coloured once
-        // more.
+        // `at_once` is the fraction that a white lobe reflects in one bounce; the rest is reflected
+        // in later bounces, multiplied by the colour once more.
         let at_once = at_zero + at_grazing;
         let later = (1.0 - at_once) / at_once;
         let f0 = f0_of(self.ior);
@@ -59,8 +60,9 @@ impl Shading for Layered {
 /// Number of entries of [`Albedo`] along each axis.
 const SIDE: usize = 24;
 
-/// Albedo of a GGX lobe in uniform light, by the cosine of the view and the roughness:
-/// `f0 * [0] + [1]` under Schlick's formula.
+/// Albedo of a GGX lobe in uniform light, by the cosine of the view and the roughness.
+///
+/// With Schlick's formula, the albedo is `f0 * [0] + [1]`.
 struct Albedo(Vec<[f64; 2]>);
 
 impl Albedo {
@@ -73,7 +75,7 @@ impl Albedo {
         })
     }
 
-    /// Interpolates between entries.
+    /// Interpolates bilinearly between entries.
     fn at(&self, cos: f64, roughness: f64) -> [f64; 2] {
         let axis = |x: f64| {
             let x = x.clamp(0.0, 1.0) * (SIDE - 1) as f64;
@@ -94,8 +96,9 @@ impl Albedo {
     }
 }
 
-/// Computes an entry with the visible normals of Heitz 2018, on a regular grid of their square:
-/// each contributes `F G2 / G1`.
+/// Computes an entry by integration over the visible normals (Heitz 2018).
+///
+/// The normals lie on a regular grid of the unit square; each contributes `F G2 / G1`.
 fn reflected(cos: f64, alpha: f64) -> [f64; 2] {
     const N: usize = 24;
     let view = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
@@ -128,7 +131,7 @@ fn reflected(cos: f64, alpha: f64) -> [f64; 2] {
 mod tests {
     use super::*;
 
-    /// Light reflected in a uniform sky, by brute force over directions around the lobe.
+    /// Computes the albedo in a uniform sky by brute force over directions.
     fn albedo(model: &Layered, cos: f64) -> f64 {
         let view = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
         let (rings, spokes) = (400, 400);
@@ -143,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn white_stays_white() {
+    fn white_materials_reflect_all_light() {
         // A white metal and a white body under a coat reflect all light.
         for (metalness, roughness, cos) in [(1.0, 0.7, 0.6), (1.0, 1.0, 0.9), (0.0, 0.6, 0.8), (0.0, 0.9, 0.5)] {
             let model = Layered { base_color: DVec3::ONE, metalness, roughness, ior: 1.5 };
@@ -153,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn lobes_reflect_what_the_table_says() {
+    fn albedo_table_matches_its_entries() {
         for (cos, roughness) in [(0.9_f64, 0.5_f64), (0.4, 0.8)] {
             let got = Albedo::table().at(cos, roughness);
             let want = reflected(cos, roughness * roughness);

@@ -7,9 +7,11 @@ use super::microfacet::{f0_of, schlick_weight};
 use super::{Parameter, Shading, UNIT};
 use crate::reflectance::parametric::{Facet, lobe};
 
-/// Metallic-roughness material of glTF 2.0 with the index of `KHR_materials_ior`, by appendix B of
-/// the specification: a mixture of a metal and of a Lambertian body under a dielectric, both GGX
-/// with `alpha = roughness^2`, height-correlated masking and Schlick's formula.
+/// Metallic-roughness material of glTF 2.0 with the index of `KHR_materials_ior`.
+///
+/// The model of appendix B of the specification is a mixture of a metal and of a Lambertian body
+/// under a dielectric, both GGX with `alpha = roughness^2`, height-correlated masking and Schlick's
+/// formula.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MetallicRoughness {
     /// Linear RGB, 0..=1: colour of the body for a dielectric, of the reflection for a metal.

@@ -1,5 +1,4 @@
-//! Shading models of common renderers, in their own parameters, and fits of each of them to a
-//! table.
+//! Shading models of common renderers, in their own parameters, and fits of each model to a table.
 //!
 //! | model | renderers | width of the lobe |
 //! |---|---|---|
@@ -9,8 +8,8 @@
 //! | [`ColourCookTorrance`] | classic | `m = roughness`, not squared |
 //! | [`ColourWard`] | classic | `alpha = roughness`, not squared |
 //!
-//! Each is fitted ([`Fitter::fit`]) by the Levenberg-Marquardt method from several starts, and
-//! judged by comparing a sphere of it with one of the table in a studio light.
+//! [`Fitter::fit`] fits each model by the Levenberg-Marquardt method from several starts, and
+//! compares a sphere of it with one of the table in a studio light.
 
 mod classic;
 mod fit;
@@ -31,7 +30,7 @@ use glam::DVec3;
 use crate::reflectance::BivariateTable;
 use crate::reflectance::parametric::azimuth_means;
 
-/// An isotropic BRDF in colour, with parameters that are written to a file.
+/// An isotropic RGB BRDF, with parameters that are written to a file.
 pub trait Shading: Sync + Send + Sized {
     /// Range of each parameter.
     const PARAMETERS: &'static [Parameter];
@@ -39,16 +38,18 @@ pub trait Shading: Sync + Send + Sized {
     /// Builds the model from these parameters, each within its range.
     fn of(parameters: &[f64]) -> Self;
 
-    /// Value in 1/sr, linear RGB, for unit vectors towards the light (`wi`) and the viewer (`wo`),
-    /// the normal being `+z`.
+    /// Returns the value in 1/sr, linear RGB.
+    ///
+    /// `wi` and `wo` are unit vectors towards the light and the viewer; the normal is `+z`.
     fn eval(&self, wi: DVec3, wo: DVec3) -> DVec3;
 
-    /// Parameters to start from, for a material of this body colour and albedo of its highlight.
+    /// Returns starting parameters for this body colour and albedo of the highlight.
     fn starts(body: DVec3, highlight: DVec3) -> Vec<Vec<f64>>;
 
-    /// Means over `phi_d` of each channel, as in
-    /// [`Parametric::to_bivariate`](crate::reflectance::parametric::Parametric::to_bivariate), but
-    /// of samples every `step` degrees, since formulas are smooth.
+    /// Returns the means over `phi_d` of each channel, from samples every `step` degrees.
+    ///
+    /// [`Parametric::to_bivariate`](crate::reflectance::parametric::Parametric::to_bivariate) uses
+    /// more samples; these formulas are smooth.
     fn to_bivariate(&self, step: usize) -> [BivariateTable; 3] {
         azimuth_means(step, |wi, wo| self.eval(wi, wo).to_array())
     }

@@ -7,9 +7,11 @@ use super::microfacet::{fresnel_dielectric, schlick_weight, smith};
 use super::{Parameter, Shading, UNIT};
 use crate::reflectance::parametric::{Facet, distribution};
 
-/// Reflecting part of Mitsuba 3's `principled`, after Burley 2012 and 2015: his diffuse lobe with
-/// retro-reflection and sheen, GGX with `alpha = roughness^2` and separable masking, dielectric by
-/// index and metallic by Schlick's formula, under a clear coat.
+/// Reflecting part of Mitsuba 3's `principled`, after Burley 2012 and 2015.
+///
+/// It combines Burley's diffuse lobe with retro-reflection and sheen, GGX with
+/// `alpha = roughness^2` and separable masking, a dielectric by index and a metal by Schlick's
+/// formula, and a clear coat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Principled {
     /// Linear RGB, 0..=1: colour of the body for a dielectric, of the reflection for a metal.
@@ -20,7 +22,7 @@ pub struct Principled {
     pub roughness: f64,
     /// Relative index of refraction, above one.
     pub eta: f64,
-    /// Weight of the retro-reflecting fuzz, 0..=1.
+    /// Weight of the retro-reflecting sheen, 0..=1.
     pub sheen: f64,
     /// Weight of the coat, 0..=1.
     pub clearcoat: f64,

@@ -6,17 +6,16 @@ use rayon::prelude::*;
 use super::{Camera, Hit, Surface};
 use crate::picture::Plane;
 
-/// Normals and distances at the centres of the pixels (the renderers' G-buffer), in coordinates of
-/// the camera.
+/// Normals and distances at the centres of the pixels, in camera coordinates (a G-buffer).
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeometryBuffer {
-    /// Unit normals; `ZERO` where nothing is seen.
+    /// Unit normals; `ZERO` where no surface is visible.
     pub normals: Plane<Vec3>,
-    /// Distance along the ray; infinite where nothing is seen.
+    /// Distance along the ray; infinite where no surface is visible.
     pub distances: Plane<f32>,
-    /// Number of pixels that see the surface.
+    /// Number of pixels in which the surface is visible.
     pub seen: usize,
-    /// Number of those that are back-facing, by the order of the corners of its triangles.
+    /// Number of these pixels that show a back face, by the order of the corners of its triangles.
     pub inside: usize,
 }
 
@@ -40,12 +39,12 @@ impl GeometryBuffer {
     }
 }
 
-/// Returns what the ray through the centre of a pixel hits.
+/// Returns the intersection of the ray through the centre of a pixel.
 pub fn hit_at(surface: &dyn Surface, camera: &Camera, column: usize, row: usize) -> Option<Hit> {
     surface.hit(&camera.ray((column as f64 + 0.5, row as f64 + 0.5)))
 }
 
-/// Returns the unit vector to the camera from the place that a pixel sees.
+/// Returns the unit vector towards the camera along the ray of a pixel.
 pub fn view_at(camera: &Camera, column: usize, row: usize) -> DVec3 {
     -camera.ray((column as f64 + 0.5, row as f64 + 0.5)).direction
 }

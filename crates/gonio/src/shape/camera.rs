@@ -1,10 +1,10 @@
-//! Cameras: rays of pixels and projection of places.
+//! Cameras: rays of pixels and projection of positions.
 
 use glam::{DMat3, DMat4, DVec3};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Projection of places to pixels.
+/// Projection of positions to pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum Projection {
@@ -15,7 +15,7 @@ pub enum Projection {
     },
     /// Rays from the camera's position.
     Perspective {
-        /// Focal length in pixels: at depth `d` there are `focal / d` pixels to the unit.
+        /// Focal length in pixels: at depth `d`, a unit of length covers `focal / d` pixels.
         focal: f64,
     },
 }
@@ -25,7 +25,7 @@ pub enum Projection {
 pub struct Camera {
     /// Projection.
     pub projection: Projection,
-    /// Principal point, where the axis of the camera meets the picture, in pixels from its top left
+    /// Principal point, where the camera axis meets the picture, in pixels from the top left
     /// corner.
     pub principal: (f64, f64),
     /// Columns and rows of the picture.
@@ -37,7 +37,7 @@ pub struct Camera {
 /// A half line; `direction` is a unit vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Start of the ray.
+    /// Origin of the ray.
     pub origin: DVec3,
     /// Direction of the ray.
     pub direction: DVec3,
@@ -46,7 +46,7 @@ pub struct Ray {
 /// Error of invalid camera parameters.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CameraError {
-    /// A number that must be positive is not.
+    /// A number is not positive and finite.
     #[error("the {what} is {value}; use a positive, finite number")]
     NotPositive {
         /// Name of the number.
@@ -90,8 +90,9 @@ impl Camera {
         Ok(Self { projection, principal, size, to_world: DMat4::IDENTITY })
     }
 
-    /// Moves the camera to another pose, given from its coordinates to those of the world.
-    /// Rotations that are exact to 1e-3 are made exact.
+    /// Moves the camera to another pose, given as the transformation to world coordinates.
+    ///
+    /// Rotations that are exact to 1e-3 are orthonormalised.
     ///
     /// # Errors
     /// [`CameraError::NotRigid`].
@@ -111,9 +112,10 @@ impl Camera {
         Ok(Self { to_world: exact, ..self })
     }
 
-    /// Returns the ray through `(x, y)`, in pixels from the top left corner, in coordinates of the
-    /// camera. Orthographic rays start in the plane `z = 0`, but what lies behind that plane is
-    /// seen too: their start is arbitrary.
+    /// Returns the ray through `(x, y)`, in camera coordinates.
+    ///
+    /// `(x, y)` is in pixels from the top left corner. Orthographic rays start in the plane
+    /// `z = 0`.
     pub fn ray(&self, (x, y): (f64, f64)) -> Ray {
         let (right, up) = (x - self.principal.0, self.principal.1 - y);
         match self.projection {
@@ -126,8 +128,10 @@ impl Camera {
         }
     }
 
-    /// Builds an orthographic camera along -z of the world that sees all of a sphere with `margin`
-    /// (a share of the picture's smaller side) around it, from a distance of twice its radius.
+    /// Builds an orthographic camera along -z of the world that frames a sphere.
+    ///
+    /// `margin` is the margin around the sphere as a fraction of the picture's smaller side. The
+    /// distance of the camera from the centre is twice the radius.
     ///
     /// # Errors
     /// See [`Self::new`].
@@ -139,7 +143,7 @@ impl Camera {
         camera.at(DMat4::from_translation(centre + DVec3::new(0.0, 0.0, 2.0 * radius)))
     }
 
-    /// Projects a place in coordinates of the camera to pixels; `None` behind a perspective camera.
+    /// Projects a position in camera coordinates to pixels; `None` behind a perspective camera.
     pub fn project(&self, place: DVec3) -> Option<(f64, f64)> {
         let scale = match self.projection {
             Projection::Orthographic { pixels_per_unit } => pixels_per_unit,
@@ -164,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_ray_meets_is_seen_where_it_came_from() {
+    fn project_inverts_ray() {
         for camera in both() {
             for at in [(0.5, 0.5), (320.0, 236.5), (611.2, 17.0)] {
                 let ray = camera.ray(at);
@@ -177,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn up_in_the_picture_is_up_in_the_world() {
+    fn up_in_the_picture_is_y() {
         for camera in both() {
             let (above, right) = (camera.ray((320.0, 100.0)), camera.ray((500.0, 236.5)));
             assert!((above.origin + above.direction).y > 0.1 && (right.origin + right.direction).x > 0.1);
@@ -185,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_framed_sphere_fills_the_picture() {
+    fn framed_sphere_fills_the_picture() {
         let (centre, radius) = (DVec3::new(3.0, -2.0, 50.0), 4.0);
         let camera = Camera::framing(centre, radius, SIZE, 0.05).unwrap();
         let seen = |p: DVec3| camera.project(camera.to_world.inverse().transform_point3(p)).unwrap();

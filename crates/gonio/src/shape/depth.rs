@@ -6,14 +6,13 @@ use thiserror::Error;
 use super::{Camera, Projection};
 use crate::picture::Plane;
 
-/// Meaning of a depth.
+/// Definition of depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DepthKind {
-    /// The distance from the plane of the camera, along its axis: what renderers and most sensors
-    /// give.
+    /// Distance from the camera plane, along the camera axis, as in most renderers and sensors.
     #[default]
     AlongAxis,
-    /// The distance from the camera, along the ray of the pixel.
+    /// Distance from the camera, along the ray of the pixel.
     AlongRay,
 }
 
@@ -30,10 +29,11 @@ pub struct DepthSize {
     pub camera: (usize, usize),
 }
 
-/// Computes the position that each pixel sees, in coordinates of the camera: x right, y up, `z`
-/// minus the depth along the axis. Depths are taken at the centres of pixels, in the camera's unit
-/// of length; those that are not finite count as missing, as do those of a perspective camera that
-/// are not positive.
+/// Computes the position visible in each pixel, in camera coordinates.
+///
+/// Axes are x right, y up, and `z` minus the depth along the axis. Depths are at the centres of
+/// pixels, in the camera's unit of length. Depths that are not finite count as missing; with a
+/// perspective camera, so do depths that are not positive.
 ///
 /// # Errors
 /// [`DepthSize`].
@@ -61,7 +61,7 @@ pub fn positions_of_depth(
 mod tests {
     use super::*;
 
-    /// Distances along the rays at which they meet a sphere.
+    /// Returns the distances along the rays at which they hit a sphere.
     fn sphere(camera: &Camera, centre: DVec3, radius: f64) -> Plane<Option<f64>> {
         Plane::from_fn(camera.size.0, camera.size.1, |x, y| {
             let ray = camera.ray((x as f64 + 0.5, y as f64 + 0.5));
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn the_depths_of_a_sphere_lie_on_it() {
+    fn positions_from_depths_of_a_sphere_lie_on_it() {
         let size = (90, 70);
         let (centre, radius) = (DVec3::new(0.3, -0.2, -6.0), 1.5);
         for projection in [Projection::Orthographic { pixels_per_unit: 20.0 }, Projection::Perspective { focal: 100.0 }]
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_depth_gives_no_place() {
+    fn invalid_depths_give_no_position() {
         let camera = Camera::new(Projection::Perspective { focal: 10.0 }, (1.0, 0.5), (4, 1)).unwrap();
         let depths = Plane::from_vec(4, 1, vec![None, Some(f64::NAN), Some(-1.0), Some(2.0)]);
         let places = positions_of_depth(&depths, &camera, DepthKind::AlongAxis).unwrap();

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::{Mesh, MeshError, MeshParts};
 
-/// A shape of about radius one about the origin, upright, its front towards +z.
+/// A shape of about radius one about the origin, upright, with its front towards +z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// A lump with gentle hollows.
@@ -19,10 +19,10 @@ pub enum Form {
 }
 
 impl Form {
-    /// Cells along a side of the lattice from which these shapes are meshed for display.
+    /// Number of cells along a side of the lattice from which these shapes are meshed for display.
     pub const CELLS: usize = 96;
 
-    /// Returns the shape of a name in lower case: `blob`, `bunny`, `bowl`.
+    /// Returns the shape with a lower-case name: `blob`, `bunny`, `bowl`.
     pub fn named(name: &str) -> Option<Self> {
         Some(match name {
             "blob" => Self::Blob,
@@ -41,11 +41,13 @@ impl Form {
         }
     }
 
-    /// Meshes the surface on a lattice of `cells` cells along each side: about `8 cells^2`
-    /// triangles with normals from the gradient of the function.
+    /// Meshes the surface on a lattice of `cells` cells along each side.
+    ///
+    /// The mesh has about `8 cells^2` triangles, with normals from the gradient of the implicit
+    /// function.
     ///
     /// # Errors
-    /// If the lattice is too coarse to meet the shape.
+    /// If the lattice is too coarse for the shape.
     ///
     /// # Panics
     /// If `cells` is zero or more than 400.
@@ -82,7 +84,7 @@ fn blob(p: DVec3) -> f64 {
 }
 
 fn bunny(p: DVec3) -> f64 {
-    // An ear: a tilted egg, seen from the front.
+    // An ear is a tilted ellipsoid.
     let ear = |side: f64| {
         let q = p - DVec3::new(0.2 * side, 0.78, 0.18);
         let (s, c) = (0.22 * side).sin_cos();
@@ -106,12 +108,13 @@ fn bowl(p: DVec3) -> f64 {
     -blend(-shell, -front, 0.08)
 }
 
-/// Tetrahedra of a cell, by the numbers of its corners: bit 0 is x, bit 1 is y, bit 2 is z.
+/// Tetrahedra of a cell, by the indices of its corners: bit 0 is x, bit 1 is y, bit 2 is z.
 const TETRAHEDRA: [[usize; 4]; 6] =
     [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]];
 
-/// Meshes the zero set of `field` in the cube from `-half` to `half`, by marching tetrahedra (Doi &
-/// Koide 1991).
+/// Meshes the zero set of `field` in the cube from `-half` to `half`.
+///
+/// The method is marching tetrahedra (Doi & Koide 1991).
 fn isosurface(field: fn(DVec3) -> f64, half: f64, cells: usize) -> Result<Mesh, MeshError> {
     assert!((1..=400).contains(&cells), "{cells} cells");
     let (n, step) = (cells + 1, 2.0 * half / cells as f64);

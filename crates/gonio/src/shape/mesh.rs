@@ -15,8 +15,9 @@ pub struct MeshParts {
     pub positions: Vec<DVec3>,
     /// Three indices of vertices for each triangle, counterclockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Normals at the three corners of each triangle, if the file has them; not necessarily of unit
-    /// length. `ZERO` where one is missing.
+    /// Normals at the three corners of each triangle, if the file contains any.
+    ///
+    /// They need not have unit length. A missing normal is `ZERO`.
     pub normals: Option<Vec<[DVec3; 3]>>,
 }
 
@@ -28,29 +29,28 @@ pub struct Mesh {
     normals: Vec<[DVec3; 3]>,
 }
 
-/// Oddities of a mesh, none of which makes it unusable.
+/// Defects of a mesh, none of which makes it unusable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Soundness {
     /// Number of triangles that are kept.
     pub triangles: usize,
-    /// Number of triangles without an area, which are left out.
+    /// Number of triangles with zero area, which are removed.
     pub degenerate: usize,
-    /// Number of edges with only one triangle: zero for a closed surface.
+    /// Number of edges with only one triangle; zero for a closed surface.
     pub open_edges: usize,
     /// Number of edges with three triangles or more.
     pub non_manifold_edges: usize,
     /// Number of edges whose two triangles are oriented inconsistently.
     pub inconsistent_edges: usize,
-    /// Whether the surface is closed with its triangles turned inwards.
+    /// Whether the surface is closed and its triangles face inwards.
     pub inside_out: bool,
-    /// Number of triangles whose normals in the file point to the other side than the order of
-    /// their corners says.
+    /// Number of triangles whose normals in the file contradict the order of their corners.
     pub normals_against: usize,
-    /// Whether the normals were computed: the file has none, or none that can be used.
+    /// Whether the normals were computed, because those of the file are missing or unusable.
     pub normals_computed: bool,
 }
 
-/// Error of mesh parts that make no mesh; each message says what to do about it.
+/// Error of invalid mesh parts; each message suggests a correction.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum MeshError {
     /// There are no triangles, or no vertices.
@@ -61,7 +61,7 @@ pub enum MeshError {
         /// Number of triangles.
         triangles: usize,
     },
-    /// An index is beyond the vertices.
+    /// An index exceeds the number of vertices.
     #[error("triangle {triangle} refers to vertex {index}, but there are only {vertices}; export the mesh again")]
     Index {
         /// Index of the triangle, from 0.
@@ -74,7 +74,7 @@ pub enum MeshError {
     /// A position is not finite.
     #[error("vertex {0} has coordinates that are not finite; export the mesh again")]
     NotFinite(usize),
-    /// There are not three normals for each triangle.
+    /// The number of normals is not three for each triangle.
     #[error("{normals} of {triangles} triangles have normals; export the mesh again")]
     Normals {
         /// Number of triples of normals.
@@ -82,7 +82,7 @@ pub enum MeshError {
         /// Number of triangles.
         triangles: usize,
     },
-    /// No triangle has an area.
+    /// No triangle has a positive area.
     #[error("all {0} triangles have zero area; check that the mesh is not flattened to a line or a point")]
     AllDegenerate(usize),
     /// The transformation flattens the mesh.
@@ -90,14 +90,16 @@ pub enum MeshError {
     Pose,
 }
 
-/// Least area of a triangle, relative to a square as large as the object; below it the triangle
-/// counts as degenerate.
+/// Smallest area of a triangle relative to a square as large as the object.
+///
+/// Triangles with a smaller area are degenerate.
 const LEAST_AREA: f64 = 1e-16;
 
 impl Mesh {
-    /// Builds a mesh from its parts. Triangles without an area are left out. Where a normal is
-    /// missing or unusable all are computed, as means over the neighbouring triangles except across
-    /// edges sharper than 45 degrees.
+    /// Builds a mesh from its parts.
+    ///
+    /// Triangles with zero area are removed. If any normal is missing or unusable, all normals are
+    /// computed as means over neighbouring triangles, except across edges sharper than 45 degrees.
     ///
     /// # Errors
     /// If the parts are empty, an index is out of range, or a position is not finite.
@@ -148,9 +150,11 @@ impl Mesh {
         Ok((Self { positions, triangles, normals }, soundness))
     }
 
-    /// Builds the surface of a position map, in any frame: two triangles between each four
-    /// neighbouring pixels that all have a position, except across steps. A step is an edge more
-    /// than `jump` times as long as the median one (8 is a good value).
+    /// Builds the surface of a position map, in any frame.
+    ///
+    /// Each square of four neighbouring pixels with positions gives two triangles, except across
+    /// steps. A step is an edge more than `jump` times as long as the median one (8 is a good
+    /// value).
     ///
     /// # Errors
     /// [`MeshError::Empty`] if no pixels are neighbours.
@@ -188,7 +192,7 @@ impl Mesh {
         Self::new(MeshParts { positions, triangles, normals: None })
     }
 
-    /// Moves, turns, scales or mirrors the mesh.
+    /// Translates, rotates, scales or mirrors the mesh.
     ///
     /// # Errors
     /// [`MeshError::Pose`].
@@ -222,7 +226,7 @@ impl Mesh {
         &self.normals
     }
 
-    /// Returns the centre of the bounding box, and the distance of the farthest vertex from it.
+    /// Returns the centre of the bounding box and the distance of the farthest vertex from it.
     pub fn bounds(&self) -> (DVec3, f64) {
         let (low, high) = corners_of(&self.positions);
         let centre = 0.5 * (low + high);
@@ -244,7 +248,7 @@ fn extent(positions: &[DVec3]) -> f64 {
     (high - low).max_element()
 }
 
-/// Returns six times the volume within a closed surface, negative if it is turned inwards.
+/// Returns six times the volume within a closed surface, negative if its triangles face inwards.
 fn volume(positions: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
     let centre = positions.iter().sum::<DVec3>() / positions.len() as f64;
     let each = triangles.iter().map(|t| {
@@ -262,7 +266,7 @@ fn kept<T>(all: Vec<T>, keep: &[bool]) -> Vec<T> {
 mod tests {
     use super::*;
 
-    /// A cube of side two about the origin, with split vertices as in a file of flat faces.
+    /// Returns a cube of side two about the origin, with split vertices as in a file of flat faces.
     fn cube() -> MeshParts {
         let mut parts = MeshParts::default();
         for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
@@ -278,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_is_closed_and_keeps_its_edges() {
+    fn cube_is_closed_and_keeps_its_edges() {
         let (mesh, soundness) = Mesh::new(cube()).unwrap();
         let want = Soundness { triangles: 12, normals_computed: true, ..Soundness::default() };
         assert_eq!(soundness, want);
@@ -290,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_odd_is_told() {
+    fn reports_defects_of_meshes() {
         let mut parts = cube();
         parts.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         assert!(Mesh::new(parts).unwrap().1.inside_out);
@@ -316,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_mesh_is_refused() {
+    fn rejects_invalid_meshes() {
         let refused = |change: &dyn Fn(&mut MeshParts)| {
             let mut parts = cube();
             change(&mut parts);
@@ -332,7 +336,7 @@ mod tests {
 
     #[test]
     fn smooth_surfaces_have_smooth_normals() {
-        // A cylinder of 24 sides without lids, every other side turned inwards.
+        // A cylinder of 24 sides without lids; every other side faces inwards.
         let sides = 24_u32;
         let ring = |z: f64| {
             (0..sides)
@@ -357,14 +361,15 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_of_positions_is_a_surface_with_steps() {
+    fn position_maps_are_cut_at_steps() {
         // Two planes one above the other, and a pixel without a position.
         let places = Plane::from_fn(10, 6, |x, y| {
             let z = if x < 5 { 0.0 } else { 40.0 };
             ((x, y) != (1, 1)).then(|| DVec3::new(x as f64, -(y as f64), z))
         });
         let (mesh, soundness) = Mesh::of_positions(&places, 8.0).unwrap();
-        // Eight columns of five quads without the step; six triangles touch the missing pixel.
+        // Eight columns of five quads remain without the step; six triangles touch the missing
+        // pixel.
         assert_eq!(soundness.triangles, 2 * 8 * 5 - 6);
         assert!(mesh.normals().iter().flatten().all(|n| (*n - DVec3::Z).length() < 1e-12));
         let none = Plane::from_fn(4, 4, |_, _| None);
@@ -372,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_carry_normals_along() {
+    fn transformed_normals_stay_perpendicular() {
         let (mesh, _) = Mesh::new(cube()).unwrap();
         let squeeze = DMat4::from_scale(DVec3::new(-1.0, 3.0, 0.5)) * DMat4::from_rotation_z(0.4);
         let moved = mesh.transformed(&squeeze).unwrap();

@@ -5,12 +5,12 @@
 //! * [`Surface`]: a shape that intersects rays: a [`Tracer`] of a mesh or an [`Ellipsoid`].
 //!   [`GeometryBuffer`] contains its visible points.
 //! * [`Visibility`]: the paper's `V_i` for some points of a surface.
-//! * [`Camera`]: orthographic or perspective, with a pose. [`positions_of_depth`]: positions that
-//!   its pixels see at given depths.
+//! * [`Camera`]: orthographic or perspective, with a pose. [`positions_of_depth`] computes the
+//!   positions visible in its pixels at given depths.
 //!
-//! Axes are those of the crate: the camera looks along -z with y up, pictures have y down and the
-//! centre of the first pixel at (0.5, 0.5). Lengths are in the units of the file a shape comes
-//! from; only their ratios matter.
+//! Axes are those of the crate: the camera looks along -z with y up. Pictures have y down and the
+//! centre of the first pixel at (0.5, 0.5). Lengths are in the units of the file that contains the
+//! shape; only their ratios matter.
 
 mod buffer;
 mod camera;

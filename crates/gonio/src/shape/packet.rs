@@ -7,18 +7,19 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::triangle::Triangle;
 
-/// Number of rays that go through the tree together.
+/// Number of rays that traverse the tree together.
 const LANES: usize = 16;
 
 type Lanes = [f32; LANES];
 
-/// Factor of the distance at which a ray leaves a box, against rounding.
+/// Factor of the distance at which a ray leaves a box, to tolerate rounding.
 const SLACK: f32 = 1.000_001;
 
-/// Task that finds which of some rays from one origin hit a triangle. Rays of like direction should
-/// come one after the other.
+/// Task that determines which of several rays from one origin hit a triangle.
+///
+/// Rays of similar direction should be consecutive.
 pub(super) struct Shadows<'a> {
-    /// Boxes of the triangles.
+    /// Bounding boxes of the triangles.
     pub(super) tree: &'a Bvh2,
     /// Triangles, in the order of the tree.
     pub(super) triangles: &'a [Triangle],
@@ -44,13 +45,13 @@ impl pulp::NullaryFnOnce for Shadows<'_> {
     }
 }
 
-/// Rays of one origin.
+/// Rays with a common origin.
 struct Packet {
     direction: [Lanes; 3],
     inverse: [Lanes; 3],
-    /// Direction of their middle.
+    /// Sum of the directions.
     middle: Vec3A,
-    /// Distance up to which a ray counts: infinity, or -1 for one that is known to be blocked.
+    /// Distance up to which a ray is tested: infinity, or -1 for a ray that is already blocked.
     reach: Lanes,
 }
 
@@ -59,7 +60,7 @@ impl Packet {
     fn of(directions: &[Vec3A]) -> Self {
         let ray = |lane: usize| directions[lane.min(directions.len() - 1)];
         let direction = [0, 1, 2].map(|axis| array::from_fn(|lane| ray(lane)[axis]));
-        // A finite slope in place of infinity: its product with zero is a number.
+        // A finite slope instead of infinity, whose product with zero would not be a number.
         let inverse = |d: f32| if d.abs() < 1e-12 { 1e12 } else { 1.0 / d };
         Self {
             inverse: direction.map(|along: Lanes| along.map(inverse)),
@@ -97,7 +98,7 @@ impl Packet {
         }
     }
 
-    /// Whether any ray is not blocked yet.
+    /// Returns whether any ray is not blocked yet.
     #[inline(always)]
     fn is_open(&self) -> bool {
         let mut any = false;
@@ -107,7 +108,7 @@ impl Packet {
         any
     }
 
-    /// Whether any ray that is still open enters a box.
+    /// Returns whether any ray that is not blocked yet enters a box.
     #[inline(always)]
     fn enters(&self, bounds: &Aabb, origin: Vec3A) -> bool {
         let (low, high) = (bounds.min - origin, bounds.max - origin);
@@ -124,14 +125,16 @@ impl Packet {
         any
     }
 
-    /// Marks the rays that hit a triangle. A ray hits it if it passes the three planes through the
-    /// origin and an edge on the same side. The normals of these planes are the same, but for the
-    /// sign, for the triangle on the other side of the edge: no ray passes between the two.
+    /// Marks the rays that hit a triangle.
+    ///
+    /// A ray hits the triangle if it passes the three planes through the origin and an edge on the
+    /// same side. For a common edge, neighbouring triangles have the same plane normal up to its
+    /// sign, so no ray passes between them.
     #[inline(always)]
     fn meet(&mut self, triangle: &Triangle, origin: Vec3A) {
         let (a, b, c) = (triangle.v0 - origin, triangle.v1 - origin, triangle.v2 - origin);
         let (u, v, w) = (c.cross(b), a.cross(c), b.cross(a));
-        // On the side of the triangle towards which its plane lies.
+        // The sign makes the test independent of the side from which the triangle is hit.
         let side = if a.dot(u) < 0.0 { -1.0 } else { 1.0 };
         let (u, v, w) = (side * u, side * v, side * w);
         let [x, y, z] = &self.direction;

@@ -1,12 +1,12 @@
-//! Surfaces in front of the camera that sees them.
+//! Surfaces in front of a camera.
 
 use super::{Camera, CameraError, Mesh, MeshError, Soundness, Surface, Tracer, hit_at};
 use thiserror::Error;
 
-/// Margin around a mesh without a camera, as a share of the smaller side of the picture.
+/// Margin around a mesh without a camera, as a fraction of the smaller side of the picture.
 const MARGIN: f64 = 0.05;
 
-/// A surface, in coordinates of the camera that sees it.
+/// A surface in camera coordinates, with its camera.
 pub struct Placed {
     /// The surface.
     pub surface: Box<dyn Surface + Send>,
@@ -29,11 +29,12 @@ pub enum PlacedError {
 }
 
 impl Placed {
-    /// Places a mesh, given in world coordinates, in front of its camera; without one in front of
-    /// an orthographic camera along -z that frames it, for pictures of `size`.
+    /// Places a mesh, given in world coordinates, in front of its camera.
+    ///
+    /// Without a camera, an orthographic one along -z frames the mesh, for pictures of `size`.
     ///
     /// # Errors
-    /// If the camera sees nothing of the mesh, or either of them is invalid.
+    /// If the mesh is not visible to the camera, or either of them is invalid.
     pub fn of_mesh(mesh: &Mesh, camera: Option<Camera>, size: (usize, usize)) -> Result<Self, PlacedError> {
         let camera = match camera {
             Some(camera) => camera,
@@ -47,8 +48,9 @@ impl Placed {
         if placed.is_seen() { Ok(placed) } else { Err(PlacedError::Unseen) }
     }
 
-    /// Whether a ray of a coarse grid of some hundred through the picture hits the surface, or
-    /// failing that the ray of any pixel.
+    /// Returns whether the surface is visible in any pixel.
+    ///
+    /// Tests a coarse grid of a few hundred pixels first, then all pixels.
     fn is_seen(&self) -> bool {
         let (width, height) = self.camera.size;
         let step = (width.max(height) / 24).max(1);
@@ -59,7 +61,7 @@ impl Placed {
 }
 
 impl Soundness {
-    /// Describes what is odd about the mesh; `None` if nothing is.
+    /// Describes the defects of the mesh; `None` if there are none.
     pub fn complaint(&self) -> Option<String> {
         let Self { triangles, degenerate, non_manifold_edges, inconsistent_edges, inside_out, normals_against, .. } =
             *self;
@@ -87,17 +89,17 @@ mod tests {
     use crate::shape::{Form, Projection};
 
     #[test]
-    fn a_mesh_is_framed_or_told_to_be_out_of_sight() {
+    fn frames_meshes_and_rejects_invisible_ones() {
         let mesh = Form::Blob.mesh(24).unwrap();
         let framed = Placed::of_mesh(&mesh, None, (40, 30)).unwrap();
         assert_eq!(framed.camera.size, (40, 30));
-        // The mesh is beside the picture.
+        // The mesh is outside the picture.
         let aside = Camera::new(Projection::Orthographic { pixels_per_unit: 1.0 }, (-500.0, 0.0), (40, 30)).unwrap();
         assert_eq!(Placed::of_mesh(&mesh, Some(aside), (40, 30)).err(), Some(PlacedError::Unseen));
     }
 
     #[test]
-    fn only_odd_meshes_are_complained_of() {
+    fn complains_only_about_meshes_with_defects() {
         assert_eq!(Soundness { triangles: 10, ..Default::default() }.complaint(), None);
         let odd = Soundness { triangles: 10, degenerate: 2, inside_out: true, ..Default::default() };
         let complaint = odd.complaint().unwrap();

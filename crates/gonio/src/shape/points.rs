@@ -1,10 +1,10 @@
-//! Points of a surface: what an image is sampled at, and an operator is made for.
+//! Surface points at which a photograph is sampled and operators are computed.
 
 use glam::{DQuat, DVec3};
 
 use super::Visibility;
 
-/// A point of the surface as the camera sees it; unit vectors.
+/// A visible point of a surface; both vectors have unit length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
     /// Surface normal.
@@ -13,17 +13,20 @@ pub struct SurfacePoint {
     pub view: DVec3,
 }
 
-/// Cosine between normal and view of a point that is just seen.
+/// Cosine between normal and view of a point that barely faces the camera.
 const LEAST_COSINE: f64 = 1e-3;
 
 impl SurfacePoint {
-    /// The normal in the frame of the view: z towards the camera, turned there by the shortest way.
+    /// Returns the normal in the view frame, whose z axis points towards the camera.
+    ///
+    /// The rotation to this frame is along the shortest arc.
     pub fn in_view(&self) -> DVec3 {
         DQuat::from_rotation_arc(self.view, DVec3::Z) * self.normal
     }
 
-    /// The same point with its normal bent to where the camera just sees it, if it points away:
-    /// normals that are interpolated do at the rim.
+    /// Returns the point with its normal bent towards the camera if it points away.
+    ///
+    /// Interpolated normals may point away at the rim.
     #[must_use]
     pub fn facing(self) -> Self {
         let short = LEAST_COSINE - self.normal.dot(self.view);
@@ -31,7 +34,7 @@ impl SurfacePoint {
     }
 }
 
-/// Points of a surface, and what keeps light from them.
+/// Points of a surface and the visibility of the light from them.
 #[derive(Clone, Copy, Debug)]
 pub struct Points<'a> {
     pub(crate) points: &'a [SurfacePoint],
@@ -39,31 +42,31 @@ pub struct Points<'a> {
 }
 
 impl<'a> Points<'a> {
-    /// Points with the visibility of each; `None` where all light above the horizon arrives.
+    /// Combines points with their visibility; `None` if all light above the horizon arrives.
     ///
     /// # Panics
-    /// If there is visibility for another number of points.
+    /// If the numbers of points and visibilities differ.
     pub fn new(points: &'a [SurfacePoint], visibility: Option<&'a Visibility>) -> Self {
         assert!(visibility.is_none_or(|v| v.len() == points.len()), "visibility of other points");
         Self { points, visibility }
     }
 
-    /// The points.
+    /// Returns the points.
     pub fn points(self) -> &'a [SurfacePoint] {
         self.points
     }
 
-    /// Their visibility.
+    /// Returns the visibility of the points.
     pub fn visibility(self) -> Option<&'a Visibility> {
         self.visibility
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     pub fn len(self) -> usize {
         self.points.len()
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no points.
     pub fn is_empty(self) -> bool {
         self.points.is_empty()
     }

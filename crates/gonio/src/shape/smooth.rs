@@ -4,12 +4,14 @@ use glam::DVec3;
 
 use super::topology::{Topology, face};
 
-/// Largest angle between triangles, in degrees; above it their common edge is meant to be sharp.
+/// Largest angle in degrees between triangles with a smooth common edge.
 const CREASE: f64 = 45.0;
 
-/// Computes the mean normal of the triangles around each corner, weighted by their angle there
-/// (Thürmer & Wüthrich 1998); only those within [`CREASE`] of the corner's own triangle count.
-/// Neighbours of opposite orientation count with their normal flipped.
+/// Computes the mean normal of the triangles around each corner.
+///
+/// Triangles are weighted by their angle at the corner (Thürmer & Wüthrich 1998). Only those within
+/// [`CREASE`] of the corner's own triangle count. Neighbours of opposite orientation count with
+/// their normal flipped.
 pub(super) fn smooth_normals(topology: &Topology, positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<[DVec3; 3]> {
     let faces: Vec<DVec3> = triangles.iter().map(|t| face(positions, *t).normalize_or_zero()).collect();
     let mut around: Vec<Vec<(u32, f64)>> = vec![Vec::new(); positions.len()];

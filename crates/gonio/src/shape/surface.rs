@@ -1,4 +1,4 @@
-//! Surfaces that rays hit.
+//! Surfaces that intersect rays.
 
 use glam::{DMat3, DVec3};
 use thiserror::Error;
@@ -8,29 +8,31 @@ use super::Ray;
 /// Intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Length of the ray up to the hit.
+    /// Distance from the origin of the ray.
     pub distance: f64,
     /// Position of the hit.
     pub position: DVec3,
-    /// Unit shading normal of the surface, on the side that the ray comes from.
+    /// Unit shading normal on the side from which the ray comes.
     pub normal: DVec3,
-    /// Start of rays towards the light: the position, or a little above it, clear of the facets
-    /// that approximate a smooth surface.
+    /// Origin of rays towards the light: the position, or slightly above it.
+    ///
+    /// The offset clears the facets that approximate a smooth surface.
     pub clear: DVec3,
-    /// Whether the surface was hit from its inner side, by the order of its corners.
+    /// Whether the ray hit the inner side; for triangles, by the order of their corners.
     pub inside: bool,
 }
 
-/// A surface, in coordinates of the camera.
+/// A surface in camera coordinates.
 pub trait Surface: Sync {
     /// Returns the first intersection with a ray.
     fn hit(&self, ray: &Ray) -> Option<Hit>;
 
-    /// Returns for each of some directions whether anything of the surface lies on the ray from a
-    /// [`Hit::clear`]. It is fastest where like directions come one after the other.
+    /// Returns for each direction whether the surface blocks the ray from a [`Hit::clear`].
+    ///
+    /// Fastest if similar directions are consecutive.
     fn blocked(&self, origin: DVec3, directions: &[DVec3]) -> Vec<bool>;
 
-    /// Whether the surface cannot shadow itself.
+    /// Returns whether the surface cannot shadow itself.
     fn is_convex(&self) -> bool {
         false
     }
@@ -53,7 +55,7 @@ impl Ellipsoid {
     /// Builds an ellipsoid from its centre and three mutually perpendicular semi-axes.
     ///
     /// # Errors
-    /// If they are not perpendicular, or a number is not finite.
+    /// If the axes are not perpendicular, or a number is not finite.
     pub fn new(centre: DVec3, axes: DMat3) -> Result<Self, EllipsoidError> {
         let columns = [axes.x_axis, axes.y_axis, axes.z_axis];
         let [a, b, c] = columns.map(|v| v.normalize_or_zero());
@@ -80,7 +82,7 @@ impl Ellipsoid {
         self.centre
     }
 
-    /// Returns the length of the first semi-axis: the radius of a sphere.
+    /// Returns the length of the first semi-axis, which is the radius of a sphere.
     pub(crate) fn first_axis(&self) -> f64 {
         self.to_unit.inverse().x_axis.length()
     }
@@ -89,8 +91,8 @@ impl Ellipsoid {
 impl Surface for Ellipsoid {
     fn hit(&self, ray: &Ray) -> Option<Hit> {
         let (o, d) = (self.to_unit * (ray.origin - self.centre), self.to_unit * ray.direction);
-        // Solves |o + t d| = 1 from the point nearest to the centre, which is accurate when the ray
-        // begins far away.
+        // Solves |o + t d| = 1 from the point of the ray nearest to the centre, which is accurate
+        // for distant origins.
         let nearest = -o.dot(d) / d.length_squared();
         let square = 1.0 - (o + nearest * d).length_squared();
         if square < 0.0 {
@@ -121,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sphere_is_met_where_it_is() {
+    fn rays_hit_a_sphere_at_its_radius() {
         let sphere = Ellipsoid::sphere(DVec3::new(1.0, 2.0, -30.0), 3.0).unwrap();
         let towards = DVec3::new(1.2, 1.5, -28.0).normalize();
         let hit = sphere.hit(&Ray { origin: DVec3::ZERO, direction: towards }).unwrap();
@@ -135,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_of_an_ellipsoid_are_perpendicular_to_it() {
+    fn ellipsoid_normals_are_perpendicular_to_the_surface() {
         let turn = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -0.7, 1.1));
         let shape = Ellipsoid::new(DVec3::ZERO, turn * DMat3::from_diagonal(DVec3::new(1.0, 2.0, 0.5))).unwrap();
         let at = |x: f64, y: f64| shape.hit(&Ray { origin: DVec3::new(x, y, 9.0), direction: DVec3::NEG_Z }).unwrap();
@@ -147,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_ellipsoid_is_refused() {
+    fn rejects_invalid_ellipsoids() {
         assert_eq!(Ellipsoid::sphere(DVec3::ZERO, 0.0), Err(EllipsoidError));
         assert_eq!(Ellipsoid::sphere(DVec3::NAN, 1.0), Err(EllipsoidError));
         let slanted = DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::Z);

@@ -11,7 +11,7 @@ use crate::testing::on_threads;
 
 const MAP: OctahedralMap = OctahedralMap::EqualArea;
 
-/// A grid of `rings` by `spokes` quads on a sphere from polar angle 0 to `end` about `pole`.
+/// Returns a grid of `rings` by `spokes` quads on a sphere, to the polar angle `end` about +y.
 fn cap(centre: DVec3, radius: f64, end: f64, rings: usize, spokes: usize) -> MeshParts {
     let mut parts = MeshParts::default();
     for ring in 0..=rings {
@@ -53,7 +53,7 @@ fn lookout(surface: &Tracer, above: DVec3, down: DVec3) -> (Lookout, Hit) {
 }
 
 #[test]
-fn a_fine_mesh_of_a_sphere_is_a_sphere() {
+fn fine_mesh_of_a_sphere_matches_the_ellipsoid() {
     let (centre, radius) = (DVec3::new(120.0, -40.0, -900.0), 37.0);
     let exact = Ellipsoid::sphere(centre, radius).unwrap();
     let mesh = join([cap(centre, radius, PI, 128, 256)]);
@@ -63,7 +63,7 @@ fn a_fine_mesh_of_a_sphere_is_a_sphere() {
     let both = got.normals.as_slice().iter().zip(want.normals.as_slice());
     let worst =
         both.filter(|(a, b)| a.length() * b.length() > 0.5).map(|(a, b)| (*a - *b).length()).fold(0.0, f32::max);
-    // At the rim a facet of 1.4 degrees displaces the hit.
+    // At the rim, a facet of 1.4 degrees displaces the hit.
     assert!(worst < 0.1, "{worst}");
     let distance = got.distances.as_slice().iter().zip(want.distances.as_slice());
     let off = distance.filter(|(a, b)| a.is_finite() && b.is_finite()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -71,13 +71,13 @@ fn a_fine_mesh_of_a_sphere_is_a_sphere() {
 }
 
 #[test]
-fn every_ray_finds_what_all_triangles_say() {
+fn rays_match_brute_force() {
     let mesh = Form::Bunny.mesh(24).unwrap().transformed(&DMat4::from_rotation_y(0.7)).unwrap();
     let all: Vec<[DVec3; 3]> = mesh.triangles().iter().map(|t| t.map(|i| mesh.positions()[i as usize])).collect();
     let tracer = Tracer::new(mesh);
     let nearest = |ray: &Ray| {
         let each = all.iter().filter_map(|[a, b, c]| {
-            // Cramer's rule, in double precision.
+            // Cramer's rule in double precision.
             let (e, f, g) = (*b - *a, *c - *a, -ray.direction);
             let det = e.dot(f.cross(g));
             let o = ray.origin - *a;
@@ -93,7 +93,7 @@ fn every_ray_finds_what_all_triangles_say() {
             let ray = Ray { origin, direction: (0.7 * if j % 2 == 0 { to } else { -to } - origin).normalize() };
             let (want, got) = (nearest(&ray), tracer.hit(&ray).map_or(f64::INFINITY, |h| h.distance));
             hits += usize::from(want.is_finite());
-            // A ray through an edge may fall on either side of it.
+            // Rounding may move a ray through an edge to either side of it.
             wrong += usize::from(!((want - got).abs() < 1e-6 || want == got));
             assert_eq!(tracer.blocked(ray.origin, &[ray.direction]), [got.is_finite()]);
         }
@@ -102,7 +102,7 @@ fn every_ray_finds_what_all_triangles_say() {
 }
 
 #[test]
-fn rays_that_are_traced_together_are_blocked_as_each_alone() {
+fn packets_match_single_rays() {
     let tracer = Tracer::new(Form::Bunny.mesh(40).unwrap());
     let sky: Vec<DVec3> = fibonacci_hemisphere(300).flat_map(|d| [d, -d]).collect();
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
@@ -122,16 +122,16 @@ fn rays_that_are_traced_together_are_blocked_as_each_alone() {
     assert!(blocked > 10_000 && wrong <= 2, "{wrong} of {blocked}");
 }
 
-/// Returns the share of an even sky's light that reaches a point.
+/// Returns the fraction of the light of a uniform sky that reaches a point.
 fn open(surface: &Tracer, point: Lookout, side: usize) -> f64 {
     Visibility::trace(surface, &[point], MAP, side, &|_| ()).openness(&[point.normal])[0].open
 }
 
 #[test]
-fn a_sphere_on_a_plane_takes_its_solid_angle_times_the_cosine() {
-    // A ball of radius 1 touches the plane at the origin. Seen from a point at distance x it fills
-    // a cone of half angle a about the direction to its centre, sin a = 1 / sqrt(1 + x^2), wholly
-    // above the horizon: it takes sin^2 a cos(theta) of the irradiance, cos(theta) = 1 / sqrt(1 +
+fn openness_beside_a_sphere_matches_its_closed_form() {
+    // A ball of radius 1 touches the plane at the origin. From a point at distance x, it fills a
+    // cone of half angle a about the direction to its centre, sin a = 1 / sqrt(1 + x^2), entirely
+    // above the horizon. It blocks sin^2 a cos(theta) of the irradiance, cos(theta) = 1 / sqrt(1 +
     // x^2).
     let scene = join([plane(40.0), cap(DVec3::Y, 1.0, PI, 96, 192)]);
     for x in [1.2, 1.5, 2.0, 3.0, 6.0] {
@@ -145,9 +145,9 @@ fn a_sphere_on_a_plane_takes_its_solid_angle_times_the_cosine() {
 }
 
 #[test]
-fn the_bottom_of_a_bowl_sees_the_sky_within_its_rim() {
-    // At the bottom of a bowl whose rim is seen at the angle e from the vertical, the share cos^2 e
-    // is lost: sin^2 e is left.
+fn openness_in_a_bowl_matches_its_closed_form() {
+    // If the rim of a bowl is at the angle e from the vertical, seen from the bottom, it blocks the
+    // fraction cos^2 e; sin^2 e arrives.
     for end in [0.3, 0.5, 0.75] {
         let down = |mut parts: MeshParts| {
             parts.positions.iter_mut().for_each(|p| p.y = -p.y);
@@ -163,9 +163,9 @@ fn the_bottom_of_a_bowl_sees_the_sky_within_its_rim() {
 }
 
 #[test]
-fn a_convex_mesh_keeps_no_light_from_itself() {
-    // Coarse facets that approximate a sphere: the normals at their corners let in light that the
-    // facets themselves would block.
+fn convex_meshes_do_not_shadow_themselves() {
+    // Coarse facets approximate a sphere: rays start clear of the facets, which would otherwise
+    // block light.
     for (rings, spokes) in [(12, 24), (40, 80)] {
         let sphere = join([cap(DVec3::ZERO, 1.0, PI, rings, spokes)]);
         for from in fibonacci_hemisphere(60) {
@@ -177,7 +177,7 @@ fn a_convex_mesh_keeps_no_light_from_itself() {
 }
 
 #[test]
-fn shares_are_those_of_many_rays() {
+fn shares_match_brute_force() {
     let tracer = Tracer::new(Form::Bunny.mesh(40).unwrap());
     let (side, fine) = (32, 12);
     let mut points = Vec::new();
@@ -223,7 +223,7 @@ fn shares_are_those_of_many_rays() {
 }
 
 #[test]
-fn shares_multiply_what_they_belong_to() {
+fn apply_multiplies_values_by_shares() {
     let scene = join([plane(40.0), cap(DVec3::Y, 1.0, PI, 48, 96)]);
     let (near, _) = lookout(&scene, DVec3::new(1.3, 0.2, 0.0), DVec3::NEG_Y);
     let (far, _) = lookout(&scene, DVec3::new(30.0, 0.2, 0.0), DVec3::NEG_Y);

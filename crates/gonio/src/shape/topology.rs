@@ -10,7 +10,7 @@ pub(super) struct Topology {
     pub(super) open_edges: usize,
     /// Number of edges with more than two triangles.
     pub(super) non_manifold_edges: usize,
-    /// Number of edges that both their triangles run through in the same direction.
+    /// Number of edges that both triangles traverse in the same direction.
     pub(super) inconsistent_edges: usize,
 }
 
@@ -28,7 +28,7 @@ impl Topology {
             }
             welded[i as usize] = first;
         }
-        // Each edge as (lower, higher, whether it runs upwards).
+        // Each edge as (lower vertex, higher vertex, whether it runs upwards).
         let mut edges: Vec<(u32, u32, bool)> = Vec::with_capacity(3 * triangles.len());
         for triangle in triangles {
             let [a, b, c] = triangle.map(|i| welded[i as usize]);
@@ -46,7 +46,7 @@ impl Topology {
         topology
     }
 
-    /// Whether the triangles bound a solid.
+    /// Returns whether the triangles bound a solid.
     pub(super) fn is_closed(&self) -> bool {
         self.open_edges + self.non_manifold_edges + self.inconsistent_edges == 0
     }

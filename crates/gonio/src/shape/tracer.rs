@@ -14,27 +14,28 @@ use super::packet::Shadows;
 use super::surface::{Hit, Surface};
 use super::topology::face;
 
-/// Offset above the surface at which rays towards the light start, as a share of the object's size:
-/// single precision places them no better.
+/// Height above the surface at which rays towards the light start, relative to the object's size.
+///
+/// Single precision allows no smaller value.
 const LIFT: f64 = 2e-5;
 
-/// Least cosine between the mean of a triangle's normals and its plane's normal; below it the
-/// triangle is a sliver or a fold.
+/// Smallest cosine between the mean of a triangle's normals and its plane's normal.
+///
+/// Below it, the triangle is a sliver or a fold.
 const SLIVER: f64 = 0.3;
 
-/// Padding of the boxes around triangles, as a share of the object's size.
+/// Padding of the boxes around triangles, relative to the object's size.
 const PAD: f32 = 1e-6;
 
-/// Largest number of triangles in a box that is not divided, and the cost of a box in units of that
-/// of a triangle, for rays that are traced together.
+/// Largest number of triangles in a leaf.
 const LEAF: u32 = 8;
+/// Cost of a box relative to that of a triangle, for rays that are traced together.
 const COST: f32 = 2.0;
 
-/// A mesh with an acceleration structure for the triangles that a ray hits.
+/// A mesh with an acceleration structure for ray intersection.
 pub struct Tracer {
     mesh: Mesh,
-    /// Bounding volumes of the triangles in `triangles`, in the frame of a sphere of radius one
-    /// about the object.
+    /// Bounding volumes of `triangles`, scaled so that the bounding sphere has radius one.
     tree: Bvh2,
     triangles: Vec<Triangle>,
     centre: DVec3,
@@ -42,16 +43,16 @@ pub struct Tracer {
 }
 
 impl Tracer {
-    /// Builds the acceleration structure of a mesh in coordinates of the camera.
+    /// Builds the acceleration structure of a mesh in camera coordinates.
     pub fn new(mesh: Mesh) -> Self {
         let (centre, radius) = mesh.bounds();
-        // In units of the object's own size: files come in millimetres and in kilometres, and rays
-        // are traced in single precision.
+        // Coordinates are in units of the object's size, because files are in millimetres or in
+        // kilometres, and rays are traced in single precision.
         let place = |i: u32| Vec3A::from(((mesh.positions()[i as usize] - centre) / radius).as_vec3());
         let unsorted: Vec<Triangle> =
             mesh.triangles().iter().map(|t| Triangle { v0: place(t[0]), v1: place(t[1]), v2: place(t[2]) }).collect();
-        // Boxes with an axis-parallel side can end a rounding error short of it, and a ray along
-        // that side would miss both neighbours.
+        // Boxes are padded: one with an axis-parallel side can end a rounding error short of it,
+        // and a ray along that side would miss both neighbours.
         let boxes: Vec<Aabb> = unsorted
             .iter()
             .map(|t| {
@@ -78,14 +79,16 @@ impl Tracer {
         &self.mesh
     }
 
-    /// Returns the centre of the bounding box and the radius of the sphere about it that contains
-    /// the mesh.
+    /// Returns the centre of the bounding box and the radius of the sphere about it.
+    ///
+    /// The sphere contains the mesh.
     pub fn bounds(&self) -> (DVec3, f64) {
         (self.centre, self.radius)
     }
 
-    /// Transforms a ray to the frame of the tree, from where it enters the sphere around everything
-    /// to where it leaves it; `None` if it misses the sphere.
+    /// Transforms a ray to the frame of the tree and clips it to the bounding sphere.
+    ///
+    /// Returns `None` if the ray misses the sphere.
     fn local(&self, ray: &Ray) -> Option<obvhs::ray::Ray> {
         let o = (ray.origin - self.centre) / self.radius;
         let nearest = -o.dot(ray.direction);
@@ -98,8 +101,8 @@ impl Tracer {
             return None;
         }
         let origin = Vec3A::from((o + enter * ray.direction).as_vec3());
-        // Zeros without a sign: the tree takes the octant from one test of the sign and the slope
-        // from another.
+        // Adding zero removes the sign of negative zeros: the tree determines the octant and the
+        // slope by different tests of the sign.
         let direction = Vec3A::from(ray.direction.as_vec3()) + Vec3A::ZERO;
         Some(obvhs::ray::Ray::new(origin, direction, 0.0, (leave - enter) as f32))
     }
@@ -160,7 +163,7 @@ impl Surface for Tracer {
         let index = self.tree.primitive_indices[found.primitive_id as usize] as usize;
         let triangle = self.mesh.triangles()[index];
         let [a, b, c] = triangle.map(|i| self.mesh.positions()[i as usize]);
-        // Computed again in double precision, now that the triangle is known.
+        // The intersection is recomputed in double precision.
         let area = face(self.mesh.positions(), triangle);
         let flat = area.normalize();
         let slope = flat.dot(ray.direction);
@@ -174,15 +177,15 @@ impl Surface for Tracer {
         let (u, v, w) = (share(b, c), share(c, a), share(a, b));
         let inside = slope > 0.0;
         let facing = if inside { -flat } else { flat };
-        // Each normal is taken on the visible side by itself: files mix both. The plane of a sliver
-        // does not tell its side, but its normals do.
+        // Each normal is flipped to the visible side individually, because files mix both sides.
+        // For a sliver, whose plane is unreliable, the ray determines the visible side.
         let given = self.mesh.normals()[index];
         let sliver = (given[0] + given[1] + given[2]).normalize_or_zero().dot(flat).abs() < SLIVER;
         let side = if sliver { -ray.direction } else { facing };
         let [na, nb, nc] = given.map(|n| if n.dot(side) < 0.0 { -n } else { n });
         let normal = (u * na + v * nb + w * nc).try_normalize().unwrap_or(facing);
-        // Hanika (2021), Hacking the Shadow Terminator: lifts the point above the corners' tangent
-        // planes, where the smooth surface is, except where it curves inwards.
+        // Hanika (2021), Hacking the Shadow Terminator: lifts the point above the tangent planes of
+        // the corners, where the smooth surface is, except where it curves inwards.
         let above = |corner: DVec3, n: DVec3| (position - corner).dot(n).min(0.0) * n;
         let lift = -(u * above(a, na) + v * above(b, nb) + w * above(c, nc));
         let clear = position + lift + LIFT * self.radius * normal;

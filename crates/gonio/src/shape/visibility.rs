@@ -1,4 +1,4 @@
-//! `V_i` of the paper: light that reaches each point of a self-shadowing surface.
+//! Visibility `V_i` of the paper: the light that reaches each point of a self-shadowing surface.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,20 +7,21 @@ use super::Surface;
 use crate::lighting::LightGrid;
 use crate::sphere::OctahedralMap;
 
-/// Rays along each side of a texel that is partly open.
+/// Number of rays along each side of a texel that is partly open.
 const FINE: usize = 4;
 
-/// A surface point whose visible light is asked for.
+/// A surface point at which to compute visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lookout {
-    /// Start of the rays: [`Hit::clear`](super::Hit::clear).
+    /// Origin of the rays: [`Hit::clear`](super::Hit::clear).
     pub from: DVec3,
-    /// Unit normal: rays below its horizon are not traced.
+    /// Unit normal. Rays below its horizon are not traced.
     pub normal: DVec3,
 }
 
-/// Open share of every texel of a light grid, for each of some points. Takes one bit a texel, and a
-/// byte more for each that is partly open.
+/// Open share of every texel of a light grid, for each of some points.
+///
+/// Stored as one bit per texel, and five bytes for each texel that is partly open.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visibility {
     map: OctahedralMap,
@@ -28,20 +29,22 @@ pub struct Visibility {
     rows: Vec<Row>,
 }
 
-/// Shares of one point. Most points see everything above their horizon.
+/// Shares of one point. Most points receive all light above their horizon.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Row {
-    /// Bits of the texels that are wholly blocked, 64 to a word; empty if none is.
+    /// Bits of the texels that are fully blocked, 64 to a word; empty if there are none.
     blocked: Box<[u64]>,
-    /// Texels that are partly open, in order, with their open share in 255ths.
+    /// Texels that are partly open, in ascending order, with their open share in 255ths.
     partial: Box<[(u32, u8)]>,
 }
 
 impl Visibility {
-    /// Traces the visibility of points on a surface, for a grid of `side` squared texels. One ray
-    /// goes to the centre of each texel above the horizon; where neighbouring texels differ sixteen
-    /// go, and the open share is the share of those above the horizon that pass. An obstacle that
-    /// is thinner than a texel and misses all centres is therefore not seen.
+    /// Traces the visibility of points on a surface, for a grid of `side` squared texels.
+    ///
+    /// One ray is traced to the centre of each texel above the horizon. Where neighbouring texels
+    /// differ, sixteen rays are traced, and the open share is the fraction of those above the
+    /// horizon that pass. Obstacles that are thinner than a texel and miss all centres are
+    /// therefore ignored.
     ///
     /// # Panics
     /// If `side` is not a power of two.
@@ -69,33 +72,34 @@ impl Visibility {
         Self { map, side, rows }
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Whether there are no points.
+    /// Returns whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
-    /// Returns how the grid is mapped to the sphere.
+    /// Returns the map of the grid to the sphere.
     pub fn map(&self) -> OctahedralMap {
         self.map
     }
 
-    /// Number of texels along a side.
+    /// Returns the number of texels along a side.
     pub fn side(&self) -> usize {
         self.side
     }
 
-    /// Whether every point sees all light above its horizon.
+    /// Returns whether every point receives all light above its horizon.
     pub(crate) fn is_open(&self) -> bool {
         self.rows.iter().all(|row| row.blocked.is_empty() && row.partial.is_empty())
     }
 
-    /// Returns the open share of a texel, in 0..=1; one below the horizon, where nothing was
-    /// traced.
+    /// Returns the open share of a texel, in 0..=1.
+    ///
+    /// The share is one below the horizon, where no rays are traced.
     pub fn share(&self, point: usize, texel: usize) -> f32 {
         let row = &self.rows[point];
         if row.blocked.get(texel / 64).is_some_and(|word| word >> (texel % 64) & 1 == 1) {
@@ -110,7 +114,7 @@ impl Visibility {
         self.share(point, LightGrid::texel_of(self.map, self.side, direction))
     }
 
-    /// Multiplies the values of the texels, `stride` to each, by the open shares.
+    /// Multiplies the values of the texels, `stride` per texel, by the open shares.
     ///
     /// # Panics
     /// If there are not `stride` values for each texel.
@@ -130,14 +134,12 @@ impl Visibility {
         }
     }
 
-    /// Iterates over the texels that are partly open for a point, with the open share of each.
+    /// Iterates over the partly open texels of a point, with the open share of each.
     pub(crate) fn partial(&self, point: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
         self.rows[point].partial.iter().map(|&(texel, share)| (texel as usize, f32::from(share) / 255.0))
     }
 
-    /// Computes the share of the light of an even sky that reaches each point past the occluders,
-    /// one where nothing occludes it, and the share that comes through texels that are partly open,
-    /// the edges of the occluders.
+    /// Computes the [`Openness`] of each point in a uniform sky.
     ///
     /// # Panics
     /// If the numbers of normals and points differ.
@@ -170,12 +172,12 @@ impl Visibility {
     /// Selects the visibility of some of the points.
     ///
     /// # Panics
-    /// If there is no such point.
+    /// If an index is out of range.
     pub fn select(&self, points: &[usize]) -> Self {
         Self { map: self.map, side: self.side, rows: points.iter().map(|&i| self.rows[i].clone()).collect() }
     }
 
-    /// Returns the memory that the shares take, in bytes.
+    /// Returns the size of the shares in memory, in bytes.
     pub fn bytes(&self) -> usize {
         let row = |r: &Row| size_of::<Row>() + size_of_val(&*r.blocked) + size_of_val(&*r.partial);
         self.rows.iter().map(row).sum()
@@ -196,15 +198,15 @@ impl Visibility {
 /// Visible part of the sky at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Openness {
-    /// Share of the light of an even sky that reaches the point, in 0..=1.
+    /// Fraction of the light of a uniform sky that reaches the point, in 0..=1.
     pub open: f64,
-    /// Share of that light, without occluders, that would come from texels that are partly open.
+    /// Fraction of the unoccluded light that comes from texels that are partly open.
     pub edge: f64,
 }
 
 /// Directions of a grid.
 struct Texels {
-    /// Texels in an order that keeps neighbours together.
+    /// Texels in an order in which neighbours are close to each other.
     order: Vec<usize>,
     centres: Vec<DVec3>,
     /// Neighbours of each texel.
@@ -215,7 +217,7 @@ struct Texels {
     radius: f64,
 }
 
-/// State of a texel by its central ray.
+/// State of a texel, according to its central ray.
 #[derive(Clone, Copy, PartialEq)]
 enum State {
     Below,
@@ -241,7 +243,8 @@ impl Texels {
     }
 
     fn row(&self, surface: &dyn Surface, point: &Lookout) -> Row {
-        // A centre below the horizon does not tell whether the part above it is blocked.
+        // Centres slightly below the horizon are included, since parts of their texels are above
+        // it.
         let lowest = -self.radius.sin();
         let above: Vec<usize> =
             self.order.iter().copied().filter(|&t| self.centres[t].dot(point.normal) > lowest).collect();
@@ -252,7 +255,7 @@ impl Texels {
         }
         let mut blocked = vec![0_u64; states.len().div_ceil(64)];
         let mut block = |texel: usize| blocked[texel / 64] |= 1 << (texel % 64);
-        // Texels that are divided, with the number of their rays.
+        // Texels that are subdivided, with the number of their rays.
         let (mut mixed, mut rays) = (Vec::new(), Vec::new());
         for texel in above {
             let state = states[texel];
@@ -287,8 +290,9 @@ impl Texels {
 /// Steps to the neighbours of a texel.
 const STEPS: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
-/// Returns the texel at a step from another; across an edge of the square it is one on the same
-/// edge.
+/// Returns the texel at a step from another.
+///
+/// Beyond an edge of the square, this is a texel on the same edge.
 fn neighbour(side: usize, texel: usize, dx: isize, dy: isize) -> usize {
     let n = side as isize;
     let (mut x, mut y) = ((texel % side) as isize + dx, (texel / side) as isize + dy);

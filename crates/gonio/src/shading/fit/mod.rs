@@ -1,4 +1,4 @@
-//! Fits of shading models to a table.
+//! Fits of shading models to tables.
 
 mod sketch;
 
@@ -20,31 +20,33 @@ use sketch::Sketch;
 const STEP_H: usize = 3;
 /// Difference angles in degrees.
 const DIFFERENCE: [usize; 10] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79];
-/// Azimuths of the difference in degrees.
+/// Azimuths `phi_d` in degrees.
 const AZIMUTHS: [f64; 3] = [0.0, 90.0, 180.0];
-/// Floor of the fitted logarithm, as a share of the mean: values below it count alike.
+/// Floor of the fitted logarithm relative to the mean; differences below it hardly count.
 const FLOOR: f64 = 0.1;
-/// Step of the finite differences, in units of the logistic's argument.
+/// Step of the finite differences, in the argument of the logistic function.
 const STEP: f64 = 1e-4;
-/// Degrees between azimuths of the tables by which fits are judged.
+/// Degrees between azimuths of the tables by which fits are compared.
 const FINE: usize = 6;
-/// Number of starts, the nearest to the picture, that are fitted to the samples.
+/// Number of starts, those with the smallest error, that are fitted to the samples.
 const PROMISING: usize = 5;
 /// Number of fits to the samples that are refined on the picture.
 const REFINED: usize = 3;
 
-/// Share of a parameter's range within which the end of the range is tried.
+/// Fraction of a parameter's range within which the end of the range is tried.
 const NEAR_END: f64 = 0.04;
 
 /// Fitted model and its errors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fitted<S> {
-    /// Best model that was found.
+    /// Best model.
     pub model: S,
-    /// Root mean square difference between a sphere of the model and one of the table in a studio
-    /// light, relative to the latter: over all channels and the normals up to 80 degrees.
+    /// Relative error of the picture of a sphere in a studio light.
+    ///
+    /// This is the root mean square difference between a sphere of the model and one of the table,
+    /// relative to the latter, over all channels and the normals up to 80 degrees.
     pub relight: f64,
-    /// Root mean square difference of the logarithms, above one percent of the mean.
+    /// Root mean square difference of the logarithms, with one percent of the mean added to both.
     pub log_relight: f64,
 }
 
@@ -54,7 +56,7 @@ impl<S> Fitted<S> {
     }
 }
 
-/// Table to be fitted, and the sphere by which fits are judged.
+/// Table to fit, and the sphere by which fits are compared.
 pub struct Fitter {
     samples: Vec<Sample>,
     floor: f64,
@@ -65,7 +67,7 @@ pub struct Fitter {
     sketch: Sketch,
 }
 
-/// Pair of directions, and the logarithm of the table's value there times the cosine of the light.
+/// Pair of directions, and the logarithm of the table's value times the cosine of the light.
 struct Sample {
     wi: DVec3,
     wo: DVec3,
@@ -86,7 +88,7 @@ impl Fitter {
                 }
             }
         }
-        // The body is the retro-reflection far from the peak, the highlight the rest of the albedo.
+        // The body is the reflectance far from the peak; the highlight is the rest of the albedo.
         let body = std::f64::consts::PI * at(60_f64.to_radians(), 30_f64.to_radians());
         let albedo = DVec3::from_array(tables.each_ref().map(BivariateTable::normal_albedo));
         let highlight = (albedo - body).max(DVec3::splat(0.01));
@@ -102,9 +104,11 @@ impl Fitter {
         Self { samples, floor, body, highlight, relighters, picture, sketch }
     }
 
-    /// Finds the best model from the most promising starts: first on samples of the table, then on
-    /// the picture of a sphere, in which a peak has the weight that it has for the eye. The best of
-    /// the first search are refined, and those of both judged.
+    /// Fits a model from the most promising starts.
+    ///
+    /// A first search fits samples of the table; a second one refines its best results on the
+    /// picture of a sphere, in which a peak has its visual weight. The result is the best model of
+    /// both searches.
     pub fn fit<S: Shading>(&self) -> Fitted<S> {
         let starts = S::starts(self.body, self.highlight).into_par_iter();
         let mut starts: Vec<(f64, Vec<f64>)> = starts.map(|start| (self.sketched(&S::of(&start)), start)).collect();
@@ -130,8 +134,7 @@ impl Fitter {
         let found: Vec<(Fitted<S>, Vec<f64>)> = found.collect();
         let best = found.into_iter().min_by(|a, b| a.0.off().total_cmp(&b.0.off()));
         let (mut best, mut parameters) = best.expect("a model has starts");
-        // The logistic function never reaches an end of its range, so the ends are tried
-        // separately.
+        // The logistic function never reaches the ends of its range, so they are tried separately.
         for (k, range) in S::PARAMETERS.iter().enumerate() {
             for end in [range.low, range.high] {
                 if (parameters[k] - end).abs() < NEAR_END * (range.high - range.low) {
@@ -154,17 +157,17 @@ impl Fitter {
         Fitted { model, relight, log_relight }
     }
 
-    /// Mean over all channels of the picture.
+    /// Returns the mean over all channels of the picture.
     fn mean(&self) -> f64 {
         self.picture.iter().map(|p| p.element_sum()).sum::<f64>() / (3 * self.picture.len()) as f64
     }
 
-    /// Errors of other tables: [`Fitted::relight`] and [`Fitted::log_relight`].
+    /// Returns the errors [`Fitted::relight`] and [`Fitted::log_relight`] of other tables.
     pub fn compare(&self, tables: &[BivariateTable; 3]) -> (f64, f64) {
         self.errors(&self.picture, &picture(&self.relighters, tables))
     }
 
-    /// [`criterion`] of a model by the sketch.
+    /// Returns the [`criterion`] of a model, approximated by the sketch.
     fn sketched<S: Shading>(&self, model: &S) -> f64 {
         let shown = self.sketch.picture(&self.sketch.values(|wi, wo| model.eval(wi, wo)));
         criterion(self.errors(&self.sketch.target, &shown))
@@ -182,8 +185,9 @@ impl Fitter {
     }
 }
 
-/// Criterion by which the best is chosen, from both errors: the peak dominates the relative
-/// difference, and hardly matters in that of logarithms.
+/// Returns the criterion that the best fit minimises.
+///
+/// The peak dominates `relight`, but hardly affects `log_relight`.
 fn criterion((relight, log_relight): (f64, f64)) -> f64 {
     log_relight + 0.5 * relight
 }
@@ -206,7 +210,7 @@ enum Goal {
     Picture,
 }
 
-/// Parameters during a search, each kept within its range by a logistic function.
+/// Parameters during a search, each limited to its range by a logistic function.
 struct Search<'a, S> {
     fitter: &'a Fitter,
     goal: Goal,
@@ -295,25 +299,25 @@ mod tests {
     }
 
     #[test]
-    fn metallic_roughness_is_found_again() {
+    fn recovers_metallic_roughness() {
         let got: MetallicRoughness = found_again(&[0.5, 0.2, 0.1, 0.05, 0.35, 1.5], 0.01);
         assert!((got.roughness - 0.35).abs() < 0.01 && (got.base_color.x - 0.5).abs() < 0.02, "{got:?}");
     }
 
     #[test]
-    fn a_layered_metal_is_found_again() {
+    fn recovers_a_layered_metal() {
         let got: Layered = found_again(&[0.9, 0.6, 0.3, 1.0, 0.25, 1.5], 0.02);
         assert!((got.roughness - 0.25).abs() < 0.01 && got.metalness > 0.9, "{got:?}");
     }
 
     #[test]
-    fn a_principled_body_with_sheen_is_found_again() {
+    fn recovers_a_principled_body_with_sheen() {
         let got: Principled = found_again(&[0.2, 0.3, 0.6, 0.0, 0.4, 1.5, 0.0, 0.0, 0.9], 0.02);
         assert!((got.roughness - 0.4).abs() < 0.02 && got.metallic < 0.1, "{got:?}");
     }
 
     #[test]
-    fn the_classic_models_are_found_again() {
+    fn recovers_the_classic_models() {
         let got: ColourWard = found_again(&[0.3, 0.2, 0.1, 0.1, 0.1, 0.1, 0.08], 0.01);
         assert!((got.roughness - 0.08).abs() < 0.004, "{got:?}");
         let got: ColourCookTorrance = found_again(&[0.3, 0.2, 0.1, 0.5, 0.5, 0.5, 0.1, 0.15], 0.02);
@@ -321,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn slopes_are_finite_differences_of_what_is_fitted() {
+    fn jacobian_matches_finite_differences() {
         let tables = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4]).to_bivariate(FINE);
         let fitter = Fitter::new(&tables);
         let search = Search::<MetallicRoughness>::new(&fitter, &[0.4, 0.3, 0.2, 0.2, 0.5, 1.5], Goal::Samples);

@@ -1,4 +1,4 @@
-//! Pictures of smooth models from few evaluations, for the search.
+//! Approximate pictures of smooth models from few evaluations, for the search.
 
 use glam::DVec3;
 
@@ -7,38 +7,40 @@ use crate::reflectance::{BivariateTable, CELLS, PHI_D, THETA_D, THETA_H, angles_
 use crate::render::Relighter;
 use crate::transfer::kernels::{dispatch, dot};
 
-/// Cells along the half angle that a model is evaluated in, dense at the peak as the cells are, and
-/// along the difference angle, dense where reflection rises.
+/// Step between the half angles at which a model is evaluated, in cells, which are dense at the
+/// peak.
 const STEP_H: usize = 3;
+/// Difference angles (degrees) at which a model is evaluated, dense where reflectance rises.
 const ALONG_D: [usize; 12] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79, 84, 89];
 
-/// Degrees between azimuths of the difference.
+/// Degrees between azimuths `phi_d`.
 const AZIMUTHS: usize = 20;
 
-/// Least mean product of both cosines by which a model is scaled for interpolation.
+/// Smallest mean product of both cosines by which a model is scaled for interpolation.
 const LEAST_COSINES: f64 = 1e-3;
 
-/// One of so many points of the sphere is looked at.
+/// Step between the points of the sphere that are used.
 const POINTS: usize = 3;
 
-/// Part of a sphere in a light, as a linear function of a model's means over azimuth in a few
-/// cells; between them the model is interpolated.
+/// Part of a sphere in a light, as a linear function of a model's values in a few cells.
+///
+/// The values are means over azimuth. Between the cells, the model is interpolated.
 pub(super) struct Sketch {
-    /// Directions of each cell, over the azimuths at which light and viewer are above the horizon.
+    /// Directions of each cell, at the azimuths with light and viewer above the horizon.
     cells: Vec<Vec<(DVec3, DVec3)>>,
-    /// Weights of the cells in each point, for each channel.
+    /// Weights of the cells for each point, by channel.
     matrix: [Vec<f32>; 3],
-    /// Picture of the table that is fitted.
+    /// Picture of the table to fit.
     pub(super) target: Vec<DVec3>,
 }
 
 impl Sketch {
-    /// Takes the matrices of the whole sphere, and the table to be fitted.
+    /// Builds the sketch from the matrices of the whole sphere and the table to fit.
     pub(super) fn new(relighters: &[Relighter; 3], tables: &[BivariateTable; 3]) -> Self {
         let along_h: Vec<usize> = (0..THETA_H).step_by(STEP_H).chain([THETA_H - 1]).collect();
         let (in_h, in_d) = (shares(&along_h, THETA_H), shares(&ALONG_D, THETA_D));
         let count = along_h.len() * ALONG_D.len();
-        // Formulas of microfacets divide by both cosines: the product is smoother.
+        // Microfacet models divide by both cosines, so their product with the cosines is smoother.
         let cosines: Vec<f32> = (0..CELLS)
             .map(|cell| {
                 let (h, d) = angles_of(cell);
@@ -70,7 +72,7 @@ impl Sketch {
         sketch
     }
 
-    /// Values of a model in the cells, by channel.
+    /// Returns the RGB values of a model in the cells.
     pub(super) fn values(&self, eval: impl Fn(DVec3, DVec3) -> DVec3) -> Vec<DVec3> {
         let mean = |directions: &Vec<(DVec3, DVec3)>| {
             let sum: DVec3 = directions.iter().map(|(wi, wo)| eval(*wi, *wo)).sum();
@@ -79,7 +81,7 @@ impl Sketch {
         self.cells.iter().map(mean).collect()
     }
 
-    /// Colour of each point for these values.
+    /// Returns the colour of each point for these values.
     pub(super) fn picture(&self, values: &[DVec3]) -> Vec<DVec3> {
         let channel = |c: usize| {
             let of_cells: Vec<f64> = values.iter().map(|v| v[c]).collect();
@@ -92,13 +94,13 @@ impl Sketch {
     }
 }
 
-/// Directions of a cell with light and viewer above the horizon, over the azimuths.
+/// Returns the directions of a cell, at the azimuths with light and viewer above the horizon.
 fn above(theta_h: f64, theta_d: f64) -> Vec<(DVec3, DVec3)> {
     let all = (0..PHI_D).step_by(AZIMUTHS).map(|phi| directions(theta_h, theta_d, (phi as f64).to_radians()));
     all.filter(|(wi, wo)| wi.z > HORIZON && wo.z > HORIZON).collect()
 }
 
-/// For each of `count` cells the two nearest that are evaluated, by index, and their shares.
+/// Returns index and share of the two evaluated cells nearest to each of `count` cells.
 fn shares(evaluated: &[usize], count: usize) -> Vec<[(usize, f32); 2]> {
     let share = |cell: usize| {
         let right = evaluated.partition_point(|at| *at <= cell).clamp(1, evaluated.len() - 1);
@@ -119,9 +121,9 @@ mod tests {
     use crate::lighting::studio_light;
     use crate::render::{IntegratorSettings, LightTree};
 
-    /// The picture by few cells is that of the whole table, but for the error of interpolation.
+    /// The approximate picture matches that of the whole table up to the interpolation error.
     #[test]
-    fn a_sketch_is_near_to_the_picture() {
+    fn sketch_approximates_the_picture() {
         let model = MetallicRoughness::of(&[0.5, 0.2, 0.1, 0.3, 0.35, 1.4]);
         let tables = model.to_bivariate(AZIMUTHS);
         let settings = IntegratorSettings { tolerance: 0.5, max_cells: 8000 };

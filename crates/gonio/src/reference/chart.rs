@@ -1,4 +1,4 @@
-//! The 24-patch ColorChecker Classic at a known place.
+//! The 24-patch ColorChecker Classic at known corners.
 
 use std::ops::Range;
 
@@ -12,26 +12,28 @@ use super::{ReferenceError, ReferenceLight};
 use crate::colour::Chroma;
 use crate::picture::{Plane, luminance};
 
-/// Half of the side of the part of a patch that is measured, in distances of patches.
+/// Half of the side of the measured part of a patch, relative to the patch pitch.
 const HALF_SIDE: f64 = 0.22;
-/// About the largest number of pixels that are measured of a patch.
+/// Approximate largest number of pixels that are measured in a patch.
 const MAX_PIXELS: usize = 900;
-/// Least distance of neighbouring patches, in pixels: nine pixels are measured of each.
+/// Smallest patch pitch in pixels, at which nine pixels of each patch are measured.
 const MIN_PITCH: f64 = 7.0;
-/// Largest share of clipped pixels of a patch that is used.
+/// Largest fraction of clipped pixels in a usable patch.
 const MAX_CLIPPED: f64 = 0.05;
-/// Largest relative standard deviation of the luminance of a patch that is uniform.
+/// Largest relative standard deviation of the luminance in a uniform patch.
 const MAX_VARIATION: f64 = 0.2;
-/// Least number of usable neutral patches.
+/// Smallest number of usable neutral patches.
 const MIN_NEUTRAL: usize = 3;
-/// Least number of usable patches.
+/// Smallest number of usable patches.
 const MIN_PATCHES: usize = 14;
 
-/// Centres of the corner patches in pixels from the top left corner of the picture, in order: dark
-/// skin, bluish green, black, white. That is clockwise from the top left on an upright chart.
+/// Centres of the corner patches in pixels from the top left corner of the picture.
+///
+/// The order is dark skin, bluish green, black, white: clockwise from the top left on an upright
+/// chart.
 pub type Corners = [(f64, f64); 4];
 
-/// Corners in coordinates of the chart, in distances of patches.
+/// Corners in chart coordinates, in units of the patch pitch.
 const CHART_CORNERS: [DVec2; 4] = [
     DVec2::new(0.0, 0.0),
     DVec2::new(COLUMNS as f64 - 1.0, 0.0),
@@ -42,22 +44,23 @@ const CHART_CORNERS: [DVec2; 4] = [
 /// Bounds on the deviations of a chart from its published colours.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tolerance {
-    /// Correlation of the log-chroma of the coloured patches with the published one, at least. A
-    /// camera's own channels, before any colour matrix, have 0.9; patches in another order, or off
-    /// by one, have less than 0.3.
+    /// Smallest correlation of the log-chroma of the coloured patches with the published one.
+    ///
+    /// The channels of a camera before any colour matrix reach 0.9. Patches in another order, or
+    /// shifted by one, reach less than 0.3.
     correlation: f64,
-    /// Mean distance of the chroma of the neutral patches from their common colour.
+    /// Largest mean distance of the chroma of the neutral patches from their common colour.
     neutral: f64,
-    /// Mean absolute logarithm of the luminance over that of the published colour.
+    /// Largest mean absolute logarithm of the luminance relative to the published one.
     luminance: f64,
-    /// Least number of uniform patches.
+    /// Smallest number of uniform patches.
     uniform: usize,
 }
 
 impl Tolerance {
-    /// For corners that a user gave.
+    /// Tolerance for corners that a user gave.
     pub(super) const GIVEN: Self = Self { correlation: 0.75, neutral: 0.15, luminance: 0.35, uniform: 18 };
-    /// For corners that were detected.
+    /// Tolerance for corners that were detected.
     pub(super) const DETECTED: Self = Self { correlation: 0.85, neutral: 0.12, luminance: 0.30, uniform: 20 };
 }
 
@@ -70,33 +73,37 @@ pub struct ChartReading {
     pub light: ReferenceLight,
     /// Correlation of the log-chroma of the coloured patches with the published one, at most 1.
     pub chroma_correlation: f64,
-    /// Mean distance of the log-chroma of the coloured patches from the published one. Primaries
-    /// other than those of Rec. 709 leave 0.5 and more.
+    /// Mean distance of the log-chroma of the coloured patches from the published one.
+    ///
+    /// Primaries other than those of Rec. 709 cause a distance of 0.5 and more.
     pub chroma_residual: f64,
-    /// Mean absolute logarithm of the luminance over that of the published colour, all patches.
+    /// Mean absolute logarithm of the luminance relative to the published one, over all patches.
     pub luminance_residual: f64,
     /// Number of neutral patches used, of six.
     pub neutral_patches: usize,
-    /// Number of patches left out because they are clipped.
+    /// Number of clipped patches, which are ignored.
     pub clipped_patches: usize,
-    /// Angle between the normal of the chart and the direction to the camera in radians, by its
-    /// foreshortening.
+    /// Angle in radians between the normal of the chart and the direction to the camera.
+    ///
+    /// The angle is estimated from the foreshortening.
     pub tilt: f64,
 }
 
 impl ChartReading {
-    /// Measures a chart at given corners. Corners that begin at another patch, or go around the
-    /// other way, are brought into order by the colours. `clip` is the radiance at or above which a
-    /// channel is clipped; without it, the level is found in the picture.
+    /// Measures a chart at given corners.
+    ///
+    /// The corners may start at any corner patch and run in either direction; the colours determine
+    /// their order. `clip` is the radiance at or above which a channel is clipped; without it, the
+    /// level is detected in the picture.
     ///
     /// # Errors
-    /// If the corners make no chart, lie outside the picture or too near to each other, if too many
-    /// patches are clipped, or if the colours are not those of the chart.
+    /// If the corners do not form a chart, are outside the picture or too close to each other, if
+    /// too many patches are clipped, or if the colours are not those of the chart.
     pub fn of(rgb: &Plane<Vec3>, corners: &Corners, clip: Option<f32>) -> Result<Self, ReferenceError> {
         Self::at(rgb, corners, Clipping::of(rgb, clip), Tolerance::GIVEN)
     }
 
-    /// As [`Self::of`], with a clip level that is known and other bounds.
+    /// Measures a chart like [`Self::of`], with a known clip level and another tolerance.
     pub(super) fn at(
         rgb: &Plane<Vec3>,
         corners: &Corners,
@@ -129,8 +136,9 @@ impl ChartReading {
         })
     }
 
-    /// Pixels of the chart, frame between the patches included, in a plane of the size of the
-    /// picture.
+    /// Returns the pixels of the chart, including the frame between the patches.
+    ///
+    /// The plane has the size of the picture.
     pub fn region(&self, (width, height): (usize, usize)) -> Plane<bool> {
         let corners = self.corners.map(|(x, y)| DVec2::new(x, y));
         let inverse = fit(&CHART_CORNERS.into_iter().zip(corners).collect::<Vec<_>>()).map(|pose| pose.inverse());
@@ -143,11 +151,11 @@ impl ChartReading {
     }
 }
 
-/// Orders in which four corners may be given: from any of them on, either way around.
+/// Possible orders of four corners: starting at any of them, in either direction.
 const ORDERS: [[usize; 4]; 8] =
     [[0, 1, 2, 3], [1, 2, 3, 0], [2, 3, 0, 1], [3, 0, 1, 2], [3, 2, 1, 0], [2, 1, 0, 3], [1, 0, 3, 2], [0, 3, 2, 1]];
 
-/// Patches measured in one order of the corners.
+/// Patches measured for one order of the corners.
 struct Measured {
     corners: [DVec2; 4],
     pose: DMat3,
@@ -160,7 +168,7 @@ struct Measured {
     fit: Fit,
 }
 
-/// Light by the neutral patches, and the deviations of all patches from the published colours.
+/// Light on the neutral patches, and deviations of all patches from the published colours.
 #[derive(Clone, Copy, Debug)]
 struct Fit {
     white: DVec3,
@@ -173,7 +181,7 @@ struct Fit {
 }
 
 impl Measured {
-    /// `None` if the corners are degenerate.
+    /// Measures the patches; `None` if the corners are degenerate.
     fn of(rgb: &Plane<Vec3>, corners: [DVec2; 4], clipping: Clipping) -> Option<Self> {
         let pose = fit(&CHART_CORNERS.into_iter().zip(corners).collect::<Vec<_>>())?;
         let patches: Vec<PatchPixels> = (0..PATCHES)
@@ -226,13 +234,15 @@ impl Measured {
 }
 
 impl Fit {
-    /// Compares the colours of the patches, row by row; `None` for those that are not usable. All
-    /// deviations are infinite, and the correlation is zero, without usable patches.
+    /// Compares the colours of the patches, row by row, with the published ones.
+    ///
+    /// Patches that are not usable are `None`. Without usable patches, all deviations are infinite
+    /// and the correlation is zero.
     fn of(measured: &[Option<DVec3>]) -> Self {
         let published = patch_colours();
         let neutral = || (FIRST_NEUTRAL..PATCHES).filter_map(|patch| Some((measured[patch]?, published[patch])));
         let neutral_patches = neutral().count();
-        // Stray light counts most on the dark patches.
+        // Weighted by the published colour, since stray light affects the dark patches most.
         let channel = |c: usize| weighted_median(neutral().map(|(got, want)| (got[c] / want[c], want[c])));
         let white = DVec3::from_array([0, 1, 2].map(channel));
         let brightness = |colour: DVec3| f64::from(luminance(colour.as_vec3()));
@@ -259,18 +269,18 @@ impl Fit {
     }
 }
 
-/// Coordinates of the centre of a patch on the chart.
+/// Returns the chart coordinates of the centre of a patch.
 pub(super) fn place(patch: usize) -> DVec2 {
     DVec2::new((patch % COLUMNS) as f64, (patch / COLUMNS) as f64)
 }
 
-/// Pixels of the middle of a patch; of a large one every second, third and so on.
+/// Returns the pixels in the middle of a patch; of a large patch, every second, third and so on.
 fn pixels(rgb: &Plane<Vec3>, pose: &DMat3, centre: DVec2) -> Vec<Vec3> {
     let inverse = pose.inverse();
     let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
         .map(|(a, b)| apply(pose, centre + HALF_SIDE * DVec2::new(a, b)));
     let (low, high) = corners.iter().fold((corners[0], corners[0]), |(low, high), p| (low.min(*p), high.max(*p)));
-    // Casts of what is negative or not a number give zero.
+    // Casts of negative numbers and NaN give zero.
     let range =
         |low: f64, high: f64, length: usize| (low.floor() as usize).min(length)..(high.ceil() as usize).min(length);
     let (columns, rows) = (range(low.x, high.x, rgb.width()), range(low.y, high.y, rgb.height()));
@@ -287,7 +297,7 @@ fn pixels(rgb: &Plane<Vec3>, pose: &DMat3, centre: DVec2) -> Vec<Vec3> {
     found
 }
 
-/// Least distance of neighbouring patches, in pixels.
+/// Returns the smallest distance of neighbouring patches in pixels.
 fn least_pitch(pose: &DMat3) -> f64 {
     let at = |patch: usize| apply(pose, place(patch));
     let across = (0..PATCHES).filter(|patch| patch % COLUMNS > 0).map(|patch| at(patch).distance(at(patch - 1)));
@@ -295,13 +305,14 @@ fn least_pitch(pose: &DMat3) -> f64 {
     across.chain(down).fold(f64::INFINITY, f64::min)
 }
 
-/// Angle between the normal of the chart and the direction to the camera, by the foreshortening of
-/// its middle.
+/// Returns the angle between the normal of the chart and the direction to the camera.
+///
+/// The angle is estimated from the foreshortening in the middle of the chart.
 fn tilt(pose: &DMat3) -> f64 {
     let (middle, step) = (DVec2::new(2.5, 1.5), 0.01);
     let along = |axis: DVec2| (apply(pose, middle + step * axis) - apply(pose, middle - step * axis)) / (2.0 * step);
     let (a, b) = (along(DVec2::X), along(DVec2::Y));
-    // Singular values of the matrix of columns a and b, by sum and difference.
+    // Squared singular values of the matrix with columns a and b, from their sum and product.
     let (sum, product) = (a.length_squared() + b.length_squared(), a.perp_dot(b).abs());
     let root = (sum * sum - 4.0 * product * product).max(0.0).sqrt();
     let (large, small) = (0.5 * (sum + root), 0.5 * (sum - root).max(0.0));
@@ -318,7 +329,7 @@ fn is_convex(corners: &[DVec2; 4]) -> bool {
         && (turns.iter().all(|t| *t > 1.0) || turns.iter().all(|t| *t < -1.0))
 }
 
-/// Correlation of pairs of chromas about white; zero if one of them has none.
+/// Returns the correlation of pairs of chromas about white; zero if either side is neutral.
 fn correlation(pairs: impl Iterator<Item = [Chroma; 2]>) -> f64 {
     let dot = |a: Chroma, b: Chroma| a.0[0] * b.0[0] + a.0[1] * b.0[1];
     let (product, got, want) = pairs.fold((0.0, 0.0, 0.0), |(product, one, other), [got, want]| {
@@ -328,7 +339,7 @@ fn correlation(pairs: impl Iterator<Item = [Chroma; 2]>) -> f64 {
     if size > 0.0 { product / size } else { 0.0 }
 }
 
-/// Median of values with weights; 0 without values.
+/// Returns the median of weighted values; 0 without values.
 fn weighted_median(values: impl Iterator<Item = (f64, f64)>) -> f64 {
     let mut values: Vec<(f64, f64)> = values.collect();
     values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
@@ -360,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn finds_light_and_scale_under_coloured_light() {
+    fn measures_light_and_scale_under_coloured_light() {
         let (picture, pose) = scene();
         let read = ChartReading::of(&picture, &corners_of(&pose), None).unwrap();
         assert!((read.light.white / LIGHT - 1.0).abs().max_element() < 0.02, "{}", read.light.white);
@@ -378,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn brings_corners_in_any_order_into_order() {
+    fn sorts_corners_in_any_order() {
         let (picture, pose) = scene();
         let right = corners_of(&pose);
         for order in ORDERS {
@@ -411,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn rejects_corners_that_are_not_those_of_the_chart() {
+    fn rejects_wrong_corners() {
         let (picture, pose) = scene();
         let right = corners_of(&pose);
         let shifted = apply(&pose, DVec2::X) - apply(&pose, DVec2::ZERO);
@@ -435,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn leaves_clipped_patches_out() {
+    fn ignores_clipped_patches() {
         let (picture, pose) = scene();
         let corners = corners_of(&pose);
         let clipped = |level: f32| picture.map(|c| c.min(Vec3::splat(level)));

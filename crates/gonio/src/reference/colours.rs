@@ -11,8 +11,9 @@ pub(super) const PATCHES: usize = COLUMNS * ROWS;
 /// Index of the first neutral patch, white; the five greys follow.
 pub(super) const FIRST_NEUTRAL: usize = 18;
 
-/// Names of the patches, row by row from the top left; the last row is neutral, from white to
-/// black.
+/// Names of the patches, row by row from the top left.
+///
+/// The last row is neutral, from white to black.
 pub const PATCH_NAMES: [&str; PATCHES] = [
     "dark skin",
     "light skin",
@@ -40,8 +41,10 @@ pub const PATCH_NAMES: [&str; PATCHES] = [
     "black",
 ];
 
-/// CIE L*a*b* under D50 of the patches, as X-Rite publishes them for charts made from 2005 to
-/// October 2014. Newer charts differ by 1.4 in L* for white, by 0.5 on average.
+/// CIE L*a*b* of the patches under D50.
+///
+/// These are the values of X-Rite for charts made from 2005 to October 2014. Newer charts differ by
+/// 1.4 in L* for white, by 0.5 on average.
 const LAB: [[f64; 3]; PATCHES] = [
     [37.986, 13.555, 14.059],
     [65.711, 18.130, 17.810],
@@ -69,9 +72,11 @@ const LAB: [[f64; 3]; PATCHES] = [
     [20.461, -0.079, -0.973],
 ];
 
-/// Reflectance of the patches as linear RGB (Rec. 709), row by row: radiance under a white light
-/// over that of a perfect white surface. The neutral patches reflect 0.91, 0.59, 0.36, 0.19, 0.09
-/// and 0.03. A channel of a colour outside the gamut is negative.
+/// Returns the reflectance of the patches as linear RGB (Rec. 709), row by row.
+///
+/// Reflectance is the radiance under a white light relative to that of a perfect white surface. The
+/// neutral patches reflect 0.91, 0.59, 0.36, 0.19, 0.09 and 0.03. A channel of a colour outside the
+/// gamut is negative.
 pub fn patch_colours() -> [DVec3; PATCHES] {
     LAB.map(|[l, a, b]| {
         let y = (l + 16.0) / 116.0;
@@ -85,7 +90,7 @@ pub fn patch_colours() -> [DVec3; PATCHES] {
 /// White point D50.
 const D50: DVec3 = DVec3::new(0.964_22, 1.0, 0.825_21);
 
-/// Matrix from XYZ under D50 to linear RGB with the primaries of Rec. 709, adapted by Bradford.
+/// Returns the matrix from XYZ under D50 to linear RGB (Rec. 709), with Bradford adaptation.
 fn rgb_of_d50() -> DMat3 {
     DMat3::from_cols_array_2d(&[
         [3.133_856_1, -0.978_768_4, 0.071_945_3],
@@ -101,7 +106,7 @@ mod tests {
 
     #[test]
     fn colours_match_the_published_srgb_codes() {
-        // Codes that BabelColor publishes for the same chart, rounded and clipped to the gamut.
+        // Codes published by BabelColor for the same chart, rounded and clipped to the gamut.
         let published = [
             (0, [115, 81, 67]),
             (6, [224, 124, 47]),

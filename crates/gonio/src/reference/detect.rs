@@ -1,8 +1,8 @@
 //! Detection of a colour chart.
 //!
-//! Uniform regions of the shape of a parallelogram ([`squares`]) that lie on a lattice
-//! ([`lattices`]) are candidates. Every part of a lattice of 6 by 4 cells is measured at full
-//! resolution, and is a chart only if its 24 colours are those of the chart.
+//! Candidates are uniform regions with the shape of a parallelogram ([`squares`]) that lie on a
+//! lattice ([`lattices`]). Every part of a lattice of 6 by 4 cells is measured at full resolution,
+//! and is a chart only if its 24 colours match those of the chart.
 
 use glam::{DVec2, Vec3};
 
@@ -15,27 +15,31 @@ use super::patch::Clipping;
 use super::squares::squares;
 use crate::picture::{Plane, luminance};
 
-/// Longest sides of the pictures that are searched, in pixels: noise hides the patches in a fine
-/// picture, and they are too small in a coarse one.
+/// Longest sides, in pixels, of the reduced pictures that are searched.
+///
+/// Noise hides the patches in a fine picture; in a coarse one, they are too small.
 const SIDES: [usize; 4] = [1600, 800, 400, 200];
 /// Differences of logarithms below which a pixel is uniform.
 const THRESHOLDS: [f32; 3] = [0.05, 0.12, 0.25];
-/// Least number of patches that the search must see.
+/// Smallest number of patches that must be detected as squares.
 const MIN_SEEN: usize = 11;
-/// Largest distance of these patches from their places, root mean square in distances of patches.
+/// Largest root mean square distance of these squares from their positions, relative to the pitch.
 const MAX_OFF: f64 = 0.12;
-/// Largest number of places on a lattice that are measured, those with the most squares.
+/// Largest number of positions on a lattice that are measured, those with the most squares.
 const MAX_PLACES: usize = 16;
-/// Radiance below which logarithms level off, relative to the mean of the picture: noise in the
-/// dark is no edge.
+/// Radiance below which logarithms level off, relative to the upper quartile of the luminance.
+///
+/// Without this floor, noise in dark regions would form edges.
 const FLOOR: f32 = 0.003;
 
-/// Detects a 24-patch ColorChecker Classic in a picture and measures it. `clip` is the radiance at
-/// or above which a channel is clipped; without it, the level is found in the picture.
+/// Detects a 24-patch ColorChecker Classic in a picture and measures it.
+///
+/// `clip` is the radiance at or above which a channel is clipped; without it, the level is detected
+/// in the picture.
 ///
 /// # Errors
 /// [`ReferenceError::NoChart`] if no chart is detected with certainty,
-/// [`ReferenceError::SeveralCharts`] if there are several.
+/// [`ReferenceError::SeveralCharts`] if several are.
 pub fn find_chart(rgb: &Plane<Vec3>, clip: Option<f32>) -> Result<ChartReading, ReferenceError> {
     let clipping = Clipping::of(rgb, clip);
     let longest = rgb.width().max(rgb.height());
@@ -62,14 +66,14 @@ pub fn find_chart(rgb: &Plane<Vec3>, clip: Option<f32>) -> Result<ChartReading, 
     Err(ReferenceError::NoChart)
 }
 
-/// Logarithms of a picture that is reduced by a whole number.
+/// Returns the logarithms of a picture that is reduced by a whole factor.
 fn reduced(rgb: &Plane<Vec3>, step: usize) -> Plane<Vec3> {
     let sound = |pixel: Vec3| if pixel.is_finite() { pixel.max(Vec3::ZERO) } else { Vec3::ZERO };
     let mean = Plane::from_fn(rgb.width() / step, rgb.height() / step, |x, y| {
         let cells = (0..step * step).map(|i| sound(rgb[(x * step + i % step, y * step + i / step)]));
         cells.sum::<Vec3>() / (step * step) as f32
     });
-    // The median: a lamp in the picture does not raise it.
+    // A quartile is robust: a lamp in the picture does not raise it.
     let mut values: Vec<f32> = mean.as_slice().iter().map(|pixel| luminance(*pixel)).collect();
     values.sort_unstable_by(f32::total_cmp);
     let upper = values.get(values.len() * 3 / 4).copied().unwrap_or_default();
@@ -77,8 +81,9 @@ fn reduced(rgb: &Plane<Vec3>, step: usize) -> Plane<Vec3> {
     mean.map(|pixel| Vec3::from_array(pixel.max(Vec3::splat(floor)).to_array().map(f32::ln)))
 }
 
-/// Corners of all parts of 6 by 4 cells of a lattice that have enough squares, in pixels of the
-/// picture, of which one of the lattice has `step`.
+/// Returns the corners of all 6 by 4 parts of a lattice that have enough squares.
+///
+/// Corners are in pixels of the picture; a pixel of the lattice spans `step` of them.
 fn places(lattice: &Lattice, step: f64) -> Vec<Corners> {
     let range = |pick: fn(&(i32, i32)) -> i32| {
         let low = lattice.keys().map(pick).min().unwrap_or_default();
@@ -104,7 +109,7 @@ fn places(lattice: &Lattice, step: f64) -> Vec<Corners> {
     found.into_iter().take(MAX_PLACES).map(|(_, corners)| corners).collect()
 }
 
-/// Corners of a grid of cells, some of whose centres are known.
+/// Returns the corners of a grid of cells, given the centres of some cells.
 fn corners(pairs: &[(DVec2, DVec2)], (right, bottom): (i32, i32)) -> Option<Corners> {
     if pairs.len() < MIN_SEEN {
         return None;
@@ -154,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn finds_charts_in_clutter_in_any_orientation() {
+    fn detects_charts_in_clutter_in_any_orientation() {
         for (x, y, pitch, angle, perspective) in [
             (250.0, 220.0, 45.0, 0.1, (0.02, 0.03)),
             (600.0, 480.0, 40.0, 3.3, (0.0, -0.02)),
@@ -167,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn finds_noisy_dim_and_mirrored_charts() {
+    fn detects_noisy_dim_and_mirrored_charts() {
         let upright = pose(250.0, 220.0, 45.0, 0.1, (0.02, 0.0));
         finds(&chart_picture(SIZE, upright, 1e-3 * LIGHT, 0.15, |x, y| 1e-3 * clutter(x, y)), &upright, 1e-3 * LIGHT);
         let mirror = DMat3::from_cols(DVec3::NEG_X, DVec3::Y, DVec3::new(720.0, 0.0, 1.0));
@@ -182,7 +187,7 @@ mod tests {
         let pose = pose(250.0, 220.0, 45.0, 0.1, (0.02, 0.0));
         let other = chart_picture(SIZE, pose, DVec3::ONE, 0.04, clutter).map(|c| Vec3::new(c.y, c.z, c.x));
         let grey = chart_picture(SIZE, pose, DVec3::ONE, 0.04, clutter).map(|c| Vec3::splat(c.y));
-        // A chart of which two columns are covered.
+        // A chart with two covered columns.
         let mut hidden = chart_picture(SIZE, pose, DVec3::ONE, 0.04, clutter);
         for y in 0..SIZE.1 {
             for x in 370..SIZE.0 {

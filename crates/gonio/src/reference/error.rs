@@ -10,7 +10,7 @@ pub enum ReferenceError {
     /// The reflectance is not a fraction.
     #[error("reflectance {0}: must be above 0 and at most 1")]
     Reflectance(f64),
-    /// The reference does not lie wholly within the picture.
+    /// The reference is not entirely within the picture.
     #[error(
         "the reference lies partly or completely outside the image of {}x{} pixels; use coordinates inside the image",
         .size.0, .size.1
@@ -30,13 +30,13 @@ pub enum ReferenceError {
         /// Smallest accepted number.
         least: usize,
     },
-    /// The reference lies on the object.
+    /// The reference is on the object.
     #[error(
         "{:.0} % of the reference's pixels lie on the object; mark a reference beside the object",
         100.0 * .share
     )]
     Overlap {
-        /// Share of the pixels of the reference that lie on the object, in 0..=1.
+        /// Fraction of the reference's pixels that are on the object, in 0..=1.
         share: f64,
     },
     /// Too many pixels are clipped.
@@ -45,7 +45,7 @@ pub enum ReferenceError {
         100.0 * .share
     )]
     Clipped {
-        /// Share of the pixels of the reference that are clipped, in 0..=1.
+        /// Fraction of the reference's pixels that are clipped, in 0..=1.
         share: f64,
     },
     /// A channel is black.
@@ -65,7 +65,7 @@ pub enum ReferenceError {
         what: &'static str,
         /// Relative standard deviation.
         variation: f64,
-        /// Largest value that is accepted.
+        /// Largest accepted value.
         most: f64,
     },
     /// The patch has more colour than a neutral patch under captured light.
@@ -79,7 +79,7 @@ pub enum ReferenceError {
         log_chroma: [f64; 2],
         /// Distance from white in natural logarithms.
         distance: f64,
-        /// Largest distance that is accepted.
+        /// Largest accepted distance.
         most: f64,
     },
     /// The corners are not those of a convex quadrilateral.
@@ -95,7 +95,7 @@ pub enum ReferenceError {
     SmallChart {
         /// Distance of neighbouring patches, in pixels.
         pitch: f64,
-        /// Least distance that is accepted, in pixels.
+        /// Smallest accepted distance in pixels.
         least: f64,
     },
     /// The patches do not have the colours of the chart.
@@ -104,7 +104,7 @@ pub enum ReferenceError {
          that the corners are correct, the values linear, and the chart evenly lit"
     )]
     NotAChart {
-        /// Measured quantity that contradicts, in words.
+        /// Quantity that deviates, in words.
         reason: String,
     },
     /// Too many patches are clipped.
@@ -127,7 +127,7 @@ pub enum ReferenceError {
 }
 
 impl ReferenceError {
-    /// Lists suggestions, the most probable first.
+    /// Returns suggestions, the most probable first.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {
             Self::NoChart | Self::SeveralCharts => vec![Remedy::ChartCorners],

@@ -5,14 +5,16 @@ use glam::{DMat3, DVec2, DVec3};
 
 use crate::linalg::solve_positive;
 
-/// Applies a homography to a point; not finite at the horizon.
+/// Applies a homography to a point. The result is not finite at the horizon.
 pub(super) fn apply(map: &DMat3, point: DVec2) -> DVec2 {
     let p = *map * DVec3::new(point.x, point.y, 1.0);
     DVec2::new(p.x / p.z, p.y / p.z)
 }
 
-/// The homography that maps the first point of each pair to the second, by least squares in the
-/// coordinates of the second. `None` with fewer than four pairs, or if they are degenerate.
+/// Fits the homography that maps the first point of each pair to the second.
+///
+/// The fit is by least squares in the coordinates of the second point. `None` with fewer than four
+/// pairs, or if they are degenerate.
 pub(super) fn fit(pairs: &[(DVec2, DVec2)]) -> Option<DMat3> {
     if pairs.len() < 4 || !pairs.iter().all(|(from, to)| from.is_finite() && to.is_finite()) {
         return None;
@@ -40,7 +42,9 @@ pub(super) fn fit(pairs: &[(DVec2, DVec2)]) -> Option<DMat3> {
     (map.is_finite() && map.determinant().abs() > f64::MIN_POSITIVE).then_some(map)
 }
 
-/// The map that centres points and brings them to distances of about one. `None` if all are one.
+/// Returns the map that centres points and scales their root mean square distance to one.
+///
+/// `None` if all points coincide.
 fn normaliser(points: impl Iterator<Item = DVec2> + Clone) -> Option<DMat3> {
     let count = points.clone().count() as f64;
     let mean = points.clone().sum::<DVec2>() / count;

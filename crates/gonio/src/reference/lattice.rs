@@ -1,4 +1,4 @@
-//! Squares that lie on a lattice.
+//! Detection of squares that lie on a lattice.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -8,20 +8,21 @@ use super::squares::Square;
 
 /// Number of nearest squares that may be neighbours on a lattice.
 const NEIGHBOURS: usize = 8;
-/// Largest distance of neighbours over the side of a square: patches of the chart are 1.15 sides
-/// apart, and lose a rim of one or two pixels to their edges.
+/// Largest distance of neighbours relative to the side of a square.
+///
+/// Patches of the chart are 1.15 sides apart, and lose a rim of one or two pixels to their edges.
 const MAX_PITCH: f64 = 2.3;
 /// Largest ratio of the sides of neighbouring squares.
 const MAX_RATIO: f64 = 1.8;
-/// Largest distance of a square from its place on the lattice, in distances of neighbours.
+/// Largest distance of a square from its position on the lattice, relative to that of neighbours.
 const MAX_OFF: f64 = 0.22;
-/// Largest number of squares that are looked at, the largest first.
+/// Largest number of squares that are examined, the largest first.
 const MAX_SQUARES: usize = 4_000;
 
-/// Squares by column and row of a lattice.
+/// Centres of squares by column and row of a lattice.
 pub(super) type Lattice = BTreeMap<(i32, i32), DVec2>;
 
-/// Squares in cells of a grid, to look up those near a point.
+/// Squares in the cells of a grid, for fast lookup near a point.
 struct Index<'a> {
     squares: &'a [Square],
     cell: f64,
@@ -41,7 +42,7 @@ impl<'a> Index<'a> {
         ((p.x / cell).floor() as i64, (p.y / cell).floor() as i64)
     }
 
-    /// Squares within a distance of a point.
+    /// Returns the squares within a distance of a point.
     fn near(&self, p: DVec2, reach: f64) -> impl Iterator<Item = usize> + '_ {
         let (low, high) = (Self::key(p - reach, self.cell), Self::key(p + reach, self.cell));
         let rows = move |x: i64| (low.1..=high.1).map(move |y| (x, y));
@@ -54,8 +55,7 @@ impl<'a> Index<'a> {
     }
 }
 
-/// Finds the lattices that squares lie on, each with at least `least` squares. A square belongs to
-/// one lattice.
+/// Detects lattices of at least `least` squares. Each square belongs to at most one lattice.
 pub(super) fn lattices(squares: &[Square], least: usize) -> Vec<Lattice> {
     let mut squares = squares.to_vec();
     squares.sort_by(|a, b| b.side.total_cmp(&a.side));
@@ -80,7 +80,7 @@ fn alike(a: f64, b: f64) -> bool {
     a.max(b) <= MAX_RATIO * a.min(b)
 }
 
-/// Pairs of vectors from a square to neighbours, at about a right angle to each other.
+/// Returns pairs of vectors from a square to neighbours, roughly at right angles to each other.
 fn bases(index: &Index<'_>, seed: usize) -> Vec<[DVec2; 2]> {
     let own = index.squares[seed];
     let mut near: Vec<DVec2> = index
@@ -96,7 +96,7 @@ fn bases(index: &Index<'_>, seed: usize) -> Vec<[DVec2; 2]> {
         for v in &near[i + 1..] {
             let cosine = u.dot(*v) / (u.length() * v.length());
             if cosine.abs() < 0.6 && alike(u.length(), v.length()) {
-                // A basis that turns the same way as the axes of the picture.
+                // The order gives the basis the orientation of the picture's axes.
                 bases.push(if u.perp_dot(*v) > 0.0 { [*u, *v] } else { [*v, *u] });
             }
         }
@@ -104,8 +104,9 @@ fn bases(index: &Index<'_>, seed: usize) -> Vec<[DVec2; 2]> {
     bases
 }
 
-/// Indices of the squares that continue a lattice from a square, the basis following the
-/// perspective.
+/// Grows a lattice from a square and returns the indices of its squares.
+///
+/// The basis is updated from square to square, to follow the perspective.
 fn grow(index: &Index<'_>, seed: usize, basis: [DVec2; 2]) -> BTreeMap<(i32, i32), usize> {
     let mut lattice = BTreeMap::from([((0, 0), seed)]);
     let mut used = std::collections::BTreeSet::from([seed]);
@@ -143,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn finds_a_lattice_in_perspective_among_others() {
+    fn detects_a_lattice_in_perspective_among_other_squares() {
         let at = |x: f64, y: f64, side: f64| Square { centre: DVec2::new(x, y), side };
         let on = |i: usize| {
             let (u, v) = ((i % 6) as f64, (i / 6) as f64);

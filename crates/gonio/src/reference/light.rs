@@ -1,4 +1,4 @@
-//! Light on a reference, and the scale of reflectance that follows from it.
+//! Light on a reference, and the absolute scale of the reflectance.
 
 use std::f64::consts::PI;
 
@@ -9,26 +9,26 @@ use crate::estimate::irradiance;
 use crate::lighting::LightGrid;
 use crate::picture::luminance;
 
-/// Relative error of the reflectance of a patch: tolerance of its print, ageing, gloss.
+/// Relative error of the reflectance of a patch, from printing, ageing and gloss.
 pub(super) const REFLECTANCE_LOG_SD: f64 = 0.05;
 
-/// Standard deviation of the logarithm of the irradiance of an estimated light, given the
-/// photograph and a true albedo: nine of ten of 84 renderings are off by less than 20.5 %
-/// (docs/references.md).
+/// Standard deviation of the log irradiance of an estimated light, given a true albedo.
+///
+/// Of 84 renderings, nine in ten deviate by less than 20.5 % (docs/references.md).
 const ESTIMATE_LOG_SD: f64 = 0.12;
 
 /// Light on a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceLight {
-    /// Radiance of a matte surface of reflectance one in the place of the reference, linear RGB on
-    /// the scale of the photograph: irradiance over pi.
+    /// Radiance of a matte surface of reflectance one at the reference: irradiance over pi.
+    ///
+    /// Linear RGB on the scale of the photograph.
     pub white: DVec3,
     /// Standard deviation of the logarithm of its luminance.
     pub log_sd: f64,
 }
 
-/// Factor from a table with a normal albedo of [`ALBEDO`](crate::estimate::ALBEDO) to absolute
-/// reflectance.
+/// Factor from a table of normal albedo [`ALBEDO`](crate::estimate::ALBEDO) to reflectance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AbsoluteScale {
     /// The factor.
@@ -38,20 +38,21 @@ pub struct AbsoluteScale {
 }
 
 impl ReferenceLight {
-    /// Chroma of the light.
+    /// Returns the chroma of the light.
     pub fn chroma(&self) -> Chroma {
         Chroma::of(self.white)
     }
 
-    /// Irradiance (luminance), on the scale of the photograph.
+    /// Returns the irradiance (luminance) on the scale of the photograph.
     pub fn irradiance(&self) -> f64 {
         PI * f64::from(luminance(self.white.as_vec3()))
     }
 
-    /// Absolute scale of the reflectance that goes with an estimated light, if the reference faces
-    /// the camera under the same light: the photograph shows the product of reflectance and light,
-    /// so that a light which is too bright by a factor goes with a reflectance which is too low by
-    /// it.
+    /// Returns the absolute scale of the reflectance that was estimated together with `light`.
+    ///
+    /// The reference must face the camera under the same light. The photograph shows the product of
+    /// reflectance and light: if the estimated light is too bright by a factor, the reflectance is
+    /// too low by the same factor.
     ///
     /// Returns `None` if either irradiance is not positive and finite.
     pub fn scale(&self, light: &LightGrid) -> Option<AbsoluteScale> {
@@ -62,7 +63,7 @@ impl ReferenceLight {
 }
 
 impl AbsoluteScale {
-    /// Bounds of the 90 % interval of `value` times the factor.
+    /// Returns the bounds of the 90 % interval of `value` times the factor.
     pub fn interval(&self, value: f64) -> [f64; 2] {
         let reach = (1.645 * self.log_sd).exp();
         [value * self.factor / reach, value * self.factor * reach]
@@ -78,7 +79,7 @@ mod tests {
 
     #[test]
     fn gives_the_factor_between_estimated_and_true_irradiance() {
-        // An even light of radiance 3 has the irradiance 3 pi: a white patch shows 3.
+        // A uniform light of radiance 3 has the irradiance 3 pi: a white patch has the radiance 3.
         let even =
             |radiance| LightGrid::from_texels(OctahedralMap::EqualArea, 32, vec![Vec3::splat(radiance); 32 * 32]);
         let reference = ReferenceLight { white: DVec3::splat(3.0), log_sd: 0.0 };

@@ -8,18 +8,19 @@ use crate::colour::Chroma;
 use crate::picture::{Plane, luminance};
 use crate::scene::{clip_level, is_clipped};
 
-/// Least number of usable pixels.
+/// Smallest number of usable pixels.
 const MIN_PIXELS: usize = 25;
-/// Largest share of clipped pixels.
+/// Largest fraction of clipped pixels.
 const MAX_CLIPPED: f64 = 0.03;
 /// Largest relative standard deviation of the luminance over a patch.
 const MAX_VARIATION: f64 = 0.15;
 /// Largest relative standard deviation of a channel relative to the luminance.
 const MAX_CHROMA_VARIATION: f64 = 0.25;
-/// Largest distance of the chroma of a neutral patch from white: captured light has standard
-/// deviations of 0.46 and 0.12.
+/// Largest distance of the chroma of a neutral patch from white.
+///
+/// Captured light has standard deviations of 0.46 and 0.12.
 const MAX_CHROMA: f64 = 1.5;
-/// Largest share of pixels on the object: its outline is known to about a pixel.
+/// Largest fraction of pixels on the object, whose outline is accurate to about a pixel.
 const MAX_OVERLAP: f64 = 0.01;
 
 /// Radiance of a neutral patch.
@@ -29,20 +30,20 @@ pub struct PatchReading {
     pub colour: DVec3,
     /// Number of pixels.
     pub pixels: usize,
-    /// Number of pixels that are clipped, which are left out.
+    /// Number of clipped pixels, which are ignored.
     pub clipped: usize,
     /// Relative standard deviation of the luminance over the patch.
     pub variation: f64,
 }
 
-/// Level at which channels are clipped, and how it is known.
+/// Level at which channels are clipped, and whether it was given.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clipping {
     level: Option<f32>,
     given: bool,
 }
 
-/// Pixels of a patch.
+/// Statistics of the pixels of a patch.
 #[derive(Clone, Debug, Default)]
 pub(super) struct PatchPixels {
     /// Median of each channel.
@@ -55,21 +56,21 @@ pub(super) struct PatchPixels {
     pub(super) usable: usize,
     /// Relative standard deviation of the luminance.
     pub(super) variation: f64,
-    /// Largest relative standard deviation of a channel over the luminance.
+    /// Largest relative standard deviation of a channel relative to the luminance.
     pub(super) chroma_variation: f64,
 }
 
 impl Clipping {
-    /// Level at which a picture is clipped: the one given, or the largest value if many pixels
-    /// share it.
+    /// Returns the given clip level, or the largest value if many pixels share it.
     pub(super) fn of(rgb: &Plane<Vec3>, given: Option<f32>) -> Self {
         let everywhere = rgb.map(|pixel| pixel.is_finite());
         Self { level: clip_level(rgb, &everywhere, given), given: given.is_some() }
     }
 
-    /// The level for one patch: a patch without any noise, in which the channels differ, is a
-    /// rendering of a patch. Saturated pixels vary in the channels that are not saturated, or have
-    /// the same value in all.
+    /// Returns the clip level for one patch.
+    ///
+    /// A patch without noise whose channels differ is a rendering and not clipped: saturated pixels
+    /// vary in the other channels, or have the same value in all channels.
     fn within(self, pixels: &[Vec3]) -> Option<f32> {
         let first = pixels.first().copied().unwrap_or_default();
         let differs = first.max_element() > first.min_element();
@@ -78,7 +79,7 @@ impl Clipping {
 }
 
 impl PatchPixels {
-    /// Measures a patch. `None` without usable pixels.
+    /// Measures a patch; `None` if it has no pixels.
     pub(super) fn of(values: &[Vec3], clipping: Clipping) -> Option<Self> {
         let level = clipping.within(values);
         let clipped = values.iter().filter(|pixel| is_clipped(**pixel, level)).count();
@@ -108,14 +109,15 @@ impl PatchPixels {
         })
     }
 
-    /// Share of the pixels that are clipped.
+    /// Returns the fraction of the pixels that are clipped.
     pub(super) fn clipped_share(&self) -> f64 {
         self.clipped as f64 / self.pixels.max(1) as f64
     }
 }
 
-/// Median and standard deviation, the latter by half the distance of the 16 and 84 % quantiles: hot
-/// pixels do not count.
+/// Returns the median and a robust standard deviation.
+///
+/// The latter is half the distance of the 16 and 84 % quantiles, which hot pixels do not affect.
 fn spread(mut values: Vec<f64>) -> (f64, f64) {
     if values.is_empty() {
         return (0.0, 0.0);
@@ -125,11 +127,12 @@ fn spread(mut values: Vec<f64>) -> (f64, f64) {
     (at(0.5), 0.5 * (at(0.84) - at(0.16)))
 }
 
-/// Pixels of a disk, in a plane of the size of the picture. `x` and `y` are the centre in pixels
-/// from the top left corner.
+/// Returns the pixels of a disk, in a plane of the size of the picture.
+///
+/// `x` and `y` are the centre in pixels from the top left corner.
 ///
 /// # Errors
-/// [`ReferenceError::Outside`] if the disk does not lie wholly within the picture.
+/// [`ReferenceError::Outside`] if the disk is not entirely within the picture.
 pub fn disk(size: (usize, usize), (x, y): (f64, f64), radius: f64) -> Result<Plane<bool>, ReferenceError> {
     let within = |at: f64, length: usize| at - radius >= 0.0 && at + radius <= length as f64;
     // Comparisons with NaN are false.
@@ -139,11 +142,12 @@ pub fn disk(size: (usize, usize), (x, y): (f64, f64), radius: f64) -> Result<Pla
     Ok(Plane::from_fn(size.0, size.1, |column, row| (column as f64 + 0.5 - x).hypot(row as f64 + 0.5 - y) <= radius))
 }
 
-/// Checks that a reference does not lie on the object; `on_object` says whether a pixel at a column
-/// and row does.
+/// Checks that a reference is not on the object.
+///
+/// `on_object` returns whether the pixel at a column and row is on the object.
 ///
 /// # Errors
-/// [`ReferenceError::Overlap`] if more than 1 % of the pixels of the region do.
+/// [`ReferenceError::Overlap`] if more than 1 % of the pixels of the region are on the object.
 pub fn check_apart(region: &Plane<bool>, on_object: impl Fn(usize, usize) -> bool) -> Result<(), ReferenceError> {
     let width = region.width().max(1);
     let inside = || region.as_slice().iter().enumerate().filter(|(_, inside)| **inside).map(|(i, _)| i);
@@ -153,8 +157,10 @@ pub fn check_apart(region: &Plane<bool>, on_object: impl Fn(usize, usize) -> boo
 }
 
 impl PatchReading {
-    /// Measures the patch in a region of a picture. `clip` is the radiance at or above which a
-    /// channel is clipped; without it, the level is found in the picture.
+    /// Measures the patch in a region of a picture.
+    ///
+    /// `clip` is the radiance at or above which a channel is clipped; without it, the level is
+    /// detected in the picture.
     ///
     /// # Errors
     /// If too many pixels are clipped, too few are usable, or the patch is black in a channel, not
@@ -163,7 +169,7 @@ impl PatchReading {
     /// # Panics
     /// If picture and region differ in size.
     pub fn of(rgb: &Plane<Vec3>, region: &Plane<bool>, clip: Option<f32>) -> Result<Self, ReferenceError> {
-        assert_eq!(rgb.size(), region.size(), "the region is one of the picture");
+        assert_eq!(rgb.size(), region.size(), "picture and region differ in size");
         let inside = rgb.as_slice().iter().zip(region.as_slice()).filter(|(_, inside)| **inside);
         let values: Vec<Vec3> = inside.map(|(pixel, _)| *pixel).collect();
         let few = |pixels| ReferenceError::TooFewPixels { pixels, least: MIN_PIXELS };
@@ -186,10 +192,10 @@ impl PatchReading {
         Ok(Self { colour: read.median, pixels: read.pixels, clipped: read.clipped, variation: read.variation })
     }
 
-    /// Light on the patch, given its diffuse reflectance.
+    /// Returns the light on the patch, given its diffuse reflectance.
     ///
     /// # Errors
-    /// [`ReferenceError::Reflectance`] unless the reflectance lies above 0 and at most at 1.
+    /// [`ReferenceError::Reflectance`] unless the reflectance is above 0 and at most 1.
     pub fn light(&self, reflectance: f64) -> Result<ReferenceLight, ReferenceError> {
         if !(reflectance > 0.0 && reflectance <= 1.0) {
             return Err(ReferenceError::Reflectance(reflectance));
@@ -205,7 +211,7 @@ fn check_positive(colour: DVec3) -> Result<(), ReferenceError> {
     black.map_or(Ok(()), |(channel, _)| Err(ReferenceError::Black { channel }))
 }
 
-/// Checks that a colour may be that of captured light.
+/// Checks that a colour is plausible for a neutral patch under captured light.
 pub(super) fn check_neutral(colour: DVec3) -> Result<(), ReferenceError> {
     let chroma = Chroma::of(colour);
     let distance = chroma.distance(Chroma::default());
@@ -222,7 +228,7 @@ mod tests {
 
     const LIGHT: Vec3 = Vec3::new(1.3, 1.0, 0.6);
 
-    /// A patch in the middle of a darker, noisy picture.
+    /// Returns a patch in the middle of a darker, noisy picture.
     fn picture(patch: impl Fn(usize, usize) -> Vec3) -> Plane<Vec3> {
         Plane::from_fn(100, 80, |x, y| {
             let inside = (30..70).contains(&x) && (20..60).contains(&y);
@@ -250,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn ignores_hot_pixels_and_faulty_ones() {
+    fn ignores_hot_and_invalid_pixels() {
         let mut patch = picture(|_, _| 0.18 * LIGHT);
         patch[(50, 40)] = Vec3::splat(f32::NAN);
         patch[(51, 41)] = Vec3::splat(1e4);
@@ -264,7 +270,7 @@ mod tests {
         let clipped = picture(|_, _| Vec3::ONE).map(|pixel| pixel.min(Vec3::ONE));
         let error = PatchReading::of(&clipped, &middle(), Some(1.0)).unwrap_err();
         assert!(matches!(error, ReferenceError::Clipped { share } if share > 0.3), "{error}");
-        // The level is found where many pixels share it.
+        // Without a given level, the level that many pixels share is detected.
         assert!(matches!(PatchReading::of(&clipped, &middle(), None), Err(ReferenceError::Clipped { .. })));
     }
 
@@ -275,14 +281,14 @@ mod tests {
         });
         let read = PatchReading::of(&flat, &middle(), None).unwrap();
         assert_eq!(read.colour.as_vec3(), LIGHT);
-        // All channels alike may be saturated.
+        // A patch with equal channels may be saturated.
         let white = flat.map(|pixel| if *pixel == LIGHT { Vec3::ONE } else { *pixel });
         assert!(matches!(PatchReading::of(&white, &middle(), None), Err(ReferenceError::Clipped { .. })));
         assert!(PatchReading::of(&white, &middle(), Some(2.0)).is_ok());
     }
 
     #[test]
-    fn rejects_what_is_not_a_neutral_uniform_patch() {
+    fn rejects_patches_that_are_not_neutral_and_uniform() {
         let of = |patch: Plane<Vec3>| PatchReading::of(&patch, &middle(), None).unwrap_err();
         let shaded = of(picture(|x, _| LIGHT * x as f32 / 50.0));
         assert!(matches!(shaded, ReferenceError::Uneven { what: "brightness", .. }), "{shaded}");

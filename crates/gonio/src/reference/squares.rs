@@ -1,30 +1,31 @@
-//! Uniform regions of a picture that have the shape of a parallelogram.
+//! Detection of uniform regions with the shape of a parallelogram.
 
 use glam::{DVec2, Vec3};
 
 use crate::picture::Plane;
 
-/// Area over that of a parallelogram of the same second moments.
+/// Ratio of the area to that of a parallelogram with the same second moments.
 const FILLED: std::ops::Range<f64> = 0.86..1.12;
 /// Largest ratio of the longer to the shorter axis.
 const MAX_ASPECT: f64 = 2.0;
-/// Least number of pixels: a square loses a rim of a pixel or two to its edges.
+/// Smallest number of pixels. A square loses a rim of one or two pixels to its edges.
 const MIN_PIXELS: usize = 9;
-/// Largest share of the picture.
+/// Largest fraction of the picture that a region covers.
 const MAX_SHARE: f64 = 0.03;
 
 /// A uniform region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Square {
-    /// Its centroid in pixels from the top left corner.
+    /// Centroid in pixels from the top left corner.
     pub(super) centre: DVec2,
-    /// Side of a square of its area, in pixels.
+    /// Side of a square of equal area, in pixels.
     pub(super) side: f64,
 }
 
-/// Finds uniform regions of the shape of a parallelogram in a picture of logarithms. A pixel is
-/// uniform if no channel of its neighbours left and right, or above and below, differs by
-/// `threshold`.
+/// Detects uniform regions with the shape of a parallelogram in a picture of logarithms.
+///
+/// A pixel is uniform if its left and right neighbours, and its upper and lower ones, differ by
+/// less than `threshold` in every channel.
 pub(super) fn squares(log: &Plane<Vec3>, threshold: f32) -> Vec<Square> {
     let (width, height) = log.size();
     if width < 3 || height < 3 {
@@ -47,7 +48,7 @@ pub(super) fn squares(log: &Plane<Vec3>, threshold: f32) -> Vec<Square> {
         while let Some(at) = stack.pop() {
             let (x, y) = (at % width, at / width);
             moments.add(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
-            // Uniform pixels are not at the border.
+            // Uniform pixels are never at the border, so all four neighbours exist.
             for next in [at - 1, at + 1, at - width, at + width] {
                 if std::mem::take(&mut open[next]) {
                     stack.push(next);
@@ -76,15 +77,16 @@ impl Moments {
         self.product += p.x * p.y;
     }
 
-    /// The region, if it has the shape of a parallelogram: the determinant of the covariance of a
-    /// parallelogram is the square of its area over 144.
+    /// Returns the region if it has the shape of a parallelogram.
+    ///
+    /// The determinant of the covariance of a parallelogram is the square of its area over 144.
     fn square(&self) -> Option<Square> {
         if self.count < MIN_PIXELS {
             return None;
         }
         let n = self.count as f64;
         let mean = self.sum / n;
-        // A pixel is an area.
+        // Adds the variance 1/12 of the unit area of a pixel.
         let variance = self.squares / n - mean * mean + 1.0 / 12.0;
         let covariance = self.product / n - mean.x * mean.y;
         let (half, determinant) = (0.5 * (variance.x + variance.y), variance.x * variance.y - covariance * covariance);
@@ -100,8 +102,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn finds_squares_and_no_other_shapes() {
-        // A square, a parallelogram, a ring, an L and a bar on a rough ground.
+    fn detects_squares_and_no_other_shapes() {
+        // A square, a parallelogram, a ring, an L and a bar on a rough background.
         let shape = |x: f64, y: f64| {
             let ring = (x - 130.0).hypot(y - 30.0);
             let slanted = (x - 0.4 * (y - 20.0) - 70.0, y - 20.0);

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3, Vec3};
 use super::patch_colours;
 use crate::picture::Plane;
 
-/// Noise of standard deviation one, by a hash of the pixel.
+/// Returns noise of standard deviation one, from a hash of the pixel.
 pub(super) fn noise(x: usize, y: usize) -> f32 {
     let uniform = |seed: u64| {
         let mut z =
@@ -14,12 +14,13 @@ pub(super) fn noise(x: usize, y: usize) -> f32 {
         z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
         ((z ^ (z >> 31)) >> 40) as f32 / (1_u64 << 24) as f32
     };
-    // The sum of three uniform numbers has the variance 1/4.
+    // The sum of three uniform numbers has variance 1/4.
     2.0 * (uniform(1) + uniform(2) + uniform(3) - 1.5)
 }
 
-/// A picture of a chart whose patch in column `u`, row `v` is centred at `pose * (u, v)`, before a
-/// background, with relative noise.
+/// Returns a picture of a chart before a background, with relative noise.
+///
+/// The patch in column `u`, row `v` is centred at `pose * (u, v)`.
 pub(super) fn chart_picture(
     (width, height): (usize, usize),
     pose: DMat3,
@@ -53,8 +54,10 @@ pub(super) fn chart_picture(
     })
 }
 
-/// A pose in perspective: rotated by `angle` radians, patches `pitch` pixels apart at the first
-/// patch, which lies at `(x, y)`.
+/// Returns a pose in perspective.
+///
+/// The chart is rotated by `angle` radians. The first patch is at `(x, y)`, where patches are
+/// `pitch` pixels apart.
 pub(super) fn pose(x: f64, y: f64, pitch: f64, angle: f64, perspective: (f64, f64)) -> DMat3 {
     let (sin, cos) = angle.sin_cos();
     let affine = DMat3::from_cols(

@@ -99,10 +99,9 @@ pub fn nodes(
     nodes_within(point, envelope, light, settings, f64::INFINITY)
 }
 
-/// Divides the light like [`nodes`], but counts cells with a radius above `largest` as wholly
-/// wrong.
+/// Divides the light like [`nodes`], but counts cells larger than `largest` as entirely wrong.
 ///
-/// `largest` is in radians. Nearly all light then comes from smaller cells. Surfaces with
+/// `largest` is a radius in radians. Nearly all light then comes from smaller cells. Surfaces with
 /// self-shadowing require this, since the error bounds ignore shadows.
 pub(crate) fn nodes_within(
     point: &SurfacePoint,
@@ -226,8 +225,7 @@ mod tests {
         SurfacePoint { normal, view: DVec3::Z }
     }
 
-    /// Computes the same integral independently, in polar coordinates of the half vector about the
-    /// normal.
+    /// Computes the same integral independently, in polar coordinates of the half vector.
     fn reference(point: &SurfacePoint, brdf: &BivariateTable, light: &EnvironmentMap, rings: u32) -> f64 {
         let spokes = rings / 2;
         let (n, v) = (point.normal, point.view);

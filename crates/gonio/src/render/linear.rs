@@ -64,8 +64,7 @@ impl Relighter {
         matrix
     }
 
-    /// Computes the matrix like [`Self::new`], for points from which only part of the light is
-    /// visible.
+    /// Computes the matrix like [`Self::new`], for points with partly visible light.
     ///
     /// # Panics
     /// If points and visibility differ in number.
@@ -93,7 +92,7 @@ impl Relighter {
         Self::channels_within(points, None, examples, light, settings)
     }
 
-    /// Computes [`Self::of_channels`] for points from which only part of the light is visible.
+    /// Computes the matrices of [`Self::of_channels`] for points with partly visible light.
     ///
     /// # Panics
     /// If points and visibility differ in number.

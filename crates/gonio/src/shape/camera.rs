@@ -25,8 +25,7 @@ pub enum Projection {
 pub struct Camera {
     /// Projection.
     pub projection: Projection,
-    /// Principal point, where the camera axis meets the picture, in pixels from the top left
-    /// corner.
+    /// Principal point in pixels from the top left corner, where the camera axis meets the picture.
     pub principal: (f64, f64),
     /// Columns and rows of the picture.
     pub size: (usize, usize),

@@ -13,8 +13,9 @@ pub struct HalfDifference {
     pub theta_h: f64,
     /// Angle between half vector and light (and view), 0..=pi/2.
     pub theta_d: f64,
-    /// Azimuth of the light around the half vector, measured from the plane of normal and half
-    /// vector, in 0..2 pi.
+    /// Azimuth of the light around the half vector, in 0..2 pi.
+    ///
+    /// It is measured from the plane of normal and half vector.
     pub phi_d: f64,
 }
 

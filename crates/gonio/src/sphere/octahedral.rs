@@ -77,8 +77,7 @@ impl OctahedralMap {
         }
     }
 
-    /// Returns an upper bound of the angle (radians) from the centre of a cell to any of its
-    /// points.
+    /// Returns an upper bound (radians) of the angle from the centre of a cell to its points.
     ///
     /// The cells divide the square into `2^level` by `2^level`. Meant for `level >= 2`, where cells
     /// are small.

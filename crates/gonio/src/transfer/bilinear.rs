@@ -1,16 +1,15 @@
-//! Bilinear operator `(l, f) -> l' A_i f` on a stack of rows, and the contractions that inference
-//! needs.
+//! Bilinear operator `(l, f) -> l' A_i f` on a stack of rows, and its contractions for inference.
 
 use rayon::prelude::*;
 
 use super::kernels::{add_product, axpy, dispatch, dot};
 
-/// Number of rows in a group; groups are summed in order, so that results do not depend on the
-/// number of threads.
+/// Number of rows in a group.
+///
+/// Groups are summed in order, so that results do not depend on the number of threads.
 const GROUP: usize = 32;
 
-/// Per-row matrices `A_i` (M x K) of eq. 8, kept row by row with the light coefficient fastest:
-/// `[row][k][m]`.
+/// Matrices `A_i` (M x K) of eq. 8, one per row, stored as `[row][k][m]`.
 #[derive(Clone, Debug)]
 pub struct Bilinear {
     rows: usize,
@@ -32,32 +31,33 @@ impl Bilinear {
         bilinear
     }
 
-    /// Number of rows: pixels, or directions of a projection.
+    /// Returns the number of rows: pixels, or directions of a projection.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Number of reflectance coefficients.
+    /// Returns the number of reflectance coefficients.
     pub fn k(&self) -> usize {
         self.k
     }
 
-    /// Number of light coefficients.
+    /// Returns the number of light coefficients.
     pub fn m(&self) -> usize {
         self.m
     }
 
-    /// Matrix of one row, `[k][m]`.
+    /// Returns the matrix of one row, `[k][m]`.
     pub fn row(&self, i: usize) -> &[f32] {
         &self.data[i * self.k * self.m..][..self.k * self.m]
     }
 
-    /// `W[k][m] = sum_i A_imk^2`.
+    /// Returns `W[k][m] = sum_i A_imk^2`.
     pub fn squares(&self) -> &[f64] {
         &self.squares
     }
 
-    /// `a_ik = sum_m A_imk l_m` (rows x K): the image of each basis function under light `l`.
+    /// Computes `a_ik = sum_m A_imk l_m` (rows x K), the image of each basis function under light
+    /// `l`.
     pub(crate) fn under_light(&self, l: &[f64]) -> Vec<f64> {
         assert_eq!(l.len(), self.m);
         let mut out = vec![0.0; self.rows * self.k];
@@ -74,7 +74,8 @@ impl Bilinear {
         out
     }
 
-    /// `b_im = sum_k A_imk f_k` (rows x M): the linear map from light to image for reflectance `f`.
+    /// Computes `b_im = sum_k A_imk f_k` (rows x M), the map from light to image for reflectance
+    /// `f`.
     pub fn of_reflectance(&self, f: &[f64]) -> Vec<f64> {
         assert_eq!(f.len(), self.k);
         let mut out = vec![0.0; self.rows * self.m];
@@ -91,19 +92,19 @@ impl Bilinear {
         out
     }
 
-    /// `y_i = l' A_i f` (eq. 8 without exposure and noise).
+    /// Computes `y_i = l' A_i f` (eq. 8 without exposure and noise).
     pub fn apply(&self, l: &[f64], f: &[f64]) -> Vec<f64> {
         let a = self.under_light(l);
         a.chunks_exact(self.k).map(|a| a.iter().zip(f).map(|(a, f)| a * f).sum()).collect()
     }
 
-    /// `sum_i x_i A_imk` (`[k][m]`): the adjoint of the operator at `x`.
+    /// Computes `sum_i x_i A_imk` (`[k][m]`), the adjoint of the operator at `x`.
     pub(crate) fn adjoint(&self, x: &[f64]) -> Vec<f64> {
         assert_eq!(x.len(), self.rows);
         self.sum_over_rows(self.k * self.m, |i, row, sum| axpy(x[i], row, sum))
     }
 
-    /// `sum_ik x_ik A_imk` (M), with `x` rows x K: the adjoint of [`Self::under_light`].
+    /// Computes `sum_ik x_ik A_imk` (M), with `x` rows x K: the adjoint of [`Self::under_light`].
     pub(crate) fn light_adjoint(&self, x: &[f64]) -> Vec<f64> {
         assert_eq!(x.len(), self.rows * self.k);
         self.sum_over_rows(self.m, |i, row, sum| {
@@ -113,8 +114,10 @@ impl Bilinear {
         })
     }
 
-    /// `sum_i A_imk A_imj` (`[k][j][m]`, for `j <= k` only): the similarity of the basis functions'
-    /// images in the light of each coefficient.
+    /// Computes `sum_i A_imk A_imj` (`[k][j][m]`, for `j <= k` only).
+    ///
+    /// These are the inner products of the images of two basis functions for each light
+    /// coefficient.
     pub fn reflectance_grams(&self) -> Vec<f64> {
         let (k, m) = (self.k, self.m);
         self.sum_over_rows(k * k * m, |_, row, sum| {
@@ -129,7 +132,7 @@ impl Bilinear {
         })
     }
 
-    /// `sum_i A_imk b_im` (`[k][m]`), with `b` rows x M.
+    /// Computes `sum_i A_imk b_im` (`[k][m]`), with `b` rows x M.
     pub(crate) fn contract_light(&self, b: &[f64]) -> Vec<f64> {
         assert_eq!(b.len(), self.rows * self.m);
         self.sum_over_rows(self.k * self.m, |i, row, sum| {
@@ -140,9 +143,9 @@ impl Bilinear {
         })
     }
 
-    /// `sum over rows of g(i, row, partial)`, in parallel over groups that are added in order.
+    /// Sums `g(i, row, partial)` over rows, in parallel over groups that are added in order.
     fn sum_over_rows(&self, length: usize, g: impl Fn(usize, &[f32], &mut [f64]) + Sync) -> Vec<f64> {
-        // Few partial sums, since each is as long as a row.
+        // Uses few partial sums, since each is as long as a row.
         let parts = self.rows.div_ceil(GROUP).clamp(1, 8);
         let partial: Vec<Vec<f64>> = (0..parts)
             .into_par_iter()
@@ -183,7 +186,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_adjoint_identity_holds() {
+    fn adjoint_identity_holds() {
         // <x, A(l, f)> = <A*(x), f l'>
         let op = random_bilinear(77, 5, 33);
         let (l, f, x) = (random(33, 1), random(5, 2), random(77, 3));
@@ -193,7 +196,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn contractions_agree_with_the_definition() {
+    fn contractions_match_their_definitions() {
         let op = random_bilinear(70, 3, 17);
         let (l, f) = (random(17, 1), random(3, 2));
         let entry = |i: usize, k: usize, m: usize| f64::from(op.row(i)[k * 17 + m]);

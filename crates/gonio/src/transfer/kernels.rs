@@ -1,16 +1,19 @@
 //! Inner loops, written so that the compiler vectorises them for any processor.
 
-/// Number of `f32` values in a SIMD register that the loops are laid out for.
+/// Number of `f32` values in a SIMD register for which the loops are laid out.
 pub(super) const LANES: usize = 4;
 
-/// Runs `f` compiled for the widest vector instructions of this processor. Only code inlined into
-/// `f` profits; closures that are too large to be inlined do not.
+/// Runs `f` compiled for the widest vector instructions of this processor.
+///
+/// Only code that is inlined into `f` benefits; closures that are too large are not inlined.
 #[inline]
 pub(crate) fn dispatch<R>(f: impl pulp::NullaryFnOnce<Output = R>) -> R {
     pulp::Arch::new().dispatch(f)
 }
 
-/// `out += w0 a0 + w1 a1 + w2 a2 + w3 a3`; all of one length, a multiple of [`LANES`].
+/// Computes `out += w0 a0 + w1 a1 + w2 a2 + w3 a3`.
+///
+/// All slices have the same length, a multiple of [`LANES`].
 #[inline(always)]
 pub(super) fn add_four(out: &mut [f32], a: [&[f32]; 4], w: [f32; 4]) {
     let blocks = out.chunks_exact_mut(LANES).zip(a[0].chunks_exact(LANES)).zip(a[1].chunks_exact(LANES));
@@ -21,8 +24,9 @@ pub(super) fn add_four(out: &mut [f32], a: [&[f32]; 4], w: [f32; 4]) {
     }
 }
 
-/// `asin(sqrt(x))` for `x` in 0..=1, to 2e-7: gives half an angle from its squared sine, which is
-/// the square of half the chord.
+/// Returns `asin(sqrt(x))` for `x` in 0..=1, to 2e-7.
+///
+/// This is half an angle, computed from the square of half its chord.
 #[inline(always)]
 pub(super) fn asin_of_sqrt(x: f32) -> f32 {
     // Chebyshev fit of asin(s)/s in s^2 on 0..=0.501, relative error 1.2e-7; above, asin(s) = pi/2
@@ -39,11 +43,12 @@ pub(super) fn asin_of_sqrt(x: f32) -> f32 {
     if x <= 0.5 { low } else { std::f32::consts::FRAC_PI_2 - low }
 }
 
-/// Number of independent partial sums of a dot product: enough to hide the latency of two adders of
-/// eight `f64` each.
+/// Number of independent partial sums of a dot product.
+///
+/// Enough to hide the latency of two adders of eight `f64` each.
 const PARTIAL: usize = 16;
 
-/// `sum_i a_i x_i` with `a` in single or double and the arithmetic in double precision.
+/// Computes `sum_i a_i x_i` in double precision.
 #[inline(always)]
 pub(crate) fn dot<A: Copy + Into<f64>>(a: &[A], x: &[f64]) -> f64 {
     debug_assert_eq!(a.len(), x.len());
@@ -58,7 +63,7 @@ pub(crate) fn dot<A: Copy + Into<f64>>(a: &[A], x: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + tail
 }
 
-/// `y += alpha a`.
+/// Computes `y += alpha a`.
 #[inline(always)]
 pub(crate) fn axpy<A: Copy + Into<f64>>(alpha: f64, a: &[A], y: &mut [f64]) {
     debug_assert_eq!(a.len(), y.len());
@@ -67,7 +72,7 @@ pub(crate) fn axpy<A: Copy + Into<f64>>(alpha: f64, a: &[A], y: &mut [f64]) {
     }
 }
 
-/// `y += a * b`, element by element.
+/// Computes `y += a * b`, element by element.
 #[inline(always)]
 pub(crate) fn add_product(a: &[f32], b: &[f64], y: &mut [f64]) {
     debug_assert!(a.len() == y.len() && b.len() == y.len());
@@ -95,7 +100,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn kernels_agree_with_their_scalar_twins(
+        fn kernels_match_scalar_code(
             pairs in prop::collection::vec((-10.0_f32..10.0, -10.0_f64..10.0), 0..70),
             alpha in -3.0_f64..3.0,
         ) {

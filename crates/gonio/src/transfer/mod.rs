@@ -2,10 +2,10 @@
 //! shape (paper 3.3).
 //!
 //! * [`Quadrature`] integrates every basis function over every texel of the light grid for one
-//!   point of the surface;
+//!   point of the surface.
 //! * [`Plan::build`] does so for all points and keeps the leading left singular directions of the
-//!   result;
-//! * [`Bilinear`] is the operator on those directions that the inference runs on.
+//!   result.
+//! * [`Bilinear`] is the operator on those directions, which the inference uses.
 
 mod bilinear;
 pub(crate) mod kernels;

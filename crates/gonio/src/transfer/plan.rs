@@ -1,10 +1,10 @@
 //! Plan: the parts of the bilinear operator that depend on shape, view, basis and grid, but not on
 //! the image.
 //!
-//! The N x (M K) stack of all rows has low numerical rank, so the plan keeps its leading left
-//! singular directions `Q` (weighted by the prior magnitude of light and reflectance coefficients)
-//! and `R = Q' A`. With `I_i = g l' A_i f + e_i` and white noise, the likelihood depends on the
-//! image only through `Q' I` and the energy of `I` outside `Q`.
+//! The N x (M K) stack of all rows has low numerical rank. The plan therefore keeps only its
+//! leading left singular directions `Q` (weighted by the prior magnitude of light and reflectance
+//! coefficients) and `R = Q' A`. With `I_i = g l' A_i f + e_i` and white noise, the likelihood
+//! depends on the image only through `Q' I` and the energy of `I` outside `Q`.
 
 use faer::{Mat, MatRef, Side};
 use rayon::prelude::*;
@@ -21,9 +21,9 @@ use crate::sphere::Haar;
 /// Settings of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlanSettings {
-    /// Texels along a side of the light grid, a power of two.
+    /// Number of texels along a side of the light grid, a power of two.
     pub side: usize,
-    /// Largest number of directions kept.
+    /// Largest number of directions.
     pub rank: usize,
     /// Number of additional directions of the random sketch.
     pub oversampling: usize,
@@ -31,8 +31,9 @@ pub struct PlanSettings {
     pub quadrature: QuadratureSettings,
     /// Seed of the random sketch.
     pub seed: u64,
-    /// Largest memory of all rows, in bytes, for which they are stored; otherwise they are
-    /// recomputed for each of four passes.
+    /// Size of all rows in bytes below which they are stored.
+    ///
+    /// Larger rows are recomputed in each of four passes.
     pub hold: usize,
 }
 
@@ -58,23 +59,23 @@ pub enum PlanError {
     /// The light prior does not cover the grid.
     #[error("the light prior supports grids of up to {covered} texels per side, not {side}")]
     Grid {
-        /// Side asked for.
+        /// Requested side.
         side: usize,
-        /// Largest side.
+        /// Largest supported side.
         covered: usize,
     },
     /// The basis has no functions.
     #[error("the reflectance basis is empty")]
     EmptyBasis,
-    /// Fewer points have a value than the plan has directions: work on the rows themselves instead.
+    /// Fewer points have a value than the plan has directions; use all rows instead.
     #[error("only {kept} points have a value, fewer than the {rank} directions of the plan; use all rows instead")]
     TooFewForPlan {
-        /// Points with a value.
+        /// Number of points with a value.
         kept: usize,
-        /// Directions of the plan.
+        /// Number of directions of the plan.
         rank: usize,
     },
-    /// The visibility is on another grid than the light.
+    /// Visibility and light have different grids.
     #[error(
         "the visibility has a grid of {visibility} texels per side (or another map), but the light has {side}; \
          compute it again"
@@ -85,12 +86,12 @@ pub enum PlanError {
         /// Side of the grid of the light.
         side: usize,
     },
-    /// The points of the image and those of the plan differ in number.
+    /// The image and the plan differ in the number of points.
     #[error("the plan is for {plan} points, but the image has {image}")]
     Points {
-        /// Points of the plan.
+        /// Number of points of the plan.
         plan: usize,
-        /// Observations given.
+        /// Number of observations of the image.
         image: usize,
     },
 }
@@ -98,13 +99,13 @@ pub enum PlanError {
 /// Directions of the image space that light and reflectance reach, and the operator on them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Settings it was made with.
+    /// Settings of the plan.
     pub settings: PlanSettings,
     /// Number of points of the surface, N.
     pub points: usize,
     /// Number of reflectance basis functions, K.
     pub k: usize,
-    /// `Q`, N x rank, row-major (point by point); orthonormal columns by falling energy.
+    /// `Q`, N x rank, row-major; orthonormal columns in order of decreasing energy.
     pub q: Vec<f32>,
     /// `R = Q' A`, `[rank][k][m]`.
     pub r: Vec<f32>,
@@ -127,7 +128,7 @@ struct Rows<'a> {
 const BLOCK: usize = 256;
 
 impl Rows<'_> {
-    /// Computes rows of the points `first`, `first + step` and so on, as many as `block` holds.
+    /// Computes the rows of the points `first`, `first + step` and so on until `block` is full.
     fn compute(&self, first: usize, step: usize, block: &mut [f32]) {
         let (m, k, stride) = (self.haar.coefficients(), self.tables.count(), self.tables.stride());
         let scale = (1.0 / LightGrid::texel_measure(m.isqrt()).sqrt()) as f32;
@@ -152,8 +153,10 @@ impl Rows<'_> {
 }
 
 impl Rows<'_> {
-    /// Root mean square of a pixel under each basis function alone, for lights with these root mean
-    /// square coefficients, from a few hundred of the points.
+    /// Returns the root mean square of a pixel under each basis function alone.
+    ///
+    /// `light` contains the root mean square of the light coefficients. At most 400 points are
+    /// used.
     fn energies(&self, light: &[f64]) -> Vec<f64> {
         let step = self.points.len().div_ceil(400);
         let (some, columns) = (self.points.len().div_ceil(step), self.columns());
@@ -195,7 +198,7 @@ impl RowBlocks for Rows<'_> {
     }
 }
 
-/// Rows of `A` for points of a surface, `[point][k][m]`, without any projection.
+/// Computes the rows of `A` for points of a surface, `[point][k][m]`, without projection.
 pub(crate) fn full_rows(
     points: Points<'_>,
     tables: &[BivariateTable],
@@ -208,10 +211,12 @@ pub(crate) fn full_rows(
     all
 }
 
-/// Rows of `A` for the points that have a value, `[point][k][m]`, and these values.
+/// Computes the rows of `A` for the points that have a value, `[point][k][m]`.
+///
+/// Returns these rows and values.
 ///
 /// # Errors
-/// As [`Plan::build`].
+/// See [`Plan::build`].
 pub(crate) fn observed_rows(
     all: Points<'_>,
     image: &[Option<f64>],
@@ -243,10 +248,10 @@ fn rows_of<'a>(points: Points<'a>, tables: &[BivariateTable], prior: &LightPrior
 impl Plan {
     /// Integrates the basis over the light grid for every point and keeps the leading directions.
     ///
-    /// Directions are weighted by the root mean square of each light coefficient a priori, and by
-    /// the brightness of each basis function, so that all functions count equally: sharp ones are
-    /// dim under average light, and without that weight their images would be left out. `progress`
-    /// receives the finished share in 0..=1.
+    /// Directions are weighted by the prior root mean square of each light coefficient, and
+    /// inversely by the brightness of each basis function, so that all functions count equally:
+    /// sharp ones are dim under average light, and their images would otherwise be lost. `progress`
+    /// receives a fraction in 0..=1.
     ///
     /// # Errors
     /// If there are fewer than 50 points, the basis is empty, or the prior does not cover the grid.
@@ -303,31 +308,33 @@ impl Plan {
         Ok(())
     }
 
-    /// Number of directions kept.
+    /// Returns the number of directions.
     pub fn rank(&self) -> usize {
         self.energies.len()
     }
 
-    /// Number of light coefficients, M.
+    /// Returns the number of light coefficients, M.
     pub fn m(&self) -> usize {
         self.settings.side * self.settings.side
     }
 
-    /// Share of the prior-weighted energy that the kept directions leave out.
+    /// Returns the fraction of the prior-weighted energy outside the directions of the plan.
     pub fn left_out(&self) -> f64 {
         (1.0 - self.energies.iter().sum::<f64>() / self.total_energy).max(0.0)
     }
 
-    /// Projects an image onto the plan. Points without a value (`None`) are left out exactly: the
-    /// remaining rows of `Q` are orthonormalised again.
+    /// Projects an image onto the plan.
     ///
-    /// The rank depends on the image: the smallest, in steps of 50, at which the residual energy
-    /// exceeds that at the full rank by at most `slack` of the image's energy. (With points left
-    /// out, it is the full rank.)
+    /// Points without a value (`None`) are excluded exactly: the remaining rows of `Q` are
+    /// orthonormalised again.
+    ///
+    /// The rank is the smallest, in steps of 50, at which the residual energy exceeds that at the
+    /// full rank by at most `slack` of the image's energy. If points are excluded, the rank is the
+    /// full rank.
     ///
     /// # Errors
-    /// If the number of values is not that of the points, or fewer than 50 points or than the rank
-    /// have a value.
+    /// If image and plan differ in the number of points, or if fewer points have a value than 50 or
+    /// than the rank.
     pub fn project(&self, image: &[Option<f64>], slack: f64) -> Result<Projected, PlanError> {
         if image.len() != self.points {
             return Err(PlanError::Points { plan: self.points, image: image.len() });
@@ -345,7 +352,7 @@ impl Plan {
         let q = Mat::<f64>::from_fn(kept.len(), full, |i, j| f64::from(self.q[kept[i] * full + j]));
         let coordinates = q.transpose() * &values;
         if kept.len() == self.points {
-            // Q is already orthonormal, to single precision.
+            // Q is already orthonormal to single precision.
             let left = |r: usize| energy - coordinates.subrows(0, r).squared_norm_l2();
             let least = left(full);
             let rank = (1..).map(|s| (50 * s).min(full)).find(|&r| left(r) <= least + slack * energy).unwrap_or(full);
@@ -357,7 +364,8 @@ impl Plan {
                 pixels: kept.len(),
             });
         }
-        // Q_kept = Q~ L' with L L' = Q_kept' Q_kept: target L^-1 Q_kept' I, operator L' R.
+        // With Q_kept = Q~ L' and L L' = Q_kept' Q_kept, the target is L^-1 Q_kept' I and the
+        // operator L' R.
         let mut gram = q.transpose() * &q;
         for j in 0..gram.ncols() {
             gram[(j, j)] += 1e-9;
@@ -380,8 +388,9 @@ impl Plan {
     }
 }
 
-/// Image as the likelihood uses it: `I_i = g l' A_i f + e_i` on a few rows, and the energy outside
-/// them.
+/// Image in the form of the likelihood: `I_i = g l' A_i f + e_i` on a few rows.
+///
+/// The energy outside these rows is included.
 #[derive(Clone, Debug)]
 pub struct Projected {
     /// Operator on the rows.
@@ -395,11 +404,12 @@ pub struct Projected {
 }
 
 impl Projected {
-    /// Keeps the image on all its rows, without any projection: for images with much energy outside
-    /// the leading directions.
+    /// Uses all rows of the image, without projection.
+    ///
+    /// This is for images with much energy outside the leading directions.
     ///
     /// # Errors
-    /// As [`Plan::build`].
+    /// See [`Plan::build`].
     pub fn unprojected<'a>(
         points: impl Into<Points<'a>>,
         image: &[Option<f64>],
@@ -412,11 +422,13 @@ impl Projected {
         Ok(Self { bilinear, pixels: target.len(), target, outside: 0.0 })
     }
 
-    /// Image of points whose light is known: `rows` are the images of the `k` basis functions,
-    /// `[point][k]`. Points without a value are left out.
+    /// Uses the images of the basis functions under a known light.
+    ///
+    /// `rows` contains the images of the `k` basis functions, `[point][k]`. Points without a value
+    /// are excluded.
     ///
     /// # Panics
-    /// If the lengths do not fit.
+    /// If the lengths of `rows` and `image` do not match.
     pub fn under_known_light(rows: &[f32], k: usize, image: &[Option<f64>]) -> Self {
         assert_eq!(rows.len(), k * image.len());
         let kept = || rows.chunks_exact(k).zip(image).filter_map(|(row, value)| value.map(|v| (row, v)));
@@ -428,13 +440,13 @@ impl Projected {
         Self { bilinear: Bilinear::new(target.len(), k, 1, data), pixels: target.len(), target, outside: 0.0 }
     }
 
-    /// Share of the image's energy outside the rows.
+    /// Returns the fraction of the image's energy outside the rows.
     pub fn left_over(&self) -> f64 {
         let inside: f64 = self.target.iter().map(|x| x * x).sum();
         self.outside / (inside + self.outside)
     }
 
-    /// Squared norm of the image.
+    /// Returns the squared norm of the image.
     pub fn energy(&self) -> f64 {
         self.target.iter().map(|x| x * x).sum::<f64>() + self.outside
     }
@@ -453,7 +465,7 @@ pub(crate) mod tests {
     use crate::sphere::OctahedralMap;
     use crate::testing::{ball, lobe};
 
-    /// Random lamps over a sky.
+    /// Returns random lamps over a sky.
     pub(crate) fn toy_sky(side: usize, rng: &mut rand_pcg::Pcg64) -> LightGrid {
         let texels = (0..side * side)
             .map(|t| {
@@ -464,7 +476,7 @@ pub(crate) mod tests {
         LightGrid::from_texels(OctahedralMap::EqualArea, side, texels)
     }
 
-    /// Prior learnt from thirty toy skies, once for each side.
+    /// Returns the prior learnt from thirty toy skies, computed once for each side.
     pub(crate) fn toy_prior(side: usize) -> LightPrior {
         static LEARNT: Mutex<BTreeMap<usize, LightPrior>> = Mutex::new(BTreeMap::new());
         let learn = || {
@@ -496,7 +508,7 @@ pub(crate) mod tests {
     static PLAN: LazyLock<Plan> = LazyLock::new(|| build(&toy().3));
 
     #[test]
-    fn rows_made_anew_and_rows_held_give_the_same_plan() {
+    fn recomputed_and_stored_rows_give_the_same_plan() {
         let (.., settings) = toy();
         let streamed = build(&PlanSettings { hold: 0, ..settings });
         let held = &*PLAN;
@@ -506,7 +518,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_projected_image_is_what_the_rows_say() {
+    fn projection_matches_the_full_rows() {
         let (points, tables, prior, settings) = toy();
         let plan = &*PLAN;
         let full = Bilinear::new(points.len(), 3, 256, full_rows((&points).into(), &tables, &prior, &settings));
@@ -521,7 +533,7 @@ pub(crate) mod tests {
         for (got, want) in projected.bilinear.apply(&l, &f).iter().zip(&projected.target) {
             assert!((got - want).abs() < 1e-5 * scale, "{got} {want}");
         }
-        // Repeats it with a tenth of the pixels missing.
+        // The same with a tenth of the pixels missing.
         let holes: Vec<Option<f64>> = image.iter().enumerate().map(|(i, v)| v.filter(|_| i % 10 != 3)).collect();
         let partial = plan.project(&holes, 0.0).unwrap();
         assert_eq!(partial.pixels, holes.iter().flatten().count());
@@ -529,13 +541,13 @@ pub(crate) mod tests {
         for (got, want) in partial.bilinear.apply(&l, &f).iter().zip(&partial.target) {
             assert!((got - want).abs() < 1e-4 * scale, "{got} {want}");
         }
-        // Repeats it without any projection.
+        // The same without projection.
         let direct = Projected::unprojected(&points, &image, &tables, &prior, &settings).unwrap();
         assert_eq!(direct.pixels, points.len());
     }
 
     #[test]
-    fn the_rank_follows_the_slack() {
+    fn rank_decreases_with_slack() {
         let plan = &*PLAN;
         let image: Vec<Option<f64>> = sphere_points(600).iter().map(|p| Some(p.normal.y + 2.0)).collect();
         let (tight, loose) = (plan.project(&image, 0.0).unwrap(), plan.project(&image, 0.5).unwrap());
@@ -543,7 +555,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn unusable_inputs_are_refused() {
+    fn rejects_unusable_inputs() {
         let (points, tables, prior, settings) = toy();
         let build = |points: &[SurfacePoint], tables: &[BivariateTable], side| {
             let settings = PlanSettings { side, ..settings };

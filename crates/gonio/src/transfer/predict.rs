@@ -9,16 +9,19 @@ use crate::picture::luminance;
 use crate::reflectance::BivariateTable;
 use crate::shape::{Points, SurfacePoint};
 
-/// Luminances of a point.
+/// Predicted luminances of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prediction {
-    /// Luminance of the point in its own view, without the light that does not reach it.
+    /// Luminance of the point in its own view, under the light that reaches it.
     pub seen: f64,
-    /// Luminance on a sphere: at the point of the same normal relative to the view, seen from `+z`
-    /// in the same light, all of which reaches it.
+    /// Luminance at the same normal of a sphere, without occlusion.
+    ///
+    /// The normal is relative to the view; the sphere is viewed from `+z` in the same light.
     pub on_sphere: f64,
-    /// Share of `seen` that comes through partly open texels, in 0..=1: near one, the edge of a
-    /// shadow lies on the point, and the amount of light depends on where in a texel it comes from.
+    /// Fraction of `seen` that comes through partly open texels, in 0..=1.
+    ///
+    /// Near one, the edge of a shadow lies on the point, and the luminance depends on where within
+    /// a texel the light comes from.
     pub edge: f64,
 }
 
@@ -88,7 +91,7 @@ mod tests {
         BivariateTable::from_fn(|h, _| 0.1 + 0.5 / (1.0 + (h / 0.2_f64).powi(2)))
     }
 
-    /// Points inside a bowl, seen from its front, and their visibility.
+    /// Returns points inside a bowl, viewed from its front, and their visibility.
     fn bowl() -> (Vec<SurfacePoint>, Visibility) {
         let tracer = Tracer::new(Form::Bowl.mesh(30).unwrap());
         let view = DVec3::Z;
@@ -131,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn one_lamp_at_the_edge_of_a_shadow_is_all_edge() {
+    fn lamp_at_the_edge_of_a_shadow_has_an_edge_of_one() {
         let (points, visibility) = bowl();
         let at = |i: usize, texel: usize| {
             let lamp = |t: usize| Vec3::splat(if t == texel { 1.0 } else { 0.0 });
@@ -149,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn from_another_view_the_sphere_is_turned() {
+    fn on_sphere_rotates_with_the_view() {
         let view = DVec3::new(0.3, 0.1, 1.0).normalize();
         let turn = DQuat::from_rotation_arc(DVec3::Z, view);
         let light = LightGrid::from_texels(MAP, SIDE, (0..SIDE * SIDE).map(|t| Vec3::splat((t % 5) as f32)).collect());

@@ -7,10 +7,10 @@
 //! ```
 //!
 //! Measured materials have lobes of a fraction of a degree around `h = n`, sampled by MERL at steps
-//! of hundredths of a degree; a texel of a 32 x 32 grid is 6 degrees wide. So the square is divided
-//! as a quadtree: a cell is divided while its half vectors spread over more than a given fraction
-//! of its angle to the normal. Cells never cross the borders of texels, and each undivided one is
-//! evaluated at its centre.
+//! of hundredths of a degree; a texel of a 32 x 32 grid is 6 degrees wide. The square is therefore
+//! divided as a quadtree: a cell is divided while its half vectors spread over more than a given
+//! fraction of its angle to the normal. Cells never cross the borders of texels, and each undivided
+//! cell is evaluated at its centre.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -21,21 +21,24 @@ use crate::reflectance::{BivariateTable, THETA_D, THETA_H, theta_h_of};
 use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
 
-/// Several bivariate tables, interleaved so that looking up all of them touches four runs of
-/// memory.
+/// Several bivariate tables, interleaved so that one lookup reads all of them.
+///
+/// A lookup touches four contiguous ranges of memory.
 #[derive(Clone, Debug)]
 pub struct InterleavedTables {
     count: usize,
     /// Distance between the values of neighbouring cells.
     stride: usize,
-    /// `[theta_d][theta_h][table]`, tables padded to the stride.
+    /// Values `[theta_d][theta_h][table]`, with the tables padded to the stride.
     values: Vec<f32>,
     /// [`smoothness`] of a single table; zero for several.
     smooth: f32,
 }
 
-/// Place in a table: the cell below it, and the fractions of the way to the next half angle and to
-/// the next difference angle.
+/// Position in a table, for bilinear interpolation.
+///
+/// It consists of the cell below the position, and the fractions of the way to the next half angle
+/// and to the next difference angle.
 #[derive(Clone, Copy)]
 struct Place {
     /// Index of the cell, `theta_d * THETA_H + theta_h`.
@@ -45,7 +48,7 @@ struct Place {
 }
 
 impl Place {
-    /// Place of `90 sqrt(theta_h / 90 degrees)` and of `theta_d` in degrees.
+    /// Returns the place of `90 sqrt(theta_h / 90 degrees)` and of `theta_d` in degrees.
     #[inline(always)]
     fn of(root_h: f32, degrees_d: f32) -> Self {
         let (i, j) = ((root_h as usize).min(THETA_H - 2), (degrees_d as usize).min(THETA_D - 2));
@@ -70,13 +73,14 @@ impl InterleavedTables {
         Self { count, stride, values, smooth }
     }
 
-    /// Number of tables.
+    /// Returns the number of tables.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// Distance between the values of neighbouring cells: one for a single table, else the number
-    /// of tables rounded up to whole SIMD lanes.
+    /// Returns the distance between the values of neighbouring cells.
+    ///
+    /// It is one for a single table, otherwise the number of tables rounded up to whole SIMD lanes.
     pub fn stride(&self) -> usize {
         self.stride
     }
@@ -98,8 +102,10 @@ impl InterleavedTables {
     }
 }
 
-/// Smallest difference of half angles (radians) over which a table changes by more than a factor e;
-/// zero if it has a zero.
+/// Returns the smallest change of the half angle over which a table changes by more than a factor
+/// e.
+///
+/// The angle is in radians; zero if the table contains a zero.
 fn smoothness(table: &BivariateTable) -> f32 {
     let mut least = FRAC_PI_2;
     for j in 0..THETA_D {
@@ -119,34 +125,36 @@ fn smoothness(table: &BivariateTable) -> f32 {
 /// Fineness of the quadrature.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct QuadratureSettings {
-    /// Every cell is divided at least down to `2^base` cells a side (or the light grid, if that is
-    /// finer).
+    /// Level to which every cell is divided at least: `2^base` cells per side.
+    ///
+    /// If the light grid is finer, its level is used instead.
     pub base: u32,
-    /// A cell is divided while its spread of half vectors exceeds this fraction of their angle to
-    /// the normal.
+    /// Fraction of a cell's angle to the normal above which its spread of half vectors divides it.
     pub ratio: f32,
-    /// Angle (radians) added to the angle to the normal in that test: lobes are resolved to
-    /// `ratio * core`. For a single table it is at least the angle over which the table changes by
-    /// a factor e.
+    /// Angle (radians) added to the angle to the normal in that test.
+    ///
+    /// Lobes are resolved to `ratio * core`. For a single table, this angle is at least that over
+    /// which the table changes by a factor e.
     pub core: f32,
 }
 
 impl Default for QuadratureSettings {
-    /// Settings chosen by `gonio-eval quadrature` (`docs/quadrature.md`).
+    /// Returns the settings chosen by `gonio-eval quadrature` (`docs/quadrature.md`).
     fn default() -> Self {
         Self { base: 6, ratio: 0.3, core: 0.003 }
     }
 }
 
 impl QuadratureSettings {
-    /// Settings twice as fine in every respect: the difference of the two results measures the
-    /// error of the coarser one.
+    /// Returns settings that are twice as fine in every respect.
+    ///
+    /// The difference of the two results measures the error of the coarser one.
     pub fn refined(self) -> Self {
         Self { base: self.base + 1, ratio: self.ratio / 2.0, core: self.core / 2.0 }
     }
 }
 
-/// Deepest level of cells: 0.03 degrees of half angle.
+/// Deepest level of cells, with 0.03 degrees of half angle.
 const DEEPEST: u32 = 14;
 /// Deepest level whose cell centres are tabulated.
 const TABULATED: u32 = 9;
@@ -157,11 +165,11 @@ pub struct Quadrature {
     map: OctahedralMap,
     grid_level: u32,
     settings: QuadratureSettings,
-    /// Per level, centre direction and solid angle of each cell, row-major from the top.
+    /// Centre direction and solid angle of each cell by level, row-major from the top.
     centres: Vec<Vec<(Vec3, f32)>>,
 }
 
-/// Centre direction and solid angle of cell `(x, y)` of a level.
+/// Returns centre direction and solid angle of cell `(x, y)` of a level.
 fn cell(map: OctahedralMap, level: u32, x: u32, y: u32) -> (Vec3, f32) {
     let n = f64::from(1_u32 << level);
     let (u, v) = ((f64::from(2 * x + 1)) / n - 1.0, 1.0 - f64::from(2 * y + 1) / n);
@@ -180,7 +188,7 @@ impl Quadrature {
         Self { map, grid_level: side.ilog2(), settings, centres }
     }
 
-    /// Number of texels of the light grid.
+    /// Returns the number of texels of the light grid.
     pub fn texels(&self) -> usize {
         1 << (2 * self.grid_level)
     }
@@ -235,7 +243,9 @@ impl pulp::NullaryFnOnce for Integration<'_> {
 }
 
 impl Integration<'_> {
-    /// Adds those of `count` cells `(x, y)` of a level that need no division; lists the others.
+    /// Adds the cells of a level that need no division and lists the others.
+    ///
+    /// Only the first `count` of the cells `(x, y)` are used.
     #[inline(always)]
     fn visit(&mut self, level: u32, (cells, count): (&[(u32, u32); LANES], usize), divided: &mut Vec<(u32, u32)>) {
         let Quadrature { map, grid_level, settings, centres } = self.quadrature;
@@ -283,22 +293,24 @@ struct Point {
     view: Vec3,
 }
 
-/// Angles of a cell's centre in the frame of a point, by lanes.
+/// Angles of the centres of cells in the frame of a point, by lanes.
 struct Angles {
     /// Cosine of the angle between light and normal.
     cosine: Lanes,
     /// Half angle, radians.
     theta_h: Lanes,
-    /// Half angle as [`Place::of`] takes it.
+    /// Half angle as required by [`Place::of`].
     root_h: Lanes,
     /// Difference angle in degrees.
     degrees_d: Lanes,
-    /// Bound of the spread of the cell's half vectors, radians.
+    /// Upper bound (radians) of the spread of the cell's half vectors.
     spread: Lanes,
 }
 
 impl Point {
-    /// Angles of directions towards the light, of cells with an angular radius.
+    /// Computes the angles of directions towards the light.
+    ///
+    /// `radius` is the angular radius of the cells.
     #[inline(always)]
     fn angles(&self, light: &[Lanes; 3], radius: f32) -> Angles {
         let zero = [0.0; LANES];
@@ -310,8 +322,7 @@ impl Point {
             angles.cosine[lane] = x * n.x + y * n.y + z * n.z;
             let (sx, sy, sz) = (x + v.x, y + v.y, z + v.z);
             let twice_cos_d = (sx * sx + sy * sy + sz * sz).sqrt();
-            // Chords keep their accuracy where the angle is small. The sine of half an angle is
-            // half its chord.
+            // Chords remain accurate for small angles. The sine of half an angle is half its chord.
             let scale = 1.0 / twice_cos_d.max(1e-6);
             let (hx, hy, hz) = (sx * scale - n.x, sy * scale - n.y, sz * scale - n.z);
             let theta_h = 2.0 * kernels::asin_of_sqrt(0.25 * (hx * hx + hy * hy + hz * hz));
@@ -347,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_are_turned_with_the_view_and_bent_to_face_it() {
+    fn normals_rotate_with_the_view_and_face_it() {
         let view = DVec3::new(0.3, -0.2, 0.9).normalize();
         for normal in fibonacci_hemisphere(40) {
             let point = SurfacePoint { normal, view };
@@ -360,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lambertian_surface_collects_pi_from_a_uniform_light() {
+    fn constant_brdf_under_uniform_light_integrates_to_pi() {
         let one = [BivariateTable::from_fn(|_, _| 1.0)];
         for map in [OctahedralMap::EqualArea, OctahedralMap::PraunHoppe] {
             let quadrature = Quadrature::new(map, 32, QuadratureSettings::default());
@@ -374,7 +385,7 @@ mod tests {
 
     #[test]
     fn sharp_lobes_match_the_polar_reference_texel_by_texel() {
-        // Widths of a quarter of a degree, like chrome; half a degree, five, thirty.
+        // Widths of 0.25 degrees, as of chrome, and of 0.5, 5 and 30 degrees.
         let tables: Vec<BivariateTable> = [0.25, 0.5, 5.0, 30.0_f64].map(|w| lobe(w.to_radians())).to_vec();
         let quadrature = Quadrature::new(OctahedralMap::EqualArea, 32, QuadratureSettings::default());
         for normal in fibonacci_hemisphere(12).filter(|n| n.z > 0.2) {

@@ -1,4 +1,4 @@
-//! An independent, slow reference for the quadrature.
+//! Slow, independent reference for the quadrature.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -9,11 +9,11 @@ use crate::reflectance::BivariateTable;
 use crate::shape::SurfacePoint;
 use crate::sphere::OctahedralMap;
 
-/// Computes `T[t]` of one table by polar coordinates about the normal in the space of half vectors.
+/// Computes `T[t]` of one table in polar coordinates of the half vector about the normal.
 ///
-/// With `h` at `(theta, phi)` about `n`, `w = 2 (h . v) h - v` and `dw = 4 (h . v) dh`: the lobe is
-/// resolved exactly whatever its width, and the texels are found by looking up where each sample
-/// falls. `rings` midpoints in `sqrt(theta)`, in which the tables are piecewise linear, times
+/// With `h` at `(theta, phi)` about `n`, `w = 2 (h . v) h - v` and `dw = 4 (h . v) dh`. The lobe is
+/// resolved regardless of its width, and each sample is added to the texel of its direction. The
+/// samples are `rings` midpoints in `sqrt(theta)`, in which the tables are piecewise linear, times
 /// `spokes` in `phi`.
 pub fn polar_reference(
     point: &SurfacePoint,
@@ -32,8 +32,8 @@ pub fn polar_reference(
         // d theta = 2 s ds pi/2
         let ring_area = theta.sin() * 2.0 * s * FRAC_PI_2 / rings as f64 * TAU / spokes as f64;
         for spoke in 0..spokes {
-            // Rings are rotated against each other, so that no texel border runs along a spoke of
-            // all of them.
+            // Rings are rotated against each other, so that no texel border coincides with a spoke
+            // of all rings.
             let phi = TAU * ((spoke as f64 + 0.5) / spokes as f64 + 0.618_034 * ring as f64);
             let h: DVec3 = theta.cos() * n + theta.sin() * (phi.cos() * x + phi.sin() * y);
             let cos_d = h.dot(v);

@@ -1,5 +1,6 @@
-//! Leading left singular subspace of a tall stack of rows that need not fit in memory, by
-//! randomised sketching (Halko, Martinsson and Tropp 2011).
+//! Leading left singular subspace of a tall stack of rows, by randomised sketching.
+//!
+//! The rows need not fit in memory (Halko, Martinsson and Tropp 2011).
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
@@ -11,17 +12,17 @@ use crate::linalg::eigenvectors;
 
 /// Source of rows: blocks of consecutive rows, either stored or recomputed on each pass.
 pub(super) trait RowBlocks {
-    /// Number of rows.
+    /// Returns the number of rows.
     fn rows(&self) -> usize;
-    /// Number of columns.
+    /// Returns the number of columns.
     fn columns(&self) -> usize;
     /// Calls `visit(first_row, block)` for consecutive blocks, `block` row-major.
     fn for_each(&self, visit: &mut dyn FnMut(usize, &[f32]));
 }
 
-/// `Q` (rows x rank) with orthonormal columns, `R = Q' A`, and the energy of `A` that they keep.
+/// `Q` (rows x rank) with orthonormal columns, `R = Q' A`, and the energy of `A` in them.
 pub(super) struct Sketch {
-    /// Orthonormal columns, by falling weighted energy.
+    /// Orthonormal columns in order of decreasing weighted energy.
     pub(super) q: Mat<f32>,
     /// `Q' A`, row-major, rank x columns.
     pub(super) r: Vec<f32>,
@@ -31,8 +32,9 @@ pub(super) struct Sketch {
     pub(super) total: f64,
 }
 
-/// Computes a product in fixed bands of result columns: every band is one sequential product, so
-/// the result does not depend on the number of threads.
+/// Computes a product in fixed bands of result columns.
+///
+/// Each band is one sequential product, so the result does not depend on the number of threads.
 fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_, f32>) {
     const BAND: usize = 256;
     let columns = out.ncols();
@@ -42,8 +44,9 @@ fn product(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_,
     });
 }
 
-/// Splits a matrix into bands of columns that can be written at the same time, each with the index
-/// of its first column.
+/// Splits a matrix into bands of columns that can be written concurrently.
+///
+/// Each band is paired with the index of its first column.
 pub(crate) fn column_bands<T>(matrix: MatMut<'_, T>, count: usize) -> Vec<(usize, MatMut<'_, T>)> {
     let columns = matrix.ncols();
     let (mut bands, mut rest, mut first) = (Vec::with_capacity(count), matrix, 0);
@@ -61,8 +64,8 @@ fn orthonormalise(y: &mut Mat<f32>) {
     for _ in 0..2 {
         let mut tall = Mat::<f64>::from_fn(y.nrows(), y.ncols(), |i, j| f64::from(y[(i, j)]));
         let mut gram = gram(tall.as_ref());
-        // For directions that the sketch does not reach, a ridge far below the smallest kept energy
-        // keeps the factor finite.
+        // A ridge far below the smallest kept energy keeps the factor finite for directions that
+        // the sketch does not reach.
         let ridge = 1e-13 * (0..gram.ncols()).map(|j| gram[(j, j)]).fold(0.0, f64::max);
         for j in 0..gram.ncols() {
             gram[(j, j)] += ridge;
@@ -80,7 +83,7 @@ fn orthonormalise(y: &mut Mat<f32>) {
     }
 }
 
-/// `Y' Y`, band by band.
+/// Computes `Y' Y` band by band.
 fn gram(y: MatRef<'_, f64>) -> Mat<f64> {
     let n = y.ncols();
     let mut gram = Mat::zeros(n, n);
@@ -91,11 +94,10 @@ fn gram(y: MatRef<'_, f64>) -> Mat<f64> {
     gram
 }
 
-/// Computes the `rank` left singular directions of `A D` with most energy, `D` the diagonal of
-/// `weights` (one per column).
+/// Computes the `rank` left singular directions of `A D` with the most energy.
 ///
-/// It makes one power iteration on a Gaussian sketch of `rank + oversampling` columns;
-/// deterministic for a seed.
+/// `D` is the diagonal of `weights` (one per column). The method is one power iteration on a
+/// Gaussian sketch of `rank + oversampling` columns. The result is deterministic for a seed.
 pub(super) fn sketch(source: &dyn RowBlocks, weights: &[f32], rank: usize, oversampling: usize, seed: u64) -> Sketch {
     let (rows, columns) = (source.rows(), source.columns());
     let width = (rank + oversampling).min(rows).min(columns);
@@ -149,7 +151,7 @@ pub(super) fn sketch(source: &dyn RowBlocks, weights: &[f32], rank: usize, overs
     let b = project(&y);
     let weighted = Mat::<f64>::from_fn(columns, width, |i, j| f64::from(b[(j, i)] * weights[i]));
     let (values, vectors) = eigenvectors(gram(weighted.as_ref()).as_ref());
-    // Eigenvalues ascend.
+    // Eigenvalues are in ascending order.
     let u = Mat::<f32>::from_fn(width, rank, |i, j| vectors[(i, width - 1 - j)] as f32);
     let energies = (0..rank).map(|j| values[width - 1 - j].max(0.0)).collect();
     let mut q = Mat::<f32>::zeros(rows, rank);
@@ -180,7 +182,7 @@ mod tests {
         }
     }
 
-    /// Rank-20 rows with falling singular values, plus a little noise.
+    /// Returns rows of rank 20 with decreasing singular values, plus a little noise.
     fn rows() -> Held {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
         let mut normal = |n: usize| -> Vec<f32> { (0..n).map(|_| StandardNormal.sample(&mut rng)).collect() };
@@ -197,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sketch_keeps_nearly_what_the_singular_values_allow() {
+    fn sketch_keeps_nearly_the_optimal_energy() {
         let source = rows();
         let weights: Vec<f32> = (0..source.2).map(|j| 1.0 + (j % 3) as f32).collect();
         let a = Mat::<f64>::from_fn(source.1, source.2, |i, j| f64::from(source.0[i * source.2 + j] * weights[j]));
@@ -211,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn the_basis_is_orthonormal_and_r_is_its_projection() {
+    fn q_is_orthonormal_and_r_is_the_projection() {
         let source = rows();
         let got = sketch(&source, &vec![1.0; source.2], 25, 5, 1);
         for a in 0..25 {
@@ -227,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn the_result_does_not_depend_on_threads() {
+    fn result_does_not_depend_on_threads() {
         // Wide enough for the blocked paths of the linear algebra.
         let mut rng = rand_pcg::Pcg64::seed_from_u64(9);
         let (n, m) = (700, 900);

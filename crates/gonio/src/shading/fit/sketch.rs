@@ -7,8 +7,7 @@ use crate::reflectance::{BivariateTable, CELLS, PHI_D, THETA_D, THETA_H, angles_
 use crate::render::Relighter;
 use crate::transfer::kernels::{dispatch, dot};
 
-/// Step between the half angles at which a model is evaluated, in cells, which are dense at the
-/// peak.
+/// Step between the half angles at which a model is evaluated, in cells (dense at the peak).
 const STEP_H: usize = 3;
 /// Difference angles (degrees) at which a model is evaluated, dense where reflectance rises.
 const ALONG_D: [usize; 12] = [0, 10, 20, 30, 40, 50, 60, 68, 74, 79, 84, 89];

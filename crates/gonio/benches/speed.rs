@@ -1,9 +1,9 @@
-//! Speed of the steps between a photograph and its posterior: the plan, Algorithm 1, the block
-//! solver, the light of one BRDF, the renderer.
+//! Speed of the steps from a photograph to its posterior.
 //!
-//! `cargo bench -p gonio`. Lights and reflectances are synthetic, of the sizes that a real image of
-//! a sphere has: a light of 32 x 32 texels (M = 1024), ten basis functions (K = 10), a projection
-//! on 800 directions.
+//! The steps are the plan, Algorithm 1, the block solver, the light of one BRDF, and the renderer.
+//! Run with `cargo bench -p gonio`. Lights and reflectances are synthetic and have the sizes of a
+//! real photograph of a sphere: a light of 32 x 32 texels (M = 1024), ten basis functions (K = 10),
+//! a projection on 800 directions.
 
 use std::sync::LazyLock;
 
@@ -30,10 +30,10 @@ fn main() {
 const SIDE: usize = 32;
 /// Widths of the lobes, from lacquer to chalk.
 const WIDTHS: [f64; 10] = [0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.25, 0.4, 0.6, 1.0];
-/// Normals that suffice for a plan of full rank.
+/// Number of normals that suffices for a plan of full rank.
 const FEW: usize = 1500;
 
-/// Ingredients of a plan except the points.
+/// Inputs of a plan except the points.
 struct World {
     lights: Vec<LightGrid>,
     prior: LightPrior,
@@ -48,8 +48,7 @@ impl World {
     }
 }
 
-/// A dozen skies with lamps, and ten lobes of maximum one, as the functions of a trained basis have
-/// it.
+/// Twelve skies with lamps, and ten lobes of maximum one, like the functions of a trained basis.
 static WORLD: LazyLock<World> = LazyLock::new(|| {
     let mut rng = Pcg64::seed_from_u64(1);
     let lights: Vec<LightGrid> = (0..12)
@@ -72,7 +71,7 @@ static WORLD: LazyLock<World> = LazyLock::new(|| {
     World { lights, prior, tables: WIDTHS.map(lobe).to_vec(), rates: vec![5.0; WIDTHS.len()] }
 });
 
-/// An image of a sphere as the likelihood sees it, with one percent of noise.
+/// Image of a sphere in the form of the likelihood, with one percent of noise.
 static IMAGE: LazyLock<Projected> = LazyLock::new(|| {
     let world = &*WORLD;
     let plan = world.plan(&points(FEW));
@@ -97,7 +96,7 @@ fn problem() -> Problem<'static> {
     Problem::blind(&IMAGE, &WORLD.prior, &WORLD.rates, Hyper::default()).expect("the image is lit")
 }
 
-/// Quadrature and sketch for a sphere of so many normals; 12,000 is what the program takes.
+/// Quadrature and sketch for a sphere with `normals` normals; the program uses 12,000.
 #[divan::bench(args = [FEW, 12_000], sample_count = 2, sample_size = 1)]
 fn plan(bencher: Bencher<'_, '_>, normals: usize) {
     let points = points(normals);
@@ -105,7 +104,7 @@ fn plan(bencher: Bencher<'_, '_>, normals: usize) {
     bencher.bench_local(|| world.plan(black_box(&points)));
 }
 
-/// One parallel update of all parameters: what Algorithm 1 calls Update.
+/// One parallel update of all parameters: the step "Update" of Algorithm 1.
 #[divan::bench(sample_count = 20)]
 fn sweep(bencher: Bencher<'_, '_>) {
     let problem = problem();
@@ -114,7 +113,7 @@ fn sweep(bencher: Bencher<'_, '_>) {
     bencher.bench_local(|| now.update(&problem, black_box(&ensemble)));
 }
 
-/// One evaluation of `C_KL`, of which a line search takes several.
+/// One evaluation of `C_KL`; a line search requires several.
 #[divan::bench(sample_count = 20)]
 fn cost(bencher: Bencher<'_, '_>) {
     let problem = problem();
@@ -122,9 +121,10 @@ fn cost(bencher: Bencher<'_, '_>) {
     bencher.bench_local(|| Expectations::new(&problem, black_box(&ensemble)).cost(&problem));
 }
 
-/// One iteration from a random start. With [`Solver::Printed`] an update and its line search; with
-/// [`Solver::Blocks`] a round of the block solver and, once for each image, the Gram matrices that
-/// [`grams`] measures.
+/// One iteration from a random start.
+///
+/// With [`Solver::Printed`], this is an update and its line search. With [`Solver::Blocks`], it is
+/// a round of the block solver and, once per image, the Gram matrices that [`grams`] measures.
 #[divan::bench(args = [Solver::Printed, Solver::Blocks], sample_count = 10, sample_size = 1)]
 fn iteration(bencher: Bencher<'_, '_>, solver: Solver) {
     let problem = problem();
@@ -132,13 +132,13 @@ fn iteration(bencher: Bencher<'_, '_>, solver: Solver) {
     bencher.bench_local(|| infer(black_box(&problem), &Method::Variational(settings), &|_| ()));
 }
 
-/// Gram matrices, which the block solver computes once for each image.
+/// Gram matrices, which the block solver computes once per image.
 #[divan::bench(sample_count = 10, sample_size = 1)]
 fn grams(bencher: Bencher<'_, '_>) {
     bencher.bench_local(|| black_box(&IMAGE.bilinear).reflectance_grams());
 }
 
-/// The evidence of one candidate, in so many steps of expectation maximisation.
+/// Evidence of one candidate, with `max_steps` steps of expectation maximisation.
 #[divan::bench(args = [0, 10], sample_count = 10, sample_size = 1)]
 fn evidence(bencher: Bencher<'_, '_>, max_steps: usize) {
     let Projected { bilinear, target, outside, pixels } = &*IMAGE;
@@ -149,7 +149,7 @@ fn evidence(bencher: Bencher<'_, '_>, max_steps: usize) {
     bencher.bench_local(|| inference.posterior(black_box(&operator), &settings));
 }
 
-/// The radiance of one point in the studio light.
+/// Radiance of one point in the studio light.
 #[divan::bench(args = [0.02, 0.1, 0.5])]
 fn render_point(bencher: Bencher<'_, '_>, alpha: f64) {
     let table = Ggx { diffuse: 0.3, f0: 0.05, alpha }.to_bivariate();
@@ -159,7 +159,7 @@ fn render_point(bencher: Bencher<'_, '_>, alpha: f64) {
     bencher.bench_local(|| radiance(black_box(&point), &table, &table, &light, &settings));
 }
 
-/// A mesh of 150,000 triangles that shadows itself, before its camera.
+/// A self-shadowing mesh of 150,000 triangles, with its camera.
 static BOWL: LazyLock<(Tracer, Camera)> = LazyLock::new(|| {
     let mesh = Form::Bowl.mesh(101).expect("the lattice meets the bowl");
     let (centre, radius) = mesh.bounds();
@@ -169,20 +169,20 @@ static BOWL: LazyLock<(Tracer, Camera)> = LazyLock::new(|| {
     (Tracer::new(mesh), camera)
 });
 
-/// Sorting the triangles into a tree.
+/// Builds the tree of the triangles.
 #[divan::bench(sample_count = 3, sample_size = 1)]
 fn tracer_of_150k_triangles(bencher: Bencher) {
     let mesh = BOWL.0.mesh().clone();
     bencher.with_inputs(|| mesh.clone()).bench_values(Tracer::new);
 }
 
-/// A ray for each of 512 x 512 pixels.
+/// Traces one ray for each of 512 x 512 pixels.
 #[divan::bench(sample_count = 3, sample_size = 1)]
 fn geometry_buffer() -> GeometryBuffer {
     GeometryBuffer::of(&BOWL.0, &BOWL.1)
 }
 
-/// The light that reaches each of 12,000 points of the bowl, on 32 x 32 texels.
+/// Traces the visibility of 12,000 points of the bowl, on 32 x 32 texels.
 #[divan::bench(sample_count = 3, sample_size = 1)]
 fn visibility_of_12000_points(bencher: Bencher) {
     let (surface, camera) = &*BOWL;

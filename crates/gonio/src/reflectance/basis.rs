@@ -1,5 +1,4 @@
-//! Linear basis `F = sum_k f_k phi_k` of reflectance (paper 3.2) and the prior of its coefficients
-//! (paper eq. 6).
+//! Linear basis `F = sum_k f_k phi_k` of reflectance (paper 3.2) with the prior of eq. 6.
 
 use super::nnls::{NnlsError, nnls};
 use super::table::{BivariateTable, CELLS, THETA_D, trusted_cells};
@@ -13,9 +12,9 @@ pub enum BasisError {
     /// A list of coefficients does not fit the basis.
     #[error("{got} coefficients for {functions} basis functions")]
     CoefficientCount {
-        /// Coefficients given.
+        /// Number of coefficients given.
         got: usize,
-        /// Functions of the basis.
+        /// Number of functions of the basis.
         functions: usize,
     },
     /// A trusted cell of the table to project is NaN or infinite.
@@ -31,45 +30,47 @@ pub enum BasisError {
     Nnls(#[from] NnlsError),
 }
 
-/// A material that a basis was trained on.
+/// A material of the training set of a basis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainingMaterial {
-    /// Its name.
+    /// Name of the material.
     pub name: String,
-    /// The largest trusted value of its table (1/sr), by which it was divided.
+    /// Largest trusted value of the material's table (1/sr), by which the table was divided.
     pub scale: f64,
-    /// Its coefficients (one for each function, not negative) after that division.
+    /// Coefficients after that division, one per function, not negative.
     pub coefficients: Vec<f64>,
 }
 
 /// Non-negative functions whose non-negative combinations are reflectances.
 ///
-/// The fields are open so that formats can store them; [`train`](super::train) makes them
+/// The fields are public so that file formats can store them. [`train`](super::train) makes them
 /// consistent: `functions`, `rates` and each material's coefficients have the same length `K`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReflectanceBasis {
-    /// Functions `phi_k`, each with maximum one over the trusted cells; the cells beyond continue
-    /// them by a constant.
+    /// Functions `phi_k`, each with maximum one over the trusted cells.
+    ///
+    /// Cells that are not trusted repeat the nearest trusted value.
     pub functions: Vec<BivariateTable>,
-    /// Rates `lambda_k` of `p(f_k) = lambda_k exp(-lambda_k f_k)` (eq. 6): one over the mean of the
-    /// training materials' coefficients, the maximum-likelihood value.
+    /// Rates `lambda_k` of `p(f_k) = lambda_k exp(-lambda_k f_k)` (eq. 6).
+    ///
+    /// The maximum-likelihood value is one over the mean of the training materials' coefficients.
     pub rates: Vec<f64>,
-    /// The materials of the training, in the order given.
+    /// Materials of the training set, in the order given.
     pub materials: Vec<TrainingMaterial>,
 }
 
 impl ReflectanceBasis {
-    /// Number of functions, `K`.
+    /// Returns the number of functions, `K`.
     pub fn len(&self) -> usize {
         self.functions.len()
     }
 
-    /// Whether there is no function.
+    /// Returns whether the basis has no functions.
     pub fn is_empty(&self) -> bool {
         self.functions.is_empty()
     }
 
-    /// `sum_k f_k phi_k` for `K` coefficients, in their units.
+    /// Returns `sum_k f_k phi_k` for `K` coefficients, in their units.
     ///
     /// # Errors
     /// [`BasisError::CoefficientCount`] unless there are `K` coefficients.
@@ -86,16 +87,17 @@ impl ReflectanceBasis {
         Ok(BivariateTable::from_vec(sum.into_iter().map(|v| v as f32).collect()))
     }
 
-    /// Finds the coefficients `f >= 0` that minimise the squared error to `table` over the trusted
-    /// cells, in its units.
+    /// Computes the coefficients `f >= 0` that minimise the squared error to `table`.
+    ///
+    /// The error is summed over the trusted cells; coefficients are in the units of the table.
     ///
     /// # Errors
-    /// If a trusted cell is not finite, or the least squares fail on functions that are not finite.
+    /// If a trusted cell is not finite, or the least squares fail because a function is not finite.
     pub fn project(&self, table: &BivariateTable) -> Result<Vec<f64>, BasisError> {
         self.projector().project(table)
     }
 
-    /// Projector that keeps the inner products of the functions, for many tables.
+    /// Returns a projector that stores the inner products of the functions, for many tables.
     pub(super) fn projector(&self) -> Projector<'_> {
         let cells: Vec<usize> = trusted_cells().collect();
         let dot = |a: &BivariateTable, b: &BivariateTable| inner(&cells, a, b);
@@ -142,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn projecting_a_combination_gives_its_coefficients() {
+    fn projecting_a_combination_recovers_its_coefficients() {
         let f = [0.3, 700.0, 0.0];
         let got = basis().project(&basis().combine(&f).unwrap()).unwrap();
         for (got, want) in got.iter().zip(f) {
@@ -160,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_must_fit() {
+    fn rejects_a_wrong_number_of_coefficients() {
         assert_eq!(basis().combine(&[1.0]), Err(BasisError::CoefficientCount { got: 1, functions: 3 }));
     }
 }

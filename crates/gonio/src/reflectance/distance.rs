@@ -1,28 +1,33 @@
-//! Scale-invariant distance between two BRDFs. A photograph under unknown light does not determine
-//! their scale.
+//! Scale-invariant distance between two BRDFs.
+//!
+//! A photograph under unknown light does not determine their scale.
 
 use std::f64::consts::FRAC_PI_4;
 
 use super::{BivariateTable, angles_of, trusted_cells};
 
-/// Share of the diffuse level of the reference that is added to both before the logarithm: cells
-/// that are black in either do not count without bound.
+/// Fraction of the reference's diffuse level that is added to both before the logarithm.
+///
+/// Without it, cells that are black in either table would count without bound.
 const FLOOR: f64 = 1e-3;
 
-/// Distance of two BRDFs, the same in both directions: the mean of both [`brdf_error`]. About the
-/// relative difference where it is small: 0.1 is 10 %. Zero for tables that differ by a factor. Not
-/// finite if one is black.
+/// Returns the symmetric distance of two BRDFs, the mean of both [`brdf_error`].
+///
+/// Small distances are approximately relative differences: 0.1 is 10 %. The distance is zero for
+/// tables that differ by a factor, and not finite if one of them is black.
 pub fn log_distance(a: &BivariateTable, b: &BivariateTable) -> f64 {
     0.5 * (brdf_error(a, b) + brdf_error(b, a))
 }
 
-/// BRDF error: `min_s` root mean square of `ln((s F^ + e)/(F + e))` over trusted cells, `e` a
-/// thousandth of the diffuse level of the reference.
+/// Returns the BRDF error, invariant to the scale of the estimate.
+///
+/// The error is `min_s` of the root mean square of `ln((s F^ + e)/(F + e))` over trusted cells,
+/// with `e` a thousandth of the diffuse level of the reference.
 pub fn brdf_error(estimate: &BivariateTable, reference: &BivariateTable) -> f64 {
     brdf_fit(estimate, reference).1
 }
 
-/// The `s` of [`brdf_error`]: the factor that scales an estimate to the reference.
+/// Returns the `s` of [`brdf_error`], the factor that scales an estimate to the reference.
 pub fn brdf_scale(estimate: &BivariateTable, reference: &BivariateTable) -> f64 {
     brdf_fit(estimate, reference).0
 }
@@ -33,7 +38,7 @@ fn brdf_fit(estimate: &BivariateTable, reference: &BivariateTable) -> (f64, f64)
     log_fit(cells.map(|c| (f64::from(estimate.as_slice()[c]), f64::from(reference.as_slice()[c]))), floor)
 }
 
-/// Diffuse level (1/sr): median over the trusted cells with `theta_h` above 45 degrees.
+/// Returns the diffuse level (1/sr): median over trusted cells with `theta_h` above 45 degrees.
 pub fn diffuse_level(table: &BivariateTable) -> f64 {
     let mut cells: Vec<f32> =
         trusted_cells().filter(|c| angles_of(*c).0 > FRAC_PI_4).map(|c| table.as_slice()[c]).collect();
@@ -41,9 +46,10 @@ pub fn diffuse_level(table: &BivariateTable) -> f64 {
     f64::from(cells[cells.len() / 2])
 }
 
-/// The `s` that minimises `rms ln((s a + e)/(b + e))` over pairs `(a, b)`, and the minimum, by
-/// golden section over `ln s` around the ratio of geometric means. `e` is `floor`, above zero;
-/// negative values count as zero.
+/// Returns the `s` that minimises `rms ln((s a + e)/(b + e))` over pairs `(a, b)`, and the minimum.
+///
+/// The method is golden section over `ln s`, after a scan around the ratio of geometric means. `e`
+/// is `floor`, above zero; negative values count as zero.
 pub fn log_fit(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> (f64, f64) {
     let pairs: Vec<(f64, f64)> = pairs.map(|(a, b)| (a.max(0.0), (b.max(0.0) + floor).ln())).collect();
     let n = pairs.len() as f64;
@@ -53,7 +59,7 @@ pub fn log_fit(pairs: impl Iterator<Item = (f64, f64)>, floor: f64) -> (f64, f64
     };
     let tiny = floor.max(1e-300);
     let centre = pairs.iter().map(|(a, log_b)| log_b - (a + tiny * 1e-3).ln()).sum::<f64>() / n;
-    // The cost is not convex in ln s: a coarse scan first.
+    // The cost is not convex in ln s and is therefore scanned coarsely first.
     let step = 0.5;
     let best = (-24..=24).map(|i| centre + step * f64::from(i)).min_by(|a, b| cost(*a).total_cmp(&cost(*b)));
     let best = best.unwrap_or(centre);
@@ -95,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn the_distance_has_no_direction_and_grows() {
+    fn distance_is_symmetric_and_grows() {
         let (a, b, c) = (glossy(0.1), glossy(0.15), glossy(0.3));
         assert!((log_distance(&a, &b) - log_distance(&b, &a)).abs() < 1e-12);
         assert!(log_distance(&a, &a.scaled(5.0)) < 1e-4);
@@ -103,8 +109,8 @@ mod tests {
     }
 
     #[test]
-    fn a_step_in_half_of_the_cells_is_half_of_its_logarithm() {
-        // After the best scale each half is off by half of the step.
+    fn step_in_half_of_the_cells_gives_half_of_its_logarithm() {
+        // After the best scale, each half differs by half of the step.
         let cells: Vec<usize> = trusted_cells().collect();
         let mut stepped = BivariateTable::from_fn(|_, _| 1.0);
         for cell in &cells[..cells.len() / 2] {
@@ -115,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_distance_of_a_black_table_is_no_number() {
+    fn distance_to_a_black_table_is_not_finite() {
         let black = BivariateTable::from_fn(|_, _| 0.0);
         assert!(!log_distance(&black, &glossy(0.1)).is_finite());
     }

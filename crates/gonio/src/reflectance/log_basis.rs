@@ -1,13 +1,13 @@
 //! Principal component model of the logarithms of measured BRDF tables.
 //!
 //! Reflectance spans five orders of magnitude. In the logarithm, a few dozen axes represent a
-//! hundred materials to a few percent everywhere, in the diffuse part as in the peak, whereas a
-//! factorisation of the values themselves spends all its functions on the peaks of metals.
+//! hundred materials to a few percent, both in the diffuse part and in the peak. A factorisation of
+//! the values themselves spends all its functions on the peaks of metals.
 
 use super::table::BivariateTable;
 use crate::linalg::{principal_axes, project};
 
-/// Smallest reflectance in 1/sr whose logarithm is taken: a thousandth of what soot reflects.
+/// Smallest reflectance in 1/sr whose logarithm is used, a thousandth of the reflectance of soot.
 const DARKEST: f32 = 1e-6;
 
 /// Tables as `exp(mean + sum_r c_r axis_r)`, with coefficients `c` for each material.
@@ -15,21 +15,24 @@ const DARKEST: f32 = 1e-6;
 pub struct LogBasis {
     /// Names of the materials.
     pub names: Vec<String>,
-    /// Mean of the logarithms, a value for each cell of a [`BivariateTable`].
+    /// Mean of the logarithms, one value for each cell of a [`BivariateTable`].
     pub mean: Vec<f32>,
-    /// Orthonormal axes over the cells, by falling variance.
+    /// Orthonormal axes over the cells, in order of decreasing variance.
     pub axes: Vec<Vec<f32>>,
     /// Coefficients of each material, one for each axis.
     pub coefficients: Vec<Vec<f32>>,
 }
 
 impl LogBasis {
-    /// Number of axes that represent the hundred reconstructed materials of the MERL database to 3
-    /// % (the root mean square of the logarithm over trusted cells; 5 % for the worst).
+    /// Number of axes that represent the hundred reconstructed MERL materials to 3 %.
+    ///
+    /// The error is the root mean square of the logarithm over trusted cells; it is 5 % for the
+    /// worst material.
     pub const RANK: usize = 40;
 
-    /// Computes the `rank` leading axes (fewer if there are not as many materials). Cells beyond
-    /// the trusted ones take the value of the last trusted cell.
+    /// Computes the `rank` leading axes, or fewer if there are not as many materials.
+    ///
+    /// Cells that are not trusted repeat the nearest trusted value.
     ///
     /// # Panics
     /// If there are no materials.
@@ -54,12 +57,12 @@ impl LogBasis {
         }
     }
 
-    /// Table of a material, 1/sr.
+    /// Returns the table of a material in 1/sr.
     pub fn table(&self, material: usize) -> BivariateTable {
         self.at(&self.coefficients[material].iter().map(|c| f64::from(*c)).collect::<Vec<_>>())
     }
 
-    /// Table with these coefficients, one for each axis, 1/sr.
+    /// Returns the table with these coefficients, one per axis, in 1/sr.
     pub(crate) fn at(&self, coefficients: &[f64]) -> BivariateTable {
         let mut log: Vec<f64> = self.mean.iter().map(|v| f64::from(*v)).collect();
         for (axis, c) in self.axes.iter().zip(coefficients) {
@@ -68,12 +71,12 @@ impl LogBasis {
         BivariateTable::from_vec(log.into_iter().map(|v| v.exp() as f32).collect())
     }
 
-    /// Number of materials.
+    /// Returns the number of materials.
     pub fn len(&self) -> usize {
         self.names.len()
     }
 
-    /// Whether there is none.
+    /// Returns whether there are no materials.
     pub fn is_empty(&self) -> bool {
         self.names.is_empty()
     }

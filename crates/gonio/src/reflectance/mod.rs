@@ -1,5 +1,4 @@
-//! Reflectance: tables, the non-negative basis learnt from measured materials, parametric models
-//! (paper 3.2).
+//! Reflectance: tables, the non-negative basis and parametric models (paper 3.2).
 
 mod basis;
 mod dictionary;

@@ -1,43 +1,50 @@
-//! Non-negative least squares in Gram form, by an exact active-set method (Lawson & Hanson 1974,
-//! ch. 23).
+//! Non-negative least squares in Gram form, by an exact active-set method.
+//!
+//! The method is that of Lawson & Hanson (1974, ch. 23).
 
 use faer::MatRef;
 use thiserror::Error;
 
-/// Error of `nnls`.
+/// Error of the non-negative least squares.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum NnlsError {
     /// The Gram matrix is not square, or the right-hand side has another length.
     #[error("the Gram matrix is {rows} x {columns} and the right-hand side has {len} entries")]
     Shape {
-        /// Rows of the Gram matrix.
+        /// Number of rows of the Gram matrix.
         rows: usize,
-        /// Columns of the Gram matrix.
+        /// Number of columns of the Gram matrix.
         columns: usize,
-        /// Entries of the right-hand side.
+        /// Number of entries of the right-hand side.
         len: usize,
     },
     /// An input is NaN or infinite.
     #[error("an entry of the Gram matrix or of the right-hand side is not finite")]
     NotFinite,
-    /// The cost is unbounded below: only possible where `c` has negative entries or `G`, `h` belong
-    /// to no `A`, `b`.
+    /// The cost is unbounded below.
+    ///
+    /// This is only possible if `c` has negative entries, or if `G` and `h` correspond to no `A`
+    /// and `b`.
     #[error("the cost is unbounded below along variable {0}")]
     Unbounded(usize),
-    /// The active set did not settle, which happens only if the matrix is not positive
-    /// semidefinite.
+    /// The active set did not converge.
+    ///
+    /// This happens only if the matrix is not positive semidefinite.
     #[error("the active set did not converge; check that the Gram matrix is positive semidefinite")]
     NoConvergence,
 }
 
 /// Relative size below which a gradient counts as zero.
 const ROUND_OFF: f64 = 1e-13;
-/// Share of a column's squared length outside the span of the others below which it counts as
-/// dependent.
+/// Fraction of a column's squared length outside the span of the others.
+///
+/// Below it, the column counts as dependent.
 const DEPENDENT: f64 = 1e-12;
 
-/// Minimises `|A x - b|^2 + 2 c'x` over `x >= 0`, given `gram = G = A'A` (`n x n`, symmetric
-/// positive semidefinite, both triangles filled) and `h = A'b - c` (`n`).
+/// Minimises `|A x - b|^2 + 2 c'x` over `x >= 0`.
+///
+/// `gram` is `G = A'A` (`n x n`, symmetric positive semidefinite, both triangles filled) and `h` is
+/// `A'b - c` (`n`).
 ///
 /// The result satisfies the Karush-Kuhn-Tucker conditions up to round-off: `x >= 0`,
 /// `g = G x - h >= 0`, `x_k g_k = 0`. With dependent columns the minimiser is not unique, and one
@@ -56,7 +63,8 @@ pub(crate) fn nnls(gram: MatRef<'_, f64>, h: &[f64]) -> Result<Vec<f64>, NnlsErr
         return Err(NnlsError::NotFinite);
     }
     let mut state = ActiveSet { gram, h, x: vec![0.0; n], passive: Vec::new() };
-    // A variable that round-off removes at once may not return before something else has changed.
+    // A variable that round-off removes immediately may not return before something else has
+    // changed.
     let mut barred = vec![false; n];
     for _ in 0..100 + 30 * n {
         let Some(entering) = state.most_promising(&barred) else {
@@ -75,13 +83,14 @@ struct ActiveSet<'a> {
     gram: MatRef<'a, f64>,
     h: &'a [f64],
     x: Vec<f64>,
-    /// Variables above zero, in the order in which they entered.
+    /// Positive variables, in the order in which they entered.
     passive: Vec<usize>,
 }
 
 impl ActiveSet<'_> {
-    /// Variable at zero whose increase lowers the cost fastest (in units of its column's length),
-    /// if there is one.
+    /// Returns the variable at zero whose increase lowers the cost fastest, if any.
+    ///
+    /// The speed is in units of the length of the variable's column.
     fn most_promising(&self, barred: &[bool]) -> Option<usize> {
         let mut best = None;
         let mut steepest = 0.0;
@@ -101,16 +110,17 @@ impl ActiveSet<'_> {
         best
     }
 
-    /// Adds variable `t` and restores optimality over the passive set. Returns false if `t` fell
-    /// straight back to zero.
+    /// Adds variable `t` and restores optimality over the passive set.
+    ///
+    /// Returns false if `t` immediately returned to zero.
     fn admit(&mut self, t: usize) -> Result<bool, NnlsError> {
         let column: Vec<f64> = self.passive.iter().map(|&p| self.gram[(p, t)]).collect();
         let z = self.solve(&column).ok_or(NnlsError::NoConvergence)?;
         let fit: f64 = column.iter().zip(&z).map(|(a, b)| a * b).sum();
         let diagonal = self.gram[(t, t)];
         if diagonal - fit <= DEPENDENT * diagonal.abs() {
-            // Column t depends on the passive ones: the cost is linear along (1, -z), so walk until
-            // one of them is zero.
+            // Column t depends on the passive ones, so the cost is linear along (1, -z): moves
+            // along this direction until one of the passive variables is zero.
             let leaving = (0..z.len())
                 .filter(|&i| z[i] > 0.0)
                 .min_by(|&a, &b| (self.x[self.passive[a]] / z[a]).total_cmp(&(self.x[self.passive[b]] / z[b])));
@@ -140,7 +150,7 @@ impl ActiveSet<'_> {
                 }
                 return Ok(true);
             }
-            // Moves as far towards the unconstrained optimum as the bounds allow; variables that
+            // Moves as far towards the unconstrained optimum as the bounds allow. Variables that
             // reach zero leave the set.
             let mut step = 1.0_f64;
             for (&p, &v) in self.passive.iter().zip(&target) {
@@ -202,7 +212,9 @@ mod tests {
         quadratic - 2.0 * h.iter().zip(x).map(|(a, b)| a * b).sum::<f64>()
     }
 
-    /// Least cost over all supports: the unconstrained optimum of each, if it is not negative.
+    /// Returns the smallest cost over all supports.
+    ///
+    /// The cost of a support is its unconstrained optimum, if that is not negative.
     fn brute_force(gram: &Mat<f64>, h: &[f64]) -> f64 {
         let n = h.len();
         let mut best = 0.0_f64;
@@ -238,7 +250,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn small_problems_agree_with_all_supports(
+        fn small_problems_match_brute_force(
             entries in prop::collection::vec(-1.0..1.0_f64, 8 * 6 + 8),
             penalty in prop::collection::vec(0.0..0.5_f64, 6),
         ) {
@@ -250,7 +262,7 @@ mod tests {
         }
 
         #[test]
-        fn dependent_columns_do_no_harm(
+        fn solves_problems_with_dependent_columns(
             entries in prop::collection::vec(-1.0..1.0_f64, 3 * 6 + 3),
             penalty in prop::collection::vec(0.0..0.5_f64, 6),
         ) {
@@ -263,28 +275,28 @@ mod tests {
         }
 
         #[test]
-        fn twenty_correlated_columns(entries in prop::collection::vec(0.0..1.0_f64, 30 * 20 + 30)) {
+        fn solves_problems_with_twenty_correlated_columns(entries in prop::collection::vec(0.0..1.0_f64, 30 * 20 + 30)) {
             let (gram, h) = problem(30, 20, &entries, &[0.0; 20]);
             check_kkt(&gram, &h, &nnls(gram.as_ref(), &h).unwrap());
         }
     }
 
     #[test]
-    fn an_interior_optimum_is_the_linear_solution() {
+    fn interior_optimum_is_the_linear_solution() {
         let gram = Mat::from_fn(2, 2, |i, j| if i == j { 2.0 } else { 1.0 });
         let x = nnls(gram.as_ref(), &[4.0, 5.0]).unwrap();
         assert!((x[0] - 1.0).abs() < 1e-14 && (x[1] - 2.0).abs() < 1e-14, "{x:?}");
     }
 
     #[test]
-    fn a_repeated_column_is_used_once() {
+    fn repeated_column_is_used_once() {
         let gram = Mat::from_fn(2, 2, |_, _| 2.0);
         let x = nnls(gram.as_ref(), &[3.0, 3.0]).unwrap();
         assert!((x[0] + x[1] - 1.5).abs() < 1e-14, "{x:?}");
     }
 
     #[test]
-    fn bad_input_is_refused() {
+    fn rejects_invalid_input() {
         let gram = Mat::<f64>::zeros(2, 2);
         assert_eq!(nnls(gram.as_ref(), &[0.0]), Err(NnlsError::Shape { rows: 2, columns: 2, len: 1 }));
         assert_eq!(nnls(gram.as_ref(), &[0.0, f64::NAN]), Err(NnlsError::NotFinite));

@@ -14,68 +14,70 @@ pub const THETA_H: usize = 90;
 pub const THETA_D: usize = 90;
 /// Number of samples in `phi_d`.
 pub const PHI_D: usize = 180;
-/// Cells of a bivariate table.
+/// Number of cells of a bivariate table.
 pub const CELLS: usize = THETA_H * THETA_D;
-/// Angle (radians) in `theta_h` and `theta_d` beyond which the measured tables are extrapolation.
+/// Angle (radians) of `theta_h` and `theta_d` from which on measured tables are extrapolated.
 pub const TRUSTED: f64 = 80.0 / 180.0 * PI;
 
-/// Angle of sample `i` of the `theta_h` axis, radians: the axis is denser towards the specular
-/// peak.
+/// Returns the angle of sample `i` of the `theta_h` axis in radians.
+///
+/// The axis is denser towards the specular peak.
 pub fn theta_h_of(i: usize) -> f64 {
     (i as f64 / THETA_H as f64).powi(2) * FRAC_PI_2
 }
 
-/// Angle of sample `j` of the `theta_d` axis, radians.
+/// Returns the angle of sample `j` of the `theta_d` axis in radians.
 pub fn theta_d_of(j: usize) -> f64 {
     (j as f64).to_radians()
 }
 
-/// Row `i` (`theta_h`) and column `j` (`theta_d`) of a cell of a [`BivariateTable`].
+/// Returns row `i` (`theta_h`) and column `j` (`theta_d`) of a cell of a [`BivariateTable`].
 pub fn place_of(cell: usize) -> (usize, usize) {
     (cell / THETA_D, cell % THETA_D)
 }
 
-/// `theta_h` and `theta_d` of a cell of a [`BivariateTable`], radians.
+/// Returns `theta_h` and `theta_d` of a cell of a [`BivariateTable`] in radians.
 pub fn angles_of(cell: usize) -> (f64, f64) {
     let (i, j) = place_of(cell);
     (theta_h_of(i), theta_d_of(j))
 }
 
-/// Whether a cell of a [`BivariateTable`] lies in the measured part of the domain, both angles
-/// below [`TRUSTED`].
+/// Returns whether both angles of a cell of a [`BivariateTable`] are below [`TRUSTED`].
+///
+/// These cells are the measured part of the domain.
 pub fn is_trusted(cell: usize) -> bool {
     let (theta_h, theta_d) = angles_of(cell);
     theta_h < TRUSTED && theta_d < TRUSTED
 }
 
-/// Cells that satisfy [`is_trusted`], in order.
+/// Returns the cells that satisfy [`is_trusted`], in order.
 pub fn trusted_cells() -> impl DoubleEndedIterator<Item = usize> + Clone {
     (0..CELLS).filter(|cell| is_trusted(*cell))
 }
 
-/// The trusted cell whose indices are nearest to those of a cell.
+/// Returns the trusted cell whose indices are nearest to those of a cell.
 pub(crate) fn nearest_trusted(cell: usize) -> usize {
     let last_h = (0..THETA_H).rfind(|&i| theta_h_of(i) < TRUSTED).expect("some rows are trusted");
     let last_d = (0..THETA_D).rfind(|&j| theta_d_of(j) < TRUSTED).expect("some columns are trusted");
     (cell / THETA_D).min(last_h) * THETA_D + (cell % THETA_D).min(last_d)
 }
 
-/// Whether light and view are both above the surface at this half/difference direction.
+/// Returns whether light and view are both above the surface at this half/difference direction.
 pub(crate) fn above_horizon(theta_h: f64, theta_d: f64, phi_d: f64) -> bool {
     are_above_horizon(theta_h.cos() * theta_d.cos(), theta_h.sin() * theta_d.sin() * phi_d.cos())
 }
 
-/// Whether both cosines, `vertical - lateral` and `vertical + lateral`, are positive.
+/// Returns whether both cosines, `vertical - lateral` and `vertical + lateral`, are positive.
 fn are_above_horizon(vertical: f64, lateral: f64) -> bool {
     vertical - lateral > 0.0 && vertical + lateral > 0.0
 }
 
-/// Two neighbouring samples of an axis around a value: the index of the first, and the share of the
-/// second.
+/// Position between two samples of an axis: index of the first, weight of the second.
 pub(crate) type Bracket = (usize, f64);
 
-/// Position on an axis of `n` samples for linear interpolation: lower index and weight of the upper
-/// one. Beyond the last sample the last value is held.
+/// Returns the position of `x` on an axis of `n` samples, for linear interpolation.
+///
+/// The last value applies beyond the last sample.
 fn bracket(x: f64, n: usize) -> Bracket {
     let x = x.clamp(0.0, (n - 1) as f64);
     let i = (x as usize).min(n - 2);
@@ -92,15 +94,16 @@ pub(crate) fn axis_d(theta_d: f64) -> Bracket {
     bracket(theta_d.to_degrees(), THETA_D)
 }
 
-/// An isotropic BRDF that does not depend on `phi_d` (Romeiro et al. 2008): 90 x 90 samples over
-/// `(theta_h, theta_d)`, `theta_d` fastest, in 1/sr or relative units.
+/// An isotropic BRDF that does not depend on `phi_d` (Romeiro et al. 2008).
+///
+/// It has 90 x 90 samples over `(theta_h, theta_d)`, `theta_d` fastest, in 1/sr or relative units.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<f32>", into = "Vec<f32>")]
 pub struct BivariateTable {
     values: Vec<f32>,
 }
 
-/// A list of values does not have the length of a bivariate table.
+/// Error of a list of values without the length of a bivariate table.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[error("{0} values; a bivariate table has {CELLS}")]
 pub struct CellCountError(pub usize);
@@ -120,7 +123,7 @@ impl From<BivariateTable> for Vec<f32> {
 }
 
 impl BivariateTable {
-    /// Wraps [`CELLS`] values, row `i` holding all `theta_d` of `theta_h` sample `i`.
+    /// Wraps [`CELLS`] values; row `i` contains all `theta_d` of `theta_h` sample `i`.
     ///
     /// # Panics
     /// If there are not [`CELLS`] values.
@@ -138,28 +141,30 @@ impl BivariateTable {
         Self::from_vec((0..CELLS).map(value).collect())
     }
 
-    /// All cells, `theta_d` fastest.
+    /// Returns all cells, `theta_d` fastest.
     pub fn as_slice(&self) -> &[f32] {
         &self.values
     }
 
-    /// All cells, `theta_d` fastest.
+    /// Returns all cells, `theta_d` fastest.
     pub fn as_mut_slice(&mut self) -> &mut [f32] {
         &mut self.values
     }
 
-    /// The cell of `theta_h` sample `i` and `theta_d` sample `j`.
+    /// Returns the cell of `theta_h` sample `i` and `theta_d` sample `j`.
     pub fn cell(&self, i: usize, j: usize) -> f32 {
         self.values[i * THETA_D + j]
     }
 
-    /// Value at `(theta_h, theta_d)` in radians: bilinear in the sample indices, the last sample
-    /// held up to 90 degrees.
+    /// Returns the value at `(theta_h, theta_d)` in radians.
+    ///
+    /// The interpolation is bilinear in the sample indices; the last sample applies up to 90
+    /// degrees.
     pub fn eval(&self, theta_h: f64, theta_d: f64) -> f64 {
         self.between(axis_h(theta_h), axis_d(theta_d))
     }
 
-    /// [`Self::eval`] between samples of both axes, which are found once for several values.
+    /// Computes [`Self::eval`] from positions on both axes, which several tables can share.
     pub(crate) fn between(&self, (i, s): Bracket, (j, t): Bracket) -> f64 {
         let row = |i: usize| {
             let v = &self.values[i * THETA_D + j..][..2];
@@ -168,39 +173,42 @@ impl BivariateTable {
         row(i) * (1.0 - s) + row(i + 1) * s
     }
 
-    /// Four cells between which [`Self::eval`] interpolates, with their weights: `eval` is
-    /// `sum_c weight_c value_c`.
+    /// Returns the four cells between which [`Self::eval`] interpolates, with their weights.
+    ///
+    /// `eval` is `sum_c weight_c value_c`.
     pub(crate) fn stencil(theta_h: f64, theta_d: f64) -> [(usize, f64); 4] {
         let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
         let at = i * THETA_D + j;
         [(at, (1.0 - s) * (1.0 - t)), (at + 1, (1.0 - s) * t), (at + THETA_D, s * (1.0 - t)), (at + THETA_D + 1, s * t)]
     }
 
-    /// Table with every cell multiplied by a factor.
+    /// Returns the table with every cell multiplied by a factor.
     pub fn scaled(&self, by: f64) -> Self {
         Self::from_vec(self.values.iter().map(|&v| (f64::from(v) * by) as f32).collect())
     }
 
-    /// Luminance of an RGB reflectance (Rec. 709 weights).
+    /// Returns the luminance of an RGB reflectance (Rec. 709 weights).
     pub fn luminance(rgb: &[Self; 3]) -> Self {
         let [r, g, b] = rgb.each_ref().map(Self::as_slice);
         let cell = |c: usize| crate::picture::luminance(glam::Vec3::new(r[c], g[c], b[c]));
         Self::from_vec((0..CELLS).map(cell).collect())
     }
 
-    /// Replaces every cell beyond [`TRUSTED`] by the nearest trusted one along its axis (corner
-    /// cells by the corner). The largest values of many measured tables lie there and are
-    /// extrapolation, not measurement.
+    /// Replaces every cell that is not trusted by the nearest trusted one.
+    ///
+    /// Many measured tables have their largest values there, which are extrapolated, not measured.
     pub fn extend_from_trusted(&mut self) {
         for cell in 0..CELLS {
             self.values[cell] = self.values[nearest_trusted(cell)];
         }
     }
 
-    /// Directional albedo seen along the normal: the share of light from straight above that is
-    /// reflected, `2 pi integral of f(t/2, t/2) cos t sin t dt`.
+    /// Returns the directional albedo along the normal.
+    ///
+    /// This is the fraction of light from the direction of the normal that is reflected,
+    /// `2 pi integral of f(t/2, t/2) cos t sin t dt`.
     pub fn normal_albedo(&self) -> f64 {
-        // Midpoints in sqrt(t), which resolves the lobe as the table does.
+        // Midpoints in sqrt(t), which resolve the lobe as the table does.
         const STEPS: usize = 4000;
         let sum: f64 = (0..STEPS)
             .map(|i| {
@@ -212,25 +220,26 @@ impl BivariateTable {
         2.0 * PI * sum / STEPS as f64
     }
 
-    /// Table scaled to a given [`Self::normal_albedo`], and the factor applied: a photograph under
-    /// unknown illumination determines only the product of light and reflectance.
+    /// Returns the table scaled to a given [`Self::normal_albedo`], and the factor.
+    ///
+    /// A photograph under unknown light determines only the product of light and reflectance.
     pub fn with_normal_albedo(&self, albedo: f64) -> (Self, f64) {
         let scale = albedo / self.normal_albedo();
         (self.scaled(scale), scale)
     }
 
-    /// Largest value over the trusted cells.
+    /// Returns the largest value over the trusted cells.
     pub fn trusted_max(&self) -> f32 {
         (0..CELLS).filter(|&c| is_trusted(c)).map(|c| self.values[c]).fold(f32::NEG_INFINITY, f32::max)
     }
 }
 
-/// A measured isotropic BRDF: 90 x 90 x 180 samples of RGB reflectance in 1/sr, cells below the
-/// horizon absent.
+/// A measured isotropic BRDF: 90 x 90 x 180 samples of RGB reflectance in 1/sr.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MerlTable {
-    /// Three channels, each `THETA_H * THETA_D * PHI_D` values with `phi_d` fastest; negative where
-    /// the cell lies below the horizon.
+    /// Three channels of `THETA_H * THETA_D * PHI_D` values each, `phi_d` fastest.
+    ///
+    /// Values are negative in cells below the horizon.
     channels: [Vec<f32>; 3],
 }
 
@@ -238,8 +247,9 @@ impl MerlTable {
     /// Number of samples in one channel.
     pub const CHANNEL: usize = THETA_H * THETA_D * PHI_D;
 
-    /// Wraps three channels of [`Self::CHANNEL`] values in 1/sr, `phi_d` fastest, negative where
-    /// there is no value.
+    /// Wraps three channels of [`Self::CHANNEL`] values in 1/sr, `phi_d` fastest.
+    ///
+    /// Negative values are missing.
     ///
     /// # Panics
     /// If a channel has another length.
@@ -248,9 +258,9 @@ impl MerlTable {
         Self { channels }
     }
 
-    /// Spreads one bivariate table per channel over `phi_d`; cells below the horizon become -1.
+    /// Repeats one bivariate table per channel over `phi_d`; cells below the horizon become -1.
     pub fn from_bivariate(rgb: [&BivariateTable; 3]) -> Self {
-        // The trigonometry is done once for all cells and channels.
+        // All channels share the trigonometry.
         let cosines: [f64; PHI_D] = std::array::from_fn(|k| (k as f64).to_radians().cos());
         let mut channels = rgb.map(|_| Vec::with_capacity(Self::CHANNEL));
         for c in 0..CELLS {
@@ -263,7 +273,7 @@ impl MerlTable {
         Self::from_channels(channels)
     }
 
-    /// Whether no cell depends on `phi_d`, as in tables made by [`Self::from_bivariate`].
+    /// Returns whether no cell depends on `phi_d`, as in tables from [`Self::from_bivariate`].
     pub fn is_bivariate(&self) -> bool {
         self.channels.iter().flat_map(|channel| channel.chunks_exact(PHI_D)).all(|cell| {
             let mut valid = cell.iter().filter(|v| **v >= 0.0);
@@ -271,14 +281,15 @@ impl MerlTable {
         })
     }
 
-    /// The samples of one channel (0 red, 1 green, 2 blue), `phi_d` fastest.
+    /// Returns the samples of one channel (0 red, 1 green, 2 blue), `phi_d` fastest.
     pub fn channel(&self, channel: usize) -> &[f32] {
         &self.channels[channel]
     }
 
-    /// Mean over the `phi_d` at which light and view are above the surface (Romeiro et al. 2008).
-    /// Missing values (negative) are skipped; a cell without any takes its neighbour's of the next
-    /// smaller `theta_d`.
+    /// Returns the mean over `phi_d` with light and view above the surface (Romeiro et al. 2008).
+    ///
+    /// Missing values (negative) are skipped. A cell without any value takes that of the neighbour
+    /// with the next smaller `theta_d`.
     pub fn bivariate(&self, channel: usize) -> BivariateTable {
         let samples = &self.channels[channel];
         let mut values = vec![0.0_f32; CELLS];
@@ -300,9 +311,10 @@ impl MerlTable {
         BivariateTable::from_vec(values)
     }
 
-    /// RGB reflectance at a half/difference direction in radians: linear between the samples of all
-    /// three axes, `phi_d` periodic in 180 degrees; samples without a value are left out of the
-    /// interpolation.
+    /// Returns the RGB reflectance at a half/difference direction in radians.
+    ///
+    /// The interpolation is linear in all three axes, with `phi_d` periodic in 180 degrees. Missing
+    /// samples are excluded.
     pub fn eval(&self, theta_h: f64, theta_d: f64, phi_d: f64) -> [f64; 3] {
         let ((i, s), (j, t)) = (axis_h(theta_h), axis_d(theta_d));
         let turn = phi_d.to_degrees().rem_euclid(PHI_D as f64);
@@ -337,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_are_reproduced_exactly() {
+    fn interpolation_reproduces_samples() {
         let t = wavy();
         for (i, j) in [(0, 0), (1, 3), (44, 60), (88, 88), (89, 89)] {
             let got = t.eval(theta_h_of(i), theta_d_of(j));
@@ -346,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stencil_is_what_interpolation_uses() {
+    fn stencil_matches_interpolation() {
         let t = wavy();
         for (h, d) in [(0.0, 0.0), (0.013, 0.4), (1.2, 1.56), (FRAC_PI_2, FRAC_PI_2)] {
             let sum: f64 = BivariateTable::stencil(h, d).iter().map(|&(c, w)| w * f64::from(t.as_slice()[c])).sum();
@@ -355,20 +367,20 @@ mod tests {
     }
 
     #[test]
-    fn a_lambertian_surface_of_one_over_pi_has_albedo_one() {
+    fn lambertian_surface_of_one_over_pi_has_albedo_one() {
         let t = BivariateTable::from_fn(|_, _| 1.0 / PI);
         assert!((t.normal_albedo() - 1.0).abs() < 1e-6);
     }
 
     #[test]
-    fn albedos_can_be_given() {
+    fn with_normal_albedo_sets_the_albedo() {
         let (half, scale) = wavy().with_normal_albedo(0.5);
         assert!((half.normal_albedo() - 0.5).abs() < 1e-6);
         assert!((f64::from(half.cell(3, 4)) - scale * f64::from(wavy().cell(3, 4))).abs() < 1e-6);
     }
 
     #[test]
-    fn a_scaled_table_reflects_as_much_more() {
+    fn scaling_a_table_scales_its_albedo() {
         let t = wavy();
         let scaled = t.scaled(0.25);
         assert_eq!(scaled.cell(7, 30), 0.25 * t.cell(7, 30));
@@ -376,13 +388,13 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_last_sample_the_value_is_held() {
+    fn last_value_applies_beyond_the_last_sample() {
         let t = wavy();
         assert_eq!(t.eval(FRAC_PI_2, FRAC_PI_2) as f32, t.cell(89, 89));
     }
 
     #[test]
-    fn spreading_and_reducing_is_the_identity() {
+    fn from_bivariate_and_bivariate_are_inverse() {
         let t = wavy();
         let full = MerlTable::from_bivariate([&t, &t, &t]);
         let back = full.bivariate(1);
@@ -402,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn extension_holds_the_last_trusted_value() {
+    fn extension_repeats_the_last_trusted_value() {
         let mut t = wavy();
         t.extend_from_trusted();
         assert_eq!(t.cell(20, 89), t.cell(20, 79));
@@ -412,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn every_cell_has_some_valid_phi() {
+    fn every_cell_has_a_valid_phi_d() {
         for c in 0..CELLS {
             let (h, d) = angles_of(c);
             assert!(above_horizon(h, d, FRAC_PI_2), "cell {c}");

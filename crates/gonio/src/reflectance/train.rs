@@ -1,4 +1,4 @@
-//! Learning a reflectance basis from measured materials (paper 3.2).
+//! Training of a reflectance basis on measured materials (paper 3.2).
 
 use super::basis::{BasisError, ReflectanceBasis, TrainingMaterial};
 use super::nmf::{Nmf, NmfError, NmfSettings, StartReport, factorize_all};
@@ -14,14 +14,17 @@ use thiserror::Error;
 pub struct TrainSettings {
     /// Settings of the factorisation; its rank is the number of basis functions.
     pub nmf: NmfSettings,
-    /// Among the starts whose cost is at most `1 + cost_margin` times the least, the one with the
-    /// least mean RMS error in 1/sr is kept: minima of nearly equal cost in scaled units can differ
-    /// much in the materials' own. Zero keeps the least cost. Default 0.01.
+    /// Relative margin above the smallest cost within which starts are candidates. Default 0.01.
+    ///
+    /// Of the starts whose cost is at most `1 + cost_margin` times the smallest, the one with the
+    /// smallest mean RMS error in 1/sr is selected: minima of nearly equal cost in scaled units can
+    /// differ strongly in 1/sr. Zero selects the smallest cost.
     pub cost_margin: f64,
-    /// Power of its largest trusted value that each material is divided by before the
-    /// factorisation. At 1 all count equally relative to their maximum, as in the paper; at 0
-    /// errors count in 1/sr, so that the brightest materials dominate. In either case, stored
-    /// coefficients are those of materials of maximum one. Default 1.
+    /// Power of its largest trusted value by which each material is divided. Default 1.
+    ///
+    /// At 1, all materials count equally relative to their maximum, as in the paper. At 0, errors
+    /// count in 1/sr, so that the brightest materials dominate. In either case, stored coefficients
+    /// are those of materials of maximum one.
     pub scale_power: f64,
 }
 
@@ -40,7 +43,7 @@ pub enum TrainError {
     /// A trusted cell of a material is negative, NaN or infinite.
     #[error("material {name}: cell (theta_h {theta_h}, theta_d {theta_d}) is {value}")]
     BadValue {
-        /// The material.
+        /// Name of the material.
         name: String,
         /// Index of the cell in `theta_h`.
         theta_h: usize,
@@ -52,8 +55,7 @@ pub enum TrainError {
     /// All trusted cells of a material are zero.
     #[error("material {0} is zero in all trusted cells")]
     Black(String),
-    /// No material uses function `0`: the materials have fewer independent parts than functions
-    /// were asked for.
+    /// No material uses function `0`, because the materials have fewer independent parts.
     #[error("no material uses basis function {0}; use a lower rank")]
     Unused(usize),
     /// The margin is negative or NaN, or the power is not finite.
@@ -72,7 +74,7 @@ pub enum TrainError {
 pub struct MaterialFit {
     /// Name of the material.
     pub name: String,
-    /// Root of the mean squared difference over the trusted cells (1/sr), each cell counting once.
+    /// Root mean square difference over the trusted cells (1/sr), with equal weight for each cell.
     pub rms: f64,
 }
 
@@ -81,7 +83,7 @@ pub struct MaterialFit {
 pub struct Candidate {
     /// Report on the factorisation; its cost is in scaled units.
     pub start: StartReport,
-    /// Mean over the materials of their RMS error, 1/sr.
+    /// Mean RMS error of the materials in 1/sr.
     pub mean_rms: f64,
 }
 
@@ -92,17 +94,19 @@ pub struct TrainReport {
     pub fits: Vec<MaterialFit>,
     /// Every start, in order.
     pub candidates: Vec<Candidate>,
-    /// Index of the start that was kept.
+    /// Index of the selected start.
     pub best: usize,
 }
 
 impl TrainReport {
-    /// Mean of the materials' RMS errors, 1/sr.
+    /// Returns the mean of the materials' RMS errors in 1/sr.
     pub fn mean_rms(&self) -> f64 {
         mean(&self.fits)
     }
 
-    /// Median of the materials' RMS errors, 1/sr (of an even number, the mean of the middle two).
+    /// Returns the median of the materials' RMS errors in 1/sr.
+    ///
+    /// For an even number, this is the mean of the middle two.
     pub fn median_rms(&self) -> f64 {
         let mut rms: Vec<f64> = self.fits.iter().map(|f| f.rms).collect();
         rms.sort_by(f64::total_cmp);
@@ -111,11 +115,12 @@ impl TrainReport {
     }
 }
 
-/// Learns basis functions from `materials` (name and one channel in 1/sr): each is scaled to
-/// maximum one over its trusted cells, the matrix of trusted cells x materials is factorised in the
-/// Frobenius norm, each function is scaled to maximum one and continued beyond the trusted cells,
-/// and the materials' coefficients are solved for once more. [`TrainSettings::cost_margin`]
-/// determines which of the starts is kept.
+/// Learns basis functions from `materials` (name and one channel in 1/sr).
+///
+/// Each material is scaled to maximum one over its trusted cells. The matrix of trusted cells x
+/// materials is factorised in the Frobenius norm. Each function is scaled to maximum one and
+/// extended beyond the trusted cells. Last, the coefficients of the materials are solved again.
+/// [`TrainSettings::cost_margin`] determines which start is selected.
 ///
 /// # Errors
 /// See [`TrainError`]. Values in cells that are not trusted are ignored.
@@ -152,7 +157,7 @@ pub fn train(
     Ok((basis, TrainReport { fits, candidates, best }))
 }
 
-/// Index of the start with the least error in original units among those of nearly least cost.
+/// Returns the start with the smallest error in 1/sr among those of nearly the smallest cost.
 fn choose(candidates: &[Candidate], cost_margin: f64) -> usize {
     let least = candidates.iter().map(|c| c.start.cost).fold(f64::INFINITY, f64::min);
     let limit = least * (1.0 + cost_margin);
@@ -164,7 +169,7 @@ fn mean(fits: &[MaterialFit]) -> f64 {
     fits.iter().map(|f| f.rms).sum::<f64>() / fits.len() as f64
 }
 
-/// Maximum-likelihood rates of the coefficients' exponential distributions.
+/// Returns the maximum-likelihood rates of the coefficients' exponential distributions.
 fn rates(basis: &ReflectanceBasis) -> Result<Vec<f64>, TrainError> {
     let rate = |k: usize| {
         let sum: f64 = basis.materials.iter().map(|m| m.coefficients[k]).sum();
@@ -181,9 +186,10 @@ struct Scaled<'a> {
 }
 
 impl Scaled<'_> {
-    /// Computes functions from a factorisation, each material's coefficients and its error; the
-    /// rates are still missing. The coefficients are solved for once more, because the
-    /// factorisation stops a little short and the functions have since been rounded.
+    /// Computes the functions of a factorisation, and each material's coefficients and error.
+    ///
+    /// The rates are still missing. The coefficients are solved again because the factorisation
+    /// stops before full convergence and the functions have been rounded since.
     fn solve(&self, nmf: &Nmf) -> Result<(ReflectanceBasis, Vec<MaterialFit>), TrainError> {
         let functions = (0..nmf.functions.ncols())
             .map(|k| function(nmf.functions.col_as_slice(k), &self.cells).ok_or(TrainError::Unused(k)))
@@ -204,7 +210,7 @@ impl Scaled<'_> {
     }
 }
 
-/// Largest trusted value, if the table can be trained on.
+/// Returns the largest trusted value, if the table is valid for training.
 fn scale(name: &str, table: &BivariateTable, cells: &[usize]) -> Result<f64, TrainError> {
     let values = table.as_slice();
     if let Some(&c) = cells.iter().find(|&&c| !(values[c].is_finite() && values[c] >= 0.0)) {
@@ -217,7 +223,7 @@ fn scale(name: &str, table: &BivariateTable, cells: &[usize]) -> Result<f64, Tra
     }
 }
 
-/// A column of the factorisation as a table of maximum one; `None` if it is zero.
+/// Returns a column of the factorisation as a table of maximum one; `None` if it is zero.
 fn function(column: &[f64], cells: &[usize]) -> Option<BivariateTable> {
     let max = column.iter().copied().fold(0.0, f64::max);
     if max <= 0.0 {
@@ -242,8 +248,9 @@ fn rms(model: &BivariateTable, table: &BivariateTable, cells: &[usize]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Materials of two parts, a lobe and a constant, with meaningless values in the cells that are
-    /// not trusted.
+    /// Returns materials of two parts, a lobe and a constant.
+    ///
+    /// Cells that are not trusted contain invalid values.
     fn materials() -> Vec<(String, BivariateTable)> {
         (0..6)
             .map(|m| {
@@ -266,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn two_parts_are_learnt() {
+    fn learns_two_parts() {
         let (basis, report) = train(&materials(), &settings(2)).unwrap();
         assert_eq!((basis.len(), basis.rates.len(), basis.materials.len()), (2, 2, 6));
         for f in &basis.functions {
@@ -290,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_do_not_depend_on_a_material_being_brighter() {
+    fn coefficients_do_not_depend_on_brightness() {
         let bright: Vec<_> = materials()
             .into_iter()
             .map(|(n, mut t)| {
@@ -308,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn the_margin_admits_starts_of_nearly_least_cost() {
+    fn cost_margin_admits_starts_of_nearly_smallest_cost() {
         let candidate = |cost, mean_rms| {
             let start = StartReport { cost, iterations: 1, converged: true, trace: vec![cost] };
             Candidate { start, mean_rms }
@@ -320,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn the_power_shifts_weight_to_bright_materials() {
+    fn smaller_scale_power_favours_bright_materials() {
         // Rank one cannot fit both parts, so the brightest material's share of the error depends on
         // the weights.
         let error = |scale_power| {
@@ -332,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_materials_are_refused() {
+    fn rejects_invalid_materials() {
         let mut m = materials();
         assert_eq!(train(&[], &settings(2)).unwrap_err(), TrainError::Empty);
         let negative = TrainSettings { cost_margin: -0.1, ..settings(2) };

@@ -56,8 +56,7 @@ impl Bilinear {
         &self.squares
     }
 
-    /// Computes `a_ik = sum_m A_imk l_m` (rows x K), the image of each basis function under light
-    /// `l`.
+    /// Computes `a_ik = sum_m A_imk l_m` (rows x K), the images of the basis under light `l`.
     pub(crate) fn under_light(&self, l: &[f64]) -> Vec<f64> {
         assert_eq!(l.len(), self.m);
         let mut out = vec![0.0; self.rows * self.k];
@@ -74,8 +73,7 @@ impl Bilinear {
         out
     }
 
-    /// Computes `b_im = sum_k A_imk f_k` (rows x M), the map from light to image for reflectance
-    /// `f`.
+    /// Computes `b_im = sum_k A_imk f_k` (rows x M), the map from light to image for BRDF `f`.
     pub fn of_reflectance(&self, f: &[f64]) -> Vec<f64> {
         assert_eq!(f.len(), self.k);
         let mut out = vec![0.0; self.rows * self.m];

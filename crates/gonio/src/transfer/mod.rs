@@ -1,5 +1,4 @@
-//! Bilinear operator of eq. 8: how light and reflectance coefficients form an image of a known
-//! shape (paper 3.3).
+//! Bilinear operator of eq. 8: the image of a known shape for given coefficients (paper 3.3).
 //!
 //! * [`Quadrature`] integrates every basis function over every texel of the light grid for one
 //!   point of the surface.

@@ -1,10 +1,10 @@
-//! Plan: the parts of the bilinear operator that depend on shape, view, basis and grid, but not on
-//! the image.
+//! Plan: the parts of the bilinear operator that do not depend on the image.
 //!
-//! The N x (M K) stack of all rows has low numerical rank. The plan therefore keeps only its
-//! leading left singular directions `Q` (weighted by the prior magnitude of light and reflectance
-//! coefficients) and `R = Q' A`. With `I_i = g l' A_i f + e_i` and white noise, the likelihood
-//! depends on the image only through `Q' I` and the energy of `I` outside `Q`.
+//! They depend on shape, view, basis and grid. The N x (M K) stack of all rows has low numerical
+//! rank. The plan therefore keeps only its leading left singular directions `Q` (weighted by the
+//! prior magnitude of light and reflectance coefficients) and `R = Q' A`. With
+//! `I_i = g l' A_i f + e_i` and white noise, the likelihood depends on the image only through
+//! `Q' I` and the energy of `I` outside `Q`.
 
 use faer::{Mat, MatRef, Side};
 use rayon::prelude::*;

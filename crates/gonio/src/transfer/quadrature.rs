@@ -102,10 +102,9 @@ impl InterleavedTables {
     }
 }
 
-/// Returns the smallest change of the half angle over which a table changes by more than a factor
-/// e.
+/// Returns the smallest step in half angle over which a table changes by more than a factor e.
 ///
-/// The angle is in radians; zero if the table contains a zero.
+/// The step is in radians; zero if the table contains a zero.
 fn smoothness(table: &BivariateTable) -> f32 {
     let mut least = FRAC_PI_2;
     for j in 0..THETA_D {

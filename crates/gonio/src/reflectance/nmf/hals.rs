@@ -5,37 +5,39 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use pulp::Arch;
 
-/// The pair `X ~ w v'`: `w` is cells x rank, `v` samples x rank.
+/// Factors `X ~ w v'`: `w` is cells x rank, `v` samples x rank.
 #[derive(Clone, Debug)]
 pub(super) struct Pair {
     pub(super) w: Mat<f64>,
     pub(super) v: Mat<f64>,
 }
 
-/// Rows that one pass of [`sweep`] keeps in the first-level cache.
+/// Number of rows that one pass of [`sweep`] keeps in the first-level cache.
 const BLOCK: usize = 128;
-/// Number of iterations over which the fall of the cost is averaged, since single steps of an
-/// extrapolated iteration vary much.
+/// Number of iterations over which the decrease of the cost is averaged.
+///
+/// Single steps of an extrapolated iteration vary strongly.
 const WINDOW: usize = 10;
 
-/// `a b` on one thread, so that the order of summation never depends on the machine.
+/// Computes `a b` on one thread, so that the order of summation never depends on the machine.
 pub(super) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let mut out = Mat::zeros(a.nrows(), b.ncols());
     matmul(out.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
     out
 }
 
-/// Sum of the products of equal-shaped matrices' entries.
+/// Returns the sum of the products of the entries of two matrices of equal shape.
 pub(super) fn dot(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
     (0..a.ncols()).map(|k| a.col_as_slice(k).iter().zip(b.col_as_slice(k)).map(|(x, y)| x * y).sum::<f64>()).sum()
 }
 
-/// Minimises `|X - u f'|^2` exactly over each column of `u >= 0` in turn, given `target = X f` and
-/// `gram = f'f`, in `times` rounds. Column `k` of `u` becomes
+/// Minimises `|X - u f'|^2` exactly over each column of `u >= 0` in turn, in `times` rounds.
+///
+/// `target` is `X f` and `gram` is `f'f`. Column `k` of `u` becomes
 /// `max(0, u_k + (target_k - u gram_k) / gram_kk)`. A column whose partner is zero does not affect
 /// the cost and becomes zero.
 pub(super) fn sweep(u: &mut Mat<f64>, target: &Mat<f64>, gram: &Mat<f64>, times: usize) {
-    // Compiled for the available vector units; without sums across lanes, the result does not
+    // Compiled for the available vector units. Without sums across lanes, the result does not
     // depend on their width.
     Arch::new().dispatch(|| sweep_lanes(u, target, gram, times));
 }
@@ -70,7 +72,7 @@ fn sweep_lanes(u: &mut Mat<f64>, target: &Mat<f64>, gram: &Mat<f64>, times: usiz
     }
 }
 
-/// `max(0, new + beta (new - old))`.
+/// Computes `max(0, new + beta (new - old))`.
 fn extrapolate(new: &Mat<f64>, old: &Mat<f64>, beta: f64) -> Mat<f64> {
     if beta == 0.0 {
         return new.clone();
@@ -114,9 +116,10 @@ impl Momentum {
     }
 }
 
-/// Replaces components that are zero by the positive part of the worst residual. Their coefficients
-/// start at zero, so that the cost does not change until the next update lowers it. Returns whether
-/// there was any.
+/// Replaces components that are zero by the positive part of the worst residual.
+///
+/// Their coefficients start at zero, so that the cost does not change until the next update lowers
+/// it. Returns whether any component was zero.
 fn revive(x: MatRef<'_, f64>, pair: &mut Pair) -> bool {
     let zero = |m: &Mat<f64>, k: usize| m.col_as_slice(k).iter().all(|v| *v == 0.0);
     let dead: Vec<usize> = (0..pair.w.ncols()).filter(|&k| zero(&pair.w, k) || zero(&pair.v, k)).collect();
@@ -139,15 +142,16 @@ fn revive(x: MatRef<'_, f64>, pair: &mut Pair) -> bool {
     true
 }
 
-/// `|X - w v'|^2`, summed directly.
+/// Computes `|X - w v'|^2` by direct summation.
 pub(super) fn cost(x: MatRef<'_, f64>, pair: &Pair) -> f64 {
     let mut residual = x.to_owned();
     matmul(residual.as_mut(), Accum::Add, pair.w.as_ref(), pair.v.transpose(), -1.0, Par::Seq);
     residual.squared_norm_l2()
 }
 
-/// Runs HALS from `start` until the cost stops falling. The kept pair's cost never rises, with or
-/// without extrapolation.
+/// Runs HALS from `start` until the cost stops decreasing.
+///
+/// The cost of the kept factors never increases, with or without extrapolation.
 pub(super) fn descend(x: MatRef<'_, f64>, start: Pair, settings: &NmfSettings) -> (Pair, StartReport) {
     let norm = x.squared_norm_l2();
     let mut kept = start;

@@ -19,22 +19,25 @@ use thiserror::Error;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NmfSettings {
-    /// Number of functions, at least 1 and at most the number of samples and of weighted cells.
-    /// Default 10.
+    /// Number of functions. Default 10.
+    ///
+    /// At least 1 and at most the number of samples and of weighted cells.
     pub rank: usize,
-    /// Number of independent starts, of which the one with the least cost is kept. The first is
-    /// NNDSVD, then random samples and uniform random numbers alternate. At least 1. Default 16.
+    /// Number of independent starts, at least 1. Default 16.
+    ///
+    /// The first start is NNDSVD; then random samples and uniform random numbers alternate.
     pub restarts: usize,
     /// Largest number of iterations of each start. Default 2000.
     pub max_iterations: usize,
-    /// A start ends when its cost falls by less than this fraction per iteration (mean over ten).
-    /// Default 1e-6.
+    /// Relative decrease of the cost per iteration at which a start ends. Default 1e-6.
+    ///
+    /// The decrease is averaged over ten iterations.
     pub tolerance: f64,
-    /// Rounds of column updates of the functions per product with `X`. Default 3.
+    /// Number of rounds of column updates of the functions per product with `X`. Default 3.
     pub function_sweeps: usize,
-    /// Rounds of column updates of the coefficients per product with `X`. Default 10.
+    /// Number of rounds of column updates of the coefficients per product with `X`. Default 10.
     pub coefficient_sweeps: usize,
-    /// Whether iterates are extrapolated; without, the method is plain HALS. Default on.
+    /// Whether iterates are extrapolated; otherwise the method is plain HALS. Default on.
     pub extrapolate: bool,
     /// Seed of the starts. Default 0.
     pub seed: u64,
@@ -65,7 +68,7 @@ pub enum NmfError {
         cell: usize,
         /// Column of the entry.
         sample: usize,
-        /// Its value.
+        /// Value of the entry.
         value: f64,
     },
     /// The number of weights differs from that of the rows.
@@ -73,7 +76,7 @@ pub enum NmfError {
     WeightCount {
         /// Number of weights given.
         weights: usize,
-        /// Rows of the matrix.
+        /// Number of rows of the matrix.
         cells: usize,
     },
     /// A weight is negative, NaN or infinite.
@@ -81,17 +84,17 @@ pub enum NmfError {
     BadWeight {
         /// Row of the weight.
         cell: usize,
-        /// Its value.
+        /// Value of the weight.
         value: f64,
     },
     /// The rank is zero or larger than the matrix.
     #[error("rank {rank} for {cells} weighted cells and {samples} samples")]
     Rank {
-        /// The rank asked for.
+        /// Requested rank.
         rank: usize,
-        /// Rows with a weight above zero.
+        /// Number of rows with a positive weight.
         cells: usize,
-        /// Columns of the matrix.
+        /// Number of columns of the matrix.
         samples: usize,
     },
     /// Restarts, iterations or sweeps are zero, or the tolerance is negative or not finite.
@@ -104,29 +107,31 @@ pub enum NmfError {
 pub struct StartReport {
     /// Final cost.
     pub cost: f64,
-    /// Number of iterations made.
+    /// Number of iterations.
     pub iterations: usize,
-    /// Whether it ended by the tolerance.
+    /// Whether the tolerance ended the start.
     pub converged: bool,
-    /// Cost of the kept pair after each iteration, accurate to about 1e-14 of `|X|^2`.
+    /// Cost of the kept factors after each iteration, accurate to about 1e-14 of `|X|^2`.
     pub trace: Vec<f64>,
 }
 
 /// A factorisation `X ~ functions coefficients'`.
 #[derive(Clone, Debug)]
 pub struct Nmf {
-    /// `W`, cells x rank, not negative; zero in cells without weight. The scale between `W` and `V`
-    /// is arbitrary.
+    /// `W`, cells x rank, not negative; zero in cells without weight.
+    ///
+    /// The scale between `W` and `V` is arbitrary.
     pub functions: Mat<f64>,
     /// `V`, samples x rank, not negative.
     pub coefficients: Mat<f64>,
-    /// Report on the start that found it, with its weighted squared error.
+    /// Report on the start, with its weighted squared error.
     pub report: StartReport,
 }
 
-/// Factorises `x` (cells x samples, not negative) and returns the local minimum of each start, in
-/// the order of the starts. `cell_weights` (one for each cell, not negative) multiply the squared
-/// errors; without them all are 1.
+/// Factorises `x` (cells x samples, not negative) from several starts.
+///
+/// Returns the local minimum of each start, in the order of the starts. `cell_weights` (one per
+/// cell, not negative) multiply the squared errors; without them, all weights are 1.
 ///
 /// The starts run in parallel; the result is the same for every number of threads.
 ///
@@ -139,7 +144,7 @@ pub(crate) fn factorize_all(
 ) -> Result<Vec<Nmf>, NmfError> {
     let roots = check(x, cell_weights, settings)?;
     let used: Vec<usize> = (0..x.nrows()).filter(|&c| roots[c] > 0.0).collect();
-    // Multiplying rows by the root of their weight turns the weighted problem into a plain one.
+    // Multiplying rows by the root of their weight makes the problem unweighted.
     let packed = Mat::from_fn(used.len(), x.ncols(), |i, j| roots[used[i]] * x[(used[i], j)]);
     let mut seeds = Pcg64::seed_from_u64(settings.seed);
     let seeds: Vec<u64> = (0..settings.restarts).map(|_| seeds.random()).collect();
@@ -193,14 +198,14 @@ mod tests {
     use super::*;
     use crate::testing::on_threads;
 
-    /// Returns the start of least cost, the earlier of equals.
+    /// Returns the start with the smallest cost, the first of equals.
     fn factorize(x: MatRef<'_, f64>, weights: Option<&[f64]>, settings: &NmfSettings) -> Result<Nmf, NmfError> {
         let all = factorize_all(x, weights, settings)?;
         let best = all.into_iter().min_by(|a, b| a.report.cost.total_cmp(&b.report.cost));
         Ok(best.expect("there is at least one start"))
     }
 
-    /// A matrix of exact non-negative rank `rank` with zeros in its factors.
+    /// Returns a matrix of exact non-negative rank `rank` with zeros in its factors.
     fn low_rank(cells: usize, samples: usize, rank: usize) -> Mat<f64> {
         let mut rng = Pcg64::seed_from_u64(9);
         let mut factor = |n| Mat::from_fn(n, rank, |_, _| (rng.random::<f64>() - 0.3).max(0.0));
@@ -242,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exact_product_is_recovered() {
+    fn recovers_an_exact_product() {
         let x = low_rank(200, 30, 4);
         let s = NmfSettings { max_iterations: 20_000, tolerance: 0.0, ..settings(4) };
         let nmf = factorize(x.as_ref(), None, &s).unwrap();
@@ -250,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn rank_of_all_samples_is_exact() {
+    fn full_rank_is_exact() {
         let x = noisy(60, 5);
         let s = NmfSettings { max_iterations: 20_000, tolerance: 0.0, ..settings(5) };
         let nmf = factorize(x.as_ref(), None, &s).unwrap();
@@ -258,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn stationary_at_the_end() {
+    fn result_is_stationary() {
         let x = noisy(200, 25);
         let s = NmfSettings { tolerance: 0.0, max_iterations: 5000, ..settings(4) };
         let nmf = factorize(x.as_ref(), None, &s).unwrap();
@@ -276,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn the_seed_decides_and_threads_do_not() {
+    fn result_depends_on_the_seed_and_not_on_threads() {
         let x = noisy(150, 20);
         let run = |threads, seed| {
             let s = NmfSettings { seed, max_iterations: 50, ..settings(4) };
@@ -303,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_count_cells_more_than_once() {
+    fn weight_two_equals_a_repeated_cell() {
         let x = noisy(40, 12);
         let twice = Mat::from_fn(50, 12, |i, j| x[(i % 40, j)]);
         let weights: Vec<f64> = (0..40).map(|c| if c < 10 { 2.0 } else { 1.0 }).collect();
@@ -314,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_input_is_refused() {
+    fn rejects_invalid_input() {
         let x = Mat::from_fn(4, 3, |i, j| (i + j) as f64);
         let error = |x: &Mat<f64>, w: Option<&[f64]>, s: NmfSettings| factorize(x.as_ref(), w, &s).unwrap_err();
         assert_eq!(error(&x, None, settings(4)), NmfError::Rank { rank: 4, cells: 4, samples: 3 });

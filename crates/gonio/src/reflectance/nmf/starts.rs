@@ -5,8 +5,9 @@ use faer::{Mat, MatRef, Side};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Start number `index`: the first comes from the singular vectors, then random samples and random
-/// numbers take turns.
+/// Returns start number `index`.
+///
+/// The first start uses the singular vectors; then random samples and random numbers alternate.
 pub(super) fn start(x: MatRef<'_, f64>, rank: usize, index: usize, seed: u64) -> Pair {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mean = (0..x.ncols()).map(|j| x.col(j).iter().sum::<f64>()).sum::<f64>() / (x.nrows() * x.ncols()) as f64;
@@ -15,7 +16,7 @@ pub(super) fn start(x: MatRef<'_, f64>, rank: usize, index: usize, seed: u64) ->
         n if n % 2 == 1 => columns(x, rank, &mut rng),
         _ => uniform(x, rank, &mut rng),
     };
-    // Avoids exact zeros, which the updates leave only slowly.
+    // Avoids exact zeros, which the updates leave slowly.
     for m in [&mut pair.w, &mut pair.v] {
         let top = m.norm_max();
         let fill = 1e-3 * if top > 0.0 { top } else { mean };
@@ -44,7 +45,7 @@ fn uniform(x: MatRef<'_, f64>, rank: usize, rng: &mut Pcg64) -> Pair {
     Pair { w: random(x.nrows(), rank, rng), v: random(x.ncols(), rank, rng) }
 }
 
-/// Takes different samples as functions, and random coefficients.
+/// Uses different samples as functions, and random coefficients.
 fn columns(x: MatRef<'_, f64>, rank: usize, rng: &mut Pcg64) -> Pair {
     let mut order: Vec<usize> = (0..x.ncols()).collect();
     for k in 0..rank {
@@ -54,8 +55,9 @@ fn columns(x: MatRef<'_, f64>, rank: usize, rng: &mut Pcg64) -> Pair {
     Pair { w: Mat::from_fn(x.nrows(), rank, |i, k| x[(i, order[k])]), v: random(x.ncols(), rank, rng) }
 }
 
-/// Takes of each singular pair the sign half with the larger product of norms (NNDSVD, Boutsidis &
-/// Gallopoulos 2008). `None` if the eigenvalue iteration fails.
+/// Uses the sign half of each singular pair that has the larger product of norms.
+///
+/// The method is NNDSVD (Boutsidis & Gallopoulos 2008). `None` if the eigenvalue iteration fails.
 fn singular(x: MatRef<'_, f64>, rank: usize) -> Option<Pair> {
     if x.ncols() > x.nrows() {
         return singular(x.transpose(), rank).map(|p| Pair { w: p.v, v: p.w });
@@ -63,7 +65,7 @@ fn singular(x: MatRef<'_, f64>, rank: usize) -> Option<Pair> {
     let gram = product(x.transpose(), x);
     let eigen = gram.self_adjoint_eigen(Side::Lower).ok()?;
     let last = x.ncols() - 1;
-    // Eigenvalues come in ascending order.
+    // Eigenvalues are in ascending order.
     let right = Mat::from_fn(x.ncols(), rank, |j, k| eigen.U()[(j, last - k)]);
     let left = product(x, right.as_ref());
     let mut pair = Pair { w: Mat::zeros(x.nrows(), rank), v: Mat::zeros(x.ncols(), rank) };

@@ -6,10 +6,11 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use super::lobes::averaged;
 use super::{BivariateTable, Facet, Parametric};
 
-/// Diffuse reflection of rough or smooth surfaces after measured materials (Burley 2012):
-/// `albedo / pi` times a factor for light and one for view, `1 + (F90 - 1)(1 - cos)^5` with
-/// `F90 = 1/2 + 2 roughness cos_d^2`. Smooth surfaces are darker at grazing angles, rough ones
-/// brighter, above all back towards the light.
+/// Diffuse reflection of rough or smooth surfaces, modelled on measurements (Burley 2012).
+///
+/// The BRDF is `albedo / pi` times one factor for light and one for view,
+/// `1 + (F90 - 1)(1 - cos)^5` with `F90 = 1/2 + 2 roughness cos_d^2`. At grazing angles, smooth
+/// surfaces are darker and rough ones brighter, especially in the direction back to the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Burley {
     /// Albedo without the factors, 0 to 1.
@@ -26,9 +27,10 @@ impl Burley {
     }
 }
 
-/// Lambertian reflection below a clear surface, through which light passes on its way in and out:
-/// `albedo / pi (1 - F_i)(1 - F_o)` with Schlick's `F` at the angles to the normal (Ashikhmin &
-/// Shirley 2000 without their factors).
+/// Lambertian reflection below a clear surface, through which light passes on its way in and out.
+///
+/// The BRDF is `albedo / pi (1 - F_i)(1 - F_o)` with Schlick's `F` at the angles to the normal
+/// (Ashikhmin & Shirley 2000 without their factors).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Undercoat {
     /// Albedo of the layer below, 0 to 1.
@@ -44,14 +46,15 @@ impl Undercoat {
     }
 }
 
-/// Bright rim of cloth whose fibres stand up: `D / (4 (cos_i + cos_o - cos_i cos_o))` with an
-/// inverted Gaussian, `D = (1 + 4 exp(-1 / (width^2 tan^2)) / sin^4) / (pi (1 + 4 width^2))`
-/// (Ashikhmin & Premoze 2007).
+/// Bright rim of cloth with upright fibres (Ashikhmin & Premoze 2007).
+///
+/// The BRDF is `D / (4 (cos_i + cos_o - cos_i cos_o))` with an inverted Gaussian,
+/// `D = (1 + 4 exp(-1 / (width^2 tan^2)) / sin^4) / (pi (1 + 4 width^2))`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sheen {
-    /// Factor.
+    /// Factor of the BRDF.
     pub factor: f64,
-    /// Width of the fibres' inclination from upright, above 0, about 1 at most.
+    /// Width of the fibres' inclination from upright, above 0 and at most about 1.
     pub width: f64,
 }
 
@@ -59,7 +62,7 @@ impl Sheen {
     fn at(&self, facet: &Facet) -> f64 {
         let w2 = self.width * self.width;
         let sin2 = facet.tan2_h / (1.0 + facet.tan2_h);
-        // At the normal the exponential is zero and outweighs the diverging factor.
+        // At the normal, the exponential is zero and outweighs the diverging factor.
         let upright = if facet.tan2_h > 1e-12 { (-1.0 / (w2 * facet.tan2_h)).exp() / (sin2 * sin2) } else { 0.0 };
         let distribution = (1.0 + 4.0 * upright) / (PI * (1.0 + 4.0 * w2));
         let spread = 4.0 * (facet.cos_i + facet.cos_o - facet.cos_i * facet.cos_o);
@@ -95,12 +98,12 @@ mod tests {
     const CLOTH: Sheen = Sheen { factor: 0.7, width: 0.3 };
 
     #[test]
-    fn values_are_those_worked_out_by_hand() {
+    fn values_match_closed_forms() {
         let (wi, wo) = directions(0.0, 0.0, 0.0);
         assert!((RUBBED.eval(wi, wo) - 0.6 / PI).abs() < 1e-12);
         assert!((BELOW.eval(wi, wo) - 0.5 * 0.96 * 0.96 / PI).abs() < 1e-12);
         assert!((CLOTH.eval(wi, wo) - 0.7 / (PI * 1.36) / 4.0).abs() < 1e-12);
-        // Back towards the light at 60 degrees: F90 = 2.1, cosines 1/2; tan^2 = 3, sin^4 = 9/16.
+        // Retro-reflection at 60 degrees: F90 = 2.1, cosines 1/2; tan^2 = 3, sin^4 = 9/16.
         let (wi, wo) = directions(PI / 3.0, 0.0, 0.0);
         assert!((RUBBED.eval(wi, wo) - 0.6 / PI * (1.0 + 1.1 / 32.0_f64).powi(2)).abs() < 1e-12);
         assert!((BELOW.eval(wi, wo) - 0.5 / PI * (0.96 * 31.0 / 32.0_f64).powi(2)).abs() < 1e-12);
@@ -109,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_are_means_over_the_third_angle() {
+    fn tables_are_means_over_phi_d() {
         for model in [&RUBBED as &dyn Parametric, &BELOW, &CLOTH] {
             let table = model.to_bivariate();
             for (i, j) in [(0, 0), (30, 40), (70, 20), (60, 75), (85, 60)] {
@@ -124,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_light_comes_back_than_arrives() {
+    fn albedo_is_at_most_one() {
         for width in [0.15, 0.3, 0.6, 1.0] {
             for theta in [0.0, 0.6, 1.2, 1.5] {
                 let a = albedo(&Sheen { factor: 1.0, width }, theta, 1.0);

@@ -9,8 +9,8 @@ use std::f64::consts::FRAC_1_PI;
 /// `D = exp(-tan^2 theta_h / m^2) / (m^2 cos^4 theta_h)`, Schlick's `F` and the V-groove
 /// `G = min(1, 2 cos_h cos_i / cos_d, 2 cos_h cos_o / cos_d)`.
 ///
-/// Note the `pi` where modern microfacet theory has 4 and a normalised `D`, which is `D / pi` here:
-/// the specular lobe reflects up to four times `specular`.
+/// The factor `pi` replaces the 4 of modern microfacet theory, whose normalised `D` is `D / pi`
+/// here. The specular lobe therefore reflects up to four times `specular`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CookTorrance {
     /// Albedo of the Lambertian part.
@@ -33,7 +33,9 @@ impl Parametric for CookTorrance {
     }
 }
 
-/// `exp(-tan^2 / m^2) / (m^2 cos^4)`, which integrates with `cos_h` to pi over the hemisphere.
+/// Returns `exp(-tan^2 / m^2) / (m^2 cos^4)`.
+///
+/// Times `cos_h`, it integrates to pi over the hemisphere.
 fn beckmann(facet: &Facet, m: f64) -> f64 {
     let m2 = m * m;
     (-facet.tan2_h / m2).exp() / (m2 * facet.cos_h.powi(4))
@@ -49,7 +51,7 @@ mod tests {
     const MODEL: CookTorrance = CookTorrance { diffuse: 0.2, specular: 0.3, f0: 0.1, roughness: 0.25 };
 
     #[test]
-    fn values_are_those_worked_out_by_hand() {
+    fn values_match_closed_forms() {
         // Normal incidence, half vector on the normal: D = 1/m^2 = 16, F = f0, G = 1.
         let (wi, wo) = directions(0.0, 0.0, 0.0);
         assert!((MODEL.eval(wi, wo) - (0.2 + 0.3 * 16.0 * 0.1) / PI).abs() < 1e-12);
@@ -71,9 +73,9 @@ mod tests {
     }
 
     #[test]
-    fn the_distribution_is_normalised() {
+    fn distribution_is_normalised() {
         for m in [0.05, 0.3, 1.0] {
-            // Over tan^2 = t the measure cos_h sin_h dtheta dphi is pi cos^4 dt.
+            // Over tan^2 = t, the measure cos_h sin_h dtheta dphi is pi cos^4 dt.
             let (n, top) = (20_000, 40.0 * m * m);
             let sum: f64 = (0..n)
                 .map(|i| {
@@ -88,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lobe_reflects_at_most_four_times_its_factor() {
+    fn lobe_reflects_at_most_four_times_its_factor() {
         let mirror = CookTorrance { diffuse: 0.0, specular: 1.0, f0: 1.0, roughness: 0.1 };
         let a = albedo(&mirror, 0.3, 0.1);
         assert!(a <= 4.0 + 1e-5 && a > 3.9, "{a}");

@@ -28,12 +28,14 @@ impl Parametric for Ggx {
     }
 }
 
-/// `D G / (4 cos_i cos_o)`: the lobe of perfectly reflecting facets.
+/// Returns `D G / (4 cos_i cos_o)`, the lobe of perfectly reflecting facets.
 pub(crate) fn lobe(facet: &Facet, alpha2: f64) -> f64 {
     distribution(facet, alpha2) * visibility(alpha2, facet.cos_i, facet.cos_o)
 }
 
-/// Density of the facets' normals, which integrates with `cos_h` to 1 over the hemisphere.
+/// Returns the density of the facets' normals.
+///
+/// Times `cos_h`, it integrates to 1 over the hemisphere.
 pub(crate) fn distribution(facet: &Facet, alpha2: f64) -> f64 {
     1.0 / (PI * alpha2 * (facet.cos_h * facet.cos_h * (1.0 + facet.tan2_h / alpha2)).powi(2))
 }
@@ -45,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_those_worked_out_by_hand() {
+    fn values_match_closed_forms() {
         // Half vector on the normal: D = 1/(pi alpha^2) = 4/pi; normal incidence has G = 1.
         let model = Ggx { diffuse: 0.5, f0: 0.04, alpha: 0.5 };
         let (wi, wo) = directions(0.0, 0.0, 0.0);
@@ -57,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn the_distribution_is_normalised() {
+    fn distribution_is_normalised() {
         for alpha2 in [0.01, 0.25, 1.0_f64] {
             // tan^2 = alpha^2 u/(1-u) makes the integrand constant; the measure is pi cos^4 dtan^2.
             let n = 1000;
@@ -75,14 +77,14 @@ mod tests {
     }
 
     #[test]
-    fn a_white_mirror_returns_no_more_light_than_arrives() {
+    fn albedo_of_a_white_mirror_is_at_most_one() {
         for alpha in [0.05, 0.3, 0.8] {
             for theta in [0.0, 0.6, 1.2, 1.5] {
                 let a = albedo(&Ggx { diffuse: 0.0, f0: 1.0, alpha }, theta, alpha);
                 assert!(a <= 1.0 + 1e-3 && a > 0.3, "{alpha} {theta}: {a}");
             }
         }
-        // A nearly smooth mirror loses next to nothing.
+        // A nearly smooth mirror loses almost no light.
         let a = albedo(&Ggx { diffuse: 0.0, f0: 1.0, alpha: 0.05 }, 0.3, 0.05);
         assert!(a > 0.99, "{a}");
     }

@@ -8,7 +8,7 @@ use std::f64::consts::{FRAC_1_PI, TAU};
 /// `f = diffuse/pi + specular (n + 2) / (2 pi max(|Cxy|, |Cz|)^n)
 /// max(0, Cxy (x_i x_o + y_i y_o) + Cz z_i z_o)^n`.
 ///
-/// The factor before the lobe is from Ngan et al.; without it the published coefficients give no
+/// The factor before the lobe is from Ngan et al. Without it, the published coefficients give no
 /// visible lobe.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lafortune {
@@ -18,7 +18,7 @@ pub struct Lafortune {
     pub specular: f64,
     /// Tangential coefficient; negative for reflection about the normal.
     pub cxy: f64,
-    /// Normal coefficient. Not both coefficients may be zero.
+    /// Normal coefficient. At least one of both coefficients must not be zero.
     pub cz: f64,
     /// Exponent `n`, at least 0.
     pub exponent: f64,
@@ -46,8 +46,8 @@ mod tests {
     const PHONG: Lafortune = Lafortune { diffuse: 0.0, specular: 1.0, cxy: -0.577, cz: 0.577, exponent: 50.0 };
 
     #[test]
-    fn values_are_those_worked_out_by_hand() {
-        // In every mirror pair the base is 1.
+    fn values_match_closed_forms() {
+        // The base is 1 in every mirror pair.
         let (wi, wo) = directions(0.0, 1.0, 0.3);
         assert!((PHONG.eval(wi, wo) - 52.0 / TAU).abs() < 1e-9);
         // Retro-reflection at 30 degrees: cos^2 - sin^2 = 1/2.
@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lobe_reflects_its_factor_at_the_normal() {
+    fn lobe_reflects_its_factor_at_the_normal() {
         let a = albedo(&PHONG, 0.0, 0.15);
         assert!((a - 1.0).abs() < 2e-3, "{a}");
     }

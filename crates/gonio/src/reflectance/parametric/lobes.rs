@@ -1,13 +1,15 @@
-//! Microfacet lobes as tables, many at once.
+//! Tables of many microfacet lobes at once.
 
 use super::{Facet, HORIZON};
 use crate::reflectance::table::{BivariateTable, CELLS, PHI_D, angles_of};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Mean over `phi_d` of a function that is symmetric in light and view, as
-/// [`Parametric::to_bivariate`](super::Parametric::to_bivariate) computes it, up to round-off:
-/// swapping the two gives `180 degrees - phi_d`, so that half of the samples suffice.
+/// Returns the mean over `phi_d` of a function that is symmetric in light and view.
+///
+/// The result equals that of [`Parametric::to_bivariate`](super::Parametric::to_bivariate) up to
+/// round-off. Swapping light and view gives `180 degrees - phi_d`, so that half of the samples
+/// suffice.
 pub(super) fn averaged(value: impl Fn(&Facet) -> f64 + Sync) -> BivariateTable {
     let cosines: Vec<f64> = (0..=PHI_D / 2).map(|k| (k as f64).to_radians().cos()).collect();
     let cell = |c: usize| {
@@ -28,25 +30,28 @@ pub(super) fn averaged(value: impl Fn(&Facet) -> f64 + Sync) -> BivariateTable {
     BivariateTable::from_vec((0..CELLS).into_par_iter().map(cell).collect())
 }
 
-/// Density of the normals of facets whose slopes are distributed as Student's t (Ribardiere et al.
-/// 2017), which integrates with `cos_h` to 1 over the hemisphere: GGX for a `tail` of 2, Beckmann's
-/// for an infinite one, heavier tails between 1 and 2.
+/// Returns the density of facet normals whose slopes follow Student's t (Ribardiere et al. 2017).
+///
+/// Times `cos_h`, it integrates to 1 over the hemisphere. It is GGX for a `tail` of 2 and
+/// Beckmann's for an infinite one; values between 1 and 2 give heavier tails.
 pub(super) fn student(facet: &Facet, alpha: f64, tail: f64) -> f64 {
     let a2 = alpha * alpha;
     (1.0 + facet.tan2_h / ((tail - 1.0) * a2)).powf(-tail) / (PI * a2 * facet.cos_h.powi(4))
 }
 
-/// `G / (4 cos_i cos_o)` by Smith for GGX, height-correlated (Heitz 2014), without its removable
-/// singularity at the horizon.
+/// Returns Smith's height-correlated `G / (4 cos_i cos_o)` for GGX (Heitz 2014).
+///
+/// The form avoids the removable singularity at the horizon.
 pub(super) fn visibility(a2: f64, ci: f64, co: f64) -> f64 {
     0.5 / (co * (a2 + (1.0 - a2) * ci * ci).sqrt() + ci * (a2 + (1.0 - a2) * co * co).sqrt())
 }
 
-/// Lobes of facets whose slopes are distributed as Student's t (Ribardiere et al. 2017): for each
-/// tail, above 1, the lobe of width `alpha` (above 0, at most 1) that reflects nothing along the
-/// normal, `f0 = 0`, and the one that reflects everything, `f0 = 1`, by Schlick's formula; lobes of
-/// other `f0` are their mixtures. A tail of 2 is GGX, an infinite one Beckmann's. Masking is that
-/// of [`Ggx`](super::Ggx) for all.
+/// Computes lobes of facets whose slopes follow Student's t (Ribardiere et al. 2017).
+///
+/// For each tail (above 1), it returns two lobes of width `alpha` (above 0, at most 1) under
+/// Schlick's formula: one that reflects nothing along the normal, `f0 = 0`, and one that reflects
+/// everything, `f0 = 1`. Lobes of other `f0` are their mixtures. A tail of 2 is GGX, an infinite
+/// one Beckmann's. Masking is that of [`Ggx`](super::Ggx) for all.
 pub fn lobes(alpha: f64, tails: &[f64]) -> Vec<[BivariateTable; 2]> {
     // Only masking depends on phi_d.
     let masked = averaged(|facet| visibility(alpha * alpha, facet.cos_i, facet.cos_o));
@@ -71,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tail_of_two_is_ggx() {
+    fn tail_of_two_matches_ggx() {
         for alpha in [0.03, 0.4] {
             for (f0, lobe) in [0.0, 1.0].into_iter().zip(&lobes(alpha, &[2.0])[0]) {
                 let want = Ggx { diffuse: 0.0, f0, alpha }.to_bivariate();
@@ -100,7 +105,7 @@ mod tests {
                 .sum();
             assert!((sum - 1.0).abs() < 1e-6, "{alpha} {tail}: {sum}");
         }
-        // Beckmann in the limit.
+        // Beckmann's distribution is the limit.
         let facet = Facet { cos_i: 1.0, cos_o: 1.0, cos_h: 0.9, cos_d: 1.0, tan2_h: 0.1 };
         let beckmann = (-0.1_f64 / 0.09).exp() / (PI * 0.09 * 0.9_f64.powi(4));
         assert!((student(&facet, 0.3, 1e7) / beckmann - 1.0).abs() < 1e-5);

@@ -1,9 +1,11 @@
-//! Parametric BRDF models for comparison: the three fits of Ngan, Durand & Matusik 2005 that the
-//! paper's section 3.2 is measured against, GGX, Lambert, and the models from which dictionaries of
-//! materials are mixed.
+//! Parametric BRDF models: isotropic, in 1/sr, for one channel.
 //!
-//! All are isotropic, in 1/sr for one channel, with light and view as unit vectors around the
-//! normal `+z`, and zero where either is below the surface.
+//! They are GGX, Lambert, the three models fitted by Ngan, Durand & Matusik 2005, with which
+//! section 3.2 of the paper compares, and the models from which dictionaries of materials are
+//! mixed.
+//!
+//! Light and view are unit vectors around the normal `+z`. The BRDF is zero if either is below the
+//! surface.
 
 mod bases;
 mod cook_torrance;
@@ -27,26 +29,31 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_1_PI;
 
-/// Cosine below which a sample of the grid counts as on the horizon, where round-off decides and
-/// models that divide by the cosines have a pole.
+/// Cosine below which a sample of the grid counts as on the horizon.
+///
+/// There, results depend on round-off, and models that divide by the cosines have a pole.
 pub(crate) const HORIZON: f64 = 1e-9;
 
 /// An isotropic BRDF given by a formula.
 pub trait Parametric: Sync {
-    /// Value in 1/sr for unit vectors towards the light (`wi`) and the viewer (`wo`), the normal
-    /// being `+z`.
+    /// Returns the value in 1/sr.
+    ///
+    /// `wi` and `wo` are unit vectors towards the light and the viewer; the normal is `+z`.
     fn eval(&self, wi: DVec3, wo: DVec3) -> f64;
 
-    /// Mean over the `phi_d` samples of the MERL grid with light and view above the surface, as
-    /// [`MerlTable::bivariate`](super::MerlTable::bivariate) reduces a measured table.
+    /// Returns the mean over the `phi_d` samples of the MERL grid.
+    ///
+    /// Only samples with light and view above the surface count, as in
+    /// [`MerlTable::bivariate`](super::MerlTable::bivariate).
     fn to_bivariate(&self) -> BivariateTable {
         let [table] = azimuth_means(1, |wi, wo| [self.eval(wi, wo)]);
         table
     }
 }
 
-/// Mean of each of several values over every `step`-th `phi_d` sample of the MERL grid, among those
-/// with light and view above the surface; zero where there is none.
+/// Returns the means of several values over every `step`-th `phi_d` sample of the MERL grid.
+///
+/// Only samples with light and view above the surface count; the mean is zero if there are none.
 pub(crate) fn azimuth_means<const N: usize>(
     step: usize,
     values: impl Fn(DVec3, DVec3) -> [f64; N] + Sync,
@@ -67,9 +74,10 @@ pub(crate) fn azimuth_means<const N: usize>(
     std::array::from_fn(|which| BivariateTable::from_vec(cells.iter().map(|cell| cell[which]).collect()))
 }
 
-/// Table in the MERL format of a BRDF, given by channel in 1/sr for unit vectors towards the light
-/// and the viewer, the normal being `+z`: its values at the directions of the cells, missing (-1)
-/// below the horizon.
+/// Returns the MERL table of a BRDF, with missing values (-1) below the horizon.
+///
+/// `brdf` returns RGB values in 1/sr for unit vectors towards the light and the viewer; the normal
+/// is `+z`. It is evaluated at the directions of the cells.
 pub fn full_table(brdf: impl Fn(DVec3, DVec3) -> [f64; 3] + Sync) -> MerlTable {
     let cell = |at: usize| {
         let (c, k) = (at / PHI_D, at % PHI_D);
@@ -80,19 +88,20 @@ pub fn full_table(brdf: impl Fn(DVec3, DVec3) -> [f64; 3] + Sync) -> MerlTable {
     MerlTable::from_channels([0, 1, 2].map(|channel| cells.iter().map(|rgb| rgb[channel]).collect()))
 }
 
-/// Unit vectors `(wi, wo)` of a half/difference direction in radians (Rusinkiewicz 1998), half
-/// vector in the plane `y = 0`.
+/// Returns the unit vectors `(wi, wo)` of a half/difference direction (Rusinkiewicz 1998).
+///
+/// Angles are in radians. The half vector is in the plane `y = 0`.
 pub fn directions(theta_h: f64, theta_d: f64, phi_d: f64) -> (DVec3, DVec3) {
     let (sh, ch) = theta_h.sin_cos();
     let (sd, cd) = theta_d.sin_cos();
     let (sp, cp) = phi_d.sin_cos();
-    // The light relative to the half vector, turned by theta_h about y; the view is its mirror
+    // The light relative to the half vector, rotated by theta_h about y; the view is its mirror
     // image.
     let turned = |x: f64, y: f64| DVec3::new(ch * x + sh * cd, y, ch * cd - sh * x);
     (turned(sd * cp, sd * sp), turned(-sd * cp, -sd * sp))
 }
 
-/// Half/difference quantities of a pair of directions, in which microfacet formulas are written.
+/// Half/difference quantities of a pair of directions, as used in microfacet formulas.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Facet {
     pub(crate) cos_i: f64,
@@ -112,12 +121,12 @@ impl Facet {
         }
         let sum = wi + wo;
         let half = sum.normalize();
-        // Computed from x and y, since 1 - cos^2 would lose the narrow peaks.
+        // Computed from x and y, since 1 - cos^2 would be inaccurate in narrow peaks.
         let tan2_h = (half.x * half.x + half.y * half.y) / (half.z * half.z);
         Some(Self { cos_i: wi.z, cos_o: wo.z, cos_h: half.z, cos_d: (0.5 * sum.length()).min(1.0), tan2_h })
     }
 
-    /// Fresnel reflectance by Schlick 1994, `f0 + (1 - f0) (1 - cos_d)^5`.
+    /// Returns the Fresnel reflectance `f0 + (1 - f0) (1 - cos_d)^5` (Schlick 1994).
     pub(crate) fn schlick(&self, f0: f64) -> f64 {
         f0 + (1.0 - f0) * (1.0 - self.cos_d).powi(5)
     }
@@ -140,8 +149,10 @@ impl Parametric for Lambert {
 mod testing {
     use super::*;
 
-    /// Directional albedo, the integral of `f cos_i` over the light, by quadrature around the
-    /// mirror direction: the half vector is sampled as `tan^2 = a^2 u / (1 - u)`.
+    /// Computes the directional albedo, the integral of `f cos_i` over the light.
+    ///
+    /// The quadrature is around the mirror direction: the half vector is sampled as
+    /// `tan^2 = a^2 u / (1 - u)`.
     pub(super) fn albedo(model: &impl Parametric, theta_o: f64, a: f64) -> f64 {
         let (n_u, n_phi) = (800, 400);
         let wo = DVec3::new(theta_o.sin(), 0.0, theta_o.cos());
@@ -159,7 +170,8 @@ mod testing {
                 if cos_d <= 0.0 || wi.z <= 0.0 {
                     continue;
                 }
-                // Density of the half vector over solid angle; the light's is this over 4 cos_d.
+                // Density of the half vector over solid angle; that of the light is smaller by 4
+                // cos_d.
                 let density = a * a / (a * a + tan2).powi(2) / (std::f64::consts::PI * cos_h.powi(3));
                 sum += model.eval(wi, wo) * wi.z * 4.0 * cos_d / density;
             }
@@ -174,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn directions_have_the_angles_they_are_made_of() {
+    fn directions_have_the_given_angles() {
         let (h, d, phi) = (0.6, 0.8, 2.2);
         let (wi, wo) = directions(h, d, phi);
         let half = (wi + wo).normalize();
@@ -188,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn light_may_go_either_way_above_the_surface_and_none_below() {
+    fn models_are_reciprocal_and_zero_below_the_surface() {
         let models: [&dyn Parametric; 8] = [
             &Lambert { albedo: 0.4 },
             &Burley { albedo: 0.6, roughness: 0.8 },
@@ -212,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn lambert_is_constant_and_its_albedo_is_its_albedo() {
+    fn lambert_is_constant_and_has_its_albedo() {
         let model = Lambert { albedo: 0.4 };
         let table = model.to_bivariate();
         assert!(table.as_slice().iter().all(|v| (f64::from(*v) - 0.4 * FRAC_1_PI).abs() < 1e-7));

@@ -32,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_those_worked_out_by_hand() {
+    fn values_match_closed_forms() {
         let model = Ward { diffuse: 0.0, specular: 1.0, roughness: 0.5 };
         let (wi, wo) = directions(0.0, PI / 3.0, 0.0);
         assert!((model.eval(wi, wo) - 2.0 / PI).abs() < 1e-12);
@@ -41,7 +41,7 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_lobe_reflects_its_factor_near_the_normal() {
+    fn narrow_lobe_reflects_its_factor_near_the_normal() {
         let a = albedo(&Ward { diffuse: 0.0, specular: 1.0, roughness: 0.05 }, 0.1, 0.05);
         assert!((a - 1.0).abs() < 0.02, "{a}");
     }

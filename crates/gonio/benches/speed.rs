@@ -44,7 +44,7 @@ struct World {
 impl World {
     fn plan(&self, points: &[SurfacePoint]) -> Plan {
         Plan::build(points, &self.tables, &self.prior, &PlanSettings::default(), &|_| ())
-            .expect("points, tables and prior make a plan")
+            .expect("the inputs of the plan are valid")
     }
 }
 
@@ -61,7 +61,7 @@ static WORLD: LazyLock<World> = LazyLock::new(|| {
             LightGrid::from_texels(OctahedralMap::EqualArea, SIDE, (0..SIDE * SIDE).map(texel).collect())
         })
         .collect();
-    let prior = LightPrior::learn(&lights, lights.len(), &PriorSettings::default()).expect("the lights have structure");
+    let prior = LightPrior::learn(&lights, lights.len(), &PriorSettings::default()).expect("the lights vary");
     let lobe = |alpha: f64| {
         let table = Ggx { diffuse: 0.0, f0: 0.05, alpha }.to_bivariate();
         let max = table.trusted_max();
@@ -93,7 +93,7 @@ fn points(normals: usize) -> Vec<SurfacePoint> {
 }
 
 fn problem() -> Problem<'static> {
-    Problem::blind(&IMAGE, &WORLD.prior, &WORLD.rates, Hyper::default()).expect("the image is lit")
+    Problem::blind(&IMAGE, &WORLD.prior, &WORLD.rates, Hyper::default()).expect("the image is not black")
 }
 
 /// Quadrature and sketch for a sphere with `normals` normals; the program uses 12,000.
@@ -143,7 +143,7 @@ fn grams(bencher: Bencher<'_, '_>) {
 fn evidence(bencher: Bencher<'_, '_>, max_steps: usize) {
     let Projected { bilinear, target, outside, pixels } = &*IMAGE;
     let inference = LightInference::new(target, *outside, *pixels, bilinear.m(), &WORLD.prior, Hyper::default());
-    let inference = inference.expect("a lit image");
+    let inference = inference.expect("the image is not black");
     let operator = LightOperator::of_reflectance(bilinear, &[0.1; WIDTHS.len()]);
     let settings = InferenceSettings { max_steps, tolerance: 0.0, ..InferenceSettings::default() };
     bencher.bench_local(|| inference.posterior(black_box(&operator), &settings));
@@ -161,10 +161,10 @@ fn render_point(bencher: Bencher<'_, '_>, alpha: f64) {
 
 /// A self-shadowing mesh of 150,000 triangles, with its camera.
 static BOWL: LazyLock<(Tracer, Camera)> = LazyLock::new(|| {
-    let mesh = Form::Bowl.mesh(101).expect("the lattice meets the bowl");
+    let mesh = Form::Bowl.mesh(101).expect("the lattice resolves the bowl");
     let (centre, radius) = mesh.bounds();
-    let camera = Camera::framing(centre, radius, (512, 512), 0.05).expect("a picture with pixels");
-    let mesh = mesh.transformed(&camera.to_world.inverse()).expect("a rotation and a translation");
+    let camera = Camera::framing(centre, radius, (512, 512), 0.05).expect("the camera is valid");
+    let mesh = mesh.transformed(&camera.to_world.inverse()).expect("the transformation is rigid");
     assert!((140_000..170_000).contains(&mesh.triangles().len()), "{}", mesh.triangles().len());
     (Tracer::new(mesh), camera)
 });

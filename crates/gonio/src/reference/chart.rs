@@ -27,7 +27,7 @@ const MIN_NEUTRAL: usize = 3;
 /// Smallest number of usable patches.
 const MIN_PATCHES: usize = 14;
 
-/// Centres of the corner patches in pixels from the top left corner of the picture.
+/// Centres of the corner patches in pixels from the top left corner of the photograph.
 ///
 /// The order is dark skin, bluish green, black, white: clockwise from the top left on an upright
 /// chart.
@@ -94,11 +94,11 @@ impl ChartReading {
     ///
     /// The corners may start at any corner patch and run in either direction; the colours determine
     /// their order. `clip` is the radiance at or above which a channel is clipped; without it, the
-    /// level is detected in the picture.
+    /// level is detected in the photograph.
     ///
     /// # Errors
-    /// If the corners do not form a chart, are outside the picture or too close to each other, if
-    /// too many patches are clipped, or if the colours are not those of the chart.
+    /// If the corners do not form a chart, are outside the photograph or too close to each other,
+    /// if too many patches are clipped, or if the colours are not those of the chart.
     pub fn of(rgb: &Plane<Vec3>, corners: &Corners, clip: Option<f32>) -> Result<Self, ReferenceError> {
         Self::at(rgb, corners, Clipping::of(rgb, clip), Tolerance::GIVEN)
     }
@@ -138,7 +138,7 @@ impl ChartReading {
 
     /// Returns the pixels of the chart, including the frame between the patches.
     ///
-    /// The plane has the size of the picture.
+    /// The plane has the size of the photograph.
     pub fn region(&self, (width, height): (usize, usize)) -> Plane<bool> {
         let corners = self.corners.map(|(x, y)| DVec2::new(x, y));
         let inverse = fit(&CHART_CORNERS.into_iter().zip(corners).collect::<Vec<_>>()).map(|pose| pose.inverse());

@@ -32,10 +32,10 @@ const MAX_PLACES: usize = 16;
 /// Without this floor, noise in dark regions would form edges.
 const FLOOR: f32 = 0.003;
 
-/// Detects a 24-patch ColorChecker Classic in a picture and measures it.
+/// Detects a 24-patch ColorChecker Classic in a photograph and measures it.
 ///
 /// `clip` is the radiance at or above which a channel is clipped; without it, the level is detected
-/// in the picture.
+/// in the photograph.
 ///
 /// # Errors
 /// [`ReferenceError::NoChart`] if no chart is detected with certainty,
@@ -73,7 +73,7 @@ fn reduced(rgb: &Plane<Vec3>, step: usize) -> Plane<Vec3> {
         let cells = (0..step * step).map(|i| sound(rgb[(x * step + i % step, y * step + i / step)]));
         cells.sum::<Vec3>() / (step * step) as f32
     });
-    // A quartile is robust: a lamp in the picture does not raise it.
+    // A quartile is robust: a lamp in the photograph does not raise it.
     let mut values: Vec<f32> = mean.as_slice().iter().map(|pixel| luminance(*pixel)).collect();
     values.sort_unstable_by(f32::total_cmp);
     let upper = values.get(values.len() * 3 / 4).copied().unwrap_or_default();
@@ -83,7 +83,7 @@ fn reduced(rgb: &Plane<Vec3>, step: usize) -> Plane<Vec3> {
 
 /// Returns the corners of all 6 by 4 parts of a lattice that have enough squares.
 ///
-/// Corners are in pixels of the picture; a pixel of the lattice spans `step` of them.
+/// Corners are in pixels of the photograph; a pixel of the lattice spans `step` of them.
 fn places(lattice: &Lattice, step: f64) -> Vec<Corners> {
     let range = |pick: fn(&(i32, i32)) -> i32| {
         let low = lattice.keys().map(pick).min().unwrap_or_default();

@@ -10,13 +10,13 @@ pub enum ReferenceError {
     /// The reflectance is not a fraction.
     #[error("reflectance {0}: must be above 0 and at most 1")]
     Reflectance(f64),
-    /// The reference is not entirely within the picture.
+    /// The reference is not entirely within the photograph.
     #[error(
         "the reference lies partly or completely outside the image of {}x{} pixels; use coordinates inside the image",
         .size.0, .size.1
     )]
     Outside {
-        /// Columns and rows of the picture.
+        /// Columns and rows of the photograph.
         size: (usize, usize),
     },
     /// Too few pixels of the reference can be used.

@@ -127,12 +127,12 @@ fn spread(mut values: Vec<f64>) -> (f64, f64) {
     (at(0.5), 0.5 * (at(0.84) - at(0.16)))
 }
 
-/// Returns the pixels of a disk, in a plane of the size of the picture.
+/// Returns the pixels of a disk, in a plane of the size of the photograph.
 ///
 /// `x` and `y` are the centre in pixels from the top left corner.
 ///
 /// # Errors
-/// [`ReferenceError::Outside`] if the disk is not entirely within the picture.
+/// [`ReferenceError::Outside`] if the disk is not entirely within the photograph.
 pub fn disk(size: (usize, usize), (x, y): (f64, f64), radius: f64) -> Result<Plane<bool>, ReferenceError> {
     let within = |at: f64, length: usize| at - radius >= 0.0 && at + radius <= length as f64;
     // Comparisons with NaN are false.
@@ -157,10 +157,10 @@ pub fn check_apart(region: &Plane<bool>, on_object: impl Fn(usize, usize) -> boo
 }
 
 impl PatchReading {
-    /// Measures the patch in a region of a picture.
+    /// Measures the patch in a region of a photograph.
     ///
     /// `clip` is the radiance at or above which a channel is clipped; without it, the level is
-    /// detected in the picture.
+    /// detected in the photograph.
     ///
     /// # Errors
     /// If too many pixels are clipped, too few are usable, or the patch is black in a channel, not

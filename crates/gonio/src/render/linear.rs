@@ -225,7 +225,10 @@ fn divided<'a>(
     light: &'a LightTree,
     settings: &'a IntegratorSettings,
 ) -> impl Fn(usize) -> Nodes + Sync + 'a {
-    assert!(visibility.is_none_or(|visibility| visibility.len() == points.len()), "one visibility for each point");
+    assert!(
+        visibility.is_none_or(|visibility| visibility.len() == points.len()),
+        "points and visibility differ in number"
+    );
     let envelope = envelope(examples);
     move |at| match visibility {
         None => nodes(&points[at], &envelope, light, settings),

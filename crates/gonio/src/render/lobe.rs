@@ -124,7 +124,7 @@ impl Lobe {
         assert!(!materials.is_empty(), "no material");
         let tables: Vec<Option<[BivariateTable; 3]>> = materials.iter().map(|m| m.tables()).collect();
         let azimuthal = tables.iter().any(Option::is_none);
-        assert!(!azimuthal || materials.len() == 1, "several materials, one of them azimuthal");
+        assert!(!azimuthal || materials.len() == 1, "only a single material may depend on phi_d");
         let side = light.side();
         let envelopes: Vec<BivariateTable> = materials.iter().map(|m| m.envelope()).collect();
         let envelope = super::linear::envelope(&envelopes);

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_are_kept_until_they_are_much_too_bright() {
+    fn colours_fade_only_if_much_too_bright() {
         let orange = Vec3::new(1.0, 0.4, 0.1);
         assert_eq!(Exposure(0.7).apply(orange), 0.7 * orange);
         let [once, often] = [1.5, 40.0].map(|exposure| Exposure(exposure).apply(orange));

@@ -47,7 +47,7 @@ impl<'a> Points<'a> {
     /// # Panics
     /// If the numbers of points and visibilities differ.
     pub fn new(points: &'a [SurfacePoint], visibility: Option<&'a Visibility>) -> Self {
-        assert!(visibility.is_none_or(|v| v.len() == points.len()), "visibility of other points");
+        assert!(visibility.is_none_or(|v| v.len() == points.len()), "points and visibility differ in number");
         Self { points, visibility }
     }
 

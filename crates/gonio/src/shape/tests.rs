@@ -48,7 +48,7 @@ fn plane(half: f64) -> MeshParts {
 
 fn lookout(surface: &Tracer, above: DVec3, down: DVec3) -> (Lookout, Hit) {
     let hit = surface.hit(&Ray { origin: above, direction: down });
-    let hit = hit.unwrap_or_else(|| panic!("nothing is hit from {above} along {down}"));
+    let hit = hit.unwrap_or_else(|| panic!("no hit from {above} along {down}"));
     (Lookout { from: hit.clear, normal: hit.normal }, hit)
 }
 

@@ -227,7 +227,7 @@ enum State {
 
 impl Texels {
     fn new(map: OctahedralMap, side: usize) -> Self {
-        assert!(side.is_power_of_two(), "the side of a light grid is a power of two, not {side}");
+        assert!(side.is_power_of_two(), "the side of a light grid must be a power of two, not {side}");
         let direction = |t: usize, dx: f64, dy: f64| {
             let at = |i: usize, d: f64| 2.0 * (i as f64 + d) / side as f64 - 1.0;
             map.direction(at(t % side, dx), -at(t / side, dy))

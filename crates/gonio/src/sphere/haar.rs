@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn inverse_undoes_forward_and_energy_is_kept() {
+    fn inverse_undoes_forward_and_preserves_energy() {
         for side in [2, 4, 32, 128] {
             let haar = Haar::new(side).unwrap();
             let original = random(side * side, 7);

@@ -240,7 +240,7 @@ fn rows_of<'a>(points: Points<'a>, tables: &[BivariateTable], prior: &LightPrior
         points,
         quadrature: Quadrature::new(prior.map, settings.side, settings.quadrature),
         tables: InterleavedTables::new(tables),
-        haar: Haar::new(settings.side).expect("the side was checked"),
+        haar: Haar::new(settings.side).expect("the side is a power of two"),
         held: Vec::new(),
     }
 }
@@ -370,7 +370,7 @@ impl Plan {
         for j in 0..gram.ncols() {
             gram[(j, j)] += 1e-9;
         }
-        let factor = gram.llt(Side::Lower).expect("a ridge makes the Gram matrix positive");
+        let factor = gram.llt(Side::Lower).expect("a ridge makes the Gram matrix positive definite");
         let lower = factor.L();
         let mut target = coordinates;
         faer::linalg::triangular_solve::solve_lower_triangular_in_place(lower, target.as_mut(), faer::Par::Seq);

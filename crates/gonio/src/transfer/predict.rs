@@ -38,7 +38,7 @@ pub fn predict<'a>(
     let Points { points, visibility } = points.into();
     assert!(
         visibility.is_none_or(|v| (v.side(), v.map()) == (light.side(), light.map())),
-        "visibility on another grid"
+        "visibility and light have different grids"
     );
     let quadrature = Quadrature::new(light.map(), light.side(), settings);
     let tables = InterleavedTables::new(std::slice::from_ref(table));

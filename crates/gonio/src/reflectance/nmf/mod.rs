@@ -109,7 +109,7 @@ pub struct StartReport {
     pub cost: f64,
     /// Number of iterations.
     pub iterations: usize,
-    /// Whether the tolerance ended the start.
+    /// Whether the start converged before the largest number of iterations.
     pub converged: bool,
     /// Cost of the kept factors after each iteration, accurate to about 1e-14 of `|X|^2`.
     pub trace: Vec<f64>,

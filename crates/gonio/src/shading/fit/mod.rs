@@ -133,7 +133,7 @@ impl Fitter {
         });
         let found: Vec<(Fitted<S>, Vec<f64>)> = found.collect();
         let best = found.into_iter().min_by(|a, b| a.0.off().total_cmp(&b.0.off()));
-        let (mut best, mut parameters) = best.expect("a model has starts");
+        let (mut best, mut parameters) = best.expect("every model has starting parameters");
         // The logistic function never reaches the ends of its range, so they are tried separately.
         for (k, range) in S::PARAMETERS.iter().enumerate() {
             for end in [range.low, range.high] {

@@ -21,7 +21,7 @@ pub struct Lookout {
 
 /// Open share of every texel of a light grid, for each of some points.
 ///
-/// Stored as one bit per texel, and five bytes for each texel that is partly open.
+/// Stored as one bit per texel, and eight bytes for each texel that is partly open.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visibility {
     map: OctahedralMap,
